@@ -1,0 +1,43 @@
+"""The errors a caller may want to tell apart.
+
+Every message says what was wanted, what came, and what to do, in one line. The command line
+prints that line without a traceback and exits with code 2.
+"""
+
+
+class RastercovError(Exception):
+    """Root of every error rastercov raises on purpose."""
+
+
+class MeshError(RastercovError, ValueError):
+    """A mesh or mesh file that cannot be used as it is."""
+
+
+class CameraError(RastercovError, ValueError):
+    """Camera parameters that describe no camera, or one that is not supported."""
+
+
+class PoseError(RastercovError, ValueError):
+    """A pose that is not a rigid motion, or a pose file that holds none.
+
+    Attributes
+    ----------
+    pose_ids : tuple of int
+        The rows that are at fault; empty when the whole input is.
+    """
+
+    def __init__(self, message: str, pose_ids: tuple[int, ...] = ()) -> None:
+        super().__init__(message)
+        self.pose_ids = pose_ids
+
+
+class ConfigError(RastercovError, ValueError):
+    """A threshold or option outside its range."""
+
+
+class DeviceError(RastercovError, RuntimeError):
+    """No usable graphics device, or a device that answers wrongly."""
+
+
+class ResourceError(RastercovError, MemoryError):
+    """More memory or more counters than the device or the budget allows."""

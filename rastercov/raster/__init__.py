@@ -1,0 +1,1 @@
+"""The engine: one contract (`contract`), and the rasterisers that keep it."""
