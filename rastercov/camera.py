@@ -1,0 +1,389 @@
+"""Pinhole cameras and their depth of field.
+
+A camera is its image size and intrinsic matrix K in pixels, and, where focus matters, the lens that
+made it. Pixels follow COLMAP and OpenGL: the centre of the top-left pixel is at (0.5, 0.5).
+
+E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks. 2020, section 3.
+"""
+
+import json
+import math
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov.errors import CameraError
+
+MAX_IMAGE_SIDE = 1 << 17
+"""Largest image side in pixels; larger than any sensor, small enough to count samples in int64."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Camera:
+    """A pinhole camera: image size and intrinsics in pixels, lens in metres.
+
+    Parameters
+    ----------
+    width, height : int
+        Image size in pixels.
+    fx, fy : float
+        Focal length over pixel width and height, in pixels: f/s_u and f/s_v of (3.5).
+    cx, cy : float, optional
+        Principal point in pixels; the image centre unless given.
+    near : float, optional
+        Surfaces nearer than this depth are not seen, metres. 0 (the default) leaves only the
+        numerical limit of `projection.near_limit`.
+    focal_length : float, optional
+        f in metres.
+    pixel_size : (float, float), optional
+        s_u, s_v in metres.
+    aperture : float, optional
+        Diameter A of the entrance pupil, metres. With `focus_distance`, it limits the depth of
+        field; without both, everything is in focus.
+    focus_distance : float, optional
+        Depth z_s of the plane in focus, metres.
+    max_blur : float, optional
+        Largest acceptable blur circle c, in pixels; a `Task` may set its own.
+    focus_range : (float, float), optional
+        The depths between which the camera is in focus, metres, when they are known directly.
+        Excludes `aperture`.
+    skew, distortion
+        Accepted only when zero: neither is supported yet.
+
+    Raises
+    ------
+    CameraError
+        For a value that describes no camera.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float = None  # type: ignore[assignment] # None asks for the centre; never None afterwards
+    cy: float = None  # type: ignore[assignment]
+    near: float = 0.0
+    focal_length: float | None = None
+    pixel_size: tuple[float, float] | None = None
+    aperture: float | None = None
+    focus_distance: float | None = None
+    max_blur: float = 1.0
+    focus_range: tuple[float, float] | None = None
+    skew: float = 0.0
+    distortion: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in ("width", "height"):
+            object.__setattr__(self, name, _image_side(name, getattr(self, name)))
+        for name, centre in (("cx", self.width / 2), ("cy", self.height / 2)):
+            value = getattr(self, name)
+            object.__setattr__(self, name, centre if value is None else _number(name, value))
+        for name in ("fx", "fy", "max_blur"):
+            object.__setattr__(self, name, _positive(name, getattr(self, name)))
+        near = _number("near", self.near)
+        if near < 0:
+            raise CameraError(f"near must be 0 or more metres, got {near:g}")
+        object.__setattr__(self, "near", near)
+        _refuse_distortion(self.skew, self.distortion)
+        object.__setattr__(self, "distortion", ())
+        self._check_lens()
+
+    def _check_lens(self) -> None:
+        for name in ("focal_length", "aperture", "focus_distance"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, _positive(name, getattr(self, name)))
+        if self.pixel_size is not None:
+            object.__setattr__(self, "pixel_size", _pair("pixel_size", self.pixel_size))
+        if (self.aperture is None) != (self.focus_distance is None):
+            raise CameraError("aperture and focus_distance come together: give both or neither")
+        if self.aperture is not None and (self.focal_length is None or self.pixel_size is None):
+            raise CameraError("aperture needs focal_length and pixel_size: see Camera.from_lens")
+        if (self.focus_distance or np.inf) <= (self.focal_length or 0):
+            raise CameraError(
+                f"focus_distance must exceed focal_length {self.focal_length:g} m, "
+                f"got {self.focus_distance:g} m"
+            )
+        if self.focus_range is not None:
+            if self.aperture is not None:
+                raise CameraError("give focus_range or aperture, not both")
+            try:
+                z_n, z_f = (float(z) for z in self.focus_range)
+            except (TypeError, ValueError):
+                raise CameraError(
+                    f"focus_range must be two depths, got {self.focus_range!r}"
+                ) from None
+            if not 0 <= z_n < z_f:
+                raise CameraError(f"focus_range must satisfy 0 <= near < far, got [{z_n}, {z_f}]")
+            object.__setattr__(self, "focus_range", (z_n, z_f))
+
+    @classmethod
+    def from_lens(
+        cls,
+        *,
+        width: int,
+        height: int,
+        focal_length: float,
+        pixel_size: float | tuple[float, float],
+        principal_point: tuple[float, float] | None = None,
+        f_number: float | None = None,
+        aperture: float | None = None,
+        **others: Any,
+    ) -> "Camera":
+        """Camera from a lens and a sensor in metres: fx = f/s_u, fy = f/s_v, as (3.5) intends.
+
+        Parameters
+        ----------
+        width, height : int
+            Image size in pixels.
+        focal_length : float
+            f, metres.
+        pixel_size : float or (float, float)
+            s_u, s_v, metres; one number for square pixels.
+        principal_point : (float, float), optional
+            R_u, R_v in metres from the top-left corner of the sensor; its centre unless given.
+        f_number : float, optional
+            N, for an aperture of f/N; excludes `aperture`.
+        aperture : float, optional
+            Diameter A, metres.
+        **others
+            `near`, `focus_distance`, `max_blur`, `focus_range` as for `Camera`.
+        """
+        f = _positive("focal_length", focal_length)
+        s_u, s_v = _pair("pixel_size", pixel_size)
+        if f_number is not None:
+            if aperture is not None:
+                raise CameraError("give f_number or aperture, not both")
+            aperture = f / _positive("f_number", f_number)
+        if principal_point is not None:
+            r_u, r_v = principal_point
+            others |= {"cx": _number("r_u", r_u) / s_u, "cy": _number("r_v", r_v) / s_v}
+        return cls(
+            width=width,
+            height=height,
+            fx=f / s_u,
+            fy=f / s_v,
+            focal_length=f,
+            pixel_size=(s_u, s_v),
+            aperture=aperture,
+            **others,
+        )
+
+    @classmethod
+    def from_opencv(
+        cls, K: ArrayLike, width: int, height: int, distortion: Sequence[float] = (), **others: Any
+    ) -> "Camera":
+        """Camera from an OpenCV calibration, which counts pixels from their centres.
+
+        Parameters
+        ----------
+        K : (3, 3) array_like
+            OpenCV's camera matrix; half a pixel is added to its principal point.
+        width, height : int
+            Image size in pixels.
+        distortion : sequence of float, optional
+            OpenCV's `distCoeffs`; must be zero.
+        **others
+            Further arguments of `Camera`.
+        """
+        k = np.asarray(K, dtype=np.float64)
+        if k.shape != (3, 3):
+            raise CameraError(f"K must have shape (3, 3), got {k.shape}")
+        if k[1, 0] != 0 or not np.array_equal(k[2], (0, 0, 1)):
+            raise CameraError("K must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
+        coefficients = tuple(float(c) for c in np.ravel(distortion))
+        return cls(
+            width=width,
+            height=height,
+            fx=float(k[0, 0]),
+            fy=float(k[1, 1]),
+            cx=float(k[0, 2]) + 0.5,
+            cy=float(k[1, 2]) + 0.5,
+            skew=float(k[0, 1]),
+            distortion=coefficients,
+            **others,
+        )
+
+    @classmethod
+    def preset(cls, name: str) -> "Camera":
+        """Camera by name: the ones the thesis used; see `PRESETS`."""
+        try:
+            return cls.from_lens(**PRESETS[name])
+        except KeyError:
+            raise CameraError(
+                f"no camera preset {name!r}; there are {', '.join(PRESETS)}"
+            ) from None
+
+    @classmethod
+    def load(cls, path: str | Path) -> "Camera":
+        """Camera from a JSON or TOML file with the names of the constructor or of `from_lens`.
+
+        `preset = "khepra"` starts from a preset; other entries change it.
+        """
+        path = Path(path)
+        parsers = {".json": json.loads, ".toml": tomllib.loads}
+        if path.suffix.lower() not in parsers:
+            raise CameraError(f"{path}: a camera file ends in .json or .toml")
+        try:
+            entries = parsers[path.suffix.lower()](path.read_text(encoding="utf-8"))
+        except OSError as error:
+            raise CameraError(f"{path}: cannot be read ({error.strerror})") from None
+        except ValueError as error:
+            raise CameraError(f"{path}: not valid {path.suffix[1:].upper()} ({error})") from None
+        try:
+            return cls.from_dict(entries)
+        except CameraError as error:
+            raise CameraError(f"{path}: {error}") from None
+
+    @classmethod
+    def from_dict(cls, entries: Mapping[str, Any]) -> "Camera":
+        """Camera from a mapping, as `load` reads it."""
+        if not isinstance(entries, Mapping):
+            raise CameraError(f"a camera is a table of names and values, got {entries!r}")
+        if "preset" in entries:
+            name = str(entries["preset"])
+            if name not in PRESETS:
+                raise CameraError(f"no camera preset {name!r}; there are {', '.join(PRESETS)}")
+            entries = PRESETS[name] | {k: v for k, v in entries.items() if k != "preset"}
+        of_lens = {"principal_point", "f_number"}
+        known = {field.name for field in fields(cls)} | of_lens
+        if unknown := sorted(entries.keys() - known):
+            raise CameraError(
+                f"unknown entry {', '.join(unknown)}; a camera has {', '.join(sorted(known))}"
+            )
+        by_lens = "fx" not in entries
+        wanted = ["width", "height"]
+        wanted += ["focal_length", "pixel_size"] if by_lens else ["fx", "fy"]
+        if missing := [name for name in wanted if name not in entries]:
+            raise CameraError(
+                f"missing {', '.join(missing)}; give fx, fy or focal_length, pixel_size"
+            )
+        if not by_lens and (mixed := sorted(of_lens & entries.keys())):
+            raise CameraError(
+                f"{', '.join(mixed)} goes with focal_length and pixel_size, not fx, fy"
+            )
+        listed: dict[str, Any] = {
+            k: tuple(v) if isinstance(v, list) else v for k, v in entries.items()
+        }
+        return cls.from_lens(**listed) if by_lens else cls(**listed)
+
+    def save(self, path: str | Path) -> None:
+        """Write the camera as JSON that `load` reads back to an equal camera."""
+        entries = {k: v for k, v in asdict(self).items() if v not in (None, ())}
+        Path(path).write_text(json.dumps(entries, indent=2) + "\n", encoding="utf-8")
+
+    @property
+    def K(self) -> NDArray[np.float64]:  # noqa: N802 - the field's name for it
+        """Intrinsic matrix, (3, 3): (3.5) with f/s_u and f/s_v on the diagonal."""
+        return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]], dtype=np.float64)
+
+    @property
+    def opencv_K(self) -> NDArray[np.float64]:  # noqa: N802
+        """Intrinsic matrix as OpenCV wants it, counted from pixel centres."""
+        return self.K - [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]
+
+    @property
+    def hfov(self) -> float:
+        """Horizontal field of view, radians."""
+        return math.atan(self.cx / self.fx) + math.atan((self.width - self.cx) / self.fx)
+
+    @property
+    def vfov(self) -> float:
+        """Vertical field of view, radians."""
+        return math.atan(self.cy / self.fy) + math.atan((self.height - self.cy) / self.fy)
+
+    def depth_of_field(self, max_blur: float | None = None) -> tuple[float, float]:
+        """Depths between which the blur circle stays within `max_blur`, (3.10) and (3.11).
+
+        z_n = A f z_s / (A f + b (z_s - f)) and z_f = A f z_s / (A f - b (z_s - f)), where the blur
+        limit c is in pixels, so that b = c min(s_u, s_v). Beyond the hyperfocal distance, where the
+        second denominator is not positive, z_f is infinite.
+
+        Parameters
+        ----------
+        max_blur : float, optional
+            c in pixels; the camera's own unless given.
+
+        Returns
+        -------
+        (float, float)
+            z_n and z_f in metres; (0, inf) for a camera without aperture or focus range.
+        """
+        if self.focus_range is not None:
+            return self.focus_range
+        if self.aperture is None or self.focus_distance is None:
+            return 0.0, math.inf
+        assert self.focal_length is not None
+        assert self.pixel_size is not None
+        c = self.max_blur if max_blur is None else _positive("max_blur", max_blur)
+        blur = c * min(self.pixel_size) * (self.focus_distance - self.focal_length)
+        light = self.aperture * self.focal_length
+        z_n = light * self.focus_distance / (light + blur)
+        z_f = light * self.focus_distance / (light - blur) if light > blur else math.inf
+        return z_n, z_f
+
+
+PRESETS: dict[str, dict[str, Any]] = {
+    # Table 5.2, used for the marker experiments of chapter 5.
+    "icube-ns4133bu-8mm": {
+        "width": 1280,
+        "height": 1024,
+        "focal_length": 8e-3,
+        "pixel_size": 5.3e-6,
+    },
+    # Figure A.3: Khepra's default, given as a sensor of 3.6 x 2.01 mm.
+    "khepra": {
+        "width": 1280,
+        "height": 800,
+        "focal_length": 1.93e-3,
+        "pixel_size": (3.6e-3 / 1280, 2.01e-3 / 800),
+        "focus_range": (0.1, 5.0),
+    },
+}
+"""Arguments of `Camera.from_lens` for the cameras of the thesis."""
+
+
+def _number(name: str, value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float | np.number):
+        raise CameraError(f"{name} must be a number, got {value!r}")
+    if not math.isfinite(value):
+        raise CameraError(f"{name} must be finite, got {value}")
+    return float(value)
+
+
+def _positive(name: str, value: Any) -> float:
+    number = _number(name, value)
+    if number <= 0:
+        raise CameraError(f"{name} must be positive, got {number:g}")
+    return number
+
+
+def _pair(name: str, value: Any) -> tuple[float, float]:
+    values = value if isinstance(value, tuple | list) else (value, value)
+    if len(values) != 2:
+        raise CameraError(f"{name} must be one or two numbers, got {value!r}")
+    return _positive(name, values[0]), _positive(name, values[1])
+
+
+def _image_side(name: str, value: Any) -> int:
+    number = _number(name, value)
+    if number != int(number) or not 1 <= number <= MAX_IMAGE_SIDE:
+        raise CameraError(
+            f"{name} must be a whole number of pixels, 1 to {MAX_IMAGE_SIDE}, got {value}"
+        )
+    return int(number)
+
+
+def _refuse_distortion(skew: Any, distortion: Any) -> None:
+    if _number("skew", skew) != 0:
+        raise CameraError(f"skew is not supported yet, got {skew:g}: rectify the images first")
+    coefficients = np.ravel(np.asarray(distortion, dtype=object))
+    if any(_number("distortion", c) != 0 for c in coefficients):
+        raise CameraError(
+            f"lens distortion is not supported yet, got {list(coefficients)}: "
+            "undistort the images and give the undistorted K"
+        )

@@ -1,0 +1,175 @@
+"""What every rasteriser promises, and how to open one.
+
+A rasteriser takes a mesh and a camera once and many poses after that. It answers with counts per
+face (`FaceCounts`), or for one pose with the image they were counted on (`VisibilityBuffer`).
+
+The promise: samples sit at pixel centres, or on a regular S x S grid in each pixel; a sample on an
+edge shared by two faces belongs to exactly one of them; faces are cut at the near plane, not
+dropped; depth is compared in float32 or better; of two surfaces at equal depth the face with the
+lower index wins.
+"""
+
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any, Protocol, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov.camera import Camera
+from rastercov.errors import ConfigError
+from rastercov.mesh import Mesh
+
+MAX_SUPERSAMPLE = 64
+"""Largest S: beyond it the exact methods are both cheaper and better."""
+
+
+@dataclass(frozen=True)
+class RasterizerInfo:
+    """What made a result: kept with it, because drivers differ.
+
+    Attributes
+    ----------
+    backend : str
+        `"gl"` or `"cpu"`.
+    plan : str
+        How it ran: `"software"` (one pose at a time, counted on the CPU) or `"hardware"` (batches
+        counted on the GPU).
+    renderer, driver, device : str
+        The device's own names.
+    depth : str
+        Depth buffer in use, such as `"float32 reversed"`.
+    shaders : str
+        SHA-256 of the shader sources.
+    """
+
+    backend: str
+    plan: str
+    renderer: str
+    driver: str
+    device: str
+    depth: str
+    shaders: str
+
+
+@dataclass(frozen=True, eq=False)
+class FaceCounts:
+    """Samples per pose and face.
+
+    Attributes
+    ----------
+    visible : (P, F) int
+        Samples where the face is the nearest surface.
+    drawn : (P, F) int or None
+        Samples the face would own if it were alone in the scene, inside the image, from either
+        side; None when it was not asked for.
+    background : (P,) int
+        Samples that meet no face; with the row of `visible` they add up to all samples.
+    clipped : (P,) bool
+        Whether the near plane cut away a surface inside the viewing pyramid.
+    supersample : int
+        S; a pixel holds S^2 samples.
+    info : RasterizerInfo
+        What counted.
+    """
+
+    visible: NDArray[np.int64]
+    drawn: NDArray[np.int64] | None
+    background: NDArray[np.int64]
+    clipped: NDArray[np.bool_]
+    supersample: int
+    info: RasterizerInfo
+
+    @property
+    def visible_pixels(self) -> NDArray[np.float64]:
+        """`visible` in pixels, (P, F)."""
+        return self.visible / self.supersample**2
+
+    @property
+    def drawn_pixels(self) -> NDArray[np.float64]:
+        """`drawn` in pixels, (P, F)."""
+        if self.drawn is None:
+            raise ConfigError("drawn was not counted; use count(poses, drawn=True)")
+        return self.drawn / self.supersample**2
+
+
+@dataclass(frozen=True, eq=False)
+class VisibilityBuffer:
+    """The image of one pose.
+
+    Attributes
+    ----------
+    face : (H, W) int32
+        Index of the nearest face at each pixel centre, -1 where there is none.
+    depth : (H, W) float32
+        Camera z of that surface in metres, inf where there is none.
+    """
+
+    face: NDArray[np.int32]
+    depth: NDArray[np.float32]
+
+
+class Rasterizer(Protocol):
+    """Counts and images of one mesh through one camera; open it with `open_rasterizer`."""
+
+    mesh: Mesh
+    camera: Camera
+    supersample: int
+    info: RasterizerInfo
+
+    def count(self, poses: ArrayLike, *, drawn: bool = True) -> FaceCounts:
+        """Count the samples of each face, for (P, 4, 4) world_from_camera poses."""
+        ...
+
+    def render(self, pose: ArrayLike) -> VisibilityBuffer:
+        """Draw one (4, 4) pose at one sample a pixel, whatever `supersample` is."""
+        ...
+
+    def close(self) -> None:
+        """Give everything on the device back; later calls raise `DeviceError`."""
+        ...
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None: ...
+
+
+def open_rasterizer(
+    mesh: Mesh, camera: Camera, backend: str = "auto", *, supersample: int = 1, **options: Any
+) -> Rasterizer:
+    """Rasteriser for a mesh and a camera; use it in a `with` block.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The faces, occluders included; it is sent to the device once.
+    camera : Camera
+        Image size and intrinsics.
+    backend : {"auto", "gl"}
+        "auto" takes OpenGL: a hardware device when there is one, else Mesa in software.
+    supersample : int
+        S; the samples are a regular S x S grid in each pixel.
+    **options
+        Passed on: see `rastercov.raster.gl.GLRasterizer` for `device` and `plan`.
+
+    Raises
+    ------
+    ConfigError
+        For an unknown backend or a supersample that is not 1 to 64.
+    DeviceError
+        When the device cannot be opened or fails its self-test.
+    """
+    if isinstance(supersample, bool) or supersample not in range(1, MAX_SUPERSAMPLE + 1):
+        raise ConfigError(
+            f"supersample must be a whole number 1 to {MAX_SUPERSAMPLE}, got {supersample}"
+        )
+    if backend in ("auto", "gl"):
+        from rastercov.raster.gl import GLRasterizer  # imports OpenGL only when it is wanted
+
+        return GLRasterizer(mesh, camera, supersample=int(supersample), **options)
+    raise ConfigError(f"backend must be auto or gl, got {backend!r}")

@@ -1,0 +1,388 @@
+"""The OpenGL rasteriser: triangle-ID and depth buffers per pose, and counts from them.
+
+Each face is drawn with its index + 1 as colour into a 32-bit integer image; the depth buffer keeps
+the nearest. Depth is float32 and reversed (near is 1, infinity 0), which gives the same relative
+precision everywhere, with near fitted to each pose. Two plans share the shaders and the state:
+
+- *software*: one pose at a time, ids read back and counted by numpy. On Mesa's llvmpipe nothing is
+  gained by batching, and "reading back" is a copy in memory.
+- *hardware*: many poses a draw, one image layer each; a compute shader counts and only counts
+  come back.
+
+`drawn` counts come from a second pass with the depth test off, where every sample adds one to its
+face's counter; without storage buffers (OpenGL < 4.3) the faces are peeled off layer by layer.
+
+N. Reed. Depth Precision Visualized. 2015, for the reversed depth buffer.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import TracebackType
+from typing import Self
+
+import moderngl
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov import shaders
+from rastercov.camera import Camera
+from rastercov.errors import ConfigError, DeviceError
+from rastercov.mesh import Mesh
+from rastercov.pose import valid_poses
+from rastercov.raster import canary
+from rastercov.raster.arena import Arena, Target
+from rastercov.raster.contract import FaceCounts, RasterizerInfo, VisibilityBuffer
+from rastercov.raster.egl import HeadlessContext, open_context
+from rastercov.raster.scene import Scene, Tile, Views
+
+IntArray = NDArray[np.int64]
+
+MAX_POSES = 128
+"""Poses in one uniform block: 128 x 96 bytes stay under the 16 KiB every device grants."""
+MAX_TILE = 8192
+"""Largest side of one image on the device, in samples; larger images are drawn in tiles."""
+MAX_FACES_A_DRAW = 1 << 26
+"""Keeps the indices of one draw, and its counters, within 32-bit sizes."""
+IMAGE_BUDGET = 512 << 20
+"""Bytes of ids and depth that one batch of poses may take."""
+CANARY_EVERY = 256
+"""Poses between two checks of the device against a scene with known counts."""
+NO_LAYER = 0xFFFFFFFF
+
+
+class GLRasterizer:
+    """The contract of `rastercov.raster.contract` on OpenGL.
+
+    Parameters
+    ----------
+    mesh, camera, supersample
+        As for `open_rasterizer`.
+    device : str, int or HeadlessContext
+        "auto", "egl:0", "surfaceless" or "osmesa" as for `open_context`; a context that is open
+        already is used and left open.
+    plan : {"auto", "software", "hardware"}
+        How to run; "auto" follows the device.
+    require_hardware : bool
+        Refuse a software renderer.
+    max_tile, max_faces_a_draw, image_budget : int
+        Limits below those of the device: samples a side, faces a draw, bytes of images a batch.
+    """
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        camera: Camera,
+        *,
+        supersample: int = 1,
+        device: str | int | HeadlessContext = "auto",
+        plan: str = "auto",
+        require_hardware: bool = False,
+        max_tile: int = MAX_TILE,
+        max_faces_a_draw: int = MAX_FACES_A_DRAW,
+        image_budget: int = IMAGE_BUDGET,
+    ) -> None:
+        if plan not in ("auto", "software", "hardware"):
+            raise ConfigError(f"plan must be auto, software or hardware, got {plan!r}")
+        self.mesh, self.camera, self.supersample = mesh, camera, supersample
+        self._is_open = True
+        self._owns_context = not isinstance(device, HeadlessContext)
+        if isinstance(device, HeadlessContext):
+            self._context = device
+        else:
+            self._context = open_context(device, require_hardware=require_hardware)
+        self._arena = Arena(self._context)
+        try:
+            self._choose_plan(plan)
+            self._allocate(max_tile, max_faces_a_draw, image_budget)
+            self._check_device()
+        except BaseException:
+            self.close()
+            raise
+
+    def _choose_plan(self, plan: str) -> None:
+        known = self._context.info
+        can_layer = known.has_layer_from_vertex_shader and known.has_compute and known.has_ssbo
+        if plan == "hardware" and not can_layer:
+            raise DeviceError(
+                f"plan 'hardware' needs compute shaders and layered drawing, which "
+                f"{known.renderer} (OpenGL {known.gl_version}) lacks; use plan 'software'"
+            )
+        if plan == "auto":
+            plan = "hardware" if can_layer and not known.is_software else "software"
+        self._is_layered = plan == "hardware"
+        self.info = RasterizerInfo(
+            backend="gl",
+            plan=plan,
+            renderer=known.renderer,
+            driver=known.version,
+            device=str(known.device),
+            depth="float32 reversed" if self._arena.is_reversed else "float32",
+            shaders=shaders.digest(),
+        )
+
+    def _allocate(self, max_tile: int, max_faces: int, image_budget: int) -> None:
+        arena, known, scale = self._arena, self._context.info, self.supersample
+        limits = known.limits
+        side = min(max_tile, limits["max_texture_size"], *limits["max_viewport_dims"])
+        self._tile = (min(side, scale * self.camera.width), min(side, scale * self.camera.height))
+        layers = 1
+        if self._is_layered:
+            image = 8 * self._tile[0] * self._tile[1]
+            layers = max(1, min(MAX_POSES, limits["max_array_layers"], image_budget // image))
+        self._max_faces = min(max_faces, self.mesh.n_faces)
+        if known.has_ssbo:
+            # A counter a face and one for background must fit one storage block, for each layer.
+            counters = int(limits["max_ssbo_bytes"]) // 4
+            self._max_faces = min(self._max_faces, counters - 1)
+            layers = min(layers, counters // (self._max_faces + 1))
+        self._layers = layers
+
+        arena.use()
+        defines = {"MAX_POSES": MAX_POSES} | ({"LAYERED": 1} if self._is_layered else {})
+        version = 430 if known.has_ssbo else 330
+        names = ("face", "drawn" if known.has_ssbo else "peel")
+        self._programs = {name: arena.program(name, version, **defines) for name in names}
+        self._poses = arena.buffer("poses", size=96 * MAX_POSES)
+        width, height = (max(self._tile[0], canary.WIDTH), max(self._tile[1], canary.HEIGHT))
+        self._targets = [Target(arena, width, height, layers)]
+        if known.has_ssbo:
+            stride = max(self._max_faces, canary.MESH.n_faces) + 1
+            self._counters = arena.buffer("face counters", size=4 * layers * stride)
+        else:
+            self._targets.append(Target(arena, width, height, 1))
+        if self._is_layered:
+            self._counting = arena.compute("count", version)
+        self._scene = Scene(arena, self._programs, self.mesh, self.camera, self._max_faces)
+        self._canary = Scene(arena, self._programs, canary.MESH, canary.CAMERA, self._max_faces)
+        self._canary_view = 0
+
+    # --- the contract ---------------------------------------------------------------------------
+
+    def count(self, poses: ArrayLike, *, drawn: bool = True) -> FaceCounts:
+        """Samples of each face in each pose; see `Rasterizer.count`.
+
+        Parameters
+        ----------
+        poses : (P, 4, 4) array_like
+            world_from_camera.
+        drawn : bool
+            Count `drawn` too, which takes a second pass.
+
+        Raises
+        ------
+        PoseError
+            For a pose that is no rigid motion, before anything is drawn.
+        DeviceError
+            When the device breaks a law it must keep: counts that do not add up, an error, a
+            check scene that comes out wrong.
+        """
+        matrices = valid_poses(poses)
+        with self._current():
+            return self._count(self._scene, matrices, self.supersample, drawn)
+
+    def render(self, pose: ArrayLike) -> VisibilityBuffer:
+        """Face index and depth at each pixel centre; see `Rasterizer.render`.
+
+        Parameters
+        ----------
+        pose : (4, 4) array_like
+            world_from_camera.
+        """
+        matrices = valid_poses(pose)
+        if len(matrices) != 1:
+            raise ConfigError(f"render takes one pose, got {len(matrices)}")
+        shape = (self.camera.height, self.camera.width)
+        face, depth = np.empty(shape, np.int32), np.empty(shape, np.float32)
+        with self._current():
+            views = Views(self._scene, matrices, self._arena.is_reversed)
+            self._poses.write(views.records(np.array([0])))
+            for tile in self._scene.tiles(self._tile, scale=1):
+                self._draw_faces(self._scene, tile, 1, 1, bool(views.can_cull[0]))
+                x, y, width, height = tile
+                part = np.s_[y : y + height, x : x + width]
+                ids = self._arena.read_faces(self._targets[0], (0, 0, width, height))
+                face[part] = ids.view(np.int32) - 1
+                values = self._arena.read_depth(self._targets[0], (0, 0, width, height))
+                depth[part] = views.depth(0, values)
+        return VisibilityBuffer(face, depth)
+
+    def close(self) -> None:
+        """Give everything on the device back; later calls raise `DeviceError`."""
+        if not self._is_open:
+            return
+        self._context.check_owner()
+        self._is_open = False
+        self._context.make_current()
+        self._arena.release()
+        if self._owns_context:
+            self._context.release()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    @contextmanager
+    def _current(self) -> Iterator[None]:
+        if not self._is_open:
+            raise DeviceError("this rasteriser is closed; open a new one")
+        self._arena.use()
+        self._poses.bind_to_uniform_block(0)
+        yield
+        self._arena.poll("drawing")
+
+    # --- counting -------------------------------------------------------------------------------
+
+    def _count(
+        self, scene: Scene, poses: NDArray[np.float64], scale: int, with_drawn: bool
+    ) -> FaceCounts:
+        shape = (len(poses), scene.mesh.n_faces)
+        visible = np.zeros(shape, np.int64)
+        drawn = np.zeros(shape, np.int64) if with_drawn else None
+        background = np.zeros(len(poses), np.int64)
+        views = Views(scene, poses, self._arena.is_reversed)
+        for rows in self._batches(views):
+            self._poses.write(views.records(rows))
+            for tile in scene.tiles(self._tile, scale):
+                self._draw_faces(scene, tile, scale, len(rows), bool(views.can_cull[rows[0]]))
+                if self._is_layered:
+                    seen, empty = self._count_on_device(scene, tile, len(rows))
+                else:
+                    seen, empty = self._count_here(scene, tile, scale * views.boxes[rows[0]])
+                visible[rows] += seen
+                background[rows] += empty
+                if drawn is not None:
+                    drawn[rows] += self._count_drawn(scene, tile, scale, len(rows))
+            self._arena.poll("drawing")
+            if scene is self._scene:
+                self._poses_since_check += len(rows)
+                if self._poses_since_check >= CANARY_EVERY:
+                    self._check_device()
+        samples = scale**2 * scene.camera.width * scene.camera.height
+        wrong = np.flatnonzero(visible.sum(axis=1) + background != samples)
+        if wrong.size:
+            row = int(wrong[0])
+            raise self._distrust(
+                f"counted {visible[row].sum() + background[row]} samples of {samples}"
+            )
+        return FaceCounts(visible, drawn, background, views.clipped, scale, self.info)
+
+    def _batches(self, views: Views) -> Iterator[IntArray]:
+        """Rows of poses to draw together: culling is a property of a draw, so it never mixes."""
+        for cull in (False, True):
+            rows = np.flatnonzero(views.can_cull == cull)
+            for start in range(0, len(rows), self._layers):
+                yield rows[start : start + self._layers]
+
+    def _draw_faces(self, scene: Scene, tile: Tile, scale: int, poses: int, cull: bool) -> None:
+        self._arena.clear(self._targets[0])
+        self._begin(self._targets[0], tile, cull=cull)
+        for part in scene.parts:
+            scene.draw("face", tile, scale, poses, part)
+
+    def _begin(self, target: Target, tile: Tile, *, cull: bool = False, test: bool = True) -> None:
+        """Bind a target for a tile; with the depth test, nearer wins and the first of equals."""
+        target.frame.viewport = (0, 0, *tile[2:])
+        target.frame.use()
+        gl = self._arena.gl
+        flags = (moderngl.DEPTH_TEST if test else 0) | (moderngl.CULL_FACE if cull else 0)
+        gl.enable_only(flags)
+        gl.depth_func = ">" if self._arena.is_reversed else "<"
+
+    def _count_here(self, scene: Scene, tile: Tile, reach: IntArray) -> tuple[IntArray, int]:
+        """Software plan: read the ids where the mesh can be, and count runs of equal ones."""
+        x, y, width, height = tile
+        left, right = (int(edge) for edge in np.clip(reach[[0, 2]] - x, 0, width))
+        top, bottom = (int(edge) for edge in np.clip(reach[[1, 3]] - y, 0, height))
+        outside = width * height - (right - left) * (bottom - top)
+        if outside == width * height:
+            return np.zeros(scene.mesh.n_faces, np.int64), outside
+        box = (left, top, right - left, bottom - top)
+        counts = self._count_ids(self._arena.read_faces(self._targets[0], box), scene)
+        return counts[1:], int(counts[0]) + outside
+
+    def _count_ids(self, ids: NDArray[np.uint32], scene: Scene) -> IntArray:
+        """Samples of each id: 0 for background, then one a face."""
+        flat = ids.ravel()
+        starts = np.concatenate(([0], np.flatnonzero(flat[1:] != flat[:-1]) + 1))
+        lengths = np.diff(starts, append=flat.size)
+        values = flat[starts].astype(np.int64)
+        if values.max() > scene.mesh.n_faces:
+            raise self._distrust(f"drew face {values.max() - 1} of {scene.mesh.n_faces}")
+        # Sums of whole numbers in float64 are exact far beyond any image.
+        counts = np.bincount(values, weights=lengths, minlength=scene.mesh.n_faces + 1)
+        return counts.astype(np.int64)
+
+    def _count_on_device(self, scene: Scene, tile: Tile, poses: int) -> tuple[IntArray, IntArray]:
+        """Hardware plan: a compute shader counts the batch, in windows of faces that fit."""
+        counting = self._counting
+        counting["size"].value = tile[2:]
+        columns, rows = -(-tile[2] // 128), -(-tile[3] // 8)  # 8 x 8 invocations, runs of 16
+        windows = []
+        for first, n in scene.parts:
+            counting["stride"].value, counting["first_face"].value = n + 1, first
+            self._targets[0].faces.use(0)
+            self._counters.clear()
+            self._counters.bind_to_storage_buffer(0)
+            counting.run(columns, rows, poses)
+            windows.append(self._arena.read_counters(self._counters, poses, n + 1))
+        return np.concatenate([w[:, 1:] for w in windows], axis=1), windows[0][:, 0]
+
+    def _count_drawn(self, scene: Scene, tile: Tile, scale: int, poses: int) -> IntArray:
+        """Samples of each face alone: without the depth test, every sample adds to a counter."""
+        if "peel" in self._programs:
+            return self._peel(scene, tile, scale)
+        frame = self._targets[0].frame
+        frame.color_mask = (False,) * 4  # the shader writes no id
+        self._begin(self._targets[0], tile, test=False)
+        windows = []
+        for part in scene.parts:
+            self._programs["drawn"]["stride"].value = part[1] + 1
+            self._counters.clear()
+            self._counters.bind_to_storage_buffer(0)
+            scene.draw("drawn", tile, scale, poses, part)
+            windows.append(self._arena.read_counters(self._counters, poses, part[1] + 1)[:, 1:])
+        frame.color_mask = (True,) * 4
+        return np.concatenate(windows, axis=1)
+
+    def _peel(self, scene: Scene, tile: Tile, scale: int) -> IntArray:
+        """Samples of each face alone, where shaders cannot count: one layer of faces at a time."""
+        total = np.zeros(scene.mesh.n_faces + 1, np.int64)
+        before, layer = self._targets
+        self._arena.clear(before)
+        while True:
+            self._arena.clear(layer, face=NO_LAYER)
+            self._begin(layer, tile)
+            before.faces.use(0)
+            for part in scene.parts:
+                scene.draw("peel", tile, scale, 1, part)
+            ids = self._arena.read_faces(layer, (0, 0, *tile[2:]))
+            if (ids == NO_LAYER).all():
+                return total[1:]
+            total += self._count_ids(np.where(ids == NO_LAYER, 0, ids), scene)
+            before, layer = layer, before
+
+    # --- trust ----------------------------------------------------------------------------------
+
+    def _check_device(self) -> None:
+        """Count a scene whose counts are known, with the same programs, images and buffers."""
+        self._poses_since_check = 0
+        with self._current():
+            view = self._canary_view
+            self._canary_view = 1 - view
+            counts = self._count(self._canary, canary.POSES[[view]], 1, with_drawn=True)
+        if not np.array_equal(counts.visible[0], canary.VISIBLE[view]):
+            raise self._distrust("drew a known scene wrongly")
+        if not np.array_equal(counts.drawn, canary.DRAWN[[view]]):
+            raise self._distrust("counted a known scene wrongly")
+
+    def _distrust(self, what: str) -> DeviceError:
+        return DeviceError(
+            f"{self.info.renderer} {what}; its answers cannot be trusted, see `rastercov doctor`"
+        )

@@ -1,0 +1,160 @@
+"""What goes to the device: a mesh, sent once, and the poses it is seen from, sent per batch."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.camera import Camera
+from rastercov.mesh import Mesh
+from rastercov.projection import depth_range, image_boxes
+from rastercov.raster.arena import Arena
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+Tile = tuple[int, int, int, int]
+"""Part of an image: left, top, width, height, in samples."""
+
+
+class Scene:
+    """A mesh on the device, and the camera that looks at it.
+
+    Positions are taken from the centre of the mesh in float64 and sent as two floats each.
+
+    Parameters
+    ----------
+    arena : Arena
+        Where the buffers live.
+    programs : dict of str to moderngl.Program
+        What may draw the mesh.
+    mesh, camera
+        As given to the rasteriser.
+    max_faces : int
+        Most faces of one draw.
+    """
+
+    def __init__(
+        self, arena: Arena, programs: dict[str, Any], mesh: Mesh, camera: Camera, max_faces: int
+    ) -> None:
+        self.mesh, self.camera = mesh, camera
+        self.centre: FloatArray = mesh.bounds.mean(axis=0)
+        self._programs = programs
+        self.parts = [
+            (first, min(max_faces, mesh.n_faces - first))
+            for first in range(0, mesh.n_faces, max_faces)
+        ]
+        high, low = split_floats(mesh.vertices - self.centre)
+        positions = arena.buffer("vertices", np.concatenate((high, low), axis=1))
+        indices = arena.buffer("faces", _in_one_order(mesh).astype(np.uint32))
+        self._drawables = {
+            name: arena.own(
+                arena.gl.vertex_array(
+                    program,
+                    [(positions, "3f 3f", "position_high", "position_low")],
+                    index_buffer=indices,
+                    index_element_size=4,
+                )
+            )
+            for name, program in programs.items()
+        }
+
+    def tiles(self, size: tuple[int, int], scale: int) -> Iterator[Tile]:
+        """Parts of the image of scale x scale samples a pixel, none larger than `size`."""
+        width, height = scale * self.camera.width, scale * self.camera.height
+        for y in range(0, height, size[1]):
+            for x in range(0, width, size[0]):
+                yield x, y, min(size[0], width - x), min(size[1], height - y)
+
+    def draw(self, program: str, tile: Tile, scale: int, poses: int, part: tuple[int, int]) -> None:
+        """Draw the faces [first, first + n) of `part` into a tile, once a pose."""
+        x, y, width, height = tile
+        camera, uniforms = self.camera, self._programs[program]
+        # From camera axes to clip space: u = fx x/z + cx becomes 2 (scale u - left)/width - 1.
+        uniforms["image"].value = (
+            2 * scale * camera.fx / width,
+            2 * scale * camera.fy / height,
+            2 * (scale * camera.cx - x) / width - 1,
+            2 * (scale * camera.cy - y) / height - 1,
+        )
+        if "first_face" in uniforms:
+            uniforms["first_face"].value = part[0]
+        self._drawables[program].render(
+            moderngl.TRIANGLES, vertices=3 * part[1], first=3 * part[0], instances=poses
+        )
+
+
+class Views:
+    """Poses of a scene, made ready for the device.
+
+    Attributes
+    ----------
+    near, far : (P,) float64
+        Depth planes fitted to what is in view.
+    clipped : (P,) bool
+        Whether the near plane cuts a surface in view.
+    can_cull : (P,) bool
+        Whether back faces can be left out without changing which surface is nearest: the mesh is
+        closed and outward, and the camera is outside it with nothing cut open.
+    boxes : (P, 4) int
+        Pixels the mesh can reach: left, top, right, bottom.
+    """
+
+    def __init__(self, scene: Scene, poses: FloatArray, is_reversed: bool) -> None:
+        mesh, camera = scene.mesh, scene.camera
+        self.near, self.far, self.clipped = depth_range(
+            mesh.vertices, mesh.faces, mesh.bounds, camera, poses
+        )
+        self.boxes = image_boxes(mesh.bounds, camera, poses)
+        eyes = poses[:, :3, 3]
+        outside = ((eyes < mesh.bounds[0]) | (eyes > mesh.bounds[1])).any(axis=1)
+        self.can_cull = outside & ~self.clipped & mesh.can_cull_back_faces
+
+        self._records = np.zeros((len(poses), 6, 4), np.float32)
+        self._records[:, :3, :3] = poses[:, :3, :3].transpose(0, 2, 1)
+        self._records[:, 3, :3], self._records[:, 4, :3] = split_floats(eyes - scene.centre)
+        if is_reversed:
+            self._records[:, 5, 1] = self.near  # clip z = near, so depth = near / z in [0, 1]
+        else:
+            self._records[:, 5, 0] = (self.far + self.near) / (self.far - self.near)
+            self._records[:, 5, 1] = -2 * self.far * self.near / (self.far - self.near)
+        self._is_reversed = is_reversed
+
+    def records(self, rows: IntArray) -> NDArray[np.float32]:
+        """Entries of the uniform block for these poses."""
+        return self._records[rows]
+
+    def depth(self, row: int, values: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Camera z of the depth buffer values of a pose; the farthest value gives inf."""
+        near, far = self.near[row], self.far[row]
+        with np.errstate(divide="ignore"):
+            if self._is_reversed:
+                z = near / values.astype(np.float64)
+            else:
+                ndc = 2 * values.astype(np.float64) - 1
+                z = 2 * near * far / ((far + near) - ndc * (far - near))
+                z[values == 1] = np.inf
+        return z.astype(np.float32)
+
+
+def split_floats(values: FloatArray) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Doubles as sums of two floats, good to 48 bits."""
+    high = values.astype(np.float32)
+    return high, (values - high).astype(np.float32)
+
+
+def _in_one_order(mesh: Mesh) -> IntArray:
+    """Faces with their corners in an order that depends on position alone.
+
+    Coincident faces then reach the device as the same three points in the same order and come out
+    at bitwise equal depth, where the lowest index wins. Winding is lost, so a mesh whose back faces
+    may be culled keeps its order; being closed and manifold, it has no coincident faces.
+    """
+    if mesh.can_cull_back_faces:
+        return mesh.faces
+    x, y, z = mesh.vertices.T
+    rank = np.empty(mesh.n_vertices, np.int64)
+    rank[np.lexsort((z, y, x))] = np.arange(mesh.n_vertices)
+    order = np.argsort(rank[mesh.faces], axis=1)
+    return np.take_along_axis(mesh.faces, order, axis=1)

@@ -1,0 +1,350 @@
+"""Built-in parts: what the demo, the tests and the benchmarks look at when nobody brings a mesh.
+
+Source of meshes at the head of the chain. Every function returns the same `Mesh` for the same
+arguments; z is up, lengths are metres, and faces are wound counter-clockwise seen from outside.
+The teapot is M. Newell. The Utilization of Procedure Models in Digital Image Synthesis. 1975; the
+aeroplane stands in for the one in E. S. Eissa. Image Space Coverage Model for Deployment of
+Multi-Camera Networks. 2020, which is not public. `rastercov/data/README.md` says where the stored
+numbers come from.
+"""
+
+import json
+from collections.abc import Callable
+from importlib.resources import files
+from itertools import combinations
+from math import comb
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.errors import MeshError
+from rastercov.mesh import Group, Mesh
+
+DATA = files("rastercov") / "data"
+TEAPOT_UNIT = 0.05  # metres for Newell's unit: 0.32 m from handle to spout, 0.16 m high
+POINTS_PER_UNIT = 100_000  # Newell's control points have at most five decimals
+AEROPLANE_FACES = (1970, 9856)
+
+
+def teapot(n: int = 10, *, keep_degenerate: bool = False) -> Mesh:
+    """Newell's teapot: 32 bicubic patches of n x n quads, two faces each.
+
+    The thesis' teapots are `teapot(5)` with 1560 faces, and 6400 and 9216 faces with
+    `keep_degenerate=True` at n = 10 and 12. Handle at -x, spout at +x, its foot at z = 0.
+
+    Parameters
+    ----------
+    n : int
+        Quads along each side of a patch, 2 ... 128.
+    keep_degenerate : bool
+        Keep the 8 n faces without area at the three poles (lid, bottom): 64 n^2 faces in all.
+
+    Returns
+    -------
+    Mesh
+        64 n^2 - 8 n faces by default, consistently wound; patches share vertices exactly. Open:
+        16 n boundary edges at the rim, around the lid and at both ends of handle and spout, which
+        pass through the body.
+    """
+    if not 2 <= n <= 128:
+        raise MeshError(f"n must lie in 2 ... 128, got {n}; fewer quads lose the shape")
+    data = json.loads((DATA / "teapot.json").read_text(encoding="utf-8"))
+    control = np.rint(np.array(data["points"]) * POINTS_PER_UNIT).astype(np.int64)
+    patches = control[np.array(data["patches"]).reshape(32, 4, 4)]
+    # Bernstein polynomials at k/n, times n^3, are integers: so is each point times n^6, below 2^63
+    # for n <= 128, and points that two patches share are equal without any tolerance.
+    k = np.arange(n + 1)
+    weights = np.stack([comb(3, i) * k**i * (n - k) ** (3 - i) for i in range(4)], axis=1)
+    lattice = np.einsum("ui,vj,pijx->puvx", weights, weights, patches)
+    points, corners = _weld(lattice)
+    faces = _triangulated(corners)
+    if not keep_degenerate:
+        faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
+    return Mesh(vertices=points / (n**6 * POINTS_PER_UNIT / TEAPOT_UNIT), faces=faces)
+
+
+def aeroplane(n_faces: int = 1970) -> Mesh:
+    """Twin-engined airliner: 30 m long, 29 m span, nose at +x, left wing at +y.
+
+    One closed surface of genus 0 with the face counts of the thesis' aeroplanes, not their shape.
+    The engines hang below and before the wings, where they hide part of the fuselage.
+
+    Parameters
+    ----------
+    n_faces : int
+        1970 (987 vertices) or 9856 (4930 vertices).
+
+    Returns
+    -------
+    Mesh
+        Closed, consistently wound, outward.
+    """
+    if n_faces not in AEROPLANE_FACES:
+        raise MeshError(f"n_faces must be one of {AEROPLANE_FACES}, got {n_faces}; choose one")
+    with (DATA / "aeroplane.npz").open("rb") as file:
+        stored = np.load(file, allow_pickle=False)
+        return Mesh(vertices=stored[f"vertices_{n_faces}"], faces=stored[f"faces_{n_faces}"])
+
+
+def torus(
+    n_major: int = 100, n_minor: int = 50, major_radius: float = 1.0, minor_radius: float = 0.4
+) -> Mesh:
+    """Torus about the z axis: 2 n_major n_minor faces, 10,000 by default.
+
+    Parameters
+    ----------
+    n_major, n_minor : int
+        Quads around the axis and around the tube, at least 3 each.
+    major_radius, minor_radius : float
+        Metres, axis to the middle of the tube and radius of the tube; minor < major.
+
+    Returns
+    -------
+    Mesh
+        Closed, genus 1. Vertices lie on the torus, so the mesh is slightly smaller.
+    """
+    _at_least(3, n_major=n_major, n_minor=n_minor)
+    if not 0 < minor_radius < major_radius:
+        raise MeshError(
+            f"a torus needs 0 < minor_radius < major_radius, got {minor_radius} and {major_radius}"
+        )
+    around = (2 * np.pi / n_major * np.arange(n_major))[:, None]
+    tube = (2 * np.pi / n_minor * np.arange(n_minor))[None]
+    r, z = major_radius + minor_radius * np.cos(tube), minor_radius * np.sin(tube)
+    points = np.stack(np.broadcast_arrays(r * np.cos(around), r * np.sin(around), z), axis=-1)
+    index = np.arange(n_major * n_minor).reshape(n_major, n_minor)
+    corners = np.pad(index, (0, 1), mode="wrap").T  # along a row: around the axis
+    return Mesh(vertices=points.reshape(-1, 3), faces=_triangulated(corners))
+
+
+def sphere(subdivisions: int = 4, radius: float = 1.0) -> Mesh:
+    """Icosphere: 20 * 4^subdivisions nearly equal faces, 5,120 by default.
+
+    Parameters
+    ----------
+    subdivisions : int
+        Times that each face is split into four, 0 ... 9.
+    radius : float
+        Metres; every vertex lies at this distance from the origin.
+
+    Returns
+    -------
+    Mesh
+        Closed, convex.
+    """
+    _positive(radius=radius)
+    points, faces = _subdivided_icosahedron(subdivisions)
+    points *= radius / np.linalg.norm(points, axis=1, keepdims=True)
+    return Mesh(vertices=points, faces=faces)
+
+
+def icosahedron(
+    noise: float = 0.0, subdivisions: int = 0, seed: int = 0, edge_length: float = 1.0
+) -> Mesh:
+    """Icosahedron with flat, optionally subdivided and noisy sides, as in the thesis' figure 6.3.
+
+    Parameters
+    ----------
+    noise : float
+        Standard deviation of the Gaussian added to each vertex coordinate, as a fraction of the
+        small faces' edge length; the tilt it gives the faces does not depend on `subdivisions`.
+        Above about 0.2 the surface crosses itself.
+    subdivisions : int
+        Times that each face is split into four, 0 ... 9.
+    seed : int
+        Of the noise.
+    edge_length : float
+        Metres, of the icosahedron itself.
+
+    Returns
+    -------
+    Mesh
+        20 * 4^subdivisions faces, closed; face f lies on side f // 4^subdivisions.
+    """
+    if noise < 0:
+        raise MeshError(f"noise must be at least 0, got {noise}; it is a standard deviation")
+    _positive(edge_length=edge_length)
+    points, faces = _subdivided_icosahedron(subdivisions)
+    points += np.random.default_rng(seed).normal(scale=noise / 2**subdivisions, size=points.shape)
+    return Mesh(vertices=points * edge_length, faces=faces)
+
+
+def box(
+    size: tuple[float, float, float] = (1.0, 1.0, 1.0),
+    n: int = 1,
+    centre: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> Mesh:
+    """Box along the axes: 12 n^2 faces.
+
+    Parameters
+    ----------
+    size, centre : three floats
+        Full extent along x, y, z, positive, and the middle; metres.
+    n : int
+        Quads along each edge.
+
+    Returns
+    -------
+    Mesh
+        Closed, outward; sides in the order -x, +x, -y, +y, -z, +z.
+    """
+    _at_least(1, n=n)
+    _positive(size=min(size))
+    row, column = np.indices((n + 1, n + 1))
+    sides = []
+    for axis in range(3):
+        low = np.roll(np.stack([np.zeros_like(row), row, column], axis=-1), axis, axis=-1)
+        high = np.roll(np.stack([np.full_like(row, n), column, row], axis=-1), axis, axis=-1)
+        sides += [low, high]
+    points, corners = _weld(np.stack(sides))
+    return Mesh(vertices=(points / n - 0.5) * size + centre, faces=_triangulated(corners))
+
+
+def room(n: int = 8) -> Mesh:
+    """Interior for cameras inside: a 6 x 5 x 2.8 m room, seen from within, and three crates.
+
+    The crates stand 0.1 m above the floor, as on pallets, so that no two faces coincide. The
+    origin is the middle of the floor.
+
+    Parameters
+    ----------
+    n : int
+        Quads along each edge of the room, and half as many, rounded up, along those of a crate.
+
+    Returns
+    -------
+    Mesh
+        Groups "room" (12 n^2 faces, facing inward) and "crates" (outward). Closed; the room is a
+        cavity, so its back faces are never culled and the mesh says that a part is inside out.
+    """
+    shell = box((6.0, 5.0, 2.8), n, (0.0, 0.0, 1.4))
+    m = (n + 1) // 2
+    crates = (
+        box((1.2, 0.8, 1.0), m, (-1.5, -1.0, 0.6)),
+        box((0.8, 0.8, 0.8), m, (1.2, 0.9, 0.5)),
+        box((0.8, 1.2, 1.6), m, (1.6, -1.4, 0.9)),
+    )
+    starts = shell.n_vertices + crates[0].n_vertices * np.arange(len(crates))
+    boxes = [crate.faces + start for crate, start in zip(crates, starts, strict=True)]
+    faces = np.concatenate([shell.faces[:, ::-1], *boxes])
+    return Mesh(
+        vertices=np.concatenate([shell.vertices, *(crate.vertices for crate in crates)]),
+        faces=faces,
+        groups=(Group("room"), Group("crates")),
+        face_group=(np.arange(len(faces)) >= shell.n_faces).astype(np.int32),
+    )
+
+
+def tessellated_plane(
+    n_columns: int = 10,
+    n_rows: int = 10,
+    width: float = 1.0,
+    height: float = 1.0,
+    jitter: float = 0.2,
+    seed: int = 0,
+) -> Mesh:
+    """Irregular triangulation of a rectangle in the plane z = 0, facing +z, centred at 0.
+
+    Parameters
+    ----------
+    n_columns, n_rows : int
+        Cells along x and y.
+    width, height : float
+        Extent along x and y, metres.
+    jitter : float
+        Inner vertices move by up to this fraction of a cell along x and y, 0 <= jitter < 0.25, so
+        that no face loses its area or turns over. The rectangle's outline stays exact.
+    seed : int
+        Of the jitter.
+
+    Returns
+    -------
+    Mesh
+        2 n_columns n_rows faces that cover the rectangle exactly once.
+    """
+    _at_least(1, n_columns=n_columns, n_rows=n_rows)
+    if not 0 <= jitter < 0.25:
+        raise MeshError(f"jitter must lie in [0, 0.25), got {jitter}; more would turn faces over")
+    _positive(width=width, height=height)
+    row, column = np.indices((n_rows + 1, n_columns + 1))
+    cells = np.stack([column, row], axis=-1).astype(np.float64)
+    inner = cells[1:-1, 1:-1]
+    inner += np.random.default_rng(seed).uniform(-jitter, jitter, size=inner.shape)
+    flat = (cells / (n_columns, n_rows) - 0.5) * (width, height)
+    corners = np.arange(row.size).reshape(row.shape)
+    points = np.pad(flat.reshape(-1, 2), ((0, 0), (0, 1)))
+    return Mesh(vertices=points, faces=_triangulated(corners))
+
+
+_BUILT_IN: dict[str, Callable[[], Mesh]] = {
+    "aeroplane": aeroplane,
+    "aeroplane-9856": lambda: aeroplane(9856),
+    "box": box,
+    "icosahedron": icosahedron,
+    "room": room,
+    "sphere": sphere,
+    "teapot": teapot,
+    "teapot-5": lambda: teapot(5),
+    "teapot-12": lambda: teapot(12),
+    "torus": torus,
+}
+NAMES = tuple(_BUILT_IN)
+
+
+def by_name(name: str) -> Mesh:
+    """Built-in mesh of that name, one of `NAMES`; MeshError otherwise."""
+    if name not in _BUILT_IN:
+        raise MeshError(f"built-in meshes are {', '.join(NAMES)}; got {name!r}")
+    return _BUILT_IN[name]()
+
+
+def _at_least(least: int, **counts: int) -> None:
+    for name, count in counts.items():
+        if count < least:
+            raise MeshError(f"{name} must be at least {least}, got {count}")
+
+
+def _positive(**lengths: float) -> None:
+    for name, length in lengths.items():
+        if not length > 0:
+            raise MeshError(f"{name} must be positive, got {length}; give metres")
+
+
+def _weld(lattice: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
+    """(V, 3) distinct points of a (..., 3) integer array, and the index (...) of each."""
+    points, index = np.unique(lattice.reshape(-1, 3), axis=0, return_inverse=True)
+    return points, index.reshape(lattice.shape[:-1])
+
+
+def _triangulated(corners: NDArray[Any]) -> NDArray[Any]:
+    """(F, 3) faces, two for each cell of (..., rows, columns) vertex indices.
+
+    A face's normal is (direction along a row) x (direction along a column).
+    """
+    a, b = corners[..., :-1, :-1], corners[..., :-1, 1:]
+    d, c = corners[..., 1:, :-1], corners[..., 1:, 1:]
+    return np.stack([a, b, c, a, c, d], axis=-1).reshape(-1, 3)
+
+
+def _subdivided_icosahedron(times: int) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    """Vertices and faces of an icosahedron with edges of length 1, each face split 4^times."""
+    if not 0 <= times <= 9:
+        raise MeshError(f"subdivisions must lie in 0 ... 9, got {times}; 9 give 5,242,880 faces")
+    golden = (1 + 5**0.5) / 2
+    ends = [(0.0, y / 2, z * golden / 2) for y in (-1, 1) for z in (-1, 1)]
+    points = np.array([np.roll(p, axis) for axis in range(3) for p in ends])
+    # The sides are the triples of vertices whose distances are all 1, turned outward.
+    triples = np.array(list(combinations(range(12), 3)))
+    spans = np.linalg.norm(points[triples] - points[np.roll(triples, 1, axis=1)], axis=2)
+    faces = triples[np.isclose(spans, 1).all(axis=1)]
+    is_inward = np.linalg.det(points[faces]) < 0
+    faces[is_inward] = faces[is_inward][:, ::-1]
+    for _ in range(times):
+        edges = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1), axis=-1)
+        shared, middle = np.unique(edges.reshape(-1, 2), axis=0, return_inverse=True)
+        ab, bc, ca = (middle.reshape(-1, 3) + len(points)).T
+        a, b, c = faces.T
+        points = np.concatenate([points, points[shared].mean(axis=1)])
+        faces = np.stack([a, ab, ca, ab, b, bc, ca, bc, c, ab, bc, ca], axis=-1).reshape(-1, 3)
+    return points, faces

@@ -1,0 +1,46 @@
+"""GLSL sources, named `name.stage.glsl`, and the one cached loader that reads them."""
+
+import hashlib
+from functools import cache
+from importlib.resources import files
+
+from rastercov.errors import DeviceError
+
+
+@cache
+def source(name: str, version: int = 330, **defines: int) -> str:
+    """GLSL text of one stage, with its `#version` line and its defines.
+
+    Parameters
+    ----------
+    name : str
+        File name without `.glsl`, such as `"face.vert"`.
+    version : int
+        GLSL version, such as 330 or 430; always the core profile.
+    **defines : int
+        Written as `#define NAME value`.
+
+    Raises
+    ------
+    DeviceError
+        When the file is missing from the installation.
+    """
+    try:
+        text = (files(__name__) / f"{name}.glsl").read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise DeviceError(
+            f"shader {name}.glsl is missing from the installation; reinstall rastercov"
+        ) from None
+    head = [f"#version {version} core"]
+    head += [f"#define {key} {value}" for key, value in defines.items()]
+    return "\n".join(head) + "\n#line 1\n" + text
+
+
+@cache
+def digest() -> str:
+    """SHA-256 over all shader files, in hexadecimal; every result carries it."""
+    total = hashlib.sha256()
+    for file in sorted(files(__name__).iterdir(), key=lambda file: file.name):
+        if file.name.endswith(".glsl"):
+            total.update(file.name.encode() + b"\0" + file.read_bytes() + b"\0")
+    return total.hexdigest()

@@ -1,0 +1,41 @@
+// Counts the samples of each face in a batch of triangle-ID images.
+//
+// An invocation walks a horizontal run of pixels and adds up equal neighbours before it touches a
+// counter: faces are wider than a pixel more often than not, and background always is.
+
+layout(local_size_x = 8, local_size_y = 8) in;
+
+layout(std430, binding = 0) buffer Counts { uint counts[]; };
+
+uniform usampler2DArray faces;
+uniform uvec2 size;      // samples in use, the rest of the image is left alone
+uniform uint stride;     // counters a layer: slot 0 is background, then one a face
+uniform uint first_face; // the window of faces that this dispatch counts
+
+const uint RUN = 16u;
+
+void add(uint layer, uint face, uint n) {
+    uint slot = face == 0u ? 0u : face - first_face;
+    if (slot < stride && (face == 0u || face > first_face)) atomicAdd(counts[layer * stride + slot], n);
+}
+
+void main() {
+    uint layer = gl_GlobalInvocationID.z;
+    uint y = gl_GlobalInvocationID.y;
+    uint x = gl_GlobalInvocationID.x * RUN;
+    if (y >= size.y || x >= size.x) return;
+    uint end = min(x + RUN, size.x);
+    uint current = texelFetch(faces, ivec3(x, y, layer), 0).x;
+    uint n = 1u;
+    for (x += 1u; x < end; ++x) {
+        uint face = texelFetch(faces, ivec3(x, y, layer), 0).x;
+        if (face == current) {
+            ++n;
+        } else {
+            add(layer, current, n);
+            current = face;
+            n = 1u;
+        }
+    }
+    add(layer, current, n);
+}

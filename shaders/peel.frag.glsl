@@ -1,0 +1,16 @@
+// One layer of faces by index, for devices without storage buffers: at each pixel the lowest index
+// above the one of the layer before. Faces are drawn in the order of their index, all at one depth,
+// so the depth test lets only the first one through. Repeating this until nothing is left meets
+// every sample of every face once. Images start at the highest id, so that what is done stays done.
+
+uniform uint first_face;
+uniform usampler2DArray before;
+
+layout(location = 0) out uint face;
+
+void main() {
+    uint index = first_face + uint(gl_PrimitiveID) + 1u;
+    if (index <= texelFetch(before, ivec3(gl_FragCoord.xy, 0), 0).x) discard;
+    face = index;
+    gl_FragDepth = 0.5;
+}

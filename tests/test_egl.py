@@ -1,0 +1,507 @@
+"""Headless contexts: each kind draws, each missing piece is named, no misuse hangs."""
+
+import ctypes
+import dataclasses
+import gc
+import os
+import re
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+from rastercov.errors import DeviceError
+from rastercov.raster import diagnose as devices
+from rastercov.raster.egl import DeviceInfo, HeadlessContext, list_devices, open_context
+
+GPU = DeviceInfo("egl-device", 0, "/dev/dri/card0", is_software=False)
+CPU = DeviceInfo("egl-device", 1, "Mesa software device", is_software=True)
+
+
+def open_or_skip(device):
+    try:
+        return open_context(device)
+    except DeviceError as error:
+        pytest.skip(f"no {device} here: {error}")
+
+
+@pytest.fixture
+def context():
+    context = open_or_skip("surfaceless")
+    with context:
+        yield context
+        if not context._loader.released:
+            assert context.gl.error == "GL_NO_ERROR"
+
+
+@pytest.fixture
+def egl():
+    """The EGL library, for tests that make it answer otherwise."""
+    open_or_skip("surfaceless").release()
+    return devices.egl_library()
+
+
+@pytest.fixture
+def no_library(monkeypatch):
+    """A machine without any graphics library."""
+    for cached in (devices.egl_library, devices.osmesa_library):
+        cached.cache_clear()
+    monkeypatch.setattr(devices, "find_library", lambda names: None)
+    yield
+    for cached in (devices.egl_library, devices.osmesa_library):
+        cached.cache_clear()
+
+
+def run_python(code, **environment):
+    """Run `code` in a fresh process that must end by itself."""
+    root = str(Path(devices.__file__).parents[2])
+    return subprocess.run(
+        [sys.executable, "-W", "error", "-c", code],
+        env={**os.environ, "PYTHONPATH": root, **environment},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+
+
+def draw_red(context):
+    """Clear a framebuffer to red and read one pixel."""
+    texture = context.gl.texture((4, 4), 4)
+    framebuffer = context.gl.framebuffer([texture])
+    framebuffer.clear(1.0, 0.0, 0.0, 1.0)
+    pixel = framebuffer.read(components=4)[:4]
+    framebuffer.release()
+    texture.release()
+    return pixel
+
+
+# --- each kind works ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("device", ["auto", "egl", "egl:0", 0, "surfaceless", "osmesa"])
+def test_each_kind_of_context_draws(device):
+    with open_or_skip(device) as context:
+        assert draw_red(context) == b"\xff\x00\x00\xff"
+        assert context.gl.error == "GL_NO_ERROR"
+        assert context.gl.gc_mode == "context_gc"
+        assert context.gl.version_code == context.info.gl_version >= 330
+
+
+def test_info_says_what_was_got(context):
+    info = context.info
+    assert info.renderer == context.gl.info["GL_RENDERER"]
+    assert info.device.kind == "egl-surfaceless"
+    assert info.is_software
+    assert info.limits["max_texture_size"] >= 1024
+    assert len(info.limits["max_viewport_dims"]) == 2
+    assert info.limits["max_array_layers"] >= 256
+    assert info.limits["subpixel_bits"] >= 4
+    assert info.limits["max_uniform_block_bytes"] >= 16384
+    assert info.has_ssbo == (info.limits["max_ssbo_bytes"] > 0)
+    assert info.extensions == context.gl.extensions
+
+
+def test_missing_extensions_are_false_flags_not_errors(context):
+    bare = dataclasses.replace(context.info, gl_version=330, extensions=frozenset())
+    flags = [name for name in dir(type(bare)) if name.startswith("has_")]
+    assert not any(getattr(bare, name) for name in flags)
+    some = dataclasses.replace(bare, extensions=frozenset({"GL_ARB_compute_shader"}))
+    assert some.has_compute
+    assert not some.has_ssbo
+
+
+def test_functions_are_reached_by_name_once(context):
+    get_error = context.function("glGetError", ctypes.c_uint)
+    assert get_error() == 0
+    assert context.function("glGetError", ctypes.c_uint) is get_error
+    assert context.load("glClear") != 0
+    assert context.load("no such function") == 0
+    with pytest.raises(DeviceError, match="no function no such function"):
+        context.function("no such function", None)
+
+
+def test_a_live_context_has_no_reset_to_report(context):
+    assert context.reset_status() == 0
+    quiet = dataclasses.replace(context.info, has_reset_notification=False)
+    context.info = quiet
+    assert context.reset_status() == 0
+
+
+def test_a_lost_context_is_reported(context, monkeypatch):
+    context.info = dataclasses.replace(context.info, has_reset_notification=True)
+    monkeypatch.setattr(context, "function", lambda *_: lambda: 0x8254)
+    assert context.reset_status() == 0x8254
+
+
+# --- what the driver refuses ----------------------------------------------------------------------
+
+
+def test_lower_versions_are_asked_for_when_higher_ones_are_refused(egl, monkeypatch):
+    create, asked = egl.eglCreateContext, []
+
+    def refuse_4(display, config, share, attributes):
+        asked.append((attributes[1], attributes[3]))
+        return create(display, config, share, attributes) if attributes[1] < 4 else None
+
+    monkeypatch.setattr(egl, "eglCreateContext", refuse_4)
+    with open_context("surfaceless") as context:
+        assert context.info.gl_version >= 330
+    assert list(dict.fromkeys(asked)) == [(4, 5), (4, 3), (3, 3)]
+
+
+def test_robust_access_is_asked_for_and_done_without_when_refused(egl, monkeypatch):
+    with open_context("surfaceless") as context:
+        if not (context.info.has_robust_access and context.info.has_reset_notification):
+            pytest.skip(f"{context.info.renderer} offers no robust access")
+    create = egl.eglCreateContext
+
+    def refuse_robust(display, config, share, attributes):
+        is_robust = 0x30BF in list(attributes)[::2]
+        return None if is_robust else create(display, config, share, attributes)
+
+    monkeypatch.setattr(egl, "eglCreateContext", refuse_robust)
+    with open_context("surfaceless") as context:
+        assert not context.info.has_robust_access
+        assert context.info.gl_version >= 330
+
+
+def test_every_refusal_of_a_context_is_an_error(egl, monkeypatch):
+    monkeypatch.setattr(egl, "eglCreateContext", lambda *_: None)
+    with pytest.raises(DeviceError, match=r"no OpenGL 3\.3 core context"):
+        open_context("surfaceless")
+
+
+def test_the_result_of_making_current_is_checked(egl, monkeypatch):
+    monkeypatch.setattr(egl, "eglMakeCurrent", lambda *_: 0)
+    with pytest.raises(DeviceError, match="cannot make the context current"):
+        open_context("surfaceless")
+
+
+def test_a_display_that_cannot_start_is_an_error(egl, monkeypatch):
+    monkeypatch.setattr(egl, "eglInitialize", lambda *_: 0)
+    with pytest.raises(DeviceError, match=r"cannot initialise the EGL display.*driver installed"):
+        open_context("surfaceless")
+    monkeypatch.setattr(egl, "eglGetPlatformDisplayEXT", lambda *_: None)
+    with pytest.raises(DeviceError, match="no EGL display"):
+        open_context("surfaceless")
+
+
+@pytest.mark.parametrize("function", ["eglQueryDevicesEXT", "eglQueryDeviceStringEXT"])
+def test_devices_are_listed_without_the_entry_point(egl, monkeypatch, function):
+    monkeypatch.setattr(egl, function, None)
+    assert all(isinstance(device, DeviceInfo) for device in list_devices())
+
+
+# --- choosing -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("device", [99, -1, "a", "egl:x", "egl:99", "egl:-1", "", True, 0.0, None])
+def test_an_unknown_device_is_answered_with_the_known_ones(monkeypatch, device):
+    monkeypatch.setattr(devices, "egl_devices", lambda: [GPU, CPU, devices.SURFACELESS])
+    monkeypatch.setattr(devices, "list_devices", lambda: [GPU, CPU])
+    with pytest.raises(DeviceError, match=r"egl:0 \(/dev/dri/card0\), egl:1 \(Mesa software"):
+        open_context(device)
+
+
+def test_no_egl_device_names_what_containers_lack(monkeypatch):
+    monkeypatch.setattr(devices, "egl_devices", lambda: [devices.SURFACELESS])
+    for device in ("egl", "egl:0", 0):
+        with pytest.raises(DeviceError, match=r"NVIDIA_DRIVER_CAPABILITIES=all.*10_nvidia\.json"):
+            open_context(device)
+
+
+def test_auto_does_without_egl_devices(context, monkeypatch):
+    monkeypatch.setattr(devices, "egl_devices", lambda: [devices.SURFACELESS])
+    with open_context() as fallback:
+        assert fallback.info.device == devices.SURFACELESS
+
+
+def test_hardware_that_cannot_be_had_is_refused_by_name():
+    if any(not device.is_software for device in list_devices()):
+        pytest.skip("this machine has hardware")
+    open_or_skip("surfaceless").release()
+    for device in ("auto", "surfaceless"):
+        with pytest.raises(DeviceError, match="gave the renderer .*no hardware device"):
+            open_context(device, require_hardware=True)
+
+
+@pytest.mark.parametrize("renderer", ["llvmpipe (LLVM 15)", "softpipe", "Google SwiftShader"])
+def test_software_renderers_are_known_by_name(renderer):
+    assert devices.SOFTWARE_RENDERERS.search(renderer)
+
+
+def test_a_gpu_is_not_taken_for_software():
+    assert not devices.SOFTWARE_RENDERERS.search("NVIDIA H200/PCIe/SSE2")
+
+
+def test_software_in_place_of_hardware_is_not_silent(context, monkeypatch):
+    real = next((device for device in list_devices() if device.index == 0), None)
+    if real is None or not real.is_software:
+        pytest.skip("needs a software EGL device at index 0")
+    liar = dataclasses.replace(real, is_software=False)
+    monkeypatch.setattr(devices, "egl_devices", lambda: [liar, devices.SURFACELESS])
+    monkeypatch.delenv("LIBGL_ALWAYS_SOFTWARE", raising=False)
+    with pytest.raises(DeviceError, match=f"promised hardware.*{context.info.renderer.split()[0]}"):
+        open_context(0)
+    with open_context("auto") as fallback:
+        assert fallback.info.device.kind == "egl-surfaceless"
+
+
+def test_hardware_in_place_of_software_is_not_silent(context, monkeypatch):
+    monkeypatch.setattr(devices, "SOFTWARE_RENDERERS", re.compile("no renderer at all"))
+    monkeypatch.setattr(devices, "egl_devices", lambda: [devices.SURFACELESS])
+    with pytest.raises(DeviceError, match="promised software"):
+        open_context("surfaceless")
+
+
+def test_forced_software_skips_hardware_devices(monkeypatch):
+    monkeypatch.setattr(devices, "egl_devices", lambda: [GPU, CPU, devices.SURFACELESS])
+    monkeypatch.setenv("LIBGL_ALWAYS_SOFTWARE", "1")
+    for device in ("auto", "egl", "surfaceless"):
+        assert GPU not in devices.candidates(device)[0]
+    assert devices.candidates("egl:0")[0] == [GPU]  # asked for by number: the driver answers
+    monkeypatch.setenv("LIBGL_ALWAYS_SOFTWARE", "0")
+    assert devices.candidates("auto")[0][0] == GPU
+
+
+def test_forced_software_opens(context):
+    code = (
+        "from rastercov.raster.egl import open_context as o\nwith o() as c: print(c.info.renderer)"
+    )
+    done = run_python(code, LIBGL_ALWAYS_SOFTWARE="1")
+    assert done.returncode == 0, done.stderr
+    assert devices.SOFTWARE_RENDERERS.search(done.stdout)
+
+
+def test_plain_locale_and_read_only_home_do_not_matter(context):
+    code = (
+        "from rastercov.raster.egl import open_context as o\nwith o() as c: print(c.info.renderer)"
+    )
+    done = run_python(code, LANG="C", LC_ALL="C", HOME="/proc", XDG_CACHE_HOME="/proc/none")
+    assert done.returncode == 0, done.stderr
+
+
+# --- missing libraries ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("os_release", "line"),
+    [
+        ("ID=debian\n", "apt-get install -y libegl1 libgl1 libgl1-mesa-dri"),
+        ('NAME="Mint"\nID=linuxmint\nID_LIKE="ubuntu debian"\n', "apt-get install -y libegl1"),
+        ("ID=fedora\n", "dnf install -y mesa-libEGL mesa-libGL mesa-dri-drivers"),
+        ('ID="rocky"\nID_LIKE="rhel centos fedora"\n', "dnf install -y mesa-libEGL"),
+        ("ID=arch", "pacman -S mesa"),
+        ("ID=alpine\n", "apk add mesa-egl mesa-gl mesa-dri-gallium"),
+        ("ID=other\n", "your distribution's Mesa packages"),
+        ("", "libEGL.so.1 and libGL.so.1"),
+    ],
+)
+def test_install_line_of_each_distribution(os_release, line):
+    assert line in devices.install_line("egl", os_release)
+
+
+def test_install_line_of_osmesa():
+    assert devices.install_line("osmesa", "ID=ubuntu") == "apt-get install -y libosmesa6"
+
+
+@pytest.mark.parametrize("device", ["auto", "egl", "egl:0", 0, "surfaceless"])
+def test_without_libegl_the_error_says_what_to_install(no_library, device):
+    with pytest.raises(DeviceError, match=re.escape(devices.install_line("egl"))):
+        open_context(device)
+
+
+def test_without_osmesa_the_error_says_what_to_install(no_library):
+    with pytest.raises(DeviceError, match=re.escape(devices.install_line("osmesa"))):
+        open_context("osmesa")
+
+
+def test_without_libraries_there_are_no_devices(no_library):
+    assert list_devices() == []
+
+
+def test_without_opengl_functions_the_error_says_what_to_install(egl, monkeypatch):
+    monkeypatch.setattr(egl, "address", lambda name: 0)
+    with pytest.raises(DeviceError, match=r"no OpenGL library: wanted libGL\.so\.1"):
+        open_context("surfaceless")
+
+
+# --- one owner ------------------------------------------------------------------------------------
+
+
+def test_another_thread_is_told_both_names(context):
+    errors = []
+
+    def use():
+        for attempt in (lambda: context.gl, context.make_current, context.release):
+            try:
+                attempt()
+            except DeviceError as error:
+                errors.append(str(error))
+
+    thread = threading.Thread(target=use, name="stranger")
+    thread.start()
+    thread.join()
+    assert len(errors) == 3
+    assert all("'MainThread'" in error and "'stranger'" in error for error in errors)
+    assert draw_red(context) == b"\xff\x00\x00\xff"
+
+
+def test_a_context_of_its_own_works_in_another_thread(context):
+    pixels = []
+
+    def draw():
+        with open_context("surfaceless") as own:
+            pixels.append(draw_red(own))
+
+    thread = threading.Thread(target=draw)
+    thread.start()
+    thread.join()
+    assert pixels == [b"\xff\x00\x00\xff"]
+
+
+def test_use_after_release_is_an_error(context):
+    context.release()
+    context.release()
+    for attempt in (lambda: context.gl, context.check_owner, lambda: context.load("glClear")):
+        with pytest.raises(DeviceError, match="after its release"):
+            attempt()
+
+
+def test_a_forked_child_is_told_instead_of_hanging(context):
+    code = """
+import os, warnings
+from rastercov.errors import DeviceError
+from rastercov.raster.egl import open_context
+context = open_context("surfaceless")
+child = os.fork()
+if child == 0:
+    try:
+        for attempt in (lambda: context.gl, open_context):
+            try:
+                attempt()
+                os._exit(3)
+            except DeviceError as error:
+                assert str(os.getpid()) in str(error) and str(os.getppid()) in str(error)
+                assert "spawn" in str(error)
+        with context:
+            pass
+    except DeviceError:
+        context.release()
+        os._exit(0)
+    os._exit(4)
+assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+assert context.gl.error == "GL_NO_ERROR"
+context.release()
+"""
+    done = run_python(code)
+    assert done.returncode == 0, done.stderr
+
+
+def test_two_contexts_take_turns(context):
+    with open_context("surfaceless") as other:
+        assert draw_red(other) == b"\xff\x00\x00\xff"
+        context.make_current()
+        assert draw_red(context) == b"\xff\x00\x00\xff"
+        other.make_current()
+        assert draw_red(other) == b"\xff\x00\x00\xff"
+    assert draw_red(context) == b"\xff\x00\x00\xff"  # the release hands the thread back
+
+
+def test_egl_and_osmesa_take_turns(context):
+    with open_or_skip("osmesa") as other:
+        for turn in (other, context, other):
+            turn.make_current()
+            assert draw_red(turn) == b"\xff\x00\x00\xff"
+        context.make_current()
+    assert draw_red(context) == b"\xff\x00\x00\xff"
+
+
+def test_a_forgotten_context_warns_and_is_released(context):
+    forgotten = open_context("surfaceless")
+    assert isinstance(forgotten, HeadlessContext)
+    loader = forgotten._loader
+    with pytest.warns(ResourceWarning, match="not released"):
+        del forgotten
+        gc.collect()
+    assert loader.released
+    context.make_current()
+
+
+def test_an_open_context_does_not_disturb_the_exit_of_python(context):
+    code = "from rastercov.raster.egl import open_context\nc = open_context()\nc.gl.buffer(b'1')"
+    done = run_python(code)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_thirty_contexts_one_after_another_keep_memory_flat(context):
+    code = """
+from pathlib import Path
+from rastercov.raster.egl import open_context
+
+def resident_kib():
+    return int(Path("/proc/self/statm").read_text().split()[1]) * 4
+
+def cycle():
+    with open_context() as context:
+        texture = context.gl.texture((64, 64), 4)
+        context.gl.framebuffer([texture]).clear(1.0)
+
+for _ in range(5):
+    cycle()
+before = resident_kib()
+for _ in range(30):
+    cycle()
+print(resident_kib() - before)
+"""
+    done = run_python(code)
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout) < 8 * 1024
+
+
+# --- diagnosis ------------------------------------------------------------------------------------
+
+
+def test_diagnosis_tries_every_device(context, monkeypatch):
+    monkeypatch.setenv("LP_NUM_THREADS", "2")
+    diagnosis = devices.diagnose()
+    assert set(diagnosis.kinds) == {"egl-device", "egl-surfaceless", "osmesa"}
+    assert diagnosis.kinds["egl-surfaceless"] == "available"
+    assert diagnosis.environment["LP_NUM_THREADS"] == "2"
+    assert diagnosis.libraries["EGL"] == "libEGL.so.1"
+    report = next(r for r in diagnosis.reports if r.device.kind == "egl-surfaceless")
+    assert report.context["renderer"] == context.info.renderer
+    assert report.context["limits"]["max_texture_size"] == context.info.limits["max_texture_size"]
+    assert diagnosis.to_dict()["kinds"] == diagnosis.kinds
+
+
+def test_diagnosis_without_libraries_says_what_to_install(no_library):
+    diagnosis = devices.diagnose()
+    assert diagnosis.reports == ()
+    assert devices.install_line("egl") in diagnosis.kinds["egl-device"]
+    assert devices.install_line("egl") in diagnosis.kinds["egl-surfaceless"]
+    assert devices.install_line("osmesa") in diagnosis.kinds["osmesa"]
+    assert set(diagnosis.libraries.values()) == {None}
+
+
+@pytest.mark.parametrize(
+    ("script", "problem"),
+    [
+        ("kill -SEGV $$", "crashed with SIGSEGV"),
+        ("exec sleep 60", r"no answer in 0\.5 s"),
+        ("echo no libLLVM >&2; exit 7", "ended with code 7: no libLLVM"),
+        ('echo \'{"problem": "refused"}\'', "refused"),
+    ],
+)
+def test_diagnosis_survives_what_a_driver_does(tmp_path, monkeypatch, script, problem):
+    python = tmp_path / "python"
+    python.write_text(f"#!/bin/sh\n{script}\n")
+    python.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(python))
+    monkeypatch.setattr(devices, "list_devices", lambda: [CPU])
+    diagnosis = devices.diagnose(timeout_s=0.5)
+    assert re.search(problem, diagnosis.reports[0].problem)
+    assert re.search(problem, diagnosis.kinds["egl-device"])
