@@ -2,8 +2,8 @@
 
 First step into the chain, before `mesh`. A path is looked at before it is opened (a regular file,
 of a known format, not too large), its bytes are read once and hashed, and one reader turns them
-into polygons. Each reader has to walk its whole file to check it, so meshes are built from that walk
-and not parsed a second time by a library.
+into polygons. Each reader has to walk its whole file to check it, so meshes are built from that
+walk and not parsed a second time by a library.
 """
 
 import hashlib
@@ -11,11 +11,10 @@ import math
 import os
 import re
 import stat
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.errors import MeshError, ResourceError
 from rastercov.mesh import Group, Mesh, MeshSource
@@ -24,7 +23,10 @@ from rastercov.mesh_formats import Polygons, read_obj, read_off, read_stl
 from rastercov.mesh_glb import read_glb
 from rastercov.mesh_ply import read_ply
 
-READERS = {
+StrPath = str | os.PathLike[str]
+Reader = Callable[[bytes, int], Polygons]
+
+READERS: dict[str, Reader] = {
     ".glb": read_glb,
     ".obj": read_obj,
     ".off": read_off,
@@ -36,8 +38,6 @@ METRES |= {"in": 0.0254, "inch": 0.0254, "ft": 0.3048}
 LARGEST_FILE = 2 << 30
 MEMORY_BUDGET = 8 << 30
 LONGEST_NAME = 200
-
-StrPath = str | os.PathLike[str]
 
 
 def load_mesh(
@@ -97,14 +97,14 @@ def load_mesh(
         stem = _clean(Path(one).stem) or "mesh"
         for name in polygons.names:
             full = stem if name is None else f"{stem}/{name}" if len(paths) > 1 else name
-            names.append(_unique(full, names))
+            names.append(full[:LONGEST_NAME])
         notes += [f"{shown}: {note}" for note in polygons.notes]
     n_vertices = np.cumsum([0] + [len(part.vertices) for part in parts])
     n_names = np.cumsum([0] + [len(part.names) for part in parts])
     return Mesh(
         vertices=np.concatenate([part.vertices for part in parts]),
         faces=np.concatenate([p.faces + n for p, n in zip(parts, n_vertices, strict=False)]),
-        groups=[Group(name) for name in names],
+        groups=[Group(name) for name in _unique(names)],
         face_group=np.concatenate([p.label + n for p, n in zip(parts, n_names, strict=False)]),
         source_face=np.concatenate([part.source_face for part in parts]),
         sources=sources,
@@ -116,9 +116,8 @@ def metres_per(unit: str | float) -> float:
     """Metres in one `unit`, a name or a positive number."""
     if isinstance(unit, str) and unit in METRES:
         return METRES[unit]
-    if isinstance(unit, (int, float)) and not isinstance(unit, bool):
-        if 0 < unit < math.inf:
-            return float(unit)
+    if isinstance(unit, (int, float)) and not isinstance(unit, bool) and 0 < unit < math.inf:
+        return float(unit)
     raise MeshError(
         f"unit must be one of {', '.join(METRES)} or metres per unit as a positive number, "
         f"got {unit!r}; correct it"
@@ -132,18 +131,123 @@ def _load_one(
     reader, data = _reader_and_bytes(path, max_bytes)
     if not data:
         raise MeshError("no triangles: the file is empty; export it again")
-    try:
-        polygons = reader(data, memory_budget)
-    except (TypeError, ValueError, KeyError, AttributeError, OverflowError) as error:
-        # JSON may hold any type anywhere; checking each is longer than this and no clearer.
-        if isinstance(error, MeshError):
-            raise
-        raise MeshError(f"the file contradicts its format ({error!r}); export it again") from error
-    _check_polygons(polygons)
+    polygons = reader(data, memory_budget)
+    _check_indices(polygons)
     polygons.vertices *= scale
     if drop_invalid:
         _drop_invalid(polygons)
     check_coordinates(polygons.vertices, polygons.faces)
+    _note_concave(polygons)
     _tidy_groups(polygons)
     digest = hashlib.sha256(data).hexdigest()
     return polygons, MeshSource(_clean(Path(path).name), digest, len(polygons.faces))
+
+
+def _reader_and_bytes(path: StrPath, max_bytes: int) -> tuple[Reader, bytes]:
+    """Reader for the file's format, and the bytes of the file, read once."""
+    if not isinstance(path, (str, os.PathLike)):
+        raise MeshError(f"a path wanted, got {type(path).__name__}; pass a string or a Path")
+    if re.match(r"[A-Za-z][A-Za-z0-9+.-]+:/", str(path)):
+        raise MeshError("a file on this machine wanted, got a URL; download it first")
+    extension = Path(path).suffix.lower()
+    if extension not in READERS:
+        raise MeshError(
+            f"supported formats are {', '.join(READERS)}, got {extension or 'no extension'!r}; "
+            "convert the mesh"
+        )
+    try:
+        status = Path(path).stat()
+        if not stat.S_ISREG(status.st_mode):
+            raise MeshError("a regular file wanted, got a folder, pipe or device; pass a file")
+        if status.st_size > max_bytes:
+            raise MeshError(
+                f"at most {max_bytes} bytes wanted, got {status.st_size}; simplify the mesh, or "
+                "raise max_bytes"
+            )
+        with Path(path).open("rb") as file:
+            data = file.read(status.st_size + 1)
+    except (OSError, ValueError) as error:  # ValueError: a zero byte in the path
+        if isinstance(error, MeshError):
+            raise
+        reason = getattr(error, "strerror", None) or error
+        raise MeshError(f"a readable file wanted, got: {reason}; check the path") from error
+    if len(data) != status.st_size:
+        raise MeshError(
+            f"{status.st_size} bytes wanted, got {len(data)}; the file changed while it was read, "
+            "try again"
+        )
+    return READERS[extension], data
+
+
+def _check_indices(polygons: Polygons) -> None:
+    faces, n_vertices = polygons.faces, len(polygons.vertices)
+    if not len(faces):
+        raise MeshError("no triangles: the file has no faces; export the surface, not points")
+    outside = np.any((faces < 0) | (faces >= n_vertices), axis=1)
+    if outside.any():
+        face = int(outside.argmax())
+        raise MeshError(
+            f"vertex indices must lie in 0 ... {n_vertices - 1}, face "
+            f"{polygons.source_face[face]} has {faces[face].tolist()}; correct the face"
+        )
+
+
+def _drop_invalid(polygons: Polygons) -> None:
+    """Remove unusable vertices and the faces that need them."""
+    unusable = unusable_points(polygons.vertices)
+    if not unusable.any():
+        return
+    is_bad = np.any(unusable[polygons.faces], axis=1)
+    if is_bad.all():
+        raise MeshError("no triangles left: no face has finite coordinates; export the mesh again")
+    polygons.notes.append(f"faces {some(is_bad)} dropped: their coordinates are not finite")
+    number = np.cumsum(~unusable) - 1
+    polygons.vertices = polygons.vertices[~unusable]
+    polygons.faces = number[polygons.faces[~is_bad]]
+    polygons.source_face = polygons.source_face[~is_bad]
+    polygons.label = polygons.label[~is_bad]
+
+
+def _note_concave(polygons: Polygons) -> None:
+    """Note the polygons whose fan folds over itself: a fan is only right for convex ones."""
+    n_triangles = np.bincount(polygons.source_face)
+    of_fan = np.flatnonzero(n_triangles[polygons.source_face] > 1)
+    if not len(of_fan):
+        return
+    p, q, r = np.moveaxis(polygons.vertices[polygons.faces[of_fan]], 1, 0)
+    cross, polygon = np.cross(q - p, r - p), polygons.source_face[of_fan]
+    whole = np.stack([np.bincount(polygon, column) for column in cross.T], axis=1)[polygon]
+    slack = 1e-9 * np.linalg.norm(whole, axis=1) * np.linalg.norm(cross, axis=1)
+    folded = np.unique(polygon[np.einsum("ij,ij->i", cross, whole) < -slack])
+    if len(folded):
+        polygons.notes.append(
+            f"{len(folded)} concave polygons, the first is {folded[0]}, were cut into fans that "
+            "fold over; triangulate them in the modeller"
+        )
+
+
+def _tidy_groups(polygons: Polygons) -> None:
+    """Drop groups without faces, and clean the names of the others."""
+    used, label = np.unique(polygons.label, return_inverse=True)
+    names = [polygons.names[i] for i in used]
+    polygons.names = [None if name is None else _clean(name) or None for name in names]
+    polygons.label = label
+
+
+def _clean(name: str) -> str:
+    """Printable part of `name`, not too long: names end up in terminals, tables and pictures."""
+    return "".join(c for c in name if c.isprintable()).strip()[:LONGEST_NAME]
+
+
+def _unique(names: list[str]) -> list[str]:
+    """Names in order, repeated ones with " #2", " #3" ... appended."""
+    taken: dict[str, int] = {}  # name -> how often it came; a counter keeps many nodes fast
+    for i, name in enumerate(names):
+        unique = name
+        while unique in taken:
+            taken[name] += 1
+            suffix = f" #{taken[name]}"
+            unique = name[: LONGEST_NAME - len(suffix)] + suffix
+        taken[unique] = 1
+        names[i] = unique
+    return names

@@ -21,11 +21,27 @@ JSON_CHUNK, BINARY_CHUNK = 0x4E4F534A, 0x004E4942
 COMPONENTS = {5120: "i1", 5121: "u1", 5122: "i2", 5123: "u2", 5125: "u4", 5126: "f4"}
 TRIANGLES, STRIP, FAN = 4, 5, 6
 # Required extensions that leave the shape as it is, or that are understood here.
-HARMLESS = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_", "KHR_mesh_quantization")
+HARMLESS = (
+    "KHR_materials_",
+    "KHR_texture_",
+    "EXT_texture_",
+    "KHR_lights_",
+    "KHR_mesh_quantization",
+)
 
 
 def read_glb(data: bytes, budget: int) -> Polygons:
     """Triangles of a GLB file in metres, one group a node, in the order of the scene's tree."""
+    try:
+        return _read(data, budget)
+    except MeshError:
+        raise
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+        # JSON may hold any type anywhere; to check each would be longer than this and no clearer.
+        raise MeshError(f"the file contradicts its format ({error!r}); export it again") from error
+
+
+def _read(data: bytes, budget: int) -> Polygons:
     header, binary, notes = _chunks(data)
     needed = [str(e) for e in _list(header, "extensionsRequired")]
     foreign = [e for e in needed if not e.startswith(HARMLESS)]
@@ -208,7 +224,7 @@ class _Reader:
                 "a buffer lies outside the file (uri), which is never opened; "
                 "export a self-contained .glb"
             )
-        kind = COMPONENTS.get(accessor.get("componentType"))
+        kind = COMPONENTS.get(accessor["componentType"])
         n_columns = {"SCALAR": 1, "VEC3": 3}[wanted]
         is_index = wanted == "SCALAR"
         if accessor.get("type") != wanted or kind is None or (is_index and kind[0] != "u"):

@@ -114,7 +114,7 @@ def read_ply(data: bytes, budget: int) -> Polygons:
             f"face {few[0]}: 3 or more vertices wanted, got {corners.counts[few[0]]}; "
             "remove points and lines from the faces"
         )
-    return fan_polygons(coordinates, corners.values, corners.counts, notes)
+    return fan_polygons(coordinates, corners.values, corners.counts, budget, notes)
 
 
 def _header(lines: Lines) -> tuple[str, dict[str, Element]]:
@@ -146,7 +146,7 @@ def _header(lines: Lines) -> tuple[str, dict[str, Element]]:
 
 def _text_rows(lines: Lines, element: Element) -> list[Column]:
     """Columns of an element in text. A walk over the rows: about 2 µs each."""
-    values = [array("d" if p.type[0] == "f" else "q") for p in element.properties]
+    values: list[array[Any]] = [array("d" if p.type[0] == "f" else "q") for p in element.properties]
     counts = [array("q") for _ in element.properties]
     if not element.properties:
         return []
@@ -161,7 +161,7 @@ def _text_rows(lines: Lines, element: Element) -> list[Column]:
                     count.append(n)
                 if not 0 <= n <= len(words) - at:
                     raise IndexError
-                convert = float if p.type[0] == "f" else int
+                convert: type[float] = float if p.type[0] == "f" else int
                 value.extend([convert(word) for word in words[at : at + n]])
                 at += n
         except (ValueError, OverflowError, IndexError):
@@ -180,11 +180,11 @@ def _binary_rows(
     end = offset + (after_first - offset) * element.count
     if end <= len(data):
         # Every row as long as the first: one look at the counts proves it.
-        fields: list[tuple[str, str, int]] = []
+        fields: list[tuple[str, str, tuple[int, ...]]] = []
         for i, (p, n) in enumerate(zip(element.properties, lengths, strict=True)):
             if p.count_type:
-                fields.append((f"n{i}", order + p.count_type, 1))
-            fields.append((f"v{i}", order + p.type, n))
+                fields.append((f"n{i}", order + p.count_type, ()))
+            fields.append((f"v{i}", order + p.type, (n,)))
         rows = np.frombuffer(data, np.dtype(fields), element.count, offset)
         if all((rows[f"n{i}"] == lengths[i]).all() for i in element.lists):
             return [
@@ -192,10 +192,10 @@ def _binary_rows(
                 for i, n in enumerate(lengths)
             ], end
     # Rows of several lengths. A walk over them: about 3 µs each.
-    pieces: list[list[Any]] = [[] for _ in element.properties]
+    pieces: list[array[Any]] = [array(STRUCT_CODES[p.type]) for p in element.properties]
     counts = [array("q") for _ in element.properties]
     for _ in range(element.count):
-        lengths, after = _row_lengths(data, offset, order, element)
+        lengths, _ = _row_lengths(data, offset, order, element)
         for i, (p, n) in enumerate(zip(element.properties, lengths, strict=True)):
             if p.count_type:
                 offset += int(p.count_type[1])
@@ -203,8 +203,7 @@ def _binary_rows(
             pieces[i].extend(struct.unpack_from(f"{order}{n}{STRUCT_CODES[p.type]}", data, offset))
             offset += n * int(p.type[1])
     return [
-        Column(np.array(v, dtype=p.type), np.asarray(n))
-        for p, v, n in zip(element.properties, pieces, counts, strict=True)
+        Column(np.asarray(v), np.asarray(n)) for v, n in zip(pieces, counts, strict=True)
     ], offset
 
 

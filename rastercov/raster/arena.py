@@ -38,6 +38,7 @@ class Target:
         self.faces.filter = (moderngl.NEAREST, moderngl.NEAREST)
         self.frame = arena.own(arena.make(what, size, lambda: gl.framebuffer([self.faces])))
         arena.attach_depth(self.frame, width, height, layers, what)
+        self.frame.depth_mask = True  # moderngl takes it that a frame without its depth has none
 
 
 class Arena:
@@ -47,8 +48,10 @@ class Arena:
         self.context = context
         self.gl = context.gl
         self._stack = ExitStack()
-        # Releasing a framebuffer that is bound upsets the next one: bind this small one first.
-        self._parking = self.own(self.gl.simple_framebuffer((1, 1)))
+        # moderngl goes back to the frame bound last, so that one must outlive the arena: each
+        # context keeps a small one for as long as it lives.
+        if self.gl.extra is None:
+            self.gl.extra = self.gl.simple_framebuffer((1, 1))
         self._bind_framebuffer = context.function("glBindFramebuffer", None, _UINT, _UINT)
         self._clear_ids = context.function("glClearBufferuiv", None, _UINT, _INT, _POINTER)
         self._clear_depth = context.function("glClearBufferfv", None, _UINT, _INT, _POINTER)
@@ -184,5 +187,5 @@ class Arena:
 
     def release(self) -> None:
         """Give everything back."""
-        self._parking.use()
+        self.gl.extra.use()
         self._stack.close()

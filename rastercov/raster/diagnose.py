@@ -436,11 +436,12 @@ def candidates(device: str | int) -> tuple[list[DeviceInfo], list[str]]:
     if found:
         return found, missing
     is_listed = any(known.index is not None for known in egl)
-    if not is_listed and (device == "egl" or index is not None):
+    if not is_listed and (index is None or index >= 0):
+        surface = "; or ask for 'surfaceless'" if surfaceless else ""
         raise DeviceError(
             f"no device {device!r}: EGL announces no device; {install_line('egl')}; in a container"
             " with an NVIDIA GPU set NVIDIA_DRIVER_CAPABILITIES=all (or graphics) and provide"
-            " /usr/share/glvnd/egl_vendor.d/10_nvidia.json; or ask for 'surfaceless'"
+            f" /usr/share/glvnd/egl_vendor.d/10_nvidia.json{surface}"
         )
     known_devices = ", ".join(map(str, list_devices())) or f"none; {install_line('egl')}"
     raise DeviceError(f"no device {device!r}; there are: {known_devices}")

@@ -43,7 +43,6 @@ from rastercov.raster.diagnose import (
 __all__ = ["ContextInfo", "DeviceInfo", "HeadlessContext", "list_devices", "open_context"]
 
 GL_VERSIONS = ((4, 5), (4, 3), (3, 3))  # asked for in this order
-
 EGL_NONE, EGL_OPENGL_API = 0x3038, 0x30A2
 EGL_PLATFORM_DEVICE_EXT, EGL_PLATFORM_SURFACELESS_MESA = 0x313F, 0x31DD
 EGL_CONTEXT_MAJOR_VERSION, EGL_CONTEXT_MINOR_VERSION = 0x3098, 0x30FB
@@ -60,13 +59,14 @@ GL_RGBA, GL_UNSIGNED_BYTE = 0x1908, 0x1401
 # --- loaders: one native context each -------------------------------------------------------------
 
 
-class _Current(threading.local):
-    """What this module made current last in each thread: EGL and OSMesa do not know each other."""
+class _Thread(threading.local):
+    """The loaders of each thread, the current one last: EGL and OSMesa do not know each other."""
 
-    loader: "_Loader | None" = None
+    def __init__(self) -> None:
+        self.loaders: list[_Loader] = []
 
 
-_current = _Current()
+_thread = _Thread()
 
 
 class _Loader:
@@ -110,9 +110,9 @@ class _Loader:
     def make_current(self) -> None:
         """Bind the context to its thread, unless it is bound already."""
         self.check_owner()
-        if _current.loader is not self or not self._is_current():
+        if _thread.loaders[-1:] != [self] or not self._is_current():
             self._bind()
-            _current.loader = self
+            _thread.loaders = [*(other for other in _thread.loaders if other is not self), self]
 
     def release(self) -> None:
         """Destroy the context; in a forked child, which shares it, only forget it."""
@@ -121,15 +121,17 @@ class _Loader:
         if os.getpid() == self.pid:
             self.check_owner()
             self._destroy()
-            if _current.loader is self:
-                _current.loader = None
+            _thread.loaders = [other for other in _thread.loaders if other is not self]
+            if _thread.loaders:
+                with suppress(DeviceError):  # its own next use will tell
+                    _thread.loaders[-1]._bind()
         self.released = True
 
     def __enter__(self) -> None:
         self.make_current()
 
     def __exit__(self, *_: object) -> None:
-        pass  # stays current: the thread owns it
+        """Stay current: the thread owns the context."""
 
 
 class _EglLoader(_Loader):
@@ -147,7 +149,7 @@ class _EglLoader(_Loader):
             if not self.load("glGetString"):
                 raise DeviceError(f"no OpenGL library: wanted libGL.so.1; {install_line('egl')}")
         except DeviceError:
-            self._destroy()
+            self.release()
             raise
 
     def _create(self) -> int:
@@ -235,7 +237,7 @@ class _OSMesaLoader(_Loader):
         try:
             self.make_current()
         except DeviceError:
-            self._destroy()
+            self.release()
             raise
 
     def load(self, name: str) -> int:
@@ -270,8 +272,8 @@ class HeadlessContext:
 
     def __init__(self, device: DeviceInfo) -> None:
         self._functions: dict[tuple[Any, ...], Any] = {}
-        self._loader: _Loader
-        self._loader = (_OSMesaLoader if device.kind == "osmesa" else _EglLoader)(device)
+        loader = _OSMesaLoader if device.kind == "osmesa" else _EglLoader
+        self._loader: _Loader = loader(device)
         try:
             self.info = describe_context(self.function, device)
             # `standalone` is moderngl's word for: there is no default framebuffer to look at.
@@ -283,8 +285,8 @@ class HeadlessContext:
 
     @property
     def gl(self) -> moderngl.Context:
-        """The moderngl context (gc_mode "context_gc"); DeviceError away from its owner."""
-        self._loader.check_owner()
+        """The moderngl context (gc_mode "context_gc"), current; DeviceError away from its owner."""
+        self._loader.make_current()
         return self._gl
 
     def check_owner(self) -> None:
@@ -305,26 +307,23 @@ class HeadlessContext:
 
     def function(self, name: str, restype: Any, *argtypes: Any) -> Callable[..., Any]:
         """OpenGL function as a ctypes callable, cached; DeviceError when it is absent."""
+        self._loader.check_owner()
         key = (name, restype, *argtypes)
         if key not in self._functions:
-            address = self.load(name)
-            if not address:
+            if not (address := self._loader.load(name)):
                 raise DeviceError(f"this OpenGL driver has no function {name}")
             self._functions[key] = ctypes.CFUNCTYPE(restype, *argtypes)(address)
-        self._loader.check_owner()
         return self._functions[key]  # type: ignore[no-any-return]
 
     def reset_status(self) -> int:
         """glGetGraphicsResetStatus: 0 when the context is alive or the driver cannot tell."""
-        if not self.info.has_reset_notification:
-            return 0
-        return int(self.function("glGetGraphicsResetStatus", ctypes.c_uint)())
+        has_status = self.info.has_reset_notification
+        return self.function("glGetGraphicsResetStatus", ctypes.c_uint)() if has_status else 0
 
     def release(self) -> None:
         """Destroy both contexts; again, or in a forked child, it does nothing."""
         if self._loader.released:
             return
-        previous = _current.loader
         if os.getpid() == self._loader.pid:
             self.check_owner()
             with suppress(DeviceError):  # a lost context may refuse to become current
@@ -332,8 +331,6 @@ class HeadlessContext:
                 self._gl.release()
         self._functions.clear()
         self._loader.release()
-        if previous is not None and not previous.released and previous.pid == os.getpid():
-            previous.make_current()
 
     def __enter__(self) -> "HeadlessContext":
         self.make_current()
@@ -389,12 +386,14 @@ def open_context(device: str | int = "auto", *, require_hardware: bool = False) 
             hint = "; LIBGL_ALWAYS_SOFTWARE is set" if is_software_wanted() else ""
             failures.append(f"{candidate}: {error}{'' if candidate.is_software else hint}")
             continue
-        info, is_software = context.info, candidate.is_software
-        if info.is_software == is_software and not (require_hardware and is_software):
+        got, promised = context.info.is_software, candidate.is_software
+        if got == promised and not (require_hardware and got):
             return context
         context.release()
-        promised = "software" if is_software else "hardware"
-        failures.append(f"{candidate}: promised {promised} and gave the renderer {info.renderer}")
+        promise = "software" if promised else "hardware"
+        failures.append(f"{candidate}: promised {promise} and gave {context.info.renderer}")
+        if require_hardware and candidate.is_software:
+            break  # hardware stands first, so what follows is software too
     if require_hardware:
         failures += why_no_hardware(list_devices())
     wanted = "hardware OpenGL" if require_hardware else "OpenGL"

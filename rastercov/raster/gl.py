@@ -343,7 +343,6 @@ class GLRasterizer:
         self._begin(self._targets[0], tile, test=False)
         windows = []
         for part in scene.parts:
-            self._programs["drawn"]["stride"].value = part[1] + 1
             self._counters.clear()
             self._counters.bind_to_storage_buffer(0)
             scene.draw("drawn", tile, scale, poses, part)

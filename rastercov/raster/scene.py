@@ -78,8 +78,9 @@ class Scene:
             2 * (scale * camera.cx - x) / width - 1,
             2 * (scale * camera.cy - y) / height - 1,
         )
-        if "first_face" in uniforms:
-            uniforms["first_face"].value = part[0]
+        for name, value in (("first_face", part[0]), ("stride", part[1] + 1)):
+            if name in uniforms:
+                uniforms[name].value = value
         self._drawables[program].render(
             moderngl.TRIANGLES, vertices=3 * part[1], first=3 * part[0], instances=poses
         )

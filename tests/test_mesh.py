@@ -1,0 +1,426 @@
+"""The mesh value: what it refuses, what it finds wrong, and that it never changes."""
+
+import pickle
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rastercov.errors import MeshError, ResourceError
+from rastercov.mesh import Group, Mesh
+from rastercov.topology import first_equal_row
+
+#      7-----6
+#     /|    /|      z
+#    4-----5 |      | y
+#    | 3---|-2      |/
+#    |/    |/       +--x
+#    0-----1
+CUBE = np.array(
+    [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], float
+)
+CUBE_FACES = np.array(
+    [[0, 2, 1], [0, 3, 2], [4, 5, 6], [4, 6, 7], [0, 1, 5], [0, 5, 4],
+     [1, 2, 6], [1, 6, 5], [2, 3, 7], [2, 7, 6], [3, 0, 4], [3, 4, 7]]
+)  # fmt: skip
+
+
+def cube(scale: float = 1, offset: float = 0, flip: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    return CUBE * scale + offset, CUBE_FACES[:, ::-1] if flip else CUBE_FACES
+
+
+def joined(*parts: tuple[np.ndarray, np.ndarray]) -> Mesh:
+    starts = np.cumsum([0] + [len(v) for v, _ in parts])
+    return Mesh(
+        np.concatenate([v for v, _ in parts]),
+        np.concatenate([f + s for (_, f), s in zip(parts, starts, strict=False)]),
+    )
+
+
+def torus(n: int, m: int) -> tuple[np.ndarray, np.ndarray]:
+    i, j = np.meshgrid(np.arange(n), np.arange(m), indexing="ij")
+    u, v = i * 2 * np.pi / n, j * 2 * np.pi / m
+    r = 1 + 0.3 * np.cos(v)
+    points = np.stack([r * np.cos(u), r * np.sin(u), 0.3 * np.sin(v)], axis=-1).reshape(-1, 3)
+    a, b, c, d = (
+        ((i + di) % n * m + (j + dj) % m).ravel() for di, dj in ((0, 0), (1, 0), (1, 1), (0, 1))
+    )
+    return points, np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+
+
+# ---- the value
+
+
+def test_arrays_keep_their_order_and_types():
+    mesh = Mesh(vertices=CUBE.tolist(), faces=CUBE_FACES.astype(np.uint8))
+    assert mesh.vertices.dtype == np.float64
+    assert mesh.faces.dtype == np.int64
+    assert mesh.face_group.dtype == np.int32
+    np.testing.assert_array_equal(mesh.faces, CUBE_FACES)
+    np.testing.assert_array_equal(mesh.source_face, np.arange(12))
+    assert (mesh.n_faces, mesh.n_vertices, mesh.groups) == (12, 8, (Group("mesh"),))
+    assert mesh.sources == ()
+
+
+def test_mesh_does_not_alias_its_input():
+    vertices, faces, labels = CUBE.copy(), CUBE_FACES.copy(), np.zeros(12, np.int32)
+    mesh = Mesh(vertices, faces, [Group("a")], labels)
+    vertices[:], faces[:], labels[:] = 9, 0, 5
+    np.testing.assert_array_equal(mesh.vertices, CUBE)
+    np.testing.assert_array_equal(mesh.faces, CUBE_FACES)
+    assert not mesh.face_group.any()
+
+
+@pytest.mark.parametrize(
+    "name",
+    "vertices faces face_group source_face normals areas centroids bounds task_mask two_sided_mask "
+    "degenerate_mask duplicate_mask".split(),
+)
+def test_every_array_is_read_only(name):
+    mesh = Mesh(CUBE, CUBE_FACES)
+    with pytest.raises(ValueError, match="read-only"):
+        getattr(mesh, name)[0] = 0
+    with pytest.raises(AttributeError):
+        setattr(mesh, name, 0)
+
+
+def test_pickle_gives_the_same_frozen_mesh():
+    mesh = Mesh(CUBE, CUBE_FACES, [Group("a"), Group("b", is_occluder=True)], [0, 1] * 6)
+    again = pickle.loads(pickle.dumps(mesh))
+    assert again.groups == mesh.groups
+    np.testing.assert_array_equal(again.faces, mesh.faces)
+    np.testing.assert_array_equal(again.task_mask, mesh.task_mask)
+    assert not again.vertices.flags.writeable
+
+
+def test_repr_counts():
+    assert repr(Mesh(CUBE, CUBE_FACES)) == "Mesh(12 faces, 8 vertices; mesh)"
+
+
+# ---- what is refused
+
+
+@pytest.mark.parametrize(
+    ("vertices", "faces", "text"),
+    [
+        (CUBE, np.zeros((0, 3), int), "no triangles"),
+        (CUBE, [], "no triangles"),
+        (CUBE, np.zeros((12, 4), int), r"faces must have shape \(F, 3\), got \(12, 4\); triang"),
+        (CUBE, [0, 1, 2], r"faces must have shape \(F, 3\), got \(3,\)"),
+        (CUBE, [[0, 1, 2], [0, 1]], "rows of unequal length"),
+        (CUBE, [[0.0, 1.0, 2.0]], "faces must be integers, got dtype float64"),
+        (CUBE, [[0, 1, 2], [0, 1, 8]], r"in 0 ... 7, face 1 has \[0, 1, 8\] \(\[1\], 1 in all\)"),
+        (CUBE, [[0, 1, -1]], r"face 0 has \[0, 1, -1\]"),
+        (CUBE, np.array([[0, 1, 2**64 - 1]], np.uint64), "face 0 has"),
+        (np.zeros((0, 3)), [[0, 1, 2]], "face 0 has"),
+        (CUBE[:, :2], CUBE_FACES, r"vertices must have shape \(V, 3\), got \(8, 2\)"),
+        (CUBE.astype(str), CUBE_FACES, "vertices must be real numbers, got dtype"),
+        (CUBE * 1j, CUBE_FACES, "vertices must be real numbers, got dtype complex128"),
+    ],
+)
+def test_arrays_that_are_no_mesh_are_refused(vertices, faces, text):
+    with pytest.raises(MeshError, match=text):
+        Mesh(vertices, faces)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1.1e30, -1e38])
+def test_unusable_coordinates_are_refused_with_their_faces(bad):
+    vertices = CUBE.copy()
+    vertices[7, 1] = bad
+    with pytest.raises(MeshError, match=r"faces \[3, 8, 9, 11\], 4 in all \(vertices \[7\], 1"):
+        Mesh(vertices, [*CUBE_FACES[:11], CUBE_FACES[11]])
+
+
+def test_largest_coordinate_keeps_everything_finite():
+    mesh = Mesh(CUBE * 1e30, CUBE_FACES)
+    assert np.isfinite(mesh.areas).all()
+    assert mesh.can_cull_back_faces
+
+
+def test_smallest_coordinates_keep_their_normals():
+    mesh = Mesh(CUBE * 1e-200, CUBE_FACES)
+    assert not mesh.degenerate_mask.any()
+    np.testing.assert_array_equal(mesh.normals, Mesh(CUBE, CUBE_FACES).normals)
+
+
+def test_two_to_the_31_faces_are_refused_before_they_are_copied():
+    faces = np.broadcast_to(np.zeros(1, np.int64), (2**31, 3))
+    start = time.process_time()
+    with pytest.raises(ResourceError, match="at most 2147483647 faces, got 2147483648"):
+        Mesh(CUBE, faces)
+    assert time.process_time() - start < 0.5
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        ({"groups": []}, "group names must be unique and at least one"),
+        ({"groups": [Group("a"), Group("a")], "face_group": [0] * 12}, "group names must be uniq"),
+        ({"groups": [Group("a"), Group("b")]}, "2 groups need face_group"),
+        ({"groups": [Group("a")], "face_group": [1] * 12}, "face_group must lie in 0 ... 0, got 1"),
+        ({"groups": [Group("a")], "face_group": [0] * 11}, r"must have shape \(12,\), got \(11,\)"),
+        ({"groups": [Group("a")], "face_group": [0.5] * 12}, "face_group must be integers"),
+        ({"source_face": [1, 2]}, r"source_face must have shape \(12,\), got \(2,\)"),
+    ],
+)
+def test_labels_that_do_not_fit_are_refused(arguments, text):
+    with pytest.raises(MeshError, match=text):
+        Mesh(CUBE, CUBE_FACES, **arguments)
+
+
+# ---- groups
+
+
+@pytest.fixture
+def grouped() -> Mesh:
+    names = [Group("part"), Group("jig"), Group("sheet")]
+    return Mesh(CUBE, CUBE_FACES, names, np.repeat([0, 1, 2], 4))
+
+
+def test_occluders_are_not_the_task_and_all_can_be_two_sided(grouped):
+    assert grouped.task_mask.all()
+    assert not grouped.two_sided_mask.any()
+    other = grouped.with_groups(occluders=["jig"], two_sided=["sheet"])
+    np.testing.assert_array_equal(other.task_mask, np.repeat([True, False, True], 4))
+    np.testing.assert_array_equal(other.two_sided_mask, np.repeat([False, False, True], 4))
+    assert grouped.task_mask.all(), "the first mesh is unchanged"
+    assert other.faces is grouped.faces
+    assert grouped.with_groups(two_sided="all").two_sided_mask.all()
+
+
+def test_flags_that_are_not_named_stay(grouped):
+    mesh = grouped.with_groups(occluders=["jig"]).with_groups(two_sided=["sheet"])
+    assert mesh.groups == (
+        Group("part"), Group("jig", is_occluder=True), Group("sheet", is_two_sided=True),
+    )  # fmt: skip
+    assert not any(g.is_occluder for g in mesh.with_groups(occluders=[]).groups)
+
+
+def test_one_string_is_one_name(grouped):
+    assert not grouped.with_groups(occluders="jig").task_mask.all()
+
+
+@pytest.mark.parametrize("flag", ["occluders", "two_sided"])
+def test_unknown_group_lists_the_known_ones(grouped, flag):
+    with pytest.raises(MeshError, match=r"among \['jig', 'part', 'sheet'\], got \['jib'\]"):
+        grouped.with_groups(**{flag: ["jib", "part"]})
+
+
+# ---- geometry
+
+
+@pytest.mark.parametrize("offset", [0, 1e7])
+def test_cube_has_unit_normals_outwards_and_area_six(offset):
+    mesh = Mesh(*cube(offset=offset))
+    np.testing.assert_array_equal(np.linalg.norm(mesh.normals, axis=1), 1)
+    outwards = mesh.centroids - (0.5 + offset)
+    assert (np.einsum("ij,ij->i", outwards, mesh.normals) > 0.4).all()
+    assert mesh.areas.sum() == 6
+    np.testing.assert_array_equal(mesh.bounds, [[offset] * 3, [1 + offset] * 3])
+
+
+def test_blocks_do_not_show(monkeypatch):
+    whole, parts = Mesh(*torus(20, 10)), Mesh(*torus(20, 10))
+    expected = whole.normals, whole.areas, whole.centroids, whole.can_cull_back_faces
+    monkeypatch.setattr("rastercov.mesh_arrays.BLOCK", 7)
+    np.testing.assert_array_equal(parts.normals, expected[0])
+    np.testing.assert_array_equal(parts.areas, expected[1])
+    np.testing.assert_array_equal(parts.centroids, expected[2])
+    assert parts.can_cull_back_faces == expected[3]
+
+
+def test_bounds_ignore_vertices_that_no_face_uses():
+    mesh = Mesh([*CUBE, [99, 99, 99]], CUBE_FACES)
+    np.testing.assert_array_equal(mesh.bounds, [[0, 0, 0], [1, 1, 1]])
+
+
+#   0--1--2 on a line, 3 above
+@pytest.mark.parametrize("scale", [1e-12, 1, 1e12])
+def test_faces_without_area_are_kept_and_marked(scale):
+    points = np.array([[0, 0, 0], [0.1, 0.2, 0.3], [0.3, 0.6, 0.9], [0, 1, 0], [0, 0, 0]]) * scale
+    mesh = Mesh(points, [[0, 1, 2], [0, 0, 3], [0, 1, 3], [0, 4, 3], [2, 2, 2]])
+    np.testing.assert_array_equal(mesh.degenerate_mask, [True, True, False, True, True])
+    assert not mesh.normals[mesh.degenerate_mask].any()
+    assert not mesh.areas[mesh.degenerate_mask].any()
+    assert any("4 degenerate faces" in line for line in mesh.warnings)
+
+
+def test_thin_faces_are_not_degenerate():
+    mesh = Mesh([[0, 0, 0], [1, 0, 0], [0.5, 1e-9, 0]], [[0, 1, 2]])
+    assert not mesh.degenerate_mask.any()
+    assert mesh.areas[0] == pytest.approx(5e-10, rel=1e-12)
+
+
+# ---- topology
+
+
+def test_sound_cube_has_nothing_to_warn_of():
+    mesh = Mesh(CUBE, CUBE_FACES)
+    assert mesh.is_closed
+    assert mesh.is_consistently_wound
+    assert mesh.can_cull_back_faces
+    assert mesh.warnings == ()
+
+
+def test_topology_is_judged_on_positions():
+    soup = CUBE[CUBE_FACES].reshape(-1, 3)
+    soup[soup == 0] = np.where(np.arange((soup == 0).sum()) % 2, 0.0, -0.0)
+    mesh = Mesh(soup, np.arange(36).reshape(-1, 3))
+    assert mesh.is_closed
+    assert mesh.can_cull_back_faces
+    assert mesh.n_vertices == 36
+
+
+def test_open_cube_counts_its_boundary():
+    mesh = Mesh(CUBE, CUBE_FACES[2:])
+    assert (mesh.n_boundary_edges, mesh.is_closed, mesh.can_cull_back_faces) == (4, False, False)
+    assert mesh.warnings == ("open surface: 4 boundary edges",)
+
+
+def test_one_flipped_face_is_inconsistent_winding():
+    faces = CUBE_FACES.copy()
+    faces[5] = faces[5, ::-1]
+    mesh = Mesh(CUBE, faces)
+    assert mesh.is_closed
+    assert not mesh.is_consistently_wound
+    assert not mesh.can_cull_back_faces
+    assert "winding at 3 of 18 shared edges (16.7%)" in mesh.warnings[0]
+
+
+@pytest.mark.parametrize("offset", [0, 1e7])
+def test_inside_out_cube_may_not_be_culled(offset):
+    mesh = Mesh(*cube(scale=1e-3, offset=offset, flip=True))
+    assert mesh.is_closed
+    assert mesh.is_consistently_wound
+    assert not mesh.can_cull_back_faces
+    assert "inside out: 1 of 1" in mesh.warnings[0]
+
+
+@pytest.mark.parametrize("offset", [0, 1e7, -1e7])
+def test_far_offset_does_not_hide_the_volume(offset):
+    assert Mesh(*cube(scale=2**-10, offset=offset)).can_cull_back_faces
+
+
+def test_each_component_needs_positive_volume():
+    """A big sound cube must not outvote a small inverted one, wherever it lies."""
+    assert joined(cube(10), cube(1, 100), cube(0.1, -50)).can_cull_back_faces
+    mesh = joined(cube(10), cube(1, 100), cube(0.1, -50, flip=True))
+    assert not mesh.can_cull_back_faces
+    assert "inside out: 1 of 3" in mesh.warnings[0]
+
+
+def test_cavity_may_not_be_culled():
+    assert not joined(cube(10), cube(1, 3, flip=True)).can_cull_back_faces
+
+
+def test_two_sheets_back_to_back_enclose_nothing():
+    mesh = Mesh(CUBE, [[0, 1, 2], [0, 2, 1]])
+    assert mesh.is_closed
+    assert not mesh.can_cull_back_faces
+
+
+def test_cubes_that_share_an_edge_are_not_manifold():
+    mesh = joined(cube(), (CUBE + [1, 1, 0], CUBE_FACES))
+    assert mesh.n_nonmanifold_edges == 1
+    assert not mesh.is_closed
+    assert "1 edges have more than two faces" in mesh.warnings
+
+
+def test_flaps_without_area_do_not_spoil_a_closed_mesh():
+    flaps = [[0, 0, 1], [2, 2, 2]]
+    assert Mesh(CUBE, [*CUBE_FACES, *flaps]).can_cull_back_faces
+    assert Mesh(CUBE, [*flaps, *CUBE_FACES]).can_cull_back_faces
+
+
+#   3-----2      edge 0-1 is split at 4 on one side only; the face 0 1 4 without area
+#   |   / |      fills the T-junction, and the mesh stays closed
+#   0--4--1
+def test_flat_face_in_a_t_junction_keeps_the_mesh_closed():
+    points = [*CUBE, [0.5, 0, 0]]
+    bottom = [[0, 2, 8], [8, 2, 1], [0, 3, 2]]
+    mesh = Mesh(points, [*bottom, *CUBE_FACES[2:], [0, 8, 1]])
+    assert mesh.degenerate_mask.sum() == 1
+    assert mesh.can_cull_back_faces
+
+
+def test_mesh_of_flaps_only_is_not_closed():
+    mesh = Mesh(CUBE, [[0, 0, 1]])
+    assert not mesh.is_closed
+    assert not mesh.can_cull_back_faces
+
+
+def test_later_copies_of_a_face_are_duplicates_in_any_order_of_corners():
+    points = [*CUBE, *CUBE]
+    mesh = Mesh(points, [[0, 1, 2], [9, 10, 8], [2, 1, 0], [0, 1, 3], [0, 1, 2]])
+    np.testing.assert_array_equal(mesh.duplicate_mask, [False, True, True, False, True])
+    assert "3 duplicate faces: the lowest face index wins" in mesh.warnings
+
+
+@pytest.mark.parametrize(("scale", "warns"), [(1e-9, True), (1e-6, False), (1, False), (2e4, True)])
+def test_unlikely_sizes_ask_for_the_unit(scale, warns):
+    lines = Mesh(CUBE * scale, CUBE_FACES).warnings
+    assert any("check unit=" in line for line in lines) == warns
+
+
+def test_notes_come_first_in_the_warnings():
+    mesh = Mesh(CUBE, CUBE_FACES[:11], notes=["the file was odd"])
+    assert mesh.warnings[0] == "the file was odd"
+    assert len(mesh.warnings) == 2
+
+
+@settings(deadline=None, max_examples=200)
+@given(st.data())
+def test_topology_agrees_with_a_count_by_hand(data):
+    n = data.draw(st.integers(3, 7))
+    index = st.integers(0, n - 1)
+    faces = data.draw(st.lists(st.tuples(index, index, index), min_size=1, max_size=14))
+    points = np.random.default_rng(0).random((n, 3))
+    topology = Mesh(points, faces).topology
+    edges: dict[frozenset[int], list[tuple[int, int]]] = {}
+    part = list(range(len(faces)))
+    owner: dict[frozenset[int], int] = {}
+    for i, face in enumerate(faces):
+        if len(set(face)) == 3:
+            for a, b in zip(face, face[1:] + face[:1], strict=True):
+                edge = frozenset((a, b))
+                edges.setdefault(edge, []).append((a, b))
+                old, new = part[i], part[owner.setdefault(edge, i)]
+                part = [min(old, new) if p in (old, new) else p for p in part]
+    uses = [len(u) for u in edges.values()]
+    assert topology.n_boundary_edges == uses.count(1)
+    assert topology.n_shared_edges == uses.count(2)
+    assert topology.n_nonmanifold_edges == len(uses) - uses.count(1) - uses.count(2)
+    assert topology.n_inconsistent_edges == sum(
+        len(u) == 2 and u[0] == u[1] for u in edges.values()
+    )
+    order = {p: k for k, p in enumerate(sorted(set(part)))}
+    np.testing.assert_array_equal(topology.components(), [order[p] for p in part])
+
+
+@pytest.mark.parametrize("collide", [False, True])
+def test_first_equal_row_survives_colliding_hashes(collide, monkeypatch):
+    if collide:
+        monkeypatch.setattr("rastercov.topology.ODD_MULTIPLIERS", (0, 0, 0))
+    rows = np.random.default_rng(1).integers(0, 3, (200, 3)).astype(np.uint64)
+    expected = [next(j for j, r in enumerate(rows) if (r == row).all()) for row in rows]
+    np.testing.assert_array_equal(first_equal_row(rows), expected)
+
+
+def test_a_long_strip_of_faces_is_one_component():
+    """Hooking must not need a round for each face of a chain."""
+    n = 20_000
+    points = np.stack([np.arange(n + 2), np.arange(n + 2) % 2, np.zeros(n + 2)], axis=1)
+    faces = np.arange(n)[:, None] + np.arange(3)
+    shuffled = np.random.default_rng(2).permutation(faces)
+    for strip in (faces, faces[::-1], shuffled):
+        assert not Mesh(points, strip).topology.components().any()
+
+
+def test_a_hundred_thousand_faces_are_diagnosed_quickly():
+    mesh = Mesh(*torus(500, 100))
+    start = time.process_time()
+    assert mesh.warnings == ()
+    assert mesh.can_cull_back_faces
+    assert time.process_time() - start < 2
