@@ -8,6 +8,7 @@ E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks.
 
 import json
 import math
+import reprlib
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
@@ -111,12 +112,9 @@ class Camera:
         if self.focus_range is not None:
             if self.aperture is not None:
                 raise CameraError("give focus_range or aperture, not both")
-            try:
-                z_n, z_f = (float(z) for z in self.focus_range)
-            except (TypeError, ValueError):
-                raise CameraError(
-                    f"focus_range must be two depths, got {self.focus_range!r}"
-                ) from None
+            first, second = _two("focus_range", self.focus_range)
+            z_n = _number("focus_range", first)
+            z_f = math.inf if _is_inf(second) else _number("focus_range", second)
             if not 0 <= z_n < z_f:
                 raise CameraError(f"focus_range must satisfy 0 <= near < far, got [{z_n}, {z_f}]")
             object.__setattr__(self, "focus_range", (z_n, z_f))
@@ -146,12 +144,13 @@ class Camera:
             s_u, s_v, metres; one number for square pixels.
         principal_point : (float, float), optional
             R_u, R_v in metres from the top-left corner of the sensor; its centre unless given.
+            Excludes `cx` and `cy`.
         f_number : float, optional
             N, for an aperture of f/N; excludes `aperture`.
         aperture : float, optional
             Diameter A, metres.
         **others
-            `near`, `focus_distance`, `max_blur`, `focus_range` as for `Camera`.
+            `cx`, `cy`, `near`, `focus_distance`, `max_blur`, `focus_range` as for `Camera`.
         """
         f = _positive("focal_length", focal_length)
         s_u, s_v = _pair("pixel_size", pixel_size)
@@ -160,8 +159,13 @@ class Camera:
                 raise CameraError("give f_number or aperture, not both")
             aperture = f / _positive("f_number", f_number)
         if principal_point is not None:
-            r_u, r_v = principal_point
-            others |= {"cx": _number("r_u", r_u) / s_u, "cy": _number("r_v", r_v) / s_v}
+            if others.get("cx") is not None or others.get("cy") is not None:
+                raise CameraError("give principal_point or cx and cy, not both")
+            r_u, r_v = _two("principal_point", principal_point)
+            others |= {
+                "cx": _number("principal_point", r_u) / s_u,
+                "cy": _number("principal_point", r_v) / s_v,
+            }
         return cls(
             width=width,
             height=height,
@@ -190,12 +194,16 @@ class Camera:
         **others
             Further arguments of `Camera`.
         """
-        k = np.asarray(K, dtype=np.float64)
+        try:
+            k = np.asarray(K)
+        except ValueError:
+            raise CameraError("K must have shape (3, 3), got rows of unequal length") from None
+        if k.dtype.kind not in "iuf":
+            raise CameraError(f"K must hold real numbers, got {k.dtype}")
         if k.shape != (3, 3):
             raise CameraError(f"K must have shape (3, 3), got {k.shape}")
         if k[1, 0] != 0 or not np.array_equal(k[2], (0, 0, 1)):
             raise CameraError("K must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
-        coefficients = tuple(float(c) for c in np.ravel(distortion))
         return cls(
             width=width,
             height=height,
@@ -204,19 +212,14 @@ class Camera:
             cx=float(k[0, 2]) + 0.5,
             cy=float(k[1, 2]) + 0.5,
             skew=float(k[0, 1]),
-            distortion=coefficients,
+            distortion=tuple(np.ravel(np.asarray(distortion, dtype=object))),
             **others,
         )
 
     @classmethod
     def preset(cls, name: str) -> "Camera":
         """Camera by name: the ones the thesis used; see `PRESETS`."""
-        try:
-            return cls.from_lens(**PRESETS[name])
-        except KeyError:
-            raise CameraError(
-                f"no camera preset {name!r}; there are {', '.join(PRESETS)}"
-            ) from None
+        return cls.from_dict({"preset": name})
 
     @classmethod
     def load(cls, path: str | Path) -> "Camera":
@@ -232,7 +235,7 @@ class Camera:
             entries = parsers[path.suffix.lower()](path.read_text(encoding="utf-8"))
         except OSError as error:
             raise CameraError(f"{path}: cannot be read ({error.strerror})") from None
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise CameraError(f"{path}: not valid {path.suffix[1:].upper()} ({error})") from None
         try:
             return cls.from_dict(entries)
@@ -243,19 +246,21 @@ class Camera:
     def from_dict(cls, entries: Mapping[str, Any]) -> "Camera":
         """Camera from a mapping, as `load` reads it."""
         if not isinstance(entries, Mapping):
-            raise CameraError(f"a camera is a table of names and values, got {entries!r}")
+            raise CameraError(f"a camera is a table of names and values, got {_shown(entries)}")
         if "preset" in entries:
             name = str(entries["preset"])
             if name not in PRESETS:
-                raise CameraError(f"no camera preset {name!r}; there are {', '.join(PRESETS)}")
+                raise CameraError(
+                    f"no camera preset {_shown(name)}; there are {', '.join(PRESETS)}"
+                )
             entries = PRESETS[name] | {k: v for k, v in entries.items() if k != "preset"}
         of_lens = {"principal_point", "f_number"}
         known = {field.name for field in fields(cls)} | of_lens
-        if unknown := sorted(entries.keys() - known):
+        if unknown := sorted(map(_shown, entries.keys() - known)):
             raise CameraError(
                 f"unknown entry {', '.join(unknown)}; a camera has {', '.join(sorted(known))}"
             )
-        by_lens = "fx" not in entries
+        by_lens = entries.keys().isdisjoint({"fx", "fy"})
         wanted = ["width", "height"]
         wanted += ["focal_length", "pixel_size"] if by_lens else ["fx", "fy"]
         if missing := [name for name in wanted if name not in entries]:
@@ -272,7 +277,9 @@ class Camera:
         return cls.from_lens(**listed) if by_lens else cls(**listed)
 
     def save(self, path: str | Path) -> None:
-        """Write the camera as JSON that `load` reads back to an equal camera."""
+        """Write the camera as a `.json` file that `load` reads back to an equal camera."""
+        if Path(path).suffix.lower() != ".json":
+            raise CameraError(f"{path}: a camera is saved as .json")
         entries = {k: v for k, v in asdict(self).items() if v not in (None, ())}
         Path(path).write_text(json.dumps(entries, indent=2) + "\n", encoding="utf-8")
 
@@ -348,11 +355,15 @@ PRESETS: dict[str, dict[str, Any]] = {
 
 
 def _number(name: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float | np.number):
-        raise CameraError(f"{name} must be a number, got {value!r}")
-    if not math.isfinite(value):
-        raise CameraError(f"{name} must be finite, got {value}")
-    return float(value)
+    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
+        raise CameraError(f"{name} must be a number, got {_shown(value)}")
+    try:
+        number = float(value)
+    except OverflowError:
+        raise CameraError(f"{name} must be below 1e308, got a greater integer") from None
+    if not math.isfinite(number):
+        raise CameraError(f"{name} must be finite, got {number}")
+    return number
 
 
 def _positive(name: str, value: Any) -> float:
@@ -365,8 +376,24 @@ def _positive(name: str, value: Any) -> float:
 def _pair(name: str, value: Any) -> tuple[float, float]:
     values = value if isinstance(value, tuple | list) else (value, value)
     if len(values) != 2:
-        raise CameraError(f"{name} must be one or two numbers, got {value!r}")
+        raise CameraError(f"{name} must be one or two numbers, got {_shown(value)}")
     return _positive(name, values[0]), _positive(name, values[1])
+
+
+def _two(name: str, value: Any) -> tuple[Any, Any]:
+    value = value.tolist() if isinstance(value, np.ndarray) else value
+    if not isinstance(value, tuple | list) or len(value) != 2:
+        raise CameraError(f"{name} must be two numbers, got {_shown(value)}")
+    return value[0], value[1]
+
+
+def _is_inf(value: Any) -> bool:
+    return isinstance(value, float | np.floating) and value == math.inf
+
+
+def _shown(value: Any) -> str:
+    """`value` in a few characters on one line, whatever it is."""
+    return " ".join(reprlib.repr(value).split())
 
 
 def _image_side(name: str, value: Any) -> int:
@@ -384,6 +411,6 @@ def _refuse_distortion(skew: Any, distortion: Any) -> None:
     coefficients = np.ravel(np.asarray(distortion, dtype=object))
     if any(_number("distortion", c) != 0 for c in coefficients):
         raise CameraError(
-            f"lens distortion is not supported yet, got {list(coefficients)}: "
+            f"lens distortion is not supported yet, got {_shown(list(coefficients))}: "
             "undistort the images and give the undistorted K"
         )

@@ -23,7 +23,7 @@ def look_at(eyes: ArrayLike, targets: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)
     """Poses at `eyes` that look at `targets` with `up` upwards in the image, (6.8)-(6.11).
 
     Where the view is parallel to `up`, (6.10) is undefined; then the world axis furthest from the
-    view takes its place: y for a view along z, z for one along y or x.
+    view takes its place: y for a view along z, z for one along y or x. So too where `up` is zero.
 
     Parameters
     ----------
@@ -41,17 +41,15 @@ def look_at(eyes: ArrayLike, targets: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)
         Where an eye is its own target, or a value is not finite; `pose_ids` names the rows.
     """
     eye, target, upward = (
-        np.atleast_2d(np.asarray(a, dtype=np.float64)) for a in (eyes, targets, up)
+        _triples(name, a) for name, a in (("eyes", eyes), ("targets", targets), ("up", up))
     )
-    for name, array in (("eyes", eye), ("targets", target), ("up", upward)):
-        if array.ndim != 2 or array.shape[1] != 3:
-            raise PoseError(f"{name} must have shape (3,) or (P, 3), got {array.shape}")
     try:
         eye, target, upward = np.broadcast_arrays(eye, target, upward)
     except ValueError:
         shapes = f"{eye.shape}, {target.shape}, {upward.shape}"
         raise PoseError(f"eyes, targets and up must broadcast to (P, 3), got {shapes}") from None
-    _refuse(~np.isfinite(eye + target + upward).all(axis=1), "eye, target or up is not finite")
+    finite = np.isfinite(eye) & np.isfinite(target) & np.isfinite(upward)
+    _refuse(~finite.all(axis=1), "eye, target or up is not finite")
 
     forward = target - eye
     length = np.linalg.norm(forward, axis=1, keepdims=True)
@@ -62,8 +60,13 @@ def look_at(eyes: ArrayLike, targets: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)
     scale = np.maximum(np.linalg.norm(upward, axis=1), np.finfo(np.float64).tiny)
     parallel = np.linalg.norm(right, axis=1) <= 1e-9 * scale
     # The axis furthest from the view; among equals the later one, so that z stays up if it can.
-    spare = np.eye(3)[2 - np.argmin(np.abs(forward)[:, ::-1], axis=1)]
+    # Rounded, lest noise decide between equals.
+    spare = np.eye(3)[2 - np.argmin(np.abs(forward).round(6)[:, ::-1], axis=1)]
     right = np.where(parallel[:, None], np.cross(forward, spare), right)
+    right /= np.linalg.norm(right, axis=1, keepdims=True)
+    # A product of nearly parallel vectors is short and its rounding great: take out what is along
+    # the view.
+    right -= (right * forward).sum(axis=1, keepdims=True) * forward
     right /= np.linalg.norm(right, axis=1, keepdims=True)
 
     poses = np.zeros((len(eye), 4, 4))
@@ -91,10 +94,19 @@ def sphere_of_poses(centre: ArrayLike, distance: float, count: int) -> FloatArra
     -------
     (count, 4, 4) float64
         world_from_camera.
+
+    Raises
+    ------
+    PoseError
+        For a value outside its range.
     """
-    if not distance > 0:
-        raise PoseError(f"distance must be positive, got {distance}")
-    middle = np.asarray(centre, dtype=np.float64)
+    if not 0 < distance < np.inf:
+        raise PoseError(f"distance must be positive and finite, got {distance}")
+    if count < 0 or count != int(count):
+        raise PoseError(f"count must be a whole number, 0 or more, got {count}")
+    middle = _triples("centre", centre)
+    if len(middle) != 1:
+        raise PoseError(f"centre must have shape (3,), got {middle.shape}")
     index = np.arange(count)
     height = 1 - (2 * index + 1) / max(count, 1)
     azimuth = index * np.pi * (3 - np.sqrt(5))
@@ -125,8 +137,10 @@ def check_poses(poses: ArrayLike) -> tuple[FloatArray, dict[int, str]]:
     """
     try:
         out = np.array(poses, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise PoseError("poses must be numbers of shape (P, 4, 4)") from None
+    if out.shape == (0,):
+        out = np.zeros((0, 4, 4))
     if out.ndim == 2:
         out = out[None]
     if out.ndim != 3 or out.shape[1:] != (4, 4):
@@ -137,16 +151,17 @@ def check_poses(poses: ArrayLike) -> tuple[FloatArray, dict[int, str]]:
         for row in np.flatnonzero(mask):
             faults.setdefault(int(row), text)
 
-    finite = np.isfinite(out).all(axis=(1, 2))
+    finite = np.atleast_1d(np.isfinite(out).all(axis=(1, 2)))
     fault(~finite, "is not finite")
     rotation = np.where(finite[:, None, None], out[:, :3, :3], np.eye(3))
     with np.errstate(over="ignore", invalid="ignore"):
         drift = np.abs(rotation.transpose(0, 2, 1) @ rotation - np.eye(3)).max(
             axis=(1, 2), initial=0
         )
+        reflected = np.linalg.det(rotation) < 0
     fault((out[:, 3] != (0, 0, 0, 1)).any(axis=1), "must end in the row 0 0 0 1")
     fault(~(drift <= DRIFT_TOLERANCE), "is not a rotation (scaled, sheared or drifted)")
-    fault(np.linalg.det(rotation) < 0, "is a reflection, not a rotation")
+    fault(reflected, "is a reflection, not a rotation")
 
     drifted = [int(row) for row in np.flatnonzero(drift > 1e-14) if int(row) not in faults]
     if drifted:
@@ -185,12 +200,18 @@ def read_poses(path: str | Path) -> FloatArray:
     path = Path(path)
     try:
         if path.suffix.lower() == ".npy":
-            array = np.load(path, allow_pickle=False)
+            # Not np.load, which opens a zip archive or a pickle whatever its name.
+            with path.open("rb") as file:
+                array = np.lib.format.read_array(file, allow_pickle=False)
+            if array.dtype.kind not in "iuf":
+                raise PoseError(f"{path}: poses must be real numbers, got {array.dtype}")
         elif path.suffix.lower() == ".json":
             content = json.loads(path.read_text(encoding="utf-8"))
             if not isinstance(content, dict) or "world_from_camera" not in content:
                 raise PoseError(f'{path}: a pose file holds {{"world_from_camera": [4 x 4, ...]}}')
             array = np.array(content["world_from_camera"], dtype=np.float64)
+            if array.shape == (0,):
+                array = np.zeros((0, 4, 4))
         else:
             raise PoseError(f"{path}: a pose file ends in .npy or .json")
         array = np.asarray(array, dtype=np.float64)
@@ -198,10 +219,8 @@ def read_poses(path: str | Path) -> FloatArray:
         raise PoseError(f"{path}: cannot be read ({error.strerror or error})") from None
     except PoseError:
         raise
-    except (TypeError, ValueError, EOFError) as error:
-        raise PoseError(f"{path}: not a pose file ({error})") from None
-    if array.size == 0:
-        return np.zeros((0, 4, 4))
+    except Exception as error:  # the parsers let a dozen kinds through
+        raise PoseError(f"{path}: not a pose file ({_one_line(error)})") from None
     if array.shape == (4, 4):
         array = array[None]
     if array.ndim != 3 or array.shape[1:] != (4, 4):
@@ -214,12 +233,27 @@ def write_poses(path: str | Path, poses: ArrayLike) -> None:
     path = Path(path)
     array = valid_poses(poses)
     if path.suffix.lower() == ".npy":
-        np.save(path, array)
+        with path.open("wb") as file:  # np.save would add .npy to a name that ends in .NPY
+            np.save(file, array)
     elif path.suffix.lower() == ".json":
         text = json.dumps({"world_from_camera": array.tolist()})
         path.write_text(text + "\n", encoding="utf-8")
     else:
         raise PoseError(f"{path}: a pose file ends in .npy or .json")
+
+
+def _triples(name: str, value: ArrayLike) -> FloatArray:
+    try:
+        array = np.atleast_2d(np.asarray(value, dtype=np.float64))
+    except (TypeError, ValueError, OverflowError):
+        raise PoseError(f"{name} must be numbers of shape (3,) or (P, 3)") from None
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise PoseError(f"{name} must have shape (3,) or (P, 3), got {array.shape}")
+    return array
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join((str(error) or type(error).__name__).split())
 
 
 def _refuse(mask: ArrayLike, text: str) -> None:

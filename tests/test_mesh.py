@@ -75,9 +75,11 @@ def test_mesh_does_not_alias_its_input():
 
 @pytest.mark.parametrize(
     "name",
-    "vertices faces face_group source_face normals areas centroids bounds task_mask two_sided_mask "
-    "degenerate_mask duplicate_mask".split(),
-)
+    [
+        "vertices", "faces", "face_group", "source_face", "normals", "areas", "centroids", "bounds",
+        "task_mask", "two_sided_mask", "degenerate_mask", "duplicate_mask",
+    ],
+)  # fmt: skip
 def test_every_array_is_read_only(name):
     mesh = Mesh(CUBE, CUBE_FACES)
     with pytest.raises(ValueError, match="read-only"):
@@ -322,7 +324,7 @@ def test_two_sheets_back_to_back_enclose_nothing():
 
 
 def test_cubes_that_share_an_edge_are_not_manifold():
-    mesh = joined(cube(), (CUBE + [1, 1, 0], CUBE_FACES))
+    mesh = joined(cube(), (CUBE + np.array([1, 1, 0]), CUBE_FACES))
     assert mesh.n_nonmanifold_edges == 1
     assert not mesh.is_closed
     assert "1 edges have more than two faces" in mesh.warnings

@@ -84,10 +84,10 @@ class Arena:
             thing = create()
         except (moderngl.Error, MemoryError) as error:
             raise ResourceError(f"the device refused {asked}: {error}") from None
-        error = self.gl.error
-        if error != "GL_NO_ERROR":
+        reported = self.gl.error
+        if reported != "GL_NO_ERROR":
             thing.release()
-            raise ResourceError(f"the device refused {asked}: {error}")
+            raise ResourceError(f"the device refused {asked}: {reported}")
         return thing
 
     def buffer(self, what: str, data: NDArray[Any] | None = None, size: int = 0) -> Any:

@@ -18,7 +18,7 @@ N. Reed. Depth Precision Visualized. 2015, for the reversed depth buffer.
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 import moderngl
 import numpy as np
@@ -295,7 +295,7 @@ class GLRasterizer:
         gl.enable_only(flags)
         gl.depth_func = ">" if self._arena.is_reversed else "<"
 
-    def _count_here(self, scene: Scene, tile: Tile, reach: IntArray) -> tuple[IntArray, int]:
+    def _count_here(self, scene: Scene, tile: Tile, reach: IntArray) -> tuple[IntArray, Any]:
         """Software plan: read the ids where the mesh can be, and count runs of equal ones."""
         x, y, width, height = tile
         left, right = (int(edge) for edge in np.clip(reach[[0, 2]] - x, 0, width))
@@ -319,7 +319,7 @@ class GLRasterizer:
         counts = np.bincount(values, weights=lengths, minlength=scene.mesh.n_faces + 1)
         return counts.astype(np.int64)
 
-    def _count_on_device(self, scene: Scene, tile: Tile, poses: int) -> tuple[IntArray, IntArray]:
+    def _count_on_device(self, scene: Scene, tile: Tile, poses: int) -> tuple[IntArray, Any]:
         """Hardware plan: a compute shader counts the batch, in windows of faces that fit."""
         counting = self._counting
         counting["size"].value = tile[2:]
@@ -378,6 +378,7 @@ class GLRasterizer:
             counts = self._count(self._canary, canary.POSES[[view]], 1, with_drawn=True)
         if not np.array_equal(counts.visible[0], canary.VISIBLE[view]):
             raise self._distrust("drew a known scene wrongly")
+        assert counts.drawn is not None
         if not np.array_equal(counts.drawn, canary.DRAWN[[view]]):
             raise self._distrust("counted a known scene wrongly")
 

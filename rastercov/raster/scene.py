@@ -136,7 +136,8 @@ class Views:
                 ndc = 2 * values.astype(np.float64) - 1
                 z = 2 * near * far / ((far + near) - ndc * (far - near))
                 z[values == 1] = np.inf
-        return z.astype(np.float32)
+        metres: NDArray[np.float32] = z.astype(np.float32)
+        return metres
 
 
 def split_floats(values: FloatArray) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

@@ -1,0 +1,128 @@
+"""What a network of cameras covers together: by face, by group, by count and by area.
+
+E. S. Eissa. Image Space Coverage Model. 2020, section 6.4.1 and Table 6.1, where a face counts as
+not covered when its coverage is 0 in every camera.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.coverage import Coverage, Reason, Task
+from rastercov.mesh import Mesh
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+
+
+class Network:
+    """Coverage of each face by all cameras, added up batch by batch.
+
+    Attributes
+    ----------
+    views : (F,) int64
+        Cameras that cover the face: coverage of at least `Task.min_coverage`, and not 0.
+    best : (F,) float64
+        Greatest coverage by any camera.
+    best_pose : (F,) int64
+        The pose that gives it, the first of equals; -1 where `best` is 0.
+    reason : (F,) uint8
+        `Reason` of the camera that came nearest to covering the face.
+    pose_ids : list of int
+        The poses so far.
+    covered_faces, mean_coverage : list
+        For each of them: task faces it covers, and mean coverage over task faces.
+    """
+
+    def __init__(self, mesh: Mesh, task: Task) -> None:
+        self.mesh, self.task = mesh, task
+        self.views: IntArray = np.zeros(mesh.n_faces, np.int64)
+        self.best: FloatArray = np.zeros(mesh.n_faces)
+        self.best_pose: IntArray = np.full(mesh.n_faces, -1, np.int64)
+        self.reason: NDArray[np.uint8] = np.zeros(mesh.n_faces, np.uint8)
+        self.pose_ids: list[int] = []
+        self.covered_faces: list[int] = []
+        self.mean_coverage: list[float] = []
+        self.largest_bound = 0.0
+        self.clipped_poses: list[int] = []
+
+    def add(self, coverage: Coverage) -> None:
+        """Take in the next poses."""
+        if not len(coverage.pose_ids):
+            return
+        covers = coverage.reason == Reason.COVERED
+        self.views += covers.sum(axis=0)
+        leader = coverage.coverage.argmax(axis=0)
+        top = np.take_along_axis(coverage.coverage, leader[None], axis=0)[0]
+        better = top > self.best
+        self.best[better] = top[better]
+        self.best_pose[better] = coverage.pose_ids[leader[better]]
+        self.reason = np.maximum(self.reason, coverage.reason.max(axis=0))
+        task_faces = self.mesh.task_mask
+        self.pose_ids += coverage.pose_ids.tolist()
+        self.covered_faces += covers[:, task_faces].sum(axis=1).tolist()
+        n_task = max(1, int(task_faces.sum()))
+        self.mean_coverage += (coverage.coverage[:, task_faces].sum(axis=1) / n_task).tolist()
+        self.largest_bound = max(self.largest_bound, float(coverage.visibility_bound.max()))
+        self.clipped_poses += coverage.pose_ids[coverage.clipped].tolist()
+
+    @property
+    def covered(self) -> BoolArray:
+        """Faces covered by at least `Task.views` cameras, (F,)."""
+        return self.views >= self.task.views
+
+    def summary(self) -> dict[str, Any]:
+        """Figures of the network, ready for JSON; every percentage by count and by area.
+
+        Occluder-only groups are left out of all totals.
+        """
+        task_faces = self.mesh.task_mask
+        unseen = task_faces & ~self.covered
+        reasons = {
+            name.name.lower() if name != Reason.COVERED else "too_few_views": self._share(
+                unseen & (self.reason == name), task_faces
+            )
+            for name in Reason
+            if (unseen & (self.reason == name)).any()
+        }
+        return {
+            "poses": len(self.pose_ids),
+            "faces": self.mesh.n_faces,
+            "task_faces": int(task_faces.sum()),
+            "required_views": self.task.views,
+            "covered": self._share(task_faces & self.covered, task_faces),
+            "not_covered": self._share(unseen, task_faces),
+            "zero_in_every_camera": self._share(task_faces & (self.best == 0), task_faces),
+            "not_covered_because": reasons,
+            "mean_best_coverage": float(self.best[task_faces].mean()) if task_faces.any() else 0.0,
+            "mean_views": float(self.views[task_faces].mean()) if task_faces.any() else 0.0,
+            "largest_visibility_bound": self.largest_bound,
+            "near_clipped_poses": self.clipped_poses,
+            "groups": [self._group(index) for index in range(len(self.mesh.groups))],
+        }
+
+    def _group(self, index: int) -> dict[str, Any]:
+        group, members = self.mesh.groups[index], self.mesh.face_group == index
+        entry: dict[str, Any] = {
+            "name": group.name,
+            "role": "occluder" if group.is_occluder else "task",
+            "two_sided": group.is_two_sided,
+            "faces": int(members.sum()),
+        }
+        if not group.is_occluder:
+            entry["covered"] = self._share(members & self.covered, members)
+            entry["zero_in_every_camera"] = self._share(members & (self.best == 0), members)
+        return entry
+
+    def _share(self, part: BoolArray, whole: BoolArray) -> dict[str, float]:
+        """Faces of a part, and its percentage of the whole by count and by area."""
+        areas = self.mesh.areas
+        by_count = 100 * part.sum() / max(1, whole.sum())
+        by_area = 100 * areas[part].sum() / max(areas[whole].sum(), np.finfo(float).tiny)
+        return {
+            "faces": int(part.sum()),
+            "percent": float(by_count),
+            "area_percent": float(by_area),
+        }

@@ -1,0 +1,156 @@
+"""The sampled answer by definition: one ray a sample, one test a face, in float64.
+
+What a rasteriser must give, worked out another way: nothing is projected, clipped or rounded to a
+grid. A sample is the ray r = ((u - cx)/fx, (v - cy)/fy, 1) from the camera centre, so that t r has
+depth t. With a face's corners a, b, c in camera axes and n = (b - a) x (c - a),
+
+    1/t = (n . r) / (n . a),   affine in the image,
+    the ray is inside edge (p, q) where  ((p x q) . r) (n . a) >= 0,   a half plane of the image,
+    and the hit counts where t >= near, which takes the place of clipping.
+
+So what a camera can see of a face is the common part of four half planes, and the distance of a
+sample from their borders says how far it is from being ambiguous. Of two surfaces at equal depth
+the face with the lower index wins; a sample on an edge belongs to the face on its right, or below.
+
+For images of some thousand samples: the cost is faces times samples. Shares nothing with the
+rasterisers but the mesh, the camera and the pose convention.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov.camera import Camera
+from rastercov.mesh import Mesh
+
+FloatArray = NDArray[np.float64]
+
+TIE = 1e-10
+"""Relative difference up to which two depths are equal."""
+
+
+@dataclass(frozen=True, eq=False)
+class SampledView:
+    """What the samples of one pose meet; arrays (...) have the shape of the samples.
+
+    Attributes
+    ----------
+    face : (...) int32
+        Index of the nearest face, -1 for background.
+    depth : (...) float64
+        Its camera z in metres, inf for background.
+    edge_distance : (...) float64
+        Pixels from the sample to the nearest border of what is in view of any face, or less: it may
+        fall short beyond the tip of a needle. Hidden faces count too, so the answer to "which face"
+        is at least this far from changing.
+    depth_gap : (...) float64
+        Depth of the second surface over that of the first, less 1; inf where there is none.
+    drawn : (F,) int64
+        Samples that each face would own alone.
+    """
+
+    face: NDArray[np.int32]
+    depth: FloatArray
+    edge_distance: FloatArray
+    depth_gap: FloatArray
+    drawn: NDArray[np.int64]
+
+
+def render(
+    mesh: Mesh, camera: Camera, pose: ArrayLike, supersample: int = 1, near: float | None = None
+) -> SampledView:
+    """Nearest face at each sample of an image, in arrays of (height * S, width * S).
+
+    Parameters
+    ----------
+    mesh, camera
+        What is seen, by what.
+    pose : (4, 4) array_like
+        world_from_camera.
+    supersample : int
+        S: a pixel has S x S samples, in the middle of S x S equal squares.
+    near : float, optional
+        Depth in metres below which nothing is seen. `camera.near` unless given, but at least a
+        millionth of the distance to the farthest corner of the bounding box of the mesh.
+    """
+    u = (np.arange(camera.width * supersample) + 0.5) / supersample
+    v = (np.arange(camera.height * supersample) + 0.5) / supersample
+    return at_points(mesh, camera, pose, np.stack(np.meshgrid(u, v), axis=-1), near)
+
+
+def count(
+    mesh: Mesh, camera: Camera, pose: ArrayLike, supersample: int = 1, near: float | None = None
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Samples of each face, (F,) visible and (F,) drawn; arguments as for `render`."""
+    view = render(mesh, camera, pose, supersample, near)
+    return np.bincount(view.face[view.face >= 0], minlength=mesh.n_faces), view.drawn
+
+
+def at_points(
+    mesh: Mesh, camera: Camera, pose: ArrayLike, points: FloatArray, near: float | None = None
+) -> SampledView:
+    """Nearest face at points (..., 2) of the image, in pixels; other arguments as for `render`."""
+    matrix = np.asarray(pose, dtype=np.float64)
+    eye, rotation = matrix[:3, 3], matrix[:3, :3]
+    if near is None:
+        farthest = np.linalg.norm(np.abs(mesh.bounds - eye).max(axis=0))
+        near = max(camera.near, 1e-6 * float(farthest))
+    rays = np.ones((*points.shape[:-1], 3))
+    rays[..., :2] = (points - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
+
+    nearest, second = np.full((2, *rays.shape[:-1]), np.inf)
+    edge_distance = np.full(nearest.shape, np.inf)
+    face = np.full(nearest.shape, -1, np.int32)
+    drawn = np.zeros(mesh.n_faces, np.int64)
+    # A loop over faces: about 40 us each for a thousand samples, and 20 ns a sample beyond that.
+    for index, corners in enumerate((mesh.vertices - eye)[mesh.faces] @ rotation):
+        depth, distance = _meet(corners, rays, camera, near)
+        np.minimum(edge_distance, distance, out=edge_distance)
+        drawn[index] = np.isfinite(depth).sum()
+        is_nearer = depth < nearest * (1 - TIE)
+        second = np.minimum(second, np.where(is_nearer, nearest, depth))
+        nearest = np.where(is_nearer, depth, nearest)
+        face[is_nearer] = index
+    gap = np.full(nearest.shape, np.inf)
+    np.divide(second, nearest, out=gap, where=np.isfinite(nearest))
+    return SampledView(face, nearest, edge_distance, gap - 1, drawn)
+
+
+def _meet(
+    corners: FloatArray, rays: FloatArray, camera: Camera, near: float
+) -> tuple[FloatArray, FloatArray]:
+    """Depth where each ray meets a face, inf where it does not, and pixels to the face's border.
+
+    Parameters
+    ----------
+    corners : (3, 3) float64
+        The face in camera axes.
+    rays : (..., 3) float64
+        With z = 1.
+    """
+    normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+    volume = normal @ corners[0]  # six times that of the tetrahedron with the eye; 0 is edge-on
+    towards = rays @ (normal * (1 if volume >= 0 else -1))
+    # t >= near, as a half plane: |volume| - near |n . r| >= 0 where n . r is on the face's side
+    covered = (towards > 0) & (abs(volume) >= near * towards) & (volume != 0)
+    horizon = -near * normal * (1 if volume >= 0 else -1) + (0, 0, abs(volume))
+    margin = _pixels(rays @ horizon, horizon, camera)
+    for p, q in ((0, 1), (1, 2), (2, 0)):
+        # Both faces of an edge must get the same numbers, so the ends are put in a fixed order.
+        same_way = tuple(corners[p]) < tuple(corners[q])
+        first, last = (corners[p], corners[q]) if same_way else (corners[q], corners[p])
+        line = np.cross(first, last - first) * (1 if same_way == (volume >= 0) else -1)
+        value = rays @ line
+        is_right_or_below = line[0] > 0 or (line[0] == 0 and line[1] > 0)
+        covered &= (value >= 0) if is_right_or_below else (value > 0)
+        margin = np.minimum(margin, _pixels(value, line, camera))
+    depth = np.full(margin.shape, np.inf)
+    np.divide(abs(volume), towards, out=depth, where=covered)
+    return depth, np.abs(margin)
+
+
+def _pixels(value: FloatArray, line: FloatArray, camera: Camera) -> FloatArray:
+    """Signed distance from the line of the image where line . r = 0, given its value at r."""
+    slope = float(np.hypot(line[0] / camera.fx, line[1] / camera.fy))
+    return value / slope if slope > 0 else np.where(value >= 0, np.inf, -np.inf)

@@ -1,0 +1,56 @@
+"""One headless context for the whole run, and rasterisers on it that must leave nothing behind."""
+
+import gc
+
+import moderngl
+import pytest
+
+from rastercov.errors import DeviceError
+from rastercov.raster.egl import open_context
+from rastercov.raster.gl import GLRasterizer
+
+
+@pytest.fixture(scope="session")
+def gl_context():
+    """Mesa in software; it must be there, because a skipped rasteriser test proves nothing."""
+    try:
+        context = open_context("surfaceless")
+    except DeviceError as error:
+        pytest.fail(f"the rasteriser tests need Mesa's software OpenGL: {error}", pytrace=False)
+    with context:
+        yield context
+
+
+@pytest.fixture
+def device(gl_context):
+    """The context, in good order before and after, with nothing of the test left alive in it."""
+    gl_context.make_current()
+    yield gl_context
+    gl = gl_context.gl
+    assert gl.error == "GL_NO_ERROR"
+    gc.collect()
+    left = [thing for thing in gl.objects if not isinstance(thing, moderngl.InvalidObject)]
+    gl.objects.clear()
+    assert left == []
+
+
+@pytest.fixture(params=["software", "hardware"])
+def plan(request):
+    """Both ways for the OpenGL rasteriser to run; the software device can do both."""
+    return request.param
+
+
+@pytest.fixture
+def open_raster(device, plan):
+    """Open rasterisers on the device under the plan; they are closed when the test ends."""
+    opened = []
+
+    def open_one(mesh, camera, **options):
+        rasterizer = GLRasterizer(mesh, camera, device=device, **{"plan": plan, **options})
+        opened.append(rasterizer)
+        return rasterizer
+
+    yield open_one
+    for rasterizer in opened:
+        rasterizer.close()
+    opened.clear()
