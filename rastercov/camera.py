@@ -11,7 +11,7 @@ import math
 import reprlib
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -303,6 +303,24 @@ class Camera:
         """Vertical field of view, radians."""
         return math.atan(self.cy / self.fy) + math.atan((self.height - self.cy) / self.fy)
 
+    def resized(self, scale: float) -> "Camera":
+        """Camera with the same view and `scale` times the pixels a side (rounded, at least 1)."""
+        width = max(1, round(self.width * _positive("scale", scale)))
+        height = max(1, round(self.height * scale))
+        across, down = width / self.width, height / self.height
+        sizes = self.pixel_size and (self.pixel_size[0] / across, self.pixel_size[1] / down)
+        return replace(
+            self,
+            width=width,
+            height=height,
+            fx=self.fx * across,
+            fy=self.fy * down,
+            cx=self.cx * across,
+            cy=self.cy * down,
+            pixel_size=sizes,
+            max_blur=self.max_blur * min(across, down),
+        )
+
     def depth_of_field(self, max_blur: float | None = None) -> tuple[float, float]:
         """Depths between which the blur circle stays within `max_blur`, (3.10) and (3.11).
 
@@ -327,10 +345,11 @@ class Camera:
         assert self.focal_length is not None
         assert self.pixel_size is not None
         c = self.max_blur if max_blur is None else _positive("max_blur", max_blur)
-        blur = c * min(self.pixel_size) * (self.focus_distance - self.focal_length)
-        light = self.aperture * self.focal_length
-        z_n = light * self.focus_distance / (light + blur)
-        z_f = light * self.focus_distance / (light - blur) if light > blur else math.inf
+        # Divided through by A f, so that no small lens makes 0 / 0.
+        blur = c * min(self.pixel_size) / self.aperture
+        blur *= (self.focus_distance - self.focal_length) / self.focal_length
+        z_n = self.focus_distance / (1 + blur)
+        z_f = self.focus_distance / (1 - blur) if blur < 1 else math.inf
         return z_n, z_f
 
 

@@ -6,7 +6,7 @@ judged on positions, because files repeat vertices along seams.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
 from typing import Any, Self
@@ -26,26 +26,10 @@ from rastercov.mesh_arrays import (
     normals_and_areas,
     some,
 )
+from rastercov.mesh_groups import Group, checked_labels, flagged
 from rastercov.topology import Topology, first_equal_row
 
-
-@dataclass(frozen=True)
-class Group:
-    """A named set of faces.
-
-    Attributes
-    ----------
-    name : str
-        Unique within a mesh.
-    is_occluder : bool
-        Its faces hide others but are not scored.
-    is_two_sided : bool
-        Either side of its faces counts as covered.
-    """
-
-    name: str
-    is_occluder: bool = False
-    is_two_sided: bool = False
+__all__ = ["Group", "Mesh", "MeshSource"]
 
 
 @dataclass(frozen=True)
@@ -116,31 +100,18 @@ class Mesh:
             )
         check_coordinates(points, corners)
         groups = (Group("mesh"),) if groups is None else tuple(groups)
-        names = [group.name for group in groups]
-        if not names or len(set(names)) < len(names):
-            raise MeshError(f"group names must be unique and at least one, got {names}; rename")
-        if face_group is None and len(groups) > 1:
-            raise MeshError(f"{len(groups)} groups need face_group, got none; pass (F,) indices")
-        labels = face_labels("face_group", 0 if face_group is None else face_group, n_faces)
-        if ((labels < 0) | (labels >= len(groups))).any():
-            raise MeshError(
-                f"face_group must lie in 0 ... {len(groups) - 1}, got {labels.min()} ... "
-                f"{labels.max()}; list every group in groups"
-            )
         origin = np.arange(n_faces) if source_face is None else source_face
         fields: dict[str, Any] = {
             "vertices": points,
             "faces": corners,
             "groups": groups,
-            "face_group": labels.astype(np.int32),
+            "face_group": checked_labels(groups, face_group, n_faces),
             "source_face": face_labels("source_face", origin, n_faces),
             "sources": tuple(sources),
             "notes": tuple(notes),
         }
         for name, value in fields.items():
-            if isinstance(value, np.ndarray):
-                value.flags.writeable = False
-            object.__setattr__(self, name, value)
+            object.__setattr__(self, name, frozen(value) if hasattr(value, "flags") else value)
 
     def __repr__(self) -> str:
         names = ", ".join(group.name for group in self.groups)
@@ -182,25 +153,11 @@ class Mesh:
         Mesh
             Shares this mesh's arrays.
         """
-        names = {group.name for group in self.groups}
-        wanted_occluders = _as_names(occluders)
-        wanted_two_sided = names if two_sided == "all" else _as_names(two_sided)
-        unknown = ((wanted_occluders or set()) | (wanted_two_sided or set())) - names
-        if unknown:
-            raise MeshError(
-                f"group names must be among {sorted(names)}, got {sorted(unknown)}; correct them"
-            )
-        groups = []
-        for group in self.groups:
-            if wanted_occluders is not None:
-                group = replace(group, is_occluder=group.name in wanted_occluders)
-            if wanted_two_sided is not None:
-                group = replace(group, is_two_sided=group.name in wanted_two_sided)
-            groups.append(group)
+        groups = flagged(self.groups, occluders, two_sided)
         other = object.__new__(type(self))
         depends_on_groups = {"task_mask", "two_sided_mask"}
         other.__dict__.update({k: v for k, v in vars(self).items() if k not in depends_on_groups})
-        object.__setattr__(other, "groups", tuple(groups))
+        object.__setattr__(other, "groups", groups)
         return other
 
     @property
@@ -303,8 +260,8 @@ class Mesh:
         """Whether a face seen from behind can never be the nearest surface from outside.
 
         True when the mesh is closed, consistently wound, and each edge-connected component encloses
-        positive volume. A camera inside the part, or a surface that crosses itself and turns
-        inside out there, is not looked for. False when in doubt, as for a cavity.
+        positive volume. False when in doubt, as for a cavity. Not looked for: a camera inside the
+        part, and a surface that crosses itself and is inside out beyond the crossing.
         """
         return bool(self.is_closed and self.is_consistently_wound and not self._inside_out.any())
 
@@ -343,7 +300,3 @@ class Mesh:
         if not 1e-6 <= extent <= 1e4:
             found.append(f"the mesh measures {extent:.3g} m; check unit=")
         return tuple(found)
-
-
-def _as_names(names: Iterable[str] | None) -> set[str] | None:
-    return {names} if isinstance(names, str) else None if names is None else set(names)

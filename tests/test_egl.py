@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from rastercov.errors import DeviceError
-from rastercov.raster import diagnose as devices
+from rastercov.raster import devices, diagnose, libraries
 from rastercov.raster.egl import DeviceInfo, HeadlessContext, list_devices, open_context
 
 GPU = DeviceInfo("egl-device", 0, "/dev/dri/card0", is_software=False)
@@ -39,17 +39,17 @@ def context():
 def egl():
     """The EGL library, for tests that make it answer otherwise."""
     open_or_skip("surfaceless").release()
-    return devices.egl_library()
+    return libraries.egl_library()
 
 
 @pytest.fixture
 def no_library(monkeypatch):
     """A machine without any graphics library."""
-    for cached in (devices.egl_library, devices.osmesa_library):
+    for cached in (libraries.egl_library, libraries.osmesa_library):
         cached.cache_clear()
-    monkeypatch.setattr(devices, "find_library", lambda names: None)
+    monkeypatch.setattr(libraries, "find_library", lambda names: None)
     yield
-    for cached in (devices.egl_library, devices.osmesa_library):
+    for cached in (libraries.egl_library, libraries.osmesa_library):
         cached.cache_clear()
 
 
@@ -215,7 +215,7 @@ def test_no_egl_device_names_what_containers_lack(monkeypatch):
 
 def test_egl_without_any_driver_says_what_to_install(monkeypatch):
     monkeypatch.setattr(devices, "egl_devices", list)
-    with pytest.raises(DeviceError, match=re.escape(devices.install_line("egl"))):
+    with pytest.raises(DeviceError, match=re.escape(libraries.install_line("egl"))):
         open_context("surfaceless")
 
 
@@ -229,12 +229,12 @@ def test_a_gpu_tells_its_node_its_name_and_its_cuda_index(egl, monkeypatch):
 
     monkeypatch.setattr(egl, "eglQueryDeviceStringEXT", lambda handle, token: answers.get(token))
     monkeypatch.setattr(egl, "eglQueryDeviceAttribEXT", tell_cuda_index)
-    device = egl.describe(1, 0)
+    device = devices.describe_device(egl, 1, 0)
     assert (device.name, device.cuda_index) == ("/dev/dri/card2, NVIDIA H200", 3)
     assert not device.is_software
     assert device.label == "egl:1"
     monkeypatch.setattr(egl, "eglQueryDeviceAttribEXT", lambda *_: 0)
-    assert egl.describe(1, 0).cuda_index is None
+    assert devices.describe_device(egl, 1, 0).cuda_index is None
 
 
 def test_auto_does_without_egl_devices(context, monkeypatch):
@@ -325,21 +325,21 @@ def test_plain_locale_and_read_only_home_do_not_matter(context):
     ],
 )
 def test_install_line_of_each_distribution(os_release, line):
-    assert line in devices.install_line("egl", os_release)
+    assert line in libraries.install_line("egl", os_release)
 
 
 def test_install_line_of_osmesa():
-    assert devices.install_line("osmesa", "ID=ubuntu") == "apt-get install -y libosmesa6"
+    assert libraries.install_line("osmesa", "ID=ubuntu") == "apt-get install -y libosmesa6"
 
 
 @pytest.mark.parametrize("device", ["auto", "egl", "egl:0", 0, "surfaceless"])
 def test_without_libegl_the_error_says_what_to_install(no_library, device):
-    with pytest.raises(DeviceError, match=re.escape(devices.install_line("egl"))):
+    with pytest.raises(DeviceError, match=re.escape(libraries.install_line("egl"))):
         open_context(device)
 
 
 def test_without_osmesa_the_error_says_what_to_install(no_library):
-    with pytest.raises(DeviceError, match=re.escape(devices.install_line("osmesa"))):
+    with pytest.raises(DeviceError, match=re.escape(libraries.install_line("osmesa"))):
         open_context("osmesa")
 
 
@@ -492,7 +492,7 @@ print(resident_kib() - before)
 
 def test_diagnosis_tries_every_device(context, monkeypatch):
     monkeypatch.setenv("LP_NUM_THREADS", "2")
-    diagnosis = devices.diagnose()
+    diagnosis = diagnose.diagnose()
     assert set(diagnosis.kinds) == {"egl-device", "egl-surfaceless", "osmesa"}
     assert diagnosis.kinds["egl-surfaceless"] == "available"
     assert diagnosis.environment["LP_NUM_THREADS"] == "2"
@@ -504,11 +504,11 @@ def test_diagnosis_tries_every_device(context, monkeypatch):
 
 
 def test_diagnosis_without_libraries_says_what_to_install(no_library):
-    diagnosis = devices.diagnose()
+    diagnosis = diagnose.diagnose()
     assert diagnosis.reports == ()
-    assert devices.install_line("egl") in diagnosis.kinds["egl-device"]
-    assert devices.install_line("egl") in diagnosis.kinds["egl-surfaceless"]
-    assert devices.install_line("osmesa") in diagnosis.kinds["osmesa"]
+    assert libraries.install_line("egl") in diagnosis.kinds["egl-device"]
+    assert libraries.install_line("egl") in diagnosis.kinds["egl-surfaceless"]
+    assert libraries.install_line("osmesa") in diagnosis.kinds["osmesa"]
     assert set(diagnosis.libraries.values()) == {None}
 
 
@@ -526,7 +526,7 @@ def test_diagnosis_survives_what_a_driver_does(tmp_path, monkeypatch, script, pr
     python.write_text(f"#!/bin/sh\n{script}\n")
     python.chmod(0o755)
     monkeypatch.setattr(sys, "executable", str(python))
-    monkeypatch.setattr(devices, "list_devices", lambda: [CPU])
-    diagnosis = devices.diagnose(timeout_s=0.5)
+    monkeypatch.setattr(diagnose, "list_devices", lambda: [CPU])
+    diagnosis = diagnose.diagnose(timeout_s=0.5)
     assert re.search(problem, diagnosis.reports[0].problem)
     assert re.search(problem, diagnosis.kinds["egl-device"])

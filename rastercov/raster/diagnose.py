@@ -1,531 +1,43 @@
-"""Which graphics devices and libraries this machine has, what is missing, what to install.
+"""Which devices of this machine open, and what is missing where they do not.
 
-Below `egl`, which opens contexts on what this module finds, and behind `rastercov doctor`, which
-prints what `diagnose` returns. Nothing here opens a context in this process: drivers can crash or
-hang, so `diagnose` tries each device in a process of its own, with a time limit.
-
-Khronos Group. EGL_EXT_device_enumeration, EGL_EXT_device_query, EGL_EXT_device_drm,
-EGL_NV_device_cuda, EGL_MESA_device_software.
+Behind `rastercov doctor`, above everything that finds devices. Drivers can crash or hang, so each
+device is tried in a process of its own, with a time limit: `ask` is how.
 """
 
-import ctypes
 import json
-import operator
 import os
-import re
 import signal
 import subprocess
 import sys
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict, dataclass
-from functools import cache
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
-from rastercov.errors import DeviceError
-
-EGL_LIBRARIES = ("libEGL.so.1", "libEGL.so")
-GL_LIBRARIES = ("libOpenGL.so.0", "libGL.so.1", "libGL.so")
-OSMESA_LIBRARIES = ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")
-
-EGL_EXTENSIONS, EGL_RENDERER_EXT, EGL_CUDA_DEVICE_NV = 0x3055, 0x335F, 0x323A
-EGL_DRM_DEVICE_FILE_EXT, EGL_DRM_RENDER_NODE_FILE_EXT = 0x3233, 0x3377
-
-GL_VENDOR, GL_RENDERER, GL_VERSION, GL_EXTENSIONS = 0x1F00, 0x1F01, 0x1F02, 0x1F03
-GL_MAJOR_VERSION, GL_MINOR_VERSION, GL_NUM_EXTENSIONS = 0x821B, 0x821C, 0x821D
-GL_CONTEXT_FLAGS, GL_CONTEXT_FLAG_ROBUST_ACCESS_BIT = 0x821E, 4
-GL_RESET_NOTIFICATION_STRATEGY, GL_LOSE_CONTEXT_ON_RESET = 0x8256, 0x8252
-LIMITS = {  # name: (token, how many numbers)
-    "max_texture_size": (0x0D33, 1),
-    "max_viewport_dims": (0x0D3A, 2),
-    "max_array_layers": (0x88FF, 1),
-    "max_renderbuffer_size": (0x84E8, 1),
-    "max_framebuffer_layers": (0x9317, 1),
-    "max_viewports": (0x825B, 1),
-    "max_clip_distances": (0x0D32, 1),
-    "max_color_attachments": (0x8CDF, 1),
-    "max_samples": (0x8D57, 1),
-    "max_texture_buffer_texels": (0x8C2B, 1),
-    "max_uniform_block_bytes": (0x8A30, 1),
-    "max_ssbo_bytes": (0x90DE, 1),
-    "max_ssbo_bindings": (0x90DD, 1),
-    "max_compute_invocations": (0x90EB, 1),
-    "max_compute_shared_bytes": (0x8262, 1),
-    "subpixel_bits": (0x0D50, 1),
-}
-SOFTWARE_RENDERERS = re.compile(
-    r"llvmpipe|softpipe|swrast|swiftshader|lavapipe|software rasterizer|basic render", re.IGNORECASE
+from rastercov.errors import DeviceError, RastercovError
+from rastercov.raster.devices import DeviceInfo, Kind, list_devices, why_no_hardware
+from rastercov.raster.libraries import (
+    egl_library,
+    install_line,
+    library_names,
+    osmesa_library,
 )
 
-PACKAGES = {  # family: (command, EGL packages, OSMesa packages)
-    "debian": ("apt-get install -y", "libegl1 libgl1 libgl1-mesa-dri", "libosmesa6"),
-    "fedora": ("dnf install -y", "mesa-libEGL mesa-libGL mesa-dri-drivers", "mesa-libOSMesa"),
-    "arch": ("pacman -S", "mesa", "mesa"),
-    "alpine": ("apk add", "mesa-egl mesa-gl mesa-dri-gallium", "mesa-osmesa"),
+ENVIRONMENT = {  # variable: what it does
+    "LIBGL_ALWAYS_SOFTWARE": "1 forbids hardware",
+    "GALLIUM_DRIVER": "chooses Mesa's driver",
+    "EGL_PLATFORM": "chooses EGL's default display, which is not used here",
+    "LIBGL_DRIVERS_PATH": "where Mesa looks for drivers",
+    "__EGL_VENDOR_LIBRARY_DIRS": "where EGL looks for drivers",
+    "__EGL_VENDOR_LIBRARY_FILENAMES": "the only drivers EGL loads",
+    "MESA_GL_VERSION_OVERRIDE": "makes Mesa claim another OpenGL version",
+    "MESA_EXTENSION_OVERRIDE": "makes Mesa claim other extensions",
+    "NVIDIA_DRIVER_CAPABILITIES": "a container needs all or graphics",
+    "NVIDIA_VISIBLE_DEVICES": "the GPUs a container sees",
+    "CUDA_VISIBLE_DEVICES": "EGL ignores it",
+    "LP_NUM_THREADS": "threads of llvmpipe",
 }
-FAMILY = {"ubuntu": "debian", "rhel": "fedora", "centos": "fedora"}
-
-Kind = Literal["egl-device", "egl-surfaceless", "osmesa"]
-
-
-@dataclass(frozen=True)
-class DeviceInfo:
-    """One way to draw on this machine, as it announces itself before any context exists.
-
-    Attributes
-    ----------
-    kind : {"egl-device", "egl-surfaceless", "osmesa"}
-        Which loader opens it.
-    index : int or None
-        Place in EGL's device list, which is not CUDA's order; None for the other kinds.
-    name : str
-        DRM node, or a description where there is none.
-    is_software : bool
-        Whether it promises to draw on the CPU.
-    cuda_index : int or None
-        The same device's number in CUDA, where the driver tells.
-    extensions : tuple of str
-        EGL device extensions, sorted.
-    """
-
-    kind: Kind
-    index: int | None
-    name: str
-    is_software: bool
-    cuda_index: int | None = None
-    extensions: tuple[str, ...] = ()
-
-    @property
-    def label(self) -> str:
-        """What `open_context` accepts for this device."""
-        if self.kind == "egl-device":
-            return f"egl:{self.index}"
-        return "surfaceless" if self.kind == "egl-surfaceless" else "osmesa"
-
-    def __str__(self) -> str:
-        return f"{self.label} ({self.name}{', software' if self.is_software else ''})"
-
-
-@dataclass(frozen=True)
-class ContextInfo:
-    """What was got: renderer, version, limits and features.
-
-    Attributes
-    ----------
-    vendor, renderer, version : str
-        GL_VENDOR, GL_RENDERER and GL_VERSION.
-    gl_version : int
-        100 * major + 10 * minor, as moderngl counts: 450 is OpenGL 4.5.
-    is_software : bool
-        Whether the renderer string names a CPU renderer.
-    device : DeviceInfo
-        The device that was opened.
-    limits : dict
-        The names of `LIMITS`; 0 where the context has no such limit.
-    extensions : frozenset of str
-        OpenGL extensions.
-    has_robust_access, has_reset_notification : bool
-        Whether out-of-range accesses are defined, and whether a reset is told.
-    """
-
-    vendor: str
-    renderer: str
-    version: str
-    gl_version: int
-    is_software: bool
-    device: DeviceInfo
-    limits: dict[str, Any]
-    extensions: frozenset[str]
-    has_robust_access: bool = False
-    has_reset_notification: bool = False
-
-    def has(self, core_since: int, *extensions: str) -> bool:
-        """Whether a feature is there: core from that version on, or by any of the extensions."""
-        return self.gl_version >= core_since or not self.extensions.isdisjoint(extensions)
-
-    @property
-    def has_clip_control(self) -> bool:
-        """Depth from 0 to 1, which reversed-Z needs."""
-        return self.has(450, "GL_ARB_clip_control")
-
-    @property
-    def has_layer_from_vertex_shader(self) -> bool:
-        """Whether a vertex shader may write gl_Layer; no core version has it."""
-        names = "GL_ARB_shader_viewport_layer_array", "GL_AMD_vertex_shader_layer"
-        return self.has(10_000, *names, "GL_NV_viewport_array2")
-
-    @property
-    def has_viewport_array(self) -> bool:
-        """Several viewports in one draw call."""
-        return self.has(410, "GL_ARB_viewport_array")
-
-    @property
-    def has_compute(self) -> bool:
-        """Compute shaders."""
-        return self.has(430, "GL_ARB_compute_shader")
-
-    @property
-    def has_ssbo(self) -> bool:
-        """Shader storage buffers and their atomics."""
-        return self.has(430, "GL_ARB_shader_storage_buffer_object")
-
-    @property
-    def has_int64_atomics(self) -> bool:
-        """64-bit atomicMin on storage buffers: depth and face index in one word."""
-        return {"GL_NV_shader_atomic_int64", "GL_ARB_gpu_shader_int64"} <= self.extensions
-
-
-SURFACELESS = DeviceInfo("egl-surfaceless", None, "EGL without a surface", is_software=True)
-OSMESA = DeviceInfo("osmesa", None, "OSMesa off-screen renderer", is_software=True)
-
-
-# --- libraries ------------------------------------------------------------------------------------
-
-
-def install_line(kind: Literal["egl", "osmesa"], os_release: str | None = None) -> str:
-    """Command that installs the libraries for `kind` on this distribution.
-
-    Parameters
-    ----------
-    kind : {"egl", "osmesa"}
-        Which libraries.
-    os_release : str, optional
-        The text of an os-release file; this machine's when None.
-    """
-    if os_release is None:
-        try:
-            os_release = Path("/etc/os-release").read_text(encoding="utf-8", errors="replace")
-        except OSError:
-            os_release = ""
-    for key in ("ID", "ID_LIKE"):
-        found = re.search(rf"^{key}=[\"']?([^\"'\n]*)", os_release, re.MULTILINE)
-        for word in found[1].lower().split() if found else ():
-            if family := PACKAGES.get(FAMILY.get(word, word)):
-                return f"{family[0]} {family[1] if kind == 'egl' else family[2]}"
-    library = "libEGL.so.1 and libGL.so.1" if kind == "egl" else "libOSMesa.so.8"
-    return f"install your distribution's Mesa packages that hold {library}"
-
-
-def is_software_wanted() -> bool:
-    """Whether LIBGL_ALWAYS_SOFTWARE forbids hardware, read as Mesa reads it."""
-    return os.environ.get("LIBGL_ALWAYS_SOFTWARE", "").lower() in ("1", "y", "yes", "t", "true")
-
-
-def why_no_hardware(devices: list["DeviceInfo"]) -> list[str]:
-    """Reasons why no hardware renderer may be had, each with what to do."""
-    reasons = []
-    if is_software_wanted():
-        reasons.append("LIBGL_ALWAYS_SOFTWARE is set: unset it")
-    if not any(device.kind == "egl-device" and not device.is_software for device in devices):
-        reasons.append("EGL announces no hardware device: install the GPU's EGL driver")
-    if Path("/proc/driver/nvidia").exists() or Path("/dev/nvidiactl").exists():
-        capabilities = os.environ.get("NVIDIA_DRIVER_CAPABILITIES", "not set")
-        reasons.append(
-            f"an NVIDIA GPU is here and NVIDIA_DRIVER_CAPABILITIES is {capabilities}: a container"
-            " needs NVIDIA_DRIVER_CAPABILITIES=all (or graphics) and 10_nvidia.json in"
-            " /usr/share/glvnd/egl_vendor.d"
-        )
-    for node in sorted(Path("/dev/dri").glob("renderD*")):
-        if not os.access(node, os.R_OK | os.W_OK):
-            reasons.append(f"no permission for {node}: join the group that owns it")
-    return reasons
-
-
-def find_library(names: tuple[str, ...]) -> ctypes.CDLL | None:
-    """Load the first of these shared libraries that loads; None when none does."""
-    for name in names:
-        try:
-            return ctypes.CDLL(name)
-        except OSError:
-            continue
-    return None
-
-
-def _symbol(library: ctypes.CDLL | None, name: str) -> int:
-    """Address of an exported function, 0 when it is absent."""
-    symbol = getattr(library, name, None) if library is not None else None
-    return 0 if symbol is None else ctypes.cast(symbol, ctypes.c_void_p).value or 0
-
-
-_INT, _UINT, _VOID, _TEXT = ctypes.c_int, ctypes.c_uint, ctypes.c_void_p, ctypes.c_char_p
-_INTS = ctypes.POINTER(_INT)
-_EGL_SIGNATURES: dict[str, tuple[Any, ...]] = {  # name: (result, *arguments)
-    "eglGetError": (_INT,),
-    "eglGetProcAddress": (_VOID, _TEXT),
-    "eglQueryString": (_TEXT, _VOID, _INT),
-    "eglInitialize": (_UINT, _VOID, _INTS, _INTS),
-    "eglBindAPI": (_UINT, _UINT),
-    "eglCreateContext": (_VOID, _VOID, _VOID, _VOID, _INTS),
-    "eglDestroyContext": (_UINT, _VOID, _VOID),
-    "eglMakeCurrent": (_UINT, _VOID, _VOID, _VOID, _VOID),
-    "eglGetCurrentContext": (_VOID,),
-}
-_EGL_EXTENSION_SIGNATURES: dict[str, tuple[Any, ...]] = {
-    "eglGetPlatformDisplayEXT": (_VOID, _UINT, _VOID, _INTS),
-    "eglQueryDevicesEXT": (_UINT, _INT, ctypes.POINTER(_VOID), _INTS),
-    "eglQueryDeviceStringEXT": (_TEXT, _VOID, _INT),
-    "eglQueryDeviceAttribEXT": (_UINT, _VOID, _INT, ctypes.POINTER(ctypes.c_ssize_t)),
-}
-_EGL_ERRORS = {
-    0x3001: "EGL_NOT_INITIALIZED",
-    0x3002: "EGL_BAD_ACCESS",
-    0x3003: "EGL_BAD_ALLOC",
-    0x3004: "EGL_BAD_ATTRIBUTE",
-    0x3005: "EGL_BAD_CONFIG",
-    0x3006: "EGL_BAD_CONTEXT",
-    0x3008: "EGL_BAD_DISPLAY",
-    0x3009: "EGL_BAD_MATCH",
-    0x300C: "EGL_BAD_PARAMETER",
-    0x300E: "EGL_CONTEXT_LOST",
-}
-
-
-class Egl:
-    """The EGL library: its entry points as attributes, and questions about devices."""
-
-    def __init__(self, library: ctypes.CDLL) -> None:
-        self.gl_library = find_library(GL_LIBRARIES)
-        for name, (result, *arguments) in _EGL_SIGNATURES.items():
-            function = getattr(library, name)  # exported by every EGL since 1.4
-            function.restype, function.argtypes = result, arguments
-            setattr(self, name, function)
-        for name, (result, *arguments) in _EGL_EXTENSION_SIGNATURES.items():
-            pointer = self.address(name)
-            setattr(self, name, ctypes.CFUNCTYPE(result, *arguments)(pointer) if pointer else None)
-        self.client_extensions = self.words(self.eglQueryString(None, EGL_EXTENSIONS))
-
-    def __getattr__(self, name: str) -> Any:  # the entry points, for type checkers
-        raise AttributeError(name)
-
-    @staticmethod
-    def words(text: bytes | None) -> frozenset[str]:
-        """Extension names in an EGL string, which may be null."""
-        return frozenset((text or b"").decode("ascii", "replace").split())
-
-    def error(self) -> str:
-        """Name the last error of this thread."""
-        code = self.eglGetError()
-        return _EGL_ERRORS.get(code, f"EGL error {code:#x}")
-
-    def address(self, name: str) -> int:
-        """Address of an EGL or OpenGL function, 0 when it is absent."""
-        return self.eglGetProcAddress(name.encode()) or _symbol(self.gl_library, name)
-
-    def devices(self) -> list[int]:
-        """List handles of the EGL devices, in EGL's order; empty when EGL cannot list them."""
-        if self.eglQueryDevicesEXT is None:
-            return []
-        count = _INT(0)
-        if not self.eglQueryDevicesEXT(0, None, ctypes.byref(count)) or count.value <= 0:
-            return []
-        handles = (_VOID * count.value)()
-        if not self.eglQueryDevicesEXT(count.value, handles, ctypes.byref(count)):
-            return []
-        return [handle for handle in handles[: max(count.value, 0)] if handle]
-
-    def describe(self, index: int, handle: int) -> DeviceInfo:
-        """Ask device `index` what it is."""
-        ask = self.eglQueryDeviceStringEXT or (lambda *_: None)
-        extensions = self.words(ask(handle, EGL_EXTENSIONS))
-        is_software = "EGL_MESA_device_software" in extensions
-        questions = (
-            ("EGL_EXT_device_drm", EGL_DRM_DEVICE_FILE_EXT),
-            ("EGL_EXT_device_drm_render_node", EGL_DRM_RENDER_NODE_FILE_EXT),
-            ("EGL_EXT_device_query_name", EGL_RENDERER_EXT),
-        )
-        names = [ask(handle, token) for extension, token in questions if extension in extensions]
-        cuda = ctypes.c_ssize_t(-1)
-        if "EGL_NV_device_cuda" not in extensions or not (
-            self.eglQueryDeviceAttribEXT
-            and self.eglQueryDeviceAttribEXT(handle, EGL_CUDA_DEVICE_NV, ctypes.byref(cuda))
-        ):
-            cuda.value = -1
-        unnamed = "Mesa software device" if is_software else "no DRM node"
-        return DeviceInfo(
-            kind="egl-device",
-            index=index,
-            name=", ".join(name.decode("utf-8", "replace") for name in names if name) or unnamed,
-            is_software=is_software,
-            cuda_index=cuda.value if cuda.value >= 0 else None,
-            extensions=tuple(sorted(extensions)),
-        )
-
-
-@cache
-def egl_library() -> Egl:
-    """Load EGL once; DeviceError with the line that installs it."""
-    library = find_library(EGL_LIBRARIES)
-    if library is None:
-        message = f"no EGL: wanted {EGL_LIBRARIES[0]}, found none; "
-        raise DeviceError(message + install_line("egl"))
-    return Egl(library)
-
-
-@cache
-def osmesa_library() -> ctypes.CDLL:
-    """Load OSMesa once; DeviceError with the line that installs it."""
-    library = find_library(OSMESA_LIBRARIES)
-    if library is None:
-        message = f"no OSMesa: wanted {OSMESA_LIBRARIES[0]}, found none; "
-        raise DeviceError(message + install_line("osmesa"))
-    signatures: dict[str, tuple[Any, ...]] = {
-        "OSMesaCreateContextAttribs": (_VOID, _INTS, _VOID),
-        "OSMesaMakeCurrent": (ctypes.c_ubyte, _VOID, _VOID, _UINT, _INT, _INT),
-        "OSMesaGetCurrentContext": (_VOID,),
-        "OSMesaDestroyContext": (None, _VOID),
-        "OSMesaGetProcAddress": (_VOID, _TEXT),
-    }
-    for name, (result, *arguments) in signatures.items():
-        if not _symbol(library, name):
-            raise DeviceError(f"OSMesa has no {name}: wanted Mesa 12 or newer")
-        function = getattr(library, name)
-        function.restype, function.argtypes = result, arguments
-    return library
-
-
-def egl_devices() -> list[DeviceInfo]:
-    """List the EGL devices in EGL's order, then surfaceless EGL; DeviceError without EGL."""
-    egl = egl_library()
-    devices = [egl.describe(index, handle) for index, handle in enumerate(egl.devices())]
-    if "EGL_MESA_platform_surfaceless" in egl.client_extensions:
-        devices.append(SURFACELESS)
-    return devices
-
-
-def list_devices() -> list[DeviceInfo]:
-    """List what this machine announces: EGL devices in EGL's order, surfaceless EGL, OSMesa.
-
-    Opens none of them and never raises: a library that is missing announces nothing.
-    """
-    devices = []
-    with suppress(DeviceError):
-        devices += egl_devices()
-    with suppress(DeviceError):
-        osmesa_library()
-        devices.append(OSMESA)
-    return devices
-
-
-# --- which devices answer a request ---------------------------------------------------------------
-
-
-def candidates(device: str | int) -> tuple[list[DeviceInfo], list[str]]:
-    """List the devices to try for this request, best first, and why others are missing."""
-    index = _egl_index(device)
-    if device == "osmesa":
-        return [OSMESA], []
-    missing = []
-    try:
-        egl = egl_devices()
-    except DeviceError as error:
-        if device != "auto":
-            raise
-        egl, missing = [], [str(error)]
-    hardware = [known for known in egl if known.index is not None and not known.is_software]
-    software = [known for known in egl if known.index is not None and known.is_software]
-    surfaceless = [known for known in egl if known.index is None]
-    if is_software_wanted() and index is None:
-        hardware = []
-    if device == "auto":
-        found = [*hardware, *surfaceless, *software, OSMESA]
-    elif device == "surfaceless":
-        found = surfaceless + software  # the same renderer, should EGL prefer hardware here
-    else:
-        found = [known for known in hardware + software if index in (None, known.index)]
-    if found:
-        return found, missing
-    is_listed = any(known.index is not None for known in egl)
-    if not is_listed and (index is None or index >= 0):
-        surface = "; or ask for 'surfaceless'" if surfaceless else ""
-        raise DeviceError(
-            f"no device {device!r}: EGL announces no device; {install_line('egl')}; in a container"
-            " with an NVIDIA GPU set NVIDIA_DRIVER_CAPABILITIES=all (or graphics) and provide"
-            f" /usr/share/glvnd/egl_vendor.d/10_nvidia.json{surface}"
-        )
-    known_devices = ", ".join(map(str, list_devices())) or f"none; {install_line('egl')}"
-    raise DeviceError(f"no device {device!r}; there are: {known_devices}")
-
-
-def _egl_index(device: str | int) -> int | None:
-    """Index in a request such as 0 or "egl:0", -1 for one that cannot exist, None without one."""
-    if isinstance(device, str):
-        if device in ("auto", "egl", "surfaceless", "osmesa"):
-            return None
-        found = re.fullmatch(r"egl:(\d{1,9})", device)
-        return int(found[1]) if found else -1
-    try:
-        return -1 if isinstance(device, bool) else operator.index(device)
-    except TypeError:
-        return -1
-
-
-# --- what a context is ----------------------------------------------------------------------------
-
-
-def describe_context(function: Callable[..., Any], device: DeviceInfo) -> ContextInfo:
-    """Ask the current context what it is.
-
-    Parameters
-    ----------
-    function : callable
-        `function(name, restype, *argtypes)` gives an OpenGL function.
-    device : DeviceInfo
-        The device it was opened on.
-    """
-    uint, out = ctypes.c_uint, ctypes.POINTER(ctypes.c_int64)
-    get_error = function("glGetError", uint)
-    get_string = function("glGetString", ctypes.c_char_p, uint)
-    get_string_i = function("glGetStringi", ctypes.c_char_p, uint, uint)
-    get_integers = function("glGetInteger64v", None, uint, out)
-
-    def integers(token: int, count: int = 1) -> tuple[int, ...]:
-        numbers = (ctypes.c_int64 * 4)()  # stays 0 where the token is unknown
-        get_integers(token, numbers)
-        return tuple(numbers[:count])
-
-    def text(token: int) -> str:
-        return (get_string(token) or b"").decode("utf-8", "replace")
-
-    vendor, renderer, version = text(GL_VENDOR), text(GL_RENDERER), text(GL_VERSION)
-    if not renderer or not version:
-        raise DeviceError("the OpenGL driver tells neither renderer nor version")
-    n_extensions = integers(GL_NUM_EXTENSIONS)[0]
-    limits = {name: integers(token, count) for name, (token, count) in LIMITS.items()}
-    info = ContextInfo(
-        vendor=vendor,
-        renderer=renderer,
-        version=version,
-        gl_version=100 * integers(GL_MAJOR_VERSION)[0] + 10 * integers(GL_MINOR_VERSION)[0],
-        is_software=SOFTWARE_RENDERERS.search(renderer) is not None,
-        device=device,
-        limits={name: got if len(got) > 1 else got[0] for name, got in limits.items()},
-        extensions=frozenset(
-            (get_string_i(GL_EXTENSIONS, i) or b"").decode() for i in range(n_extensions)
-        ),
-        has_robust_access=bool(integers(GL_CONTEXT_FLAGS)[0] & GL_CONTEXT_FLAG_ROBUST_ACCESS_BIT),
-        has_reset_notification=(
-            integers(GL_RESET_NOTIFICATION_STRATEGY)[0] == GL_LOSE_CONTEXT_ON_RESET
-        ),
-    )
-    for _ in range(100):  # unknown tokens left errors; a lost context leaves them without end
-        if not get_error():
-            break
-    return info
-
-
-# --- diagnosis ------------------------------------------------------------------------------------
-
-ENVIRONMENT = (
-    "LIBGL_ALWAYS_SOFTWARE",
-    "GALLIUM_DRIVER",
-    "EGL_PLATFORM",
-    "__EGL_VENDOR_LIBRARY_FILENAMES",
-    "NVIDIA_DRIVER_CAPABILITIES",
-    "NVIDIA_VISIBLE_DEVICES",
-    "CUDA_VISIBLE_DEVICES",
-    "LP_NUM_THREADS",
-)
 
 
 @dataclass(frozen=True)
@@ -549,7 +61,7 @@ class DeviceReport:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What `rastercov doctor` prints.
+    """Devices, libraries and settings of this machine.
 
     Attributes
     ----------
@@ -573,7 +85,10 @@ class Diagnosis:
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as dicts, lists, strings and numbers, for JSON."""
-        return asdict(self)
+        plain: dict[str, Any] = json.loads(json.dumps(asdict(self)))
+        for report, row in zip(self.reports, plain["reports"], strict=True):
+            row["device"]["label"] = report.device.label
+        return plain
 
 
 def diagnose(*, timeout_s: float = 30.0) -> Diagnosis:
@@ -587,21 +102,13 @@ def diagnose(*, timeout_s: float = 30.0) -> Diagnosis:
     devices = list_devices()
     # One after the other: several processes that open one GPU at a time can block each other.
     reports = tuple(_try_device(device, timeout_s) for device in devices)
+    has_hardware = any(r.context and not r.context["is_software"] for r in reports)
     return Diagnosis(
         kinds={kind: _availability(kind, reports) for kind in get_args(Kind)},
         reports=reports,
-        libraries={
-            name: None if (library := find_library(names)) is None else library._name
-            for name, names in (
-                ("EGL", EGL_LIBRARIES),
-                ("OpenGL", GL_LIBRARIES),
-                ("OSMesa", OSMESA_LIBRARIES),
-            )
-        },
+        libraries=library_names(),
         environment={name: os.environ[name] for name in ENVIRONMENT if name in os.environ},
-        hardware_hints=()
-        if any(report.context and not report.context["is_software"] for report in reports)
-        else tuple(why_no_hardware(devices)),
+        hardware_hints=() if has_hardware else tuple(why_no_hardware(devices)),
     )
 
 
@@ -620,46 +127,81 @@ def _availability(kind: Kind, reports: tuple[DeviceReport, ...]) -> str:
 
 
 def _try_device(device: DeviceInfo, timeout_s: float) -> DeviceReport:
-    code = f"from rastercov.raster.diagnose import _print_context; _print_context({device.label!r})"
+    answer = ask(describe, device.label, timeout_s)
+    problem = f"{device}: {answer['problem']}" if "problem" in answer else ""
+    return DeviceReport(device, problem, answer.get("context"))
+
+
+def describe(label: str) -> dict[str, Any]:
+    """Open a device and say what it is, under "context"; for `ask`."""
+    from rastercov.raster.egl import open_context  # not here: without moderngl, a child reports it
+
+    with open_context(label) as context:
+        names = [name for name in dir(context.info) if name.startswith("has_")]
+        features = {name: getattr(context.info, name) for name in names}
+        fields = asdict(context.info) | features
+        fields["extensions"] = sorted(context.info.extensions)
+        del fields["device"]
+        return {"context": fields}
+
+
+# --- a process for each question ------------------------------------------------------------------
+
+
+def ask(question: Callable[[str], dict[str, Any]], label: str, timeout_s: float) -> dict[str, Any]:
+    """Answer of `question(label)` from a new process, or a "problem" when none comes.
+
+    Parameters
+    ----------
+    question : callable
+        A module's function, which returns what JSON can hold.
+    label : str
+        The device, as `open_context` takes it.
+    timeout_s : float
+        Seconds until the process is killed.
+
+    Returns
+    -------
+    dict
+        The answer; `{"problem": one line}` after an error, a crash (though it be after the answer,
+        for it would end the user's process as well) or a hang.
+    """
+    code = f"from {question.__module__} import {question.__name__} as question\n"
+    code += f"from {__name__} import _answer; _answer(question, {label!r})"
     root = str(Path(__file__).parents[2])
     path = os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))
+    child = subprocess.Popen(
+        [sys.executable, "-P", "-c", code],  # -P: no modules from the working directory
+        env={**os.environ, "PYTHONPATH": path},
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
     try:
-        done = subprocess.run(
-            [sys.executable, "-c", code],
-            env={**os.environ, "PYTHONPATH": path},
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            timeout=timeout_s,
-            check=False,
-        )
+        output, errors = child.communicate(timeout=timeout_s)
     except subprocess.TimeoutExpired:
-        return DeviceReport(device, f"{device}: no answer in {timeout_s:g} s, it hangs", None)
+        return {"problem": f"no answer in {timeout_s:g} s, it hangs"}
+    finally:
+        if child.poll() is None:
+            child.kill()
+            with suppress(subprocess.TimeoutExpired):  # stuck in the driver, it may not even die
+                child.communicate(timeout=1)
+    how = f"ended with code {child.returncode}"
+    if child.returncode < 0:
+        how = f"crashed with {signal.Signals(-child.returncode).name}"
+    elif child.returncode == 0:
+        with suppress(IndexError, ValueError):
+            answer: dict[str, Any] = json.loads(output.splitlines()[-1])
+            return answer
+        how += " and no answer"
+    last = errors.decode("utf-8", "replace").strip().splitlines()[-1:]
+    return {"problem": ": ".join([f"the driver {how}", *last])}
+
+
+def _answer(question: Callable[[str], dict[str, Any]], label: str) -> None:
+    """Print the answer as one line of JSON; runs in the child process."""
     try:
-        answer = json.loads(done.stdout.splitlines()[-1])
-    except (IndexError, ValueError):
-        how = f"ended with code {done.returncode}"
-        if done.returncode < 0:
-            how = f"crashed with {signal.Signals(-done.returncode).name}"
-        last = done.stderr.decode("utf-8", "replace").strip().splitlines()[-1:]
-        return DeviceReport(device, ": ".join([f"{device}: the driver {how}", *last]), None)
-    return DeviceReport(device, answer.get("problem", ""), answer.get("context"))
-
-
-def _print_context(label: str) -> None:
-    """Open one device and print what it is, as one line of JSON; runs in a child process."""
-    from rastercov.raster.egl import open_context
-
-    answer: dict[str, Any]
-    try:
-        with open_context(label) as context:
-            features = [name for name in dir(context.info) if name.startswith("has_")]
-            answer = {
-                **asdict(context.info),
-                **{name: getattr(context.info, name) for name in features},
-                "extensions": sorted(context.info.extensions),
-            }
-            del answer["device"]
-            answer = {"context": answer}
-    except DeviceError as error:
+        answer = question(label)
+    except RastercovError as error:
         answer = {"problem": str(error)}
-    print("\n" + json.dumps(answer), flush=True)
+    print("\n" + json.dumps(answer, allow_nan=False), flush=True)

@@ -25,19 +25,22 @@ from typing import Any, cast
 import moderngl
 
 from rastercov.errors import DeviceError
-from rastercov.raster.diagnose import (
-    EGL_EXTENSIONS,
+from rastercov.raster.devices import (
     ContextInfo,
     DeviceInfo,
-    Egl,
     candidates,
     describe_context,
-    egl_library,
-    install_line,
     is_software_wanted,
     list_devices,
-    osmesa_library,
     why_no_hardware,
+)
+from rastercov.raster.libraries import (
+    EGL_EXTENSIONS,
+    Egl,
+    int_array,
+    egl_library,
+    install_line,
+    osmesa_library,
 )
 
 __all__ = ["ContextInfo", "DeviceInfo", "HeadlessContext", "list_devices", "open_context"]
@@ -171,7 +174,7 @@ class _EglLoader(_Loader):
             version = (EGL_CONTEXT_MAJOR_VERSION, major, EGL_CONTEXT_MINOR_VERSION, minor)
             profile = (EGL_CONTEXT_OPENGL_PROFILE_MASK, EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT)
             for wish in wishes:
-                attributes = _ints(*version, *profile, *wish, EGL_NONE)
+                attributes = int_array(*version, *profile, *wish, EGL_NONE)
                 if handle := egl.eglCreateContext(self.display, None, None, attributes):
                     return int(handle)
         raise DeviceError(f"no OpenGL 3.3 core context: eglCreateContext gave {egl.error()}")
@@ -193,10 +196,6 @@ class _EglLoader(_Loader):
         if self._is_current():
             self.egl.eglMakeCurrent(self.display, None, None, None)
         self.egl.eglDestroyContext(self.display, self.handle)
-
-
-def _ints(*values: int) -> Any:
-    return (ctypes.c_int * len(values))(*values)
 
 
 def _display(egl: Egl, device: DeviceInfo) -> int:
@@ -228,7 +227,7 @@ class _OSMesaLoader(_Loader):
         for major, minor in GL_VERSIONS:
             version = (OSMESA_CONTEXT_MAJOR_VERSION, major, OSMESA_CONTEXT_MINOR_VERSION, minor)
             layout = (OSMESA_FORMAT, GL_RGBA, OSMESA_PROFILE, OSMESA_CORE_PROFILE)
-            handle = self.osmesa.OSMesaCreateContextAttribs(_ints(*layout, *version, 0), None)
+            handle = self.osmesa.OSMesaCreateContextAttribs(int_array(*layout, *version, 0), None)
             if handle:
                 break
         else:

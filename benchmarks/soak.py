@@ -1,0 +1,54 @@
+"""20,000 poses in one context: resident memory must stay flat and the answers the same."""
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+from rows import Report, arguments
+
+import rastercov as rc
+from rastercov import shapes
+
+WARM_UP = 1_000
+BATCH = 100
+
+
+def main() -> None:
+    parser = arguments(__doc__)
+    parser.add_argument("--poses", type=int, default=20_000)
+    args = parser.parse_args()
+    mesh, camera = shapes.aeroplane(), rc.Camera(width=256, height=256, fx=300, fy=300)
+    poses = rc.sphere_of_poses(mesh.bounds.mean(axis=0), 38.0, args.poses)
+    report = Report()
+    with rc.open_rasterizer(mesh, camera, "gl") as rasterizer:
+        first = _digest(rasterizer, poses[:BATCH])
+        resident = []
+        for start in range(0, len(poses), BATCH):
+            rasterizer.count(poses[start : start + BATCH])
+            if start >= WARM_UP:
+                resident.append(_resident())
+        last = _digest(rasterizer, poses[:BATCH])
+        renderer = rasterizer.info.renderer
+    report.add(f"poses in one context on {renderer}", len(poses), "poses")
+    report.add(
+        "resident memory, growth after the warm-up", resident[-1] - resident[0], "MiB", 5, 1,
+        at_most=True,
+    )  # fmt: skip
+    report.add("resident memory at the end", resident[-1], "MiB")
+    report.check("the first poses give the same counts at the end", first == last)
+    report.finish(args.json)
+
+
+def _digest(rasterizer: rc.Rasterizer, poses: np.ndarray) -> str:
+    counts = rasterizer.count(poses)
+    assert counts.drawn is not None
+    return hashlib.sha256(counts.visible.tobytes() + counts.drawn.tobytes()).hexdigest()
+
+
+def _resident() -> float:
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * 4096 / 2**20
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,47 @@
+"""10,000 poses x 10,000 faces evaluated to a report: peak memory, time, size of the table."""
+
+import resource
+import tempfile
+import time
+from pathlib import Path
+
+import pyarrow.parquet as pq
+from rows import Report, arguments
+
+import rastercov as rc
+from rastercov import shapes
+from rastercov.run import Options, run
+
+
+def main() -> None:
+    parser = arguments(__doc__)
+    parser.add_argument("--poses", type=int, default=10_000)
+    parser.add_argument("--side", type=int, default=256, help="image side in pixels")
+    args = parser.parse_args()
+    mesh = shapes.torus()
+    camera = rc.Camera(width=args.side, height=args.side, fx=1.2 * args.side, fy=1.2 * args.side)
+    poses = rc.sphere_of_poses((0, 0, 0), 4.2, args.poses)
+    report = Report()
+    before = _peak()
+    with tempfile.TemporaryDirectory() as folder:
+        started = time.perf_counter()
+        summary = run(mesh, camera, poses, rc.Task(), Path(folder), Options(pictures=4))
+        seconds = time.perf_counter() - started
+        table = Path(folder) / "coverage.parquet"
+        rows = pq.ParquetFile(table).metadata.num_rows
+        size = table.stat().st_size / 2**20
+    report.check("every pose is in the summary", summary["poses"] == args.poses)
+    report.add("peak memory over an idle process", _peak() - before, "MiB", 400, at_most=True)
+    report.add("peak memory", _peak(), "MiB")
+    report.add("time, report included", seconds, "s")
+    report.add("rows of the table", rows, "rows")
+    report.add("size of the table", size, "MiB")
+    report.finish(args.json)
+
+
+def _peak() -> float:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+if __name__ == "__main__":
+    main()

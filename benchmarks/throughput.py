@@ -1,0 +1,218 @@
+"""Poses per second with face counts: rastercov on software OpenGL against Open3D's ray tracer.
+
+Both run on the same two cores in the same run: rastercov in two spawned processes with one Mesa
+thread each, Open3D in one process with two threads, its rays made outside the timer. `visible`
+counts only. Rounds alternate between the two; the figures are medians over rounds. Before any
+timing the images of both are compared: they may differ only where a pixel centre is within 4e-3 px
+of an edge of one of the two faces, or where two surfaces are within 1e-4 of each other in depth.
+"""
+
+import multiprocessing
+import os
+import statistics
+import sys
+import time
+from multiprocessing.connection import Connection
+
+import numpy as np
+from rows import Report, arguments
+
+import rastercov as rc
+from rastercov import shapes
+from rastercov.projection import to_camera, to_image
+
+SCENES = {
+    # name: mesh, distance of the cameras; the room is seen from inside
+    "torus, 10,000 faces": ("torus", 4.2),
+    "teapot, 9,120 faces, open": ("teapot-12", 0.55),
+    "aeroplane, 9,856 faces": ("aeroplane-9856", 38.0),
+    "room, 1,344 faces, from inside": ("room", 0.0),
+}
+SIZES = ((1280, 1024), (256, 256))
+MUST = {("torus", 1280): 15.0, ("torus", 256): 5.0}
+WORKERS = 2
+
+
+def main() -> None:
+    parser = arguments(__doc__.splitlines()[0])
+    parser.add_argument("--poses", type=int, default=40, help="poses a round")
+    parser.add_argument("--rounds", type=int, default=5, help="rounds of each contestant")
+    args = parser.parse_args()
+    report = Report()
+    try:
+        import open3d
+    except ImportError:
+        print("open3d is missing: pip install 'rastercov[bench]'", file=sys.stderr)
+        sys.exit(2)
+    for what, (name, distance) in SCENES.items():
+        for width, height in SIZES:
+            _contest(report, open3d, what, name, distance, width, height, args)
+    report.finish(args.json)
+
+
+def _contest(report, o3d, what, name, distance, width, height, args) -> None:  # type: ignore[no-untyped-def]
+    mesh, camera = shapes.by_name(name), _camera(width, height)
+    poses = _poses(mesh, distance, args.poses)
+    tracer = _Tracer(o3d, mesh, camera, poses)
+    label = f"{what}, {width} x {height}"
+
+    with rc.open_rasterizer(mesh, camera, "gl", device="surfaceless") as rasterizer:
+        unexcused = differing = 0
+        for row in range(0, len(poses), max(1, len(poses) // 4)):
+            ours, theirs = rasterizer.render(poses[row]).face, tracer.faces(row)
+            different = np.argwhere(ours != theirs)
+            differing += len(different)
+            for y, x in different:
+                point = (x + 0.5, y + 0.5)
+                faces = (int(ours[y, x]), int(theirs[y, x]))
+                unexcused += not _is_excused(mesh, camera, poses[row], point, faces)
+        counts = rasterizer.count(poses[:1], drawn=False).visible[0]
+        face = rasterizer.render(poses[0]).face
+        from_image = np.bincount(face[face >= 0], minlength=mesh.n_faces)
+    report.add(f"{label}: pixels that differ", differing, "pixels")
+    report.check(f"{label}: same faces up to ties", unexcused == 0)
+    report.check(f"{label}: counts are those of the image", np.array_equal(counts, from_image))
+
+    with _Workers(name, width, height, poses) as workers:
+        ours_s, theirs_s = [], []
+        for _ in range(args.rounds + 1):
+            ours_s.append(workers.round())
+            theirs_s.append(tracer.round())
+    ours_rate = len(poses) / statistics.median(ours_s[1:])
+    theirs_rate = len(poses) / statistics.median(theirs_s[1:])
+    report.add(f"{label}: rastercov, {WORKERS} processes", ours_rate, "poses/s")
+    report.add(f"{label}: Open3D, {WORKERS} threads", theirs_rate, "poses/s")
+    must = MUST.get((name, width))
+    report.add(f"{label}: ratio", ours_rate / theirs_rate, "x", must)
+
+
+def _camera(width: int, height: int) -> rc.Camera:
+    return rc.Camera(width=width, height=height, fx=1.2 * height, fy=1.2 * height)
+
+
+def _poses(mesh: rc.Mesh, distance: float, count: int) -> np.ndarray:
+    centre = mesh.bounds.mean(axis=0)
+    if distance:
+        return rc.sphere_of_poses(centre, distance, count)
+    rng = np.random.default_rng(1)
+    eyes = centre + rng.uniform(-0.3, 0.3, (count, 3)) * np.ptp(mesh.bounds, axis=0)
+    return rc.look_at(eyes, eyes + rng.normal(size=(count, 3)))
+
+
+def _is_excused(mesh, camera, pose, point, faces) -> bool:  # type: ignore[no-untyped-def]
+    """Whether a pixel centre is on an edge of one of its two faces, or these are as deep."""
+    depths = []
+    for face in faces:
+        if face < 0:
+            continue
+        corners = to_camera(mesh.vertices[mesh.faces[face]], pose)
+        normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+        ray = np.array(((point[0] - camera.cx) / camera.fx, (point[1] - camera.cy) / camera.fy, 1))
+        depths.append(normal @ corners[0] / (normal @ ray))
+        if corners[:, 2].min() <= 0:
+            # Project the edges' planes instead: distance of the ray from each, in pixels.
+            planes = np.cross(corners, np.roll(corners, -1, axis=0))
+            slopes = np.hypot(planes[:, 0] / camera.fx, planes[:, 1] / camera.fy)
+            distances = np.abs(planes @ ray) / slopes
+        else:
+            image = to_image(corners, camera)
+            ahead = np.roll(image, -1, axis=0) - image
+            away = np.asarray(point) - image
+            along = np.clip((away * ahead).sum(1) / np.maximum((ahead**2).sum(1), 1e-30), 0, 1)
+            distances = np.linalg.norm(away - along[:, None] * ahead, axis=1)
+        if distances.min() < 4e-3:
+            return True
+    return len(depths) == 2 and abs(depths[0] - depths[1]) < 1e-4 * min(np.abs(depths))
+
+
+class _Tracer:
+    """Open3D's RaycastingScene (Embree), with the rays of every pose made beforehand."""
+
+    def __init__(self, o3d, mesh, camera, poses) -> None:  # type: ignore[no-untyped-def]
+        self.o3d, self.mesh, self.poses = o3d, mesh, poses
+        self.scene = o3d.t.geometry.RaycastingScene(nthreads=WORKERS)
+        self.scene.add_triangles(
+            o3d.core.Tensor(mesh.vertices.astype(np.float32)),
+            o3d.core.Tensor(mesh.faces.astype(np.uint32)),
+        )
+        u, v = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
+        self.directions = np.stack(
+            ((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones_like(u)), axis=2
+        )
+        self.size = u.shape
+
+    def _rays(self, row: int):  # type: ignore[no-untyped-def]
+        pose = self.poses[row]
+        rays = np.empty((*self.size, 6), np.float32)
+        rays[..., :3] = pose[:3, 3]
+        rays[..., 3:] = self.directions @ pose[:3, :3].T
+        return self.o3d.core.Tensor(rays)
+
+    def faces(self, row: int) -> np.ndarray:
+        ids = self.scene.cast_rays(self._rays(row))["primitive_ids"].numpy()
+        return np.where(ids == self.scene.INVALID_ID, -1, ids.astype(np.int64))
+
+    def round(self) -> float:
+        """Seconds to cast and count all poses."""
+        seconds = 0.0
+        for row in range(len(self.poses)):
+            rays = self._rays(row)
+            started = time.perf_counter()
+            ids = self.scene.cast_rays(rays, nthreads=WORKERS)["primitive_ids"].numpy().ravel()
+            hit = ids[ids != self.scene.INVALID_ID]
+            np.bincount(hit, minlength=self.mesh.n_faces)
+            seconds += time.perf_counter() - started
+        return seconds
+
+
+class _Workers:
+    """Spawned processes, each with a rasteriser and its share of the poses."""
+
+    def __init__(self, name: str, width: int, height: int, poses: np.ndarray) -> None:
+        spawn = multiprocessing.get_context("spawn")
+        self.pipes: list[Connection] = []
+        self.processes = []
+        os.environ["LP_NUM_THREADS"] = "1"  # read by Mesa when the child loads it
+        for worker in range(WORKERS):
+            ours, theirs = spawn.Pipe()
+            share = poses[worker::WORKERS]
+            process = spawn.Process(target=_work, args=(theirs, name, width, height, share))
+            process.start()
+            self.pipes.append(ours)
+            self.processes.append(process)
+        for pipe in self.pipes:
+            pipe.recv()
+
+    def round(self) -> float:
+        """Seconds until the last process has counted its share."""
+        started = time.perf_counter()
+        for pipe in self.pipes:
+            pipe.send("count")
+        for pipe in self.pipes:
+            pipe.recv()
+        return time.perf_counter() - started
+
+    def __enter__(self) -> "_Workers":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for pipe in self.pipes:
+            pipe.send("stop")
+        for process in self.processes:
+            process.join()
+        del os.environ["LP_NUM_THREADS"]
+
+
+def _work(pipe: Connection, name: str, width: int, height: int, poses: np.ndarray) -> None:
+    with rc.open_rasterizer(
+        shapes.by_name(name), _camera(width, height), "gl", device="surfaceless"
+    ) as rasterizer:
+        rasterizer.count(poses[:2], drawn=False)
+        pipe.send("ready")
+        while pipe.recv() == "count":
+            rasterizer.count(poses, drawn=False)
+            pipe.send("done")
+
+
+if __name__ == "__main__":
+    main()

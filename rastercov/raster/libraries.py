@@ -1,0 +1,191 @@
+"""The graphics libraries of this machine: which load, what they export, how to install them.
+
+At the bottom of the engine: `devices` asks these libraries what there is to draw on, and `egl`
+opens contexts with them. Nothing here knows what a device is or opens a context.
+
+Khronos Group. EGL 1.5 Specification. 2014. EGL_EXT_platform_base, EGL_EXT_device_enumeration,
+EGL_EXT_device_query. Mesa project. OSMesa interface (GL/osmesa.h).
+"""
+
+import ctypes
+import re
+from functools import cache
+from pathlib import Path
+from typing import Any, Literal
+
+from rastercov.errors import DeviceError
+
+EGL_LIBRARIES = ("libEGL.so.1", "libEGL.so")
+GL_LIBRARIES = ("libOpenGL.so.0", "libGL.so.1", "libGL.so")
+OSMESA_LIBRARIES = ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")
+
+EGL_EXTENSIONS = 0x3055
+
+PACKAGES = {  # family: (command, EGL packages, OSMesa packages)
+    "debian": ("apt-get install -y", "libegl1 libgl1 libgl1-mesa-dri", "libosmesa6"),
+    "fedora": ("dnf install -y", "mesa-libEGL mesa-libGL mesa-dri-drivers", "mesa-libOSMesa"),
+    "arch": ("pacman -S", "mesa", "mesa"),
+    "alpine": ("apk add", "mesa-egl mesa-gl mesa-dri-gallium", "mesa-osmesa"),
+}
+FAMILY = {"ubuntu": "debian", "rhel": "fedora", "centos": "fedora"}
+
+
+def install_line(kind: Literal["egl", "osmesa"], os_release: str | None = None) -> str:
+    """Command that installs the libraries for `kind` on this distribution.
+
+    Parameters
+    ----------
+    kind : {"egl", "osmesa"}
+        Which libraries.
+    os_release : str, optional
+        The text of an os-release file; this machine's when None.
+    """
+    if os_release is None:
+        try:
+            os_release = Path("/etc/os-release").read_text(encoding="utf-8", errors="replace")
+        except OSError:
+            os_release = ""
+    for key in ("ID", "ID_LIKE"):
+        found = re.search(rf"^{key}=[\"']?([^\"'\n]*)", os_release, re.MULTILINE)
+        for word in found[1].lower().split() if found else ():
+            if family := PACKAGES.get(FAMILY.get(word, word)):
+                return f"{family[0]} {family[1] if kind == 'egl' else family[2]}"
+    library = "libEGL.so.1 and libGL.so.1" if kind == "egl" else "libOSMesa.so.8"
+    return f"install your distribution's Mesa packages that hold {library}"
+
+
+def find_library(names: tuple[str, ...]) -> ctypes.CDLL | None:
+    """Load the first of these shared libraries that loads; None when none does."""
+    for name in names:
+        try:
+            return ctypes.CDLL(name)
+        except OSError:
+            continue
+    return None
+
+
+def int_array(*values: int) -> Any:
+    """C array of ints: how EGL and OSMesa take names and values, with a zero or EGL_NONE last."""
+    return (_INT * len(values))(*values)
+
+
+def library_names() -> dict[str, str | None]:
+    """File that loads for "EGL", "OpenGL" and "OSMesa"; None for a missing one."""
+    wanted = {"EGL": EGL_LIBRARIES, "OpenGL": GL_LIBRARIES, "OSMesa": OSMESA_LIBRARIES}
+    found = {library: find_library(names) for library, names in wanted.items()}
+    return {library: None if file is None else file._name for library, file in found.items()}
+
+
+def _address(library: ctypes.CDLL | None, name: str) -> int:
+    """Address of an exported function, 0 when it is absent."""
+    symbol = getattr(library, name, None) if library is not None else None
+    return 0 if symbol is None else ctypes.cast(symbol, ctypes.c_void_p).value or 0
+
+
+_INT, _UINT, _VOID, _TEXT = ctypes.c_int, ctypes.c_uint, ctypes.c_void_p, ctypes.c_char_p
+_INTS = ctypes.POINTER(_INT)
+_EGL_SIGNATURES: dict[str, tuple[Any, ...]] = {  # name: (result, *arguments)
+    "eglGetError": (_INT,),
+    "eglGetProcAddress": (_VOID, _TEXT),
+    "eglQueryString": (_TEXT, _VOID, _INT),
+    "eglInitialize": (_UINT, _VOID, _INTS, _INTS),
+    "eglBindAPI": (_UINT, _UINT),
+    "eglCreateContext": (_VOID, _VOID, _VOID, _VOID, _INTS),
+    "eglDestroyContext": (_UINT, _VOID, _VOID),
+    "eglMakeCurrent": (_UINT, _VOID, _VOID, _VOID, _VOID),
+    "eglGetCurrentContext": (_VOID,),
+}
+_EGL_EXTENSION_SIGNATURES: dict[str, tuple[Any, ...]] = {
+    "eglGetPlatformDisplayEXT": (_VOID, _UINT, _VOID, _INTS),
+    "eglQueryDevicesEXT": (_UINT, _INT, ctypes.POINTER(_VOID), _INTS),
+    "eglQueryDeviceStringEXT": (_TEXT, _VOID, _INT),
+    "eglQueryDeviceAttribEXT": (_UINT, _VOID, _INT, ctypes.POINTER(ctypes.c_ssize_t)),
+}
+_OSMESA_SIGNATURES: dict[str, tuple[Any, ...]] = {
+    "OSMesaCreateContextAttribs": (_VOID, _INTS, _VOID),
+    "OSMesaMakeCurrent": (ctypes.c_ubyte, _VOID, _VOID, _UINT, _INT, _INT),
+    "OSMesaGetCurrentContext": (_VOID,),
+    "OSMesaDestroyContext": (None, _VOID),
+    "OSMesaGetProcAddress": (_VOID, _TEXT),
+}
+_EGL_ERRORS = {
+    0x3001: "EGL_NOT_INITIALIZED",
+    0x3002: "EGL_BAD_ACCESS",
+    0x3003: "EGL_BAD_ALLOC",
+    0x3004: "EGL_BAD_ATTRIBUTE",
+    0x3005: "EGL_BAD_CONFIG",
+    0x3006: "EGL_BAD_CONTEXT",
+    0x3008: "EGL_BAD_DISPLAY",
+    0x3009: "EGL_BAD_MATCH",
+    0x300C: "EGL_BAD_PARAMETER",
+    0x300E: "EGL_CONTEXT_LOST",
+}
+
+
+class Egl:
+    """The EGL library: its entry points as attributes, absent extensions None."""
+
+    def __init__(self, library: ctypes.CDLL) -> None:
+        self.gl_library = find_library(GL_LIBRARIES)
+        for name, (result, *arguments) in _EGL_SIGNATURES.items():
+            function = getattr(library, name)  # exported by every EGL since 1.4
+            function.restype, function.argtypes = result, arguments
+            setattr(self, name, function)
+        for name, (result, *arguments) in _EGL_EXTENSION_SIGNATURES.items():
+            pointer = self.address(name)
+            setattr(self, name, ctypes.CFUNCTYPE(result, *arguments)(pointer) if pointer else None)
+        self.client_extensions = self.words(self.eglQueryString(None, EGL_EXTENSIONS))
+
+    def __getattr__(self, name: str) -> Any:  # the entry points, for type checkers
+        raise AttributeError(name)
+
+    @staticmethod
+    def words(text: bytes | None) -> frozenset[str]:
+        """Extension names in an EGL string, which may be null."""
+        return frozenset((text or b"").decode("ascii", "replace").split())
+
+    def error(self) -> str:
+        """Name the last error of this thread."""
+        code = self.eglGetError()
+        return _EGL_ERRORS.get(code, f"EGL error {code:#x}")
+
+    def address(self, name: str) -> int:
+        """Address of an EGL or OpenGL function, 0 when it is absent."""
+        return self.eglGetProcAddress(name.encode()) or _address(self.gl_library, name)
+
+    def devices(self) -> list[int]:
+        """List handles of the EGL devices, in EGL's order; empty when EGL cannot list them."""
+        if self.eglQueryDevicesEXT is None:
+            return []
+        count = _INT(0)
+        if not self.eglQueryDevicesEXT(0, None, ctypes.byref(count)) or count.value <= 0:
+            return []
+        handles = (_VOID * count.value)()
+        if not self.eglQueryDevicesEXT(count.value, handles, ctypes.byref(count)):
+            return []
+        return [handle for handle in handles[: max(count.value, 0)] if handle]
+
+
+@cache
+def egl_library() -> Egl:
+    """Load EGL once; DeviceError with the line that installs it."""
+    library = find_library(EGL_LIBRARIES)
+    if library is None:
+        message = f"no EGL: wanted {EGL_LIBRARIES[0]}, found none; "
+        raise DeviceError(message + install_line("egl"))
+    return Egl(library)
+
+
+@cache
+def osmesa_library() -> ctypes.CDLL:
+    """Load OSMesa once; DeviceError with the line that installs it."""
+    library = find_library(OSMESA_LIBRARIES)
+    if library is None:
+        message = f"no OSMesa: wanted {OSMESA_LIBRARIES[0]}, found none; "
+        raise DeviceError(message + install_line("osmesa"))
+    for name, (result, *arguments) in _OSMESA_SIGNATURES.items():
+        if not _address(library, name):
+            raise DeviceError(f"OSMesa has no {name}: wanted Mesa 12 or newer")
+        function = getattr(library, name)
+        function.restype, function.argtypes = result, arguments
+    return library

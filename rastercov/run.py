@@ -1,0 +1,196 @@
+"""One run of the main job: evaluate poses batch by batch and leave a report in a folder.
+
+coverage.parquet   every figure of every pair of pose and face in view
+summary.json       figures of the network, and what made them
+network.glb        the mesh coloured by the best coverage of any camera
+contact_sheet.png  the poses side by side
+pose_*.png         the mesh as one camera has it, grey by coverage
+faces_*.png        the face index image of the same pose
+"""
+
+import platform
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov.camera import Camera
+from rastercov.coverage import Coverage, Task, evaluate_batches
+from rastercov.mesh import Mesh
+from rastercov.network import Network
+from rastercov.pictures import contact_sheet, coverage_picture, face_index_picture, save_picture
+from rastercov.pose import check_poses
+from rastercov.raster.contract import Rasterizer, RasterizerInfo, open_rasterizer
+from rastercov.report import CoverageTable, write_coloured_mesh, write_json
+
+PICTURE_SIDE = 1280
+"""Pictures are drawn at the camera's size, or smaller where it exceeds this many pixels."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """How to run: `open_rasterizer`'s choices, and what to leave behind.
+
+    Attributes
+    ----------
+    method, backend, supersample : str, str, int
+        As for `evaluate`.
+    device : str
+        As for `GLRasterizer`.
+    pictures : int
+        Poses to draw, spread evenly over the run; 0 for none.
+    skip_bad_poses : bool
+        Leave out poses that are no rigid motion.
+    """
+
+    method: str = "sampled"
+    backend: str = "auto"
+    supersample: int = 1
+    device: str = "auto"
+    pictures: int = 12
+    skip_bad_poses: bool = False
+
+    def open(self, mesh: Mesh, camera: Camera) -> Rasterizer:
+        """Rasteriser for these options."""
+        return open_rasterizer(
+            mesh, camera, self.backend, supersample=self.supersample, device=self.device
+        )
+
+
+def run(
+    mesh: Mesh,
+    camera: Camera,
+    poses: ArrayLike,
+    task: Task,
+    out: Path,
+    options: Options,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> dict[str, Any]:
+    """Evaluate every pose and write the report.
+
+    An interrupt (Ctrl-C) ends the run after the batches that are done; what they gave is written
+    all the same, and the summary says `"interrupted": true`.
+
+    Parameters
+    ----------
+    mesh, camera, poses, task
+        As for `evaluate`.
+    out : Path
+        Folder for the report, made when it is missing.
+    options : Options
+        How to run.
+    progress : callable
+        Called with the poses done and the poses in all.
+
+    Returns
+    -------
+    dict
+        What `summary.json` holds.
+    """
+    matrices, faults = check_poses(poses)
+    total = len(matrices) - len(faults)
+    out.mkdir(parents=True, exist_ok=True)
+    network = Network(mesh, task)
+    valid = np.array([row for row in range(len(matrices)) if row not in faults], np.int64)
+    chosen = valid[np.unique(np.linspace(0, total - 1, min(options.pictures, total)).astype(int))]
+    drawn: dict[int, NDArray[np.float64]] = {}
+    interrupted = False
+    started = time.perf_counter()
+    with options.open(mesh, camera) as rasterizer:
+        header = describe(mesh, camera, task, options, rasterizer.info)
+        with CoverageTable(out / "coverage.parquet", header) as table:
+            progress(0, total)
+            batches = evaluate_batches(
+                rasterizer,
+                matrices,
+                task,
+                method=options.method,
+                skip_bad_poses=options.skip_bad_poses,
+            )
+            try:
+                for batch in batches:
+                    table.add(batch)
+                    network.add(batch)
+                    _keep(batch, chosen, drawn)
+                    progress(len(network.pose_ids), total)
+            except KeyboardInterrupt:
+                interrupted = True
+    seconds = time.perf_counter() - started
+    done = len(network.pose_ids)
+    summary = network.summary() | {
+        "interrupted": interrupted,
+        "skipped_poses": {str(row): text for row, text in faults.items()},
+        "seconds": seconds,
+        "poses_per_second": done / seconds,
+        "run": header,
+        "warnings": list(mesh.warnings),
+        "per_pose": [
+            {"pose": pose, "covered_faces": covered, "mean_coverage": mean}
+            for pose, covered, mean in zip(
+                network.pose_ids, network.covered_faces, network.mean_coverage, strict=True
+            )
+        ],
+    }
+    write_json(out / "summary.json", summary)
+    write_coloured_mesh(out / "network.glb", mesh, network.best)
+    if drawn:
+        _draw(mesh, camera, matrices, task, out, options, drawn)
+    return summary
+
+
+def describe(
+    mesh: Mesh, camera: Camera, task: Task, options: Options, info: RasterizerInfo
+) -> dict[str, Any]:
+    """What made a result: inputs with their hashes, thresholds, device and versions."""
+    return {
+        "mesh": [asdict(source) for source in mesh.sources] or [{"name": "arrays"}],
+        "camera": {k: v for k, v in asdict(camera).items() if v not in (None, ())},
+        "task": asdict(task),
+        "options": asdict(options),
+        "rasterizer": asdict(info),
+        "versions": {
+            "python": platform.python_version(),
+            **{name: version(name) for name in ("rastercov", "moderngl", "numpy")},
+        },
+    }
+
+
+def _keep(
+    batch: Coverage, chosen: NDArray[np.int64], drawn: dict[int, NDArray[np.float64]]
+) -> None:
+    for row in np.flatnonzero(np.isin(batch.pose_ids, chosen)):
+        drawn[int(batch.pose_ids[row])] = batch.coverage[row].copy()
+
+
+def _draw(
+    mesh: Mesh,
+    camera: Camera,
+    poses: NDArray[np.float64],
+    task: Task,
+    out: Path,
+    options: Options,
+    drawn: dict[int, NDArray[np.float64]],
+) -> None:
+    """Pictures of the chosen poses, and all of them on one sheet."""
+    for old in (*out.glob("pose_*.png"), *out.glob("faces_*.png")):
+        old.unlink()  # of an earlier run with other poses
+    digits = len(str(max(drawn)))
+    sheet, captions = [], []
+    small = camera.resized(min(1.0, PICTURE_SIDE / max(camera.width, camera.height)))
+    with replace(options, supersample=1).open(mesh, small) as rasterizer:
+        for pose, values in drawn.items():
+            buffer = rasterizer.render(poses[pose])
+            name = f"{pose:0{digits}d}"
+            covered = values[mesh.task_mask] >= max(task.min_coverage, np.finfo(float).tiny)
+            caption = f"pose {pose}: {covered.sum()} faces covered"
+            picture = coverage_picture(buffer, values, mesh, small, poses[pose], caption)
+            save_picture(picture, out / f"pose_{name}.png")
+            save_picture(face_index_picture(buffer), out / f"faces_{name}.png")
+            sheet.append(picture)
+            captions.append(caption)
+    save_picture(contact_sheet(sheet, captions), out / "contact_sheet.png")

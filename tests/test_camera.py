@@ -1,0 +1,542 @@
+"""The camera: its matrix, its depth of field, its files, and all that it refuses."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from rastercov.camera import MAX_IMAGE_SIDE, PRESETS, Camera
+from rastercov.errors import CameraError
+
+INTRINSICS = {"width": 640, "height": 480, "fx": 500.0, "fy": 510.0}
+LENS = {"width": 640, "height": 480, "focal_length": 8e-3, "pixel_size": 5e-6}
+FOCUS = {"aperture": 4e-3, "focus_distance": 2.0}
+
+
+def refused(match: str, **entries: object) -> None:
+    """Camera refuses the entries in one line that holds `match`, as a table and as arguments."""
+    make = Camera if "fx" in entries else Camera.from_lens
+    for attempt in (lambda: make(**entries), lambda: Camera.from_dict(entries)):
+        with pytest.raises(CameraError, match=match) as caught:
+            attempt()
+        assert "\n" not in str(caught.value)
+        assert len(str(caught.value)) < 300
+
+
+# --- K --------------------------------------------------------------------------------------------
+
+
+def test_k_holds_focal_length_over_pixel_size_row_by_row():
+    # (3.5) as printed has f and s_u on separate rows; it means f/s_u and f/s_v.
+    camera = Camera.from_lens(width=600, height=400, focal_length=8e-3, pixel_size=(4e-6, 5e-6))
+    assert np.allclose(camera.K, [[2000, 0, 300], [0, 1600, 200], [0, 0, 1]], rtol=1e-15)
+
+
+def test_thesis_table_5_2_camera():
+    camera = Camera.preset("icube-ns4133bu-8mm")
+    assert (camera.width, camera.height) == (1280, 1024)
+    assert np.allclose(camera.K, [[8e4 / 53, 0, 640], [0, 8e4 / 53, 512], [0, 0, 1]], rtol=1e-15)
+    assert camera.fx == pytest.approx(1509.434, abs=1e-3)
+    assert camera.depth_of_field() == (0, math.inf)
+
+
+def test_thesis_figure_a_3_camera():
+    camera = Camera.preset("khepra")
+    assert (camera.width, camera.height) == (1280, 800)
+    assert camera.width * camera.pixel_size[0] == pytest.approx(3.6e-3)
+    assert camera.height * camera.pixel_size[1] == pytest.approx(2.01e-3)
+    assert camera.hfov == pytest.approx(2 * math.atan(1.80 / 1.93))
+    assert camera.vfov == pytest.approx(2 * math.atan(1.005 / 1.93))
+    assert camera.depth_of_field() == (0.1, 5.0)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_every_preset_is_what_from_lens_makes_of_it(name):
+    assert Camera.preset(name) == Camera.from_lens(**PRESETS[name])
+
+
+@pytest.mark.parametrize("name", ["kepra", "", None, [], {}])
+def test_an_unknown_preset_names_the_known_ones(name):
+    with pytest.raises(CameraError, match="there are icube-ns4133bu-8mm, khepra"):
+        Camera.preset(name)
+
+
+def test_lens_and_intrinsics_make_the_same_camera():
+    by_lens = Camera.from_lens(**LENS, principal_point=(1.5e-3, 1.25e-3))
+    assert (by_lens.cx, by_lens.cy) == pytest.approx((300, 250))
+    assert by_lens == Camera(
+        width=640, height=480, fx=by_lens.fx, fy=by_lens.fy, cx=by_lens.cx, cy=by_lens.cy,
+        focal_length=8e-3, pixel_size=(5e-6, 5e-6),
+    )  # fmt: skip
+
+
+def test_f_number_is_focal_length_over_aperture():
+    by_number = Camera.from_lens(**LENS, f_number=2.0, focus_distance=2.0)
+    assert by_number == Camera.from_lens(**LENS, aperture=4e-3, focus_distance=2.0)
+
+
+def test_principal_point_is_the_image_centre_unless_given():
+    assert (Camera(**INTRINSICS).cx, Camera(**INTRINSICS).cy) == (320, 240)
+    moved = Camera(**INTRINSICS, cx=-5.0, cy=1000.0)  # a crop may not hold its principal point
+    assert (moved.cx, moved.cy) == (-5, 1000)
+
+
+@given(cx=st.floats(-100, 740), cy=st.floats(-100, 580), fx=st.floats(10, 1e4))
+def test_field_of_view_is_the_angle_between_the_border_rays(cx, cy, fx):
+    camera = Camera(**INTRINSICS | {"fx": fx}, cx=cx, cy=cy)
+    for angle, f, c, side in (
+        (camera.hfov, camera.fx, camera.cx, camera.width),
+        (camera.vfov, camera.fy, camera.cy, camera.height),
+    ):
+        first, last = (-c / f, 1.0), ((side - c) / f, 1.0)
+        between = np.arctan2(np.cross((*first, 0), (*last, 0))[2], np.dot(first, last))
+        assert angle == pytest.approx(-between, abs=1e-12)
+
+
+@given(fx=st.floats(1, 1e5), fy=st.floats(1, 1e5), cx=st.floats(-1e4, 1e4), cy=st.floats(-1e4, 1e4))
+def test_opencv_calibrations_survive_the_half_pixel_there_and_back(fx, fy, cx, cy):
+    K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+    camera = Camera.from_opencv(K, 640, 480)
+    assert camera.opencv_K == pytest.approx(K, abs=1e-11)
+    assert (camera.cx, camera.cy) == (cx + 0.5, cy + 0.5)
+
+
+def test_opencv_centre_of_the_top_left_pixel_is_the_origin():
+    # OpenCV (0, 0) is the middle of the pixel that covers [0, 1] x [0, 1] here.
+    camera = Camera.from_opencv([[100, 0, 0], [0, 100, 0], [0, 0, 1]], 4, 4)
+    assert (camera.cx, camera.cy) == (0.5, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("K", "match"),
+    [
+        (np.eye(2), r"shape \(3, 3\), got \(2, 2\)"),
+        (np.eye(4), r"shape \(3, 3\), got \(4, 4\)"),
+        (None, "real numbers"),
+        ("K", "real numbers"),
+        (np.eye(3) * 1j, "real numbers"),
+        ([[1, 0, 0], [0, 1]], "unequal length"),
+        (np.ones((3, 3)), r"K must be \[\["),
+        (np.diag([1, 1, 2]), r"K must be \[\["),
+        (np.diag([1, 0, 1]), "fy must be positive"),
+        (np.diag([np.nan, 1, 1]), "fx must be finite"),
+        ([[9, 1, 0], [0, 9, 0], [0, 0, 1]], "skew is not supported yet"),
+    ],
+)
+def test_a_matrix_that_is_no_calibration_is_refused(K, match):
+    with pytest.raises(CameraError, match=match):
+        Camera.from_opencv(K, 640, 480)
+
+
+# --- depth of field -------------------------------------------------------------------------------
+
+
+def lens(**others: object) -> Camera:
+    """A = 20 mm, f = 50 mm, z_s - f = 2 m, s = 5 um: A f = 1e-3 and c s (z_s - f) = c 1e-5."""
+    arguments = {
+        "width": 100, "height": 100, "focal_length": 0.05, "pixel_size": 5e-6,
+        "aperture": 0.02, "focus_distance": 2.05,
+    }  # fmt: skip
+    return Camera.from_lens(**arguments | others)
+
+
+def blur_circle(camera: Camera, z: float) -> float:
+    """Diameter of the blur circle of a point at depth z, from the thin lens, in metres.
+
+    A point at z images at v = f z / (z - f), the sensor stands at v_s = f z_s / (z_s - f), and the
+    cone of base A is cut there: A |v - v_s| / v = A f |z - z_s| / (z (z_s - f)).
+    """
+    f, z_s = camera.focal_length, camera.focus_distance
+    v, v_s = f * z / (z - f), f * z_s / (z_s - f)
+    return camera.aperture * abs(v - v_s) / v
+
+
+def test_depth_of_field_by_hand():
+    # c = 10 px: 2.05e-3 / (1e-3 + 1e-4) and 2.05e-3 / (1e-3 - 1e-4).
+    assert lens().depth_of_field(10) == pytest.approx((20.5 / 11, 20.5 / 9), rel=1e-12)
+    assert lens(max_blur=10).depth_of_field() == lens().depth_of_field(10)
+
+
+def test_the_smaller_pixel_side_sets_the_blur_limit():
+    assert lens(pixel_size=(5e-6, 9e-6)).depth_of_field(10) == lens().depth_of_field(10)
+    assert lens(pixel_size=(9e-6, 5e-6)).depth_of_field(10) == lens().depth_of_field(10)
+
+
+lenses = st.builds(
+    lambda f, number, sides, z_s: lens(
+        focal_length=f, aperture=f / number, pixel_size=sides, focus_distance=z_s
+    ),
+    st.floats(1e-3, 0.2),
+    st.floats(0.25, 32),
+    st.tuples(st.floats(1e-6, 2e-5), st.floats(1e-6, 2e-5)),
+    st.floats(0.3, 20),
+)
+
+
+@given(lenses, st.floats(0.1, 20))
+def test_blur_at_both_limits_is_c_pixels(camera, c):
+    near, far = camera.depth_of_field(c)
+    assume(near > 1.001 * camera.focal_length)
+    limit = c * min(camera.pixel_size)
+    assert near < camera.focus_distance < far
+    assert blur_circle(camera, near) == pytest.approx(limit, rel=1e-6)
+    if far < 1e6:
+        assert blur_circle(camera, far) == pytest.approx(limit, rel=1e-6)
+    if math.isinf(far):
+        assert blur_circle(camera, 1e9) <= limit * (1 + 1e-6)
+
+
+@given(lenses, st.floats(0.1, 20), st.floats(1, 5))
+def test_more_blur_allowed_is_more_depth_of_field(camera, c, factor):
+    near, far = camera.depth_of_field(c)
+    nearer, farther = camera.depth_of_field(c * factor)
+    assert nearer <= near
+    assert far <= farther
+
+
+def test_focused_at_the_hyperfocal_distance_all_from_half_of_it_is_sharp():
+    # Powers of two, so that (3.11) divides by exactly 0.
+    camera = lens(focal_length=2**-4, aperture=2**-5, focus_distance=2 + 2**-4, pixel_size=2.0**-17)
+    assert camera.depth_of_field(128) == ((2 + 2**-4) / 2, math.inf)
+    assert math.isfinite(camera.depth_of_field(127)[1])
+
+
+def test_beyond_the_hyperfocal_distance_the_far_limit_is_infinite_not_negative():
+    near, far = lens().depth_of_field(200)  # (3.11) gives -2.05 m
+    assert near == pytest.approx(2.05 / 3)
+    assert far == math.inf
+
+
+def test_without_aperture_everything_is_in_focus():
+    assert Camera(**INTRINSICS).depth_of_field() == (0, math.inf)
+
+
+def test_a_given_focus_range_is_the_depth_of_field():
+    for far in (5, 5.0, math.inf):
+        camera = Camera(**INTRINSICS, focus_range=(0, far))
+        assert camera.depth_of_field(3) == (0, far)
+    assert Camera(**INTRINSICS, focus_range=np.array([1, 2])).focus_range == (1, 2)
+
+
+def test_thesis_focus_experiment():
+    # Table 5.4: f/0.25, c = 5.755 px; the markers at 3 to 7 m are in focus, those at 2 m and at
+    # 8 m and more are not. The thesis does not print z_s: 4 m, as in its other set-ups, gives that.
+    camera = Camera.from_lens(
+        **PRESETS["icube-ns4133bu-8mm"], f_number=0.25, focus_distance=4.0, max_blur=5.755
+    )
+    near, far = camera.depth_of_field()
+    assert (near, far) == pytest.approx((2.711, 7.628), abs=1e-3)
+    markers = [*range(2, 14), 17, 18]
+    assert [z for z in markers if near <= z <= far] == [3, 4, 5, 6, 7]
+
+
+# --- values that describe no camera ---------------------------------------------------------------
+
+NO_NUMBER = ["5", "", True, False, [], [1, 2, 3], {}, 1j, b"5", object()]
+NOT_FINITE = [math.nan, math.inf, -math.inf, 10**400, np.float64("nan")]
+
+
+@pytest.mark.parametrize("name", ["width", "height"])
+@pytest.mark.parametrize(
+    "value",
+    [0, -1, -4, 0.5, 640.5, MAX_IMAGE_SIDE + 1, 1e300, None, *NO_NUMBER, *NOT_FINITE],
+    ids=lambda value: str(value)[:12],
+)
+def test_an_image_side_is_a_whole_number_of_pixels(name, value):
+    refused(name, **INTRINSICS | {name: value})
+    refused(name, **LENS | {name: value})
+
+
+@pytest.mark.parametrize("value", [1, 640.0, np.int32(7), np.float32(7), MAX_IMAGE_SIDE])
+def test_an_image_side_may_be_any_whole_number(value):
+    camera = Camera(**INTRINSICS | {"width": value})
+    assert camera.width == value
+    assert type(camera.width) is int
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "fx",
+        "fy",
+        "max_blur",
+        "focal_length",
+        "pixel_size",
+        "aperture",
+        "focus_distance",
+        "f_number",
+    ],
+)
+@pytest.mark.parametrize(
+    "value", [0, -0.0, -5, *NO_NUMBER, *NOT_FINITE], ids=lambda value: str(value)[:12]
+)
+def test_a_length_is_a_positive_number(name, value):
+    base = INTRINSICS if name in ("fx", "fy") else LENS | FOCUS
+    if name == "f_number":
+        base = LENS | {"focus_distance": 2.0}
+    refused(name, **base | {name: value})
+
+
+@pytest.mark.parametrize("value", [-1e-9, None, *NO_NUMBER, *NOT_FINITE], ids=lambda v: str(v)[:12])
+def test_near_is_a_depth_of_0_or_more(value):
+    refused("near must be", **INTRINSICS | {"near": value})
+
+
+def test_near_may_be_0_and_may_be_whole():
+    assert Camera(**INTRINSICS).near == 0
+    assert Camera(**INTRINSICS, near=2).near == 2
+
+
+@pytest.mark.parametrize("name", ["cx", "cy"])
+@pytest.mark.parametrize("value", NO_NUMBER + NOT_FINITE, ids=lambda v: str(v)[:12])
+def test_a_principal_point_is_finite(name, value):
+    refused(name, **INTRINSICS | {name: value})
+
+
+@pytest.mark.parametrize(
+    "value", [5e-6, "ab", (1,), (1, 2, 3), (True, 2), ("1", "2"), (1, math.nan), {"u": 1, "v": 2}]
+)
+def test_a_principal_point_of_the_sensor_is_two_numbers(value):
+    refused("principal_point", **LENS, principal_point=value)
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        5, "ab", "12", (), (1,), (1, 2, 3), (2, 1), (1, 1), (-1, 2), (math.nan, 2), (1, math.nan),
+        (math.inf, math.inf), (True, 2), ("1", "2"), (10**400, 10**401), {"a": 1, "b": 2}, object(),
+    ],
+    ids=lambda value: str(value)[:12],
+)  # fmt: skip
+def test_a_focus_range_is_two_depths_in_order(value):
+    refused("focus_range must", **INTRINSICS, focus_range=value)
+
+
+@pytest.mark.parametrize("value", [(5e-6,), (5e-6, 5e-6, 5e-6), (5e-6, 0), (5e-6, "5e-6")])
+def test_a_pixel_has_one_or_two_sides(value):
+    refused("pixel_size must", **LENS | {"pixel_size": value})
+
+
+@pytest.mark.parametrize(
+    ("match", "entries"),
+    [
+        ("come together", LENS | {"aperture": 1e-3}),
+        ("come together", LENS | {"focus_distance": 1.0}),
+        ("come together", LENS | {"f_number": 2.0}),
+        ("aperture needs focal_length and pixel_size", INTRINSICS | FOCUS),
+        ("f_number or aperture, not both", LENS | FOCUS | {"f_number": 2.0}),
+        ("focus_range or aperture, not both", LENS | FOCUS | {"focus_range": (1, 2)}),
+        ("principal_point or cx", LENS | {"principal_point": (1e-3, 1e-3), "cx": 3.0}),
+        ("focus_distance must exceed", LENS | FOCUS | {"focus_distance": 8e-3}),
+        ("focus_distance must exceed", LENS | FOCUS | {"focus_distance": 1e-3}),
+    ],
+)
+def test_entries_that_contradict_each_other_are_refused(match, entries):
+    refused(match, **entries)
+
+
+def test_a_blur_limit_is_checked_where_it_is_given():
+    for value in (0, -1, math.nan, math.inf, "1", True):
+        with pytest.raises(CameraError, match="max_blur"):
+            lens().depth_of_field(value)
+
+
+@pytest.mark.parametrize(
+    "distortion", [0, (), (0, 0, 0, 0), [0.0] * 5, np.zeros((1, 5)), [[0], [0]]]
+)
+def test_no_distortion_may_be_said_in_zeros(distortion):
+    assert Camera(**INTRINSICS, skew=0, distortion=distortion) == Camera(**INTRINSICS)
+    K = Camera(**INTRINSICS).opencv_K
+    assert Camera.from_opencv(K, 640, 480, distortion) == Camera(**INTRINSICS)
+
+
+@pytest.mark.parametrize("distortion", [1e-9, (0, 0.1), [0.0] * 40 + [2], np.full((1, 5), 0.1)])
+def test_distortion_is_never_ignored(distortion):
+    refused("distortion is not supported yet.*undistort", **INTRINSICS, distortion=distortion)
+    with pytest.raises(CameraError, match="distortion is not supported yet"):
+        Camera.from_opencv(Camera(**INTRINSICS).opencv_K, 640, 480, distortion)
+
+
+@pytest.mark.parametrize("distortion", ["k1", None, (0, "0"), (math.nan,), {"k1": 0.1}, [[0], "x"]])
+def test_distortion_is_numbers(distortion):
+    refused("distortion must be", **INTRINSICS, distortion=distortion)
+    with pytest.raises(CameraError, match="distortion must be"):
+        Camera.from_opencv(Camera(**INTRINSICS).opencv_K, 640, 480, distortion)
+
+
+def test_skew_is_never_ignored():
+    refused("skew is not supported yet, got 0.1", **INTRINSICS, skew=0.1)
+    refused("skew must be", **INTRINSICS, skew=math.nan)
+
+
+def test_a_camera_never_changes():
+    with pytest.raises(AttributeError):
+        Camera(**INTRINSICS).fx = 3.0
+    assert hash(Camera(**INTRINSICS)) == hash(Camera(**INTRINSICS))
+
+
+# --- files ----------------------------------------------------------------------------------------
+
+
+def test_json_and_toml_say_the_same_camera(tmp_path):
+    (tmp_path / "c.json").write_text(
+        '{"width": 640, "height": 480, "focal_length": 8e-3, "pixel_size": [5e-6, 6e-6], "near": 1}'
+    )
+    (tmp_path / "c.TOML").write_text(
+        "width = 640\nheight = 480\nfocal_length = 8e-3\npixel_size = [5e-6, 6e-6]\nnear = 1"
+    )
+    expected = Camera.from_lens(**LENS | {"pixel_size": (5e-6, 6e-6)}, near=1)
+    assert Camera.load(tmp_path / "c.json") == expected
+    assert Camera.load(str(tmp_path / "c.TOML")) == expected
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("cameras")
+
+
+@given(
+    st.one_of(
+        lenses,
+        st.builds(
+            lambda cx, near, far: Camera(
+                **INTRINSICS, cx=cx, near=near, focus_range=(near, near + far)
+            ),
+            st.floats(-1e6, 1e6),
+            st.floats(0, 1e3),
+            st.floats(1, math.inf),
+        ),
+    )
+)
+def test_a_saved_camera_loads_equal(folder, camera):
+    camera.save(folder / "camera.json")
+    assert Camera.load(folder / "camera.json") == camera
+
+
+def test_a_camera_is_saved_only_where_it_can_be_loaded(tmp_path):
+    with pytest.raises(CameraError, match=r"camera\.toml: a camera is saved as \.json"):
+        Camera(**INTRINSICS).save(tmp_path / "camera.toml")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_file_may_start_from_a_preset_and_change_it(tmp_path):
+    path = tmp_path / "camera.toml"
+    path.write_text('preset = "khepra"\nwidth = 640\nnear = 0.25\nfocus_range = [1, inf]\n')
+    camera = Camera.load(path)
+    khepra = Camera.preset("khepra")
+    assert (camera.width, camera.height, camera.near) == (640, 800, 0.25)
+    assert (camera.fx, camera.fy, camera.cx) == (khepra.fx, khepra.fy, 320)
+    assert camera.depth_of_field() == (1, math.inf)
+
+
+FILES = {
+    "list.json": ("[640, 480]", "a camera is a table of names and values, got"),
+    "number.json": ("640", "a camera is a table"),
+    "null.json": ("null", "a camera is a table"),
+    "empty.json": ("", "not valid JSON"),
+    "cut.json": ('{"width": 640', "not valid JSON"),
+    "deep.json": ("[" * 100_000, "not valid JSON"),
+    "digits.json": ('{"width": 1' + "0" * 5000 + "}", "not valid JSON"),
+    "large.json": ('{"width": 1' + "0" * 400 + ', "height": 1, "fx": 1, "fy": 1}', "width must be"),
+    "cut.toml": ("width = ", "not valid TOML"),
+    "deep.toml": ("a = " + "[" * 100_000, "not valid TOML"),
+    "empty.toml": ("", "missing width, height, focal_length, pixel_size"),
+    "half.toml": ("width = 1\nheight = 1\nfy = 1", "missing fx"),
+    "lens.toml": ("width = 1\nheight = 1\nfocal_length = 1", "missing pixel_size; give fx, fy or"),
+    "typo.toml": ("widht = 1", "unknown entry 'widht'; a camera has aperture"),
+    "text.toml": (
+        'width = "1280"\nheight = 1\nfx = 1\nfy = 1',
+        "width must be a number, got '1280'",
+    ),
+    "list.toml": ("width = 1\nheight = 1\nfx = [1]\nfy = 1", "fx must be a number, got"),
+    "table.toml": ("width = 1\nheight = 1\nfy = 1\n[fx]\na = 1", "fx must be a number, got"),
+    "date.toml": ("width = 1\nheight = 1\nfx = 1\nfy = 2020-01-01", "fy must be a number, got"),
+    "mixed.toml": (
+        "width = 1\nheight = 1\nfx = 1\nfy = 1\nf_number = 2",
+        "f_number goes with focal_length",
+    ),
+    "preset.toml": ('preset = "leica"', "no camera preset 'leica'; there are"),
+    "presets.json": ('{"preset": ["khepra"]}', "no camera preset"),
+    "far.json": ('{"width": 1, "height": 1, "fx": Infinity, "fy": 1}', "fx must be finite"),
+    "camera.yaml": ("width: 640", r"a camera file ends in \.json or \.toml"),
+    "camera": ("", r"a camera file ends in \.json or \.toml"),
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "match"), [(n, *c) for n, c in FILES.items()], ids=FILES
+)
+def test_a_file_that_holds_no_camera_is_named(tmp_path, name, content, match):
+    (tmp_path / name).write_text(content)
+    with pytest.raises(CameraError, match=match) as caught:
+        Camera.load(tmp_path / name)
+    assert str(caught.value).startswith(f"{tmp_path / name}: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_that_cannot_be_read_is_named(tmp_path):
+    (tmp_path / "folder.json").mkdir()
+    (tmp_path / "latin.json").write_bytes(b'{"\xe9": 1}')
+    for name, match in (
+        ("none.json", "cannot be read"),
+        ("folder.json", "cannot be read"),
+        ("latin.json", "not valid JSON"),
+    ):
+        with pytest.raises(CameraError, match=f"{name}: {match}"):
+            Camera.load(tmp_path / name)
+
+
+json_values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5)
+    | st.just(10**400) | st.sampled_from([*PRESETS, 1, 640, 0.5]),
+    lambda inner: st.lists(inner, max_size=3)
+    | st.dictionaries(st.text(max_size=3), inner, max_size=3),
+    max_leaves=6,
+)  # fmt: skip
+keys = st.sampled_from(
+    [
+        *("width", "height", "fx", "fy", "cx", "cy", "near", "focal_length", "pixel_size"),
+        *("aperture", "f_number", "focus_distance", "max_blur", "focus_range", "skew"),
+        *("distortion", "principal_point", "preset", "", "fz"),
+    ]
+)
+
+
+@given(
+    st.sampled_from([{}, INTRINSICS, LENS, LENS | FOCUS, {"preset": "khepra"}]),
+    st.dictionaries(keys, json_values, max_size=4),
+    st.sets(keys, max_size=1),
+)
+def test_whatever_json_says_it_is_a_camera_or_a_camera_error(base, changes, dropped):
+    entries = {k: v for k, v in (base | changes).items() if k not in dropped}
+    try:
+        camera = Camera.from_dict(json.loads(json.dumps(entries)))
+    except CameraError as error:
+        assert "\n" not in str(error)  # noqa: PT017 - most draws are refused, some are not
+    else:
+        assert np.isfinite(camera.K).all()
+        assert camera.width >= 1
+        assert camera.depth_of_field()[0] >= 0
+
+
+def test_a_lens_of_no_size_divides_nothing_by_zero():
+    camera = Camera(
+        **INTRINSICS, focal_length=1e-300, aperture=1e-300, pixel_size=1e-300, focus_distance=1,
+        max_blur=1e-300,
+    )  # fmt: skip
+    assert camera.depth_of_field()[0] >= 0
+
+
+@given(json_values)
+def test_whatever_json_holds_instead_of_a_table_is_refused(value):
+    assume(not isinstance(value, dict))
+    with pytest.raises(CameraError, match="a camera is a table"):
+        Camera.from_dict(value)
+
+
+def test_a_table_whose_names_are_no_words_is_refused():
+    with pytest.raises(CameraError, match="unknown entry"):
+        Camera.from_dict({1: 2, "b": 3, None: 4})
