@@ -2,7 +2,10 @@
 
 layout(std430, binding = 0) buffer Counts { uint counts[]; };
 
-uniform uint stride;  // counters a layer: slot 0 is background, then one a face of this draw
+uniform uint first_face;  // the window of faces that this draw counts
+uniform uint stride;      // counters a layer: slot 0 is background, then one a face
+
+flat in uint id;
 
 #ifdef LAYERED
 flat in int layer;
@@ -11,5 +14,5 @@ const int layer = 0;
 #endif
 
 void main() {
-    atomicAdd(counts[uint(layer) * stride + uint(gl_PrimitiveID) + 1u], 1u);
+    atomicAdd(counts[uint(layer) * stride + id - first_face], 1u);
 }

@@ -22,6 +22,10 @@ uniform vec4 image;  // clip x = image.x * x + image.z * z, clip y = image.y * y
 in vec3 position_high;
 in vec3 position_low;
 
+// Face index + 1. A face takes it from its last corner, and the vertex of that number is the last
+// corner of no other face. (gl_PrimitiveID would do, but Mesa takes primitives apart to number them.)
+flat out uint id;
+
 #ifdef LAYERED
 flat out int layer;
 #endif
@@ -37,6 +41,7 @@ void main() {
                        image.y * y + image.w * z,
                        pose.depth.x * z + pose.depth.y,
                        z);
+    id = uint(gl_VertexID) + 1u;
 #ifdef LAYERED
     layer = gl_InstanceID;
     gl_Layer = gl_InstanceID;

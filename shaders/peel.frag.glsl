@@ -3,14 +3,14 @@
 // so the depth test lets only the first one through. Repeating this until nothing is left meets
 // every sample of every face once. Images start at the highest id, so that what is done stays done.
 
-uniform uint first_face;
 uniform usampler2DArray before;
+
+flat in uint id;
 
 layout(location = 0) out uint face;
 
 void main() {
-    uint index = first_face + uint(gl_PrimitiveID) + 1u;
-    if (index <= texelFetch(before, ivec3(gl_FragCoord.xy, 0), 0).x) discard;
-    face = index;
+    if (id <= texelFetch(before, ivec3(gl_FragCoord.xy, 0), 0).x) discard;
+    face = id;
     gl_FragDepth = 0.5;
 }

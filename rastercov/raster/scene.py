@@ -45,9 +45,10 @@ class Scene:
             (first, min(max_faces, mesh.n_faces - first))
             for first in range(0, mesh.n_faces, max_faces)
         ]
+        corners, indices = _numbered_by_last_corner(_in_one_order(mesh), mesh.n_vertices)
         high, low = split_floats(mesh.vertices - self.centre)
-        positions = arena.buffer("vertices", np.concatenate((high, low), axis=1))
-        indices = arena.buffer("faces", _in_one_order(mesh).astype(np.uint32))
+        positions = arena.buffer("vertices", np.concatenate((high, low), axis=1)[corners])
+        indices = arena.buffer("faces", indices)
         self._drawables = {
             name: arena.own(
                 arena.gl.vertex_array(
@@ -160,3 +161,22 @@ def _in_one_order(mesh: Mesh) -> IntArray:
     rank[np.lexsort((z, y, x))] = np.arange(mesh.n_vertices)
     order = np.argsort(rank[mesh.faces], axis=1)
     return np.take_along_axis(mesh.faces, order, axis=1)
+
+
+def _numbered_by_last_corner(
+    faces: IntArray, n_vertices: int
+) -> tuple[IntArray, NDArray[np.uint32]]:
+    """Vertices to send, (N,), and faces that index them, (F, 3): vertex f is f's last corner.
+
+    The other two corners of a face may be any vertex sent for the same position; the vertices that
+    are nobody's last corner come after the first F.
+    """
+    n_faces = len(faces)
+    sent = np.full(n_vertices, -1, np.int64)
+    sent[faces[:, 2]] = np.arange(n_faces)
+    others = np.unique(faces[:, :2][sent[faces[:, :2]] < 0])
+    sent[others] = n_faces + np.arange(len(others))
+    indices = np.empty((n_faces, 3), np.uint32)
+    indices[:, :2] = sent[faces[:, :2]]
+    indices[:, 2] = np.arange(n_faces)
+    return np.concatenate((faces[:, 2], others)), indices
