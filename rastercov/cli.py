@@ -198,20 +198,20 @@ def render(
     save_picture(face_index_picture(buffer), out / "faces.png")
     save_picture(depth_picture(buffer), out / "depth.png")
     write_npz(out / "buffers.npz", face=buffer.face, depth=buffer.depth)
+    files = [str(out / name) for name in ("picture.png", "faces.png", "depth.png", "buffers.npz")]
     result = {
         "pose": pose,
         "faces": scene.n_faces,
         "faces_with_a_pixel": len(seen),
         "pixels_covered": int((buffer.face >= 0).sum()),
         "renderer": info.renderer,
-        "files": [str(out / name) for name in ("picture.png", "faces.png", "depth.png")]
-        + [str(out / "buffers.npz")],
+        "files": files,
     }
     if as_json:
         print(json.dumps(result, indent=2))
     else:
         print(f"{title} ({info.renderer})")
-        print("\n".join(result["files"]))
+        print("\n".join(files))
 
 
 @app.command()
@@ -340,8 +340,10 @@ def _poses(source: str, mesh: Mesh, camera: Camera) -> np.ndarray[Any, np.dtype[
     centre = mesh.bounds.mean(axis=0)
     radius = float(np.linalg.norm(box_corners(mesh.bounds) - centre, axis=1).max())
     # The sphere around the mesh touches the sides of the narrower field of view.
-    sides = (camera.cx / camera.fx, (camera.width - camera.cx) / camera.fx)
-    sides += (camera.cy / camera.fy, (camera.height - camera.cy) / camera.fy)
-    if min(sides) <= 0:
+    narrowest = min(
+        min(camera.cx, camera.width - camera.cx) / camera.fx,
+        min(camera.cy, camera.height - camera.cy) / camera.fy,
+    )
+    if narrowest <= 0:
         raise PoseError("--poses sphere:N needs a principal point inside the image")
-    return sphere_of_poses(centre, radius / np.sin(np.arctan(min(sides))), int(count))
+    return sphere_of_poses(centre, radius / np.sin(np.arctan(narrowest)), int(count))

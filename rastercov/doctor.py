@@ -7,38 +7,26 @@ drivers can crash or hang; this process opens none and works without any graphic
 
 import platform
 import re
+from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
-import numpy as np
-from rich.console import Console, RenderableType
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
 from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from rastercov import __version__, shaders, shapes
-from rastercov.camera import Camera
-from rastercov.errors import DeviceError, RastercovError
-from rastercov.pose import sphere_of_poses
-from rastercov.raster import canary
-from rastercov.raster.contract import FaceCounts
+from rastercov import __version__, shaders
 from rastercov.raster.devices import candidates, is_software_wanted
-from rastercov.raster.diagnose import ENVIRONMENT, ask, diagnose
+from rastercov.raster.diagnose import ENVIRONMENT, ask, diagnose, self_test
 from rastercov.raster.libraries import install_line
 
+Report = dict[str, Any]
 PASSED = "passed"
-_CAMERA, _SCALE, _POSES = Camera(width=61, height=48, fx=60, fy=60), 2, sphere_of_poses(0, 3, 5)
-_SCENES = {  # name: mesh, camera, poses, supersample
-    "the known scene": (canary.MESH, canary.CAMERA, canary.POSES, 1),
-    "a box": (shapes.box(n=2), _CAMERA, _POSES, _SCALE),
-    "a sphere": (shapes.sphere(2), _CAMERA, _POSES, _SCALE),
-}
 
 
-# --- gathering ------------------------------------------------------------------------------------
-
-
-def examine(timeout_s: float = 30.0) -> dict[str, Any]:
+def examine(timeout_s: float = 30.0) -> Report:
     """Everything about the devices of this machine, in values that JSON can hold.
 
     Parameters
@@ -61,129 +49,126 @@ def examine(timeout_s: float = 30.0) -> dict[str, Any]:
             answer = ask(self_test, row["device"]["label"], timeout_s)
             row |= {"self_test": answer.pop("problem", PASSED)} | answer
     report["default"] = _default(report["reports"])
+    missing = [library for library, file in report["libraries"].items() if file is None]
     report["install"] = {
-        library: install_line("osmesa" if library == "OSMesa" else "egl")
-        for library, file in report["libraries"].items()
-        if file is None
+        library: install_line("osmesa" if library == "OSMesa" else "egl") for library in missing
     }
     report["shaders"] = shaders.digest()
-    report["versions"] = _versions()
+    report["versions"] = {"rastercov": __version__, "Python": platform.python_version()}
+    for package in ("moderngl", "numpy", "trimesh"):
+        try:
+            report["versions"][package] = version(package)
+        except PackageNotFoundError:
+            report["versions"][package] = "not installed"
+    report["versions"]["OS"] = platform.platform()
     return report
 
 
-def _default(rows: list[dict[str, Any]]) -> dict[str, str | None]:
+def _default(rows: list[Report]) -> dict[str, str | None]:
     """Label of the device that "auto" opens, None without one, and why that one."""
     opens = {row["device"]["label"] for row in rows if not row["problem"]}
     device = next((known for known in candidates("auto")[0] if known.label in opens), None)
     if device is None:
-        return {"device": None, "why": "no device opens"}
+        return {"device": None, "why": f"no OpenGL device opens; {install_line('egl')}"}
     if not device.is_software:
-        return {"device": device.label, "why": "it is the first device that draws in hardware"}
+        return {"device": device.label, "why": "it is the first that draws in hardware"}
     forbidden = "LIBGL_ALWAYS_SOFTWARE forbids hardware"
     why = forbidden if is_software_wanted() else "no hardware device opens"
     return {"device": device.label, "why": why}
 
 
-def _versions() -> dict[str, str]:
-    """Versions of what draws and counts, and of what that runs on."""
-    versions = {"rastercov": __version__, "Python": platform.python_version()}
-    for package in ("moderngl", "numpy", "trimesh"):
-        try:
-            versions[package] = version(package)
-        except PackageNotFoundError:
-            versions[package] = "not installed"
-    try:
-        system = platform.freedesktop_os_release()["PRETTY_NAME"] + ", "
-    except OSError:
-        system = ""
-    return versions | {"OS": f"{system}{platform.system()} {platform.release()}"}
-
-
-# --- the self-test of one device, in a child process ----------------------------------------------
-
-
-def self_test(label: str) -> dict[str, Any]:
-    """Count scenes with known answers on one device, under every plan it can run; for `ask`.
-
-    Returns
-    -------
-    dict
-        "plan" that "auto" runs and "depth".
-
-    Raises
-    ------
-    DeviceError
-        Naming the plan, the scene and what was wrong.
-    """
-    from rastercov.raster.egl import open_context
-    from rastercov.raster.gl import GLRasterizer
-
-    with open_context(label) as context:
-        plans = ("software", "hardware") if context.info.has_batches else ("software",)
-        for name, (mesh, camera, poses, scale) in _SCENES.items():
-            counted: list[FaceCounts] = []
-            for plan in plans:
-                options: Any = {"device": context, "plan": plan, "supersample": scale}
-                try:
-                    with GLRasterizer(mesh, camera, **options) as rasterizer:
-                        counted.append(rasterizer.count(poses))
-                    _check(counted[-1], name, scale**2 * camera.width * camera.height)
-                    _compare(counted[0], counted[-1])
-                except RastercovError as error:
-                    raise DeviceError(f"plan {plan}, {name}: {error}") from error
-        with GLRasterizer(canary.MESH, canary.CAMERA, device=context) as rasterizer:
-            return {"plan": rasterizer.info.plan, "depth": rasterizer.info.depth}
-
-
-def _check(counts: FaceCounts, scene: str, samples: int) -> None:
-    """Compare counts with what is known of them before anything is drawn."""
-    assert counts.drawn is not None
-    totals = counts.visible.sum(axis=1) + counts.background
-    if wrong := int((totals != samples).sum()):
-        raise DeviceError(f"visible and background do not add up to {samples} in {wrong} poses")
-    wrong_faces = (counts.visible > counts.drawn) | (counts.visible < 0)
-    if scene == "the known scene":
-        wrong_faces = (counts.visible != canary.VISIBLE) | (counts.drawn != canary.DRAWN)
-    elif scene == "a box":  # convex: each side is wholly seen or wholly hidden
-        wrong_faces = (counts.visible != 0) & (counts.visible != counts.drawn)
-    if wrong_faces.any() or not counts.visible.any():
-        pose, face = np.argwhere(wrong_faces | (counts.visible.sum() == 0))[0]
-        raise DeviceError(
-            f"{wrong_faces.sum()} of {wrong_faces.size} counts are wrong, first pose {pose} face "
-            f"{face}: {counts.visible[pose, face]} of {counts.drawn[pose, face]} samples visible"
-        )
-
-
-def _compare(one: FaceCounts, other: FaceCounts) -> None:
-    """Check that two plans give the same counts."""
-    for name in ("visible", "drawn", "background"):
-        differ = getattr(one, name) != getattr(other, name)
-        if differ.any():
-            raise DeviceError(
-                f"{differ.sum()} of {differ.size} {name} counts differ between the plans"
-            )
-
-
-# --- showing --------------------------------------------------------------------------------------
-
-
-def exit_code(report: dict[str, Any]) -> int:
+def exit_code(report: Report) -> int:
     """0 when a device passes its self-test, 1 when none of them does, 2 when there is none."""
     results = [row["self_test"] for row in report["reports"]]
     return 0 if PASSED in results else 1 if results else 2
 
 
-def print_report(report: dict[str, Any], console: Console) -> None:
+def print_report(report: Report, console: Console) -> None:
     """Print what `examine` found, for a person; the last sentence says what will be used."""
-    rows = report["reports"]
-    versions = [f"{name} {number}" for name, number in report["versions"].items() if name != "OS"]
-    _print(console, ", ".join(versions) + f", {report['versions']['OS']}")
-    _print(console, f"shaders {report['shaders'][:16]}", style="dim")
+    rows, install = report["reports"], report["install"]
+    *packages, (_, system) = report["versions"].items()
+    versions = ", ".join(f"{name} {number}" for name, number in packages)
+    console.print(Text(f"{versions}\n{system}, shaders {report['shaders'][:12]}", "dim"))
     if rows:
-        console.print(_table(rows), _limits(report), sep="\n")
+        console.print(_devices(rows))
+    failed = [row for row in rows if not _passes(row)]
+    problems = [(row["problem"] or f"{_label(row)}: {row['self_test']}",) for row in failed]
+    _section(console, "Problems", problems, "red")
     for row in rows:
-        label, problem = row["device"]["label"], row["problem"] or row["self_test"]
-        if problem != PASSED:
-            _print(console, problem if row["problem"] else f"{label}: {problem}", style="red")
-    _section(console, "Missing libraries", [f"{k}: {v}" for k, v in report["install"].items()])
-    ...
+        if _label(row) == report["default"]["device"]:
+            _section(console, f"Limits of {_label(row)}", _limits(row))
+    _section(console, "Missing libraries", list(install.items()))
+    # Without a library its kinds are missing too; a kind that is missing all the same has a reason.
+    explained = {row["device"]["kind"] for row in rows}
+    explained |= {"egl-device", "egl-surfaceless"} if "EGL" in install else set()
+    explained |= {"osmesa"} if "OSMesa" in install else set()
+    absent = [(kind, why) for kind, why in report["kinds"].items() if kind not in explained]
+    _section(console, "Missing devices", absent)
+    environment = report["environment"].items()
+    settings = [(f"{name}={value}", ENVIRONMENT[name]) for name, value in environment]
+    _section(console, "Environment", settings)
+    _section(console, "Why no hardware", [("-", hint) for hint in report["hardware_hints"]])
+    console.print(Text(_verdict(report), "bold" if exit_code(report) == 0 else "bold red"))
+
+
+def _verdict(report: Report) -> str:
+    """One sentence: what will be used by default."""
+    label, why = report["default"]["device"], report["default"]["why"]
+    if label is None:
+        return f"Nothing can be drawn here: {why}"
+    row = next(row for row in report["reports"] if _label(row) == label)
+    passing = [_label(row) for row in report["reports"] if _passes(row)]
+    if _passes(row):
+        renderer, plan = row["context"]["renderer"], row["plan"]
+        return f"By default rastercov draws on {label} ({renderer}), plan {plan}, because {why}."
+    else_ = f"use device {passing[0]!r}" if passing else f"no device passes; {install_line('egl')}"
+    return f"By default rastercov would use {label}, which fails its self-test; {else_}"
+
+
+def _label(row: Report) -> str:
+    return str(row["device"]["label"])
+
+
+def _passes(row: Report) -> bool:
+    return bool(row["self_test"] == PASSED)
+
+
+def _devices(rows: list[Report]) -> Table:
+    names = "device", "renderer", "driver", "OpenGL", "draws in", "plan", "self-test"
+    table = Table(*names, box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    for row in rows:
+        device, context = row["device"], row["context"] or {}
+        cuda = "" if device["cuda_index"] is None else f" (CUDA {device['cuda_index']})"
+        # GL_VERSION: the version of OpenGL, perhaps a word on the profile, then the driver's own.
+        profile = r"^[\d.]+( \(Core Profile\)| Core Profile Context)? ?"
+        driver = re.sub(profile, "", context.get("version", ""))
+        opengl = f"{context['gl_version'] / 100:.1f}" if context else ""
+        is_software = context.get("is_software", device["is_software"])
+        result = PASSED if _passes(row) else "failed" if row["self_test"] else "does not open"
+        cells = [_label(row) + cuda, context.get("renderer", device["name"]), driver, opengl]
+        cells += ["software" if is_software else "hardware", row["plan"] or ""]
+        table.add_row(*map(Text, cells), Text(result, "green" if _passes(row) else "red"))
+    return table
+
+
+def _limits(row: Report) -> list[tuple[str, ...]]:
+    limits = row["context"]["limits"]
+    side = min(limits["max_texture_size"], *limits["max_viewport_dims"])
+    return [
+        ("image side", f"{side:,} samples", "larger images are drawn in tiles"),
+        ("image layers", f"{limits['max_array_layers']:,}", "poses in one batch, plan hardware"),
+        ("storage block", f"{limits['max_ssbo_bytes'] >> 20:,} MiB", "4 bytes a face counter"),
+        ("sub-pixel bits", str(limits["subpixel_bits"]), "8 or more are wanted"),
+        ("depth", row["depth"] or "unknown", "reversed float32 separates surfaces best"),
+    ]
+
+
+def _section(
+    console: Console, title: str, rows: Sequence[tuple[str, ...]], style: str = ""
+) -> None:
+    """Title and aligned rows, or nothing when there are none."""
+    if rows:
+        grid = Table.grid(padding=(0, 2))
+        for row in rows:
+            grid.add_row(*(Text(cell, style, overflow="fold") for cell in row))
+        console.print(Text(title, "bold"), Padding(grid, (0, 0, 1, 2)), sep="\n")

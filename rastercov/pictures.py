@@ -1,6 +1,6 @@
 """Pictures of one pose for people: coverage in grey, face index, depth; and sheets of them.
 
-Last link of the chain, beside `report`: from plain values to `PIL.Image`, nothing is written here.
+Last link of the chain, beside `report`: from plain values to `PIL.Image`; `save_picture` writes it.
 In a picture of coverage brighter is better, as in the figures of the source; whatever is not
 coverage (background, occluders, faces seen from behind) has a hue, so that no grey is mistaken.
 
@@ -9,7 +9,7 @@ M. Roberts. The Unreasonable Effectiveness of Quasirandom Sequences. 2018 (colou
 """
 
 from collections.abc import Sequence
-from itertools import zip_longest
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +20,7 @@ from rastercov.coverage import Coverage, Reason
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.raster.contract import VisibilityBuffer
+from rastercov.report import replacing
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -152,7 +153,8 @@ def index_colours(indices: ArrayLike) -> Pixels:
     turn = (hue[:, None] * 6 + (5, 3, 1)) % 6
     share = np.clip(np.minimum(turn, 4 - turn), 0, 1)
     colours = 255 * value[:, None] * (1 - saturation[:, None] * share)
-    return np.rint(colours).astype(np.uint8)
+    rounded: Pixels = np.rint(colours).astype(np.uint8)
+    return rounded
 
 
 def depth_picture(buffer: VisibilityBuffer, title: str = "") -> Image.Image:
@@ -199,7 +201,8 @@ def contact_sheet(
             f"a sheet takes one caption a picture and at least one picture, got {len(pictures)} "
             f"pictures, {len(captions)} captions"
         )
-    columns = min(len(pictures), columns or int(np.ceil(np.sqrt(len(pictures)))))
+    wanted = int(np.ceil(np.sqrt(len(pictures)))) if columns is None else columns
+    columns = min(len(pictures), wanted)
     if columns < 1 or thumbnail_width < 32:
         raise ConfigError(
             f"a sheet takes 1 column or more and thumbnails of 32 pixels or more, got {columns} "
@@ -212,21 +215,25 @@ def contact_sheet(
         thumbnails.append(picture.convert("RGB").resize((thumbnail_width, height), way))
     font = _font(thumbnail_width)
     gap, line = max(4, thumbnail_width // 40), round(_line(font) * 1.4)
-    rows = [thumbnails[at : at + columns] for at in range(0, len(thumbnails), columns)]
-    heights = [max(thumbnail.height for thumbnail in row) + line + gap for row in rows]
+    starts = range(0, len(thumbnails), columns)
+    heights = [max(t.height for t in thumbnails[at : at + columns]) + line + gap for at in starts]
     sheet = Image.new("RGB", (columns * (thumbnail_width + gap) + gap, sum(heights) + gap), PAPER)
     draw = ImageDraw.Draw(sheet)
-    top = gap
-    for row, height, words in zip_longest(
-        rows, heights, [captions[at : at + columns] for at in range(0, len(captions), columns)]
-    ):
-        for column, (thumbnail, caption) in enumerate(zip(row, words, strict=True)):
-            left = gap + column * (thumbnail_width + gap)
-            sheet.paste(thumbnail, (left, top))
-            middle = (left, top + thumbnail.height + line // 2)
-            draw.text(middle, _cut(caption, font, thumbnail_width), INK, font, anchor="lm")
-        top += height
+    for index, (thumbnail, caption) in enumerate(zip(thumbnails, captions, strict=True)):
+        row, column = divmod(index, columns)
+        left, top = gap + column * (thumbnail_width + gap), gap + sum(heights[:row])
+        sheet.paste(thumbnail, (left, top))
+        middle = (left, top + thumbnail.height + line // 2)
+        draw.text(middle, _cut(caption, font, thumbnail_width), INK, font, anchor="lm")
     return sheet
+
+
+def save_picture(image: Image.Image, path: str | Path) -> None:
+    """Write a picture as `.png`; it appears there only when it is whole."""
+    if Path(path).suffix.lower() != ".png":
+        raise ConfigError(f"{path}: a picture is saved as .png")
+    with replacing(Path(path)) as part:
+        image.save(part, format="PNG")
 
 
 class Key:
@@ -251,8 +258,7 @@ def _grey(levels: FloatArray, cosine: FloatArray | float = 1.0) -> Pixels:
 
 
 def _scale_pixels(greys: Pixels) -> Pixels:
-    scale: Pixels = np.repeat(np.repeat(greys[None, :, None], 24, axis=0), 3, axis=2)
-    return scale
+    return np.broadcast_to(greys[:, None], (24, len(greys), 3)).copy()
 
 
 def _stripes(shape: tuple[int, int], width: int) -> NDArray[np.bool_]:
@@ -301,9 +307,8 @@ def _framed(pixels: Pixels, title: str, keys: Sequence[Key]) -> Image.Image:
     places, left, row = [], margin, 0
     for key in keys:
         scale = (8 if key.high else 1) * line
-        room = scale + sum(
-            font.getlength(w) + line * 0.5 for w in (key.low, key.high, key.name) if w
-        )
+        words = (word for word in (key.low, key.high, key.name) if word)
+        room = scale + sum(font.getlength(word) + line * 0.5 for word in words)
         if left > margin and left + room > frame - margin:
             left, row = margin, row + 1
         places.append((left, row, scale))

@@ -1,7 +1,7 @@
 """World to image: projection, clipping and projected area, in float64.
 
 The thesis projects without clipping, which mirrors what lies behind the camera into the image
-(445,625/18 px^2 become 444.4 in one example). Here a face is cut at the near plane first, and at
+(29,805.6 px^2 become 444.4 in one example). Here a face is cut at the near plane first, and at
 the image border where the part inside the image is asked for.
 
 E. S. Eissa. Image Space Coverage Model. 2020, (3.2)-(3.5), (3.9).
@@ -96,7 +96,7 @@ def clip_polygons(
 
     Returns
     -------
-    corners : (N, K + 1, D) float64
+    corners : (N, K + 1 or more, D) float64
         Padded like the input.
     counts : (N,) int
     """
@@ -115,9 +115,12 @@ def clip_polygons(
     both = np.stack((corners, cut), axis=2).reshape(n, 2 * k, d)
     alive = np.stack((kept, crossed), axis=2).reshape(n, 2 * k)
     new_counts = alive.sum(axis=1)
-    order = np.argsort(~alive, axis=1, kind="stable")[:, : k + 1]
+    # A convex polygon gains a corner at most; one that lies in the cut itself, where rounding
+    # decides the signs, can gain more.
+    width = max(k + 1, int(new_counts.max(initial=0)))
+    order = np.argsort(~alive, axis=1, kind="stable")[:, :width]
     last = np.maximum(new_counts - 1, 0)[:, None]
-    order = np.take_along_axis(order, np.minimum(np.arange(k + 1), last), axis=1)
+    order = np.take_along_axis(order, np.minimum(np.arange(width), last), axis=1)
     return np.take_along_axis(both, order[:, :, None], axis=1), new_counts
 
 
@@ -238,9 +241,10 @@ def depth_range(
         local = to_camera(vertices, poses[row])
         nearest[row], farthest[row] = local[:, 2].min(), local[:, 2].max()
         if nearest[row] < 0.01 * farthest[row] or nearest[row] < limit[row]:
-            if farthest[row] > limit[row]:
+            nearest[row] = nearest_depth_in_view(local[faces], camera, 0.0)
+            clipped[row] = nearest[row] < limit[row]
+            if clipped[row]:
                 nearest[row] = nearest_depth_in_view(local[faces], camera, limit[row])
-            clipped[row] = nearest[row] <= limit[row] * (1 + 1e-9)
     # A hair nearer, so that rounding on the device cannot cut what is exactly at the plane.
     near = np.clip(nearest * (1 - 1e-5), limit, np.maximum(farthest / 2, limit))
     return near, np.maximum(farthest * (1 + 1e-5), near * 2), clipped

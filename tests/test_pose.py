@@ -101,9 +101,10 @@ def test_noise_does_not_decide_which_axis_is_up(noise):
     assert pose[:3, 1] == pytest.approx((0, -1, 0), abs=1e-9)
 
 
-@given(points, points, st.integers(0, 16))
-def test_look_at_is_rigid_however_nearly_up_is_parallel_to_the_view(view, aside, digits):
-    assume(np.linalg.norm(view) > 1e-3)
+@pytest.mark.parametrize("digits", range(17))
+def test_look_at_is_rigid_however_nearly_up_is_parallel_to_the_view(digits):
+    rng = np.random.default_rng(digits)
+    view, aside = rng.normal(size=(2, 200, 3))
     assert_rigid(look_at((0, 0, 0), view, view + 10.0**-digits * aside))
 
 

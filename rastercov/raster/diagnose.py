@@ -1,7 +1,7 @@
-"""Which devices of this machine open, and what is missing where they do not.
+"""Which devices of this machine open and count right, and what is missing where they do not.
 
-Behind `rastercov doctor`, above everything that finds devices. Drivers can crash or hang, so each
-device is tried in a process of its own, with a time limit: `ask` is how.
+Behind `rastercov doctor`, above everything that finds and opens devices. Drivers can crash or hang,
+so `ask` puts each question to a device in a process of its own, with a time limit.
 """
 
 import json
@@ -15,7 +15,13 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, get_args
 
+import numpy as np
+
+from rastercov import shapes
+from rastercov.camera import Camera
 from rastercov.errors import DeviceError, RastercovError
+from rastercov.pose import sphere_of_poses
+from rastercov.raster import canary
 from rastercov.raster.devices import DeviceInfo, Kind, list_devices, why_no_hardware
 from rastercov.raster.libraries import (
     egl_library,
@@ -132,9 +138,12 @@ def _try_device(device: DeviceInfo, timeout_s: float) -> DeviceReport:
     return DeviceReport(device, problem, answer.get("context"))
 
 
+# --- questions to a device, each answered in a process of its own ---------------------------------
+
+
 def describe(label: str) -> dict[str, Any]:
     """Open a device and say what it is, under "context"; for `ask`."""
-    from rastercov.raster.egl import open_context  # not here: without moderngl, a child reports it
+    from rastercov.raster.egl import open_context  # not above: a child reports a broken moderngl
 
     with open_context(label) as context:
         names = [name for name in dir(context.info) if name.startswith("has_")]
@@ -145,7 +154,53 @@ def describe(label: str) -> dict[str, Any]:
         return {"context": fields}
 
 
-# --- a process for each question ------------------------------------------------------------------
+def self_test(label: str) -> dict[str, Any]:
+    """Plan and depth that "auto" gives one device, once it counted known scenes under every plan.
+
+    The canary's counts are known; a convex mesh shows the whole of a face or nothing; samples add
+    up; the second plan must repeat the first. `ask` runs this in a process of its own.
+
+    Raises
+    ------
+    DeviceError
+        Naming the plan, the scene and what was wrong.
+    """
+    from rastercov.raster.egl import open_context  # as in `describe`
+    from rastercov.raster.gl import GLRasterizer
+
+    around = Camera(width=61, height=48, fx=60, fy=60), sphere_of_poses((0, 0, 0), 3, 5)
+    scenes = {
+        "known scene": (canary.MESH, canary.CAMERA, canary.POSES),
+        "box": (shapes.box(n=2), *around),
+        "sphere": (shapes.sphere(1), *around),
+    }
+    known = {"known scene": (canary.VISIBLE, canary.DRAWN)}
+    with open_context(label) as context:
+        plans = ("software", "hardware") if context.info.has_batches else ("software",)
+        for plan, name in ((plan, name) for plan in plans for name in scenes):
+            mesh, camera, poses = scenes[name]
+            try:
+                with GLRasterizer(mesh, camera, device=context, plan=plan) as rasterizer:
+                    counts = rasterizer.count(poses)
+                assert counts.drawn is not None
+                whole = np.where(counts.visible > 0, counts.drawn, 0)
+                visible, drawn = known.setdefault(name, (whole, counts.drawn))
+                total = counts.visible.sum(axis=1) + counts.background
+                _compare("visible", counts.visible, visible)
+                _compare("drawn", counts.drawn, drawn)
+                _compare("visible + background", total, camera.width * camera.height)
+            except RastercovError as error:
+                raise DeviceError(f"plan {plan}, {name}: {error}") from error
+        with GLRasterizer(canary.MESH, canary.CAMERA, device=context) as rasterizer:
+            return {"plan": rasterizer.info.plan, "depth": rasterizer.info.depth}
+
+
+def _compare(what: str, got: Any, wanted: Any) -> None:
+    wrong = np.argwhere(got != wanted)
+    if wrong.size:
+        at = tuple(int(index) for index in wrong[0])
+        first = f"wanted {np.broadcast_to(wanted, got.shape)[at]}, got {got[at]} at {at}"
+        raise DeviceError(f"{len(wrong)} of {got.size} counts '{what}' are wrong; {first}")
 
 
 def ask(question: Callable[[str], dict[str, Any]], label: str, timeout_s: float) -> dict[str, Any]:

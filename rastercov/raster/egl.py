@@ -37,9 +37,9 @@ from rastercov.raster.devices import (
 from rastercov.raster.libraries import (
     EGL_EXTENSIONS,
     Egl,
-    int_array,
     egl_library,
     install_line,
+    int_array,
     osmesa_library,
 )
 

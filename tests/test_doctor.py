@@ -1,0 +1,304 @@
+"""The doctor: every device is tested, no driver takes it down, and it says what will be used."""
+
+import copy
+import dataclasses
+import io
+import json
+import re
+import sys
+import time
+
+import pytest
+from rich.console import Console
+
+from rastercov import doctor, shaders
+from rastercov.errors import DeviceError
+from rastercov.raster import canary, devices, diagnose, libraries
+from rastercov.raster.devices import SURFACELESS, DeviceInfo
+from rastercov.raster.gl import GLRasterizer
+
+GPU = DeviceInfo("egl-device", 0, "/dev/dri/card0", is_software=False, cuda_index=3)
+
+
+def printed(report, width=80):
+    """What a person reads, as one string of plain text."""
+    file = io.StringIO()
+    doctor.print_report(report, Console(file=file, width=width))
+    text = file.getvalue()
+    assert all(len(line) <= width for line in text.splitlines())
+    return text
+
+
+def flat(text):
+    """Text without line breaks, for sentences that wrap."""
+    return " ".join(text.split())
+
+
+@pytest.fixture(scope="module")
+def examined(gl_context):
+    """One real examination of this machine."""
+    start = time.monotonic()
+    report = doctor.examine()
+    assert time.monotonic() - start < 20  # about 2.5 s on two quiet cores
+    return report
+
+
+@pytest.fixture
+def report(examined):
+    """A copy that a test may change."""
+    return copy.deepcopy(examined)
+
+
+@pytest.fixture
+def no_library(monkeypatch):
+    """A machine without any graphics library."""
+    cached = (libraries.egl_library, libraries.osmesa_library)
+    for load in cached:
+        load.cache_clear()
+    monkeypatch.setattr(libraries, "find_library", lambda names: None)
+    yield
+    for load in cached:
+        load.cache_clear()
+
+
+@pytest.fixture
+def bad_driver(tmp_path, monkeypatch):
+    """One device that opens, whose driver then does what a shell script says."""
+
+    def install(script, when="self_test"):
+        python = tmp_path / "python"
+        python.write_text(
+            f'#!/bin/sh\ncase "$*" in *{when}*) {script};; esac\nexec {sys.executable} "$@"\n'
+        )
+        python.chmod(0o755)
+        monkeypatch.setattr(sys, "executable", str(python))
+        monkeypatch.setattr(diagnose, "list_devices", lambda: [SURFACELESS])
+
+    return install
+
+
+@pytest.fixture
+def gpu_report(report):
+    """A machine with a graphics card, made up from the software renderer of this one."""
+    row = next(r for r in report["reports"] if r["device"]["label"] == "surfaceless")
+    card = copy.deepcopy(row) | {"plan": "hardware"}
+    card["device"] = dataclasses.asdict(GPU) | {"label": "egl:0"}
+    card["context"] |= {
+        "renderer": "NVIDIA H200/PCIe/SSE2 [x]",
+        "version": "4.6.0 NVIDIA 580.105.08",
+        "gl_version": 460,
+        "is_software": False,
+    }
+    report["reports"] = [card, row]
+    report["default"] = {"device": "egl:0", "why": "it is the first that draws in hardware"}
+    report["hardware_hints"] = []
+    return report
+
+
+# --- this machine ---------------------------------------------------------------------------------
+
+
+def test_every_device_that_opens_passes_its_self_test(report):
+    rows = report["reports"]
+    assert rows
+    for row in rows:
+        assert row["problem"] == ""
+        assert row["self_test"] == "passed"
+        assert row["plan"] in ("software", "hardware")
+        assert "float32" in row["depth"]
+    assert doctor.exit_code(report) == 0
+
+
+def test_the_default_is_what_auto_opens(report):
+    with GLRasterizer(canary.MESH, canary.CAMERA) as rasterizer:
+        row = next(
+            r for r in report["reports"] if r["device"]["label"] == report["default"]["device"]
+        )
+        assert rasterizer.info.device.startswith(row["device"]["label"])
+        assert rasterizer.info.renderer == row["context"]["renderer"]
+        assert (rasterizer.info.plan, rasterizer.info.depth) == (row["plan"], row["depth"])
+
+
+def test_report_survives_json_unchanged(report):
+    assert json.loads(json.dumps(report, allow_nan=False)) == report
+
+
+def test_report_names_what_made_it(report):
+    assert report["shaders"] == shaders.digest()
+    names = ["rastercov", "Python", "moderngl", "numpy", "trimesh", "OS"]
+    assert list(report["versions"]) == names
+    assert all(report["versions"].values())
+
+
+@pytest.mark.parametrize("width", [80, 120])
+def test_printed_report_has_every_device_and_ends_with_the_default(report, width):
+    text = printed(report, width)
+    for row in report["reports"]:
+        assert re.search(rf"^ ?{row['device']['label']} .*passed", text, re.MULTILINE)
+    for name in ("image side", "image layers", "storage block", "sub-pixel bits", "float32"):
+        assert name in text
+    assert report["versions"]["moderngl"] in text
+    row = next(r for r in report["reports"] if r["device"]["label"] == report["default"]["device"])
+    renderer, why = row["context"]["renderer"], report["default"]["why"]
+    sentence = f"By default rastercov draws on {row['device']['label']} ({renderer})"
+    assert flat(text).endswith(f"{sentence}, plan {row['plan']}, because {why}.")
+
+
+def test_environment_is_printed_with_its_effect(report):
+    report["environment"] = {"LIBGL_ALWAYS_SOFTWARE": "1", "CUDA_VISIBLE_DEVICES": "[2]"}
+    text = flat(printed(report))
+    assert "LIBGL_ALWAYS_SOFTWARE=1 1 forbids hardware" in text
+    assert "CUDA_VISIBLE_DEVICES=[2] EGL ignores it" in text
+
+
+# --- the self-test --------------------------------------------------------------------------------
+
+
+def test_self_test_runs_every_plan_the_device_has(device, monkeypatch):
+    plans, start = [], GLRasterizer.__init__
+
+    def remember(self, *arguments, **options):
+        plans.append(options.get("plan", "auto"))
+        start(self, *arguments, **options)
+
+    monkeypatch.setattr(GLRasterizer, "__init__", remember)
+    assert diagnose.self_test("surfaceless")["plan"] == "software"
+    hardware = ["hardware"] * 3 if device.info.has_batches else []
+    assert plans == ["software"] * 3 + hardware + ["auto"]
+
+
+@pytest.mark.parametrize("plan", ["software", "hardware"])
+@pytest.mark.parametrize("name", ["visible", "drawn", "background"])
+@pytest.mark.parametrize("scene", ["known scene", "box", "sphere"])
+def test_one_wrong_count_fails_the_self_test(device, monkeypatch, plan, name, scene):
+    if plan == "hardware" and not device.info.has_batches:
+        pytest.skip("this device runs one plan")
+    count, faces = GLRasterizer.count, {"known scene": 6, "box": 48, "sphere": 80}
+
+    def miscount(self, poses):
+        counts = count(self, poses)
+        if self.info.plan == plan and self.mesh.n_faces == faces[scene]:
+            most = counts.visible.argmax() if name != "background" else 0
+            getattr(counts, name).flat[most] += 1
+        return counts
+
+    monkeypatch.setattr(GLRasterizer, "count", miscount)
+    with pytest.raises(DeviceError, match=rf"plan {plan}, {scene}: \d+ of \d+ counts .* got"):
+        diagnose.self_test("surfaceless")
+
+
+def test_a_wrong_count_is_reported_as_the_line_that_failed(device, monkeypatch):
+    monkeypatch.setattr(canary, "DRAWN", canary.DRAWN + 1)
+    with pytest.raises(DeviceError, match=r"plan software, known scene: llvmpipe .* wrongly"):
+        diagnose.self_test("surfaceless")
+
+
+@pytest.mark.parametrize(
+    ("script", "problem"),
+    [
+        ("kill -SEGV $$", "crashed with SIGSEGV"),
+        ("exec sleep 60", "no answer in 1.5 s, it hangs"),
+        ("echo no libLLVM >&2; exit 7", "ended with code 7: no libLLVM"),
+        ("exit 0", "ended with code 0 and no answer"),
+        (f'"{sys.executable}" "$@"; kill -SEGV $$', "crashed with SIGSEGV"),  # after the answer
+        ('echo \'{"problem": "plan software, box: bad"}\'; exit 0', "plan software, box: bad"),
+    ],
+)
+def test_a_driver_that_fails_under_test_is_reported(device, bad_driver, script, problem):
+    bad_driver(script)
+    report = doctor.examine(timeout_s=1.5 if "sleep" in script else 30)
+    (row,) = report["reports"]
+    assert row["problem"] == ""
+    assert problem in row["self_test"]
+    assert doctor.exit_code(report) == 1
+    text = flat(printed(report))
+    assert f"surfaceless: {row['self_test']}" in text
+    assert "which fails its self-test; no device passes" in text
+
+
+def test_a_driver_that_crashes_on_opening_is_reported(device, bad_driver):
+    bad_driver("kill -SEGV $$", when="describe")
+    report = doctor.examine()
+    (row,) = report["reports"]
+    assert "crashed with SIGSEGV" in row["problem"]
+    assert row["self_test"] is None
+    assert report["default"]["device"] is None
+    assert doctor.exit_code(report) == 1
+    text = flat(printed(report))
+    assert "does not open" in text
+    assert libraries.install_line("egl") in text
+
+
+# --- other machines -------------------------------------------------------------------------------
+
+
+def test_without_any_library_the_report_says_what_to_install(no_library):
+    report = doctor.examine()
+    assert report["reports"] == []
+    assert set(report["install"]) == {"EGL", "OpenGL", "OSMesa"}
+    assert doctor.exit_code(report) == 2
+    text = printed(report)
+    for line in report["install"].values():
+        assert line in text
+    assert flat(text).endswith(f"no OpenGL device opens; {libraries.install_line('egl')}")
+    assert "Missing devices" not in text
+    assert json.loads(json.dumps(report)) == report
+
+
+def test_libraries_without_a_driver_say_what_to_install(device, monkeypatch):
+    for module in (devices, diagnose):
+        monkeypatch.setattr(module, "list_devices", list)
+    monkeypatch.setattr(devices, "egl_devices", list)
+    report = doctor.examine()
+    assert doctor.exit_code(report) == 2
+    text = flat(printed(report))
+    assert "egl-surfaceless EGL announces none" in text
+    assert text.endswith(libraries.install_line("egl"))
+
+
+def test_a_graphics_card_is_shown_with_its_cuda_number_and_driver(gpu_report):
+    text = printed(gpu_report, width=120)
+    cells = r"egl:0 \(CUDA 3\) +NVIDIA H200/PCIe/SSE2 \[x\] +NVIDIA 580\.105\.08 +4\.6 +hardware"
+    assert re.search(cells + " +hardware +passed", text)
+    assert "Why no hardware" not in text
+    assert flat(text).endswith("because it is the first that draws in hardware.")
+
+
+def test_a_default_that_fails_is_answered_with_one_that_passes(gpu_report):
+    gpu_report["reports"][0]["self_test"] = "plan hardware, box: 1 of 240 counts are wrong"
+    assert doctor.exit_code(gpu_report) == 0
+    text = flat(printed(gpu_report))
+    assert "egl:0: plan hardware, box: 1 of 240 counts are wrong" in text
+    assert text.endswith("egl:0, which fails its self-test; use device 'surfaceless'")
+
+
+@pytest.mark.parametrize(
+    ("setting", "opens", "default", "why"),
+    [
+        (None, ["egl:0", "surfaceless"], "egl:0", "first that draws in hardware"),
+        (None, ["surfaceless"], "surfaceless", "no hardware device opens"),
+        ("1", ["egl:0", "surfaceless"], "surfaceless", "forbids hardware"),
+        (None, [], None, "no OpenGL device opens"),
+    ],
+)
+def test_default_follows_the_order_of_auto(monkeypatch, setting, opens, default, why):
+    monkeypatch.setattr(devices, "egl_devices", lambda: [GPU, SURFACELESS])
+    if setting is None:
+        monkeypatch.delenv("LIBGL_ALWAYS_SOFTWARE", raising=False)
+    else:
+        monkeypatch.setenv("LIBGL_ALWAYS_SOFTWARE", setting)
+    rows = [
+        {"device": {"label": label}, "problem": "" if label in opens else "no"}
+        for label in ("egl:0", "surfaceless")
+    ]
+    found = doctor._default(rows)
+    assert found["device"] == default
+    assert why in found["why"]
+
+
+def test_a_missing_package_is_named(monkeypatch, no_library):
+    def absent(name):
+        raise doctor.PackageNotFoundError(name)
+
+    monkeypatch.setattr(doctor, "version", absent)
+    assert doctor.examine()["versions"]["moderngl"] == "not installed"

@@ -1,0 +1,468 @@
+"""Projection, clipping, and the depths and boxes in view, against exact and brute-force answers."""
+
+from fractions import Fraction
+from itertools import combinations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from rastercov.camera import Camera
+from rastercov.pose import look_at
+from rastercov.projection import (
+    NEAR_TO_FAR,
+    box_corners,
+    clip_near,
+    clip_polygons,
+    clip_to_image,
+    depth_range,
+    image_boxes,
+    near_limit,
+    nearest_depth_in_view,
+    polygon_area,
+    to_camera,
+    to_image,
+)
+
+# The pyramid of this camera has the sides x = z, x = -z, y = z and y = -z.
+CAMERA = Camera(width=200, height=200, fx=100, fy=100)
+SKEWED = Camera(width=640, height=480, fx=500, fy=400, cx=100, cy=350)
+
+seeds = st.integers(0, 2**32 - 1).map(np.random.default_rng)
+# Whole numbers: areas of small polygons are then right to the last digits.
+triangles = hnp.arrays(np.int64, (4, 3, 2), elements=st.integers(-50, 50)).map(np.float64)
+lines = hnp.arrays(np.int64, 3, elements=st.integers(-50, 50)).map(np.float64)
+
+
+def three(polygons: np.ndarray) -> np.ndarray:
+    return np.full(len(polygons), 3)
+
+
+def side_of(line: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    return corners @ line[:2] + line[2]
+
+
+def random_pose(rng: np.random.Generator, spread: float = 3.0) -> np.ndarray:
+    return look_at(rng.normal(size=3) * spread, rng.normal(size=3), rng.normal(size=3))[0]
+
+
+# --- projection -----------------------------------------------------------------------------------
+
+
+@given(seeds)
+def test_projection_is_k_times_r_t_in_exact_arithmetic(rng):
+    pose, point = random_pose(rng), rng.normal(size=3) * 3
+    R = [[Fraction(x) for x in row] for row in pose[:3, :3].tolist()]
+    offset = [Fraction(p) - Fraction(c) for p, c in zip(point, pose[:3, 3], strict=True)]
+    x, y, z = (sum(R[row][axis] * offset[row] for row in range(3)) for axis in range(3))
+    local = to_camera(point, pose)
+    assert local == pytest.approx([float(x), float(y), float(z)], abs=1e-14)
+    if abs(z) < 0.1:
+        return
+    camera = SKEWED
+    u = Fraction(camera.fx) * x / z + Fraction(camera.cx)
+    v = Fraction(camera.fy) * y / z + Fraction(camera.cy)
+    assert to_image(local, camera) == pytest.approx([float(u), float(v)], rel=1e-12, abs=1e-9)
+    homogeneous = camera.K @ local
+    assert to_image(local, camera) == pytest.approx(homogeneous[:2] / homogeneous[2], abs=1e-9)
+
+
+@given(seeds)
+def test_a_far_offset_costs_no_precision(rng):
+    # Whole multiples of 1/1024 m, which stay exact 10 000 km away.
+    points = rng.integers(-4096, 4096, size=(20, 3)) / 1024
+    pose = random_pose(rng)
+    pose[:3, 3] = np.round(pose[:3, 3] * 1024) / 1024
+    near = to_camera(points, pose)
+    moved = pose.copy()
+    moved[:3, 3] += 1e7
+    assert np.array_equal(to_camera(points + 1e7, moved), near)
+
+
+def test_the_axis_projects_to_the_principal_point_and_y_runs_down():
+    assert np.array_equal(to_image(np.array([0.0, 0, 7]), SKEWED), (100, 350))
+    assert np.array_equal(to_image(np.array([1.0, 0, 2]), SKEWED), (350, 350))
+    assert np.array_equal(to_image(np.array([0.0, 1, 2]), SKEWED), (100, 550))
+
+
+@pytest.mark.parametrize("shape", [(3,), (0, 3), (5, 3), (2, 4, 3), (0, 3, 3)])
+def test_points_of_any_shape_project(shape):
+    local = to_camera(np.ones(shape), np.eye(4))
+    assert local.shape == shape
+    assert to_image(local, CAMERA).shape == (*shape[:-1], 2)
+
+
+# --- area and clipping ----------------------------------------------------------------------------
+
+
+def test_area_is_positive_clockwise_in_the_image():
+    #  0---1 -> u      0 -> 1 -> 2 is clockwise where v runs down.
+    #  |  /
+    #  2
+    #  v
+    triangle = np.array([[[0.0, 0], [4, 0], [0, 3]]])
+    assert polygon_area(triangle, np.array([3])) == [6]
+    assert polygon_area(triangle[:, ::-1], np.array([3])) == [-6]
+    assert polygon_area(triangle + 1e9, np.array([3])) == [6]
+
+
+@given(triangles)
+def test_area_is_equation_3_9_but_for_its_sign(corners):
+    (ax, ay), (bx, by), (cx, cy) = corners.transpose(1, 2, 0)
+    printed = np.abs(ax * (by - cy) + bx * (cy - ay) + cx * (ay - by)) / 2
+    assert np.array_equal(np.abs(polygon_area(corners, three(corners))), printed)
+
+
+def test_fewer_than_three_corners_have_no_area():
+    corners = np.array([[[0.0, 0], [4, 0], [0, 3]]] * 3)
+    assert np.array_equal(polygon_area(corners, np.array([0, 1, 2])), (0, 0, 0))
+
+
+@given(triangles, lines)
+def test_the_two_sides_of_a_cut_make_up_the_whole(corners, line):
+    distance = side_of(line, corners)
+    total = 0
+    for side in (1, -1):
+        part, counts = clip_polygons(corners, three(corners), side * distance)
+        assert part.shape == (4, 4, 2)
+        assert (counts <= 4).all()
+        total += polygon_area(part, counts)
+    if line[:2].any():
+        assert total == pytest.approx(polygon_area(corners, three(corners)), abs=1e-9)
+
+
+@given(triangles, lines)
+def test_nothing_is_left_beyond_the_cut_and_the_rest_repeats_the_last_corner(corners, line):
+    part, counts = clip_polygons(corners, three(corners), side_of(line, corners))
+    for polygon, count in zip(part, counts, strict=True):
+        assert (side_of(line, polygon[:count]) >= -1e-9).all()
+        assert count == 0 or (polygon[count:] == polygon[count - 1]).all()
+
+
+@given(triangles, lines, lines)
+def test_the_four_quarters_of_two_cuts_make_up_the_whole(corners, first, second):
+    total = 0
+    for one, other in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
+        half, counts = clip_polygons(corners, three(corners), one * side_of(first, corners))
+        part, counts = clip_polygons(half, counts, other * side_of(second, half))
+        total += polygon_area(part, counts)
+    if first[:2].any() and second[:2].any():
+        assert total == pytest.approx(polygon_area(corners, three(corners)), abs=1e-8)
+
+
+def test_a_cut_through_corners_keeps_what_touches_it():
+    #     2
+    #    / \       d = v - 2: corner 2 lies on the cut, 0 and 1 beyond it
+    #   0---1
+    triangle = np.array([[[0.0, 0], [4, 0], [2, 2]]])
+    part, counts = clip_polygons(triangle, np.array([3]), triangle[..., 1] - 2)
+    assert polygon_area(part, counts) == 0
+    part, counts = clip_polygons(triangle, np.array([3]), 2 - triangle[..., 1])
+    assert counts == [3]
+    assert np.array_equal(part[0, :3], triangle[0])
+
+
+def exact_near_clip_area(face: list[tuple[Fraction, ...]], near: Fraction, f: int) -> Fraction:
+    """Projected area of the part of a face beyond `near`, in rational arithmetic."""
+    kept = []
+    for a, b in zip(face, face[1:] + face[:1], strict=True):
+        if a[2] >= near:
+            kept.append(a)
+        if (a[2] >= near) != (b[2] >= near):
+            t = (near - a[2]) / (b[2] - a[2])
+            kept.append(tuple(x + t * (y - x) for x, y in zip(a, b, strict=True)))
+    image = [(f * x / z, f * y / z) for x, y, z in kept]
+    ring = zip(image, image[1:] + image[:1], strict=True)
+    return sum((a[0] * b[1] - a[1] * b[0] for a, b in ring), Fraction(0)) / 2
+
+
+@pytest.mark.parametrize(
+    ("height", "near", "exact", "naive"),
+    [
+        (Fraction(1, 4), Fraction(1, 8), Fraction(445625, 18), Fraction(-5000, 9)),
+        (Fraction(1, 5), Fraction(1, 10), Fraction(268250, 9), Fraction(-4000, 9)),
+    ],
+)
+def test_a_face_through_the_near_plane_is_cut_not_mirrored(height, near, exact, naive):
+    # Two corners 3 m ahead, one 1 m behind: unclipped, that one lands above the horizon.
+    half, ahead, behind = Fraction(1, 2), Fraction(3), Fraction(-1)
+    face = [(-half, height, ahead), (half, height, ahead), (Fraction(0), height, behind)]
+    assert exact_near_clip_area(face, near, 100) == exact
+    assert exact_near_clip_area(face, Fraction(-10), 100) == naive
+
+    corners = np.array([face], dtype=np.float64)
+    cut, counts = clip_near(corners, float(near))
+    assert counts == [4]
+    assert polygon_area(to_image(cut, CAMERA), counts) == pytest.approx([float(exact)], rel=1e-12)
+    unclipped = polygon_area(to_image(corners, CAMERA), np.array([3]))
+    assert unclipped == pytest.approx([float(naive)], rel=1e-12)
+
+
+def test_clip_near_keeps_drops_and_cuts():
+    ahead = np.array([[-1.0, 0, 2], [1, 0, 2], [0, 1, 2]])
+    one_behind, two_behind = ahead.copy(), ahead.copy()
+    one_behind[2, 2] = two_behind[:2, 2] = -2
+    _, counts = clip_near(np.stack((ahead, -ahead, one_behind, two_behind)), 0.5)
+    assert np.array_equal(counts, (3, 0, 4, 3))
+
+
+def test_clip_to_image_keeps_the_half_inside():
+    #        0,0                     a: -50..50 x 50..150, half in
+    #    +----|----+                 b: wholly in       c: wholly out
+    #    | a  |    |     200         d: round the image
+    square = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
+    polygons = np.stack(
+        (100 * square + (-50, 50), 10 * square + 20, square + 300, 1000 * square - 400)
+    )
+    cut, counts = clip_to_image(polygons, np.full(4, 4), CAMERA)
+    assert polygon_area(cut, counts) == pytest.approx([5000, 100, 0, 40000])
+    assert cut.shape == (4, 8, 2)
+    assert (cut[counts > 0] >= 0).all()
+    assert (cut[counts > 0] <= 200).all()
+
+
+@given(hnp.arrays(np.int64, (3, 3, 2), elements=st.integers(-200, 400)).map(np.float64))
+def test_neighbouring_images_share_a_face_without_loss(corners):
+    total = 0
+    for u in (-200, 0, 200):
+        for v in (-200, 0, 200):
+            cut, counts = clip_to_image(corners - (u, v), three(corners), CAMERA)
+            total += polygon_area(cut, counts)
+    assert total == pytest.approx(polygon_area(corners, three(corners)), abs=1e-7)
+
+
+# --- depths ---------------------------------------------------------------------------------------
+
+
+def pyramid(camera: Camera, near: float) -> np.ndarray:
+    """Rows (a, b, c, d) with a x + b y + c z + d >= 0 in view and beyond near."""
+    w, h = camera.width - camera.cx, camera.height - camera.cy
+    return np.array(
+        [
+            (camera.fx, 0, camera.cx, 0),
+            (-camera.fx, 0, w, 0),
+            (0, camera.fy, camera.cy, 0),
+            (0, -camera.fy, h, 0),
+            (0, 0, 1, -near),
+        ]
+    )
+
+
+def least_depth_by_linear_program(face: np.ndarray, camera: Camera, near: float) -> float:
+    """Least z over a face in view: the best feasible crossing of any two of its 8 limits."""
+    a, edges = face[0], face[1:] - face[0]  # point = a + (s, t) @ edges
+    rows = pyramid(camera, near)
+    gradients = np.concatenate((rows[:, :3] @ edges.T, [(1, 0), (0, 1), (-1, -1)]))
+    constants = np.concatenate((rows[:, :3] @ a + rows[:, 3], (0, 0, 1)))
+    best = np.inf
+    for i, j in combinations(range(len(constants)), 2):
+        pair = gradients[[i, j]]
+        if abs(np.linalg.det(pair)) > 1e-12:
+            st_ = np.linalg.solve(pair, -constants[[i, j]])
+            if (gradients @ st_ + constants >= -1e-9).all():
+                best = min(best, float(a[2] + st_ @ edges[:, 2]))
+    return best
+
+
+@pytest.mark.parametrize("camera", [CAMERA, SKEWED])
+@given(rng=seeds, n=st.integers(1, 6), size=st.sampled_from([0.1, 1.0, 10.0]))
+def test_nearest_depth_is_the_least_over_all_faces_in_view(camera, rng, n, size):
+    faces = rng.normal(size=(n, 1, 3)) * 2 + rng.normal(size=(n, 3, 3)) * size
+    near = 0.25
+    least = min(least_depth_by_linear_program(face, camera, near) for face in faces)
+    assert nearest_depth_in_view(faces, camera, near) == pytest.approx(least, rel=1e-7)
+
+
+def samples(faces: np.ndarray, n: int = 12) -> np.ndarray:
+    s, t = np.meshgrid(np.linspace(0, 1, n), np.linspace(0, 1, n))
+    keep = s + t <= 1
+    weights = np.stack((1 - s - t, s, t), axis=-1)[keep]
+    return (weights @ faces).reshape(-1, 3)
+
+
+def in_view(points: np.ndarray, camera: Camera, near: float) -> np.ndarray:
+    rows = pyramid(camera, near)
+    return points[(points @ rows[:, :3].T + rows[:, 3] >= 0).all(axis=1)]
+
+
+@given(rng=seeds, n=st.integers(1, 8))
+def test_no_point_in_view_is_nearer_than_the_nearest_depth(rng, n):
+    faces = rng.normal(size=(n, 1, 3)) * 2 + rng.normal(size=(n, 3, 3))
+    nearest = nearest_depth_in_view(faces, SKEWED, 0.25)
+    seen = in_view(samples(faces), SKEWED, 0.25)
+    assert nearest <= seen[:, 2].min(initial=np.inf) + 1e-12
+
+
+def test_nearest_depth_where_a_vertex_an_edge_or_the_inside_is_nearest():
+    def nearest(*face: tuple[float, float, float]) -> float:
+        return nearest_depth_in_view(np.array([face], dtype=np.float64), CAMERA, 0.1)
+
+    assert nearest((0, 0, 3), (1, 0, 5), (0, 1, 5)) == 3
+    # The edge x = 4 - z crosses the side x = z at depth 2.
+    assert nearest((4, 0, 0), (0, 0, 4), (0, 1, 8)) == pytest.approx(2)
+    # The floor y = 1 fills the view; its nearest part in view lies under the side y = z.
+    assert nearest((-90, 1, -50), (90, 1, -50), (0, 1, 90)) == pytest.approx(1)
+    # A slope with all corners outside: x + y + z = 3 is pierced at (1, 1, 1).
+    assert nearest((50, 50, -97), (-97, 50, 50), (50, -97, 50)) == pytest.approx(1)
+    # Through the eye: near is the nearest.
+    assert nearest((-1, 0, 5), (1, 0, 5), (0, 0, -5)) == pytest.approx(0.1)
+    assert nearest((-1, 0, -5), (1, 0, -5), (0, 1, -5)) == np.inf  # behind
+    assert nearest((9, 0, 5), (9, 1, 5), (9, 0, 6)) == np.inf  # beside
+
+
+def bounds_of(vertices: np.ndarray) -> np.ndarray:
+    return np.stack((vertices.min(axis=0), vertices.max(axis=0)))
+
+
+@given(rng=seeds, offset=st.sampled_from([0.0, 3.0, 100.0]), near=st.sampled_from([0.0, 0.3]))
+def test_depth_range_holds_every_depth_in_view(rng, offset, near):
+    camera = Camera(width=200, height=150, fx=100, fy=120, near=near)
+    vertices, faces = rng.normal(size=(12, 3)), rng.integers(0, 12, size=(8, 3))
+    eyes = rng.normal(size=(5, 3)) + offset * rng.choice([-1, 1], size=(5, 3))
+    poses = look_at(eyes, rng.normal(size=(5, 3)))
+    bounds = bounds_of(vertices)
+    limits = near_limit(camera, bounds, poses)
+    z_near, z_far, clipped = depth_range(vertices, faces, bounds, camera, poses)
+    assert (z_near >= limits).all()
+    assert (z_near > 0).all()
+    assert (z_near < z_far).all()
+    for pose, first, last, cut, limit in zip(poses, z_near, z_far, clipped, limits, strict=True):
+        depths = in_view(to_camera(samples(vertices[faces]), pose), camera, 0)[:, 2]
+        seen = depths[depths >= limit]
+        assert ((first <= seen) & (seen <= last)).all()
+        assert cut or len(seen) == len(depths)
+
+
+def test_depth_range_says_which_poses_cut_a_surface_in_view():
+    # A floor of 20 x 20 m seen from 1 m above, from outside, and along it.
+    vertices = np.array([[-10.0, -10, 0], [10, -10, 0], [10, 10, 0], [-10, 10, 0]])
+    faces = np.array([[0, 1, 2], [0, 2, 3]])
+    poses = look_at(
+        [(0, 0, 1), (0, -30, 5), (0, 0, 1), (0, 0, 0)],
+        [(0, 0, 0), (0, 0, 0), (0, 5, 1), (1, 0, 0)],
+    )
+    near, far, clipped = depth_range(vertices, faces, bounds_of(vertices), CAMERA, poses)
+    # The third passes beside the eye, but the view shows it from 1 m on only.
+    assert np.array_equal(clipped, (False, False, False, True))
+    assert near[0] == pytest.approx(0.5, rel=1e-4)  # a level floor has one depth: far / 2
+    assert near[2] == pytest.approx(1, rel=1e-4)
+    assert far[2] == pytest.approx(10, rel=1e-4)
+    assert (far / near)[:3].max() < 100
+
+    nearer = Camera(width=200, height=200, fx=100, fy=100, near=2)
+    near, _, clipped = depth_range(vertices, faces, bounds_of(vertices), nearer, poses[[1, 2]])
+    assert np.array_equal(clipped, (False, True))
+    assert near[1] == 2
+
+
+def test_what_lies_behind_is_not_cut():
+    vertices = np.array([[-1.0, -1, 0], [1, -1, 0], [0, 1, 0]])
+    poses = look_at((0, 0, 5), (0, 0, 10))
+    bounds = bounds_of(vertices)
+    _, _, clipped = depth_range(vertices, np.array([[0, 1, 2]]), bounds, CAMERA, poses)
+    assert not clipped.any()
+
+
+def test_a_surface_in_view_that_is_wholly_nearer_than_near_is_cut():
+    # eye >   | 1 m   ' near, 2 m   | 4 m
+    wall = np.array([[-50.0, -50, 1], [50, -50, 1], [0, 50, 1]])
+    vertices, faces = np.concatenate((wall, wall * (1, 1, 4))), np.array([[0, 1, 2], [3, 4, 5]])
+    camera = Camera(width=200, height=200, fx=100, fy=100, near=2)
+    near, far, clipped = depth_range(vertices, faces, bounds_of(vertices), camera, np.eye(4)[None])
+    assert clipped.all()
+    assert 2 <= near[0] <= 4 <= far[0]
+
+
+@given(rng=seeds, spread=st.sampled_from([0.5, 3.0, 30.0]))
+def test_image_boxes_hold_every_projected_vertex_in_the_image(rng, spread):
+    vertices = rng.normal(size=(30, 3))
+    poses = np.stack([random_pose(rng, spread) for _ in range(4)])
+    for camera in (CAMERA, SKEWED):
+        size = np.array((camera.width, camera.height))
+        boxes = image_boxes(bounds_of(vertices), camera, poses)
+        assert (boxes >= 0).all()
+        assert (boxes[:, :2] <= boxes[:, 2:]).all()
+        assert (boxes[:, 2:] <= size).all()
+        for pose, box in zip(poses, boxes, strict=True):
+            local = to_camera(vertices, pose)
+            image = to_image(local[local[:, 2] > 0], camera)
+            inside = image[((image >= 0) & (image <= size)).all(axis=1)]
+            assert ((inside >= box[:2]) & (inside <= box[2:])).all()
+
+
+def test_image_boxes_are_tight_empty_or_whole():
+    bounds = np.array([[-1.0, -1, -1], [1, 1, 1]])
+    poses = look_at(
+        [(0, -11, 0), (0, -11, 0), (0, 0, 0), (0, -11, 0)],
+        [(0, 0, 0), (-90, 0, 0), (0, 1, 0), (0, -90, 0)],
+    )
+    boxes = image_boxes(bounds, CAMERA, poses)
+    # The front of the box, 10 m ahead, reaches 10 px from the middle; one more is slack.
+    assert np.abs(boxes[0] - (90, 90, 110, 110)).max() <= 2
+    left, top, right, bottom = boxes[1]
+    assert (right - left) * (bottom - top) == 0
+    assert np.array_equal(boxes[2:], [(0, 0, 200, 200)] * 2)
+
+
+def test_near_limit_is_the_greater_of_the_camera_s_and_a_part_of_the_farthest():
+    bounds = np.array([[-1.0, -1, -1], [1, 1, 1]])
+    poses = look_at([(0, 0, 3), (0, 0, 0)], [(0, 1, 3), (0, 1, 0)])
+    reach = np.sqrt((18, 3))  # to a corner 4 m off in z, and from the middle
+    assert near_limit(CAMERA, bounds, poses) == pytest.approx(NEAR_TO_FAR * reach)
+    camera = Camera(width=200, height=200, fx=100, fy=100, near=3e-6)
+    assert near_limit(camera, bounds, poses) == pytest.approx((NEAR_TO_FAR * reach[0], 3e-6))
+
+
+def test_a_box_has_eight_corners():
+    corners = box_corners(np.array([[0.0, 1, 2], [3, 4, 5]]))
+    assert sorted(map(tuple, corners)) == [
+        (x, y, z) for x in (0, 3) for y in (1, 4) for z in (2, 5)
+    ]
+
+
+def test_no_faces_and_no_poses_give_nothing():
+    none = np.zeros((0, 3), dtype=np.int64)
+    vertices = np.array([[0.0, 0, 0], [1, 1, 1]])
+    bounds, poses = bounds_of(vertices), look_at([(0, -5, 0), (0, 5, 0)], (0, 0, 0))
+    assert nearest_depth_in_view(np.zeros((0, 3, 3)), CAMERA, 0.1) == np.inf
+    cut, counts = clip_near(np.zeros((0, 3, 3)), 0.1)
+    assert (cut.shape, counts.shape) == ((0, 4, 3), (0,))
+    cut, counts = clip_to_image(cut[..., :2], counts, CAMERA)
+    assert (cut.shape, polygon_area(cut, counts).shape) == ((0, 8, 2), (0,))
+
+    near, far, clipped = depth_range(vertices, none, bounds, CAMERA, poses)
+    assert (near < far).all()
+    assert not clipped.any()
+    assert [a.shape for a in depth_range(vertices, none, bounds, CAMERA, poses[:0])] == [(0,)] * 3
+    assert near_limit(CAMERA, bounds, poses[:0]).shape == (0,)
+    assert image_boxes(bounds, CAMERA, poses[:0]).shape == (0, 4)
+
+
+def test_faces_without_area_have_depths_and_no_area():
+    point, needle = np.full((3, 3), 2.0), np.array([[0.0, 0, 1], [0, 0, 2], [0, 0, 3]])
+    faces = np.stack((point * (0, 0, 1), needle))
+    assert nearest_depth_in_view(faces, CAMERA, 0.1) == 1
+    cut, counts = clip_near(faces, 1.5)
+    assert np.array_equal(polygon_area(to_image(cut, CAMERA), counts), (0, 0))
+
+
+def test_a_polygon_in_the_plane_of_the_cut_may_alternate_in_sign():
+    # What rounding leaves of a face seen edge-on at the image border: corners at 0 give or take.
+    square = np.array([[[0.0, 0], [1, 0], [1, 1], [0, 1]]])
+    distance = np.array([[1.0, -1, 1, -1]]) * 1e-17
+    part, counts = clip_polygons(square, np.array([4]), distance)
+    assert counts[0] <= part.shape[1]
+    part, counts = clip_polygons(part, counts, part[..., 0] + 1)
+    assert counts[0] <= part.shape[1]
+
+
+@given(rng=seeds)
+def test_walls_edge_on_at_the_image_border_have_a_depth(rng):
+    # The wall x = -z of the view, turned into the world and back.
+    pose = random_pose(rng)
+    s = rng.uniform(-2, 5, size=(50, 3))
+    local = np.stack((-s, rng.uniform(-5, 5, size=(50, 3)), s), axis=-1)
+    walls = to_camera(local @ pose[:3, :3].T + pose[:3, 3], pose)
+    assert nearest_depth_in_view(walls, CAMERA, 0.1) >= 0.1 - 1e-9

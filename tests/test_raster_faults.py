@@ -1,0 +1,449 @@
+"""Every fault of device, driver, process or caller is told apart from an answer."""
+
+import dataclasses
+import os
+import re
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import moderngl
+import numpy as np
+import pytest
+
+import rastercov
+from rastercov import shaders, shapes
+from rastercov.camera import Camera
+from rastercov.errors import ConfigError, DeviceError, PoseError, ResourceError
+from rastercov.mesh import Mesh
+from rastercov.pose import look_at, sphere_of_poses
+from rastercov.raster import gl as gl_module
+from rastercov.raster.arena import Arena
+from rastercov.raster.contract import open_rasterizer
+from rastercov.raster.egl import open_context
+from rastercov.raster.gl import GLRasterizer
+from rastercov.raster.scene import Scene
+
+CAMERA = Camera(width=80, height=60, fx=75, fy=75)
+MESH = shapes.torus(12, 8)
+POSES = sphere_of_poses((0, 0, 0), 4, 4)
+
+
+@pytest.fixture
+def rasterizer(open_raster):
+    return open_raster(MESH, CAMERA)
+
+
+# --- what a device lacks --------------------------------------------------------------------------
+
+
+def counted(context, plan, mesh=MESH, **options):
+    with GLRasterizer(mesh, CAMERA, device=context, plan=plan, **options) as rasterizer:
+        return rasterizer.count(POSES), rasterizer.info
+
+
+@pytest.fixture
+def old_context(monkeypatch):
+    """A context that says it is OpenGL 3.3; its own, because it leaves other state behind."""
+
+    def open_old(*extensions):
+        context = open_context("surfaceless")
+        opened.append(context)
+        info = dataclasses.replace(context.info, gl_version=330, extensions=frozenset(extensions))
+        monkeypatch.setattr(context, "info", info)
+        return context
+
+    opened = []
+    yield open_old
+    for context in opened:
+        context.release()
+
+
+@pytest.mark.parametrize("extensions", [(), ("GL_ARB_clip_control",)])
+@pytest.mark.parametrize("supersample", [1, 2])
+def test_device_without_storage_buffers_gives_the_same_counts(
+    device, old_context, extensions, supersample
+):
+    double = Mesh(vertices=MESH.vertices, faces=np.concatenate((MESH.faces, MESH.faces[::-1])))
+    for mesh, options in ((MESH, {}), (double, {"max_faces_a_draw": 50, "max_tile": 64})):
+        options = {"supersample": supersample, **options}
+        expected, _ = counted(device, "software", mesh, **options)
+        found, info = counted(old_context(*extensions), "software", mesh, **options)
+        assert info.depth == ("float32 reversed" if extensions else "float32")
+        np.testing.assert_array_equal(found.drawn, expected.drawn)
+        np.testing.assert_array_equal(found.visible, expected.visible)
+
+
+def test_plan_that_the_device_lacks_is_refused(old_context):
+    with pytest.raises(DeviceError, match=r"plan 'hardware' needs .* use plan 'software'"):
+        counted(old_context(), "hardware")
+
+
+def test_software_device_runs_the_software_plan_unless_told(device):
+    assert counted(device, "auto")[1].plan == "software"
+    assert counted(device, "hardware")[1].plan == "hardware"
+
+
+@pytest.mark.parametrize("given", ["name", "context"])
+def test_hardware_can_be_required(device, given):
+    with pytest.raises(DeviceError, match=r"hardware"):
+        open_rasterizer(
+            MESH,
+            CAMERA,
+            "gl",
+            device="surfaceless" if given == "name" else device,
+            require_hardware=True,
+        )
+
+
+# --- what a caller gets wrong ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("supersample", [0, -1, 65, 1.5, True, "2"])
+def test_supersample_is_a_small_whole_number(supersample):
+    with pytest.raises(ConfigError, match="supersample must be a whole number 1 to 64"):
+        open_rasterizer(MESH, CAMERA, "gl", supersample=supersample)
+
+
+def test_backend_and_plan_are_known_names(device):
+    with pytest.raises(ConfigError, match="backend must be .* got 'vulkan'"):
+        open_rasterizer(MESH, CAMERA, "vulkan")
+    with pytest.raises(ConfigError, match="plan must be .* got 'fast'"):
+        open_rasterizer(MESH, CAMERA, "gl", device=device, plan="fast")
+
+
+def test_bad_pose_is_named_and_the_rasteriser_goes_on(rasterizer):
+    bad = POSES.copy()
+    bad[2, 0, 0] = np.nan
+    expected = rasterizer.count(POSES)
+    with pytest.raises(PoseError, match="pose 2 is not finite"):
+        rasterizer.count(bad)
+    np.testing.assert_array_equal(rasterizer.count(POSES).visible, expected.visible)
+
+
+@pytest.mark.parametrize("n", [0, 2])
+def test_render_takes_one_pose(rasterizer, n):
+    with pytest.raises(ConfigError, match=f"render takes one pose, got {n}"):
+        rasterizer.render(POSES[:n])
+
+
+def test_drawn_pixels_that_were_not_counted_are_refused(rasterizer):
+    counts = rasterizer.count(POSES, drawn=False)
+    with pytest.raises(ConfigError, match=re.escape("use count(poses, drawn=True)")):
+        counts.drawn_pixels  # noqa: B018 - it raises
+
+
+# --- threads, processes, lifetimes ----------------------------------------------------------------
+
+
+def test_fork_is_told_apart_from_a_hang():
+    code = """
+import os
+import numpy as np
+from rastercov import shapes
+from rastercov.camera import Camera
+from rastercov.errors import DeviceError
+from rastercov.pose import look_at
+from rastercov.raster.contract import open_rasterizer
+
+camera, pose = Camera(width=16, height=12, fx=16, fy=16), look_at((3, 2, 1), (0, 0, 0))
+with open_rasterizer(shapes.box(), camera, "gl", device="surfaceless") as rasterizer:
+    rasterizer.count(pose)
+    child = os.fork()
+    if child == 0:
+        for use in (rasterizer.count, rasterizer.render):
+            try:
+                use(pose)
+            except DeviceError as error:
+                print(error, flush=True)
+        os._exit(0)
+    os.waitpid(child, 0)
+    rasterizer.count(pose)
+"""
+    run = subprocess.run(
+        [sys.executable, "-c", code],
+        env={**os.environ, "PYTHONPATH": str(Path(rastercov.__file__).parents[1])},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert run.returncode == 0, run.stderr
+    lines = run.stdout.splitlines()
+    assert len(lines) == 2
+    assert all("a fork of it" in line and "spawn" in line for line in lines)
+
+
+@pytest.mark.parametrize("use", ["count", "render", "close"])
+def test_use_from_a_second_thread_names_both(rasterizer, use):
+    caught = []
+
+    def run():
+        try:
+            getattr(rasterizer, use)(*([] if use == "close" else [POSES[0]]))
+        except DeviceError as error:
+            caught.append(str(error))
+
+    thread = threading.Thread(target=run, name="intruder")
+    thread.start()
+    thread.join(60)
+    assert len(caught) == 1
+    assert "'intruder'" in caught[0]
+    assert threading.current_thread().name in caught[0]
+    assert rasterizer.count(POSES).visible.any()
+
+
+def test_closed_rasteriser_says_so(rasterizer):
+    rasterizer.close()
+    for use in (rasterizer.count, rasterizer.render):
+        with pytest.raises(DeviceError, match="this rasteriser is closed; open a new one"):
+            use(POSES[0])
+    rasterizer.close()
+
+
+def test_released_context_says_so():
+    context = open_context("surfaceless")
+    rasterizer = GLRasterizer(MESH, CAMERA, device=context)
+    context.release()
+    with pytest.raises(DeviceError, match="used after its release"):
+        rasterizer.count(POSES)
+
+
+def test_rasteriser_leaves_the_callers_context_open(device):
+    with GLRasterizer(MESH, CAMERA, device=device):
+        pass
+    assert device.gl.error == "GL_NO_ERROR"
+
+
+def test_rasterisers_take_turns_on_one_context(open_raster):
+    first, second = open_raster(MESH, CAMERA), open_raster(shapes.box(), CAMERA, supersample=2)
+    expected = first.count(POSES), second.count(POSES)
+    for _ in range(2):
+        for rasterizer, before in zip((first, second), expected, strict=True):
+            found = rasterizer.count(POSES)
+            np.testing.assert_array_equal(found.visible, before.visible)
+            np.testing.assert_array_equal(found.drawn, before.drawn)
+    first.close()
+    np.testing.assert_array_equal(second.count(POSES).drawn, expected[1].drawn)
+
+
+def test_rasterisers_take_turns_on_two_contexts(open_raster):
+    first = open_raster(MESH, CAMERA)
+    expected = first.count(POSES)
+    with open_rasterizer(MESH, CAMERA, "gl", device="surfaceless", plan=first.info.plan) as second:
+        for rasterizer in (second, first, second, first):
+            np.testing.assert_array_equal(rasterizer.count(POSES).visible, expected.visible)
+    np.testing.assert_array_equal(first.count(POSES).drawn, expected.drawn)
+
+
+# --- a device that answers wrongly ----------------------------------------------------------------
+
+
+def test_counters_read_without_a_barrier_are_not_trusted(open_raster, monkeypatch):
+    monkeypatch.setattr(moderngl.Context, "memory_barrier", lambda self, *_, **__: None)
+    with pytest.raises(DeviceError, match="cannot be trusted"):
+        open_raster(MESH, CAMERA)
+
+
+def test_barrier_comes_before_every_reading_of_counters(rasterizer, monkeypatch):
+    calls = []
+    barrier, read = moderngl.Context.memory_barrier, moderngl.Buffer.read_into
+
+    def noted_barrier(self, *args, **options):
+        calls.append("barrier")
+        return barrier(self, *args, **options)
+
+    def noted_read(self, *args, **options):
+        calls.append("read")
+        return read(self, *args, **options)
+
+    monkeypatch.setattr(moderngl.Context, "memory_barrier", noted_barrier)
+    monkeypatch.setattr(moderngl.Buffer, "read_into", noted_read)
+    rasterizer.count(POSES)
+    assert calls
+    assert calls == ["barrier", "read"] * (len(calls) // 2)
+
+
+def one_pixel_off(ids):
+    ids = ids.copy()
+    row, column = np.argwhere(ids > 0)[0]
+    ids[row, column] ^= 1
+    return ids
+
+
+@pytest.mark.parametrize("wrong", [np.zeros_like, one_pixel_off, np.flipud, np.ones_like])
+def test_wrong_image_is_caught_at_opening(device, monkeypatch, wrong):
+    read = Arena.read_faces
+    monkeypatch.setattr(Arena, "read_faces", lambda *arguments: wrong(read(*arguments)))
+    with pytest.raises(DeviceError, match=r"llvmpipe .* cannot be trusted, see `rastercov doctor`"):
+        GLRasterizer(MESH, CAMERA, device=device, plan="software")
+
+
+def one_count_moved(counters):
+    counters = counters.copy()
+    counters[0, np.argmax(counters[0])] -= 1
+    counters[0, -1] += 1
+    return counters
+
+
+@pytest.mark.parametrize("plan", ["software", "hardware"])
+@pytest.mark.parametrize("wrong", [np.zeros_like, one_count_moved])
+def test_wrong_counters_are_caught_at_opening(device, monkeypatch, wrong, plan):
+    read = Arena.read_counters
+    monkeypatch.setattr(Arena, "read_counters", lambda *arguments: wrong(read(*arguments)))
+    with pytest.raises(DeviceError, match="cannot be trusted"):
+        GLRasterizer(MESH, CAMERA, device=device, plan=plan)
+
+
+def stuck(monkeypatch):
+    """From now on images keep what they hold: nothing is cleared, nothing is drawn."""
+    monkeypatch.setattr(Arena, "clear", lambda *_, **__: None)
+    monkeypatch.setattr(Scene, "draw", lambda *_, **__: None)
+
+
+def blind(monkeypatch):
+    """From now on nothing is drawn."""
+    monkeypatch.setattr(Scene, "draw", lambda *_, **__: None)
+
+
+def no_depth_test(monkeypatch):
+    """From now on the face drawn last wins."""
+    monkeypatch.setattr(gl_module.moderngl, "DEPTH_TEST", 0)
+
+
+@pytest.mark.parametrize("fail", [stuck, blind, no_depth_test])
+def test_device_that_goes_wrong_later_is_caught_within_the_interval(open_raster, monkeypatch, fail):
+    monkeypatch.setattr(gl_module, "CANARY_EVERY", 8)
+    rasterizer = open_raster(MESH, CAMERA)
+    rasterizer.count(POSES)
+    fail(monkeypatch)
+    with pytest.raises(DeviceError, match="cannot be trusted"):
+        for _ in range(2):
+            rasterizer.count(POSES)
+
+
+def test_image_left_over_from_the_check_before_is_caught(open_raster, monkeypatch):
+    monkeypatch.setattr(gl_module, "CANARY_EVERY", 4)
+    rasterizer = open_raster(MESH, CAMERA)
+    draw = Scene.draw
+    user_scene = rasterizer._scene
+
+    def draw_only_the_users(self, *arguments):
+        if self is user_scene:
+            draw(self, *arguments)
+
+    # What the check drew at opening is put back before each later check: a stale, correct image.
+    monkeypatch.setattr(Arena, "clear", lambda *_, **__: None)
+    monkeypatch.setattr(Scene, "draw", lambda *_, **__: None)
+    monkeypatch.setattr(gl_module.GLRasterizer, "_count_drawn", lambda *_: 0)
+    with pytest.raises(DeviceError, match="drew a known scene wrongly"):
+        rasterizer._check_device()  # the image of the first view, expected is that of the second
+    assert draw_only_the_users is not draw
+
+
+def test_counts_that_do_not_add_up_are_refused(open_raster, monkeypatch, plan):
+    rasterizer = open_raster(MESH, CAMERA)
+    name = "_count_here" if plan == "software" else "_count_on_device"
+    honest = getattr(rasterizer, name)
+
+    def lossy(*arguments):
+        seen, empty = honest(*arguments)
+        return seen, empty - 1
+
+    monkeypatch.setattr(rasterizer, name, lossy)
+    with pytest.raises(DeviceError, match="counted 4799 samples of 4800; its answers cannot"):
+        rasterizer.count(POSES)
+
+
+def test_face_that_does_not_exist_is_refused(open_raster, monkeypatch, plan):
+    rasterizer = open_raster(MESH, CAMERA)
+    read = Arena.read_faces
+    monkeypatch.setattr(Arena, "read_faces", lambda *arguments: read(*arguments) * 1000)
+    if plan == "software":
+        with pytest.raises(DeviceError, match=r"drew face \d+ of 192"):
+            rasterizer.count(POSES)
+
+
+@pytest.mark.parametrize(
+    ("error", "kind", "text"),
+    [
+        ("GL_INVALID_OPERATION", DeviceError, "reported GL_INVALID_OPERATION while drawing"),
+        ("GL_OUT_OF_MEMORY", ResourceError, "ran out of memory while drawing"),
+    ],
+)
+def test_error_of_the_driver_is_raised(rasterizer, monkeypatch, error, kind, text):
+    monkeypatch.setattr(moderngl.Context, "error", property(lambda self: error))
+    with pytest.raises(kind, match=text):
+        rasterizer.count(POSES)
+    with pytest.raises(kind, match=text):
+        rasterizer.render(POSES[0])
+    monkeypatch.undo()
+
+
+def test_lost_context_is_told(rasterizer, monkeypatch):
+    monkeypatch.setattr(type(rasterizer._context), "reset_status", lambda self: 0x8253)
+    with pytest.raises(DeviceError, match="lost the context while drawing; open a new rasteriser"):
+        rasterizer.count(POSES)
+    monkeypatch.undo()
+
+
+# --- shaders and memory ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["face.vert", "face.frag", "drawn.frag", "count.comp"])
+def test_shader_that_does_not_compile_is_named(device, monkeypatch, name):
+    honest = shaders.source
+
+    def broken(asked, version=330, **defines):
+        return honest(asked, version, **defines) + ("\nnonsense;" if asked == name else "")
+
+    monkeypatch.setattr(shaders, "source", broken)
+    with pytest.raises(DeviceError) as caught:
+        GLRasterizer(MESH, CAMERA, device=device, plan="hardware")
+    message = str(caught.value)
+    assert name in message
+    assert shaders.digest()[:12] in message
+    assert "nonsense" in message or "syntax error" in message
+    assert "\n" not in message
+
+
+def test_missing_shader_file_is_named(device, monkeypatch, tmp_path):
+    monkeypatch.setattr(shaders, "files", lambda package: tmp_path)
+    shaders.source.cache_clear()
+    try:
+        with pytest.raises(DeviceError, match=r"face.vert.glsl is missing .* reinstall rastercov"):
+            GLRasterizer(MESH, CAMERA, device=device, plan="software")
+    finally:
+        shaders.source.cache_clear()
+
+
+@pytest.mark.parametrize("maker", ["buffer", "texture_array", "framebuffer"])
+@pytest.mark.parametrize("way", ["raises", "error flag"])
+def test_refused_allocation_says_how_many_bytes(open_raster, monkeypatch, maker, way):
+    make, error = getattr(moderngl.Context, maker), moderngl.Context.error
+
+    def refuse(self, *arguments, **options):
+        if way == "raises":
+            raise moderngl.Error("cannot create it")
+        failed.append(maker)
+        return make(self, *arguments, **options)
+
+    failed = []
+    monkeypatch.setattr(moderngl.Context, maker, refuse)
+    monkeypatch.setattr(
+        moderngl.Context,
+        "error",
+        property(lambda self: "GL_OUT_OF_MEMORY" if failed else error.fget(self)),
+    )
+    with pytest.raises(ResourceError, match=r"the device refused .* \([\d.]+ MiB\): "):
+        open_raster(MESH, CAMERA)
+    monkeypatch.undo()
+
+
+def test_batch_that_the_device_has_no_memory_for_is_refused(device):
+    large = Camera(width=4096, height=4096, fx=4096, fy=4096)
+    with pytest.raises(ResourceError, match=r"128 images of 4096 x 4096 \([\d,.]+ MiB\)"):
+        GLRasterizer(MESH, large, device=device, plan="hardware", image_budget=1 << 50)
+    with GLRasterizer(MESH, CAMERA, device=device) as rasterizer:
+        assert rasterizer.count(look_at((4, 0, 0), (0, 0, 0))).visible.any()

@@ -1,0 +1,730 @@
+"""Laws of the rasteriser, each under both of its plans, against the reference where it has a say.
+
+The device rounds corners to 1/256 px, so a sample within 1/128 px of a projected edge may fall to
+either side, and where two surfaces are within 1e-4 of each other in depth either may win. Such
+samples are called ambiguous here; everywhere else the laws hold without exception.
+"""
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from rastercov import shapes
+from rastercov.camera import Camera
+from rastercov.mesh import Mesh
+from rastercov.pose import look_at, sphere_of_poses
+from rastercov.reference import samples
+
+CAMERA = Camera(width=160, height=120, fx=150, fy=140, cx=81.3, cy=58.2)
+SQUARE = Camera(width=200, height=200, fx=100, fy=100)
+SMALL = Camera(width=40, height=30, fx=38, fy=36, cx=19.3, cy=15.2)
+AHEAD = np.eye(4)  # at the origin, looking along +z
+
+EDGE, GAP = 1 / 128, 1e-4
+FEW = 0.005
+"""Most of an image that may differ at ambiguous samples; they are 1 % of these scenes or less."""
+
+
+def ambiguous(mesh, camera, pose, points=None):
+    view = (
+        samples.render(mesh, camera, pose)
+        if points is None
+        else samples.at_points(mesh, camera, pose, points)
+    )
+    return (view.edge_distance <= EDGE) | (view.depth_gap <= GAP)
+
+
+def assert_same_image(found, expected, mesh, camera, pose):
+    """Two images of face indices are equal but for a few ambiguous samples."""
+    rows, columns = np.nonzero(found != expected)
+    if not rows.size:
+        return
+    points = np.stack((columns, rows), axis=-1) + 0.5
+    wrong = ~ambiguous(mesh, camera, pose, points)
+    assert not wrong.any(), (
+        f"{wrong.sum()} of {rows.size} differing samples are not ambiguous, the first at row "
+        f"{rows[wrong][0]}, column {columns[wrong][0]}"
+    )
+    assert rows.size <= FEW * found.size, f"{rows.size} of {found.size} samples differ"
+
+
+def assert_same_counts(found, expected):
+    for name in ("visible", "drawn", "background", "clipped"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), err_msg=name)
+
+
+def moved(mesh, motion):
+    return Mesh(vertices=mesh.vertices @ motion[:3, :3].T + motion[:3, 3], faces=mesh.faces)
+
+
+def dyadic(mesh):
+    """The mesh with coordinates that are whole multiples of 2^-20, so that sums stay exact."""
+    return Mesh(vertices=np.round(mesh.vertices * 2**20) / 2**20, faces=mesh.faces)
+
+
+def without_culling(mesh):
+    mesh = Mesh(vertices=mesh.vertices, faces=mesh.faces)
+    mesh.__dict__["can_cull_back_faces"] = False
+    return mesh
+
+
+def triangles(*corners):
+    points = np.array(corners, dtype=np.float64).reshape(-1, 3)
+    return Mesh(vertices=points, faces=np.arange(len(points)).reshape(-1, 3))
+
+
+def joined(*meshes):
+    starts = np.cumsum([0] + [mesh.n_vertices for mesh in meshes[:-1]])
+    return Mesh(
+        vertices=np.concatenate([mesh.vertices for mesh in meshes]),
+        faces=np.concatenate([m.faces + start for m, start in zip(meshes, starts, strict=True)]),
+    )
+
+
+def square(half, z, centre=(0.0, 0.0)):
+    """Two triangles facing a camera at the origin that looks along +z."""
+    corners = np.array([(-1, -1), (-1, 1), (1, 1), (1, -1)]) * half + centre
+    a, b, c, d = ((x, y, z) for x, y in corners)
+    return triangles((a, b, c), (a, c, d))
+
+
+def turned(angle):
+    """Rotation about the optical axis."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([(c, -s, 0), (s, c, 0), (0, 0, 1)])
+
+
+def around(mesh, n=4):
+    centre, size = mesh.bounds.mean(axis=0), np.linalg.norm(np.ptp(mesh.bounds, axis=0))
+    return sphere_of_poses(centre, 1.1 * size, n)
+
+
+# Small scenes that between them have every property: closed, open, self-crossing, seen from inside.
+SCENES = {
+    "torus": lambda: (shapes.torus(20, 10), sphere_of_poses((0, 0, 0), 4, 3)),
+    "torus from inside": lambda: (
+        shapes.torus(20, 10),
+        look_at([(1, 0, 0.1), (0.9, 0.2, 0)], [(0, 1, 0), (-1, 1, 0.1)]),
+    ),
+    "room": lambda: (
+        shapes.room(4),
+        look_at([(0, 0, 1.5), (2.5, 2, 0.3)], [(1, 1, 1), (-3, 0, 1)]),
+    ),
+    "teapot": lambda: (shapes.teapot(3), around(shapes.teapot(3), 3)),
+    "open plane": lambda: (
+        shapes.tessellated_plane(seed=3),
+        look_at([(0.3, 0.2, 0.8), (0.1, 0.3, -0.7), (0.6, 0, 0.01)], (0, 0, 0)),
+    ),
+}
+
+
+@pytest.fixture(params=SCENES)
+def scene(request):
+    return SCENES[request.param]()
+
+
+# --- samples and faces ----------------------------------------------------------------------------
+
+
+def test_image_equals_reference(open_raster, scene):
+    mesh, poses = scene
+    with open_raster(mesh, CAMERA) as rasterizer:
+        for pose in poses:
+            expected = samples.render(mesh, CAMERA, pose)
+            found = rasterizer.render(pose)
+            assert_same_image(found.face, expected.face, mesh, CAMERA, pose)
+            assert np.array_equal(np.isinf(found.depth), found.face < 0)
+            alike = (found.face == expected.face) & (found.face >= 0)
+            off = alike & ~np.isclose(found.depth, expected.depth, rtol=1e-5, atol=0)
+            # Where a face is seen at a grazing angle, rounding its corners moves its depth.
+            assert off.sum() <= 0.002 * alike.sum()
+            points = np.argwhere(off)[:, ::-1] + 0.5
+            steps = [(x, y) for x in (-EDGE, EDGE) for y in (-EDGE, EDGE)]
+            depths = [samples.at_points(mesh, CAMERA, pose, points + step).depth for step in steps]
+            assert (found.depth[off] >= np.min(depths, axis=0) * (1 - 1e-5)).all()
+            assert (found.depth[off] <= np.max(depths, axis=0) * (1 + 1e-5)).all()
+
+
+def test_counts_equal_reference_within_ambiguous_samples(open_raster, scene):
+    mesh, poses = scene
+    with open_raster(mesh, CAMERA) as rasterizer:
+        counts = rasterizer.count(poses)
+    for row, pose in enumerate(poses):
+        visible, drawn = samples.count(mesh, CAMERA, pose)
+        most = ambiguous(mesh, CAMERA, pose).sum()
+        assert np.abs(counts.visible[row] - visible).sum() <= 2 * most
+        # An ambiguous sample may be one for several faces that lie behind each other.
+        assert np.abs(counts.drawn[row] - drawn).max() <= 2
+        assert np.abs(counts.drawn[row] - drawn).sum() <= 0.02 * drawn.sum()
+
+
+def test_render_is_what_count_counts(open_raster, scene):
+    mesh, poses = scene
+    with open_raster(mesh, CAMERA) as rasterizer:
+        counts = rasterizer.count(poses)
+        for row, pose in enumerate(poses):
+            face = rasterizer.render(pose).face
+            found = np.bincount(face.ravel() + 1, minlength=mesh.n_faces + 1)
+            np.testing.assert_array_equal(found[1:], counts.visible[row])
+            assert found[0] == counts.background[row]
+
+
+@pytest.mark.parametrize("supersample", [1, 2, 3])
+def test_faces_and_background_add_up_to_all_samples(open_raster, scene, supersample):
+    mesh, poses = scene
+    with open_raster(mesh, CAMERA, supersample=supersample) as rasterizer:
+        counts = rasterizer.count(poses)
+        assert counts.supersample == supersample
+        n_samples = CAMERA.width * CAMERA.height * supersample**2
+        assert (counts.visible.sum(axis=1) + counts.background == n_samples).all()
+        assert (counts.visible <= counts.drawn).all()
+        assert counts.visible_pixels.sum() == pytest.approx(counts.visible.sum() / supersample**2)
+        alone = rasterizer.count(poses, drawn=False)
+        assert alone.drawn is None
+        np.testing.assert_array_equal(alone.visible, counts.visible)
+
+
+def test_finer_samples_are_those_of_a_larger_image(open_raster):
+    mesh, poses = SCENES["teapot"]()
+    large = Camera(width=480, height=360, fx=450, fy=420, cx=3 * CAMERA.cx, cy=3 * CAMERA.cy)
+    with open_raster(mesh, CAMERA, supersample=3) as fine, open_raster(mesh, large) as whole:
+        assert_same_counts(fine.count(poses), whole.count(poses))
+
+
+def test_lone_face_is_fully_visible(open_raster):
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        mesh = triangles(rng.normal(size=(3, 3)) * (1.5, 1.5, 0.7) + (0, 0, 3))
+        with open_raster(mesh, SMALL) as rasterizer:
+            counts = rasterizer.count(AHEAD)
+        np.testing.assert_array_equal(counts.visible, counts.drawn)
+
+
+@pytest.mark.parametrize("supersample", [1, 2, 3])
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_shared_edge_samples_belong_to_exactly_one_face(open_raster, seed, supersample):
+    mesh = shapes.tessellated_plane(30, 20, 4.0, 3.0, seed=seed)
+    rng = np.random.default_rng(seed)
+    eyes = np.concatenate(([(0, 0, 1)], rng.uniform((-0.1, -0.1, 0.8), (0.1, 0.1, 1.2), (3, 3))))
+    poses = look_at(eyes, eyes * (1, 1, 0) * 0.5, up=rng.normal(size=3))
+    with open_raster(mesh, CAMERA, supersample=supersample) as rasterizer:
+        counts = rasterizer.count(poses)
+    n_samples = CAMERA.width * CAMERA.height * supersample**2
+    np.testing.assert_array_equal(counts.drawn.sum(axis=1), n_samples)
+    np.testing.assert_array_equal(counts.visible, counts.drawn)
+
+
+def grid(cx, cy):
+    """Squares of 16 x 16 px whose sides lie on pixel borders, or through pixel centres."""
+    camera = Camera(width=128, height=96, fx=64, fy=64, cx=cx, cy=cy)
+    pose = look_at((0, 0, 2), (0, 0, 0))
+    return shapes.tessellated_plane(10, 8, 5.0, 4.0, jitter=0), camera, pose
+
+
+@pytest.mark.parametrize("centre", [(64, 48), (64.5, 48.5), (64.25, 48.5)])
+def test_edges_through_pixel_centres_share_their_samples_once(open_raster, centre):
+    mesh, camera, pose = grid(*centre)
+    expected, _ = samples.count(mesh, camera, pose[0])
+    with open_raster(mesh, camera) as rasterizer:
+        counts = rasterizer.count(pose)
+    assert counts.drawn.sum() == counts.visible.sum() == camera.width * camera.height
+    assert expected.sum() == camera.width * camera.height
+    # Inner squares have 256 samples, whichever of their two faces takes the diagonal.
+    pairs = counts.drawn.reshape(8, 10, 2).sum(axis=2)
+    assert (pairs[2:-2, 2:-2] == 256).all()
+
+
+@pytest.mark.parametrize("shift", [0, 0.5])
+def test_two_half_views_sum_to_the_whole_view(open_raster, shift):
+    mesh, camera, pose = grid(64 + shift, 48)
+    parts = []
+    for width, cx in ((128, camera.cx), (64, camera.cx), (64, camera.cx - 64)):
+        view = Camera(width=width, height=96, fx=64, fy=64, cx=cx, cy=48)
+        with open_raster(mesh, view) as rasterizer:
+            parts.append(rasterizer.count(pose))
+    whole, left, right = parts
+    np.testing.assert_array_equal(left.visible + right.visible, whole.visible)
+    np.testing.assert_array_equal(left.drawn + right.drawn, whole.drawn)
+
+
+def test_half_images_stand_side_by_side(open_raster, scene):
+    mesh, poses = scene
+    images = []
+    for width, cx in ((160, CAMERA.cx), (80, CAMERA.cx), (80, CAMERA.cx - 80)):
+        view = Camera(width=width, height=120, fx=150, fy=140, cx=cx, cy=CAMERA.cy)
+        with open_raster(mesh, view) as rasterizer:
+            images.append(rasterizer.render(poses[0]).face)
+    assert_same_image(np.hstack(images[1:]), images[0], mesh, CAMERA, poses[0])
+
+
+def test_faces_below_a_pixel_are_hit_or_missed_as_by_the_reference(open_raster):
+    mesh, camera = shapes.sphere(4), Camera(width=24, height=24, fx=30, fy=30)
+    pose = look_at((2.1, 1.7, 1.3), (0, 0, 0))
+    expected = samples.render(mesh, camera, pose[0])
+    with open_raster(mesh, camera) as rasterizer:
+        counts = rasterizer.count(pose)
+        face = rasterizer.render(pose).face
+    clear = ~ambiguous(mesh, camera, pose[0])
+    np.testing.assert_array_equal(face[clear], expected.face[clear])
+    assert (counts.visible[0] == 0).mean() > 0.9
+    assert (counts.visible <= counts.drawn).all()
+
+
+# --- motions --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_moving_mesh_and_camera_together_changes_nothing(open_raster, scene, seed):
+    mesh, poses = scene
+    rng = np.random.default_rng(seed)
+    rotation, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    motion = np.eye(4)
+    motion[:3, :3] = rotation * np.sign(np.linalg.det(rotation))
+    motion[:3, 3] = rng.normal(scale=10, size=3)
+    with open_raster(mesh, CAMERA) as here, open_raster(moved(mesh, motion), CAMERA) as there:
+        for pose in poses:
+            found, expected = there.render(motion @ pose).face, here.render(pose).face
+            assert_same_image(found, expected, mesh, CAMERA, pose)
+
+
+@pytest.mark.parametrize("offset", [(4.0, -8.0, 0.5), (1e7, -2e7, 5e6)])
+def test_exact_translation_changes_not_one_sample(open_raster, scene, offset):
+    mesh, poses = scene
+    mesh, poses = dyadic(mesh), poses.copy()
+    poses[:, :3, 3] = np.round(poses[:, :3, 3] * 2**20) / 2**20
+    far = poses.copy()
+    far[:, :3, 3] += offset
+    motion = np.eye(4)
+    motion[:3, 3] = offset
+    with open_raster(mesh, CAMERA) as here, open_raster(moved(mesh, motion), CAMERA) as there:
+        assert_same_counts(there.count(far), here.count(poses))
+
+
+def test_exact_turn_of_the_axes_changes_not_one_sample(open_raster):
+    mesh = dyadic(shapes.torus(20, 10))
+    poses = look_at([(4, 0.25, 0.5), (0.5, 4, 0.25), (0.25, 0.5, -4)], np.diag([1.0, 1, -1]))
+    poses = look_at(poses[:, :3, 3], poses[:, :3, 3] - 2 * np.diag([1.0, 1, -1]))
+    turn = np.roll(np.eye(4)[:3, :3], 1, axis=0)
+    motion = np.eye(4)
+    motion[:3, :3] = turn
+    assert np.isin(poses[:, :3, :3], (-1, 0, 1)).all()  # so the device adds exact zeros
+    with open_raster(mesh, CAMERA) as here, open_raster(moved(mesh, motion), CAMERA) as there:
+        counts = here.count(poses)
+        assert_same_counts(there.count(motion @ poses), counts)
+    assert (counts.visible.sum(axis=1) > 1000).all()
+
+
+@pytest.mark.parametrize("scale", [2.0**-20, 0.25, 2.0**12])
+def test_scaling_by_powers_of_two_changes_not_one_sample(open_raster, scene, scale):
+    mesh, poses = scene
+    large = poses.copy()
+    large[:, :3, 3] *= scale
+    motion = np.diag((scale, scale, scale, 1.0))
+    with open_raster(mesh, CAMERA) as here, open_raster(moved(mesh, motion), CAMERA) as there:
+        assert_same_counts(there.count(large), here.count(poses))
+        np.testing.assert_array_equal(
+            there.render(large[0]).depth, here.render(poses[0]).depth * np.float32(scale)
+        )
+
+
+def test_rolling_the_camera_turns_the_image(open_raster, scene):
+    mesh, poses = scene
+    camera = Camera(width=120, height=120, fx=130, fy=130)
+    roll = np.eye(4)
+    roll[:2, :2] = (0, -1), (1, 0)
+    with open_raster(mesh, camera) as rasterizer:
+        for pose in poses:
+            upright = rasterizer.render(pose).face
+            found = rasterizer.render(pose @ roll).face
+            assert_same_image(np.rot90(found, -1), upright, mesh, camera, pose)
+
+
+# --- hiding ---------------------------------------------------------------------------------------
+
+
+def clipped_edges(triangle, others):
+    """Sides of a triangle and the parts of other triangles' sides in it, (N, 2, 2) pixels."""
+    sides = [(triangle[i], triangle[i - 1]) for i in range(3)]
+    inward = np.array([(q - p)[::-1] * (-1, 1) for p, q in sides])
+    inward *= np.sign(np.sum(inward * (triangle.mean(axis=0) - triangle), axis=1))[:, None]
+    found = list(sides)
+    for other in others:
+        for i in range(3):
+            p, step = other[i], other[i - 1] - other[i]
+            start, speed = np.sum(inward * (p - triangle), axis=1), inward @ step
+            if (start[speed == 0] < 0).any():
+                continue
+            t = -start[speed != 0] / speed[speed != 0]
+            low = max(0.0, t[speed[speed != 0] > 0].max(initial=0))
+            high = min(1.0, t[speed[speed != 0] < 0].min(initial=1))
+            if low < high:
+                found.append((p + low * step, p + high * step))
+    return np.array(found)
+
+
+def sampling_bound(segments, supersample):
+    """Most samples by which a count can miss the area of a region with these sides.
+
+    Each side of length L in samples (the larger coordinate difference) adds L/2 + 1.25, and the
+    rounding of corners to 1/256 px moves each border by 2/256 px at most.
+    """
+    steps = np.abs(segments[:, 0] - segments[:, 1])
+    ideal = steps.max(axis=1) * supersample / 2 + 1.25
+    return ideal.sum() + 2 / 256 * np.hypot(*steps.T).sum() * supersample**2
+
+
+def assert_fractions(open_raster, mesh, expected, extra_lines=(), tolerance=0.0):
+    """Visible fractions from the origin are as expected, within the rigorous bound."""
+    supersample = 8
+    image = mesh.vertices[:, :2] / mesh.vertices[:, 2:] * 100 + 100
+    corners = image[mesh.faces]
+    with open_raster(mesh, SQUARE, supersample=supersample) as rasterizer:
+        counts = rasterizer.count(AHEAD)
+    ahead = np.roll(corners, -1, axis=1) - corners
+    areas = np.abs(ahead[:, 0, 0] * ahead[:, 1, 1] - ahead[:, 0, 1] * ahead[:, 1, 0]) / 2
+    for face, fraction in expected.items():
+        others = np.delete(corners, face, axis=0)
+        edges = clipped_edges(corners[face], others)
+        lone = sampling_bound(edges[:3], supersample)
+        bound = sampling_bound(np.concatenate((edges, np.reshape(extra_lines, (-1, 2, 2)))), 8)
+        n_samples = areas[face] * supersample**2
+        assert abs(counts.drawn[0, face] - n_samples) <= lone
+        error = abs(counts.visible[0, face] - fraction * n_samples)
+        assert error <= bound + tolerance * n_samples, f"face {face}: {error} > {bound}"
+        assert bound < 0.1 * n_samples  # a bound that would let anything pass proves nothing
+
+
+def test_square_before_a_square_hides_a_quarter(open_raster):
+    mesh = joined(square(2, 4), square(0.5, 2))
+    assert_fractions(open_raster, mesh, {0: 3 / 4, 1: 3 / 4, 2: 1, 3: 1})
+
+
+def test_tiles_before_a_square_hide_a_quarter(open_raster):
+    middles = [(x / 8, y / 8) for x in (-3, -1, 1, 3) for y in (-3, -1, 1, 3)]
+    mesh = joined(square(2, 4), *(square(1 / 16, 1, middle) for middle in middles))
+    assert_fractions(open_raster, mesh, {0: 3 / 4, 1: 3 / 4})
+
+
+def test_wall_through_a_floor_hides_what_perspective_says(open_raster):
+    near, far = ((-1, 1, 2), (1, 1, 2)), ((1, 1, 8), (-1, 1, 8))
+    floor = triangles((*near, far[0]), (near[0], *far))
+    mesh = joined(floor, square(4, 4))
+    with open_raster(mesh, SQUARE, supersample=8) as rasterizer:
+        counts = rasterizer.count(AHEAD)
+    # In the image the floor is a trapezium from row 150 to 112.5; from row 125 up it is hidden.
+    whole = [((50, 150), (150, 150)), ((150, 150), (112.5, 112.5)), ((112.5, 112.5), (87.5, 112.5))]
+    whole += [((87.5, 112.5), (50, 150)), ((75, 125), (125, 125))]
+    seen = (100 + 50) / 2 * 25
+    bound = sampling_bound(np.array(whole), 8)
+    assert abs(counts.visible[0, :2].sum() - 64 * seen) <= bound
+    ratio = (1 / 4 - 1 / 16) / (1 / 4 - 1 / 64)
+    assert counts.visible[0, :2].sum() / counts.drawn[0, :2].sum() == pytest.approx(ratio, abs=5e-3)
+
+
+def test_interpenetrating_pair_hides_25_of_121_of_each(open_raster):
+    one = np.array([(-2, -2, 4), (-2, 2, 4), (2.5, 0, 6)])
+    mesh = triangles(one, one * (-1, 1, 1))
+    line = [((100, 60), (100, 140))]
+    assert_fractions(open_raster, mesh, {0: 96 / 121, 1: 96 / 121}, line)
+
+
+def test_three_bars_hide_each_other_in_a_ring(open_raster):
+    bar = np.array([(-3, -1, 5), (3, -0.7, 7), (-3, -0.4, 5)])
+    mesh = triangles(*(bar @ turned(2 * np.pi / 3 * k).T for k in range(3)))
+    expected = dict.fromkeys(range(3), 1 - 0.0352)
+    assert_fractions(open_raster, mesh, expected, tolerance=5e-5)
+
+
+def test_four_bars_hide_each_other_in_a_pinwheel(open_raster):
+    bar = np.array([(-3, -1, 5), (3, -0.75, 7), (-3, -0.5, 5)])
+    mesh = triangles(*(bar @ np.round(turned(np.pi / 2 * k)).T for k in range(4)))
+    visible = 1742750798191 / 1796713050031
+    assert_fractions(open_raster, mesh, dict.fromkeys(range(4), visible))
+
+
+@pytest.mark.parametrize("name", ["box", "sphere", "icosahedron"])
+def test_convex_body_shows_its_front_whole_and_its_back_not_at_all(open_raster, name):
+    mesh = shapes.by_name(name)
+    poses = sphere_of_poses(mesh.bounds.mean(axis=0), 3.5, 6)
+    with open_raster(mesh, CAMERA) as rasterizer:
+        counts = rasterizer.count(poses)
+    for row, eye in enumerate(poses[:, :3, 3]):
+        height = np.sum(mesh.normals * (eye - mesh.centroids), axis=1)
+        front, back = height > 1e-9, height < -1e-9
+        np.testing.assert_array_equal(counts.visible[row, front], counts.drawn[row, front])
+        assert (counts.visible[row, back] == 0).all()
+        assert counts.drawn[row, back].sum() > 500
+
+
+@pytest.mark.parametrize("max_faces", [2, 1000])
+def test_of_coincident_faces_the_lowest_index_owns_every_sample(open_raster, max_faces):
+    rng = np.random.default_rng(5)
+    orders = [(0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0)]
+    for _ in range(10):
+        corners = rng.normal(size=(3, 3)) + (0, 0, 3)
+        separate = triangles(*(corners[list(order)] for order in (*orders, orders[0])))
+        shared = Mesh(vertices=corners, faces=orders)
+        for mesh in (separate, shared):
+            with open_raster(mesh, SMALL, max_faces_a_draw=max_faces) as rasterizer:
+                counts = rasterizer.count(AHEAD)
+            assert (counts.visible[0, 1:] == 0).all()
+            np.testing.assert_array_equal(counts.drawn[0], counts.visible[0, 0])
+
+
+def test_a_copy_of_a_mesh_is_wholly_hidden(open_raster, scene):
+    mesh, poses = scene
+    inside_out = Mesh(vertices=mesh.vertices, faces=mesh.faces[:, ::-1])
+    with open_raster(without_culling(mesh), CAMERA) as rasterizer:
+        lone = rasterizer.count(poses)
+    for copy in (mesh, inside_out):
+        with open_raster(joined(mesh, copy), CAMERA) as rasterizer:
+            counts = rasterizer.count(poses)
+        assert (counts.visible[:, mesh.n_faces :] == 0).all()
+        np.testing.assert_array_equal(counts.visible[:, : mesh.n_faces], lone.visible)
+        np.testing.assert_array_equal(counts.drawn, np.tile(lone.drawn, 2))
+
+
+def test_both_sides_of_an_open_sheet_are_drawn(open_raster):
+    mesh = shapes.tessellated_plane(4, 4, jitter=0)
+    poses = look_at([(0, 0, 2), (0, 0, -2)], (0, 0, 0))
+    with open_raster(mesh, CAMERA) as rasterizer:
+        counts = rasterizer.count(poses)
+    assert (counts.visible > 0).all()
+    np.testing.assert_array_equal(counts.visible, counts.drawn)
+
+
+@pytest.mark.parametrize(("mesh", "eye"), [(shapes.box(n=3), 0.1), (shapes.sphere(2), 0.3)])
+def test_camera_inside_a_closed_body_sees_its_inner_side(open_raster, mesh, eye):
+    pose = look_at((eye, 0, 0), (1, 2, 0.5))
+    assert mesh.can_cull_back_faces
+    with open_raster(mesh, CAMERA) as rasterizer:
+        counts = rasterizer.count(pose)
+        face = rasterizer.render(pose).face
+    assert counts.background[0] == 0
+    assert not counts.clipped[0]
+    np.testing.assert_array_equal(counts.visible, counts.drawn)
+    assert_same_image(face, samples.render(mesh, CAMERA, pose[0]).face, mesh, CAMERA, pose[0])
+
+
+@pytest.mark.parametrize("name", ["torus", "aeroplane", "sphere"])
+def test_culling_back_faces_changes_no_clear_sample(open_raster, name):
+    mesh = shapes.by_name(name)
+    poses = around(mesh, 6)
+    with (
+        open_raster(mesh, CAMERA) as culled,
+        open_raster(without_culling(mesh), CAMERA) as plain,
+    ):
+        assert mesh.can_cull_back_faces
+        np.testing.assert_array_equal(culled.count(poses).drawn, plain.count(poses).drawn)
+        for pose in poses:
+            assert_same_image(culled.render(pose).face, plain.render(pose).face, mesh, CAMERA, pose)
+
+
+# --- the near plane -------------------------------------------------------------------------------
+
+
+def test_face_through_the_near_plane_is_cut_there(open_raster):
+    mesh = triangles(((-0.5, 0.25, 3), (0.5, 0.25, 3), (0, 0.25, -1)))
+    camera = Camera(width=400, height=400, fx=100, fy=100, cx=200, cy=100, near=1 / 8)
+    with open_raster(mesh, camera, supersample=4) as rasterizer:
+        counts = rasterizer.count(AHEAD)
+    assert counts.clipped[0]
+    cut = [(200 - 112.5, 300), (200 + 112.5, 300), (200 + 50 / 3, 325 / 3), (200 - 50 / 3, 325 / 3)]
+    sides = np.array([(cut[i], cut[i - 1]) for i in range(4)])
+    assert abs(counts.drawn[0, 0] - 16 * 445625 / 18) <= sampling_bound(sides, 4)
+    np.testing.assert_array_equal(counts.visible, counts.drawn)
+
+
+@pytest.mark.parametrize("near", [0.0, 0.5, 3.7, 4.0, 4.9, 6.0])
+def test_near_plane_cuts_as_in_the_reference(open_raster, near):
+    mesh = shapes.torus(20, 10)
+    camera = Camera(width=160, height=120, fx=150, fy=140, near=near)
+    for pose in look_at([(4, 0, 1), (0, 0.2, 0)], [(0, 0, 0), (1, 0, 0)]):
+        expected = samples.render(mesh, camera, pose)
+        whole = samples.render(mesh, CAMERA, pose)
+        with open_raster(mesh, camera) as rasterizer:
+            found = rasterizer.render(pose)
+            counts = rasterizer.count(pose)
+        assert_same_image(found.face, expected.face, mesh, camera, pose)
+        assert (found.depth >= np.float32(near * (1 - 1e-6))).all()
+        is_cut = near > whole.depth.min()
+        assert counts.clipped[0] == is_cut
+
+
+def test_clipped_says_whether_a_surface_in_view_was_cut(open_raster):
+    camera = Camera(width=200, height=200, fx=100, fy=100, near=1.0)
+    meshes = {
+        "beyond": (square(1, 2), False),
+        "wholly nearer": (joined(square(0.1, 0.5), square(1, 2)), True),
+        "only that, nearer": (square(0.1, 0.5), True),
+        "through": (triangles(((0, 0.1, 0.5), (0, 0.1, 2), (0.1, 0.1, 2))), True),
+        "nearer, out of view": (joined(square(0.1, 0.5, (5, 0)), square(1, 2)), False),
+        "behind": (square(1, -2), False),
+        "behind and before": (joined(square(1, -2), square(1, 2)), False),
+        "beside the eye": (triangles(((3, 1, -2), (3, -1, 2), (4, 0, 0))), False),
+    }
+    for name, (mesh, expected) in meshes.items():
+        with open_raster(mesh, camera) as rasterizer:
+            assert rasterizer.count(AHEAD).clipped[0] == expected, name
+
+
+def test_mesh_behind_the_camera_is_not_seen(open_raster, scene):
+    mesh, _ = scene
+    top = mesh.bounds[1] + 1
+    pose = look_at(top, top + 1)
+    with open_raster(mesh, CAMERA) as rasterizer:
+        counts = rasterizer.count(pose)
+        buffer = rasterizer.render(pose)
+    assert not counts.visible.any()
+    assert not counts.drawn.any()
+    assert not counts.clipped.any()
+    assert counts.background[0] == CAMERA.width * CAMERA.height
+    assert (buffer.face == -1).all()
+    assert np.isinf(buffer.depth).all()
+
+
+# --- poses, batches, tiles ------------------------------------------------------------------------
+
+
+def test_no_poses_and_one_pose(open_raster):
+    with open_raster(shapes.box(), CAMERA) as rasterizer:
+        none = rasterizer.count(np.zeros((0, 4, 4)))
+        assert none.visible.shape == none.drawn.shape == (0, 12)
+        assert none.background.shape == none.clipped.shape == (0,)
+        pose = look_at((3, 2, 1), (0, 0, 0))
+        assert_same_counts(rasterizer.count(pose[0]), rasterizer.count(pose))
+        assert rasterizer.count(pose).visible.shape == (1, 12)
+
+
+def test_equal_poses_give_equal_rows(open_raster, scene):
+    mesh, poses = scene
+    mixed = np.concatenate((poses, poses[::-1], poses))
+    with open_raster(mesh, CAMERA) as rasterizer:
+        counts, once = rasterizer.count(mixed), rasterizer.count(poses)
+        assert_same_counts(rasterizer.count(poses), once)
+    n = len(poses)
+    np.testing.assert_array_equal(counts.visible[:n], once.visible)
+    np.testing.assert_array_equal(counts.visible[n : 2 * n], once.visible[::-1])
+    np.testing.assert_array_equal(counts.drawn[2 * n :], once.drawn)
+
+
+def mixed_poses(mesh):
+    """Some from outside, where back faces may be culled, and some from inside, where not."""
+    inside = look_at([(1, 0, 0.1), (0.9, 0.2, 0)], [(0, 1, 0), (-1, 1, 0.1)])
+    return np.concatenate((sphere_of_poses((0, 0, 0), 4, 3), inside))[[0, 3, 1, 4, 2]]
+
+
+@pytest.mark.parametrize("images", [1, 2, 3])
+def test_size_of_a_batch_changes_nothing(open_raster, images):
+    mesh = shapes.torus(20, 10)
+    poses = mixed_poses(mesh)
+    budget = 8 * CAMERA.width * CAMERA.height * images
+    with (
+        open_raster(mesh, CAMERA) as whole,
+        open_raster(mesh, CAMERA, image_budget=budget) as rasterizer,
+    ):
+        assert_same_counts(rasterizer.count(poses), whole.count(poses))
+
+
+@pytest.mark.parametrize("max_faces", [1, 7, 399])
+def test_faces_a_draw_change_nothing(open_raster, max_faces):
+    mesh = shapes.torus(20, 10)
+    poses = mixed_poses(mesh)
+    with (
+        open_raster(mesh, CAMERA) as whole,
+        open_raster(mesh, CAMERA, max_faces_a_draw=max_faces) as rasterizer,
+    ):
+        assert_same_counts(rasterizer.count(poses), whole.count(poses))
+        np.testing.assert_array_equal(rasterizer.render(poses[0]).face, whole.render(poses[0]).face)
+
+
+def test_tiles_make_the_whole_image(open_raster, scene):
+    mesh, poses = scene
+    with open_raster(mesh, CAMERA) as whole, open_raster(mesh, CAMERA, max_tile=64) as tiled:
+        for pose in poses:
+            found, expected = tiled.render(pose), whole.render(pose)
+            assert_same_image(found.face, expected.face, mesh, CAMERA, pose)
+        n_ambiguous = np.array([ambiguous(mesh, CAMERA, pose).sum() for pose in poses])
+        counts, expected = tiled.count(poses), whole.count(poses)
+    assert (np.abs(counts.visible - expected.visible).sum(axis=1) <= 2 * n_ambiguous).all()
+    assert (np.abs(counts.drawn - expected.drawn).max(axis=1) <= 2).all()
+    np.testing.assert_array_equal(counts.clipped, expected.clipped)
+
+
+def test_image_beyond_the_largest_tile_of_the_device(open_raster):
+    mesh = shapes.tessellated_plane(40, 2, 3000.0, 1.0)
+    camera = Camera(width=17000, height=5, fx=5, fy=5)
+    with open_raster(mesh, camera) as rasterizer:
+        counts = rasterizer.count(look_at((0, 0, 1), (0, 0, 0)))
+    assert counts.visible.sum() == counts.drawn.sum() == 3000 * 5 * 5
+
+
+# --- anything at all ------------------------------------------------------------------------------
+
+COORDINATES = st.floats(-2, 2, width=32)
+TRIANGLES = st.tuples(
+    st.sampled_from("any needle edge-on huge through behind degenerate duplicate tiny".split()),
+    st.lists(COORDINATES, min_size=9, max_size=9),
+)
+
+
+def hostile(drawn):
+    """A soup about (0, 0, 4) from drawn kinds and coordinates."""
+    soup = []
+    for kind, numbers in drawn:
+        p = np.reshape(numbers, (3, 3)) + (0, 0, 4)
+        if kind == "needle":
+            p[2] = (p[0] + p[1]) / 2 + (p[2] - p[1]) * 1e-4
+        elif kind == "edge-on":
+            p[1], p[2] = p[0] * 1.75, p[0] * 0.5 + (p[2] - p[1]) * 1e-3
+        elif kind == "huge":
+            p = (p - (0, 0, 4)) * 1e4 + (0, 0, 4)
+        elif kind == "through":
+            p[0, 2] -= 6
+        elif kind == "behind":
+            p[:, 2] *= -1
+        elif kind == "degenerate":
+            p[1] = p[0]
+        elif kind == "duplicate" and soup:
+            p = soup[len(soup) // 2][[1, 0, 2]]
+        elif kind == "tiny":
+            p = p[0] + (p - p[0]) * 0.02
+        soup.append(p)
+    return triangles(*soup)
+
+
+@settings(
+    max_examples=150,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+@given(st.lists(TRIANGLES, min_size=1, max_size=12))
+def test_any_soup_is_seen_as_by_the_reference(open_raster, drawn):
+    mesh = hostile(drawn)
+    expected = samples.render(mesh, SMALL, AHEAD)
+    with open_raster(mesh, SMALL) as rasterizer:
+        found = rasterizer.render(AHEAD).face
+        counts = rasterizer.count(AHEAD)
+    clear = (expected.edge_distance > EDGE) & (expected.depth_gap > GAP)
+    np.testing.assert_array_equal(found[clear], expected.face[clear])
+    np.testing.assert_array_equal(
+        np.bincount(found.ravel() + 1, minlength=mesh.n_faces + 1)[1:], counts.visible[0]
+    )
+    assert (counts.visible <= counts.drawn).all()
+
+
+@settings(
+    max_examples=100,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+@given(st.lists(TRIANGLES, min_size=1, max_size=8), TRIANGLES)
+def test_an_occluder_never_adds_visibility(open_raster, drawn, occluder):
+    mesh = hostile(drawn)
+    more = hostile([*drawn, occluder])
+    with open_raster(mesh, SMALL) as before, open_raster(more, SMALL) as after:
+        old, new = before.render(AHEAD).face, after.render(AHEAD).face
+    # A sample keeps its face or goes to the newcomer, unless it is ambiguous.
+    changed = (new != old) & (new != mesh.n_faces)
+    assert not (changed & ~ambiguous(more, SMALL, AHEAD)).any()

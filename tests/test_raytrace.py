@@ -1,0 +1,140 @@
+"""Against Embree, a ray tracer that shares nothing with the rasteriser: no differing pixel.
+
+Both answer "which face" at each pixel centre. Rays are built here from the camera convention. Where
+the answers differ, the two faces in question are looked at in float64: a pixel within 4e-3 px of
+one of their projected edges is excused (the device rounds corners to 1/256 px), and so is one where
+their depths are within 1e-4. Embree works in float32 itself and misses tiny faces, so of what is
+left, the nearest of all faces at that pixel in float64 says who is wrong.
+"""
+
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+from embreex.mesh_construction import TriangleMesh
+from embreex.rtcore_scene import EmbreeScene
+
+from rastercov import shapes
+from rastercov.camera import Camera
+from rastercov.mesh import Mesh
+from rastercov.pose import look_at, sphere_of_poses
+from rastercov.reference import samples
+
+CAMERA = Camera(width=1280, height=1024, fx=1400, fy=1380, cx=655.25, cy=500.5)
+WIDE = Camera(width=1280, height=1024, fx=640, fy=650, cx=630.75, cy=520.25)
+EDGE, GAP = 4e-3, 1e-4
+
+MESHES = Path(__file__).resolve().parents[2] / "shared" / "meshes"
+
+
+def traced(mesh, camera, pose):
+    """Face index at each pixel centre by Embree, (H, W), -1 for background."""
+    eye, rotation = pose[:3, 3], pose[:3, :3]
+    scene = EmbreeScene(robust=True)
+    vertices = (mesh.vertices - eye).astype(np.float32)
+    TriangleMesh(scene, vertices, mesh.faces.astype(np.int32))
+    column, row = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
+    x = (column + 0.5 - camera.cx) / camera.fx
+    y = (row + 0.5 - camera.cy) / camera.fy
+    # Columns of world_from_camera are the camera's axes: right, down, forward.
+    rays = x[..., None] * rotation[:, 0] + y[..., None] * rotation[:, 1] + rotation[:, 2]
+    rays = rays.reshape(-1, 3).astype(np.float32)
+    return scene.run(np.zeros_like(rays), rays).reshape(column.shape)
+
+
+class Judge:
+    """Looks at single pixels of one pose in float64."""
+
+    def __init__(self, mesh, camera, pose):
+        self.mesh, self.camera, self.pose = mesh, camera, pose
+        corners = ((mesh.vertices - pose[:3, 3]) @ pose[:3, :3])[mesh.faces]
+        self.crosses = corners[..., 2].min(axis=1) <= 0
+        with np.errstate(divide="ignore", invalid="ignore"):
+            image = corners[..., :2] / corners[..., 2:] * (camera.fx, camera.fy)
+        image += (camera.cx, camera.cy)
+        self.low, self.high = image.min(axis=1) - 0.5, image.max(axis=1) + 0.5
+
+    def view(self, faces, point):
+        part = Mesh(vertices=self.mesh.vertices, faces=self.mesh.faces[faces])
+        return samples.at_points(part, self.camera, self.pose, point[None])
+
+    def reason(self, ours, theirs, point):
+        """Why the two answers differ: an edge, equal depth, or who of the two is wrong."""
+        view = self.view([face for face in (ours, theirs) if face >= 0], point)
+        if view.edge_distance[0] <= EDGE:
+            return "near an edge"
+        if view.depth_gap[0] <= GAP:
+            return "at equal depth"
+        inside = self.crosses | ((self.low <= point) & (point <= self.high)).all(axis=1)
+        faces = np.flatnonzero(inside)
+        answer = faces[self.view(faces, point).face[0]] if faces.size else -1
+        return "wrong here" if answer != ours else "wrong in Embree"
+
+
+def differences(mesh, camera, pose, face):
+    """Pixels that differ from Embree's image, counted by reason."""
+    expected = traced(mesh, camera, pose)
+    assert (expected >= 0).mean() > 0.02  # the camera sees something
+    judge = Judge(mesh, camera, pose)
+    found = Counter()
+    for row, column in np.argwhere(face != expected):  # a few hundred at most, 1 ms each
+        point = np.array((column + 0.5, row + 0.5))
+        found[judge.reason(face[row, column], expected[row, column], point)] += 1
+    return found
+
+
+def assert_no_differing_pixel(open_raster, mesh, camera, poses):
+    with open_raster(mesh, camera) as rasterizer:
+        found = [differences(mesh, camera, pose, rasterizer.render(pose).face) for pose in poses]
+    report = "pixels that differ, by pose: " + ", ".join(str(dict(counts)) for counts in found)
+    print(report)
+    assert not any(counts["wrong here"] for counts in found), report
+    assert max(counts.total() for counts in found) <= 1e-3 * camera.width * camera.height, report
+
+
+def outside(mesh, n=3):
+    middle, size = mesh.bounds.mean(axis=0), np.linalg.norm(np.ptp(mesh.bounds, axis=0))
+    return sphere_of_poses(middle, 1.2 * size, n)
+
+
+@pytest.mark.parametrize("name", ["teapot", "torus", "aeroplane", "aeroplane-9856"])
+def test_built_in_part_is_seen_as_by_rays(open_raster, name):
+    mesh = shapes.by_name(name)
+    assert_no_differing_pixel(open_raster, mesh, CAMERA, outside(mesh))
+
+
+def test_room_is_seen_as_by_rays_from_inside(open_raster):
+    eyes = [(0.2, 0.1, 1.5), (2.4, 2.1, 0.4), (-2.7, 1.3, 2.2)]
+    targets = [(1, 1, 1), (-3, 0, 1), (1.6, -1.4, 0.9)]
+    assert_no_differing_pixel(open_raster, shapes.room(8), WIDE, look_at(eyes, targets))
+
+
+def stored_mesh(name):
+    if not (MESHES / name).exists():
+        pytest.skip(f"{name} is not here: the mesh collection is not part of the project")
+    return Mesh.load(MESHES / name)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "spot.obj",
+        "stanford-bunny.obj",
+        "bunny_1602_closed.ply",
+        "bunny_5122_closed.ply",
+        "featuretype.STL",
+        "ADIS16480.STL",
+    ],
+)
+def test_real_part_is_seen_as_by_rays(open_raster, name):
+    mesh = stored_mesh(name)
+    assert_no_differing_pixel(open_raster, mesh, CAMERA, outside(mesh, 2))
+
+
+def test_warehouse_is_seen_as_by_rays_from_inside(open_raster):
+    mesh = stored_mesh("warehouse.ply")
+    low, high = mesh.bounds
+    at = low + (high - low) * [(0.5, 0.5, 0.2), (0.15, 0.2, 0.7), (0.8, 0.7, 0.15)]
+    to = low + (high - low) * [(0.1, 0.1, 0.1), (0.7, 0.8, 0.1), (0.4, 0.2, 0.3)]
+    assert_no_differing_pixel(open_raster, mesh, WIDE, look_at(at, to))
