@@ -8,7 +8,6 @@ E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks.
 
 import json
 import math
-import reprlib
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
@@ -18,10 +17,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov.camera_checks import (
+    image_side,
+    is_inf,
+    number,
+    pair,
+    positive,
+    refuse_distortion,
+    shown,
+    two,
+)
 from rastercov.errors import CameraError
-
-MAX_IMAGE_SIDE = 1 << 17
-"""Largest image side in pixels; larger than any sensor, small enough to count samples in int64."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,26 +86,26 @@ class Camera:
 
     def __post_init__(self) -> None:
         for name in ("width", "height"):
-            object.__setattr__(self, name, _image_side(name, getattr(self, name)))
+            object.__setattr__(self, name, image_side(name, getattr(self, name)))
         for name, centre in (("cx", self.width / 2), ("cy", self.height / 2)):
             value = getattr(self, name)
-            object.__setattr__(self, name, centre if value is None else _number(name, value))
+            object.__setattr__(self, name, centre if value is None else number(name, value))
         for name in ("fx", "fy", "max_blur"):
-            object.__setattr__(self, name, _positive(name, getattr(self, name)))
-        near = _number("near", self.near)
+            object.__setattr__(self, name, positive(name, getattr(self, name)))
+        near = number("near", self.near)
         if near < 0:
             raise CameraError(f"near must be 0 or more metres, got {near:g}")
         object.__setattr__(self, "near", near)
-        _refuse_distortion(self.skew, self.distortion)
+        refuse_distortion(self.skew, self.distortion)
         object.__setattr__(self, "distortion", ())
         self._check_lens()
 
     def _check_lens(self) -> None:
         for name in ("focal_length", "aperture", "focus_distance"):
             if getattr(self, name) is not None:
-                object.__setattr__(self, name, _positive(name, getattr(self, name)))
+                object.__setattr__(self, name, positive(name, getattr(self, name)))
         if self.pixel_size is not None:
-            object.__setattr__(self, "pixel_size", _pair("pixel_size", self.pixel_size))
+            object.__setattr__(self, "pixel_size", pair("pixel_size", self.pixel_size))
         if (self.aperture is None) != (self.focus_distance is None):
             raise CameraError("aperture and focus_distance come together: give both or neither")
         if self.aperture is not None and (self.focal_length is None or self.pixel_size is None):
@@ -112,9 +118,9 @@ class Camera:
         if self.focus_range is not None:
             if self.aperture is not None:
                 raise CameraError("give focus_range or aperture, not both")
-            first, second = _two("focus_range", self.focus_range)
-            z_n = _number("focus_range", first)
-            z_f = math.inf if _is_inf(second) else _number("focus_range", second)
+            first, second = two("focus_range", self.focus_range)
+            z_n = number("focus_range", first)
+            z_f = math.inf if is_inf(second) else number("focus_range", second)
             if not 0 <= z_n < z_f:
                 raise CameraError(f"focus_range must satisfy 0 <= near < far, got [{z_n}, {z_f}]")
             object.__setattr__(self, "focus_range", (z_n, z_f))
@@ -152,19 +158,19 @@ class Camera:
         **others
             `cx`, `cy`, `near`, `focus_distance`, `max_blur`, `focus_range` as for `Camera`.
         """
-        f = _positive("focal_length", focal_length)
-        s_u, s_v = _pair("pixel_size", pixel_size)
+        f = positive("focal_length", focal_length)
+        s_u, s_v = pair("pixel_size", pixel_size)
         if f_number is not None:
             if aperture is not None:
                 raise CameraError("give f_number or aperture, not both")
-            aperture = f / _positive("f_number", f_number)
+            aperture = f / positive("f_number", f_number)
         if principal_point is not None:
             if others.get("cx") is not None or others.get("cy") is not None:
                 raise CameraError("give principal_point or cx and cy, not both")
-            r_u, r_v = _two("principal_point", principal_point)
+            r_u, r_v = two("principal_point", principal_point)
             others |= {
-                "cx": _number("principal_point", r_u) / s_u,
-                "cy": _number("principal_point", r_v) / s_v,
+                "cx": number("principal_point", r_u) / s_u,
+                "cy": number("principal_point", r_v) / s_v,
             }
         return cls(
             width=width,
@@ -246,17 +252,15 @@ class Camera:
     def from_dict(cls, entries: Mapping[str, Any]) -> "Camera":
         """Camera from a mapping, as `load` reads it."""
         if not isinstance(entries, Mapping):
-            raise CameraError(f"a camera is a table of names and values, got {_shown(entries)}")
+            raise CameraError(f"a camera is a table of names and values, got {shown(entries)}")
         if "preset" in entries:
             name = str(entries["preset"])
             if name not in PRESETS:
-                raise CameraError(
-                    f"no camera preset {_shown(name)}; there are {', '.join(PRESETS)}"
-                )
+                raise CameraError(f"no camera preset {shown(name)}; there are {', '.join(PRESETS)}")
             entries = PRESETS[name] | {k: v for k, v in entries.items() if k != "preset"}
         of_lens = {"principal_point", "f_number"}
         known = {field.name for field in fields(cls)} | of_lens
-        if unknown := sorted(map(_shown, entries.keys() - known)):
+        if unknown := sorted(map(shown, entries.keys() - known)):
             raise CameraError(
                 f"unknown entry {', '.join(unknown)}; a camera has {', '.join(sorted(known))}"
             )
@@ -305,7 +309,7 @@ class Camera:
 
     def resized(self, scale: float) -> "Camera":
         """Camera with the same view and `scale` times the pixels a side (rounded, at least 1)."""
-        width = max(1, round(self.width * _positive("scale", scale)))
+        width = max(1, round(self.width * positive("scale", scale)))
         height = max(1, round(self.height * scale))
         across, down = width / self.width, height / self.height
         sizes = self.pixel_size and (self.pixel_size[0] / across, self.pixel_size[1] / down)
@@ -344,7 +348,7 @@ class Camera:
             return 0.0, math.inf
         assert self.focal_length is not None
         assert self.pixel_size is not None
-        c = self.max_blur if max_blur is None else _positive("max_blur", max_blur)
+        c = self.max_blur if max_blur is None else positive("max_blur", max_blur)
         # Divided through by A f, so that no small lens makes 0 / 0.
         blur = c * min(self.pixel_size) / self.aperture
         blur *= (self.focus_distance - self.focal_length) / self.focal_length
@@ -371,65 +375,3 @@ PRESETS: dict[str, dict[str, Any]] = {
     },
 }
 """Arguments of `Camera.from_lens` for the cameras of the thesis."""
-
-
-def _number(name: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
-        raise CameraError(f"{name} must be a number, got {_shown(value)}")
-    try:
-        number = float(value)
-    except OverflowError:
-        raise CameraError(f"{name} must be below 1e308, got a greater integer") from None
-    if not math.isfinite(number):
-        raise CameraError(f"{name} must be finite, got {number}")
-    return number
-
-
-def _positive(name: str, value: Any) -> float:
-    number = _number(name, value)
-    if number <= 0:
-        raise CameraError(f"{name} must be positive, got {number:g}")
-    return number
-
-
-def _pair(name: str, value: Any) -> tuple[float, float]:
-    values = value if isinstance(value, tuple | list) else (value, value)
-    if len(values) != 2:
-        raise CameraError(f"{name} must be one or two numbers, got {_shown(value)}")
-    return _positive(name, values[0]), _positive(name, values[1])
-
-
-def _two(name: str, value: Any) -> tuple[Any, Any]:
-    value = value.tolist() if isinstance(value, np.ndarray) else value
-    if not isinstance(value, tuple | list) or len(value) != 2:
-        raise CameraError(f"{name} must be two numbers, got {_shown(value)}")
-    return value[0], value[1]
-
-
-def _is_inf(value: Any) -> bool:
-    return isinstance(value, float | np.floating) and value == math.inf
-
-
-def _shown(value: Any) -> str:
-    """`value` in a few characters on one line, whatever it is."""
-    return " ".join(reprlib.repr(value).split())
-
-
-def _image_side(name: str, value: Any) -> int:
-    number = _number(name, value)
-    if number != int(number) or not 1 <= number <= MAX_IMAGE_SIDE:
-        raise CameraError(
-            f"{name} must be a whole number of pixels, 1 to {MAX_IMAGE_SIDE}, got {value}"
-        )
-    return int(number)
-
-
-def _refuse_distortion(skew: Any, distortion: Any) -> None:
-    if _number("skew", skew) != 0:
-        raise CameraError(f"skew is not supported yet, got {skew:g}: rectify the images first")
-    coefficients = np.ravel(np.asarray(distortion, dtype=object))
-    if any(_number("distortion", c) != 0 for c in coefficients):
-        raise CameraError(
-            f"lens distortion is not supported yet, got {_shown(list(coefficients))}: "
-            "undistort the images and give the undistorted K"
-        )

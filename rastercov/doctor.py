@@ -69,7 +69,7 @@ def _default(rows: list[Report]) -> dict[str, str | None]:
     opens = {row["device"]["label"] for row in rows if not row["problem"]}
     device = next((known for known in candidates("auto")[0] if known.label in opens), None)
     if device is None:
-        return {"device": None, "why": f"no OpenGL device opens; {install_line('egl')}"}
+        return {"device": None, "why": f"no OpenGL device opens; to get one: {install_line('egl')}"}
     if not device.is_software:
         return {"device": device.label, "why": "it is the first that draws in hardware"}
     forbidden = "LIBGL_ALWAYS_SOFTWARE forbids hardware"
@@ -89,8 +89,7 @@ def print_report(report: Report, console: Console) -> None:
     *packages, (_, system) = report["versions"].items()
     versions = ", ".join(f"{name} {number}" for name, number in packages)
     console.print(Text(f"{versions}\n{system}, shaders {report['shaders'][:12]}", "dim"))
-    if rows:
-        console.print(_devices(rows))
+    console.print(_devices(rows) if rows else "")
     failed = [row for row in rows if not _passes(row)]
     problems = [(row["problem"] or f"{_label(row)}: {row['self_test']}",) for row in failed]
     _section(console, "Problems", problems, "red")
@@ -120,8 +119,12 @@ def _verdict(report: Report) -> str:
     passing = [_label(row) for row in report["reports"] if _passes(row)]
     if _passes(row):
         renderer, plan = row["context"]["renderer"], row["plan"]
-        return f"By default rastercov draws on {label} ({renderer}), plan {plan}, because {why}."
-    else_ = f"use device {passing[0]!r}" if passing else f"no device passes; {install_line('egl')}"
+        return f"By default rastercov draws on {label}, {renderer}, plan {plan}, because {why}."
+    else_ = (
+        f"use device {passing[0]!r}"
+        if passing
+        else f"no device passes; for another: {install_line('egl')}"
+    )
     return f"By default rastercov would use {label}, which fails its self-test; {else_}"
 
 
@@ -138,7 +141,7 @@ def _devices(rows: list[Report]) -> Table:
     table = Table(*names, box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     for row in rows:
         device, context = row["device"], row["context"] or {}
-        cuda = "" if device["cuda_index"] is None else f" (CUDA {device['cuda_index']})"
+        cuda = "" if device["cuda_index"] is None else f"\nCUDA {device['cuda_index']}"
         # GL_VERSION: the version of OpenGL, perhaps a word on the profile, then the driver's own.
         profile = r"^[\d.]+( \(Core Profile\)| Core Profile Context)? ?"
         driver = re.sub(profile, "", context.get("version", ""))
@@ -147,7 +150,10 @@ def _devices(rows: list[Report]) -> Table:
         result = PASSED if _passes(row) else "failed" if row["self_test"] else "does not open"
         cells = [_label(row) + cuda, context.get("renderer", device["name"]), driver, opengl]
         cells += ["software" if is_software else "hardware", row["plan"] or ""]
-        table.add_row(*map(Text, cells), Text(result, "green" if _passes(row) else "red"))
+        table.add_row(
+            *(Text(cell, overflow="fold") for cell in cells),
+            Text(result, "green" if _passes(row) else "red"),
+        )
     return table
 
 

@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 import threading
+from contextlib import suppress
 from pathlib import Path
 
 import moderngl
@@ -107,10 +108,16 @@ def test_supersample_is_a_small_whole_number(supersample):
 
 
 def test_backend_and_plan_are_known_names(device):
-    with pytest.raises(ConfigError, match="backend must be .* got 'vulkan'"):
+    with pytest.raises(ConfigError, match=r"backend must be .* got 'vulkan'"):
         open_rasterizer(MESH, CAMERA, "vulkan")
-    with pytest.raises(ConfigError, match="plan must be .* got 'fast'"):
+    with pytest.raises(ConfigError, match=r"plan must be .* got 'fast'"):
         open_rasterizer(MESH, CAMERA, "gl", device=device, plan="fast")
+
+
+@pytest.mark.parametrize("name", ["max_tile", "max_faces_a_draw", "image_budget"])
+def test_limits_are_positive(device, name):
+    with pytest.raises(ConfigError, match="must be 1 or more"):
+        GLRasterizer(MESH, CAMERA, device=device, **{name: 0})
 
 
 def test_bad_pose_is_named_and_the_rasteriser_goes_on(rasterizer):
@@ -261,8 +268,9 @@ def test_barrier_comes_before_every_reading_of_counters(rasterizer, monkeypatch)
     monkeypatch.setattr(moderngl.Context, "memory_barrier", noted_barrier)
     monkeypatch.setattr(moderngl.Buffer, "read_into", noted_read)
     rasterizer.count(POSES)
-    assert calls
-    assert calls == ["barrier", "read"] * (len(calls) // 2)
+    before_reads = [calls[i - 1] for i in range(len(calls)) if calls[i] == "read"]
+    assert before_reads
+    assert set(before_reads) == {"barrier"}
 
 
 def one_pixel_off(ids):
@@ -272,7 +280,7 @@ def one_pixel_off(ids):
     return ids
 
 
-@pytest.mark.parametrize("wrong", [np.zeros_like, one_pixel_off, np.flipud, np.ones_like])
+@pytest.mark.parametrize("wrong", [np.zeros_like, one_pixel_off, np.ones_like])
 def test_wrong_image_is_caught_at_opening(device, monkeypatch, wrong):
     read = Arena.read_faces
     monkeypatch.setattr(Arena, "read_faces", lambda *arguments: wrong(read(*arguments)))
@@ -319,27 +327,13 @@ def test_device_that_goes_wrong_later_is_caught_within_the_interval(open_raster,
     rasterizer.count(POSES)
     fail(monkeypatch)
     with pytest.raises(DeviceError, match="cannot be trusted"):
-        for _ in range(2):
-            rasterizer.count(POSES)
+        rasterizer.count(np.concatenate((POSES, POSES)))
 
 
-def test_image_left_over_from_the_check_before_is_caught(open_raster, monkeypatch):
-    monkeypatch.setattr(gl_module, "CANARY_EVERY", 4)
-    rasterizer = open_raster(MESH, CAMERA)
-    draw = Scene.draw
-    user_scene = rasterizer._scene
-
-    def draw_only_the_users(self, *arguments):
-        if self is user_scene:
-            draw(self, *arguments)
-
-    # What the check drew at opening is put back before each later check: a stale, correct image.
-    monkeypatch.setattr(Arena, "clear", lambda *_, **__: None)
-    monkeypatch.setattr(Scene, "draw", lambda *_, **__: None)
-    monkeypatch.setattr(gl_module.GLRasterizer, "_count_drawn", lambda *_: 0)
+def test_image_left_over_from_the_check_before_is_caught(rasterizer, monkeypatch):
+    stuck(monkeypatch)  # on the view checked at opening; the next check wants the other view
     with pytest.raises(DeviceError, match="drew a known scene wrongly"):
-        rasterizer._check_device()  # the image of the first view, expected is that of the second
-    assert draw_only_the_users is not draw
+        rasterizer._check_device()
 
 
 def test_counts_that_do_not_add_up_are_refused(open_raster, monkeypatch, plan):
@@ -356,13 +350,33 @@ def test_counts_that_do_not_add_up_are_refused(open_raster, monkeypatch, plan):
         rasterizer.count(POSES)
 
 
-def test_face_that_does_not_exist_is_refused(open_raster, monkeypatch, plan):
-    rasterizer = open_raster(MESH, CAMERA)
+def test_face_that_does_not_exist_is_refused(device, monkeypatch):
     read = Arena.read_faces
-    monkeypatch.setattr(Arena, "read_faces", lambda *arguments: read(*arguments) * 1000)
-    if plan == "software":
+    with GLRasterizer(MESH, CAMERA, device=device, plan="software") as rasterizer:
+        monkeypatch.setattr(Arena, "read_faces", lambda *arguments: read(*arguments) * 1000)
         with pytest.raises(DeviceError, match=r"drew face \d+ of 192"):
             rasterizer.count(POSES)
+
+
+def test_interrupted_counting_leaves_the_next_one_right(rasterizer, monkeypatch):
+    expected = rasterizer.count(POSES)
+    for victim, name in ((Arena, "read_counters"), (Scene, "draw"), (Arena, "poll")):
+        for call in range(4):
+            honest, calls = getattr(victim, name), []
+
+            def interrupt(*arguments, honest=honest, calls=calls, call=call):
+                calls.append(1)
+                if len(calls) == call + 1:
+                    raise KeyboardInterrupt
+                return honest(*arguments)
+
+            with monkeypatch.context() as patch:
+                patch.setattr(victim, name, interrupt)
+                with suppress(KeyboardInterrupt):
+                    rasterizer.count(POSES)
+            found = rasterizer.count(POSES)
+            np.testing.assert_array_equal(found.visible, expected.visible)
+            np.testing.assert_array_equal(found.drawn, expected.drawn)
 
 
 @pytest.mark.parametrize(

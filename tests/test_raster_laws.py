@@ -462,7 +462,7 @@ def test_of_coincident_faces_the_lowest_index_owns_every_sample(open_raster, max
     rng = np.random.default_rng(5)
     orders = [(0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0)]
     for _ in range(10):
-        corners = rng.normal(size=(3, 3)) + (0, 0, 3)
+        corners = rng.normal(loc=(0, 0, 3), size=(3, 3))
         separate = triangles(*(corners[list(order)] for order in (*orders, orders[0])))
         shared = Mesh(vertices=corners, faces=orders)
         for mesh in (separate, shared):
@@ -663,8 +663,12 @@ def test_image_beyond_the_largest_tile_of_the_device(open_raster):
 # --- anything at all ------------------------------------------------------------------------------
 
 COORDINATES = st.floats(-2, 2, width=32)
+KINDS = (
+    *("any", "needle", "edge-on", "huge", "through"),
+    *("behind", "degenerate", "duplicate", "tiny"),
+)
 TRIANGLES = st.tuples(
-    st.sampled_from("any needle edge-on huge through behind degenerate duplicate tiny".split()),
+    st.sampled_from(KINDS),
     st.lists(COORDINATES, min_size=9, max_size=9),
 )
 
@@ -673,7 +677,7 @@ def hostile(drawn):
     """A soup about (0, 0, 4) from drawn kinds and coordinates."""
     soup = []
     for kind, numbers in drawn:
-        p = np.reshape(numbers, (3, 3)) + (0, 0, 4)
+        p = np.array((0, 0, 4)) + np.reshape(numbers, (3, 3))
         if kind == "needle":
             p[2] = (p[0] + p[1]) / 2 + (p[2] - p[1]) * 1e-4
         elif kind == "edge-on":

@@ -63,6 +63,7 @@ class Arena:
         self.context.make_current()
         if self.is_reversed:
             self.context.function("glClipControl", None, _UINT, _UINT)(_LOWER_LEFT, _ZERO_TO_ONE)
+        self.gl.memory_barrier()  # an interrupted call may have left shaders at work on counters
         self.gl.front_face = "cw"  # counter-clockwise in the world, seen with rows running down
         self.gl.cull_face = "back"
 
@@ -169,7 +170,7 @@ class Arena:
         return depth
 
     def read_counters(self, buffer: Any, layers: int, stride: int) -> NDArray[np.int64]:
-        """Counters that shaders wrote, (layers, stride); the only reader, so the only barrier."""
+        """Counters that shaders wrote, (layers, stride); the one reader, so the one with a barrier."""
         self.gl.memory_barrier()
         counters = np.empty((layers, stride), np.uint32)
         buffer.read_into(counters, size=counters.nbytes)

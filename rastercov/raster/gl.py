@@ -83,10 +83,17 @@ class GLRasterizer:
     ) -> None:
         if plan not in ("auto", "software", "hardware"):
             raise ConfigError(f"plan must be auto, software or hardware, got {plan!r}")
+        limits = (max_tile, max_faces_a_draw, image_budget)
+        if min(limits) < 1:
+            raise ConfigError(
+                f"max_tile, max_faces_a_draw and image_budget must be 1 or more, got {limits}"
+            )
         self.mesh, self.camera, self.supersample = mesh, camera, supersample
         self._is_open = True
         self._owns_context = not isinstance(device, HeadlessContext)
         if isinstance(device, HeadlessContext):
+            if require_hardware and device.info.is_software:
+                raise DeviceError(f"wanted hardware OpenGL, got {device.info.renderer}")
             self._context = device
         else:
             self._context = open_context(device, require_hardware=require_hardware)
@@ -340,14 +347,16 @@ class GLRasterizer:
             return self._peel(scene, tile, scale)
         frame = self._targets[0].frame
         frame.color_mask = (False,) * 4  # the shader writes no id
-        self._begin(self._targets[0], tile, test=False)
         windows = []
-        for part in scene.parts:
-            self._counters.clear()
-            self._counters.bind_to_storage_buffer(0)
-            scene.draw("drawn", tile, scale, poses, part)
-            windows.append(self._arena.read_counters(self._counters, poses, part[1] + 1)[:, 1:])
-        frame.color_mask = (True,) * 4
+        try:
+            self._begin(self._targets[0], tile, test=False)
+            for part in scene.parts:
+                self._counters.clear()
+                self._counters.bind_to_storage_buffer(0)
+                scene.draw("drawn", tile, scale, poses, part)
+                windows.append(self._arena.read_counters(self._counters, poses, part[1] + 1)[:, 1:])
+        finally:
+            frame.color_mask = (True,) * 4  # after an interrupt, too, or later images stay empty
         return np.concatenate(windows, axis=1)
 
     def _peel(self, scene: Scene, tile: Tile, scale: int) -> IntArray:

@@ -1,0 +1,81 @@
+"""Single values of a camera, checked: what was wanted, what came, in one line."""
+
+import math
+import reprlib
+from typing import Any
+
+import numpy as np
+
+from rastercov.errors import CameraError
+
+MAX_IMAGE_SIDE = 1 << 17
+"""Largest image side in pixels; larger than any sensor, small enough to count samples in int64."""
+
+
+def number(name: str, value: Any) -> float:
+    """`value` as a finite float."""
+    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
+        raise CameraError(f"{name} must be a number, got {shown(value)}")
+    try:
+        result = float(value)
+    except OverflowError:
+        raise CameraError(f"{name} must be below 1e308, got a greater integer") from None
+    if not math.isfinite(result):
+        raise CameraError(f"{name} must be finite, got {result}")
+    return result
+
+
+def positive(name: str, value: Any) -> float:
+    """`value` as a finite float above 0."""
+    result = number(name, value)
+    if result <= 0:
+        raise CameraError(f"{name} must be positive, got {result:g}")
+    return result
+
+
+def pair(name: str, value: Any) -> tuple[float, float]:
+    """One or two positive numbers as two."""
+    values = value if isinstance(value, tuple | list) else (value, value)
+    if len(values) != 2:
+        raise CameraError(f"{name} must be one or two numbers, got {shown(value)}")
+    return positive(name, values[0]), positive(name, values[1])
+
+
+def two(name: str, value: Any) -> tuple[Any, Any]:
+    """Two values of any kind, from a sequence or an array."""
+    value = value.tolist() if isinstance(value, np.ndarray) else value
+    if not isinstance(value, tuple | list) or len(value) != 2:
+        raise CameraError(f"{name} must be two numbers, got {shown(value)}")
+    return value[0], value[1]
+
+
+def image_side(name: str, value: Any) -> int:
+    """Width or height of an image, in whole pixels."""
+    result = number(name, value)
+    if result != int(result) or not 1 <= result <= MAX_IMAGE_SIDE:
+        raise CameraError(
+            f"{name} must be a whole number of pixels, 1 to {MAX_IMAGE_SIDE}, got {value}"
+        )
+    return int(result)
+
+
+def refuse_distortion(skew: Any, distortion: Any) -> None:
+    """Accept no skew and no distortion: zeros are all that is supported yet."""
+    if number("skew", skew) != 0:
+        raise CameraError(f"skew is not supported yet, got {skew:g}: rectify the images first")
+    coefficients = np.ravel(np.asarray(distortion, dtype=object))
+    if any(number("distortion", c) != 0 for c in coefficients):
+        raise CameraError(
+            f"lens distortion is not supported yet, got {shown(list(coefficients))}: "
+            "undistort the images and give the undistorted K"
+        )
+
+
+def is_inf(value: Any) -> bool:
+    """Whether `value` is a float without bound."""
+    return isinstance(value, float | np.floating) and value == math.inf
+
+
+def shown(value: Any) -> str:
+    """`value` in a few characters on one line, whatever it is."""
+    return " ".join(reprlib.repr(value).split())

@@ -1,0 +1,583 @@
+import json
+from dataclasses import dataclass
+from io import StringIO
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+import trimesh
+from PIL import Image
+from rich.console import Console
+
+from rastercov import pictures, report, shapes
+from rastercov.camera import Camera
+from rastercov.coverage import FIGURES, Coverage, Reason, Task, evaluate_batches
+from rastercov.errors import ConfigError
+from rastercov.mesh import Group, Mesh
+from rastercov.network import Network
+from rastercov.pose import look_at, sphere_of_poses
+from rastercov.raster.contract import RasterizerInfo, VisibilityBuffer
+
+INFO = RasterizerInfo("gl", "software", "renderer", "driver", "device", "float32", "hash")
+CAMERA = Camera(width=480, height=360, fx=400, fy=400, cx=240, cy=180)
+
+# Three squares side by side in the plane z = 0, two faces each, seen from z = 5:
+#
+#   1 +---+---+---+     groups: left and middle are to be seen, right only hides
+#     |1 /|3 /|5 /|
+#     | / | / | / |
+#   0 |/ 0|/ 2|/ 4|
+#     0   1   2   3
+STRIP = Mesh(
+    vertices=[(x, y, 0) for x in range(4) for y in range(2)],
+    faces=[f for i in (0, 2, 4) for f in ((i, i + 2, i + 3), (i, i + 3, i + 1))],
+    groups=[Group("left"), Group("middle [bold]"), Group("right", is_occluder=True)],
+    face_group=[0, 0, 1, 1, 2, 2],
+)
+FROM_ABOVE = look_at((1.5, 0.5, 5), (1.5, 0.5, 0), (0, 1, 0))[0]
+FROM_BELOW = look_at((1.5, 0.5, -5), (1.5, 0.5, 0), (0, 1, 0))[0]
+
+
+def strip_buffer(order=(0, 2, 4)):
+    """60 x 60 pixels for each square, background around; row 0 on top."""
+    face = np.full((360, 480), -1, np.int32)
+    for column, index in enumerate(order):
+        square = face[100:160, 100 + 60 * column : 160 + 60 * column]
+        rows, columns = np.indices(square.shape)
+        square[:] = np.where(rows + columns < 60, index + 1, index)
+    return VisibilityBuffer(face, np.where(face < 0, np.inf, 5).astype(np.float32))
+
+
+def made_up(mesh=STRIP, poses=3, seed=0, pose_ids=None, **figures):
+    """Coverage with random figures, all in view unless said otherwise."""
+    rng = np.random.default_rng(seed)
+    shape = (poses, mesh.n_faces)
+    arrays = {
+        name: rng.random(shape) < 0.5 if kind is np.bool_ else rng.random(shape)
+        for name, kind in FIGURES.items()
+    }
+    arrays["reason"] = rng.integers(0, len(Reason), shape).astype(np.uint8)
+    ids = np.arange(poses) if pose_ids is None else np.asarray(pose_ids)
+    return Coverage(mesh, CAMERA, Task(), INFO, ids, np.zeros(poses, bool), **{**arrays, **figures})
+
+
+# --- the table ------------------------------------------------------------------------------
+
+
+def test_table_holds_every_figure_of_the_pairs_in_view_and_no_others(tmp_path):
+    coverage = made_up(pose_ids=[4, 7, 9])
+    coverage.in_view_fraction[coverage.in_view_fraction < 0.5] = 0.0
+    with report.CoverageTable(tmp_path / "pairs.parquet") as table:
+        table.add(coverage)
+    pose, face = np.nonzero(coverage.in_view_fraction)
+    read = pq.read_table(tmp_path / "pairs.parquet")
+    assert 0 < table.n_rows == len(read) == len(pose) < coverage.coverage.size
+    assert read["pose"].to_pylist() == coverage.pose_ids[pose].tolist()
+    assert read["face"].to_pylist() == face.tolist()
+    names = [STRIP.groups[index].name for index in STRIP.face_group[face]]
+    assert read["group"].to_pylist() == names
+    reasons = [Reason(r).name.lower() for r in coverage.reason[pose, face]]
+    assert read["reason"].to_pylist() == reasons
+    for name in set(FIGURES) - {"reason", "visibility_bound"}:
+        expected = getattr(coverage, name)[pose, face]
+        if expected.dtype != bool:
+            expected = expected.astype(np.float32)
+        np.testing.assert_array_equal(read[name].to_numpy(), expected)
+
+
+def test_table_types(tmp_path):
+    with report.CoverageTable(tmp_path / "pairs.parquet"):
+        pass
+    schema = pq.read_schema(tmp_path / "pairs.parquet")
+    assert schema.names == ["pose", "face", "group", *FIGURES]
+    category = pa.dictionary(pa.int32(), pa.string())
+    expected = {"pose": pa.int32(), "face": pa.int32(), "group": category, "reason": category}
+    for name, kind in FIGURES.items():
+        expected.setdefault(name, pa.bool_() if kind is np.bool_ else pa.float32())
+    assert {name: schema.field(name).type for name in schema.names} == expected
+    assert schema.field("incidence").metadata == {b"unit": b"rad"}
+
+
+def test_table_without_a_pair_in_view_is_valid_and_has_no_rows(tmp_path):
+    coverage = made_up()
+    coverage.in_view_fraction[:] = 0
+    with report.CoverageTable(tmp_path / "pairs.parquet") as table:
+        table.add(coverage)
+        table.add(made_up(poses=0))
+    assert pq.read_table(tmp_path / "pairs.parquet").num_rows == table.n_rows == 0
+
+
+def test_table_carries_the_header(tmp_path):
+    header = {"mesh": [{"name": "Flügel", "sha256": "ab"}], "far": np.inf, "n": np.int64(3)}
+    with report.CoverageTable(tmp_path / "pairs.parquet", header):
+        pass
+    stored = json.loads(pq.read_schema(tmp_path / "pairs.parquet").metadata[b"rastercov"])
+    assert stored == {"mesh": [{"name": "Flügel", "sha256": "ab"}], "far": None, "n": 3}
+
+
+def test_stored_bound_covers_the_rounding_of_the_stored_visibility(tmp_path):
+    exact = np.array([[0.1, 1 / 3, 0.0, 1.0, 0.7, 1e-9]])
+    bound = np.array([[0.0, 1e-9, 0.0, 0.0, 0.1, 1e-9]])
+    coverage = made_up(poses=1, visibility=exact, visibility_bound=bound)
+    with report.CoverageTable(tmp_path / "pairs.parquet") as table:
+        table.add(coverage)
+    read = pq.read_table(tmp_path / "pairs.parquet")
+    value, stored = (read[n].to_numpy().astype(float) for n in ("visibility", "visibility_bound"))
+    assert (np.abs(value - exact[0]) + bound[0] <= stored).all()
+    assert stored[2] == stored[3] == 0.0  # what is proved stays proved
+
+
+def test_figures_beyond_float32_are_stored_as_infinite(tmp_path):
+    coverage = made_up(projected_area=np.full((3, 6), 1e39))
+    with report.CoverageTable(tmp_path / "pairs.parquet") as table:
+        table.add(coverage)
+    assert np.isinf(pq.read_table(tmp_path / "pairs.parquet")["projected_area"].to_numpy()).all()
+
+
+def test_table_writes_as_it_goes_and_holds_no_more_than_a_row_group(tmp_path, monkeypatch):
+    monkeypatch.setattr(report, "ROWS_A_GROUP", 1000)
+    batch = made_up(poses=100, in_view_fraction=np.ones((100, 6)))
+    held = []
+    with report.CoverageTable(tmp_path / "pairs.parquet") as table:
+        for _ in range(50):
+            table.add(batch)
+            held.append((len(table._pending), table._pending.nbytes))
+        rows, sizes = zip(*held, strict=True)
+        assert max(rows) < 1000
+        assert max(sizes) < 100_000
+        (part,) = tmp_path.iterdir()
+        assert part.stat().st_size > 0
+    file = pq.ParquetFile(tmp_path / "pairs.parquet")
+    groups = [file.metadata.row_group(g).num_rows for g in range(file.num_row_groups)]
+    assert groups == [1000] * 30
+    assert file.metadata.row_group(0).column(0).compression == "ZSTD"
+    np.testing.assert_array_equal(
+        file.read()["coverage"].to_numpy(),
+        np.tile(batch.coverage.astype(np.float32).ravel(), 50),
+    )
+
+
+def test_memory_of_arrow_does_not_grow_with_the_run(tmp_path):
+    batch = made_up(shapes.torus(50, 25), poses=200)
+    sizes = []
+    with report.CoverageTable(tmp_path / "pairs.parquet") as table:
+        for _ in range(12):
+            table.add(batch)
+            sizes.append(pa.total_allocated_bytes())
+    assert max(sizes[6:]) <= 1.1 * max(sizes[:6])
+
+
+@pytest.mark.parametrize("before", [None, b"earlier"])
+def test_an_error_inside_the_block_changes_nothing_on_disk(tmp_path, before):
+    path = tmp_path / "pairs.parquet"
+    if before:
+        path.write_bytes(before)
+    with (
+        pytest.raises(KeyboardInterrupt),
+        report.CoverageTable(path) as table,
+    ):
+        table.add(made_up())
+        raise KeyboardInterrupt
+    assert [p.read_bytes() for p in tmp_path.iterdir()] == ([before] if before else [])
+
+
+def test_a_full_disk_leaves_nothing_behind(tmp_path, monkeypatch):
+    def fail(*_, **__):
+        raise OSError(28, "No space left on device")
+
+    with pytest.raises(OSError, match="No space"), report.CoverageTable(tmp_path / "a") as table:
+        table.add(made_up())
+        monkeypatch.setattr(pq.ParquetWriter, "write_table", fail)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_rows_outside_the_block_are_refused(tmp_path):
+    table = report.CoverageTable(tmp_path / "pairs.parquet")
+    with pytest.raises(ConfigError, match="with block"):
+        table.add(made_up())
+    with table:
+        pass
+    with pytest.raises(ConfigError, match="with block"):
+        table.add(made_up())
+
+
+def test_table_of_a_real_run_agrees_with_its_network(open_raster, tmp_path):
+    mesh = shapes.room(4).with_groups(occluders=["crates"])
+    poses = look_at((-2.7, -2.2, 1.9), [(1, 0.5, 0.3), (0, 2.5, 1), (2, -1, 1)])
+    rasterizer = open_raster(mesh, CAMERA)
+    network = Network(mesh, Task())
+    with report.CoverageTable(tmp_path / "pairs.parquet") as table:
+        for batch in evaluate_batches(rasterizer, poses):
+            table.add(batch)
+            network.add(batch)
+    read = pq.read_table(tmp_path / "pairs.parquet")
+    covered = np.array(read["reason"].to_pylist()) == "covered"
+    views = np.bincount(read["face"].to_numpy()[covered], minlength=mesh.n_faces)
+    np.testing.assert_array_equal(views, network.views)
+    assert set(read["group"].to_pylist()) == {"room", "crates"}
+
+
+# --- other files ----------------------------------------------------------------------------
+
+
+def test_json_has_plain_types_and_null_for_what_is_not_finite(tmp_path):
+    @dataclass
+    class Thing:
+        size: float
+
+    data = {
+        "float": np.float64(0.1), "inf": -np.inf, "nan": np.float32("nan"), "int": np.int64(3),
+        "flag": np.bool_(True), "array": np.array([[1.0, np.nan]]), 3: (1, None),
+        "path": Path("a"), "thing": Thing(np.inf), "reason": Reason.COVERED, "word": "größer",
+    }  # fmt: skip
+    report.write_json(tmp_path / "a.json", data)
+    text = (tmp_path / "a.json").read_text(encoding="utf-8")
+    assert "größer" in text
+    assert json.loads(text, parse_constant=pytest.fail) == {
+        "float": 0.1, "inf": None, "nan": None, "int": 3,
+        "flag": True, "array": [[1.0, None]], "3": [1, None],
+        "path": "a", "thing": {"size": None}, "reason": 8, "word": "größer",
+    }  # fmt: skip
+
+
+def test_json_takes_file_names_that_are_not_unicode(tmp_path):
+    report.write_json(tmp_path / "a.json", {"name": "part\udcff.stl"})
+    assert json.loads((tmp_path / "a.json").read_bytes()) == {"name": "part\udcff.stl"}
+
+
+def test_arrays_come_back(tmp_path):
+    report.write_npz(tmp_path / "a.npz", face=np.arange(3), depth=np.ones((2, 2)))
+    with np.load(tmp_path / "a.npz") as read:
+        assert {name: read[name].tolist() for name in read} == {
+            "face": [0, 1, 2],
+            "depth": [[1, 1], [1, 1]],
+        }
+    assert [p.name for p in tmp_path.iterdir()] == ["a.npz"]
+
+
+def test_what_cannot_be_written_changes_nothing(tmp_path):
+    path = tmp_path / "a.json"
+    report.write_json(path, 1)
+    with pytest.raises(TypeError):
+        report.write_json(path, object())
+    assert (path.read_text(), [p.name for p in tmp_path.iterdir()]) == ("1\n", ["a.json"])
+
+
+def test_files_go_where_a_file_can_be(tmp_path):
+    with pytest.raises(ConfigError, match="folder does not exist"):
+        report.write_json(tmp_path / "no" / "a.json", 1)
+    with pytest.raises(ConfigError, match="is a folder"):
+        report.write_json(tmp_path, 1)
+    with pytest.raises(ConfigError, match=r"as \.png"):
+        pictures.save_picture(Image.new("RGB", (1, 1)), tmp_path / "a.jpg")
+    with pytest.raises(ConfigError, match=r"as \.glb or \.ply"):
+        report.write_coloured_mesh(tmp_path / "a.obj", STRIP, np.zeros(6))
+    with pytest.raises(ConfigError, match="values must have shape"):
+        report.write_coloured_mesh(tmp_path / "a.glb", STRIP, np.zeros(5))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_picture_comes_back(tmp_path):
+    image = pictures.face_index_picture(strip_buffer())
+    pictures.save_picture(image, tmp_path / "a.png")
+    with Image.open(tmp_path / "a.png") as read:
+        np.testing.assert_array_equal(np.asarray(read), np.asarray(image))
+    assert [p.name for p in tmp_path.iterdir()] == ["a.png"]
+
+
+VALUES = np.array([0.0, 0.25, 0.5, 1.0, 0.9, 0.0])
+EXPECTED = np.array(
+    [report.UNSEEN, (57, 82, 140), (32, 144, 140), (253, 231, 37), report.HIDING, report.HIDING]
+)
+
+
+def test_ply_has_each_face_in_the_colour_of_its_coverage(tmp_path):
+    report.write_coloured_mesh(tmp_path / "a.ply", STRIP, VALUES)
+    read = trimesh.load_mesh(tmp_path / "a.ply", process=False)
+    assert len(read.faces) == STRIP.n_faces
+    colours = read.visual.vertex_colors[read.faces][..., :3].astype(int)
+    assert (np.ptp(colours, axis=1) == 0).all()
+    assert np.abs(colours[:, 0] - EXPECTED).max() <= 2
+    np.testing.assert_array_equal(read.triangles, STRIP.vertices[STRIP.faces])
+
+
+def test_glb_has_each_face_in_the_colour_of_its_coverage_and_a_node_a_group(tmp_path):
+    report.write_coloured_mesh(tmp_path / "a.glb", STRIP, VALUES)
+    scene = trimesh.load_scene(tmp_path / "a.glb", process=False)
+    assert set(scene.graph.nodes_geometry) == {"left", "middle [bold]", "right"}
+    for name, faces in (("left", [0, 1]), ("middle [bold]", [2, 3]), ("right", [4, 5])):
+        part = scene.geometry[name]
+        texture = np.asarray(part.visual.material.baseColorTexture.convert("RGB")).astype(int)
+        texel = part.visual.uv[part.faces][..., 0] * texture.shape[1]
+        assert np.abs(texel % 1 - 0.5).max() < 1e-3  # the middle of a texel, whatever the filter
+        assert (np.ptp(texel, axis=1) == 0).all()
+        assert np.abs(texture[0, texel[:, 0].astype(int)] - EXPECTED[faces]).max() <= 2
+
+
+def test_glb_stands_upright_and_keeps_the_shape_of_a_part_far_away(tmp_path):
+    offset = (1e7, -2e7, 3e7)
+    part = shapes.teapot(3)
+    far = Mesh(part.vertices + offset, part.faces, groups=[Group("world")])
+    report.write_coloured_mesh(tmp_path / "a.glb", far, np.ones(far.n_faces))
+    read = Mesh.load(tmp_path / "a.glb")
+    x, y, z = far.vertices[far.faces].reshape(-1, 3).T
+    corners = read.vertices[read.faces].reshape(-1, 3)
+    np.testing.assert_allclose(corners, np.stack((x, z, -y), axis=1), rtol=0, atol=2e-8)
+    assert read.groups[0].name == "world"
+
+
+def test_scale_of_the_coloured_mesh_grows_lighter_evenly():
+    linear = (report._palette()[2:] / 255.0) ** 2.2
+    luminance = linear @ (0.2126, 0.7152, 0.0722)
+    lightness = np.cbrt(luminance)
+    steps = np.diff(lightness)
+    assert (steps > 0).all()
+    assert steps.max() < 3 * steps.mean()
+
+
+# --- pictures -------------------------------------------------------------------------------
+
+
+def inside(pixels, square, upper):
+    """A pixel well inside a face of `strip_buffer`."""
+    return pixels[115 if upper else 145, 100 + 60 * square + (15 if upper else 45)].astype(int)
+
+
+def test_brighter_is_better_covered():
+    values = [0.0, 0.15, 0.5, 1.0, 1.0, 1.0]
+    pixels = pictures.coverage_pixels(strip_buffer(), values, STRIP, FROM_ABOVE)
+    greys = [inside(pixels, face // 2, face % 2) for face in range(4)]
+    assert all(np.ptp(grey) == 0 for grey in greys)
+    assert (np.diff([grey[0] for grey in greys]) > 0).all()
+    assert greys[0][0] < 60
+    assert greys[3][0] > 230
+
+
+@pytest.mark.parametrize("values", [np.linspace(0, 1, 20), np.array([0.3, 0.45])])
+def test_shading_never_outweighs_a_difference_of_coverage(values):
+    better, worse = pictures._grey(values[1:], 0.0), pictures._grey(values[:-1], 1.0)
+    apart = np.diff(values) > pictures.HEADLIGHT / pictures.GREY_SPAN
+    assert (better[apart] >= worse[apart]).all()
+    assert pictures.HEADLIGHT <= 0.15 * pictures.GREY_SPAN
+
+
+def test_background_occluders_and_backs_are_coloured_and_nothing_else_is():
+    buffer = strip_buffer()
+    seen = pictures.coverage_pixels(buffer, np.ones(6), STRIP, FROM_ABOVE)
+    background = buffer.face < 0
+    assert (seen[background] == pictures.BACKGROUND).all()
+    is_grey = np.ptp(seen.astype(int), axis=2) == 0
+    is_task = np.isin(buffer.face, [0, 1, 2, 3])
+    np.testing.assert_array_equal(is_grey, is_task)
+
+    behind = pictures.coverage_pixels(buffer, np.ones(6), STRIP, FROM_BELOW)
+    assert (np.ptp(behind.astype(int), axis=2) > 0).all()
+    occluder, back = inside(behind, 2, upper=True), inside(behind, 0, upper=True)
+    assert np.abs(occluder - back).max() > 40
+    both_sides = STRIP.with_groups(two_sided="all")
+    turned = pictures.coverage_pixels(buffer, np.ones(6), both_sides, FROM_BELOW)
+    np.testing.assert_array_equal(turned, seen)
+
+
+def test_lines_part_large_faces_and_not_small_ones():
+    pixels = pictures.coverage_pixels(strip_buffer(), np.ones(6), STRIP, FROM_ABOVE)
+    assert len(np.unique(pixels[105, 100:159, 0])) > 1
+    face = np.full((360, 480), -1, np.int32)
+    face[:200, :200] = np.random.default_rng(0).integers(0, 2000, (200, 200))
+    many = Mesh(STRIP.vertices, np.tile(STRIP.faces[:2], (1000, 1)))
+    buffer = VisibilityBuffer(face, np.ones(face.shape, np.float32))
+    small = pictures.coverage_pixels(buffer, np.ones(2000), many, FROM_ABOVE)
+    plain = np.unique(small[:200, :200])
+    assert plain.min() > 200
+
+
+def test_picture_is_as_wide_as_the_image_and_shows_it_one_to_one():
+    buffer, values = strip_buffer(), np.linspace(0, 1, 6)
+    picture = pictures.coverage_picture(buffer, values, STRIP, CAMERA, FROM_ABOVE, "pose 3")
+    bare = pictures.coverage_picture(buffer, values, STRIP, CAMERA, FROM_ABOVE)
+    assert picture.width == bare.width == 480
+    assert picture.height > bare.height > 360
+    pixels = pictures.coverage_pixels(buffer, values, STRIP, FROM_ABOVE)
+    np.testing.assert_array_equal(np.asarray(bare)[:360], pixels)
+    top = picture.height - bare.height
+    np.testing.assert_array_equal(np.asarray(picture)[top : top + 360], pixels)
+    title = np.asarray(picture)[:top]
+    assert title.min() < 100 < title.max() == 255
+
+
+@pytest.mark.parametrize("size", [(1, 1), (64, 48), (5, 900), (2000, 3)])
+def test_small_images_are_enlarged_so_that_words_fit(size):
+    width, height = size
+    face = np.zeros((height, width), np.int32)
+    buffer = VisibilityBuffer(face, np.ones(face.shape, np.float32))
+    camera = Camera(width=width, height=height, fx=9, fy=9, cx=width / 2, cy=height / 2)
+    title = "a title that is far too long\nfor one line " * 20
+    picture = pictures.coverage_picture(buffer, np.ones(6), STRIP, camera, FROM_ABOVE, title)
+    assert picture.width >= max(320, width)
+    assert pictures.depth_picture(buffer, title).width == picture.width
+
+
+def test_picture_of_nothing_but_background():
+    face = np.full((360, 480), -1, np.int32)
+    buffer = VisibilityBuffer(face, np.full(face.shape, np.inf, np.float32))
+    pixels = pictures.coverage_pixels(buffer, np.ones(6), STRIP, FROM_ABOVE)
+    assert (pixels == pictures.BACKGROUND).all()
+    assert (np.asarray(pictures.face_index_picture(buffer)) == 0).all()
+    assert (np.asarray(pictures.depth_picture(buffer)) == pictures.BACKGROUND).all()
+
+
+def test_picture_refuses_what_does_not_belong_together():
+    small = Camera(width=48, height=36, fx=40, fy=40, cx=24, cy=18)
+    with pytest.raises(ConfigError, match="36 x 48"):
+        pictures.coverage_picture(strip_buffer(), np.ones(6), STRIP, small, FROM_ABOVE)
+    with pytest.raises(ConfigError, match=r"shape \(6,\), got \(5,\)"):
+        pictures.coverage_pixels(strip_buffer(), np.ones(5), STRIP, FROM_ABOVE)
+
+
+def test_title_names_the_pose_and_counts_task_faces_only():
+    reason = np.full((1, 6), Reason.COVERED, np.uint8)
+    reason[0, 0] = Reason.OCCLUDED
+    coverage = made_up(poses=1, pose_ids=[17], reason=reason)
+    assert pictures.pose_title(coverage, 0) == ("pose 17: covers 75.0 % of 4 faces, 75.0 % of area")
+
+
+def test_index_picture_has_one_colour_a_face_on_black():
+    buffer = strip_buffer()
+    pixels = np.asarray(pictures.face_index_picture(buffer))
+    assert pixels.shape == (360, 480, 3)
+    assert (pixels[buffer.face < 0] == 0).all()
+    colours = {index: np.unique(pixels[buffer.face == index], axis=0) for index in range(6)}
+    assert all(len(colour) == 1 for colour in colours.values())
+    np.testing.assert_array_equal(
+        np.vstack(list(colours.values())), pictures.index_colours(range(6))
+    )
+
+
+def test_index_colours_of_neighbours_differ_and_none_is_dark():
+    colours = pictures.index_colours(np.arange(30_000)).astype(int)
+    assert colours.max(axis=1).min() >= 127
+    for apart in range(1, 100):
+        difference = np.abs(colours[apart:] - colours[:-apart]).max(axis=1)
+        assert difference.min() >= 45, apart
+
+
+def test_near_is_bright_in_the_depth_picture():
+    depth = np.tile(np.linspace(2, 9, 480, dtype=np.float32), (360, 1))
+    depth[:, :40] = np.inf
+    buffer = VisibilityBuffer(np.where(np.isinf(depth), -1, 0).astype(np.int32), depth)
+    pixels = np.asarray(pictures.depth_picture(buffer))[:360]
+    assert (pixels[:, :40] == pictures.BACKGROUND).all()
+    grey = pixels[:, 40:, 0].astype(int)
+    assert (np.ptp(pixels[:, 40:].astype(int), axis=2) == 0).all()
+    assert (np.diff(grey, axis=1) <= 0).all()
+    assert grey[0, 0] > 230
+    assert grey[0, -1] < 60
+
+
+def test_contact_sheet_shows_each_picture_at_its_place():
+    colours = [(200, 0, 0), (0, 200, 0), (0, 0, 200), (90, 90, 0), (0, 90, 90)]
+    images = [Image.new("RGB", (640, 480), colour) for colour in colours]
+    sheet = pictures.contact_sheet(images, [f"pose {i}" for i in range(5)], thumbnail_width=160)
+    assert sheet.width == 3 * (160 + 4) + 4
+    assert 2 * 120 < sheet.height < 2 * 160
+    pixels = np.asarray(sheet)
+    for index, colour in enumerate(colours):
+        row, column = divmod(index, 3)
+        y = 4 + row * (sheet.height - 4) // 2 + 60
+        assert tuple(pixels[y, 4 + column * 164 + 80]) == colour
+    single = pictures.contact_sheet(images, [""] * 5, columns=1, thumbnail_width=40)
+    assert single.width == 48
+    assert pictures.contact_sheet(images[:1], ["x" * 500], columns=9).width == 336
+
+
+def test_contact_sheet_refuses_what_makes_no_sheet():
+    image = Image.new("RGB", (10, 10))
+    with pytest.raises(ConfigError, match="1 pictures, 0 captions"):
+        pictures.contact_sheet([image], [])
+    with pytest.raises(ConfigError, match="at least one"):
+        pictures.contact_sheet([], [])
+    with pytest.raises(ConfigError, match="1 column or more"):
+        pictures.contact_sheet([image], [""], columns=0)
+
+
+def test_picture_of_a_rendered_pose(open_raster):
+    mesh = shapes.room(4).with_groups(occluders=["crates"])
+    pose = look_at((-2.7, -2.2, 1.9), (1, 0.5, 0.3))[0]
+    camera = Camera(width=480, height=360, fx=240, fy=240, cx=240, cy=180)
+    rasterizer = open_raster(mesh, camera)
+    (coverage,) = evaluate_batches(rasterizer, pose[None])
+    buffer = rasterizer.render(pose)
+    pixels = pictures.coverage_pixels(buffer, coverage.coverage[0], mesh, pose).astype(int)
+    is_task = np.append(mesh.task_mask, False)[buffer.face]
+    assert is_task.any()
+    assert not is_task.all()
+    np.testing.assert_array_equal(np.ptp(pixels, axis=2) == 0, is_task)
+    levels = coverage.coverage[0][buffer.face]
+    bright, dark = pixels[is_task & (levels > 0.95)], pixels[is_task & (levels == 0)]
+    assert np.median(bright) > 200
+    assert np.median(dark) < 60
+
+
+# --- tables to print ------------------------------------------------------------------------
+
+
+def printed(table):
+    console = Console(file=StringIO(), width=80, color_system=None)
+    console.print(table)
+    return console.file.getvalue()
+
+
+def test_summary_names_groups_percentages_and_reasons_in_80_columns():
+    network = Network(STRIP, Task(views=2))
+    reason = np.full((2, 6), Reason.COVERED, np.uint8)
+    reason[:, 0] = Reason.OCCLUDED
+    network.add(made_up(poses=2, reason=reason))
+    text = printed(report.summary_table(network.summary()))
+    lines = text.splitlines()
+    assert max(map(len, lines)) <= 80
+    (left,) = [line for line in lines if "left" in line]
+    assert [cell.strip() for cell in left.strip("│").split("│")] == [
+        "left", "2", "50.0", "50.0", "1", "0",
+    ]  # fmt: skip
+    assert "2 cameras, 2 a face" in text
+    assert "middle [bold]" in text  # a name is not markup
+    assert "occluder" in text
+    assert "75.0" in text
+    assert "occluded" in text
+
+
+def test_summary_of_many_groups_with_long_names_fits():
+    n = 50
+    mesh = Mesh(
+        STRIP.vertices,
+        np.tile(STRIP.faces[:1], (n, 1)),
+        groups=[Group(f"a group with a very long name indeed, number {i}") for i in range(n)],
+        face_group=np.arange(n),
+    )
+    summary = Network(mesh, Task()).summary()
+    summary["task_faces"] = 123_456_789
+    text = printed(report.summary_table(summary))
+    assert "30 more" in text
+    assert max(map(len, text.splitlines())) <= 80
+    assert "123456789" in text
+
+
+def test_poses_that_cover_most_come_first():
+    network = Network(STRIP, Task())
+    reason = np.full((3, 6), Reason.OUTSIDE, np.uint8)
+    reason[1, :3] = reason[2, :1] = Reason.COVERED
+    network.add(made_up(pose_ids=[5, 6, 8], reason=reason))
+    text = printed(report.pose_table(network, rows=2))
+    assert "Best 2 of 3 poses" in text
+    first, second = [line.split("│")[1].strip() for line in text.splitlines() if "│" in line]
+    assert (first, second) == ("6", "8")
+    assert "75.0" in text
+
+
+def test_tables_of_an_empty_network():
+    network = Network(STRIP, Task())
+    assert "0 cameras" in printed(report.summary_table(network.summary()))
+    assert "0 poses" in printed(report.pose_table(network))
+    assert len(sphere_of_poses((0, 0, 0), 1, 0)) == 0
