@@ -191,13 +191,14 @@ def write_coloured_mesh(path: str | Path, mesh: Mesh, values: ArrayLike) -> None
 def summary_table(summary: Mapping[str, Any], rows: int = 20) -> Table:
     """`Network.summary` for a terminal of 80 columns: groups, the whole task, reasons.
 
-    Groups with the least covered come first, at most `rows` of them.
+    Groups with the least covered come first, at most `rows` of them. "At zero" are faces whose
+    coverage is 0 in every camera.
     """
     poses, views = summary["poses"], summary["required_views"]
     title = f"Covered by {poses} camera{'' if poses == 1 else 's'}"
     table = Table(title=title + (f", {views} a face" if views > 1 else ""), title_justify="left")
-    table.add_column("group", no_wrap=True, max_width=24)
-    for name in ("faces", "covered %", "by area %", "uncovered", "coverage 0"):
+    table.add_column("group", no_wrap=True, max_width=19)
+    for name in ("faces", "covered %", "by area %", "uncovered", "at zero"):
         table.add_column(name, justify="right", no_wrap=True)
     task = [group for group in summary["groups"] if group["role"] == "task"]
     occluders = [group for group in summary["groups"] if group["role"] != "task"]
