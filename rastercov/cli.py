@@ -22,7 +22,6 @@ from rastercov.coverage import Task
 from rastercov.errors import ConfigError, MeshError, PoseError, RastercovError
 from rastercov.mesh import Mesh
 from rastercov.pose import check_poses, read_poses, sphere_of_poses
-from rastercov.projection import box_corners
 
 app = typer.Typer(
     help="Which faces of a mesh does each camera see, how well, and why not.",
@@ -141,7 +140,7 @@ def evaluate(
 def demo(
     out: Out = Path("report"),
     shape: Annotated[str, typer.Option(help=f"One of {', '.join(shapes.NAMES)}.")] = "aeroplane",
-    poses: Annotated[int, typer.Option(min=1, help="Poses around it.")] = 40,
+    poses: Annotated[int, typer.Option(min=1, help="Poses around it.")] = 12,
     device: Device = "auto",
     as_json: AsJson = False,
 ) -> None:
@@ -153,7 +152,8 @@ def demo(
 
     mesh, camera = shapes.by_name(shape), Camera.preset("icube-ns4133bu-8mm")
     matrices = _poses(f"sphere:{poses}", mesh, camera)
-    _run(mesh, camera, matrices, Task(min_pixels=4), out, Options(device=device), as_json)
+    task = Task(min_pixels=10, max_incidence_deg=75)
+    _run(mesh, camera, matrices, task, out, Options(device=device), as_json)
 
 
 @app.command()
@@ -255,7 +255,7 @@ def _run(
     options: Any,
     as_json: bool,
 ) -> None:
-    from rastercov.report import summary_table
+    from rastercov.report import run_table, summary_table
     from rastercov.run import run
 
     faults = check_poses(poses)[1]
@@ -272,6 +272,7 @@ def _run(
     else:
         console = Console()
         console.print(summary_table(summary))
+        console.print(run_table(summary))
         sheet = out / (
             "contact_sheet.png" if (out / "contact_sheet.png").exists() else "network.glb"
         )
@@ -338,7 +339,8 @@ def _poses(source: str, mesh: Mesh, camera: Camera) -> np.ndarray[Any, np.dtype[
     if not count.isdigit() or int(count) < 1:
         raise PoseError(f"--poses sphere:N wants a whole number, got {source!r}")
     centre = mesh.bounds.mean(axis=0)
-    radius = float(np.linalg.norm(box_corners(mesh.bounds) - centre, axis=1).max())
+    used = mesh.vertices[np.unique(mesh.faces)]
+    radius = float(np.linalg.norm(used - centre, axis=1).max())
     # The sphere around the mesh touches the sides of the narrower field of view.
     narrowest = min(
         min(camera.cx, camera.width - camera.cx) / camera.fx,

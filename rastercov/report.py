@@ -27,7 +27,6 @@ from rich.text import Text
 from rastercov.coverage import FIGURES, Coverage, Reason
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
-from rastercov.network import Network
 
 ROWS_A_GROUP = 1 << 18
 """Rows of a Parquet row group: about 13 MB of columns."""
@@ -221,22 +220,18 @@ def summary_table(summary: Mapping[str, Any], rows: int = 20) -> Table:
     return table
 
 
-def pose_table(network: Network, rows: int = 10) -> Table:
-    """Poses that cover most faces, best first."""
-    n_task = max(1, int(network.mesh.task_mask.sum()))
-    count = len(network.pose_ids)
-    title = f"Best {rows} of {count} poses" if count > rows else f"{count} poses"
-    table = Table(title=title, title_justify="left")
-    for name in ("pose", "covered faces", "covered %", "mean coverage"):
-        table.add_column(name, justify="right", no_wrap=True)
-    for row in np.argsort(-np.asarray(network.covered_faces), kind="stable")[:rows].tolist():
-        covered = network.covered_faces[row]
-        table.add_row(
-            str(network.pose_ids[row]),
-            str(covered),
-            f"{100 * covered / n_task:.1f}",
-            f"{network.mean_coverage[row]:.3f}",
-        )
+def run_table(summary: Mapping[str, Any]) -> Table:
+    """What ran, how fast, on what, and what came out; from the summary of `run`."""
+    covered = summary["covered"]
+    table = Table(show_header=False)
+    table.add_column(style="dim", no_wrap=True)
+    table.add_column(overflow="fold")
+    table.add_row("faces", f"{summary['faces']:,}")
+    table.add_row("poses", f"{summary['poses']:,}")
+    table.add_row("poses per second", f"{summary['poses_per_second']:,.1f}")
+    table.add_row("renderer", Text(summary["run"]["rasterizer"]["renderer"]))
+    by_area = f"{covered['area_percent']:.1f} % of the area"
+    table.add_row("coverage", f"{covered['percent']:.1f} % of the faces, {by_area}")
     return table
 
 

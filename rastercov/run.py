@@ -23,7 +23,13 @@ from rastercov.camera import Camera
 from rastercov.coverage import Coverage, Task, evaluate_batches
 from rastercov.mesh import Mesh
 from rastercov.network import Network
-from rastercov.pictures import contact_sheet, coverage_picture, face_index_picture, save_picture
+from rastercov.pictures import (
+    contact_sheet,
+    coverage_picture,
+    face_index_picture,
+    pose_title,
+    save_picture,
+)
 from rastercov.pose import check_poses
 from rastercov.raster.contract import Rasterizer, RasterizerInfo, open_rasterizer
 from rastercov.report import CoverageTable, write_coloured_mesh, write_json
@@ -98,13 +104,13 @@ def run(
     network = Network(mesh, task)
     valid = np.array([row for row in range(len(matrices)) if row not in faults], np.int64)
     chosen = valid[np.unique(np.linspace(0, total - 1, min(options.pictures, total)).astype(int))]
-    drawn: dict[int, NDArray[np.float64]] = {}
+    drawn: dict[int, tuple[NDArray[np.float64], str]] = {}
     interrupted = False
-    started = time.perf_counter()
     with options.open(mesh, camera) as rasterizer:
         header = describe(mesh, camera, task, options, rasterizer.info)
         with CoverageTable(out / "coverage.parquet", header) as table:
             progress(0, total)
+            started = time.perf_counter()
             batches = evaluate_batches(
                 rasterizer,
                 matrices,
@@ -120,7 +126,7 @@ def run(
                     progress(len(network.pose_ids), total)
             except KeyboardInterrupt:
                 interrupted = True
-    seconds = time.perf_counter() - started
+            seconds = time.perf_counter() - started
     done = len(network.pose_ids)
     summary = network.summary() | {
         "interrupted": interrupted,
@@ -139,7 +145,7 @@ def run(
     write_json(out / "summary.json", summary)
     write_coloured_mesh(out / "network.glb", mesh, network.best)
     if drawn:
-        _draw(mesh, camera, matrices, task, out, options, drawn)
+        _draw(mesh, camera, matrices, out, options, drawn)
     return summary
 
 
@@ -161,36 +167,32 @@ def describe(
 
 
 def _keep(
-    batch: Coverage, chosen: NDArray[np.int64], drawn: dict[int, NDArray[np.float64]]
+    batch: Coverage, chosen: NDArray[np.int64], drawn: dict[int, tuple[NDArray[np.float64], str]]
 ) -> None:
-    for row in np.flatnonzero(np.isin(batch.pose_ids, chosen)):
-        drawn[int(batch.pose_ids[row])] = batch.coverage[row].copy()
+    """Set aside the coverage and the title of the poses to draw."""
+    for row in np.flatnonzero(np.isin(batch.pose_ids, chosen)).tolist():
+        drawn[int(batch.pose_ids[row])] = batch.coverage[row].copy(), pose_title(batch, row)
 
 
 def _draw(
     mesh: Mesh,
     camera: Camera,
     poses: NDArray[np.float64],
-    task: Task,
     out: Path,
     options: Options,
-    drawn: dict[int, NDArray[np.float64]],
+    drawn: dict[int, tuple[NDArray[np.float64], str]],
 ) -> None:
     """Pictures of the chosen poses, and all of them on one sheet."""
     for old in (*out.glob("pose_*.png"), *out.glob("faces_*.png")):
         old.unlink()  # of an earlier run with other poses
     digits = len(str(max(drawn)))
-    sheet, captions = [], []
+    pictures = []
     small = camera.resized(min(1.0, PICTURE_SIDE / max(camera.width, camera.height)))
     with replace(options, supersample=1).open(mesh, small) as rasterizer:
-        for pose, values in drawn.items():
+        for pose, (values, title) in drawn.items():
             buffer = rasterizer.render(poses[pose])
-            name = f"{pose:0{digits}d}"
-            covered = values[mesh.task_mask] >= max(task.min_coverage, np.finfo(float).tiny)
-            caption = f"pose {pose}: {covered.sum()} faces covered"
-            picture = coverage_picture(buffer, values, mesh, small, poses[pose], caption)
-            save_picture(picture, out / f"pose_{name}.png")
-            save_picture(face_index_picture(buffer), out / f"faces_{name}.png")
-            sheet.append(picture)
-            captions.append(caption)
-    save_picture(contact_sheet(sheet, captions), out / "contact_sheet.png")
+            pictures.append(coverage_picture(buffer, values, mesh, small, poses[pose], title))
+            save_picture(pictures[-1], out / f"pose_{pose:0{digits}d}.png")
+            save_picture(face_index_picture(buffer), out / f"faces_{pose:0{digits}d}.png")
+    sheet = contact_sheet(pictures, [title for _, title in drawn.values()])
+    save_picture(sheet, out / "contact_sheet.png")

@@ -568,19 +568,17 @@ def test_summary_of_many_groups_with_long_names_fits():
     assert "1234567" in text
 
 
-def test_poses_that_cover_most_come_first():
-    network = Network(STRIP, Task())
-    reason = np.full((3, 6), Reason.OUTSIDE, np.uint8)
-    reason[1, :3] = reason[2, :1] = Reason.COVERED
-    network.add(made_up(pose_ids=[5, 6, 8], reason=reason))
-    text = printed(report.pose_table(network, rows=2))
-    assert "Best 2 of 3 poses" in text
-    first, second = [line.split("│")[1].strip() for line in text.splitlines() if "│" in line]
-    assert (first, second) == ("6", "8")
-    assert "75.0" in text
+def test_run_table_names_what_ran_and_what_came_out():
+    summary = Network(STRIP, Task()).summary() | {
+        "poses": 1234,
+        "poses_per_second": 70.04,
+        "run": {"rasterizer": {"renderer": "[bold]Mesa[/]"}},
+    }
+    text = printed(report.run_table(summary))
+    for wanted in ("1,234", "70.0", "[bold]Mesa[/]", "0.0 % of the faces"):
+        assert wanted in text
 
 
 def test_tables_of_an_empty_network():
     network = Network(STRIP, Task())
     assert "0 cameras" in printed(report.summary_table(network.summary()))
-    assert "0 poses" in printed(report.pose_table(network))

@@ -170,7 +170,7 @@ class Arena:
         return depth
 
     def read_counters(self, buffer: Any, layers: int, stride: int) -> NDArray[np.int64]:
-        """Counters that shaders wrote, (layers, stride); the one reader, so the one with a barrier."""
+        """Counters that shaders wrote, (layers, stride); the only reader, and it waits for them."""
         self.gl.memory_barrier()
         counters = np.empty((layers, stride), np.uint32)
         buffer.read_into(counters, size=counters.nbytes)

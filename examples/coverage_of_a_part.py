@@ -1,0 +1,39 @@
+"""From a mesh and camera poses to coverage: which faces are seen, how well, and why not."""
+
+import numpy as np
+
+import rastercov as rc
+from rastercov import shapes
+
+# A real part: mesh = rc.Mesh.load("part.stl", unit="mm")
+mesh = shapes.teapot(12)
+camera = rc.Camera.from_lens(
+    width=1280,
+    height=1024,
+    focal_length=8e-3,
+    pixel_size=5.3e-6,
+    f_number=4.0,
+    focus_distance=0.5,
+    max_blur=2.0,
+)
+z_n, z_f = camera.depth_of_field()
+print(f"in focus from {z_n:.3f} m to {z_f:.3f} m")
+
+poses = rc.sphere_of_poses(mesh.bounds.mean(axis=0), distance=0.5, count=24)
+task = rc.Task(min_pixels=10, min_visibility=0.5, max_incidence_deg=75)
+coverage = rc.evaluate(mesh, camera, poses, task=task)
+
+network = rc.Network(mesh, task)
+network.add(coverage)
+summary = network.summary()
+print(f"covered: {summary['covered']['percent']:.1f} % of faces, ", end="")
+print(f"{summary['covered']['area_percent']:.1f} % of area")
+for reason, share in summary["not_covered_because"].items():
+    print(f"  not covered, {reason}: {share['faces']} faces")
+
+# Every figure is there for every pose and face, (P, F).
+best = int(coverage.coverage.sum(axis=1).argmax())
+seen = coverage.visibility[best] > 0
+partly = seen & (coverage.visibility[best] < 1)
+print(f"pose {best} sees {seen.sum()} faces, {partly.sum()} of them only in part")
+print(f"their bounds go up to {np.max(coverage.visibility_bound[best][partly]):.2f}")

@@ -1,0 +1,22 @@
+"""The visibility matrix of many candidate poses, a few at a time: food for any optimiser."""
+
+import numpy as np
+
+import rastercov as rc
+from rastercov import shapes
+
+mesh, camera = shapes.aeroplane(), rc.Camera.preset("icube-ns4133bu-8mm").resized(0.5)
+poses = rc.sphere_of_poses(mesh.bounds.mean(axis=0), distance=50, count=200)
+is_covered = np.zeros((len(poses), mesh.n_faces), dtype=bool)
+
+with rc.open_rasterizer(mesh, camera) as rasterizer:
+    print(rasterizer.info.renderer)
+    for batch in rc.evaluate_batches(rasterizer, poses, rc.Task(min_pixels=4)):
+        is_covered[batch.pose_ids] = batch.reason == rc.Reason.COVERED
+
+# Greedy choice: the pose that sees most of what is still unseen.
+missing, chosen = np.ones(mesh.n_faces, dtype=bool), []
+while (gain := (is_covered & missing).sum(axis=1)).max() > 0 and len(chosen) < 8:
+    chosen.append(int(gain.argmax()))
+    missing &= ~is_covered[chosen[-1]]
+print(f"{len(chosen)} of {len(poses)} poses see {100 * (1 - missing.mean()):.1f} % of the faces")
