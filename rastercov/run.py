@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from PIL import Image
 
 from rastercov.camera import Camera
 from rastercov.coverage import Coverage, Task, evaluate_batches
@@ -26,6 +27,7 @@ from rastercov.network import Network
 from rastercov.pictures import (
     contact_sheet,
     coverage_picture,
+    coverage_pixels,
     face_index_picture,
     pose_title,
     save_picture,
@@ -191,8 +193,9 @@ def _draw(
     with replace(options, supersample=1).open(mesh, small) as rasterizer:
         for pose, (values, title) in drawn.items():
             buffer = rasterizer.render(poses[pose])
-            pictures.append(coverage_picture(buffer, values, mesh, small, poses[pose], title))
-            save_picture(pictures[-1], out / f"pose_{pose:0{digits}d}.png")
+            picture = coverage_picture(buffer, values, mesh, small, poses[pose], title)
+            save_picture(picture, out / f"pose_{pose:0{digits}d}.png")
+            pictures.append(Image.fromarray(coverage_pixels(buffer, values, mesh, poses[pose])))
             save_picture(face_index_picture(buffer), out / f"faces_{pose:0{digits}d}.png")
     sheet = contact_sheet(pictures, [title for _, title in drawn.values()])
     save_picture(sheet, out / "contact_sheet.png")

@@ -1,0 +1,412 @@
+"""The criteria that follow from geometry alone: by law, by hand, and on meshes that try to break them."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rastercov import shapes
+from rastercov.camera import Camera
+from rastercov.criteria import in_focus, view_faces
+from rastercov.mesh import Group, Mesh
+from rastercov.pose import look_at
+from rastercov.projection import clip_near, near_limit, polygon_area, to_camera, to_image
+
+CAMERA = Camera(width=200, height=200, fx=100, fy=100)
+UNEVEN = Camera(width=640, height=480, fx=500, fy=400, cx=100, cy=350)
+AHEAD = np.eye(4)  # at the origin, looking along +z
+
+seeds = st.integers(0, 2**32 - 1).map(np.random.default_rng)
+
+
+def triangles(*corners, **options):
+    points = np.array(corners, dtype=np.float64).reshape(-1, 3)
+    return Mesh(vertices=points, faces=np.arange(len(points)).reshape(-1, 3), **options)
+
+
+def square(half, z, centre=(0.0, 0.0)):
+    """Two triangles that face a camera at the origin looking along +z."""
+    #  a---d -> x
+    #  | \ |
+    #  b---c
+    corners = np.array([(-1, -1), (-1, 1), (1, 1), (1, -1)]) * half + centre
+    a, b, c, d = ((x, y, z) for x, y in corners)
+    return triangles((a, b, c), (a, c, d))
+
+
+def tilted(angle, half=1e-6, z=2.0):
+    """Small triangle with its centroid on the axis at depth z, turned by `angle` about x."""
+    c, s = math.cos(angle), math.sin(angle)
+    flat = half * np.array([(-1, -1), (-1, 1), (2, 0)])
+    return triangles([(x, c * y, z + s * y) for x, y in flat])
+
+
+def random_pose(rng):
+    return look_at(rng.normal(size=3) * 3, rng.normal(size=3), rng.normal(size=3))[0]
+
+
+def random_mesh(rng, n=40):
+    return triangles(rng.normal(size=(3 * n, 3)))
+
+
+# --- projected area -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("z", [0.5, 2.0, 40.0])
+@pytest.mark.parametrize("camera", [CAMERA, UNEVEN])
+def test_area_of_a_frontal_square_is_fx_fy_area_over_depth_squared(camera, z):
+    view = view_faces(square(0.05, z), camera, AHEAD)
+    assert view.projected_area.sum() == pytest.approx(camera.fx * camera.fy * 0.01 / z**2)
+    assert view.perimeter[0] == pytest.approx(
+        0.1 / z * (camera.fx + camera.fy + math.hypot(camera.fx, camera.fy))
+    )
+
+
+@given(seeds)
+def test_area_has_no_sign(rng):
+    mesh, pose = random_mesh(rng), random_pose(rng)
+    turned = Mesh(vertices=mesh.vertices, faces=mesh.faces[:, ::-1])
+    one, other = (view_faces(m, UNEVEN, pose) for m in (mesh, turned))
+    assert one.projected_area == pytest.approx(other.projected_area)
+    assert (one.projected_area >= 0).all()
+
+
+def test_area_through_the_near_plane_is_of_the_part_beyond_it():
+    # Without clipping the corner behind the camera is mirrored, and the area is far too small.
+    mesh = triangles((-0.5, 0.25, 3), (0.5, 0.25, 3), (0, 0.25, -1))
+    camera = Camera(width=200, height=200, fx=100, fy=100, near=0.125)
+    view = view_faces(mesh, camera, AHEAD)
+    assert view.projected_area == pytest.approx([445625 / 18], rel=1e-14)
+    assert np.isposinf(view.perimeter).all()
+    assert not view.in_view.any()
+    assert view.pixel_density == [0]
+
+
+def test_behind_the_camera_there_is_nothing():
+    view = view_faces(square(1, -2), CAMERA, AHEAD)
+    for name in ("projected_area", "in_view_fraction", "pixel_density"):
+        assert not getattr(view, name).any(), name
+    assert not view.in_view.any()
+    assert not view.is_front.any()
+
+
+@given(seeds)
+def test_moving_mesh_and_camera_together_changes_nothing(rng):
+    mesh, pose, motion = random_mesh(rng), random_pose(rng), random_pose(rng)
+    moved = Mesh(vertices=mesh.vertices @ motion[:3, :3].T + motion[:3, 3], faces=mesh.faces)
+    one, other = view_faces(mesh, UNEVEN, pose), view_faces(moved, UNEVEN, motion @ pose)
+    assert one.depth == pytest.approx(other.depth, abs=1e-9)
+    assert one.incidence == pytest.approx(other.incidence, abs=1e-6)
+    sure = (np.abs(one.depth) > 1e-3).all(axis=1)
+    areas = one.projected_area[sure], other.projected_area[sure]
+    assert areas[0] == pytest.approx(areas[1], rel=1e-6, abs=1e-6)
+
+
+# --- field of view --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("centre", "inside"),
+    [((0, 0), True), ((1.5, 0), True), ((1.5, -1.5), True), ((1.501, 0), False), ((0, 9), False)],
+)
+def test_in_view_is_all_or_nothing_and_the_border_is_inside(centre, inside):
+    # Half the image is 2 m wide at 2 m: a square of half 0.5 touches the border at 1.5.
+    view = view_faces(square(0.5, 2, centre), CAMERA, AHEAD)
+    assert view.in_view.tolist() == [inside, inside]
+    assert inside <= (view.in_view_fraction == 1).all()
+
+
+def test_fraction_of_a_square_cut_in_the_middle_is_a_half():
+    view = view_faces(square(1, 1, (1, 0)), CAMERA, AHEAD)
+    assert view.projected_area == pytest.approx([20000, 20000])
+    assert view.in_view_fraction == pytest.approx([0.75, 0.25])
+    assert not view.in_view.any()
+
+
+def test_fraction_of_a_wall_around_the_image_is_its_share():
+    view = view_faces(square(10, 2), CAMERA, AHEAD)
+    assert view.in_view_fraction == pytest.approx([0.02, 0.02])
+    assert not view.in_view.any()
+
+
+@given(seeds, st.integers(1, 639))
+def test_fractions_of_two_half_images_add_up_to_the_whole(rng, middle):
+    mesh, pose = random_mesh(rng), random_pose(rng)
+    left = Camera(width=middle, height=480, fx=500, fy=400, cx=100, cy=350)
+    right = Camera(width=640 - middle, height=480, fx=500, fy=400, cx=100 - middle, cy=350)
+    whole, one, other = (
+        view_faces(mesh, camera, pose).in_view_fraction for camera in (UNEVEN, left, right)
+    )
+    assert one + other == pytest.approx(whole, abs=1e-9)
+
+
+# Table 5.3: markers of 30 cm, 4 m away, fully inside, partly inside and outside the image.
+PLATES = {
+    "inside": ([(0, 0), (1.4, 1.0), (-1.4, 1.0), (1.4, -1.0), (-1.5, 0)], True),
+    "partly": ([(1.7, 0), (-1.7, 0), (0, 1.36), (0, -1.36), (1.7, 1.36)], False),
+    "outside": ([(2, 0), (-2, 0), (0, 1.6), (0, -1.6), (2, 1.6)], False),
+}
+
+
+@pytest.mark.parametrize("place", PLATES)
+def test_thesis_table_5_3_field_of_view(place):
+    centres, covered = PLATES[place]
+    camera = Camera.preset("icube-ns4133bu-8mm")
+    for centre in centres:
+        view = view_faces(square(0.15, 4, centre), camera, AHEAD)
+        shown = view.in_view_fraction @ view.projected_area / view.projected_area.sum()
+        assert view.in_view.tolist() == [covered] * 2
+        assert (shown == pytest.approx(1), shown == 0) == (covered, place == "outside")
+
+
+# --- resolution -----------------------------------------------------------------------------------
+
+# Table 5.4 as printed: pixels of a 30 cm marker at 4, 5, ..., 18 m.
+PRINTED = [13389, 8281, 5776, 4225, 3136, 2500, 2116, 1764, 1482, 1296, 961, 900, 841, 784, 676]
+DISTANCES = np.arange(4, 19)
+
+
+def plate_pixels(distance):
+    camera = Camera.preset("icube-ns4133bu-8mm")
+    return view_faces(square(0.15, float(distance)), camera, AHEAD).projected_area.sum()
+
+
+def test_thesis_table_5_4_resolution():
+    # The printed figures are squares of whole pixels (91^2, 76^2, ...; 1482 is 38 x 39), so they
+    # scatter about f^2 A / (s z)^2 by a pixel or so of the side: 11 % of the area at worst, 17 m.
+    pixels = np.array([plate_pixels(z) for z in DISTANCES])
+    assert pixels == pytest.approx((8e-3 * 0.3 / 5.3e-6 / DISTANCES) ** 2)
+    side, printed = np.sqrt(pixels), np.sqrt(PRINTED)
+    assert np.abs(printed - side)[1:].max() < 1.4
+    assert np.abs(printed - side)[0] < 2.6
+    assert (printed / side).mean() == pytest.approx(1, abs=0.015)
+    assert np.count_nonzero(np.abs(PRINTED / pixels - 1) < 0.05) == 10
+    assert np.abs(PRINTED / pixels - 1).max() < 0.11
+
+
+def test_thesis_table_5_4_ends_a_metre_early():
+    # R_min 1024 is a side of 32 px, reached at f 0.3 / (32 s) = 14.15 m. The table has 31 px at
+    # 14 m, where its own camera gives 32.3; at every other distance the verdicts agree.
+    resolution = np.array([plate_pixels(z) for z in DISTANCES]) / 1024
+    printed = np.array(PRINTED) / 1024
+    assert (resolution >= 1).tolist() == [z <= 14 for z in DISTANCES]
+    assert DISTANCES[(resolution >= 1) != (printed >= 1)].tolist() == [14]
+    assert resolution[10] == pytest.approx(1.0217, abs=1e-4)
+    assert plate_pixels(14.15) > 1024 > plate_pixels(14.16)
+
+
+# --- facing ---------------------------------------------------------------------------------------
+
+
+@given(seeds)
+def test_front_is_the_sign_of_the_projected_area(rng):
+    mesh, pose = random_mesh(rng), random_pose(rng)
+    near = near_limit(UNEVEN, mesh.bounds, pose[None])[0]
+    polygons, counts = clip_near(to_camera(mesh.vertices, pose)[mesh.faces], near)
+    # Counter-clockwise from outside runs counter-clockwise in the image, where v runs down.
+    area = polygon_area(to_image(np.where(polygons == 0, 1, polygons), UNEVEN), counts)
+    sure = np.abs(area) > 1e-3
+    assert np.array_equal(view_faces(mesh, UNEVEN, pose).is_front[sure], area[sure] < 0)
+
+
+def test_front_follows_the_ray_and_not_the_optical_axis():
+    # Definition 3 calls this face self-occluding: its normal is 79 degrees from the axis.
+    mesh = triangles((1.9, -0.3, 4), (1.96, 0.3, 4.3), (2.1, -0.3, 5))
+    view = view_faces(mesh, CAMERA, AHEAD)
+    assert np.degrees(np.arccos(mesh.normals[0, 2])) == pytest.approx(78.69, abs=0.01)
+    assert view.is_front.all()
+    assert view.in_view.all()
+    assert view.incidence[0] < math.pi / 2
+
+
+def test_either_side_of_a_two_sided_group_is_front():
+    back = square(1, 2).faces[:, ::-1]
+    mesh = Mesh(vertices=square(1, 2).vertices, faces=back)
+    assert not view_faces(mesh, CAMERA, AHEAD).is_front.any()
+    sheet = mesh.with_groups(two_sided="all")
+    assert view_faces(sheet, CAMERA, AHEAD).is_front.all()
+    assert view_faces(sheet, CAMERA, AHEAD).pixel_density == pytest.approx([100 / 3] * 2, rel=0.3)
+
+
+def test_edge_on_is_front_from_neither_side():
+    mesh = triangles((0, 0, 1), (0, 1, 2), (0, -1, 3))
+    for sheet in (mesh, mesh.with_groups(two_sided="all")):
+        view = view_faces(sheet, CAMERA, AHEAD)
+        assert not view.is_front.any()
+        assert view.incidence == pytest.approx([math.pi / 2])
+        assert view.projected_area == [0]
+
+
+# --- incidence ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("degrees", [0, 30, 60, 89])
+def test_incidence_is_the_tilt_on_the_axis(degrees):
+    view = view_faces(tilted(math.radians(degrees)), CAMERA, AHEAD)
+    assert np.degrees(view.incidence) == pytest.approx([degrees], abs=1e-5)
+
+
+def test_incidence_is_measured_to_the_camera_centre():
+    # A frontal face whose centroid is as far off the axis as it is deep.
+    view = view_faces(triangles((1, 0, 2), (2, 1, 2), (3, -1, 2)), CAMERA, AHEAD)
+    assert np.degrees(view.incidence) == pytest.approx([45])
+
+
+@given(seeds)
+def test_incidence_from_behind_is_the_supplement(rng):
+    mesh, pose = random_mesh(rng), random_pose(rng)
+    turned = Mesh(vertices=mesh.vertices, faces=mesh.faces[:, ::-1])
+    one, other = (view_faces(m, UNEVEN, pose).incidence for m in (mesh, turned))
+    assert one + other == pytest.approx(np.full(mesh.n_faces, math.pi))
+
+
+# --- pixel density --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("degrees", [0, 30, 60, 85])
+@pytest.mark.parametrize("z", [0.5, 2.0])
+def test_density_on_the_axis_is_f_over_z_foreshortened(degrees, z):
+    angle = math.radians(degrees)
+    view = view_faces(tilted(angle, z=z), CAMERA, AHEAD)
+    assert view.pixel_density == pytest.approx([100 * math.cos(angle) / z], rel=1e-4)
+
+
+def test_density_is_along_the_worse_side_of_an_oblong_pixel():
+    for fx, fy in ((400, 100), (100, 400)):
+        camera = Camera(width=200, height=200, fx=fx, fy=fy)
+        view = view_faces(tilted(0.0), camera, AHEAD)
+        assert view.pixel_density == pytest.approx([50], rel=1e-4)
+
+
+def numeric_density(corners, camera, step=1e-6):
+    """Least singular value of the projection along a face, at its worst vertex."""
+    basis = np.linalg.qr((corners[1:] - corners[0]).T)[0].T
+    worst = np.inf
+    for corner in corners:
+        ahead, behind = (
+            to_image(corner + sign * step * corner[2] * basis, camera) for sign in (1, -1)
+        )
+        jacobian = (ahead - behind) / (2 * step * corner[2])
+        worst = min(worst, np.linalg.svd(jacobian, compute_uv=False)[-1])
+    return worst
+
+
+@given(seeds)
+def test_density_is_the_least_singular_value_of_finite_differences(rng):
+    mesh = triangles(rng.uniform((-2, -2, 1), (2, 2, 5), size=(60, 3)))
+    view = view_faces(mesh.with_groups(two_sided="all"), UNEVEN, AHEAD)
+    seen = np.flatnonzero((view.in_view_fraction > 0) & (np.abs(view.incidence - 1.57) > 0.05))
+    expected = [numeric_density(mesh.vertices[mesh.faces[face]], UNEVEN) for face in seen]
+    assert view.pixel_density[seen] == pytest.approx(expected, rel=1e-5)
+
+
+def lattice(n):
+    """Slanted plane before the camera, as n x n quads."""
+    s, t = np.meshgrid(np.linspace(-1, 1, n + 1), np.linspace(-1, 1, n + 1))
+    points = np.stack((s, t, 4 + s + 0.5 * t), axis=-1).reshape(-1, 3)
+    a = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
+    b, c, d = a + n + 1, a + n + 2, a + 1
+    return Mesh(
+        vertices=points, faces=np.concatenate([np.stack(q, 1) for q in ((a, b, c), (a, c, d))])
+    )
+
+
+def test_density_does_not_depend_on_tessellation():
+    # Finer and finer faces approach the density at a point, which belongs to the plane alone, and
+    # the worst of all faces stays what it is.
+    gaps, worst = [], []
+    for n in (4, 16, 64):
+        mesh = lattice(n)
+        density = view_faces(mesh, CAMERA, AHEAD).pixel_density
+        tangents = np.linalg.svd(mesh.normals[:1])[2][1:]
+        h = 1e-6
+        ahead, behind = (
+            to_image(mesh.centroids[:, None] + sign * h * tangents, CAMERA) for sign in (1, -1)
+        )
+        exact = np.linalg.svd((ahead - behind) / (2 * h), compute_uv=False)[:, -1]
+        gaps.append(np.abs(density / exact - 1).max())
+        worst.append(density.min())
+    assert gaps[1] < 0.3 * gaps[0]
+    assert gaps[2] < 0.3 * gaps[1] < 0.03
+    assert worst == pytest.approx([worst[0]] * 3, rel=1e-9)
+
+
+def test_density_scales_with_the_mesh():
+    for scale in (1e-120, 1e-30, 1e20):
+        mesh = Mesh(vertices=square(1, 2).vertices * scale, faces=square(1, 2).faces)
+        view = view_faces(mesh, CAMERA, AHEAD)
+        expected = view_faces(square(1, 2), CAMERA, AHEAD).pixel_density / scale
+        assert view.pixel_density == pytest.approx(expected)
+
+
+# --- focus ----------------------------------------------------------------------------------------
+
+
+def test_focus_of_all_vertices_is_stricter_than_of_the_centroid():
+    depth = np.array([(1.0, 2, 3), (0.9, 2, 3), (1, 2, 3.1), (1.1, 1.2, 2.9), (9, 9, 9)])
+    assert in_focus(depth, (1, 3)).tolist() == [True, False, False, True, False]
+    assert in_focus(depth, (1, 3), "centroid").tolist() == [True, True, True, True, False]
+    assert in_focus(depth, (0, math.inf)).all()
+
+
+@given(seeds)
+def test_in_focus_by_vertices_implies_by_centroid(rng):
+    depth = rng.uniform(0, 4, size=(50, 3))
+    assert (in_focus(depth, (1, 3)) <= in_focus(depth, (1, 3), "centroid")).all()
+
+
+def test_beyond_the_hyperfocal_distance_everything_is_in_focus():
+    lens = {"width": 1280, "height": 1024, "focal_length": 8e-3, "pixel_size": 5.3e-6}
+    hyperfocal = 8e-3 + 4e-3 * 8e-3 / 5.3e-6
+    camera = Camera.from_lens(**lens, aperture=4e-3, focus_distance=hyperfocal * 1.01)
+    limits = camera.depth_of_field()
+    depth = np.array([(1, 1, 1), (4, 5, 6), (1e3, 1e6, 1e9)]) * hyperfocal
+    assert in_focus(depth, limits).tolist() == [True, True, True]
+    assert not in_focus(0.4 * depth[:1], limits).any()
+
+
+# --- meshes that try to break it ------------------------------------------------------------------
+
+nasty = st.sampled_from([0.0, -0.0, 1.0, -1.0, 1e-12, 2.0, 1e-160, 1e30, -1e30, 3.0, 0.1, 1e-6])
+
+
+@given(
+    st.lists(st.tuples(nasty, nasty, nasty), min_size=3, max_size=12),
+    st.booleans(),
+    st.sampled_from([0.0, 0.1]),
+    seeds,
+)
+def test_no_face_ever_makes_a_nan(points, is_turned, near, rng):
+    faces = rng.integers(0, len(points), size=(20, 3))
+    mesh = Mesh(points, faces, [Group("one"), Group("two", False, True)], np.arange(20) % 2)
+    camera = Camera(width=200, height=100, fx=100, fy=80, near=near)
+    view = view_faces(mesh, camera, random_pose(rng) if is_turned else AHEAD)
+    for name, values in vars(view).items():
+        if name != "perimeter":
+            assert np.isfinite(values).all(), name
+    beyond = np.isfinite(view.perimeter)
+    assert (view.perimeter >= 0).all()
+    assert not view.in_view[~beyond].any()
+    assert ((view.in_view_fraction >= 0) & (view.in_view_fraction <= 1)).all()
+    assert (view.pixel_density >= 0).all()
+    flat = mesh.degenerate_mask
+    assert not view.is_front[flat].any()
+    assert not view.pixel_density[flat].any()
+
+
+@pytest.mark.parametrize("point", [(0.0, 0, 0), (0, 0, 1), (0, 0, -1)])
+def test_a_mesh_that_is_a_point_is_nowhere_and_no_nan(point):
+    view = view_faces(triangles((point, point, point)), CAMERA, AHEAD)
+    assert not view.is_front.any()
+    assert view.projected_area == [0]
+    assert view.in_view_fraction == [0]
+    assert np.isfinite(view.incidence).all()
+
+
+def test_inside_a_closed_surface_nothing_is_front():
+    view = view_faces(shapes.sphere(2), UNEVEN, AHEAD)
+    assert not view.is_front.any()
+    outside = view_faces(shapes.sphere(2), UNEVEN, look_at((0, 0, 50), (0, 0, 0), (0, 1, 0))[0])
+    assert 0.4 < outside.is_front.mean() < 0.5
