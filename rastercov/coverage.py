@@ -7,6 +7,7 @@ E. S. Eissa. Image Space Coverage Model. 2020, section 3.3.
 """
 
 import math
+import reprlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
@@ -106,15 +107,22 @@ class Task:
             value = getattr(self, name)
             if name == "max_blur" and value is None:
                 continue
-            is_number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
-            if not is_number or not low <= value <= high or not math.isfinite(value):
-                raise ConfigError(f"{name} must be {words}, got {value!r}")
-            if value == 0 and words.startswith("more"):
-                raise ConfigError(f"{name} must be {words}, got {value!r}")
+            number = _number(value)
+            too_low = number < low or (number == 0 and words.startswith("more"))
+            if too_low or not number <= high or not math.isfinite(number):
+                raise ConfigError(f"{name} must be {words}, got {_shown(value)}")
+            object.__setattr__(self, name, number)
         if self.views != int(self.views):
-            raise ConfigError(f"views must be a whole number, 1 or more, got {self.views!r}")
-        if self.focus_rule not in ("vertices", "centroid"):
-            raise ConfigError(f"focus_rule must be vertices or centroid, got {self.focus_rule!r}")
+            raise ConfigError(f"views must be a whole number, 1 or more, got {self.views}")
+        object.__setattr__(self, "views", int(self.views))
+        if not isinstance(self.focus_rule, str) or self.focus_rule not in ("vertices", "centroid"):
+            raise ConfigError(
+                f"focus_rule must be vertices or centroid, got {_shown(self.focus_rule)}"
+            )
+        if not isinstance(self.cap_resolution, bool):
+            raise ConfigError(
+                f"cap_resolution must be True or False, got {_shown(self.cap_resolution)}"
+            )
 
     @classmethod
     def thesis(cls, **changes: Any) -> Self:
@@ -236,7 +244,8 @@ def evaluate(
     ResourceError
         When the arrays would exceed `EVALUATE_BUDGET`; use `evaluate_batches`.
     """
-    shape = (len(check_poses(poses)[0]), mesh.n_faces)
+    check_method(method)
+    shape = (len(_accepted(poses, skip_bad_poses)[1]), mesh.n_faces)
     size = shape[0] * shape[1] * sum(np.dtype(kind).itemsize for kind in FIGURES.values())
     if size > EVALUATE_BUDGET:
         raise ResourceError(
@@ -271,23 +280,42 @@ def evaluate_batches(
     poses, task, method, skip_bad_poses
         As for `evaluate`.
 
-    Yields
-    ------
-    Coverage
-        Of consecutive poses, about `PAIRS_A_BATCH` pairs each.
+    Returns
+    -------
+    Iterator of Coverage
+        Of consecutive poses, about `PAIRS_A_BATCH` pairs each. The arguments are checked at once;
+        each batch is counted when it is asked for.
     """
     check_method(method)
     task = task or Task()
-    if skip_bad_poses:
-        matrices, faults = check_poses(poses)
-        pose_ids = np.array([row for row in range(len(matrices)) if row not in faults], np.int64)
-    else:
-        matrices = valid_poses(poses)
-        pose_ids = np.arange(len(matrices))
+    matrices, pose_ids = _accepted(poses, skip_bad_poses)
     step = max(1, PAIRS_A_BATCH // rasterizer.mesh.n_faces)
-    for start in range(0, max(1, len(pose_ids)), step):
-        rows = pose_ids[start : start + step]
-        yield _judge(rasterizer, task, matrices[rows], rows)
+    batches = (pose_ids[at : at + step] for at in range(0, max(1, len(pose_ids)), step))
+    return (_judge(rasterizer, task, matrices[rows], rows) for rows in batches)
+
+
+def _accepted(poses: ArrayLike, skip_bad_poses: bool) -> tuple[FloatArray, IntArray]:
+    """All poses, (P, 4, 4), and the rows to evaluate."""
+    if not skip_bad_poses:
+        matrices = valid_poses(poses)
+        return matrices, np.arange(len(matrices))
+    matrices, faults = check_poses(poses)
+    return matrices, np.delete(np.arange(len(matrices)), list(faults))
+
+
+def _number(value: Any) -> float:
+    """`value` as a float, NaN for what is no finite number."""
+    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
+        return math.nan
+    try:
+        return float(value)
+    except OverflowError:
+        return math.nan
+
+
+def _shown(value: Any) -> str:
+    """`value` in a few characters on one line, whatever it is."""
+    return " ".join(reprlib.repr(value).split())
 
 
 def _judge(rasterizer: Rasterizer, task: Task, poses: FloatArray, pose_ids: IntArray) -> Coverage:

@@ -28,6 +28,9 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 
+LEAST_DEPTH = 1e-150
+"""Metres; the square of its inverse is still a float64."""
+
 
 @dataclass(frozen=True, eq=False)
 class ViewOfFaces:
@@ -76,7 +79,8 @@ def view_faces(mesh: Mesh, camera: Camera, pose: FloatArray) -> ViewOfFaces:
     pose : (4, 4) float64
         world_from_camera.
     """
-    near = float(near_limit(camera, mesh.bounds, pose[None])[0])
+    # Never 0, even for a mesh that is nothing but the camera centre.
+    near = max(float(near_limit(camera, mesh.bounds, pose[None])[0]), LEAST_DEPTH)
     points = to_camera(mesh.vertices, pose)
     ahead_points = points[:, 2] >= near
     safe = np.where(ahead_points[:, None], points, (0.0, 0.0, 1.0))
@@ -182,13 +186,14 @@ def _pixel_density(
     worst = np.full(len(faces), np.inf)
     for corner in range(3):
         u, v, w = points[faces[:, corner]].T
-        right, down, scale = u / w, v / w, 1 / w
-        a1 = camera.fx * scale * (first[:, 0] - right * first[:, 2])
-        a2 = camera.fx * scale * (second[:, 0] - right * second[:, 2])
-        b1 = camera.fy * scale * (first[:, 1] - down * first[:, 2])
-        b2 = camera.fy * scale * (second[:, 1] - down * second[:, 2])
+        right, down = u / w, v / w
+        a1 = camera.fx * (first[:, 0] - right * first[:, 2])
+        a2 = camera.fx * (second[:, 0] - right * second[:, 2])
+        b1 = camera.fy * (first[:, 1] - down * first[:, 2])
+        b2 = camera.fy * (second[:, 1] - down * second[:, 2])
         total = a1 * a1 + a2 * a2 + b1 * b1 + b2 * b2
         det = np.abs(a1 * b2 - a2 * b1)
         greatest = np.sqrt((total + np.sqrt(np.maximum(total**2 - 4 * det**2, 0))) / 2)
-        worst = np.minimum(worst, det / greatest)
+        # Depth comes last: its square would overflow for a very small mesh.
+        worst = np.minimum(worst, det / greatest / w)
     return worst

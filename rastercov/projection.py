@@ -190,12 +190,16 @@ def nearest_depth_in_view(corners: FloatArray, camera: Camera, near: float) -> f
             (0, -camera.fy, camera.height - camera.cy),
         ]
     )
-    inside = corners @ sides.T  # (F, 3, 4), >= 0 inside each side
-    depth = corners[..., 2]
-    seen = (inside >= 0).all(axis=2) & (depth >= near)
-    nearest = float(depth[seen].min(initial=np.inf))
-    rival = (depth.min(axis=1) < nearest) & (depth.max(axis=1) >= near)
-    rival &= (inside >= 0).any(axis=1).all(axis=1)
+    # Corners as rows, (3, F): numpy is quick along long rows and slow along rows of three.
+    x, y, z = np.ascontiguousarray(corners.transpose(2, 1, 0))
+    seen = z >= near
+    rival = seen[0] | seen[1] | seen[2]
+    for a, b, c in sides:
+        inside = a * x + b * y + c * z >= 0
+        seen &= inside
+        rival &= inside[0] | inside[1] | inside[2]
+    nearest = float(z[seen].min(initial=np.inf))
+    rival &= np.minimum(np.minimum(z[0], z[1]), z[2]) < nearest
     polygons, counts = clip_near(corners[rival], near)
     for side in sides:
         polygons, counts = clip_polygons(polygons, counts, polygons @ side)

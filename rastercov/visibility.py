@@ -114,7 +114,8 @@ def sampled(
     deviation = 4 * 0.27 * np.sqrt(1.25 * length + 1)
     bound = np.divide(deviation, drawn, out=np.ones(len(seen)), where=drawn > 0)
     # A face seen from behind is not seen, by definition, and one outside the image neither.
-    nothing = ~view.is_front | (view.in_view_fraction == 0)
+    # One in view whose area rounds to 0 is too small to know anything about.
+    nothing = ~view.is_front | ((view.in_view_fraction == 0) & ~view.in_view)
     kind = np.where(nothing, Kind.EXACT, Kind.STATISTICAL).astype(np.uint8)
     return np.where(nothing, 0.0, value), np.where(nothing, 0.0, np.minimum(bound, 1.0)), kind
 

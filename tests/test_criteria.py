@@ -1,4 +1,4 @@
-"""The criteria that follow from geometry alone: by law, by hand, and on meshes that try to break them."""
+"""The criteria that follow from geometry alone: by law, by hand, and on hostile meshes."""
 
 import math
 
@@ -96,12 +96,11 @@ def test_behind_the_camera_there_is_nothing():
 def test_moving_mesh_and_camera_together_changes_nothing(rng):
     mesh, pose, motion = random_mesh(rng), random_pose(rng), random_pose(rng)
     moved = Mesh(vertices=mesh.vertices @ motion[:3, :3].T + motion[:3, 3], faces=mesh.faces)
-    one, other = view_faces(mesh, UNEVEN, pose), view_faces(moved, UNEVEN, motion @ pose)
-    assert one.depth == pytest.approx(other.depth, abs=1e-9)
+    camera = Camera(width=640, height=480, fx=500, fy=400, near=0.1)
+    one, other = view_faces(mesh, camera, pose), view_faces(moved, camera, motion @ pose)
+    for name in ("depth", "projected_area", "in_view_fraction", "pixel_density"):
+        assert getattr(one, name) == pytest.approx(getattr(other, name), rel=1e-6, abs=1e-8), name
     assert one.incidence == pytest.approx(other.incidence, abs=1e-6)
-    sure = (np.abs(one.depth) > 1e-3).all(axis=1)
-    areas = one.projected_area[sure], other.projected_area[sure]
-    assert areas[0] == pytest.approx(areas[1], rel=1e-6, abs=1e-6)
 
 
 # --- field of view --------------------------------------------------------------------------------
@@ -127,7 +126,7 @@ def test_fraction_of_a_square_cut_in_the_middle_is_a_half():
 
 def test_fraction_of_a_wall_around_the_image_is_its_share():
     view = view_faces(square(10, 2), CAMERA, AHEAD)
-    assert view.in_view_fraction == pytest.approx([0.02, 0.02])
+    assert view.in_view_fraction == pytest.approx([0.04, 0.04])
     assert not view.in_view.any()
 
 
@@ -182,7 +181,7 @@ def test_thesis_table_5_4_resolution():
     assert np.abs(printed - side)[1:].max() < 1.4
     assert np.abs(printed - side)[0] < 2.6
     assert (printed / side).mean() == pytest.approx(1, abs=0.015)
-    assert np.count_nonzero(np.abs(PRINTED / pixels - 1) < 0.05) == 10
+    assert np.count_nonzero(np.abs(PRINTED / pixels - 1) < 0.05) == 11
     assert np.abs(PRINTED / pixels - 1).max() < 0.11
 
 
@@ -213,7 +212,7 @@ def test_front_is_the_sign_of_the_projected_area(rng):
 
 def test_front_follows_the_ray_and_not_the_optical_axis():
     # Definition 3 calls this face self-occluding: its normal is 79 degrees from the axis.
-    mesh = triangles((1.9, -0.3, 4), (1.96, 0.3, 4.3), (2.1, -0.3, 5))
+    mesh = triangles((1.9, -0.3, 4), (2.1, -0.3, 5), (1.96, 0.3, 4.3))
     view = view_faces(mesh, CAMERA, AHEAD)
     assert np.degrees(np.arccos(mesh.normals[0, 2])) == pytest.approx(78.69, abs=0.01)
     assert view.is_front.all()
@@ -227,7 +226,7 @@ def test_either_side_of_a_two_sided_group_is_front():
     assert not view_faces(mesh, CAMERA, AHEAD).is_front.any()
     sheet = mesh.with_groups(two_sided="all")
     assert view_faces(sheet, CAMERA, AHEAD).is_front.all()
-    assert view_faces(sheet, CAMERA, AHEAD).pixel_density == pytest.approx([100 / 3] * 2, rel=0.3)
+    assert view_faces(sheet, CAMERA, AHEAD).pixel_density == pytest.approx([50, 50])
 
 
 def test_edge_on_is_front_from_neither_side():
@@ -328,8 +327,8 @@ def test_density_does_not_depend_on_tessellation():
         exact = np.linalg.svd((ahead - behind) / (2 * h), compute_uv=False)[:, -1]
         gaps.append(np.abs(density / exact - 1).max())
         worst.append(density.min())
-    assert gaps[1] < 0.3 * gaps[0]
-    assert gaps[2] < 0.3 * gaps[1] < 0.03
+    assert gaps[1] < 0.35 * gaps[0]
+    assert gaps[2] < 0.35 * gaps[1] < 0.03
     assert worst == pytest.approx([worst[0]] * 3, rel=1e-9)
 
 
