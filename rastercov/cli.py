@@ -1,31 +1,39 @@
 """The `rastercov` command: `demo`, `evaluate`, `render`, `doctor`.
 
-Exit codes: 0 done, 1 a check failed, 2 bad usage or input, 130 interrupted.
+Exit codes: 0 done, 1 a check failed, 2 bad usage or input, 130 interrupted. Results go to standard
+output; warnings, errors and progress to standard error, an error as one line.
 """
 
 import json
+import os
+import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from io import TextIOWrapper
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import typer
+from numpy.typing import NDArray
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 import rastercov
 from rastercov import shapes
 from rastercov.camera import PRESETS, Camera
 from rastercov.coverage import Task
-from rastercov.errors import ConfigError, MeshError, PoseError, RastercovError
+from rastercov.errors import PoseError, RastercovError
+from rastercov.inputs import read_camera, read_scene, read_view_points
 from rastercov.mesh import Mesh
-from rastercov.pose import check_poses, read_poses, sphere_of_poses
+from rastercov.pose import check_poses
+
+MOST_WARNINGS = 5
+"""Poses left out that are named one by one."""
 
 app = typer.Typer(
-    help="Which faces of a mesh does each camera see, how well, and why not.",
-    no_args_is_help=True,
+    help="Which faces of a mesh does each camera see, how well, and why not.\n\n"
+    "[bold]Example[/]: rastercov demo --out report/",
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
@@ -61,7 +69,7 @@ Occluders = Annotated[
     typer.Option("--occluder", help="Mesh file, or group, that hides but is not scored."),
 ]
 TwoSided = Annotated[
-    list[str], typer.Option(help="Group that counts from either side; all for every group.")
+    list[str], typer.Option(help="Group that counts from either side; 'all' for every group.")
 ]
 DropInvalid = Annotated[bool, typer.Option(help="Drop faces that are not finite, with a warning.")]
 Device = Annotated[str, typer.Option(help="auto, egl:0, surfaceless or osmesa.")]
@@ -72,11 +80,15 @@ Pictures = Annotated[int, typer.Option(min=0, help="Poses to draw, spread over t
 
 @app.callback(invoke_without_command=True)
 def _start(
+    context: typer.Context,
     show_version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
 ) -> None:
     if show_version:
         print(rastercov.__version__)
         raise typer.Exit
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
+        raise typer.Exit(2)
 
 
 @app.command()
@@ -128,12 +140,12 @@ def evaluate(
     task = Task.thesis(**thresholds) if thesis else Task(**thresholds, min_coverage=min_coverage)
     from rastercov.run import Options  # pyarrow and pictures load only when they are wanted
 
-    scene = _scene(meshes, unit, occluder, two_sided, drop_invalid)
-    eye = _camera(camera)
+    scene = read_scene(meshes, unit, occluder, two_sided, drop_invalid)
+    eye = read_camera(camera)
     options = Options(
         supersample=supersample, device=device, pictures=pictures, skip_bad_poses=skip_bad_poses
     )
-    _run(scene, eye, _poses(poses, scene, eye), task, out, options, as_json)
+    _run(scene, eye, read_view_points(poses, scene, eye), task, out, options, as_json)
 
 
 @app.command()
@@ -151,7 +163,7 @@ def demo(
     from rastercov.run import Options
 
     mesh, camera = shapes.by_name(shape), Camera.preset("icube-ns4133bu-8mm")
-    matrices = _poses(f"sphere:{poses}", mesh, camera)
+    matrices = read_view_points(f"sphere:{poses}", mesh, camera)
     task = Task(min_pixels=10, max_incidence_deg=75)
     _run(mesh, camera, matrices, task, out, Options(device=device), as_json)
 
@@ -162,7 +174,9 @@ def render(
     camera: CameraOption,
     poses: PosesOption,
     pose: Annotated[int, typer.Option(min=0, help="Row of the pose file.")] = 0,
-    out: Out = Path("render"),
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the files.")] = Path(
+        "render"
+    ),
     unit: Unit = "m",
     drop_invalid: DropInvalid = False,
     device: Device = "auto",
@@ -179,16 +193,17 @@ def render(
         save_picture,
     )
     from rastercov.report import write_npz
-    from rastercov.run import Options
+    from rastercov.run import Options, make_folder
 
-    scene, eye = _scene(meshes, unit, [], [], drop_invalid), _camera(camera)
-    matrices = _poses(poses, scene, eye)
+    scene, eye = read_scene(meshes, unit, [], [], drop_invalid), read_camera(camera)
+    matrices = read_view_points(poses, scene, eye)
     if pose >= len(matrices):
-        raise PoseError(f"--pose must be 0 to {len(matrices) - 1}, got {pose}")
+        raise PoseError(f"--pose {pose} is not there: {poses} has {len(matrices)} poses, from 0")
+    _warn(scene.warnings)
+    make_folder(out)
     with Options(device=device).open(scene, eye) as rasterizer:
         buffer = rasterizer.render(matrices[pose])
         info = rasterizer.info
-    out.mkdir(parents=True, exist_ok=True)
     seen = np.unique(buffer.face[buffer.face >= 0])
     shown = np.zeros(scene.n_faces)
     shown[seen] = 1.0
@@ -231,25 +246,65 @@ def doctor(as_json: AsJson = False) -> None:
 
 
 def main() -> None:
-    """Run the command; every error of ours is one line on standard error and exit code 2."""
+    """Run the command as a process of its own."""
+    signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # `| head` ends it without a word
+    # As Ctrl-C: what is done is kept.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    # Names of files may hold what the terminal cannot show.
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
+    sys.exit(command(sys.argv[1:]))
+
+
+def command(arguments: Sequence[str]) -> int:
+    """Exit code of the command; whatever goes wrong is one line on standard error.
+
+    RASTERCOV_TRACEBACK=1 in the environment raises what nobody foresaw instead.
+    """
     try:
-        app()
+        code = app(list(arguments), prog_name="rastercov", standalone_mode=False)
+        if sys.stdout is not None:
+            sys.stdout.flush()  # a full disk shows up here, not when Python ends
+        if code != 130:
+            return int(code or 0)
+        raise KeyboardInterrupt  # which newer versions of Typer turn into this code
+    except (KeyboardInterrupt, typer.Abort):
+        return _say("interrupted", 130)
     except RastercovError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
+        return _say(f"error: {error}")
     except OSError as error:
-        where = f" {error.filename}" if error.filename else ""
-        print(f"error: cannot use{where}: {error.strerror or error}", file=sys.stderr)
-        sys.exit(2)
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
-        sys.exit(130)
+        where = f"{os.fsdecode(error.filename)}: " if error.filename else ""
+        return _say(f"error: {where}{(where and error.strerror) or error}")
+    except MemoryError as error:
+        return _say(f"error: not enough memory: {error}".rstrip(": "))
+    except Exception as error:
+        if hasattr(error, "format_message"):  # of Typer, whose own class has moved between versions
+            path = getattr(getattr(error, "ctx", None), "command_path", "rastercov")
+            return _say(f"error: {error.format_message().rstrip('.')}; see {path} --help")
+        if os.environ.get("RASTERCOV_TRACEBACK"):
+            raise
+        return _say(
+            f"error: {type(error).__name__}: {error} (a defect of rastercov; please report it, "
+            "with what RASTERCOV_TRACEBACK=1 shows)"
+        )
+
+
+def _say(text: str, code: int = 2) -> int:
+    """Print one line on standard error, whatever the names in it hold; gives the exit code."""
+    line = "".join(c if c.isprintable() else " " if c.isspace() else ascii(c)[1:-1] for c in text)
+    print(line, file=sys.stderr)
+    return code
+
+
+def _warn(lines: Iterable[str]) -> None:
+    for line in lines:
+        _say(f"warning: {line}")
 
 
 def _run(
     mesh: Mesh,
     camera: Camera,
-    poses: np.ndarray[Any, np.dtype[np.float64]],
+    poses: NDArray[np.float64],
     task: Task,
     out: Path,
     options: Any,
@@ -263,89 +318,46 @@ def _run(
         row, text = min(faults.items())
         more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
         raise PoseError(f"pose {row} {text}{more}; correct it or pass --skip-bad-poses")
-    for line in (*mesh.warnings, *(f"pose {row} left out: it {t}" for row, t in faults.items())):
-        print(f"warning: {line}", file=sys.stderr)
+    _warn(mesh.warnings)
+    skipped = sorted(faults.items())
+    _warn(f"pose {row} left out: it {text}" for row, text in skipped[:MOST_WARNINGS])
+    if skipped[MOST_WARNINGS:]:
+        _warn([f"{len(skipped) - MOST_WARNINGS} more poses left out, see summary.json"])
+    if len(faults) == len(poses):
+        _warn(["there are no poses, so nothing is covered"])
     with _progress() as progress:
         summary = run(mesh, camera, poses, task, out, options, progress)
     if as_json:
-        print((out / "summary.json").read_text(encoding="utf-8"), end="")
+        # In ASCII, which any terminal or pipe takes.
+        print(json.dumps(json.loads((out / "summary.json").read_bytes()), indent=2))
     else:
         console = Console()
         console.print(summary_table(summary))
         console.print(run_table(summary))
-        sheet = out / (
-            "contact_sheet.png" if (out / "contact_sheet.png").exists() else "network.glb"
-        )
-        console.print(f"{sheet}", soft_wrap=True, highlight=False)
+        sheet = out / "contact_sheet.png"
+        print(sheet if sheet.exists() else out / "network.glb")
     if summary["interrupted"]:
         done = summary["poses"]
-        print(f"interrupted: the report holds the {done} poses that were done", file=sys.stderr)
-        raise typer.Exit(130)
+        _warn([f"the report holds the {done} of {len(poses) - len(faults)} poses that were done"])
+        raise KeyboardInterrupt
 
 
 @contextmanager
 def _progress() -> Iterator[Callable[[int, int], None]]:
-    """Progress bar on a terminal, nothing elsewhere."""
+    """Progress bar on a terminal, nothing elsewhere, whatever FORCE_COLOR says."""
     console = Console(stderr=True)
-    if not console.is_terminal:
+    if not (console.is_terminal and sys.stderr.isatty()):
         yield lambda done, total: None
         return
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+
     columns = (TextColumn("poses"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("poses", total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)
-
-
-def _scene(
-    meshes: list[Path],
-    unit: str,
-    occluders: list[str],
-    two_sided: list[str],
-    drop_invalid: bool,
-) -> Mesh:
-    """Scene of the named files; an occluder may be a further file or a group of these."""
-    files = [name for name in occluders if Path(name).suffix]
-    hiding = [name for name in occluders if name not in files]
-    if len(meshes) == 1 and str(meshes[0]) in shapes.NAMES and not meshes[0].exists():
-        mesh = shapes.by_name(str(meshes[0]))
-        if unit != "m" or files:
-            raise ConfigError(f"--unit and occluder files go with mesh files, not {meshes[0]}")
-    else:
-        mesh = Mesh.load([*meshes, *files], _unit(unit), drop_invalid=drop_invalid)
-        n_faces = sum(source.n_faces for source in mesh.sources[: len(meshes)])
-        hiding += [mesh.groups[index].name for index in np.unique(mesh.face_group[n_faces:])]
-    mesh = mesh.with_groups(hiding, "all" if "all" in two_sided else two_sided)
-    if not mesh.task_mask.any():
-        raise MeshError("every group is an occluder; leave at least one to be covered")
-    return mesh
-
-
-def _unit(unit: str) -> str | float:
-    try:
-        return float(unit)
-    except ValueError:
-        return unit
-
-
-def _camera(name: str) -> Camera:
-    return Camera.preset(name) if name in PRESETS else Camera.load(name)
-
-
-def _poses(source: str, mesh: Mesh, camera: Camera) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Poses of a file, or sphere:N around the mesh at the distance where it fills the image."""
-    if not source.startswith("sphere:"):
-        return read_poses(source)
-    count = source.removeprefix("sphere:")
-    if not count.isdigit() or int(count) < 1:
-        raise PoseError(f"--poses sphere:N wants a whole number, got {source!r}")
-    centre = mesh.bounds.mean(axis=0)
-    used = mesh.vertices[np.unique(mesh.faces)]
-    radius = float(np.linalg.norm(used - centre, axis=1).max())
-    # The sphere around the mesh touches the sides of the narrower field of view.
-    narrowest = min(
-        min(camera.cx, camera.width - camera.cx) / camera.fx,
-        min(camera.cy, camera.height - camera.cy) / camera.fy,
-    )
-    if narrowest <= 0:
-        raise PoseError("--poses sphere:N needs a principal point inside the image")
-    return sphere_of_poses(centre, radius / np.sin(np.arctan(narrowest)), int(count))

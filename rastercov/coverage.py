@@ -7,7 +7,6 @@ E. S. Eissa. Image Space Coverage Model. 2020, section 3.3.
 """
 
 import math
-import reprlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
@@ -17,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.camera import Camera
+from rastercov.camera_checks import shown
 from rastercov.criteria import in_focus, view_faces
 from rastercov.errors import ConfigError, ResourceError
 from rastercov.mesh import Mesh
@@ -110,18 +110,18 @@ class Task:
             number = _number(value)
             too_low = number < low or (number == 0 and words.startswith("more"))
             if too_low or not number <= high or not math.isfinite(number):
-                raise ConfigError(f"{name} must be {words}, got {_shown(value)}")
+                raise ConfigError(f"{name} must be {words}, got {shown(value)}")
             object.__setattr__(self, name, number)
         if self.views != int(self.views):
             raise ConfigError(f"views must be a whole number, 1 or more, got {self.views}")
         object.__setattr__(self, "views", int(self.views))
         if not isinstance(self.focus_rule, str) or self.focus_rule not in ("vertices", "centroid"):
             raise ConfigError(
-                f"focus_rule must be vertices or centroid, got {_shown(self.focus_rule)}"
+                f"focus_rule must be vertices or centroid, got {shown(self.focus_rule)}"
             )
         if not isinstance(self.cap_resolution, bool):
             raise ConfigError(
-                f"cap_resolution must be True or False, got {_shown(self.cap_resolution)}"
+                f"cap_resolution must be True or False, got {shown(self.cap_resolution)}"
             )
 
     @classmethod
@@ -150,7 +150,8 @@ class Coverage:
     visible_pixels, drawn_pixels : float64
         Samples over S^2: what the camera gets of the face, and would get were it alone.
     resolution : float64
-        (3.8): drawn_pixels / R_min, not capped; times `visibility` it is visible_pixels / R_min.
+        (3.8): drawn_pixels / R_min, not capped; times `visibility` it is visible_pixels / R_min
+        for faces seen from the front.
     pixel_density : float64
         Pixels a metre on the surface along its worst direction.
     in_focus : bool
@@ -253,14 +254,16 @@ def evaluate(
             "use evaluate_batches, which holds a few poses at a time"
         )
     with open_rasterizer(mesh, camera, backend, supersample=supersample, **options) as rasterizer:
-        batches = list(
-            evaluate_batches(rasterizer, poses, task, method=method, skip_bad_poses=skip_bad_poses)
-        )
-    joined = {
-        name: np.concatenate([getattr(batch, name) for batch in batches])
-        for name in (*FIGURES, "pose_ids", "clipped")
-    }
-    return Coverage(mesh=mesh, camera=camera, task=batches[0].task, info=rasterizer.info, **joined)
+        whole: dict[str, NDArray[Any]] = {n: np.empty(shape, kind) for n, kind in FIGURES.items()}
+        whole |= {"pose_ids": np.empty(shape[0], np.int64), "clipped": np.empty(shape[0], bool)}
+        done = 0
+        for batch in evaluate_batches(
+            rasterizer, poses, task, method=method, skip_bad_poses=skip_bad_poses
+        ):
+            for name, array in whole.items():
+                array[done : done + len(batch.pose_ids)] = getattr(batch, name)
+            done += len(batch.pose_ids)
+    return Coverage(mesh=mesh, camera=camera, task=batch.task, info=rasterizer.info, **whole)
 
 
 def evaluate_batches(
@@ -311,11 +314,6 @@ def _number(value: Any) -> float:
         return float(value)
     except OverflowError:
         return math.nan
-
-
-def _shown(value: Any) -> str:
-    """`value` in a few characters on one line, whatever it is."""
-    return " ".join(reprlib.repr(value).split())
 
 
 def _judge(rasterizer: Rasterizer, task: Task, poses: FloatArray, pose_ids: IntArray) -> Coverage:

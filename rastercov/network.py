@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.coverage import Coverage, Reason, Task
+from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 
 FloatArray = NDArray[np.float64]
@@ -34,6 +35,10 @@ class Network:
         The poses so far.
     covered_faces, mean_coverage : list
         For each of them: task faces it covers, and mean coverage over task faces.
+    largest_bound : float
+        Greatest `visibility_bound` of any pair that counts as covered.
+    clipped_poses : list of int
+        Poses in which the near plane cut away a surface in view.
     """
 
     def __init__(self, mesh: Mesh, task: Task) -> None:
@@ -49,7 +54,9 @@ class Network:
         self.clipped_poses: list[int] = []
 
     def add(self, coverage: Coverage) -> None:
-        """Take in the next poses."""
+        """Take in the next poses; ConfigError when they are of another mesh or task."""
+        if coverage.task != self.task or coverage.mesh.n_faces != self.mesh.n_faces:
+            raise ConfigError("a network adds up coverage of one mesh and one task")
         if not len(coverage.pose_ids):
             return
         covers = coverage.reason == Reason.COVERED
@@ -60,12 +67,14 @@ class Network:
         self.best[better] = top[better]
         self.best_pose[better] = coverage.pose_ids[leader[better]]
         self.reason = np.maximum(self.reason, coverage.reason.max(axis=0))
-        task_faces = self.mesh.task_mask
+        task_faces = np.flatnonzero(self.mesh.task_mask)
         self.pose_ids += coverage.pose_ids.tolist()
         self.covered_faces += covers[:, task_faces].sum(axis=1).tolist()
-        n_task = max(1, int(task_faces.sum()))
-        self.mean_coverage += (coverage.coverage[:, task_faces].sum(axis=1) / n_task).tolist()
-        self.largest_bound = max(self.largest_bound, float(coverage.visibility_bound.max()))
+        # `take` keeps a pose's faces together, so that its sum does not depend on its neighbours.
+        total = coverage.coverage.take(task_faces, axis=1).sum(axis=1)
+        self.mean_coverage += (total / max(1, len(task_faces))).tolist()
+        bounds = coverage.visibility_bound[:, task_faces][covers[:, task_faces]]
+        self.largest_bound = max(self.largest_bound, float(bounds.max(initial=0.0)))
         self.clipped_poses += coverage.pose_ids[coverage.clipped].tolist()
 
     @property
@@ -87,6 +96,8 @@ class Network:
             for name in Reason
             if (unseen & (self.reason == name)).any()
         }
+        if not self.pose_ids:
+            reasons = {"no_cameras": self._share(unseen, task_faces)}
         return {
             "poses": len(self.pose_ids),
             "faces": self.mesh.n_faces,

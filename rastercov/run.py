@@ -6,11 +6,19 @@ network.glb        the mesh coloured by the best coverage of any camera
 contact_sheet.png  the poses side by side
 pose_*.png         the mesh as one camera has it, grey by coverage
 faces_*.png        the face index image of the same pose
+
+A run that fails leaves the report that was there before; one that ends replaces all of it.
 """
 
+import hashlib
+import os
 import platform
+import re
+import signal
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -22,6 +30,7 @@ from PIL import Image
 
 from rastercov.camera import Camera
 from rastercov.coverage import Coverage, Task, evaluate_batches
+from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.network import Network
 from rastercov.pictures import (
@@ -32,12 +41,14 @@ from rastercov.pictures import (
     pose_title,
     save_picture,
 )
-from rastercov.pose import check_poses
+from rastercov.pose import check_poses, valid_poses
 from rastercov.raster.contract import Rasterizer, RasterizerInfo, open_rasterizer
 from rastercov.report import CoverageTable, write_coloured_mesh, write_json
 
 PICTURE_SIDE = 1280
 """Pictures are drawn at the camera's size, or smaller where it exceeds this many pixels."""
+OF_A_REPORT = re.compile(r"summary\.json|network\.glb|contact_sheet\.png|(pose|faces)_\d+\.png")
+"""Files of an earlier report, which must not stay beside a new table."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,7 +93,7 @@ def run(
     """Evaluate every pose and write the report.
 
     An interrupt (Ctrl-C) ends the run after the batches that are done; what they gave is written
-    all the same, and the summary says `"interrupted": true`.
+    all the same, and the summary says `"interrupted": true`. A batch counts in every file or none.
 
     Parameters
     ----------
@@ -102,16 +113,17 @@ def run(
     """
     matrices, faults = check_poses(poses)
     total = len(matrices) - len(faults)
-    out.mkdir(parents=True, exist_ok=True)
+    if faults and not options.skip_bad_poses:
+        valid_poses(poses)  # raises, before a device is opened
+    make_folder(out)
     network = Network(mesh, task)
     valid = np.array([row for row in range(len(matrices)) if row not in faults], np.int64)
     chosen = valid[np.unique(np.linspace(0, total - 1, min(options.pictures, total)).astype(int))]
     drawn: dict[int, tuple[NDArray[np.float64], str]] = {}
     interrupted = False
     with options.open(mesh, camera) as rasterizer:
-        header = describe(mesh, camera, task, options, rasterizer.info)
+        header = describe(mesh, camera, matrices, task, options, rasterizer.info)
         with CoverageTable(out / "coverage.parquet", header) as table:
-            progress(0, total)
             started = time.perf_counter()
             batches = evaluate_batches(
                 rasterizer,
@@ -121,20 +133,25 @@ def run(
                 skip_bad_poses=options.skip_bad_poses,
             )
             try:
+                progress(0, total)
                 for batch in batches:
-                    table.add(batch)
-                    network.add(batch)
-                    _keep(batch, chosen, drawn)
+                    with interrupts_held():
+                        table.add(batch)
+                        network.add(batch)
+                        _keep(batch, chosen, drawn)
                     progress(len(network.pose_ids), total)
             except KeyboardInterrupt:
                 interrupted = True
             seconds = time.perf_counter() - started
+            for old in out.iterdir():
+                if OF_A_REPORT.fullmatch(old.name):
+                    old.unlink()
     done = len(network.pose_ids)
     summary = network.summary() | {
         "interrupted": interrupted,
         "skipped_poses": {str(row): text for row, text in faults.items()},
         "seconds": seconds,
-        "poses_per_second": done / seconds,
+        "poses_per_second": done / seconds if done else 0.0,
         "run": header,
         "warnings": list(mesh.warnings),
         "per_pose": [
@@ -144,19 +161,65 @@ def run(
             )
         ],
     }
-    write_json(out / "summary.json", summary)
-    write_coloured_mesh(out / "network.glb", mesh, network.best)
+    with interrupts_held():
+        write_json(out / "summary.json", summary)
+        write_coloured_mesh(out / "network.glb", mesh, network.best)
     if drawn:
         _draw(mesh, camera, matrices, out, options, drawn)
     return summary
 
 
+def make_folder(path: Path) -> None:
+    """Make a folder, unless it is there; `ConfigError` where nothing can be written to it."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError):
+        raise ConfigError(f"{path}: a folder is wanted, but a file is in the way") from None
+    except OSError as error:
+        raise ConfigError(f"{path}: the folder cannot be made ({error.strerror})") from None
+    if not os.access(path, os.W_OK | os.X_OK):
+        raise ConfigError(f"{path}: nothing can be written to this folder")
+
+
+@contextmanager
+def interrupts_held() -> Iterator[None]:
+    """Hold Ctrl-C back until the block has ended; SIGTERM too, where it does the same."""
+    held: list[int] = []
+    before: dict[signal.Signals, Any] = {}
+    if threading.current_thread() is threading.main_thread():  # the only one that is interrupted
+        for name in (signal.SIGINT, signal.SIGTERM):
+            if signal.getsignal(name) is signal.default_int_handler:
+                before[name] = signal.signal(name, lambda number, frame: held.append(number))
+    try:
+        yield
+    finally:
+        for name, handler in before.items():
+            signal.signal(name, handler)
+    if held:
+        raise KeyboardInterrupt
+
+
 def describe(
-    mesh: Mesh, camera: Camera, task: Task, options: Options, info: RasterizerInfo
+    mesh: Mesh,
+    camera: Camera,
+    poses: NDArray[np.float64],
+    task: Task,
+    options: Options,
+    info: RasterizerInfo,
 ) -> dict[str, Any]:
-    """What made a result: inputs with their hashes, thresholds, device and versions."""
+    """What made a result: inputs with their hashes, thresholds, device and versions.
+
+    "mesh" has the files as they were, "scene" the faces in metres and what they are for.
+    """
+    groups = [asdict(group) for group in mesh.groups]
     return {
         "mesh": [asdict(source) for source in mesh.sources] or [{"name": "arrays"}],
+        "scene": {
+            "sha256": _sha256(mesh.vertices, mesh.faces, mesh.face_group),
+            "n_faces": mesh.n_faces,
+            "groups": groups,
+        },
+        "poses": {"sha256": _sha256(poses), "n_poses": len(poses)},
         "camera": {k: v for k, v in asdict(camera).items() if v not in (None, ())},
         "task": asdict(task),
         "options": asdict(options),
@@ -166,6 +229,14 @@ def describe(
             **{name: version(name) for name in ("rastercov", "moderngl", "numpy")},
         },
     }
+
+
+def _sha256(*arrays: NDArray[Any]) -> str:
+    total = hashlib.sha256()
+    for array in arrays:
+        total.update(f"{array.dtype.str} {array.shape}".encode())
+        total.update(np.ascontiguousarray(array).data)
+    return total.hexdigest()
 
 
 def _keep(
@@ -185,8 +256,6 @@ def _draw(
     drawn: dict[int, tuple[NDArray[np.float64], str]],
 ) -> None:
     """Pictures of the chosen poses, and all of them on one sheet."""
-    for old in (*out.glob("pose_*.png"), *out.glob("faces_*.png")):
-        old.unlink()  # of an earlier run with other poses
     digits = len(str(max(drawn)))
     pictures = []
     small = camera.resized(min(1.0, PICTURE_SIDE / max(camera.width, camera.height)))

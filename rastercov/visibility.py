@@ -15,6 +15,7 @@ D. G. Kendall. On the Number of Lattice Points Inside a Random Oval. 1948, for t
 
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -74,6 +75,7 @@ def visibility(
     *,
     backend: str = "auto",
     supersample: int = 1,
+    **options: Any,
 ) -> Visibility:
     """Visible fraction of each face in each pose, with a bound.
 
@@ -85,12 +87,12 @@ def visibility(
         world_from_camera.
     method : {"sampled"}
         "sampled" counts samples.
-    backend, supersample
+    backend, supersample, **options
         As for `open_rasterizer`.
     """
     check_method(method)
     matrices = valid_poses(poses)
-    with open_rasterizer(mesh, camera, backend, supersample=supersample) as rasterizer:
+    with open_rasterizer(mesh, camera, backend, supersample=supersample, **options) as rasterizer:
         counts = rasterizer.count(matrices)
     shape = counts.visible.shape
     value, bound, kind = np.empty(shape), np.empty(shape), np.empty(shape, np.uint8)

@@ -301,6 +301,18 @@ def test_exact_translation_changes_not_one_sample(open_raster, scene, offset):
         assert_same_counts(there.count(far), here.count(poses))
 
 
+def test_a_face_far_away_costs_no_precision(open_raster, scene):
+    mesh, poses = scene
+    far = np.array([(0, 0, -1e4), (1, 0, -1e4), (0, 1, -1e4)]) + mesh.bounds[0]
+    more = joined(mesh, triangles(far))
+    with open_raster(without_culling(mesh), CAMERA) as alone, open_raster(more, CAMERA) as joint:
+        for pose in poses:
+            if ((far - pose[:3, 3]) @ pose[:3, 2] > 0).any():  # it must not come into view
+                continue
+            found, expected = joint.render(pose).face, alone.render(pose).face
+            assert_same_image(found, expected, mesh, CAMERA, pose)
+
+
 def test_exact_turn_of_the_axes_changes_not_one_sample(open_raster):
     mesh = dyadic(shapes.torus(20, 10))
     poses = look_at([(4, 0.25, 0.5), (0.5, 4, 0.25), (0.25, 0.5, -4)], np.diag([1.0, 1, -1]))
@@ -455,6 +467,22 @@ def test_convex_body_shows_its_front_whole_and_its_back_not_at_all(open_raster, 
         np.testing.assert_array_equal(counts.visible[row, front], counts.drawn[row, front])
         assert (counts.visible[row, back] == 0).all()
         assert counts.drawn[row, back].sum() > 500
+
+
+@pytest.mark.parametrize("tilt", [0, 0.3])
+def test_surfaces_1e_5_apart_are_told_apart_a_thousand_times_beyond_the_nearest(open_raster, tilt):
+    nearest = triangles(((0, 0, 0.02), (0.002, 0, 0.02), (0, 0.002, 0.02)))
+    sheet = square(30, 20)
+    far = Mesh(vertices=sheet.vertices * (1, 1, 1 + 1e-5), faces=sheet.faces)
+    lean = np.array([(1, 0, 0), (0, 1, 0), (tilt, 0, 1)]).T  # depth grows with x
+    mesh = joined(nearest, far, sheet)
+    mesh = Mesh(vertices=mesh.vertices @ lean, faces=mesh.faces)
+    with open_raster(mesh, SQUARE) as rasterizer:
+        counts = rasterizer.count(AHEAD)
+    assert counts.visible[0, 0] > 0
+    assert (counts.visible[0, 1:3] == 0).all()
+    assert counts.visible[0, 3:].sum() + counts.visible[0, 0] + counts.background[0] == 200 * 200
+    assert (counts.visible[0, 3:] > 10000).all()
 
 
 @pytest.mark.parametrize("max_faces", [2, 1000])

@@ -1,0 +1,425 @@
+"""The command as a person, a script and a terminal meet it."""
+
+import json
+import os
+import re
+import shlex
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from PIL import Image
+
+import rastercov
+from rastercov import cli, shapes
+from rastercov.mesh import Mesh
+from rastercov.pose import sphere_of_poses, write_poses
+
+COMMANDS = ("demo", "doctor", "evaluate", "render")
+REPORT = {"coverage.parquet", "summary.json", "network.glb"}
+CAMERA = "width = 48\nheight = 36\nfx = 60\nfy = 60\n"
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    """A folder of its own with a part, a camera and twelve poses around it."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "100")
+    for name in ("FORCE_COLOR", "NO_COLOR", "RASTERCOV_TRACEBACK"):
+        monkeypatch.delenv(name, raising=False)
+    write_obj("part.obj")
+    Path("camera.toml").write_text(CAMERA)
+    write_poses("poses.json", sphere_of_poses((0, 0, 0), 4000, 12))
+    return tmp_path
+
+
+def write_obj(path, side=1000.0):
+    """A box of two groups, lid (two faces) and rest, in millimetres unless said otherwise."""
+    mesh = shapes.box((side, side, side))
+    lines = [f"v {x} {y} {z}" for x, y, z in mesh.vertices]
+    for index, face in enumerate(mesh.faces + 1):
+        lines += ["g lid"] if index == 0 else ["g rest"] if index == 2 else []
+        lines.append("f " + " ".join(map(str, face)))
+    Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def call(capsys, line):
+    """Exit code, standard output and standard error of a command line, in this process."""
+    words = line if isinstance(line, list) else shlex.split(line)
+    code = cli.command(words)
+    out, err = capsys.readouterr()
+    return code, out, err
+
+
+def refusal(capsys, line):
+    """The one line that a bad command line gets."""
+    code, out, err = call(capsys, line)
+    assert (code, out) == (2, "")
+    assert err.startswith("error: ")
+    assert err.endswith("\n")
+    assert err.count("\n") == 1
+    return err
+
+
+def process(line, stdout=subprocess.PIPE, **environment):
+    """The command as a process of its own."""
+    words = line if isinstance(line, list) else shlex.split(line)
+    return subprocess.run(
+        [sys.executable, "-W", "error", "-c", ENTRY, *words],
+        stdin=subprocess.DEVNULL,
+        stdout=stdout,
+        stderr=subprocess.PIPE,
+        env=os.environ | environment,
+        timeout=120,
+        check=False,
+    )
+
+
+ENTRY = "import sys; from rastercov.cli import main; sys.argv[0] = 'rastercov'; main()"
+QUICK = "evaluate box -c camera.toml -p sphere:2 --pictures 0"
+LONG = "evaluate sphere -c camera.toml -p sphere:200000 -o report"
+
+
+# --- help -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_each_help_shows_an_example_that_runs(capsys, name):
+    code, out, _ = call(capsys, [name, "--help"])
+    assert code == 0
+    examples = re.findall(rf"rastercov ({name} .*?)\s*$", out, re.MULTILINE)
+    assert examples
+    write_obj("part.stl")
+    Mesh.load("part.obj")
+    Path("part.stl").write_text(ascii_stl(), encoding="ascii")
+    for example in examples:
+        code, out, _ = call(capsys, example)
+        assert code == 0
+        assert out
+
+
+def ascii_stl():
+    mesh = shapes.box((1, 1, 1))
+    corners = mesh.vertices[mesh.faces]
+    facets = [
+        "facet normal 0 0 0\nouter loop\n"
+        + "".join(f"vertex {x} {y} {z}\n" for x, y, z in face)
+        + "endloop\nendfacet\n"
+        for face in corners
+    ]
+    return "solid box\n" + "".join(facets) + "endsolid box\n"
+
+
+def test_help_and_version(capsys):
+    code, out, _ = call(capsys, "--help")
+    assert code == 0
+    assert "Example: rastercov demo" in out
+    assert all(name in out for name in COMMANDS)
+    assert call(capsys, "--version") == (0, rastercov.__version__ + "\n", "")
+
+
+def test_no_command_gives_the_help_and_is_bad_usage(capsys):
+    code, out, _ = call(capsys, [])
+    assert code == 2
+    assert "evaluate" in out
+
+
+def test_help_does_not_load_what_it_does_not_need():
+    code = (
+        "import sys, rastercov.cli; rastercov.cli.command(['--help']);"
+        "print(sorted({'moderngl', 'pyarrow', 'trimesh', 'PIL', 'scipy'} & set(sys.modules)))"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
+    assert result.stdout.decode().splitlines()[-1] == "[]"
+
+
+# --- bad usage and bad input ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("nonsense", ["No such command 'nonsense'"]),
+        ("evaluate", ["Missing argument", "rastercov evaluate --help"]),
+        ("evaluate box --nope[x]", ["--nope[x]"]),
+        (QUICK + " --pictures -1", ["--pictures"]),
+        (QUICK + " --supersample x", ["--supersample"]),
+        (QUICK + " --supersample 0", ["supersample must be", "got 0"]),
+        (QUICK + " --views 0", ["views must be", "got 0"]),
+        (QUICK + " --min-pixels nan", ["min_pixels"]),
+        (QUICK + " --device nonsense", ["no device 'nonsense'", "surfaceless"]),
+        (QUICK + " --unit mm", ["box is built in"]),
+        (QUICK + " --two-sided lid", ["mesh", "lid"]),
+        (QUICK + " --occluder [lid]", ["--occluder [lid]", "groups are mesh"]),
+        (QUICK + " --occluder part.obj", ["box is built in"]),
+        (QUICK + " --occluder mesh", ["every group is an occluder"]),
+        ("evaluate part.obj box -c khepra -p poses.json", ["box is built in"]),
+        ("evaluate bocks -c khepra -p sphere:2", ["bocks: there is no such file", "teapot, "]),
+        ("evaluate no[x].stl -c khepra -p sphere:2", ["no[x].stl", "No such file"]),
+        ("evaluate part.obj -c khepra -p sphere:2 --unit miles", ["unit must be", "'miles'"]),
+        ("evaluate box -c no.toml -p sphere:2", ["no.toml", "No such file"]),
+        ("evaluate box -c part.obj -p sphere:2", ["part.obj", ".json or .toml"]),
+        ("evaluate box -c khepra -p no.json", ["no.json", "No such file"]),
+        ("evaluate box -c khepra -p sphere:0", ["whole number", "'sphere:0'"]),
+        ("evaluate box -c khepra -p sphere:²", ["whole number", "'sphere:²'"]),
+        ("evaluate box -c khepra -p sphere:99999999999", ["whole number", "10000000"]),
+        ("render box -c khepra -p poses.json --pose 12", ["--pose 12", "12 poses"]),
+        ("demo --shape nope", ["'nope'", "teapot"]),
+        ("demo --poses 0", ["--poses"]),
+        (QUICK + " -o camera.toml", ["camera.toml", "a file is in the way"]),
+        (QUICK + " -o camera.toml/x", ["camera.toml/x", "a file is in the way"]),
+        ("render box -c khepra -p poses.json -o part.obj", ["a file is in the way"]),
+        (QUICK + " -o /proc/x", ["/proc/x"]),
+        (QUICK + " -o " + 300 * "x", [300 * "x", "name too long"]),
+        (f"evaluate {300 * 'x'} -c khepra -p sphere:2", [300 * "x", "no such file"]),
+    ],
+)
+def test_each_bad_command_line_gets_one_line_that_says_why(capsys, line, words):
+    text = refusal(capsys, line)
+    assert all(word.lower() in text.lower() for word in words)
+
+
+def test_broken_files_are_named(capsys):
+    Path("cut.stl").write_text(ascii_stl()[:-40], encoding="ascii")
+    Path("cut.json").write_text("[1, 2")
+    Path("wrong.toml").write_text("width = 0\nheight = 1\nfx = 1\nfy = 1")
+    assert "cut.stl" in refusal(capsys, "evaluate cut.stl -c khepra -p sphere:2")
+    assert "cut.json" in refusal(capsys, "evaluate box -c cut.json -p sphere:2")
+    assert "cut.json" in refusal(capsys, "evaluate box -c khepra -p cut.json")
+    assert "wrong.toml" in refusal(capsys, "evaluate box -c wrong.toml -p sphere:2")
+
+
+def test_a_line_break_in_a_name_does_not_break_the_line(capsys):
+    assert r"a b\x1b[31m" in refusal(capsys, ["evaluate", "a\nb\x1b[31m", "-ckhepra", "-psphere:1"])
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (MemoryError("Unable to allocate 9 TiB"), "not enough memory: Unable to allocate 9 TiB"),
+        (MemoryError(), "not enough memory\n"),
+        (OSError(28, "No space left on device", "report/x"), "report/x: No space left on device"),
+        (OSError("odd"), "odd"),
+        (ZeroDivisionError("by zero"), "ZeroDivisionError: by zero"),
+    ],
+)
+def test_what_nobody_foresaw_is_one_line_too(capsys, monkeypatch, error, words):
+    def fail(*_, **__):
+        raise error
+
+    monkeypatch.setattr("rastercov.run.run", fail)
+    assert words in refusal(capsys, QUICK)
+
+
+def test_the_traceback_can_be_had(capsys, monkeypatch):
+    monkeypatch.setenv("RASTERCOV_TRACEBACK", "1")
+    monkeypatch.setattr("rastercov.run.run", lambda *_: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        call(capsys, QUICK)
+
+
+def test_poses_at_fault_end_the_run_or_are_left_out(capsys):
+    poses = sphere_of_poses((0, 0, 0), 4, 12)
+    poses[3, 0, 0] = np.nan
+    poses[5:11, :3, :3] *= 2
+    np.save("bad.npy", poses)
+    line = "evaluate box -c camera.toml -p bad.npy --pictures 1"
+    assert "pose 3 is not finite (and 6 more)" in refusal(capsys, line)
+    assert not Path("report").exists()
+    code, _, err = call(capsys, line + " --skip-bad-poses")
+    assert code == 0
+    assert "pose 3 left out: it is not finite" in err
+    assert err.count("left out") == 6  # five by name, two in number
+    summary = json.loads(Path("report/summary.json").read_text())
+    assert summary["poses"] == 5
+    assert list(summary["skipped_poses"]) == ["3", "5", "6", "7", "8", "9", "10"]
+
+
+# --- what a run leaves and prints -----------------------------------------------------------------
+
+
+def test_files_units_and_groups(capsys):
+    line = "evaluate part.obj --unit mm -c camera.toml -p sphere:4 --occluder lid --two-sided rest"
+    code, out, err = call(capsys, line)
+    assert (code, err) == (0, "")
+    assert "lid" in out
+    assert out.endswith("report/contact_sheet.png\n")
+    files = {path.name for path in Path("report").iterdir()}
+    pictures = {f"{name}_{pose}.png" for name in ("pose", "faces") for pose in range(4)}
+    assert files == REPORT | pictures | {"contact_sheet.png"}
+    summary = json.loads(Path("report/summary.json").read_text())
+    assert (summary["faces"], summary["task_faces"]) == (12, 10)
+    assert summary["covered"]["faces"] == 10
+    roles = {group["name"]: group["role"] for group in summary["groups"]}
+    assert roles == {"lid": "occluder", "rest": "task"}
+
+
+def test_an_occluder_may_be_a_file(capsys):
+    write_obj("fixture.v2.obj", side=3000.0)  # closed around the part
+    line = "evaluate part.obj --unit mm -c camera.toml -p sphere:4 --pictures 0"
+    code, _, _ = call(capsys, line + " --occluder fixture.v2.obj --json")
+    summary = json.loads(Path("report/summary.json").read_text())
+    assert code == 0
+    assert (summary["faces"], summary["task_faces"]) == (24, 12)
+    assert summary["covered"]["faces"] == 0
+    assert "occluded" in summary["not_covered_because"]
+
+
+@pytest.mark.parametrize("line", [QUICK, "render box -c camera.toml -p sphere:2", "demo --poses 1"])
+def test_json_is_all_there_is_on_standard_output(capsys, line):
+    code, out, _ = call(capsys, line + " --json")
+    assert code == 0
+    assert json.loads(out)
+    assert out.isascii()
+
+
+def test_warnings_go_to_standard_error(capsys):
+    lines = Path("part.obj").read_text().splitlines()
+    Path("open.obj").write_text("\n".join(lines[:-1]))
+    code, out, err = call(
+        capsys, "evaluate open.obj --unit mm -c camera.toml -p sphere:2 --pictures 0 --json"
+    )
+    assert code == 0
+    assert err == "warning: open surface: 3 boundary edges\n"
+    assert json.loads(out)["warnings"] == ["open surface: 3 boundary edges"]
+
+
+def test_names_are_shown_as_they_are(capsys):
+    name, out_folder = "<script>[bold]x[] é", "a [red]b[] é"
+    Path("part.obj").rename(f"{name}.obj")
+    words = ["evaluate", f"{name}.obj", "-ccamera.toml", "-psphere:2", "-o", out_folder]
+    Path(f"{name}.obj").write_text(
+        Path(f"{name}.obj").read_text().replace("g lid", "g <b>[bold]lid"), encoding="utf-8"
+    )
+    code, out, _ = call(capsys, words)
+    assert code == 0
+    assert f"{out_folder}/contact_sheet.png\n" in out
+    assert "<b>[bold]lid" in out
+    summary = json.loads(Path(out_folder, "summary.json").read_text(encoding="utf-8"))
+    assert summary["run"]["mesh"][0]["name"] == f"{name}.obj"
+
+
+def test_no_poses_is_a_run_that_covers_nothing(capsys):
+    np.save("none.npy", np.zeros((0, 4, 4)))
+    code, _, err = call(capsys, "evaluate box -c camera.toml -p none.npy")
+    assert code == 0
+    assert "there are no poses" in err
+    assert {path.name for path in Path("report").iterdir()} == REPORT
+    assert pq.read_table("report/coverage.parquet").num_rows == 0
+
+
+def test_one_pose_one_pixel_and_a_mesh_behind(capsys):
+    Path("pixel.json").write_text('{"width": 1, "height": 1, "fx": 1, "fy": 1}')
+    away = sphere_of_poses((0, 0, 0), 4, 1)
+    away[0, :3, 1:3] *= -1
+    np.save("away.npy", away)
+    assert call(capsys, "evaluate box -c pixel.json -p away.npy")[0] == 0
+    assert pq.read_table("report/coverage.parquet").num_rows == 0
+    assert call(capsys, "render box -c pixel.json -p away.npy")[0] == 0
+    with Image.open("render/faces.png") as picture:
+        assert picture.size == (1, 1)
+
+
+def test_another_run_into_the_folder_replaces_all_of_it(capsys):
+    call(capsys, "evaluate box -c camera.toml -p sphere:12 --pictures 3")
+    for name in ("pose_notes.png", "notes.txt"):
+        Path("report", name).write_text("mine")
+    assert call(capsys, QUICK)[0] == 0
+    names = {path.name for path in Path("report").iterdir()}
+    assert names == REPORT | {"pose_notes.png", "notes.txt"}
+    assert json.loads(Path("report/summary.json").read_text())["poses"] == 2
+    assert pq.read_table("report/coverage.parquet")["pose"].to_numpy().max() == 1
+
+
+def test_render_leaves_what_it_names(capsys):
+    code, out, _ = call(capsys, "render box -c camera.toml -p sphere:3 --pose 2 --json")
+    result = json.loads(out)
+    assert code == 0
+    assert {path.name for path in Path("render").iterdir()} == {
+        Path(name).name for name in result["files"]
+    }
+    with np.load("render/buffers.npz") as arrays:
+        assert arrays["face"].shape == arrays["depth"].shape == (36, 48)
+        assert (arrays["face"] >= 0).sum() == result["pixels_covered"] > 0
+
+
+# --- as a process ---------------------------------------------------------------------------------
+
+
+def test_no_terminal_no_escape_codes():
+    result = process(QUICK, FORCE_COLOR="")
+    assert (result.returncode, result.stderr) == (0, b"")
+    assert b"\x1b" not in result.stdout
+    assert b"\x1b" not in process(QUICK, FORCE_COLOR="1").stderr  # colour perhaps, but no bar
+
+
+def test_a_reader_that_goes_away_is_no_error():
+    with subprocess.Popen(
+        [sys.executable, "-c", ENTRY, *QUICK.split()],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    ) as child:
+        child.stdout.close()
+        assert child.wait(60) == -signal.SIGPIPE
+        assert child.stderr.read() == b""
+    assert {path.name for path in Path("report").iterdir()} >= REPORT
+
+
+def test_a_full_disk_is_one_line():
+    with Path("/dev/full").open("wb") as full:
+        result = process(QUICK, stdout=full)
+    assert result.returncode == 2
+    assert result.stderr == b"error: [Errno 28] No space left on device\n"
+    words = f"ulimit -f 8; exec {shlex.quote(sys.executable)} -c {shlex.quote(ENTRY)} {QUICK}"
+    words = words.replace("box", "sphere").replace("report", "full")
+    result = subprocess.run(["bash", "-c", words], capture_output=True, check=False)
+    assert result.returncode == 2
+    assert result.stderr.count(b"\n") == 1
+    assert b"File too large" in result.stderr
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
+def test_a_terminal_that_cannot_show_a_name_shows_something(encoding):
+    for line in ([*QUICK.split(), "-o", "漢"], ["evaluate", "--help"]):
+        result = process(line, PYTHONIOENCODING=encoding)
+        assert (result.returncode, result.stderr) == (0, b"")
+        assert result.stdout.decode(encoding)
+    bare = {"PYTHONIOENCODING": encoding, "PYTHONUTF8": "0", "LC_ALL": "C", "LANG": "C"}
+    Path("part.obj").rename("漢.obj")
+    result = process("evaluate 漢.obj -c camera.toml -p poses.json --json", **bare)
+    assert json.loads(result.stdout)["run"]["mesh"]
+
+
+def test_home_is_not_needed():
+    assert process(QUICK, HOME="/proc", XDG_CACHE_HOME="/proc").returncode == 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_keeps_what_is_done(number):
+    out = Path("report")
+    with subprocess.Popen(
+        [sys.executable, "-c", ENTRY, *LONG.split()],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        # A shell's background job would have the signal ignored.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    ) as child:
+        while not any(path.stat().st_size > 1_000_000 for path in out.glob(".*.part")):
+            assert child.poll() is None
+            time.sleep(0.05)
+        child.send_signal(number)
+        _, err = child.communicate(timeout=60)
+    assert child.returncode == 130
+    assert err.endswith(b"interrupted\n")
+    assert not list(out.glob(".*.part"))
+    summary = json.loads((out / "summary.json").read_text())
+    table = pq.read_table(out / "coverage.parquet", columns=["pose"])
+    assert summary["interrupted"]
+    assert 0 < summary["poses"] < 200_000
+    assert table["pose"].to_numpy().max() == summary["poses"] - 1
+    assert {path.name for path in out.iterdir()} >= REPORT

@@ -1,0 +1,443 @@
+"""Coverage: the product recomputed, every reason by a scene made for it, runs of any size."""
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from rastercov import coverage as module
+from rastercov import shapes
+from rastercov.camera import Camera
+from rastercov.coverage import FIGURES, Reason, Task, evaluate, evaluate_batches
+from rastercov.criteria import in_focus, view_faces
+from rastercov.errors import ConfigError, PoseError, ResourceError
+from rastercov.mesh import Group, Mesh
+from rastercov.pose import look_at, sphere_of_poses
+from rastercov.raster.gl import GLRasterizer
+
+CAMERA = Camera(width=200, height=200, fx=100, fy=100)
+SMALL = Camera(width=48, height=40, fx=45, fy=42, focus_range=(0.38, 0.48))
+AHEAD = np.eye(4)  # at the origin, looking along +z
+TEAPOT = shapes.teapot(3)
+POSES = sphere_of_poses((0, 0, 0.08), 0.43, 6)
+
+tasks = st.builds(
+    Task,
+    min_pixels=st.floats(0.1, 30),
+    min_visibility=st.floats(0, 1),
+    max_incidence_deg=st.floats(5, 90),
+    min_pixel_density=st.floats(0, 120),
+    min_coverage=st.floats(0, 1),
+    focus_rule=st.sampled_from(["vertices", "centroid"]),
+    cap_resolution=st.booleans(),
+)
+shared_device = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+
+
+def sheet(low, high, z):
+    """Two triangles from corner `low` to corner `high` that face a camera looking along +z."""
+    (x0, y0), (x1, y1) = low, high
+    points = [(x0, y0, z), (x0, y1, z), (x1, y1, z), (x1, y0, z)]
+    return Mesh(vertices=points, faces=[(0, 1, 2), (0, 2, 3)])
+
+
+def square(half, z):
+    return sheet((-half, -half), (half, half), z)
+
+
+def joined(*meshes):
+    starts = np.cumsum([0] + [mesh.n_vertices for mesh in meshes[:-1]])
+    return Mesh(
+        vertices=np.concatenate([mesh.vertices for mesh in meshes]),
+        faces=np.concatenate([m.faces + start for m, start in zip(meshes, starts, strict=True)]),
+    )
+
+
+def assert_same(one, other):
+    for name in (*FIGURES, "pose_ids", "clipped"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
+        assert getattr(one, name).dtype == getattr(other, name).dtype, name
+
+
+# --- the product ----------------------------------------------------------------------------------
+
+
+def factors(found, task):
+    """The criteria in the documented order, from the figures of a Coverage and the geometry."""
+    views = [view_faces(found.mesh, found.camera, pose) for pose in POSES[found.pose_ids]]
+    front = np.array([view.is_front for view in views])
+    focus = np.array(
+        [in_focus(v.depth, found.camera.depth_of_field(), task.focus_rule) for v in views]
+    )
+    resolution = found.drawn_pixels / task.min_pixels
+    enough = np.minimum(1, resolution) if task.cap_resolution else resolution
+    oblique = np.degrees(found.incidence) > task.max_incidence_deg
+    return {
+        Reason.DEGENERATE: np.broadcast_to(~found.mesh.degenerate_mask, front.shape),
+        Reason.BACK_FACING: front,
+        Reason.OUTSIDE: found.in_view,
+        Reason.OUT_OF_FOCUS: focus,
+        Reason.UNSAMPLED: found.drawn_pixels > 0,
+        Reason.TOO_COARSE: enough * (found.pixel_density >= task.min_pixel_density),
+        Reason.OCCLUDED: found.visibility * (found.visibility >= task.min_visibility),
+        Reason.TOO_OBLIQUE: ~oblique,
+    }
+
+
+@shared_device
+@given(task=tasks)
+def test_coverage_is_the_product_of_the_criteria(device, task):
+    found = evaluate(TEAPOT, SMALL, POSES, task, device=device)
+    product = np.prod(list(factors(found, task).values()), axis=0)
+    assert found.coverage == pytest.approx(product, rel=1e-12)
+    assert (found.coverage >= 0).all()
+    if task.cap_resolution:
+        assert (found.coverage <= 1).all()
+
+
+@shared_device
+@given(task=tasks)
+def test_reason_is_the_first_criterion_that_brings_the_product_below_the_threshold(device, task):
+    found = evaluate(TEAPOT, SMALL, POSES, task, device=device)
+    expected = np.full(found.reason.shape, Reason.COVERED)
+    product = np.ones(found.reason.shape)
+    for name, factor in factors(found, task).items():
+        product = product * factor
+        fails = (product == 0) | (product < task.min_coverage)
+        expected[(expected == Reason.COVERED) & fails] = name
+    assert np.array_equal(found.reason, expected)
+
+
+@shared_device
+@given(task=tasks)
+def test_covered_is_coverage_at_the_threshold_and_not_0(device, task):
+    task = replace(task, cap_resolution=True)
+    found = evaluate(TEAPOT, SMALL, POSES, task, device=device)
+    covered = (found.coverage >= task.min_coverage) & (found.coverage > 0)
+    assert np.array_equal(found.reason == Reason.COVERED, covered)
+
+
+def test_these_scenes_have_every_common_reason(device):
+    task = Task(min_pixels=3, min_visibility=0.5, max_incidence_deg=60)
+    found = evaluate(TEAPOT, SMALL, POSES, task, device=device)
+    assert set(Reason) - set(found.reason.ravel()) <= {Reason.DEGENERATE, Reason.OUTSIDE}
+
+
+@pytest.mark.parametrize("supersample", [1, 4])
+def test_resolution_times_visibility_is_visible_pixels_over_r_min(device, supersample):
+    found = evaluate(
+        TEAPOT, SMALL, POSES, Task(min_pixels=7), supersample=supersample, device=device
+    )
+    front = found.reason != Reason.BACK_FACING
+    expected = found.visible_pixels / 7
+    assert (found.resolution * found.visibility)[front] == pytest.approx(expected[front])
+    assert found.resolution == pytest.approx(found.drawn_pixels / 7)
+    assert (found.visible_pixels * supersample**2 % 1 == 0).all()
+
+
+def test_the_thesis_task_is_its_product_to_the_letter(device):
+    task = Task.thesis(min_pixels=3)
+    found = evaluate(TEAPOT, SMALL, POSES, task, device=device)
+    z_n, z_f = SMALL.depth_of_field()
+    for row, pose in enumerate(POSES):
+        depth = (TEAPOT.centroids - pose[:3, 3]) @ pose[:3, 2]
+        in_focus_3_12 = (z_n <= depth) & (depth <= z_f)
+        c_r = found.drawn_pixels[row] / 3
+        product = found.in_view[row] * c_r * in_focus_3_12 * found.visibility[row]
+        assert found.coverage[row] == pytest.approx(product)
+    assert found.coverage.max() > 1  # C_R is not capped
+    assert np.array_equal(found.reason == Reason.COVERED, found.coverage > 0)
+    assert Task.thesis(min_coverage=0.3).min_coverage == 0.3
+
+
+# --- reasons, each by a scene made for it ---------------------------------------------------------
+
+# A failing scene also fails every later criterion where it can: only the first one is named.
+STRICT = {"min_pixels": 1e6, "min_visibility": 1, "max_incidence_deg": 10, "min_pixel_density": 1e6}
+FLAT = Mesh(vertices=[(0, 0, 2), (1, 0, 2), (2, 0, 2)], faces=[(0, 1, 2)])
+HIDDEN = joined(square(1, 4), square(1, 2))
+NEEDLE = Mesh(vertices=[(0.001, 0, 1), (0.001, 0.5, 1), (0.0012, 0.5, 1)], faces=[(0, 1, 2)])
+SLANTED = Mesh(vertices=[(-1, -0.5, 4), (-1, 0.5, 4), (1, 0, 9)], faces=[(0, 1, 2)])
+FOCUSED = replace(CAMERA, focus_range=(3, 5))
+
+
+@pytest.mark.parametrize(
+    ("reason", "mesh", "camera", "task"),
+    [
+        (Reason.DEGENERATE, FLAT, FOCUSED, STRICT),
+        (Reason.BACK_FACING, sheet((9, 9), (-9, 10), 2), FOCUSED, STRICT),
+        (Reason.OUTSIDE, sheet((1, 1), (3, 2), 2), FOCUSED, STRICT),
+        (Reason.OUTSIDE, sheet((1, -1), (-1, 1), -2), CAMERA, {}),
+        (Reason.OUT_OF_FOCUS, square(0.5, 2), FOCUSED, STRICT),
+        (Reason.OUT_OF_FOCUS, square(0.5, 6), FOCUSED, STRICT),
+        (Reason.UNSAMPLED, NEEDLE, CAMERA, STRICT),
+        (Reason.TOO_COARSE, HIDDEN, CAMERA, STRICT),
+        (Reason.TOO_COARSE, square(1, 2), CAMERA, {"min_pixel_density": 50.1}),
+        (Reason.TOO_COARSE, square(1, 2), CAMERA, {"min_pixels": 2e4}),
+        (Reason.OCCLUDED, HIDDEN, CAMERA, {"max_incidence_deg": 1}),
+        (Reason.TOO_OBLIQUE, SLANTED, CAMERA, {"max_incidence_deg": 60}),
+        (Reason.COVERED, SLANTED, CAMERA, {"max_incidence_deg": 80}),
+        (Reason.COVERED, square(1, 2), CAMERA, {"min_pixel_density": 49.9, "min_pixels": 9e3}),
+    ],
+)
+def test_reason(device, reason, mesh, camera, task):
+    found = evaluate(mesh, camera, AHEAD, Task(**task), device=device)
+    assert Reason(found.reason[0, 0]) == reason
+    assert (found.coverage[0, 0] >= 0.5) == (reason == Reason.COVERED)
+
+
+def test_a_threshold_that_is_just_met_is_met(device):
+    mesh = square(0.5, 2)  # 1250 px a face, 50 px a metre, wholly visible
+    first = evaluate(mesh, CAMERA, AHEAD, device=device)
+    drawn, density = first.drawn_pixels[0, 0], first.pixel_density[0, 0]
+    just = {"min_visibility": 1, "min_coverage": 1, "min_pixels": drawn}
+    met = evaluate(mesh, CAMERA, AHEAD, Task(**just, min_pixel_density=density), device=device)
+    assert met.reason[0, 0] == Reason.COVERED
+    for more in ({"min_pixels": drawn + 1}, {"min_pixel_density": np.nextafter(density, 99)}):
+        missed = evaluate(mesh, CAMERA, AHEAD, Task(**just | more), device=device)
+        assert missed.reason[0, 0] == Reason.TOO_COARSE
+
+
+def test_reasons_stand_in_the_documented_order():
+    assert [reason.name for reason in Reason] == [
+        *("DEGENERATE", "BACK_FACING", "OUTSIDE", "OUT_OF_FOCUS", "UNSAMPLED"),
+        *("TOO_COARSE", "OCCLUDED", "TOO_OBLIQUE", "COVERED"),
+    ]
+
+
+def test_a_face_without_a_sample_is_unsampled_and_never_occluded(device):
+    camera = Camera(width=32, height=24, fx=28, fy=26)
+    mesh = shapes.teapot(8)
+    found = evaluate(mesh, camera, POSES, Task.thesis(), device=device)
+    unsampled = (found.reason > Reason.OUT_OF_FOCUS) & (found.drawn_pixels == 0)
+    assert unsampled.sum() > 100
+    assert (found.reason[unsampled] == Reason.UNSAMPLED).all()
+    assert (found.visibility_bound[unsampled] == 1).all()
+    occluded = found.reason == Reason.OCCLUDED
+    assert (found.drawn_pixels[occluded] > 0).all()
+
+
+def test_hidden_faces_of_either_kind_are_occluded(device):
+    mesh = joined(square(2, 4), square(0.5, 2))
+    seen = evaluate(mesh, CAMERA, AHEAD, Task(), device=device)
+    assert seen.visibility[0, :2] == pytest.approx([0.75] * 2, abs=0.01)
+    assert (seen.reason == Reason.COVERED).all()
+    strict = evaluate(mesh, CAMERA, AHEAD, Task(min_visibility=0.8), device=device)
+    assert strict.reason.tolist() == [[Reason.OCCLUDED] * 2 + [Reason.COVERED] * 2]
+    assert strict.coverage.tolist() == [[0, 0, 1, 1]]
+
+
+def test_degenerate_faces_score_0_and_make_no_nan(device):
+    mesh = Mesh(vertices=TEAPOT.vertices, faces=np.concatenate((TEAPOT.faces, TEAPOT.faces * 0)))
+    found = evaluate(mesh, SMALL, POSES, Task.thesis(), device=device)
+    half = TEAPOT.n_faces
+    assert (found.reason[:, half:] == Reason.DEGENERATE).all()
+    assert not found.coverage[:, half:].any()
+    for name in FIGURES:
+        assert np.isfinite(getattr(found, name)).all(), name
+
+
+@pytest.mark.parametrize("point", [(0.0, 0, 0), (0, 0, 1)])
+def test_a_mesh_that_is_a_point_is_degenerate(device, point):
+    found = evaluate(Mesh([point] * 3, [(0, 1, 2)]), CAMERA, AHEAD, device=device)
+    assert found.reason == [[Reason.DEGENERATE]]
+    assert found.coverage == [[0]]
+
+
+def test_occluders_hide_and_are_judged_too(device):
+    mesh = HIDDEN
+    groups = [Group("part"), Group("crate", is_occluder=True)]
+    scene = Mesh(mesh.vertices, mesh.faces, groups, [0, 0, 1, 1])
+    assert evaluate(scene, CAMERA, AHEAD, device=device).visibility.tolist() == [[0, 0, 1, 1]]
+
+
+def test_near_clipped_poses_are_marked(device):
+    mesh = sheet((-1, -1), (1, 1), 0.05)
+    camera = replace(CAMERA, near=0.1)
+    poses = np.stack((AHEAD, look_at((0, 0, -1), (0, 0, 0), (0, -1, 0))[0]))
+    found = evaluate(mesh, camera, poses, device=device)
+    assert found.clipped.tolist() == [True, False]
+
+
+# --- runs of any size -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("pairs", [1, 1 << 9, 1 << 11, 1 << 19])
+def test_batches_make_up_the_whole(device, monkeypatch, pairs):
+    whole = evaluate(TEAPOT, SMALL, POSES, device=device)
+    monkeypatch.setattr(module, "PAIRS_A_BATCH", pairs)
+    assert_same(evaluate(TEAPOT, SMALL, POSES, device=device), whole)
+    with GLRasterizer(TEAPOT, SMALL, device=device) as rasterizer:
+        batches = list(evaluate_batches(rasterizer, POSES))
+    step = max(1, pairs // TEAPOT.n_faces)
+    assert [len(batch.pose_ids) for batch in batches] == [
+        len(POSES[start : start + step]) for start in range(0, len(POSES), step)
+    ]
+    for name in (*FIGURES, "pose_ids", "clipped"):
+        together = np.concatenate([getattr(batch, name) for batch in batches])
+        np.testing.assert_array_equal(together, getattr(whole, name), err_msg=name)
+
+
+def test_duplicate_poses_give_identical_rows(device):
+    poses = np.concatenate((POSES, POSES[::-1], POSES[:1]))
+    found = evaluate(TEAPOT, SMALL, poses, device=device)
+    for name in FIGURES:
+        rows = getattr(found, name)
+        assert np.array_equal(rows[:6], rows[6:12][::-1]), name
+        assert np.array_equal(rows[0], rows[12]), name
+
+
+@pytest.mark.parametrize("none", [[], np.zeros((0, 4, 4))])
+def test_no_poses_give_no_rows(device, none):
+    found = evaluate(TEAPOT, SMALL, none, device=device)
+    for name, kind in FIGURES.items():
+        assert getattr(found, name).shape == (0, TEAPOT.n_faces), name
+        assert getattr(found, name).dtype == kind, name
+    assert found.clipped.shape == found.pose_ids.shape == (0,)
+
+
+def test_one_pose_needs_no_leading_axis(device):
+    assert_same(
+        evaluate(TEAPOT, SMALL, POSES[0], device=device),
+        evaluate(TEAPOT, SMALL, POSES[:1], device=device),
+    )
+
+
+def test_skipped_poses_keep_the_rows_of_the_input(device):
+    poses = np.insert(POSES[:3], (0, 2), np.nan, axis=0)
+    poses = np.concatenate((poses, 2 * POSES[:1]))
+    found = evaluate(TEAPOT, SMALL, poses, skip_bad_poses=True, device=device)
+    assert found.pose_ids.tolist() == [1, 2, 4]
+    clean = evaluate(TEAPOT, SMALL, POSES[:3], device=device)
+    for name in FIGURES:
+        assert np.array_equal(getattr(found, name), getattr(clean, name)), name
+    none = evaluate(TEAPOT, SMALL, poses[:1], skip_bad_poses=True, device=device)
+    assert none.coverage.shape == (0, TEAPOT.n_faces)
+
+
+class Untouched:
+    """A rasteriser that must not be used."""
+
+    mesh, camera = TEAPOT, SMALL
+
+    def count(self, poses):
+        raise AssertionError("counted")
+
+
+def test_a_bad_pose_is_named_before_anything_runs(monkeypatch):
+    poses = POSES.copy()
+    poses[4, 0, 0] = np.nan
+    monkeypatch.setattr(module, "open_rasterizer", lambda *_, **__: pytest.fail("opened"))
+    for attempt in (
+        lambda: evaluate(TEAPOT, SMALL, poses),
+        lambda: evaluate_batches(Untouched(), poses),
+    ):
+        with pytest.raises(PoseError, match="pose 4 is not finite") as caught:
+            attempt()
+        assert caught.value.pose_ids == (4,)
+
+
+def test_an_unknown_method_is_refused_before_anything_runs(monkeypatch):
+    monkeypatch.setattr(module, "open_rasterizer", lambda *_, **__: pytest.fail("opened"))
+    for attempt in (
+        lambda: evaluate(TEAPOT, SMALL, POSES, method="certified"),
+        lambda: evaluate_batches(Untouched(), POSES, method="certified"),
+    ):
+        with pytest.raises(ConfigError, match="method must be sampled, got 'certified'"):
+            attempt()
+
+
+def test_a_run_too_large_to_return_is_refused_before_anything_runs(monkeypatch):
+    monkeypatch.setattr(module, "open_rasterizer", lambda *_, **__: pytest.fail("opened"))
+    bytes_a_pair = sum(np.dtype(kind).itemsize for kind in FIGURES.values())
+    monkeypatch.setattr(module, "EVALUATE_BUDGET", bytes_a_pair * 6 * TEAPOT.n_faces - 1)
+    with pytest.raises(ResourceError, match=r"6 poses x 552 faces.*evaluate_batches"):
+        evaluate(TEAPOT, SMALL, POSES)
+
+
+def test_a_run_within_the_budget_is_returned_and_skipped_poses_are_free(device, monkeypatch):
+    bytes_a_pair = sum(np.dtype(kind).itemsize for kind in FIGURES.values())
+    monkeypatch.setattr(module, "EVALUATE_BUDGET", bytes_a_pair * 6 * TEAPOT.n_faces)
+    poses = np.concatenate((POSES, POSES * np.nan))
+    assert len(evaluate(TEAPOT, SMALL, POSES, device=device).pose_ids) == 6
+    found = evaluate(TEAPOT, SMALL, poses, skip_bad_poses=True, device=device)
+    assert len(found.pose_ids) == 6
+
+
+# --- Task -----------------------------------------------------------------------------------------
+
+NOT_NUMBERS = ["1", b"1", True, False, np.True_, [], (1,), np.array([1.0]), 1j, np.complex128(1)]
+NOT_FINITE = [math.nan, math.inf, -math.inf, np.float32(np.nan), 10**400]
+RANGES = {
+    "min_pixels": [0, -1, 0.0],
+    "min_visibility": [-0.1, 1.1],
+    "max_blur": [0, -2],
+    "max_incidence_deg": [0, -10, 90.1],
+    "min_pixel_density": [-1],
+    "min_coverage": [-0.1, 1.1],
+    "views": [0, -1, 1.5],
+}
+
+
+@pytest.mark.parametrize("name", RANGES)
+def test_a_threshold_outside_its_range_is_refused(name):
+    nothing = [] if name == "max_blur" else [None]
+    for value in [*RANGES[name], *NOT_NUMBERS, *NOT_FINITE, *nothing]:
+        with pytest.raises(ConfigError, match=f"^{name} must be ") as caught:
+            Task(**{name: value})
+        assert "\n" not in str(caught.value)
+        assert len(str(caught.value)) < 150
+
+
+@pytest.mark.parametrize(
+    "value", ["centre", "", None, 1, True, ["vertices"], np.array(["centroid"])]
+)
+def test_an_unknown_focus_rule_is_refused(value):
+    with pytest.raises(ConfigError, match="focus_rule must be vertices or centroid, got"):
+        Task(focus_rule=value)
+
+
+@pytest.mark.parametrize("value", ["no", 0, 1, None, math.nan, []])
+def test_cap_resolution_is_yes_or_no(value):
+    with pytest.raises(ConfigError, match="cap_resolution must be True or False, got"):
+        Task(cap_resolution=value)
+
+
+def test_the_ends_of_every_range_are_in_it():
+    Task(min_visibility=0, min_coverage=0, min_pixel_density=0, max_incidence_deg=90, views=1)
+    Task(min_visibility=1, min_coverage=1, min_pixels=1e-3, max_incidence_deg=1e-3, views=10**6)
+
+
+def test_numbers_of_any_kind_become_plain_ones():
+    plain = Task(min_pixels=2, views=3, min_coverage=0.5, max_blur=4)
+    mixed = Task(
+        min_pixels=np.float32(2),
+        views=np.int64(3),
+        min_coverage=np.float16(0.5),
+        max_blur=np.uint8(4),
+    )
+    assert mixed == plain
+    assert hash(mixed) == hash(plain)
+    assert json.dumps(vars(mixed)) == json.dumps(vars(plain))
+    assert type(Task(views=2.0).views) is int
+
+
+def test_a_task_sets_the_blur_limit(device):
+    camera = Camera.from_lens(
+        width=200,
+        height=200,
+        focal_length=5e-3,
+        pixel_size=5e-6,
+        aperture=5e-3,
+        focus_distance=2,
+    )
+    limits = camera.depth_of_field(1)
+    mesh = square(0.2, limits[1] * 1.001)
+    sharp = evaluate(mesh, camera, AHEAD, device=device)
+    blurred = evaluate(mesh, camera, AHEAD, Task(max_blur=2), device=device)
+    assert (sharp.reason == Reason.OUT_OF_FOCUS).all()
+    assert (blurred.reason == Reason.COVERED).all()

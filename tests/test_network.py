@@ -1,0 +1,276 @@
+"""Networks of cameras: made-up coverage added up by hand, and one real scene from end to end."""
+
+import json
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rastercov import shapes
+from rastercov.camera import Camera
+from rastercov.coverage import FIGURES, Coverage, Reason, Task, evaluate
+from rastercov.mesh import Group, Mesh
+from rastercov.network import Network
+from rastercov.pose import look_at, sphere_of_poses
+
+CAMERA = Camera(width=200, height=200, fx=100, fy=100)
+#  3---2        6   9  12
+#  | / |  and   |\  |\  |\   : faces 0, 1 of area 2, faces 2, 3, 4 of area 1/2
+#  0---1        4-5 7-8 10-11
+POINTS = [(0, 0, 0), (2, 0, 0), (2, 2, 0), (0, 2, 0)] + [
+    (x + dx, dy, 0) for x in (3, 5, 7) for dx, dy in ((0, 0), (1, 0), (0, 1))
+]
+FACES = [(0, 1, 2), (0, 2, 3), (4, 5, 6), (7, 8, 9), (10, 11, 12)]
+PART = Mesh(POINTS, FACES)
+TOTAL = 5.5
+
+
+def judged(coverage, task=None, *, mesh=PART, reason=None, pose_ids=None, **others):
+    """A Coverage that says no more than what a network takes from it."""
+    task, values = task or Task(), np.array(coverage, dtype=np.float64)
+    if reason is None:
+        covered = (values >= task.min_coverage) & (values > 0)
+        reason = np.where(covered, Reason.COVERED, Reason.OCCLUDED)
+    figures = {name: np.zeros(values.shape, kind) for name, kind in FIGURES.items()}
+    figures |= {"coverage": values, "reason": np.array(reason, np.uint8)}
+    figures |= {name: np.array(value) for name, value in others.items() if name in figures}
+    return Coverage(
+        mesh=mesh,
+        camera=CAMERA,
+        task=task,
+        info=None,
+        pose_ids=np.arange(len(values)) if pose_ids is None else np.array(pose_ids, np.int64),
+        clipped=np.array(others.get("clipped", np.zeros(len(values), bool))),
+        **figures,
+    )
+
+
+def network_of(*coverages, mesh=PART, task=None):
+    network = Network(mesh, task or Task())
+    for coverage in coverages:
+        network.add(coverage)
+    return network
+
+
+def share(faces, percent, area_percent):
+    return {
+        "faces": faces,
+        "percent": pytest.approx(percent),
+        "area_percent": pytest.approx(area_percent),
+    }
+
+
+def state(network):
+    arrays = {n: v.tolist() for n, v in vars(network).items() if isinstance(v, np.ndarray)}
+    lists = {n: v for n, v in vars(network).items() if isinstance(v, list | float)}
+    return arrays | lists | {"covered": network.covered.tolist()}
+
+
+# --- by face --------------------------------------------------------------------------------------
+
+
+def test_views_best_and_best_pose_of_each_face():
+    network = network_of(
+        judged(
+            [
+                [0.9, 0.4, 0, 0.6, 0.5],
+                [0.8, 0.6, 0, 0.6, 0.4],
+                [1.0, 0.3, 0, 0.2, 0.5],
+            ],
+            pose_ids=[3, 5, 8],
+        )
+    )
+    assert network.views.tolist() == [3, 1, 0, 2, 2]
+    assert network.best.tolist() == [1, 0.6, 0, 0.6, 0.5]
+    assert network.best_pose.tolist() == [8, 5, -1, 3, 3]
+    assert network.pose_ids == [3, 5, 8]
+    assert network.covered_faces == [3, 3, 2]
+    assert network.mean_coverage == pytest.approx([0.48, 0.48, 0.4])
+
+
+def test_of_equal_poses_in_different_batches_the_first_is_best():
+    row = [[0.5, 0.5, 0, 0.2, 1]]
+    network = network_of(judged(row, pose_ids=[2]), judged(row, pose_ids=[1]))
+    assert network.best_pose.tolist() == [2, 2, -1, 2, 2]
+
+
+@pytest.mark.parametrize("k", [1, 2, 3, 4])
+def test_covered_takes_k_views(k):
+    task = Task(views=k)
+    rows = [[1, 1, 1, 0, 0], [1, 1, 0, 0, 0], [1, 0, 0, 0.4, 0]]
+    network = network_of(judged(rows, task), task=task)
+    assert network.covered.tolist() == [k <= n for n in (3, 2, 1, 0, 0)]
+    assert network.summary()["required_views"] == k
+
+
+def test_the_reason_is_that_of_the_camera_that_came_nearest():
+    rows = [
+        [Reason.BACK_FACING, Reason.OUTSIDE, Reason.OCCLUDED, Reason.COVERED, Reason.DEGENERATE],
+        [Reason.OUT_OF_FOCUS, Reason.BACK_FACING, Reason.UNSAMPLED, Reason.OUTSIDE, 0],
+    ]
+    network = network_of(*(judged(np.zeros((1, 5)), reason=[row]) for row in rows))
+    assert network.reason.tolist() == [
+        *(Reason.OUT_OF_FOCUS, Reason.OUTSIDE, Reason.OCCLUDED, Reason.COVERED, Reason.DEGENERATE)
+    ]
+
+
+def test_a_face_that_one_camera_covers_and_two_must_has_too_few_views():
+    task = Task(views=2)
+    summary = network_of(judged([[1, 1, 0, 0, 0], [1, 0, 0, 0, 0]], task), task=task).summary()
+    assert summary["covered"]["faces"] == 1
+    assert {name: entry["faces"] for name, entry in summary["not_covered_because"].items()} == {
+        "too_few_views": 1,
+        "occluded": 3,
+    }
+
+
+# --- totals ---------------------------------------------------------------------------------------
+
+
+def test_percentages_by_count_and_by_area():
+    summary = network_of(judged([[1, 0.4, 1, 0, 0]])).summary()
+    assert summary["faces"] == summary["task_faces"] == 5
+    assert summary["covered"] == share(2, 40, 100 * 2.5 / TOTAL)
+    assert summary["not_covered"] == share(3, 60, 100 * 3 / TOTAL)
+    assert summary["zero_in_every_camera"] == share(2, 40, 100 * 1 / TOTAL)
+    assert summary["not_covered_because"] == {"occluded": share(3, 60, 100 * 3 / TOTAL)}
+    assert summary["mean_best_coverage"] == pytest.approx(0.48)
+    assert summary["mean_views"] == pytest.approx(0.4)
+
+
+def test_groups_are_counted_apart_and_occluders_not_at_all():
+    groups = [Group("big"), Group("crate", is_occluder=True), Group("small", False, True)]
+    mesh = Mesh(POINTS, FACES, groups, [0, 1, 2, 2, 2])
+    summary = network_of(judged([[1, 1, 1, 0.1, 0]], mesh=mesh), mesh=mesh).summary()
+    assert (summary["faces"], summary["task_faces"]) == (5, 4)
+    assert summary["covered"] == share(2, 50, 100 * 2.5 / 3.5)
+    assert summary["zero_in_every_camera"] == share(1, 25, 100 * 0.5 / 3.5)
+    assert summary["mean_best_coverage"] == pytest.approx(2.1 / 4)
+    big, crate, small = summary["groups"]
+    assert big["covered"] == share(1, 100, 100)
+    assert big["zero_in_every_camera"] == share(0, 0, 0)
+    assert crate == {"name": "crate", "role": "occluder", "two_sided": False, "faces": 1}
+    assert small["covered"] == share(1, 100 / 3, 100 / 3)
+    assert small["zero_in_every_camera"] == share(1, 100 / 3, 100 / 3)
+    assert (small["role"], small["two_sided"], small["faces"]) == ("task", True, 3)
+
+
+def test_covered_and_the_reasons_make_up_the_task():
+    found = evaluate(shapes.teapot(3), CAMERA, sphere_of_poses((0, 0, 0.08), 0.4, 4))
+    summary = network_of(found, mesh=found.mesh, task=found.task).summary()
+    reasons = summary["not_covered_because"].values()
+    for unit in ("faces", "percent", "area_percent"):
+        uncovered = sum(entry[unit] for entry in reasons)
+        assert uncovered == pytest.approx(summary["not_covered"][unit])
+        whole = summary["task_faces"] if unit == "faces" else 100
+        assert summary["covered"][unit] + uncovered == pytest.approx(whole)
+
+
+@pytest.mark.parametrize(
+    ("n_zero", "printed"), [(5, "0.25"), (14, "0.71"), (59, "2.99"), (111, "5.63")]
+)
+def test_thesis_table_6_1_not_covered_is_zero_in_every_camera(n_zero, printed):
+    mesh, task = shapes.aeroplane(1970), Task.thesis()
+    coverage = np.full((2, 1970), 0.01)
+    coverage[:, :n_zero] = 0
+    coverage[1, n_zero:] = 0  # one camera is enough
+    summary = network_of(judged(coverage, task, mesh=mesh), mesh=mesh, task=task).summary()
+    assert f"{summary['zero_in_every_camera']['percent']:.2f}" == printed
+    assert summary["zero_in_every_camera"] == summary["not_covered"]
+
+
+def test_clipped_poses_and_the_largest_bound_are_kept():
+    one = judged(np.ones((2, 5)), clipped=[True, False], visibility_bound=np.full((2, 5), 0.25))
+    two = judged(np.ones((1, 5)), clipped=[True], visibility_bound=[[0.5] * 5], pose_ids=[7])
+    summary = network_of(one, two).summary()
+    assert summary["near_clipped_poses"] == [0, 7]
+    assert summary["largest_visibility_bound"] == 0.5
+
+
+# --- batches, nothing, JSON -----------------------------------------------------------------------
+
+
+@given(st.integers(0, 2**32 - 1), st.lists(st.integers(0, 12), max_size=6))
+def test_poses_in_any_batches_make_the_same_network(seed, cuts):
+    rng = np.random.default_rng(seed)
+    coverage = rng.choice([0, 0.25, 0.5, 0.7, 1 / 3, 1], size=(12, 5))
+    reason = np.where(coverage >= 0.5, Reason.COVERED, rng.integers(0, 8, size=(12, 5)))
+    bound, clipped = rng.random((12, 5)), rng.random(12) < 0.5
+    edges = [0, *sorted(cuts), 12]
+
+    def batch(start, end):
+        rows = slice(start, end)
+        return judged(
+            coverage[rows],
+            reason=reason[rows],
+            pose_ids=np.arange(12)[rows],
+            visibility_bound=bound[rows],
+            clipped=clipped[rows],
+        )
+
+    split = network_of(*(batch(a, b) for a, b in pairwise(edges)))
+    whole = network_of(batch(0, 12))
+    assert state(split) == state(whole)
+    assert split.summary() == whole.summary()
+
+
+def test_the_mean_of_a_pose_does_not_depend_on_the_others():
+    coverage = np.random.default_rng(0).random((7, 1970))
+    mesh = shapes.aeroplane()
+    whole = network_of(judged(coverage, mesh=mesh), mesh=mesh)
+    one_by_one = network_of(*(judged(row[None], mesh=mesh) for row in coverage), mesh=mesh)
+    assert whole.mean_coverage == one_by_one.mean_coverage
+
+
+def test_a_network_of_no_cameras_covers_nothing_and_says_why():
+    for network in (network_of(), network_of(judged(np.zeros((0, 5))))):
+        summary = network.summary()
+        assert summary["poses"] == 0
+        assert summary["covered"] == share(0, 0, 0)
+        assert summary["zero_in_every_camera"] == share(5, 100, 100)
+        assert summary["not_covered_because"] == {"no_cameras": share(5, 100, 100)}
+        assert not network.covered.any()
+        assert (network.best_pose == -1).all()
+
+
+def test_a_mesh_of_occluders_has_no_task():
+    mesh = PART.with_groups(occluders=["mesh"])
+    network = network_of(judged(np.ones((2, 5)), mesh=mesh), mesh=mesh)
+    summary = network.summary()
+    assert summary["task_faces"] == 0
+    assert summary["covered"] == summary["not_covered"] == share(0, 0, 0)
+    assert summary["not_covered_because"] == {}
+    assert (summary["mean_best_coverage"], summary["mean_views"]) == (0, 0)
+    assert network.mean_coverage == [0, 0]
+
+
+def test_faces_without_area_have_no_share_of_it():
+    mesh = Mesh([(0, 0, 0), (1, 0, 0)], [(0, 1, 0), (0, 0, 1)])
+    reason = [[Reason.DEGENERATE] * 2]
+    summary = network_of(judged([[0, 0]], mesh=mesh, reason=reason), mesh=mesh).summary()
+    assert summary["not_covered_because"] == {"degenerate": share(2, 100, 0)}
+
+
+@pytest.mark.parametrize("task", [Task(), Task(views=np.int64(2), min_pixels=np.float32(3))])
+def test_the_summary_is_json(task):
+    found = evaluate(PART, CAMERA, look_at((3, 1, 9), (3, 1, 0)), task)
+    for network in (network_of(task=task), network_of(found, task=task)):
+        summary = network.summary()
+        assert json.loads(json.dumps(summary, allow_nan=False)) == summary
+
+
+def test_occluders_hide_though_nobody_scores_them():
+    #  camera -> crate -> part: the crate hides the part and is in no total.
+    corners = [(-1, -1), (-1, 1), (1, 1), (1, -1)]
+    points = [(x, y, z) for z in (4, 2) for x, y in corners]
+    faces = [(0, 1, 2), (0, 2, 3), (4, 5, 6), (4, 6, 7)]
+    scene = Mesh(points, faces, [Group("part"), Group("crate")], [0, 0, 1, 1])
+    for occluders, covered in (([], 2), (["crate"], 0)):
+        mesh = scene.with_groups(occluders=occluders)
+        found = evaluate(mesh, CAMERA, np.eye(4))
+        summary = network_of(found, mesh=mesh).summary()
+        assert summary["covered"]["faces"] == covered
+        assert summary["not_covered_because"]["occluded"]["faces"] == 2
+        assert summary["groups"][0]["covered"]["faces"] == 0

@@ -1,0 +1,165 @@
+"""The public surface: small, sorted, documented, and all there."""
+
+import ast
+import dataclasses
+import importlib
+import inspect
+import subprocess
+import sys
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rastercov
+
+ROOT = Path(rastercov.__file__).parent
+# Modules whose public classes and functions are the package's own names, and what they keep to
+# themselves: the links between the modules, which a caller of the package does not need.
+SURFACE = {
+    "camera": {"PRESETS"},
+    "coverage": {"EVALUATE_BUDGET", "FIGURES", "PAIRS_A_BATCH"},
+    "errors": set(),
+    "network": set(),
+    "pose": {"DRIFT_TOLERANCE", "check_poses", "inverse", "valid_poses"},
+    "raster.contract": {"MAX_SUPERSAMPLE"},
+    "visibility": {"METHODS", "check_method", "sampled"},
+}
+MESH = {"Group", "Mesh"}
+
+
+def defined(module):
+    """Public names that a module defines itself, as opposed to imports and type aliases."""
+    tree = ast.parse((ROOT / f"{module.replace('.', '/')}.py").read_text(encoding="utf-8"))
+    names = set()
+    for node in tree.body:
+        if isinstance(node, ast.ClassDef | ast.FunctionDef):
+            names.add(node.name)
+        elif isinstance(node, ast.Assign):
+            names |= {target.id for target in node.targets if isinstance(target, ast.Name)}
+        elif isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
+            names.add(node.target.id)
+    return {name for name in names if not name.startswith("_") and not name.endswith("Array")}
+
+
+def test_all_is_sorted_and_without_repeats():
+    assert rastercov.__all__ == sorted(set(rastercov.__all__))
+
+
+def test_every_name_is_there_and_nothing_public_is_left_out():
+    found = {
+        name
+        for name, value in vars(rastercov).items()
+        if not name.startswith("_") and not inspect.ismodule(value)
+    }
+    assert found == set(rastercov.__all__)
+
+
+def test_the_modules_offer_these_names_and_no_others():
+    offered = MESH | {name for module, own in SURFACE.items() for name in defined(module) - own}
+    assert offered == set(rastercov.__all__)
+
+
+@pytest.mark.parametrize("module", SURFACE)
+def test_what_a_module_keeps_to_itself_exists(module):
+    assert SURFACE[module] <= defined(module)
+
+
+@pytest.mark.parametrize("name", rastercov.__all__)
+def test_every_name_says_what_it_is(name):
+    first = inspect.getdoc(getattr(rastercov, name)).splitlines()[0]
+    assert len(first) > 20
+    assert first.endswith((".", ":"))
+    # Not the signature that dataclass writes in place of a docstring.
+    assert not first.startswith(f"{name}(")
+
+
+@pytest.mark.parametrize(
+    "name", [n for n in rastercov.__all__ if inspect.isclass(getattr(rastercov, n))]
+)
+def test_every_method_says_what_it_does(name):
+    for member, value in vars(getattr(rastercov, name)).items():
+        if not member.startswith("_") and (callable(value) or isinstance(value, property)):
+            assert inspect.getdoc(value), f"{name}.{member}"
+
+
+@pytest.mark.parametrize(
+    "name", [n for n in rastercov.__all__ if inspect.isfunction(getattr(rastercov, n))]
+)
+def test_every_parameter_of_a_function_is_documented_and_typed(name):
+    function = getattr(rastercov, name)
+    text = inspect.getdoc(function)
+    signature = inspect.signature(function)
+    assert signature.return_annotation is not inspect.Signature.empty
+    for parameter in signature.parameters.values():
+        assert parameter.annotation is not inspect.Parameter.empty, parameter.name
+        if "Parameters\n---" in text:
+            assert parameter.name in text, parameter.name
+
+
+VALUES = ["Camera", "Coverage", "FaceCounts", "Group", "Mesh", "RasterizerInfo", "Task"]
+VALUES += ["Visibility", "VisibilityBuffer"]
+
+
+@pytest.mark.parametrize("name", VALUES)
+def test_values_are_frozen(name):
+    kind = getattr(rastercov, name)
+    assert dataclasses.is_dataclass(kind)
+    assert kind.__dataclass_params__.frozen
+    thing = object.__new__(kind)
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        setattr(thing, dataclasses.fields(kind)[0].name, None)
+
+
+def test_every_dataclass_in_the_surface_is_listed():
+    found = {n for n in rastercov.__all__ if dataclasses.is_dataclass(getattr(rastercov, n))}
+    assert found == set(VALUES)
+
+
+@pytest.mark.parametrize("name", ["Coverage", "FaceCounts", "Visibility", "VisibilityBuffer"])
+def test_values_of_arrays_are_compared_by_identity(name):
+    # Field by field, == would be an array and its truth an error.
+    assert getattr(rastercov, name).__eq__ is object.__eq__
+    assert getattr(rastercov, name).__hash__ is object.__hash__
+
+
+@pytest.mark.parametrize("name", ["Coverage", "FaceCounts", "Visibility", "VisibilityBuffer"])
+def test_every_array_of_a_result_is_documented(name):
+    kind = getattr(rastercov, name)
+    text = inspect.getdoc(kind)
+    own = {"mesh", "camera", "task", "info"}
+    for field in dataclasses.fields(kind):
+        assert field.name in own or field.name in text, field.name
+
+
+@pytest.mark.parametrize("name", [n for n in rastercov.__all__ if n.endswith("Error")])
+def test_every_error_is_one_of_ours(name):
+    assert issubclass(getattr(rastercov, name), rastercov.RastercovError)
+
+
+@pytest.mark.parametrize("module", sorted(ROOT.rglob("*.py"), key=str), ids=str)
+def test_every_module_opens_with_a_docstring(module):
+    assert ast.get_docstring(ast.parse(module.read_text(encoding="utf-8")))
+
+
+def test_the_version_is_that_of_the_distribution():
+    assert rastercov.__version__ == version("rastercov")
+
+
+def test_importing_the_package_opens_no_graphics():
+    code = "import sys, rastercov; print({'moderngl', 'trimesh', 'rich'} & set(sys.modules))"
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == "set()"
+
+
+@pytest.mark.parametrize("kind", [rastercov.Kind, rastercov.Reason])
+def test_codes_fit_the_arrays_that_hold_them_and_each_is_explained(kind):
+    codes = np.array(list(kind))
+    assert codes.tolist() == list(range(len(codes)))
+    assert codes.max() <= np.iinfo(np.uint8).max
+    source = inspect.getsource(importlib.import_module(kind.__module__))
+    body = next(n for n in ast.parse(source).body if getattr(n, "name", "") == kind.__name__).body
+    for entry, text in zip(body[1::2], body[2::2], strict=True):
+        assert isinstance(entry, ast.Assign)
+        assert isinstance(text, ast.Expr)

@@ -1,0 +1,245 @@
+"""Visible fractions: exact where nothing or all is hidden, within their bound elsewhere."""
+
+import math
+
+import numpy as np
+import pytest
+
+from rastercov import shapes
+from rastercov.camera import Camera
+from rastercov.criteria import view_faces
+from rastercov.errors import ConfigError, PoseError
+from rastercov.mesh import Mesh
+from rastercov.pose import look_at, sphere_of_poses
+from rastercov.raster.gl import GLRasterizer
+from rastercov.visibility import Kind, sampled, visibility
+
+CAMERA = Camera(width=200, height=200, fx=100, fy=100)
+AHEAD = np.eye(4)  # at the origin, looking along +z
+C, S = math.cos(0.4), math.sin(0.4)
+# The same view on a rolled sample grid: no edge of an upright square runs along a row of it.
+ROLLED = np.array([(C, -S, 0, 0), (S, C, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1)])
+
+
+@pytest.fixture
+def see(device):
+    """Visible fractions of one pose: value, bound, kind; and the counts they come from."""
+
+    def see_one(mesh, camera, pose, supersample=1):
+        with GLRasterizer(mesh, camera, device=device, supersample=supersample) as rasterizer:
+            counts = rasterizer.count(pose)
+        return *sampled(view_faces(mesh, camera, pose), counts, 0), counts
+
+    return see_one
+
+
+def sheet(low, high, z):
+    """Two triangles from corner `low` to corner `high` that face a camera looking along +z."""
+    (x0, y0), (x1, y1) = low, high
+    points = [(x0, y0, z), (x0, y1, z), (x1, y1, z), (x1, y0, z)]
+    return Mesh(vertices=points, faces=[(0, 1, 2), (0, 2, 3)])
+
+
+def square(half, z):
+    return sheet((-half, -half), (half, half), z)
+
+
+def joined(*meshes):
+    starts = np.cumsum([0] + [mesh.n_vertices for mesh in meshes[:-1]])
+    return Mesh(
+        vertices=np.concatenate([mesh.vertices for mesh in meshes]),
+        faces=np.concatenate([m.faces + start for m, start in zip(meshes, starts, strict=True)]),
+    )
+
+
+# --- exactly 0 and 1 ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("size", [8, 9, 16, 33, 64, 128, 512])
+@pytest.mark.parametrize("pose", [AHEAD, ROLLED], ids=["upright", "rolled"])
+def test_unhidden_is_exactly_1_and_hidden_exactly_0_at_any_resolution(see, size, pose):
+    mesh = joined(square(1, 1), square(1, 2))
+    camera = Camera(width=size, height=size, fx=size / 3, fy=size / 3)
+    value, _, kind, counts = see(mesh, camera, pose)
+    assert (counts.drawn > 0).all()
+    assert value.tolist() == [1, 1, 0, 0]
+    assert (kind == Kind.STATISTICAL).all()
+
+
+@pytest.mark.parametrize("size", [16, 64, 256])
+def test_the_near_side_of_a_sphere_is_exactly_visible(see, size):
+    mesh = shapes.sphere(2)
+    camera = Camera(width=size, height=size, fx=size, fy=size)
+    pose = look_at((1.3, 2.2, -2.6), (0, 0, 0))[0]
+    value, bound, kind, counts = see(mesh, camera, pose)
+    front = view_faces(mesh, camera, pose).is_front
+    seen = front & (counts.drawn[0] > 0)
+    assert (value[seen] == 1).all()
+    assert (value[~seen] == 0).all()
+    assert (bound[front & ~seen] == 1).all()
+    assert (kind[~front] == Kind.EXACT).all()
+    assert (bound[~front] == 0).all()
+
+
+# --- known fractions ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("supersample", [1, 4])
+def test_a_square_hidden_in_the_middle_shows_three_quarters(see, supersample):
+    mesh = joined(square(2, 4), square(0.5, 2))
+    value, bound, _, _ = see(mesh, CAMERA, ROLLED, supersample)
+    assert (np.abs(value - (0.75, 0.75, 1, 1)) <= bound).all()
+    assert (bound[:2] < 0.05).all()
+
+
+def test_many_tiles_hide_as_much_as_one(see):
+    tiles = [
+        sheet((x - 1 / 16, y - 1 / 16), (x + 1 / 16, y + 1 / 16), 1)
+        for x in np.arange(-3, 4, 2) / 8
+        for y in np.arange(-3, 4, 2) / 8
+    ]
+    value, bound, _, _ = see(joined(square(2, 4), *tiles), CAMERA, ROLLED, 2)
+    assert (np.abs(value[:2] - 0.75) <= bound[:2]).all()
+    assert (value[2:] == 1).all()
+
+
+def test_a_floor_cut_by_a_wall_shows_four_fifths(see):
+    # The floor y = 1 from z = 2 to 8, |x| <= 1; the wall z = 4 hides what lies behind it:
+    # (1/4 - 1/16) / (1/4 - 1/64) = 4/5. It fails where 1/z is not affine in the image.
+    corners = [(-1, 1, 2), (1, 1, 2), (1, 1, 8), (-1, 1, 8)]
+    floor = Mesh(vertices=corners, faces=[(0, 2, 1), (0, 3, 2)])
+    mesh = joined(floor, square(4, 4))
+    _, bound, _, counts = see(mesh, CAMERA, ROLLED, 4)
+    area = view_faces(mesh, CAMERA, ROLLED).projected_area[:2]
+    assert area.sum() == pytest.approx(100 * 100 * (1 / 4 - 1 / 64))
+    # In the rolled image the floor leaves the image nowhere, so both triangles are whole.
+    shown = counts.visible[0, :2].sum() / counts.drawn[0, :2].sum()
+    assert abs(shown - 0.8) <= (bound[:2] * area).sum() / area.sum()
+    assert bound[:2].max() < 0.05
+
+
+# Table 5.5: a marker that hides 0, 25, 50, 75 and 100 % of the one behind it. The diagonal cuts
+# the strip, so the two triangles show different parts; together they show 1 - hidden.
+@pytest.mark.parametrize("hidden", [0, 0.25, 0.5, 0.75, 1])
+def test_thesis_table_5_5_visibility(see, hidden):
+    behind = sheet((-0.15, -0.15), (0.15, 0.15), 4)
+    right = 0.15 / 2
+    front = sheet((right - 0.15 * hidden, -0.1), (right + 0.1, 0.1), 2)
+    camera = Camera.preset("icube-ns4133bu-8mm")
+    value, bound, _, counts = see(joined(behind, front), camera, ROLLED)
+    parts = np.array([(1 - hidden) * (1 + hidden), (1 - hidden) ** 2])
+    assert (np.abs(value[:2] - parts) <= bound[:2]).all()
+    assert value[2:].tolist() == [1, 1]
+    plate = counts.visible[0, :2].sum() / counts.drawn[0, :2].sum()
+    assert abs(plate - (1 - hidden)) <= bound[:2].mean() < 0.01
+    if hidden in (0, 1):
+        assert value[:2].tolist() == [1 - hidden] * 2
+
+
+# --- the bound ------------------------------------------------------------------------------------
+
+
+def test_the_bound_is_its_formula(see):
+    mesh, pose = shapes.teapot(4), look_at((0.2, 0.5, 0.3), (0, 0, 0.08))[0]
+    camera = Camera(width=80, height=60, fx=70, fy=75)
+    for supersample in (1, 3):
+        value, bound, kind, counts = see(mesh, camera, pose, supersample)
+        view, drawn = view_faces(mesh, camera, pose), counts.drawn[0]
+        length = view.perimeter * supersample
+        expected = 1.08 * np.sqrt(1.25 * length + 1) / np.maximum(drawn, 1)
+        judged = view.is_front & (view.in_view_fraction > 0)
+        assert bound[judged & (drawn > 0)] == pytest.approx(
+            np.minimum(1, expected)[judged & (drawn > 0)]
+        )
+        assert (bound[judged & (drawn == 0)] == 1).all()
+        assert (judged & (drawn == 0)).any()
+        assert (kind == np.where(judged, Kind.STATISTICAL, Kind.EXACT)).all()
+        assert ((bound >= 0) & (bound <= 1) & (value >= 0) & (value <= 1)).all()
+
+
+@pytest.mark.parametrize("size", [64, 160, 320])
+def test_the_bound_holds_for_nearly_all_partly_hidden_faces(see, size):
+    # The truth is the same view with 16 x 16 samples a pixel, whose own error is about a sixtieth
+    # (samples fall as S^2, their error as S^-1.5); faces below 64 of those samples are left out.
+    mesh = shapes.teapot(5)
+    camera = Camera(width=size, height=size * 3 // 4, fx=1.1 * size, fy=1.1 * size)
+    held = partial = 0
+    for pose in sphere_of_poses((0, 0, 0.08), 0.45, 5):
+        value, bound, kind, _ = see(mesh, camera, pose)
+        truth, _, _, fine = see(mesh, camera, pose, 16)
+        partly = (kind == Kind.STATISTICAL) & (truth > 0) & (truth < 1) & (fine.drawn[0] >= 64)
+        held += np.count_nonzero(np.abs(value - truth)[partly] <= bound[partly])
+        partial += np.count_nonzero(partly)
+    assert partial > 200
+    assert held >= 0.995 * partial
+
+
+def test_more_samples_make_the_bound_smaller(see):
+    mesh = joined(square(2, 4), square(0.5, 2))
+    bounds = [see(mesh, CAMERA, ROLLED, supersample)[1] for supersample in (1, 2, 4, 8)]
+    assert (np.diff(bounds, axis=0) < 0).all()
+    assert bounds[0] / bounds[3] == pytest.approx(np.full(4, 8**1.5), rel=0.02)
+
+
+def test_where_the_near_plane_cuts_nothing_is_claimed(see):
+    mesh = Mesh(vertices=[(-0.5, 0.2, 3), (0.5, 0.2, 3), (0, 0.2, -1)], faces=[(0, 2, 1)])
+    camera = Camera(width=200, height=200, fx=100, fy=100, near=0.1)
+    value, bound, _, counts = see(mesh, camera, AHEAD)
+    assert counts.drawn[0, 0] > 100
+    assert value == [1]
+    assert bound == [1]
+
+
+def test_a_face_in_view_too_small_for_an_area_is_unknown_and_not_hidden(see):
+    # It projects to a single float64 point of the image, yet it has a normal and faces the camera.
+    x = 0.5
+    right = np.nextafter(x, 1)
+    mesh = Mesh(vertices=[(x, x, 1), (x, right, 1), (right, right, 1)], faces=[(0, 1, 2)])
+    view = view_faces(mesh, CAMERA, AHEAD)
+    assert view.is_front.all()
+    assert view.in_view.all()
+    assert view.projected_area == [0]
+    value, bound, kind, _ = see(mesh, CAMERA, AHEAD)
+    assert (value, bound, kind) == ([0], [1], [Kind.STATISTICAL])
+
+
+# --- the public function --------------------------------------------------------------------------
+
+
+def test_back_faces_and_faces_outside_are_exactly_0():
+    away = sheet((1, -1), (-1, 1), 2)  # wound the other way
+    mesh = joined(square(0.2, 1), away, sheet((9, 0), (10, 1), 2), square(1, -2))
+    seen = visibility(mesh, CAMERA, AHEAD)
+    assert seen.value.tolist() == [[1, 1] + [0] * 6]
+    assert seen.kind.tolist() == [[Kind.STATISTICAL] * 2 + [Kind.EXACT] * 6]
+    assert (seen.bound[0, 2:] == 0).all()
+    assert seen.value.dtype == seen.bound.dtype == np.float64
+    assert seen.kind.dtype == np.uint8
+    assert seen.info.backend == "gl"
+
+
+def test_both_sides_of_a_two_sided_sheet_are_seen():
+    mesh = sheet((1, -1), (-1, 1), 2).with_groups(two_sided="all")
+    assert visibility(mesh, CAMERA, AHEAD).value.tolist() == [[1, 1]]
+
+
+def test_every_pose_has_its_row_and_no_pose_has_none():
+    mesh = square(1, 2)
+    poses = look_at([(0, 0, 0), (0, 0, 4)], (0, 0, 2), (0, -1, 0))
+    seen = visibility(mesh, CAMERA, poses, supersample=2)
+    assert seen.value.tolist() == [[1, 1], [0, 0]]
+    empty = visibility(mesh, CAMERA, np.zeros((0, 4, 4)))
+    assert empty.value.shape == empty.bound.shape == empty.kind.shape == (0, 2)
+
+
+@pytest.mark.parametrize("method", ["certified", "exact", "", None])
+def test_a_method_that_does_not_exist_is_refused_and_the_others_named(method):
+    with pytest.raises(ConfigError, match="method must be sampled, got"):
+        visibility(square(1, 2), CAMERA, AHEAD, method=method)
+
+
+def test_a_bad_pose_is_named():
+    poses = np.stack((AHEAD, AHEAD * np.nan))
+    with pytest.raises(PoseError, match="pose 1 is not finite") as caught:
+        visibility(square(1, 2), CAMERA, poses)
+    assert caught.value.pose_ids == (1,)
