@@ -1,0 +1,164 @@
+"""The wheel holds the package, all of it and nothing else, and works from where it was put."""
+
+import os
+import subprocess
+import sys
+import tarfile
+import tomllib
+import zipfile
+from importlib.metadata import version
+from pathlib import Path, PurePosixPath
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+LINKED = {"rastercov/reference": "reference", "rastercov/shaders": "shaders"}
+"""Folders that stand at the top level of the tree, and inside the package of the wheel."""
+
+
+def command(*words, cwd):
+    result = subprocess.run(words, cwd=cwd, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stdout + result.stderr
+    return result.stdout
+
+
+def tracked():
+    """Files of the tree, those not yet committed too; not what git ignores."""
+    words = ("git", "ls-files", "--cached", "--others", "--exclude-standard", "-z")
+    names = command(*words, cwd=ROOT).split("\0")
+    return sorted(name for name in names if name and (ROOT / name).exists())
+
+
+def expected():
+    """Names that the wheel must hold beside its dist-info."""
+    inside = {link: target for target, link in LINKED.items()}
+    names = set()
+    for name in tracked():
+        top, *rest = PurePosixPath(name).parts
+        packed = "/".join((inside.get(top, top), *rest))
+        is_data = packed.startswith("rastercov/data/") or packed == "rastercov/py.typed"
+        is_code = packed.startswith("rastercov/") and name.endswith((".py", ".glsl"))
+        if (is_data or is_code) and not (ROOT / name).is_symlink():
+            names.add(packed)
+    return names
+
+
+@pytest.fixture(scope="module")
+def tree(tmp_path_factory):
+    """A copy of the tree: setuptools packs whatever an earlier build left in build/."""
+    if not (ROOT / ".git").exists():
+        pytest.skip("git says what belongs to the tree, and this is no clone")
+    copy = tmp_path_factory.mktemp("tree")
+    for name in tracked():
+        target = copy / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        if (ROOT / name).is_symlink():
+            target.symlink_to((ROOT / name).readlink())
+        else:
+            target.write_bytes((ROOT / name).read_bytes())
+    return copy
+
+
+@pytest.fixture(scope="module")
+def built(tree, tmp_path_factory):
+    """Folder with the wheel and the sdist, built by the installed setuptools or else a fresh one."""
+    out = tmp_path_factory.mktemp("dist")
+    words = [sys.executable, "-m", "build", "--outdir", str(out)]
+    if int(version("setuptools").split(".")[0]) >= 77:
+        words.append("--no-isolation")
+    command(*words, str(tree), cwd=out)  # the wheel is built from the sdist
+    return out
+
+
+@pytest.fixture(scope="module")
+def unzipped(built, tmp_path_factory):
+    """The wheel as pip would put it on sys.path."""
+    (wheel,) = built.glob("*.whl")
+    folder = tmp_path_factory.mktemp("site")
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(folder)
+    return folder
+
+
+def files(folder):
+    return {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_the_links_to_the_top_level_are_relative():
+    for link, target in LINKED.items():
+        assert (ROOT / link).readlink() == Path("..") / target
+        assert (ROOT / target / "__init__.py").is_file()
+
+
+def test_every_package_is_listed():
+    listed = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"]
+    found = {str(PurePosixPath(n).parent) for n in expected() if n.endswith("__init__.py")}
+    assert set(listed) == {name.replace("/", ".") for name in found}
+    code = {str(PurePosixPath(n).parent) for n in expected() if n.endswith((".py", ".glsl"))}
+    assert code == found  # no folder of code without an __init__.py
+
+
+def test_the_wheel_holds_the_package_and_nothing_else(unzipped):
+    names = {name for name in files(unzipped) if ".dist-info/" not in name}
+    assert names == expected()
+    assert {"rastercov/shaders/face.vert.glsl", "rastercov/reference/__init__.py"} <= names
+    for name in names:
+        assert (unzipped / name).read_bytes() == (ROOT / name).read_bytes()
+
+
+def test_the_wheel_names_its_command_and_licence(unzipped):
+    (info,) = unzipped.glob("*.dist-info")
+    assert "rastercov = rastercov.cli:main" in (info / "entry_points.txt").read_text()
+    assert (info / "top_level.txt").read_text().split() == ["rastercov"]
+    assert (info / "licenses" / "LICENSE").read_bytes() == (ROOT / "LICENSE").read_bytes()
+    metadata = (info / "METADATA").read_text(encoding="utf-8")
+    assert "\nLicense-Expression: MIT\n" in metadata
+
+
+def test_the_sdist_builds_without_the_links(built):
+    (sdist,) = built.glob("*.tar.gz")
+    with tarfile.open(sdist) as archive:
+        names = {PurePosixPath(*PurePosixPath(m.name).parts[1:]) for m in archive if m.isfile()}
+    for name in expected():
+        top, *rest = PurePosixPath(name).parts
+        source = LINKED.get(f"{top}/{rest[0]}")
+        wanted = PurePosixPath(source, *rest[1:]) if source else PurePosixPath(name)
+        assert wanted in names
+
+
+SCRIPT = """
+import sys
+from pathlib import Path
+folder = Path(sys.argv[1])
+sys.path = [str(folder), *(p for p in sys.path if p != sys.argv[2])]
+sys.meta_path = [f for f in sys.meta_path if "editable" not in repr(f)]
+import rastercov
+import rastercov.reference
+from rastercov import cli, shaders, shapes
+for module in (rastercov, rastercov.reference, shaders):
+    assert Path(module.__file__).is_relative_to(folder), module.__file__
+assert "void main" in shaders.source("face.vert")
+assert shapes.teapot().n_faces > 1000
+assert shapes.aeroplane().n_faces == 1970
+for name in ("reference", "shaders"):
+    try:
+        __import__(name)
+    except ModuleNotFoundError:
+        continue
+    raise AssertionError(name + " is importable by itself")
+sys.exit(cli.command(["demo", "--shape", "box", "--poses", "2", "--out", sys.argv[3]]))
+"""
+
+
+def test_the_wheel_works_from_another_folder(unzipped, tmp_path):
+    out = tmp_path / "report"
+    words = (sys.executable, "-I", "-W", "error", "-c", SCRIPT, str(unzipped), str(ROOT), str(out))
+    assert "poses per second" in command(*words, cwd=tmp_path)
+    assert (out / "summary.json").is_file()
+
+
+def test_neither_folder_is_a_package_of_its_own(tmp_path):
+    script = "import importlib.util as u, sys; sys.exit(any(map(u.find_spec, sys.argv[1:])))"
+    environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
+    words = [sys.executable, "-I", "-c", script, "reference", "shaders"]
+    assert subprocess.run(words, cwd=tmp_path, env=environment, check=False).returncode == 0

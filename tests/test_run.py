@@ -1,0 +1,273 @@
+"""`run` leaves one consistent report, whole or up to an interrupt, for runs of any length."""
+
+import hashlib
+import json
+import signal
+import tracemalloc
+from dataclasses import asdict
+from importlib.metadata import version
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from PIL import Image
+
+from rastercov import shaders, shapes
+from rastercov.camera import Camera
+from rastercov.coverage import Task, evaluate
+from rastercov.errors import ConfigError, DeviceError, PoseError
+from rastercov.mesh import Mesh
+from rastercov.pose import sphere_of_poses
+from rastercov.run import Options, interrupts_held, run
+
+MESH = shapes.box((1, 1, 1))
+CAMERA = Camera(width=48, height=36, fx=60, fy=60)
+TASK = Task(min_pixels=4, max_incidence_deg=80)
+PLAIN = Options(pictures=0)
+
+
+def around(count):
+    return sphere_of_poses((0, 0, 0), 3, count)
+
+
+def names(folder):
+    return {path.name for path in folder.iterdir()}
+
+
+@pytest.fixture
+def small_batches(monkeypatch):
+    """Four poses a batch."""
+    monkeypatch.setattr("rastercov.coverage.PAIRS_A_BATCH", 4 * MESH.n_faces)
+
+
+def stop_after(done_at):
+    def progress(done, total):
+        if done >= done_at:
+            raise KeyboardInterrupt
+
+    return progress
+
+
+# --- what is written ------------------------------------------------------------------------------
+
+
+def test_the_files_hold_what_evaluate_gives(tmp_path, small_batches):
+    poses = around(10)
+    summary = run(MESH, CAMERA, poses, TASK, tmp_path / "a" / "b", Options(pictures=3))
+    out = tmp_path / "a" / "b"
+    assert json.loads((out / "summary.json").read_text()) == json.loads(json.dumps(summary))
+    coverage = evaluate(MESH, CAMERA, poses, TASK)
+    table = pq.read_table(out / "coverage.parquet")
+    pose, face = table["pose"].to_numpy(), table["face"].to_numpy()
+    assert len(table) == (coverage.in_view_fraction > 0).sum()
+    np.testing.assert_array_equal(table["visible_pixels"], coverage.visible_pixels[pose, face])
+    np.testing.assert_array_equal(table["coverage"], np.float32(coverage.coverage[pose, face]))
+    assert [row["pose"] for row in summary["per_pose"]] == list(range(10))
+    means = [row["mean_coverage"] for row in summary["per_pose"]]
+    np.testing.assert_allclose(means, coverage.coverage.mean(axis=1))
+    assert summary["interrupted"] is False
+    assert summary["poses_per_second"] == pytest.approx(10 / summary["seconds"])
+
+
+def test_the_header_says_what_made_the_report(tmp_path):
+    path = tmp_path / "part.off"
+    text = "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
+    path.write_text(text)
+    mesh = Mesh.load(path, unit="mm", two_sided=["part"])
+    summary = run(mesh, CAMERA, around(2), TASK, tmp_path / "report", PLAIN)
+    metadata = pq.read_schema(tmp_path / "report" / "coverage.parquet").metadata
+    header = json.loads(metadata[b"rastercov"])
+    assert header == json.loads(json.dumps(summary["run"]))
+    digest = hashlib.sha256(text.encode()).hexdigest()
+    assert header["mesh"] == [{"name": "part.off", "sha256": digest, "n_faces": 1}]
+    assert header["scene"]["n_faces"] == 1
+    assert header["scene"]["groups"] == [
+        {"name": "part", "is_occluder": False, "is_two_sided": True}
+    ]
+    assert header["poses"]["n_poses"] == 2
+    assert Camera.from_dict(header["camera"]) == CAMERA
+    assert header["task"] == asdict(TASK)
+    assert header["options"] == asdict(PLAIN)
+    assert header["rasterizer"]["shaders"] == shaders.digest()
+    assert header["rasterizer"]["renderer"]
+    assert header["versions"]["rastercov"] == version("rastercov")
+    assert header["versions"]["numpy"] == np.__version__
+
+
+def test_every_input_changes_the_header(tmp_path):
+    def header(mesh=MESH, poses=around(2), camera=CAMERA, task=TASK):  # noqa: B008
+        summary = run(mesh, camera, poses, task, tmp_path, PLAIN)
+        return json.dumps(summary["run"], sort_keys=True)
+
+    same = header()
+    assert header() == same
+    assert header(Mesh(MESH.vertices * 1.01, MESH.faces)) != same
+    assert header(Mesh(MESH.vertices, MESH.faces[::-1])) != same
+    assert header(MESH.with_groups(two_sided="all")) != same
+    assert header(poses=around(3)[:2]) != same
+    assert header(camera=CAMERA.resized(0.5)) != same
+    assert header(task=Task()) != same
+
+
+@pytest.mark.parametrize(
+    ("wanted", "drawn"), [(0, []), (1, [0]), (3, [0, 4, 9]), (10, range(10)), (99, range(10))]
+)
+def test_pictures_are_spread_evenly(tmp_path, wanted, drawn):
+    run(MESH, CAMERA, around(10), TASK, tmp_path, Options(pictures=wanted))
+    pictures = {f"{kind}_{pose}.png" for kind in ("pose", "faces") for pose in drawn}
+    sheet = {"contact_sheet.png"} if pictures else set()
+    assert names(tmp_path) == {"coverage.parquet", "summary.json", "network.glb"} | pictures | sheet
+
+
+def test_pictures_of_a_large_camera_are_small(tmp_path):
+    large = Camera(width=4000, height=1000, fx=4000, fy=4000)
+    run(MESH, large, around(1), TASK, tmp_path, Options(pictures=1))
+    with Image.open(tmp_path / "faces_0.png") as picture:
+        assert picture.size == (1280, 320)
+
+
+def test_a_second_run_replaces_the_report_and_nothing_else(tmp_path):
+    run(MESH, CAMERA, around(12), TASK, tmp_path, Options(pictures=4))
+    for name in ("notes.txt", "pose_of_mine.png"):
+        (tmp_path / name).write_text("mine")
+    run(MESH, CAMERA, around(3), TASK, tmp_path, Options(pictures=1))
+    assert names(tmp_path) == {
+        "coverage.parquet",
+        "summary.json",
+        "network.glb",
+        "contact_sheet.png",
+        "pose_0.png",
+        "faces_0.png",
+        "notes.txt",
+        "pose_of_mine.png",
+    }
+
+
+# --- when something is wrong ----------------------------------------------------------------------
+
+
+def test_a_run_that_fails_leaves_the_old_report(tmp_path, small_batches):
+    run(MESH, CAMERA, around(6), TASK, tmp_path, Options(pictures=2))
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+
+    def lose(done, total):
+        if done >= 4:
+            raise DeviceError("gone")
+
+    with pytest.raises(DeviceError, match="gone"):
+        run(MESH, CAMERA, around(12), TASK, tmp_path, PLAIN, lose)
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+@pytest.mark.parametrize("done_at", [0, 1, 8])
+def test_an_interrupt_keeps_whole_batches(tmp_path, small_batches, done_at):
+    whole = run(MESH, CAMERA, around(12), TASK, tmp_path / "whole", PLAIN)
+    part = run(MESH, CAMERA, around(12), TASK, tmp_path / "part", PLAIN, stop_after(done_at))
+    done = {0: 0, 1: 4, 8: 8}[done_at]
+    assert part["interrupted"] is True
+    assert part["poses"] == done
+    assert part["per_pose"] == whole["per_pose"][:done]
+    assert json.loads((tmp_path / "part" / "summary.json").read_text())["interrupted"] is True
+    kept = pq.read_table(tmp_path / "part" / "coverage.parquet")
+    rows = pq.read_table(tmp_path / "whole" / "coverage.parquet")
+    assert kept.equals(rows.filter(np.asarray(rows["pose"]) < done))
+
+
+def test_an_interrupt_draws_only_what_is_done(tmp_path, small_batches):
+    run(MESH, CAMERA, around(12), TASK, tmp_path, Options(pictures=12), stop_after(4))
+    assert {f"pose_{pose}.png" for pose in range(4)} <= names(tmp_path)
+    assert "pose_4.png" not in names(tmp_path)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_is_held_until_the_block_ends(number):
+    before = signal.signal(number, signal.default_int_handler)
+    reached = []
+    try:
+        with pytest.raises(KeyboardInterrupt), interrupts_held():  # noqa: PT012 - that is the law
+            signal.raise_signal(number)
+            reached.append("the end")
+        assert reached == ["the end"]
+        assert signal.getsignal(number) is signal.default_int_handler
+    finally:
+        signal.signal(number, before)
+
+
+def test_a_signal_in_a_batch_counts_it_everywhere_or_nowhere(tmp_path, small_batches, monkeypatch):
+    from rastercov.report import CoverageTable
+
+    add = CoverageTable.add
+
+    def add_and_interrupt(table, batch):
+        add(table, batch)
+        if batch.pose_ids[0] == 4:
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(CoverageTable, "add", add_and_interrupt)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        summary = run(MESH, CAMERA, around(12), TASK, tmp_path, PLAIN)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert summary["poses"] == 8
+    assert np.asarray(pq.read_table(tmp_path / "coverage.parquet")["pose"]).max() == 7
+
+
+def test_bad_poses_are_refused_or_left_out(tmp_path):
+    poses = around(6)
+    poses[2, 0, 3] = np.inf
+    poses[4, :3, :3] *= -1
+    with pytest.raises(PoseError, match="pose 2 is not finite"):
+        run(MESH, CAMERA, poses, TASK, tmp_path / "none", PLAIN)
+    assert not (tmp_path / "none").exists()
+    summary = run(MESH, CAMERA, poses, TASK, tmp_path, Options(pictures=2, skip_bad_poses=True))
+    assert [row["pose"] for row in summary["per_pose"]] == [0, 1, 3, 5]
+    assert summary["skipped_poses"].keys() == {"2", "4"}
+    assert {"pose_0.png", "pose_5.png"} <= names(tmp_path)
+    assert set(np.asarray(pq.read_table(tmp_path / "coverage.parquet")["pose"])) == {0, 1, 3, 5}
+
+
+def test_no_poses_at_all(tmp_path):
+    calls = []
+    summary = run(
+        MESH, CAMERA, np.zeros((0, 4, 4)), TASK, tmp_path, Options(), lambda *a: calls.append(a)
+    )
+    assert (summary["poses"], summary["poses_per_second"]) == (0, 0)
+    assert calls == [(0, 0), (0, 0)]
+    assert pq.read_table(tmp_path / "coverage.parquet").num_rows == 0
+    json.loads((tmp_path / "summary.json").read_text())
+
+
+def test_progress_tells_the_poses_done(tmp_path, small_batches):
+    calls = []
+    run(MESH, CAMERA, around(10), TASK, tmp_path, PLAIN, lambda *a: calls.append(a))
+    assert calls == [(0, 10), (4, 10), (8, 10), (10, 10)]
+
+
+def test_a_file_in_the_way_is_said_before_a_device_is_opened(tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setattr(Options, "open", lambda *_: pytest.fail("opened"))
+    for out in (tmp_path / "file", tmp_path / "file" / "report"):
+        with pytest.raises(ConfigError, match="a file is in the way"):
+            run(MESH, CAMERA, around(1), TASK, out, PLAIN)
+    monkeypatch.setattr("os.access", lambda *_: False)
+    with pytest.raises(ConfigError, match="nothing can be written"):
+        run(MESH, CAMERA, around(1), TASK, tmp_path, PLAIN)
+
+
+def test_memory_does_not_grow_with_the_batches(tmp_path, small_batches, monkeypatch):
+    """Of Python and numpy, beyond what the summary holds for each pose."""
+    mesh = shapes.sphere(2)  # all figures of a pose: 26 kB
+    monkeypatch.setattr("rastercov.report.ROWS_A_GROUP", 1000)
+
+    def peak(count):
+        poses = around(count)
+        tracemalloc.start()
+        run(mesh, CAMERA, poses, TASK, tmp_path, PLAIN)
+        size = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return size
+
+    peak(8)  # what is made once
+    few, many = peak(20), peak(220)
+    assert (many - few) / 200 < 2000
