@@ -11,9 +11,13 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 MESA := libegl1 libgl1 libgl1-mesa-dri
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo -n)
+APT := $(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get -qq
+HAS_OPENGL = $(BIN)/python -c 'from rastercov.raster.egl import open_context; open_context().release()'
 # One Mesa thread a process: tests run in two processes.
 TEST_ENV := LP_NUM_THREADS=1
 
+# Two pips must not work on one environment.
+.NOTPARALLEL:
 .PHONY: demo test lint bench opengl clean
 
 demo: $(VENV)/installed opengl
@@ -33,9 +37,11 @@ bench: $(VENV)/installed-bench opengl
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info[:2] not in ((3, 11), (3, 12), (3, 13)))' || \
 	{ echo "error: rastercov wants Python 3.11 to 3.13; pass one: make PYTHON=python3.12 $(MAKECMDGOALS)"; exit 2; }
-	@$(PYTHON) -m venv $(VENV) 2>/dev/null || \
-	{ $(SUDO) apt-get -qq update && $(SUDO) apt-get -qq install -y python3-venv && $(PYTHON) -m venv --clear $(VENV); } || \
-	{ rm -rf $(VENV); echo "error: $(PYTHON) cannot make a virtual environment; install python3-venv"; exit 2; }
+	@$(PYTHON) -m venv $(VENV) >/dev/null 2>&1 || \
+	{ package=$$($(PYTHON) -c 'import sys; print("python%d.%d-venv" % sys.version_info[:2])'); \
+	echo "installing $$package"; rm -rf $(VENV); \
+	{ $(APT) update; $(APT) install -y $$package && $(PYTHON) -m venv $(VENV); } </dev/null || \
+	{ rm -rf $(VENV); echo "error: $(PYTHON) makes no virtual environment; as root: apt-get install -y $$package"; exit 2; }; }
 
 $(VENV)/installed: $(BIN)/python pyproject.toml
 	$(PIP) install -e .
@@ -50,11 +56,10 @@ $(VENV)/installed-bench: $(BIN)/python pyproject.toml
 	@touch $@ $(VENV)/installed
 
 opengl: $(VENV)/installed
-	@$(BIN)/python -c 'from rastercov.raster.egl import open_context; open_context().release()' 2>/dev/null || \
-	{ echo "installing Mesa: $(MESA)"; $(SUDO) apt-get -qq update && $(SUDO) apt-get -qq install -y --no-install-recommends $(MESA); } || \
-	{ echo "error: no OpenGL; as root: apt-get install -y $(MESA)"; exit 2; }
-
-$(VENV)/installed: | $(BIN)/python
+	@$(HAS_OPENGL) 2>/dev/null || \
+	{ echo "installing Mesa: $(MESA)"; \
+	{ $(APT) update; $(APT) install -y --no-install-recommends $(MESA) && $(HAS_OPENGL); } </dev/null || \
+	{ echo "error: no OpenGL; as root: apt-get install -y $(MESA); then ask: $(BIN)/rastercov doctor"; exit 2; }; }
 
 clean:
 	rm -rf $(VENV) report render build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -6,7 +6,7 @@ import sys
 import tarfile
 import tomllib
 import zipfile
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path, PurePosixPath
 
 import pytest
@@ -61,11 +61,14 @@ def tree(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def built(tree, tmp_path_factory):
-    """Folder with the wheel and the sdist, built by the installed setuptools or else a fresh one."""
+    """Folder with the wheel and the sdist, by the setuptools that is here or else a fresh one."""
     out = tmp_path_factory.mktemp("dist")
     words = [sys.executable, "-m", "build", "--outdir", str(out)]
-    if int(version("setuptools").split(".")[0]) >= 77:
-        words.append("--no-isolation")
+    try:
+        is_new_enough = int(version("setuptools").split(".")[0]) >= 77
+    except PackageNotFoundError:
+        is_new_enough = False
+    words += ["--no-isolation"] if is_new_enough else []
     command(*words, str(tree), cwd=out)  # the wheel is built from the sdist
     return out
 

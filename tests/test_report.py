@@ -50,7 +50,7 @@ def strip_buffer(order=(0, 2, 4)):
     return VisibilityBuffer(face, np.where(face < 0, np.inf, 5).astype(np.float32))
 
 
-def made_up(mesh=STRIP, poses=3, seed=0, pose_ids=None, **figures):
+def made_up(mesh=STRIP, poses=3, seed=0, pose_ids=None, task=None, **figures):
     """Coverage with random figures, all in view unless said otherwise."""
     rng = np.random.default_rng(seed)
     shape = (poses, mesh.n_faces)
@@ -60,7 +60,8 @@ def made_up(mesh=STRIP, poses=3, seed=0, pose_ids=None, **figures):
     }
     arrays["reason"] = rng.integers(0, len(Reason), shape).astype(np.uint8)
     ids = np.arange(poses) if pose_ids is None else np.asarray(pose_ids)
-    return Coverage(mesh, CAMERA, Task(), INFO, ids, np.zeros(poses, bool), **{**arrays, **figures})
+    clipped = np.zeros(poses, bool)
+    return Coverage(mesh, CAMERA, task or Task(), INFO, ids, clipped, **{**arrays, **figures})
 
 
 # --- the table ------------------------------------------------------------------------------
@@ -537,7 +538,7 @@ def test_summary_names_groups_percentages_and_reasons_in_80_columns():
     network = Network(STRIP, Task(views=2))
     reason = np.full((2, 6), Reason.COVERED, np.uint8)
     reason[:, 0] = Reason.OCCLUDED
-    network.add(made_up(poses=2, reason=reason))
+    network.add(made_up(poses=2, reason=reason, task=network.task))
     text = printed(report.summary_table(network.summary()))
     lines = text.splitlines()
     assert max(map(len, lines)) <= 80
