@@ -28,8 +28,8 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 
-PAIRS_A_BATCH = 1 << 19
-"""Pose-face pairs evaluated at a time: about 50 MB of figures."""
+PAIRS_A_BATCH, POSES_A_BATCH = 1 << 19, 256
+"""Most pairs and poses evaluated at a time: about 50 MB of figures, a second or two of work."""
 EVALUATE_BUDGET = 4 << 30
 """Bytes `evaluate` may return; larger runs go through `evaluate_batches`."""
 
@@ -286,13 +286,13 @@ def evaluate_batches(
     Returns
     -------
     Iterator of Coverage
-        Of consecutive poses, about `PAIRS_A_BATCH` pairs each. The arguments are checked at once;
+        Of consecutive poses, at most `PAIRS_A_BATCH` pairs and `POSES_A_BATCH` poses each. The arguments are checked at once;
         each batch is counted when it is asked for.
     """
     check_method(method)
     task = task or Task()
     matrices, pose_ids = _accepted(poses, skip_bad_poses)
-    step = max(1, PAIRS_A_BATCH // rasterizer.mesh.n_faces)
+    step = max(1, min(POSES_A_BATCH, PAIRS_A_BATCH // rasterizer.mesh.n_faces))
     batches = (pose_ids[at : at + step] for at in range(0, max(1, len(pose_ids)), step))
     return (_judge(rasterizer, task, matrices[rows], rows) for rows in batches)
 

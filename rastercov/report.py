@@ -86,12 +86,14 @@ class CoverageTable:
     def __enter__(self) -> Self:
         with ExitStack() as stack:
             part = stack.enter_context(replacing(self.path))
+            # Opened by us, because pyarrow takes only paths that are UTF-8.
+            file = stack.enter_context(part.open("wb"))
             # Dictionaries suit columns with few values; the others are split into their bytes,
             # which compress better side by side.
             spread = ["projected_area", "pixel_density", "incidence"]
             self._writer = stack.enter_context(
                 pq.ParquetWriter(
-                    part,
+                    file,
                     self.schema,
                     compression="zstd",
                     use_dictionary=[n for n in self.schema.names if n not in (*spread, "face")],

@@ -93,7 +93,8 @@ def run(
     """Evaluate every pose and write the report.
 
     An interrupt (Ctrl-C) ends the run after the batches that are done; what they gave is written
-    all the same, and the summary says `"interrupted": true`. A batch counts in every file or none.
+    all the same, and the summary says `"interrupted": true`. A batch counts in every file or none;
+    before the first is done, the interrupt is raised and nothing is written.
 
     Parameters
     ----------
@@ -141,6 +142,8 @@ def run(
                         _keep(batch, chosen, drawn)
                     progress(len(network.pose_ids), total)
             except KeyboardInterrupt:
+                if not network.pose_ids:
+                    raise
                 interrupted = True
             seconds = time.perf_counter() - started
             for old in out.iterdir():

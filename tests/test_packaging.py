@@ -24,7 +24,8 @@ def command(*words, cwd):
 
 def tracked():
     """Files of the tree, those not yet committed too; not what git ignores."""
-    words = ("git", "ls-files", "--cached", "--others", "--exclude-standard", "-z")
+    words = ["git", "-c", "safe.directory=*"]  # a CI job's clone may belong to another user
+    words += ["ls-files", "--cached", "--others", "--exclude-standard", "-z"]
     names = command(*words, cwd=ROOT).split("\0")
     return sorted(name for name in names if name and (ROOT / name).exists())
 

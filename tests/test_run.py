@@ -159,11 +159,19 @@ def test_a_run_that_fails_leaves_the_old_report(tmp_path, small_batches):
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
-@pytest.mark.parametrize("done_at", [0, 1, 8])
+def test_an_interrupt_before_the_first_batch_leaves_the_old_report(tmp_path, small_batches):
+    run(MESH, CAMERA, around(6), TASK, tmp_path, Options(pictures=2))
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    with pytest.raises(KeyboardInterrupt):
+        run(MESH, CAMERA, around(12), TASK, tmp_path, PLAIN, stop_after(0))
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+@pytest.mark.parametrize("done_at", [1, 8])
 def test_an_interrupt_keeps_whole_batches(tmp_path, small_batches, done_at):
     whole = run(MESH, CAMERA, around(12), TASK, tmp_path / "whole", PLAIN)
     part = run(MESH, CAMERA, around(12), TASK, tmp_path / "part", PLAIN, stop_after(done_at))
-    done = {0: 0, 1: 4, 8: 8}[done_at]
+    done = {1: 4, 8: 8}[done_at]
     assert part["interrupted"] is True
     assert part["poses"] == done
     assert part["per_pose"] == whole["per_pose"][:done]
