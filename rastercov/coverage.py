@@ -28,8 +28,10 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 
-PAIRS_A_BATCH, POSES_A_BATCH = 1 << 19, 256
-"""Most pairs and poses evaluated at a time: about 50 MB of figures, a second or two of work."""
+PAIRS_A_BATCH = 1 << 19
+"""Pose-face pairs evaluated at a time: about 50 MB of figures."""
+POSES_A_BATCH = 256
+"""Most poses evaluated at a time: a second or two of work between two signs of progress."""
 EVALUATE_BUDGET = 4 << 30
 """Bytes `evaluate` may return; larger runs go through `evaluate_batches`."""
 
@@ -286,8 +288,8 @@ def evaluate_batches(
     Returns
     -------
     Iterator of Coverage
-        Of consecutive poses, at most `PAIRS_A_BATCH` pairs and `POSES_A_BATCH` poses each. The arguments are checked at once;
-        each batch is counted when it is asked for.
+        Of consecutive poses, at most `PAIRS_A_BATCH` pairs and `POSES_A_BATCH` poses each. The
+        arguments are checked at once; each batch is counted when it is asked for.
     """
     check_method(method)
     task = task or Task()

@@ -19,7 +19,7 @@ ROOT = Path(rastercov.__file__).parent
 # themselves: the links between the modules, which a caller of the package does not need.
 SURFACE = {
     "camera": {"PRESETS"},
-    "coverage": {"EVALUATE_BUDGET", "FIGURES", "PAIRS_A_BATCH"},
+    "coverage": {"EVALUATE_BUDGET", "FIGURES", "PAIRS_A_BATCH", "POSES_A_BATCH"},
     "errors": set(),
     "network": set(),
     "pose": {"DRIFT_TOLERANCE", "check_poses", "inverse", "valid_poses"},

@@ -118,11 +118,33 @@ class Rasterizer(Protocol):
     info: RasterizerInfo
 
     def count(self, poses: ArrayLike, *, drawn: bool = True) -> FaceCounts:
-        """Count the samples of each face, for (P, 4, 4) world_from_camera poses."""
+        """Samples of each face in each pose.
+
+        Parameters
+        ----------
+        poses : (P, 4, 4) or (4, 4) array_like
+            world_from_camera.
+        drawn : bool
+            Count `drawn` too, which takes a second pass.
+
+        Raises
+        ------
+        PoseError
+            For a pose that is no rigid motion, before anything is drawn.
+        DeviceError
+            When the device breaks a law it must keep: counts that do not add up, an error, a
+            check scene that comes out wrong.
+        """
         ...
 
     def render(self, pose: ArrayLike) -> VisibilityBuffer:
-        """Draw one (4, 4) pose at one sample a pixel, whatever `supersample` is."""
+        """Face index and depth at each pixel centre, one sample a pixel whatever `supersample` is.
+
+        Parameters
+        ----------
+        pose : (4, 4) array_like
+            world_from_camera.
+        """
         ...
 
     def close(self) -> None:

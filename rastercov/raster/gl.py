@@ -108,14 +108,13 @@ class GLRasterizer:
 
     def _choose_plan(self, plan: str) -> None:
         known = self._context.info
-        can_layer = known.has_layer_from_vertex_shader and known.has_compute and known.has_ssbo
-        if plan == "hardware" and not can_layer:
+        if plan == "hardware" and not known.has_batches:
             raise DeviceError(
                 f"plan 'hardware' needs compute shaders and layered drawing, which "
                 f"{known.renderer} (OpenGL {known.gl_version}) lacks; use plan 'software'"
             )
         if plan == "auto":
-            plan = "hardware" if can_layer and not known.is_software else "software"
+            plan = "hardware" if known.has_batches and not known.is_software else "software"
         self._is_layered = plan == "hardware"
         self.info = RasterizerInfo(
             backend="gl",
@@ -166,35 +165,13 @@ class GLRasterizer:
     # --- the contract ---------------------------------------------------------------------------
 
     def count(self, poses: ArrayLike, *, drawn: bool = True) -> FaceCounts:
-        """Samples of each face in each pose; see `Rasterizer.count`.
-
-        Parameters
-        ----------
-        poses : (P, 4, 4) array_like
-            world_from_camera.
-        drawn : bool
-            Count `drawn` too, which takes a second pass.
-
-        Raises
-        ------
-        PoseError
-            For a pose that is no rigid motion, before anything is drawn.
-        DeviceError
-            When the device breaks a law it must keep: counts that do not add up, an error, a
-            check scene that comes out wrong.
-        """
+        """Samples of each face in each pose; see `Rasterizer.count`."""
         matrices = valid_poses(poses)
         with self._current():
             return self._count(self._scene, matrices, self.supersample, drawn)
 
     def render(self, pose: ArrayLike) -> VisibilityBuffer:
-        """Face index and depth at each pixel centre; see `Rasterizer.render`.
-
-        Parameters
-        ----------
-        pose : (4, 4) array_like
-            world_from_camera.
-        """
+        """Face index and depth at each pixel centre; see `Rasterizer.render`."""
         matrices = valid_poses(pose)
         if len(matrices) != 1:
             raise ConfigError(f"render takes one pose, got {len(matrices)}")
@@ -204,7 +181,7 @@ class GLRasterizer:
             views = Views(self._scene, matrices, self._arena.is_reversed)
             self._poses.write(views.records(np.array([0])))
             for tile in self._scene.tiles(self._tile, scale=1):
-                self._draw_faces(self._scene, tile, 1, 1, bool(views.can_cull[0]))
+                self._draw_faces(self._scene, views, np.array([0]), tile, scale=1)
                 x, y, width, height = tile
                 part = np.s_[y : y + height, x : x + width]
                 ids = self._arena.read_faces(self._targets[0], (0, 0, width, height))
@@ -257,11 +234,11 @@ class GLRasterizer:
         for rows in self._batches(views):
             self._poses.write(views.records(rows))
             for tile in scene.tiles(self._tile, scale):
-                self._draw_faces(scene, tile, scale, len(rows), bool(views.can_cull[rows[0]]))
+                self._draw_faces(scene, views, rows, tile, scale)
                 if self._is_layered:
                     seen, empty = self._count_on_device(scene, tile, len(rows))
                 else:
-                    seen, empty = self._count_here(scene, tile, scale * views.boxes[rows[0]])
+                    seen, empty = self._count_here(scene, tile, scale, views.boxes[rows[0]])
                 visible[rows] += seen
                 background[rows] += empty
                 if drawn is not None:
@@ -287,26 +264,33 @@ class GLRasterizer:
             for start in range(0, len(rows), self._layers):
                 yield rows[start : start + self._layers]
 
-    def _draw_faces(self, scene: Scene, tile: Tile, scale: int, poses: int, cull: bool) -> None:
+    def _draw_faces(
+        self, scene: Scene, views: Views, rows: IntArray, tile: Tile, scale: int
+    ) -> None:
+        can_cull = bool(views.can_cull[rows[0]])
         self._arena.clear(self._targets[0])
-        self._begin(self._targets[0], tile, cull=cull)
-        for part in scene.parts:
-            scene.draw("face", tile, scale, poses, part)
+        self._begin(self._targets[0], tile, cull=can_cull)
+        if can_cull and scene.can_draw_front and not self._is_layered:
+            scene.draw_front(tile, scale, views.eyes[rows[0]])
+        else:
+            for part in scene.parts:
+                scene.draw("face", tile, scale, len(rows), part)
 
     def _begin(self, target: Target, tile: Tile, *, cull: bool = False, test: bool = True) -> None:
         """Bind a target for a tile; with the depth test, nearer wins and the first of equals."""
         target.frame.viewport = (0, 0, *tile[2:])
         target.frame.use()
-        gl = self._arena.gl
         flags = (moderngl.DEPTH_TEST if test else 0) | (moderngl.CULL_FACE if cull else 0)
-        gl.enable_only(flags)
-        gl.depth_func = ">" if self._arena.is_reversed else "<"
+        self._arena.gl.enable_only(flags)
+        self._arena.gl.depth_func = ">" if self._arena.is_reversed else "<"
 
-    def _count_here(self, scene: Scene, tile: Tile, reach: IntArray) -> tuple[IntArray, Any]:
+    def _count_here(
+        self, scene: Scene, tile: Tile, scale: int, reach: tuple[int, ...]
+    ) -> tuple[IntArray, Any]:
         """Software plan: read the ids where the mesh can be, and count runs of equal ones."""
         x, y, width, height = tile
-        left, right = (int(edge) for edge in np.clip(reach[[0, 2]] - x, 0, width))
-        top, bottom = (int(edge) for edge in np.clip(reach[[1, 3]] - y, 0, height))
+        left, right = (min(max(scale * edge - x, 0), width) for edge in reach[::2])
+        top, bottom = (min(max(scale * edge - y, 0), height) for edge in reach[1::2])
         outside = width * height - (right - left) * (bottom - top)
         if outside == width * height:
             return np.zeros(scene.mesh.n_faces, np.int64), outside

@@ -48,18 +48,25 @@ class Scene:
         corners, indices = _numbered_by_last_corner(_in_one_order(mesh), mesh.n_vertices)
         high, low = split_floats(mesh.vertices - self.centre)
         positions = arena.buffer("vertices", np.concatenate((high, low), axis=1)[corners])
-        indices = arena.buffer("faces", indices)
-        self._drawables = {
-            name: arena.own(
+        layout = [(positions, "3f 3f", "position_high", "position_low")]
+
+        def drawable(program: str, index_buffer: Any) -> Any:
+            return arena.own(
                 arena.gl.vertex_array(
-                    program,
-                    [(positions, "3f 3f", "position_high", "position_low")],
-                    index_buffer=indices,
-                    index_element_size=4,
+                    programs[program], layout, index_buffer=index_buffer, index_element_size=4
                 )
             )
-            for name, program in programs.items()
-        }
+
+        all_faces = arena.buffer("faces", indices)
+        self._drawables = {program: drawable(program, all_faces) for program in programs}
+        self.can_draw_front = mesh.can_cull_back_faces and len(self.parts) == 1
+        if self.can_draw_front:
+            self._indices = indices
+            self._planes = np.ascontiguousarray(mesh.normals.T)
+            middle = mesh.vertices[mesh.faces[:, 0]] - self.centre
+            self._offsets = np.einsum("if,fi->f", self._planes, middle)
+            self._front_faces = arena.buffer("front faces", size=indices.nbytes)
+            self._front_drawable = drawable("face", self._front_faces)
 
     def tiles(self, size: tuple[int, int], scale: int) -> Iterator[Tile]:
         """Parts of the image of scale x scale samples a pixel, none larger than `size`."""
@@ -70,20 +77,38 @@ class Scene:
 
     def draw(self, program: str, tile: Tile, scale: int, poses: int, part: tuple[int, int]) -> None:
         """Draw the faces [first, first + n) of `part` into a tile, once a pose."""
-        x, y, width, height = tile
-        camera, uniforms = self.camera, self._programs[program]
-        # From camera axes to clip space: u = fx x/z + cx becomes 2 (scale u - left)/width - 1.
-        uniforms["image"].value = (
-            2 * scale * camera.fx / width,
-            2 * scale * camera.fy / height,
-            2 * (scale * camera.cx - x) / width - 1,
-            2 * (scale * camera.cy - y) / height - 1,
-        )
+        self._aim(program, tile, scale)
+        uniforms = self._programs[program]
         for name, value in (("first_face", part[0]), ("stride", part[1] + 1)):
             if name in uniforms:
                 uniforms[name].value = value
         self._drawables[program].render(
             moderngl.TRIANGLES, vertices=3 * part[1], first=3 * part[0], instances=poses
+        )
+
+    def draw_front(self, tile: Tile, scale: int, eye: FloatArray) -> None:
+        """Draw, into a tile and for one pose, the faces that look towards the eye.
+
+        The same image as drawing all with culling on, for half the vertices. What is edge-on to
+        within rounding is left to the device to cull.
+        """
+        self._aim("face", tile, scale)
+        x, y, z = eye - self.centre
+        height = self._planes[0] * x + self._planes[1] * y + self._planes[2] * z - self._offsets
+        front = self._indices[height > -1e-6 * np.sqrt(x * x + y * y + z * z)]
+        self._front_faces.orphan()
+        self._front_faces.write(front)
+        self._front_drawable.render(moderngl.TRIANGLES, vertices=3 * len(front))
+
+    def _aim(self, program: str, tile: Tile, scale: int) -> None:
+        """Set the way from camera axes to clip space: u = fx x/z + cx becomes 2 u/width - 1."""
+        x, y, width, height = tile
+        camera = self.camera
+        self._programs[program]["image"].value = (
+            2 * scale * camera.fx / width,
+            2 * scale * camera.fy / height,
+            2 * (scale * camera.cx - x) / width - 1,
+            2 * (scale * camera.cy - y) / height - 1,
         )
 
 
@@ -99,8 +124,10 @@ class Views:
     can_cull : (P,) bool
         Whether back faces can be left out without changing which surface is nearest: the mesh is
         closed and outward, and the camera is outside it with nothing cut open.
-    boxes : (P, 4) int
-        Pixels the mesh can reach: left, top, right, bottom.
+    boxes : list of (left, top, right, bottom)
+        Pixels the mesh can reach in each pose.
+    eyes : (P, 3) float64
+        Camera centres.
     """
 
     def __init__(self, scene: Scene, poses: FloatArray, is_reversed: bool) -> None:
@@ -108,8 +135,8 @@ class Views:
         self.near, self.far, self.clipped = depth_range(
             mesh.vertices, mesh.faces, mesh.bounds, camera, poses
         )
-        self.boxes = image_boxes(mesh.bounds, camera, poses)
-        eyes = poses[:, :3, 3]
+        self.boxes = [tuple(box) for box in image_boxes(mesh.bounds, camera, poses).tolist()]
+        self.eyes = eyes = poses[:, :3, 3]
         outside = ((eyes < mesh.bounds[0]) | (eyes > mesh.bounds[1])).any(axis=1)
         self.can_cull = outside & ~self.clipped & mesh.can_cull_back_faces
 
