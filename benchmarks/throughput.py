@@ -39,8 +39,8 @@ ONE_THREAD = {"LP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 def main() -> None:
     parser = arguments(__doc__.splitlines()[0])
-    parser.add_argument("--poses", type=int, default=40, help="poses a round")
-    parser.add_argument("--rounds", type=int, default=5, help="rounds of each contestant")
+    parser.add_argument("--poses", type=int, default=40, help="poses a round, 8 times that at 256")
+    parser.add_argument("--rounds", type=int, default=7, help="rounds of each contestant")
     args = parser.parse_args()
     report = Report()
     try:
@@ -56,7 +56,7 @@ def main() -> None:
 
 def _contest(report, o3d, what, name, distance, width, height, args) -> None:  # type: ignore[no-untyped-def]
     mesh, camera = shapes.by_name(name), _camera(width, height)
-    poses = _poses(mesh, distance, args.poses)
+    poses = _poses(mesh, distance, args.poses * (8 if width == 256 else 1))
     tracer = _Tracer(o3d, mesh, camera, poses)
     label = f"{what}, {width} x {height}"
 
