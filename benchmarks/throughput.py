@@ -54,7 +54,7 @@ def main() -> None:
     report.finish(args.json)
 
 
-def _contest(report, o3d, what, name, distance, width, height, args) -> None:  # type: ignore[no-untyped-def]
+def _contest(report, o3d, what, name, distance, width, height, args) -> None:
     mesh, camera = shapes.by_name(name), _camera(width, height)
     poses = _poses(mesh, distance, args.poses * (8 if width == 256 else 1))
     tracer = _Tracer(o3d, mesh, camera, poses)
@@ -99,7 +99,7 @@ def _poses(mesh: rc.Mesh, distance: float, count: int) -> np.ndarray:
     return rc.look_at(eyes, eyes + rng.normal(size=(count, 3)))
 
 
-def _is_excused(mesh, camera, pose, point, faces) -> bool:  # type: ignore[no-untyped-def]
+def _is_excused(mesh, camera, pose, point, faces) -> bool:
     """Whether a pixel centre is on an edge of one of its two faces, or these are as deep."""
     depths = []
     for face in faces:
@@ -128,7 +128,7 @@ def _is_excused(mesh, camera, pose, point, faces) -> bool:  # type: ignore[no-un
 class _Tracer:
     """Open3D's RaycastingScene (Embree)."""
 
-    def __init__(self, o3d, mesh, camera, poses) -> None:  # type: ignore[no-untyped-def]
+    def __init__(self, o3d, mesh, camera, poses) -> None:
         self.mesh, self.camera = mesh, camera
         self.camera_from_world = inverse(poses)
         self.scene = o3d.t.geometry.RaycastingScene(nthreads=WORKERS)
@@ -137,7 +137,7 @@ class _Tracer:
             o3d.core.Tensor(mesh.faces.astype(np.uint32)),
         )
 
-    def _rays(self, row: int):  # type: ignore[no-untyped-def]
+    def _rays(self, row: int):
         size = (self.camera.width, self.camera.height)
         return self.scene.create_rays_pinhole(self.camera.K, self.camera_from_world[row], *size)
 
