@@ -1,11 +1,13 @@
-"""One headless context for the whole run, and rasterisers on it that must leave nothing behind."""
+"""Rasterisers to test, and a headless context for the whole run that nothing is left behind on."""
 
 import gc
+from contextlib import ExitStack
 
 import moderngl
 import pytest
 
 from rastercov.errors import DeviceError
+from rastercov.raster.cpu import CPURasterizer
 from rastercov.raster.egl import open_context
 from rastercov.raster.gl import GLRasterizer
 
@@ -41,16 +43,24 @@ def plan(request):
 
 
 @pytest.fixture
-def open_raster(device, plan):
-    """Open rasterisers on the device under the plan; they are closed when the test ends."""
-    opened = []
+def open_gl(device, plan):
+    """Open OpenGL rasterisers under the plan; they are closed when the test ends."""
+    with ExitStack() as stack:
+        yield lambda mesh, camera, **options: stack.enter_context(
+            GLRasterizer(mesh, camera, device=device, **{"plan": plan, **options})
+        )
 
-    def open_one(mesh, camera, **options):
-        rasterizer = GLRasterizer(mesh, camera, device=device, **{"plan": plan, **options})
-        opened.append(rasterizer)
-        return rasterizer
 
-    yield open_one
-    for rasterizer in opened:
-        rasterizer.close()
-    opened.clear()
+@pytest.fixture(params=["software", "hardware", "cpu"])
+def open_raster(request, device):
+    """Open rasterisers of every kind, for the laws that all of them keep."""
+    with ExitStack() as stack:
+
+        def open_one(mesh, camera, **options):
+            if request.param == "cpu":
+                return stack.enter_context(CPURasterizer(mesh, camera, **options))
+            return stack.enter_context(
+                GLRasterizer(mesh, camera, device=device, plan=request.param, **options)
+            )
+
+        yield open_one

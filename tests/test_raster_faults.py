@@ -32,8 +32,8 @@ POSES = sphere_of_poses((0, 0, 0), 4, 4)
 
 
 @pytest.fixture
-def rasterizer(open_raster):
-    return open_raster(MESH, CAMERA)
+def rasterizer(open_gl):
+    return open_gl(MESH, CAMERA)
 
 
 # --- what a device lacks --------------------------------------------------------------------------
@@ -223,8 +223,8 @@ def test_rasteriser_leaves_the_callers_context_open(device):
     assert device.gl.error == "GL_NO_ERROR"
 
 
-def test_rasterisers_take_turns_on_one_context(open_raster):
-    first, second = open_raster(MESH, CAMERA), open_raster(shapes.box(), CAMERA, supersample=2)
+def test_rasterisers_take_turns_on_one_context(open_gl):
+    first, second = open_gl(MESH, CAMERA), open_gl(shapes.box(), CAMERA, supersample=2)
     expected = first.count(POSES), second.count(POSES)
     for _ in range(2):
         for rasterizer, before in zip((first, second), expected, strict=True):
@@ -235,8 +235,8 @@ def test_rasterisers_take_turns_on_one_context(open_raster):
     np.testing.assert_array_equal(second.count(POSES).drawn, expected[1].drawn)
 
 
-def test_rasterisers_take_turns_on_two_contexts(open_raster):
-    first = open_raster(MESH, CAMERA)
+def test_rasterisers_take_turns_on_two_contexts(open_gl):
+    first = open_gl(MESH, CAMERA)
     expected = first.count(POSES)
     with open_rasterizer(MESH, CAMERA, "gl", device="surfaceless", plan=first.info.plan) as second:
         for rasterizer in (second, first, second, first):
@@ -247,10 +247,10 @@ def test_rasterisers_take_turns_on_two_contexts(open_raster):
 # --- a device that answers wrongly ----------------------------------------------------------------
 
 
-def test_counters_read_without_a_barrier_are_not_trusted(open_raster, monkeypatch):
+def test_counters_read_without_a_barrier_are_not_trusted(open_gl, monkeypatch):
     monkeypatch.setattr(moderngl.Context, "memory_barrier", lambda self, *_, **__: None)
     with pytest.raises(DeviceError, match="cannot be trusted"):
-        open_raster(MESH, CAMERA)
+        open_gl(MESH, CAMERA)
 
 
 def test_barrier_comes_before_every_reading_of_counters(rasterizer, monkeypatch):
@@ -321,9 +321,9 @@ def no_depth_test(monkeypatch):
 
 
 @pytest.mark.parametrize("fail", [stuck, blind, no_depth_test])
-def test_device_that_goes_wrong_later_is_caught_within_the_interval(open_raster, monkeypatch, fail):
+def test_device_that_goes_wrong_later_is_caught_within_the_interval(open_gl, monkeypatch, fail):
     monkeypatch.setattr(gl_module, "CANARY_EVERY", 8)
-    rasterizer = open_raster(MESH, CAMERA)
+    rasterizer = open_gl(MESH, CAMERA)
     rasterizer.count(POSES)
     fail(monkeypatch)
     with pytest.raises(DeviceError, match="cannot be trusted"):
@@ -336,8 +336,8 @@ def test_image_left_over_from_the_check_before_is_caught(rasterizer, monkeypatch
         rasterizer._check_device()
 
 
-def test_counts_that_do_not_add_up_are_refused(open_raster, monkeypatch, plan):
-    rasterizer = open_raster(MESH, CAMERA)
+def test_counts_that_do_not_add_up_are_refused(open_gl, monkeypatch, plan):
+    rasterizer = open_gl(MESH, CAMERA)
     name = "_count_here" if plan == "software" else "_count_on_device"
     honest = getattr(rasterizer, name)
 
@@ -434,7 +434,7 @@ def test_missing_shader_file_is_named(device, monkeypatch, tmp_path):
 
 @pytest.mark.parametrize("maker", ["buffer", "texture_array", "framebuffer"])
 @pytest.mark.parametrize("way", ["raises", "error flag"])
-def test_refused_allocation_says_how_many_bytes(open_raster, monkeypatch, maker, way):
+def test_refused_allocation_says_how_many_bytes(open_gl, monkeypatch, maker, way):
     make, error = getattr(moderngl.Context, maker), moderngl.Context.error
 
     def refuse(self, *arguments, **options):
@@ -451,7 +451,7 @@ def test_refused_allocation_says_how_many_bytes(open_raster, monkeypatch, maker,
         property(lambda self: "GL_OUT_OF_MEMORY" if failed else error.fget(self)),
     )
     with pytest.raises(ResourceError, match=r"the device refused .* \([\d.]+ MiB\): "):
-        open_raster(MESH, CAMERA)
+        open_gl(MESH, CAMERA)
     monkeypatch.undo()
 
 

@@ -486,7 +486,7 @@ def test_surfaces_1e_5_apart_are_told_apart_a_thousand_times_beyond_the_nearest(
 
 
 @pytest.mark.parametrize("max_faces", [2, 1000])
-def test_of_coincident_faces_the_lowest_index_owns_every_sample(open_raster, max_faces):
+def test_of_coincident_faces_the_lowest_index_owns_every_sample(open_gl, max_faces):
     rng = np.random.default_rng(5)
     orders = [(0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0)]
     for _ in range(10):
@@ -494,7 +494,7 @@ def test_of_coincident_faces_the_lowest_index_owns_every_sample(open_raster, max
         separate = triangles(*(corners[list(order)] for order in (*orders, orders[0])))
         shared = Mesh(vertices=corners, faces=orders)
         for mesh in (separate, shared):
-            with open_raster(mesh, SMALL, max_faces_a_draw=max_faces) as rasterizer:
+            with open_gl(mesh, SMALL, max_faces_a_draw=max_faces) as rasterizer:
                 counts = rasterizer.count(AHEAD)
             assert (counts.visible[0, 1:] == 0).all()
             np.testing.assert_array_equal(counts.drawn[0], counts.visible[0, 0])
@@ -644,32 +644,32 @@ def mixed_poses(mesh):
 
 
 @pytest.mark.parametrize("images", [1, 2, 3])
-def test_size_of_a_batch_changes_nothing(open_raster, images):
+def test_size_of_a_batch_changes_nothing(open_gl, images):
     mesh = shapes.torus(20, 10)
     poses = mixed_poses(mesh)
     budget = 8 * CAMERA.width * CAMERA.height * images
     with (
-        open_raster(mesh, CAMERA) as whole,
-        open_raster(mesh, CAMERA, image_budget=budget) as rasterizer,
+        open_gl(mesh, CAMERA) as whole,
+        open_gl(mesh, CAMERA, image_budget=budget) as rasterizer,
     ):
         assert_same_counts(rasterizer.count(poses), whole.count(poses))
 
 
 @pytest.mark.parametrize("max_faces", [1, 7, 399])
-def test_faces_a_draw_change_nothing(open_raster, max_faces):
+def test_faces_a_draw_change_nothing(open_gl, max_faces):
     mesh = shapes.torus(20, 10)
     poses = mixed_poses(mesh)
     with (
-        open_raster(mesh, CAMERA) as whole,
-        open_raster(mesh, CAMERA, max_faces_a_draw=max_faces) as rasterizer,
+        open_gl(mesh, CAMERA) as whole,
+        open_gl(mesh, CAMERA, max_faces_a_draw=max_faces) as rasterizer,
     ):
         assert_same_counts(rasterizer.count(poses), whole.count(poses))
         np.testing.assert_array_equal(rasterizer.render(poses[0]).face, whole.render(poses[0]).face)
 
 
-def test_tiles_make_the_whole_image(open_raster, scene):
+def test_tiles_make_the_whole_image(open_gl, scene):
     mesh, poses = scene
-    with open_raster(mesh, CAMERA) as whole, open_raster(mesh, CAMERA, max_tile=64) as tiled:
+    with open_gl(mesh, CAMERA) as whole, open_gl(mesh, CAMERA, max_tile=64) as tiled:
         for pose in poses:
             found, expected = tiled.render(pose), whole.render(pose)
             assert_same_image(found.face, expected.face, mesh, CAMERA, pose)

@@ -190,6 +190,10 @@ def open_rasterizer(
         raise ConfigError(
             f"supersample must be a whole number 1 to {MAX_SUPERSAMPLE}, got {supersample}"
         )
+    if backend == "cpu":
+        from rastercov.raster.cpu import CPURasterizer  # compiles, or loads what was compiled
+
+        return CPURasterizer(mesh, camera, supersample=int(supersample), **options)
     if backend in ("auto", "gl"):
         from rastercov.raster.gl import GLRasterizer  # imports OpenGL only when it is wanted
 

@@ -51,7 +51,7 @@ class Scene:
             (first, min(max_faces, mesh.n_faces - first))
             for first in range(0, mesh.n_faces, max_faces)
         ]
-        corners, indices = _numbered_by_last_corner(_in_one_order(mesh), mesh.n_vertices)
+        corners, indices = _numbered_by_last_corner(in_one_order(mesh), mesh.n_vertices)
         high, low = split_floats(mesh.vertices - self.centre)
         positions = arena.buffer("vertices", np.concatenate((high, low), axis=1)[corners])
         layout = [(positions, "3f 3f", "position_high", "position_low")]
@@ -129,8 +129,7 @@ class Views:
     clipped : (P,) bool
         Whether the near plane cuts a surface in view.
     can_cull : (P,) bool
-        Whether back faces can be left out without changing which surface is nearest: the mesh is
-        closed and outward, and the camera is outside it with nothing cut open.
+        Of `can_cull`.
     boxes : list of (left, top, right, bottom)
         Pixels the mesh can reach in each pose.
     eyes : (P, 3) float64
@@ -144,8 +143,7 @@ class Views:
         )
         self.boxes = [tuple(box) for box in image_boxes(scene.outline, camera, poses).tolist()]
         self.eyes = eyes = poses[:, :3, 3]
-        outside = ((eyes < mesh.bounds[0]) | (eyes > mesh.bounds[1])).any(axis=1)
-        self.can_cull = outside & ~self.clipped & mesh.can_cull_back_faces
+        self.can_cull = can_cull(mesh, poses, self.clipped)
 
         self._records = np.zeros((len(poses), 6, 4), np.float32)
         self._records[:, :3, :3] = poses[:, :3, :3].transpose(0, 2, 1)
@@ -175,13 +173,24 @@ class Views:
         return metres
 
 
+def can_cull(mesh: Mesh, poses: FloatArray, clipped: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Whether back faces can be left out without changing which surface is nearest, (P,).
+
+    The mesh is closed and outward, and the camera is outside it with nothing cut open.
+    """
+    eyes = poses[:, :3, 3]
+    outside = ((eyes < mesh.bounds[0]) | (eyes > mesh.bounds[1])).any(axis=1)
+    allowed: NDArray[np.bool_] = outside & ~clipped & mesh.can_cull_back_faces
+    return allowed
+
+
 def split_floats(values: FloatArray) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Doubles as sums of two floats, good to 48 bits."""
     high = values.astype(np.float32)
     return high, (values - high).astype(np.float32)
 
 
-def _in_one_order(mesh: Mesh) -> IntArray:
+def in_one_order(mesh: Mesh) -> IntArray:
     """Faces with their corners in an order that depends on position alone.
 
     Coincident faces then reach the device as the same three points in the same order and come out

@@ -1,0 +1,240 @@
+"""The CPU rasteriser: the contract of `rastercov.raster.contract` without a graphics library.
+
+Each pose is independent and runs in one thread, start to end, through the compiled loops of
+`kernels`, which hold no lock; many poses run side by side. Every thread has its own scratch memory,
+so results do not depend on their number.
+"""
+
+import os
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from importlib.metadata import version
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov.camera import Camera
+from rastercov.errors import ConfigError, DeviceError, ResourceError
+from rastercov.mesh import Mesh
+from rastercov.pose import valid_poses
+from rastercov.projection import depth_range, near_limit
+from rastercov.raster import canary, kernels
+from rastercov.raster.contract import FaceCounts, RasterizerInfo, VisibilityBuffer
+from rastercov.raster.scene import can_cull, in_one_order
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+MAX_SIDE = 1 << 20
+"""Largest image side in samples: edges are walked in 64-bit whole numbers of 1/256 sample."""
+
+
+POSES_A_TURN = 16
+"""Poses a thread takes at a time: enough to stay in the loops, few enough to share evenly."""
+
+
+class CPURasterizer:
+    """The contract of `rastercov.raster.contract` in numba.
+
+    Parameters
+    ----------
+    mesh, camera, supersample
+        As for `open_rasterizer`.
+    threads : int, optional
+        Poses counted side by side; one for each core unless given.
+    """
+
+    def __init__(
+        self, mesh: Mesh, camera: Camera, *, supersample: int = 1, threads: int | None = None
+    ) -> None:
+        if threads is not None and (isinstance(threads, bool) or threads < 1):
+            raise ConfigError(f"threads must be 1 or more, got {threads!r}")
+        if supersample * max(camera.width, camera.height) > MAX_SIDE:
+            raise ResourceError(
+                f"an image side must be at most {MAX_SIDE:,} samples, got "
+                f"{supersample * max(camera.width, camera.height):,}; lower supersample or use gl"
+            )
+        self.mesh, self.camera, self.supersample = mesh, camera, supersample
+        self.info = RasterizerInfo(
+            backend="cpu",
+            plan="threads",
+            renderer=f"numba {version('numba')}",
+            driver="",
+            device="cpu",
+            depth="float32 1/z",
+            shaders="",
+        )
+        self._threads = threads or len(os.sched_getaffinity(0))
+        self._is_open = True
+        _announce_compilation()
+        self._scene = _Scene(mesh)
+        self._check()
+
+    def count(self, poses: ArrayLike, *, drawn: bool = True) -> FaceCounts:
+        """Samples of each face in each pose; see `Rasterizer.count`."""
+        matrices = valid_poses(poses)
+        if not self._is_open:
+            raise DeviceError("this rasteriser is closed; open a new one")
+        return self._count(self._scene, self.camera, self.supersample, matrices, drawn)
+
+    def render(self, pose: ArrayLike) -> VisibilityBuffer:
+        """Face index and depth at each pixel centre; see `Rasterizer.render`."""
+        matrices = valid_poses(pose)
+        if len(matrices) != 1:
+            raise ConfigError(f"render takes one pose, got {len(matrices)}")
+        if not self._is_open:
+            raise DeviceError("this rasteriser is closed; open a new one")
+        shape = (self.camera.height, self.camera.width)
+        face, depth = np.full(shape, -1, np.int32), np.full(shape, np.inf, np.float32)
+        near, cull, _ = _limits(self.mesh, self.camera, matrices)
+        visible = np.zeros((1, self.mesh.n_faces), np.int64)
+        _View(self._scene, self.camera, 1).count(matrices, near, cull, visible, None, (face, depth))
+        # A face cut at the near plane can own a sample 1/512 of one beyond its rim.
+        return VisibilityBuffer(face, np.maximum(depth, np.float32(near[0])))
+
+    def close(self) -> None:
+        """Give the memory back; later calls raise `DeviceError`."""
+        self._is_open = False
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _count(
+        self, scene: "_Scene", camera: Camera, scale: int, poses: FloatArray, with_drawn: bool
+    ) -> FaceCounts:
+        shape = (len(poses), scene.mesh.n_faces)
+        visible = np.zeros(shape, np.int64)
+        drawn = np.zeros(shape, np.int64) if with_drawn else None
+        near, cull, clipped = _limits(scene.mesh, camera, poses)
+        threads = max(1, min(self._threads, len(poses)))
+        step = max(1, min(POSES_A_TURN, len(poses) // threads))
+        turns = [slice(start, start + step) for start in range(0, len(poses), step)]
+        views = [_View(scene, camera, scale) for _ in range(threads)]
+
+        def work(view: _View) -> None:
+            while turns:
+                try:
+                    turn = turns.pop()
+                except IndexError:  # another thread took the last one
+                    return
+                rows = None if drawn is None else drawn[turn]
+                view.count(poses[turn], near[turn], cull[turn], visible[turn], rows)
+
+        if threads == 1:
+            work(views[0])
+        else:
+            with ThreadPoolExecutor(threads) as pool:
+                list(pool.map(work, views))
+        samples = scale**2 * camera.width * camera.height
+        background = samples - visible.sum(axis=1)
+        return FaceCounts(visible, drawn, background, clipped, scale, self.info)
+
+    def _check(self) -> None:
+        """Count a scene whose counts are known: a compiler that errs is not trusted."""
+        scene = _Scene(canary.MESH)
+        counts = self._count(scene, canary.CAMERA, 1, canary.POSES, with_drawn=True)
+        assert counts.drawn is not None
+        right = np.array_equal(counts.visible, canary.VISIBLE)
+        if not right or not np.array_equal(counts.drawn, canary.DRAWN):
+            raise DeviceError(
+                f"{self.info.renderer} counted a known scene wrongly; its answers cannot be "
+                "trusted: remove the numba cache or use gl"
+            )
+
+
+class _Scene:
+    """A mesh as the loops want it: vertices from the middle, corners in the order for ties."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        self.mesh = mesh
+        self.centre: FloatArray = mesh.bounds.mean(axis=0)
+        self.vertices = np.ascontiguousarray(mesh.vertices - self.centre)
+        self.faces = np.ascontiguousarray(in_one_order(mesh), dtype=np.int32)
+
+
+class _View:
+    """Scratch memory of one thread, which grows as poses need it."""
+
+    def __init__(self, scene: _Scene, camera: Camera, scale: int) -> None:
+        self.scene = scene
+        self.lens = scale * np.array((camera.fx, camera.fy, camera.cx, camera.cy))
+        self.size = np.array((scale * camera.width, scale * camera.height), np.int64)
+        columns = -(-int(self.size[0]) // kernels.TILE_WIDTH)
+        rows = -(-int(self.size[1]) // kernels.TILE_HEIGHT)
+        self.starts = np.zeros(columns * rows + 1, np.int64)
+        self.places = np.empty_like(self.starts)
+        self.listed = np.empty(len(scene.faces), np.int32)
+        self.depth = np.empty(kernels.TILE_WIDTH * kernels.TILE_HEIGHT, np.float32)
+        self.owner = np.empty(len(self.depth), np.int32)
+        self._make_room(0)
+
+    def _make_room(self, corners: int) -> None:
+        """Arrays for every vertex and face, and this many corners that clipping adds."""
+        self.room = corners
+        vertices, faces = len(self.scene.vertices) + corners, len(self.scene.faces) + corners
+        self.u, self.v, self.w = np.empty((3, vertices))
+        self.triangles = np.empty((faces, 4), np.int32)
+        self.tiles = np.empty((faces, 4), np.int32)
+
+    def count(
+        self,
+        poses: FloatArray,
+        near: FloatArray,
+        cull: NDArray[np.bool_],
+        visible: IntArray,
+        drawn: IntArray | None,
+        image: tuple[NDArray[np.int32], NDArray[np.float32]] | None = None,
+    ) -> None:
+        """Add the samples of these poses to their rows of `visible` and `drawn`."""
+        scene = self.scene
+        moved = poses.copy()
+        moved[:, :3, 3] -= scene.centre
+        face, depth = image or (np.empty((0, 0), np.int32), np.empty((0, 0), np.float32))
+        all_drawn = np.zeros((1, scene.mesh.n_faces), np.int64) if drawn is None else drawn
+        done = 0
+        while done < len(poses):
+            stopped = int(
+                kernels.count_poses(
+                    moved, near, cull, done, len(poses), scene.vertices, scene.faces, self.lens,
+                    self.size, self.u, self.v, self.w, self.triangles, self.tiles, self.starts,
+                    self.places, self.listed, self.depth, self.depth.view(np.int32), self.owner,
+                    self.room, visible, all_drawn, drawn is not None, face, depth,
+                )
+            )  # fmt: skip
+            if stopped < len(poses):
+                self._grow()
+            done = stopped
+
+    def _grow(self) -> None:
+        """Make room for the pose that the loops stopped at, whose vertices they have projected."""
+        corners = kernels.CLIP_CORNERS * int(kernels.count_clipped(self.scene.faces, self.u))
+        if corners > self.room:
+            self._make_room(corners)
+        else:
+            self.listed = np.empty(int(self.starts[-1] * 1.25), np.int32)
+
+
+def _limits(
+    mesh: Mesh, camera: Camera, poses: FloatArray
+) -> tuple[FloatArray, NDArray[np.bool_], NDArray[np.bool_]]:
+    """Near plane, whether back faces can be left out, and whether a surface is cut; (P,) each."""
+    _, _, clipped = depth_range(mesh.vertices, mesh.faces, mesh.bounds, camera, poses)
+    return near_limit(camera, mesh.bounds, poses), can_cull(mesh, poses, clipped), clipped
+
+
+def _announce_compilation() -> None:
+    """Say that the loops are compiled, where no earlier run has left them on disk."""
+    folder: Any = getattr(kernels.fill_tiles.stats, "cache_path", None)
+    if not folder or not any(Path(folder).glob("kernels.fill_tiles-*.nbi")):
+        print("rastercov: compiling, once after installation", file=sys.stderr, flush=True)
