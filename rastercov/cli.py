@@ -72,7 +72,7 @@ TwoSided = Annotated[
     list[str], typer.Option(help="Group that counts from either side; 'all' for every group.")
 ]
 DropInvalid = Annotated[bool, typer.Option(help="Drop faces that are not finite, with a warning.")]
-Device = Annotated[str, typer.Option(help="auto, egl:0, surfaceless or osmesa.")]
+Device = Annotated[str, typer.Option(help="auto, cpu, or OpenGL: egl:0, surfaceless, osmesa.")]
 Supersample = Annotated[int, typer.Option(help="S: S x S samples a pixel.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for machines.")]
 Pictures = Annotated[int, typer.Option(min=0, help="Poses to draw, spread over the run.")]

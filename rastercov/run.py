@@ -57,10 +57,10 @@ class Options:
 
     Attributes
     ----------
-    method, backend, supersample : str, str, int
+    method, supersample : str, int
         As for `evaluate`.
     device : str
-        As for `GLRasterizer`.
+        "auto" and "cpu" as backends of `open_rasterizer`, or a device of `GLRasterizer`.
     pictures : int
         Poses to draw, spread evenly over the run; 0 for none.
     skip_bad_poses : bool
@@ -68,7 +68,6 @@ class Options:
     """
 
     method: str = "sampled"
-    backend: str = "auto"
     supersample: int = 1
     device: str = "auto"
     pictures: int = 12
@@ -76,9 +75,9 @@ class Options:
 
     def open(self, mesh: Mesh, camera: Camera) -> Rasterizer:
         """Rasteriser for these options."""
-        return open_rasterizer(
-            mesh, camera, self.backend, supersample=self.supersample, device=self.device
-        )
+        if self.device in ("auto", "cpu"):
+            return open_rasterizer(mesh, camera, self.device, supersample=self.supersample)
+        return open_rasterizer(mesh, camera, "gl", supersample=self.supersample, device=self.device)
 
 
 def run(

@@ -4,7 +4,7 @@ import hashlib
 import json
 import signal
 import tracemalloc
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from importlib.metadata import version
 
 import numpy as np
@@ -74,7 +74,8 @@ def test_the_header_says_what_made_the_report(tmp_path):
     text = "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
     path.write_text(text)
     mesh = Mesh.load(path, unit="mm", two_sided=["part"])
-    summary = run(mesh, CAMERA, around(2), TASK, tmp_path / "report", PLAIN)
+    options = replace(PLAIN, device="surfaceless")
+    summary = run(mesh, CAMERA, around(2), TASK, tmp_path / "report", options)
     metadata = pq.read_schema(tmp_path / "report" / "coverage.parquet").metadata
     header = json.loads(metadata[b"rastercov"])
     assert header == json.loads(json.dumps(summary["run"]))
@@ -87,7 +88,7 @@ def test_the_header_says_what_made_the_report(tmp_path):
     assert header["poses"]["n_poses"] == 2
     assert Camera.from_dict(header["camera"]) == CAMERA
     assert header["task"] == asdict(TASK)
-    assert header["options"] == asdict(PLAIN)
+    assert header["options"] == asdict(options)
     assert header["rasterizer"]["shaders"] == shaders.digest()
     assert header["rasterizer"]["renderer"]
     assert header["versions"]["rastercov"] == version("rastercov")

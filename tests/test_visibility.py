@@ -215,7 +215,7 @@ def test_back_faces_and_faces_outside_are_exactly_0():
     assert (seen.bound[0, 2:] == 0).all()
     assert seen.value.dtype == seen.bound.dtype == np.float64
     assert seen.kind.dtype == np.uint8
-    assert seen.info.backend == "gl"
+    assert seen.info.backend in ("cpu", "gl")
 
 
 def test_both_sides_of_a_two_sided_sheet_are_seen():

@@ -23,7 +23,7 @@ from rastercov.pose import valid_poses
 from rastercov.projection import depth_range, near_limit
 from rastercov.raster import canary, kernels
 from rastercov.raster.contract import FaceCounts, RasterizerInfo, VisibilityBuffer
-from rastercov.raster.scene import can_cull, in_one_order
+from rastercov.raster.rules import can_cull, in_one_order
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

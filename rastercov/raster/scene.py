@@ -11,6 +11,7 @@ from rastercov.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.projection import box_corners, depth_range, image_boxes
 from rastercov.raster.arena import Arena
+from rastercov.raster.rules import can_cull, in_one_order
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -173,37 +174,10 @@ class Views:
         return metres
 
 
-def can_cull(mesh: Mesh, poses: FloatArray, clipped: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Whether back faces can be left out without changing which surface is nearest, (P,).
-
-    The mesh is closed and outward, and the camera is outside it with nothing cut open.
-    """
-    eyes = poses[:, :3, 3]
-    outside = ((eyes < mesh.bounds[0]) | (eyes > mesh.bounds[1])).any(axis=1)
-    allowed: NDArray[np.bool_] = outside & ~clipped & mesh.can_cull_back_faces
-    return allowed
-
-
 def split_floats(values: FloatArray) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Doubles as sums of two floats, good to 48 bits."""
     high = values.astype(np.float32)
     return high, (values - high).astype(np.float32)
-
-
-def in_one_order(mesh: Mesh) -> IntArray:
-    """Faces with their corners in an order that depends on position alone.
-
-    Coincident faces then reach the device as the same three points in the same order and come out
-    at bitwise equal depth, where the lowest index wins. Winding is lost, so a mesh whose back faces
-    may be culled keeps its order; being closed and manifold, it has no coincident faces.
-    """
-    if mesh.can_cull_back_faces:
-        return mesh.faces
-    x, y, z = mesh.vertices.T
-    rank = np.empty(mesh.n_vertices, np.int64)
-    rank[np.lexsort((z, y, x))] = np.arange(mesh.n_vertices)
-    order = np.argsort(rank[mesh.faces], axis=1)
-    return np.take_along_axis(mesh.faces, order, axis=1)
 
 
 def _numbered_by_last_corner(

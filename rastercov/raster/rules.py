@@ -1,0 +1,36 @@
+"""Rules that every rasteriser keeps: when back faces may be left out, and who wins a tie."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.mesh import Mesh
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+def can_cull(mesh: Mesh, poses: FloatArray, clipped: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Whether back faces can be left out without changing which surface is nearest, (P,).
+
+    The mesh is closed and outward, and the camera is outside it with nothing cut open.
+    """
+    eyes = poses[:, :3, 3]
+    outside = ((eyes < mesh.bounds[0]) | (eyes > mesh.bounds[1])).any(axis=1)
+    allowed: NDArray[np.bool_] = outside & ~clipped & mesh.can_cull_back_faces
+    return allowed
+
+
+def in_one_order(mesh: Mesh) -> IntArray:
+    """Faces with their corners in an order that depends on position alone.
+
+    Coincident faces then reach the device as the same three points in the same order and come out
+    at bitwise equal depth, where the lowest index wins. Winding is lost, so a mesh whose back faces
+    may be culled keeps its order; being closed and manifold, it has no coincident faces.
+    """
+    if mesh.can_cull_back_faces:
+        return mesh.faces
+    x, y, z = mesh.vertices.T
+    rank = np.empty(mesh.n_vertices, np.int64)
+    rank[np.lexsort((z, y, x))] = np.arange(mesh.n_vertices)
+    order = np.argsort(rank[mesh.faces], axis=1)
+    return np.take_along_axis(mesh.faces, order, axis=1)
