@@ -1,12 +1,12 @@
-"""Poses per second with face counts: rastercov on software OpenGL against Open3D's ray tracer.
+"""Poses per second with face counts: rastercov's two rasterisers against Open3D's ray tracer.
 
-Both go from a pose to its counts on the same two cores in the same run: rastercov in two spawned
-processes with one Mesa thread each, Open3D in one process with two threads, which makes its rays
-(`create_rays_pinhole`), casts them and counts with numpy; a second ratio leaves its rays out of the
-time. `visible` counts only. Rounds alternate between the two; the figures are medians over rounds.
-Before any timing the images of both are compared: they may differ only where a pixel centre is
-within 4e-3 px of an edge of one of the two faces, or where two surfaces are within 1e-4 of each
-other in depth.
+All go from a pose to its counts on the same two cores in the same run: rastercov on the CPU in two
+threads, on software OpenGL in two spawned processes with one Mesa thread each, and Open3D in one
+process with two threads, which makes its rays (`create_rays_pinhole`), casts them and counts with
+numpy; a second ratio leaves its rays out of the time. `visible` counts only. Rounds alternate; the
+figures are medians over rounds. Before any timing the images are compared with Open3D's: they may
+differ only where a pixel centre is within 4e-3 px of an edge of one of the two faces, or where two
+surfaces are within 1e-4 of each other in depth.
 """
 
 import multiprocessing
@@ -34,6 +34,7 @@ SCENES = {
 SIZES = ((1280, 1024), (256, 256))
 MUST = {("torus", 1280): 15.0, ("torus", 256): 5.0}
 WORKERS = 2
+CPU = ("CPU", {"backend": "cpu", "threads": WORKERS})
 ONE_THREAD = {"LP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 
@@ -60,30 +61,53 @@ def _contest(report, o3d, what, name, distance, width, height, args) -> None:
     tracer = _Tracer(o3d, mesh, camera, poses)
     label = f"{what}, {width} x {height}"
 
-    with rc.open_rasterizer(mesh, camera, "gl", device="surfaceless") as rasterizer:
-        unexcused = differing = 0
-        for row in range(0, len(poses), max(1, len(poses) // 4)):
-            ours, theirs = rasterizer.render(poses[row]).face, tracer.faces(row)
-            different = np.argwhere(ours != theirs)
-            differing += len(different)
-            for y, x in different:
-                point = (x + 0.5, y + 0.5)
-                faces = (int(ours[y, x]), int(theirs[y, x]))
-                unexcused += not _is_excused(mesh, camera, poses[row], point, faces)
-        counts = rasterizer.count(poses[:1], drawn=False).visible[0]
-        face = rasterizer.render(poses[0]).face
-        from_image = np.bincount(face[face >= 0], minlength=mesh.n_faces)
+    for kind, options in (("OpenGL", {"backend": "gl", "device": "surfaceless"}), CPU):
+        with rc.open_rasterizer(mesh, camera, **options) as rasterizer:
+            _compare(report, f"{label}, {kind}", rasterizer, tracer, poses)
+
+    with (
+        _Workers(name, width, height, poses) as workers,
+        rc.open_rasterizer(mesh, camera, **CPU[1]) as rasterizer,
+    ):
+        rounds = [
+            (workers.round(), _timed(rasterizer, poses), *tracer.round())
+            for _ in range(args.rounds + 1)
+        ][1:]
+    gl, cpu, theirs, casting = (
+        len(poses) / statistics.median(t) for t in zip(*rounds, strict=True)
+    )
+    report.add(f"{label}: OpenGL, {WORKERS} processes", gl, "poses/s")
+    report.add(f"{label}: CPU, {WORKERS} threads", cpu, "poses/s")
+    report.add(f"{label}: Open3D, {WORKERS} threads", theirs, "poses/s")
+    report.add(f"{label}: ratio, OpenGL", gl / theirs, "x", MUST.get((name, width)))
+    report.add(f"{label}: ratio, CPU", cpu / theirs, "x")
+    report.add(f"{label}: ratio, OpenGL, rays for free", gl / casting, "x")
+    report.add(f"{label}: ratio, CPU, rays for free", cpu / casting, "x")
+
+
+def _compare(report, label, rasterizer, tracer, poses) -> None:
+    """Check the image of every few poses against the rays, and the counts against the image."""
+    mesh, camera = rasterizer.mesh, rasterizer.camera
+    unexcused = differing = 0
+    for row in range(0, len(poses), max(1, len(poses) // 4)):
+        ours, theirs = rasterizer.render(poses[row]).face, tracer.faces(row)
+        different = np.argwhere(ours != theirs)
+        differing += len(different)
+        for y, x in different:
+            faces = (int(ours[y, x]), int(theirs[y, x]))
+            unexcused += not _is_excused(mesh, camera, poses[row], (x + 0.5, y + 0.5), faces)
+    counts = rasterizer.count(poses[:1], drawn=False).visible[0]
+    face = rasterizer.render(poses[0]).face
+    from_image = np.bincount(face[face >= 0], minlength=mesh.n_faces)
     report.add(f"{label}: pixels that differ", differing, "pixels")
     report.check(f"{label}: same faces up to ties", unexcused == 0)
     report.check(f"{label}: counts are those of the image", np.array_equal(counts, from_image))
 
-    with _Workers(name, width, height, poses) as workers:
-        rounds = [(workers.round(), *tracer.round()) for _ in range(args.rounds + 1)][1:]
-    ours, theirs, casting = (len(poses) / statistics.median(t) for t in zip(*rounds, strict=True))
-    report.add(f"{label}: rastercov, {WORKERS} processes", ours, "poses/s")
-    report.add(f"{label}: Open3D, {WORKERS} threads", theirs, "poses/s")
-    report.add(f"{label}: ratio", ours / theirs, "x", MUST.get((name, width)))
-    report.add(f"{label}: ratio, its rays for free", ours / casting, "x")
+
+def _timed(rasterizer: rc.Rasterizer, poses: np.ndarray) -> float:
+    started = time.perf_counter()
+    rasterizer.count(poses, drawn=False)
+    return time.perf_counter() - started
 
 
 def _camera(width: int, height: int) -> rc.Camera:

@@ -240,18 +240,51 @@ def depth_range(
     forward = poses[:, :3, 2]
     depth = (box_corners(bounds) - poses[:, None, :3, 3]) @ forward[:, :, None]
     nearest, farthest = depth.min(axis=(1, 2)), depth.max(axis=(1, 2))
-    clipped = np.zeros(len(poses), dtype=bool)
     for row in np.flatnonzero((nearest < 0.01 * farthest) | (nearest < limit)):
         local = to_camera(vertices, poses[row])
         nearest[row], farthest[row] = local[:, 2].min(), local[:, 2].max()
         if nearest[row] < 0.01 * farthest[row] or nearest[row] < limit[row]:
-            nearest[row] = nearest_depth_in_view(local[faces], camera, 0.0)
-            clipped[row] = nearest[row] < limit[row]
-            if clipped[row]:
-                nearest[row] = nearest_depth_in_view(local[faces], camera, limit[row])
+            nearest[row] = nearest_depth_in_view(local[faces], camera, limit[row])
     # A hair nearer, so that rounding on the device cannot cut what is exactly at the plane.
     near = np.clip(nearest * (1 - 1e-5), limit, np.maximum(farthest / 2, limit))
+    clipped = near_cuts(vertices, faces, bounds, camera, poses)
     return near, np.maximum(farthest * (1 + 1e-5), near * 2), clipped
+
+
+def near_cuts(
+    vertices: FloatArray, faces: IntArray, bounds: FloatArray, camera: Camera, poses: FloatArray
+) -> BoolArray:
+    """Whether a surface in view lies nearer than `near_limit` and is cut away there, (P,).
+
+    Only faces within reach of the eye can: the depth of a point in view is never less than its
+    distance times the cosine of the widest view ray. So their bounding boxes decide nearly always.
+
+    Parameters
+    ----------
+    vertices, faces, bounds, camera, poses
+        As for `depth_range`.
+    """
+    limit = near_limit(camera, bounds, poses)
+    widest = np.hypot(
+        max(camera.cx, camera.width - camera.cx) / camera.fx,
+        max(camera.cy, camera.height - camera.cy) / camera.fy,
+    )
+    reach = (limit * np.sqrt(1 + widest**2))[:, None]
+    eyes = poses[:, :3, 3]
+    close = ((eyes > bounds[0] - reach) & (eyes < bounds[1] + reach)).all(axis=1)
+    cut = np.zeros(len(poses), dtype=bool)
+    if close.any():
+        corners = vertices[faces]
+        low, high = corners.min(axis=1).T, corners.max(axis=1).T
+    for row in np.flatnonzero(close):
+        x, y, z = eyes[row]
+        r = reach[row, 0]
+        maybe = (low[0] - r < x) & (x < high[0] + r) & (low[1] - r < y) & (y < high[1] + r)
+        maybe &= (low[2] - r < z) & (z < high[2] + r)
+        if maybe.any():
+            local = to_camera(corners[maybe], poses[row])
+            cut[row] = nearest_depth_in_view(local, camera, 0.0) < limit[row]
+    return cut
 
 
 def image_boxes(points: FloatArray, camera: Camera, poses: FloatArray) -> IntArray:

@@ -1,9 +1,10 @@
-"""The doctor: every device is tested, no driver takes it down, and it says what will be used."""
+"""The doctor: CPU and devices are tested, none takes it down, and it says what will be used."""
 
 import copy
 import dataclasses
 import io
 import json
+import os
 import re
 import sys
 import time
@@ -11,12 +12,16 @@ import time
 import pytest
 from rich.console import Console
 
-from rastercov import doctor, shaders
+from rastercov import doctor, open_rasterizer, shaders
 from rastercov.errors import DeviceError
 from rastercov.raster import canary, devices, diagnose, libraries
+from rastercov.raster.cpu import CPURasterizer
 from rastercov.raster.devices import SURFACELESS, DeviceInfo
 from rastercov.raster.gl import GLRasterizer
 
+ON_CPU = re.compile(
+    r"By default rastercov counts on the CPU, numba [\d.]+, \d+ threads?, because .*\.$"
+)
 GPU = DeviceInfo("egl-device", 0, "/dev/dri/card0", is_software=False, cuda_index=3)
 
 
@@ -109,14 +114,27 @@ def test_every_device_that_opens_passes_its_self_test(report):
     assert doctor.exit_code(report) == 0
 
 
+def test_each_row_tells_the_plan_and_depth_that_its_device_runs(report):
+    for row in report["reports"]:
+        label = row["device"]["label"]
+        with GLRasterizer(canary.MESH, canary.CAMERA, device=label) as rasterizer:
+            assert rasterizer.info.device.startswith(label)
+            assert rasterizer.info.renderer == row["context"]["renderer"]
+            assert (rasterizer.info.plan, rasterizer.info.depth) == (row["plan"], row["depth"])
+
+
 def test_the_default_is_what_auto_opens(report):
-    with GLRasterizer(canary.MESH, canary.CAMERA) as rasterizer:
-        row = next(
-            r for r in report["reports"] if r["device"]["label"] == report["default"]["device"]
-        )
-        assert rasterizer.info.device.startswith(row["device"]["label"])
-        assert rasterizer.info.renderer == row["context"]["renderer"]
-        assert (rasterizer.info.plan, rasterizer.info.depth) == (row["plan"], row["depth"])
+    with open_rasterizer(canary.MESH, canary.CAMERA) as rasterizer:
+        assert rasterizer.info.device.split(" ")[0] == report["default"]["device"]
+        rows = {row["device"]["label"]: row["context"] for row in report["reports"]}
+        row = {"cpu": report["cpu"], **rows}[report["default"]["device"]]
+        assert rasterizer.info.renderer == row["renderer"]
+
+
+def test_cpu_passes_its_self_test_on_every_core(report):
+    cores = len(os.sched_getaffinity(0))
+    renderer = f"numba {report['versions']['numba']}"
+    assert report["cpu"] == {"renderer": renderer, "threads": cores, "self_test": "passed"}
 
 
 def test_report_survives_json_unchanged(report):
@@ -125,7 +143,7 @@ def test_report_survives_json_unchanged(report):
 
 def test_report_names_what_made_it(report):
     assert report["shaders"] == shaders.digest()
-    names = ["rastercov", "Python", "moderngl", "numpy", "trimesh", "OS"]
+    names = ["rastercov", "Python", "moderngl", "numba", "numpy", "trimesh", "OS"]
     assert list(report["versions"]) == names
     assert all(report["versions"].values())
 
@@ -135,13 +153,28 @@ def test_printed_report_has_every_device_and_ends_with_the_default(report, width
     text = printed(report, width)
     for row in report["reports"]:
         assert re.search(rf"^ ?{row['device']['label']} .*passed", text, re.MULTILINE)
+    cpu = r"^ ?cpu +numba [\d.]+ +- +- +software +threads +passed *$"
+    assert re.search(cpu, text, re.MULTILINE)
+    assert text.index("cpu ") < min(
+        text.index(f"{row['device']['label']} ") for row in report["reports"]
+    )
+    assert report["versions"]["moderngl"] in text
+    device, why = report["default"]["device"], report["default"]["why"].split(";")[0]
+    assert flat(text).endswith(f", because {why}.")
+    if device == "cpu":
+        assert ON_CPU.search(flat(text))
+        assert "Limits of" not in text
+
+
+@pytest.mark.parametrize("width", [80, 120])
+def test_a_default_device_is_printed_with_its_limits_and_named_at_the_end(gpu_report, width):
+    text = printed(gpu_report, width)
+    assert "Limits of egl:0" in text
     for name in ("image side", "image layers", "storage block", "sub-pixel bits", "float32"):
         assert name in text
-    assert report["versions"]["moderngl"] in text
-    row = next(r for r in report["reports"] if r["device"]["label"] == report["default"]["device"])
-    renderer, why = row["context"]["renderer"], report["default"]["why"]
-    sentence = f"By default rastercov draws on {row['device']['label']}, {renderer}"
-    assert flat(text).endswith(f"{sentence}, plan {row['plan']}, because {why}.")
+    row, why = gpu_report["reports"][0], gpu_report["default"]["why"]
+    sentence = f"By default rastercov draws on egl:0, {row['context']['renderer']}"
+    assert flat(text).endswith(f"{sentence}, plan hardware, because {why}.")
 
 
 def test_environment_is_printed_with_its_effect(report):
@@ -210,10 +243,74 @@ def test_a_driver_that_fails_under_test_is_reported(device, bad_driver, script, 
     (row,) = report["reports"]
     assert row["problem"] == ""
     assert problem in row["self_test"]
-    assert doctor.exit_code(report) == 1
+    assert report["default"]["device"] == "cpu"
+    assert doctor.exit_code(report) == 0
     text = flat(printed(report))
     assert f"surfaceless: {row['self_test']}" in text
-    assert "which fails its self-test; no device passes" in text
+    assert ON_CPU.search(text)
+
+
+@pytest.mark.parametrize("what", ["visible", "drawn", "background", "face"])
+def test_one_wrong_count_on_the_cpu_fails_its_self_test(monkeypatch, what):
+    count, render = CPURasterizer.count, CPURasterizer.render
+
+    def miscount(self, poses):
+        counts = count(self, poses)
+        if what != "face":
+            values = getattr(counts, what)
+            values.flat[counts.visible.argmax() if what != "background" else 0] += 1
+        return counts
+
+    def miss(self, pose):
+        image = render(self, pose)
+        if what == "face":
+            image.face[0, 0] = 0
+        return image
+
+    monkeypatch.setattr(CPURasterizer, "count", miscount)
+    monkeypatch.setattr(CPURasterizer, "render", miss)
+    with pytest.raises(DeviceError, match=r"^box: \d of 4 poses are counted wrongly$"):
+        doctor.cpu_self_test()
+
+
+@pytest.mark.parametrize(
+    ("error", "line"),
+    [
+        (DeviceError("numba 0 counted a known scene wrongly"), "numba 0 counted a known scene"),
+        (ImportError("no\nllvmlite"), "ImportError: no llvmlite"),
+        (MemoryError(), "MemoryError:"),
+    ],
+)
+def test_a_cpu_that_fails_is_reported_in_one_line(no_library, monkeypatch, error, line):
+    def refuse(self, *arguments, **options):
+        raise error
+
+    monkeypatch.setattr(CPURasterizer, "__init__", refuse)
+    report = doctor.examine()
+    assert report["cpu"]["self_test"].startswith(line)
+    assert "\n" not in report["cpu"]["self_test"]
+    assert doctor.exit_code(report) == 1
+    text = flat(printed(report))
+    assert f"Problems cpu: {line}" in text
+    assert text.endswith("tries cpu, which fails its self-test; nothing else passes")
+
+
+def test_a_machine_without_numba_is_told_so(no_library, monkeypatch):
+    monkeypatch.setitem(sys.modules, "numba", None)
+    for name in ("cpu", "kernels"):
+        monkeypatch.delitem(sys.modules, f"rastercov.raster.{name}")
+    monkeypatch.delattr("rastercov.raster.kernels")
+    report = doctor.examine()
+    assert "ModuleNotFoundError: import of numba halted" in report["cpu"]["self_test"]
+    assert doctor.exit_code(report) == 1
+
+
+def test_a_cpu_that_fails_is_answered_with_a_device_that_passes(report):
+    report["cpu"]["self_test"] = "box: 1 of 4 poses are counted wrongly"
+    report["default"] = {"device": "cpu", "why": "no hardware device opens; it is fast"}
+    assert doctor.exit_code(report) == 1
+    label = report["reports"][0]["device"]["label"]
+    assert flat(printed(report)).endswith(f"fails its self-test; pass `--device {label}`")
 
 
 def test_a_driver_that_crashes_on_opening_is_reported(device, bad_driver):
@@ -222,11 +319,12 @@ def test_a_driver_that_crashes_on_opening_is_reported(device, bad_driver):
     (row,) = report["reports"]
     assert "crashed with SIGSEGV" in row["problem"]
     assert row["self_test"] is None
-    assert report["default"]["device"] is None
-    assert doctor.exit_code(report) == 1
+    assert report["default"]["device"] == "cpu"
+    assert doctor.exit_code(report) == 0
     text = flat(printed(report))
     assert "does not open" in text
-    assert libraries.install_line("egl") in text
+    assert row["problem"] in text
+    assert ON_CPU.search(text)
 
 
 # --- other machines -------------------------------------------------------------------------------
@@ -236,13 +334,13 @@ def test_without_any_library_the_report_says_what_to_install(no_library):
     report = doctor.examine()
     assert report["reports"] == []
     assert set(report["install"]) == {"EGL", "OpenGL", "OSMesa"}
-    assert doctor.exit_code(report) == 2
+    assert report["cpu"]["self_test"] == "passed"
+    assert doctor.exit_code(report) == 0
     text = printed(report)
+    assert "Missing libraries, needed only for OpenGL" in text
     for line in report["install"].values():
         assert line in text
-    assert flat(text).endswith(
-        f"no OpenGL device opens; to get one: {libraries.install_line('egl')}"
-    )
+    assert ON_CPU.search(flat(text))
     assert "Missing devices" not in text
     assert json.loads(json.dumps(report)) == report
 
@@ -252,10 +350,11 @@ def test_libraries_without_a_driver_say_what_to_install(device, monkeypatch):
         monkeypatch.setattr(module, "list_devices", list)
     monkeypatch.setattr(devices, "egl_devices", list)
     report = doctor.examine()
-    assert doctor.exit_code(report) == 2
+    assert doctor.exit_code(report) == 0
     text = flat(printed(report))
     assert "egl-surfaceless EGL announces none" in text
-    assert text.endswith(libraries.install_line("egl"))
+    assert libraries.install_line("egl") in text
+    assert ON_CPU.search(text)
 
 
 def test_a_graphics_card_is_shown_with_its_cuda_number_and_driver(gpu_report):
@@ -267,21 +366,31 @@ def test_a_graphics_card_is_shown_with_its_cuda_number_and_driver(gpu_report):
     assert flat(text).endswith("because it is the first that draws in hardware.")
 
 
-def test_a_default_that_fails_is_answered_with_one_that_passes(gpu_report):
+@pytest.mark.parametrize(
+    ("cpu", "surfaceless", "advice"),
+    [
+        ("passed", "passed", "pass `--device cpu`"),
+        ("bad", "passed", "pass `--device surfaceless`"),
+        ("bad", "bad", "nothing else passes"),
+    ],
+)
+def test_a_default_that_fails_is_answered_with_what_passes(gpu_report, cpu, surfaceless, advice):
     gpu_report["reports"][0]["self_test"] = "plan hardware, box: 1 of 240 counts are wrong"
-    assert doctor.exit_code(gpu_report) == 0
+    gpu_report["reports"][1]["self_test"] = surfaceless
+    gpu_report["cpu"]["self_test"] = cpu
+    assert doctor.exit_code(gpu_report) == 1
     text = flat(printed(gpu_report))
     assert "egl:0: plan hardware, box: 1 of 240 counts are wrong" in text
-    assert text.endswith("egl:0, which fails its self-test; use device 'surfaceless'")
+    assert text.endswith(f"tries egl:0, which fails its self-test; {advice}")
 
 
 @pytest.mark.parametrize(
     ("setting", "opens", "default", "why"),
     [
         (None, ["egl:0", "surfaceless"], "egl:0", "first that draws in hardware"),
-        (None, ["surfaceless"], "surfaceless", "no hardware device opens"),
-        ("1", ["egl:0", "surfaceless"], "surfaceless", "forbids hardware"),
-        (None, [], None, "no OpenGL device opens"),
+        (None, ["surfaceless"], "cpu", "no hardware device opens; it is"),
+        ("1", ["egl:0", "surfaceless"], "cpu", "forbids hardware"),
+        (None, [], "cpu", "no hardware device opens"),
     ],
 )
 def test_default_follows_the_order_of_auto(monkeypatch, setting, opens, default, why):

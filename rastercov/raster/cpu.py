@@ -20,7 +20,7 @@ from rastercov.camera import Camera
 from rastercov.errors import ConfigError, DeviceError, ResourceError
 from rastercov.mesh import Mesh
 from rastercov.pose import valid_poses
-from rastercov.projection import depth_range, near_limit
+from rastercov.projection import near_cuts, near_limit
 from rastercov.raster import canary, kernels
 from rastercov.raster.contract import FaceCounts, RasterizerInfo, VisibilityBuffer
 from rastercov.raster.rules import can_cull, in_one_order
@@ -229,7 +229,7 @@ def _limits(
     mesh: Mesh, camera: Camera, poses: FloatArray
 ) -> tuple[FloatArray, NDArray[np.bool_], NDArray[np.bool_]]:
     """Near plane, whether back faces can be left out, and whether a surface is cut; (P,) each."""
-    _, _, clipped = depth_range(mesh.vertices, mesh.faces, mesh.bounds, camera, poses)
+    clipped = near_cuts(mesh.vertices, mesh.faces, mesh.bounds, camera, poses)
     return near_limit(camera, mesh.bounds, poses), can_cull(mesh, poses, clipped), clipped
 
 
