@@ -1,15 +1,22 @@
 """Rasterisers to test, and a headless context for the whole run that nothing is left behind on."""
 
 import gc
+import os
 from contextlib import ExitStack
 
 import moderngl
 import pytest
+from hypothesis import settings
 
 from rastercov.errors import DeviceError
 from rastercov.raster.cpu import CPURasterizer
 from rastercov.raster.egl import open_context
 from rastercov.raster.gl import GLRasterizer
+
+# New examples on every run at a desk, the same ones where a run decides over a change.
+settings.register_profile("ci", derandomize=True)
+if os.environ.get("CI"):
+    settings.load_profile("ci")
 
 
 @pytest.fixture(scope="session")
