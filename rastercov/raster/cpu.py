@@ -196,7 +196,7 @@ class _View:
         drawn: IntArray | None,
         image: tuple[NDArray[np.int32], NDArray[np.float32]] | None = None,
     ) -> None:
-        """Add the samples of these poses to their rows of `visible` and `drawn`."""
+        """Count these poses into their rows of `visible` and `drawn`, whatever these held."""
         scene = self.scene
         moved = poses.copy()
         moved[:, :3, 3] -= scene.centre

@@ -1,5 +1,8 @@
 """The loops of the CPU rasteriser, compiled by numba.
 
+They stand in one file because numba keeps what it compiled by file: a loop that calls into another
+file would not notice a change there.
+
 A pose runs through four passes. `project` brings vertices to the image, in steps of 1/256 of a
 sample. `set_up` keeps the triangles that can own a sample, clips those that reach behind the camera
 or far outside the image, and counts the tiles each one touches. `bin_triangles` lists them by tile,
@@ -288,7 +291,7 @@ def edge(xa, ya, xb, yb, row):
 @_compiled
 def fill_tiles(
     u, v, w, size, triangles, starts, listed, depth, depth_bits, owner, visible, drawn,
-    image_face, image_depth,
+    only_drawn, image_face, image_depth,
 ):  # fmt: skip
     """Fill all tiles; count visible and drawn samples of each face, and keep the image if asked.
 
@@ -304,6 +307,8 @@ def fill_tiles(
         Scratch: face at each sample.
     visible, drawn : (F,) int64
         Out: samples to add to.
+    only_drawn : bool
+        Count the drawn samples alone, and leave depth and visibility be.
     image_face : (H, W) int32, image_depth : (H, W) float32
         Out: face and depth, or of size 0.
     """
@@ -364,8 +369,8 @@ def fill_tiles(
                 while row < last:
                     begin = max(far if long_is_left else turn, tile_x)
                     end = min(turn if long_is_left else far, end_x)
-                    if begin < end:
-                        covered += end - begin
+                    covered += max(end - begin, 0)
+                    if begin < end and not only_drawn:
                         at = np.uint64((row - tile_y) * TILE_WIDTH + begin - tile_x)
                         n = np.uint64(end - begin)
                         start = np.float32(origin + slope_x * begin + slope_y * row)
@@ -400,62 +405,13 @@ def fill_tiles(
                         turn += 1
             visible[face] += gained
             drawn[face] += covered
-        if image_face.size:
+        if image_face.size and not only_drawn:
             for j in range(tile_y, end_y):
                 for i in range(tile_x, end_x):
                     at_sample = (j - tile_y) * TILE_WIDTH + i - tile_x
                     if depth[at_sample] > 0:
                         image_face[j, i] = owner[at_sample]
                         image_depth[j, i] = np.float32(1.0 / depth[at_sample])
-
-
-@_compiled
-def count_rows(u, v, size, triangles, n, drawn):
-    """Add the samples of each triangle, hidden or not: its rows, without depth."""
-    width, height = size[0], size[1]
-    for k in range(n):
-        a, b, c = triangles[k, 0], triangles[k, 1], triangles[k, 2]
-        ax, ay, bx, by = step(u[a]), step(v[a]), step(u[b]), step(v[b])
-        cx, cy = step(u[c]), step(v[c])
-        if by < ay:
-            ax, ay, bx, by = bx, by, ax, ay
-        if cy < ay:
-            ax, ay, cx, cy = cx, cy, ax, ay
-        if cy < by:
-            bx, by, cx, cy = cx, cy, bx, by
-        long_is_left = (bx - ax) * (cy - ay) > (cx - ax) * (by - ay)
-        row = max((ay + HALF - 1) >> BITS, 0)
-        middle = min((by + HALF - 1) >> BITS, height)
-        bottom = min((cy + HALF - 1) >> BITS, height)
-        if row >= bottom:
-            continue
-        far, far_rest, far_step, far_step_rest, far_divisor = edge(ax, ay, cx, cy, row)
-        covered = 0
-        for part in range(2):
-            last = middle if part == 0 else bottom
-            if row >= last:
-                continue
-            if part == 0:
-                turn, rest, stride, stride_rest, divisor = edge(ax, ay, bx, by, row)
-            else:
-                turn, rest, stride, stride_rest, divisor = edge(bx, by, cx, cy, row)
-            while row < last:
-                begin = max(far if long_is_left else turn, 0)
-                end = min(turn if long_is_left else far, width)
-                if begin < end:
-                    covered += end - begin
-                row += 1
-                far += far_step
-                far_rest += far_step_rest
-                if far_rest >= far_divisor:
-                    far_rest -= far_divisor
-                    far += 1
-                turn += stride
-                rest += stride_rest
-                if rest >= divisor:
-                    rest -= divisor
-                    turn += 1
-        drawn[triangles[k, 3]] += covered
 
 
 @_compiled
@@ -467,7 +423,7 @@ def count_poses(
     """Count the poses from `first` on; returns the first one that was not counted.
 
     That is `last`, or a pose for which the scratch memory is too small: `room` clipped corners, or
-    the triangles listed by tile. Nothing has been counted for it then.
+    the triangles listed by tile. Call again from it with more: its rows start from 0 again.
 
     Parameters
     ----------
@@ -492,27 +448,26 @@ def count_poses(
             eye[i] = poses[p, i, 3]
             for j in range(3):
                 rotation[i, j] = poses[p, i, j]
-        side = -1 if culls[p] else 0
         outside = project(vertices, rotation, eye, lens, nears[p], u, v, w)
         if outside and CLIP_CORNERS * count_clipped(faces, u) > room:
             return p
-        n = set_up(
-            vertices, faces, rotation, eye, lens, nears[p], size, side, u, v, w, triangles,
-            tiles, starts,
-        )  # fmt: skip
-        if starts[-1] > listed.shape[0]:
-            return p
-        places[:] = starts
-        bin_triangles(n, tiles, columns, starts, places, listed)
         row = p if with_drawn else 0
-        fill_tiles(
-            u, v, w, size, triangles, starts, listed, depth, depth_bits, owner, visible[p],
-            drawn[row], image_face, image_depth,
-        )  # fmt: skip
-        if with_drawn and culls[p]:
+        visible[p] = 0
+        drawn[row] = 0
+        # What turns its back hides nothing where it can be culled, but owns samples all the same.
+        for side in range(1, -2, -1):
+            if (side == 0) == culls[p] or (side == 1 and not with_drawn):
+                continue
             n = set_up(
-                vertices, faces, rotation, eye, lens, nears[p], size, 1, u, v, w, triangles,
+                vertices, faces, rotation, eye, lens, nears[p], size, side, u, v, w, triangles,
                 tiles, starts,
             )  # fmt: skip
-            count_rows(u, v, size, triangles, n, drawn[p])
+            if starts[-1] > listed.shape[0]:
+                return p
+            places[:] = starts
+            bin_triangles(n, tiles, columns, starts, places, listed)
+            fill_tiles(
+                u, v, w, size, triangles, starts, listed, depth, depth_bits, owner, visible[p],
+                drawn[row], side == 1, image_face, image_depth,
+            )  # fmt: skip
     return last
