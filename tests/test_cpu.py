@@ -89,6 +89,26 @@ def test_a_compiler_that_errs_is_not_trusted(monkeypatch):
         CPURasterizer(shapes.box(), CAMERA)
 
 
+def test_an_interrupt_ends_the_count_within_a_turn(monkeypatch):
+    turns_taken = []
+    count_poses = kernels.count_poses
+
+    def interrupted(*args):
+        turns_taken.append(1)
+        if len(turns_taken) == 3:
+            raise KeyboardInterrupt
+        return count_poses(*args)
+
+    poses = sphere_of_poses((0, 0, 0), 4, 4000)
+    with CPURasterizer(shapes.box(), CAMERA, threads=2) as rasterizer:
+        monkeypatch.setattr(kernels, "count_poses", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            rasterizer.count(poses)
+        assert len(turns_taken) < 100  # of 250
+        monkeypatch.undo()
+        assert rasterizer.count(poses[:3]).visible.any()
+
+
 def test_closed_rasteriser_says_so():
     rasterizer = CPURasterizer(shapes.box(), CAMERA)
     rasterizer.close()

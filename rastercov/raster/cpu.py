@@ -123,19 +123,25 @@ class CPURasterizer:
         views = [_View(scene, camera, scale) for _ in range(threads)]
 
         def work(view: _View) -> None:
-            while turns:
-                try:
-                    turn = turns.pop()
-                except IndexError:  # another thread took the last one
-                    return
-                rows = None if drawn is None else drawn[turn]
-                view.count(poses[turn], near[turn], cull[turn], visible[turn], rows)
+            try:
+                while turns:
+                    try:
+                        turn = turns.pop()
+                    except IndexError:  # another thread took the last one
+                        return
+                    rows = None if drawn is None else drawn[turn]
+                    view.count(poses[turn], near[turn], cull[turn], visible[turn], rows)
+            finally:
+                turns.clear()  # empty already, unless something went wrong: then all stop
 
         if threads == 1:
             work(views[0])
         else:
             with ThreadPoolExecutor(threads) as pool:
-                list(pool.map(work, views))
+                try:
+                    list(pool.map(work, views))
+                finally:
+                    turns.clear()  # an interrupt comes here, and ends the threads after their turn
         samples = scale**2 * camera.width * camera.height
         background = samples - visible.sum(axis=1)
         return FaceCounts(visible, drawn, background, clipped, scale, self.info)
