@@ -33,7 +33,10 @@ lint: $(VENV)/installed-dev
 	$(BIN)/ruff check
 	$(BIN)/mypy
 
+# Open3D's wheel leaves libusb to the system.
 bench: $(VENV)/installed-bench opengl
+	@ldconfig -p | grep -q libusb-1.0.so.0 || $(APT) install -y libusb-1.0-0 </dev/null || \
+	{ echo "error: Open3D needs libusb; as root: apt-get install -y libusb-1.0-0"; exit 2; }
 	$(BIN)/python benchmarks/throughput.py
 
 $(BIN)/python:
