@@ -253,6 +253,21 @@ def bin_triangles(n, tiles, columns, starts, places, listed):
 
 
 @_compiled
+def divide(numerator, divisor, inverse):
+    """Quotient, rounded down, and remainder of whole numbers, by their rough product in floats.
+
+    Quotients stay below 2^32, so it is right to within one, and the remainder says which way.
+    """
+    quotient = np.int64(np.floor(numerator * inverse))
+    rest = numerator - quotient * divisor
+    if rest < 0:
+        return quotient - 1, rest + divisor
+    if rest >= divisor:
+        return quotient + 1, rest - divisor
+    return quotient, rest
+
+
+@_compiled
 def edge(xa, ya, xb, yb, row):
     """First sample on a row at or right of an edge that runs down from a to b.
 
@@ -266,25 +281,9 @@ def edge(xa, ya, xb, yb, row):
     dy = yb - ya
     divisor = dy << BITS
     inverse = 1.0 / divisor
-    numerator = (xa - HALF) * dy + (xb - xa) * ((row << BITS) + HALF - ya) + divisor - 1
-    sample = np.int64(np.floor(numerator * inverse))
-    rest = numerator - sample * divisor
-    # The quotient is right to within one; the remainder, in whole numbers, says which way.
-    if rest < 0:
-        sample -= 1
-        rest += divisor
-    elif rest >= divisor:
-        sample += 1
-        rest -= divisor
-    run = (xb - xa) << BITS
-    stride = np.int64(np.floor(run * inverse))
-    stride_rest = run - stride * divisor
-    if stride_rest < 0:
-        stride -= 1
-        stride_rest += divisor
-    elif stride_rest >= divisor:
-        stride += 1
-        stride_rest -= divisor
+    across = (xb - xa) * ((row << BITS) + HALF - ya)
+    sample, rest = divide((xa - HALF) * dy + across + divisor - 1, divisor, inverse)
+    stride, stride_rest = divide((xb - xa) << BITS, divisor, inverse)
     return sample, rest, stride, stride_rest, divisor
 
 
