@@ -28,9 +28,6 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 
-LEAST_DEPTH = 1e-150
-"""Metres; the square of its inverse is still a float64."""
-
 
 @dataclass(frozen=True, eq=False)
 class ViewOfFaces:
@@ -79,8 +76,7 @@ def view_faces(mesh: Mesh, camera: Camera, pose: FloatArray) -> ViewOfFaces:
     pose : (4, 4) float64
         world_from_camera.
     """
-    # Never 0, even for a mesh that is nothing but the camera centre.
-    near = max(float(near_limit(camera, mesh.bounds, pose[None])[0]), LEAST_DEPTH)
+    near = float(near_limit(camera, mesh.bounds, pose[None])[0])
     points = to_camera(mesh.vertices, pose)
     ahead_points = points[:, 2] >= near
     safe = np.where(ahead_points[:, None], points, (0.0, 0.0, 1.0))

@@ -18,6 +18,8 @@ IntArray = NDArray[np.int64]
 
 NEAR_TO_FAR = 1e-6
 """Nothing nearer than this part of the farthest depth is seen, whatever `Camera.near` says."""
+LEAST_DEPTH = 1e-150
+"""Metres; never 0, even for a mesh that is nothing but the camera centre."""
 
 
 def to_camera(points: FloatArray, pose: FloatArray) -> FloatArray:
@@ -76,7 +78,7 @@ def near_limit(camera: Camera, bounds: FloatArray, poses: FloatArray) -> FloatAr
     """
     reach = np.abs(bounds[None] - poses[:, None, :3, 3]).max(axis=1)
     farthest = np.sqrt((reach**2).sum(axis=1))
-    limit: FloatArray = np.maximum(camera.near, NEAR_TO_FAR * farthest)
+    limit: FloatArray = np.maximum(max(camera.near, LEAST_DEPTH), NEAR_TO_FAR * farthest)
     return limit
 
 

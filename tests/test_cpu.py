@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -81,6 +82,19 @@ def test_an_edge_gives_the_first_sample_at_its_right(ends, row):
     assert (sample, found) == (first(row), divisor)
     rest += stride_rest
     assert sample + stride + (rest >= divisor) == first(row + 1)
+
+
+def test_no_scene_reaches_past_the_scratch_memory(tmp_path):
+    checked = {"NUMBA_BOUNDSCHECK": "1", "NUMBA_CACHE_DIR": str(tmp_path)}
+    script = Path(__file__).with_name("hostile_scenes.py")
+    done = subprocess.run(
+        [sys.executable, script, "1500"],
+        env=os.environ | checked,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
 
 
 def test_a_compiler_that_errs_is_not_trusted(monkeypatch):

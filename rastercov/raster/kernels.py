@@ -42,9 +42,9 @@ CLIP_CORNERS = 8
 def _compiled(function: Callable[..., Any]) -> Any:
     """Compile on first use and keep the result on disk, where there is a disk to keep it on."""
     try:
-        return numba.njit(nogil=True, cache=True)(function)
+        return numba.njit(nogil=True, error_model="numpy", cache=True)(function)
     except RuntimeError:  # nowhere to write: compile in every process
-        return numba.njit(nogil=True)(function)
+        return numba.njit(nogil=True, error_model="numpy")(function)
 
 
 @_compiled
@@ -138,7 +138,9 @@ def step(position):
     return np.int64(np.floor(position + 0.5))
 
 
-@numba.njit(nogil=True, inline="always")  # a call would pass every field of every array
+@numba.njit(
+    nogil=True, error_model="numpy", inline="always"
+)  # a call would pass every field of every array
 def keep(a, b, c, face, u, v, width, height, side, triangles, n, tiles, starts):
     """Note a triangle if it can own a sample; returns the new number of triangles."""
     ax, ay, bx, by, cx, cy = step(u[a]), step(v[a]), step(u[b]), step(v[b]), step(u[c]), step(v[c])
@@ -341,6 +343,9 @@ def fill_tiles(
             slope_x = (w_ab * ac_y - w_ac * ab_y) * (STEPS / area)
             slope_y = (w_ac * ab_x - w_ab * ac_x) * (STEPS / area)
             origin = w[a] + (slope_x * (HALF - from_x) + slope_y * (HALF - from_y)) / STEPS
+            # Rounding lets a sample lie a hair beyond the corners; its depth does not.
+            least = np.float32(min(w[a], min(w[b], w[c])))
+            greatest = np.float32(max(w[a], max(w[b], w[c])))
             # From top to bottom: a above b above c.
             if by < ay:
                 ax, ay, bx, by = bx, by, ax, ay
@@ -372,19 +377,20 @@ def fill_tiles(
                     if begin < end and not only_drawn:
                         at = np.uint64((row - tile_y) * TILE_WIDTH + begin - tile_x)
                         n = np.uint64(end - begin)
-                        start = np.float32(origin + slope_x * begin + slope_y * row)
-                        slope = np.float32(slope_x)
+                        start = origin + slope_x * begin + slope_y * row
                         taken = np.int32(0)
                         for i in range(n):
                             taken |= depth_bits[at + i]
                         if taken == 0:
                             for i in range(n):
-                                depth[at + i] = start + slope * np.float32(np.int32(i))
+                                here = np.float32(start + slope_x * np.float64(np.int32(i)))
+                                depth[at + i] = min(max(here, least), greatest)
                                 owner[at + i] = face
                             gained += end - begin
                         else:
                             for i in range(n):
-                                here = start + slope * np.float32(np.int32(i))
+                                here = np.float32(start + slope_x * np.float64(np.int32(i)))
+                                here = min(max(here, least), greatest)
                                 if here > depth[at + i]:
                                     if depth_bits[at + i] != 0:
                                         visible[owner[at + i]] -= 1
