@@ -13,10 +13,11 @@ from rastercov.raster.cpu import CPURasterizer
 from rastercov.raster.egl import open_context
 from rastercov.raster.gl import GLRasterizer
 
-# New examples on every run at a desk, the same ones where a run decides over a change.
-settings.register_profile("ci", derandomize=True)
-if os.environ.get("CI"):
-    settings.load_profile("ci")
+# New examples on every run at a desk, the same ones where a run decides over a change. No time
+# limit for one example: these machines are shared.
+settings.register_profile("desk", deadline=None)
+settings.register_profile("ci", deadline=None, derandomize=True)
+settings.load_profile("ci" if os.environ.get("CI") else "desk")
 
 
 @pytest.fixture(scope="session")
