@@ -73,7 +73,7 @@ class Camera:
     fx: float
     fy: float
     cx: float = None  # type: ignore[assignment] # None asks for the centre; never None afterwards
-    cy: float = None  # type: ignore[assignment]
+    cy: float = None  # type: ignore[assignment] # the same
     near: float = 0.0
     focal_length: float | None = None
     pixel_size: tuple[float, float] | None = None
@@ -293,7 +293,7 @@ class Camera:
         return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]], dtype=np.float64)
 
     @property
-    def opencv_K(self) -> NDArray[np.float64]:  # noqa: N802
+    def opencv_K(self) -> NDArray[np.float64]:  # noqa: N802 - the same
         """Intrinsic matrix as OpenCV wants it, counted from pixel centres."""
         return self.K - [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]
 

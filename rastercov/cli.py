@@ -99,7 +99,7 @@ def evaluate(
     out: Out = Path("report"),
     unit: Unit = "m",
     occluder: Occluders = [],  # noqa: B006 - typer copies it
-    two_sided: TwoSided = [],  # noqa: B006
+    two_sided: TwoSided = [],  # noqa: B006 - the same
     drop_invalid: DropInvalid = False,
     min_pixels: Annotated[float, typer.Option(help="R_min: pixels for full resolution.")] = 1.0,
     min_visibility: Annotated[

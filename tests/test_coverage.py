@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from scenes import joined, sheet, square
 
 from rastercov import coverage as module
 from rastercov import shapes
@@ -36,25 +37,6 @@ tasks = st.builds(
     cap_resolution=st.booleans(),
 )
 shared_device = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
-
-
-def sheet(low, high, z):
-    """Two triangles from corner `low` to corner `high` that face a camera looking along +z."""
-    (x0, y0), (x1, y1) = low, high
-    points = [(x0, y0, z), (x0, y1, z), (x1, y1, z), (x1, y0, z)]
-    return Mesh(vertices=points, faces=[(0, 1, 2), (0, 2, 3)])
-
-
-def square(half, z):
-    return sheet((-half, -half), (half, half), z)
-
-
-def joined(*meshes):
-    starts = np.cumsum([0] + [mesh.n_vertices for mesh in meshes[:-1]])
-    return Mesh(
-        vertices=np.concatenate([mesh.vertices for mesh in meshes]),
-        faces=np.concatenate([m.faces + start for m, start in zip(meshes, starts, strict=True)]),
-    )
 
 
 def assert_same(one, other):

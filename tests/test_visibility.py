@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scenes import joined, sheet, square
 
 from rastercov import shapes
 from rastercov.camera import Camera
@@ -31,25 +32,6 @@ def see(device):
         return *sampled(view_faces(mesh, camera, pose), counts, 0), counts
 
     return see_one
-
-
-def sheet(low, high, z):
-    """Two triangles from corner `low` to corner `high` that face a camera looking along +z."""
-    (x0, y0), (x1, y1) = low, high
-    points = [(x0, y0, z), (x0, y1, z), (x1, y1, z), (x1, y0, z)]
-    return Mesh(vertices=points, faces=[(0, 1, 2), (0, 2, 3)])
-
-
-def square(half, z):
-    return sheet((-half, -half), (half, half), z)
-
-
-def joined(*meshes):
-    starts = np.cumsum([0] + [mesh.n_vertices for mesh in meshes[:-1]])
-    return Mesh(
-        vertices=np.concatenate([mesh.vertices for mesh in meshes]),
-        faces=np.concatenate([m.faces + start for m, start in zip(meshes, starts, strict=True)]),
-    )
 
 
 # --- exactly 0 and 1 ------------------------------------------------------------------------------

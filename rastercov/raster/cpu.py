@@ -30,8 +30,6 @@ IntArray = NDArray[np.int64]
 
 MAX_SIDE = 1 << 20
 """Largest image side in samples: edges are walked in 64-bit whole numbers of 1/256 sample."""
-
-
 POSES_A_TURN = 16
 """Poses a thread takes at a time: enough to stay in the loops, few enough to share evenly."""
 
@@ -96,7 +94,7 @@ class CPURasterizer:
         return VisibilityBuffer(face, np.maximum(depth, np.float32(near[0])))
 
     def close(self) -> None:
-        """Give the memory back; later calls raise `DeviceError`."""
+        """End its use: later calls raise `DeviceError`. It holds nothing but memory."""
         self._is_open = False
 
     def __enter__(self) -> Self:

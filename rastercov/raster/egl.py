@@ -18,6 +18,7 @@ import os
 import sys
 import threading
 import warnings
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, cast
@@ -72,7 +73,7 @@ class _Thread(threading.local):
 _thread = _Thread()
 
 
-class _Loader:
+class _Loader(ABC):
     """A native context with glcontext's interface; subclasses talk to EGL or OSMesa."""
 
     def __init__(self) -> None:
@@ -81,18 +82,16 @@ class _Loader:
         self.thread_name = threading.current_thread().name
         self.released = False
 
+    @abstractmethod
     def load(self, name: str) -> int:
         """Address of an OpenGL function, 0 when it is absent."""
-        raise NotImplementedError
 
-    def _is_current(self) -> bool:
-        raise NotImplementedError
-
-    def _bind(self) -> None:
-        raise NotImplementedError
-
-    def _destroy(self) -> None:
-        raise NotImplementedError
+    @abstractmethod
+    def _is_current(self) -> bool: ...
+    @abstractmethod
+    def _bind(self) -> None: ...
+    @abstractmethod
+    def _destroy(self) -> None: ...
 
     def check_owner(self) -> None:
         """Raise DeviceError in another process or thread, or after the release."""
@@ -312,7 +311,7 @@ class HeadlessContext:
             if not (address := self._loader.load(name)):
                 raise DeviceError(f"this OpenGL driver has no function {name}")
             self._functions[key] = ctypes.CFUNCTYPE(restype, *argtypes)(address)
-        return self._functions[key]  # type: ignore[no-any-return]
+        return cast("Callable[..., Any]", self._functions[key])
 
     def reset_status(self) -> int:
         """glGetGraphicsResetStatus: 0 when the context is alive or the driver cannot tell."""
