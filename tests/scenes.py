@@ -12,8 +12,9 @@ def sheet(low, high, z):
     return Mesh(vertices=points, faces=[(0, 1, 2), (0, 2, 3)])
 
 
-def square(half, z):
-    return sheet((-half, -half), (half, half), z)
+def square(half, z, centre=(0.0, 0.0)):
+    u, v = centre
+    return sheet((u - half, v - half), (u + half, v + half), z)
 
 
 def joined(*meshes):

@@ -84,6 +84,18 @@ def test_an_edge_gives_the_first_sample_at_its_right(ends, row):
     assert sample + stride + (rest >= divisor) == first(row + 1)
 
 
+@given(st.data())
+@settings(max_examples=500)
+def test_division_in_floats_is_put_right_in_whole_numbers(data):
+    # Exact multiples are where the rounded product falls on either side.
+    divisor = data.draw(st.integers(1, 2**22)) << 8
+    most = 2**60 // divisor
+    quotient = data.draw(st.integers(-min(most, 2**31), min(most, 2**31)))
+    rest = data.draw(st.sampled_from((0, 1, divisor // 2, divisor - 1)))
+    numerator = quotient * divisor + rest
+    assert kernels.divide(numerator, divisor, 1.0 / divisor) == (quotient, rest)
+
+
 def test_no_scene_reaches_past_the_scratch_memory(tmp_path):
     checked = {"NUMBA_BOUNDSCHECK": "1", "NUMBA_CACHE_DIR": str(tmp_path)}
     script = Path(__file__).with_name("hostile_scenes.py")

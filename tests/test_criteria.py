@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scenes import square
 
 from rastercov import shapes
 from rastercov.camera import Camera
@@ -24,16 +25,6 @@ seeds = st.integers(0, 2**32 - 1).map(np.random.default_rng)
 def triangles(*corners, **options):
     points = np.array(corners, dtype=np.float64).reshape(-1, 3)
     return Mesh(vertices=points, faces=np.arange(len(points)).reshape(-1, 3), **options)
-
-
-def square(half, z, centre=(0.0, 0.0)):
-    """Two triangles that face a camera at the origin looking along +z."""
-    #  a---d -> x
-    #  | \ |
-    #  b---c
-    corners = np.array([(-1, -1), (-1, 1), (1, 1), (1, -1)]) * half + centre
-    a, b, c, d = ((x, y, z) for x, y in corners)
-    return triangles((a, b, c), (a, c, d))
 
 
 def tilted(angle, half=1e-6, z=2.0):

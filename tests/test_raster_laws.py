@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from scenes import joined, square
 
 from rastercov import shapes
 from rastercov.camera import Camera
@@ -74,21 +75,6 @@ def without_culling(mesh):
 def triangles(*corners):
     points = np.array(corners, dtype=np.float64).reshape(-1, 3)
     return Mesh(vertices=points, faces=np.arange(len(points)).reshape(-1, 3))
-
-
-def joined(*meshes):
-    starts = np.cumsum([0] + [mesh.n_vertices for mesh in meshes[:-1]])
-    return Mesh(
-        vertices=np.concatenate([mesh.vertices for mesh in meshes]),
-        faces=np.concatenate([m.faces + start for m, start in zip(meshes, starts, strict=True)]),
-    )
-
-
-def square(half, z, centre=(0.0, 0.0)):
-    """Two triangles facing a camera at the origin that looks along +z."""
-    corners = np.array([(-1, -1), (-1, 1), (1, 1), (1, -1)]) * half + centre
-    a, b, c, d = ((x, y, z) for x, y in corners)
-    return triangles((a, b, c), (a, c, d))
 
 
 def turned(angle):

@@ -134,6 +134,7 @@ class _Loader(ABC):
 
     def __exit__(self, *_: object) -> None:
         """Stay current: the thread owns the context."""
+        return
 
 
 class _EglLoader(_Loader):
