@@ -28,6 +28,8 @@ from rastercov.inputs import read_camera, read_scene, read_view_points
 from rastercov.mesh import Mesh
 from rastercov.pose import check_poses
 
+UNSEEN = {"degenerate", "back_facing", "unsampled"}
+"""Reasons that, all together and with nothing covered, say that the mesh is a speck."""
 MOST_WARNINGS = 5
 """Poses left out that are named one by one."""
 
@@ -327,6 +329,10 @@ def _run(
         _warn(["there are no poses, so nothing is covered"])
     with _progress() as progress:
         summary = run(mesh, camera, poses, task, out, options, progress)
+    missed = summary["not_covered_because"].keys()
+    if "unsampled" in missed and missed <= UNSEEN and not summary["covered"]["faces"]:
+        across = float(np.ptp(mesh.bounds, axis=0).max())
+        _warn([f"too small in every image to own a sample: {across:.2g} m across; see --unit"])
     if as_json:
         # In ASCII, which any terminal or pipe takes.
         print(json.dumps(json.loads((out / "summary.json").read_bytes()), indent=2))

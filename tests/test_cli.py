@@ -193,6 +193,17 @@ def test_broken_files_are_named(capsys):
     assert "wrong.toml" in refusal(capsys, "evaluate box -c wrong.toml -p sphere:2")
 
 
+@pytest.mark.parametrize(("unit", "is_speck"), [("um", True), ("m", False)])
+def test_a_mesh_that_is_a_speck_in_every_image_gets_a_hint_at_its_unit(capsys, unit, is_speck):
+    write_obj("part.obj", side=1.0)
+    write_poses("poses.json", sphere_of_poses((0, 0, 0), 4.0, 5))
+    code, _, err = call(
+        capsys, f"evaluate part.obj --unit {unit} -c khepra -p poses.json --pictures 0"
+    )
+    assert code == 0
+    assert ("--unit" in err) == is_speck
+
+
 def test_a_line_break_in_a_name_does_not_break_the_line(capsys):
     assert r"a b\x1b[31m" in refusal(capsys, ["evaluate", "a\nb\x1b[31m", "-ckhepra", "-psphere:1"])
 
