@@ -80,11 +80,49 @@ def render(
 
 
 def count(
-    mesh: Mesh, camera: Camera, pose: ArrayLike, supersample: int = 1, near: float | None = None
+    mesh: Mesh,
+    camera: Camera,
+    pose: ArrayLike,
+    supersample: int = 1,
+    near: float | None = None,
+    roll: float = 0.0,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Samples of each face, (F,) visible and (F,) drawn; arguments as for `render`."""
-    view = render(mesh, camera, pose, supersample, near)
+    """Samples of each face, (F,) visible and (F,) drawn.
+
+    Arguments as for `render`, and the roll of the samples as for `grid_points`.
+    """
+    view = at_points(mesh, camera, pose, grid_points(camera, supersample, roll), near)
     return np.bincount(view.face[view.face >= 0], minlength=mesh.n_faces), view.drawn
+
+
+def grid_points(camera: Camera, supersample: int = 1, roll: float = 0.0) -> FloatArray:
+    """Points in the image of a square grid, S^2 a px^2, turned about the image centre, (N, 2).
+
+    The grid has as many rows and columns as the turned image is high and wide, in whole spacings,
+    and the same middle. What is a row and what a column is not told apart: a quarter turn is none.
+
+    Parameters
+    ----------
+    camera : Camera
+        Its image size.
+    supersample : int
+        S: points are 1 / S px apart.
+    roll : float
+        Radians from the u axis to the rows, towards the v axis.
+    """
+    roll = np.remainder(roll + np.pi / 4, np.pi / 2) - np.pi / 4
+    along = np.array((np.cos(roll), np.sin(roll)))
+    across = np.array((-np.sin(roll), np.cos(roll)))
+    size = np.array((camera.width, camera.height))
+    n_along, n_across = (
+        int(np.ceil(supersample * (np.abs(axis) @ size) - 1e-9)) for axis in (along, across)
+    )
+    x = (np.arange(n_along) - (n_along - 1) / 2) / supersample
+    y = (np.arange(n_across) - (n_across - 1) / 2) / supersample
+    points = size / 2 + x[:, None] * along + y[:, None, None] * across
+    points = points.reshape(-1, 2)
+    inside: FloatArray = points[((points >= 0) & (points <= size)).all(axis=1)]
+    return inside
 
 
 def at_points(

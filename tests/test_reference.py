@@ -1,0 +1,494 @@
+"""The two references: right where the answer is known, of one mind everywhere else."""
+
+import importlib.util
+import subprocess
+import sys
+from fractions import Fraction
+from pathlib import Path
+
+import exact_cases
+import numpy as np
+import pytest
+import shapely
+from exact_cases import AHEAD, Case, hostile, known_cases, triangles, window
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scenes import joined, square
+
+from rastercov import reference, shapes
+from rastercov.camera import Camera
+from rastercov.mesh import Mesh
+from rastercov.pose import look_at
+from rastercov.reference import polygons, rational, samples
+
+MESHES = Path(__file__).resolve().parents[2] / "shared" / "meshes"
+AGREE = 1e-7  # px^2
+KNOWN = known_cases()
+
+seeds = st.integers(0, 10**6)
+some = settings(max_examples=40)
+
+
+def of_kind(*kinds):
+    """Hostile scenes of some kinds only."""
+    numbers = [exact_cases.KINDS.index(kind) for kind in kinds]
+    count = len(exact_cases.KINDS)
+    return st.builds(
+        lambda k, i: hostile(count * k + i), st.integers(0, 10**5), st.sampled_from(numbers)
+    )
+
+
+GENERIC = (
+    exact_cases.soup,
+    exact_cases.interpenetrating,
+    exact_cases.inside,
+    exact_cases.near_plane,
+    exact_cases.needles,
+    exact_cases.self_intersecting,
+    exact_cases.sub_pixel,
+    exact_cases.grazing,
+    exact_cases.borders,
+)
+"""Kinds without faces at one depth, so that the order of faces does not matter."""
+
+
+def exact(case, mesh=None, **options):
+    return rational.visible_area(
+        mesh or case.mesh, case.camera, case.pose, exact=True, **options
+    ).tolist()
+
+
+# --- known answers -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("case", KNOWN, ids=repr)
+def test_rational_answers_are_exact(case):
+    assert exact(case) == list(case.expected)
+
+
+@pytest.mark.parametrize("case", KNOWN, ids=repr)
+def test_polygons_answers_are_right(case):
+    area = reference.visible_area(case.mesh, case.camera, case.pose)
+    assert area.dtype == np.float64
+    np.testing.assert_allclose(area, np.array(case.expected, float), rtol=0, atol=AGREE)
+
+
+def test_whole_is_what_a_lone_face_shows():
+    mesh, camera = triangles([(-1, -1, 4), (1, -0.5, 3), (0.25, 1, 2)]), window()
+    assert exact(Case("lone", mesh, camera)) == exact_cases.whole(mesh, camera)
+
+
+def test_faces_that_gain_the_last_word_by_depth_lose_it_when_tied():
+    near, far = square(1, 2), square(2, 4)
+    nearer = joined(far, near)
+    tied = joined(far, Mesh(vertices=near.vertices * 2, faces=near.faces))
+    assert exact(Case("nearer", nearer, window())) == [0, 0, 5000, 5000]
+    assert exact(Case("tied", tied, window())) == [5000, 5000, 0, 0]
+
+
+@pytest.mark.parametrize("module", [polygons, rational])
+def test_near_takes_the_place_of_the_camera_s(module):
+    (case,) = (case for case in KNOWN if case.name == "through the near plane")
+    camera = window(1000, 1000)
+    area = module.visible_area(case.mesh, camera, case.pose, near=0.125)
+    assert area[0] == pytest.approx(float(case.expected[0]), rel=1e-12)
+    default = module.visible_area(case.mesh, camera, case.pose)
+    assert default[0] > area[0] * 1.1
+
+
+# --- the references agree ------------------------------------------------------------------------
+
+
+@given(seeds, st.booleans())
+@settings(max_examples=120)
+def test_polygons_agree_with_exact_arithmetic(seed, cull):
+    case = hostile(seed)
+    scene = case.mesh, case.camera, case.pose
+    for by_polygons, by_fractions in (
+        (polygons.visible_area, rational.visible_area),
+        (polygons.image_area, rational.image_area),
+    ):
+        difference = by_polygons(*scene, cull=cull) - by_fractions(*scene, cull=cull)
+        assert np.abs(difference).max() <= AGREE
+
+
+# Scenes on which GEOS without a grid gave a triangle whole, or nothing, for its intersection with
+# one that shares a corner, and said nothing.
+@pytest.mark.parametrize("seed", [214, 303, 1013, 1102, 1603, 6774, 7273, 7402])
+def test_polygons_agree_where_geos_went_wrong(seed):
+    case = hostile(seed)
+    area = polygons.visible_area(case.mesh, case.camera, case.pose)
+    np.testing.assert_allclose(area, np.array(exact(case), float), rtol=0, atol=AGREE)
+
+
+@given(seeds)
+@some
+def test_visible_polygons_lie_side_by_side_within_their_images(seed):
+    case = hostile(seed)
+    scene = case.mesh, case.camera, case.pose
+    visible = reference.visible_polygons(*scene)
+    area = shapely.area(visible)
+    np.testing.assert_array_equal(area, reference.visible_area(*scene))
+    assert (area <= reference.image_area(*scene) + AGREE).all()
+    assert shapely.union_all(visible, grid_size=2.0**-30).area == pytest.approx(
+        area.sum(), abs=1e-4
+    )
+
+
+def test_a_large_image_is_as_good_for_its_size():
+    for seed in range(20):
+        case = hostile(seed)
+        camera = case.camera
+        names = ("width", "height", "fx", "fy", "cx", "cy")
+        large = Camera(**{name: 256 * getattr(camera, name) for name in names}, near=camera.near)
+        area = polygons.visible_area(case.mesh, large, case.pose)
+        error = np.abs(area - np.array(exact(case), float) * 2**16).max()
+        assert error <= 1e-13 * large.width * large.height
+
+
+def sampling_bound(polygon, spacing):
+    """Largest error of an area counted on a square grid: h^2 times the sum of L/(2h) + 1.25."""
+    bound = 0.0
+    for ring in shapely.get_rings(shapely.get_parts(polygon)):
+        steps = np.abs(np.diff(shapely.get_coordinates(ring), axis=0)).max(axis=1)
+        bound += (spacing**2 * (steps / (2 * spacing) + 1.25)).sum()
+    return bound
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_counted_samples_are_within_the_sampling_bound(seed):
+    case = hostile(seed)
+    scene = case.mesh, case.camera, case.pose
+    visible, _ = samples.count(*scene)
+    for face, polygon in enumerate(polygons.visible_polygons(*scene)):
+        assert abs(visible[face] - polygon.area) <= sampling_bound(polygon, 1.0) + 1e-6
+
+
+def test_teapot_agrees_from_the_front():
+    mesh, camera = shapes.teapot(5), Camera(width=1280, height=960, fx=1400, fy=1400)
+    pose = look_at((0.35, 0.25, 0.3), (0, 0, 0.07))[0]
+    by_polygons = reference.visible_area(mesh, camera, pose, cull=True)
+    by_fractions = rational.visible_area(mesh, camera, pose, cull=True)
+    assert by_polygons.sum() > 200_000
+    np.testing.assert_allclose(by_polygons, by_fractions, rtol=0, atol=AGREE)
+    everything = rational.union_area(mesh, camera, pose, cull=True)
+    assert float(everything) == pytest.approx(by_fractions.sum(), rel=1e-12)
+
+
+@pytest.mark.parametrize("name", ["stanford-bunny.obj", "spot.obj", "featuretype.STL"])
+def test_chosen_faces_of_a_large_mesh_agree(name):
+    if not (MESHES / name).exists():
+        pytest.skip(f"{MESHES / name} is not there")
+    mesh = Mesh.load(MESHES / name)
+    middle, size = mesh.bounds.mean(axis=0), np.linalg.norm(np.ptp(mesh.bounds, axis=0))
+    camera = Camera(width=1280, height=960, fx=1400, fy=1400)
+    pose = look_at(middle + size * np.array((1, 0.5, 0.8)), middle)[0]
+    faces = np.random.default_rng(0).integers(0, mesh.n_faces, 40)
+    by_polygons = polygons.visible_area(mesh, camera, pose, faces)
+    by_fractions = rational.visible_area(mesh, camera, pose, faces)
+    assert 0 < by_fractions.sum() < rational.image_area(mesh, camera, pose, faces).sum()
+    np.testing.assert_allclose(by_polygons, by_fractions, rtol=0, atol=AGREE)
+
+
+# --- laws, in exact arithmetic -------------------------------------------------------------------
+
+
+@given(seeds, st.booleans())
+@settings(max_examples=80)
+def test_visible_areas_add_up_to_all_that_is_covered(seed, cull):
+    case = hostile(seed)
+    covered = rational.union_area(case.mesh, case.camera, case.pose, cull=cull)
+    missing = sum(exact(case, cull=cull)) - covered
+    # Where rounding parts coplanar faces, "equal" does not carry over from pair to pair.
+    assert abs(missing) <= covered / 10**12
+
+
+@given(
+    of_kind(*GENERIC, exact_cases.lattice, exact_cases.coplanar_stack, exact_cases.aligned_tilings)
+)
+@some
+def test_visible_areas_add_up_exactly_where_depths_are_exact(case):
+    assert sum(exact(case)) == rational.union_area(case.mesh, case.camera, case.pose)
+
+
+@pytest.mark.parametrize("case", KNOWN, ids=repr)
+def test_known_areas_add_up(case):
+    assert sum(case.expected) == rational.union_area(case.mesh, case.camera, case.pose)
+
+
+def quartered(mesh):
+    """Each face cut into four at the middles of its edges, one after the other."""
+    a, b, c = mesh.vertices[mesh.faces].transpose(1, 0, 2)
+    ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+    parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+    return triangles(
+        *np.stack([np.stack(part, axis=1) for part in parts], axis=1).reshape(-1, 3, 3)
+    )
+
+
+@given(seeds)
+@some
+def test_parts_of_a_face_show_what_the_face_shows(seed):
+    case = hostile(seed)
+    coarse = Mesh(vertices=np.round(case.mesh.vertices * 1024) / 1024, faces=case.mesh.faces)
+    parts = exact(case, quartered(coarse))  # middles are exact
+    assert [sum(parts[i : i + 4]) for i in range(0, len(parts), 4)] == exact(case, coarse)
+
+
+@given(of_kind(*GENERIC), seeds)
+@some
+def test_neither_order_nor_first_corner_nor_winding_matters(case, seed):
+    rng = np.random.default_rng(seed)
+    order = rng.permutation(case.mesh.n_faces)
+    faces = case.mesh.faces[order]
+    faces = np.roll(faces, rng.integers(3), axis=1)[:, :: int(rng.choice((-1, 1)))]
+    shuffled = exact(case, Mesh(vertices=case.mesh.vertices, faces=faces))
+    before = exact(case)
+    assert shuffled == [before[i] for i in order]
+
+
+@given(seeds)
+@some
+def test_a_rolled_camera_sees_the_same(seed):
+    case = hostile(seed)
+    camera = case.camera
+    # A quarter turn: what was right is down, and the image stands on its side.
+    turned = Camera(
+        width=camera.height,
+        height=camera.width,
+        fx=camera.fy,
+        fy=camera.fx,
+        cx=camera.height - camera.cy,
+        cy=camera.cx,
+        near=camera.near,
+    )
+    pose = case.pose @ np.array([(0, 1, 0, 0), (-1, 0, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1.0)])
+    before = np.array(exact(case), float)
+    after = rational.visible_area(case.mesh, turned, pose)
+    # camera.height - camera.cy is rounded
+    np.testing.assert_allclose(after, before, rtol=0, atol=1e-9)
+
+
+@given(seeds, st.sampled_from((0.25, 2, 3)))
+@some
+def test_area_grows_with_the_square_of_the_focal_length(seed, scale):
+    case = hostile(seed)
+    camera = window(192, 192, case.camera.fx, near=case.camera.near)
+    size = int(192 * scale)
+    larger = window(size, size, case.camera.fx * scale, near=case.camera.near)
+    before = rational.visible_area(case.mesh, camera, case.pose, exact=True)
+    after = rational.visible_area(case.mesh, larger, case.pose, exact=True)
+    if scale == 3:  # the focal length is rounded
+        np.testing.assert_allclose(after.astype(float), 9 * before.astype(float), atol=1e-9)
+    else:
+        assert after.tolist() == (before * Fraction(scale) ** 2).tolist()
+
+
+@given(seeds, st.integers(-30, 30))
+@some
+def test_size_does_not_show(seed, power):
+    case = hostile(seed)
+    pose = case.pose.copy()
+    pose[:3, 3] *= 2.0**power
+    mesh = Mesh(vertices=case.mesh.vertices * 2.0**power, faces=case.mesh.faces)
+    near = 2.0**-8
+    larger = rational.visible_area(
+        mesh, case.camera, pose, near=near * 2.0**power, exact=True
+    ).tolist()
+    assert larger == exact(case, near=near)
+
+
+@given(seeds, seeds)
+@some
+def test_more_faces_never_show_more_of_the_others(seed, other):
+    case = hostile(seed)
+    near = 2.0**-8  # the default grows with the mesh
+    before = exact(case, near=near)
+    more = Mesh(
+        vertices=np.random.default_rng(other).normal(size=(12, 3)),
+        faces=np.arange(12).reshape(-1, 3),
+    )
+    after = exact(case, joined(case.mesh, more), near=near)
+    assert all(b <= a for a, b in zip(before, after, strict=False))
+
+
+@given(seeds)
+@some
+def test_visible_is_part_of_the_image_of_a_face(seed):
+    case = hostile(seed)
+    images = rational.image_area(case.mesh, case.camera, case.pose, exact=True)
+    limit = case.camera.width * case.camera.height
+    assert all(0 <= area <= image <= limit for area, image in zip(exact(case), images, strict=True))
+
+
+def is_front(case):
+    """Which faces turn their front to the camera, by exact arithmetic."""
+    eye = [Fraction(x) for x in case.pose[:3, 3].tolist()]
+    points = [
+        [Fraction(x) - e for x, e in zip(p, eye, strict=True)] for p in case.mesh.vertices.tolist()
+    ]
+    front = []
+    for i, j, k in case.mesh.faces:
+        (a, b, c), (d, e, f), (g, h, m) = points[i], points[j], points[k]
+        front.append(a * (e * m - f * h) - b * (d * m - f * g) + c * (d * h - e * g) < 0)
+    return np.array(front)
+
+
+@given(of_kind(*exact_cases.KINDS[:6], exact_cases.near_plane, exact_cases.flipped))
+@some
+def test_culling_is_leaving_back_faces_out(case):
+    front = is_front(case)
+    culled = np.array(exact(case, cull=True))
+    assert not culled[~front].any()
+    if front.any():
+        fewer = Mesh(vertices=case.mesh.vertices, faces=case.mesh.faces[front])
+        limit = polygons.near_limit(case.camera, case.mesh.bounds, case.pose[None])[0]
+        assert exact(case, fewer, near=float(limit)) == culled[front].tolist()
+
+
+@pytest.mark.parametrize("name", ["sphere", "torus", "box"])
+def test_culling_changes_no_closed_surface_seen_from_outside(name):
+    solids = {
+        "sphere": shapes.sphere(2),
+        "torus": shapes.torus(14, 9),
+        "box": exact_cases.box((-1, -1, -1), (1, 1, 1)),
+    }
+    mesh = solids[name]
+    size = float(np.abs(mesh.bounds).max())
+    pose = look_at(4 * size * np.array((0.6, -0.7, 0.4)), (0, 0, 0))[0]
+    case = Case(name, mesh, window(256, 256, 300), pose)
+    both = np.array(exact(case))
+    assert sum(exact(case, cull=True)) > 1000
+    np.testing.assert_allclose(
+        np.array(exact(case, cull=True), float), both.astype(float), atol=1e-9
+    )
+    if name != "torus":  # convex: a front face is whole, a back face hidden
+        images = rational.image_area(mesh, case.camera, pose, exact=True)
+        front = is_front(case)
+        np.testing.assert_allclose(
+            both[front].astype(float), images[front].astype(float), atol=1e-9
+        )
+        assert np.abs(both[~front].astype(float)).max() <= 1e-9
+
+
+# --- arguments -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("module", [polygons, rational])
+def test_faces_come_in_the_order_asked(module):
+    case = hostile(0)
+    everything = module.visible_area(case.mesh, case.camera, case.pose)
+    asked = [3, 0, 3, 7]
+    some_faces = module.visible_area(case.mesh, case.camera, case.pose, asked)
+    np.testing.assert_array_equal(some_faces, everything[asked])
+    assert module.visible_area(case.mesh, case.camera, case.pose, []).shape == (0,)
+    images = module.image_area(case.mesh, case.camera, case.pose)
+    np.testing.assert_array_equal(
+        module.image_area(case.mesh, case.camera, case.pose, asked), images[asked]
+    )
+
+
+def test_blocks_of_faces_do_not_show(monkeypatch):
+    case = hostile(2)
+    everything = polygons.visible_area(case.mesh, case.camera, case.pose)
+    monkeypatch.setattr(polygons, "BLOCK", 7)
+    np.testing.assert_array_equal(
+        polygons.visible_area(case.mesh, case.camera, case.pose), everything
+    )
+
+
+@pytest.mark.parametrize("module", [polygons, rational])
+@pytest.mark.parametrize("face", [-1, 2])
+def test_a_face_that_is_not_there_is_refused(module, face):
+    with pytest.raises(IndexError, match=r"faces must lie in 0 \.\.\. 1"):
+        module.visible_area(square(1, 2), window(), AHEAD, [0, face])
+
+
+@pytest.mark.parametrize("module", [polygons, rational])
+@pytest.mark.parametrize("near", [0.0, -1.0, np.nan])
+def test_near_must_lie_ahead(module, near):
+    with pytest.raises(ValueError, match="near must be a depth greater than 0"):
+        module.visible_area(square(1, 2), window(), AHEAD, near=near)
+
+
+def test_exact_areas_are_fractions():
+    case = KNOWN[0]
+    area = rational.visible_area(case.mesh, case.camera, case.pose, exact=True)
+    assert {type(value) for value in area} == {Fraction}
+    assert type(rational.union_area(case.mesh, case.camera, case.pose)) is Fraction
+    assert rational.visible_area(case.mesh, case.camera, case.pose).dtype == np.float64
+
+
+def test_without_gmpy2_the_answers_are_the_same(monkeypatch):
+    monkeypatch.setitem(sys.modules, "gmpy2", None)
+    spec = importlib.util.spec_from_file_location("rational_without_gmpy2", rational.__file__)
+    plain = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, spec.name, plain)  # dataclass looks its module up
+    spec.loader.exec_module(plain)
+    assert plain.mpq is Fraction
+    for seed in range(20):
+        case = hostile(seed)
+        area = plain.visible_area(case.mesh, case.camera, case.pose, exact=True)
+        assert area.tolist() == exact(case)
+
+
+def test_the_package_does_not_need_its_reference():
+    program = "import sys, rastercov; print([m for m in sys.modules if 'rastercov.reference' in m])"
+    run = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    assert run.stdout.strip() == "[]"
+
+
+# --- when GEOS fails -----------------------------------------------------------------------------
+
+
+@pytest.fixture
+def screens():
+    return joined(square(2, 4), square(0.5, 2)), window(), AHEAD
+
+
+def failing(function, times):
+    """Stand-in for a shapely function that fails the first few times."""
+    calls = []
+
+    def stand_in(*args, **options):
+        calls.append(args)
+        if len(calls) <= times:
+            raise shapely.GEOSException("side location conflict")
+        return function(*args, **options)
+
+    return stand_in
+
+
+@pytest.mark.parametrize(
+    ("name", "times"), [("union_all", 1), ("difference", 1), ("intersection", 2)]
+)
+def test_a_failed_boolean_is_repeated_on_repaired_polygons(monkeypatch, screens, name, times):
+    monkeypatch.setattr(shapely, name, failing(getattr(shapely, name), times))
+    np.testing.assert_allclose(
+        reference.visible_area(*screens), [3750] * 2 + [1250] * 2, atol=AGREE
+    )
+
+
+@pytest.mark.parametrize("name", ["union_all", "difference", "intersection"])
+def test_a_boolean_that_keeps_failing_names_the_faces(monkeypatch, screens, name):
+    monkeypatch.setattr(shapely, name, failing(getattr(shapely, name), 1000))
+    with pytest.raises(polygons.PolygonError, match=r"face.* 0 .*[23].*side location conflict"):
+        reference.visible_area(*screens)
+
+
+def test_areas_that_do_not_add_up_are_an_error(monkeypatch, screens):
+    union_all = shapely.union_all
+    monkeypatch.setattr(
+        shapely, "union_all", lambda parts, **options: union_all(parts, **options).buffer(1)
+    )
+    with pytest.raises(polygons.PolygonError, match=r"face 0 .* parts add up to 72"):
+        reference.visible_area(*screens, faces=[0])
+
+
+def test_a_repair_that_loses_area_is_an_error(monkeypatch, screens):
+    monkeypatch.setattr(shapely, "union_all", failing(shapely.union_all, 1000))
+    monkeypatch.setattr(shapely, "make_valid", lambda polygon: polygon.buffer(-1))
+    with pytest.raises(polygons.PolygonError, match=r"face 0 keeps .* of 5000"):
+        reference.visible_area(*screens)
