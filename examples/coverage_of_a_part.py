@@ -36,4 +36,4 @@ best = int(coverage.coverage.sum(axis=1).argmax())
 seen = coverage.visibility[best] > 0
 partly = seen & (coverage.visibility[best] < 1)
 print(f"pose {best} sees {seen.sum()} faces, {partly.sum()} of them only in part")
-print(f"their bounds go up to {np.max(coverage.visibility_bound[best][partly]):.2f}")
+print(f"their bounds go up to {np.max(coverage.visibility_bound[best][partly]):.1e}")

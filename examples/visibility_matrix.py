@@ -9,9 +9,9 @@ mesh, camera = shapes.aeroplane(), rc.Camera.preset("icube-ns4133bu-8mm").resize
 poses = rc.sphere_of_poses(mesh.bounds.mean(axis=0), distance=50, count=200)
 is_covered = np.zeros((len(poses), mesh.n_faces), dtype=bool)
 
-with rc.open_rasterizer(mesh, camera) as rasterizer:
-    print(rasterizer.info.renderer)
-    for batch in rc.evaluate_batches(rasterizer, poses, rc.Task(min_pixels=4)):
+with rc.open_observer(mesh, camera) as observer:
+    print(observer.info.renderer)
+    for batch in rc.evaluate_batches(observer, poses, rc.Task(min_pixels=4)):
         is_covered[batch.pose_ids] = batch.reason == rc.Reason.COVERED
 
 # Greedy choice: the pose that sees most of what is still unseen.

@@ -21,7 +21,7 @@ from rastercov.raster.contract import (
     VisibilityBuffer,
     open_rasterizer,
 )
-from rastercov.visibility import Kind, Visibility, visibility
+from rastercov.visibility import Kind, Observation, Observer, Visibility, open_observer, visibility
 
 __all__ = [
     "Camera",
@@ -35,6 +35,8 @@ __all__ = [
     "Mesh",
     "MeshError",
     "Network",
+    "Observation",
+    "Observer",
     "PoseError",
     "RastercovError",
     "Rasterizer",
@@ -47,6 +49,7 @@ __all__ = [
     "evaluate",
     "evaluate_batches",
     "look_at",
+    "open_observer",
     "open_rasterizer",
     "read_poses",
     "sphere_of_poses",

@@ -28,8 +28,6 @@ from rastercov.inputs import read_camera, read_scene, read_view_points
 from rastercov.mesh import Mesh
 from rastercov.pose import check_poses
 
-UNSEEN = {"degenerate", "back_facing", "unsampled"}
-"""Reasons that, all together and with nothing covered, say that the mesh is a speck."""
 MOST_WARNINGS = 5
 """Poses left out that are named one by one."""
 
@@ -75,7 +73,10 @@ TwoSided = Annotated[
 ]
 DropInvalid = Annotated[bool, typer.Option(help="Drop faces that are not finite, with a warning.")]
 Device = Annotated[str, typer.Option(help="auto, cpu, or OpenGL: egl:0, surfaceless, osmesa.")]
-Supersample = Annotated[int, typer.Option(help="S: S x S samples a pixel.")]
+Method = Annotated[
+    str, typer.Option(help="How occlusion is found: certified, exact (slower) or sampled.")
+]
+Supersample = Annotated[int, typer.Option(help="S: S x S samples a pixel, for --method sampled.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for machines.")]
 Pictures = Annotated[int, typer.Option(min=0, help="Poses to draw, spread over the run.")]
 
@@ -121,6 +122,7 @@ def evaluate(
         bool, typer.Option("--skip-bad-poses", help="Leave out poses that are no rigid motion.")
     ] = False,
     pictures: Pictures = 12,
+    method: Method = "certified",
     supersample: Supersample = 1,
     device: Device = "auto",
     as_json: AsJson = False,
@@ -145,7 +147,11 @@ def evaluate(
     scene = read_scene(meshes, unit, occluder, two_sided, drop_invalid)
     eye = read_camera(camera)
     options = Options(
-        supersample=supersample, device=device, pictures=pictures, skip_bad_poses=skip_bad_poses
+        method=method,
+        supersample=supersample,
+        device=device,
+        pictures=pictures,
+        skip_bad_poses=skip_bad_poses,
     )
     _run(scene, eye, read_view_points(poses, scene, eye), task, out, options, as_json)
 
@@ -203,7 +209,7 @@ def render(
         raise PoseError(f"--pose {pose} is not there: {poses} has {len(matrices)} poses, from 0")
     _warn(scene.warnings)
     make_folder(out)
-    with Options(device=device).open(scene, eye) as rasterizer:
+    with Options(device=device).open_rasterizer(scene, eye) as rasterizer:
         buffer = rasterizer.render(matrices[pose])
         info = rasterizer.info
     seen = np.unique(buffer.face[buffer.face >= 0])
@@ -329,10 +335,9 @@ def _run(
         _warn(["there are no poses, so nothing is covered"])
     with _progress() as progress:
         summary = run(mesh, camera, poses, task, out, options, progress)
-    missed = summary["not_covered_because"].keys()
-    if "unsampled" in missed and missed <= UNSEEN and not summary["covered"]["faces"]:
+    if any(summary["visibility_figures"].values()) and summary["largest_image_pixels"] < 1:
         across = float(np.ptp(mesh.bounds, axis=0).max())
-        _warn([f"too small in every image to own a sample: {across:.2g} m across; see --unit"])
+        _warn([f"less than a pixel in every image: {across:.2g} m across; see --unit"])
     if as_json:
         # In ASCII, which any terminal or pipe takes.
         print(json.dumps(json.loads((out / "summary.json").read_bytes()), indent=2))

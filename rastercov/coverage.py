@@ -21,8 +21,8 @@ from rastercov.criteria import in_focus, view_faces
 from rastercov.errors import ConfigError, ResourceError
 from rastercov.mesh import Mesh
 from rastercov.pose import check_poses, valid_poses
-from rastercov.raster.contract import FaceCounts, Rasterizer, RasterizerInfo, open_rasterizer
-from rastercov.visibility import check_method, sampled
+from rastercov.raster.contract import RasterizerInfo
+from rastercov.visibility import Observation, Observer, figures, open_observer
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -48,7 +48,8 @@ class Reason(IntEnum):
     OUT_OF_FOCUS = 3
     """It is not within the depth of field."""
     UNSAMPLED = 4
-    """It is in view but so small or thin that no sample falls on it; occlusion is unknown."""
+    """It is in view but so small or thin that no sample falls on it, or that it has no image to
+    within rounding; occlusion is unknown."""
     TOO_COARSE = 5
     """Too few pixels, or too few a metre."""
     OCCLUDED = 6
@@ -150,7 +151,8 @@ class Coverage:
     projected_area : float64
         (3.9), px^2, of the part beyond the near plane; computed, not counted.
     visible_pixels, drawn_pixels : float64
-        Samples over S^2: what the camera gets of the face, and would get were it alone.
+        What the camera gets of the face inside the image, and would get were it alone, px^2:
+        computed, or counted as samples over S^2.
     resolution : float64
         (3.8): drawn_pixels / R_min, not capped; times `visibility` it is visible_pixels / R_min
         for faces seen from the front.
@@ -160,6 +162,8 @@ class Coverage:
         (3.12).
     visibility, visibility_bound : float64
         (3.14), and how far it may be off.
+    visibility_kind : uint8
+        `rastercov.Kind` of each bound.
     incidence : float64
         Angle between normal and ray to the camera centre, radians.
     coverage : float64
@@ -188,6 +192,7 @@ class Coverage:
     in_focus: BoolArray
     visibility: FloatArray
     visibility_bound: FloatArray
+    visibility_kind: NDArray[np.uint8]
     incidence: FloatArray
     coverage: FloatArray
     reason: NDArray[np.uint8]
@@ -204,6 +209,7 @@ FIGURES = {
     "in_focus": np.bool_,
     "visibility": np.float64,
     "visibility_bound": np.float64,
+    "visibility_kind": np.uint8,
     "incidence": np.float64,
     "coverage": np.float64,
     "reason": np.uint8,
@@ -217,7 +223,7 @@ def evaluate(
     poses: ArrayLike,
     task: Task | None = None,
     *,
-    method: str = "sampled",
+    method: str = "certified",
     backend: str = "auto",
     supersample: int = 1,
     skip_bad_poses: bool = False,
@@ -233,10 +239,8 @@ def evaluate(
         world_from_camera.
     task : Task, optional
         Thresholds; `Task()` unless given.
-    method : {"sampled"}
-        How visibility is found; see `visibility`.
-    backend, supersample, **options
-        As for `open_rasterizer`.
+    method, backend, supersample, **options
+        How visibility is found; as for `open_observer`.
     skip_bad_poses : bool
         Leave out poses that are no rigid motion instead of raising; see `Coverage.pose_ids`.
 
@@ -247,7 +251,6 @@ def evaluate(
     ResourceError
         When the arrays would exceed `EVALUATE_BUDGET`; use `evaluate_batches`.
     """
-    check_method(method)
     shape = (len(_accepted(poses, skip_bad_poses)[1]), mesh.n_faces)
     size = shape[0] * shape[1] * sum(np.dtype(kind).itemsize for kind in FIGURES.values())
     if size > EVALUATE_BUDGET:
@@ -255,48 +258,46 @@ def evaluate(
             f"{shape[0]} poses x {shape[1]} faces would take {size / 2**30:.1f} GiB; "
             "use evaluate_batches, which holds a few poses at a time"
         )
-    with open_rasterizer(mesh, camera, backend, supersample=supersample, **options) as rasterizer:
+    with open_observer(
+        mesh, camera, method, backend=backend, supersample=supersample, **options
+    ) as observer:
         whole: dict[str, NDArray[Any]] = {n: np.empty(shape, kind) for n, kind in FIGURES.items()}
         whole |= {"pose_ids": np.empty(shape[0], np.int64), "clipped": np.empty(shape[0], bool)}
         done = 0
-        for batch in evaluate_batches(
-            rasterizer, poses, task, method=method, skip_bad_poses=skip_bad_poses
-        ):
+        for batch in evaluate_batches(observer, poses, task, skip_bad_poses=skip_bad_poses):
             for name, array in whole.items():
                 array[done : done + len(batch.pose_ids)] = getattr(batch, name)
             done += len(batch.pose_ids)
-    return Coverage(mesh=mesh, camera=camera, task=batch.task, info=rasterizer.info, **whole)
+    return Coverage(mesh=mesh, camera=camera, task=batch.task, info=observer.info, **whole)
 
 
 def evaluate_batches(
-    rasterizer: Rasterizer,
+    observer: Observer,
     poses: ArrayLike,
     task: Task | None = None,
     *,
-    method: str = "sampled",
     skip_bad_poses: bool = False,
 ) -> Iterator[Coverage]:
     """Coverage a few poses at a time, for runs of any length; at least one batch, maybe empty.
 
     Parameters
     ----------
-    rasterizer : Rasterizer
+    observer : Observer
         Open, for the mesh and camera to evaluate.
-    poses, task, method, skip_bad_poses
+    poses, task, skip_bad_poses
         As for `evaluate`.
 
     Returns
     -------
     Iterator of Coverage
         Of consecutive poses, at most `PAIRS_A_BATCH` pairs and `POSES_A_BATCH` poses each. The
-        arguments are checked at once; each batch is counted when it is asked for.
+        arguments are checked at once; each batch is measured when it is asked for.
     """
-    check_method(method)
     task = task or Task()
     matrices, pose_ids = _accepted(poses, skip_bad_poses)
-    step = max(1, min(POSES_A_BATCH, PAIRS_A_BATCH // rasterizer.mesh.n_faces))
+    step = max(1, min(POSES_A_BATCH, PAIRS_A_BATCH // observer.mesh.n_faces))
     batches = (pose_ids[at : at + step] for at in range(0, max(1, len(pose_ids)), step))
-    return (_judge(rasterizer, task, matrices[rows], rows) for rows in batches)
+    return (_judge(observer, task, matrices[rows], rows) for rows in batches)
 
 
 def _accepted(poses: ArrayLike, skip_bad_poses: bool) -> tuple[FloatArray, IntArray]:
@@ -318,18 +319,16 @@ def _number(value: Any) -> float:
         return math.nan
 
 
-def _judge(rasterizer: Rasterizer, task: Task, poses: FloatArray, pose_ids: IntArray) -> Coverage:
-    mesh, camera = rasterizer.mesh, rasterizer.camera
-    counts = rasterizer.count(poses)
+def _judge(observer: Observer, task: Task, poses: FloatArray, pose_ids: IntArray) -> Coverage:
+    mesh, camera = observer.mesh, observer.camera
+    seen = observer.observe(poses)
     shape = (len(poses), mesh.n_faces)
-    figures: dict[str, NDArray[Any]] = {n: np.zeros(shape, kind) for n, kind in FIGURES.items()}
+    values: dict[str, NDArray[Any]] = {n: np.zeros(shape, kind) for n, kind in FIGURES.items()}
     focus_limits = camera.depth_of_field(task.max_blur)
     for row, pose in enumerate(poses):
-        for name, values in _judge_pose(
-            mesh, camera, task, focus_limits, pose, counts, row
-        ).items():
-            figures[name][row] = values
-    return Coverage(mesh, camera, task, counts.info, pose_ids, counts.clipped, **figures)
+        for name, of_pose in _judge_pose(mesh, camera, task, focus_limits, pose, seen, row).items():
+            values[name][row] = of_pose
+    return Coverage(mesh, camera, task, observer.info, pose_ids, seen.clipped, **values)
 
 
 def _judge_pose(
@@ -338,15 +337,13 @@ def _judge_pose(
     task: Task,
     focus_limits: tuple[float, float],
     pose: FloatArray,
-    counts: FaceCounts,
+    seen: Observation,
     row: int,
 ) -> dict[str, NDArray[Any]]:
     """Every figure of one pose, by the names of `FIGURES`."""
     view = view_faces(mesh, camera, pose)
-    visibility, bound, _ = sampled(view, counts, row)
-    assert counts.drawn is not None
-    samples = counts.supersample**2
-    drawn = counts.drawn[row] / samples
+    visibility, bound, kind = figures(view, seen, row)
+    drawn = seen.drawn_pixels[row]
     resolution = drawn / task.min_pixels
     focus = in_focus(view.depth, focus_limits, task.focus_rule)
     enough = resolution if not task.cap_resolution else np.minimum(resolution, 1.0)
@@ -374,13 +371,14 @@ def _judge_pose(
         "in_view": view.in_view,
         "in_view_fraction": view.in_view_fraction,
         "projected_area": view.projected_area,
-        "visible_pixels": counts.visible[row] / samples,
+        "visible_pixels": seen.visible_pixels[row],
         "drawn_pixels": drawn,
         "resolution": resolution,
         "pixel_density": view.pixel_density,
         "in_focus": focus,
         "visibility": visibility,
         "visibility_bound": bound,
+        "visibility_kind": kind,
         "incidence": view.incidence,
         "coverage": product,
         "reason": reason,

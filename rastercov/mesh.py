@@ -219,7 +219,7 @@ class Mesh:
         return frozen(~np.any(self.normals, axis=1))
 
     @cached_property
-    def _positions(self) -> NDArray[np.int64]:
+    def positions(self) -> NDArray[np.int64]:
         """(F, 3) like `faces`, but equal for vertices that lie on the same point."""
         same = first_equal_row((self.vertices + 0.0).view(np.uint64))  # -0.0 + 0.0 is 0.0
         return same[self.faces]
@@ -227,13 +227,13 @@ class Mesh:
     @cached_property
     def duplicate_mask(self) -> NDArray[np.bool_]:
         """(F,) later copies of a face: the same three positions, in any order."""
-        same = first_equal_row(np.sort(self._positions, axis=1).view(np.uint64))
+        same = first_equal_row(np.sort(self.positions, axis=1).view(np.uint64))
         return frozen(same != np.arange(self.n_faces))
 
     @cached_property
     def topology(self) -> Topology:
         """How the faces meet along their edges."""
-        return Topology.of(self._positions, self.n_vertices)
+        return Topology.of(self.positions, self.n_vertices)
 
     @property
     def n_boundary_edges(self) -> int:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rastercov.coverage import Coverage, Reason, Task
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
+from rastercov.visibility import Kind
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -35,8 +36,15 @@ class Network:
         The poses so far.
     covered_faces, mean_coverage : list
         For each of them: task faces it covers, and mean coverage over task faces.
+    kinds : (3,) int64
+        Pairs of pose and task face, any part of which is in view from the front, by the `Kind` of
+        their visibility.
     largest_bound : float
+        Greatest `visibility_bound` of these.
+    largest_covered_bound : float
         Greatest `visibility_bound` of any pair that counts as covered.
+    largest_image : float
+        Greatest sum of `drawn_pixels` over the task faces in one pose, px^2.
     clipped_poses : list of int
         Poses in which the near plane cut away a surface in view.
     """
@@ -50,7 +58,10 @@ class Network:
         self.pose_ids: list[int] = []
         self.covered_faces: list[int] = []
         self.mean_coverage: list[float] = []
+        self.kinds: IntArray = np.zeros(len(Kind), np.int64)
         self.largest_bound = 0.0
+        self.largest_covered_bound = 0.0
+        self.largest_image = 0.0
         self.clipped_poses: list[int] = []
 
     def add(self, coverage: Coverage) -> None:
@@ -73,8 +84,19 @@ class Network:
         # `take` keeps a pose's faces together, so that its sum does not depend on its neighbours.
         total = coverage.coverage.take(task_faces, axis=1).sum(axis=1)
         self.mean_coverage += (total / max(1, len(task_faces))).tolist()
-        bounds = coverage.visibility_bound[:, task_faces][covers[:, task_faces]]
-        self.largest_bound = max(self.largest_bound, float(bounds.max(initial=0.0)))
+        images = coverage.drawn_pixels.take(task_faces, axis=1).sum(axis=1)
+        self.largest_image = max(self.largest_image, float(images.max()))
+        bounds = coverage.visibility_bound[:, task_faces]
+        in_view = (coverage.in_view_fraction[:, task_faces] > 0) & (
+            coverage.reason[:, task_faces] > Reason.BACK_FACING
+        )
+        kinds = coverage.visibility_kind[:, task_faces][in_view]
+        self.kinds += np.bincount(kinds, minlength=len(Kind))
+        self.largest_bound = max(self.largest_bound, float(bounds[in_view].max(initial=0.0)))
+        covered = bounds[covers[:, task_faces]]
+        self.largest_covered_bound = max(
+            self.largest_covered_bound, float(covered.max(initial=0.0))
+        )
         self.clipped_poses += coverage.pose_ids[coverage.clipped].tolist()
 
     @property
@@ -109,7 +131,12 @@ class Network:
             "not_covered_because": reasons,
             "mean_best_coverage": float(self.best[task_faces].mean()) if task_faces.any() else 0.0,
             "mean_views": float(self.views[task_faces].mean()) if task_faces.any() else 0.0,
+            "visibility_figures": {
+                kind.name.lower(): int(self.kinds[kind]) for kind in reversed(Kind)
+            },
             "largest_visibility_bound": self.largest_bound,
+            "largest_visibility_bound_of_covered": self.largest_covered_bound,
+            "largest_image_pixels": self.largest_image,
             "near_clipped_poses": self.clipped_poses,
             "groups": [self._group(index) for index in range(len(self.mesh.groups))],
         }

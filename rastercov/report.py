@@ -27,7 +27,10 @@ from rich.text import Text
 from rastercov.coverage import FIGURES, Coverage, Reason
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
+from rastercov.visibility import Kind
 
+CODES = {"visibility_kind": Kind, "reason": Reason}
+"""Figures that are written by name."""
 ROWS_A_GROUP = 1 << 18
 """Rows of a Parquet row group: about 13 MB of columns."""
 UNITS = {
@@ -49,7 +52,8 @@ class CoverageTable:
     A pair is in view when any part of the face is inside the image (`in_view_fraction` > 0); faces
     seen from behind are among them. Columns: `pose` and `face` (int32), `group` (its name,
     dictionary-encoded: a category in pandas and polars), then `coverage.FIGURES`, floats as
-    float32, `incidence` in radians, `reason` by its name in lower case, dictionary-encoded.
+    float32, `incidence` in radians, `reason` and `visibility_kind` by name in lower case,
+    dictionary-encoded.
     `visibility_bound` takes in what float32 rounds off `visibility`, so that it still holds.
 
     Parameters
@@ -72,7 +76,7 @@ class CoverageTable:
         kinds = {"pose": pa.int32(), "face": pa.int32(), "group": names}
         for name, kind in FIGURES.items():
             kinds[name] = pa.bool_() if kind is np.bool_ else pa.float32()
-        kinds["reason"] = names
+        kinds |= dict.fromkeys(CODES, names)
         fields = [
             pa.field(name, kind, False, {"unit": UNITS[name]} if name in UNITS else None)
             for name, kind in kinds.items()
@@ -90,7 +94,8 @@ class CoverageTable:
             file = stack.enter_context(part.open("wb"))
             # Dictionaries suit columns with few values; the others are split into their bytes,
             # which compress better side by side.
-            spread = ["projected_area", "pixel_density", "incidence"]
+            spread = ["projected_area", "visible_pixels", "drawn_pixels", "resolution"]
+            spread += ["pixel_density", "incidence"]
             self._writer = stack.enter_context(
                 pq.ParquetWriter(
                     file,
@@ -121,7 +126,8 @@ class CoverageTable:
             for name, kind in FIGURES.items():
                 values = getattr(coverage, name).ravel()[pairs]
                 columns[name] = values if kind is np.bool_ else values.astype(np.float32)
-        columns["reason"] = _category(columns["reason"], [name.name.lower() for name in Reason])
+        for name, codes in CODES.items():
+            columns[name] = _category(columns[name], [code.name.lower() for code in codes])
         exact = coverage.visibility.ravel()[pairs]
         bound = coverage.visibility_bound.ravel()[pairs] + np.abs(columns["visibility"] - exact)
         short = bound.astype(np.float32)
@@ -231,10 +237,18 @@ def run_table(summary: Mapping[str, Any]) -> Table:
     table.add_row("faces", f"{summary['faces']:,}")
     table.add_row("poses", f"{summary['poses']:,}")
     table.add_row("poses per second", f"{summary['poses_per_second']:,.1f}")
-    table.add_row("renderer", Text(summary["run"]["rasterizer"]["renderer"]))
+    table.add_row("measured by", Text(summary["run"]["measured_by"]["renderer"]))
+    table.add_row("visibility", _kinds(summary))
     by_area = f"{covered['area_percent']:.1f} % of the area"
     table.add_row("coverage", f"{covered['percent']:.1f} % of the faces, {by_area}")
     return table
+
+
+def _kinds(summary: Mapping[str, Any]) -> str:
+    """How many figures of visibility are of which kind, and the largest bound."""
+    figures = summary["visibility_figures"]
+    kinds = ", ".join(f"{n:,} {kind}" for kind, n in figures.items() if n)
+    return f"{kinds}; largest bound {summary['largest_visibility_bound']:.2g}" if kinds else "none"
 
 
 def _shares(entry: Mapping[str, Any], n_faces: int) -> tuple[str, ...]:

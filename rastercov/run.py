@@ -19,7 +19,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -44,6 +44,7 @@ from rastercov.pictures import (
 from rastercov.pose import check_poses, valid_poses
 from rastercov.raster.contract import Rasterizer, RasterizerInfo, open_rasterizer
 from rastercov.report import CoverageTable, write_coloured_mesh, write_json
+from rastercov.visibility import Observer, open_observer
 
 PICTURE_SIDE = 1280
 """Pictures are drawn at the camera's size, or smaller where it exceeds this many pixels."""
@@ -60,24 +61,33 @@ class Options:
     method, supersample : str, int
         As for `evaluate`.
     device : str
-        "auto" and "cpu" as backends of `open_rasterizer`, or a device of `GLRasterizer`.
+        What draws, and counts where the method is "sampled": "auto" and "cpu" as backends of
+        `open_rasterizer`, or a device of `GLRasterizer`.
     pictures : int
         Poses to draw, spread evenly over the run; 0 for none.
     skip_bad_poses : bool
         Leave out poses that are no rigid motion.
     """
 
-    method: str = "sampled"
+    method: str = "certified"
     supersample: int = 1
     device: str = "auto"
     pictures: int = 12
     skip_bad_poses: bool = False
 
-    def open(self, mesh: Mesh, camera: Camera) -> Rasterizer:
-        """Rasteriser for these options."""
+    def open(self, mesh: Mesh, camera: Camera) -> Observer:
+        """Observer for these options."""
+        chosen = self._device() if self.method == "sampled" else {}
+        return open_observer(mesh, camera, self.method, supersample=self.supersample, **chosen)
+
+    def open_rasterizer(self, mesh: Mesh, camera: Camera) -> Rasterizer:
+        """Rasteriser that draws pictures for these options."""
+        return open_rasterizer(mesh, camera, **self._device())
+
+    def _device(self) -> dict[str, Any]:
         if self.device in ("auto", "cpu"):
-            return open_rasterizer(mesh, camera, self.device, supersample=self.supersample)
-        return open_rasterizer(mesh, camera, "gl", supersample=self.supersample, device=self.device)
+            return {"backend": self.device}
+        return {"backend": "gl", "device": self.device}
 
 
 def run(
@@ -120,17 +130,15 @@ def run(
     valid = np.array([row for row in range(len(matrices)) if row not in faults], np.int64)
     chosen = valid[np.unique(np.linspace(0, total - 1, min(options.pictures, total)).astype(int))]
     drawn: dict[int, tuple[NDArray[np.float64], str]] = {}
+    if len(chosen) and options.device not in ("auto", "cpu"):
+        options.open_rasterizer(mesh, camera).close()  # a device that fails does so before the work
     interrupted = False
-    with options.open(mesh, camera) as rasterizer:
-        header = describe(mesh, camera, matrices, task, options, rasterizer.info)
+    with options.open(mesh, camera) as observer:
+        header = describe(mesh, camera, matrices, task, options, observer.info)
         with CoverageTable(out / "coverage.parquet", header) as table:
             started = time.perf_counter()
             batches = evaluate_batches(
-                rasterizer,
-                matrices,
-                task,
-                method=options.method,
-                skip_bad_poses=options.skip_bad_poses,
+                observer, matrices, task, skip_bad_poses=options.skip_bad_poses
             )
             try:
                 progress(0, total)
@@ -225,7 +233,7 @@ def describe(
         "camera": {k: v for k, v in asdict(camera).items() if v not in (None, ())},
         "task": asdict(task),
         "options": asdict(options),
-        "rasterizer": asdict(info),
+        "measured_by": asdict(info),
         "versions": {
             "python": platform.python_version(),
             **{name: version(name) for name in ("rastercov", "moderngl", "numpy")},
@@ -261,7 +269,7 @@ def _draw(
     digits = len(str(max(drawn)))
     pictures = []
     small = camera.resized(min(1.0, PICTURE_SIDE / max(camera.width, camera.height)))
-    with replace(options, supersample=1).open(mesh, small) as rasterizer:
+    with options.open_rasterizer(mesh, small) as rasterizer:
         for pose, (values, title) in drawn.items():
             buffer = rasterizer.render(poses[pose])
             picture = coverage_picture(buffer, values, mesh, small, poses[pose], title)

@@ -186,7 +186,26 @@ def test_clipped_poses_and_the_largest_bound_are_kept():
     two = judged(np.ones((1, 5)), clipped=[True], visibility_bound=[[0.5] * 5], pose_ids=[7])
     summary = network_of(one, two).summary()
     assert summary["near_clipped_poses"] == [0, 7]
+    assert summary["largest_visibility_bound_of_covered"] == 0.5
+
+
+def test_figures_of_faces_in_view_are_counted_by_kind():
+    kinds = [[0, 1, 2, 2, 1], [2, 2, 1, 1, 1]]
+    reason = np.full((2, 5), Reason.OCCLUDED)
+    reason[1, 0] = Reason.BACK_FACING
+    one = judged(
+        np.zeros((2, 5)),
+        reason=reason,
+        visibility_kind=kinds,
+        visibility_bound=[[0.5, 0, 1e-9, 1e-9, 0], [1, 1e-9, 0, 0, 0]],
+        in_view_fraction=[[1, 1, 1, 1, 1], [1, 1, 1, 0, 0.5]],
+        drawn_pixels=[[1, 2, 3, 4, 5], [9, 8, 7, 6, 5]],
+    )
+    summary = network_of(one).summary()
+    assert summary["visibility_figures"] == {"exact": 3, "certified": 4, "statistical": 1}
     assert summary["largest_visibility_bound"] == 0.5
+    assert summary["largest_visibility_bound_of_covered"] == 0
+    assert summary["largest_image_pixels"] == 35
 
 
 # --- batches, nothing, JSON -----------------------------------------------------------------------

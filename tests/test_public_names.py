@@ -24,7 +24,7 @@ SURFACE = {
     "network": set(),
     "pose": {"DRIFT_TOLERANCE", "check_poses", "inverse", "valid_poses"},
     "raster.contract": {"MAX_SUPERSAMPLE"},
-    "visibility": {"METHODS", "check_method", "sampled"},
+    "visibility": {"METHODS", "ROLL", "ROUNDING", "figures"},
 }
 MESH = {"Group", "Mesh"}
 
@@ -98,8 +98,8 @@ def test_every_parameter_of_a_function_is_documented_and_typed(name):
             assert parameter.name in text, parameter.name
 
 
-VALUES = ["Camera", "Coverage", "FaceCounts", "Group", "Mesh", "RasterizerInfo", "Task"]
-VALUES += ["Visibility", "VisibilityBuffer"]
+VALUES = ["Camera", "Coverage", "FaceCounts", "Group", "Mesh", "Observation", "RasterizerInfo"]
+VALUES += ["Task", "Visibility", "VisibilityBuffer"]
 
 
 @pytest.mark.parametrize("name", VALUES)
@@ -112,19 +112,22 @@ def test_values_are_frozen(name):
         setattr(thing, dataclasses.fields(kind)[0].name, None)
 
 
+RESULTS = ["Coverage", "FaceCounts", "Observation", "Visibility", "VisibilityBuffer"]
+
+
 def test_every_dataclass_in_the_surface_is_listed():
     found = {n for n in rastercov.__all__ if dataclasses.is_dataclass(getattr(rastercov, n))}
     assert found == set(VALUES)
 
 
-@pytest.mark.parametrize("name", ["Coverage", "FaceCounts", "Visibility", "VisibilityBuffer"])
+@pytest.mark.parametrize("name", RESULTS)
 def test_values_of_arrays_are_compared_by_identity(name):
     # Field by field, == would be an array and its truth an error.
     assert getattr(rastercov, name).__eq__ is object.__eq__
     assert getattr(rastercov, name).__hash__ is object.__hash__
 
 
-@pytest.mark.parametrize("name", ["Coverage", "FaceCounts", "Visibility", "VisibilityBuffer"])
+@pytest.mark.parametrize("name", RESULTS)
 def test_every_array_of_a_result_is_documented(name):
     kind = getattr(rastercov, name)
     text = inspect.getdoc(kind)

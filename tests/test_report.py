@@ -13,12 +13,13 @@ from rich.console import Console
 
 from rastercov import pictures, report, shapes
 from rastercov.camera import Camera
-from rastercov.coverage import FIGURES, Coverage, Reason, Task, evaluate_batches
+from rastercov.coverage import FIGURES, Coverage, Reason, Task, evaluate, evaluate_batches
 from rastercov.errors import ConfigError
 from rastercov.mesh import Group, Mesh
 from rastercov.network import Network
 from rastercov.pose import look_at
 from rastercov.raster.contract import RasterizerInfo, VisibilityBuffer
+from rastercov.visibility import METHODS, Kind, open_observer
 
 INFO = RasterizerInfo("gl", "software", "renderer", "driver", "device", "float32", "hash")
 CAMERA = Camera(width=480, height=360, fx=400, fy=400, cx=240, cy=180)
@@ -58,6 +59,7 @@ def made_up(mesh=STRIP, poses=3, seed=0, pose_ids=None, task=None, **figures):
         name: rng.random(shape) < 0.5 if kind is np.bool_ else rng.random(shape)
         for name, kind in FIGURES.items()
     }
+    arrays["visibility_kind"] = rng.integers(0, len(Kind), shape).astype(np.uint8)
     arrays["reason"] = rng.integers(0, len(Reason), shape).astype(np.uint8)
     ids = np.arange(poses) if pose_ids is None else np.asarray(pose_ids)
     clipped = np.zeros(poses, bool)
@@ -81,7 +83,9 @@ def test_table_holds_every_figure_of_the_pairs_in_view_and_no_others(tmp_path):
     assert read["group"].to_pylist() == names
     reasons = [Reason(r).name.lower() for r in coverage.reason[pose, face]]
     assert read["reason"].to_pylist() == reasons
-    for name in set(FIGURES) - {"reason", "visibility_bound"}:
+    kinds = [Kind(k).name.lower() for k in coverage.visibility_kind[pose, face]]
+    assert read["visibility_kind"].to_pylist() == kinds
+    for name in set(FIGURES) - {"reason", "visibility_kind", "visibility_bound"}:
         expected = getattr(coverage, name)[pose, face]
         if expected.dtype != bool:
             expected = expected.astype(np.float32)
@@ -95,6 +99,7 @@ def test_table_types(tmp_path):
     assert schema.names == ["pose", "face", "group", *FIGURES]
     category = pa.dictionary(pa.int32(), pa.string())
     expected = {"pose": pa.int32(), "face": pa.int32(), "group": category, "reason": category}
+    expected["visibility_kind"] = category
     for name, kind in FIGURES.items():
         expected.setdefault(name, pa.bool_() if kind is np.bool_ else pa.float32())
     assert {name: schema.field(name).type for name in schema.names} == expected
@@ -208,13 +213,16 @@ def test_rows_outside_the_block_are_refused(tmp_path):
         table.add(made_up())
 
 
-def test_table_of_a_real_run_agrees_with_its_network(open_raster, tmp_path):
+@pytest.mark.parametrize("method", METHODS)
+def test_table_of_a_real_run_agrees_with_its_network(method, tmp_path):
     mesh = shapes.room(4).with_groups(occluders=["crates"])
     poses = look_at((-2.7, -2.2, 1.9), [(1, 0.5, 0.3), (0, 2.5, 1), (2, -1, 1)])
-    rasterizer = open_raster(mesh, CAMERA)
     network = Network(mesh, Task())
-    with report.CoverageTable(tmp_path / "pairs.parquet") as table:
-        for batch in evaluate_batches(rasterizer, poses):
+    with (
+        open_observer(mesh, CAMERA, method) as observer,
+        report.CoverageTable(tmp_path / "pairs.parquet") as table,
+    ):
+        for batch in evaluate_batches(observer, poses):
             table.add(batch)
             network.add(batch)
     read = pq.read_table(tmp_path / "pairs.parquet")
@@ -512,7 +520,7 @@ def test_picture_of_a_rendered_pose(open_raster):
     pose = look_at((-2.7, -2.2, 1.9), (1, 0.5, 0.3))[0]
     camera = Camera(width=480, height=360, fx=240, fy=240, cx=240, cy=180)
     rasterizer = open_raster(mesh, camera)
-    (coverage,) = evaluate_batches(rasterizer, pose[None])
+    coverage = evaluate(mesh, camera, pose)
     buffer = rasterizer.render(pose)
     pixels = pictures.coverage_pixels(buffer, coverage.coverage[0], mesh, pose).astype(int)
     is_task = np.append(mesh.task_mask, False)[buffer.face]
@@ -573,7 +581,7 @@ def test_run_table_names_what_ran_and_what_came_out():
     summary = Network(STRIP, Task()).summary() | {
         "poses": 1234,
         "poses_per_second": 70.04,
-        "run": {"rasterizer": {"renderer": "[bold]Mesa[/]"}},
+        "run": {"measured_by": {"renderer": "[bold]Mesa[/]"}},
     }
     text = printed(report.run_table(summary))
     for wanted in ("1,234", "70.0", "[bold]Mesa[/]", "0.0 % of the faces"):

@@ -60,7 +60,8 @@ def test_the_files_hold_what_evaluate_gives(tmp_path, small_batches):
     table = pq.read_table(out / "coverage.parquet")
     pose, face = table["pose"].to_numpy(), table["face"].to_numpy()
     assert len(table) == (coverage.in_view_fraction > 0).sum()
-    np.testing.assert_array_equal(table["visible_pixels"], coverage.visible_pixels[pose, face])
+    seen = np.float32(coverage.visible_pixels[pose, face])
+    np.testing.assert_array_equal(table["visible_pixels"], seen)
     np.testing.assert_array_equal(table["coverage"], np.float32(coverage.coverage[pose, face]))
     assert [row["pose"] for row in summary["per_pose"]] == list(range(10))
     means = [row["mean_coverage"] for row in summary["per_pose"]]
@@ -74,7 +75,7 @@ def test_the_header_says_what_made_the_report(tmp_path):
     text = "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
     path.write_text(text)
     mesh = Mesh.load(path, unit="mm", two_sided=["part"])
-    options = replace(PLAIN, device="surfaceless")
+    options = replace(PLAIN, method="sampled", device="surfaceless")
     summary = run(mesh, CAMERA, around(2), TASK, tmp_path / "report", options)
     metadata = pq.read_schema(tmp_path / "report" / "coverage.parquet").metadata
     header = json.loads(metadata[b"rastercov"])
@@ -89,8 +90,8 @@ def test_the_header_says_what_made_the_report(tmp_path):
     assert Camera.from_dict(header["camera"]) == CAMERA
     assert header["task"] == asdict(TASK)
     assert header["options"] == asdict(options)
-    assert header["rasterizer"]["shaders"] == shaders.digest()
-    assert header["rasterizer"]["renderer"]
+    assert header["measured_by"]["shaders"] == shaders.digest()
+    assert header["measured_by"]["renderer"]
     assert header["versions"]["rastercov"] == version("rastercov")
     assert header["versions"]["numpy"] == np.__version__
 

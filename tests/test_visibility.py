@@ -13,7 +13,7 @@ from rastercov.errors import ConfigError, PoseError
 from rastercov.mesh import Mesh
 from rastercov.pose import look_at, sphere_of_poses
 from rastercov.raster.gl import GLRasterizer
-from rastercov.visibility import Kind, sampled, visibility
+from rastercov.visibility import METHODS, Kind, Observation, figures, open_observer, visibility
 
 CAMERA = Camera(width=200, height=200, fx=100, fy=100)
 AHEAD = np.eye(4)  # at the origin, looking along +z
@@ -29,7 +29,8 @@ def see(device):
     def see_one(mesh, camera, pose, supersample=1):
         with GLRasterizer(mesh, camera, device=device, supersample=supersample) as rasterizer:
             counts = rasterizer.count(pose)
-        return *sampled(view_faces(mesh, camera, pose), counts, 0), counts
+        seen = Observation.of_counts(counts)
+        return *figures(view_faces(mesh, camera, pose), seen, 0), counts
 
     return see_one
 
@@ -188,40 +189,88 @@ def test_a_face_in_view_too_small_for_an_area_is_unknown_and_not_hidden(see):
 # --- the public function --------------------------------------------------------------------------
 
 
-def test_back_faces_and_faces_outside_are_exactly_0():
+@pytest.mark.parametrize(
+    ("method", "kind"),
+    [("certified", Kind.CERTIFIED), ("exact", Kind.EXACT), ("sampled", Kind.STATISTICAL)],
+)
+def test_back_faces_and_faces_outside_are_exactly_0(method, kind):
     away = sheet((1, -1), (-1, 1), 2)  # wound the other way
     mesh = joined(square(0.2, 1), away, sheet((9, 0), (10, 1), 2), square(1, -2))
-    seen = visibility(mesh, CAMERA, AHEAD)
+    seen = visibility(mesh, CAMERA, AHEAD, method)
     assert seen.value.tolist() == [[1, 1] + [0] * 6]
-    assert seen.kind.tolist() == [[Kind.STATISTICAL] * 2 + [Kind.EXACT] * 6]
+    assert seen.kind.tolist() == [[kind] * 2 + [Kind.EXACT] * 6]
     assert (seen.bound[0, 2:] == 0).all()
     assert seen.value.dtype == seen.bound.dtype == np.float64
     assert seen.kind.dtype == np.uint8
-    assert seen.info.backend in ("cpu", "gl")
+    assert seen.info.backend in (("cpu", "gl") if method == "sampled" else ("analytic",))
 
 
-def test_both_sides_of_a_two_sided_sheet_are_seen():
+def test_certified_figures_have_no_bound_and_computed_ones_have_rounding():
+    mesh = joined(square(2, 4), square(0.5, 2), square(0.001, 1, (0.7, 0)))
+    seen = visibility(mesh, CAMERA, AHEAD)
+    assert seen.kind.tolist() == [[Kind.EXACT] * 2 + [Kind.CERTIFIED] * 4]
+    assert (seen.bound[0] == [1e-9, 1e-9, 0, 0, 0, 0]).all()
+    assert (visibility(mesh, CAMERA, AHEAD, "exact").bound[0, 2:4] == 1e-9).all()
+
+
+def test_rounding_counts_for_more_on_a_face_of_less_than_a_pixel():
+    mesh = square(0.0001, 1)
+    bound = visibility(mesh, CAMERA, AHEAD, "exact").bound
+    assert bound == pytest.approx(np.full((1, 2), 1e-9 / (0.02**2 / 2)))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_both_sides_of_a_two_sided_sheet_are_seen(method):
     mesh = sheet((1, -1), (-1, 1), 2).with_groups(two_sided="all")
-    assert visibility(mesh, CAMERA, AHEAD).value.tolist() == [[1, 1]]
+    assert visibility(mesh, CAMERA, AHEAD, method).value.tolist() == [[1, 1]]
 
 
-def test_every_pose_has_its_row_and_no_pose_has_none():
+@pytest.mark.parametrize("method", METHODS)
+def test_every_pose_has_its_row_and_no_pose_has_none(method):
     mesh = square(1, 2)
     poses = look_at([(0, 0, 0), (0, 0, 4)], (0, 0, 2), (0, -1, 0))
-    seen = visibility(mesh, CAMERA, poses, supersample=2)
-    assert seen.value.tolist() == [[1, 1], [0, 0]]
-    empty = visibility(mesh, CAMERA, np.zeros((0, 4, 4)))
+    assert visibility(mesh, CAMERA, poses, method).value.tolist() == [[1, 1], [0, 0]]
+    empty = visibility(mesh, CAMERA, np.zeros((0, 4, 4)), method)
     assert empty.value.shape == empty.bound.shape == empty.kind.shape == (0, 2)
 
 
-@pytest.mark.parametrize("method", ["certified", "exact", "", None])
+def test_edges_along_the_rows_of_the_image_are_sampled_without_bias():
+    # Upright on an upright grid all errors of a row add up; the bound is for generic position.
+    held = 0
+    for x in np.linspace(0.1, 0.9, 41):
+        mesh = joined(square(0.9, 4), sheet((-1, -1), (x - 0.5, 1), 2))
+        truth, counted = (visibility(mesh, CAMERA, AHEAD, name) for name in ("exact", "sampled"))
+        held += (np.abs(truth.value - counted.value) <= counted.bound)[0, :2].sum()
+    assert held == 82
+
+
+def test_method_sampled_passes_its_options_on():
+    mesh = square(1, 2)
+    with open_observer(mesh, CAMERA, "sampled", backend="cpu", supersample=3) as observer:
+        seen = observer.observe(AHEAD)
+        assert observer.info.backend == "cpu"
+    assert seen.samples == 9
+    assert np.abs(seen.drawn_pixels - 5000).max() < 50
+
+
+@pytest.mark.parametrize("method", ["seen", "", None])
 def test_a_method_that_does_not_exist_is_refused_and_the_others_named(method):
-    with pytest.raises(ConfigError, match="method must be sampled, got"):
+    with pytest.raises(ConfigError, match="method must be certified, exact or sampled, got"):
         visibility(square(1, 2), CAMERA, AHEAD, method=method)
 
 
-def test_a_bad_pose_is_named():
+def test_what_only_samples_have_is_refused_elsewhere():
+    with pytest.raises(ConfigError, match="certified has no samples, so supersample must be 1"):
+        visibility(square(1, 2), CAMERA, AHEAD, supersample=2)
+    with pytest.raises(ConfigError, match="method exact takes no option device"):
+        visibility(square(1, 2), CAMERA, AHEAD, "exact", device="egl:0")
+    with pytest.raises(ConfigError, match="threads must be 1 or more, got 0"):
+        visibility(square(1, 2), CAMERA, AHEAD, threads=0)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_bad_pose_is_named(method):
     poses = np.stack((AHEAD, AHEAD * np.nan))
     with pytest.raises(PoseError, match="pose 1 is not finite") as caught:
-        visibility(square(1, 2), CAMERA, poses)
+        visibility(square(1, 2), CAMERA, poses, method)
     assert caught.value.pose_ids == (1,)

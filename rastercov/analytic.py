@@ -1,0 +1,155 @@
+r"""Exact visible areas by half planes: what no other face hides of each face's image.
+
+In the image 1/z is affine on a face, so the part of face T that face M hides is the convex polygon
+T n M n {1/z_M > 1/z_T}, and
+
+    visible(T) = T \ U_M T n M n {1/z_M > 1/z_T}.
+
+No order of depth is needed, and faces that overlap in a circle or pierce one another come out
+right. Surfaces at equal depth count as one, of which the face with the lower index is seen. The
+loops are in `analytic_kernels`.
+
+A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of Solids. 1967.
+"""
+
+import math
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov import analytic_kernels as kernels
+from rastercov.camera import Camera
+from rastercov.surface import Surface
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int32]
+
+MARGIN = 0.25
+"""Of the image size: what reaches farther out than this is cut in space, before it is projected."""
+MOST_CELLS = 1 << 14
+"""Columns, or rows, of the grid."""
+ENTRIES_A_FACE = 16
+"""Entries in the grid, on average, above which it is made coarser."""
+
+
+class View:
+    """One pose at a time of a surface, and the scratch memory of one thread for it.
+
+    Attributes
+    ----------
+    area, visible : (F,) float64
+        Image of each face inside the image border, and what is seen of it, px^2.
+    state, side : (F,) uint8, int8
+        See `analytic_kernels.set_up`.
+    is_certified : (F,) bool
+        Faces known to be seen whole or not at all.
+    n_cut : int
+        Faces that were cut in space.
+    """
+
+    def __init__(self, surface: Surface, camera: Camera) -> None:
+        self.surface = surface
+        n_faces = len(surface.faces)
+        self.size = np.array((camera.width, camera.height), np.float64)
+        self.lens = np.array((camera.fx, camera.fy, camera.cx, camera.cy))
+        low, high = -MARGIN * self.size - 1, (1 + MARGIN) * self.size + 1
+        self.pyramid = np.array((low[0], high[0], low[1], high[1]))
+        self.uvw = np.empty((len(surface.vertices), 3))
+        self.side, self.state = np.empty(n_faces, np.int8), np.empty(n_faces, np.uint8)
+        self.box = np.empty((n_faces, 6))
+        self.area, self.visible = np.empty(n_faces), np.empty(n_faces)
+        self.is_certified: BoolArray = np.zeros(n_faces, np.bool_)
+        self.slot = np.empty(n_faces, np.int32)
+        self.region = np.empty(5)
+        self.starts = np.empty(0, np.int64)
+        self.listed = np.empty(4 * n_faces, np.int32)
+        self._make_room_for_cuts(8)
+        self._make_room_for_pieces(64)
+
+    def look(self, pose: FloatArray, near: float, front_only: bool) -> None:
+        """Project, keep and list the faces of one pose.
+
+        Parameters
+        ----------
+        pose : (4, 4) float64
+            world_from_camera.
+        near : float
+            Depth of the near plane, metres.
+        front_only : bool
+            Faces seen from behind neither hide nor are seen.
+        """
+        surface = self.surface
+        self.rotation, self.eye = np.ascontiguousarray(pose[:3, :3]), pose[:3, 3] - surface.centre
+        self.near = near
+        kernels.project(
+            surface.vertices, self.rotation, self.eye, self.lens, near, self.pyramid, self.uvw
+        )
+        while True:
+            n_live, self.n_cut = kernels.set_up(
+                surface.vertices, surface.faces, surface.flat, self.rotation, self.eye, self.lens,
+                near, self.size, front_only, self.uvw, self.side, self.state, self.box, self.area,
+                self.slot, self.polygons, self.n_corners, self.sides, self.planes, self.region,
+            )  # fmt: skip
+            if self.n_cut <= len(self.polygons):
+                break
+            self._make_room_for_cuts(self.n_cut)
+        self.visible[:] = 0.0
+        self._fill_grid(n_live)
+
+    def measure(self, targets: IntArray) -> None:
+        """Put what is seen of some faces, by their indices, into `visible`."""
+        done = 0
+        while True:
+            done = kernels.visible_areas(
+                targets, done, self.surface.faces, self.uvw, self.side, self.state, self.box,
+                self.area, self.slot, self.polygons, self.n_corners, self.sides, self.planes,
+                self.size, self.grid, self.columns, self.rows, self.starts, self.listed,
+                self.pieces, self.n_of, self.visible,
+            )  # fmt: skip
+            if done == len(targets):
+                return
+            self._make_room_for_pieces(2 * len(self.pieces))
+
+    def measure_all(self) -> None:
+        """Put what is seen of every face into `visible`."""
+        self.measure(np.flatnonzero(self.state).astype(np.int32))
+
+    def _fill_grid(self, n_live: int) -> None:
+        """List the live faces by cells of about half the mean box of a face."""
+        left, right, top, bottom, boxes = self.region.tolist() if n_live else (0, 1, 0, 1, 1)
+        wide, high = right - left, bottom - top
+        cells = min(wide * high * n_live / (2 * boxes), 2.0 * n_live) if boxes > 0 else 1.0
+        while True:
+            self.columns = min(max(1, int(math.sqrt(cells * wide / high))), MOST_CELLS)
+            self.rows = min(max(1, int(cells / self.columns)), MOST_CELLS)
+            self.grid = np.array((left, top, self.columns / wide, self.rows / high))
+            if len(self.starts) < self.columns * self.rows + 2:
+                self.starts = np.empty(self.columns * self.rows + 2, np.int64)
+            entries = kernels.fill_grid(
+                self.state, self.box, self.grid, self.columns, self.rows, self.starts, self.listed
+            )
+            if entries <= len(self.listed):
+                return
+            if entries > ENTRIES_A_FACE * n_live and self.columns * self.rows > 1:
+                cells /= 4
+            else:
+                self.listed = np.empty(entries * 5 // 4, np.int32)
+
+    def _make_room_for_cuts(self, n: int) -> None:
+        self.polygons = np.empty((n, kernels.CORNERS, 2))
+        self.n_corners = np.empty(n, np.int32)
+        self.sides, self.planes = np.empty((n, kernels.SIDES, 5)), np.empty((n, 5))
+
+    def _make_room_for_pieces(self, n: int) -> None:
+        self.pieces, self.n_of = np.empty((n, kernels.WIDTH, 2)), np.empty(n, np.int64)
+
+
+def announce_compilation() -> None:
+    """Say that the loops are compiled, where no earlier run has left them on disk."""
+    folder: Any = getattr(kernels.visible_areas.stats, "cache_path", None)
+    if not folder or not any(Path(folder).glob("analytic_kernels.visible_areas-*.nbi")):
+        print("rastercov: compiling, once after installation", file=sys.stderr, flush=True)

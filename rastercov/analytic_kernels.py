@@ -1,0 +1,802 @@
+"""The loops of the analytic path, compiled by numba: exact visible areas of one pose.
+
+They stand in one file because numba keeps what it compiled by file: a loop that calls into another
+file would not notice a change there.
+
+A pose runs through four passes. `project` brings vertices to the image. `set_up` keeps the faces
+that reach into the image, cuts those that reach behind the camera, and measures each. `fill_grid`
+lists them by the cells of a grid over the image. `visible_areas` takes one face at a time, finds
+the faces before it in the cells it touches, and takes from its image what each of them hides.
+
+In the image 1/z is affine on a face, so what face M hides of face T is T n M n {1/z_M > 1/z_T}: a
+convex polygon. Taking a convex polygon from a convex piece leaves convex pieces: each of its sides
+slices off the part beyond it. The pieces of T partition what is visible, whatever the order of
+the occluders; a misjudged cut misplaces area, it never loses any, so that rounding in does no more
+than rounding out. There is no topology to break.
+
+A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of Solids. 1967.
+I. Sutherland, G. Hodgman. Reentrant Polygon Clipping. 1974, for the cuts.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numba
+import numpy as np
+
+TIE = 1e-10
+"""Relative difference of 1/z up to which two surfaces count as one: the lower index is in front."""
+RESIDUE = 4 * 2.0**-52
+"""Rounding of a position, as a part of the image size: times a face's extent, that of its area."""
+LIVE, CUT, PARTLY = 1, 2, 4
+"""Bits of a face's state: it reaches into the image; its image is a polygon made by cutting it in
+space; it reaches out of the image."""
+CORNERS = 12
+"""Room for the corners of a face: cut by the near plane and the image border it has at most 8."""
+SIDES = 4
+"""Lines that bound the image of a face: its edges and, where it is cut there, the near plane."""
+MOST_CORNERS = 20
+"""Corners of a piece: one that gets more is halved."""
+WIDTH = 64
+"""Room for the corners of a piece: cuts on the way can add to `MOST_CORNERS`."""
+MOST_OCCLUDERS = 24
+"""Occluders of a piece handled together; where there are more, the piece is halved first."""
+STACK = 64
+"""Halves that wait: each halving of a grid below 2^30 cells leaves one."""
+
+
+def _compiled(function: Callable[..., Any]) -> Any:
+    """Compile on first use and keep the result on disk, where there is a disk to keep it on."""
+    try:
+        return numba.njit(nogil=True, error_model="numpy", cache=True)(function)
+    except RuntimeError:  # nowhere to write: compile in every process
+        return numba.njit(nogil=True, error_model="numpy")(function)
+
+
+@_compiled
+def project(vertices, rotation, eye, lens, near, pyramid, uvw):
+    """Image positions and inverse depths of the vertices.
+
+    Parameters
+    ----------
+    vertices : (V, 3) float64
+        World points.
+    rotation : (3, 3) float64
+        world_from_camera.
+    eye : (3,) float64
+        Camera centre, from the same origin as the vertices.
+    lens : (4,) float64
+        fx, fy, cx, cy in pixels.
+    near : float
+        Depth of the near plane.
+    pyramid : (4,) float64
+        Least and greatest u, least and greatest v of what is kept in space: more than the image.
+    uvw : (V, 3) float64
+        Out: pixels and 1/z; 1/z is 0 where the vertex lies outside the pyramid or before the near
+        plane, so that the faces and edges that use it must be cut in space.
+    """
+    for i in range(vertices.shape[0]):
+        a = vertices[i, 0] - eye[0]
+        b = vertices[i, 1] - eye[1]
+        c = vertices[i, 2] - eye[2]
+        z = a * rotation[0, 2] + b * rotation[1, 2] + c * rotation[2, 2]
+        inverse = 1.0 / z if z >= near else 0.0
+        right = a * rotation[0, 0] + b * rotation[1, 0] + c * rotation[2, 0]
+        down = a * rotation[0, 1] + b * rotation[1, 1] + c * rotation[2, 1]
+        u = lens[0] * (right * inverse) + lens[2]
+        v = lens[1] * (down * inverse) + lens[3]
+        if not (pyramid[0] <= u <= pyramid[1] and pyramid[2] <= v <= pyramid[3]):
+            inverse = 0.0
+        uvw[i, 0] = u
+        uvw[i, 1] = v
+        uvw[i, 2] = inverse
+
+
+@_compiled
+def in_camera(point, rotation, eye, out):
+    """One world point in camera axes."""
+    a = point[0] - eye[0]
+    b = point[1] - eye[1]
+    c = point[2] - eye[2]
+    for k in range(3):
+        out[k] = a * rotation[0, k] + b * rotation[1, k] + c * rotation[2, k]
+
+
+@_compiled
+def keep_side(polygon, n, axis, at, sign, out):
+    """Keep the part of an image polygon where sign * (coordinate - at) >= 0; its corner count."""
+    kept = 0
+    for i in range(n):
+        j = i + 1 if i + 1 < n else 0
+        here = sign * (polygon[i, axis] - at)
+        there = sign * (polygon[j, axis] - at)
+        if here >= 0 and kept < out.shape[0]:
+            out[kept, 0] = polygon[i, 0]
+            out[kept, 1] = polygon[i, 1]
+            kept += 1
+        crosses = (here > 0 and there < 0) or (here < 0 and there > 0)
+        if crosses and kept < out.shape[0]:
+            t = here / (here - there)
+            other = 1 - axis
+            out[kept, axis] = at
+            out[kept, other] = polygon[i, other] + t * (polygon[j, other] - polygon[i, other])
+            kept += 1
+    return kept
+
+
+@_compiled
+def keep_inside(polygon, n, line, out):
+    """Keep the part of an image polygon on the inner side of a line; its corner count.
+
+    A line is (x0, y0, dx, dy, c); its inner side is where dx (y - y0) - dy (x - x0) + c >= 0.
+    """
+    x, y, dx, dy, c = line[0], line[1], line[2], line[3], line[4]
+    kept = 0
+    for i in range(n):
+        j = i + 1 if i + 1 < n else 0
+        here = dx * (polygon[i, 1] - y) - dy * (polygon[i, 0] - x) + c
+        there = dx * (polygon[j, 1] - y) - dy * (polygon[j, 0] - x) + c
+        if here >= 0 and kept < out.shape[0]:
+            out[kept, 0] = polygon[i, 0]
+            out[kept, 1] = polygon[i, 1]
+            kept += 1
+        crosses = (here > 0 and there < 0) or (here < 0 and there > 0)
+        if crosses and kept < out.shape[0]:
+            t = here / (here - there)
+            out[kept, 0] = polygon[i, 0] + t * (polygon[j, 0] - polygon[i, 0])
+            out[kept, 1] = polygon[i, 1] + t * (polygon[j, 1] - polygon[i, 1])
+            kept += 1
+    return kept
+
+
+@_compiled
+def twice_area(polygon, n):
+    """Twice the signed area, positive where the polygon runs clockwise in the image (v down)."""
+    total = 0.0
+    x, y = polygon[0, 0], polygon[0, 1]
+    for i in range(1, n - 1):
+        total += (polygon[i, 0] - x) * (polygon[i + 1, 1] - y) - (polygon[i + 1, 0] - x) * (
+            polygon[i, 1] - y
+        )
+    return total
+
+
+@_compiled
+def within_image(polygon, n, size, spare):
+    """Cut an image polygon, in place, at the image border; its corner count."""
+    n = keep_side(polygon, n, 0, 0.0, 1.0, spare)
+    n = keep_side(spare, n, 0, size[0], -1.0, polygon)
+    n = keep_side(polygon, n, 1, 0.0, 1.0, spare)
+    return keep_side(spare, n, 1, size[1], -1.0, polygon)
+
+
+@_compiled
+def cut_in_space(corners, lens, near, size, sides, plane, polygon, spare):
+    """What the near plane and the image border leave of a face that reaches behind or far out.
+
+    Nothing is projected: a side of the image is the plane through the eye and an edge of the face,
+    and the near plane is the line in the image where 1/z = 1/near. Returns the corners left, 0 for
+    a face that is seen edge-on or not at all, and 1 or -1 for the front or the back.
+
+    Parameters
+    ----------
+    corners : (3, 3) float64
+        The face in camera axes.
+    lens, near, size
+        As for `set_up`.
+    sides : (4, 5) float64
+        Out: the lines that bound its image.
+    plane : (5,) float64
+        Out: u, v, 1/z at the middle of the image, and the slope of 1/z.
+    polygon, spare : (12, 2) float64
+        Out and scratch: its image, clockwise.
+    """
+    ax, ay, az = corners[0, 0], corners[0, 1], corners[0, 2]
+    bx, by, bz = corners[1, 0] - ax, corners[1, 1] - ay, corners[1, 2] - az
+    cx, cy, cz = corners[2, 0] - ax, corners[2, 1] - ay, corners[2, 2] - az
+    # The plane n . X = d of the face: 1/z is n . ((u - cx)/fx, (v - cy)/fy, 1) / d.
+    nx, ny, nz = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
+    d = nx * ax + ny * ay + nz * az
+    if d == 0 or not np.isfinite(d):
+        return 0, 0
+    front = 1 if d < 0 else -1
+    plane[0], plane[1], plane[2] = lens[2], lens[3], nz / d
+    plane[3], plane[4] = nx / (d * lens[0]), ny / (d * lens[1])
+    if max(corners[0, 2], corners[1, 2], corners[2, 2]) < near:
+        return 0, front
+    polygon[0, 0] = polygon[3, 0] = polygon[0, 1] = polygon[1, 1] = 0.0
+    polygon[1, 0] = polygon[2, 0] = size[0]
+    polygon[2, 1] = polygon[3, 1] = size[1]
+    n = 4
+    for s in range(4):
+        sides[s, 0], sides[s, 1] = lens[2], lens[3]
+        if s < 3:
+            # p x q . ray has the sign of d for a ray on the inner side of edge p q
+            p, q = s, s + 1 if s < 2 else 0
+            px, py, pz = corners[p, 0], corners[p, 1], corners[p, 2]
+            qx, qy, qz = corners[q, 0] - px, corners[q, 1] - py, corners[q, 2] - pz
+            a, b, c = py * qz - pz * qy, pz * qx - px * qz, px * qy - py * qx
+            a, b = a / lens[0] * -front, b / lens[1] * -front
+            c = c * -front
+            scale = max(abs(a), abs(b))
+            if scale > 0:
+                a, b, c = a / scale, b / scale, c / scale
+        else:
+            a, b, c = -plane[3], -plane[4], 1 / near - plane[2]
+        sides[s, 2], sides[s, 3], sides[s, 4] = b, -a, c
+        n = keep_inside(polygon, n, sides[s], spare)
+        for p in range(n):
+            polygon[p, 0], polygon[p, 1] = spare[p, 0], spare[p, 1]
+    return n, front
+
+
+@_compiled
+def set_up(
+    vertices, faces, flat, rotation, eye, lens, near, size, front_only, uvw, side, state, box, area,
+    slot, polygons, n_corners, sides, planes, region,
+):  # fmt: skip
+    """Keep and measure the faces that reach into the image; how many are kept, and how many cut.
+
+    Where there are more cut faces than `polygons` has room for, make room and call again.
+
+    Parameters
+    ----------
+    vertices, rotation, eye, lens, near, uvw
+        As for `project`.
+    faces : (F, 3) int32
+    flat : (F,) bool
+        Faces without area, which neither see nor hide anything.
+    size : (2,) float64
+        Width and height of the image.
+    front_only : bool
+        Leave out faces seen from behind.
+    side : (F,) int8
+        Out: 1 for a face seen from the front, -1 from behind, 0 for one that is left out.
+    state : (F,) uint8
+        Out: `LIVE`, `CUT`, `PARTLY`, or 0.
+    box : (F, 6) float64
+        Out, of live faces: least and greatest u, least and greatest v, least and greatest 1/z.
+    area : (F,) float64
+        Out: px^2 inside the image.
+    slot, polygons, n_corners, sides, planes : (F,), (N, 12, 2), (N,), (N, 4, 5), (N, 5)
+        Out, of cut faces: where in the others they stand, and what `cut_in_space` finds.
+    region : (5,) float64
+        Out: least and greatest u and v of all that is kept, within the image, and the sum of the
+        areas of the boxes.
+    """
+    corners = np.empty((3, 3))
+    polygon, spare = np.empty((CORNERS, 2)), np.empty((CORNERS, 2))
+    lines, plane = np.empty((4, 5)), np.empty(5)
+    live = cut = 0
+    low_u = low_v = np.inf
+    high_u = high_v = -np.inf
+    boxes = 0.0
+    for f in range(faces.shape[0]):
+        state[f] = 0
+        side[f] = 0
+        area[f] = 0.0
+        if flat[f]:
+            continue
+        i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
+        u0, v0, w0 = uvw[i, 0], uvw[i, 1], uvw[i, 2]
+        u1, v1, w1 = uvw[j, 0], uvw[j, 1], uvw[j, 2]
+        u2, v2, w2 = uvw[k, 0], uvw[k, 1], uvw[k, 2]
+        if w0 > 0 and w1 > 0 and w2 > 0:
+            twice = (u1 - u0) * (v2 - v0) - (u2 - u0) * (v1 - v0)
+            if twice == 0 or (front_only and twice > 0):
+                continue
+            side[f] = 1 if twice < 0 else -1
+            x0, x1 = min(u0, u1, u2), max(u0, u1, u2)
+            y0, y1 = min(v0, v1, v2), max(v0, v1, v2)
+            if x1 <= 0 or y1 <= 0 or x0 >= size[0] or y0 >= size[1]:
+                continue
+            least, most = min(w0, w1, w2), max(w0, w1, w2)
+            inside = abs(twice) / 2
+            flags = LIVE
+            if x0 < 0 or y0 < 0 or x1 > size[0] or y1 > size[1]:
+                flags = LIVE | PARTLY
+                polygon[0, 0], polygon[0, 1] = u0, v0
+                polygon[1, 0], polygon[1, 1] = u1, v1
+                polygon[2, 0], polygon[2, 1] = u2, v2
+                n = within_image(polygon, 3, size, spare)
+                inside = abs(twice_area(polygon, n)) / 2 if n >= 3 else 0.0
+        else:
+            in_camera(vertices[i], rotation, eye, corners[0])
+            in_camera(vertices[j], rotation, eye, corners[1])
+            in_camera(vertices[k], rotation, eye, corners[2])
+            n, front = cut_in_space(corners, lens, near, size, lines, plane, polygon, spare)
+            if front == 0 or (front_only and front < 0):
+                continue
+            side[f] = front
+            if n < 3:
+                continue
+            x0 = y0 = least = np.inf
+            x1 = y1 = most = -np.inf
+            for p in range(n):
+                u, v = polygon[p, 0], polygon[p, 1]
+                x0, x1 = min(x0, u), max(x1, u)
+                y0, y1 = min(y0, v), max(y1, v)
+                along_u, along_v = plane[3] * (u - plane[0]), plane[4] * (v - plane[1])
+                w = plane[2] + along_u + along_v
+                doubt = 1e-14 * (abs(plane[2]) + abs(along_u) + abs(along_v))
+                least, most = min(least, w - doubt), max(most, w + doubt)
+            least = max(least, 0.0)
+            if cut < polygons.shape[0]:
+                slot[f] = cut
+                n_corners[cut] = n
+                for p in range(n):
+                    polygons[cut, p, 0], polygons[cut, p, 1] = polygon[p, 0], polygon[p, 1]
+                for p in range(5):
+                    planes[cut, p] = plane[p]
+                    for q in range(4):
+                        sides[cut, q, p] = lines[q, p]
+            cut += 1
+            flags = LIVE | CUT | PARTLY
+            inside = twice_area(polygon, n) / 2
+        if not inside > 0:
+            continue
+        state[f] = flags
+        area[f] = inside
+        box[f, 0], box[f, 1], box[f, 2], box[f, 3] = x0, x1, y0, y1
+        box[f, 4], box[f, 5] = least, most
+        live += 1
+        x0, x1 = max(x0, 0.0), min(x1, size[0])
+        y0, y1 = max(y0, 0.0), min(y1, size[1])
+        boxes += (x1 - x0) * (y1 - y0)
+        low_u, high_u = min(low_u, x0), max(high_u, x1)
+        low_v, high_v = min(low_v, y0), max(high_v, y1)
+    region[0], region[1], region[2], region[3], region[4] = low_u, high_u, low_v, high_v, boxes
+    return live, cut
+
+
+@_compiled
+def cell(position, origin, per_cell, n):
+    """Row or column of the grid that a position falls into; those outside go to the rim."""
+    return min(max(np.int64((position - origin) * per_cell), 0), n - 1)
+
+
+@_compiled
+def fill_grid(state, box, grid, columns, rows, starts, listed):
+    """List the live faces by the cells their boxes touch; how many entries that makes.
+
+    Where there are more than `listed` has room for, make room and call again.
+
+    Parameters
+    ----------
+    state, box
+        As `set_up` left them.
+    grid : (4,) float64
+        Least u, least v, columns a pixel, rows a pixel.
+    starts : (columns * rows + 2 or more,) int64
+        Out: entries of cell c stand at starts[c] ... starts[c + 1].
+    listed : (N,) int32
+        Out: faces, in the order of their index.
+    """
+    n_cells = columns * rows
+    for c in range(n_cells + 2):
+        starts[c] = 0
+    for f in range(state.shape[0]):
+        if state[f]:
+            left = cell(box[f, 0], grid[0], grid[2], columns)
+            right = cell(box[f, 1], grid[0], grid[2], columns)
+            top = cell(box[f, 2], grid[1], grid[3], rows)
+            bottom = cell(box[f, 3], grid[1], grid[3], rows)
+            for y in range(top, bottom + 1):
+                for x in range(left, right + 1):
+                    starts[y * columns + x + 2] += 1
+    for c in range(2, n_cells + 2):
+        starts[c] += starts[c - 1]
+    total = starts[n_cells + 1]
+    if total > listed.shape[0]:
+        return total
+    for f in range(state.shape[0]):
+        if state[f]:
+            left = cell(box[f, 0], grid[0], grid[2], columns)
+            right = cell(box[f, 1], grid[0], grid[2], columns)
+            top = cell(box[f, 2], grid[1], grid[3], rows)
+            bottom = cell(box[f, 3], grid[1], grid[3], rows)
+            for y in range(top, bottom + 1):
+                for x in range(left, right + 1):
+                    at = y * columns + x + 1
+                    listed[starts[at]] = f
+                    starts[at] += 1
+    return total
+
+
+@_compiled
+def outline(f, faces, uvw, side, state, slot, polygons, n_corners, sides, corners, lines):
+    """The image of a live face; how many corners and how many lines it has.
+
+    Parameters
+    ----------
+    corners : (12, 2) float64
+        Out: clockwise in the image; cut at its border only if the face is cut in space.
+    lines : (4 or more, 5) float64
+        Out: the lines that bound it, as `keep_inside` takes them.
+    """
+    if state[f] & CUT:
+        s = slot[f]
+        for p in range(n_corners[s]):
+            corners[p, 0], corners[p, 1] = polygons[s, p, 0], polygons[s, p, 1]
+        for p in range(SIDES):
+            for q in range(5):
+                lines[p, q] = sides[s, p, q]
+        return n_corners[s], SIDES
+    second, third = (1, 2) if side[f] < 0 else (2, 1)
+    i, j, k = faces[f, 0], faces[f, second], faces[f, third]
+    corners[0, 0], corners[0, 1] = uvw[i, 0], uvw[i, 1]
+    corners[1, 0], corners[1, 1] = uvw[j, 0], uvw[j, 1]
+    corners[2, 0], corners[2, 1] = uvw[k, 0], uvw[k, 1]
+    for p in range(3):
+        q = p + 1 if p < 2 else 0
+        lines[p, 0], lines[p, 1] = corners[p, 0], corners[p, 1]
+        lines[p, 2], lines[p, 3] = corners[q, 0] - corners[p, 0], corners[q, 1] - corners[p, 1]
+        lines[p, 4] = 0.0
+    return 3, 3
+
+
+@_compiled
+def plane_of(f, faces, uvw, state, slot, planes):
+    """A point of the face, u, v and 1/z, and the slope of 1/z along u and v."""
+    if state[f] & CUT:
+        s = slot[f]
+        return planes[s, 0], planes[s, 1], planes[s, 2], planes[s, 3], planes[s, 4]
+    i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
+    u, v, w = uvw[i, 0], uvw[i, 1], uvw[i, 2]
+    u1, v1, w1 = uvw[j, 0] - u, uvw[j, 1] - v, uvw[j, 2] - w
+    u2, v2, w2 = uvw[k, 0] - u, uvw[k, 1] - v, uvw[k, 2] - w
+    twice = u1 * v2 - u2 * v1
+    return u, v, w, (w1 * v2 - w2 * v1) / twice, (u1 * w2 - u2 * w1) / twice
+
+
+@_compiled
+def separated(lines, n_lines, corners, n):
+    """Whether a line has all corners of a polygon beyond it.
+
+    Exactly so for faces on both sides of an edge they share: the value at a shared corner is 0 to
+    the bit, whatever the rounding elsewhere.
+    """
+    for s in range(n_lines):
+        x, y, dx, dy, c = lines[s, 0], lines[s, 1], lines[s, 2], lines[s, 3], lines[s, 4]
+        beyond = True
+        for p in range(n):
+            if dx * (corners[p, 1] - y) - dy * (corners[p, 0] - x) + c > 0:
+                beyond = False
+                break
+        if beyond:
+            return True
+    return False
+
+
+@_compiled
+def split(polygon, n, values, inside, outside):
+    """Cut a convex polygon where `values` change sign; corner counts of the two parts."""
+    kept = lost = 0
+    room = min(inside.shape[0], outside.shape[0]) - 2
+    for i in range(n):
+        j = i + 1 if i + 1 < n else 0
+        if kept >= room or lost >= room:
+            break
+        if values[i] >= 0:
+            inside[kept, 0] = polygon[i, 0]
+            inside[kept, 1] = polygon[i, 1]
+            kept += 1
+        if values[i] <= 0:
+            outside[lost, 0] = polygon[i, 0]
+            outside[lost, 1] = polygon[i, 1]
+            lost += 1
+        if (values[i] > 0 and values[j] < 0) or (values[i] < 0 and values[j] > 0):
+            t = values[i] / (values[i] - values[j])
+            x = polygon[i, 0] + t * (polygon[j, 0] - polygon[i, 0])
+            y = polygon[i, 1] + t * (polygon[j, 1] - polygon[i, 1])
+            inside[kept, 0] = outside[lost, 0] = x
+            inside[kept, 1] = outside[lost, 1] = y
+            kept += 1
+            lost += 1
+    return kept, lost
+
+
+@_compiled
+def settle(pieces, n_of, at, count):
+    """Halve a piece of too many corners along a chord; the number of pieces.
+
+    The halves beyond the first go to the end. There is room for them: see `take_away`.
+    """
+    while n_of[at] > MOST_CORNERS:
+        n = n_of[at]
+        half = n // 2
+        for p in range(half, n):
+            pieces[count, p - half, 0] = pieces[at, p, 0]
+            pieces[count, p - half, 1] = pieces[at, p, 1]
+        pieces[count, n - half, 0] = pieces[at, 0, 0]
+        pieces[count, n - half, 1] = pieces[at, 0, 1]
+        n_of[count] = n - half + 1
+        n_of[at] = half + 1
+        count += 1
+    return count
+
+
+@_compiled
+def take_away(pieces, n_of, count, lines, n_sides, n_lines, spare, values):
+    """Take a convex occluder from every piece; how many pieces remain, or -1 for want of room.
+
+    Parameters
+    ----------
+    pieces, n_of : (N, WIDTH, 2) float64, (N,) int64
+        Convex polygons, clockwise in the image, and their corner counts; changed in place.
+    count : int
+        Pieces in use.
+    lines : (L, 5) float64
+        The occluder is where dx (y - y0) - dy (x - x0) + c >= 0 for each line (x0, y0, dx, dy, c):
+        first its sides, then, where it hides only a part, the line where the depths are equal.
+    n_sides, n_lines : int
+        Lines that are sides, and all in use.
+    spare, values : (WIDTH, 2), (WIDTH,) float64
+        Scratch.
+    """
+    old, i = count, 0
+    while i < old:
+        n = n_of[i]
+        if separated(lines, n_sides, pieces[i], n):
+            i += 1
+            continue
+        if count + 4 * n_lines + 4 > pieces.shape[0]:
+            return -1
+        hidden = True
+        for s in range(n_lines):
+            x, y, dx, dy, c = lines[s, 0], lines[s, 1], lines[s, 2], lines[s, 3], lines[s, 4]
+            n = n_of[i]
+            least, most = 0.0, 0.0
+            for p in range(n):
+                value = dx * (pieces[i, p, 1] - y) - dy * (pieces[i, p, 0] - x) + c
+                values[p] = value
+                least = min(least, value)
+                most = max(most, value)
+            if most == 0:
+                hidden = False
+                break
+            if least < 0:
+                kept, lost = split(pieces[i], n, values, spare, pieces[count])
+                if lost >= 3:
+                    n_of[count] = lost
+                    count = settle(pieces, n_of, count, count + 1)
+                for p in range(kept):
+                    pieces[i, p, 0] = spare[p, 0]
+                    pieces[i, p, 1] = spare[p, 1]
+                n_of[i] = kept
+                if kept < 3:
+                    break
+        if not hidden:
+            count = settle(pieces, n_of, i, count)
+            i += 1
+            continue
+        # Piece i is gone: a new piece takes its place, or else an old one that is still to come.
+        is_new = count > old
+        last = count - 1
+        if i < last:
+            n_of[i] = n_of[last]
+            for p in range(n_of[last]):
+                pieces[i, p, 0] = pieces[last, p, 0]
+                pieces[i, p, 1] = pieces[last, p, 1]
+        count = last
+        if is_new:
+            i += 1
+        else:
+            old = last
+    return count
+
+
+@_compiled
+def before(t, m, target, n, lines, n_sides, faces, uvw, box, state, slot, planes, spare, other):
+    """How face m stands to face t where their images meet: 1 before it, 0 not, 2 before in part.
+
+    Parameters
+    ----------
+    target, n : (24, 2) float64, int
+        The image of t.
+    lines, n_sides : (5 or more, 5) float64, int
+        The lines that bound the image of m; where the answer is 2, the line of equal depth is put
+        after them.
+    """
+    if box[m, 4] > box[t, 5] * (1 + 2 * TIE):
+        return 1
+    # What the two have in common, and by how much m is nearer at its corners.
+    for p in range(n):
+        spare[p, 0], spare[p, 1] = target[p, 0], target[p, 1]
+    for s in range(n_sides):
+        n = keep_inside(spare, n, lines[s], other)
+        for p in range(n):
+            spare[p, 0], spare[p, 1] = other[p, 0], other[p, 1]
+    if n < 3:
+        return 0
+    u_t, v_t, w_t, a_t, b_t = plane_of(t, faces, uvw, state, slot, planes)
+    u_m, v_m, w_m, a_m, b_m = plane_of(m, faces, uvw, state, slot, planes)
+    tied = True
+    least, most, first = 0.0, 0.0, 0.0
+    for p in range(n):
+        x, y = spare[p, 0], spare[p, 1]
+        mine = w_t + a_t * (x - u_t) + b_t * (y - v_t)
+        its = w_m + a_m * (x - u_m) + b_m * (y - v_m)
+        nearer = its - mine
+        if p == 0:
+            first = nearer
+        if abs(nearer) > TIE * max(mine, its):
+            tied = False
+        least, most = min(least, nearer), max(most, nearer)
+    if tied:
+        return 1 if m < t else 0
+    if most <= 0:
+        return 0
+    if least >= 0:
+        return 1
+    # first + (a_m - a_t)(x - x0) + (b_m - b_t)(y - y0) >= 0
+    lines[n_sides, 0], lines[n_sides, 1] = spare[0, 0], spare[0, 1]
+    lines[n_sides, 2], lines[n_sides, 3], lines[n_sides, 4] = b_m - b_t, a_t - a_m, first
+    return 2
+
+
+@_compiled
+def halve(cells, waiting, n_waiting, top, block, n_block, grid):
+    """Put the two halves of a block of cells on the stack; its new height."""
+    left, right, upper, lower = cells[top, 0], cells[top, 1], cells[top, 2], cells[top, 3]
+    axis = 0 if right - left >= lower - upper else 1
+    low, high = (left, right) if axis == 0 else (upper, lower)
+    middle = (low + high + 1) // 2  # the first cell of the second half
+    border = grid[axis] + middle / grid[2 + axis]
+    for part in range(2):
+        sign = -1.0 if part == 0 else 1.0
+        n = keep_side(block, n_block, axis, border, sign, waiting[top])
+        if n < 3:
+            continue
+        n_waiting[top] = n
+        cells[top, 0], cells[top, 1], cells[top, 2], cells[top, 3] = left, right, upper, lower
+        cells[top, 2 * axis + 1 - part] = middle - 1 if part == 0 else middle
+        top += 1
+    return top
+
+
+@_compiled
+def hide(
+    t, occluders, n_occluders, target, n, pieces, n_of, count, faces, uvw, side, state, box, slot,
+    polygons, n_corners, sides, planes, corners, lines, spare, other, values,
+):  # fmt: skip
+    """Take from the pieces of face t what some faces hide of it; pieces left, -1 for no room."""
+    for index in range(n_occluders):
+        m = occluders[index]
+        _, n_sides = outline(
+            m, faces, uvw, side, state, slot, polygons, n_corners, sides, corners, lines
+        )
+        relation = before(
+            t, m, target, n, lines, n_sides, faces, uvw, box, state, slot, planes, spare, other
+        )
+        if relation == 0:
+            continue
+        count = take_away(
+            pieces, n_of, count, lines, n_sides, n_sides + relation - 1, spare, values
+        )
+        if count <= 0:
+            break
+    return count
+
+
+@_compiled
+def visible_areas(
+    targets, first, faces, uvw, side, state, box, area, slot, polygons, n_corners, sides, planes,
+    size, grid, columns, rows, starts, listed, pieces, n_of, visible,
+):  # fmt: skip
+    """Visible px^2 of faces; how many of `targets` are done.
+
+    Where it stops short, `pieces` has too little room: make more and go on from there.
+
+    Parameters
+    ----------
+    targets : (N,) int32
+        Faces to measure.
+    first : int
+        Those before this one are done.
+    faces ... planes
+        As `set_up` left them.
+    size : (2,) float64
+        Width and height of the image.
+    grid, columns, rows, starts, listed
+        As `fill_grid` left them.
+    pieces, n_of : (N, 64, 2) float64, (N,) int64
+        Scratch.
+    visible : (F,) float64
+        Out: px^2 inside the image, for the targets.
+    """
+    target, block, corners = np.empty((24, 2)), np.empty((24, 2)), np.empty((CORNERS, 2))
+    spare, other, values = np.empty((WIDTH, 2)), np.empty((WIDTH, 2)), np.empty(WIDTH)
+    lines, own = np.empty((SIDES + 1, 5)), np.empty((SIDES, 5))
+    occluders = np.empty(MOST_OCCLUDERS, np.int32)
+    waiting, n_waiting = np.empty((STACK, 24, 2)), np.empty(STACK, np.int64)
+    cells = np.empty((STACK, 4), np.int64)
+    for index in range(first, targets.shape[0]):
+        t = targets[index]
+        visible[t] = 0.0
+        if not state[t] & LIVE:
+            continue
+        n, n_own = outline(
+            t, faces, uvw, side, state, slot, polygons, n_corners, sides, target, own
+        )
+        if state[t] & PARTLY:
+            n = within_image(target, n, size, spare)
+        behind = box[t, 4] * (1 - 2 * TIE)
+        cells[0, 0] = cell(box[t, 0], grid[0], grid[2], columns)
+        cells[0, 1] = cell(box[t, 1], grid[0], grid[2], columns)
+        cells[0, 2] = cell(box[t, 2], grid[1], grid[3], rows)
+        cells[0, 3] = cell(box[t, 3], grid[1], grid[3], rows)
+        n_waiting[0] = n
+        for p in range(n):
+            waiting[0, p, 0], waiting[0, p, 1] = target[p, 0], target[p, 1]
+        top, twice = 1, 0.0
+        while top > 0:
+            # A block: the part of the face in a rectangle of cells.
+            top -= 1
+            left, right, upper, lower = cells[top, 0], cells[top, 1], cells[top, 2], cells[top, 3]
+            n_block = n_waiting[top]
+            x0 = y0 = np.inf
+            x1 = y1 = -np.inf
+            for p in range(n_block):
+                x, y = waiting[top, p, 0], waiting[top, p, 1]
+                block[p, 0] = pieces[0, p, 0] = x
+                block[p, 1] = pieces[0, p, 1] = y
+                x0, x1, y0, y1 = min(x0, x), max(x1, x), min(y0, y), max(y1, y)
+            n_of[0] = n_block
+            count, n_occluders, is_crowded = 1, 0, False
+            for c in range((lower + 1 - upper) * (right + 1 - left)):
+                row = upper + c // (right + 1 - left)
+                column = left + c % (right + 1 - left)
+                at = row * columns + column
+                for entry in range(starts[at], starts[at + 1]):
+                    m = listed[entry]
+                    if box[m, 5] < behind or box[m, 0] >= x1 or box[m, 1] <= x0:
+                        continue
+                    if box[m, 2] >= y1 or box[m, 3] <= y0 or m == t:
+                        continue
+                    # A face in several cells counts in the first of them.
+                    if column > left and cell(box[m, 0], grid[0], grid[2], columns) != column:
+                        continue
+                    if row > upper and cell(box[m, 2], grid[1], grid[3], rows) != row:
+                        continue
+                    k, n_sides = outline(
+                        m, faces, uvw, side, state, slot, polygons, n_corners, sides, corners, lines
+                    )
+                    if separated(lines, n_sides, block, n_block):
+                        continue
+                    if separated(own, n_own, corners, k):
+                        continue
+                    if n_occluders == MOST_OCCLUDERS:
+                        if left < right or upper < lower:
+                            is_crowded = True
+                            break
+                        count = hide(
+                            t, occluders, n_occluders, target, n, pieces, n_of, count, faces, uvw,
+                            side, state, box, slot, polygons, n_corners, sides, planes, corners,
+                            lines, spare, other, values,
+                        )  # fmt: skip
+                        n_occluders = 0
+                        if count <= 0:
+                            break
+                    occluders[n_occluders] = m
+                    n_occluders += 1
+                if is_crowded or count <= 0:
+                    break
+            if is_crowded:
+                top = halve(cells, waiting, n_waiting, top, block, n_block, grid)
+                continue
+            if count > 0:
+                count = hide(
+                    t, occluders, n_occluders, target, n, pieces, n_of, count, faces, uvw, side,
+                    state, box, slot, polygons, n_corners, sides, planes, corners, lines, spare,
+                    other, values,
+                )  # fmt: skip
+            if count < 0:
+                return index
+            for p in range(count):
+                twice += twice_area(pieces[p], n_of[p])
+        # What rounding leaves of a face that is all hidden is nothing, and of one that is not, all.
+        residue = RESIDUE * max(size[0], size[1]) * (box[t, 1] - box[t, 0] + box[t, 3] - box[t, 2])
+        seen = twice / 2
+        visible[t] = 0.0 if seen <= residue else area[t] if seen >= area[t] - residue else seen
+    return targets.shape[0]

@@ -1,0 +1,81 @@
+"""The certificate: where visibility cannot change, and one question for all of it.
+
+Seen from a camera, the number of surfaces before a point changes only across edges that do not
+have one face on either side: contours, borders, edges of more than two faces, the rims where the
+near plane cuts. A face that no such edge crosses at or before its depth, and that no other face
+touches or cuts in space, is seen whole or not at all. So are all faces that are joined to it, edge
+by edge, without crossing such an edge: a patch. The largest face of each patch is measured by
+`analytic`, and so are all faces that are crossed; its answer, which must be all or nothing, is
+that of its patch. The cost goes with the contours, not with the faces or the pixels. The loops are
+in `contour_kernels`.
+
+A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of Solids. 1967.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov import contour_kernels as kernels
+from rastercov.analytic import View
+from rastercov.camera import Camera
+from rastercov.surface import Surface
+
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int32]
+
+SURE = 1e-6
+"""Part of the largest face of a patch up to which rounding may make all or nothing of it; one that
+is seen in part shows an edge that was missed, and all faces of its patch are measured."""
+NEAR_MISS = 1e-9
+"""Of the image size: a face that an edge passes closer than this counts as crossed."""
+THINNEST = 1e-5
+"""Width in pixels below which rounding may decide on which side of a face an edge runs."""
+
+
+class CertifiedView(View):
+    """A view that finds what is seen of every face by patches.
+
+    Attributes
+    ----------
+    patch : (F,) int32
+        Number of the patch that decides over each face, -1 for none.
+    n_jumps, n_crossed, n_patches, n_doubtful : int
+        Edges where visibility may change, faces that they cross, patches, and faces of patches
+        that came out neither seen nor hidden.
+    """
+
+    def __init__(self, surface: Surface, camera: Camera) -> None:
+        super().__init__(surface, camera)
+        n_edges, n_faces = len(surface.edge_turn), len(surface.faces)
+        self._is_jump, self._jumps = np.empty(n_edges, np.bool_), np.empty(n_edges, np.int32)
+        self.patch, self._targets = np.empty(n_faces, np.int32), np.empty(n_faces, np.int32)
+        self._scratch = np.empty(n_faces, np.int32)
+
+    def measure_all(self) -> None:
+        """Put what is seen of every face into `visible`."""
+        surface = self.surface
+        contacts = surface.contacts(float(np.linalg.norm(self.eye)) + surface.diagonal / 2)
+        self.n_jumps = kernels.find_jumps(
+            surface.edge_faces, surface.edge_turn, self.side, self._is_jump, self._jumps
+        )
+        kernels.mark_unfit(self.state, self.box, self.area, contacts, THINNEST)
+        kernels.mark_crossed(
+            self._jumps, self.n_jumps, surface.edge_vertices, surface.vertices, surface.faces,
+            self.rotation, self.eye, self.lens, self.near, self.pyramid, self.uvw, self.side,
+            self.state, self.box, self.slot, self.polygons, self.n_corners, self.planes, self.grid,
+            self.columns, self.rows, self.starts, self.listed, self.region,
+            NEAR_MISS * float(self.size.max()), self.n_cut > 0,
+        )  # fmt: skip
+        self.n_crossed, self.n_patches = kernels.find_patches(
+            surface.face_edges, surface.edge_faces, surface.edge_turn, surface.edge_vertices,
+            self._is_jump, self.uvw, self.size, self.state, self.area, self.patch, self._scratch,
+            self._targets,
+        )  # fmt: skip
+        self.measure(self._targets[: self.n_crossed + self.n_patches])
+        self.n_doubtful = kernels.decide(
+            self.patch, self._targets, self.n_crossed, self.n_patches, self.area, self.visible,
+            self._scratch, SURE,
+        )  # fmt: skip
+        self.measure(self._scratch[: self.n_doubtful])
+
+        self.is_certified = self.patch >= 0

@@ -1,0 +1,600 @@
+"""Which faces touch: what exact arithmetic says of every pair, and what may not change it."""
+
+import os
+import subprocess
+import sys
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from rastercov import contact_kernels, contacts, shapes
+from rastercov.contacts import touching_faces
+from rastercov.mesh import Mesh
+
+try:
+    from gmpy2 import mpq as rational
+except ImportError:
+    rational = Fraction
+
+MESHES = Path(__file__).resolve().parents[2] / "shared" / "meshes"
+HAIR = 1e-9
+
+
+def touching(vertices, faces, tolerance=HAIR, **options):
+    return touching_faces(np.asarray(vertices, float), np.asarray(faces), tolerance, **options)
+
+
+def of_mesh(mesh, relative=1e-8, **options):
+    extent = float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+    mask = mesh.degenerate_mask
+    return touching(mesh.vertices, mesh.faces, relative * extent, degenerate_mask=mask, **options)
+
+
+def of_soup(triangles, tolerance=HAIR, **options):
+    triangles = np.asarray(triangles, float)
+    faces = np.arange(3 * len(triangles)).reshape(-1, 3)
+    return touching(triangles.reshape(-1, 3), faces, tolerance, **options)
+
+
+def joined(*meshes):
+    starts = np.cumsum([0] + [mesh.n_vertices for mesh in meshes])
+    return Mesh(
+        vertices=np.concatenate([mesh.vertices for mesh in meshes]),
+        faces=np.concatenate(
+            [mesh.faces + start for mesh, start in zip(meshes, starts, strict=False)]
+        ),
+    )
+
+
+def rotation(seed=0):
+    return np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))[0]
+
+
+def tube(n, length):
+    """Open cylinder of 2 n needles along z."""
+    angle = 2 * np.pi / n * np.arange(n)
+    ring = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    low, next_low = np.arange(n), (np.arange(n) + 1) % n
+    one = np.stack([low, next_low, n + next_low], axis=1)
+    other = np.stack([low, n + next_low, n + low], axis=1)
+    return Mesh(
+        vertices=np.concatenate([ring, ring + np.array((0, 0, length))]),
+        faces=np.concatenate([one, other]),
+    )
+
+
+# --- the oracle: what two triangles have in common, in rational numbers
+
+
+def dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def minus(a, b):
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+def cross(a, b):
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+def kept(polygon, normal, offset):
+    """Part of a convex polygon where normal . p >= offset."""
+    heights = [dot(normal, p) - offset for p in polygon]
+    result = []
+    for i, here in enumerate(heights):
+        p, q, there = polygon[i - 1], polygon[i], heights[i - 1]
+        if there * here < 0:
+            t = there / (there - here)
+            result.append(tuple(a + t * (b - a) for a, b in zip(p, q, strict=True)))
+        if here >= 0:
+            result.append(q)
+    return result
+
+
+def in_common(one, other):
+    """Corners of the intersection of two triangles, of rational points."""
+    a, b, c = other
+    normal = cross(minus(b, a), minus(c, a))
+    planes = [normal, tuple(-x for x in normal)]
+    polygon = one
+    for plane, at in [(plane, a) for plane in planes] + [
+        (cross(normal, minus(q, p)), p) for p, q in ((a, b), (b, c), (c, a))
+    ]:
+        polygon = kept(polygon, plane, dot(plane, at))
+    return polygon
+
+
+def meet_elsewhere(one, other):
+    """Whether two triangles have more in common than their common corners span."""
+    shared = [p for p in one if p in other]
+    if len(shared) == 3:
+        return True
+    for p in in_common(one, other):
+        if not shared:
+            return True
+        along = minus(shared[-1], shared[0])
+        off = minus(p, shared[0])
+        on_line = not any(cross(along, off)) if any(along) else not any(off)
+        if not on_line or not 0 <= dot(off, along) <= dot(along, along):
+            return True
+    return False
+
+
+def exactly_touching(vertices, faces):
+    """(F,) the same in rational numbers, pair by pair; no face may be degenerate."""
+    triangles = [
+        [tuple(rational(*float(x).as_integer_ratio()) for x in vertices[v]) for v in face]
+        for face in faces
+    ]
+    corners = np.asarray(vertices, float)[faces]
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    found = np.zeros(len(faces), bool)
+    for i in range(len(faces)):
+        near = np.all((low[i] <= high[i + 1 :]) & (low[i + 1 :] <= high[i]), axis=1)
+        for j in i + 1 + np.flatnonzero(near):
+            if not found[[i, j]].all() and meet_elsewhere(triangles[i], triangles[j]):
+                found[[i, j]] = True
+    return found
+
+
+def solid(vertices, faces):
+    """The faces that have area."""
+    p, q, r = np.moveaxis(np.asarray(vertices)[faces], 1, 0)
+    return faces[np.any(np.cross(q - p, r - p), axis=1)]
+
+
+# --- single pairs, by what they do to each other
+
+FLAT = [(0, 0, 0), (4, 0, 0), (0, 4, 0)]
+PAIRS = {
+    "a corner on a face": (FLAT, [(1, 1, 0), (1, 1, 3), (2, 1, 3)], True),
+    "a corner just above a face": (FLAT, [(1, 1, 1e-6), (1, 1, 3), (2, 1, 3)], False),
+    "a corner through a face": (FLAT, [(1, 1, -1), (1, 1, 3), (2, 1, 3)], True),
+    "an edge across an edge": (FLAT, [(2, -1, -1), (2, 1, 1), (2, -3, 1)], True),
+    "an edge past an edge": (FLAT, [(2, -1.1, -1), (2, 0.9, 1), (2, -3, 1)], False),
+    "one plane, apart": (FLAT, [(3, 3, 0), (4, 3, 0), (3, 4, 0)], False),
+    "one plane, overlapping": (FLAT, [(1, 1, 0), (4, 3, 0), (3, 4, 0)], True),
+    "one plane, inside": (FLAT, [(1, 1, 0), (2, 1, 0), (1, 2, 0)], True),
+    "one plane, edges that lie on each other": (FLAT, [(1, 0, 0), (2, 0, 0), (1, -1, 0)], True),
+    "a T-junction": (FLAT, [(0, 0, 0), (2, 0, 0), (0, -2, 0)], True),
+    "a common corner, side by side": (FLAT, [(0, 0, 0), (-1, 4, 0), (-4, 1, 2)], False),
+    "a common corner, opposite": (FLAT, [(0, 0, 0), (-4, 0, 0), (0, -4, 0)], False),
+    "a common corner, upright": (FLAT, [(0, 0, 0), (1, 1, 1), (1, 1, 3)], False),
+    "a common corner, piercing": (FLAT, [(0, 0, 0), (1, 1, 1), (1, 1, -1)], True),
+    "a common corner, cut by the other": ([(0, 0, 0), (9, 9, 1), (9, 9, -1)], FLAT, True),
+    "a common corner, one plane": (FLAT, [(0, 0, 0), (1, 2, 0), (2, 1, 0)], True),
+    "a common corner, one plane, larger": (FLAT, [(0, 0, 0), (9, 1, 0), (1, 9, 0)], True),
+    "a common corner, an edge on a face": (FLAT, [(0, 0, 0), (1, 1, 0), (1, 1, 3)], True),
+    "a common edge, flat": (FLAT, [(0, 0, 0), (4, 0, 0), (1, -1, 0)], False),
+    "a common edge, upright": (FLAT, [(0, 0, 0), (4, 0, 0), (1, 0, 2)], False),
+    "a common edge, sharp": (FLAT, [(0, 0, 0), (4, 0, 0), (1, 1, 1e-5)], False),
+    "a common edge, folded inside": (FLAT, [(0, 0, 0), (4, 0, 0), (1, 1, 0)], True),
+    "a common edge, folded outside": (FLAT, [(0, 0, 0), (4, 0, 0), (-1, 9, 0)], True),
+    "a common edge, folded, edges that cross": (FLAT, [(0, 0, 0), (4, 0, 0), (4, 4, 0)], True),
+    "a copy": (FLAT, [(4, 0, 0), (0, 0, 0), (0, 4, 0)], True),
+}
+
+
+@pytest.mark.parametrize("case", PAIRS)
+def test_two_faces_touch_when_they_meet_outside_their_joint(case):
+    one, other, expected = PAIRS[case]
+    one, other = np.array(one, float), np.array(other, float)
+    turn = rotation()
+    for a in (one, np.roll(one, 1, axis=0), one[::-1]):
+        for b in (other, np.roll(other, 2, axis=0), other[::-1]):
+            for pair in ((a, b), (b, a)):
+                assert of_soup(pair).tolist() == [expected] * 2
+                turned = np.array(pair) @ turn + (3, 2, 1)
+                assert of_soup(turned).tolist() == [expected] * 2
+
+
+@pytest.mark.parametrize("case", [case for case in PAIRS if "above" not in case])
+def test_the_oracle_agrees_on_single_pairs(case):
+    one, other, expected = PAIRS[case]
+    vertices = np.array([*one, *other], float)
+    found = exactly_touching(vertices, np.arange(6).reshape(2, 3))
+    assert found.tolist() == [expected] * 2
+
+
+# --- exact arithmetic on many faces
+
+GRID = hnp.arrays(np.int64, st.tuples(st.integers(6, 24), st.just(3)), elements=st.integers(0, 3))
+
+
+@given(vertices=GRID)
+@settings(max_examples=300)
+def test_a_soup_touches_where_exact_arithmetic_says(vertices):
+    faces = solid(vertices, np.arange(len(vertices) // 3 * 3).reshape(-1, 3))
+    assert np.array_equal(touching(vertices, faces), exactly_touching(vertices, faces))
+
+
+@given(vertices=GRID, data=st.data())
+@settings(max_examples=300)
+def test_a_mesh_touches_where_exact_arithmetic_says(vertices, data):
+    # Few vertices for many faces: fans, folds, copies and seams.
+    rows = hnp.arrays(
+        np.int64, st.tuples(st.integers(2, 12), st.just(3)), elements=st.integers(0, 7)
+    )
+    faces = solid(vertices, data.draw(rows) % len(vertices))
+    assert np.array_equal(touching(vertices, faces), exactly_touching(vertices, faces))
+
+
+@given(
+    pair=hnp.arrays(np.int64, (6, 3), elements=st.integers(-9, 9)),
+    shared=st.integers(0, 2),
+    flat=st.booleans(),
+)
+@settings(max_examples=500)
+def test_a_pair_touches_where_exact_arithmetic_says(pair, shared, flat):
+    pair[3 : 3 + shared] = pair[:shared]
+    if flat:
+        pair[:, 2] = 0
+    faces = solid(pair, np.arange(6).reshape(2, 3))
+    assert np.array_equal(touching(pair, faces), exactly_touching(pair, faces))
+
+
+@pytest.mark.parametrize("name", ["teapot", "spheres", "noisy"])
+def test_a_part_that_crosses_itself_does_so_where_exact_arithmetic_says(name):
+    ball = shapes.sphere(2)
+    mesh = {
+        "teapot": shapes.teapot(3),
+        "spheres": joined(
+            ball, Mesh(vertices=ball.vertices + np.array((0.9, 0.3, 0.2)), faces=ball.faces)
+        ),
+        "noisy": shapes.icosahedron(noise=0.35, subdivisions=2, seed=1),
+    }[name]
+    expected = exactly_touching(mesh.vertices, mesh.faces)
+    assert 0 < expected.sum() < mesh.n_faces / 2
+    assert np.array_equal(of_mesh(mesh), expected)
+
+
+# --- distances
+
+
+def nearest(one, other):
+    """Distance of two triangles that do not cross, from corners and edges; (3, 3) each."""
+    found = []
+    for a, b in ((one, other), (other, one)):
+        for p in a:
+            u, v = b[1] - b[0], b[2] - b[0]
+            (s, t), *_ = np.linalg.lstsq(np.stack([u, v], axis=1), p - b[0], rcond=None)
+            if s >= 0 and t >= 0 and s + t <= 1:
+                found.append(np.linalg.norm(p - b[0] - s * u - t * v))
+    for i in range(3):
+        for j in range(3):
+            p, u, q, v = one[i], one[i - 1] - one[i], other[j], other[j - 1] - other[j]
+            r = q - p
+            k = np.cross(u, v)
+            if k @ k > 1e-20 * (u @ u) * (v @ v):
+                s, t = np.cross(r, v) @ k / (k @ k), np.cross(r, u) @ k / (k @ k)
+                if 0 <= s <= 1 and 0 <= t <= 1:
+                    found.append(np.linalg.norm(p + s * u - q - t * v))
+            for start, way, point in ((p, u, q), (p, u, q + v), (q, v, p), (q, v, p + u)):
+                s = np.clip((point - start) @ way / (way @ way), 0, 1)
+                found.append(np.linalg.norm(start + s * way - point))
+    return min(found)
+
+
+@given(seed=st.integers(0, 2**32), thin=st.floats(0, 6), flat=st.booleans())
+@settings(max_examples=300)
+def test_no_pair_within_the_tolerance_is_missed(seed, thin, flat):
+    rng = np.random.default_rng(seed)
+    one, other = rng.normal(size=(2, 3, 3))
+    for triangle in (one, other):  # needles, as thin as the tolerance
+        triangle[2] = triangle[rng.integers(2)] + (triangle[2] - triangle[0]) * 10.0**-thin
+    if flat:
+        one[:, 2] = other[:, 2] = 0
+    # Push them together until they nearly meet.
+    other += 3 * (one.mean(axis=0) - other.mean(axis=0))
+    distance = nearest(one, other)
+    assume(distance > 1e-9)
+    assert of_soup([one, other], 1.0001 * distance).all()
+
+
+@pytest.mark.parametrize("gap", [1e-10, 1e-8, 1e-6, 1e-2])
+@pytest.mark.parametrize("seed", range(4))
+def test_sheets_touch_up_to_the_tolerance_and_not_beyond(gap, seed):
+    flat = np.array(FLAT, float)
+    pairs = [
+        (flat, flat / 2 + (0.5, 0.5, gap)),  # face to face
+        (flat, [(1, 1, gap), (1, 1, 3), (2, 1, 3)]),  # corner to face
+        (flat, [(2, -1, -1 + 2**0.5 * gap), (2, 1, 1 + 2**0.5 * gap), (2, -3, 0)]),  # edge to edge
+        (flat, flat + np.array((0, 4 + 1e-6, gap))),  # beside each other
+    ]
+    for one, other in pairs[:3]:
+        pair = np.array([one, other]) @ rotation(seed) + (5, -3, 2)
+        assert of_soup(pair, 1.001 * gap).all()
+        assert not of_soup(pair, 0.97 * gap).any()
+    assert not of_soup(pairs[3], 1e-7).any()
+
+
+@pytest.mark.parametrize("gap", [1e-9, 1e-6, 1e-2])
+def test_a_fold_touches_up_to_the_tolerance_at_its_lower_apex(gap):
+    vertices = np.array([(0, 0, 0), (4, 0, 0), (7, 1, gap), (-2, 5, 0)])
+    for faces in ([(0, 1, 2), (0, 1, 3)], [(3, 1, 0), (1, 0, 2)]):
+        for turn in (np.eye(3), rotation(3)):
+            assert touching(vertices @ turn, faces, 1.001 * gap).all()
+            assert not touching(vertices @ turn, faces, 0.97 * gap).any()
+
+
+def test_a_tolerance_of_none_is_raised_above_the_rounding():
+    # Turned and moved, the sheets meet only to within 1e-16.
+    pair = np.array([FLAT, [(1, 1, 0), (1, 1, 3), (2, 1, 3)]], float) @ rotation(7)
+    assert of_soup(pair, 0).all()
+    assert of_soup(pair + np.array((0.1, 0.2, 0.3)), 0).all()
+
+
+def test_an_endless_tolerance_holds_everything():
+    assert of_mesh(shapes.sphere(2), np.inf).all()
+    assert not touching(FLAT, [(0, 1, 2)], np.inf).any()
+
+
+@pytest.mark.parametrize("tolerance", [-1e-9, np.nan])
+def test_a_tolerance_below_0_is_refused(tolerance):
+    with pytest.raises(ValueError, match="tolerance must be at least 0"):
+        touching(FLAT, [(0, 1, 2)], tolerance)
+
+
+# --- laws
+
+
+@pytest.fixture(scope="module")
+def teapot():
+    mesh = shapes.teapot(5)
+    return mesh, of_mesh(mesh)
+
+
+def test_the_order_of_faces_and_of_their_corners_changes_nothing(teapot):
+    mesh, marks = teapot
+    rng = np.random.default_rng(0)
+    order = rng.permutation(mesh.n_faces)
+    faces = np.stack(
+        [np.roll(face, k) for face, k in zip(mesh.faces, rng.integers(3, size=1560), strict=True)]
+    )
+    faces = np.where(rng.random((1560, 1)) < 0.5, faces, faces[:, ::-1])[order]
+    assert np.array_equal(of_mesh(Mesh(vertices=mesh.vertices, faces=faces)), marks[order])
+
+
+def test_vertices_count_by_where_they_are(teapot):
+    mesh, marks = teapot
+    order = np.random.default_rng(1).permutation(3 * mesh.n_faces)
+    points = np.empty((3 * mesh.n_faces, 3))
+    points[order] = mesh.vertices[mesh.faces].reshape(-1, 3)
+    points[points == 0] = np.where(np.arange((points == 0).sum()) % 2, 0.0, -0.0)
+    assert np.array_equal(of_mesh(Mesh(vertices=points, faces=order.reshape(-1, 3))), marks)
+
+
+@pytest.mark.parametrize("scale", [1e-150, 1e-6, 1e6, 1e25])
+def test_turning_moving_and_scaling_changes_nothing(teapot, scale):
+    mesh, marks = teapot
+    points = (mesh.vertices @ rotation(5) + (1, -2, 3)) * scale
+    assert np.array_equal(of_mesh(Mesh(vertices=points, faces=mesh.faces)), marks)
+
+
+def test_a_part_far_from_the_origin_is_the_same_part():
+    ball = shapes.icosahedron(noise=0.35, subdivisions=3)
+    points = np.round(ball.vertices * 2**20)
+    here = of_mesh(Mesh(vertices=points, faces=ball.faces))
+    there = of_mesh(Mesh(vertices=points + 2.0**50, faces=ball.faces))
+    assert here.any()
+    assert np.array_equal(here, there)
+
+
+def test_vertices_that_no_face_uses_do_not_matter(teapot):
+    mesh, marks = teapot
+    points = np.concatenate([mesh.vertices, [(1e30, -1e30, 1e30), (0, 0, 5)]])
+    assert np.array_equal(of_mesh(Mesh(vertices=points, faces=mesh.faces)), marks)
+
+
+def test_more_faces_never_end_a_contact(teapot):
+    mesh, marks = teapot
+    more = of_mesh(joined(mesh, shapes.box((0.1, 0.1, 0.1))))
+    assert not (marks & ~more[: mesh.n_faces]).any()
+    assert more.sum() > marks.sum()
+
+
+def test_faces_without_area_touch_nothing():
+    vertices = np.array([*FLAT, (1, 1, 0), (2, 2, 0), (1, 1, 1)], float)
+    faces = np.array([(0, 1, 2), (0, 0, 4), (0, 3, 4), (3, 3, 3), (5, 3, 5)])
+    assert not touching(vertices, faces).any()
+    mask = np.array([False, True, True, True, True])
+    assert not touching(vertices, faces, degenerate_mask=mask).any()
+    both = np.concatenate([faces, [(3, 4, 5)]])
+    assert np.flatnonzero(touching(vertices, both)).tolist() == [0, 5]
+
+
+def test_no_faces_and_one_face_touch_nothing():
+    assert touching(FLAT, np.empty((0, 3), int)).shape == (0,)
+    assert touching(FLAT, [(0, 1, 2)]).tolist() == [False]
+
+
+def test_the_given_arrays_are_left_alone(teapot):
+    mesh, marks = teapot
+    vertices, faces = mesh.vertices.copy(order="F"), np.asfortranarray(mesh.faces.astype(np.int32))
+    before = vertices.copy(), faces.copy()
+    extent = float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+    assert np.array_equal(touching_faces(vertices, faces, 1e-8 * extent), marks)
+    assert np.array_equal(vertices, before[0])
+    assert np.array_equal(faces, before[1])
+
+
+# --- whole parts
+
+CLEAN = {
+    "aeroplane": shapes.aeroplane,
+    "aeroplane-9856": lambda: shapes.aeroplane(9856),
+    "box": lambda: shapes.box(n=4),
+    "fine icosahedron": lambda: shapes.icosahedron(subdivisions=5),
+    "noisy icosahedron": lambda: shapes.icosahedron(noise=0.1, subdivisions=5),
+    "room": shapes.room,
+    "sphere": lambda: shapes.sphere(5),
+    "plane": lambda: shapes.tessellated_plane(50, 50),
+    "torus": shapes.torus,
+    "thin torus": lambda: shapes.torus(2000, 3, 1.0, 1e-3),
+    "tube": lambda: tube(2000, 50),
+}
+
+
+@pytest.mark.parametrize("name", CLEAN)
+def test_a_part_that_does_not_cross_itself_has_no_contacts(name):
+    mesh = CLEAN[name]()
+    assert not of_mesh(mesh).any()
+    turned = Mesh(vertices=mesh.vertices @ rotation(2), faces=mesh.faces)
+    assert not of_mesh(turned).any()
+
+
+def test_the_teapot_crosses_itself_at_handle_and_spout():
+    mesh = shapes.teapot(10)
+    marks = of_mesh(mesh)
+    assert 0.01 < marks.mean() < 0.05
+    x = mesh.centroids[marks, 0]
+    assert (x < -0.03).any()
+    assert (x > 0.03).any()
+    assert np.abs(x).min() > 0.03  # neither lid nor bottom
+
+
+def test_a_part_and_its_copy_touch_all_over():
+    mesh = shapes.torus(40, 20)
+    assert of_mesh(joined(mesh, mesh)).all()
+
+
+def test_a_crate_on_the_floor_touches_it_with_all_but_its_lid():
+    floor, crate = shapes.tessellated_plane(10, 10, jitter=0), shapes.box((0.3, 0.3, 0.3))
+    standing = Mesh(vertices=crate.vertices + np.array((0.02, 0.02, 0.15)), faces=crate.faces)
+    marks = of_mesh(joined(floor, standing))
+    assert marks[200:].tolist() == [True] * 10 + [False] * 2
+    corners = floor.vertices[floor.faces][..., :2] - 0.02
+    is_clear = (corners.min(axis=1) > 0.15).any(axis=1) | (corners.max(axis=1) < -0.15).any(axis=1)
+    is_inside = (np.abs(corners) < 0.15).all(axis=(1, 2))
+    assert is_inside.any()
+    assert marks[:200][is_inside].all()
+    assert not marks[:200][is_clear].any()
+
+
+@pytest.mark.skipif(not MESHES.is_dir(), reason="the folder of real meshes is not there")
+@pytest.mark.parametrize("name", ["spot.obj", "bunny_1602_closed.ply"])
+def test_a_real_part_touches_where_exact_arithmetic_says(name):
+    mesh = Mesh.load(MESHES / name)
+    assert not mesh.degenerate_mask.any()
+    marks = of_mesh(mesh)
+    some = np.flatnonzero(marks | (np.arange(mesh.n_faces) % 10 == 0))
+    found = exactly_touching(mesh.vertices, mesh.faces[some])
+    assert not (found & ~marks[some]).any()
+
+
+# --- the loops
+
+
+def calls(monkeypatch, mesh, steps):
+    """Calls of the loop, each of about so many steps along the tree."""
+    count = []
+    loop = contact_kernels.mark_contacts
+
+    def counted(*args):
+        count.append(1)
+        return loop(*args)
+
+    monkeypatch.setattr(contacts, "STEPS_A_CALL", steps)
+    monkeypatch.setattr(contact_kernels, "mark_contacts", counted)
+    of_mesh(mesh, threads=1)
+    monkeypatch.undo()
+    return len(count)
+
+
+@pytest.mark.parametrize("where", ["first", "last"])
+@pytest.mark.parametrize("tilted", [False, True])
+def test_walls_about_a_fine_mesh_cost_little(monkeypatch, where, tilted):
+    fine = shapes.torus(200, 100)
+    corners = np.array([(-9, -9, -0.41), (9, -9, -0.41), (0, 9, -0.41)])
+    walls = np.concatenate([corners - (0, 0, k / 100) for k in range(10)])
+    wall = Mesh(vertices=walls, faces=np.arange(30).reshape(10, 3))
+    both = joined(wall, fine) if where == "first" else joined(fine, wall)
+    if tilted:
+        fine, both = (
+            Mesh(vertices=mesh.vertices @ rotation(4), faces=mesh.faces) for mesh in (fine, both)
+        )
+    assert calls(monkeypatch, both, 1000) < 1.5 * calls(monkeypatch, fine, 1000)
+
+
+def test_long_needles_cost_as_much_as_other_faces(monkeypatch):
+    mesh = tube(10_000, 50)
+    turned = Mesh(vertices=mesh.vertices @ rotation(6), faces=mesh.faces)
+    usual = calls(monkeypatch, shapes.torus(100, 100), 1000)
+    assert calls(monkeypatch, mesh, 1000) < 2 * usual
+    assert calls(monkeypatch, turned, 1000) < 2 * usual
+
+
+def test_many_copies_cost_no_more_than_as_many_faces(monkeypatch):
+    faces = np.tile([(0, 1, 2)], (20_000, 1))
+    copies = Mesh(vertices=FLAT, faces=faces)
+    usual = calls(monkeypatch, shapes.torus(100, 100), 1000)
+    assert calls(monkeypatch, copies, 1000) < 2 * usual
+    assert of_mesh(copies).all()
+
+
+def test_a_fine_part_in_one_spot_of_a_large_scene_costs_no_more(monkeypatch):
+    fine = shapes.torus(200, 100)
+    spot = Mesh(vertices=fine.vertices * 1e-4, faces=fine.faces)
+    scene = joined(spot, Mesh(vertices=np.array(FLAT) - (2, 2, 1), faces=[(0, 1, 2)]))
+    assert calls(monkeypatch, scene, 1000) < 1.5 * calls(monkeypatch, fine, 1000)
+
+
+@pytest.mark.parametrize("threads", [1, 2, 7, None])
+@pytest.mark.parametrize(("leaves", "steps"), [(1, 0), (3, 100), (10**6, 0)])
+def test_threads_and_turns_change_nothing(monkeypatch, teapot, threads, leaves, steps):
+    mesh, marks = teapot
+    monkeypatch.setattr(contacts, "LEAVES_A_TURN", leaves)
+    monkeypatch.setattr(contacts, "STEPS_A_CALL", steps)
+    assert np.array_equal(of_mesh(mesh, threads=threads), marks)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_an_interrupt_ends_the_search_within_a_call(monkeypatch, threads):
+    made = []
+    loop = contact_kernels.mark_contacts
+
+    def interrupted(*args):
+        made.append(1)
+        if len(made) == 3:
+            raise KeyboardInterrupt
+        return loop(*args)
+
+    monkeypatch.setattr(contact_kernels, "mark_contacts", interrupted)
+    monkeypatch.setattr(contacts, "LEAVES_A_TURN", 10)
+    with pytest.raises(KeyboardInterrupt):
+        of_mesh(shapes.torus(200, 200), threads=threads)
+    assert len(made) < 50
+
+
+HOSTILE = """
+import numpy as np
+from rastercov.contacts import touching_faces
+
+rng = np.random.default_rng(0)
+for n in [1, 2, 3, 4, 5, 8, 9, 31, 32, 33, 500, *rng.integers(1, 70, 200)]:
+    points = rng.normal(size=(3 * n, 3)) * 10.0 ** rng.uniform(-9, 9, (3 * n, 1))
+    if rng.random() < 0.5:
+        points = rng.integers(0, 3, (3 * n, 3)) * 1.0
+    faces = rng.integers(0, 3 * n, (n, 3))
+    for tolerance in (0, 1e-3, np.inf):
+        marks = touching_faces(points, faces, tolerance)
+        assert marks.sum() != 1
+"""
+
+
+def test_no_mesh_reaches_past_the_arrays(tmp_path):
+    checked = {"NUMBA_BOUNDSCHECK": "1", "NUMBA_CACHE_DIR": str(tmp_path)}
+    done = subprocess.run(
+        [sys.executable, "-c", HOSTILE],
+        env=os.environ | checked,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
