@@ -103,28 +103,6 @@ def in_camera(point, rotation, eye, out):
 
 
 @_compiled
-def keep_side(polygon, n, axis, at, sign, out):
-    """Keep the part of an image polygon where sign * (coordinate - at) >= 0; its corner count."""
-    kept = 0
-    for i in range(n):
-        j = i + 1 if i + 1 < n else 0
-        here = sign * (polygon[i, axis] - at)
-        there = sign * (polygon[j, axis] - at)
-        if here >= 0 and kept < out.shape[0]:
-            out[kept, 0] = polygon[i, 0]
-            out[kept, 1] = polygon[i, 1]
-            kept += 1
-        crosses = (here > 0 and there < 0) or (here < 0 and there > 0)
-        if crosses and kept < out.shape[0]:
-            t = here / (here - there)
-            other = 1 - axis
-            out[kept, axis] = at
-            out[kept, other] = polygon[i, other] + t * (polygon[j, other] - polygon[i, other])
-            kept += 1
-    return kept
-
-
-@_compiled
 def keep_inside(polygon, n, line, out):
     """Keep the part of an image polygon on the inner side of a line; its corner count.
 
@@ -162,12 +140,24 @@ def twice_area(polygon, n):
 
 
 @_compiled
-def within_image(polygon, n, size, spare):
-    """Cut an image polygon, in place, at the image border; its corner count."""
-    n = keep_side(polygon, n, 0, 0.0, 1.0, spare)
-    n = keep_side(spare, n, 0, size[0], -1.0, polygon)
-    n = keep_side(polygon, n, 1, 0.0, 1.0, spare)
-    return keep_side(spare, n, 1, size[1], -1.0, polygon)
+def cut(polygon, n, lines, n_lines, spare):
+    """Cut an image polygon, in place, to the inner side of some lines; its corner count."""
+    for s in range(n_lines):
+        n = keep_inside(polygon, n, lines[s], spare)
+        for p in range(n):
+            polygon[p, 0], polygon[p, 1] = spare[p, 0], spare[p, 1]
+    return n
+
+
+@_compiled
+def image_border(size):
+    """The four sides of the image as lines."""
+    lines = np.zeros((4, 5))
+    lines[0, 2] = size[0]  # along the top: x to the right
+    lines[1, 0], lines[1, 3] = size[0], size[1]
+    lines[2, 0], lines[2, 1], lines[2, 2] = size[0], size[1], -size[0]
+    lines[3, 1], lines[3, 3] = size[1], -size[1]
+    return lines
 
 
 @_compiled
@@ -207,8 +197,7 @@ def cut_in_space(corners, lens, near, size, sides, plane, polygon, spare):
     polygon[0, 0] = polygon[3, 0] = polygon[0, 1] = polygon[1, 1] = 0.0
     polygon[1, 0] = polygon[2, 0] = size[0]
     polygon[2, 1] = polygon[3, 1] = size[1]
-    n = 4
-    for s in range(4):
+    for s in range(SIDES):
         sides[s, 0], sides[s, 1] = lens[2], lens[3]
         if s < 3:
             # p x q . ray has the sign of d for a ray on the inner side of edge p q
@@ -224,10 +213,7 @@ def cut_in_space(corners, lens, near, size, sides, plane, polygon, spare):
         else:
             a, b, c = -plane[3], -plane[4], 1 / near - plane[2]
         sides[s, 2], sides[s, 3], sides[s, 4] = b, -a, c
-        n = keep_inside(polygon, n, sides[s], spare)
-        for p in range(n):
-            polygon[p, 0], polygon[p, 1] = spare[p, 0], spare[p, 1]
-    return n, front
+    return cut(polygon, 4, sides, SIDES, spare), front
 
 
 @_compiled
@@ -266,8 +252,8 @@ def set_up(
     """
     corners = np.empty((3, 3))
     polygon, spare = np.empty((CORNERS, 2)), np.empty((CORNERS, 2))
-    lines, plane = np.empty((4, 5)), np.empty(5)
-    live = cut = 0
+    lines, plane, border = np.empty((SIDES, 5)), np.empty(5), image_border(size)
+    live = n_cut = 0
     low_u = low_v = np.inf
     high_u = high_v = -np.inf
     boxes = 0.0
@@ -298,7 +284,7 @@ def set_up(
                 polygon[0, 0], polygon[0, 1] = u0, v0
                 polygon[1, 0], polygon[1, 1] = u1, v1
                 polygon[2, 0], polygon[2, 1] = u2, v2
-                n = within_image(polygon, 3, size, spare)
+                n = cut(polygon, 3, border, 4, spare)
                 inside = abs(twice_area(polygon, n)) / 2 if n >= 3 else 0.0
         else:
             in_camera(vertices[i], rotation, eye, corners[0])
@@ -321,16 +307,16 @@ def set_up(
                 doubt = 1e-14 * (abs(plane[2]) + abs(along_u) + abs(along_v))
                 least, most = min(least, w - doubt), max(most, w + doubt)
             least = max(least, 0.0)
-            if cut < polygons.shape[0]:
-                slot[f] = cut
-                n_corners[cut] = n
+            if n_cut < polygons.shape[0]:
+                slot[f] = n_cut
+                n_corners[n_cut] = n
                 for p in range(n):
-                    polygons[cut, p, 0], polygons[cut, p, 1] = polygon[p, 0], polygon[p, 1]
+                    polygons[n_cut, p, 0], polygons[n_cut, p, 1] = polygon[p, 0], polygon[p, 1]
                 for p in range(5):
-                    planes[cut, p] = plane[p]
+                    planes[n_cut, p] = plane[p]
                     for q in range(4):
-                        sides[cut, q, p] = lines[q, p]
-            cut += 1
+                        sides[n_cut, q, p] = lines[q, p]
+            n_cut += 1
             flags = LIVE | CUT | PARTLY
             inside = twice_area(polygon, n) / 2
         if not inside > 0:
@@ -346,7 +332,7 @@ def set_up(
         low_u, high_u = min(low_u, x0), max(high_u, x1)
         low_v, high_v = min(low_v, y0), max(high_v, y1)
     region[0], region[1], region[2], region[3], region[4] = low_u, high_u, low_v, high_v, boxes
-    return live, cut
+    return live, n_cut
 
 
 @_compiled
@@ -603,10 +589,7 @@ def before(t, m, target, n, lines, n_sides, faces, uvw, box, state, slot, planes
     # What the two have in common, and by how much m is nearer at its corners.
     for p in range(n):
         spare[p, 0], spare[p, 1] = target[p, 0], target[p, 1]
-    for s in range(n_sides):
-        n = keep_inside(spare, n, lines[s], other)
-        for p in range(n):
-            spare[p, 0], spare[p, 1] = other[p, 0], other[p, 1]
+    n = cut(spare, n, lines, n_sides, other)
     if n < 3:
         return 0
     u_t, v_t, w_t, a_t, b_t = plane_of(t, faces, uvw, state, slot, planes)
@@ -643,9 +626,12 @@ def halve(cells, waiting, n_waiting, top, block, n_block, grid):
     low, high = (left, right) if axis == 0 else (upper, lower)
     middle = (low + high + 1) // 2  # the first cell of the second half
     border = grid[axis] + middle / grid[2 + axis]
+    line = np.zeros(5)
+    line[0] = line[1] = border
     for part in range(2):
-        sign = -1.0 if part == 0 else 1.0
-        n = keep_side(block, n_block, axis, border, sign, waiting[top])
+        inward = -1.0 if part == 0 else 1.0
+        line[3 - axis] = -inward if axis == 0 else inward
+        n = keep_inside(block, n_block, line, waiting[top])
         if n < 3:
             continue
         n_waiting[top] = n
@@ -707,7 +693,7 @@ def visible_areas(
     """
     target, block, corners = np.empty((24, 2)), np.empty((24, 2)), np.empty((CORNERS, 2))
     spare, other, values = np.empty((WIDTH, 2)), np.empty((WIDTH, 2)), np.empty(WIDTH)
-    lines, own = np.empty((SIDES + 1, 5)), np.empty((SIDES, 5))
+    lines, own, border = np.empty((SIDES + 1, 5)), np.empty((SIDES, 5)), image_border(size)
     occluders = np.empty(MOST_OCCLUDERS, np.int32)
     waiting, n_waiting = np.empty((STACK, 24, 2)), np.empty(STACK, np.int64)
     cells = np.empty((STACK, 4), np.int64)
@@ -720,7 +706,7 @@ def visible_areas(
             t, faces, uvw, side, state, slot, polygons, n_corners, sides, target, own
         )
         if state[t] & PARTLY:
-            n = within_image(target, n, size, spare)
+            n = cut(target, n, border, 4, spare)
         behind = box[t, 4] * (1 - 2 * TIE)
         cells[0, 0] = cell(box[t, 0], grid[0], grid[2], columns)
         cells[0, 1] = cell(box[t, 1], grid[0], grid[2], columns)

@@ -324,6 +324,7 @@ def mark_crossed(
     if not has_cuts:
         return
     rim = (1 - 1e-6) / near
+    ends[0] = ends[1] = -1
     for f in range(state.shape[0]):
         if not (state[f] & LIVE and state[f] & CUT):
             continue
@@ -341,8 +342,8 @@ def mark_crossed(
                 segment[3 * end], segment[3 * end + 1], segment[3 * end + 2] = u, v, w
             if segment[2] >= rim and segment[5] >= rim:
                 mark_segment(
-                    -1, -1, segment, slack, faces, uvw, side, state, box, grid, columns, rows,
-                    starts, listed, region,
+                    ends[0], ends[1], segment, slack, faces, uvw, side, state, box, grid, columns,
+                    rows, starts, listed, region,
                 )  # fmt: skip
 
 
