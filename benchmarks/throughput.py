@@ -12,16 +12,15 @@ surfaces are within 1e-4 of each other in depth.
 import multiprocessing
 import os
 import statistics
-import sys
 import time
 from multiprocessing.connection import Connection
 
 import numpy as np
 from rows import Report, arguments
+from tracer import Tracer, need_open3d
 
 import rastercov as rc
 from rastercov import shapes
-from rastercov.pose import inverse
 from rastercov.projection import to_camera, to_image
 
 SCENES = {
@@ -44,21 +43,17 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=7, help="rounds of each contestant")
     args = parser.parse_args()
     report = Report()
-    try:
-        import open3d
-    except ImportError:
-        print("open3d is missing: pip install 'rastercov[bench]'", file=sys.stderr)
-        sys.exit(2)
+    need_open3d()
     for what, (name, distance) in SCENES.items():
         for width, height in SIZES:
-            _contest(report, open3d, what, name, distance, width, height, args)
+            _contest(report, what, name, distance, width, height, args)
     report.finish(args.json)
 
 
-def _contest(report, o3d, what, name, distance, width, height, args) -> None:
+def _contest(report, what, name, distance, width, height, args) -> None:
     mesh, camera = shapes.by_name(name), _camera(width, height)
     poses = _poses(mesh, distance, args.poses * (8 if width == 256 else 1))
-    tracer = _Tracer(o3d, mesh, camera, poses)
+    tracer = Tracer(mesh, camera, poses, WORKERS)
     label = f"{what}, {width} x {height}"
 
     for kind, options in (("OpenGL", {"backend": "gl", "device": "surfaceless"}), CPU):
@@ -147,40 +142,6 @@ def _is_excused(mesh, camera, pose, point, faces) -> bool:
         if distances.min() < 4e-3:
             return True
     return len(depths) == 2 and abs(depths[0] - depths[1]) < 1e-4 * min(np.abs(depths))
-
-
-class _Tracer:
-    """Open3D's RaycastingScene (Embree)."""
-
-    def __init__(self, o3d, mesh, camera, poses) -> None:
-        self.mesh, self.camera = mesh, camera
-        self.camera_from_world = inverse(poses)
-        self.scene = o3d.t.geometry.RaycastingScene(nthreads=WORKERS)
-        self.scene.add_triangles(
-            o3d.core.Tensor(mesh.vertices.astype(np.float32)),
-            o3d.core.Tensor(mesh.faces.astype(np.uint32)),
-        )
-
-    def _rays(self, row: int):
-        size = (self.camera.width, self.camera.height)
-        return self.scene.create_rays_pinhole(self.camera.K, self.camera_from_world[row], *size)
-
-    def faces(self, row: int) -> np.ndarray:
-        ids = self.scene.cast_rays(self._rays(row))["primitive_ids"].numpy()
-        return np.where(ids == self.scene.INVALID_ID, -1, ids.astype(np.int64))
-
-    def round(self) -> tuple[float, float]:
-        """Seconds to make, cast and count all poses, and without the making."""
-        making = casting = 0.0
-        for row in range(len(self.camera_from_world)):
-            started = time.perf_counter()
-            rays = self._rays(row)
-            made = time.perf_counter()
-            ids = self.scene.cast_rays(rays, nthreads=WORKERS)["primitive_ids"].numpy().ravel()
-            np.bincount(ids[ids != self.scene.INVALID_ID], minlength=self.mesh.n_faces)
-            making += made - started
-            casting += time.perf_counter() - made
-        return making + casting, casting
 
 
 class _Workers:

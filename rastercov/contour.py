@@ -79,3 +79,7 @@ class CertifiedView(View):
         self.measure(self._scratch[: self.n_doubtful])
 
         self.is_certified = self.patch >= 0
+
+    def largest_of_patches(self) -> IntArray:
+        """(n_patches,) the face of each patch that was measured for all."""
+        return self._targets[self.n_crossed : self.n_crossed + self.n_patches].copy()

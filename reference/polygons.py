@@ -6,8 +6,8 @@ w, is affine, so where face M is nearer than face T is a half-plane of the image
     visible(T) = image(T)  minus the union over M of  image(T) n image(M) n {w_M > w_T}.
 
 No sorting: it holds for faces that run through one another and for cycles. Of two faces whose w
-differs by 1e-10 of itself or less at every corner of image(T) n image(M), the lower index is in
-front there. Faces seen edge-on or without area see and hide nothing.
+differs by 1e-10 of the greater one or less at every corner of image(T) n image(M), the lower index
+is in front there. Faces seen edge-on or without area see and hide nothing.
 
 The Booleans are GEOS' by way of shapely, with corners rounded to a fine grid (2^-37 px in an image
 1280 px wide): then GEOS does them by snap rounding, at five times the cost. Without a grid it was
@@ -243,6 +243,8 @@ def _convex(shapes: Geometries) -> Geometries:
 def _visible(images: Images, tree: shapely.STRtree, faces: IntArray) -> list[BaseGeometry]:
     """Visible part of each of some faces."""
     rows, others = tree.query(images.polygons[faces], predicate="intersects")
+    order = np.lexsort((others, rows))
+    rows, others = rows[order], others[order]
     # Neighbours only touch, and many others are wholly behind: not worth an intersection.
     near, far = images.inverse_depth_range()
     is_pair = (faces[rows] != others) & (near[others] >= far[faces[rows]] * (1 - 2 * TIE))
@@ -336,9 +338,13 @@ def _minus(
 def _and_repaired(
     images: Images, polygons: list[BaseGeometry], faces: Sequence[int]
 ) -> Iterator[list[BaseGeometry]]:
-    """Yield the polygons as they are, then, for whom that was not good enough, made valid."""
+    """Yield the polygons as they are, then, for whom that was not good enough, made valid.
+
+    Images a hair wide are trouble; on the grid they are no more.
+    """
     yield polygons
-    repaired = [shapely.buffer(shapely.make_valid(polygon), 0) for polygon in polygons]
+    valid = (shapely.make_valid(polygon) for polygon in polygons)
+    repaired = [shapely.set_precision(polygon, images.grid) for polygon in valid]
     for before, after, face in zip(polygons, repaired, faces, strict=True):
         if not abs(before.area - after.area) <= images.tolerance:
             raise PolygonError(

@@ -233,6 +233,14 @@ def _sheet_cases():
                 None,
                 expected,
             )
+    # What is a tie is a matter of the depth there; two other sheets lie close to the camera.
+    copy = Mesh(vertices=base.vertices * (1 - 2.0**-33), faces=base.faces)
+    corner = sheet((-1 / 64, -1 / 64), (-3 / 256, -3 / 256), 1 / 64)
+    hidden = Mesh(vertices=corner.vertices * 2, faces=corner.faces)
+    mesh = joined(base, copy, corner, hidden)
+    small = Fraction(625, 2)
+    expected = [0, 0, 5000, 5000, small, small, 0, 0]
+    yield Case("a near tie far behind", mesh, window(), None, expected)
     third = joined(base, base, base)
     yield Case("three sheets", third, window(), None, [5000, 5000] + [0] * 4)
 
