@@ -3,10 +3,10 @@
 They stand in one file because numba keeps what it compiled by file: a loop that calls into another
 file would not notice a change there.
 
-The faces stand in one order: large before small, and those of a size along a Morton curve. A
-complete binary tree over that order holds their boxes: node n has children 2n and 2n + 1, its last
-row are the leaves, of `LEAF` faces each. It is walked without a stack: after a node and all below
-it comes the sibling on its right, or on the right of its nearest ancestor that has one.
+The faces stand in the order of a Morton curve. A complete binary tree over that order holds their
+boxes: node n has children 2n and 2n + 1, its last row are the leaves, of `LEAF` faces each. It is
+walked without a stack: after a node and all below it comes the sibling on its right, or on the
+right of its nearest ancestor that has one. Each leaf looks only at those to its right.
 
 G. M. Morton. A Computer Oriented Geodetic Data Base. 1966, for the curve.
 S. Gottschalk, M. C. Lin, D. Manocha. OBBTree: A Hierarchical Structure for Rapid Interference
@@ -22,15 +22,11 @@ import numpy as np
 
 LEAF = 4
 """Faces of a leaf."""
-CURVE_BITS = 20
-"""Bits of a position along each axis in a key."""
-SIZE_STEP = 3
-"""log2 of the ratio of two sizes that stand apart in the order."""
-LARGEST_CLASS = 15
-"""Last size class; those and the positions fill the 64 bits of a key."""
+CURVE_BITS = 21
+"""Bits of a position along each axis: three of them fill a key."""
 SHORTEST_AXIS = 1e-200
 """Square of the length below which a separating axis is not tried."""
-LONG_WALK = 64
+LONG_WALK = 256
 """Steps along the tree after which the planes of a leaf's faces are looked at, too."""
 
 
@@ -44,7 +40,7 @@ def _compiled(function: Callable[..., Any]) -> Any:
 
 @_compiled
 def spread(value):
-    """Move bit i of a whole number below 2^20 to bit 3 i."""
+    """Move bit i of a whole number below 2^21 to bit 3 i."""
     v = np.uint64(value)
     v = (v | (v << np.uint64(32))) & np.uint64(0x001F00000000FFFF)
     v = (v | (v << np.uint64(16))) & np.uint64(0x001F0000FF0000FF)
@@ -55,7 +51,7 @@ def spread(value):
 
 @_compiled
 def order_keys(placed, faces, keys):
-    """Sort key of each face: its size class, then where its box stands on a Morton curve.
+    """Sort key of each face: where the middle of its box stands on a Morton curve.
 
     Parameters
     ----------
@@ -69,20 +65,12 @@ def order_keys(placed, faces, keys):
     for f in range(faces.shape[0]):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
         key = np.uint64(0)
-        size = 0.0
         for k in range(3):
             p, q, r = placed[a, k], placed[b, k], placed[c, k]
             low, high = min(p, min(q, r)), max(p, max(q, r))
-            size = max(size, high - low)
-            cell = np.int64((0.5 * (low + high) + 0.5) * cells)
-            cell = min(max(cell, 0), (1 << CURVE_BITS) - 1)
-            key |= spread(cell) << np.uint64(k)
-        step = 0
-        limit = 1.0 / (1 << SIZE_STEP)
-        while size < limit and step < LARGEST_CLASS:
-            limit /= 1 << SIZE_STEP
-            step += 1
-        keys[f] = key | (np.uint64(step) << np.uint64(3 * CURVE_BITS))
+            cell = min(max((0.5 * (low + high) + 0.5) * cells, 0.0), cells - 1.0)
+            key |= spread(np.int64(cell)) << np.uint64(k)
+        keys[f] = key
 
 
 @_compiled
@@ -91,10 +79,8 @@ def grow_boxes(placed, faces, boxes, nodes, done):
 
     Parameters
     ----------
-    placed
-        As for `order_keys`.
-    faces : (N, 3) int64
-        In the order of their keys.
+    placed, faces
+        As for `order_keys`, the faces in the order of their keys.
     boxes : (N, 6) float64
         Out: lowest coordinates, and highest ones negated.
     nodes : (2 L, 6) float64
@@ -154,9 +140,8 @@ def is_gap(points, axis, reach):
         return False
     a, b, c = dot(points, 0, axis), dot(points, 1, axis), dot(points, 2, axis)
     p, q, r = dot(points, 3, axis), dot(points, 4, axis), dot(points, 5, axis)
-    after = min(p, min(q, r)) - max(a, max(b, c))
-    before = min(a, min(b, c)) - max(p, max(q, r))
-    return max(after, before) > reach * np.sqrt(length)
+    gap = max(min(p, min(q, r)) - max(a, max(b, c)), min(a, min(b, c)) - max(p, max(q, r)))
+    return gap > reach * np.sqrt(length)
 
 
 @_compiled
@@ -171,7 +156,6 @@ def are_apart(points, reach):
     points : (15, 3) float64
         Rows 0 to 5 are the corners of the one and of the other, a segment is a triangle that
         repeats a corner. The rest is scratch: edges, normals, and an axis.
-    reach : float
     """
     for k in range(3):  # not an axis that must be tried, but the best first guess
         one = points[0, k] + points[1, k] + points[2, k]
@@ -211,7 +195,7 @@ def fan_touches(points, reach):
     points : (15, 3) float64
         Corners from the common one, which is 0 and the first of each. Overwritten.
     """
-    # All at once, where a plane through the corner has one triangle on either side.
+    # At once, where a plane through the corner has one triangle on either side:
     for k in range(3):
         points[14, k] = points[4, k] + points[5, k] - points[1, k] - points[2, k]
     length = dot(points, 14, 14)
@@ -269,13 +253,13 @@ def touch(vertices, scale, faces, t, m, reach, points):
     faces : (N, 3) int64
         Equal indices for vertices on the same point; three different ones a face.
     t, m : int
-        The faces.
+        Their rows in `faces`.
     reach : float
         As a fraction of that diagonal.
     points : (15, 3) float64
         Scratch.
     """
-    shared, at_t, at_m = 0, 0, 0
+    shared = at_t = at_m = 0
     for i in range(3):
         for j in range(3):
             if faces[t, i] == faces[m, j]:
@@ -285,10 +269,8 @@ def touch(vertices, scale, faces, t, m, reach, points):
     if shared == 3:
         return True
     # The first corner is one that both have; a second one comes next, so the apex is last.
-    first_t, first_m = 0, 0
-    if shared == 1:
-        first_t, first_m = at_t, at_m
-    elif shared == 2:
+    first_t, first_m = at_t, at_m
+    if shared == 2:
         first_t, first_m = (4 - at_t) % 3, (4 - at_m) % 3  # after the apex, which is 3 - at
     origin = faces[t, first_t]
     for i in range(3):
@@ -319,8 +301,7 @@ def set_slab(placed, faces, f, points, slabs, i):
     slabs[i, 3] = np.sqrt(length)
     # An interval, not a value: rounding may have turned the normal of a needle.
     p, q, r = dot(points, 0, 5), dot(points, 1, 5), dot(points, 2, 5)
-    slabs[i, 4] = min(p, min(q, r))
-    slabs[i, 5] = max(p, max(q, r))
+    slabs[i, 4], slabs[i, 5] = min(p, min(q, r)), max(p, max(q, r))
 
 
 @_compiled
@@ -352,10 +333,9 @@ def mark(f, marks, done, leaf):
 def mark_contacts(
     vertices, scale, placed, faces, boxes, nodes, done, reach, first, last, budget, marks
 ):
-    """Mark the faces in contact, for the pairs of which the leaf of the earlier one is in a range.
+    """Mark the faces in contact, of pairs whose earlier leaf is in a range.
 
-    Other ranges may be worked on at the same time: what one thread sees late of another's marks
-    costs it some work.
+    Threads may work on other ranges meanwhile: marks that they see late cost them some work.
 
     Parameters
     ----------
@@ -363,17 +343,12 @@ def mark_contacts(
         As for `touch`.
     placed, faces, boxes, nodes, done
         As for `grow_boxes`.
-    first, last : int
-        The range.
-    budget : int
-        Steps along the tree after which to return.
+    first, last, budget : int
+        The range, and the steps along the tree after which to return early.
     marks : (N,) bool
         Out: true for what is in contact; others stay as they are.
 
-    Returns
-    -------
-    int
-        The leaf to go on from; `last` when all is done.
+    Returns the leaf to go on from, `last` when all is done.
     """
     leaves = nodes.shape[0] // 2
     n = faces.shape[0]

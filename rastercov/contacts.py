@@ -6,6 +6,7 @@ missed costs the truth, so all doubt is for touching. Boxes in a tree find the p
 axes decide over each; `contact_kernels` has both.
 """
 
+import math
 import os
 import threading
 from concurrent.futures import ThreadPoolExecutor
@@ -92,7 +93,7 @@ def touching_faces(
     position = first_equal_row(vertices.view(np.uint64))
     corners = position[faces[chosen]]
     low, high = _bounds(vertices, corners)
-    extent = float(np.linalg.norm(high - low))
+    extent = math.hypot(*(high - low))  # whose squares may under- and overflow
     scale = 1 / max(extent, 1e-300)  # the inverse of a smaller number can be infinite
     reach = SLACK * max(float(tolerance), LEAST_TOLERANCE * extent) * scale
     placed = (np.clip(vertices, low, high) - (low + high) / 2) * scale

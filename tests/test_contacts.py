@@ -163,6 +163,7 @@ PAIRS = {
     "one plane, inside": (FLAT, [(1, 1, 0), (2, 1, 0), (1, 2, 0)], True),
     "one plane, edges that lie on each other": (FLAT, [(1, 0, 0), (2, 0, 0), (1, -1, 0)], True),
     "a T-junction": (FLAT, [(0, 0, 0), (2, 0, 0), (0, -2, 0)], True),
+    "a T-junction at right angles": (FLAT, [(0, 0, 0), (2, 0, 0), (2, -2, 0)], True),
     "a common corner, side by side": (FLAT, [(0, 0, 0), (-1, 4, 0), (-4, 1, 2)], False),
     "a common corner, opposite": (FLAT, [(0, 0, 0), (-4, 0, 0), (0, -4, 0)], False),
     "a common corner, upright": (FLAT, [(0, 0, 0), (1, 1, 1), (1, 1, 3)], False),
@@ -323,11 +324,13 @@ def test_a_fold_touches_up_to_the_tolerance_at_its_lower_apex(gap):
             assert not touching(vertices @ turn, faces, 0.97 * gap).any()
 
 
-def test_a_tolerance_of_none_is_raised_above_the_rounding():
+@pytest.mark.parametrize("seed", range(20))
+def test_a_tolerance_of_none_is_raised_above_the_rounding(seed):
     # Turned and moved, the sheets meet only to within 1e-16.
-    pair = np.array([FLAT, [(1, 1, 0), (1, 1, 3), (2, 1, 3)]], float) @ rotation(7)
+    pair = np.array([FLAT, [(1, 1, 0), (1, 1, 3), (2, 1, 3)]], float) @ rotation(seed)
     assert of_soup(pair, 0).all()
     assert of_soup(pair + np.array((0.1, 0.2, 0.3)), 0).all()
+    assert not of_soup(pair + np.array([[[0, 0, 0]], [[0, 0, 1e-9]]]) @ rotation(seed), 0).any()
 
 
 def test_an_endless_tolerance_holds_everything():
@@ -386,10 +389,14 @@ def test_a_part_far_from_the_origin_is_the_same_part():
     assert np.array_equal(here, there)
 
 
-def test_vertices_that_no_face_uses_do_not_matter(teapot):
+@pytest.mark.parametrize("scale", [1e-290, 1, 1e20])
+def test_vertices_that_no_face_uses_do_not_matter(teapot, scale):
     mesh, marks = teapot
-    points = np.concatenate([mesh.vertices, [(1e30, -1e30, 1e30), (0, 0, 5)]])
-    assert np.array_equal(of_mesh(Mesh(vertices=points, faces=mesh.faces)), marks)
+    points = np.concatenate([mesh.vertices * scale, [(1e30, -1e30, 1e30), (0, 0, 5)]])
+    extent = float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+    mask = mesh.degenerate_mask
+    found = touching(points, mesh.faces, 1e-8 * extent * scale, degenerate_mask=mask)
+    assert np.array_equal(found, marks)
 
 
 def test_more_faces_never_end_a_contact(teapot):
@@ -462,6 +469,15 @@ def test_the_teapot_crosses_itself_at_handle_and_spout():
 def test_a_part_and_its_copy_touch_all_over():
     mesh = shapes.torus(40, 20)
     assert of_mesh(joined(mesh, mesh)).all()
+
+
+def test_a_wall_through_a_ball_touches_the_faces_on_both_sides_of_it():
+    ball = shapes.sphere(6)
+    corners = np.array([(-9, -8, 0.2), (9, -9, 0.2), (0.5, 9, 0.2)]) @ rotation(8)
+    normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+    side = ((ball.vertices - corners[0]) @ normal)[ball.faces] > 0
+    marks = of_mesh(joined(ball, Mesh(vertices=corners, faces=[(0, 1, 2)])))
+    assert np.array_equal(marks, [*(side.any(axis=1) & ~side.all(axis=1)), True])
 
 
 def test_a_crate_on_the_floor_touches_it_with_all_but_its_lid():
