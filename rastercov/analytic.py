@@ -32,8 +32,9 @@ MARGIN = 0.25
 """Of the image size: what reaches farther out than this is cut in space, before it is projected."""
 MOST_CELLS = 1 << 14
 """Columns, or rows, of the grid."""
-ENTRIES_A_FACE = 16
-"""Entries in the grid, on average, above which it is made coarser."""
+CELLS_A_FACE = 2
+"""Cells of the grid for each face, unless that makes more entries than this:"""
+ENTRIES_A_FACE = 4
 
 
 class View:
@@ -63,8 +64,8 @@ class View:
         self.box = np.empty((n_faces, 6))
         self.area, self.visible = np.empty(n_faces), np.empty(n_faces)
         self.is_certified: BoolArray = np.zeros(n_faces, np.bool_)
-        self.slot = np.empty(n_faces, np.int32)
-        self.region = np.empty(5)
+        self.slot, self._marks = np.empty(n_faces, np.int32), np.empty(n_faces, np.int64)
+        self.region = np.empty(7)
         self.starts = np.empty(0, np.int64)
         self.listed = np.empty(4 * n_faces, np.int32)
         self._make_room_for_cuts(8)
@@ -103,41 +104,47 @@ class View:
     def measure(self, targets: IntArray) -> None:
         """Put what is seen of some faces, by their indices, into `visible`."""
         done = 0
+        self._marks.fill(-1)
         while True:
             done = kernels.visible_areas(
                 targets, done, self.surface.faces, self.uvw, self.side, self.state, self.box,
                 self.area, self.slot, self.polygons, self.n_corners, self.sides, self.planes,
                 self.size, self.grid, self.columns, self.rows, self.starts, self.listed,
-                self.pieces, self.n_of, self.visible,
+                self._marks, self._found, self._found_lines, self._pool, self._pieces, self._n_of,
+                self.visible,
             )  # fmt: skip
             if done == len(targets):
                 return
-            self._make_room_for_pieces(2 * len(self.pieces))
+            self._make_room_for_pieces(2 * len(self._pieces))
 
     def measure_all(self) -> None:
         """Put what is seen of every face into `visible`."""
         self.measure(np.flatnonzero(self.state).astype(np.int32))
 
     def _fill_grid(self, n_live: int) -> None:
-        """List the live faces by cells of about half the mean box of a face."""
-        left, right, top, bottom, boxes = self.region.tolist() if n_live else (0, 1, 0, 1, 1)
-        wide, high = right - left, bottom - top
-        cells = min(wide * high * n_live / (2 * boxes), 2.0 * n_live) if boxes > 0 else 1.0
+        """List the live faces by cells: as many as the entries that large faces make allow."""
+        left, right, top, bottom, *sums = self.region.tolist() if n_live else (0, 1, 0, 1, 0, 0, 0)
+        wide, high, (widths, heights, areas) = right - left, bottom - top, sums
+        cells = CELLS_A_FACE * n_live + 1.0
         while True:
             self.columns = min(max(1, int(math.sqrt(cells * wide / high))), MOST_CELLS)
             self.rows = min(max(1, int(cells / self.columns)), MOST_CELLS)
-            self.grid = np.array((left, top, self.columns / wide, self.rows / high))
-            if len(self.starts) < self.columns * self.rows + 2:
-                self.starts = np.empty(self.columns * self.rows + 2, np.int64)
-            entries = kernels.fill_grid(
+            across, down = self.columns / wide, self.rows / high
+            # A box w wide and h high touches (1 + w across)(1 + h down) cells, on average.
+            entries = n_live + widths * across + heights * down + areas * across * down
+            if entries <= ENTRIES_A_FACE * n_live or self.columns * self.rows == 1:
+                break
+            cells /= 2
+        self.grid = np.array((left, top, across, down))
+        if len(self.starts) < self.columns * self.rows + 2:
+            self.starts = np.empty(self.columns * self.rows + 2, np.int64)
+        while True:
+            needed = kernels.fill_grid(
                 self.state, self.box, self.grid, self.columns, self.rows, self.starts, self.listed
             )
-            if entries <= len(self.listed):
+            if needed <= len(self.listed):
                 return
-            if entries > ENTRIES_A_FACE * n_live and self.columns * self.rows > 1:
-                cells /= 4
-            else:
-                self.listed = np.empty(entries * 5 // 4, np.int32)
+            self.listed = np.empty(needed * 5 // 4, np.int32)
 
     def _make_room_for_cuts(self, n: int) -> None:
         self.polygons = np.empty((n, kernels.CORNERS, 2))
@@ -145,7 +152,10 @@ class View:
         self.sides, self.planes = np.empty((n, kernels.SIDES, 5)), np.empty((n, 5))
 
     def _make_room_for_pieces(self, n: int) -> None:
-        self.pieces, self.n_of = np.empty((n, kernels.WIDTH, 2)), np.empty(n, np.int64)
+        """For n pieces of a face, and as many occluders."""
+        self._pieces, self._n_of = np.empty((n, kernels.WIDTH, 2)), np.empty(n, np.int64)
+        self._found, self._found_lines = np.empty(n, np.int32), np.empty((n, 6))
+        self._pool = np.empty(8 * n, np.int32)
 
 
 def announce_compilation() -> None:

@@ -40,9 +40,9 @@ MOST_CORNERS = 20
 WIDTH = 64
 """Room for the corners of a piece: cuts on the way can add to `MOST_CORNERS`."""
 MOST_OCCLUDERS = 24
-"""Occluders of a piece handled together; where there are more, the piece is halved first."""
+"""Occluders of a part of a face taken away together; where there are more, it is halved first."""
 STACK = 64
-"""Halves that wait: each halving of a grid below 2^30 cells leaves one."""
+"""Parts that wait."""
 
 
 def _compiled(function: Callable[..., Any]) -> Any:
@@ -51,6 +51,11 @@ def _compiled(function: Callable[..., Any]) -> Any:
         return numba.njit(nogil=True, error_model="numpy", cache=True)(function)
     except RuntimeError:  # nowhere to write: compile in every process
         return numba.njit(nogil=True, error_model="numpy")(function)
+
+
+def _inlined(function: Callable[..., Any]) -> Any:
+    """Put in the place of each call: a quarter of the time goes into handing over arrays."""
+    return numba.njit(nogil=True, error_model="numpy", inline="always")(function)
 
 
 @_compiled
@@ -246,9 +251,9 @@ def set_up(
         Out: px^2 inside the image.
     slot, polygons, n_corners, sides, planes : (F,), (N, 12, 2), (N,), (N, 4, 5), (N, 5)
         Out, of cut faces: where in the others they stand, and what `cut_in_space` finds.
-    region : (5,) float64
-        Out: least and greatest u and v of all that is kept, within the image, and the sum of the
-        areas of the boxes.
+    region : (7,) float64
+        Out: least and greatest u and v of all that is kept, within the image; and the sums of the
+        widths, the heights and the areas of the boxes within it.
     """
     corners = np.empty((3, 3))
     polygon, spare = np.empty((CORNERS, 2)), np.empty((CORNERS, 2))
@@ -256,7 +261,7 @@ def set_up(
     live = n_cut = 0
     low_u = low_v = np.inf
     high_u = high_v = -np.inf
-    boxes = 0.0
+    widths = heights = boxes = 0.0
     for f in range(faces.shape[0]):
         state[f] = 0
         side[f] = 0
@@ -328,14 +333,17 @@ def set_up(
         live += 1
         x0, x1 = max(x0, 0.0), min(x1, size[0])
         y0, y1 = max(y0, 0.0), min(y1, size[1])
+        widths += x1 - x0
+        heights += y1 - y0
         boxes += (x1 - x0) * (y1 - y0)
         low_u, high_u = min(low_u, x0), max(high_u, x1)
         low_v, high_v = min(low_v, y0), max(high_v, y1)
-    region[0], region[1], region[2], region[3], region[4] = low_u, high_u, low_v, high_v, boxes
+    region[0], region[1], region[2], region[3] = low_u, high_u, low_v, high_v
+    region[4], region[5], region[6] = widths, heights, boxes
     return live, n_cut
 
 
-@_compiled
+@_inlined
 def cell(position, origin, per_cell, n):
     """Row or column of the grid that a position falls into; those outside go to the rim."""
     return min(max(np.int64((position - origin) * per_cell), 0), n - 1)
@@ -389,7 +397,7 @@ def fill_grid(state, box, grid, columns, rows, starts, listed):
     return total
 
 
-@_compiled
+@_inlined
 def outline(f, faces, uvw, side, state, slot, polygons, n_corners, sides, corners, lines):
     """The image of a live face; how many corners and how many lines it has.
 
@@ -435,7 +443,7 @@ def plane_of(f, faces, uvw, state, slot, planes):
     return u, v, w, (w1 * v2 - w2 * v1) / twice, (u1 * w2 - u2 * w1) / twice
 
 
-@_compiled
+@_inlined
 def separated(lines, n_lines, corners, n):
     """Whether a line has all corners of a polygon beyond it.
 
@@ -523,13 +531,29 @@ def take_away(pieces, n_of, count, lines, n_sides, n_lines, spare, values):
     old, i = count, 0
     while i < old:
         n = n_of[i]
-        if separated(lines, n_sides, pieces[i], n):
+        # Which lines cut the piece? One that has all of it beyond settles the matter.
+        cutting, missed = 0, False
+        for s in range(n_lines):
+            x, y, dx, dy, c = lines[s, 0], lines[s, 1], lines[s, 2], lines[s, 3], lines[s, 4]
+            least, most = 0.0, 0.0
+            for p in range(n):
+                value = dx * (pieces[i, p, 1] - y) - dy * (pieces[i, p, 0] - x) + c
+                least = min(least, value)
+                most = max(most, value)
+            if most == 0 and s < n_sides:
+                missed = True
+                break
+            if least < 0:
+                cutting |= 1 << s
+        if missed:
             i += 1
             continue
         if count + 4 * n_lines + 4 > pieces.shape[0]:
             return -1
         hidden = True
         for s in range(n_lines):
+            if not cutting >> s & 1:
+                continue
             x, y, dx, dy, c = lines[s, 0], lines[s, 1], lines[s, 2], lines[s, 3], lines[s, 4]
             n = n_of[i]
             least, most = 0.0, 0.0
@@ -618,61 +642,188 @@ def before(t, m, target, n, lines, n_sides, faces, uvw, box, state, slot, planes
     return 2
 
 
-@_compiled
-def halve(cells, waiting, n_waiting, top, block, n_block, grid):
-    """Put the two halves of a block of cells on the stack; its new height."""
-    left, right, upper, lower = cells[top, 0], cells[top, 1], cells[top, 2], cells[top, 3]
-    axis = 0 if right - left >= lower - upper else 1
-    low, high = (left, right) if axis == 0 else (upper, lower)
-    middle = (low + high + 1) // 2  # the first cell of the second half
-    border = grid[axis] + middle / grid[2 + axis]
-    line = np.zeros(5)
-    line[0] = line[1] = border
-    for part in range(2):
-        inward = -1.0 if part == 0 else 1.0
-        line[3 - axis] = -inward if axis == 0 else inward
-        n = keep_inside(block, n_block, line, waiting[top])
-        if n < 3:
-            continue
-        n_waiting[top] = n
-        cells[top, 0], cells[top, 1], cells[top, 2], cells[top, 3] = left, right, upper, lower
-        cells[top, 2 * axis + 1 - part] = middle - 1 if part == 0 else middle
-        top += 1
-    return top
+@_inlined
+def is_beyond(lines, n_lines, x0, x1, y0, y1):
+    """Whether a line has a whole rectangle beyond it."""
+    for s in range(n_lines):
+        dx, dy = lines[s, 2], lines[s, 3]
+        x = x0 if dy > 0 else x1
+        y = y1 if dx > 0 else y0
+        if dx * (y - lines[s, 1]) - dy * (x - lines[s, 0]) + lines[s, 4] <= 0:
+            return True
+    return False
 
 
 @_compiled
-def hide(
-    t, occluders, n_occluders, target, n, pieces, n_of, count, faces, uvw, side, state, box, slot,
-    polygons, n_corners, sides, planes, corners, lines, spare, other, values,
+def covers(lines, n_lines, corners, n):
+    """Whether all corners of a polygon are on the inner side of all lines."""
+    for s in range(n_lines):
+        x, y, dx, dy, c = lines[s, 0], lines[s, 1], lines[s, 2], lines[s, 3], lines[s, 4]
+        for p in range(n):
+            if dx * (corners[p, 1] - y) - dy * (corners[p, 0] - x) + c < 0:
+                return False
+    return True
+
+
+@_compiled
+def find_occluders(
+    t, mark, target, n, own, n_own, faces, uvw, side, state, box, slot, polygons, n_corners, sides,
+    planes, grid, columns, rows, starts, listed, marks, found, found_lines, corners, lines, spare,
+    other,
 ):  # fmt: skip
-    """Take from the pieces of face t what some faces hide of it; pieces left, -1 for no room."""
-    for index in range(n_occluders):
-        m = occluders[index]
-        _, n_sides = outline(
-            m, faces, uvw, side, state, slot, polygons, n_corners, sides, corners, lines
-        )
-        relation = before(
-            t, m, target, n, lines, n_sides, faces, uvw, box, state, slot, planes, spare, other
-        )
-        if relation == 0:
-            continue
-        count = take_away(
-            pieces, n_of, count, lines, n_sides, n_sides + relation - 1, spare, values
-        )
-        if count <= 0:
-            break
+    """Faces that hide a part of face t; how many, -1 for want of room, -2 if one hides all of it.
+
+    Parameters
+    ----------
+    t, target, n, own, n_own
+        The face, its image and the lines that bound it.
+    mark, marks : int, (F,) int64
+        Number of the search, and that of the last one that looked at each face.
+    found : (N,) int32
+        Out: the faces.
+    found_lines : (N, 6) float64
+        Out: 1, or 2 and the line of equal depth for a face that is nearer only on one side of it.
+    """
+    behind = box[t, 4] * (1 - 2 * TIE)
+    x0, x1, y0, y1 = box[t, 0], box[t, 1], box[t, 2], box[t, 3]
+    left, right = cell(x0, grid[0], grid[2], columns), cell(x1, grid[0], grid[2], columns)
+    top, bottom = cell(y0, grid[1], grid[3], rows), cell(y1, grid[1], grid[3], rows)
+    is_large = (right - left) * (bottom - top) > 4
+    count = 0
+    for row in range(top, bottom + 1):
+        for column in range(left, right + 1):
+            if is_large and is_beyond(
+                own, n_own, grid[0] + column / grid[2], grid[0] + (column + 1) / grid[2],
+                grid[1] + row / grid[3], grid[1] + (row + 1) / grid[3],
+            ):  # fmt: skip
+                continue
+            at = row * columns + column
+            for entry in range(starts[at], starts[at + 1]):
+                m = listed[entry]
+                if box[m, 5] < behind or box[m, 0] >= x1 or box[m, 1] <= x0:
+                    continue
+                if box[m, 2] >= y1 or box[m, 3] <= y0 or marks[m] == mark or m == t:
+                    continue
+                marks[m] = mark
+                if is_beyond(own, n_own, box[m, 0], box[m, 1], box[m, 2], box[m, 3]):
+                    continue
+                k, n_sides = outline(
+                    m, faces, uvw, side, state, slot, polygons, n_corners, sides, corners, lines
+                )
+                if separated(lines, n_sides, target, n) or separated(own, n_own, corners, k):
+                    continue
+                relation = before(
+                    t, m, target, n, lines, n_sides, faces, uvw, box, state, slot, planes, spare,
+                    other,
+                )  # fmt: skip
+                if relation == 0:
+                    continue
+                if relation == 1 and covers(lines, n_sides, target, n):
+                    return -2
+                if count == found.shape[0]:
+                    return -1
+                found[count] = m
+                found_lines[count, 0] = relation
+                for p in range(5):
+                    found_lines[count, 1 + p] = lines[n_sides, p]
+                count += 1
     return count
+
+
+@_compiled
+def subtract(
+    polygon, n, pool, first, last, found, found_lines, faces, uvw, side, state, slot, polygons,
+    n_corners, sides, pieces, n_of, corners, lines, spare, values,
+):  # fmt: skip
+    """Twice the area of a polygon that some of the faces found leave, -1 for want of room.
+
+    Parameters
+    ----------
+    pool, first, last : (N,) int32, int, int
+        Which of the faces found, by their place there, are to be taken from the polygon.
+    """
+    for p in range(n):
+        pieces[0, p, 0], pieces[0, p, 1] = polygon[p, 0], polygon[p, 1]
+    n_of[0], count = n, 1
+    for index in range(first, last):
+        which = pool[index]
+        _, n_lines = outline(
+            found[which], faces, uvw, side, state, slot, polygons, n_corners, sides, corners, lines
+        )
+        n_sides = n_lines
+        if found_lines[which, 0] == 2:
+            for p in range(5):
+                lines[n_sides, p] = found_lines[which, 1 + p]
+            n_lines += 1
+        count = take_away(pieces, n_of, count, lines, n_sides, n_lines, spare, values)
+        if count == 0:
+            return 0.0
+        if count < 0:
+            return -1.0
+    twice = 0.0
+    for p in range(count):
+        twice += max(twice_area(pieces[p], n_of[p]), 0.0)
+    return twice
+
+
+@_compiled
+def halve(parts, n_part, ranges, top, line, pool, found, box, spare):
+    """Put the two halves of the part on top of the stack in its place; 0 if that separates little.
+
+    Parameters
+    ----------
+    parts, n_part : (STACK, 24, 2) float64, (STACK,) int64
+        Convex parts of one face, and their corner counts.
+    ranges : (STACK, 2) int64
+        Their occluders: pool[ranges[s, 0]] ... pool[ranges[s, 1] - 1]. What lies above the range of
+        the top part is free.
+    line, spare : (5,) float64, (64, 2) float64
+        Scratch; c of the line is 0.
+    """
+    n, low, high = n_part[top], ranges[top, 0], ranges[top, 1]
+    x0 = y0 = np.inf
+    x1 = y1 = -np.inf
+    for p in range(n):
+        spare[p, 0], spare[p, 1] = parts[top, p, 0], parts[top, p, 1]
+        x0, x1 = min(x0, spare[p, 0]), max(x1, spare[p, 0])
+        y0, y1 = min(y0, spare[p, 1]), max(y1, spare[p, 1])
+    axis = 0 if x1 - x0 >= y1 - y0 else 1
+    middle = (x0 + x1) / 2 if axis == 0 else (y0 + y1) / 2
+    end = high
+    n_halves = 0
+    for half in range(2):
+        start = end
+        for k in range(low, high):
+            m = found[pool[k]]
+            if (box[m, 2 * axis] < middle) if half == 0 else (box[m, 2 * axis + 1] > middle):
+                pool[end] = pool[k]
+                end += 1
+        ranges[top + half, 0], ranges[top + half, 1] = start, end
+    if end - high > 1.7 * (high - low):
+        ranges[top, 0], ranges[top, 1] = low, high
+        return 0
+    for half in range(2):
+        inward = -1.0 if half == 0 else 1.0
+        line[0] = line[1] = middle
+        line[2], line[3] = (0.0, -inward) if axis == 0 else (inward, 0.0)
+        first, last = ranges[top + half, 0], ranges[top + half, 1]
+        kept = keep_inside(spare, n, line, parts[top + n_halves])
+        if kept >= 3:
+            n_part[top + n_halves] = kept
+            ranges[top + n_halves, 0], ranges[top + n_halves, 1] = first, last
+            n_halves += 1
+    return n_halves
 
 
 @_compiled
 def visible_areas(
     targets, first, faces, uvw, side, state, box, area, slot, polygons, n_corners, sides, planes,
-    size, grid, columns, rows, starts, listed, pieces, n_of, visible,
+    size, grid, columns, rows, starts, listed, marks, found, found_lines, pool, pieces, n_of,
+    visible,
 ):  # fmt: skip
     """Visible px^2 of faces; how many of `targets` are done.
 
-    Where it stops short, `pieces` has too little room: make more and go on from there.
+    Where it stops short there is too little scratch memory: give more and go on from there.
 
     Parameters
     ----------
@@ -686,17 +837,20 @@ def visible_areas(
         Width and height of the image.
     grid, columns, rows, starts, listed
         As `fill_grid` left them.
-    pieces, n_of : (N, 64, 2) float64, (N,) int64
-        Scratch.
+    marks : (F,) int64
+        Scratch: anything below 0 at the start of each pose.
+    found, found_lines, pool : (N,) int32, (N, 6) float64, (8 N,) int32
+        Scratch, for N occluders of one face.
+    pieces, n_of : (M, WIDTH, 2) float64, (M,) int64
+        Scratch, for M pieces of one face.
     visible : (F,) float64
         Out: px^2 inside the image, for the targets.
     """
-    target, block, corners = np.empty((24, 2)), np.empty((24, 2)), np.empty((CORNERS, 2))
+    target, corners = np.empty((2 * CORNERS, 2)), np.empty((CORNERS, 2))
     spare, other, values = np.empty((WIDTH, 2)), np.empty((WIDTH, 2)), np.empty(WIDTH)
     lines, own, border = np.empty((SIDES + 1, 5)), np.empty((SIDES, 5)), image_border(size)
-    occluders = np.empty(MOST_OCCLUDERS, np.int32)
-    waiting, n_waiting = np.empty((STACK, 24, 2)), np.empty(STACK, np.int64)
-    cells = np.empty((STACK, 4), np.int64)
+    parts, n_part = np.empty((STACK, 2 * CORNERS, 2)), np.empty(STACK, np.int64)
+    ranges, line = np.empty((STACK, 2), np.int64), np.zeros(5)
     for index in range(first, targets.shape[0]):
         t = targets[index]
         visible[t] = 0.0
@@ -707,80 +861,46 @@ def visible_areas(
         )
         if state[t] & PARTLY:
             n = cut(target, n, border, 4, spare)
-        behind = box[t, 4] * (1 - 2 * TIE)
-        cells[0, 0] = cell(box[t, 0], grid[0], grid[2], columns)
-        cells[0, 1] = cell(box[t, 1], grid[0], grid[2], columns)
-        cells[0, 2] = cell(box[t, 2], grid[1], grid[3], rows)
-        cells[0, 3] = cell(box[t, 3], grid[1], grid[3], rows)
-        n_waiting[0] = n
+        count = find_occluders(
+            t, t, target, n, own, n_own, faces, uvw, side, state, box, slot, polygons, n_corners,
+            sides, planes, grid, columns, rows, starts, listed, marks, found, found_lines, corners,
+            lines, spare, other,
+        )  # fmt: skip
+        if count == -1:
+            marks[:] = -1
+            return index
+        if count == -2:
+            continue
+        if count == 0:
+            visible[t] = area[t]
+            continue
         for p in range(n):
-            waiting[0, p, 0], waiting[0, p, 1] = target[p, 0], target[p, 1]
+            parts[0, p, 0], parts[0, p, 1] = target[p, 0], target[p, 1]
+        for k in range(count):
+            pool[k] = k
+        n_part[0], ranges[0, 0], ranges[0, 1] = n, 0, count
         top, twice = 1, 0.0
         while top > 0:
-            # A block: the part of the face in a rectangle of cells.
             top -= 1
-            left, right, upper, lower = cells[top, 0], cells[top, 1], cells[top, 2], cells[top, 3]
-            n_block = n_waiting[top]
-            x0 = y0 = np.inf
-            x1 = y1 = -np.inf
-            for p in range(n_block):
-                x, y = waiting[top, p, 0], waiting[top, p, 1]
-                block[p, 0] = pieces[0, p, 0] = x
-                block[p, 1] = pieces[0, p, 1] = y
-                x0, x1, y0, y1 = min(x0, x), max(x1, x), min(y0, y), max(y1, y)
-            n_of[0] = n_block
-            count, n_occluders, is_crowded = 1, 0, False
-            for c in range((lower + 1 - upper) * (right + 1 - left)):
-                row = upper + c // (right + 1 - left)
-                column = left + c % (right + 1 - left)
-                at = row * columns + column
-                for entry in range(starts[at], starts[at + 1]):
-                    m = listed[entry]
-                    if box[m, 5] < behind or box[m, 0] >= x1 or box[m, 1] <= x0:
-                        continue
-                    if box[m, 2] >= y1 or box[m, 3] <= y0 or m == t:
-                        continue
-                    # A face in several cells counts in the first of them.
-                    if column > left and cell(box[m, 0], grid[0], grid[2], columns) != column:
-                        continue
-                    if row > upper and cell(box[m, 2], grid[1], grid[3], rows) != row:
-                        continue
-                    k, n_sides = outline(
-                        m, faces, uvw, side, state, slot, polygons, n_corners, sides, corners, lines
-                    )
-                    if separated(lines, n_sides, block, n_block):
-                        continue
-                    if separated(own, n_own, corners, k):
-                        continue
-                    if n_occluders == MOST_OCCLUDERS:
-                        if left < right or upper < lower:
-                            is_crowded = True
-                            break
-                        count = hide(
-                            t, occluders, n_occluders, target, n, pieces, n_of, count, faces, uvw,
-                            side, state, box, slot, polygons, n_corners, sides, planes, corners,
-                            lines, spare, other, values,
-                        )  # fmt: skip
-                        n_occluders = 0
-                        if count <= 0:
-                            break
-                    occluders[n_occluders] = m
-                    n_occluders += 1
-                if is_crowded or count <= 0:
-                    break
-            if is_crowded:
-                top = halve(cells, waiting, n_waiting, top, block, n_block, grid)
+            n, low, high = n_part[top], ranges[top, 0], ranges[top, 1]
+            n_halves = 0
+            if (
+                high - low > MOST_OCCLUDERS
+                and top + 2 < STACK
+                and high + 2 * (high - low) <= (pool.shape[0])
+            ):
+                n_halves = halve(parts, n_part, ranges, top, line, pool, found, box, spare)
+            if n_halves > 0:
+                top += n_halves
                 continue
-            if count > 0:
-                count = hide(
-                    t, occluders, n_occluders, target, n, pieces, n_of, count, faces, uvw, side,
-                    state, box, slot, polygons, n_corners, sides, planes, corners, lines, spare,
-                    other, values,
-                )  # fmt: skip
-            if count < 0:
+            rest = subtract(
+                parts[top], n, pool, low, high, found, found_lines, faces, uvw, side, state, slot,
+                polygons, n_corners, sides, pieces, n_of, corners, lines, spare, values,
+            )  # fmt: skip
+            if rest < 0:
+                marks[:] = -1
                 return index
-            for p in range(count):
-                twice += twice_area(pieces[p], n_of[p])
+            twice += rest
         # What rounding leaves of a face that is all hidden is nothing, and of one that is not, all.
         residue = RESIDUE * max(size[0], size[1]) * (box[t, 1] - box[t, 0] + box[t, 3] - box[t, 2])
         seen = twice / 2

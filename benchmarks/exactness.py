@@ -1,0 +1,292 @@
+"""Exact visibility: its cost against the thesis and a ray tracer, its agreement with fractions.
+
+Times are CPU seconds of one thread for one pose, medians over rounds, after the answers have been
+checked: "certified" (patches, and half planes where an edge crosses) against "exact" (half planes
+for every face). Poses lie on a sphere, from where the mesh fills the image of 1280 x 960 pixels.
+The race with Open3D gives both two threads and an image of 1280 x 1024: all faces exactly, against
+one ray through each pixel.
+"""
+
+import argparse
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+
+import numpy as np
+from rows import Report, arguments
+
+# from sampled_bound import shares_that_held
+from tracer import Tracer, need_open3d
+
+import rastercov as rc
+from rastercov import shapes
+from rastercov.analytic import View
+from rastercov.contour import CertifiedView
+from rastercov.criteria import view_faces
+from rastercov.inputs import read_view_points
+from rastercov.projection import near_limit
+from rastercov.reference import rational
+from rastercov.surface import surface_of
+
+CAMERA = rc.Camera(width=1280, height=960, fx=1200, fy=1200)
+THREADS = 2
+TORI = ((32, 16), (100, 50), (316, 158), (1000, 500))
+"""Rings and sectors of tori of about 10^3, 10^4, 10^5 and 10^6 faces."""
+START = """
+import time
+import rastercov as rc
+from rastercov import shapes
+mesh, camera = shapes.by_name("box"), rc.Camera.preset("khepra")
+poses = rc.sphere_of_poses((0, 0, 0), 9, 2)
+started = time.process_time()
+rc.visibility(mesh, camera, poses)
+print(time.process_time() - started)
+"""
+
+
+def main() -> None:
+    parser = arguments(__doc__.splitlines()[0])
+    parser.add_argument("--rounds", type=int, default=5, help="rounds of each timing")
+    parser.add_argument("--figures", type=float, default=1e7, help="certified figures to check")
+    parser.add_argument("--torus", type=int, nargs=2, help=argparse.SUPPRESS)
+    args = parser.parse_args()
+    if args.torus:
+        print(json.dumps(_cost_of_torus(*args.torus)))
+        return
+    need_open3d()
+    report = Report()
+    _thesis(report, args.rounds)
+    _queries(report, args.rounds)
+    _growth(report)
+    _race(report, args.rounds)
+    _fractions(report)
+    _certificates(report, int(args.figures))
+    for what, share in []:  # ():
+        report.add(f"statistical bound held on partial faces, {what}", share, "%", 99.9)
+    _starts(report)
+    report.finish(args.json)
+
+
+def _thesis(report: Report, rounds: int) -> None:
+    """The thesis' largest teapot: two-sided, as an open mesh must be, and front faces only."""
+    mesh = shapes.teapot(12, keep_degenerate=True)
+    for front_only, must, aim in ((False, 0.08, 0.02), (True, 0.010, 0.003)):
+        sides = "front faces only" if front_only else "two-sided"
+        certified, exact = (_Run(kind, mesh, front_only, poses=6) for kind in (CertifiedView, View))
+        what = f"teapot, {mesh.n_faces:,} faces, {sides}"
+        report.check(f"{what}: certified is exact", _largest_difference(certified, exact) < 1e-9)
+        seconds = _medians((certified, exact), rounds)
+        report.add(f"{what}: certified", seconds[0], "CPU-s", must, aim, at_most=True)
+        report.add(f"{what}: exact", seconds[1], "CPU-s", must, at_most=True)
+
+
+def _queries(report: Report, rounds: int) -> None:
+    """What decides over patches: half planes for one face of each, or a small raster image."""
+    small = CAMERA.resized(0.2)
+    for name in ("torus", "aeroplane-9856", "teapot-12"):
+        mesh = shapes.by_name(name)
+        run = _Run(CertifiedView, mesh, mesh.can_cull_back_faces, poses=6)
+        views, patches, spent = run.scratch, [], []
+        for row in range(len(run.poses)):
+            run.view(row)
+            largest = views.largest_of_patches()
+            patches.append(len(largest))
+            times = []
+            for _ in range(rounds):
+                started = time.process_time()
+                views.measure(largest)
+                times.append(time.process_time() - started)
+            spent.append(statistics.median(times))
+        with rc.open_rasterizer(mesh, small, "cpu", threads=1) as rasterizer:
+            rasterizer.count(run.poses, drawn=False)
+            started = time.process_time()
+            rasterizer.count(run.poses, drawn=False)
+            image = (time.process_time() - started) / len(run.poses)
+        report.add(f"{name}: patches a pose", statistics.mean(patches), "patches")
+        report.add(f"{name}: half planes for one face of each", statistics.mean(spent), "CPU-s")
+        report.add(f"{name}: raster image, {small.width} x {small.height}", image, "CPU-s")
+
+
+def _growth(report: Report) -> None:
+    """Time and memory from 10^3 to 10^6 faces, each size in a process of its own."""
+    for torus in TORI:
+        command = [sys.executable, __file__, "--torus", *map(str, torus)]
+        cost = json.loads(subprocess.run(command, capture_output=True, check=True).stdout)
+        n = 2 * torus[0] * torus[1]
+        limits = {"must": 1.5, "aim": 0.3, "at_most": True} if n == 1_000_000 else {}
+        what = f"torus, {n:,} faces, closed"
+        report.check(f"{what}: certified is exact", cost["difference"] < 1e-9)
+        report.add(f"{what}: certified", cost["certified"], "CPU-s", **limits)
+        report.add(f"{what}: exact", cost["exact"], "CPU-s")
+        report.add(f"{what}: once for the mesh", cost["once"], "CPU-s")
+        report.add(f"{what}: memory of each thread", cost["view"], "MiB")
+        report.add(f"{what}: memory of the mesh", cost["surface"], "MiB")
+        report.add(f"{what}: faces computed", cost["computed"], "%")
+
+
+def _cost_of_torus(rings: int, sectors: int) -> dict[str, float]:
+    mesh = shapes.torus(rings, sectors)
+    _Run(CertifiedView, shapes.torus(8, 8), True, poses=1).view(0)  # load the loops
+    started = time.process_time()
+    surface = surface_of(mesh)
+    surface.contacts(1.0)
+    once = time.process_time() - started
+    certified, exact = (_Run(kind, mesh, True, poses=3) for kind in (CertifiedView, View))
+    seconds = _medians((certified,), 3)[0]
+    live = sum((certified.view(row).state > 0).sum() for row in range(3))
+    computed = sum(certified.view(row).n_crossed for row in range(3))
+    return {
+        "certified": seconds,
+        "exact": _medians((exact,), 1)[0],
+        "once": once,
+        "view": _mebibytes(certified.scratch),
+        "surface": _mebibytes(surface),
+        "computed": 100 * computed / live,
+        "difference": _largest_difference(certified, exact),
+    }
+
+
+def _race(report: Report, rounds: int) -> None:
+    """Exact poses a second against a ray tracer's sampled ones, side by side."""
+    camera = rc.Camera(width=1280, height=1024, fx=1228.8, fy=1228.8)
+    for name in ("torus", "aeroplane-9856"):
+        mesh = shapes.by_name(name)
+        poses = read_view_points("sphere:64", mesh, camera)
+        what = f"{name}, {mesh.n_faces:,} closed faces, 1280 x 1024"
+        tracer = Tracer(mesh, camera, poses, THREADS)
+        with rc.open_observer(mesh, camera, threads=THREADS) as observer:
+            seen = observer.observe(poses)
+            ids = tracer.faces(0)
+            rays = np.bincount(ids[ids >= 0], minlength=mesh.n_faces)
+            # Counting a shape's pixels is off by 0.27 times the root of its perimeter, more where
+            # its sides run along their rows.
+            perimeter = view_faces(mesh, camera, poses[0]).perimeter
+            off = np.abs(rays - seen.visible_pixels[0]) > 4 * 0.27 * np.sqrt(2 * perimeter + 1)
+            report.check(f"{what}: both see the same", off.mean() < 0.005)
+            ours, theirs, casting = [], [], []
+            for _ in range(rounds):
+                started = time.perf_counter()
+                observer.observe(poses)
+                ours.append(time.perf_counter() - started)
+                whole, cast = tracer.round()
+                theirs.append(whole)
+                casting.append(cast)
+        rate = len(poses) / statistics.median(ours)
+        report.add(f"{what}: exact poses", rate, "poses/s")
+        ratios = [statistics.median(times) / statistics.median(ours) for times in (theirs, casting)]
+        report.add(f"{what}: ratio to Open3D", ratios[0], "x", 13, 40)
+        report.add(f"{what}: ratio, rays for free", ratios[1], "x")
+
+
+def _fractions(report: Report) -> None:
+    """Chosen faces of large meshes against exact rational arithmetic."""
+    rng = np.random.default_rng(0)
+    worst = 0.0
+    for name in ("torus", "teapot-12", "aeroplane-9856", "room"):
+        mesh = shapes.by_name(name)
+        run = _Run(View, mesh, False, poses=2)
+        for row, pose in enumerate(run.poses):
+            view = run.view(row)
+            partly = np.flatnonzero((view.visible > 0) & (view.visible < view.area))
+            faces = np.concatenate(
+                (rng.permutation(partly)[:12], rng.permutation(mesh.n_faces)[:4])
+            )
+            truth = rational.visible_area(mesh, CAMERA, pose, faces)
+            error = np.abs(view.visible[faces] - np.array(truth, dtype=np.float64)).max()
+            worst = max(worst, float(error))
+    report.add("largest difference from rational arithmetic", worst, "px^2", 1e-9, at_most=True)
+
+
+def _certificates(report: Report, figures: int) -> None:
+    """Certified figures against half planes, until there are so many."""
+    names = ("torus", "teapot-12", "aeroplane-9856", "room", "sphere", "box")
+    done = wrong = 0
+    rng = np.random.default_rng(1)
+    runs = [
+        (mesh, *(view(surface_of(mesh), CAMERA) for view in (CertifiedView, View)))
+        for mesh in map(shapes.by_name, names)
+    ]
+    while done < figures:
+        for mesh, certified, exact in runs:
+            low, high = mesh.bounds
+            eye = rng.uniform(low, high) + rng.normal(size=3) * np.linalg.norm(high - low) * (
+                10 ** rng.uniform(-2, 0.5)
+            )
+            pose = rc.look_at(eye, rng.uniform(low, high))
+            near = float(near_limit(CAMERA, mesh.bounds, pose)[0])
+            for view in (certified, exact):
+                view.look(pose[0], near, False)
+                view.measure_all()
+            sure = certified.is_certified
+            done += int(sure.sum())
+            wrong += int((np.abs(certified.visible - exact.visible)[sure] > 1e-9).sum())
+    report.add("certified figures checked", done, "figures", figures)
+    report.add("wrong certificates", wrong, "figures", 0, at_most=True)
+    report.check("no certificate is wrong", wrong == 0)
+
+
+def _starts(report: Report) -> None:
+    """What the compiled loops add to the first start after installation, and to later ones."""
+    with tempfile.TemporaryDirectory() as folder:
+        environment = os.environ | {"NUMBA_CACHE_DIR": folder}
+        starts = [
+            subprocess.run(
+                [sys.executable, "-c", START], env=environment, capture_output=True, check=True
+            )
+            for _ in range(6)
+        ]
+    said = [b"compiling" in start.stderr for start in starts]
+    report.check("only the first start says that it compiles", said == [True] + [False] * 5)
+    seconds = [float(start.stdout) for start in starts]
+    report.add("first start after installation adds", seconds[0], "CPU-s", 20, at_most=True)
+    later = statistics.median(seconds[1:])
+    report.add("every later start adds", later, "CPU-s", 1, at_most=True)
+
+
+class _Run:
+    """Views of a mesh from a few poses on a sphere."""
+
+    def __init__(self, kind: type[View], mesh: rc.Mesh, front_only: bool, poses: int) -> None:
+        self.scratch = kind(surface_of(mesh), CAMERA)
+        self.poses = read_view_points(f"sphere:{poses}", mesh, CAMERA)
+        self.near = near_limit(CAMERA, mesh.bounds, self.poses)
+        self.front_only = front_only
+
+    def view(self, row: int) -> View:
+        """The view from one pose; the next call takes its place."""
+        self.scratch.look(self.poses[row], float(self.near[row]), self.front_only)
+        self.scratch.measure_all()
+        return self.scratch
+
+    def seconds(self) -> float:
+        """CPU seconds a pose."""
+        started = time.process_time()
+        for row in range(len(self.poses)):
+            self.view(row)
+        return (time.process_time() - started) / len(self.poses)
+
+
+def _mebibytes(holder: object) -> float:
+    """Size of the arrays that an object holds."""
+    arrays = [value for value in vars(holder).values() if isinstance(value, np.ndarray)]
+    return sum(array.nbytes for array in arrays) / 2**20
+
+
+def _medians(runs: tuple[_Run, ...], rounds: int) -> list[float]:
+    """CPU seconds a pose of each, in turns."""
+    turns = [[run.seconds() for run in runs] for _ in range(rounds + 1)][1:]
+    return [statistics.median(times) for times in zip(*turns, strict=True)]
+
+
+def _largest_difference(one: _Run, other: _Run) -> float:
+    """Between the visible areas of all faces, px^2."""
+    rows = range(len(one.poses))
+    return max(float(np.abs(one.view(r).visible - other.view(r).visible).max()) for r in rows)
+
+
+if __name__ == "__main__":
+    main()
