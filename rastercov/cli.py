@@ -1,15 +1,13 @@
-"""The `rastercov` command: `demo`, `evaluate`, `render`, `doctor`.
+"""The `rastercov` command: `demo`, `evaluate`, `render`, `compare`, `doctor`.
 
 Exit codes: 0 done, 1 a check failed, 2 bad usage or input, 130 interrupted. Results go to standard
 output; warnings, errors and progress to standard error, an error as one line.
 """
 
 import json
-import os
 import signal
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from io import TextIOWrapper
 from pathlib import Path
 from typing import Annotated, Any
@@ -22,8 +20,9 @@ from rich.console import Console
 import rastercov
 from rastercov import shapes
 from rastercov.camera import PRESETS, Camera
+from rastercov.console import exit_code, progress_bar, warn
 from rastercov.coverage import Task
-from rastercov.errors import PoseError, RastercovError
+from rastercov.errors import PoseError
 from rastercov.inputs import read_camera, read_scene, read_view_points
 from rastercov.mesh import Mesh
 from rastercov.pose import check_poses
@@ -207,7 +206,7 @@ def render(
     matrices = read_view_points(poses, scene, eye)
     if pose >= len(matrices):
         raise PoseError(f"--pose {pose} is not there: {poses} has {len(matrices)} poses, from 0")
-    _warn(scene.warnings)
+    warn(scene.warnings)
     make_folder(out)
     with Options(device=device).open_rasterizer(scene, eye) as rasterizer:
         buffer = rasterizer.render(matrices[pose])
@@ -238,19 +237,89 @@ def render(
 
 
 @app.command()
+def compare(
+    meshes: Meshes,
+    camera: CameraOption,
+    poses: PosesOption,
+    method: Annotated[
+        list[str],
+        typer.Option(
+            help="What to compare: certified, exact, sampled; sampled:cpu or another device, "
+            "sampled@4 for 4 x 4 samples a pixel, sampled:cpu@4 for both. Repeat it for more."
+        ),
+    ] = ["certified", "sampled", "sampled@4"],  # noqa: B006 - typer copies it
+    against: Annotated[
+        str,
+        typer.Option(help="The truth: exact, or polygons or rational, which take seconds a pose."),
+    ] = "exact",
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the page.")] = Path(
+        "compare"
+    ),
+    unit: Unit = "m",
+    two_sided: TwoSided = [],  # noqa: B006 - the same
+    drop_invalid: DropInvalid = False,
+    faces: Annotated[int, typer.Option(min=0, help="Worst faces to draw for each method.")] = 6,
+    convergence: Annotated[
+        bool, typer.Option(help="Measure how errors fall with denser samples, too.")
+    ] = True,
+    as_json: AsJson = False,
+) -> None:
+    """Compare ways to find visibility with the truth; 1 when a bound does not hold.
+
+    It leaves a page for people (compare.html) and all figures (compare.json).
+
+    [bold]Example[/]: rastercov compare part.stl -c camera.toml -p poses.json
+
+    [bold]Without files[/]: rastercov compare teapot -c khepra -p sphere:4 --method sampled@2
+    """
+    from rastercov.compare import compare as compared
+    from rastercov.compare.page import write_comparison
+    from rastercov.compare.words import check_lines, comparison_table
+
+    scene, eye = read_scene(meshes, unit, [], two_sided, drop_invalid), read_camera(camera)
+    matrices = read_view_points(poses, scene, eye)
+    warn(scene.warnings)
+    with progress_bar() as progress:
+        found = compared(
+            scene,
+            eye,
+            matrices,
+            method,
+            against,
+            worst=faces,
+            convergence=convergence,
+            progress=progress,
+        )
+    with progress_bar() as progress:
+        path = write_comparison(out, found, scene, eye, matrices, progress)
+    if as_json:
+        print(json.dumps(json.loads((out / "compare.json").read_bytes()), indent=2))
+    else:
+        Console().print(comparison_table(found))
+        print("\n".join(check_lines(found.checks)))
+        print(path)
+    if found.interrupted:
+        done = found.poses_done
+        warn([f"it covers the {done} of {found.poses} poses that were done"])
+        raise KeyboardInterrupt
+    if not found.passed:
+        raise typer.Exit(1)
+
+
+@app.command()
 def doctor(as_json: AsJson = False) -> None:
     """List graphics devices, test each, and say what to install.
 
     [bold]Example[/]: rastercov doctor --json
     """
-    from rastercov.doctor import examine, exit_code, print_report
+    from rastercov import doctor as graphics
 
-    report = examine()
+    report = graphics.examine()
     if as_json:
         print(json.dumps(report, indent=2))
     else:
-        print_report(report, Console())
-    raise typer.Exit(exit_code(report))
+        graphics.print_report(report, Console())
+    raise typer.Exit(graphics.exit_code(report))
 
 
 def main() -> None:
@@ -265,48 +334,8 @@ def main() -> None:
 
 
 def command(arguments: Sequence[str]) -> int:
-    """Exit code of the command; whatever goes wrong is one line on standard error.
-
-    RASTERCOV_TRACEBACK=1 in the environment raises what nobody foresaw instead.
-    """
-    try:
-        code = app(list(arguments), prog_name="rastercov", standalone_mode=False)
-        if sys.stdout is not None:
-            sys.stdout.flush()  # a full disk shows up here, not when Python ends
-        if code != 130:
-            return int(code or 0)
-        raise KeyboardInterrupt  # which newer versions of Typer turn into this code
-    except (KeyboardInterrupt, typer.Abort):
-        return _say("interrupted", 130)
-    except RastercovError as error:
-        return _say(f"error: {error}")
-    except OSError as error:
-        where = f"{os.fsdecode(error.filename)}: " if error.filename else ""
-        return _say(f"error: {where}{(where and error.strerror) or error}")
-    except MemoryError as error:
-        return _say(f"error: not enough memory: {error}".rstrip(": "))
-    except Exception as error:
-        if hasattr(error, "format_message"):  # of Typer, whose own class has moved between versions
-            path = getattr(getattr(error, "ctx", None), "command_path", "rastercov")
-            return _say(f"error: {error.format_message().rstrip('.')}; see {path} --help")
-        if os.environ.get("RASTERCOV_TRACEBACK"):
-            raise
-        return _say(
-            f"error: {type(error).__name__}: {error} (a defect of rastercov; please report it, "
-            "with what RASTERCOV_TRACEBACK=1 shows)"
-        )
-
-
-def _say(text: str, code: int = 2) -> int:
-    """Print one line on standard error, whatever the names in it hold; gives the exit code."""
-    line = "".join(c if c.isprintable() else " " if c.isspace() else ascii(c)[1:-1] for c in text)
-    print(line, file=sys.stderr)
-    return code
-
-
-def _warn(lines: Iterable[str]) -> None:
-    for line in lines:
-        _say(f"warning: {line}")
+    """Exit code of the command; see `console.exit_code`."""
+    return exit_code(app, arguments)
 
 
 def _run(
@@ -326,18 +355,18 @@ def _run(
         row, text = min(faults.items())
         more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
         raise PoseError(f"pose {row} {text}{more}; correct it or pass --skip-bad-poses")
-    _warn(mesh.warnings)
+    warn(mesh.warnings)
     skipped = sorted(faults.items())
-    _warn(f"pose {row} left out: it {text}" for row, text in skipped[:MOST_WARNINGS])
+    warn(f"pose {row} left out: it {text}" for row, text in skipped[:MOST_WARNINGS])
     if skipped[MOST_WARNINGS:]:
-        _warn([f"{len(skipped) - MOST_WARNINGS} more poses left out, see summary.json"])
+        warn([f"{len(skipped) - MOST_WARNINGS} more poses left out, see summary.json"])
     if len(faults) == len(poses):
-        _warn(["there are no poses, so nothing is covered"])
-    with _progress() as progress:
+        warn(["there are no poses, so nothing is covered"])
+    with progress_bar() as progress:
         summary = run(mesh, camera, poses, task, out, options, progress)
     if any(summary["visibility_figures"].values()) and summary["largest_image_pixels"] < 1:
         across = float(np.ptp(mesh.bounds, axis=0).max())
-        _warn([f"less than a pixel in every image: {across:.2g} m across; see --unit"])
+        warn([f"less than a pixel in every image: {across:.2g} m across; see --unit"])
     if as_json:
         # In ASCII, which any terminal or pipe takes.
         print(json.dumps(json.loads((out / "summary.json").read_bytes()), indent=2))
@@ -349,26 +378,5 @@ def _run(
         print(sheet if sheet.exists() else out / "network.glb")
     if summary["interrupted"]:
         done = summary["poses"]
-        _warn([f"the report holds the {done} of {len(poses) - len(faults)} poses that were done"])
+        warn([f"the report holds the {done} of {len(poses) - len(faults)} poses that were done"])
         raise KeyboardInterrupt
-
-
-@contextmanager
-def _progress() -> Iterator[Callable[[int, int], None]]:
-    """Progress bar on a terminal, nothing elsewhere, whatever FORCE_COLOR says."""
-    console = Console(stderr=True)
-    if not (console.is_terminal and sys.stderr.isatty()):
-        yield lambda done, total: None
-        return
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeRemainingColumn,
-    )
-
-    columns = (TextColumn("poses"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("poses", total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)

@@ -19,7 +19,7 @@ import rastercov
 from rastercov import cli, shapes
 from rastercov.pose import sphere_of_poses, write_poses
 
-COMMANDS = ("demo", "doctor", "evaluate", "render")
+COMMANDS = ("compare", "demo", "doctor", "evaluate", "render")
 REPORT = {"coverage.parquet", "summary.json", "network.glb"}
 CAMERA = "width = 48\nheight = 36\nfx = 60\nfy = 60\n"
 

@@ -1,0 +1,82 @@
+"""What a command shows a person: warnings, errors in one line, progress; and its exit code.
+
+Results go to standard output; warnings, errors and progress to standard error.
+"""
+
+import os
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import typer
+from rich.console import Console
+
+from rastercov.errors import RastercovError
+
+
+def exit_code(app: Callable[..., Any], arguments: Sequence[str]) -> int:
+    """Exit code of a command; whatever goes wrong is one line on standard error.
+
+    RASTERCOV_TRACEBACK=1 in the environment raises what nobody foresaw instead.
+    """
+    try:
+        code = app(list(arguments), prog_name="rastercov", standalone_mode=False)
+        if sys.stdout is not None:
+            sys.stdout.flush()  # a full disk shows up here, not when Python ends
+        if code != 130:
+            return int(code or 0)
+        raise KeyboardInterrupt  # which newer versions of Typer turn into this code
+    except (KeyboardInterrupt, typer.Abort):
+        return say("interrupted", 130)
+    except RastercovError as error:
+        return say(f"error: {error}")
+    except OSError as error:
+        where = f"{os.fsdecode(error.filename)}: " if error.filename else ""
+        return say(f"error: {where}{(where and error.strerror) or error}")
+    except MemoryError as error:
+        return say(f"error: not enough memory: {error}".rstrip(": "))
+    except Exception as error:
+        if hasattr(error, "format_message"):  # of Typer, whose own class has moved between versions
+            path = getattr(getattr(error, "ctx", None), "command_path", "rastercov")
+            return say(f"error: {error.format_message().rstrip('.')}; see {path} --help")
+        if os.environ.get("RASTERCOV_TRACEBACK"):
+            raise
+        return say(
+            f"error: {type(error).__name__}: {error} (a defect of rastercov; please report it, "
+            "with what RASTERCOV_TRACEBACK=1 shows)"
+        )
+
+
+def say(text: str, code: int = 2) -> int:
+    """Print one line on standard error, whatever the names in it hold; gives the exit code."""
+    line = "".join(c if c.isprintable() else " " if c.isspace() else ascii(c)[1:-1] for c in text)
+    print(line, file=sys.stderr)
+    return code
+
+
+def warn(lines: Iterable[str]) -> None:
+    """Print warnings, a line each."""
+    for line in lines:
+        say(f"warning: {line}")
+
+
+@contextmanager
+def progress_bar() -> Iterator[Callable[[int, int], None]]:
+    """Progress bar on a terminal, nothing elsewhere, whatever FORCE_COLOR says."""
+    console = Console(stderr=True)
+    if not (console.is_terminal and sys.stderr.isatty()):
+        yield lambda done, total: None
+        return
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+
+    columns = (TextColumn("poses"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("poses", total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
