@@ -1,7 +1,8 @@
 // Counts the samples of each face in a batch of triangle-ID images.
 //
 // An invocation walks a horizontal run of pixels and adds up equal neighbours before it touches a
-// counter: faces are wider than a pixel more often than not, and background always is.
+// counter: faces are wider than a pixel more often than not, and background always is. In a ROLLED
+// grid each row of samples is inside the image from its first sample up to its last.
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
@@ -11,6 +12,11 @@ uniform usampler2DArray faces;
 uniform uvec2 size;      // samples in use, the rest of the image is left alone
 uniform uint stride;     // counters a layer: slot 0 is background, then one a face
 uniform uint first_face; // the window of faces that this dispatch counts
+
+#ifdef ROLLED
+layout(std430, binding = 1) readonly buffer Runs { ivec2 runs[]; };
+uniform ivec2 corner;    // of these images on the canvas of samples
+#endif
 
 const uint RUN = 16u;
 
@@ -25,6 +31,12 @@ void main() {
     uint x = gl_GlobalInvocationID.x * RUN;
     if (y >= size.y || x >= size.x) return;
     uint end = min(x + RUN, size.x);
+#ifdef ROLLED
+    ivec2 inside = max(runs[int(y) + corner.y] - corner.x, 0);
+    x = max(x, uint(inside.x));
+    end = min(end, uint(inside.y));
+    if (x >= end) return;
+#endif
     uint current = texelFetch(faces, ivec3(x, y, layer), 0).x;
     uint n = 1u;
     for (x += 1u; x < end; ++x) {

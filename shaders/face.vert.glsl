@@ -9,7 +9,7 @@
 #endif
 
 struct Pose {
-    vec4 right, down, forward;  // rows of the rotation camera_from_world
+    vec4 right, down, forward;  // rows of camera_from_world; the first two mixed to roll the samples
     vec4 eye_high, eye_low;
     vec4 depth;                 // clip z = depth.x * z + depth.y
 };

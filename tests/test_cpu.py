@@ -109,6 +109,33 @@ def test_no_scene_reaches_past_the_scratch_memory(tmp_path):
     assert done.returncode == 0, done.stderr
 
 
+def test_no_scene_reaches_past_the_scratch_memory_when_rolled(tmp_path):
+    code = """
+import numpy as np
+from hostile_scenes import scene
+from rastercov.raster.cpu import CPURasterizer
+rng = np.random.default_rng(1)
+for _ in range(500):
+    mesh, camera, poses, scale = scene(rng)
+    roll = rng.uniform(-2, 2)
+    with CPURasterizer(mesh, camera, threads=1, supersample=scale, roll=roll) as rasterizer:
+        both, alone = rasterizer.count(poses), rasterizer.count(poses, drawn=False)
+    assert np.array_equal(both.visible, alone.visible)
+    assert (both.visible >= 0).all() and (both.visible <= both.drawn).all()
+    assert (both.background >= 0).all()
+"""
+    checked = {"NUMBA_BOUNDSCHECK": "1", "NUMBA_CACHE_DIR": str(tmp_path)}
+    tests = {"PYTHONPATH": str(Path(__file__).parent)}
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env=os.environ | checked | tests,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+
+
 def test_a_compiler_that_errs_is_not_trusted(monkeypatch):
     monkeypatch.setattr(canary, "VISIBLE", canary.VISIBLE + 1)
     with pytest.raises(DeviceError, match="cannot be trusted"):
@@ -147,6 +174,9 @@ def test_closed_rasteriser_says_so():
 def test_limits_are_refused_before_anything_is_allocated():
     with pytest.raises(ResourceError, match="1,048,576"):
         CPURasterizer(shapes.box(), Camera(width=131072, height=8, fx=1, fy=1), supersample=9)
+    large = Camera(width=131072, height=131072, fx=1, fy=1)
+    with pytest.raises(ResourceError, match="1,048,576 samples, got 1,202,"):
+        CPURasterizer(shapes.box(), large, supersample=7, roll=0.4)
     assert MAX_SIDE * kernels.STEPS <= kernels.FAR_OUT
     for threads in (0, -1, True):
         with pytest.raises(ConfigError, match="threads"):

@@ -29,6 +29,7 @@ from rastercov.raster.scene import Scene
 CAMERA = Camera(width=80, height=60, fx=75, fy=75)
 MESH = shapes.torus(12, 8)
 POSES = sphere_of_poses((0, 0, 0), 4, 4)
+CLOSE = sphere_of_poses((0, 0, 0), 1.9, 4)  # the mesh reaches beyond the image
 
 
 @pytest.fixture
@@ -41,7 +42,7 @@ def rasterizer(open_gl):
 
 def counted(context, plan, mesh=MESH, **options):
     with GLRasterizer(mesh, CAMERA, device=context, plan=plan, **options) as rasterizer:
-        return rasterizer.count(POSES), rasterizer.info
+        return rasterizer.count(np.concatenate((POSES, CLOSE))), rasterizer.info
 
 
 @pytest.fixture
@@ -62,13 +63,13 @@ def old_context(monkeypatch):
 
 
 @pytest.mark.parametrize("extensions", [(), ("GL_ARB_clip_control",)])
-@pytest.mark.parametrize("supersample", [1, 2])
+@pytest.mark.parametrize(("supersample", "roll"), [(1, 0.0), (2, 0.0), (1, 0.4)])
 def test_device_without_storage_buffers_gives_the_same_counts(
-    device, old_context, extensions, supersample
+    device, old_context, extensions, supersample, roll
 ):
     double = Mesh(vertices=MESH.vertices, faces=np.concatenate((MESH.faces, MESH.faces[::-1])))
     for mesh, options in ((MESH, {}), (double, {"max_faces_a_draw": 50, "max_tile": 64})):
-        options = {"supersample": supersample, **options}
+        options = {"supersample": supersample, "roll": roll, **options}
         expected, _ = counted(device, "software", mesh, **options)
         found, info = counted(old_context(*extensions), "software", mesh, **options)
         assert info.depth == ("float32 reversed" if extensions else "float32")
@@ -105,6 +106,12 @@ def test_hardware_can_be_required(device, given):
 def test_supersample_is_a_small_whole_number(supersample):
     with pytest.raises(ConfigError, match="supersample must be a whole number 1 to 64"):
         open_rasterizer(MESH, CAMERA, "gl", supersample=supersample)
+
+
+@pytest.mark.parametrize("roll", [np.nan, np.inf, "0.4", True, None])
+def test_roll_is_an_angle(roll):
+    with pytest.raises(ConfigError, match="roll must be an angle in radians"):
+        open_rasterizer(MESH, CAMERA, "cpu", roll=roll)
 
 
 def test_backend_and_plan_are_known_names(device):
@@ -296,12 +303,13 @@ def one_count_moved(counters):
 
 
 @pytest.mark.parametrize("plan", ["software", "hardware"])
+@pytest.mark.parametrize("roll", [0.0, 0.4])
 @pytest.mark.parametrize("wrong", [np.zeros_like, one_count_moved])
-def test_wrong_counters_are_caught_at_opening(device, monkeypatch, wrong, plan):
+def test_wrong_counters_are_caught_at_opening(device, monkeypatch, wrong, plan, roll):
     read = Arena.read_counters
     monkeypatch.setattr(Arena, "read_counters", lambda *arguments: wrong(read(*arguments)))
     with pytest.raises(DeviceError, match="cannot be trusted"):
-        GLRasterizer(MESH, CAMERA, device=device, plan=plan)
+        GLRasterizer(MESH, CAMERA, device=device, plan=plan, roll=roll)
 
 
 def stuck(monkeypatch):

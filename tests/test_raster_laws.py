@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from scenes import joined, square
+from scenes import joined, sheet, square
 
 from rastercov import shapes
 from rastercov.camera import Camera
@@ -257,6 +257,138 @@ def test_faces_below_a_pixel_are_hit_or_missed_as_by_the_reference(open_raster):
     np.testing.assert_array_equal(face[clear], expected.face[clear])
     assert (counts.visible[0] == 0).mean() > 0.9
     assert (counts.visible <= counts.drawn).all()
+
+
+# --- samples in rolled rows -----------------------------------------------------------------------
+
+ROLLS = (0.4, -0.3, np.pi / 4, 1.9)
+
+
+def assert_rolled_counts(counts, mesh, camera, pose, supersample, roll):
+    """Counts are the reference's, up to ambiguous samples and those on the border of the image."""
+    points = samples.grid_points(camera, supersample, roll)
+    from_border = np.minimum(points, (camera.width, camera.height) - points).min(axis=1)
+    on_border = from_border <= EDGE
+    n_inside = counts.visible[0].sum() + counts.background[0]
+    assert abs(n_inside - len(points)) <= 2 * on_border.sum()  # as many may be just outside
+
+    def check(found, face, unclear, what):
+        clear = np.bincount(face[~unclear & (face >= 0)], minlength=len(found))
+        more = found - clear
+        assert (more >= 0).all(), f"{what} misses {-more.min()} samples of face {more.argmin()}"
+        assert (more <= unclear.sum() + on_border.sum()).all(), f"{what} adds {more.max()} samples"
+
+    view = samples.at_points(mesh, camera, pose, points)
+    unclear = (view.edge_distance <= EDGE) | (view.depth_gap <= GAP) | on_border
+    check(counts.visible[0], view.face, unclear, "visible")
+    near = max(camera.near, 1e-6 * np.linalg.norm(np.abs(mesh.bounds - pose[:3, 3]).max(axis=0)))
+    for index in range(mesh.n_faces):
+        lone = Mesh(vertices=mesh.vertices, faces=mesh.faces[[index]])
+        alone = samples.at_points(lone, camera, pose, points, near)
+        unclear = (alone.edge_distance <= EDGE) | on_border
+        check(counts.drawn[0, [index]], alone.face, unclear, f"face {index} drawn")
+
+
+@pytest.mark.parametrize("roll", ROLLS)
+def test_rolled_counts_equal_reference(open_raster, scene, roll):
+    mesh, poses = scene
+    supersample = 1 if roll == 0.4 else 2
+    with open_raster(mesh, SMALL, supersample=supersample, roll=roll) as rasterizer:
+        for pose in poses:
+            counts = rasterizer.count(pose)
+            assert_rolled_counts(counts, mesh, SMALL, pose, supersample, roll)
+
+
+@pytest.mark.parametrize("roll", ROLLS)
+def test_rolled_samples_are_given_out_exactly_once(open_raster, roll):
+    mesh = shapes.tessellated_plane(30, 20, 4.0, 3.0, seed=1)
+    pose = look_at((0.1, 0, 1), (0, 0, 0))
+    with open_raster(mesh, CAMERA, supersample=2, roll=roll) as rasterizer:
+        counts = rasterizer.count(pose)
+        alone = rasterizer.count(pose, drawn=False)
+    assert counts.roll == roll
+    n_samples = counts.visible.sum()
+    assert counts.background[0] == 0  # the plane fills the image
+    assert counts.drawn.sum() == n_samples
+    np.testing.assert_array_equal(counts.visible, counts.drawn)
+    np.testing.assert_array_equal(alone.visible, counts.visible)
+    # As many as the image has room for: the border is some 1100 spacings long.
+    assert abs(n_samples - 4 * CAMERA.width * CAMERA.height) <= 40
+
+
+@pytest.mark.parametrize("quarters", [-1, 1, 2, 3])
+def test_rolling_by_quarter_turns_changes_not_one_sample(open_raster, scene, quarters):
+    mesh, poses = scene
+    with (
+        open_raster(mesh, CAMERA) as plain,
+        open_raster(mesh, CAMERA, roll=quarters * np.pi / 2) as rolled,
+    ):
+        assert_same_counts(rolled.count(poses), plain.count(poses))
+
+
+def test_rolling_changes_no_picture(open_raster, scene):
+    mesh, poses = scene
+    with open_raster(mesh, CAMERA) as plain, open_raster(mesh, CAMERA, roll=0.4) as rolled:
+        rolled.count(poses[0])
+        found, expected = rolled.render(poses[0]), plain.render(poses[0])
+        np.testing.assert_array_equal(found.face, expected.face)
+        np.testing.assert_array_equal(found.depth, expected.depth)
+
+
+@pytest.mark.parametrize("options", [{"max_tile": 37}, {"max_faces_a_draw": 50}])
+def test_rolled_counts_are_those_of_tiles_and_draws_together(open_gl, options):
+    mesh = shapes.torus(12, 6)
+    poses = mixed_poses(mesh)[:3]
+    with open_gl(mesh, SMALL, roll=0.4, **options) as rasterizer:
+        for pose in poses:
+            assert_rolled_counts(rasterizer.count(pose), mesh, SMALL, pose, 1, 0.4)
+
+
+def test_wide_and_narrow_images_are_counted_whole_when_rolled(open_raster):
+    mesh = square(1e3, 1)
+    for width, height in ((300, 2), (1, 200), (1, 1), (7, 7)):
+        camera = Camera(width=width, height=height, fx=50, fy=70)
+        with open_raster(mesh, camera, supersample=3, roll=0.4) as rasterizer:
+            counts = rasterizer.count(AHEAD)
+            assert (rasterizer.render(AHEAD).face >= 0).all()
+        assert counts.background[0] == 0
+        n_points = len(samples.grid_points(camera, 3, 0.4))
+        assert counts.visible.sum() == counts.drawn.sum() == n_points
+        assert abs(n_points / 9 - width * height) <= 0.1 * (width + height)
+
+
+def test_faces_that_are_culled_own_rolled_samples_inside_the_image_alone(open_raster):
+    mesh = shapes.torus(20, 10)
+    poses = look_at([(2.1, 0.3, 0.9), (0.2, 0.1, 1.9)], (0, 0, 0))  # reaching beyond every side
+    assert mesh.can_cull_back_faces
+    for roll in ROLLS:
+        with (
+            open_raster(mesh, SMALL, roll=roll) as culled,
+            open_raster(without_culling(mesh), SMALL, roll=roll) as plain,
+        ):
+            counts = culled.count(poses)
+            np.testing.assert_array_equal(counts.drawn, plain.count(poses).drawn)
+        assert_rolled_counts(one_row(counts, 0), mesh, SMALL, poses[0], 1, roll)
+
+
+def one_row(counts, row):
+    parts = {name: getattr(counts, name)[[row]] for name in ("visible", "drawn", "background")}
+    return replace(counts, **parts)
+
+
+def test_rolled_samples_measure_what_an_edge_along_rows_of_pixels_hides(open_raster):
+    # A cover slides over a square by hundredths of a pixel. Rows of pixels see whole rows go.
+    def error(at, roll):
+        mesh = joined(square(2, 4), sheet((-1.5, -1.5), (1.5, at), 2))
+        with open_raster(mesh, SQUARE, roll=roll) as rasterizer:
+            counts = rasterizer.count(AHEAD)
+        hidden = min(max(2 * at + 2, 0), 4) / 4
+        drawn = counts.drawn[0, :2].sum()
+        return abs(counts.visible[0, :2].sum() / drawn - (1 - hidden))
+
+    slides = np.linspace(0.1, 0.13, 11)
+    assert max(error(at, 0.0) for at in slides) > 0.003
+    assert max(error(at, 0.4) for at in slides) < 0.001
 
 
 # --- motions --------------------------------------------------------------------------------------
@@ -737,6 +869,25 @@ def test_any_soup_is_seen_as_by_the_reference(open_raster, drawn):
         np.bincount(found.ravel() + 1, minlength=mesh.n_faces + 1)[1:], counts.visible[0]
     )
     assert (counts.visible <= counts.drawn).all()
+
+
+@settings(
+    max_examples=80,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+@given(st.lists(TRIANGLES, min_size=1, max_size=8), st.floats(-4, 4), st.integers(1, 2))
+def test_any_soup_is_counted_as_by_the_reference_when_rolled(open_raster, drawn, roll, supersample):
+    # OpenGL's float32 moves what is seen edge-on for kilometres by a pixel, in any direction but
+    # along the axes, so it is spared that.
+    camera = replace(SMALL, near=0.05)
+    with open_raster(triangles(np.eye(3)), camera) as rasterizer:
+        is_cpu = rasterizer.info.backend == "cpu"
+    mesh = hostile(drawn if is_cpu else [("any" if k == "huge" else k, p) for k, p in drawn])
+    with open_raster(mesh, camera, supersample=supersample, roll=roll) as rasterizer:
+        counts = rasterizer.count(AHEAD)
+    assert (counts.visible <= counts.drawn).all()
+    assert_rolled_counts(counts, mesh, camera, AHEAD, supersample, roll)
 
 
 @settings(

@@ -129,7 +129,7 @@ def test_the_bound_is_its_formula(see):
         value, bound, kind, counts = see(mesh, camera, pose, supersample)
         view, drawn = view_faces(mesh, camera, pose), counts.drawn[0]
         length = view.perimeter * supersample
-        expected = 1.08 * np.sqrt(1.25 * length + 1) / np.maximum(drawn, 1)
+        expected = (0.81 * np.sqrt(1.25 * length + 1) + length / 20) / np.maximum(drawn, 1)
         judged = view.is_front & (view.in_view_fraction > 0)
         assert bound[judged & (drawn > 0)] == pytest.approx(
             np.minimum(1, expected)[judged & (drawn > 0)]
@@ -161,7 +161,9 @@ def test_more_samples_make_the_bound_smaller(see):
     mesh = joined(square(2, 4), square(0.5, 2))
     bounds = [see(mesh, CAMERA, ROLLED, supersample)[1] for supersample in (1, 2, 4, 8)]
     assert (np.diff(bounds, axis=0) < 0).all()
-    assert bounds[0] / bounds[3] == pytest.approx(np.full(4, 8**1.5), rel=0.02)
+    # By 8^1.5 for what is random, by 8 for edges along a row.
+    assert (bounds[0] / bounds[3] > 8).all()
+    assert (bounds[0] / bounds[3] < 8**1.5).all()
 
 
 def test_where_the_near_plane_cuts_nothing_is_claimed(see):

@@ -107,9 +107,9 @@ class Arena:
         }
         return self._compile(f"face.vert and {fragment}.frag", self.gl.program, **stages)
 
-    def compute(self, name: str, version: int) -> Any:
+    def compute(self, name: str, version: int, **defines: int) -> Any:
         """Compute program of this name."""
-        text = shaders.source(f"{name}.comp", version)
+        text = shaders.source(f"{name}.comp", version, **defines)
         return self._compile(f"{name}.comp", self.gl.compute_shader, source=text)
 
     def _compile(self, names: str, build: Any, **stages: str) -> Any:

@@ -3,12 +3,13 @@
 A rasteriser takes a mesh and a camera once and many poses after that. It answers with counts per
 face (`FaceCounts`), or for one pose with the image they were counted on (`VisibilityBuffer`).
 
-The promise: samples sit at pixel centres, or on a regular S x S grid in each pixel; a sample on an
-edge shared by two faces belongs to exactly one of them; faces are cut at the near plane, not
-dropped; depth is compared in float32 or better; of two surfaces at equal depth the face with the
-lower index wins.
+The promise: samples sit at pixel centres, or on a regular S x S grid in each pixel, or on a grid as
+dense that is rolled about the image centre; a sample on an edge shared by two faces belongs to
+exactly one of them; faces are cut at the near plane, not dropped; depth is compared in float32 or
+better; of two surfaces at equal depth the face with the lower index wins.
 """
 
+import math
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Protocol, Self
@@ -64,13 +65,16 @@ class FaceCounts:
         Samples the face would own if it were alone in the scene, inside the image, from either
         side; None when it was not asked for.
     background : (P,) int
-        Samples that meet no face; with the row of `visible` they add up to all samples.
+        Samples that meet no face; with the row of `visible` they add up to all samples inside the
+        image.
     clipped : (P,) bool
         Whether the near plane cut away a surface inside the viewing pyramid.
     supersample : int
         S; a pixel holds S^2 samples.
     info : RasterizerInfo
         What counted.
+    roll : float
+        Angle of the rows of samples against those of the image, radians.
     """
 
     visible: NDArray[np.int64]
@@ -79,6 +83,7 @@ class FaceCounts:
     clipped: NDArray[np.bool_]
     supersample: int
     info: RasterizerInfo
+    roll: float = 0.0
 
     @property
     def visible_pixels(self) -> NDArray[np.float64]:
@@ -115,6 +120,7 @@ class Rasterizer(Protocol):
     mesh: Mesh
     camera: Camera
     supersample: int
+    roll: float
     info: RasterizerInfo
 
     def count(self, poses: ArrayLike, *, drawn: bool = True) -> FaceCounts:
@@ -138,7 +144,9 @@ class Rasterizer(Protocol):
         ...
 
     def render(self, pose: ArrayLike) -> VisibilityBuffer:
-        """Face index and depth at each pixel centre, one sample a pixel whatever `supersample` is.
+        """Face index and depth at each pixel centre, one sample a pixel.
+
+        Whatever `supersample` and `roll` are: a picture is the same for all of them.
 
         Parameters
         ----------
@@ -162,7 +170,13 @@ class Rasterizer(Protocol):
 
 
 def open_rasterizer(
-    mesh: Mesh, camera: Camera, backend: str = "auto", *, supersample: int = 1, **options: Any
+    mesh: Mesh,
+    camera: Camera,
+    backend: str = "auto",
+    *,
+    supersample: int = 1,
+    roll: float = 0.0,
+    **options: Any,
 ) -> Rasterizer:
     """Rasteriser for a mesh and a camera; use it in a `with` block.
 
@@ -177,6 +191,11 @@ def open_rasterizer(
         the CPU otherwise: it is several times as fast as OpenGL in software.
     supersample : int
         S; the samples are a regular S x S grid in each pixel.
+    roll : float
+        Radians by which the rows of samples that `count` counts are turned about the image centre
+        against those of pixels, from u towards v; there are still S^2 of them in a px^2, in the
+        same image. Turned by an odd angle, counts are nearer to areas where edges run along the
+        rows and columns of pixels, as those of manufactured parts do.
     **options
         Passed on: `threads` to `rastercov.raster.cpu.CPURasterizer`; `device`, `plan` and more to
         `rastercov.raster.gl.GLRasterizer`, which "auto" then means.
@@ -184,7 +203,7 @@ def open_rasterizer(
     Raises
     ------
     ConfigError
-        For an unknown backend or a supersample that is not 1 to 64.
+        For an unknown backend, a supersample that is not 1 to 64, or a roll that is no angle.
     DeviceError
         When the device cannot be opened or fails its self-test.
     """
@@ -192,22 +211,25 @@ def open_rasterizer(
         raise ConfigError(
             f"supersample must be a whole number 1 to {MAX_SUPERSAMPLE}, got {supersample}"
         )
+    if isinstance(roll, bool) or not isinstance(roll, (int, float)) or not math.isfinite(roll):
+        raise ConfigError(f"roll must be an angle in radians, got {roll!r}")
+    common: dict[str, Any] = {"supersample": int(supersample), "roll": float(roll)}
     if backend not in ("auto", "cpu", "gl"):
         raise ConfigError(f"backend must be auto, cpu or gl, got {backend!r}")
     if backend == "auto":
-        if not options and (hardware := _open_hardware(mesh, camera, supersample)):
+        if not options and (hardware := _open_hardware(mesh, camera, common)):
             return hardware
         backend = "gl" if options.keys() - {"threads"} else "cpu"
     if backend == "cpu":
         from rastercov.raster.cpu import CPURasterizer  # compiles, or loads what was compiled
 
-        return CPURasterizer(mesh, camera, supersample=int(supersample), **options)
+        return CPURasterizer(mesh, camera, **common, **options)
     from rastercov.raster.gl import GLRasterizer  # imports OpenGL only when it is wanted
 
-    return GLRasterizer(mesh, camera, supersample=int(supersample), **options)
+    return GLRasterizer(mesh, camera, **common, **options)
 
 
-def _open_hardware(mesh: Mesh, camera: Camera, supersample: int) -> Rasterizer | None:
+def _open_hardware(mesh: Mesh, camera: Camera, common: dict[str, Any]) -> Rasterizer | None:
     """Rasteriser on a hardware device, None when none is announced or none works."""
     from rastercov.raster.devices import list_devices
 
@@ -216,6 +238,6 @@ def _open_hardware(mesh: Mesh, camera: Camera, supersample: int) -> Rasterizer |
     from rastercov.raster.gl import GLRasterizer
 
     try:
-        return GLRasterizer(mesh, camera, supersample=supersample, require_hardware=True)
+        return GLRasterizer(mesh, camera, require_hardware=True, **common)
     except DeviceError:
         return None

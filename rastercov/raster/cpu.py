@@ -23,6 +23,7 @@ from rastercov.pose import valid_poses
 from rastercov.projection import near_cuts, near_limit
 from rastercov.raster import canary, kernels
 from rastercov.raster.contract import FaceCounts, RasterizerInfo, VisibilityBuffer
+from rastercov.raster.grid import SampleGrid
 from rastercov.raster.rules import can_cull, in_one_order
 
 FloatArray = NDArray[np.float64]
@@ -39,23 +40,31 @@ class CPURasterizer:
 
     Parameters
     ----------
-    mesh, camera, supersample
+    mesh, camera, supersample, roll
         As for `open_rasterizer`.
     threads : int, optional
         Poses counted side by side; one for each core unless given.
     """
 
     def __init__(
-        self, mesh: Mesh, camera: Camera, *, supersample: int = 1, threads: int | None = None
+        self,
+        mesh: Mesh,
+        camera: Camera,
+        *,
+        supersample: int = 1,
+        roll: float = 0.0,
+        threads: int | None = None,
     ) -> None:
         if threads is not None and (isinstance(threads, bool) or threads < 1):
             raise ConfigError(f"threads must be 1 or more, got {threads!r}")
-        if supersample * max(camera.width, camera.height) > MAX_SIDE:
+        self._grid = SampleGrid(camera, supersample, roll)
+        side = max(self._grid.width, self._grid.height)
+        if side > MAX_SIDE:
             raise ResourceError(
-                f"an image side must be at most {MAX_SIDE:,} samples, got "
-                f"{supersample * max(camera.width, camera.height):,}; lower supersample or use gl"
+                f"an image side must be at most {MAX_SIDE:,} samples, got {side:,}; "
+                "lower supersample or use gl"
             )
-        self.mesh, self.camera, self.supersample = mesh, camera, supersample
+        self.mesh, self.camera, self.supersample, self.roll = mesh, camera, supersample, roll
         self.info = RasterizerInfo(
             backend="cpu",
             plan="threads",
@@ -76,7 +85,7 @@ class CPURasterizer:
         matrices = valid_poses(poses)
         if not self._is_open:
             raise DeviceError("this rasteriser is closed; open a new one")
-        return self._count(self._scene, self.camera, self.supersample, matrices, drawn)
+        return self._count(self._scene, self.camera, self._grid, matrices, drawn)
 
     def render(self, pose: ArrayLike) -> VisibilityBuffer:
         """Face index and depth at each pixel centre; see `Rasterizer.render`."""
@@ -89,7 +98,9 @@ class CPURasterizer:
         face, depth = np.full(shape, -1, np.int32), np.full(shape, np.inf, np.float32)
         near, cull, _ = _limits(self.mesh, self.camera, matrices)
         visible = np.zeros((1, self.mesh.n_faces), np.int64)
-        _View(self._scene, self.camera, 1).count(matrices, near, cull, visible, None, (face, depth))
+        _View(self._scene, SampleGrid(self.camera)).count(
+            matrices, near, cull, visible, None, (face, depth)
+        )
         # A face cut at the near plane can own a sample 1/512 of one beyond its rim.
         return VisibilityBuffer(face, np.maximum(depth, np.float32(near[0])))
 
@@ -109,7 +120,12 @@ class CPURasterizer:
         self.close()
 
     def _count(
-        self, scene: "_Scene", camera: Camera, scale: int, poses: FloatArray, with_drawn: bool
+        self,
+        scene: "_Scene",
+        camera: Camera,
+        grid: SampleGrid,
+        poses: FloatArray,
+        with_drawn: bool,
     ) -> FaceCounts:
         shape = (len(poses), scene.mesh.n_faces)
         visible = np.zeros(shape, np.int64)
@@ -118,7 +134,7 @@ class CPURasterizer:
         threads = max(1, min(self._threads, len(poses)))
         step = max(1, min(POSES_A_TURN, len(poses) // threads))
         turns = [slice(start, start + step) for start in range(0, len(poses), step)]
-        views = [_View(scene, camera, scale) for _ in range(threads)]
+        views = [_View(scene, grid) for _ in range(threads)]
 
         def work(view: _View) -> None:
             try:
@@ -140,14 +156,16 @@ class CPURasterizer:
                     list(pool.map(work, views))
                 finally:
                     turns.clear()  # an interrupt comes here, and ends the threads after their turn
-        samples = scale**2 * camera.width * camera.height
-        background = samples - visible.sum(axis=1)
-        return FaceCounts(visible, drawn, background, clipped, scale, self.info)
+        background = grid.n_samples - visible.sum(axis=1)
+        return FaceCounts(
+            visible, drawn, background, clipped, grid.supersample, self.info, self.roll
+        )
 
     def _check(self) -> None:
         """Count a scene whose counts are known: a compiler that errs is not trusted."""
         scene = _Scene(canary.MESH)
-        counts = self._count(scene, canary.CAMERA, 1, canary.POSES, with_drawn=True)
+        grid = SampleGrid(canary.CAMERA)
+        counts = self._count(scene, canary.CAMERA, grid, canary.POSES, with_drawn=True)
         assert counts.drawn is not None
         right = np.array_equal(counts.visible, canary.VISIBLE)
         if not right or not np.array_equal(counts.drawn, canary.DRAWN):
@@ -170,10 +188,9 @@ class _Scene:
 class _View:
     """Scratch memory of one thread, which grows as poses need it."""
 
-    def __init__(self, scene: _Scene, camera: Camera, scale: int) -> None:
-        self.scene = scene
-        self.lens = scale * np.array((camera.fx, camera.fy, camera.cx, camera.cy))
-        self.size = np.array((scale * camera.width, scale * camera.height), np.int64)
+    def __init__(self, scene: _Scene, grid: SampleGrid) -> None:
+        self.scene, self.grid = scene, grid
+        self.size = np.array((grid.width, grid.height), np.int64)
         columns = -(-int(self.size[0]) // kernels.TILE_WIDTH)
         rows = -(-int(self.size[1]) // kernels.TILE_HEIGHT)
         self.starts = np.zeros(columns * rows + 1, np.int64)
@@ -201,8 +218,8 @@ class _View:
         image: tuple[NDArray[np.int32], NDArray[np.float32]] | None = None,
     ) -> None:
         """Count these poses into their rows of `visible` and `drawn`, whatever these held."""
-        scene = self.scene
-        moved = poses.copy()
+        scene, grid = self.scene, self.grid
+        moved = grid.axes(poses).copy()
         moved[:, :3, 3] -= scene.centre
         face, depth = image or (np.empty((0, 0), np.int32), np.empty((0, 0), np.float32))
         all_drawn = np.zeros((1, scene.mesh.n_faces), np.int64) if drawn is None else drawn
@@ -210,10 +227,11 @@ class _View:
         while done < len(poses):
             stopped = int(
                 kernels.count_poses(
-                    moved, near, cull, done, len(poses), scene.vertices, scene.faces, self.lens,
-                    self.size, self.u, self.v, self.w, self.triangles, self.tiles, self.starts,
-                    self.places, self.listed, self.depth, self.depth.view(np.int32), self.owner,
-                    self.room, visible, all_drawn, drawn is not None, face, depth,
+                    moved, near, cull, done, len(poses), scene.vertices, scene.faces, grid.lens,
+                    self.size, grid.first, grid.last, self.u, self.v, self.w, self.triangles,
+                    self.tiles, self.starts, self.places, self.listed, self.depth,
+                    self.depth.view(np.int32), self.owner, self.room, visible, all_drawn,
+                    drawn is not None, face, depth,
                 )
             )  # fmt: skip
             if stopped < len(poses):

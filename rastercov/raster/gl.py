@@ -33,7 +33,8 @@ from rastercov.raster import canary
 from rastercov.raster.arena import Arena, Target
 from rastercov.raster.contract import FaceCounts, RasterizerInfo, VisibilityBuffer
 from rastercov.raster.egl import HeadlessContext, open_context
-from rastercov.raster.scene import Scene, Tile, Views
+from rastercov.raster.grid import Box, SampleGrid
+from rastercov.raster.scene import Scene, Views
 
 IntArray = NDArray[np.int64]
 
@@ -55,7 +56,7 @@ class GLRasterizer:
 
     Parameters
     ----------
-    mesh, camera, supersample
+    mesh, camera, supersample, roll
         As for `open_rasterizer`.
     device : str, int or HeadlessContext
         "auto", "egl:0", "surfaceless" or "osmesa" as for `open_context`; a context that is open
@@ -74,6 +75,7 @@ class GLRasterizer:
         camera: Camera,
         *,
         supersample: int = 1,
+        roll: float = 0.0,
         device: str | int | HeadlessContext = "auto",
         plan: str = "auto",
         require_hardware: bool = False,
@@ -88,7 +90,7 @@ class GLRasterizer:
             raise ConfigError(
                 f"max_tile, max_faces_a_draw and image_budget must be 1 or more, got {limits}"
             )
-        self.mesh, self.camera, self.supersample = mesh, camera, supersample
+        self.mesh, self.camera, self.supersample, self.roll = mesh, camera, supersample, roll
         self._is_open = True
         self._owns_context = not isinstance(device, HeadlessContext)
         if isinstance(device, HeadlessContext):
@@ -127,10 +129,12 @@ class GLRasterizer:
         )
 
     def _allocate(self, max_tile: int, max_faces: int, image_budget: int) -> None:
-        arena, known, scale = self._arena, self._context.info, self.supersample
+        arena, known, camera = self._arena, self._context.info, self.camera
         limits = known.limits
+        grid = SampleGrid(camera, self.supersample, self.roll)
         side = min(max_tile, limits["max_texture_size"], *limits["max_viewport_dims"])
-        self._tile = (min(side, scale * self.camera.width), min(side, scale * self.camera.height))
+        wide, high = max(grid.width, camera.width), max(grid.height, camera.height)
+        self._tile = (min(side, wide), min(side, high))
         layers = 1
         if self._is_layered:
             image = 8 * self._tile[0] * self._tile[1]
@@ -144,7 +148,8 @@ class GLRasterizer:
         self._layers = layers
 
         arena.use()
-        defines = {"MAX_POSES": MAX_POSES} | ({"LAYERED": 1} if self._is_layered else {})
+        flags = {"LAYERED": self._is_layered, "ROLLED": grid.is_rolled}
+        defines = {"MAX_POSES": MAX_POSES} | {name: 1 for name in flags if flags[name]}
         version = 430 if known.has_ssbo else 330
         names = ("face", "drawn" if known.has_ssbo else "peel")
         self._programs = {name: arena.program(name, version, **defines) for name in names}
@@ -157,9 +162,13 @@ class GLRasterizer:
         else:
             self._targets.append(Target(arena, width, height, 1))
         if self._is_layered:
-            self._counting = arena.compute("count", version)
-        self._scene = Scene(arena, self._programs, self.mesh, self.camera, self._max_faces)
-        self._canary = Scene(arena, self._programs, canary.MESH, canary.CAMERA, self._max_faces)
+            self._counting = arena.compute("count", version, **defines)
+        programs, most = self._programs, self._max_faces
+        self._scene = Scene(arena, programs, self.mesh, camera, grid, most)
+        # Not rolled, so that its counts are known; the programs are those of the rolled grid.
+        plain = SampleGrid(canary.CAMERA)
+        self._canary = Scene(arena, programs, canary.MESH, canary.CAMERA, plain, most)
+        self._pixels = SampleGrid(camera)
         self._canary_view = 0
 
     # --- the contract ---------------------------------------------------------------------------
@@ -168,7 +177,7 @@ class GLRasterizer:
         """Samples of each face in each pose; see `Rasterizer.count`."""
         matrices = valid_poses(poses)
         with self._current():
-            return self._count(self._scene, matrices, self.supersample, drawn)
+            return self._count(self._scene, matrices, drawn)
 
     def render(self, pose: ArrayLike) -> VisibilityBuffer:
         """Face index and depth at each pixel centre; see `Rasterizer.render`."""
@@ -178,10 +187,10 @@ class GLRasterizer:
         shape = (self.camera.height, self.camera.width)
         face, depth = np.empty(shape, np.int32), np.empty(shape, np.float32)
         with self._current():
-            views = Views(self._scene, matrices, self._arena.is_reversed)
+            views = Views(self._scene, matrices, self._pixels, self._arena.is_reversed)
             self._poses.write(views.records(np.array([0])))
-            for tile in self._scene.tiles(self._tile, scale=1):
-                self._draw_faces(self._scene, views, np.array([0]), tile, scale=1)
+            for tile in self._scene.tiles(self._tile, self._pixels):
+                self._draw_faces(self._scene, views, np.array([0]), tile)
                 x, y, width, height = tile
                 part = np.s_[y : y + height, x : x + width]
                 ids = self._arena.read_faces(self._targets[0], (0, 0, width, height))
@@ -223,39 +232,38 @@ class GLRasterizer:
 
     # --- counting -------------------------------------------------------------------------------
 
-    def _count(
-        self, scene: Scene, poses: NDArray[np.float64], scale: int, with_drawn: bool
-    ) -> FaceCounts:
+    def _count(self, scene: Scene, poses: NDArray[np.float64], with_drawn: bool) -> FaceCounts:
         shape = (len(poses), scene.mesh.n_faces)
         visible = np.zeros(shape, np.int64)
         drawn = np.zeros(shape, np.int64) if with_drawn else None
         background = np.zeros(len(poses), np.int64)
-        views = Views(scene, poses, self._arena.is_reversed)
+        grid = scene.grid
+        views = Views(scene, poses, grid, self._arena.is_reversed)
         for rows in self._batches(views):
             self._poses.write(views.records(rows))
-            for tile in scene.tiles(self._tile, scale):
-                self._draw_faces(scene, views, rows, tile, scale)
+            for tile in scene.tiles(self._tile, grid):
+                self._draw_faces(scene, views, rows, tile)
                 if self._is_layered:
                     seen, empty = self._count_on_device(scene, tile, len(rows))
                 else:
-                    seen, empty = self._count_here(scene, tile, scale, views.boxes[rows[0]])
+                    seen, empty = self._count_here(scene, tile, views.boxes[rows[0]])
                 visible[rows] += seen
                 background[rows] += empty
                 if drawn is not None:
-                    drawn[rows] += self._count_drawn(scene, tile, scale, len(rows))
+                    drawn[rows] += self._count_drawn(scene, tile, len(rows))
             self._arena.poll("drawing")
             if scene is self._scene:
                 self._poses_since_check += len(rows)
                 if self._poses_since_check >= CANARY_EVERY:
                     self._check_device()
-        samples = scale**2 * scene.camera.width * scene.camera.height
-        wrong = np.flatnonzero(visible.sum(axis=1) + background != samples)
+        wrong = np.flatnonzero(visible.sum(axis=1) + background != grid.n_samples)
         if wrong.size:
             row = int(wrong[0])
             raise self._distrust(
-                f"counted {visible[row].sum() + background[row]} samples of {samples}"
+                f"counted {visible[row].sum() + background[row]} samples of {grid.n_samples}"
             )
-        return FaceCounts(visible, drawn, background, views.clipped, scale, self.info)
+        scale = grid.supersample
+        return FaceCounts(visible, drawn, background, views.clipped, scale, self.info, self.roll)
 
     def _batches(self, views: Views) -> Iterator[IntArray]:
         """Rows of poses to draw together: culling is a property of a draw, so it never mixes."""
@@ -264,19 +272,17 @@ class GLRasterizer:
             for start in range(0, len(rows), self._layers):
                 yield rows[start : start + self._layers]
 
-    def _draw_faces(
-        self, scene: Scene, views: Views, rows: IntArray, tile: Tile, scale: int
-    ) -> None:
+    def _draw_faces(self, scene: Scene, views: Views, rows: IntArray, tile: Box) -> None:
         can_cull = bool(views.can_cull[rows[0]])
         self._arena.clear(self._targets[0])
         self._begin(self._targets[0], tile, cull=can_cull)
         if can_cull and scene.can_draw_front and not self._is_layered:
-            scene.draw_front(tile, scale, views.eyes[rows[0]])
+            scene.draw_front(tile, views.grid, views.eyes[rows[0]])
         else:
             for part in scene.parts:
-                scene.draw("face", tile, scale, len(rows), part)
+                scene.draw("face", tile, views.grid, len(rows), part)
 
-    def _begin(self, target: Target, tile: Tile, *, cull: bool = False, test: bool = True) -> None:
+    def _begin(self, target: Target, tile: Box, *, cull: bool = False, test: bool = True) -> None:
         """Bind a target for a tile; with the depth test, nearer wins and the first of equals."""
         target.frame.viewport = (0, 0, *tile[2:])
         target.frame.use()
@@ -284,36 +290,39 @@ class GLRasterizer:
         self._arena.gl.enable_only(flags)
         self._arena.gl.depth_func = ">" if self._arena.is_reversed else "<"
 
-    def _count_here(
-        self, scene: Scene, tile: Tile, scale: int, reach: tuple[int, ...]
-    ) -> tuple[IntArray, Any]:
+    def _count_here(self, scene: Scene, tile: Box, reach: tuple[int, ...]) -> tuple[IntArray, Any]:
         """Software plan: read the ids where the mesh can be, and count runs of equal ones."""
         x, y, width, height = tile
-        left, right = (min(max(scale * edge - x, 0), width) for edge in reach[::2])
-        top, bottom = (min(max(scale * edge - y, 0), height) for edge in reach[1::2])
-        outside = width * height - (right - left) * (bottom - top)
-        if outside == width * height:
-            return np.zeros(scene.mesh.n_faces, np.int64), outside
+        left, right = (min(max(edge - x, 0), width) for edge in reach[::2])
+        top, bottom = (min(max(edge - y, 0), height) for edge in reach[1::2])
         box = (left, top, right - left, bottom - top)
-        counts = self._count_ids(self._arena.read_faces(self._targets[0], box), scene)
-        return counts[1:], int(counts[0]) + outside
+        all_inside = scene.grid.n_inside(tile)
+        inside = scene.grid.n_inside((x + left, y + top, *box[2:]))
+        if not inside:
+            return np.zeros(scene.mesh.n_faces, np.int64), all_inside
+        ids = self._arena.read_faces(self._targets[0], box)
+        ids = scene.grid.inside(ids, (x + left, y + top, *box[2:]))
+        counts = self._count_ids(ids, scene)
+        return counts[1:], int(counts[0]) + all_inside - inside
 
     def _count_ids(self, ids: NDArray[np.uint32], scene: Scene) -> IntArray:
-        """Samples of each id: 0 for background, then one a face."""
-        flat = ids.ravel()
-        starts = np.concatenate(([0], np.flatnonzero(flat[1:] != flat[:-1]) + 1))
-        lengths = np.diff(starts, append=flat.size)
-        values = flat[starts].astype(np.int64)
+        """Samples of each id in a flat array: 0 for background, then one a face."""
+        starts = np.concatenate(([0], np.flatnonzero(ids[1:] != ids[:-1]) + 1))
+        lengths = np.diff(starts, append=ids.size)
+        values = ids[starts].astype(np.int64)
         if values.max() > scene.mesh.n_faces:
             raise self._distrust(f"drew face {values.max() - 1} of {scene.mesh.n_faces}")
         # Sums of whole numbers in float64 are exact far beyond any image.
         counts = np.bincount(values, weights=lengths, minlength=scene.mesh.n_faces + 1)
         return counts.astype(np.int64)
 
-    def _count_on_device(self, scene: Scene, tile: Tile, poses: int) -> tuple[IntArray, Any]:
+    def _count_on_device(self, scene: Scene, tile: Box, poses: int) -> tuple[IntArray, Any]:
         """Hardware plan: a compute shader counts the batch, in windows of faces that fit."""
         counting = self._counting
         counting["size"].value = tile[2:]
+        self._bind_runs(scene)
+        if "corner" in counting:
+            counting["corner"].value = tile[:2]
         columns, rows = -(-tile[2] // 128), -(-tile[3] // 8)  # 8 x 8 invocations, runs of 16
         windows = []
         for first, n in scene.parts:
@@ -325,25 +334,30 @@ class GLRasterizer:
             windows.append(self._arena.read_counters(self._counters, poses, n + 1))
         return np.concatenate([w[:, 1:] for w in windows], axis=1), windows[0][:, 0]
 
-    def _count_drawn(self, scene: Scene, tile: Tile, scale: int, poses: int) -> IntArray:
+    def _count_drawn(self, scene: Scene, tile: Box, poses: int) -> IntArray:
         """Samples of each face alone: without the depth test, every sample adds to a counter."""
         if "peel" in self._programs:
-            return self._peel(scene, tile, scale)
+            return self._peel(scene, tile)
         frame = self._targets[0].frame
         frame.color_mask = (False,) * 4  # the shader writes no id
+        self._bind_runs(scene)
         windows = []
         try:
             self._begin(self._targets[0], tile, test=False)
             for part in scene.parts:
                 self._counters.clear()
                 self._counters.bind_to_storage_buffer(0)
-                scene.draw("drawn", tile, scale, poses, part)
+                scene.draw("drawn", tile, scene.grid, poses, part)
                 windows.append(self._arena.read_counters(self._counters, poses, part[1] + 1)[:, 1:])
         finally:
             frame.color_mask = (True,) * 4  # after an interrupt, too, or later images stay empty
         return np.concatenate(windows, axis=1)
 
-    def _peel(self, scene: Scene, tile: Tile, scale: int) -> IntArray:
+    def _bind_runs(self, scene: Scene) -> None:
+        if scene.runs is not None:
+            scene.runs.bind_to_storage_buffer(1)
+
+    def _peel(self, scene: Scene, tile: Box) -> IntArray:
         """Samples of each face alone, where shaders cannot count: one layer of faces at a time."""
         total = np.zeros(scene.mesh.n_faces + 1, np.int64)
         before, layer = self._targets
@@ -353,8 +367,9 @@ class GLRasterizer:
             self._begin(layer, tile)
             before.faces.use(0)
             for part in scene.parts:
-                scene.draw("peel", tile, scale, 1, part)
+                scene.draw("peel", tile, scene.grid, 1, part)
             ids = self._arena.read_faces(layer, (0, 0, *tile[2:]))
+            ids = scene.grid.inside(ids, tile)
             if (ids == NO_LAYER).all():
                 return total[1:]
             total += self._count_ids(np.where(ids == NO_LAYER, 0, ids), scene)
@@ -368,7 +383,7 @@ class GLRasterizer:
         with self._current():
             view = self._canary_view
             self._canary_view = 1 - view
-            counts = self._count(self._canary, canary.POSES[[view]], 1, with_drawn=True)
+            counts = self._count(self._canary, canary.POSES[[view]], with_drawn=True)
         if not np.array_equal(counts.visible[0], canary.VISIBLE[view]):
             raise self._distrust("drew a known scene wrongly")
         assert counts.drawn is not None

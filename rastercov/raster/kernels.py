@@ -290,9 +290,71 @@ def edge(xa, ya, xb, yb, row):
 
 
 @_compiled
+def from_top(ax, ay, bx, by, cx, cy):
+    """Corners of a triangle from top to bottom: a above b above c."""
+    if by < ay:
+        ax, ay, bx, by = bx, by, ax, ay
+    if cy < ay:
+        ax, ay, cx, cy = cx, cy, ax, ay
+    if cy < by:
+        bx, by, cx, cy = cx, cy, bx, by
+    return ax, ay, bx, by, cx, cy
+
+
+@_compiled
+def count_drawn(n, u, v, size, first, last, triangles, drawn):
+    """Add the samples of each triangle, hidden or not, to the count of its face.
+
+    Parameters
+    ----------
+    n, u, v, size, triangles
+        From the passes before.
+    first, last : (height,) int32
+        Samples of each row that count: from the first up to the last.
+    drawn : (F,) int64
+        Out: samples to add to.
+    """
+    for k in range(n):
+        a, b, c = triangles[k, 0], triangles[k, 1], triangles[k, 2]
+        ax, ay, bx, by, cx, cy = from_top(
+            step(u[a]), step(v[a]), step(u[b]), step(v[b]), step(u[c]), step(v[c])
+        )
+        row = max((ay + HALF - 1) >> BITS, 0)
+        middle = min((by + HALF - 1) >> BITS, size[1])
+        bottom = min((cy + HALF - 1) >> BITS, size[1])
+        long_is_left = (bx - ax) * (cy - ay) > (cx - ax) * (by - ay)
+        long, long_rest, long_step, long_step_rest, long_divisor = edge(ax, ay, cx, cy, row)
+        covered = 0
+        for part in range(2):
+            end_row = middle if part == 0 else bottom
+            if row >= end_row:
+                continue
+            if part == 0:
+                short, rest, stride, stride_rest, divisor = edge(ax, ay, bx, by, row)
+            else:
+                short, rest, stride, stride_rest, divisor = edge(bx, by, cx, cy, row)
+            while row < end_row:
+                left = max(long if long_is_left else short, first[np.uint64(row)])
+                right = min(short if long_is_left else long, last[np.uint64(row)])
+                covered += max(right - left, 0)
+                row += 1
+                long += long_step
+                long_rest += long_step_rest
+                if long_rest >= long_divisor:
+                    long_rest -= long_divisor
+                    long += 1
+                short += stride
+                rest += stride_rest
+                if rest >= divisor:
+                    rest -= divisor
+                    short += 1
+        drawn[triangles[k, 3]] += covered
+
+
+@_compiled
 def fill_tiles(
-    u, v, w, size, triangles, starts, listed, depth, depth_bits, owner, visible, drawn,
-    only_drawn, image_face, image_depth,
+    u, v, w, size, first, last, triangles, starts, listed, depth, depth_bits, owner, visible, drawn,
+    image_face, image_depth,
 ):  # fmt: skip
     """Fill all tiles; count visible and drawn samples of each face, and keep the image if asked.
 
@@ -300,6 +362,8 @@ def fill_tiles(
     ----------
     u, v, w, size, triangles, starts, listed
         From the passes before.
+    first, last : (height,) int32
+        Samples of each row to fill, from the first up to the last: those that count.
     depth : (tile samples,) float32
         Scratch: 1/z, 0 where nothing is.
     depth_bits : (tile samples,) int32
@@ -308,8 +372,6 @@ def fill_tiles(
         Scratch: face at each sample.
     visible, drawn : (F,) int64
         Out: samples to add to.
-    only_drawn : bool
-        Count the drawn samples alone, and leave depth and visibility be.
     image_face : (H, W) int32, image_depth : (H, W) float32
         Out: face and depth, or of size 0.
     """
@@ -322,6 +384,9 @@ def fill_tiles(
         tile_y = (tile // columns) * TILE_HEIGHT
         end_x = min(width, tile_x + TILE_WIDTH)
         end_y = min(height, tile_y + TILE_HEIGHT)
+        is_cut = False  # by the slanted border of an image whose samples are rolled
+        for row in range(tile_y, end_y):
+            is_cut |= first[row] > tile_x or last[row] < end_x
         depth[:] = 0.0
         for place in range(starts[tile], starts[tile + 1]):
             k = listed[place]
@@ -346,13 +411,7 @@ def fill_tiles(
             # Rounding lets a sample lie a hair beyond the corners; its depth does not.
             least = np.float32(min(w[a], min(w[b], w[c])))
             greatest = np.float32(max(w[a], max(w[b], w[c])))
-            # From top to bottom: a above b above c.
-            if by < ay:
-                ax, ay, bx, by = bx, by, ax, ay
-            if cy < ay:
-                ax, ay, cx, cy = cx, cy, ax, ay
-            if cy < by:
-                bx, by, cx, cy = cx, cy, bx, by
+            ax, ay, bx, by, cx, cy = from_top(ax, ay, bx, by, cx, cy)
             long_is_left = (bx - ax) * (cy - ay) > (cx - ax) * (by - ay)
             row = max((ay + HALF - 1) >> BITS, tile_y)
             middle = min((by + HALF - 1) >> BITS, end_y)
@@ -363,18 +422,21 @@ def fill_tiles(
             gained = 0
             covered = 0
             for part in range(2):
-                last = middle if part == 0 else bottom
-                if row >= last:
+                end_row = middle if part == 0 else bottom
+                if row >= end_row:
                     continue
                 if part == 0:
                     turn, rest, stride, stride_rest, divisor = edge(ax, ay, bx, by, row)
                 else:
                     turn, rest, stride, stride_rest, divisor = edge(bx, by, cx, cy, row)
-                while row < last:
+                while row < end_row:
                     begin = max(far if long_is_left else turn, tile_x)
                     end = min(turn if long_is_left else far, end_x)
+                    if is_cut:
+                        begin = max(begin, np.int64(first[np.uint64(row)]))
+                        end = min(end, np.int64(last[np.uint64(row)]))
                     covered += max(end - begin, 0)
-                    if begin < end and not only_drawn:
+                    if begin < end:
                         at = np.uint64((row - tile_y) * TILE_WIDTH + begin - tile_x)
                         n = np.uint64(end - begin)
                         start = origin + slope_x * begin + slope_y * row
@@ -410,7 +472,7 @@ def fill_tiles(
                         turn += 1
             visible[face] += gained
             drawn[face] += covered
-        if image_face.size and not only_drawn:
+        if image_face.size:
             for j in range(tile_y, end_y):
                 for i in range(tile_x, end_x):
                     at_sample = (j - tile_y) * TILE_WIDTH + i - tile_x
@@ -421,19 +483,20 @@ def fill_tiles(
 
 @_compiled
 def count_poses(
-    poses, nears, culls, first, last, vertices, faces, lens, size, u, v, w, triangles, tiles,
-    starts, places, listed, depth, depth_bits, owner, room, visible, drawn, with_drawn,
+    poses, nears, culls, begin, end, vertices, faces, lens, size, first, last, u, v, w, triangles,
+    tiles, starts, places, listed, depth, depth_bits, owner, room, visible, drawn, with_drawn,
     image_face, image_depth,
 ):  # fmt: skip
-    """Count the poses from `first` on; returns the first one that was not counted.
+    """Count the poses from `begin` on; returns the first one that was not counted.
 
-    That is `last`, or a pose for which the scratch memory is too small: `room` clipped corners, or
+    That is `end`, or a pose for which the scratch memory is too small: `room` clipped corners, or
     the triangles listed by tile. Call again from it with more: its rows start from 0 again.
 
     Parameters
     ----------
     poses : (P, 4, 4) float64
-        world_from_camera, from the same origin as the vertices.
+        world_from_camera, from the same origin as the vertices. The first two axes need not be at
+        right angles to each other: `rastercov.raster.grid` mixes them to roll the samples.
     nears : (P,) float64
         Near plane of each pose.
     culls : (P,) bool
@@ -448,7 +511,7 @@ def count_poses(
     columns = (size[0] + TILE_WIDTH - 1) >> TILE_BITS_X
     rotation = np.empty((3, 3))
     eye = np.empty(3)
-    for p in range(first, last):
+    for p in range(begin, end):
         for i in range(3):
             eye[i] = poses[p, i, 3]
             for j in range(3):
@@ -469,10 +532,13 @@ def count_poses(
             )  # fmt: skip
             if starts[-1] > listed.shape[0]:
                 return p
+            if side == 1:
+                count_drawn(n, u, v, size, first, last, triangles, drawn[row])
+                continue
             places[:] = starts
             bin_triangles(n, tiles, columns, starts, places, listed)
             fill_tiles(
-                u, v, w, size, triangles, starts, listed, depth, depth_bits, owner, visible[p],
-                drawn[row], side == 1, image_face, image_depth,
+                u, v, w, size, first, last, triangles, starts, listed, depth, depth_bits, owner,
+                visible[p], drawn[row], image_face, image_depth,
             )  # fmt: skip
-    return last
+    return end

@@ -11,12 +11,11 @@ from rastercov.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.projection import box_corners, depth_range, image_boxes
 from rastercov.raster.arena import Arena
+from rastercov.raster.grid import Box, SampleGrid
 from rastercov.raster.rules import can_cull, in_one_order
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-Tile = tuple[int, int, int, int]
-"""Part of an image: left, top, width, height, in samples."""
 PIXELS_A_VERTEX = 64
 """Projecting a vertex costs as much as looking at some ten pixels."""
 
@@ -34,14 +33,22 @@ class Scene:
         What may draw the mesh.
     mesh, camera
         As given to the rasteriser.
+    grid : SampleGrid
+        Samples to count.
     max_faces : int
         Most faces of one draw.
     """
 
     def __init__(
-        self, arena: Arena, programs: dict[str, Any], mesh: Mesh, camera: Camera, max_faces: int
+        self,
+        arena: Arena,
+        programs: dict[str, Any],
+        mesh: Mesh,
+        camera: Camera,
+        grid: SampleGrid,
+        max_faces: int,
     ) -> None:
-        self.mesh, self.camera = mesh, camera
+        self.mesh, self.camera, self.grid = mesh, camera, grid
         self.centre: FloatArray = mesh.bounds.mean(axis=0)
         # Points that span the mesh. Its vertices give the tighter box in the image, which pays
         # as long as there are few of them to the pixels that need not be looked at.
@@ -64,6 +71,10 @@ class Scene:
                 )
             )
 
+        # Where each row of samples is inside the image, for the shaders that count rolled ones.
+        is_asked = "drawn" in programs and "corner" in programs["drawn"]
+        runs = np.stack((grid.first, grid.last), axis=1) if is_asked else None
+        self.runs = None if runs is None else arena.buffer("rows of samples", runs)
         all_faces = arena.buffer("faces", indices)
         self._drawables = {program: drawable(program, all_faces) for program in programs}
         self.can_draw_front = mesh.can_cull_back_faces and len(self.parts) == 1
@@ -75,31 +86,36 @@ class Scene:
             self._front_faces = arena.buffer("front faces", size=indices.nbytes)
             self._front_drawable = drawable("face", self._front_faces)
 
-    def tiles(self, size: tuple[int, int], scale: int) -> Iterator[Tile]:
-        """Parts of the image of scale x scale samples a pixel, none larger than `size`."""
-        width, height = scale * self.camera.width, scale * self.camera.height
-        for y in range(0, height, size[1]):
-            for x in range(0, width, size[0]):
-                yield x, y, min(size[0], width - x), min(size[1], height - y)
+    def tiles(self, size: tuple[int, int], grid: SampleGrid) -> Iterator[Box]:
+        """Parts of the canvas, none larger than `size`."""
+        for y in range(0, grid.height, size[1]):
+            for x in range(0, grid.width, size[0]):
+                yield x, y, min(size[0], grid.width - x), min(size[1], grid.height - y)
 
-    def draw(self, program: str, tile: Tile, scale: int, poses: int, part: tuple[int, int]) -> None:
+    def draw(
+        self, program: str, tile: Box, grid: SampleGrid, poses: int, part: tuple[int, int]
+    ) -> None:
         """Draw the faces [first, first + n) of `part` into a tile, once a pose."""
-        self._aim(program, tile, scale)
+        self._aim(program, tile, grid)
         uniforms = self._programs[program]
-        for name, value in (("first_face", part[0]), ("stride", part[1] + 1)):
+        for name, value in {
+            "first_face": part[0],
+            "stride": part[1] + 1,
+            "corner": tile[:2],
+        }.items():
             if name in uniforms:
                 uniforms[name].value = value
         self._drawables[program].render(
             moderngl.TRIANGLES, vertices=3 * part[1], first=3 * part[0], instances=poses
         )
 
-    def draw_front(self, tile: Tile, scale: int, eye: FloatArray) -> None:
+    def draw_front(self, tile: Box, grid: SampleGrid, eye: FloatArray) -> None:
         """Draw, into a tile and for one pose, the faces that look towards the eye.
 
         The same image as drawing all with culling on, for half the vertices. What is edge-on to
         within rounding is left to the device to cull.
         """
-        self._aim("face", tile, scale)
+        self._aim("face", tile, grid)
         x, y, z = eye - self.centre
         height = self._planes[0] * x + self._planes[1] * y + self._planes[2] * z - self._offsets
         looking = np.flatnonzero(height > -1e-6 * np.sqrt(x * x + y * y + z * z))
@@ -108,23 +124,25 @@ class Scene:
         self._front_faces.write(front)
         self._front_drawable.render(moderngl.TRIANGLES, vertices=3 * len(front))
 
-    def _aim(self, program: str, tile: Tile, scale: int) -> None:
-        """Set the way from camera axes to clip space: u = fx x/z + cx becomes 2 u/width - 1."""
+    def _aim(self, program: str, tile: Box, grid: SampleGrid) -> None:
+        """Set the way from axes to clip space: x = fx X/Z + cx becomes 2 x/width - 1."""
         x, y, width, height = tile
-        camera = self.camera
+        fx, fy, cx, cy = grid.lens.tolist()
         self._programs[program]["image"].value = (
-            2 * scale * camera.fx / width,
-            2 * scale * camera.fy / height,
-            2 * (scale * camera.cx - x) / width - 1,
-            2 * (scale * camera.cy - y) / height - 1,
+            2 * fx / width,
+            2 * fy / height,
+            2 * (cx - x) / width - 1,
+            2 * (cy - y) / height - 1,
         )
 
 
 class Views:
-    """Poses of a scene, made ready for the device.
+    """Poses of a scene, made ready to be drawn for a grid of samples.
 
     Attributes
     ----------
+    grid : SampleGrid
+        As given.
     near, far : (P,) float64
         Depth planes fitted to what is in view.
     clipped : (P,) bool
@@ -132,22 +150,25 @@ class Views:
     can_cull : (P,) bool
         Of `can_cull`.
     boxes : list of (left, top, right, bottom)
-        Pixels the mesh can reach in each pose.
+        Samples the mesh can reach in each pose.
     eyes : (P, 3) float64
         Camera centres.
     """
 
-    def __init__(self, scene: Scene, poses: FloatArray, is_reversed: bool) -> None:
-        mesh, camera = scene.mesh, scene.camera
+    def __init__(
+        self, scene: Scene, poses: FloatArray, grid: SampleGrid, is_reversed: bool
+    ) -> None:
+        mesh, camera, self.grid = scene.mesh, scene.camera, grid
         self.near, self.far, self.clipped = depth_range(
             mesh.vertices, mesh.faces, mesh.bounds, camera, poses
         )
-        self.boxes = [tuple(box) for box in image_boxes(scene.outline, camera, poses).tolist()]
+        boxes = grid.boxes(image_boxes(scene.outline, camera, poses))
+        self.boxes = [tuple(box) for box in boxes.tolist()]
         self.eyes = eyes = poses[:, :3, 3]
         self.can_cull = can_cull(mesh, poses, self.clipped)
 
         self._records = np.zeros((len(poses), 6, 4), np.float32)
-        self._records[:, :3, :3] = poses[:, :3, :3].transpose(0, 2, 1)
+        self._records[:, :3, :3] = grid.axes(poses)[:, :3, :3].transpose(0, 2, 1)
         self._records[:, 3, :3], self._records[:, 4, :3] = split_floats(eyes - scene.centre)
         if is_reversed:
             self._records[:, 5, 1] = self.near  # clip z = near, so depth = near / z in [0, 1]
