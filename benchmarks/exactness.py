@@ -18,8 +18,7 @@ import time
 
 import numpy as np
 from rows import Report, arguments
-
-# from sampled_bound import shares_that_held
+from sampled_bound import SUPERSAMPLES, compare, generic, machined, truth
 from tracer import Tracer, need_open3d
 
 import rastercov as rc

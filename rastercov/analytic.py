@@ -13,9 +13,6 @@ A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of S
 """
 
 import math
-import sys
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -156,10 +153,3 @@ class View:
         self._pieces, self._n_of = np.empty((n, kernels.WIDTH, 2)), np.empty(n, np.int64)
         self._found, self._found_lines = np.empty(n, np.int32), np.empty((n, 6))
         self._pool = np.empty(8 * n, np.int32)
-
-
-def announce_compilation() -> None:
-    """Say that the loops are compiled, where no earlier run has left them on disk."""
-    folder: Any = getattr(kernels.visible_areas.stats, "cache_path", None)
-    if not folder or not any(Path(folder).glob("analytic_kernels.visible_areas-*.nbi")):
-        print("rastercov: compiling, once after installation", file=sys.stderr, flush=True)

@@ -18,11 +18,9 @@ A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of S
 I. Sutherland, G. Hodgman. Reentrant Polygon Clipping. 1974, for the cuts.
 """
 
-from collections.abc import Callable
-from typing import Any
-
-import numba
 import numpy as np
+
+from rastercov.compiled import compiled, inlined
 
 TIE = 1e-10
 """Relative difference of 1/z up to which two surfaces count as one: the lower index is in front."""
@@ -45,20 +43,7 @@ STACK = 64
 """Parts that wait."""
 
 
-def _compiled(function: Callable[..., Any]) -> Any:
-    """Compile on first use and keep the result on disk, where there is a disk to keep it on."""
-    try:
-        return numba.njit(nogil=True, error_model="numpy", cache=True)(function)
-    except RuntimeError:  # nowhere to write: compile in every process
-        return numba.njit(nogil=True, error_model="numpy")(function)
-
-
-def _inlined(function: Callable[..., Any]) -> Any:
-    """Put in the place of each call: a quarter of the time goes into handing over arrays."""
-    return numba.njit(nogil=True, error_model="numpy", inline="always")(function)
-
-
-@_compiled
+@compiled
 def project(vertices, rotation, eye, lens, near, pyramid, uvw):
     """Image positions and inverse depths of the vertices.
 
@@ -97,7 +82,7 @@ def project(vertices, rotation, eye, lens, near, pyramid, uvw):
         uvw[i, 2] = inverse
 
 
-@_compiled
+@compiled
 def in_camera(point, rotation, eye, out):
     """One world point in camera axes."""
     a = point[0] - eye[0]
@@ -107,7 +92,7 @@ def in_camera(point, rotation, eye, out):
         out[k] = a * rotation[0, k] + b * rotation[1, k] + c * rotation[2, k]
 
 
-@_compiled
+@compiled
 def keep_inside(polygon, n, line, out):
     """Keep the part of an image polygon on the inner side of a line; its corner count.
 
@@ -132,7 +117,7 @@ def keep_inside(polygon, n, line, out):
     return kept
 
 
-@_compiled
+@compiled
 def twice_area(polygon, n):
     """Twice the signed area, positive where the polygon runs clockwise in the image (v down)."""
     total = 0.0
@@ -144,7 +129,7 @@ def twice_area(polygon, n):
     return total
 
 
-@_compiled
+@compiled
 def cut(polygon, n, lines, n_lines, spare):
     """Cut an image polygon, in place, to the inner side of some lines; its corner count."""
     for s in range(n_lines):
@@ -154,7 +139,7 @@ def cut(polygon, n, lines, n_lines, spare):
     return n
 
 
-@_compiled
+@compiled
 def image_border(size):
     """The four sides of the image as lines."""
     lines = np.zeros((4, 5))
@@ -165,7 +150,7 @@ def image_border(size):
     return lines
 
 
-@_compiled
+@compiled
 def cut_in_space(corners, lens, near, size, sides, plane, polygon, spare):
     """What the near plane and the image border leave of a face that reaches behind or far out.
 
@@ -221,7 +206,7 @@ def cut_in_space(corners, lens, near, size, sides, plane, polygon, spare):
     return cut(polygon, 4, sides, SIDES, spare), front
 
 
-@_compiled
+@compiled
 def set_up(
     vertices, faces, flat, rotation, eye, lens, near, size, front_only, uvw, side, state, box, area,
     slot, polygons, n_corners, sides, planes, region,
@@ -343,13 +328,13 @@ def set_up(
     return live, n_cut
 
 
-@_inlined
+@inlined
 def cell(position, origin, per_cell, n):
     """Row or column of the grid that a position falls into; those outside go to the rim."""
     return min(max(np.int64((position - origin) * per_cell), 0), n - 1)
 
 
-@_compiled
+@compiled
 def fill_grid(state, box, grid, columns, rows, starts, listed):
     """List the live faces by the cells their boxes touch; how many entries that makes.
 
@@ -397,7 +382,7 @@ def fill_grid(state, box, grid, columns, rows, starts, listed):
     return total
 
 
-@_inlined
+@inlined
 def outline(f, faces, uvw, side, state, slot, polygons, n_corners, sides, corners, lines):
     """The image of a live face; how many corners and how many lines it has.
 
@@ -429,7 +414,7 @@ def outline(f, faces, uvw, side, state, slot, polygons, n_corners, sides, corner
     return 3, 3
 
 
-@_compiled
+@compiled
 def plane_of(f, faces, uvw, state, slot, planes):
     """A point of the face, u, v and 1/z, and the slope of 1/z along u and v."""
     if state[f] & CUT:
@@ -443,7 +428,7 @@ def plane_of(f, faces, uvw, state, slot, planes):
     return u, v, w, (w1 * v2 - w2 * v1) / twice, (u1 * w2 - u2 * w1) / twice
 
 
-@_inlined
+@inlined
 def separated(lines, n_lines, corners, n):
     """Whether a line has all corners of a polygon beyond it.
 
@@ -462,7 +447,7 @@ def separated(lines, n_lines, corners, n):
     return False
 
 
-@_compiled
+@compiled
 def split(polygon, n, values, inside, outside):
     """Cut a convex polygon where `values` change sign; corner counts of the two parts."""
     kept = lost = 0
@@ -490,7 +475,7 @@ def split(polygon, n, values, inside, outside):
     return kept, lost
 
 
-@_compiled
+@compiled
 def settle(pieces, n_of, at, count):
     """Halve a piece of too many corners along a chord; the number of pieces.
 
@@ -510,7 +495,7 @@ def settle(pieces, n_of, at, count):
     return count
 
 
-@_compiled
+@compiled
 def take_away(pieces, n_of, count, lines, n_sides, n_lines, spare, values):
     """Take a convex occluder from every piece; how many pieces remain, or -1 for want of room.
 
@@ -596,7 +581,7 @@ def take_away(pieces, n_of, count, lines, n_sides, n_lines, spare, values):
     return count
 
 
-@_compiled
+@compiled
 def before(t, m, target, n, lines, n_sides, faces, uvw, box, state, slot, planes, spare, other):
     """How face m stands to face t where their images meet: 1 before it, 0 not, 2 before in part.
 
@@ -642,7 +627,7 @@ def before(t, m, target, n, lines, n_sides, faces, uvw, box, state, slot, planes
     return 2
 
 
-@_inlined
+@inlined
 def is_beyond(lines, n_lines, x0, x1, y0, y1):
     """Whether a line has a whole rectangle beyond it."""
     for s in range(n_lines):
@@ -654,7 +639,7 @@ def is_beyond(lines, n_lines, x0, x1, y0, y1):
     return False
 
 
-@_compiled
+@compiled
 def covers(lines, n_lines, corners, n):
     """Whether all corners of a polygon are on the inner side of all lines."""
     for s in range(n_lines):
@@ -665,7 +650,7 @@ def covers(lines, n_lines, corners, n):
     return True
 
 
-@_compiled
+@compiled
 def find_occluders(
     t, mark, target, n, own, n_own, faces, uvw, side, state, box, slot, polygons, n_corners, sides,
     planes, grid, columns, rows, starts, listed, marks, found, found_lines, corners, lines, spare,
@@ -730,7 +715,7 @@ def find_occluders(
     return count
 
 
-@_compiled
+@compiled
 def subtract(
     polygon, n, pool, first, last, found, found_lines, faces, uvw, side, state, slot, polygons,
     n_corners, sides, pieces, n_of, corners, lines, spare, values,
@@ -766,7 +751,7 @@ def subtract(
     return twice
 
 
-@_compiled
+@compiled
 def halve(parts, n_part, ranges, top, line, pool, found, box, spare):
     """Put the two halves of the part on top of the stack in its place; 0 if that separates little.
 
@@ -815,7 +800,7 @@ def halve(parts, n_part, ranges, top, line, pool, found, box, spare):
     return n_halves
 
 
-@_compiled
+@compiled
 def visible_areas(
     targets, first, faces, uvw, side, state, box, area, slot, polygons, n_corners, sides, planes,
     size, grid, columns, rows, starts, listed, marks, found, found_lines, pool, pieces, n_of,

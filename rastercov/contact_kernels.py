@@ -14,11 +14,9 @@ Detection. 1996, for separating axes.
 T. Akenine-Möller. Fast 3D Triangle-Box Overlap Testing. 2001, for a plane and a box.
 """
 
-from collections.abc import Callable
-from typing import Any
-
-import numba
 import numpy as np
+
+from rastercov.compiled import compiled
 
 LEAF = 4
 """Faces of a leaf."""
@@ -30,15 +28,7 @@ LONG_WALK = 256
 """Steps along the tree after which the planes of a leaf's faces are looked at, too."""
 
 
-def _compiled(function: Callable[..., Any]) -> Any:
-    """Compile on first use and keep the result on disk, where there is a disk to keep it on."""
-    try:
-        return numba.njit(nogil=True, error_model="numpy", cache=True)(function)
-    except RuntimeError:  # nowhere to write: compile in every process
-        return numba.njit(nogil=True, error_model="numpy")(function)
-
-
-@_compiled
+@compiled
 def spread(value):
     """Move bit i of a whole number below 2^21 to bit 3 i."""
     v = np.uint64(value)
@@ -49,7 +39,7 @@ def spread(value):
     return (v | (v << np.uint64(2))) & np.uint64(0x1249249249249249)
 
 
-@_compiled
+@compiled
 def order_keys(placed, faces, keys):
     """Sort key of each face: where the middle of its box stands on a Morton curve.
 
@@ -73,7 +63,7 @@ def order_keys(placed, faces, keys):
         keys[f] = key
 
 
-@_compiled
+@compiled
 def grow_boxes(placed, faces, boxes, nodes, done):
     """Boxes of the faces, of the leaves, and of the tree above them.
 
@@ -108,7 +98,7 @@ def grow_boxes(placed, faces, boxes, nodes, done):
             nodes[n, k] = min(nodes[2 * n, k], nodes[2 * n + 1, k])
 
 
-@_compiled
+@compiled
 def overlap(boxes, i, others, j, reach):
     """Whether two boxes are within `reach` of each other along every axis."""
     f, g = np.uint64(i), np.uint64(j)  # unsigned: no test for counting from the end
@@ -118,13 +108,13 @@ def overlap(boxes, i, others, j, reach):
     return max(x, max(y, z)) <= reach
 
 
-@_compiled
+@compiled
 def dot(points, i, j):
     """Dot product of two rows."""
     return points[i, 0] * points[j, 0] + points[i, 1] * points[j, 1] + points[i, 2] * points[j, 2]
 
 
-@_compiled
+@compiled
 def set_cross(points, i, j, k):
     """Row k becomes the cross product of rows i and j."""
     points[k, 0] = points[i, 1] * points[j, 2] - points[i, 2] * points[j, 1]
@@ -132,7 +122,7 @@ def set_cross(points, i, j, k):
     points[k, 2] = points[i, 0] * points[j, 1] - points[i, 1] * points[j, 0]
 
 
-@_compiled
+@compiled
 def is_gap(points, axis, reach):
     """Whether rows 0 to 2 lie more than `reach` from rows 3 to 5 along the axis in a row."""
     length = dot(points, axis, axis)
@@ -144,7 +134,7 @@ def is_gap(points, axis, reach):
     return gap > reach * np.sqrt(length)
 
 
-@_compiled
+@compiled
 def are_apart(points, reach):
     """Whether an axis shows that two triangles are more than `reach` apart.
 
@@ -183,7 +173,7 @@ def are_apart(points, reach):
     return False
 
 
-@_compiled
+@compiled
 def fan_touches(points, reach):
     """Whether two triangles with one common corner meet elsewhere, too.
 
@@ -211,7 +201,7 @@ def fan_touches(points, reach):
     return not are_apart(points, reach)
 
 
-@_compiled
+@compiled
 def fold_touches(points, reach):
     """Whether two triangles with a common edge are folded onto each other.
 
@@ -240,7 +230,7 @@ def fold_touches(points, reach):
     return dot(points, 14, 14) <= reach * reach * max(one, other)
 
 
-@_compiled
+@compiled
 def touch(vertices, scale, faces, t, m, reach, points):
     """Whether two faces come within `reach` of each other, other than where they are joined.
 
@@ -285,7 +275,7 @@ def touch(vertices, scale, faces, t, m, reach, points):
     return fold_touches(points, reach)
 
 
-@_compiled
+@compiled
 def set_slab(placed, faces, f, points, slabs, i):
     """Row i of `slabs`: the normal of a face, its length, and the face's interval along it."""
     for k in range(3):
@@ -304,7 +294,7 @@ def set_slab(placed, faces, f, points, slabs, i):
     slabs[i, 4], slabs[i, 5] = min(p, min(q, r)), max(p, max(q, r))
 
 
-@_compiled
+@compiled
 def slab_misses(slabs, i, boxes, j, reach):
     """Whether a box lies more than `reach` above or below a face."""
     middle, radius = 0.0, 0.0
@@ -315,7 +305,7 @@ def slab_misses(slabs, i, boxes, j, reach):
     return gap > reach * slabs[i, 3]
 
 
-@_compiled
+@compiled
 def mark(f, marks, done, leaf):
     """Mark a face, and note each node in which it was the last unmarked one."""
     marks[f] = True
@@ -329,7 +319,7 @@ def mark(f, marks, done, leaf):
         done[leaf] = True
 
 
-@_compiled
+@compiled
 def mark_contacts(
     vertices, scale, placed, faces, boxes, nodes, done, reach, first, last, budget, marks
 ):

@@ -12,11 +12,9 @@ such edge separates: of a patch all is seen or nothing. `find_patches` gathers t
 A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of Solids. 1967.
 """
 
-from collections.abc import Callable
-from typing import Any
-
-import numba
 import numpy as np
+
+from rastercov.compiled import compiled
 
 TIE = 1e-10
 """As in `analytic_kernels`: relative difference of 1/z up to which two surfaces count as one."""
@@ -28,15 +26,7 @@ MANY = 2
 """`edge_turn` of an edge that has more than two faces: always a jump."""
 
 
-def _compiled(function: Callable[..., Any]) -> Any:
-    """Compile on first use and keep the result on disk, where there is a disk to keep it on."""
-    try:
-        return numba.njit(nogil=True, error_model="numpy", cache=True)(function)
-    except RuntimeError:  # nowhere to write: compile in every process
-        return numba.njit(nogil=True, error_model="numpy")(function)
-
-
-@_compiled
+@compiled
 def find_jumps(edge_faces, edge_turn, side, is_jump, jumps):
     """Edges whose two sides in the image have different numbers of faces; how many there are.
 
@@ -69,7 +59,7 @@ def find_jumps(edge_faces, edge_turn, side, is_jump, jumps):
     return n
 
 
-@_compiled
+@compiled
 def mark_unfit(state, box, area, in_contact, thinnest):
     """Mark the live faces that no edge need cross: cut in space, in contact, or as thin as a line.
 
@@ -89,13 +79,13 @@ def mark_unfit(state, box, area, in_contact, thinnest):
                 state[f] |= CROSSED
 
 
-@_compiled
+@compiled
 def cell(position, origin, per_cell, n):
     """As in `analytic_kernels`."""
     return min(max(np.int64((position - origin) * per_cell), 0), n - 1)
 
 
-@_compiled
+@compiled
 def narrowed(start, end, low, high, first, last):
     """The part of first ... last where a coordinate that runs from start to end is in low ... high.
 
@@ -108,7 +98,7 @@ def narrowed(start, end, low, high, first, last):
     return max(first, min(enters, leaves)), min(last, max(enters, leaves))
 
 
-@_compiled
+@compiled
 def crosses(f, a, b, segment, slack, faces, uvw, side, box):
     """Whether a segment of the image crosses a face at or before its depth.
 
@@ -188,7 +178,7 @@ def crosses(f, a, b, segment, slack, faces, uvw, side, box):
     return False
 
 
-@_compiled
+@compiled
 def mark_segment(
     a, b, segment, slack, faces, uvw, side, state, box, grid, columns, rows, starts, listed, region
 ):
@@ -231,7 +221,7 @@ def mark_segment(
                     state[f] |= CROSSED
 
 
-@_compiled
+@compiled
 def bring_into_view(a, b, vertices, rotation, eye, lens, near, pyramid, segment, ends):
     """Image of an edge that reaches before the near plane or far out; False where nothing is left.
 
@@ -287,7 +277,7 @@ def bring_into_view(a, b, vertices, rotation, eye, lens, near, pyramid, segment,
     return True
 
 
-@_compiled
+@compiled
 def mark_crossed(
     jumps, n_jumps, edge_vertices, vertices, faces, rotation, eye, lens, near, pyramid, uvw, side,
     state, box, slot, polygons, n_corners, planes, grid, columns, rows, starts, listed, region,
@@ -347,14 +337,14 @@ def mark_crossed(
                 )  # fmt: skip
 
 
-@_compiled
+@compiled
 def is_inside(point, size):
     """Whether a vertex, by its row of `uvw`, lies in the image."""
     u, v = point[0], point[1]
     return point[2] > 0 and 0 <= u <= size[0] and 0 <= v <= size[1]
 
 
-@_compiled
+@compiled
 def find_patches(
     face_edges, edge_faces, edge_turn, edge_vertices, is_jump, uvw, size, state, area, patch,
     queue, targets,
@@ -413,7 +403,7 @@ def find_patches(
     return n_crossed, n
 
 
-@_compiled
+@compiled
 def decide(patch, targets, n_crossed, n_patches, area, visible, doubtful, sure):
     """Give each face of a patch the answer of its largest; how many faces that leaves in doubt.
 

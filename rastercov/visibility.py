@@ -35,9 +35,8 @@ from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.parallel import share_poses, thread_count
 from rastercov.pose import valid_poses
-from rastercov.projection import near_cuts, near_limit
 from rastercov.raster.contract import FaceCounts, RasterizerInfo, open_rasterizer
-from rastercov.raster.rules import can_cull
+from rastercov.raster.rules import limits
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -284,10 +283,12 @@ class _SampledObserver:
 
 class _AnalyticObserver:
     def __init__(self, mesh: Mesh, camera: Camera, method: str, threads: int | None) -> None:
-        from rastercov import analytic, contour  # compile, or load what was compiled
+        # These compile, or load what was compiled.
+        from rastercov import analytic, analytic_kernels, contour
+        from rastercov.compiled import announce_compilation
         from rastercov.surface import surface_of
 
-        analytic.announce_compilation()
+        announce_compilation(analytic_kernels.visible_areas)
         self.mesh, self.camera = mesh, camera
         self.info = RasterizerInfo(
             backend="analytic",
@@ -306,11 +307,7 @@ class _AnalyticObserver:
     def observe(self, poses: ArrayLike) -> Observation:
         matrices = valid_poses(poses)
         n_poses, n_faces = len(matrices), self.mesh.n_faces
-        clipped = near_cuts(
-            self.mesh.vertices, self.mesh.faces, self.mesh.bounds, self.camera, matrices
-        )
-        near = near_limit(self.camera, self.mesh.bounds, matrices)
-        front_only = can_cull(self.mesh, matrices, clipped)
+        near, front_only, clipped = limits(self.mesh, self.camera, matrices)
         visible, area = np.empty((n_poses, n_faces)), np.empty((n_poses, n_faces))
         kind = np.full((n_poses, n_faces), Kind.EXACT, np.uint8)
 

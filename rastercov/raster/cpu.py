@@ -5,34 +5,30 @@ Each pose is independent and runs in one thread, start to end, through the compi
 so results do not depend on their number.
 """
 
-import os
-import sys
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable
 from importlib.metadata import version
-from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.camera import Camera
+from rastercov.compiled import announce_compilation
 from rastercov.errors import ConfigError, DeviceError, ResourceError
 from rastercov.mesh import Mesh
+from rastercov.parallel import share_poses, thread_count
 from rastercov.pose import valid_poses
-from rastercov.projection import near_cuts, near_limit
 from rastercov.raster import canary, kernels
 from rastercov.raster.contract import FaceCounts, RasterizerInfo, VisibilityBuffer
 from rastercov.raster.grid import SampleGrid
-from rastercov.raster.rules import can_cull, in_one_order
+from rastercov.raster.rules import in_one_order, limits
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 MAX_SIDE = 1 << 20
 """Largest image side in samples: edges are walked in 64-bit whole numbers of 1/256 sample."""
-POSES_A_TURN = 16
-"""Poses a thread takes at a time: enough to stay in the loops, few enough to share evenly."""
 
 
 class CPURasterizer:
@@ -55,8 +51,6 @@ class CPURasterizer:
         roll: float = 0.0,
         threads: int | None = None,
     ) -> None:
-        if threads is not None and (isinstance(threads, bool) or threads < 1):
-            raise ConfigError(f"threads must be 1 or more, got {threads!r}")
         self._grid = SampleGrid(camera, supersample, roll)
         side = max(self._grid.width, self._grid.height)
         if side > MAX_SIDE:
@@ -64,6 +58,7 @@ class CPURasterizer:
                 f"an image side must be at most {MAX_SIDE:,} samples, got {side:,}; "
                 "lower supersample or use gl"
             )
+        self._threads = thread_count(threads)
         self.mesh, self.camera, self.supersample, self.roll = mesh, camera, supersample, roll
         self.info = RasterizerInfo(
             backend="cpu",
@@ -74,9 +69,8 @@ class CPURasterizer:
             depth="float32 1/z",
             shaders="",
         )
-        self._threads = threads or len(os.sched_getaffinity(0))
         self._is_open = True
-        _announce_compilation()
+        announce_compilation(kernels.fill_tiles)
         self._scene = _Scene(mesh)
         self._check()
 
@@ -96,7 +90,7 @@ class CPURasterizer:
             raise DeviceError("this rasteriser is closed; open a new one")
         shape = (self.camera.height, self.camera.width)
         face, depth = np.full(shape, -1, np.int32), np.full(shape, np.inf, np.float32)
-        near, cull, _ = _limits(self.mesh, self.camera, matrices)
+        near, cull, _ = limits(self.mesh, self.camera, matrices)
         visible = np.zeros((1, self.mesh.n_faces), np.int64)
         _View(self._scene, SampleGrid(self.camera)).count(
             matrices, near, cull, visible, None, (face, depth)
@@ -130,32 +124,17 @@ class CPURasterizer:
         shape = (len(poses), scene.mesh.n_faces)
         visible = np.zeros(shape, np.int64)
         drawn = np.zeros(shape, np.int64) if with_drawn else None
-        near, cull, clipped = _limits(scene.mesh, camera, poses)
-        threads = max(1, min(self._threads, len(poses)))
-        step = max(1, min(POSES_A_TURN, len(poses) // threads))
-        turns = [slice(start, start + step) for start in range(0, len(poses), step)]
-        views = [_View(scene, grid) for _ in range(threads)]
+        near, cull, clipped = limits(scene.mesh, camera, poses)
 
-        def work(view: _View) -> None:
-            try:
-                while turns:
-                    try:
-                        turn = turns.pop()
-                    except IndexError:  # another thread took the last one
-                        return
-                    rows = None if drawn is None else drawn[turn]
-                    view.count(poses[turn], near[turn], cull[turn], visible[turn], rows)
-            finally:
-                turns.clear()  # empty already, unless something went wrong: then all stop
+        def worker(view: _View) -> Callable[[slice], None]:
+            def work(turn: slice) -> None:
+                rows = None if drawn is None else drawn[turn]
+                view.count(poses[turn], near[turn], cull[turn], visible[turn], rows)
 
-        if threads == 1:
-            work(views[0])
-        else:
-            with ThreadPoolExecutor(threads) as pool:
-                try:
-                    list(pool.map(work, views))
-                finally:
-                    turns.clear()  # an interrupt comes here, and ends the threads after their turn
+            return work
+
+        n_threads = max(1, min(self._threads, len(poses)))
+        share_poses(len(poses), [worker(_View(scene, grid)) for _ in range(n_threads)])
         background = grid.n_samples - visible.sum(axis=1)
         return FaceCounts(
             visible, drawn, background, clipped, grid.supersample, self.info, self.roll
@@ -245,18 +224,3 @@ class _View:
             self._make_room(corners)
         else:
             self.listed = np.empty(int(self.starts[-1] * 1.25), np.int32)
-
-
-def _limits(
-    mesh: Mesh, camera: Camera, poses: FloatArray
-) -> tuple[FloatArray, NDArray[np.bool_], NDArray[np.bool_]]:
-    """Near plane, whether back faces can be left out, and whether a surface is cut; (P,) each."""
-    clipped = near_cuts(mesh.vertices, mesh.faces, mesh.bounds, camera, poses)
-    return near_limit(camera, mesh.bounds, poses), can_cull(mesh, poses, clipped), clipped
-
-
-def _announce_compilation() -> None:
-    """Say that the loops are compiled, where no earlier run has left them on disk."""
-    folder: Any = getattr(kernels.fill_tiles.stats, "cache_path", None)
-    if not folder or not any(Path(folder).glob("kernels.fill_tiles-*.nbi")):
-        print("rastercov: compiling, once after installation", file=sys.stderr, flush=True)

@@ -20,11 +20,10 @@ J. Pineda. A Parallel Algorithm for Polygon Rasterization. 1988, for tiles and e
 J. E. Bresenham. Algorithm for Computer Control of a Digital Plotter. 1965, for the edges.
 """
 
-from collections.abc import Callable
-from typing import Any
-
 import numba
 import numpy as np
+
+from rastercov.compiled import compiled
 
 TILE_BITS_X, TILE_BITS_Y = 7, 6
 TILE_WIDTH, TILE_HEIGHT = 1 << TILE_BITS_X, 1 << TILE_BITS_Y
@@ -39,15 +38,7 @@ CLIP_CORNERS = 8
 """A triangle cut by five planes has at most this many corners."""
 
 
-def _compiled(function: Callable[..., Any]) -> Any:
-    """Compile on first use and keep the result on disk, where there is a disk to keep it on."""
-    try:
-        return numba.njit(nogil=True, error_model="numpy", cache=True)(function)
-    except RuntimeError:  # nowhere to write: compile in every process
-        return numba.njit(nogil=True, error_model="numpy")(function)
-
-
-@_compiled
+@compiled
 def project(vertices, rotation, eye, lens, near, u, v, w):
     """Image positions and inverse depths of the vertices; returns how many must be clipped.
 
@@ -89,7 +80,7 @@ def project(vertices, rotation, eye, lens, near, u, v, w):
     return outside
 
 
-@_compiled
+@compiled
 def count_clipped(faces, u):
     """How many faces have a vertex that needs clipping."""
     n = 0
@@ -99,7 +90,7 @@ def count_clipped(faces, u):
     return n
 
 
-@_compiled
+@compiled
 def clip(corners, n, plane, offset, out):
     """Keep the part of a convex polygon where plane . p >= offset; returns its corner count.
 
@@ -132,7 +123,7 @@ def clip(corners, n, plane, offset, out):
     return kept
 
 
-@_compiled
+@compiled
 def step(position):
     """Nearest whole step: where a vertex stands when samples are given out."""
     return np.int64(np.floor(position + 0.5))
@@ -168,7 +159,7 @@ def keep(a, b, c, face, u, v, width, height, side, triangles, n, tiles, starts):
     return n + 1
 
 
-@_compiled
+@compiled
 def set_up(
     vertices, faces, rotation, eye, lens, near, size, side, u, v, w, triangles, tiles, starts
 ):
@@ -243,7 +234,7 @@ def set_up(
     return n
 
 
-@_compiled
+@compiled
 def bin_triangles(n, tiles, columns, starts, places, listed):
     """List the triangles of each tile, in order; `places` is a copy of `starts` to count up."""
     for k in range(n):
@@ -254,7 +245,7 @@ def bin_triangles(n, tiles, columns, starts, places, listed):
                 places[tile] += 1
 
 
-@_compiled
+@compiled
 def divide(numerator, divisor, inverse):
     """Quotient, rounded down, and remainder of whole numbers, by their rough product in floats.
 
@@ -269,7 +260,7 @@ def divide(numerator, divisor, inverse):
     return quotient, rest
 
 
-@_compiled
+@compiled
 def edge(xa, ya, xb, yb, row):
     """First sample on a row at or right of an edge that runs down from a to b.
 
@@ -289,7 +280,7 @@ def edge(xa, ya, xb, yb, row):
     return sample, rest, stride, stride_rest, divisor
 
 
-@_compiled
+@compiled
 def from_top(ax, ay, bx, by, cx, cy):
     """Corners of a triangle from top to bottom: a above b above c."""
     if by < ay:
@@ -301,7 +292,7 @@ def from_top(ax, ay, bx, by, cx, cy):
     return ax, ay, bx, by, cx, cy
 
 
-@_compiled
+@compiled
 def count_drawn(n, u, v, size, first, last, triangles, drawn):
     """Add the samples of each triangle, hidden or not, to the count of its face.
 
@@ -351,7 +342,7 @@ def count_drawn(n, u, v, size, first, last, triangles, drawn):
         drawn[triangles[k, 3]] += covered
 
 
-@_compiled
+@compiled
 def fill_tiles(
     u, v, w, size, first, last, triangles, starts, listed, depth, depth_bits, owner, visible, drawn,
     image_face, image_depth,
@@ -481,7 +472,7 @@ def fill_tiles(
                         image_depth[j, i] = np.float32(1.0 / depth[at_sample])
 
 
-@_compiled
+@compiled
 def count_poses(
     poses, nears, culls, begin, end, vertices, faces, lens, size, first, last, u, v, w, triangles,
     tiles, starts, places, listed, depth, depth_bits, owner, room, visible, drawn, with_drawn,

@@ -3,7 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.camera import Camera
 from rastercov.mesh import Mesh
+from rastercov.projection import near_cuts, near_limit
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -18,6 +20,14 @@ def can_cull(mesh: Mesh, poses: FloatArray, clipped: NDArray[np.bool_]) -> NDArr
     outside = ((eyes < mesh.bounds[0]) | (eyes > mesh.bounds[1])).any(axis=1)
     allowed: NDArray[np.bool_] = outside & ~clipped & mesh.can_cull_back_faces
     return allowed
+
+
+def limits(
+    mesh: Mesh, camera: Camera, poses: FloatArray
+) -> tuple[FloatArray, NDArray[np.bool_], NDArray[np.bool_]]:
+    """Near plane, whether back faces can be left out, and whether a surface is cut; (P,) each."""
+    clipped = near_cuts(mesh.vertices, mesh.faces, mesh.bounds, camera, poses)
+    return near_limit(camera, mesh.bounds, poses), can_cull(mesh, poses, clipped), clipped
 
 
 def in_one_order(mesh: Mesh) -> IntArray:
