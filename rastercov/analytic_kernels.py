@@ -203,7 +203,7 @@ def cut_in_space(corners, lens, near, size, sides, plane, polygon, spare):
         else:
             a, b, c = -plane[3], -plane[4], 1 / near - plane[2]
         sides[s, 2], sides[s, 3], sides[s, 4] = b, -a, c
-    return cut(polygon, 4, sides, SIDES, spare), front
+    return cut(polygon, np.int64(4), sides, sides.shape[0], spare), front
 
 
 @compiled
@@ -274,7 +274,7 @@ def set_up(
                 polygon[0, 0], polygon[0, 1] = u0, v0
                 polygon[1, 0], polygon[1, 1] = u1, v1
                 polygon[2, 0], polygon[2, 1] = u2, v2
-                n = cut(polygon, 3, border, 4, spare)
+                n = cut(polygon, np.int64(3), border, border.shape[0], spare)
                 inside = abs(twice_area(polygon, n)) / 2 if n >= 3 else 0.0
         else:
             in_camera(vertices[i], rotation, eye, corners[0])
@@ -729,7 +729,7 @@ def subtract(
     """
     for p in range(n):
         pieces[0, p, 0], pieces[0, p, 1] = polygon[p, 0], polygon[p, 1]
-    n_of[0], count = n, 1
+    n_of[0], count = n, np.int64(1)
     for index in range(first, last):
         which = pool[index]
         _, n_lines = outline(
@@ -845,7 +845,7 @@ def visible_areas(
             t, faces, uvw, side, state, slot, polygons, n_corners, sides, target, own
         )
         if state[t] & PARTLY:
-            n = cut(target, n, border, 4, spare)
+            n = cut(target, n, border, border.shape[0], spare)
         count = find_occluders(
             t, t, target, n, own, n_own, faces, uvw, side, state, box, slot, polygons, n_corners,
             sides, planes, grid, columns, rows, starts, listed, marks, found, found_lines, corners,

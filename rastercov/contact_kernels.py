@@ -16,7 +16,7 @@ T. Akenine-Möller. Fast 3D Triangle-Box Overlap Testing. 2001, for a plane and 
 
 import numpy as np
 
-from rastercov.compiled import compiled
+from rastercov.compiled import compiled, inlined
 
 LEAF = 4
 """Faces of a leaf."""
@@ -108,7 +108,7 @@ def overlap(boxes, i, others, j, reach):
     return max(x, max(y, z)) <= reach
 
 
-@compiled
+@inlined
 def dot(points, i, j):
     """Dot product of two rows."""
     return points[i, 0] * points[j, 0] + points[i, 1] * points[j, 1] + points[i, 2] * points[j, 2]
