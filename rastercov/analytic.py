@@ -29,6 +29,8 @@ MARGIN = 0.25
 """Of the image size: what reaches farther out than this is cut in space, before it is projected."""
 MOST_CELLS = 1 << 14
 """Columns, or rows, of the grid."""
+LEAST_SIDE = 1e-100
+"""Pixels; of what the grid covers."""
 CELLS_A_FACE = 2
 """Cells of the grid for each face, unless that makes more entries than this:"""
 ENTRIES_A_FACE = 4
@@ -47,6 +49,8 @@ class View:
         Faces known to be seen whole or not at all.
     n_cut : int
         Faces that were cut in space.
+    grain : float
+        The largest number that positions in the image are made from, pixels: rounding goes with it.
     """
 
     def __init__(self, surface: Surface, camera: Camera) -> None:
@@ -54,6 +58,7 @@ class View:
         n_faces = len(surface.faces)
         self.size = np.array((camera.width, camera.height), np.float64)
         self.lens = np.array((camera.fx, camera.fy, camera.cx, camera.cy))
+        self.grain = float(max(*self.size, *np.abs(self.lens)))
         low, high = -MARGIN * self.size - 1, (1 + MARGIN) * self.size + 1
         self.pyramid = np.array((low[0], high[0], low[1], high[1]))
         self.uvw = np.empty((len(surface.vertices), 3))
@@ -81,7 +86,7 @@ class View:
             Faces seen from behind neither hide nor are seen.
         """
         surface = self.surface
-        self.rotation, self.eye = np.ascontiguousarray(pose[:3, :3]), pose[:3, 3] - surface.centre
+        self.rotation, self.eye = np.ascontiguousarray(pose[:3, :3]), pose[:3, 3].copy()
         self.near = near
         kernels.project(
             surface.vertices, self.rotation, self.eye, self.lens, near, self.pyramid, self.uvw
@@ -106,7 +111,7 @@ class View:
             done = kernels.visible_areas(
                 targets, done, self.surface.faces, self.uvw, self.side, self.state, self.box,
                 self.area, self.slot, self.polygons, self.n_corners, self.sides, self.planes,
-                self.size, self.grid, self.columns, self.rows, self.starts, self.listed,
+                self.size, self.grain, self.grid, self.columns, self.rows, self.starts, self.listed,
                 self._marks, self._found, self._found_lines, self._pool, self._pieces, self._n_of,
                 self.visible,
             )  # fmt: skip
@@ -121,11 +126,12 @@ class View:
     def _fill_grid(self, n_live: int) -> None:
         """List the live faces by cells: as many as the entries that large faces make allow."""
         left, right, top, bottom, *sums = self.region.tolist() if n_live else (0, 1, 0, 1, 0, 0, 0)
-        wide, high, (widths, heights, areas) = right - left, bottom - top, sums
+        wide, high = max(right - left, LEAST_SIDE), max(bottom - top, LEAST_SIDE)
+        widths, heights, areas = sums
         cells = CELLS_A_FACE * n_live + 1.0
         while True:
-            self.columns = min(max(1, int(math.sqrt(cells * wide / high))), MOST_CELLS)
-            self.rows = min(max(1, int(cells / self.columns)), MOST_CELLS)
+            self.columns = int(min(max(1.0, math.sqrt(cells * (wide / high))), MOST_CELLS))
+            self.rows = int(min(max(1.0, cells / self.columns), MOST_CELLS))
             across, down = self.columns / wide, self.rows / high
             # A box w wide and h high touches (1 + w across)(1 + h down) cells, on average.
             entries = n_live + widths * across + heights * down + areas * across * down

@@ -25,7 +25,8 @@ from rastercov.compiled import compiled, inlined
 TIE = 1e-10
 """Relative difference of 1/z up to which two surfaces count as one: the lower index is in front."""
 RESIDUE = 4 * 2.0**-52
-"""Rounding of a position, as a part of the image size: times a face's extent, that of its area."""
+"""Rounding of a position in the image, as a part of the largest number it was made from (`grain`):
+times a face's extent, that of its area."""
 LIVE, CUT, PARTLY = 1, 2, 4
 """Bits of a face's state: it reaches into the image; its image is a polygon made by cutting it in
 space; it reaches out of the image."""
@@ -161,7 +162,7 @@ def cut_in_space(corners, lens, near, size, sides, plane, polygon, spare):
     Parameters
     ----------
     corners : (3, 3) float64
-        The face in camera axes.
+        The face in camera axes; scaled in place.
     lens, near, size
         As for `set_up`.
     sides : (4, 5) float64
@@ -171,6 +172,13 @@ def cut_in_space(corners, lens, near, size, sides, plane, polygon, spare):
     polygon, spare : (12, 2) float64
         Out and scratch: its image, clockwise.
     """
+    # In units of the face's own reach, so that no product under- or overflows; a power of two, so
+    # that nothing is rounded.
+    reach = 2.0 ** np.floor(np.log2(np.abs(corners).max()))
+    if not (reach > 0 and np.isfinite(1 / reach)):
+        return 0, 0
+    corners /= reach
+    near = near / reach
     ax, ay, az = corners[0, 0], corners[0, 1], corners[0, 2]
     bx, by, bz = corners[1, 0] - ax, corners[1, 1] - ay, corners[1, 2] - az
     cx, cy, cz = corners[2, 0] - ax, corners[2, 1] - ay, corners[2, 2] - az
@@ -203,6 +211,7 @@ def cut_in_space(corners, lens, near, size, sides, plane, polygon, spare):
         else:
             a, b, c = -plane[3], -plane[4], 1 / near - plane[2]
         sides[s, 2], sides[s, 3], sides[s, 4] = b, -a, c
+    plane[2], plane[3], plane[4] = plane[2] / reach, plane[3] / reach, plane[4] / reach
     return cut(polygon, np.int64(4), sides, sides.shape[0], spare), front
 
 
@@ -496,7 +505,7 @@ def settle(pieces, n_of, at, count):
 
 
 @compiled
-def take_away(pieces, n_of, count, lines, n_sides, n_lines, spare, values):
+def take_away(pieces, n_of, count, lines, n_sides, n_lines, rounding, spare, values):
     """Take a convex occluder from every piece; how many pieces remain, or -1 for want of room.
 
     Parameters
@@ -510,6 +519,10 @@ def take_away(pieces, n_of, count, lines, n_sides, n_lines, spare, values):
         first its sides, then, where it hides only a part, the line where the depths are equal.
     n_sides, n_lines : int
         Lines that are sides, and all in use.
+    rounding : float
+        Pixels from a line up to which a corner is on it. Without it the slivers that rounding
+        leaves along the common side of two occluders are cut by every line near them, and double
+        with each.
     spare, values : (WIDTH, 2), (WIDTH,) float64
         Scratch.
     """
@@ -520,15 +533,16 @@ def take_away(pieces, n_of, count, lines, n_sides, n_lines, spare, values):
         cutting, missed = 0, False
         for s in range(n_lines):
             x, y, dx, dy, c = lines[s, 0], lines[s, 1], lines[s, 2], lines[s, 3], lines[s, 4]
+            slack = rounding * (abs(dx) + abs(dy))
             least, most = 0.0, 0.0
             for p in range(n):
                 value = dx * (pieces[i, p, 1] - y) - dy * (pieces[i, p, 0] - x) + c
                 least = min(least, value)
                 most = max(most, value)
-            if most == 0 and s < n_sides:
+            if most <= slack and s < n_sides:
                 missed = True
                 break
-            if least < 0:
+            if least < -slack:
                 cutting |= 1 << s
         if missed:
             i += 1
@@ -540,13 +554,14 @@ def take_away(pieces, n_of, count, lines, n_sides, n_lines, spare, values):
             if not cutting >> s & 1:
                 continue
             x, y, dx, dy, c = lines[s, 0], lines[s, 1], lines[s, 2], lines[s, 3], lines[s, 4]
+            slack = rounding * (abs(dx) + abs(dy))
             n = n_of[i]
             least, most = 0.0, 0.0
             for p in range(n):
                 value = dx * (pieces[i, p, 1] - y) - dy * (pieces[i, p, 0] - x) + c
-                values[p] = value
-                least = min(least, value)
-                most = max(most, value)
+                values[p] = value if abs(value) > slack else 0.0
+                least = min(least, values[p])
+                most = max(most, values[p])
             if most == 0:
                 hidden = False
                 break
@@ -604,7 +619,7 @@ def before(t, m, target, n, lines, n_sides, faces, uvw, box, state, slot, planes
     u_t, v_t, w_t, a_t, b_t = plane_of(t, faces, uvw, state, slot, planes)
     u_m, v_m, w_m, a_m, b_m = plane_of(m, faces, uvw, state, slot, planes)
     tied = True
-    least, most, first = 0.0, 0.0, 0.0
+    least, most, first, noise = 0.0, 0.0, 0.0, 0.0
     for p in range(n):
         x, y = spare[p, 0], spare[p, 1]
         mine = w_t + a_t * (x - u_t) + b_t * (y - v_t)
@@ -615,11 +630,20 @@ def before(t, m, target, n, lines, n_sides, faces, uvw, box, state, slot, planes
         if abs(nearer) > TIE * max(mine, its):
             tied = False
         least, most = min(least, nearer), max(most, nearer)
+        noise = max(noise, 8 * 2.0**-52 * max(mine, its))
     if tied:
         return 1 if m < t else 0
-    if most <= 0:
+    # Two planes meet along an edge that the faces share, and nowhere else.
+    i, j, k = faces[t, 0], faces[t, 1], faces[t, 2]
+    shared = 0
+    for p in range(3):
+        if faces[m, p] in (i, j, k):
+            shared += 1
+    if shared >= 2:
+        return 1 if most > -least else 0
+    if most <= noise:
         return 0
-    if least >= 0:
+    if least >= -noise:
         return 1
     # first + (a_m - a_t)(x - x0) + (b_m - b_t)(y - y0) >= 0
     lines[n_sides, 0], lines[n_sides, 1] = spare[0, 0], spare[0, 1]
@@ -718,7 +742,7 @@ def find_occluders(
 @compiled
 def subtract(
     polygon, n, pool, first, last, found, found_lines, faces, uvw, side, state, slot, polygons,
-    n_corners, sides, pieces, n_of, corners, lines, spare, values,
+    n_corners, sides, pieces, n_of, rounding, corners, lines, spare, values,
 ):  # fmt: skip
     """Twice the area of a polygon that some of the faces found leave, -1 for want of room.
 
@@ -740,7 +764,7 @@ def subtract(
             for p in range(5):
                 lines[n_sides, p] = found_lines[which, 1 + p]
             n_lines += 1
-        count = take_away(pieces, n_of, count, lines, n_sides, n_lines, spare, values)
+        count = take_away(pieces, n_of, count, lines, n_sides, n_lines, rounding, spare, values)
         if count == 0:
             return 0.0
         if count < 0:
@@ -803,8 +827,8 @@ def halve(parts, n_part, ranges, top, line, pool, found, box, spare):
 @compiled
 def visible_areas(
     targets, first, faces, uvw, side, state, box, area, slot, polygons, n_corners, sides, planes,
-    size, grid, columns, rows, starts, listed, marks, found, found_lines, pool, pieces, n_of,
-    visible,
+    size, grain, grid, columns, rows, starts, listed, marks, found, found_lines, pool, pieces,
+    n_of, visible,
 ):  # fmt: skip
     """Visible px^2 of faces; how many of `targets` are done.
 
@@ -820,6 +844,8 @@ def visible_areas(
         As `set_up` left them.
     size : (2,) float64
         Width and height of the image.
+    grain : float
+        The largest number that positions in the image are made from.
     grid, columns, rows, starts, listed
         As `fill_grid` left them.
     marks : (F,) int64
@@ -835,7 +861,7 @@ def visible_areas(
     spare, other, values = np.empty((WIDTH, 2)), np.empty((WIDTH, 2)), np.empty(WIDTH)
     lines, own, border = np.empty((SIDES + 1, 5)), np.empty((SIDES, 5)), image_border(size)
     parts, n_part = np.empty((STACK, 2 * CORNERS, 2)), np.empty(STACK, np.int64)
-    ranges, line = np.empty((STACK, 2), np.int64), np.zeros(5)
+    ranges, line, rounding = np.empty((STACK, 2), np.int64), np.zeros(5), RESIDUE * grain
     for index in range(first, targets.shape[0]):
         t = targets[index]
         visible[t] = 0.0
@@ -880,14 +906,14 @@ def visible_areas(
                 continue
             rest = subtract(
                 parts[top], n, pool, low, high, found, found_lines, faces, uvw, side, state, slot,
-                polygons, n_corners, sides, pieces, n_of, corners, lines, spare, values,
+                polygons, n_corners, sides, pieces, n_of, rounding, corners, lines, spare, values,
             )  # fmt: skip
             if rest < 0:
                 marks[:] = -1
                 return index
             twice += rest
         # What rounding leaves of a face that is all hidden is nothing, and of one that is not, all.
-        residue = RESIDUE * max(size[0], size[1]) * (box[t, 1] - box[t, 0] + box[t, 3] - box[t, 2])
+        residue = rounding * (box[t, 1] - box[t, 0] + box[t, 3] - box[t, 2])
         seen = twice / 2
         visible[t] = 0.0 if seen <= residue else area[t] if seen >= area[t] - residue else seen
     return targets.shape[0]

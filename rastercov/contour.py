@@ -27,9 +27,9 @@ SURE = 1e-6
 """Part of the largest face of a patch up to which rounding may make all or nothing of it; one that
 is seen in part shows an edge that was missed, and all faces of its patch are measured."""
 NEAR_MISS = 1e-9
-"""Of the image size: a face that an edge passes closer than this counts as crossed."""
-THINNEST = 1e-5
-"""Width in pixels below which rounding may decide on which side of a face an edge runs."""
+"""Of `View.grain`: a face that an edge passes closer than this counts as crossed."""
+THINNEST = 1e-8
+"""Of the same: width below which rounding may decide on which side of a face an edge runs."""
 
 
 class CertifiedView(View):
@@ -48,23 +48,28 @@ class CertifiedView(View):
         super().__init__(surface, camera)
         n_edges, n_faces = len(surface.edge_turn), len(surface.faces)
         self._is_jump, self._jumps = np.empty(n_edges, np.bool_), np.empty(n_edges, np.int32)
+        self._is_at_jump = np.empty(len(surface.vertices), np.bool_)
         self.patch, self._targets = np.empty(n_faces, np.int32), np.empty(n_faces, np.int32)
         self._scratch = np.empty(n_faces, np.int32)
 
     def measure_all(self) -> None:
         """Put what is seen of every face into `visible`."""
         surface = self.surface
-        contacts = surface.contacts(float(np.linalg.norm(self.eye)) + surface.diagonal / 2)
+        away = float(np.linalg.norm(self.eye - surface.centre))
+        contacts = surface.contacts(away + surface.diagonal / 2)
         self.n_jumps = kernels.find_jumps(
             surface.edge_faces, surface.edge_turn, self.side, self._is_jump, self._jumps
         )
-        kernels.mark_unfit(self.state, self.box, self.area, contacts, THINNEST)
+        kernels.mark_unfit(
+            self._jumps, self.n_jumps, surface.edge_vertices, surface.faces, self.state, self.box,
+            self.area, contacts, THINNEST * self.grain, self._is_at_jump,
+        )  # fmt: skip
         kernels.mark_crossed(
             self._jumps, self.n_jumps, surface.edge_vertices, surface.vertices, surface.faces,
             self.rotation, self.eye, self.lens, self.near, self.pyramid, self.uvw, self.side,
             self.state, self.box, self.slot, self.polygons, self.n_corners, self.planes, self.grid,
             self.columns, self.rows, self.starts, self.listed, self.region,
-            NEAR_MISS * float(self.size.max()), self.n_cut > 0,
+            NEAR_MISS * self.grain, self.n_cut > 0,
         )  # fmt: skip
         self.n_crossed, self.n_patches = kernels.find_patches(
             surface.face_edges, surface.edge_faces, surface.edge_turn, surface.edge_vertices,

@@ -60,22 +60,41 @@ def find_jumps(edge_faces, edge_turn, side, is_jump, jumps):
 
 
 @compiled
-def mark_unfit(state, box, area, in_contact, thinnest):
-    """Mark the live faces that no edge need cross: cut in space, in contact, or as thin as a line.
+def mark_unfit(
+    jumps, n_jumps, edge_vertices, faces, state, box, area, in_contact, thinnest, is_at_jump
+):
+    """Mark the live faces that are not to be certified, whether an edge crosses them or not.
+
+    Those that are cut in space, in contact with another, or as thin as a line; and those that the
+    image border cuts where a jump ends at one of their corners. There the face may be folded onto
+    another one so that inside the image, but not beyond it, both are at one depth.
 
     Parameters
     ----------
+    jumps, n_jumps, edge_vertices, faces
+        As for `mark_crossed`.
     state, box, area
         As `analytic_kernels.set_up` left them; `CROSSED` is added to the state.
     in_contact : (F,) bool
         Faces that another one touches or cuts.
     thinnest : float
         Width in pixels below which rounding may decide on which side of a face an edge runs.
+    is_at_jump : (V,) bool
+        Scratch.
     """
+    is_at_jump[:] = False
+    for index in range(n_jumps):
+        is_at_jump[edge_vertices[jumps[index], 0]] = True
+        is_at_jump[edge_vertices[jumps[index], 1]] = True
     for f in range(state.shape[0]):
         if state[f] & LIVE:
             sides = box[f, 1] - box[f, 0] + box[f, 3] - box[f, 2]
-            if state[f] & CUT or in_contact[f] or area[f] < thinnest * sides:
+            unfit = state[f] & CUT or in_contact[f] or area[f] < thinnest * sides
+            if state[f] & PARTLY and not unfit:
+                unfit = (
+                    is_at_jump[faces[f, 0]] or is_at_jump[faces[f, 1]] or is_at_jump[faces[f, 2]]
+                )
+            if unfit:
                 state[f] |= CROSSED
 
 

@@ -34,11 +34,12 @@ class Surface:
     Attributes
     ----------
     centre : (3,) float64
-        Origin of `vertices`: the middle of the bounding box, metres.
+        The middle of the bounding box, metres.
     diagonal : float
         Of the bounding box, metres.
     vertices : (V, 3) float64
-        Those that faces use, each position once, from `centre`.
+        Those that faces use, each position once. Not shifted: a difference of two positions is
+        rounded once.
     faces : (F, 3) int32
         In the order of the mesh.
     flat : (F,) bool
@@ -98,12 +99,11 @@ def _build(mesh: Mesh) -> Surface:
     is_used[mesh.positions] = True
     row = np.cumsum(is_used) - 1
     faces = row[mesh.positions].astype(np.int32)
-    centre = mesh.bounds.mean(axis=0)
     face_edges, edge_vertices, edge_faces, edge_turn = _edges(faces, int(is_used.sum()))
     return Surface(
-        centre=centre,
+        centre=mesh.bounds.mean(axis=0),
         diagonal=float(np.linalg.norm(np.ptp(mesh.bounds, axis=0))),
-        vertices=np.ascontiguousarray(mesh.vertices[is_used] - centre),
+        vertices=mesh.vertices[is_used],
         faces=faces,
         flat=np.ascontiguousarray(mesh.degenerate_mask),
         face_edges=face_edges,

@@ -46,7 +46,10 @@ ROLL = 0.4
 """Radians by which the grid of samples is turned against the image: 23 degrees, far from every
 direction that is common in manufactured parts. Along rows of samples errors of counting add up."""
 ROUNDING = 1e-9
-"""Bound of a computed figure, px^2, and of its ratio to the face's area where that is 1 px^2."""
+"""Bound of a computed area, px^2, where positions in the image are made from numbers up to
+`COARSE`; in proportion for larger ones, which telephoto lenses have."""
+COARSE = 4096.0
+"""Pixels."""
 
 
 class Kind(IntEnum):
@@ -75,6 +78,8 @@ class Observation:
         Whether the near plane cut away a surface in view.
     samples : int
         Samples a px^2 where they were counted.
+    rounding : float
+        Bound of areas that were computed, px^2.
     """
 
     visible_pixels: FloatArray
@@ -82,6 +87,7 @@ class Observation:
     kind: NDArray[np.uint8]
     clipped: BoolArray
     samples: int = 1
+    rounding: float = ROUNDING
 
     @classmethod
     def of_counts(cls, counts: FaceCounts) -> Self:
@@ -98,9 +104,9 @@ class Visibility:
     Attributes
     ----------
     value : (P, F) float64
-        1 - occlusion, in [0, 1]; of the part inside the image. 0 for faces seen from behind, for
-        faces without an image, and for faces that own no sample where samples were counted
-        (`bound` is 1 there: nothing is known).
+        1 - occlusion, in [0, 1]; of the part inside the image. 0 for faces seen from behind, and
+        for faces whose image rounds to nothing or owns no sample (`bound` is 1 there: nothing is
+        known).
     bound : (P, F) float64
         Largest error of `value`.
     kind : (P, F) uint8
@@ -238,17 +244,15 @@ def figures(
     drawn, kind = seen.drawn_pixels[row], seen.kind[row]
     has_image = drawn > 0
     value = np.divide(seen.visible_pixels[row], drawn, out=np.zeros(len(drawn)), where=has_image)
-    bound = np.zeros(len(drawn))
+    # Nothing is known of a face whose image rounds to nothing, or that owns no sample.
+    bound = np.where(has_image, 0.0, 1.0)
     computed = (kind == Kind.EXACT) & has_image
-    bound[computed] = ROUNDING * np.maximum(1.0, 1.0 / drawn[computed])
-    counted = kind == Kind.STATISTICAL
-    bound[counted] = 1.0
-    counted &= has_image
+    bound[computed] = seen.rounding * np.maximum(1.0, 1.0 / drawn[computed])
+    counted = (kind == Kind.STATISTICAL) & has_image
     length = view.perimeter[counted] * np.sqrt(seen.samples)
     deviation = 3 * 0.27 * np.sqrt(1.25 * length + 1) + length / 20
     bound[counted] = deviation / (drawn[counted] * seen.samples)
     # A face seen from behind is not seen, by definition, and one outside the image neither.
-    # One in view without a sample is too small to know anything about.
     nothing = ~view.is_front | ((view.in_view_fraction == 0) & ~view.in_view)
     value[nothing], bound[nothing] = 0.0, 0.0
     return value, np.minimum(bound, 1.0), np.where(nothing, Kind.EXACT, kind).astype(np.uint8)
@@ -325,7 +329,8 @@ class _AnalyticObserver:
         while len(self._views) < n_threads:
             self._views.append(self._view_type(self._surface, self.camera))
         share_poses(n_poses, [worker(view) for view in self._views[:n_threads]])
-        return Observation(visible, area, kind, clipped)
+        rounding = ROUNDING * max(1.0, self._views[0].grain / COARSE) if self._views else ROUNDING
+        return Observation(visible, area, kind, clipped, rounding=rounding)
 
     def close(self) -> None:
         self._views.clear()

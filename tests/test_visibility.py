@@ -221,6 +221,22 @@ def test_rounding_counts_for_more_on_a_face_of_less_than_a_pixel():
     assert bound == pytest.approx(np.full((1, 2), 1e-9 / (0.02**2 / 2)))
 
 
+def test_rounding_grows_with_the_numbers_that_positions_are_made_from():
+    # A telephoto lens: the image is 200 px wide and stands 1e8 px from the eye.
+    camera = Camera(width=200, height=200, fx=1e8, fy=1e8)
+    seen = visibility(square(1e-6, 4), camera, AHEAD, "exact")
+    assert seen.bound == pytest.approx(np.full((1, 2), 1e-9 * 1e8 / 4096))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_face_whose_image_rounds_to_nothing_is_unknown(method):
+    x = 0.5
+    right = np.nextafter(x, 1)
+    mesh = Mesh(vertices=[(x, x, 1), (x, right, 1), (right, right, 1)], faces=[(0, 1, 2)])
+    seen = visibility(mesh, CAMERA, AHEAD, method)
+    assert (seen.value, seen.bound) == ([[0]], [[1]])
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_both_sides_of_a_two_sided_sheet_are_seen(method):
     mesh = sheet((1, -1), (-1, 1), 2).with_groups(two_sided="all")

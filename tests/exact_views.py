@@ -1,0 +1,119 @@
+"""Driving the exact paths one pose at a time; run by `test_analytic` with numba's bounds checks."""
+
+import sys
+
+import numpy as np
+from exact_cases import hostile
+
+from rastercov.analytic import View
+from rastercov.camera import Camera
+from rastercov.contour import CertifiedView
+from rastercov.pose import look_at
+from rastercov.projection import near_limit
+from rastercov.reference import rational
+from rastercov.surface import surface_of
+
+PATHS = (View, CertifiedView)
+"""Every face measured, and patches of faces decided together."""
+ALL_OR_NOTHING = 1e-9
+"""A fraction may be this far from 0 or 1 where it is certified to be that: rounding."""
+
+
+def look(mesh, camera, pose, path=CertifiedView, *, front_only=False):
+    """View of a mesh after `measure_all`."""
+    view = path(surface_of(mesh), camera)
+    see_again(view, mesh, camera, pose, front_only=front_only)
+    return view
+
+
+def see_again(view, mesh, camera, pose, *, front_only=False):
+    """Measure all with a view that may have looked elsewhere before."""
+    near = float(near_limit(camera, mesh.bounds, pose[None])[0])
+    view.look(np.asarray(pose, np.float64), near, front_only)
+    view.measure_all()
+
+
+def hard_poses(mesh, n, rng):
+    """Poses (n, 4, 4) and fields of view (n,) in radians: the kinds take turns.
+
+    Around the mesh; within its bounding box; close to a face; as close as the near plane; along
+    a face; far away at 100 and at 10,000 diagonals, where the field of view shrinks accordingly.
+    """
+    low, high = mesh.bounds
+    centre, diagonal = (low + high) / 2, float(np.linalg.norm(high - low))
+    poses, fields = [], []
+    for number in range(n):
+        kind = number % 7
+        face = rng.integers(mesh.n_faces)
+        there = rng.dirichlet((1, 1, 1)) @ mesh.vertices[mesh.faces[face]]
+        out = mesh.normals[face] * rng.choice((1, -1))
+        away = rng.normal(size=3)
+        away /= np.linalg.norm(away)
+        field = rng.uniform(0.2, 2.0)
+        if kind == 0:
+            eye, target = centre + away * diagonal * rng.uniform(0.6, 3), centre
+        elif kind == 1:
+            eye, target = rng.uniform(low, high), rng.uniform(low, high)
+        elif kind == 2:
+            eye = there + diagonal * (out * 10 ** rng.uniform(-3, -1) + away * 1e-3)
+            target = eye + away if rng.random() < 0.5 else there
+        elif kind == 3:
+            eye = there + diagonal * (out + away / 2) * 10 ** rng.uniform(-7, -4)
+            target = eye + away
+        elif kind == 4:
+            along = np.cross(out + 1e-9, away)
+            along /= np.linalg.norm(along)
+            eye = there + diagonal * (along * rng.uniform(0.1, 2) + out * 10 ** rng.uniform(-9, -2))
+            target = there
+        else:
+            distance = diagonal * (100 if kind == 5 else 10_000)
+            eye, target = centre + away * distance, there
+            field = 2 * np.arctan(diagonal / distance * rng.uniform(0.05, 0.7))
+        poses.append(look_at(eye, target, rng.normal(size=3))[0])
+        fields.append(field)
+    return np.array(poses), np.array(fields)
+
+
+def seen_with(field, rng):
+    """Camera of a field of view, image size and aspect drawn at random."""
+    width, height = (int(side) for side in rng.integers(40, 1500, 2))
+    fx = width / 2 / np.tan(field / 2)
+    return Camera(width=width, height=height, fx=fx, fy=fx * rng.uniform(0.9, 1.1))
+
+
+def wrong_certificates(mesh, n_poses, rng):
+    """Certified figures that the analytic path contradicts, all certified ones, all figures."""
+    wrong, certified, figures = [], 0, 0
+    for number, (pose, field) in enumerate(zip(*hard_poses(mesh, n_poses, rng), strict=True)):
+        camera = seen_with(field, rng)
+        front_only = bool(mesh.can_cull_back_faces and number % 14 == 0)
+        truth = look(mesh, camera, pose, View, front_only=front_only)
+        view = look(mesh, camera, pose, front_only=front_only)
+        sure = view.is_certified
+        assert np.array_equal(view.area, truth.area)
+        assert ((view.visible == 0) | (view.visible == view.area))[sure].all()
+        # Areas of far less than a pixel are known to rounding, not to a billionth of themselves.
+        tolerance = np.maximum(ALL_OR_NOTHING * truth.area, 1e-12)
+        doubted = np.flatnonzero(sure & (np.abs(view.visible - truth.visible) > tolerance))
+        if len(doubted):  # one of the two is wrong
+            exact = rational.visible_area(mesh, camera, pose, doubted, cull=front_only)
+            whole = rational.image_area(mesh, camera, pose, doubted, cull=front_only)
+            off = np.abs(np.where(view.visible[doubted] > 0, whole, 0) - exact)
+            for face, by in zip(doubted.tolist(), off.tolist(), strict=True):
+                if by > tolerance[face]:
+                    wrong.append((number, face, by, float(view.area[face])))
+        certified += int(sure.sum())
+        figures += mesh.n_faces
+    return wrong, certified, figures
+
+
+def main(scenes):
+    """Look at hostile scenes in both ways; sizes of scratch memory start as small as they can."""
+    for seed in range(scenes):
+        case = hostile(seed)
+        one, other = (look(case.mesh, case.camera, case.pose, path) for path in PATHS)
+        assert np.allclose(one.visible, other.visible, rtol=0, atol=1e-9), case
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]))

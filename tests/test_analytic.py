@@ -1,0 +1,385 @@
+"""The analytic path: scratch memory that grows, odd cameras, extremes, and what culling may do."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from exact_cases import AHEAD, box, hostile, slivers, triangles, window
+from exact_views import PATHS, look, see_again
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scenes import joined, sheet, square
+
+from rastercov import analytic_kernels as kernels
+from rastercov import shapes
+from rastercov.analytic import View
+from rastercov.camera import Camera
+from rastercov.mesh import Mesh
+from rastercov.pose import look_at
+from rastercov.reference import rational
+from rastercov.surface import surface_of
+
+CAMERA = Camera(width=320, height=240, fx=260, fy=270)
+SEEDS = st.integers(0, 2**32 - 1)
+SQUARES = joined(square(2, 4), square(0.5, 2))
+
+on_both_paths = pytest.mark.parametrize("path", PATHS, ids=lambda path: path.__name__)
+
+
+def soup(rng, n, size=0.6):
+    faces = rng.normal(size=(n, 1, 3)) + rng.normal(size=(n, 3, 3)) * size
+    return triangles(*(faces + np.array((0, 0, 5))))
+
+
+# --- memory ---------------------------------------------------------------------------------------
+
+
+def test_no_scene_reaches_past_the_scratch_memory(tmp_path):
+    checked = {"NUMBA_BOUNDSCHECK": "1", "NUMBA_CACHE_DIR": str(tmp_path)}
+    script = Path(__file__).with_name("exact_views.py")
+    done = subprocess.run(
+        [sys.executable, script, "400"],
+        env=os.environ | checked,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+
+
+@on_both_paths
+def test_faces_cut_in_space_make_room_for_themselves(path):
+    # 300 faces around the eye, of which all reach behind it: far more than there is room for.
+    rng = np.random.default_rng(2)
+    mesh = triangles(*(rng.normal(size=(300, 3, 3)) * 3))
+    view = look(mesh, CAMERA, AHEAD, path)
+    assert view.n_cut > 100
+    assert len(view.polygons) >= view.n_cut
+    again = path(surface_of(mesh), CAMERA)
+    again._make_room_for_cuts(1000)
+    see_again(again, mesh, CAMERA, AHEAD)
+    assert np.array_equal(view.visible, again.visible)
+
+
+@on_both_paths
+@pytest.mark.parametrize("room", [1, 8, 60])
+def test_pieces_make_room_for_themselves(path, room):
+    # A sieve before a face: tens of pieces of it remain in each block of cells.
+    slats = [sheet((-1 + i / 16, -1), (-1 + (i + 0.5) / 16, 1), 2) for i in range(32)]
+    beams = [sheet((-1, -1 + i / 16), (1, -1 + (i + 0.5) / 16), 2.5) for i in range(32)]
+    mesh = joined(triangles([(-3, -3, 4), (3, -3, 4), (0, 5, 4)]), *slats, *beams)
+    expected = look(mesh, CAMERA, AHEAD, path)
+    view = path(surface_of(mesh), CAMERA)
+    view._make_room_for_pieces(room)
+    see_again(view, mesh, CAMERA, AHEAD)
+    assert len(view._pieces) > room
+    assert np.array_equal(view.visible, expected.visible)
+
+
+@on_both_paths
+@given(seed=SEEDS, room=st.integers(1, 40))
+@settings(max_examples=20)
+def test_room_for_pieces_changes_no_answer(path, seed, room):
+    mesh = soup(np.random.default_rng(seed), 40, 1.5)
+    expected = look(mesh, CAMERA, AHEAD, path).visible
+    view = path(surface_of(mesh), CAMERA)
+    view._make_room_for_pieces(room)
+    see_again(view, mesh, CAMERA, AHEAD)
+    assert np.array_equal(view.visible, expected)
+
+
+@on_both_paths
+def test_large_faces_among_small_ones_fill_the_grid_and_make_it_coarser(path):
+    # Sheets over the whole image lie in every cell that 2,000 specks ask for.
+    rng = np.random.default_rng(6)
+    specks = triangles(*(rng.uniform(-1, 1, (2000, 1, 3)) + rng.normal(size=(2000, 3, 3)) * 1e-3))
+    specks = Mesh(vertices=specks.vertices + np.array((0, 0, 4)), faces=specks.faces)
+    mesh = joined(specks, *(square(9, 5 + i) for i in range(1500)))
+    view = look(mesh, CAMERA, AHEAD, path)
+    image = CAMERA.width * CAMERA.height
+    assert view.columns * view.rows < 2 * mesh.n_faces
+    assert view.visible[:4002].sum() == pytest.approx(image, rel=1e-12)
+    assert view.visible[4002:].max() <= 1e-12 * image
+
+
+def clump(n, rng):
+    """n needles through one place, the worst for lists of occluders."""
+    ends = rng.normal(size=(n, 3))
+    width = rng.normal(size=(n, 3)) * 0.05
+    return triangles(*(np.stack((-ends, ends, ends + width), axis=1) + np.array((0, 0, 6))))
+
+
+@on_both_paths
+def test_hundreds_of_needles_through_one_place(path):
+    mesh = clump(150, np.random.default_rng(11))
+    view = look(mesh, CAMERA, AHEAD, path)
+    targets = np.array((0, 70, 149))
+    exact = rational.visible_area(mesh, CAMERA, AHEAD, targets)
+    assert np.abs(view.visible[targets] - exact).max() <= 1e-9
+
+
+@on_both_paths
+def test_thirty_five_thousand_boxes_on_one_ground(path):
+    n = 187
+    corner = (np.stack(np.meshgrid(np.arange(n), np.arange(n)), axis=-1).reshape(-1, 2) - n / 2) / n
+    unit = box((0, 0, 0), (0.5 / n, 0.5 / n, 0.3 / n))
+    ground = Mesh(
+        vertices=[(-1, -1, -0.01), (1, -1, -0.01), (0, 2, -0.01)], faces=[(0, 1, 2)]
+    )  # below the boxes, so that they touch nothing
+    points = unit.vertices + np.column_stack((corner, np.zeros(len(corner))))[:, None]
+    faces = unit.faces + 8 * np.arange(len(corner))[:, None, None]
+    mesh = Mesh(
+        vertices=np.concatenate((ground.vertices, points.reshape(-1, 3))),
+        faces=np.concatenate((ground.faces, faces.reshape(-1, 3) + 3)),
+    )
+    pose = look_at((0.02, 0.03, 2.5), (0, 0, 0))[0]
+    camera = Camera(width=600, height=600, fx=1300, fy=1300)
+    view = look(mesh, camera, pose, path)
+    # From above the boxes are all that hides: what is seen of their tops and sides is not ground.
+    boxes = view.visible[1:].sum()
+    assert view.visible[0] == pytest.approx(view.area[0] - boxes, rel=1e-9)
+    assert 0.2 * view.area[0] < boxes < 0.4 * view.area[0]
+
+
+@on_both_paths
+@given(seed=SEEDS)
+@settings(max_examples=20)
+def test_the_grid_changes_no_answer(path, seed):
+    # One cell, or a thousand times as many as asked for.
+    rng = np.random.default_rng(seed)
+    mesh = soup(rng, 50)
+    expected = look(mesh, CAMERA, AHEAD, path).visible
+    for columns, rows in ((1, 1), (97, 1), (1, 113), (64, 64)):
+
+        class Gridded(path):
+            def _fill_grid(self, n_live, columns=columns, rows=rows):
+                width, height = self.size
+                self.columns, self.rows = columns, rows
+                self.grid = np.array((0.0, 0.0, columns / width, rows / height))
+                self.starts = np.empty(columns * rows + 2, np.int64)
+                self.listed = np.empty(n_live * columns * rows, np.int32)
+                kernels.fill_grid(
+                    self.state, self.box, self.grid, columns, rows, self.starts, self.listed
+                )
+
+        found = look(mesh, CAMERA, AHEAD, Gridded).visible
+        assert np.abs(found - expected).max() <= 1e-10
+
+
+# --- cameras --------------------------------------------------------------------------------------
+
+
+@on_both_paths
+@given(
+    seed=SEEDS,
+    width=st.sampled_from((1, 2, 7, 200, 3000)),
+    height=st.sampled_from((1, 3, 50, 2000)),
+    cx=st.floats(-20, 20),
+    cy=st.floats(-20, 20),
+    focal=st.floats(-1, 2),
+    stretch=st.floats(-1, 1),
+)
+@settings(max_examples=40)
+def test_any_camera_sees_as_in_exact_arithmetic(path, seed, width, height, cx, cy, focal, stretch):
+    # One pixel, a strip, a principal point many widths outside, pixels ten times as wide as high.
+    rng = np.random.default_rng(seed)
+    camera = Camera(
+        width=width,
+        height=height,
+        fx=width * 10**focal,
+        fy=width * 10 ** (focal + stretch),
+        cx=cx * width,
+        cy=cy * height,
+    )
+    ray = np.array(((0.5 - cx) * width / camera.fx, (0.5 - cy) * height / camera.fy, 1.0))
+    faces = rng.normal(size=(20, 3, 3)) * 0.7 + ray * rng.uniform(0.5, 3, (20, 1, 1))
+    mesh = triangles(*faces)
+    exact = rational.visible_area(mesh, camera, AHEAD)
+    found = look(mesh, camera, AHEAD, path).visible
+    # Sides are known to some 1e-13 of what is in the image and of what lies beside it.
+    reach = max(abs(cx) * width, abs(cy) * height, width, height)
+    assert np.abs(found - exact).max() <= 1e-9 + 1e-12 * reach * (width + height)
+
+
+def test_the_principal_point_may_be_a_corner():
+    exact = slivers()
+    view = look(exact.mesh, exact.camera, exact.pose)
+    assert view.visible[:2] == pytest.approx([500, 500], rel=1e-12)
+
+
+@on_both_paths
+@pytest.mark.parametrize("size", [1e-90, 1e-30, 1e-9, 1e9, 1e29])
+def test_any_length_of_a_metre_will_do(path, size):
+    mesh = triangles(*(np.random.default_rng(3).normal(size=(12, 3, 3)) * 1.2))
+    eye = np.array((0.3, 0.2, -1.0))
+    expected = look(mesh, CAMERA, look_at(eye, (0, 0, 0))[0], path)
+    scaled = Mesh(vertices=mesh.vertices * size, faces=mesh.faces)
+    view = look(scaled, CAMERA, look_at(eye * size, (0, 0, 0))[0], path)
+    assert view.n_cut == expected.n_cut > 0
+    assert np.abs(view.visible - expected.visible).max() <= 1e-8
+
+
+@on_both_paths
+def test_coordinates_up_to_the_largest_allowed(path):
+    # A ground of 1e30 m under a unit square: the square is nearer than the near limit.
+    ground = triangles([(-1e30, 1, -1e30), (1e30, 1, -1e30), (0, 1, 1e30)])
+    view = look(joined(ground, square(1, 2)), CAMERA, AHEAD, path)
+    assert np.isfinite(view.visible).all()
+    assert (view.visible[1:] == 0).all()
+    # Alone it ends at 1 / 1e24 below the horizon, which nothing tells from the horizon.
+    near = joined(triangles([(-1e6, 1, -1e6), (1e6, 1, -1e6), (0, 1, 1e6)]), square(1, 2))
+    view = look(near, CAMERA, AHEAD, path)
+    exact = rational.visible_area(near, CAMERA, AHEAD)
+    assert np.abs(view.visible - exact).max() <= 1e-5
+
+
+@on_both_paths
+def test_nothing_in_view_is_nothing(path):
+    for mesh in (square(1, -2), sheet((9, 9), (10, 10), 1), Mesh([(0, 0, 1)] * 3, [(0, 1, 2)])):
+        view = look(mesh, CAMERA, AHEAD, path)
+        assert not view.visible.any()
+        assert not view.area.any()
+        assert not view.is_certified.any()
+
+
+@on_both_paths
+def test_faces_of_no_area_hide_nothing_and_break_no_neighbour(path):
+    # A needle along the joint of two triangles, a flap on it, a point: all without area.
+    points = np.concatenate((square(1, 2).vertices, [(0, 0, 2)]))
+    faces = [(0, 4, 2), (0, 0, 2), (1, 1, 1), (0, 1, 2), (0, 2, 3)]
+    view = look(Mesh(vertices=points, faces=faces), window(), AHEAD, path)
+    assert view.visible == pytest.approx([0, 0, 0, 5000, 5000], rel=1e-13)
+    assert (view.visible[:3] == 0).all()
+
+
+# --- culling --------------------------------------------------------------------------------------
+
+
+@on_both_paths
+@pytest.mark.parametrize("name", ["aeroplane", "torus", "sphere"])
+@given(seed=SEEDS)
+@settings(max_examples=8)
+def test_back_faces_of_a_closed_mesh_may_be_left_out(path, name, seed):
+    rng = np.random.default_rng(seed)
+    mesh = shapes.by_name(name)
+    centre, extent = mesh.bounds.mean(axis=0), np.linalg.norm(np.ptp(mesh.bounds, axis=0))
+    away = rng.normal(size=3)
+    eye = centre + away / np.linalg.norm(away) * extent * rng.uniform(0.7, 3)
+    pose = look_at(eye, rng.uniform(*mesh.bounds))[0]
+    both = look(mesh, CAMERA, pose, path)
+    front = look(mesh, CAMERA, pose, path, front_only=True)
+    # Of a back face next to the outline rounding may leave a trace.
+    assert np.abs(both.visible - front.visible).max() <= 1e-9
+    assert (front.side >= 0).all()
+
+
+@on_both_paths
+def test_boxes_that_touch_may_be_culled(path):
+    # Faces on one another look both ways: the one that looks at the camera is covered anyway.
+    row = joined(*(box((i, 0, 4), (i + 1, 1, 5)) for i in (-1, 0)), box((-0.5, -1, 3), (0.5, 0, 5)))
+    for shift in ((0, 0), (3, 2), (-2, -3)):
+        pose = np.eye(4)
+        pose[:2, 3] = shift
+        both = look(row, CAMERA, pose, path)
+        front = look(row, CAMERA, pose, path, front_only=True)
+        seen = front.side > 0
+        assert both.visible[seen] == pytest.approx(front.visible[seen], abs=1e-9)
+        assert (front.visible[~seen] == 0).all()
+
+
+@on_both_paths
+def test_culled_back_faces_neither_hide_nor_are_seen(path):
+    facing, turned = square(1, 2), square(2, 4)
+    screen = Mesh(vertices=facing.vertices, faces=facing.faces[:, ::-1])
+    view = look(joined(screen, turned), window(), AHEAD, path, front_only=True)
+    assert view.visible.tolist() == pytest.approx([0, 0, 5000, 5000])
+    assert view.area.tolist()[:2] == [0, 0]
+    view = look(joined(screen, turned), window(), AHEAD, path)
+    assert view.visible.tolist() == pytest.approx([5000, 5000, 0, 0])
+
+
+# --- what is visible is a part of what there is ---------------------------------------------------
+
+
+@on_both_paths
+@given(seed=st.integers(0, 100_000))
+@settings(max_examples=60)
+def test_visible_area_is_at_most_the_area(path, seed):
+    case = hostile(seed)
+    view = look(case.mesh, case.camera, case.pose, path)
+    assert (view.visible >= 0).all()
+    assert (view.visible <= view.area).all()
+    assert (view.area <= case.camera.width * case.camera.height * (1 + 1e-12)).all()
+
+
+@given(seed=st.integers(0, 100_000))
+@settings(max_examples=40)
+def test_measuring_some_faces_measures_them_like_all(seed):
+    case = hostile(seed)
+    everything = look(case.mesh, case.camera, case.pose, View)
+    targets = np.random.default_rng(seed).permutation(case.mesh.n_faces)[:5].astype(np.int32)
+    some = look(case.mesh, case.camera, case.pose, View)
+    some.visible[:] = -1
+    some.measure(targets)
+    assert np.array_equal(some.visible[targets], everything.visible[targets])
+    untouched = np.setdiff1d(np.arange(case.mesh.n_faces), targets)
+    assert (some.visible[untouched] == -1).all()
+
+
+# --- where it failed once -------------------------------------------------------------------------
+
+
+@given(seed=SEEDS)
+@settings(max_examples=30)
+def test_sheets_folded_flat_come_out_as_in_exact_arithmetic(seed):
+    # Faces on both sides of an edge, 1e-8 ... 1e-6 rad apart: which is before is clear but at the
+    # edge, where both are at one depth exactly.
+    rng = np.random.default_rng(seed)
+    angle = 10 ** rng.uniform(-7.5, -6)
+    corners = np.array([(-1, 0, 0), (1, 0, 0), (rng.uniform(-1, 1), 1, 0)])
+    under = np.array([(-1, 0, 0), (1, 0, 0), (rng.uniform(-1, 1), 1.5, 1.5 * angle)])
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    mesh = triangles(corners @ turn.T, under @ turn.T)
+    pose = look_at(turn[:, 2] * rng.choice((-1, 1)) * 2 + rng.normal(size=3) * 0.3, (0, 0, 0))[0]
+    exact = rational.visible_area(mesh, CAMERA, pose)
+    assert np.abs(look(mesh, CAMERA, pose, View).visible - exact).max() <= 1e-9
+
+
+def test_a_fan_of_needles_cuts_a_face_into_few_pieces():
+    # 40 needles, 1e-4 rad each: 16,384 pieces; 80 of them would be 8 million, and 8 GB.
+    angle = 0.3 + np.arange(41) * 1e-4
+    rim = np.column_stack((np.cos(angle), np.sin(angle), np.zeros(41)))
+    order = np.random.default_rng(0).permutation(40)
+    fan = triangles(*[((0, 0, 0), rim[i], rim[i + 1]) for i in order])
+    fan = Mesh(vertices=fan.vertices * 0.9 + (0.0123, 0.0371, 2), faces=fan.faces)
+    view = look(joined(square(1.7, 4), fan), window(), AHEAD, View)
+    assert len(view._pieces) <= 1024
+
+
+@on_both_paths
+def test_a_strip_of_denormal_height_is_looked_at(path):
+    # All there is in view lies between the rows 0 and 1e-308.
+    mesh = triangles(
+        [(-1, 1e-309, 1), (1, 1e-309, 1), (0, -1, 1)], [(0, 1, -1), (0.5, 0.5, -1), (0, 0.7, -1)]
+    )
+    look(mesh, Camera(width=4, height=4, fx=4, fy=4, cx=2, cy=0), AHEAD, path)
+
+
+def test_a_metre_may_be_1e_110():
+    mesh = triangles(*(np.random.default_rng(3).normal(size=(12, 3, 3)) * 1.2e-110))
+    pose = look_at(np.array((0.3, 0.2, -1.0)) * 1e-110, (0, 0, 0))[0]
+    exact = rational.visible_area(mesh, CAMERA, pose)
+    assert np.abs(look(mesh, CAMERA, pose, View).visible - exact).max() <= 1e-8
+
+
+def test_a_small_thing_before_a_vast_one_keeps_its_digits():
+    # The eye and a square before it, exact in binary, and a wall of 100 km.
+    rng = np.random.default_rng(0)
+    near = rng.normal(size=(6, 3, 3)) * 0.3 + (0, 0, 1.5)
+    far = triangles([(-1e5, -2e5, 3e5), (2e5, -1e5, 4e5), (0, 3e5, 3e5)])
+    mesh = joined(triangles(*near), far)
+    exact = rational.visible_area(mesh, window(), AHEAD)
+    assert np.abs(look(mesh, window(), AHEAD, View).visible - exact).max() <= 1e-9

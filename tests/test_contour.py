@@ -1,0 +1,442 @@
+"""The certificate: no face is ever called seen whole, or hidden, that is not."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from exact_cases import AHEAD, box, hostile, known_cases, slivers, triangles, window
+from exact_views import look, see_again, seen_with, wrong_certificates
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scenes import joined, sheet, square
+
+from rastercov import contour, shapes
+from rastercov import contour_kernels as kernels
+from rastercov.analytic import View
+from rastercov.camera import Camera
+from rastercov.contour import CertifiedView
+from rastercov.mesh import Mesh
+from rastercov.pose import look_at
+from rastercov.reference import rational
+
+MESHES = Path(__file__).resolve().parents[2] / "shared" / "meshes"
+CAMERA = Camera(width=320, height=240, fx=260, fy=270)
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+def agree(mesh, camera, pose):
+    """Look in both ways; what is certified must be as it is measured."""
+    truth, view = look(mesh, camera, pose, View), look(mesh, camera, pose)
+    assert np.abs(view.visible - truth.visible).max(initial=0) <= 1e-9
+    sure = view.is_certified
+    assert ((view.visible == 0) | (view.visible == view.area))[sure].all()
+    return view
+
+
+# --- zero wrong certificates ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", shapes.NAMES)
+def test_no_certificate_is_wrong_on_a_built_in_mesh(name):
+    wrong, certified, _ = wrong_certificates(shapes.by_name(name), 105, np.random.default_rng(7))
+    assert wrong == []
+    assert certified > 100
+
+
+@pytest.mark.parametrize(
+    ("name", "n"),
+    [
+        ("bunny_1602_closed.ply", 105),
+        ("bunny_5122_closed.ply", 70),
+        ("featuretype.STL", 35),
+        ("spot.obj", 70),
+        ("ADIS16480.STL", 14),
+        ("warehouse.ply", 7),
+        ("stanford-bunny.obj", 7),
+    ],
+)
+def test_no_certificate_is_wrong_on_a_real_mesh(name, n):
+    path = MESHES / name
+    if not path.exists():
+        pytest.skip(f"no {name} in {MESHES}")
+    wrong, certified, _ = wrong_certificates(Mesh.load(path), n, np.random.default_rng(8))
+    assert wrong == []
+    assert certified > 1000
+
+
+def grid(n):
+    """Points (N, 2) of n x n quads over a square, and their triangles."""
+    u, v = np.meshgrid(np.linspace(-1, 1, n + 1), np.linspace(-1, 1, n + 1), indexing="ij")
+    index = np.arange((n + 1) ** 2).reshape(n + 1, n + 1)
+    a, b, c, d = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
+    faces = np.concatenate([np.stack(t, axis=-1).reshape(-1, 3) for t in ((a, b, c), (a, c, d))])
+    return np.stack((u, v), axis=-1).reshape(-1, 2), faces
+
+
+def folded(rng):
+    """Two layers from 1e-9 to a half apart: apart, or joined along one or all of their borders."""
+    flat, faces = grid(int(rng.integers(1, 7)))
+    u, v = flat.T
+    height = rng.choice((0, 0.3)) * np.sin(3 * u + rng.uniform(0, 6)) * np.cos(3 * v)
+    gap = 10 ** rng.uniform(-9, -0.3)
+    joint = rng.integers(3)
+    if joint == 0:
+        below = height - gap
+    elif joint == 1:
+        below = height - gap * (u + 1)
+    else:
+        below = height - gap * (1 - u**2) * (1 - v**2)
+    points = np.concatenate((np.column_stack((flat, height)), np.column_stack((flat, below))))
+    return Mesh(vertices=points, faces=np.concatenate((faces, faces[:, ::-1] + len(flat))))
+
+
+def maimed(mesh, rng):
+    """Faces turned over, gone, doubled, torn apart or degenerate; wings on edges; any order."""
+    points, faces = np.array(mesh.vertices), np.array(mesh.faces)
+    if rng.random() < 0.3:
+        turned = rng.random(len(faces)) < 0.2
+        faces[turned] = faces[turned, ::-1]
+    if rng.random() < 0.3:
+        points, faces = points[faces.reshape(-1)], np.arange(faces.size).reshape(-1, 3)
+    if rng.random() < 0.3:
+        faces = faces[(rng.random(len(faces)) < 0.9) | (np.arange(len(faces)) == 0)]
+    some = faces[rng.integers(0, len(faces), 2)]
+    if rng.random() < 0.2:
+        faces = np.concatenate((faces, some[:, ::-1]))
+    if rng.random() < 0.2:
+        faces = np.concatenate((faces, some[:, [0, 0, 1]]))
+    if rng.random() < 0.2:
+        some[:, 2] = rng.integers(0, len(points), 2)
+        faces = np.concatenate((faces, some))
+    return Mesh(vertices=points, faces=rng.permutation(faces))
+
+
+@given(seed=SEEDS)
+@settings(max_examples=120)
+def test_no_certificate_is_wrong_on_folded_and_maimed_meshes(seed):
+    rng = np.random.default_rng(seed)
+    mesh = (folded(rng), shapes.sphere(1), joined(folded(rng), shapes.sphere(1, 0.4)))[seed % 3]
+    assert wrong_certificates(maimed(mesh, rng), 14, rng)[0] == []
+
+
+@given(seed=st.integers(0, 1_000_000))
+@settings(max_examples=150)
+def test_no_certificate_is_wrong_on_hostile_scenes(seed):
+    case = hostile(seed)
+    agree(case.mesh, case.camera, case.pose)
+
+
+@given(seed=SEEDS)
+@settings(max_examples=100)
+def test_no_certificate_is_wrong_between_points_of_a_lattice(seed):
+    # Edges over edges and corners over corners in the image, at all depths, from a welded mesh.
+    rng = np.random.default_rng(seed)
+    z = np.array((1, 2, 4))[rng.integers(0, 3, 27)]
+    plane = rng.integers(-2, 3, (27, 2)) * 0.25
+    points = np.column_stack((plane * z[:, None], z))
+    faces = rng.integers(0, 27, (int(rng.integers(2, 30)), 3))
+    agree(Mesh(vertices=points, faces=faces), window(150, 150, 120), AHEAD)
+
+
+@pytest.mark.parametrize("case", known_cases(), ids=lambda case: case.name)
+def test_what_is_certified_on_paper_scenes_is_exact(case):
+    view = look(case.mesh, case.camera, case.pose)
+    expected = np.array([float(area) for area in case.expected])
+    off = np.abs(view.visible - expected)
+    assert (off <= 1e-11).all()
+
+
+# --- edges that must be seen to cross -------------------------------------------------------------
+
+
+def test_slivers_cross_the_face_behind_them():
+    case = slivers()
+    view = look(case.mesh, case.camera, case.pose)
+    assert not view.is_certified[:2].any()
+    assert view.n_crossed >= 2
+
+
+def layers(offset, behind=4.0, before=2.0):
+    """A square, and before it one whose left side passes `offset` px inside the square's right."""
+    rear = square(1, behind)  # 25 px to either side at depth 4
+    at = (100 / behind - offset) * before / 100
+    return joined(rear, sheet((at, -3), (at + 2, 3), before))
+
+
+@pytest.mark.parametrize("offset", [1e-3, 1e-5, 1e-6])
+def test_an_edge_a_hair_inside_a_face_crosses_it(offset):
+    view = agree(layers(offset), window(), AHEAD)
+    assert not view.is_certified[1 if view.visible[1] < view.area[1] else 0]
+    assert view.visible[:2].sum() == pytest.approx(2500 - offset * 50, abs=1e-9)
+
+
+@pytest.mark.parametrize("offset", [-1e-3, -1e-5])
+def test_an_edge_a_hair_beside_a_face_does_not_cross_it(offset):
+    view = agree(layers(offset), window(), AHEAD)
+    assert view.is_certified[:2].all()
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e-12, -1e-12, 1e-10, -1e-10])
+def test_an_edge_along_an_edge_counts_as_crossing(offset):
+    # Rounding decides on which side it runs, so nothing is claimed.
+    view = agree(layers(offset), window(), AHEAD)
+    assert not view.is_certified[:2].all()
+
+
+def test_an_edge_behind_a_face_does_not_cross_it():
+    mesh = joined(square(1, 2), sheet((0.3, -1), (1, 1), 4))
+    view = agree(mesh, window(), AHEAD)
+    assert view.is_certified[:2].all()
+    assert (view.visible[:2] == view.area[:2]).all()
+
+
+@pytest.mark.parametrize(("far_end", "crosses"), [((0.0, -0.9), True), ((-0.9, 1.5), False)])
+def test_an_edge_from_a_corner_of_a_face_crosses_it_if_it_starts_into_it(far_end, crosses):
+    # A wing on vertex 0 of a face, towards the camera: its edges start at that corner.
+    face = [(0.0, 1.0, 4.0), (-1.0, -1.0, 4.0), (1.0, -1.0, 4.0)]
+    x, y = far_end
+    wing = [face[0], (x / 2, y / 2, 2.0), ((x + 0.05) / 2, y / 2, 2.0)]
+    view = agree(triangles(face, wing), window(), AHEAD)
+    assert view.is_certified[0] == (not crosses)
+    assert view.is_certified[1]
+
+
+def test_an_edge_from_a_corner_of_a_face_that_runs_behind_it_does_not_cross_it():
+    face = [(0.0, 1.0, 4.0), (-1.0, -1.0, 4.0), (1.0, -1.0, 4.0)]
+    wing = [face[0], (0.0, -0.9, 8.0), (0.1, -0.9, 8.0)]
+    view = agree(triangles(face, wing), window(), AHEAD)
+    assert view.is_certified.all()
+    assert (view.visible[0], view.visible[1]) == (view.area[0], 0)
+
+
+def test_faces_that_an_edge_only_touches_at_their_corner_are_not_crossed():
+    # All faces of a sphere around a contour vertex keep their certificate but those behind it.
+    mesh = shapes.sphere(2)
+    view = agree(mesh, CAMERA, look_at((3, 0.4, 0.2), (0, 0, 0))[0])
+    near_side = view.side > 0
+    assert view.is_certified[near_side].mean() > 0.9
+
+
+def test_a_shell_within_a_shell_is_hidden_by_its_patch():
+    mesh = joined(shapes.sphere(3, 1.0), shapes.sphere(3, 0.5))
+    view = agree(mesh, CAMERA, look_at((3, 0.4, 0.2), (0, 0, 0))[0])
+    inner = np.arange(mesh.n_faces) >= mesh.n_faces // 2
+    assert view.is_certified[inner].all()
+    assert (view.visible[inner] == 0).all()
+    assert view.n_patches < 20
+
+
+def test_most_of_a_mesh_is_certified():
+    mesh = shapes.torus()
+    view = agree(mesh, CAMERA, look_at((2.2, 1.3, 1.0), (0, 0, 0))[0])
+    live = view.area > 0
+    assert view.is_certified[live].mean() > 0.75
+    assert view.n_patches < 0.02 * live.sum()
+
+
+# --- the near plane and the border of the image ---------------------------------------------------
+
+
+def test_the_rim_of_a_cut_face_crosses_what_is_behind_it():
+    # A long wedge reaches from behind the camera to the left of a wall; the near plane opens it.
+    wall = square(2, 4)
+    ramp = triangles([(-0.02, -1, 0.5), (-0.02, 1, 0.5), (0.02, 0, 0.05)])
+    camera = window(near=0.25)
+    mesh = joined(wall, ramp)
+    view = agree(mesh, camera, AHEAD)
+    exact = rational.visible_area(mesh, camera, AHEAD)
+    assert np.abs(view.visible - exact).max() <= 1e-9
+    assert view.n_cut == 1
+
+
+@given(seed=SEEDS)
+@settings(max_examples=80)
+def test_closed_bodies_cut_open_by_the_near_plane_show_what_is_inside(seed):
+    # The rim is the only edge where visibility changes: the bodies have no other border.
+    rng = np.random.default_rng(seed)
+    mesh = joined(shapes.sphere(2, 1.0), shapes.sphere(2, 0.6), square(2, -3))
+    away = rng.normal(size=3)
+    away *= rng.uniform(1.0, 1.6) / np.linalg.norm(away)
+    camera = Camera(width=150, height=110, fx=60, fy=65, near=float(rng.uniform(0.1, 0.8)))
+    pose = look_at(away, (0, 0, 0))[0]
+    view = agree(mesh, camera, pose)
+    targets = np.flatnonzero((view.area > 0) & ~view.is_certified)[:3]
+    exact = rational.visible_area(mesh, camera, pose, targets)
+    assert np.abs(view.visible[targets] - exact).max(initial=0) <= 1e-9
+
+
+@given(seed=SEEDS)
+@settings(max_examples=60)
+def test_patches_do_not_spread_beyond_the_image_and_back(seed):
+    # Strips that leave the image and come back; what hides their return begins outside of it.
+    rng = np.random.default_rng(seed)
+    flat, faces = grid(6)
+    points = np.column_stack((flat * rng.uniform(1, 2.5), np.full(len(flat), 4.0)))
+    points[:, 2] += 0.3 * np.sin(points[:, 0] * 3)
+    screen = sheet((rng.uniform(0.2, 1.2), -2), (3, rng.uniform(-1, 2)), 2.0)
+    width = int(rng.integers(20, 90))
+    camera = Camera(width=width, height=90, fx=90, fy=90, cx=rng.uniform(-30, 60), cy=45)
+    agree(joined(Mesh(vertices=points, faces=faces), screen), camera, AHEAD)
+
+
+def test_faces_joined_outside_the_image_only_may_differ():
+    # Two faces meet below the image; a screen hides all of one in it. No edge of the screen crosses
+    # a face within the image: one runs through the gap between them, the next below the image.
+    #      \\ |##### //
+    #  -----\\|####//------ the border, v = 60
+    #        \\ | //
+    def at(pixels, z):
+        return [(u * z / 100, v * z / 100, z) for u, v in pixels]
+
+    points = at([(50, 62), (50, 75), (5, 5), (95, 5)], 4)
+    screen = sheet(at([(50, -20)], 2)[0][:2], at([(190, 61)], 2)[0][:2], 2)
+    mesh = joined(Mesh(vertices=points, faces=[(0, 1, 2), (1, 0, 3)]), screen)
+    view = agree(mesh, window(100, 60, 100, cx=0, cy=0), AHEAD)
+    assert view.visible[0] == view.area[0] > 0
+    assert view.visible[1] == 0 < view.area[1]
+
+
+# --- contacts, seams, odd edges -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("gap", [0.0, 1e-13, 1e-9, -1e-9])
+def test_faces_on_one_another_are_never_certified(gap):
+    mesh = joined(square(2, 4), square(1, 4 + gap))
+    assert not look(mesh, window(), AHEAD).is_certified.any()
+
+
+def test_faces_that_cut_one_another_are_never_certified():
+    mesh = joined(box((-1, -1, 4), (1, 1, 6)), box((-0.5, -0.5, 3), (0.5, 0.5, 5)))
+    view = agree(mesh, window(), AHEAD)
+    cut = [face for face in range(12) if (mesh.vertices[mesh.faces[face], 2] == 4).all()]
+    assert not view.is_certified[cut].any()
+
+
+@pytest.mark.parametrize("distance", [1, 30, 300, 3e4, 3e6])
+def test_surfaces_that_distance_makes_one_are_not_certified(distance):
+    # Sheets 1e-10 of the distance apart are one surface there: the lower index is seen, whichever
+    # is nearer. They fill the image, so that no edge crosses either.
+    for factor, order in ((0.5, 1), (0.5, -1), (4.0, 1), (4.0, -1)):
+        gap = factor * 1e-10 * distance * order
+        flat, faces = grid(2)
+        one = np.column_stack((flat, np.zeros(len(flat))))
+        mesh = joined(
+            Mesh(vertices=one, faces=faces), Mesh(vertices=one + np.array((0, 0, gap)), faces=faces)
+        )
+        pose = np.eye(4)
+        pose[2, 3] = -distance
+        camera = Camera(width=200, height=200, fx=120 * distance, fy=120 * distance)
+        view, truth = look(mesh, camera, pose), look(mesh, camera, pose, View)
+        assert np.abs(view.visible - truth.visible).max() <= 1e-9 * view.area.max()
+        first = factor < 1 or order > 0
+        assert (view.visible[:8] > 0).all() == first
+        if factor < 1:
+            assert not view.is_certified.any()
+
+
+@given(seed=SEEDS)
+@settings(max_examples=40)
+def test_sheets_at_any_gap_and_distance_agree(seed):
+    rng = np.random.default_rng(seed)
+    distance = 10 ** rng.uniform(0, 6)
+    gap = distance * 10 ** rng.uniform(-13, -8) * rng.choice((-1, 1))
+    flat, faces = grid(3)
+    one = np.column_stack((flat, 0.1 * np.sin(flat[:, 0] * 2)))
+    mesh = joined(
+        Mesh(vertices=one, faces=faces), Mesh(vertices=one + np.array((0, 0, gap)), faces=faces)
+    )
+    pose = look_at((0.1 * distance, 0.2 * distance, -distance), (0, 0, 0))[0]
+    focal = distance * rng.uniform(40, 120)
+    camera = Camera(width=200, height=150, fx=focal, fy=focal)
+    view, truth = look(mesh, camera, pose), look(mesh, camera, pose, View)
+    off = np.abs(view.visible - truth.visible)
+    assert (off <= 1e-9 * np.maximum(view.area, 1)).all()
+
+
+def test_an_edge_of_three_faces_ends_a_patch():
+    #  a fin on the common edge of two faces, away from the camera: invisible, but it is there
+    points = [(0, -1, 4), (0, 1, 4), (-1, 0, 4), (1, 0, 4), (0.01, 0, 5)]
+    faces = [(0, 1, 2), (1, 0, 3), (0, 1, 4)]
+    view = agree(Mesh(vertices=points, faces=faces), window(), AHEAD)
+    assert view.patch[0] != view.patch[1]
+
+
+@pytest.mark.parametrize("turn", [False, True])
+def test_an_edge_of_two_faces_carries_the_answer_whatever_their_winding(turn):
+    points = [(0, -1, 4), (0, 1, 4), (-1, 0, 4), (1, 0, 4)]
+    faces = [(0, 1, 2), (0, 1, 3) if turn else (1, 0, 3)]
+    view = agree(Mesh(vertices=points, faces=faces), window(), AHEAD)
+    assert view.patch[0] == view.patch[1] >= 0
+
+
+@pytest.mark.parametrize("turn", [False, True])
+def test_a_fold_is_an_outline_whatever_the_winding(turn):
+    # Two faces on the same side of their common edge, and a third, hidden in part behind it.
+    points = [(0, -1, 2), (0, 1, 2), (-1, 0, 2), (-1, 0.1, 3)]
+    faces = [(0, 1, 2), (0, 1, 3) if turn else (1, 0, 3)]
+    mesh = joined(Mesh(vertices=points, faces=faces), square(1, 4))
+    view = agree(mesh, window(), AHEAD)
+    assert not view.is_certified[2:].all()
+
+
+# --- patches --------------------------------------------------------------------------------------
+
+
+@given(seed=st.integers(0, 100_000))
+@settings(max_examples=60)
+def test_faces_of_a_patch_share_its_answer(seed):
+    case = hostile(seed)
+    view = look(case.mesh, case.camera, case.pose)
+    assert np.array_equal(view.is_certified, view.patch >= 0)
+    assert (view.area[view.is_certified] > 0).all()
+    for number in np.unique(view.patch[view.patch >= 0]):
+        members = view.patch == number
+        part = view.visible[members] / view.area[members]
+        assert np.isin(part, (0.0, 1.0)).all()
+        assert np.ptp(part) == 0
+
+
+def test_a_patch_that_comes_out_in_part_is_measured_face_by_face(monkeypatch):
+    # As if an edge had been missed: faces that are seen in part and joined to one another.
+    monkeypatch.setattr(kernels, "mark_crossed", lambda *arguments: None)
+    mesh = joined(square(2, 4), square(0.5, 2))
+    view = CertifiedView(look(mesh, window(), AHEAD).surface, window())
+    see_again(view, mesh, window(), AHEAD)
+    assert view.n_doubtful == 1
+    assert view.visible == pytest.approx([3750, 3750, 1250, 1250])
+    assert view.is_certified.tolist() == [False, False, True, True]
+
+
+def test_thresholds_leave_room_for_rounding():
+    assert kernels.TIE == contour.kernels.TIE == 1e-10
+    assert contour.NEAR_MISS > 1e-12
+    assert 0 < contour.SURE < 1e-3
+
+
+@given(seed=SEEDS, field=st.floats(0.3, 2.5))
+@settings(max_examples=40)
+def test_narrow_images_and_wide_ones_agree(seed, field):
+    rng = np.random.default_rng(seed)
+    mesh = shapes.sphere(2, rng.uniform(0.3, 0.6))
+    mesh = joined(mesh, shapes.torus(12, 9))
+    pose = look_at(rng.normal(size=3) * 2, rng.normal(size=3) * 0.5)[0]
+    agree(mesh, seen_with(field, rng), pose)
+
+
+# --- where it failed once -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("angle", "z", "inside"), [(1e-5, 2, 1e-4), (1e-3, 60, 1e-4)])
+def test_a_fold_of_which_the_border_leaves_a_strip_is_decided_by_index_there(angle, z, inside):
+    # Two sheets of two faces each, joined along x = 0, where they are 0 apart; the image ends
+    # `inside` px from there. Within it their depths differ by less than 1e-10: the lower index is
+    # in front, which is one sheet's face here and the other's there.
+    points = [(0, -1, 0), (0, 0, 0), (0, 1, 0), (-1, 0, 0), (-1, 0, angle)]
+    faces = [(0, 3, 1), (1, 2, 4), (0, 1, 4), (1, 3, 2)]
+    camera = Camera(width=200, height=200, fx=40 * z, fy=40 * z)
+    pose = np.eye(4)
+    pose[:3, 3] = 100 / 40 - inside / 40, 0, -z
+    view = agree(Mesh(vertices=points, faces=faces), camera, pose)
+    truth = look(Mesh(vertices=points, faces=faces), camera, pose, View)
+    part = view.visible / view.area
+    assert part == pytest.approx(truth.visible / truth.area, abs=1e-6)

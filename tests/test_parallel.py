@@ -1,0 +1,168 @@
+"""Poses in threads: each is looked at once, in any number of threads, and nothing else changes."""
+
+import threading
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rastercov import shapes
+from rastercov.camera import Camera
+from rastercov.contour import CertifiedView
+from rastercov.errors import ConfigError
+from rastercov.parallel import POSES_A_TURN, share_poses, thread_count
+from rastercov.pose import look_at, sphere_of_poses
+from rastercov.visibility import open_observer
+
+CAMERA = Camera(width=160, height=120, fx=140, fy=150)
+
+
+@given(n_poses=st.integers(0, 400), n_workers=st.integers(1, 9))
+@settings(max_examples=60)
+def test_every_pose_is_taken_exactly_once(n_poses, n_workers):
+    taken = []
+    workers = [lambda turn: taken.extend(range(n_poses)[turn]) for _ in range(n_workers)]
+    share_poses(n_poses, workers)
+    assert sorted(taken) == list(range(n_poses))
+
+
+@given(n_poses=st.integers(1, 400), n_workers=st.integers(1, 9))
+@settings(max_examples=30)
+def test_turns_are_few_enough_to_share_and_no_longer_than_a_turn(n_poses, n_workers):
+    lengths = []
+    workers = [lambda turn: lengths.append(len(range(n_poses)[turn])) for _ in range(n_workers)]
+    share_poses(n_poses, workers)
+    assert max(lengths) <= POSES_A_TURN
+    assert len(lengths) >= min(n_poses, n_workers)
+
+
+def test_workers_run_side_by_side_each_in_a_thread_of_its_own():
+    both = threading.Barrier(2, timeout=20)
+    threads = []
+
+    def worker(turn):
+        threads.append(threading.get_ident())
+        both.wait()
+
+    share_poses(2, [worker, worker])
+    assert len(set(threads)) == 2
+    assert threading.get_ident() not in threads
+
+
+def test_one_worker_stays_in_the_thread_of_the_caller():
+    threads = []
+    share_poses(40, [lambda turn: threads.append(threading.get_ident())])
+    assert set(threads) == {threading.get_ident()}
+
+
+@pytest.mark.parametrize("n_workers", [1, 3])
+@pytest.mark.parametrize("kind", [ValueError, KeyboardInterrupt])
+def test_what_a_worker_raises_is_raised_and_ends_the_others(n_workers, kind):
+    done = []
+
+    def worker(turn):
+        if len(done) >= 3:
+            raise kind("enough")
+        done.append(turn)
+        time.sleep(0.001)
+
+    with pytest.raises(kind, match="enough"):
+        share_poses(POSES_A_TURN * 1000, [worker] * n_workers)
+    assert len(done) < 50  # of 1000
+
+
+def test_threads_are_counted_from_one():
+    assert thread_count(None) >= 1
+    assert thread_count(7) == 7
+    for wrong in (0, -1, True):
+        with pytest.raises(ConfigError, match="threads must be 1 or more"):
+            thread_count(wrong)
+
+
+# --- observers ------------------------------------------------------------------------------------
+
+
+def mixed_poses(mesh, n, rng):
+    """From outside, inside and far away in turn, so that neighbours in a batch differ much."""
+    centre, extent = mesh.bounds.mean(axis=0), np.ptp(mesh.bounds, axis=0)
+    eyes = centre + rng.uniform(-0.4, 0.4, (n, 3)) * extent
+    eyes[::3] = centre + rng.normal(size=(len(eyes[::3]), 3)) * extent * 3
+    eyes[1::6] = centre + rng.normal(size=(len(eyes[1::6]), 3)) * extent * 300
+    return look_at(eyes, centre + rng.uniform(-0.3, 0.3, (n, 3)) * extent)
+
+
+def observe(mesh, poses, method, **options):
+    with open_observer(mesh, CAMERA, method, **options) as observer:
+        return observer.observe(poses)
+
+
+def assert_same(one, other, rows=slice(None)):
+    assert np.array_equal(one.visible_pixels[rows], other.visible_pixels)
+    assert np.array_equal(one.drawn_pixels[rows], other.drawn_pixels)
+    assert np.array_equal(one.kind[rows], other.kind)
+    assert np.array_equal(one.clipped[rows], other.clipped)
+
+
+@pytest.mark.parametrize("method", ["certified", "exact"])
+@pytest.mark.parametrize("name", ["room", "teapot-5", "aeroplane"])
+def test_threads_change_not_one_bit(method, name):
+    mesh = shapes.by_name(name)
+    poses = mixed_poses(mesh, 35, np.random.default_rng(3))
+    one = observe(mesh, poses, method, threads=1)
+    for threads in (2, 5, 64, None):
+        assert_same(one, observe(mesh, poses, method, threads=threads))
+
+
+@pytest.mark.parametrize("method", ["certified", "exact"])
+def test_neither_batches_nor_their_order_change_a_bit(method):
+    mesh = shapes.room(4)
+    rng = np.random.default_rng(4)
+    poses = mixed_poses(mesh, 40, rng)
+    together = observe(mesh, poses, method)
+    with open_observer(mesh, CAMERA, method, threads=2) as observer:
+        for start, stop in ((0, 1), (1, 8), (8, 40)):
+            assert_same(together, observer.observe(poses[start:stop]), slice(start, stop))
+        order = rng.permutation(40)
+        assert_same(together, observer.observe(poses[order]), order)
+        assert_same(together, observer.observe(poses[7]), slice(7, 8))
+
+
+def test_observers_of_one_mesh_work_side_by_side():
+    # They share its surface, and the contacts that each finds are those of the other.
+    mesh = shapes.torus(40, 30)
+    poses = mixed_poses(mesh, 30, np.random.default_rng(5))
+    expected = observe(mesh, poses, "certified", threads=1)
+    found = {}
+
+    def run(name):
+        found[name] = observe(mesh, poses, "certified", threads=2)
+
+    threads = [threading.Thread(target=run, args=(name,)) for name in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for name in range(4):
+        assert_same(expected, found[name])
+
+
+def test_an_interrupt_ends_the_work_within_a_turn_and_leaves_the_observer_usable(monkeypatch):
+    poses = sphere_of_poses((0, 0, 0), 4, 4000)
+    seen = []
+    measure_all = CertifiedView.measure_all
+
+    def interrupted(view):
+        seen.append(1)
+        if len(seen) == 40:
+            raise KeyboardInterrupt
+        measure_all(view)
+
+    with open_observer(shapes.box(), CAMERA, threads=2) as observer:
+        monkeypatch.setattr(CertifiedView, "measure_all", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            observer.observe(poses)
+        assert len(seen) < 1000  # of 4000
+        monkeypatch.undo()
+        assert_same(observer.observe(poses[:3]), observe(shapes.box(), poses[:3], "certified"))

@@ -1,0 +1,191 @@
+"""Meshes as the exact paths want them: edges by position, contacts by distance, kept per mesh."""
+
+import gc
+import weakref
+from collections import defaultdict
+
+import numpy as np
+import pytest
+from exact_cases import box, triangles
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scenes import joined, square
+
+from rastercov import shapes, surface
+from rastercov.contacts import touching_faces
+from rastercov.contour_kernels import MANY as KERNEL_MANY
+from rastercov.mesh import Mesh
+from rastercov.surface import CONTACT, MANY, REACH, surface_of
+
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+def random_mesh(seed):
+    """Faces between few points, some of them equal: borders, fins, flaps, twins, any winding."""
+    rng = np.random.default_rng(seed)
+    points = rng.integers(0, 3, (8, 3)).astype(float)
+    return Mesh(vertices=points, faces=rng.integers(0, 8, (int(rng.integers(1, 15)), 3)))
+
+
+@given(seed=SEEDS)
+@settings(max_examples=200)
+def test_edges_are_those_of_the_faces_by_position(seed):
+    mesh = random_mesh(seed)
+    found = surface_of(mesh)
+    uses = defaultdict(list)
+    for face, corners in enumerate(found.faces.tolist()):
+        for i in range(3):
+            a, b = corners[i], corners[(i + 1) % 3]
+            uses[min(a, b), max(a, b)].append((face, a < b))
+    assert sorted(uses) == sorted(map(tuple, found.edge_vertices.tolist()))
+    for edge, (a, b) in enumerate(found.edge_vertices.tolist()):
+        users = uses[a, b]
+        first, second = found.edge_faces[edge].tolist()
+        faces = sorted(face for face, _ in users)
+        turn = found.edge_turn[edge]
+        if a == b or len(users) > 2:
+            assert turn == MANY
+            assert first in faces
+        elif len(users) == 1:
+            assert (first, second, turn) == (faces[0], -1, 1)
+        else:
+            assert sorted((first, second)) == faces
+            assert turn == (1 if users[0][1] != users[1][1] else -1)
+    for face, corners in enumerate(found.faces.tolist()):
+        for i, edge in enumerate(found.face_edges[face].tolist()):
+            ends = {corners[i], corners[(i + 1) % 3]}
+            assert set(found.edge_vertices[edge].tolist()) == ends
+
+
+@given(seed=SEEDS)
+@settings(max_examples=100)
+def test_every_position_in_use_stands_once_and_faces_stay_where_they_are(seed):
+    mesh = random_mesh(seed)
+    found = surface_of(mesh)
+    assert len(np.unique(found.vertices, axis=0)) == len(found.vertices)
+    assert set(found.faces.ravel()) == set(range(len(found.vertices)))
+    expected = mesh.vertices[mesh.faces]
+    assert np.array_equal(found.vertices[found.faces], expected)
+    assert np.array_equal(found.flat, mesh.degenerate_mask)
+    assert found.diagonal == pytest.approx(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+
+
+@pytest.mark.parametrize("name", ["teapot-5", "torus", "room"])
+def test_a_mesh_torn_apart_along_all_edges_is_the_same_surface(name):
+    mesh = shapes.by_name(name)
+    one, other = surface_of(mesh), surface_of(triangles(*mesh.vertices[mesh.faces]))
+    assert len(one.vertices) == len(other.vertices)
+    assert len(one.edge_turn) == len(other.edge_turn)
+    pairs = [
+        {tuple(sorted(pair)) for pair in found.edge_faces[found.edge_turn == 1].tolist()}
+        for found in (one, other)
+    ]
+    assert pairs[0] == pairs[1]
+    assert np.array_equal(one.contacts(1.0), other.contacts(1.0))
+
+
+def test_minus_zero_and_zero_are_one_place():
+    points = [(0.0, 0, 0), (1, 0, 0), (0, 1, 0), (-0.0, -0.0, 0), (1, 0, -0.0), (0, -1, 0)]
+    found = surface_of(Mesh(vertices=points, faces=[(0, 1, 2), (4, 3, 5)]))
+    assert len(found.vertices) == 4
+    assert (found.edge_faces >= 0).all(axis=1).sum() == 1
+
+
+def test_a_closed_body_has_three_edges_for_two_faces_all_of_one_kind():
+    for mesh in (shapes.box(), shapes.sphere(2), shapes.torus(7, 5)):
+        found = surface_of(mesh)
+        assert len(found.edge_turn) == mesh.n_faces * 3 // 2
+        assert (found.edge_turn == 1).all()
+        assert (found.edge_faces >= 0).all()
+
+
+def test_a_face_with_a_repeated_vertex_ends_every_edge_it_is_on():
+    points = square(1, 2).vertices
+    found = surface_of(Mesh(vertices=points, faces=[(0, 1, 2), (0, 2, 3), (0, 0, 2)]))
+    diagonal = np.flatnonzero((found.edge_vertices == (0, 2)).all(axis=1))
+    assert found.edge_turn[diagonal].tolist() == [MANY]
+    assert found.flat.tolist() == [False, False, True]
+
+
+def test_a_face_alone_and_one_that_is_a_point():
+    found = surface_of(triangles([(0, 0, 0), (1, 0, 0), (0, 1, 0)]))
+    assert found.edge_faces.tolist() == [[0, -1]] * 3
+    point = surface_of(triangles([(1, 2, 3)] * 3))
+    assert point.diagonal == 0
+    assert point.edge_turn.tolist() == [MANY]
+    assert point.contacts(5.0).tolist() == [False]
+
+
+# --- contacts -------------------------------------------------------------------------------------
+
+
+def test_contacts_grow_with_the_distance_by_decades():
+    mesh = shapes.teapot(3)
+    found = surface_of(mesh)
+    diagonal = found.diagonal
+    for distance, tolerance in ((0.1, 1), (REACH * 0.999, 1), (REACH * 1.001, 10), (3e4, 1000)):
+        expected = touching_faces(
+            found.vertices, found.faces.astype(np.int64), tolerance * CONTACT * diagonal
+        )
+        assert np.array_equal(found.contacts(distance * diagonal), expected)
+
+
+@given(seed=SEEDS, distance=st.floats(-3, 8))
+@settings(max_examples=60)
+def test_whatever_is_at_equal_depth_from_afar_is_in_contact(seed, distance):
+    # 1e-10 of the distance is the tie of depths; contacts must reach beyond that.
+    rng = np.random.default_rng(seed)
+    diagonal = 2 * np.sqrt(2)
+    tie = 1e-10 * 10**distance * diagonal
+    gap = tie * rng.uniform(0, 1)
+    mesh = joined(square(1, 0.0), square(1, gap))
+    assert surface_of(mesh).contacts(10**distance * diagonal).all()
+
+
+def test_contacts_never_shrink_with_the_distance():
+    mesh = shapes.aeroplane()
+    found = surface_of(mesh)
+    before = np.zeros(mesh.n_faces, bool)
+    for decade in range(-2, 12):
+        now = found.contacts(10.0**decade * found.diagonal)
+        assert (now | ~before).all()
+        before = now
+    assert before.all()
+
+
+def test_contacts_of_a_decade_are_worked_out_once(monkeypatch):
+    calls = []
+
+    def counted(*arguments, **options):
+        calls.append(1)
+        return touching_faces(*arguments, **options)
+
+    monkeypatch.setattr(surface, "touching_faces", counted)
+    found = surface_of(box((0, 0, 0), (1, 1, 1)))
+    for distance in (1, 2, 9, 40, 51, 40, 2, 400, 0.01):
+        found.contacts(float(distance))
+    assert len(calls) == 2  # up to 30 diagonals, and up to 300
+
+
+def test_a_cube_touches_itself_nowhere_and_its_copy_everywhere():
+    mesh = box((0, 0, 0), (1, 1, 1))
+    assert not surface_of(mesh).contacts(1.0).any()
+    assert surface_of(joined(mesh, mesh)).contacts(1.0).all()
+
+
+# --- kept as long as the mesh ---------------------------------------------------------------------
+
+
+def test_the_surface_of_a_mesh_is_worked_out_once_and_dropped_with_it():
+    mesh = box((0, 0, 0), (1, 2, 3))
+    found = surface_of(mesh)
+    assert surface_of(mesh) is found
+    assert surface_of(box((0, 0, 0), (1, 2, 3))) is not found
+    kept = weakref.ref(found)
+    del mesh, found
+    gc.collect()
+    assert kept() is None
+
+
+def test_mesh_and_loops_mean_the_same_by_many():
+    assert KERNEL_MANY == MANY
