@@ -13,13 +13,20 @@ A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of S
 """
 
 import math
+from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rastercov import analytic_kernels as kernels
 from rastercov.camera import Camera
-from rastercov.surface import Surface
+from rastercov.compiled import announce_compilation
+from rastercov.errors import ConfigError
+from rastercov.mesh import Mesh
+from rastercov.parallel import share_poses, thread_count
+from rastercov.pose import valid_poses
+from rastercov.raster.rules import limits
+from rastercov.surface import Surface, surface_of
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -34,6 +41,74 @@ LEAST_SIDE = 1e-100
 CELLS_A_FACE = 2
 """Cells of the grid for each face, unless that makes more entries than this:"""
 ENTRIES_A_FACE = 4
+
+
+def visible_areas(
+    mesh: Mesh,
+    camera: Camera,
+    poses: ArrayLike,
+    faces: ArrayLike | None = None,
+    *,
+    front_only: bool | None = None,
+    threads: int | None = None,
+) -> tuple[FloatArray, FloatArray]:
+    """Exact visible area and image area of all or chosen faces in many poses, px^2.
+
+    Parameters
+    ----------
+    mesh, camera
+        What is looked at, and by what.
+    poses : (P, 4, 4) array_like
+        world_from_camera.
+    faces : (N,) int array_like, optional
+        The faces to measure, all F unless given. All others hide as ever.
+    front_only : bool, optional
+        True leaves out faces seen from behind: they neither hide nor are seen. Unless given, they
+        are left out where that changes nothing, which is proved pose by pose: the mesh is closed
+        and consistently wound, the camera outside it, and nothing is cut by the near plane.
+    threads : int, optional
+        Poses measured side by side; one for each core unless given.
+
+    Returns
+    -------
+    visible, area : (P, N) float64
+        Of the part inside the image: what is seen of the face, from either side, and what would be
+        were it alone.
+
+    Raises
+    ------
+    PoseError
+        For a pose that is no rigid motion.
+    ConfigError
+        For a face that is not there.
+    """
+    matrices = valid_poses(poses)
+    chosen = np.arange(mesh.n_faces) if faces is None else np.asarray(faces)
+    if chosen.ndim != 1 or (chosen.size and chosen.dtype.kind not in "iu"):
+        raise ConfigError(f"faces must be a list of face indices, got {chosen.dtype} {chosen.shape}")
+    if chosen.size and not (0 <= chosen.min() and chosen.max() < mesh.n_faces):
+        raise ConfigError(
+            f"faces must lie in 0 ... {mesh.n_faces - 1}, got {chosen.min()} ... {chosen.max()}"
+        )
+    announce_compilation(kernels.visible_areas)
+    near, can_cull, _ = limits(mesh, camera, matrices)
+    cull = can_cull if front_only is None else np.full(len(matrices), front_only)
+    visible, area = np.empty((2, len(matrices), len(chosen)))
+    chosen = chosen.astype(np.int32)
+
+    def worker(view: View) -> Callable[[slice], None]:
+        def work(turn: slice) -> None:
+            for row in range(len(matrices))[turn]:
+                view.look(matrices[row], near[row], cull[row])
+                view.measure(chosen)
+                visible[row], area[row] = view.visible[chosen], view.area[chosen]
+
+        return work
+
+    n_threads = max(1, min(thread_count(threads), len(matrices)))
+    surface = surface_of(mesh)
+    share_poses(len(matrices), [worker(View(surface, camera)) for _ in range(n_threads)])
+    return visible, area
 
 
 class View:

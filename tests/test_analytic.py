@@ -15,10 +15,11 @@ from scenes import joined, sheet, square
 
 from rastercov import analytic_kernels as kernels
 from rastercov import shapes
-from rastercov.analytic import View
+from rastercov.analytic import View, visible_areas
 from rastercov.camera import Camera
+from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
-from rastercov.pose import look_at
+from rastercov.pose import look_at, sphere_of_poses
 from rastercov.reference import rational
 from rastercov.surface import surface_of
 
@@ -383,3 +384,43 @@ def test_a_small_thing_before_a_vast_one_keeps_its_digits():
     mesh = joined(triangles(*near), far)
     exact = rational.visible_area(mesh, window(), AHEAD)
     assert np.abs(look(mesh, window(), AHEAD, View).visible - exact).max() <= 1e-9
+
+
+# --- many poses, chosen faces ---------------------------------------------------------------------
+
+
+def test_chosen_faces_of_many_poses_are_those_of_all():
+    mesh, camera = shapes.torus(20, 12), Camera(width=160, height=120, fx=130, fy=130)
+    poses = sphere_of_poses((0, 0, 0), 4, 9)
+    visible, area = visible_areas(mesh, camera, poses)
+    faces = np.random.default_rng(0).permutation(mesh.n_faces)[:50]
+    some, their_area = visible_areas(mesh, camera, poses, faces, threads=3)
+    assert np.array_equal(some, visible[:, faces])
+    assert np.array_equal(their_area, area[:, faces])
+    for row in (0, 5):
+        exact = rational.visible_area(mesh, camera, poses[row], faces)
+        assert np.abs(some[row] - exact).max() <= 1e-9
+
+
+def test_back_faces_are_left_out_where_asked_for():
+    mesh, camera = shapes.teapot(4), Camera(width=160, height=120, fx=130, fy=130)
+    pose = look_at((0.2, 0.5, 0.3), (0, 0, 0.08))
+    both, front = (
+        visible_areas(mesh, camera, pose, front_only=only)[0][0] for only in (False, True)
+    )
+    culled = rational.visible_area(mesh, camera, pose[0], cull=True)
+    assert np.abs(front - culled).max() <= 1e-9
+    assert np.abs(front - both).max() > 1  # it is open: what was left out hid something
+    assert np.array_equal(visible_areas(mesh, camera, pose)[0][0], both)
+
+
+@pytest.mark.parametrize("faces", [[-1], [12], [0.5], [[0]], ["a"]])
+def test_faces_that_are_not_there_are_refused(faces):
+    with pytest.raises(ConfigError, match="faces must"):
+        visible_areas(shapes.box((1, 1, 1)), CAMERA, AHEAD, faces)
+
+
+def test_no_faces_and_no_poses_give_empty_arrays():
+    mesh = shapes.box((1, 1, 1))
+    assert visible_areas(mesh, CAMERA, AHEAD, [])[0].shape == (1, 0)
+    assert visible_areas(mesh, CAMERA, np.zeros((0, 4, 4)))[1].shape == (0, 12)
