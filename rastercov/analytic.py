@@ -85,8 +85,8 @@ def visible_areas(
     matrices = valid_poses(poses)
     chosen = np.arange(mesh.n_faces) if faces is None else np.asarray(faces)
     if chosen.ndim != 1 or (chosen.size and chosen.dtype.kind not in "iu"):
-        raise ConfigError(f"faces must be a list of face indices, got {chosen.dtype} {chosen.shape}")
-    if chosen.size and not (0 <= chosen.min() and chosen.max() < mesh.n_faces):
+        raise ConfigError(f"faces must be a list of indices, got {chosen.dtype} {chosen.shape}")
+    if chosen.size and (chosen.min() < 0 or chosen.max() >= mesh.n_faces):
         raise ConfigError(
             f"faces must lie in 0 ... {mesh.n_faces - 1}, got {chosen.min()} ... {chosen.max()}"
         )
