@@ -1,7 +1,7 @@
 # make demo    install everything and run the main job on a built-in mesh
 # make test    install everything and run the tests
 # make lint    formatting, style, types
-# make bench   speed against a ray tracer, side by side
+# make bench   exactness and speed, side by side with a ray tracer
 #
 # All of it lives in .venv; Mesa's OpenGL comes from the system, through apt when it is missing.
 
@@ -37,6 +37,7 @@ lint: $(VENV)/installed-dev
 bench: $(VENV)/installed-bench opengl
 	@ldconfig -p | grep -q libusb-1.0.so.0 || $(APT) install -y libusb-1.0-0 </dev/null || \
 	{ echo "error: Open3D needs libusb; as root: apt-get install -y libusb-1.0-0"; exit 2; }
+	$(BIN)/python benchmarks/exactness.py
 	$(BIN)/python benchmarks/throughput.py
 
 $(BIN)/python:
