@@ -14,6 +14,7 @@ A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of S
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -83,7 +84,7 @@ def visible_areas(
         For a face that is not there.
     """
     matrices = valid_poses(poses)
-    chosen = np.arange(mesh.n_faces) if faces is None else np.asarray(faces)
+    chosen: NDArray[Any] = np.arange(mesh.n_faces) if faces is None else np.asarray(faces)
     if chosen.ndim != 1 or (chosen.size and chosen.dtype.kind not in "iu"):
         raise ConfigError(f"faces must be a list of indices, got {chosen.dtype} {chosen.shape}")
     if chosen.size and (chosen.min() < 0 or chosen.max() >= mesh.n_faces):

@@ -4,8 +4,10 @@ numba keeps what it compiled by file, and does not notice when a loop calls into
 has changed. So loops that call each other stand in one file.
 """
 
+import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -25,10 +27,40 @@ def inlined(function: Callable[..., Any]) -> Any:
     return numba.njit(nogil=True, error_model="numpy", inline="always")(function)
 
 
-def announce_compilation(loop: Any) -> None:
-    """Say that loops are compiled, where no earlier run has left this one on disk."""
+def announce_compilation(loop: Any) -> bool:
+    """Say that loops are compiled, where no earlier run has left this one on disk.
+
+    True where they are, and will be kept.
+    """
     folder = getattr(loop.stats, "cache_path", None)
     module = loop.py_func.__module__.rpartition(".")[2]
     pattern = f"{module}.{loop.py_func.__name__}-*.nbi"
-    if not folder or not any(Path(folder).glob(pattern)):
-        print("rastercov: compiling, once after installation", file=sys.stderr, flush=True)
+    if folder and any(Path(folder).glob(pattern)):
+        return False
+    print("rastercov: compiling, once after installation", file=sys.stderr, flush=True)
+    return folder is not None
+
+
+@contextmanager
+def compiled_aside(code: str) -> Iterator[None]:
+    """Run code that compiles some loops in a process of its own, while the block compiles others.
+
+    numba compiles one loop at a time in a process; what both leave on disk is shared. Should the
+    other process fail, this one compiles its loops when it needs them.
+    """
+    aside = None
+    with suppress(OSError):
+        aside = subprocess.Popen(
+            [sys.executable, "-c", code],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+    try:
+        yield
+        if aside:
+            aside.wait()
+    finally:
+        if aside and aside.poll() is None:
+            aside.kill()
+            aside.wait()

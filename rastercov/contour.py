@@ -15,10 +15,13 @@ A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of S
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov import analytic_kernels
 from rastercov import contour_kernels as kernels
 from rastercov.analytic import View
 from rastercov.camera import Camera
-from rastercov.surface import Surface
+from rastercov.compiled import announce_compilation, compiled_aside
+from rastercov.raster import canary
+from rastercov.surface import Surface, surface_of
 
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int32]
@@ -30,6 +33,30 @@ NEAR_MISS = 1e-9
 """Of `View.grain`: a face that an edge passes closer than this counts as crossed."""
 THINNEST = 1e-8
 """Of the same: width below which rounding may decide on which side of a face an edge runs."""
+
+
+ELSEWHERE = """
+import numpy as np
+from rastercov.contacts import touching_faces
+from rastercov.raster.canary import CAMERA, MESH
+from rastercov.raster.cpu import CPURasterizer
+touching_faces(np.eye(3), np.array([(0, 1, 2), (0, 2, 1)]), 1e-9)
+CPURasterizer(MESH, CAMERA)
+"""
+"""Compiles about half of all loops: those of the contacts, and of the rasteriser for pictures."""
+
+
+def compile_once() -> None:
+    """Compile all loops, in two processes side by side, where no earlier run left them on disk."""
+    if announce_compilation(analytic_kernels.visible_areas):
+        surface, pose = surface_of(canary.MESH), canary.POSES[0]
+        with compiled_aside(ELSEWHERE):
+            view = View(surface, canary.CAMERA)
+            view.look(pose, 1e-3, False)
+            view.measure_all()
+        certified = CertifiedView(surface, canary.CAMERA)
+        certified.look(pose, 1e-3, False)
+        certified.measure_all()
 
 
 class CertifiedView(View):

@@ -288,11 +288,10 @@ class _SampledObserver:
 class _AnalyticObserver:
     def __init__(self, mesh: Mesh, camera: Camera, method: str, threads: int | None) -> None:
         # These compile, or load what was compiled.
-        from rastercov import analytic, analytic_kernels, contour
-        from rastercov.compiled import announce_compilation
+        from rastercov import analytic, contour
         from rastercov.surface import surface_of
 
-        announce_compilation(analytic_kernels.visible_areas)
+        contour.compile_once()
         self.mesh, self.camera = mesh, camera
         self.info = RasterizerInfo(
             backend="analytic",
