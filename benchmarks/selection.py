@@ -1,0 +1,191 @@
+"""Selection: published optima, best coverage with k cameras, 10,000 x 10,000, and `kill -9`."""
+
+import json
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from rows import Report, arguments
+
+import rastercov as rc
+from rastercov import shapes
+from rastercov.placement.matrix import VisibilityMatrix, build_matrix
+from rastercov.placement.problem import BestCoverage, FewestCameras, problem_of, problem_of_matrix
+from rastercov.placement.select_greedy import select_greedy
+from rastercov.placement.select_integer import select_integer
+from rastercov.placement.select_thesis import select_thesis
+from rastercov.placement.set_cover_file import read_set_cover
+
+TESTS = Path(__file__).parents[1] / "tests"
+sys.path.append(str(TESTS))
+from set_cover_cases import COVERS, FOLDER, OPTIMA, steiner  # noqa: E402
+
+PARTS = ("published", "best", "large", "kills")
+
+
+def main() -> None:
+    parser = arguments(__doc__)
+    parser.add_argument(
+        "--only", choices=PARTS, action="append", help="parts to run; all unless given"
+    )
+    parser.add_argument("--seconds", type=float, default=60.0, help="for each integer program")
+    parser.add_argument("--side", type=int, default=10_000, help="poses of the large matrix")
+    args = parser.parse_args()
+    report = Report()
+    compile_loops()
+    for part in args.only or PARTS:
+        if part == "large":
+            large(report, args.side)
+        elif part == "best":
+            best_coverage(report, args.seconds)
+        elif part == "kills":
+            kills(report)
+        else:
+            published(report)
+    report.finish(args.json)
+
+
+def compile_loops() -> None:
+    """Load every loop once, so that no row counts compilation."""
+    for goal in (FewestCameras(), BestCoverage(3)):
+        problem = problem_of_matrix(steiner(9), goal)
+        select_integer(problem)
+        select_thesis(problem)
+
+
+def published(report: Report) -> None:
+    """Fewest cameras: the published optimum, and the proof."""
+    problems = {name: read_set_cover(FOLDER / f"{name}.txt.xz") for name in OPTIMA}
+    problems |= {f"Steiner A{n}": problem_of_matrix(steiner(n)) for n in COVERS}
+    optima = OPTIMA | {f"Steiner A{n}": cost for n, cost in COVERS.items()}
+    for name, problem in problems.items():
+        greedy = select_greedy(problem)
+        exact = select_integer(problem, time_limit=600)
+        proved = exact.objective == exact.bound == optima[name]
+        report.check(f"{name}: {optima[name]} reached and proved", proved)
+        report.add(f"{name}: time to the proof", exact.seconds, "s")
+        report.add(f"{name}: greedy above the optimum", above(greedy, optima[name]), "%")
+        report.check(f"{name}: greedy's bound holds", greedy.bound <= optima[name])
+
+
+def above(selection, optimum: float) -> float:
+    return 100 * (selection.objective / optimum - 1)
+
+
+def scene(n_poses: int) -> tuple[rc.Mesh, rc.Camera, np.ndarray]:
+    """A teapot of 5112 faces and cameras near it that see a twentieth each, aimed at random."""
+    mesh = shapes.teapot(9)
+    centre = mesh.bounds.mean(axis=0)
+    radius = np.linalg.norm(mesh.vertices - centre, axis=1).max()
+    eyes = rc.sphere_of_poses(centre, 1.6 * radius, n_poses)[:, :3, 3]
+    aims = centre + 0.35 * radius * np.random.default_rng(1).normal(size=(n_poses, 3))
+    return mesh, rc.Camera(width=256, height=256, fx=500, fy=500), rc.look_at(eyes, aims)
+
+
+def best_coverage(report: Report, seconds: float) -> None:
+    """The best k of 300 candidates for 5000 faces, by every method."""
+    mesh, camera, poses = scene(300)
+    matrix = build_matrix((mesh, camera), poses, rc.Task(max_incidence_deg=70))
+    report.add("300 candidates: faces", mesh.n_faces, "faces")
+    for k in (10, 20):
+        problem = problem_of(matrix, mesh, BestCoverage(k))
+        quick = [select_greedy(problem, seed=seed) for seed in range(5)]
+        patient = select_greedy(problem, effort=3_000_000_000, seed=99)
+        plain = select_greedy(problem, effort=0)
+        exact = select_integer(problem, time_limit=seconds)
+        thesis = select_thesis(problem)
+        best = max(s.objective for s in (*quick, patient, exact))
+        bound = min(exact.bound, *(s.bound for s in quick))
+        report.check(f"k = {k}: no selection passes the bound", best <= bound + 1e-9)
+        short = [100 * (1 - s.objective / best) for s in quick]
+        report.add(f"k = {k}: best found covers", 100 * best, "% of the area")
+        report.add(
+            f"k = {k}: greedy + swaps below it, worst of 5 seeds",
+            max(short),
+            "%",
+            0.3,
+            at_most=True,
+        )
+        report.add(
+            f"k = {k}: greedy + swaps, longest of 5",
+            max(s.seconds for s in quick),
+            "s",
+            1.0,
+            at_most=True,
+        )
+        report.add(f"k = {k}: greedy + swaps, gap to its bound", 100 * quick[0].gap, "%")
+        report.add(f"k = {k}: plain greedy below the best", 100 * (1 - plain.objective / best), "%")
+        report.add(
+            f"k = {k}: integer program below the best", 100 * (1 - exact.objective / best), "%"
+        )
+        report.add(f"k = {k}: integer program, gap", 100 * exact.gap, "%")
+        report.add(f"k = {k}: integer program, time", exact.seconds, "s")
+        report.add(f"k = {k}: the thesis' rule covers", 100 * thesis.objective, "% of the area")
+
+
+def large(report: Report, side: int) -> None:
+    """10,000 candidates x 10,000 faces in a process of its own, for its peak of memory."""
+    code = "import selection, sys; selection.large_alone(int(sys.argv[1]))"
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(side)], cwd=Path(__file__).parent, check=True,
+        capture_output=True, text=True,
+    )  # fmt: skip
+    figures = json.loads(done.stdout.splitlines()[-1])
+    name = f"{side} candidates x {figures['faces']} faces"
+    report.check(f"{name}: coverage lies below its bound", figures["share"] <= figures["bound"])
+    for what, unit in (("pairs", "pairs"), ("matrix", "s"), ("selection", "s"), ("disk", "MiB")):
+        report.add(f"{name}: {what}", figures[what], unit)
+    report.add(f"{name}: 20 cameras cover", 100 * figures["share"], "% of the area")
+    report.add(f"{name}: gap", 100 * figures["gap"], "%")
+    report.add(f"{name}: all of it", figures["all"], "s", 300, at_most=True)
+    report.add(f"{name}: peak memory", figures["peak"], "MiB", 1024, at_most=True)
+
+
+def large_alone(side: int) -> None:
+    """What `large` measures, as a line of JSON."""
+    mesh, camera = shapes.torus(), rc.Camera(width=256, height=256, fx=300, fy=300)
+    poses = rc.sphere_of_poses((0, 0, 0), 4.2, side)
+    with tempfile.TemporaryDirectory() as folder:
+        started = time.perf_counter()
+        matrix: VisibilityMatrix = build_matrix((mesh, camera), poses, rc.Task(), folder)
+        built = time.perf_counter()
+        disk = sum(path.stat().st_size for path in Path(folder).rglob("*") if path.is_file())
+        problem = problem_of(matrix, mesh, BestCoverage(20), views=4)
+        pairs = len(matrix.face)
+        del matrix
+        selection = select_greedy(problem)
+    ended = time.perf_counter()
+    figures = {
+        "faces": mesh.n_faces, "pairs": pairs, "disk": disk / 2**20, "matrix": built - started,
+        "selection": ended - built, "all": ended - started, "share": selection.share,
+        "bound": selection.bound, "gap": selection.gap,
+        "peak": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+    }  # fmt: skip
+    print(json.dumps(figures))
+
+
+def kills(report: Report) -> None:
+    """A matrix built under 20 kills -9 at random moments."""
+    with tempfile.TemporaryDirectory() as folder:
+        script = str(TESTS / "kill_matrix.py")
+        done = subprocess.run(
+            [sys.executable, script, "20", "2000", folder],
+            check=True,
+            capture_output=True,
+            text=True,
+        )
+    result = json.loads(done.stdout)
+    report.check("kill -9: the matrix is identical", result["same"])
+    report.add("kill -9: hits while it was being built", result["kills"], "kills")
+    report.add(
+        "kill -9: whole shards written again", result["rewritten"], "shards", 0, at_most=True
+    )
+    report.check("kill -9: nothing is left lying about", not result["left"])
+
+
+if __name__ == "__main__":
+    main()

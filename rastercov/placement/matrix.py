@@ -1,0 +1,269 @@
+"""The visibility matrix: what each candidate pose sees of each face, sparse, on disk and off.
+
+    poses -> `evaluate_batches` -> shards -> `VisibilityMatrix` -> `problem_of` -> `select_*`
+
+Only pairs with coverage > 0 are kept, of faces that are scored. On disk a matrix is a folder:
+
+header.json     what it was made from, with hashes: mesh, camera, poses, task, method, version
+poses.npy       (C, 4, 4) the candidates
+pairs/*.parquet shards of consecutive poses, columns pose, face, coverage, covered
+
+`pandas.read_parquet(folder / "pairs")` and `polars.read_parquet(folder / "pairs")` read it as it
+is. A shard is written beside its place, flushed to the disk and renamed, so a run that is killed
+loses at most the shard it was at; started again with the same inputs it goes on from there.
+"""
+
+import json
+from collections.abc import Callable
+from contextlib import nullcontext
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov.camera import Camera
+from rastercov.coverage import POSES_A_BATCH, Coverage, Task, evaluate_batches
+from rastercov.errors import ConfigError
+from rastercov.mesh import Mesh
+from rastercov.placement.shards import (
+    SCHEMA,
+    claim,
+    describe,
+    locked,
+    read_header,
+    rows_of,
+    shards_of,
+    whole,
+)
+from rastercov.pose import valid_poses
+from rastercov.visibility import Observer, open_observer
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class VisibilityMatrix:
+    """Coverage of faces by candidate poses, in compressed rows; row c is pose c.
+
+    The faces of pose c are `face[indptr[c]:indptr[c + 1]]`, in ascending order; every other face
+    has coverage 0, and so have faces of occluders.
+
+    Attributes
+    ----------
+    poses : (C, 4, 4) float64
+        world_from_camera of the candidates.
+    n_faces, n_task_faces : int
+        Faces F of the mesh, and how many of them are scored.
+    task : Task
+        What it takes for a face to be covered.
+    indptr : (C + 1,) int64
+        Where the pairs of each pose begin and end.
+    face : (N,) int32
+    coverage : (N,) float32
+        (3.6), more than 0; rounded such that comparing it with `task.min_coverage` tells exactly
+        which pairs are covered.
+    header : dict
+        What the matrix was made from.
+    """
+
+    poses: FloatArray
+    n_faces: int
+    n_task_faces: int
+    task: Task
+    indptr: NDArray[np.int64]
+    face: NDArray[np.int32]
+    coverage: NDArray[np.float32]
+    header: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def n_poses(self) -> int:
+        """Number of candidates C."""
+        return len(self.poses)
+
+    @property
+    def covered(self) -> BoolArray:
+        """(N,) pairs in which the pose covers the face: `Reason.COVERED`."""
+        enough: BoolArray = self.coverage >= np.float64(self.task.min_coverage)
+        return enough
+
+    @property
+    def mean_coverage(self) -> FloatArray:
+        """(C,) mean coverage of each pose over the faces that are scored."""
+        # Pose by pose, 10 us each: what `reduceat` makes of a pose without pairs is not 0.
+        sums = [
+            float(self.coverage[start:end].sum(dtype=np.float64))
+            for start, end in pairwise(self.indptr)
+        ]
+        return np.array(sums, np.float64) / max(1, self.n_task_faces)
+
+    @classmethod
+    def load(cls, folder: str | Path) -> Self:
+        """Matrix that `build_matrix` left in a folder; ConfigError when it is not complete."""
+        folder = Path(folder)
+        header = read_header(folder)
+        if header is None:
+            raise ConfigError(f"{folder}: there is no matrix in this folder")
+        poses: FloatArray = np.load(folder / "poses.npy")
+        shards = list(shards_of(folder, len(poses), header["poses_a_shard"]))
+        sizes = [rows_of(shard, header) for shard, _ in shards]
+        if None in sizes:
+            raise ConfigError(
+                f"{folder}: {sizes.count(None)} of {len(shards)} shards are missing; "
+                "call build_matrix with the same inputs to make them"
+            )
+        total = sum(size or 0 for size in sizes)
+        face, coverage = np.empty(total, np.int32), np.empty(total, np.float32)
+        counts = np.zeros(len(poses), np.int64)
+        done = 0
+        for shard, rows in shards:
+            with shard.open("rb") as file:
+                table = pq.ParquetFile(file).read(["pose", "face", "coverage"], use_threads=False)
+            part = slice(done, done + len(table))
+            face[part], coverage[part] = table["face"].to_numpy(), table["coverage"].to_numpy()
+            of_pose = table["pose"].to_numpy() - rows.start
+            counts[rows] = np.bincount(of_pose, minlength=rows.stop - rows.start)
+            done = part.stop
+        return cls(
+            poses=poses,
+            n_faces=header["n_faces"],
+            n_task_faces=header["n_task_faces"],
+            task=Task(**header["task"]),
+            indptr=np.concatenate(([0], np.cumsum(counts))),
+            face=face,
+            coverage=coverage,
+            header=header,
+        )
+
+
+def build_matrix(
+    view: Observer | tuple[Mesh, Camera],
+    poses: ArrayLike,
+    task: Task | None = None,
+    folder: str | Path | None = None,
+    *,
+    poses_a_shard: int | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> VisibilityMatrix:
+    """Visibility matrix of the poses, measured a few at a time.
+
+    Parameters
+    ----------
+    view : Observer or (Mesh, Camera)
+        An open observer, or what to open one for with method "certified".
+    poses : (C, 4, 4) array_like
+        world_from_camera of the candidates.
+    task : Task, optional
+        Thresholds; `Task()` unless given.
+    folder : path, optional
+        Where to keep the shards; made when it is missing. A run that was ended, however, goes on
+        from its shards; a matrix that is complete is only read. Without a folder all is in memory.
+    poses_a_shard : int, optional
+        Poses of each file; as many as make `PAIRS_A_SHARD` pairs unless given.
+    progress : callable
+        Called with the poses done and the poses in all.
+
+    Raises
+    ------
+    ConfigError
+        When the folder holds a matrix of other inputs, or another process is writing to it.
+    PoseError
+        For a pose that is no rigid motion.
+    """
+    matrices, task = valid_poses(poses), task or Task()
+    opened = open_observer(*view) if isinstance(view, tuple) else nullcontext(view)
+    with opened as observer:
+        header = describe(observer, matrices, task, poses_a_shard)
+        if folder is None:
+            return _in_memory(observer, matrices, task, header, progress)
+        with locked(Path(folder)) as place:
+            kept = claim(place, header, matrices, poses_a_shard is not None)
+            shards = list(shards_of(place, len(matrices), kept["poses_a_shard"]))
+            missing = [(shard, rows) for shard, rows in shards if rows_of(shard, kept) is None]
+            done = len(matrices) - sum(rows.stop - rows.start for _, rows in missing)
+            progress(done, len(matrices))
+            for shard, rows in missing:
+                _write_shard(shard, rows, observer, matrices, task, kept, progress, done)
+                done += rows.stop - rows.start
+            return VisibilityMatrix.load(place)
+
+
+def _in_memory(
+    observer: Observer,
+    poses: FloatArray,
+    task: Task,
+    header: dict[str, Any],
+    progress: Callable[[int, int], None],
+) -> VisibilityMatrix:
+    counts: list[NDArray[np.int64]] = [np.zeros(1, np.int64)]
+    faces: list[NDArray[np.int32]] = []
+    values: list[NDArray[np.float32]] = []
+    progress(0, len(poses))
+    for batch in evaluate_batches(observer, poses, task):
+        pose, face, value, _ = _pairs(batch)
+        counts.append(np.bincount(pose, minlength=len(batch.pose_ids)))
+        faces.append(face)
+        values.append(value)
+        if len(batch.pose_ids):
+            progress(int(batch.pose_ids[-1]) + 1, len(poses))
+    return VisibilityMatrix(
+        poses=poses,
+        n_faces=observer.mesh.n_faces,
+        n_task_faces=header["n_task_faces"],
+        task=task,
+        indptr=np.cumsum(np.concatenate(counts)),
+        face=np.concatenate(faces),
+        coverage=np.concatenate(values),
+        header=header,
+    )
+
+
+def _pairs(
+    batch: Coverage,
+) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32], BoolArray]:
+    """Row in the batch, face, coverage and whether covered, of all pairs with coverage > 0."""
+    pose, face = np.nonzero((batch.coverage > 0) & batch.mesh.task_mask)
+    short, covered = shortened(batch.coverage[pose, face], batch.task.min_coverage)
+    return pose, face.astype(np.int32), short, covered
+
+
+def shortened(coverage: FloatArray, least: float) -> tuple[NDArray[np.float32], BoolArray]:
+    """Coverage in float32, and whether it is at least so much; both say the same of it.
+
+    Rounding carries no value across the threshold, nor down to 0. Thresholds other than 0 are
+    1e-30 or more: float32 ends not far below.
+    """
+    covered: BoolArray = coverage >= least
+    short = coverage.astype(np.float32)
+    too_low = (covered & (short.astype(np.float64) < least)) | (short == 0)
+    too_high = ~covered & (short.astype(np.float64) >= least) & ~too_low
+    short[too_low] = np.nextafter(short[too_low], np.float32(np.inf))
+    short[too_high] = np.nextafter(short[too_high], np.float32(-np.inf))
+    return short, covered
+
+
+def _write_shard(
+    shard: Path,
+    rows: slice,
+    observer: Observer,
+    poses: FloatArray,
+    task: Task,
+    header: dict[str, Any],
+    progress: Callable[[int, int], None],
+    done: int,
+) -> None:
+    schema = SCHEMA.with_metadata({"rastercov": json.dumps(header)})
+    with whole(shard) as file, pq.ParquetWriter(file, schema, compression="zstd") as writer:
+        for start in range(rows.start, rows.stop, POSES_A_BATCH):
+            ids = np.arange(start, min(start + POSES_A_BATCH, rows.stop))
+            for batch in evaluate_batches(observer, poses[ids], task):
+                pose, face, value, covered = _pairs(batch)
+                of_all = ids[batch.pose_ids[pose]].astype(np.int32)
+                writer.write_table(pa.table([of_all, face, value, covered], schema=schema))
+                done += len(batch.pose_ids)
+                progress(done, len(poses))

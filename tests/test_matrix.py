@@ -1,0 +1,298 @@
+import json
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import rastercov as rc
+from rastercov import shapes
+from rastercov.errors import ConfigError, PoseError
+from rastercov.placement.matrix import VisibilityMatrix, build_matrix, shortened
+from rastercov.placement.problem import BestCoverage, FewestCameras, problem_of
+from rastercov.placement.shards import locked
+
+CAMERA = rc.Camera(width=64, height=64, fx=70, fy=70)
+TASK = rc.Task(min_coverage=0.3, max_incidence_deg=80)
+N_POSES = 11
+
+
+@pytest.fixture(scope="module")
+def mesh():
+    return shapes.torus(12, 8)
+
+
+@pytest.fixture(scope="module")
+def poses():
+    return rc.sphere_of_poses((0, 0, 0), 4.2, N_POSES)
+
+
+def dense(matrix):
+    values = np.zeros((matrix.n_poses, matrix.n_faces), np.float32)
+    pose = np.repeat(np.arange(matrix.n_poses), np.diff(matrix.indptr))
+    values[pose, matrix.face] = matrix.coverage
+    return values
+
+
+def same(one, other):
+    for name in ("poses", "indptr", "face", "coverage"):
+        first, second = getattr(one, name), getattr(other, name)
+        np.testing.assert_array_equal(first, second, err_msg=name)
+        assert first.dtype == second.dtype
+    assert (one.task, one.header, one.n_task_faces) == (other.task, other.header, one.n_task_faces)
+
+
+def test_the_matrix_is_the_coverage_of_every_pair(mesh, poses):
+    matrix = build_matrix((mesh, CAMERA), poses, TASK)
+    coverage = rc.evaluate(mesh, CAMERA, poses, TASK)
+    np.testing.assert_allclose(dense(matrix), coverage.coverage, rtol=1e-6)
+    assert (dense(matrix) > 0).tolist() == (coverage.coverage > 0).tolist()
+    covered = np.zeros(matrix.n_poses * matrix.n_faces, bool)
+    pose = np.repeat(np.arange(matrix.n_poses), np.diff(matrix.indptr))
+    covered[(pose * matrix.n_faces + matrix.face)[matrix.covered]] = True
+    np.testing.assert_array_equal(
+        covered.reshape(coverage.reason.shape), coverage.reason == rc.Reason.COVERED
+    )
+    assert matrix.mean_coverage == pytest.approx(coverage.coverage.mean(axis=1))
+
+
+def test_occluders_are_left_out(mesh, poses):
+    labels = np.arange(mesh.n_faces) % 2
+    groups = (rc.Group("part"), rc.Group("fixture", is_occluder=True))
+    scene = rc.Mesh(mesh.vertices, mesh.faces, groups, labels)
+    matrix = build_matrix((scene, CAMERA), poses, TASK)
+    assert len(matrix.face)
+    assert (labels[matrix.face] == 0).all()
+    assert matrix.n_task_faces == (labels == 0).sum()
+
+
+@pytest.mark.parametrize("poses_a_shard", [1, 4, 100])
+def test_on_disk_and_in_memory_are_the_same(mesh, poses, tmp_path, poses_a_shard):
+    with rc.open_observer(mesh, CAMERA) as observer:
+        seen = []
+        matrix = build_matrix(
+            observer, poses, TASK, tmp_path, poses_a_shard=poses_a_shard,
+            progress=lambda done, total: seen.append((done, total)),
+        )  # fmt: skip
+    same(matrix, build_matrix((mesh, CAMERA), poses, TASK, poses_a_shard=poses_a_shard))
+    same(matrix, VisibilityMatrix.load(tmp_path))
+    assert seen[0] == (0, N_POSES)
+    assert seen[-1] == (N_POSES, N_POSES)
+    assert len(list((tmp_path / "pairs").iterdir())) == -(-N_POSES // poses_a_shard)
+
+
+def test_the_shards_are_a_plain_table(mesh, poses, tmp_path):
+    matrix = build_matrix((mesh, CAMERA), poses, TASK, tmp_path, poses_a_shard=4)
+    table = pq.read_table(tmp_path / "pairs")
+    assert table.column_names == ["pose", "face", "coverage", "covered"]
+    pose = np.repeat(np.arange(N_POSES), np.diff(matrix.indptr))
+    np.testing.assert_array_equal(table["pose"].to_numpy(), pose)
+    np.testing.assert_array_equal(table["face"].to_numpy(), matrix.face)
+    np.testing.assert_array_equal(table["coverage"].to_numpy(), matrix.coverage)
+    np.testing.assert_array_equal(table["covered"].to_numpy(), matrix.covered)
+
+
+def test_no_pose_and_nothing_in_view_give_an_empty_matrix(mesh, tmp_path):
+    away = rc.look_at([[0, 0, 5.0]], [[0, 0, 9.0]])
+    for name, poses in (("none", np.empty((0, 4, 4))), ("away", away)):
+        for matrix in (
+            build_matrix((mesh, CAMERA), poses, TASK),
+            build_matrix((mesh, CAMERA), poses, TASK, tmp_path / name),
+        ):
+            assert matrix.indptr.tolist() == [0] * (len(poses) + 1)
+            assert matrix.mean_coverage.tolist() == [0.0] * len(poses)
+
+
+def test_a_run_goes_on_where_it_was_stopped(mesh, poses, tmp_path):
+    def stop(done, total):
+        if done >= 6:
+            raise InterruptedError
+
+    with pytest.raises(InterruptedError):
+        build_matrix((mesh, CAMERA), poses, TASK, tmp_path, poses_a_shard=4, progress=stop)
+    assert [path.name for path in (tmp_path / "pairs").iterdir()] == ["pairs-00000.parquet"]
+    with pytest.raises(ConfigError, match="2 of 3 shards are missing"):
+        VisibilityMatrix.load(tmp_path)
+    seen = []
+    matrix = build_matrix(
+        (mesh, CAMERA), poses, TASK, tmp_path, progress=lambda done, total: seen.append(done)
+    )
+    assert seen[0] == 4
+    same(matrix, build_matrix((mesh, CAMERA), poses, TASK, poses_a_shard=4))
+    again = []
+    build_matrix((mesh, CAMERA), poses, TASK, tmp_path, progress=lambda *done: again.append(done))
+    assert again == [(N_POSES, N_POSES)]
+
+
+def test_a_shard_that_is_not_whole_is_made_again(mesh, poses, tmp_path):
+    matrix = build_matrix((mesh, CAMERA), poses, TASK, tmp_path, poses_a_shard=4)
+    shards = sorted((tmp_path / "pairs").iterdir())
+    shards[1].write_bytes(shards[1].read_bytes()[:-20])
+    shards[2].write_bytes(b"")
+    (tmp_path / "pairs" / ".0123.part").write_bytes(b"left by a run that was killed")
+    same(matrix, build_matrix((mesh, CAMERA), poses, TASK, tmp_path))
+    assert sorted((tmp_path / "pairs").iterdir()) == shards
+
+
+def test_a_shard_of_another_matrix_is_made_again(mesh, poses, tmp_path):
+    matrix = build_matrix((mesh, CAMERA), poses, TASK, tmp_path / "one", poses_a_shard=4)
+    build_matrix((mesh, CAMERA), poses[::-1], TASK, tmp_path / "two", poses_a_shard=4)
+    name = Path("pairs") / "pairs-00001.parquet"
+    (tmp_path / "one" / name).write_bytes((tmp_path / "two" / name).read_bytes())
+    same(matrix, build_matrix((mesh, CAMERA), poses, TASK, tmp_path / "one"))
+
+
+def test_a_failure_to_write_leaves_no_shard(mesh, poses, tmp_path, monkeypatch):
+    def fail(descriptor):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", fail)
+    with pytest.raises(OSError, match="No space left"):
+        build_matrix((mesh, CAMERA), poses, TASK, tmp_path / "full")
+    assert [path for path in (tmp_path / "full").rglob("*") if path.is_file()] == []
+
+
+def moved(mesh):
+    return rc.Mesh(mesh.vertices + np.array([1e-9, 0, 0]), mesh.faces)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda a: a | {"view": (moved(a["view"][0]), CAMERA)}, "from another mesh"),
+        (lambda a: a | {"view": (a["view"][0].with_groups(two_sided="all"), CAMERA)}, "mesh"),
+        (lambda a: a | {"view": (a["view"][0], replace(CAMERA, fx=71.0))}, "for another camera"),
+        (lambda a: a | {"poses": a["poses"][:-1]}, "from other poses"),
+        (lambda a: a | {"task": replace(TASK, min_coverage=0.31)}, "for another task"),
+        (lambda a: a | {"poses_a_shard": 5}, "with another poses_a_shard"),
+    ],
+)
+def test_a_folder_of_other_inputs_is_refused(mesh, poses, tmp_path, change, words):
+    inputs = {"view": (mesh, CAMERA), "poses": poses, "task": TASK, "folder": tmp_path}
+    build_matrix(**inputs)
+    with pytest.raises(ConfigError, match=words) as error:
+        build_matrix(**change(inputs))
+    assert "\n" not in str(error.value)
+
+
+def test_another_method_and_another_version_are_refused(mesh, poses, tmp_path):
+    build_matrix((mesh, CAMERA), poses, TASK, tmp_path)
+    with (
+        rc.open_observer(mesh, CAMERA, method="exact") as observer,
+        pytest.raises(ConfigError, match="by another method"),
+    ):
+        build_matrix(observer, poses, TASK, tmp_path)
+    for supersample in (1, 2):
+        with rc.open_observer(
+            mesh, CAMERA, method="sampled", backend="cpu", supersample=supersample
+        ) as observer:
+            if supersample == 1:
+                build_matrix(observer, poses, TASK, tmp_path / "sampled")
+                continue
+            with pytest.raises(ConfigError, match="another supersample"):
+                build_matrix(observer, poses, TASK, tmp_path / "sampled")
+    path = tmp_path / "header.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"rastercov": "0.0.0"}))
+    with pytest.raises(ConfigError, match="another version"):
+        build_matrix((mesh, CAMERA), poses, TASK, tmp_path)
+    path.write_text("{")
+    with pytest.raises(ConfigError, match="no header"):
+        build_matrix((mesh, CAMERA), poses, TASK, tmp_path)
+
+
+def test_two_processes_do_not_write_to_one_folder(mesh, poses, tmp_path):
+    with (
+        locked(tmp_path),
+        pytest.raises(ConfigError, match="another process is writing"),
+    ):
+        build_matrix((mesh, CAMERA), poses, TASK, tmp_path)
+
+
+def test_what_is_no_folder_of_ours_is_refused(mesh, poses, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ConfigError, match="cannot be made"):
+        build_matrix((mesh, CAMERA), poses, TASK, tmp_path / "file")
+    with pytest.raises(ConfigError, match="there is no matrix"):
+        VisibilityMatrix.load(tmp_path)
+    (tmp_path / "pairs").mkdir()
+    (tmp_path / "pairs" / "pairs-00000.parquet").write_bytes(b"")
+    with pytest.raises(ConfigError, match="without a header"):
+        build_matrix((mesh, CAMERA), poses, TASK, tmp_path)
+    with pytest.raises(ConfigError, match="poses_a_shard must be 1 or more"):
+        build_matrix((mesh, CAMERA), poses, TASK, poses_a_shard=0)
+    with pytest.raises(PoseError):
+        build_matrix((mesh, CAMERA), np.zeros((1, 4, 4)), TASK)
+
+
+@given(
+    st.just(0.0) | st.floats(1e-30, 1),
+    st.lists(st.floats(0, 1), min_size=1, max_size=20),
+    st.integers(-3, 3),
+)
+def test_rounding_carries_no_pair_across_the_threshold(least, values, ulps):
+    near = least * (1 + ulps * 2.0**-52)
+    exact = np.array([*values, near, least, 5e-324, 1e-46, 1.0])
+    short, covered = shortened(exact[exact > 0], least)
+    wanted = exact[exact > 0]
+    np.testing.assert_array_equal(short >= np.float64(least), wanted >= least)
+    np.testing.assert_array_equal(covered, wanted >= least)
+    assert (short > 0).all()
+    np.testing.assert_allclose(short, wanted, rtol=2.4e-7, atol=3e-45)
+
+
+def test_a_problem_has_the_pairs_that_count(mesh, poses):
+    matrix = build_matrix((mesh, CAMERA), poses, TASK)
+    coverage = rc.evaluate(mesh, CAMERA, poses, TASK)
+    goal = BestCoverage(3)
+    for least, wanted in (
+        (None, coverage.reason == rc.Reason.COVERED),
+        (0.0, coverage.coverage > 0),
+        (0.9, coverage.coverage >= 0.9),
+    ):
+        problem = problem_of(matrix, mesh, goal, min_coverage=least, weight_by="count")
+        pairs = [
+            problem.face[problem.indptr[c] : problem.indptr[c + 1]].tolist() for c in range(N_POSES)
+        ]
+        assert pairs == [np.flatnonzero(row).tolist() for row in wanted]
+    area = problem_of(matrix, mesh, goal)
+    assert area.share(np.arange(mesh.n_faces) < 5) == pytest.approx(
+        mesh.areas[:5].sum() / mesh.areas.sum()
+    )
+    np.testing.assert_array_equal(area.eyes, poses[:, :3, 3])
+    assert area.views.tolist() == [1] * mesh.n_faces
+
+
+def test_views_and_weights_go_by_group(mesh, poses):
+    labels = np.arange(mesh.n_faces) % 3
+    groups = (rc.Group("a"), rc.Group("b"), rc.Group("jig", is_occluder=True))
+    scene = rc.Mesh(mesh.vertices, mesh.faces, groups, labels)
+    matrix = build_matrix((scene, CAMERA), poses, replace(TASK, views=2))
+    goal = FewestCameras(0.0, {"b": 0.5}, of_reachable=True)
+    problem = problem_of(matrix, scene, goal, views={"b": 3}, weight_by="count")
+    assert problem.weights.tolist() == [float(label != 2) for label in labels]
+    assert problem.views.tolist() == [3 if label == 1 else 1 for label in labels]
+    assert problem_of(matrix, scene, goal).views.tolist() == [2] * scene.n_faces
+    with pytest.raises(ConfigError, match="no group 'c'"):
+        problem_of(matrix, scene, goal, views={"c": 2})
+    with pytest.raises(ConfigError, match="area or count"):
+        problem_of(matrix, scene, goal, weight_by="volume")
+    with pytest.raises(ConfigError, match="of a mesh of"):
+        problem_of(matrix, shapes.icosahedron(), goal)
+
+
+def test_kill_9_loses_nothing_but_the_shard_in_flight(tmp_path):
+    script = Path(__file__).parent / "kill_matrix.py"
+    command = [sys.executable, str(script), "20", "160", str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    assert result["same"]
+    assert result["rewritten"] == 0
+    assert result["left"] == []
+    assert result["kills"] >= 3

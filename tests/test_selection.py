@@ -1,0 +1,487 @@
+import lzma
+import math
+import sys
+from dataclasses import replace
+from itertools import combinations
+
+import highspy
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from set_cover_cases import COVERS, FOLDER, OPTIMA, steiner
+
+from rastercov.errors import ConfigError, ResourceError
+from rastercov.placement import bounds
+from rastercov.placement import select_integer as integer_module
+from rastercov.placement.merging import merge
+from rastercov.placement.problem import (
+    BestCoverage,
+    FewestCameras,
+    problem_of_matrix,
+)
+from rastercov.placement.select_greedy import construct, select_greedy
+from rastercov.placement.select_integer import select_integer
+from rastercov.placement.select_thesis import select_thesis
+from rastercov.placement.set_cover_file import read_set_cover
+from rastercov.placement.tally import Tally
+
+QUICK = 200_000
+"""Effort of the greedy search in tests."""
+SELECTORS = {
+    "plain": lambda problem: select_greedy(problem, effort=0),
+    "greedy": lambda problem: select_greedy(problem, effort=QUICK),
+    "integer": select_integer,
+    "thesis": select_thesis,
+}
+
+
+def covers_faces(problem, chosen):
+    """(F,) whether the chosen cover each face: the definition, with nothing from the package."""
+    result = []
+    for f in range(problem.n_faces):
+        seeing = [c for c in chosen if f in problem.face[problem.indptr[c] : problem.indptr[c + 1]]]
+        enough = len(seeing) >= problem.views[f]
+        if problem.min_angle > 0:
+            rays = [problem.eyes[c] - problem.centroids[f] for c in seeing]
+            rays = [ray / np.linalg.norm(ray) for ray in rays]
+            angles = [math.acos(np.clip(a @ b, -1, 1)) for a, b in combinations(rays, 2)]
+            enough &= any(angle >= problem.min_angle - 1e-9 for angle in angles)
+        result.append(enough)
+    return np.array(result, bool)
+
+
+def share(problem, covered, of=True):
+    whole = problem.weights[np.broadcast_to(of, len(covered))].sum()
+    return problem.weights[covered & of].sum() / whole if whole else 1.0
+
+
+def is_met(problem, covered):
+    goal = problem.goal
+    reachable = covers_faces(problem, range(problem.n_candidates))
+    counted = reachable if goal.of_reachable else np.ones(len(covered), bool)
+    met = share(problem, covered, counted) >= goal.coverage - 1e-6
+    for name, least in goal.groups.items():
+        members = problem.face_group == problem.groups.index(name)
+        met &= share(problem, covered, counted & members) >= least - 1e-6
+    return met
+
+
+def best_by_trying_all(problem):
+    """The best objective of all sets of candidates."""
+    goal, found = problem.goal, []
+    for n in range(problem.n_candidates + 1):
+        for chosen in combinations(range(problem.n_candidates), n):
+            covered = covers_faces(problem, chosen)
+            cost = problem.costs[list(chosen)].sum()
+            if isinstance(goal, FewestCameras):
+                if is_met(problem, covered):
+                    found.append(-cost)
+            elif n <= (goal.cameras if goal.cameras is not None else n) and cost <= (
+                math.inf if goal.budget is None else goal.budget + 1e-9
+            ):
+                found.append(share(problem, covered))
+    return abs(max(found))
+
+
+@st.composite
+def problems(
+    draw, goals=("best", "budget", "fewest"), max_views=2, angles=(0, 0, 40, 90), sizes=(1, 3, 5, 7)
+):
+    n, m = draw(st.sampled_from(sizes)), draw(st.sampled_from((1, 4, 9)))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    covers = rng.random((n, m)) < draw(st.sampled_from([0.2, 0.5, 0.8]))
+    groups = ("left", "right")
+    options = {
+        "weights": draw(st.sampled_from([None, rng.integers(0, 4, m), rng.random(m)])),
+        "views": rng.integers(1, max_views + 1, m),
+        "costs": draw(st.sampled_from([None, rng.integers(1, 4, n), rng.random(n)])),
+        "groups": groups,
+        "face_group": rng.integers(0, 2, m),
+        "min_angle_deg": draw(st.sampled_from(angles)),
+        "eyes": rng.normal(size=(n, 3)) * 4,
+        "centroids": rng.normal(size=(m, 3)),
+    }
+    kind = draw(st.sampled_from(goals))
+    if kind == "best":
+        goal = BestCoverage(int(rng.integers(0, n + 1)))
+    elif kind == "budget":
+        cameras = draw(st.sampled_from([None, n - 1]))
+        goal = BestCoverage(cameras, budget=float(rng.uniform(0, 1.2 * n)))
+    else:
+        named = {name: float(rng.choice([0.5, 1.0])) for name in groups if rng.random() < 0.5}
+        goal = FewestCameras(float(rng.choice([0, 0.5, 0.9, 1])), named, of_reachable=True)
+    return problem_of_matrix(covers, goal, **options)
+
+
+@given(problems(goals=["best"], max_views=1, angles=[0]))
+def test_the_greedy_rule_reaches_its_guarantee(problem):
+    best = best_by_trying_all(problem)
+    assert select_greedy(problem, effort=0).objective >= (1 - 1 / math.e) * best - 1e-9
+
+
+@given(problems())
+def test_the_integer_program_finds_the_best_there_is(problem):
+    selection = select_integer(problem)
+    assert selection.objective == pytest.approx(best_by_trying_all(problem), abs=1e-6)
+    assert selection.status == "optimal"
+    assert selection.gap <= 1e-6
+
+
+@given(problems())
+def test_no_selection_passes_a_bound_and_every_one_is_what_it_says(problem):
+    best = best_by_trying_all(problem)
+    for name, select in SELECTORS.items():
+        selection = select(problem)
+        chosen = selection.chosen
+        covered = covers_faces(problem, chosen)
+        np.testing.assert_array_equal(selection.covered, covered, err_msg=name)
+        assert len(set(chosen.tolist())) == len(chosen) == len(selection.curve)
+        assert selection.share == pytest.approx(share(problem, covered))
+        assert selection.cost == pytest.approx(problem.costs[chosen].sum())
+        if isinstance(problem.goal, FewestCameras):
+            assert is_met(problem, covered), name
+            assert selection.bound <= best + 1e-6, name
+            assert best <= selection.objective + 1e-6
+        else:
+            assert problem.goal.cameras is None or len(chosen) <= problem.goal.cameras
+            assert problem.goal.budget is None or selection.cost <= problem.goal.budget + 1e-9
+            assert selection.bound >= best - 1e-6, name
+            assert best >= selection.objective - 1e-6
+        missing = abs(selection.bound - selection.objective)
+        assert selection.gap == (
+            math.inf
+            if selection.objective == 0 < missing
+            else pytest.approx(missing / max(selection.objective, 1e-300))
+        )
+
+
+@given(problems(max_views=3))
+def test_lagrange_bounds_hold_before_they_are_trimmed(problem):
+    merged = merge(problem)
+    best = best_by_trying_all(problem)
+    tally = construct(merged)
+    if isinstance(problem.goal, FewestCameras):
+        assert bounds.least_cost(merged, tally.cost) <= best + 1e-6
+    else:
+        weight = bounds.best_weight(merged, tally.covered)
+        assert weight >= (best - 1e-6) * problem.quanta.sum()
+
+
+@given(
+    problems(max_views=3, sizes=(7, 14)),
+    st.lists(st.integers(0, 13), min_size=2, max_size=20),
+    st.booleans(),
+)
+def test_a_gain_is_what_adding_the_camera_adds(problem, cameras, finish):
+    merged = merge(problem)
+    tally = Tally(merged, finish=finish)
+    for camera in cameras:  # named twice, a camera comes and goes
+        if camera < merged.n_candidates:
+            (tally.remove if camera in tally.chosen else tally.add)(camera)
+    covered = problem.covered_by(merged.candidates[sorted(tally.chosen)])[1]
+    counted = covered & problem.reachable
+    assert tally.covered == problem.quanta[counted].sum()
+    for camera in set(range(merged.n_candidates)) - tally.chosen:
+        before, promised = tally.worth, int(tally.gain[camera].sum())
+        gains = tally.gain.copy()
+        tally.add(camera)
+        assert tally.worth - before == promised
+        tally.remove(camera)
+        assert tally.worth == before
+        np.testing.assert_array_equal(tally.gain, gains)
+
+
+@given(problems())
+def test_improvement_never_loses(problem):
+    plain, better = (select_greedy(problem, effort=effort) for effort in (0, QUICK))
+    if isinstance(problem.goal, FewestCameras):
+        assert better.objective <= plain.objective + 1e-9
+    else:
+        assert better.objective >= plain.objective - 1e-9
+
+
+@settings(max_examples=40)
+@given(problems())
+def test_the_same_problem_gives_the_same_selection(problem):
+    for select in SELECTORS.values():
+        first, second = select(problem), select(problem)
+        np.testing.assert_array_equal(first.chosen, second.chosen)
+        assert (first.bound, first.status) == (second.bound, second.status)
+
+
+@settings(max_examples=40)
+@given(problems(), st.randoms(use_true_random=False))
+def test_the_order_of_the_candidates_changes_nothing(problem, random):
+    order = np.array(random.sample(range(problem.n_candidates), problem.n_candidates))
+    dense = np.zeros((problem.n_candidates, problem.n_faces), np.uint8)
+    dense[np.repeat(np.arange(len(dense)), np.diff(problem.indptr)), problem.face] = 1
+    shuffled = problem_of_matrix(
+        dense[order],
+        problem.goal,
+        weights=problem.weights,
+        views=problem.views,
+        costs=problem.costs[order],
+        groups=problem.groups,
+        face_group=problem.face_group,
+        min_angle_deg=math.degrees(problem.min_angle),
+        eyes=problem.eyes[order],
+        centroids=problem.centroids,
+    )
+    for name in ("plain", "greedy", "integer"):
+        one, other = SELECTORS[name](problem), SELECTORS[name](shuffled)
+        assert one.objective == pytest.approx(other.objective), name
+        assert one.bound == pytest.approx(other.bound), name
+        # The same cameras, or ones that cover the same faces at the same cost.
+        rows = sorted((dense[c].tolist(), problem.costs[c]) for c in one.chosen)
+        others = sorted((dense[order[c]].tolist(), shuffled.costs[c]) for c in other.chosen)
+        assert rows == others, name
+
+
+@settings(max_examples=40)
+@given(problems(angles=[0]), st.integers(2, 3))
+def test_merging_equal_candidates_and_faces_changes_nothing(problem, times):
+    dense = np.zeros((problem.n_candidates, problem.n_faces), np.uint8)
+    dense[np.repeat(np.arange(len(dense)), np.diff(problem.indptr)), problem.face] = 1
+    repeated = problem_of_matrix(
+        np.tile(dense, (1, times)),
+        problem.goal,
+        weights=np.tile(problem.weights, times),
+        views=np.tile(problem.views, times),
+        costs=problem.costs,
+        groups=problem.groups,
+        face_group=np.tile(problem.face_group, times),
+    )
+    assert merge(repeated).n_faces == merge(problem).n_faces
+    one, other = select_integer(problem), select_integer(repeated)
+    assert one.objective == pytest.approx(other.objective)
+    most = int(problem.views.max())
+    copied = problem_of_matrix(
+        np.repeat(dense, most + 1, axis=0),
+        replace(problem.goal),
+        weights=problem.weights,
+        views=problem.views,
+        costs=np.repeat(problem.costs, most + 1),
+        groups=problem.groups,
+        face_group=problem.face_group,
+    )
+    merged = merge(copied)
+    assert merged.n_candidates <= most * len(np.unique(dense, axis=0))
+    if copied.n_candidates <= 12:
+        best = best_by_trying_all(copied)
+        assert select_integer(copied).objective == pytest.approx(best, abs=1e-6)
+
+
+def test_of_equal_candidates_the_cheapest_is_chosen():
+    covers = [[1, 1, 0], [1, 1, 0], [0, 0, 1], [0, 0, 1]]
+    selection = select_greedy(problem_of_matrix(covers, costs=[3, 2, 1, 5]))
+    assert sorted(selection.chosen) == [1, 2]
+    assert selection.objective == selection.bound == 3
+
+
+def test_two_equal_candidates_are_two_views():
+    covers = [[1, 1], [1, 1], [1, 1]]
+    for select in SELECTORS.values():
+        assert select(problem_of_matrix(covers, views=2)).objective == 2
+    with pytest.raises(ConfigError, match="cannot be reached"):
+        problem_of_matrix(covers, views=4)
+
+
+def test_views_from_one_direction_do_not_make_a_pair():
+    #   0 1        2
+    #     \|     /
+    #       face
+    eyes = [[0, 0, 4], [0.1, 0, 4], [4, 0, 4]]
+    covers = np.ones((3, 1))
+    for angle, cameras in ((0, 2), (10, 2), (44, 2)):
+        for select in SELECTORS.values():
+            problem = problem_of_matrix(
+                covers, views=2, min_angle_deg=angle, eyes=eyes, centroids=[[0, 0, 0]]
+            )
+            selection = select(problem)
+            if select is not select_thesis:
+                assert len(selection.chosen) == cameras
+            assert angle == 0 or 2 in selection.chosen
+    with pytest.raises(ConfigError, match="cannot be reached"):
+        problem_of_matrix(covers, min_angle_deg=46, eyes=eyes, centroids=[[0, 0, 0]])
+
+
+def test_two_cameras_that_help_only_together_are_found():
+    #   1   0   2      all near 0, but 1 and 2 far from one another; 0 is also the only one
+    #    \  |  /      to cover the second face, so that it comes first
+    #      face
+    eyes = [[0, 0, 4], [-2, 0, 4], [2, 0, 4], [9, 0, 1]]
+    covers = [[1, 1], [1, 0], [1, 0], [0, 1]]
+    centroids = [[0, 0, 0], [8, 0, 0]]
+    problem = problem_of_matrix(covers, min_angle_deg=40, eyes=eyes, centroids=centroids)
+    for select in SELECTORS.values():
+        assert sorted(select(problem).chosen) == [0, 1, 2, 3]
+    best = replace(problem, goal=BestCoverage(4))
+    for name in ("plain", "greedy", "integer"):
+        assert SELECTORS[name](best).objective == 1.0
+
+
+def test_a_group_gets_its_share():
+    covers = np.eye(6, dtype=int)
+    goal = FewestCameras(0.5, {"rim": 1.0})
+    problem = problem_of_matrix(covers, goal, groups=("hub", "rim"), face_group=[0, 0, 0, 0, 1, 1])
+    for name in ("plain", "greedy", "integer"):
+        selection = SELECTORS[name](problem)
+        assert selection.objective == selection.bound == 3
+        assert selection.covered[4:].all()
+
+
+def test_a_budget_buys_one_good_camera_rather_than_a_cheap_bad_one():
+    covers = [[1] + [0] * 9, [0] + [1] * 9]
+    problem = problem_of_matrix(covers, BestCoverage(budget=10), costs=[1, 10])
+    for name in ("plain", "greedy", "integer"):
+        assert SELECTORS[name](problem).objective == pytest.approx(0.9)
+
+
+def test_the_curve_is_what_the_first_cameras_cover():
+    rng = np.random.default_rng(3)
+    problem = problem_of_matrix(rng.random((30, 200)) < 0.1, BestCoverage(12))
+    selection = select_greedy(problem, effort=QUICK)
+    shares = [share(problem, covers_faces(problem, selection.chosen[: n + 1])) for n in range(12)]
+    assert selection.curve == pytest.approx(shares)
+    steps = np.diff([0, *selection.curve])
+    assert (np.diff(steps) <= 1e-12).all()  # each adds the most to those before it
+
+
+def test_the_thesis_chooses_by_mean_coverage_alone():
+    covers = [[1, 1, 1, 0, 0], [1, 1, 1, 0, 0], [0, 0, 0, 1, 1]]
+    thesis = select_thesis(problem_of_matrix(covers, BestCoverage(2)))
+    assert thesis.chosen.tolist() == [0, 1]
+    assert thesis.objective == pytest.approx(0.6)
+    assert thesis.bound == 1.0
+    assert select_greedy(problem_of_matrix(covers, BestCoverage(2))).objective == 1.0
+    assert sorted(select_thesis(problem_of_matrix(covers)).chosen) == [0, 1, 2]
+
+
+def test_nothing_to_cover_takes_no_camera():
+    for goal in (FewestCameras(), FewestCameras(0.0), BestCoverage(3)):
+        for covers in (np.zeros((3, 0)), np.zeros((0, 0))):
+            for name, select in SELECTORS.items():
+                selection = select(problem_of_matrix(covers, goal))
+                assert selection.gap == 0, name
+                # The thesis' rule takes as many as it may, needed or not.
+                assert len(selection.chosen) == 0 or name == "thesis"
+    out_of_reach = problem_of_matrix(np.zeros((2, 4)), BestCoverage(2))
+    for select in SELECTORS.values():
+        assert select(out_of_reach).objective == 0
+
+
+@pytest.mark.parametrize("n_points", [9, 15, 27, pytest.param(45, marks=pytest.mark.slow)])
+def test_triple_systems_take_the_published_number(n_points):
+    selection = select_integer(problem_of_matrix(steiner(n_points)), time_limit=600)
+    assert selection.objective == selection.bound == COVERS[n_points]
+
+
+@pytest.mark.parametrize(
+    "name", ["scp41", "scpe1", *(pytest.param(n, marks=pytest.mark.slow) for n in
+                                  ("scp42", "scp51", "scpa1"))]
+)  # fmt: skip
+def test_published_set_covers_cost_the_published_optimum(name):
+    problem = read_set_cover(FOLDER / f"{name}.txt.xz")
+    greedy = select_greedy(problem, effort=QUICK)
+    assert greedy.bound <= OPTIMA[name] <= greedy.objective
+    selection = select_integer(problem, time_limit=600)
+    assert selection.objective == selection.bound == OPTIMA[name]
+
+
+def test_a_set_covering_file_reads_as_it_is_meant(tmp_path):
+    #   columns cost 3, 1, 2;   row 1: columns 1 and 2,   row 2: column 3
+    text = " 2 3 \n 3 1 2 \n 2 \n 1 2 \n 1 \n 3 \n"
+    plain, packed = tmp_path / "small.txt", tmp_path / "small.txt.xz"
+    plain.write_text(text)
+    packed.write_bytes(lzma.compress(text.encode()))
+    for path in (plain, packed):
+        problem = read_set_cover(path)
+        assert problem.costs.tolist() == [3, 1, 2]
+        assert problem.face.tolist() == [0, 0, 1]
+        selection = select_integer(problem)
+        assert sorted(selection.chosen) == [1, 2]
+        assert selection.objective == 3
+
+
+@pytest.mark.parametrize("text", ["", "2 2 1", "1 1 5 1 2", "1 1 5 1 0", "1 1 5 1 1 9", "a b"])
+def test_a_file_of_another_kind_is_refused_in_one_line(tmp_path, text):
+    path = tmp_path / "bad.txt"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match="no set-covering file") as error:
+        read_set_cover(path)
+    assert "\n" not in str(error.value)
+    with pytest.raises(ConfigError, match="cannot be read"):
+        read_set_cover(tmp_path / "missing.txt")
+
+
+def test_the_time_limit_gives_what_was_found_and_a_bound():
+    selection = select_integer(problem_of_matrix(steiner(45)), time_limit=1.0)
+    assert selection.status == "time_limit"
+    assert selection.bound < COVERS[45] <= selection.objective
+    assert selection.gap > 0
+
+
+def test_no_time_at_all_gives_the_greedy_start():
+    for goal in (None, BestCoverage(20)):
+        problem = problem_of_matrix(steiner(45), goal)
+        selection = select_integer(problem, time_limit=1e-3)
+        assert selection.status in ("time_limit", "optimal")
+        assert selection.gap < 1
+
+
+def test_an_interrupt_gives_what_was_found(monkeypatch):
+    wait, calls = highspy.Highs.wait, []
+
+    def interrupted(self, timeout=-1.0):
+        calls.append(timeout)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        return wait(self, timeout)
+
+    monkeypatch.setattr(highspy.Highs, "wait", interrupted)
+    selection = select_integer(problem_of_matrix(steiner(45)))
+    assert selection.status == "interrupted"
+    assert selection.covered.all()
+    assert selection.bound <= COVERS[45] <= selection.objective
+
+
+def test_a_missing_solver_is_said_in_one_line(monkeypatch):
+    monkeypatch.setitem(sys.modules, "highspy", None)
+    with pytest.raises(ConfigError, match="needs highspy; pip install"):
+        select_integer(problem_of_matrix(steiner(45)))
+
+
+def test_a_program_too_large_for_memory_is_refused(monkeypatch):
+    monkeypatch.setattr(integer_module, "MOST_PAIRS", 10)
+    with pytest.raises(ResourceError, match="use select_greedy"):
+        select_integer(problem_of_matrix(steiner(9)))
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: problem_of_matrix([[1, 2]]), "0 and 1"),
+        (lambda: problem_of_matrix([1, 0]), "shape"),
+        (lambda: problem_of_matrix([[1]], costs=[-1]), "costs must be 0 or more"),
+        (lambda: problem_of_matrix([[1]], costs=[1, 2]), r"costs must have shape \(1,\)"),
+        (lambda: problem_of_matrix([[1]], weights=[math.nan]), "weights must be 0 or more"),
+        (lambda: problem_of_matrix([[1]], views=0), "views must be 1 or more"),
+        (lambda: problem_of_matrix([[1]], views=1.5), "whole number"),
+        (lambda: problem_of_matrix([[1]], min_angle_deg=20), "needs eyes and centroids"),
+        (lambda: problem_of_matrix([[1]], min_angle_deg=200), "0 to 180"),
+        (lambda: problem_of_matrix([[1]], face_group=1), "face_group must index"),
+        (lambda: problem_of_matrix([[1]], FewestCameras(groups={"rim": 1})), "no group 'rim'"),
+        (lambda: problem_of_matrix([[1, 0]]), "all 1 candidates together cover 0.5;"),
+        (lambda: FewestCameras(1.5), "must be 0 to 1"),
+        (lambda: FewestCameras(groups={"rim": -1}), "of rim must be 0 to 1"),
+        (lambda: BestCoverage(), "a number of cameras or a budget"),
+        (lambda: BestCoverage(-1), "cameras must be 0 or more"),
+        (lambda: BestCoverage(budget=math.inf), "budget must be 0 or more"),
+        (lambda: select_integer(problem_of_matrix([[1]]), time_limit=0), "time_limit"),
+    ],
+)  # fmt: skip
+def test_a_problem_that_is_none_is_refused_in_one_line(make, words):
+    with pytest.raises(ConfigError, match=words) as error:
+        make()
+    assert "\n" not in str(error.value)
