@@ -258,7 +258,23 @@ def figures(
     return value, np.minimum(bound, 1.0), np.where(nothing, Kind.EXACT, kind).astype(np.uint8)
 
 
-class _SampledObserver:
+class _Closing:
+    def close(self) -> None:
+        raise NotImplementedError
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+class _SampledObserver(_Closing):
     def __init__(
         self, mesh: Mesh, camera: Camera, backend: str, supersample: int, options: dict[str, Any]
     ) -> None:
@@ -273,19 +289,8 @@ class _SampledObserver:
     def close(self) -> None:
         self._rasterizer.close()
 
-    def __enter__(self) -> Self:
-        return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
-
-
-class _AnalyticObserver:
+class _AnalyticObserver(_Closing):
     def __init__(self, mesh: Mesh, camera: Camera, method: str, threads: int | None) -> None:
         # These compile, or load what was compiled.
         from rastercov import analytic, contour
@@ -333,14 +338,3 @@ class _AnalyticObserver:
 
     def close(self) -> None:
         self._views.clear()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
