@@ -1,0 +1,332 @@
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rastercov import shapes
+from rastercov.camera import Camera
+from rastercov.coverage import Task
+from rastercov.errors import ConfigError
+from rastercov.mesh import Group, Mesh
+from rastercov.placement import objective as objective_module
+from rastercov.placement.clearance import KeepOutBox, KeepOutSphere, NearestSurface, in_solid
+from rastercov.placement.matrix import build_matrix
+from rastercov.placement.objective import Objective
+from rastercov.placement.optimise import METHODS, optimise
+from rastercov.placement.problem import BestCoverage, problem_of
+from rastercov.placement.space import Place, PoseSpace
+from rastercov.pose import sphere_of_poses
+from rastercov.visibility import open_observer
+
+MESH = shapes.torus(10, 6)
+CAMERA = Camera(width=64, height=48, fx=60.0, fy=60.0, cx=32.0, cy=24.0)
+TASK = Task(max_incidence_deg=75)
+KEPT_OUT = KeepOutBox((0.5, -9, -9), (9, 9, 9), "half")
+SPACE = PoseSpace(mesh=MESH, stand_off=(1.0, 2.5), clearance=0.5, keep_out=(KEPT_OUT,))
+
+
+@pytest.fixture(scope="module")
+def objective():
+    with open_observer(MESH, CAMERA) as observer:
+        yield Objective.of(observer, TASK)
+
+
+@pytest.fixture(params=METHODS)
+def method(request):
+    if request.param != "random":
+        pytest.importorskip("pymoo", reason="pymoo, of the extra `place`, is not installed")
+    return request.param
+
+
+def distances(mesh, eyes, faces=None):
+    return NearestSurface(mesh, faces).query(eyes).distance
+
+
+def holds(space, eyes):
+    """Whether every constraint holds at every eye, by its definition."""
+    least, greatest = space.stand_off
+    far = distances(space.mesh, eyes, space.mesh.task_mask)
+    inside = [
+        ((eyes >= low - 1e-6) & (eyes <= high + 1e-6)).all(axis=1) for low, high in space.boxes
+    ]
+    return (
+        (far >= least - 1e-12).all()
+        and (far <= greatest + 1e-12).all()
+        and (distances(space.mesh, eyes) >= space.clearance - 1e-12).all()
+        and not any(volume.contains(eyes).any() for volume in space.keep_out)
+        and not in_solid(space.mesh, eyes).any()
+        and np.any(inside, axis=0).all()
+    )
+
+
+def test_every_method_spends_the_same_budget(objective, method):
+    result = optimise(objective, SPACE, 3, method, budget=100, population=8)
+    assert result.evaluations == 99
+    assert len(result.trace) == 33
+    assert result.generations == 5
+
+
+def test_a_generation_is_one_batch_of_poses(objective, method, monkeypatch):
+    sizes = []
+    plain = objective_module.evaluate_batches
+
+    def spied(observer, poses, task):
+        sizes.append(len(poses))
+        return plain(observer, poses, task)
+
+    monkeypatch.setattr(objective_module, "evaluate_batches", spied)
+    optimise(objective, SPACE, 2, method, budget=40, population=8)
+    assert sizes == [16, 16, 8]
+
+
+def test_the_same_seed_gives_the_same_network(objective, method):
+    state = np.random.get_state()[1].copy()  # noqa: NPY002
+    one, two, other = (
+        optimise(objective, SPACE, 2, method, budget=64, population=8, seed=seed)
+        for seed in (3, 3, 4)
+    )
+    np.testing.assert_array_equal(one.poses, two.poses)
+    np.testing.assert_array_equal(one.trace, two.trace)
+    assert (one.poses != other.poses).any()
+    np.testing.assert_array_equal(np.random.get_state()[1], state)  # noqa: NPY002
+
+
+def test_constraints_hold_and_the_share_is_that_of_the_poses(objective, method):
+    result = optimise(objective, SPACE, 2, method, budget=96, population=8, seed=1)
+    assert holds(SPACE, result.poses[:, :3, 3])
+    assert result.share == objective.share_of(result.poses)
+    assert result.share == result.trace[-1]
+    assert (np.diff(result.trace) >= 0).all()
+
+
+def test_all_methods_begin_with_the_same_networks(objective):
+    pytest.importorskip("pymoo", reason="pymoo, of the extra `place`, is not installed")
+    traces = [
+        optimise(objective, SPACE, 2, method, budget=16, population=8).trace for method in METHODS
+    ]
+    for trace in traces[1:]:
+        np.testing.assert_array_equal(trace, traces[0])
+
+
+def test_a_search_is_no_worse_than_its_start(objective, method):
+    good = optimise(objective, SPACE, 2, "random", budget=400, population=50, seed=9)
+    # Turned about their axes, the poses are none that the variables can express.
+    turned = good.poses.copy()
+    turned[:, :3, :2] = turned[:, :3, 1::-1] * (1, -1)
+    for start in (good.poses, np.stack((turned, good.poses))):
+        result = optimise(objective, SPACE, 2, method, budget=32, population=8, start=start)
+        assert result.share >= objective.share_of(good.poses)
+        assert result.share >= objective.share_of(turned) or start.ndim == 3
+
+
+class Facing(Objective):
+    """Faces are covered by what they face within 50 degrees and 30 of the axis: quick."""
+
+    def covers(self, poses):
+        mesh = self.observer.mesh
+        rays = poses[:, None, :3, 3] - mesh.centroids
+        rays /= np.linalg.norm(rays, axis=2, keepdims=True)
+        facing = np.einsum("pfi,fi->pf", rays, mesh.normals)
+        ahead = -np.einsum("pfi,pi->pf", rays, poses[:, :3, 2])
+        return (facing > np.cos(np.radians(50))) & (ahead > np.cos(np.radians(30)))
+
+
+def test_searching_beats_drawing_at_random(objective):
+    pytest.importorskip("pymoo", reason="pymoo, of the extra `place`, is not installed")
+    facing = Facing(objective.observer, TASK, objective.quanta, objective.need)
+    free = replace(SPACE, boxes=None, keep_out=())
+    shares = {
+        method: [
+            optimise(facing, free, 3, method, budget=1500, population=20, seed=seed).share
+            for seed in range(3)
+        ]
+        for method in METHODS
+    }
+    means = {method: np.mean(of_method) for method, of_method in shares.items()}
+    assert min(means["pso"], means["ga"], means["de"]) > means["random"]
+
+
+def test_first_networks_may_come_from_candidates(objective):
+    around = sphere_of_poses((0, 0, 0), 3.0, 40)
+    allowed = around[SPACE.allows(around[:, :3, 3])]
+    assert 0 < len(allowed) < 40
+    result = optimise(objective, SPACE, 2, "random", budget=16, population=8, candidates=around)
+    for pose in result.poses:
+        assert (pose == allowed).all(axis=(1, 2)).any()
+    with pytest.raises(ConfigError, match="none of the candidates"):
+        optimise(objective, SPACE, 2, "random", candidates=np.eye(4)[None])
+
+
+def test_without_pymoo_one_line_says_what_to_install(objective, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pymoo.core.problem", None)
+    monkeypatch.setitem(sys.modules, "pymoo.algorithms.soo.nonconvex.de", None)
+    with pytest.raises(ConfigError, match=r"method pso needs pymoo; install rastercov\[place\]"):
+        optimise(objective, SPACE, 2, "pso", budget=16, population=8)
+    assert optimise(objective, SPACE, 2, "random", budget=16, population=8).evaluations == 16
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"method": "tabu"}, "method must be random, pso, ga, de"),
+        ({"cameras": 0}, "cameras must be"),
+        ({"budget": 1}, "budget must be"),
+        ({"population": 3}, "population must be"),
+        ({"start": np.eye(4)}, "start must have shape"),
+        ({"start": np.tile(np.eye(4), (2, 1, 1))}, "camera 0 must stand where cameras may"),
+        ({"start": np.tile(np.eye(4), (9, 2, 1, 1))}, "8 networks at most"),
+    ],
+)
+def test_bad_arguments_are_refused(objective, arguments, message):
+    values = {"cameras": 2, "method": "random", "budget": 16, "population": 8} | arguments
+    with pytest.raises(ConfigError, match=message):
+        optimise(objective, SPACE, **values)
+
+
+# Where cameras may stand
+
+
+@settings(max_examples=30)
+@given(
+    eyes=st.lists(st.tuples(*[st.floats(-4, 4)] * 3), min_size=1, max_size=8).map(np.array),
+    least=st.floats(0, 1),
+    clearance=st.floats(0, 1),
+)
+def test_what_is_settled_stands_where_it_may(eyes, least, clearance):
+    ball = KeepOutSphere((1.5, 0, 0), 0.5)
+    space = PoseSpace(mesh=MESH, stand_off=(least, 2.0), clearance=clearance, keep_out=(ball,))
+    points, allowed = space.settled(eyes)
+    assert holds(space, points[allowed])
+    at_once = space.allows(eyes)
+    np.testing.assert_array_equal(points[at_once], eyes[at_once])
+    assert allowed[at_once].all()
+
+
+def test_places_in_a_solid_too_near_or_too_far_are_settled():
+    space = PoseSpace(mesh=MESH, stand_off=(0.3, 2.0), clearance=0.1)
+    inside = np.array([(np.cos(a), np.sin(a), 0.1) for a in np.linspace(0, 6, 20)])
+    assert in_solid(MESH, inside).all()
+    for points in (inside, 1.45 * inside, 9.0 * inside):
+        assert not space.allows(points).any()
+        settled, allowed = space.settled(points)
+        assert allowed.all()
+        # No further than needed: across the tube, or to where the stand-off begins or ends.
+        assert (np.linalg.norm(settled - space.clipped(points), axis=1) < 1.5).all()
+
+
+def test_every_reason_to_refuse_a_place_is_told():
+    space = PoseSpace(
+        mesh=MESH,
+        boxes=[(-3, -3, -3), (3, 3, 3)],
+        stand_off=(0.5, 2.0),
+        clearance=0.2,
+        keep_out=(KeepOutSphere((0, 0, 1.5), 0.11),),
+    )
+    places = {
+        (0, 0, 1.4): Place.KEPT_OUT,
+        (0, 0, 1.2): Place.ALLOWED,
+        (0, 0, 3): Place.TOO_FAR,
+        (0, 0, 0): Place.ALLOWED,
+        (0.2, 0, 0): Place.TOO_NEAR,
+        (1, 0, 0): Place.IN_SOLID,
+        (0, 0, 3.1): Place.OUTSIDE,
+    }
+    found = space.judge(np.array(list(places), float))
+    assert [Place(value) for value in found] == list(places.values())
+
+
+def test_cameras_on_walls_stay_on_walls(objective):
+    walls = [[(-2.5, -3, -3), (-2.5, 3, 3)], [(-3, -3, 2.2), (3, 3, 2.2)]]
+    space = PoseSpace(mesh=MESH, boxes=walls, stand_off=(0.0, 4.0))
+    result = optimise(objective, space, 4, "random", budget=64, population=8)
+    x, _, z = result.poses[:, :3, 3].T
+    assert ((x == -2.5) | (z == 2.2)).all()
+
+
+def test_poses_are_composed_of_what_they_are_decomposed_into():
+    poses = sphere_of_poses((0.3, 0.2, 0.1), 2.0, 30)
+    turns = np.linspace(-3, 3, len(poses))
+    rolled = SPACE.composed(*SPACE.decomposed(poses)[:2], turns)
+    np.testing.assert_allclose(SPACE.decomposed(rolled)[2], turns, atol=1e-9)
+    np.testing.assert_allclose(SPACE.composed(*SPACE.decomposed(rolled)), rolled, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"stand_off": (2, 1)}, "stand_off must be"),
+        ({}, "boxes are needed"),
+        ({"clearance": -1.0, "stand_off": (0, 1)}, "clearance must be"),
+        ({"boxes": [(0, 0, 0), (1, 1, -1)]}, "low <= high"),
+        ({"boxes": [(0, 0, 0)]}, "two corners"),
+        ({"up": (0, 0, 0), "stand_off": (0, 1)}, "up must be"),
+    ],
+)
+def test_a_space_without_a_meaning_is_refused(values, message):
+    with pytest.raises(ConfigError, match=message):
+        PoseSpace(mesh=MESH, **values)
+
+
+def test_no_place_at_all_is_an_error():
+    space = PoseSpace(mesh=MESH, boxes=[(8, 8, 8), (9, 9, 9)], stand_off=(0.0, 1.0))
+    with pytest.raises(ConfigError, match="no place for 5 cameras"):
+        space.somewhere(5, np.random.default_rng(0))
+
+
+# What a network is worth
+
+
+@pytest.mark.parametrize("weight_by", ["area", "count"])
+@pytest.mark.parametrize(("views", "angle"), [(1, 0), ({"a": 2, "b": 1}, 0), (2, 40)])
+def test_a_network_is_worth_what_selection_says(weight_by, views, angle):
+    groups = [Group("a"), Group("b"), Group("c", is_occluder=True)]
+    mesh = Mesh(MESH.vertices, MESH.faces, groups=groups, face_group=np.arange(MESH.n_faces) % 3)
+    poses = sphere_of_poses((0, 0, 0), 3.5, 10)
+    options = {"weight_by": weight_by, "views": views, "min_angle_deg": angle}
+    with open_observer(mesh, CAMERA) as observer:
+        objective = Objective.of(observer, TASK, **options)
+        covers = objective.covers(poses)
+        matrix = build_matrix(observer, poses, TASK)
+    problem = problem_of(matrix, mesh, BestCoverage(3), **options)
+    eyes, rng = poses[:, :3, 3], np.random.default_rng(0)
+    task = mesh.task_mask
+    for size in (0, 1, 2, 3, 6):
+        chosen = rng.choice(10, size, replace=False)
+        covered = objective.covered(covers[chosen], eyes[chosen])
+        expected = problem.covered_by(chosen)[1]
+        np.testing.assert_array_equal(covered[task], expected[task])
+        assert objective.share(objective.worth(covered)) == problem.share(expected & task)
+        with_each = objective.covered_with(covers[chosen], eyes[chosen], covers, eyes)
+        for trial in range(10):
+            together = np.append(chosen, trial)
+            np.testing.assert_array_equal(
+                with_each[trial], objective.covered(covers[together], eyes[together])
+            )
+
+
+def test_networks_side_by_side_are_judged_as_one_by_one(objective):
+    poses = sphere_of_poses((0, 0, 0), 3.5, 12)
+    apart = replace(objective, min_cosine=np.cos(0.5))
+    for each in (objective, apart):
+        covers, eyes = each.covers(poses).reshape(4, 3, -1), poses[:, :3, 3].reshape(4, 3, 3)
+        together = each.covered(covers, eyes)
+        for row in range(4):
+            np.testing.assert_array_equal(together[row], each.covered(covers[row], eyes[row]))
+    assert (together != objective.covered(covers, eyes)).any()
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"weight_by": "colour"}, "weight_by must be"),
+        ({"views": 0}, "views must be"),
+        ({"views": {"x": 1}}, "no group 'x'"),
+        ({"min_angle_deg": 200}, "min_angle_deg must be"),
+    ],
+)
+def test_an_objective_without_a_meaning_is_refused(objective, values, message):
+    with pytest.raises(ConfigError, match=message):
+        Objective.of(objective.observer, TASK, **values)

@@ -1,0 +1,191 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from test_optimise import CAMERA, KEPT_OUT, MESH, SPACE, TASK, holds
+
+from rastercov.errors import ConfigError
+from rastercov.placement import refine as refine_module
+from rastercov.placement.objective import Objective
+from rastercov.placement.refine import refine
+from rastercov.pose import sphere_of_poses
+from rastercov.visibility import open_observer
+
+
+@pytest.fixture(scope="module")
+def objective():
+    with open_observer(MESH, CAMERA) as observer:
+        yield Objective.of(observer, TASK)
+
+
+def network(count, seed, space=SPACE):
+    """Cameras at random places that look near the middle of the part."""
+    rng = np.random.default_rng(seed)
+    eyes = space.somewhere(count, rng)
+    return space.composed(eyes, rng.normal(0, 0.5, (count, 3)) - eyes, rng.uniform(-3, 3, count))
+
+
+@settings(max_examples=5)
+@given(seed=st.integers(0, 10**6), cameras=st.integers(1, 3), views=st.integers(1, 2))
+def test_refinement_is_never_worse_and_keeps_every_constraint(objective, seed, cameras, views):
+    each = replace(objective, need=np.full_like(objective.need, views))
+    start = network(cameras, seed)
+    result = refine(each, SPACE, start, halvings=2, budget=800)
+    assert result.share >= result.start_share == each.share_of(start)
+    assert result.share == each.share_of(result.poses)
+    assert holds(SPACE, result.poses[:, :3, 3])
+    assert result.evaluations <= 800
+    assert (np.diff(result.trace) > 0).all()
+    assert (result.trace[0], result.trace[-1]) == (result.start_share, result.share)
+    np.testing.assert_array_equal(result.moved, (result.poses != start).any(axis=(1, 2)))
+    # Roll is fixed.
+    np.testing.assert_allclose(
+        np.exp(1j * SPACE.decomposed(result.poses)[2]), np.exp(1j * SPACE.decomposed(start)[2])
+    )
+
+
+def test_the_same_start_and_seed_give_the_same_network(objective):
+    one, two, other = (
+        refine(objective, SPACE, network(2, 5), seed=seed, halvings=2) for seed in (1, 1, 2)
+    )
+    np.testing.assert_array_equal(one.poses, two.poses)
+    np.testing.assert_array_equal(one.trace_evaluations, two.trace_evaluations)
+    assert (one.poses != other.poses).any()
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_from_a_local_optimum_no_move_that_is_tried_gains(objective, seed, monkeypatch):
+    start = network(2, seed)
+    result = refine(objective, SPACE, start, halvings=2)
+    assert result.status == "local optimum"
+    assert result.is_local_optimum
+    distance = SPACE.distance(start[:, :3, 3])
+    covers = objective.covers(result.poses)
+    monkeypatch.setattr(refine_module, "RANDOM_MOVES", 0)  # they are others each time
+    for row in range(2):
+        for halving in range(3):
+            step = refine_module.STEP * distance[row] * 0.5**halving
+            turn = np.radians(refine_module.TURN_DEG) * 0.5**halving
+            moves = refine_module._moves(
+                SPACE, result.poses[row], step, turn, np.random.default_rng(0)
+            )
+            together = objective.covers(moves) | covers[1 - row]
+            assert objective.share(objective.worth(together)).max() <= result.share
+
+
+def test_refining_again_from_the_result_never_loses(objective):
+    once = refine(objective, SPACE, network(2, 3), halvings=1)
+    again = refine(objective, SPACE, once.poses, halvings=1)
+    assert again.start_share == once.share <= again.share
+
+
+def test_a_camera_that_looks_away_a_little_is_turned_to_the_part(objective):
+    eye = np.array([[0.0, 0.0, 2.4]])
+    assert SPACE.allows(eye).all()
+    start = SPACE.composed(eye, np.array([[1.0, 0.0, -1.2]]), np.zeros(1))
+    result = refine(objective, SPACE, start)
+    assert result.share > 1.3 * result.start_share
+
+
+def test_full_coverage_ends_the_search():
+    with open_observer(MESH, CAMERA) as observer:
+        objective = Objective.of(observer, replace(TASK, max_incidence_deg=90))
+        free = replace(SPACE, boxes=None, keep_out=())
+        around = sphere_of_poses((0, 0, 0), 3.3, 24)
+        result = refine(objective, free, around[free.allows(around[:, :3, 3])])
+    assert result.status == "everything covered"
+    assert result.share == 1.0
+
+
+def test_cameras_are_exchanged_for_candidates_that_cover_more(objective):
+    free = replace(SPACE, boxes=None, keep_out=())
+    # Two cameras at one place: no small move leads around the part.
+    start = np.repeat(network(1, 0, free), 2, axis=0)
+    around = sphere_of_poses((0, 0, 0), 3.0, 16)
+    alone = refine(objective, free, start, halvings=0)
+    helped = refine(objective, free, start, halvings=0, candidates=around)
+    covers = objective.covers(around)
+    best = objective.share(objective.worth(covers | objective.covers(start[:1]))).max()
+    assert helped.share >= max(best, helped.start_share)
+    assert helped.share >= alone.start_share
+    # None of them at all where cameras may not stand.
+    nowhere = refine(objective, free, start, halvings=0, candidates=np.eye(4)[None] * (1, 1, 1, 1))
+    assert nowhere.share >= nowhere.start_share
+
+
+def test_exchange_alone_ends_where_no_candidate_gains(objective):
+    around = sphere_of_poses((0, 0, 0), 3.0, 16)
+    around = around[SPACE.allows(around[:, :3, 3])]
+    result = refine(objective, SPACE, network(2, 11), halvings=0, candidates=around)
+    covers = objective.covers(result.poses)
+    for row in range(2):
+        trials = covers[1 - row] | objective.covers(around)
+        assert objective.share(objective.worth(trials)).max() <= result.share
+
+
+def test_a_budget_that_is_spent_is_told(objective):
+    result = refine(objective, SPACE, network(2, 1), budget=50)
+    assert result.status == "budget spent"
+    assert not result.is_local_optimum
+    assert result.evaluations <= 50
+    result = refine(objective, SPACE, network(2, 1), budget=3, candidates=network(2, 2))
+    assert result.status == "budget spent"
+
+
+def test_a_network_without_cameras_is_a_local_optimum(objective):
+    result = refine(objective, SPACE, np.zeros((0, 4, 4)))
+    assert (result.share, result.status, result.evaluations) == (0.0, "local optimum", 0)
+
+
+def test_free_roll_rolls(objective):
+    free = replace(SPACE, boxes=None, is_roll_free=True)
+    start = network(1, 4)
+    fixed = {refine(objective, replace(SPACE, boxes=None), start).poses[0].tobytes()}
+    rolled = refine(objective, free, start)
+    assert rolled.poses[0].tobytes() not in fixed
+    assert abs(SPACE.decomposed(rolled.poses)[2] - SPACE.decomposed(start)[2])[0] > 1e-6
+
+
+def test_diversity_of_directions_is_kept_in_mind():
+    with open_observer(MESH, CAMERA) as observer:
+        objective = Objective.of(observer, TASK, min_angle_deg=25)
+        # From one place no two directions differ; candidates lie 30 degrees and more apart.
+        start = np.repeat(network(1, 2), 2, axis=0)
+        around = sphere_of_poses((0, 0, 0), 2.7, 24)
+        result = refine(objective, SPACE, start, halvings=1, candidates=around)
+    assert result.start_share == 0.0
+    assert result.share == objective_share_by_definition(result.poses, 25) > 0.0
+
+
+def objective_share_by_definition(poses, angle_deg):
+    with open_observer(MESH, CAMERA) as observer:
+        plain = Objective.of(observer, TASK)
+        covers = plain.covers(poses)
+    rays = poses[:, None, :3, 3] - MESH.centroids
+    rays /= np.linalg.norm(rays, axis=2, keepdims=True)
+    angle = np.degrees(np.arccos(np.clip(np.einsum("fi,fi->f", *rays), -1, 1)))
+    return float(plain.share(plain.worth(covers.all(axis=0) & (angle >= angle_deg))))
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"turn_deg": 0}, "turn_deg must be"),
+        ({"step": -1.0}, "step must be"),
+        ({"halvings": 1.5}, "halvings must be"),
+        ({"budget": 1}, "budget must be"),
+    ],
+)
+def test_bad_arguments_are_refused(objective, values, message):
+    with pytest.raises(ConfigError, match=message):
+        refine(objective, SPACE, network(2, 0), **values)
+
+
+def test_a_start_where_no_camera_may_stand_is_refused(objective):
+    bad = network(2, 0)
+    bad[1, :3, 3] = (1.5, 0.0, 1.5)
+    assert KEPT_OUT.contains(bad[1:, :3, 3]).all()
+    with pytest.raises(ConfigError, match="camera 1 must stand where cameras may, but is kept out"):
+        refine(objective, SPACE, bad)
