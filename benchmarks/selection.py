@@ -22,7 +22,7 @@ from rastercov.placement.set_cover_file import read_set_cover
 
 TESTS = Path(__file__).parents[1] / "tests"
 sys.path.append(str(TESTS))
-from set_cover_cases import COVERS, FOLDER, OPTIMA, steiner  # noqa: E402
+from set_cover_cases import COVERS, FOLDER, OPTIMA, steiner  # noqa: E402 - the tests' instances
 
 PARTS = ("published", "best", "large", "kills")
 

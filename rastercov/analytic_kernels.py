@@ -619,7 +619,7 @@ def before(t, m, target, n, lines, n_sides, faces, uvw, box, state, slot, planes
     u_t, v_t, w_t, a_t, b_t = plane_of(t, faces, uvw, state, slot, planes)
     u_m, v_m, w_m, a_m, b_m = plane_of(m, faces, uvw, state, slot, planes)
     tied = True
-    least, most, first, noise = 0.0, 0.0, 0.0, 0.0
+    least, most, first = 0.0, 0.0, 0.0
     for p in range(n):
         x, y = spare[p, 0], spare[p, 1]
         mine = w_t + a_t * (x - u_t) + b_t * (y - v_t)
@@ -630,7 +630,6 @@ def before(t, m, target, n, lines, n_sides, faces, uvw, box, state, slot, planes
         if abs(nearer) > TIE * max(mine, its):
             tied = False
         least, most = min(least, nearer), max(most, nearer)
-        noise = max(noise, 8 * 2.0**-52 * max(mine, its))
     if tied:
         return 1 if m < t else 0
     # Two planes meet along an edge that the faces share, and nowhere else.
@@ -641,9 +640,9 @@ def before(t, m, target, n, lines, n_sides, faces, uvw, box, state, slot, planes
             shared += 1
     if shared >= 2:
         return 1 if most > -least else 0
-    if most <= noise:
+    if most <= 0:
         return 0
-    if least >= -noise:
+    if least >= 0:
         return 1
     # first + (a_m - a_t)(x - x0) + (b_m - b_t)(y - y0) >= 0
     lines[n_sides, 0], lines[n_sides, 1] = spare[0, 0], spare[0, 1]

@@ -23,7 +23,7 @@ DEEPEST = 64
 @compiled
 def dot(a: FloatArray, b: FloatArray) -> float:
     """Dot product of two triples."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]  # type: ignore[no-any-return]
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]  # type: ignore[no-any-return] # numpy's item
 
 
 @compiled
@@ -51,7 +51,7 @@ def nearest_on_triangle(p: FloatArray, corners: FloatArray, out: FloatArray) -> 
         total = va + vb + vc
         out[:] = a + vb / total * ab + vc / total * ac
     gap = p - out
-    return dot(gap, gap)  # type: ignore[no-any-return]
+    return dot(gap, gap)  # type: ignore[no-any-return] # compiled: untyped
 
 
 @compiled

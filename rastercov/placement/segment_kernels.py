@@ -32,7 +32,7 @@ def turn(hull: IntArray, i: int, j: int, x: int, y: int) -> int:
     """Twice the area of the triangle of corners i and j and a point; positive to their left."""
     left = (hull[j, 0] - hull[i, 0]) * (y - hull[i, 1])
     right = (hull[j, 1] - hull[i, 1]) * (x - hull[i, 0])
-    return left - right  # type: ignore[no-any-return]
+    return left - right  # type: ignore[no-any-return] # numpy's item
 
 
 @compiled
