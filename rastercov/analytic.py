@@ -52,7 +52,7 @@ def visible_areas(
     *,
     front_only: bool | None = None,
     threads: int | None = None,
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Exact visible area and image area of all or chosen faces in many poses, px^2.
 
     Parameters
@@ -72,9 +72,9 @@ def visible_areas(
 
     Returns
     -------
-    visible, area : (P, N) float64
+    visible, area, bound : (P, N) float64
         Of the part inside the image: what is seen of the face, from either side, and what would be
-        were it alone.
+        were it alone; and the most that rounding may have done to the two together, px^2.
 
     Raises
     ------
@@ -94,7 +94,7 @@ def visible_areas(
     announce_compilation(kernels.visible_areas)
     near, can_cull, _ = limits(mesh, camera, matrices)
     cull = can_cull if front_only is None else np.full(len(matrices), front_only)
-    visible, area = np.empty((2, len(matrices), len(chosen)))
+    visible, area, bound = np.empty((3, len(matrices), len(chosen)))
     chosen = chosen.astype(np.int32)
 
     def worker(view: View) -> Callable[[slice], None]:
@@ -103,13 +103,14 @@ def visible_areas(
                 view.look(matrices[row], near[row], cull[row])
                 view.measure(chosen)
                 visible[row], area[row] = view.visible[chosen], view.area[chosen]
+                bound[row] = view.blur[chosen]
 
         return work
 
     n_threads = max(1, min(thread_count(threads), len(matrices)))
     surface = surface_of(mesh)
     share_poses(len(matrices), [worker(View(surface, camera)) for _ in range(n_threads)])
-    return visible, area
+    return visible, area, bound
 
 
 class View:
@@ -119,6 +120,8 @@ class View:
     ----------
     area, visible : (F,) float64
         Image of each face inside the image border, and what is seen of it, px^2.
+    blur : (F,) float64
+        Bound of the error of both together, px^2, where they were measured.
     state, side : (F,) uint8, int8
         See `analytic_kernels.set_up`.
     is_certified : (F,) bool
@@ -127,6 +130,8 @@ class View:
         Faces that were cut in space.
     grain : float
         The largest number that positions in the image are made from, pixels: rounding goes with it.
+    rounding : (2,) float64
+        Largest error of a position in the image, in pixels, and of 1/z, relative.
     """
 
     def __init__(self, surface: Surface, camera: Camera) -> None:
@@ -134,13 +139,17 @@ class View:
         n_faces = len(surface.faces)
         self.size = np.array((camera.width, camera.height), np.float64)
         self.lens = np.array((camera.fx, camera.fy, camera.cx, camera.cy))
-        self.grain = float(max(*self.size, *np.abs(self.lens)))
+        # Off the axis, rounding of z moves a point as far as it is out.
+        steep = (self.size**2 / self.lens[:2]).max()
+        self.grain = float(max(*self.size, *np.abs(self.lens), steep))
+        relative = kernels.longest_ray(self.lens, self.size)
+        self.rounding = kernels.RESIDUE * np.array((self.grain, relative / 2))
         low, high = -MARGIN * self.size - 1, (1 + MARGIN) * self.size + 1
         self.pyramid = np.array((low[0], high[0], low[1], high[1]))
         self.uvw = np.empty((len(surface.vertices), 3))
         self.side, self.state = np.empty(n_faces, np.int8), np.empty(n_faces, np.uint8)
         self.box = np.empty((n_faces, 6))
-        self.area, self.visible = np.empty(n_faces), np.empty(n_faces)
+        self.area, self.visible, self.blur = np.empty((3, n_faces))
         self.is_certified: BoolArray = np.zeros(n_faces, np.bool_)
         self.slot, self._marks = np.empty(n_faces, np.int32), np.empty(n_faces, np.int64)
         self.region = np.empty(7)
@@ -176,24 +185,25 @@ class View:
             if self.n_cut <= len(self.polygons):
                 break
             self._make_room_for_cuts(self.n_cut)
-        self.visible[:] = 0.0
+        self.visible[:] = self.blur[:] = 0.0
         self._fill_grid(n_live)
 
     def measure(self, targets: IntArray) -> None:
-        """Put what is seen of some faces, by their indices, into `visible`."""
+        """Put what is seen of some faces, by their indices, into `visible`, its bound in `blur`."""
         done = 0
         self._marks.fill(-1)
         while True:
             done = kernels.visible_areas(
                 targets, done, self.surface.faces, self.uvw, self.side, self.state, self.box,
                 self.area, self.slot, self.polygons, self.n_corners, self.sides, self.planes,
-                self.size, self.grain, self.grid, self.columns, self.rows, self.starts, self.listed,
-                self._marks, self._found, self._found_lines, self._pool, self._pieces, self._n_of,
-                self.visible,
+                self.size, self.rounding, self.grid, self.columns, self.rows, self.starts,
+                self.listed, self._marks, self._found, self._found_lines, self._pool, self._pieces,
+                self._n_of, self.visible, self.blur,
             )  # fmt: skip
             if done == len(targets):
-                return
+                break
             self._make_room_for_pieces(2 * len(self._pieces))
+        np.minimum(self.blur, 2 * self.size.prod(), out=self.blur)  # no area exceeds the image
 
     def measure_all(self) -> None:
         """Put what is seen of every face into `visible`."""
@@ -228,7 +238,7 @@ class View:
     def _make_room_for_cuts(self, n: int) -> None:
         self.polygons = np.empty((n, kernels.CORNERS, 2))
         self.n_corners = np.empty(n, np.int32)
-        self.sides, self.planes = np.empty((n, kernels.SIDES, 5)), np.empty((n, 5))
+        self.sides, self.planes = np.empty((n, kernels.SIDES, 5)), np.empty((n, 7))
 
     def _make_room_for_pieces(self, n: int) -> None:
         """For n pieces of a face, and as many occluders."""

@@ -25,8 +25,14 @@ from rastercov.compiled import compiled, inlined
 TIE = 1e-10
 """Relative difference of 1/z up to which two surfaces count as one: the lower index is in front."""
 RESIDUE = 4 * 2.0**-52
-"""Rounding of a position in the image, as a part of the largest number it was made from (`grain`):
-times a face's extent, that of its area."""
+"""Largest rounding of a position in the image, as a part of the largest number it was made from;
+of 1/z, as a part of the longest ray: some ten operations of 2^-53 each, of which not all err one
+way."""
+OUTLINE = 8
+"""Pixels of extent that may be wrong along the outline of a face, for each of rounding and of width
+and height: its perimeter is twice their sum at most. A part for its own image, one for what is seen
+of it, one for corners that count as on a line, one for what is left of a face and counts as
+nothing."""
 LIVE, CUT, PARTLY = 1, 2, 4
 """Bits of a face's state: it reaches into the image; its image is a polygon made by cutting it in
 space; it reaches out of the image."""
@@ -151,6 +157,19 @@ def image_border(size):
     return lines
 
 
+@inlined
+def length(x, y, z):
+    """Length of a vector."""
+    return np.sqrt(x * x + y * y + z * z)
+
+
+@inlined
+def longest_ray(lens, size):
+    """Greatest length of a ray to the plane z = 1, through the image and half as far around it."""
+    across, down = max(lens[2], size[0] - lens[2]), max(lens[3], size[1] - lens[3])
+    return length(1.0, 1.5 * across / lens[0], 1.5 * down / lens[1])
+
+
 @compiled
 def cut_in_space(corners, lens, near, size, sides, plane, polygon, spare):
     """What the near plane and the image border leave of a face that reaches behind or far out.
@@ -165,10 +184,11 @@ def cut_in_space(corners, lens, near, size, sides, plane, polygon, spare):
         The face in camera axes; scaled in place.
     lens, near, size
         As for `set_up`.
-    sides : (4, 5) float64
-        Out: the lines that bound its image.
-    plane : (5,) float64
-        Out: u, v, 1/z at the middle of the image, and the slope of 1/z.
+    sides : (4, 6) float64
+        Out: the lines that bound its image, and how many pixels each may be off.
+    plane : (7,) float64
+        Out: u, v, 1/z at the middle of the image, and the slope of 1/z; the largest error of 1/z in
+        its image; how many pixels the lines around its image may be off.
     polygon, spare : (12, 2) float64
         Out and scratch: its image, clockwise.
     """
@@ -192,6 +212,13 @@ def cut_in_space(corners, lens, near, size, sides, plane, polygon, spare):
     plane[3], plane[4] = nx / (d * lens[0]), ny / (d * lens[1])
     if max(corners[0, 2], corners[1, 2], corners[2, 2]) < near:
         return 0, front
+    # The corners are known to half of `blur`, so n and d are known to:
+    spread, far = longest_ray(lens, size), 0.0
+    for s in range(3):
+        far = max(far, length(corners[s, 0], corners[s, 1], corners[s, 2]))
+    blur = RESIDUE * far
+    n_off = blur * (length(bx, by, bz) + length(cx, cy, cz))
+    d_off = far * n_off + blur * length(nx, ny, nz)
     polygon[0, 0] = polygon[3, 0] = polygon[0, 1] = polygon[1, 1] = 0.0
     polygon[1, 0] = polygon[2, 0] = size[0]
     polygon[2, 1] = polygon[3, 1] = size[1]
@@ -205,14 +232,26 @@ def cut_in_space(corners, lens, near, size, sides, plane, polygon, spare):
             a, b, c = py * qz - pz * qy, pz * qx - px * qz, px * qy - py * qx
             a, b = a / lens[0] * -front, b / lens[1] * -front
             c = c * -front
-            scale = max(abs(a), abs(b))
-            if scale > 0:
-                a, b, c = a / scale, b / scale, c / scale
+            off = blur * (length(px, py, pz) + length(qx, qy, qz)) * spread
         else:
             a, b, c = -plane[3], -plane[4], 1 / near - plane[2]
-        sides[s, 2], sides[s, 3], sides[s, 4] = b, -a, c
+            off = (n_off * spread + d_off / near) / abs(d)
+        scale = max(abs(a), abs(b))
+        if scale > 0:
+            a, b, c, off = a / scale, b / scale, c / scale, off / scale
+        sides[s, 2], sides[s, 3], sides[s, 4], sides[s, 5] = b, -a, c, off
+    n = cut(polygon, np.int64(4), sides, sides.shape[0], spare)
+    # Only lines that touch its image matter, and 1/z within it.
+    most = plane[6] = 0.0
+    for s in range(SIDES):
+        for p in range(n):
+            u, v = polygon[p, 0] - sides[s, 0], polygon[p, 1] - sides[s, 1]
+            if sides[s, 2] * v - sides[s, 3] * u + sides[s, 4] <= sides[s, 5]:
+                plane[6] = max(plane[6], sides[s, 5])
+            most = max(most, plane[2] + plane[3] * u + plane[4] * v)
+    plane[5] = (n_off * spread + d_off * most) / abs(d) / reach
     plane[2], plane[3], plane[4] = plane[2] / reach, plane[3] / reach, plane[4] / reach
-    return cut(polygon, np.int64(4), sides, sides.shape[0], spare), front
+    return n, front
 
 
 @compiled
@@ -243,7 +282,7 @@ def set_up(
         Out, of live faces: least and greatest u, least and greatest v, least and greatest 1/z.
     area : (F,) float64
         Out: px^2 inside the image.
-    slot, polygons, n_corners, sides, planes : (F,), (N, 12, 2), (N,), (N, 4, 5), (N, 5)
+    slot, polygons, n_corners, sides, planes : (F,), (N, 12, 2), (N,), (N, 4, 5), (N, 7)
         Out, of cut faces: where in the others they stand, and what `cut_in_space` finds.
     region : (7,) float64
         Out: least and greatest u and v of all that is kept, within the image; and the sums of the
@@ -251,7 +290,7 @@ def set_up(
     """
     corners = np.empty((3, 3))
     polygon, spare = np.empty((CORNERS, 2)), np.empty((CORNERS, 2))
-    lines, plane, border = np.empty((SIDES, 5)), np.empty(5), image_border(size)
+    lines, plane, border = np.empty((SIDES, 6)), np.empty(7), image_border(size)
     live = n_cut = 0
     low_u = low_v = np.inf
     high_u = high_v = -np.inf
@@ -303,7 +342,7 @@ def set_up(
                 y0, y1 = min(y0, v), max(y1, v)
                 along_u, along_v = plane[3] * (u - plane[0]), plane[4] * (v - plane[1])
                 w = plane[2] + along_u + along_v
-                doubt = 1e-14 * (abs(plane[2]) + abs(along_u) + abs(along_v))
+                doubt = plane[5] + 1e-14 * (abs(plane[2]) + abs(along_u) + abs(along_v))
                 least, most = min(least, w - doubt), max(most, w + doubt)
             least = max(least, 0.0)
             if n_cut < polygons.shape[0]:
@@ -312,9 +351,10 @@ def set_up(
                 for p in range(n):
                     polygons[n_cut, p, 0], polygons[n_cut, p, 1] = polygon[p, 0], polygon[p, 1]
                 for p in range(5):
-                    planes[n_cut, p] = plane[p]
                     for q in range(4):
                         sides[n_cut, q, p] = lines[q, p]
+                for p in range(7):
+                    planes[n_cut, p] = plane[p]
             n_cut += 1
             flags = LIVE | CUT | PARTLY
             inside = twice_area(polygon, n) / 2
@@ -423,18 +463,32 @@ def outline(f, faces, uvw, side, state, slot, polygons, n_corners, sides, corner
     return 3, 3
 
 
+@inlined
+def blur_of(f, state, slot, planes, rounding):
+    """How many pixels the outline of a face may be off."""
+    return max(rounding[0], planes[slot[f], 6]) if state[f] & CUT else rounding[0]
+
+
 @compiled
-def plane_of(f, faces, uvw, state, slot, planes):
-    """A point of the face, u, v and 1/z, and the slope of 1/z along u and v."""
+def plane_of(f, faces, uvw, state, slot, planes, rounding):
+    """A point of the face, u, v and 1/z, the slope of 1/z along u and v, and the error of 1/z.
+
+    The error is that of corners and of the arithmetic here, anywhere in the face.
+    """
     if state[f] & CUT:
         s = slot[f]
-        return planes[s, 0], planes[s, 1], planes[s, 2], planes[s, 3], planes[s, 4]
+        return planes[s, 0], planes[s, 1], planes[s, 2], planes[s, 3], planes[s, 4], planes[s, 5]
     i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
     u, v, w = uvw[i, 0], uvw[i, 1], uvw[i, 2]
     u1, v1, w1 = uvw[j, 0] - u, uvw[j, 1] - v, uvw[j, 2] - w
     u2, v2, w2 = uvw[k, 0] - u, uvw[k, 1] - v, uvw[k, 2] - w
     twice = u1 * v2 - u2 * v1
-    return u, v, w, (w1 * v2 - w2 * v1) / twice, (u1 * w2 - u2 * w1) / twice
+    a, b = (w1 * v2 - w2 * v1) / twice, (u1 * w2 - u2 * w1) / twice
+    # Of a needle, the slope across it says little.
+    change = abs(w1) + abs(w2)
+    skew = (abs(u1) + abs(u2)) * (abs(v1) + abs(v2)) / abs(twice)
+    error = rounding[1] * (w + change * skew) + rounding[0] * (abs(a) + abs(b))
+    return u, v, w, a, b, error
 
 
 @inlined
@@ -597,8 +651,14 @@ def take_away(pieces, n_of, count, lines, n_sides, n_lines, rounding, spare, val
 
 
 @compiled
-def before(t, m, target, n, lines, n_sides, faces, uvw, box, state, slot, planes, spare, other):
+def before(
+    t, m, target, n, lines, n_sides, faces, uvw, box, state, slot, planes, rounding, spare, other,
+    blur,
+):  # fmt: skip
     """How face m stands to face t where their images meet: 1 before it, 0 not, 2 before in part.
+
+    Who is nearer is not known where 1/z differs by less than its error, which is a strip along the
+    line of equal depth. The smaller the angle at which faces pierce each other, the wider it is.
 
     Parameters
     ----------
@@ -607,6 +667,10 @@ def before(t, m, target, n, lines, n_sides, faces, uvw, box, state, slot, planes
     lines, n_sides : (5 or more, 5) float64, int
         The lines that bound the image of m; where the answer is 2, the line of equal depth is put
         after them.
+    rounding : (2,) float64
+        As for `visible_areas`.
+    blur : (F,) float64
+        The area of that strip is added to that of t, px^2.
     """
     if box[m, 4] > box[t, 5] * (1 + 2 * TIE):
         return 1
@@ -616,28 +680,35 @@ def before(t, m, target, n, lines, n_sides, faces, uvw, box, state, slot, planes
     n = cut(spare, n, lines, n_sides, other)
     if n < 3:
         return 0
-    u_t, v_t, w_t, a_t, b_t = plane_of(t, faces, uvw, state, slot, planes)
-    u_m, v_m, w_m, a_m, b_m = plane_of(m, faces, uvw, state, slot, planes)
-    tied = True
-    least, most, first = 0.0, 0.0, 0.0
+    u_t, v_t, w_t, a_t, b_t, error_t = plane_of(t, faces, uvw, state, slot, planes, rounding)
+    u_m, v_m, w_m, a_m, b_m, error_m = plane_of(m, faces, uvw, state, slot, planes, rounding)
+    least, most, first, apart = np.inf, -np.inf, 0.0, -np.inf
+    x0 = y0 = np.inf
+    x1 = y1 = -np.inf
     for p in range(n):
         x, y = spare[p, 0], spare[p, 1]
+        x0, x1, y0, y1 = min(x0, x), max(x1, x), min(y0, y), max(y1, y)
         mine = w_t + a_t * (x - u_t) + b_t * (y - v_t)
         its = w_m + a_m * (x - u_m) + b_m * (y - v_m)
         nearer = its - mine
         if p == 0:
             first = nearer
-        if abs(nearer) > TIE * max(mine, its):
-            tied = False
+        apart = max(apart, abs(nearer) - TIE * max(mine, its))
         least, most = min(least, nearer), max(most, nearer)
-    if tied:
-        return 1 if m < t else 0
     # Two planes meet along an edge that the faces share, and nowhere else.
     i, j, k = faces[t, 0], faces[t, 1], faces[t, 2]
     shared = 0
     for p in range(3):
         if faces[m, p] in (i, j, k):
             shared += 1
+    error = error_t + error_m
+    if abs(apart) <= error or (apart > 0 and max(most, -least) <= error):
+        blur[t] += (x1 - x0) * (y1 - y0)
+    elif apart > 0 and shared < 2 and least <= error and most >= -error:
+        strip = error / length(a_m - a_t, b_m - b_t, 0.0) * length(x1 - x0, y1 - y0, 0.0)
+        blur[t] += min(strip, (x1 - x0) * (y1 - y0))
+    if apart <= 0:
+        return 1 if m < t else 0
     if shared >= 2:
         return 1 if most > -least else 0
     if most <= 0:
@@ -676,8 +747,8 @@ def covers(lines, n_lines, corners, n):
 @compiled
 def find_occluders(
     t, mark, target, n, own, n_own, faces, uvw, side, state, box, slot, polygons, n_corners, sides,
-    planes, grid, columns, rows, starts, listed, marks, found, found_lines, corners, lines, spare,
-    other,
+    planes, grid, columns, rows, starts, listed, rounding, marks, found, found_lines, corners,
+    lines, spare, other, blur,
 ):  # fmt: skip
     """Faces that hide a part of face t; how many, -1 for want of room, -2 if one hides all of it.
 
@@ -691,6 +762,9 @@ def find_occluders(
         Out: the faces.
     found_lines : (N, 6) float64
         Out: 1, or 2 and the line of equal depth for a face that is nearer only on one side of it.
+    blur : (F,) float64
+        What rounding may do along the outlines of the faces found, and to who is nearer, is added
+        to that of t, px^2.
     """
     behind = box[t, 4] * (1 - 2 * TIE)
     x0, x1, y0, y1 = box[t, 0], box[t, 1], box[t, 2], box[t, 3]
@@ -721,8 +795,8 @@ def find_occluders(
                 if separated(lines, n_sides, target, n) or separated(own, n_own, corners, k):
                     continue
                 relation = before(
-                    t, m, target, n, lines, n_sides, faces, uvw, box, state, slot, planes, spare,
-                    other,
+                    t, m, target, n, lines, n_sides, faces, uvw, box, state, slot, planes, rounding,
+                    spare, other, blur,
                 )  # fmt: skip
                 if relation == 0:
                     continue
@@ -730,6 +804,9 @@ def find_occluders(
                     return -2
                 if count == found.shape[0]:
                     return -1
+                across = min(x1, box[m, 1]) - max(x0, box[m, 0])
+                down = min(y1, box[m, 3]) - max(y0, box[m, 2])
+                blur[t] += 4 * (across + down) * blur_of(m, state, slot, planes, rounding)
                 found[count] = m
                 found_lines[count, 0] = relation
                 for p in range(5):
@@ -826,8 +903,8 @@ def halve(parts, n_part, ranges, top, line, pool, found, box, spare):
 @compiled
 def visible_areas(
     targets, first, faces, uvw, side, state, box, area, slot, polygons, n_corners, sides, planes,
-    size, grain, grid, columns, rows, starts, listed, marks, found, found_lines, pool, pieces,
-    n_of, visible,
+    size, rounding, grid, columns, rows, starts, listed, marks, found, found_lines, pool, pieces,
+    n_of, visible, blur,
 ):  # fmt: skip
     """Visible px^2 of faces; how many of `targets` are done.
 
@@ -843,8 +920,8 @@ def visible_areas(
         As `set_up` left them.
     size : (2,) float64
         Width and height of the image.
-    grain : float
-        The largest number that positions in the image are made from.
+    rounding : (2,) float64
+        Largest error of a position in the image, in pixels, and of 1/z, relative.
     grid, columns, rows, starts, listed
         As `fill_grid` left them.
     marks : (F,) int64
@@ -855,17 +932,22 @@ def visible_areas(
         Scratch, for M pieces of one face.
     visible : (F,) float64
         Out: px^2 inside the image, for the targets.
+    blur : (F,) float64
+        Out: a bound of the errors of `visible` and `area` together, px^2, for the targets.
     """
     target, corners = np.empty((2 * CORNERS, 2)), np.empty((CORNERS, 2))
     spare, other, values = np.empty((WIDTH, 2)), np.empty((WIDTH, 2)), np.empty(WIDTH)
     lines, own, border = np.empty((SIDES + 1, 5)), np.empty((SIDES, 5)), image_border(size)
     parts, n_part = np.empty((STACK, 2 * CORNERS, 2)), np.empty(STACK, np.int64)
-    ranges, line, rounding = np.empty((STACK, 2), np.int64), np.zeros(5), RESIDUE * grain
+    ranges, line = np.empty((STACK, 2), np.int64), np.zeros(5)
     for index in range(first, targets.shape[0]):
         t = targets[index]
-        visible[t] = 0.0
+        visible[t] = blur[t] = 0.0
         if not state[t] & LIVE:
             continue
+        width = min(box[t, 1], size[0]) - max(box[t, 0], 0.0)
+        height = min(box[t, 3], size[1]) - max(box[t, 2], 0.0)
+        blur[t] = OUTLINE * (width + height) * blur_of(t, state, slot, planes, rounding)
         n, n_own = outline(
             t, faces, uvw, side, state, slot, polygons, n_corners, sides, target, own
         )
@@ -873,8 +955,8 @@ def visible_areas(
             n = cut(target, n, border, border.shape[0], spare)
         count = find_occluders(
             t, t, target, n, own, n_own, faces, uvw, side, state, box, slot, polygons, n_corners,
-            sides, planes, grid, columns, rows, starts, listed, marks, found, found_lines, corners,
-            lines, spare, other,
+            sides, planes, grid, columns, rows, starts, listed, rounding, marks, found, found_lines,
+            corners, lines, spare, other, blur,
         )  # fmt: skip
         if count == -1:
             marks[:] = -1
@@ -905,14 +987,15 @@ def visible_areas(
                 continue
             rest = subtract(
                 parts[top], n, pool, low, high, found, found_lines, faces, uvw, side, state, slot,
-                polygons, n_corners, sides, pieces, n_of, rounding, corners, lines, spare, values,
+                polygons, n_corners, sides, pieces, n_of, rounding[0], corners, lines, spare,
+                values,
             )  # fmt: skip
             if rest < 0:
                 marks[:] = -1
                 return index
             twice += rest
         # What rounding leaves of a face that is all hidden is nothing, and of one that is not, all.
-        residue = rounding * (box[t, 1] - box[t, 0] + box[t, 3] - box[t, 2])
+        residue = rounding[0] * (box[t, 1] - box[t, 0] + box[t, 3] - box[t, 2])
         seen = twice / 2
         visible[t] = 0.0 if seen <= residue else area[t] if seen >= area[t] - residue else seen
     return targets.shape[0]

@@ -45,11 +45,8 @@ METHODS = ("certified", "exact", "sampled")
 ROLL = 0.4
 """Radians by which the grid of samples is turned against the image: 23 degrees, far from every
 direction that is common in manufactured parts. Along rows of samples errors of counting add up."""
-ROUNDING = 1e-9
-"""Bound of a computed area, px^2, where positions in the image are made from numbers up to
-`COARSE`; in proportion for larger ones, which telephoto lenses have."""
-COARSE = 4096.0
-"""Pixels."""
+EPSILON = 2.0**-52
+"""Rounding of a quotient."""
 
 
 class Kind(IntEnum):
@@ -78,23 +75,24 @@ class Observation:
         Whether the near plane cut away a surface in view.
     samples : int
         Samples a px^2 where they were counted.
-    rounding : float
-        Bound of areas that were computed, px^2.
+    blur : (P, F) float64
+        Bound of the errors of both areas together where they were computed, px^2.
     """
 
     visible_pixels: FloatArray
     drawn_pixels: FloatArray
     kind: NDArray[np.uint8]
+    blur: FloatArray
     clipped: BoolArray
     samples: int = 1
-    rounding: float = ROUNDING
 
     @classmethod
     def of_counts(cls, counts: FaceCounts) -> Self:
         """What a rasteriser counted, `drawn` included."""
         kind = np.full(counts.visible.shape, Kind.STATISTICAL, np.uint8)
-        samples = counts.supersample**2
-        return cls(counts.visible_pixels, counts.drawn_pixels, kind, counts.clipped, samples)
+        areas = counts.visible_pixels, counts.drawn_pixels
+        blur = np.broadcast_to(0.0, kind.shape)
+        return cls(*areas, kind, blur, counts.clipped, counts.supersample**2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,7 +245,9 @@ def figures(
     # Nothing is known of a face whose image rounds to nothing, or that owns no sample.
     bound = np.where(has_image, 0.0, 1.0)
     computed = (kind == Kind.EXACT) & has_image
-    bound[computed] = seen.rounding * np.maximum(1.0, 1.0 / drawn[computed])
+    # |v/d - v'/d'| <= (|v - v'| + |d - d'|) / d, with d the true area
+    blur, least = seen.blur[row][computed], (drawn - seen.blur[row])[computed]
+    bound[computed] = np.divide(blur, least, out=np.ones(len(blur)), where=least > 0) + EPSILON
     counted = (kind == Kind.STATISTICAL) & has_image
     length = view.perimeter[counted] * np.sqrt(seen.samples)
     deviation = 3 * 0.27 * np.sqrt(1.25 * length + 1) + length / 20
@@ -316,7 +316,7 @@ class _AnalyticObserver(_Closing):
         matrices = valid_poses(poses)
         n_poses, n_faces = len(matrices), self.mesh.n_faces
         near, front_only, clipped = limits(self.mesh, self.camera, matrices)
-        visible, area = np.empty((n_poses, n_faces)), np.empty((n_poses, n_faces))
+        visible, area, blur = np.empty((3, n_poses, n_faces))
         kind = np.full((n_poses, n_faces), Kind.EXACT, np.uint8)
 
         def worker(view: Any) -> Any:
@@ -324,7 +324,7 @@ class _AnalyticObserver(_Closing):
                 for row in range(n_poses)[turn]:
                     view.look(matrices[row], near[row], front_only[row])
                     view.measure_all()
-                    visible[row], area[row] = view.visible, view.area
+                    visible[row], area[row], blur[row] = view.visible, view.area, view.blur
                     kind[row][view.is_certified] = Kind.CERTIFIED
 
             return work
@@ -333,8 +333,7 @@ class _AnalyticObserver(_Closing):
         while len(self._views) < n_threads:
             self._views.append(self._view_type(self._surface, self.camera))
         share_poses(n_poses, [worker(view) for view in self._views[:n_threads]])
-        rounding = ROUNDING * max(1.0, self._views[0].grain / COARSE) if self._views else ROUNDING
-        return Observation(visible, area, kind, clipped, rounding=rounding)
+        return Observation(visible, area, kind, blur, clipped)
 
     def close(self) -> None:
         self._views.clear()

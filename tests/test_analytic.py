@@ -394,11 +394,12 @@ def test_a_small_thing_before_a_vast_one_keeps_its_digits():
 def test_chosen_faces_of_many_poses_are_those_of_all():
     mesh, camera = shapes.torus(20, 12), Camera(width=160, height=120, fx=130, fy=130)
     poses = sphere_of_poses((0, 0, 0), 4, 9)
-    visible, area = visible_areas(mesh, camera, poses)
+    visible, area, bound = visible_areas(mesh, camera, poses)
     faces = np.random.default_rng(0).permutation(mesh.n_faces)[:50]
-    some, their_area = visible_areas(mesh, camera, poses, faces, threads=3)
+    some, their_area, their_bound = visible_areas(mesh, camera, poses, faces, threads=3)
     assert np.array_equal(some, visible[:, faces])
     assert np.array_equal(their_area, area[:, faces])
+    assert np.array_equal(their_bound, bound[:, faces])
     for row in (0, 5):
         exact = rational.visible_area(mesh, camera, poses[row], faces)
         assert np.abs(some[row] - exact).max() <= 1e-9

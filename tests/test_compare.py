@@ -58,7 +58,7 @@ class Altered:
     def observe(self, poses):
         seen = self._observer.observe(poses)
         arrays = (seen.visible_pixels.copy(), seen.drawn_pixels.copy(), seen.kind.copy())
-        return self._alter(Observation(*arrays, seen.clipped, seen.samples))
+        return self._alter(Observation(*arrays, seen.blur, seen.clipped, seen.samples))
 
     def close(self):
         self._observer.close()
@@ -264,7 +264,7 @@ def judged(rows):
         bound=bound,
         kind=kind.astype(np.uint8),
         visible_pixels=area * value,
-        truth_error=0.0,
+        truth_error=np.zeros(len(rows)),
     )
 
 

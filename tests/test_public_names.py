@@ -24,7 +24,7 @@ SURFACE = {
     "network": set(),
     "pose": {"DRIFT_TOLERANCE", "check_poses", "inverse", "valid_poses"},
     "raster.contract": {"MAX_SUPERSAMPLE"},
-    "visibility": {"COARSE", "METHODS", "ROLL", "ROUNDING", "figures"},
+    "visibility": {"EPSILON", "METHODS", "ROLL", "figures"},
 }
 MESH = {"Group", "Mesh"}
 

@@ -25,12 +25,12 @@ from rastercov.compare.convergence import N_POSES as SWEPT_POSES
 from rastercov.compare.convergence import SWEEPS, Convergence, KnownFaces, converge, levels
 from rastercov.compare.entrants import TRUTHS, Candidate, entered, open_truth
 from rastercov.compare.results import MUST_HOLD, Check, Comparison, Score
+from rastercov.compare.tally import ROUNDING
 from rastercov.criteria import view_faces
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.pose import valid_poses
 from rastercov.run import interrupts_held
-from rastercov.visibility import ROUNDING
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -118,12 +118,12 @@ def compare(
                 for row, pose in enumerate(of_batch):
                     view = view_faces(mesh, camera, pose)
                     face = np.flatnonzero(view.is_front & (view.in_view_fraction > 0))
-                    visible, area = truth.areas(row, face)
+                    visible, area, error = truth.areas(row, face)
                     with interrupts_held():
                         for entrant in entrants:
-                            entrant.judge(start + row, row, view, face, visible, area, truth.error)
+                            entrant.judge(start + row, row, view, face, visible, area, error)
                         if start + row in chosen and sweeps:
-                            known.append(_partly_hidden(pose, face, visible, area, truth.error))
+                            known.append(_partly_hidden(pose, face, visible, area, error))
                         done += 1
                     progress(done, total)
         except KeyboardInterrupt:
@@ -194,9 +194,9 @@ def _often_enough(held: int, n: int) -> bool | None:
 
 
 def _partly_hidden(
-    pose: FloatArray, face: IntArray, visible: FloatArray, area: FloatArray, error: float
+    pose: FloatArray, face: IntArray, visible: FloatArray, area: FloatArray, error: FloatArray
 ) -> KnownFaces:
-    least = max(ROUNDING, error) + ROUNDING * area
+    least = np.maximum(ROUNDING, error) + ROUNDING * area
     rows = (area >= 1) & (visible > least) & (visible < area - least)
     return KnownFaces(pose, face[rows], area[rows], visible[rows] / area[rows])
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from rastercov.camera import Camera
 from rastercov.compare.results import Score
-from rastercov.compare.tally import Judged, Tally
+from rastercov.compare.tally import ROUNDING, Judged, Tally
 from rastercov.criteria import ViewOfFaces
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
@@ -22,7 +22,6 @@ from rastercov.raster.contract import MAX_SUPERSAMPLE
 from rastercov.visibility import (
     METHODS,
     ROLL,
-    ROUNDING,
     Observation,
     Observer,
     figures,
@@ -32,8 +31,8 @@ from rastercov.visibility import (
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-TRUTHS = {"exact": ROUNDING, "polygons": 1e-7, "rational": 0.0}
-"""What may be the truth, and how far off its areas may be, px^2."""
+TRUTHS = {"exact": 0.0, "polygons": 1e-7, "rational": 0.0}
+"""What may be the truth, and how far off its areas may be, px^2, unless it says so itself."""
 
 
 @dataclass(frozen=True)
@@ -124,11 +123,11 @@ class Entrant:
         face: IntArray,
         visible: FloatArray,
         area: FloatArray,
-        truth_error: float,
+        truth_error: FloatArray,
     ) -> None:
         """Take in one pose of the batch: `pose` of all, `row` of the batch, and its true areas."""
         value, bound, kind = figures(view, self.seen, row)
-        is_judged = area > max(ROUNDING, truth_error)
+        is_judged = area > np.maximum(ROUNDING, truth_error)
         rows = face[is_judged]
         judged = Judged(
             face=rows,
@@ -138,7 +137,7 @@ class Entrant:
             bound=bound[rows],
             kind=kind[rows],
             visible_pixels=self.seen.visible_pixels[row][rows],
-            truth_error=truth_error,
+            truth_error=truth_error[is_judged],
         )
         self.tally.add(pose, judged, int((~is_judged).sum()))
 
@@ -183,10 +182,8 @@ def entered(
 class AnalyticTruth:
     """Areas by the analytic method, all faces of a batch of poses at once."""
 
-    error = TRUTHS["exact"]
-
     def __init__(self, observer: Observer) -> None:
-        self._observer = observer
+        self._observer, self.error = observer, TRUTHS["exact"]
         self.seconds, self.poses = 0.0, 0
         self._seen: Observation
 
@@ -197,9 +194,11 @@ class AnalyticTruth:
         self.seconds += time.perf_counter() - started
         self.poses += len(poses)
 
-    def areas(self, row: int, faces: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Visible area and area of the image of faces in a pose of the batch, px^2."""
-        return self._seen.visible_pixels[row][faces], self._seen.drawn_pixels[row][faces]
+    def areas(self, row: int, faces: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Visible area and area of the image of faces in a pose of the batch, and their error."""
+        seen, error = self._seen, self._seen.blur[row][faces]
+        self.error = max(self.error, float(error.max(initial=0.0)))
+        return seen.visible_pixels[row][faces], seen.drawn_pixels[row][faces], error
 
 
 class ReferenceTruth:
@@ -218,14 +217,14 @@ class ReferenceTruth:
         """Observe a batch of poses."""
         self._batch = poses
 
-    def areas(self, row: int, faces: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Visible area and area of the image of faces in a pose of the batch, px^2."""
+    def areas(self, row: int, faces: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Visible area and area of the image of faces in a pose of the batch, and their error."""
         started = time.perf_counter()
         visible = self._module.visible_area(*self._scene, self._batch[row], faces)
         area = self._module.image_area(*self._scene, self._batch[row], faces)
         self.seconds += time.perf_counter() - started
         self.poses += 1
-        return visible, area
+        return visible, area, np.full(len(area), self.error)
 
 
 @contextmanager

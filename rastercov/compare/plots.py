@@ -11,7 +11,7 @@ from PIL import Image, ImageFont
 from rastercov.compare.canvas import FINE, WIDTH, Axis, Canvas, Curve, Theme, log_plot
 from rastercov.compare.convergence import Convergence
 from rastercov.compare.results import MUST_HOLD, Comparison, Score
-from rastercov.visibility import ROUNDING
+from rastercov.compare.tally import ROUNDING
 
 FLOOR = 1e-6
 """Errors below which a curve is only named, where others are above."""

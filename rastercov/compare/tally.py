@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.compare.results import BoundCheck, FaceError, SizeClass
-from rastercov.visibility import ROUNDING, Kind
+from rastercov.visibility import Kind
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -25,6 +25,8 @@ PER_DECADE = 10
 DECADES = 18
 """Powers of ten below the largest error of 1 that are told apart; what is less counts as 0."""
 N_BINS = PER_DECADE * DECADES + 2  # one for 0, one for more than 1
+ROUNDING = 1e-9
+"""Area up to which nothing is told from rounding, px^2."""
 REST = 1e-12
 """Rounding of a quotient of two areas."""
 
@@ -40,7 +42,7 @@ class Judged:
     bound: FloatArray
     kind: NDArray[np.uint8]
     visible_pixels: FloatArray
-    truth_error: float
+    truth_error: FloatArray
 
     @property
     def truth(self) -> FloatArray:
@@ -57,7 +59,7 @@ class Judged:
     @property
     def least(self) -> FloatArray:
         """Area up to which nothing is told from rounding, px^2."""
-        limit: FloatArray = max(ROUNDING, self.truth_error) + ROUNDING * self.area
+        limit: FloatArray = np.maximum(ROUNDING, self.truth_error) + ROUNDING * self.area
         return limit
 
     def is_partly_hidden(self) -> BoolArray:

@@ -1,0 +1,126 @@
+"""Whether computed areas are as good as they say, against exact rational arithmetic.
+
+What rounding does is largest where lines are known least: where faces pierce each other at a tiny
+angle, where an edge runs past the eye, where a face is a needle.
+"""
+
+import numpy as np
+import pytest
+from exact_cases import hostile, triangles
+from exact_views import PATHS, look
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rastercov import shapes
+from rastercov.analytic import View, visible_areas
+from rastercov.camera import Camera
+from rastercov.mesh import Mesh
+from rastercov.pose import sphere_of_poses
+from rastercov.reference import rational
+
+AHEAD = np.eye(4)
+CAMERA = Camera(width=640, height=512, fx=500, fy=520)
+SEEDS = st.integers(0, 2**32 - 1)
+on_both_paths = pytest.mark.parametrize("path", PATHS, ids=lambda path: path.__name__)
+
+
+def errors(mesh, camera, pose, path=View):
+    """How wrong the two areas of each face that was measured are, and how wrong at most."""
+    view = look(mesh, camera, pose, path)
+    measured = view.blur > 0
+    faces = np.flatnonzero(measured)
+    visible = rational.visible_area(mesh, camera, pose, faces)
+    area = rational.image_area(mesh, camera, pose, faces)
+    off = np.abs(view.visible[faces] - visible) + np.abs(view.area[faces] - area)
+    return off, view.blur[faces]
+
+
+def unit(vector):
+    return vector / np.linalg.norm(vector)
+
+
+def pierced(rng, angle):
+    """Two triangles that share a vertex and lie across one another, their planes at an angle."""
+    normal = unit(rng.normal(size=3))
+    first = unit(np.cross(normal, rng.normal(size=3)))
+    second = np.cross(normal, first)
+    turn = rng.uniform(0, 2 * np.pi)
+    axis = np.cos(turn) * first + np.sin(turn) * second
+    other = normal * np.cos(angle) + np.cross(axis, normal) * np.sin(angle)
+    first_of_other = unit(first - other * (first @ other))
+
+    def two_corners(a, b, start):
+        end = start + rng.uniform(0.3, 2.5)
+        return [
+            rng.uniform(0.3, 1.5) * (np.cos(at) * a + np.sin(at) * b) for at in (start, end)
+        ]  # fmt: skip
+
+    start = rng.uniform(0, 2 * np.pi)
+    one = two_corners(first, second, start)
+    two = two_corners(first_of_other, np.cross(other, first_of_other), start + rng.uniform(-0.8, 1))
+    tip = np.array((0, 0, rng.uniform(2, 6))) + rng.normal(size=3) * 0.3
+    return Mesh(vertices=tip + np.array([(0, 0, 0), *one, *two]), faces=[(0, 1, 2), (0, 3, 4)])
+
+
+@on_both_paths
+@given(seed=SEEDS)
+def test_areas_of_hostile_scenes_are_within_their_bound(path, seed):
+    case = hostile(seed)
+    off, blur = errors(case.mesh, case.camera, case.pose, path)
+    assert (off <= blur).all()
+
+
+@on_both_paths
+@given(seed=SEEDS, power=st.floats(-9, 0))
+def test_the_bound_grows_as_faces_pierce_each_other_at_smaller_angles(path, seed, power):
+    mesh = pierced(np.random.default_rng(seed), 10.0**power)
+    off, blur = errors(mesh, CAMERA, AHEAD, path)
+    assert (off <= blur).all()
+
+
+@given(seed=SEEDS, power=st.floats(-8, -1))
+def test_the_bound_grows_as_edges_run_past_the_eye_closer(seed, power):
+    rng = np.random.default_rng(seed)
+    faces = []
+    for closeness in (3, 1):
+        along = unit(rng.normal(size=3) * (0.3, 0.3, 1))
+        away = closeness * 10.0**power * unit(np.cross(along, rng.normal(size=3)))
+        side = unit(np.cross(along, rng.normal(size=3)))
+        third = side * rng.uniform(0.3, 2) + along * rng.uniform(-1, 1)
+        ends = -along * rng.uniform(0.3, 2), along * rng.uniform(0.3, 2)
+        faces.append(away + np.array((*ends, third)))
+    off, blur = errors(triangles(*faces), CAMERA, AHEAD)
+    assert (off <= blur).all()
+
+
+def test_these_scenes_are_harder_than_a_constant_bound_allows():
+    """Without what the bound adds for them, each kind would break it."""
+    rng = np.random.default_rng(2)
+    off, blur = zip(*(errors(pierced(rng, 1e-6), CAMERA, AHEAD) for _ in range(20)), strict=True)
+    assert max(o.max(initial=0) for o in off) > 1e-8
+    assert np.median([b.max(initial=0) for b in blur]) < 1e-2
+    past = triangles([(1e-5, 0, -1), (2e-5, 1e-5, 1), (-0.5, 1.5, 0.2)])
+    assert 1e-9 < errors(past, CAMERA, AHEAD)[1].max() < 1
+
+
+def test_the_bound_of_a_solid_is_of_no_consequence():
+    mesh = shapes.teapot(6)
+    poses = sphere_of_poses(mesh.bounds.mean(axis=0), 0.4, 20)
+    _, area, bound = visible_areas(mesh, CAMERA, poses)
+    large = area > 1
+    assert large.sum() > 5000
+    assert (bound[large] / area[large]).max() < 1e-7
+    assert np.median(bound[large]) < 1e-9
+
+
+def test_rounding_grows_with_the_numbers_that_positions_are_made_from():
+    # Telephoto: the image is 200 px wide and stands 1e6 or 1e8 px from the eye.
+    bounds = []
+    for focal in (1e6, 1e8):
+        camera = Camera(width=200, height=200, fx=focal, fy=focal)
+        half = 100 / focal
+        mesh = triangles([(-half, -half, 4), (half, -half, 4), (half / 3, half, 4)])
+        off, blur = errors(mesh, camera, AHEAD)
+        assert (off <= blur).all()
+        bounds.append(blur[0])
+    assert bounds[1] == pytest.approx(100 * bounds[0], rel=1e-6)
