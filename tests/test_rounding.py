@@ -39,8 +39,11 @@ def unit(vector):
     return vector / np.linalg.norm(vector)
 
 
-def pierced(rng, angle):
-    """Two triangles that share a vertex and lie across one another, their planes at an angle."""
+def pierced(rng, angle, depth=(2, 6), thinnest=0.3):
+    """Two triangles that share a vertex and lie across one another, their planes at an angle.
+
+    That vertex is at some `depth`, and their angle there is `thinnest` or more.
+    """
     normal = unit(rng.normal(size=3))
     first = unit(np.cross(normal, rng.normal(size=3)))
     second = np.cross(normal, first)
@@ -50,15 +53,13 @@ def pierced(rng, angle):
     first_of_other = unit(first - other * (first @ other))
 
     def two_corners(a, b, start):
-        end = start + rng.uniform(0.3, 2.5)
-        return [
-            rng.uniform(0.3, 1.5) * (np.cos(at) * a + np.sin(at) * b) for at in (start, end)
-        ]  # fmt: skip
+        end = start + np.exp(rng.uniform(np.log(thinnest), np.log(2.5)))
+        return [rng.uniform(0.3, 1.5) * (np.cos(at) * a + np.sin(at) * b) for at in (start, end)]
 
     start = rng.uniform(0, 2 * np.pi)
     one = two_corners(first, second, start)
     two = two_corners(first_of_other, np.cross(other, first_of_other), start + rng.uniform(-0.8, 1))
-    tip = np.array((0, 0, rng.uniform(2, 6))) + rng.normal(size=3) * 0.3
+    tip = np.array((0, 0, rng.uniform(*depth))) + rng.normal(size=3) * 0.3
     return Mesh(vertices=tip + np.array([(0, 0, 0), *one, *two]), faces=[(0, 1, 2), (0, 3, 4)])
 
 
@@ -76,6 +77,38 @@ def test_the_bound_grows_as_faces_pierce_each_other_at_smaller_angles(path, seed
     mesh = pierced(np.random.default_rng(seed), 10.0**power)
     off, blur = errors(mesh, CAMERA, AHEAD, path)
     assert (off <= blur).all()
+
+
+@given(seed=SEEDS, power=st.floats(-9, 0))
+def test_it_does_so_where_they_are_cut_by_the_border_and_the_near_plane(seed, power):
+    mesh = pierced(np.random.default_rng(seed), 10.0**power, depth=(-0.5, 0.5))
+    off, blur = errors(mesh, CAMERA, AHEAD)
+    assert (off <= blur).all()
+
+
+@given(seed=SEEDS, power=st.floats(-9, -3), thinnest=st.sampled_from([1e-2, 1e-4, 1e-6]))
+def test_it_does_so_for_needles(seed, power, thinnest):
+    mesh = pierced(np.random.default_rng(seed), 10.0**power, thinnest=thinnest)
+    off, blur = errors(mesh, CAMERA, AHEAD)
+    assert (off <= blur).all()
+
+
+@given(seed=SEEDS, excess=st.floats(-1e-5, 1e-5))
+def test_who_wins_at_the_limit_of_a_tie_is_not_known(seed, excess):
+    # Two sheets as far apart as still counts as one: rounding decides which face is seen.
+    rng = np.random.default_rng(seed)
+    rear = rng.normal(size=(3, 3)) * (1, 1, 0.3) + (0, 0, rng.uniform(3, 8))
+    mesh = triangles(rear, rear * (1 - 1e-10 * (1 + excess)))
+    off, blur = errors(mesh, CAMERA, AHEAD)
+    assert (off <= blur).all()
+
+
+def test_each_occluder_adds_to_the_bound():
+    wall = np.array([(-4, -4, 4), (4, -4, 4), (0, 6, 4)])
+    tiles = [wall * (1 / 32, 1 / 32, 1 / 2) + (x / 3 - 0.5, 0, 0) for x in range(4)]
+    scenes = (triangles(wall, *tiles[:n]) for n in range(4))
+    bounds = [look(mesh, CAMERA, AHEAD, View).blur[0] for mesh in scenes]
+    assert (np.diff(bounds) > 0.01 * bounds[0]).all()
 
 
 @given(seed=SEEDS, power=st.floats(-8, -1))
