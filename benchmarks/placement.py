@@ -1,11 +1,20 @@
-"""Selection: published optima, best coverage with k cameras, 10,000 x 10,000, and `kill -9`."""
+"""Placement: every method with equal poses, published optima, best coverage, 10,000 x 10,000.
+
+`methods` gives each way to place k cameras the same number of poses to measure: the selections
+that many candidates, the searches that budget, and refinement half of it after greedy has had the
+other half as candidates. Candidates are square views of segments, views around the part (or from
+the walls of the room), and poses at random. `kills` builds a matrix under `kill -9`.
+"""
 
 import json
 import resource
+import statistics
 import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,18 +22,26 @@ from rows import Report, arguments
 
 import rastercov as rc
 from rastercov import shapes
+from rastercov.placement.candidates import per_segment
+from rastercov.placement.framing import Framing
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
+from rastercov.placement.mounting import on_ceiling, on_sphere, on_walls
+from rastercov.placement.objective import Objective
+from rastercov.placement.optimise import optimise
 from rastercov.placement.problem import BestCoverage, FewestCameras, problem_of, problem_of_matrix
+from rastercov.placement.refine import refine
+from rastercov.placement.segments import segment
 from rastercov.placement.select_greedy import select_greedy
 from rastercov.placement.select_integer import select_integer
 from rastercov.placement.select_thesis import select_thesis
 from rastercov.placement.set_cover_file import read_set_cover
+from rastercov.placement.space import PoseSpace
 
 TESTS = Path(__file__).parents[1] / "tests"
 sys.path.append(str(TESTS))
 from set_cover_cases import COVERS, FOLDER, OPTIMA, steiner  # noqa: E402 - the tests' instances
 
-PARTS = ("published", "best", "large", "kills")
+PARTS = ("methods", "published", "best", "large", "kills")
 
 
 def main() -> None:
@@ -33,12 +50,16 @@ def main() -> None:
         "--only", choices=PARTS, action="append", help="parts to run; all unless given"
     )
     parser.add_argument("--seconds", type=float, default=60.0, help="for each integer program")
+    parser.add_argument("--poses", type=int, default=1500, help="poses each method may measure")
+    parser.add_argument("--seeds", type=int, default=3, help="of each method")
     parser.add_argument("--side", type=int, default=10_000, help="poses of the large matrix")
     args = parser.parse_args()
     report = Report()
     compile_loops()
     for part in args.only or PARTS:
-        if part == "large":
+        if part == "methods":
+            methods(report, args.poses, args.seeds)
+        elif part == "large":
             large(report, args.side)
         elif part == "best":
             best_coverage(report, args.seconds)
@@ -55,6 +76,112 @@ def compile_loops() -> None:
         problem = problem_of_matrix(steiner(9), goal)
         select_integer(problem)
         select_thesis(problem)
+
+
+@dataclass(frozen=True)
+class Site:
+    """A mesh, where cameras may stand, and how many there are to be."""
+
+    name: str
+    cameras: tuple[int, int]
+    clearance: float
+    stand_off: tuple[float, float]
+    boxes: np.ndarray | None = None
+
+    def candidates(self, space: PoseSpace, camera: rc.Camera, count: int, seed: int) -> np.ndarray:
+        """(count, 4, 4) poses by rule, as far as cameras may stand there, and others at random."""
+        mesh, rng = space.mesh, np.random.default_rng(seed)
+        framing = Framing(stand_off=self.stand_off, fit="vertices")
+        segmentation = segment(mesh, 15, 25, merge="closest")
+        found = per_segment(mesh, camera, framing, segmentation=segmentation)
+        if self.boxes is None:
+            found += on_sphere(mesh, camera, framing, count=count // 3)
+        else:
+            found += on_walls(mesh, camera, framing, spacing=0.6, inset=0.3)
+            found += on_ceiling(mesh, camera, framing, spacing=0.6, inset=0.3)
+        poses = found.poses[space.allows(found.poses[:, :3, 3])][:count]
+        low, high = space.aim
+        more = space.somewhere(count - len(poses), rng)
+        return np.concatenate((poses, rc.look_at(more, rng.uniform(low, high, more.shape))))
+
+
+SITES = (
+    Site("aeroplane", (3, 6), 1.0, (4.0, 40.0)),
+    Site("teapot-5", (3, 5), 0.05, (0.1, 0.6)),
+    Site("room", (3, 6), 0.2, (0.2, 6.0), np.array([[(-2.7, -2.2, 0.3), (2.7, 2.2, 2.5)]])),
+)
+SEARCHES = ("random", "pso", "ga", "de")
+
+
+def methods(report: Report, budget: int, seeds: int) -> None:
+    """All ways to place cameras on three meshes and two camera counts."""
+    camera, task = rc.Camera(width=640, height=512, fx=700, fy=700), rc.Task(max_incidence_deg=70)
+    for site in SITES:
+        mesh = shapes.by_name(site.name)
+        space = PoseSpace(
+            mesh=mesh, boxes=site.boxes, stand_off=site.stand_off, clearance=site.clearance
+        )
+        with rc.open_observer(mesh, camera) as observer:
+            objective = Objective.of(observer, task)
+            for k in site.cameras:
+                shares = {
+                    name: [place(seed) for seed in range(seeds)]
+                    for name, place in ways(site, space, objective, k, budget).items()
+                }
+                tell(report, f"{site.name}, {k} cameras", shares)
+
+
+def ways(
+    site: Site, space: PoseSpace, objective: Objective, k: int, budget: int
+) -> dict[str, Callable[[int], float]]:
+    """Share that each method covers for a seed."""
+    mesh, camera = objective.observer.mesh, objective.observer.camera
+    problems = {}
+
+    def problem(seed: int, count: int):
+        if (seed, count) not in problems:
+            poses = site.candidates(space, camera, count, seed)
+            matrix = build_matrix((mesh, camera), poses, objective.task)
+            problems[seed, count] = poses, problem_of(matrix, mesh, BestCoverage(k))
+        return problems[seed, count]
+
+    def refined(seed: int) -> float:
+        poses, half = problem(seed, budget // 2)
+        start = poses[select_greedy(half, seed=seed).chosen]
+        return refine(objective, space, start, budget=budget - budget // 2, seed=seed).share
+
+    return {
+        "the thesis' rule": lambda seed: select_thesis(problem(seed, budget)[1]).share,
+        "greedy + swaps": lambda seed: select_greedy(problem(seed, budget)[1], seed=seed).share,
+        "integer program": lambda seed: (
+            select_integer(problem(seed, budget)[1], time_limit=20).share
+        ),
+        "greedy, then refined": refined,
+    } | {
+        name: lambda seed, name=name: (
+            optimise(objective, space, k, name, budget=budget, seed=seed).share
+        )
+        for name in SEARCHES
+    }
+
+
+def tell(report: Report, what: str, shares: dict[str, list[float]]) -> None:
+    """Mean and spread of each method, and by how much the best beats the next."""
+    means = {name: 100 * statistics.mean(of_seeds) for name, of_seeds in shares.items()}
+    for name, of_seeds in shares.items():
+        spread = f"% ({100 * min(of_seeds):.2f} to {100 * max(of_seeds):.2f})"
+        report.add(f"{what}: {name}", means[name], spread)
+    first, second = sorted(means, key=means.__getitem__, reverse=True)[:2]
+    report.add(f"{what}: {first} wins, before {second}, by", means[first] - means[second], "%")
+    report.check(
+        f"{what}: the integer program is no worse than greedy",
+        all(
+            exact >= greedy - 1e-12
+            for exact, greedy in zip(
+                shares["integer program"], shares["greedy + swaps"], strict=True
+            )
+        ),
+    )
 
 
 def published(report: Report) -> None:
@@ -129,7 +256,7 @@ def best_coverage(report: Report, seconds: float) -> None:
 
 def large(report: Report, side: int) -> None:
     """10,000 candidates x 10,000 faces in a process of its own, for its peak of memory."""
-    code = "import selection, sys; selection.large_alone(int(sys.argv[1]))"
+    code = "import placement, sys; placement.large_alone(int(sys.argv[1]))"
     done = subprocess.run(
         [sys.executable, "-c", code, str(side)], cwd=Path(__file__).parent, check=True,
         capture_output=True, text=True,
