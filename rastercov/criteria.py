@@ -51,7 +51,8 @@ class ViewOfFaces:
     depth : (F, 3) float64
         Camera z of the vertices, metres.
     incidence : float64
-        Angle between normal and ray from the centroid to the camera centre, radians, [0, pi].
+        Angle between normal and ray from the centroid to the camera centre, radians, [0, pi]; of
+        two-sided faces with the normal of the side that is seen, [0, pi/2].
     """
 
     is_front: BoolArray
@@ -116,7 +117,8 @@ def view_faces(mesh: Mesh, camera: Camera, pose: FloatArray) -> ViewOfFaces:
     against = -(normals[:, 0] * x + normals[:, 1] * y + normals[:, 2] * z)
     reach = np.sqrt(x * x + y * y + z * z)
     cosine = np.divide(against, reach, out=np.zeros_like(reach), where=reach > 0)
-    is_front = ~mesh.degenerate_mask & ((cosine > 0) | (mesh.two_sided_mask & (cosine != 0)))
+    cosine = np.where(mesh.two_sided_mask, np.abs(cosine), cosine)
+    is_front = ~mesh.degenerate_mask & (cosine > 0)
 
     density = np.zeros(mesh.n_faces)
     counted = np.flatnonzero(is_front & ahead & (fraction > 0))

@@ -211,6 +211,16 @@ def test_front_follows_the_ray_and_not_the_optical_axis():
     assert view.incidence[0] < math.pi / 2
 
 
+def test_a_two_sided_face_is_seen_at_the_same_angle_from_either_side():
+    for angle in (0.0, 0.3, 1.2):
+        mesh = tilted(angle).with_groups(two_sided="all")
+        turned = Mesh(vertices=mesh.vertices, faces=mesh.faces[:, ::-1], groups=mesh.groups)
+        for side in (mesh, turned):
+            view = view_faces(side, CAMERA, AHEAD)
+            assert view.incidence == pytest.approx(angle, abs=1e-6)
+            assert view.is_front.all()
+
+
 def test_either_side_of_a_two_sided_group_is_front():
     back = square(1, 2).faces[:, ::-1]
     mesh = Mesh(vertices=square(1, 2).vertices, faces=back)
