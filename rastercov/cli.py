@@ -1,4 +1,4 @@
-"""The `rastercov` command: `demo`, `evaluate`, `render`, `compare`, `doctor`.
+"""The `rastercov` command: `demo`, `evaluate`, `render`, `compare`, `place`, `check`, `doctor`.
 
 Exit codes: 0 done, 1 a check failed, 2 bad usage or input, 130 interrupted. Results go to standard
 output; warnings, errors and progress to standard error, an error as one line.
@@ -24,7 +24,9 @@ from rastercov.console import exit_code, progress_bar, warn
 from rastercov.coverage import Task
 from rastercov.errors import PoseError
 from rastercov.inputs import read_camera, read_scene, read_view_points
+from rastercov.markers import command as markers
 from rastercov.mesh import Mesh
+from rastercov.plan import commands
 from rastercov.pose import check_poses
 
 MOST_WARNINGS = 5
@@ -262,6 +264,9 @@ def compare(
     convergence: Annotated[
         bool, typer.Option(help="Measure how errors fall with denser samples, too.")
     ] = True,
+    models: Annotated[
+        bool, typer.Option("--models", help="Compare coverage models; --method has no part in it.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Compare ways to find visibility with the truth; 1 when a bound does not hold.
@@ -278,6 +283,11 @@ def compare(
 
     scene, eye = read_scene(meshes, unit, [], two_sided, drop_invalid), read_camera(camera)
     matrices = read_view_points(poses, scene, eye)
+    if models:
+        from rastercov.models.command import run_models
+
+        run_models(scene, eye, matrices, out, as_json)
+        return
     warn(scene.warnings)
     with progress_bar() as progress:
         found = compared(
@@ -304,6 +314,10 @@ def compare(
         raise KeyboardInterrupt
     if not found.passed:
         raise typer.Exit(1)
+
+
+commands.register(app)
+markers.register(app)
 
 
 @app.command()

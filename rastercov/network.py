@@ -112,22 +112,24 @@ class Network:
         task_faces = self.mesh.task_mask
         unseen = task_faces & ~self.covered
         reasons = {
-            name.name.lower() if name != Reason.COVERED else "too_few_views": self._share(
-                unseen & (self.reason == name), task_faces
+            name.name.lower() if name != Reason.COVERED else "too_few_views": share_of_faces(
+                self.mesh, unseen & (self.reason == name), task_faces
             )
             for name in Reason
             if (unseen & (self.reason == name)).any()
         }
         if not self.pose_ids:
-            reasons = {"no_cameras": self._share(unseen, task_faces)}
+            reasons = {"no_cameras": share_of_faces(self.mesh, unseen, task_faces)}
         return {
             "poses": len(self.pose_ids),
             "faces": self.mesh.n_faces,
             "task_faces": int(task_faces.sum()),
             "required_views": self.task.views,
-            "covered": self._share(task_faces & self.covered, task_faces),
-            "not_covered": self._share(unseen, task_faces),
-            "zero_in_every_camera": self._share(task_faces & (self.best == 0), task_faces),
+            "covered": share_of_faces(self.mesh, task_faces & self.covered, task_faces),
+            "not_covered": share_of_faces(self.mesh, unseen, task_faces),
+            "zero_in_every_camera": share_of_faces(
+                self.mesh, task_faces & (self.best == 0), task_faces
+            ),
             "not_covered_because": reasons,
             "mean_best_coverage": float(self.best[task_faces].mean()) if task_faces.any() else 0.0,
             "mean_views": float(self.views[task_faces].mean()) if task_faces.any() else 0.0,
@@ -150,17 +152,20 @@ class Network:
             "faces": int(members.sum()),
         }
         if not group.is_occluder:
-            entry["covered"] = self._share(members & self.covered, members)
-            entry["zero_in_every_camera"] = self._share(members & (self.best == 0), members)
+            entry["covered"] = share_of_faces(self.mesh, members & self.covered, members)
+            entry["zero_in_every_camera"] = share_of_faces(
+                self.mesh, members & (self.best == 0), members
+            )
         return entry
 
-    def _share(self, part: BoolArray, whole: BoolArray) -> dict[str, float]:
-        """Faces of a part, and its percentage of the whole by count and by area."""
-        areas = self.mesh.areas
-        by_count = 100 * part.sum() / max(1, whole.sum())
-        by_area = 100 * areas[part].sum() / max(areas[whole].sum(), np.finfo(float).tiny)
-        return {
-            "faces": int(part.sum()),
-            "percent": float(by_count),
-            "area_percent": float(by_area),
-        }
+
+def share_of_faces(mesh: Mesh, part: BoolArray, whole: BoolArray) -> dict[str, float]:
+    """Faces of a part, and its percentage of the whole by count and by area; masks are (F,)."""
+    areas = mesh.areas
+    by_count = 100 * part.sum() / max(1, whole.sum())
+    by_area = 100 * areas[part].sum() / max(areas[whole].sum(), np.finfo(float).tiny)
+    return {
+        "faces": int(part.sum()),
+        "percent": float(by_count),
+        "area_percent": float(by_area),
+    }

@@ -74,14 +74,14 @@ def coverage_picture(
     pixels = coverage_pixels(buffer, values, mesh, pose)
     drawn = np.unique(buffer.face)
     drawn = drawn[drawn >= 0]
-    behind = mesh.task_mask[drawn] & ~_faces_eye(mesh, pose)[0][drawn]
+    behind = mesh.task_mask[drawn] & ~faces_eye(mesh, pose)[0][drawn]
     keys = [Key("coverage", _scale_pixels(_grey(np.linspace(0, 1, 256))), "0", "1")]
     if behind.any():
         swatch = np.where(_stripes((24, 24), 3)[..., None], BEHIND_STRIPE, BEHIND)
         keys.append(Key("seen from behind", swatch.astype(np.uint8)))
     if not mesh.task_mask[drawn].all():
         keys.append(Key("occluder", np.full((24, 24, 3), OCCLUDER, np.uint8)))
-    return _framed(pixels, title, keys)
+    return framed(pixels, title, keys)
 
 
 def coverage_pixels(
@@ -96,7 +96,7 @@ def coverage_pixels(
     levels = np.clip(np.nan_to_num(np.asarray(values, np.float64)), 0.0, 1.0)
     if levels.shape != (mesh.n_faces,):
         raise ConfigError(f"values must have shape ({mesh.n_faces},), got {levels.shape}")
-    is_front, cosine = _faces_eye(mesh, pose)
+    is_front, cosine = faces_eye(mesh, pose)
     # One more row for the background, where the index -1 finds it.
     palette = np.empty((mesh.n_faces + 1, 3), np.uint8)
     palette[:-1] = _grey(levels, cosine)[:, None]
@@ -112,7 +112,7 @@ def coverage_pixels(
         striped &= _stripes((height, width), max(3, round(width / 240)))
         palette[:-1][behind] = (light * BEHIND_STRIPE)[behind]
         pixels[striped] = palette[buffer.face[striped]]
-    _draw_lines(pixels, buffer.face, mesh.n_faces)
+    draw_lines(pixels, buffer.face, mesh.n_faces)
     return pixels
 
 
@@ -166,7 +166,7 @@ def depth_picture(buffer: VisibilityBuffer, title: str = "") -> Image.Image:
         digits = int(np.clip(2 - np.floor(np.log10(max(far - near, near * 1e-6, 1e-9))), 0, 9))
         ramp = _scale_pixels(_grey(np.linspace(1, 0, 256)))
         keys = [Key("depth", ramp, f"{near:.{digits}f} m", f"{far:.{digits}f} m")]
-    return _framed(pixels, title, keys)
+    return framed(pixels, title, keys)
 
 
 def contact_sheet(
@@ -205,8 +205,8 @@ def contact_sheet(
         height = max(1, round(picture.height * thumbnail_width / picture.width))
         way = Image.Resampling.LANCZOS if picture.width > thumbnail_width else 0
         thumbnails.append(picture.convert("RGB").resize((thumbnail_width, height), way))
-    font = _font(thumbnail_width)
-    gap, line = max(4, thumbnail_width // 40), round(_line(font) * 1.4)
+    font = letters(thumbnail_width)
+    gap, line = max(4, thumbnail_width // 40), round(line_height(font) * 1.4)
     starts = range(0, len(thumbnails), columns)
     heights = [max(t.height for t in thumbnails[at : at + columns]) + line + gap for at in starts]
     sheet = Image.new("RGB", (columns * (thumbnail_width + gap) + gap, sum(heights) + gap), PAPER)
@@ -216,7 +216,7 @@ def contact_sheet(
         left, top = gap + column * (thumbnail_width + gap), gap + sum(heights[:row])
         sheet.paste(thumbnail, (left, top))
         middle = (left, top + thumbnail.height + line // 2)
-        draw.text(middle, _cut(caption, font, thumbnail_width), INK, font, anchor="lm")
+        draw.text(middle, cut(caption, font, thumbnail_width), INK, font, anchor="lm")
     return sheet
 
 
@@ -236,7 +236,7 @@ class Key:
         self.image = Image.fromarray(pixels)
 
 
-def _faces_eye(mesh: Mesh, pose: ArrayLike) -> tuple[NDArray[np.bool_], FloatArray]:
+def faces_eye(mesh: Mesh, pose: ArrayLike) -> tuple[NDArray[np.bool_], FloatArray]:
     """Whether each face is seen from a side that counts, and how squarely, |cos| in [0, 1]."""
     ray = np.asarray(pose, np.float64)[:3, 3] - mesh.centroids
     reach = np.sqrt(np.einsum("fi,fi->f", ray, ray))
@@ -260,7 +260,7 @@ def _stripes(shape: tuple[int, int], width: int) -> NDArray[np.bool_]:
     return stripes
 
 
-def _draw_lines(pixels: Pixels, face: NDArray[np.int32], n_faces: int) -> None:
+def draw_lines(pixels: Pixels, face: NDArray[np.int32], n_faces: int) -> None:
     """Lines on the last pixel of a face before its right or lower neighbour, in place.
 
     A face must own about 60 pixels here for a line to begin to show, and 600 for all of it, or
@@ -281,7 +281,7 @@ def _draw_lines(pixels: Pixels, face: NDArray[np.int32], n_faces: int) -> None:
         pixels[rows, columns] = (colour + shown * (line - colour)).astype(np.uint8)
 
 
-def _framed(pixels: Pixels, title: str, keys: Sequence[Key]) -> Image.Image:
+def framed(pixels: Pixels, title: str, keys: Sequence[Key]) -> Image.Image:
     """The image with its title above and its legend below, as tall as they need."""
     height, width = pixels.shape[:2]
     zoom = max(1, min(-(-LEAST_WIDTH // width), 4096 // height))
@@ -289,10 +289,10 @@ def _framed(pixels: Pixels, title: str, keys: Sequence[Key]) -> Image.Image:
     if zoom > 1:
         image = image.resize((width * zoom, height * zoom), Image.Resampling.NEAREST)
     frame = max(LEAST_WIDTH, image.width)
-    font = _font(frame)
-    line = _line(font)
+    font = letters(frame)
+    line = line_height(font)
     bar, margin = round(line * 1.7), round(line * 0.6)
-    title = _cut(title, font, frame - 2 * margin)
+    title = cut(title, font, frame - 2 * margin)
     top = bar if title else 0
 
     # Entries stand in a row and go on in the next where they do not fit.
@@ -326,17 +326,17 @@ def _framed(pixels: Pixels, title: str, keys: Sequence[Key]) -> Image.Image:
     return canvas
 
 
-def _font(width: int) -> Font:
+def letters(width: int) -> Font:
     """Letters that suit an image of that width."""
     return ImageFont.load_default(float(np.clip(width / 50, 12, 72)))
 
 
-def _line(font: Font) -> int:
+def line_height(font: Font) -> int:
     """Height of a line, pixels."""
     return int(np.ceil(font.getbbox("Ag")[3]))
 
 
-def _cut(text: str, font: Font, width: float) -> str:
+def cut(text: str, font: Font, width: float) -> str:
     """One line of text, cut to fit."""
     text = " ".join(text.split())[:400]
     if font.getlength(text) <= width:

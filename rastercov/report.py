@@ -190,7 +190,7 @@ def write_coloured_mesh(path: str | Path, mesh: Mesh, values: ArrayLike) -> None
     formats = {".glb": _coloured_scene, ".ply": _coloured_soup}
     if path.suffix.lower() not in formats:
         raise ConfigError(f"{path}: a coloured mesh is saved as .glb or .ply")
-    content = formats[path.suffix.lower()](mesh, _palette_entry(mesh, values))
+    content = formats[path.suffix.lower()](mesh, colour_rows(mesh, values))
     with replacing(path) as part:
         part.write_bytes(content.export(file_type=path.suffix.lower()[1:]))
 
@@ -265,7 +265,7 @@ def _shares(entry: Mapping[str, Any], n_faces: int) -> tuple[str, ...]:
 def _coloured_soup(mesh: Mesh, entry: NDArray[np.int64]) -> Any:
     """Triangles with colours of vertices, in the order of the faces."""
     colours = np.full((mesh.n_faces, 4), 255, np.uint8)
-    colours[:, :3] = _palette()[entry]
+    colours[:, :3] = coverage_colours()[entry]
     points = mesh.vertices[mesh.faces].reshape(-1, 3)
     corners = np.arange(len(points)).reshape(-1, 3)
     return trimesh.Trimesh(
@@ -278,7 +278,7 @@ def _coloured_scene(mesh: Mesh, entry: NDArray[np.int64]) -> Any:
     looks: Any = trimesh.visual  # its classes are not annotated
     material = looks.material.PBRMaterial(
         name="coverage",
-        baseColorTexture=Image.fromarray(_palette()[None]),
+        baseColorTexture=Image.fromarray(coverage_colours()[None]),
         metallicFactor=0.0,
         roughnessFactor=1.0,
         doubleSided=True,
@@ -301,7 +301,7 @@ def _coloured_scene(mesh: Mesh, entry: NDArray[np.int64]) -> Any:
     return scene
 
 
-def _palette() -> NDArray[np.uint8]:
+def coverage_colours() -> NDArray[np.uint8]:
     """(256, 3) sRGB: unseen, occluder, and 254 steps of the scale."""
     at = np.linspace(0, 1, len(CONTROL_POINTS))
     steps = np.linspace(0, 1, PALETTE - 2)
@@ -310,8 +310,8 @@ def _palette() -> NDArray[np.uint8]:
     return palette
 
 
-def _palette_entry(mesh: Mesh, values: ArrayLike) -> NDArray[np.int64]:
-    """(F,) row of `_palette` for each face."""
+def colour_rows(mesh: Mesh, values: ArrayLike) -> NDArray[np.int64]:
+    """(F,) row of `coverage_colours` for each face."""
     levels = np.clip(np.nan_to_num(np.asarray(values, np.float64)), 0.0, 1.0)
     if levels.shape != (mesh.n_faces,):
         raise ConfigError(f"values must have shape ({mesh.n_faces},), got {levels.shape}")

@@ -19,7 +19,7 @@ from rastercov import cli, shapes
 from rastercov.camera import Camera
 from rastercov.compare import convergence as compare_convergence
 from rastercov.compare import entrants as compare_entrants
-from rastercov.compare.canvas import LIGHT, Axis
+from rastercov.canvas import LIGHT, Axis
 from rastercov.compare.comparison import CHANCE, ENOUGH, _often_enough, compare
 from rastercov.compare.convergence import KnownFaces, converge
 from rastercov.compare.entrants import Candidate

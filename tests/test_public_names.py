@@ -21,7 +21,7 @@ SURFACE = {
     "camera": {"PRESETS"},
     "coverage": {"EVALUATE_BUDGET", "FIGURES", "PAIRS_A_BATCH", "POSES_A_BATCH"},
     "errors": set(),
-    "network": set(),
+    "network": {"share_of_faces"},
     "pose": {"DRIFT_TOLERANCE", "check_poses", "inverse", "valid_poses"},
     "raster.contract": {"MAX_SUPERSAMPLE"},
     "visibility": {"EPSILON", "METHODS", "ROLL", "figures"},

@@ -342,7 +342,7 @@ def test_glb_stands_upright_and_keeps_the_shape_of_a_part_far_away(tmp_path):
 
 
 def test_scale_of_the_coloured_mesh_grows_lighter_evenly():
-    linear = (report._palette()[2:] / 255.0) ** 2.2
+    linear = (report.coverage_colours()[2:] / 255.0) ** 2.2
     luminance = linear @ (0.2126, 0.7152, 0.0722)
     lightness = np.cbrt(luminance)
     steps = np.diff(lightness[::23])

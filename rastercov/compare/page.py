@@ -9,10 +9,8 @@ missed_*.png   faces that are seen but of which it says 0
 Files appear when they are whole; those of an earlier comparison go.
 """
 
-import base64
-import io
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from html import escape
 from pathlib import Path
 
@@ -20,7 +18,7 @@ from numpy.typing import ArrayLike
 from PIL import Image
 
 from rastercov.camera import Camera
-from rastercov.compare.canvas import DARK, LIGHT
+from rastercov.canvas import DARK, LIGHT
 from rastercov.compare.pictures import face_picture, fraction
 from rastercov.compare.plots import file_name, plots
 from rastercov.compare.results import Comparison, FaceError, Score
@@ -33,6 +31,7 @@ from rastercov.compare.words import (
     score_words,
     size_row,
 )
+from rastercov.html_page import document, picture, png, table, uri
 from rastercov.mesh import Mesh
 from rastercov.pose import valid_poses
 from rastercov.report import replacing, write_json
@@ -47,40 +46,6 @@ TRUTH = {
     "polygons": "polygon Booleans by GEOS, which share no code with the methods compared",
     "rational": "exact rational arithmetic: no rounding anywhere",
 }
-STYLE = """
-:root { color-scheme: light dark; --paper: #fff; --ink: #1b2129; --soft: #5b6673; --line: #dfe4ea;
-  --card: #f6f8fa; --good: #0b7a55; --bad: #b8172a; }
-@media (prefers-color-scheme: dark) { :root { --paper: #0f1318; --ink: #e6eaef; --soft: #9aa6b3;
-  --line: #2c343d; --card: #171c22; --good: #3ccb9d; --bad: #ff6b78; } }
-* { box-sizing: border-box; }
-body { margin: 0 auto; padding: 1rem; max-width: 76rem; background: var(--paper);
-  color: var(--ink); font: 16px/1.5 system-ui, sans-serif; }
-h1 { font-size: 1.5rem; line-height: 1.25; margin: .5rem 0; }
-h2 { font-size: 1.2rem; margin: 2.2rem 0 .4rem; }
-h3 { font-size: 1rem; margin: 1.4rem 0 .3rem; }
-p { margin: .4rem 0 .8rem; max-width: 46rem; }
-.soft, figcaption, summary { color: var(--soft); }
-.verdict { border-left: .4rem solid var(--good); background: var(--card); padding: .7rem 1rem;
-  border-radius: .3rem; }
-.verdict.bad { border-color: var(--bad); }
-.verdict strong { font-size: 1.15rem; }
-.verdict ul { margin: .4rem 0 0; padding-left: 0; list-style: none; }
-.yes { color: var(--good); } .no { color: var(--bad); font-weight: 600; }
-.wide { overflow-x: auto; }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: .92rem; }
-th, td { text-align: right; padding: .3rem .7rem; border-bottom: 1px solid var(--line);
-  white-space: nowrap; }
-th { font-weight: 600; color: var(--soft); vertical-align: bottom; white-space: normal; }
-th:first-child, td:first-child { text-align: left; }
-.grid { display: grid; gap: 1rem;
-  grid-template-columns: repeat(auto-fill, minmax(min(100%, 26rem), 1fr)); }
-.faces { grid-template-columns: repeat(auto-fill, minmax(min(100%, 20rem), 1fr)); }
-figure { margin: 0; }
-img { width: 100%; height: auto; display: block; border: 1px solid var(--line);
-  border-radius: .3rem; }
-figcaption { font-size: .88rem; padding-top: .3rem; }
-summary { cursor: pointer; padding: .4rem 0; }
-"""
 
 
 def write_comparison(
@@ -139,7 +104,7 @@ def _draw(
     """Fill in the pictures, as PNG, by the names of their files."""
     for theme, prefix in ((LIGHT, ""), (DARK, "dark_")):
         for name, image in plots(comparison, theme).items():
-            drawn[f"{prefix}plot_{name}"] = _png(image, Image.Quantize.MEDIANCUT)
+            drawn[f"{prefix}plot_{name}"] = png(image, Image.Quantize.MEDIANCUT)
     matrices = valid_poses(poses)
     wanted = [
         (score, name, of_face)
@@ -158,7 +123,7 @@ def _draw(
             score.roll,
         )
         if image_:
-            drawn[name] = _png(image_, Image.Quantize.FASTOCTREE)
+            drawn[name] = png(image_, Image.Quantize.FASTOCTREE)
     progress(len(wanted), len(wanted))
 
 
@@ -171,17 +136,6 @@ def _shown(score: Score) -> dict[str, FaceError]:
         for kind, of_kind in faces.items()
         for rank, of_face in enumerate(of_kind, start=1)
     }
-
-
-def _png(image: Image.Image, choice: Image.Quantize) -> bytes:
-    """A picture as PNG, in the 255 colours that suit it: half the size.
-
-    The median cut keeps the soft edges of lines, the octree small areas of a colour of their own.
-    """
-    file = io.BytesIO()
-    few = image.quantize(255, choice, dither=Image.Dither.NONE)
-    few.save(file, format="PNG", optimize=True)
-    return file.getvalue()
 
 
 def page(comparison: Comparison, pictures: dict[str, bytes]) -> str:
@@ -200,7 +154,7 @@ def page(comparison: Comparison, pictures: dict[str, bytes]) -> str:
         _scene(comparison),
         _verdict(comparison),
         "<h2>At a glance</h2>",
-        _table(SCORE_HEADINGS, [score_row(score) for score in comparison.scores]),
+        table(SCORE_HEADINGS, [score_row(score) for score in comparison.scores]),
         '<p class="soft">Errors are |figure - truth| of the visible fraction of each face in view '
         "from the front, 0 to 1. Missed: something of the face is seen, and the figure says 0. "
         "Error / bound is the median over partly hidden faces.</p>",
@@ -209,12 +163,7 @@ def page(comparison: Comparison, pictures: dict[str, bytes]) -> str:
     for score in comparison.scores:
         body += _candidate(score, pictures)
     body.append(_colophon(comparison))
-    return (
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>rastercov compare: {'passed' if comparison.passed else 'failed'}</title>\n"
-        f"<style>{STYLE}</style>\n</head>\n<body>\n" + "\n".join(body) + "\n</body>\n</html>\n"
-    )
+    return document(f"rastercov compare: {'passed' if comparison.passed else 'failed'}", body)
 
 
 def _scene(comparison: Comparison) -> str:
@@ -251,11 +200,8 @@ def _plots(pictures: dict[str, bytes]) -> str:
     for name, data in pictures.items():
         if not name.startswith("plot_"):
             continue
-        words = escape(name.removeprefix("plot_").replace("_", " "))
-        image = f'<img alt="Plot: {words}" src="{_uri(data)}">'
-        if dark := pictures.get(f"dark_{name}"):
-            source = f'<source srcset="{_uri(dark)}" media="(prefers-color-scheme: dark)">'
-            image = f"<picture>{source}{image}</picture>"
+        words = name.removeprefix("plot_").replace("_", " ")
+        image = picture(f"Plot: {words}", data, pictures.get(f"dark_{name}"))
         figures.append(f"<figure>{image}</figure>")
     return f'<div class="grid">{"".join(figures)}</div>' if figures else ""
 
@@ -266,10 +212,10 @@ def _candidate(score: Score, pictures: dict[str, bytes]) -> list[str]:
         f"<h2>{escape(score.name)}</h2>",
         f'<p class="soft">By {renderer}; opened, with its first pose, in '
         f"{score.open_seconds:.2g} s.</p>",
-        _table(KIND_HEADINGS, [kind_row(bound) for bound in score.bounds]),
+        table(KIND_HEADINGS, [kind_row(bound) for bound in score.bounds]),
         f"<p>{escape(score_words(score))}</p>",
         "<details><summary>By size of the face in the image</summary>"
-        + _table(SIZE_HEADINGS, [size_row(size) for size in (*score.size_classes, score.all_sizes)])
+        + table(SIZE_HEADINGS, [size_row(size) for size in (*score.size_classes, score.all_sizes)])
         + "</details>",
     ]
     titles = {
@@ -278,7 +224,7 @@ def _candidate(score: Score, pictures: dict[str, bytes]) -> list[str]:
     }
     for kind, title in titles.items():
         figures = [
-            f'<figure><img alt="{_alt(of_face)}" src="{_uri(pictures[name])}"></figure>'
+            f'<figure><img alt="{_alt(of_face)}" src="{uri(pictures[name])}"></figure>'
             for name, of_face in _shown(score).items()
             if name.startswith(kind) and name in pictures
         ]
@@ -299,19 +245,8 @@ def _colophon(comparison: Comparison) -> str:
     )
 
 
-def _table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    head = "".join(f"<th>{escape(words)}</th>" for words in headings)
-    lines = ("".join(f"<td>{escape(words)}</td>" for words in row) for row in rows)
-    body = "".join(f"<tr>{line}</tr>" for line in lines)
-    return f'<div class="wide"><table><tr>{head}</tr>{body}</table></div>'
-
-
 def _alt(of_face: FaceError) -> str:
     return (
         f"Face {of_face.face} in pose {of_face.pose}: says {fraction(of_face.value)} ± "
         f"{fraction(of_face.bound)}, truth {fraction(of_face.truth)}"
     )
-
-
-def _uri(data: bytes) -> str:
-    return "data:image/png;base64," + base64.b64encode(data).decode("ascii")

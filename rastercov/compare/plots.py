@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from PIL import Image, ImageFont
 
-from rastercov.compare.canvas import FINE, WIDTH, Axis, Canvas, Curve, Theme, log_plot
+from rastercov.canvas import FINE, WIDTH, Axis, Canvas, Curve, Theme, line_plot
 from rastercov.compare.convergence import Convergence
 from rastercov.compare.results import MUST_HOLD, Comparison, Score
 from rastercov.compare.tally import ROUNDING
@@ -55,7 +55,7 @@ def _error_by_size(
     if not curves:
         return None
     curves.append(Curve("dashed: the bound it gave", (), theme.soft, True, False))
-    return log_plot(
+    return line_plot(
         "Error of partly hidden faces, by size",
         Axis("area of the face in the image, px^2", 0.03, 8192),
         Axis("rms error of the visible fraction", min(errors) / 2, 1.2),
@@ -81,7 +81,7 @@ def _errors(score: Score, theme: Theme) -> Image.Image | None:
         return None
     low = max(min(ends), 1e-4 if max(ends) > FLOOR else 0) / 2
     lowest = min(y for curve in curves for _, y in curve.points)
-    return log_plot(
+    return line_plot(
         f"{score.name}: faces whose error exceeds x",
         Axis("error of the visible fraction", low, max(max(ends), low * 20)),
         Axis("share of faces", min(lowest / 2, 0.1), 1.0, is_percent=True),
@@ -103,7 +103,7 @@ def _bounds(scores: Sequence[Score], colours: dict[str, str], theme: Theme) -> I
     if not curves:
         return None
     lowest = min(y for curve in curves for _, y in curve.points)
-    return log_plot(
+    return line_plot(
         "How tight the statistical bounds are",
         Axis("error / bound", 1e-3, max(2.0, 1.5 * max(x for x in ends if x < math.inf))),
         Axis("share of partly hidden faces", min(lowest / 2, 3e-4), 1.0, is_percent=True),
@@ -137,7 +137,7 @@ def _convergence(found: Sequence[Convergence], theme: Theme) -> Image.Image | No
         xs, ys = xs + [x for x, _ in points], ys + [y for _, y in points + fit]
     if not curves:
         return None
-    return log_plot(
+    return line_plot(
         "Error falls with the density of samples",
         Axis("samples along a side of a pixel of the camera", min(xs) / 1.2, max(xs) * 1.2),
         Axis("rms error, partly hidden faces", min(ys) / 1.6, max(ys) * 1.6),

@@ -155,14 +155,7 @@ def per_face(
     Candidates
         Face by face; `index` is the face.
     """
-    chosen = mesh.task_mask if faces is None else np.asarray(faces)
-    if chosen.shape != (mesh.n_faces,) if chosen.dtype == np.bool_ else chosen.ndim != 1:
-        raise ConfigError(f"faces must be a mask of {mesh.n_faces} or rows, got {chosen.shape}")
-    rows = np.flatnonzero(chosen) if chosen.dtype == np.bool_ else chosen.astype(np.int64)
-    if ((rows < 0) | (rows >= mesh.n_faces)).any():
-        raise ConfigError(
-            f"faces must lie in 0 ... {mesh.n_faces - 1}, got {rows.min()} ... {rows.max()}"
-        )
+    rows = face_rows(mesh, mesh.task_mask if faces is None else faces)
     rows = rows[~mesh.degenerate_mask[rows]]
     views = square_views(mesh, camera, framing, rows, np.arange(len(rows)))
     return _candidates(*views, "face", rows, framing)
@@ -228,6 +221,19 @@ def from_poses(
     rolled = rolled_frames(given[:, :3, :3], framing.rolls_deg)
     eyes = np.repeat(given[:, None, :3, 3], len(framing.rolls_deg), axis=1)
     return _candidates(rolled, eyes, "poses", np.arange(len(given)), framing)
+
+
+def face_rows(mesh: Mesh, faces: ArrayLike) -> IntArray:
+    """Rows of the faces that a mask (F,) or a list (N,) of rows chooses; ConfigError for others."""
+    chosen = np.asarray(faces)
+    if chosen.shape != (mesh.n_faces,) if chosen.dtype == np.bool_ else chosen.ndim != 1:
+        raise ConfigError(f"faces must be a mask of {mesh.n_faces} or rows, got {chosen.shape}")
+    rows = np.flatnonzero(chosen) if chosen.dtype == np.bool_ else chosen.astype(np.int64)
+    if ((rows < 0) | (rows >= mesh.n_faces)).any():
+        raise ConfigError(
+            f"faces must lie in 0 ... {mesh.n_faces - 1}, got {rows.min()} ... {rows.max()}"
+        )
+    return rows
 
 
 def convex_corners(mesh: Mesh, least_bend_deg: float) -> IntArray:

@@ -268,7 +268,7 @@ def in_solid(mesh: Mesh, points: ArrayLike) -> BoolArray:
     either answer may come out.
     """
     wanted = np.asarray(points, np.float64).reshape(-1, 3)
-    solid = _closed_faces(mesh)
+    solid = closed_faces(mesh)
     if not solid.any() or not len(wanted):
         return np.zeros(len(wanted), dtype=bool)
     rows = np.flatnonzero(solid)
@@ -310,7 +310,7 @@ def _winding(mesh: Mesh, rows: IntArray, points: FloatArray) -> IntArray:
     return middle
 
 
-def _closed_faces(mesh: Mesh) -> BoolArray:
+def closed_faces(mesh: Mesh) -> BoolArray:
     """(F,) faces of components whose every edge has two faces that run along it both ways.
 
     Faces with a repeated vertex are flaps on an edge, and count for nothing.

@@ -121,7 +121,7 @@ def square_views(
     distance = np.empty((n_groups, n_rolls))
     for roll in range(n_rolls):
         seen = corners @ frames[group, roll]
-        fitting = _fit_vertices if framing.fit == "vertices" else _fit_extent
+        fitting = fit_vertices if framing.fit == "vertices" else _fit_extent
         distance[:, roll] = fitting(camera, framing, tangents, seen, starts)
     distance = np.clip(distance, least, greatest)
     eyes = middle + target[:, None] + distance[..., None] * normal[:, None]
@@ -173,7 +173,7 @@ def _fit_extent(
     return distance
 
 
-def _fit_vertices(
+def fit_vertices(
     camera: Camera,
     framing: Framing,
     tangents: tuple[float, float],

@@ -1,12 +1,13 @@
-"""A small kit for plots: themes, logarithmic axes, curves with a legend, in pillow.
+"""A small kit for plots: themes, axes, curves with a legend, in pillow.
 
-Part of `plots`. Plots are drawn larger and scaled down, for smooth lines.
+For `compare` and `placement`. Plots are drawn larger and scaled down, for smooth lines.
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Protocol
 
 from PIL import Image, ImageDraw, ImageFont
 
@@ -89,9 +90,58 @@ class Axis:
         return _short(value)
 
 
+@dataclass(frozen=True)
+class LinearAxis:
+    """An axis of even steps."""
+
+    label: str
+    low: float
+    high: float
+    is_percent: bool = False
+    is_whole: bool = False
+
+    def place(self, value: float) -> float:
+        """0 at the low end, 1 at the high one; values beyond are at the ends."""
+        return min(1.0, max(0.0, (value - self.low) / (self.high - self.low)))
+
+    def ticks(self) -> list[tuple[float, str]]:
+        """Multiples of 1, 2 or 5 times a power of ten, about six of them."""
+        rough = (self.high - self.low) / 6
+        power = 10.0 ** math.floor(math.log10(rough))
+        step = next(m * power for m in (1, 2, 5, 10) if m * power >= rough * 0.999)
+        step = max(1.0, step) if self.is_whole else step
+        first, last = math.ceil(self.low / step - 1e-9), math.floor(self.high / step + 1e-9)
+        values = [step * k for k in range(first, last + 1)]
+        if self.is_percent:
+            return [(value, f"{_short(round(100 * value, 9))} %") for value in values]
+        return [(value, _short(round(value, 12))) for value in values]
+
+
+class Scale(Protocol):
+    """An axis, whatever its steps."""
+
+    @property
+    def label(self) -> str:
+        """What it measures."""
+        ...
+
+    @property
+    def low(self) -> float:
+        """Where it begins."""
+        ...
+
+    def place(self, value: float) -> float:
+        """0 at its low end, 1 at its high one."""
+        ...
+
+    def ticks(self) -> list[tuple[float, str]]:
+        """Values and words to write at it."""
+        ...
+
+
 def _short(value: float) -> str:
     """A number with one digit that counts, such as 0.002, 50 or 2e-7."""
-    if 1e-4 <= value < 1e5:
+    if value == 0 or 1e-4 <= value < 1e5:
         return f"{value:.10g}"
     digit, power = f"{value:.0e}".split("e")
     return f"{digit}e{int(power)}"
@@ -133,6 +183,10 @@ class Canvas:
                 if run >= dash * FINE - 1e-9:
                     run, on = 0.0, not on
 
+    def box(self, low: tuple[float, float], high: tuple[float, float], colour: str) -> None:
+        """A filled rectangle between two corners."""
+        self.draw.rectangle([value * FINE for value in (*low, *high)], colour)
+
     def dot(self, at: tuple[float, float], colour: str, radius: float = 4.0) -> None:
         """A disc with a rim of paper."""
         for r, fill in ((radius + 1.2, self.theme.paper), (radius, colour)):
@@ -161,17 +215,17 @@ class Canvas:
         return y + 20
 
 
-def log_plot(
+def line_plot(
     title: str,
-    across: Axis,
-    up: Axis,
+    across: Scale,
+    up: Scale,
     curves: Sequence[Curve],
     theme: Theme,
     *,
     marks: Sequence[tuple[str, float, str]] = (),
     notes: Sequence[str] = (),
 ) -> Image.Image:
-    """Curves over two logarithmic axes.
+    """Curves over two axes.
 
     Parameters
     ----------

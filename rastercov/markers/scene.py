@@ -1,0 +1,165 @@
+"""Plates with ArUco markers: where they stand, their faces, and what is printed on them.
+
+First link of the marker validation: plates -> mesh, for the engine, and the same faces with their
+print, for the renderer. A plate is a white board with a marker on it; the white margin around the
+marker, one cell wide, is what a detector needs to see its border.
+
+Axes of a plate are those of a camera that sees it head-on: x right, y down, z away from whoever
+looks at it. Scenes stand in camera axes, so the pose of their camera is the identity.
+
+E. S. Eissa. Image Space Coverage Model. 2020, section 5.2: 0.30 m markers.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.mesh import Group, Mesh
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+MARKER_SIDE = 0.30
+"""Side of a marker with its black border, metres."""
+CELLS = 8
+"""Cells along it: 6 of code and the border on either side."""
+MARGIN = 1.0
+"""White around it, in cells."""
+PLAIN, BLANK = -2, -1
+"""What is printed on a face without a marker: an even grey, or nothing on white."""
+FACES_A_PLATE = 10
+"""Two of the marker, eight of the margin."""
+
+
+@dataclass(frozen=True, eq=False)
+class Plate:
+    """A square board, maybe with a marker.
+
+    Attributes
+    ----------
+    pose : (4, 4) float64
+        camera_from_plate; its origin is the middle of the marker.
+    marker : int
+        Index in the dictionary, or `PLAIN` for a grey board that only stands in the way.
+    side : float
+        Of the marker, metres.
+    """
+
+    pose: FloatArray
+    marker: int = PLAIN
+    side: float = MARKER_SIDE
+
+    @property
+    def corners(self) -> FloatArray:
+        """Corners of the marker in camera axes: top left, top right, bottom right, bottom left."""
+        return self._square(self.side / 2)
+
+    @property
+    def board_corners(self) -> FloatArray:
+        """Corners of the board, in the same order."""
+        return self._square(self.side * (0.5 + MARGIN / CELLS))
+
+    def _square(self, half: float) -> FloatArray:
+        square = half * np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], np.float64)
+        placed: FloatArray = square @ self.pose[:3, :3].T + self.pose[:3, 3]
+        return placed
+
+
+@dataclass(frozen=True, eq=False)
+class PlateScene:
+    """Plates as faces and print.
+
+    Attributes
+    ----------
+    plates : tuple of Plate
+        Those with a marker are the task.
+    mesh : Mesh
+        `FACES_A_PLATE` faces a plate, in order: the two of the marker first. Group "marker i" of
+        the plate's position i in `plates` is scored, "board i" only occludes.
+    place : (F, 3, 2) float64
+        Corners of the faces on the plate, in cells from the marker's top-left corner.
+    printed : (F,) int64
+        The marker on each face, or `BLANK`, or `PLAIN`.
+    """
+
+    plates: tuple[Plate, ...]
+    mesh: Mesh
+    place: FloatArray
+    printed: IntArray
+
+    @classmethod
+    def of(cls, plates: Sequence[Plate]) -> "PlateScene":
+        """Scene of some plates."""
+        inner = [(0, 0), (CELLS, 0), (CELLS, CELLS), (0, CELLS)]
+        outer = [
+            (-MARGIN, -MARGIN),
+            (CELLS + MARGIN, -MARGIN),
+            (CELLS + MARGIN, CELLS + MARGIN),
+            (-MARGIN, CELLS + MARGIN),
+        ]
+        places = np.array(inner + outer, np.float64)
+        # Counter-clockwise from the front, where x is right and y down.
+        faces = [(0, 2, 1), (0, 3, 2)]
+        for corner in range(4):
+            following = (corner + 1) % 4
+            faces += [(corner, following, 4 + corner), (following, 4 + following, 4 + corner)]
+        square = np.array(faces)
+        vertices = [np.concatenate((plate.corners, plate.board_corners)) for plate in plates]
+        groups, printed, group = [], [], []
+        for index, plate in enumerate(plates):
+            is_task = plate.marker != PLAIN
+            groups += [
+                Group(f"marker {index}", is_occluder=not is_task),
+                Group(f"board {index}", is_occluder=True),
+            ]
+            group += [2 * index] * 2 + [2 * index + 1] * 8
+            printed += [plate.marker] * 2 + [BLANK if is_task else PLAIN] * 8
+        mesh = Mesh(
+            np.concatenate(vertices),
+            np.concatenate([square + 8 * index for index in range(len(plates))]),
+            groups,
+            group,
+        )
+        place = np.tile(places[square], (len(plates), 1, 1))
+        return cls(tuple(plates), mesh, place, np.array(printed, np.int64))
+
+    @property
+    def targets(self) -> list[int]:
+        """Positions in `plates` of those with a marker."""
+        return [index for index, plate in enumerate(self.plates) if plate.marker != PLAIN]
+
+    def faces_of(self, index: int) -> slice:
+        """The two faces of a plate's marker."""
+        return slice(FACES_A_PLATE * index, FACES_A_PLATE * index + 2)
+
+
+def plate_pose(
+    centre: Sequence[float] | FloatArray,
+    tilt: float = 0.0,
+    tilt_axis: float = 0.0,
+    roll: float = 0.0,
+) -> FloatArray:
+    """camera_from_plate of a plate that faces the camera's image plane, then is turned, (4, 4).
+
+    Parameters
+    ----------
+    centre : (3,)
+        Middle of the marker in camera axes, metres.
+    tilt : float
+        Turn about an axis in the image plane, radians.
+    tilt_axis : float
+        Direction of that axis from x towards y, radians.
+    roll : float
+        Turn in its own plane, before the tilt, from x towards y, radians.
+    """
+    c, s = np.cos(roll), np.sin(roll)
+    rolled = np.array([(c, -s, 0), (s, c, 0), (0, 0, 1)])
+    a = np.array([np.cos(tilt_axis), np.sin(tilt_axis), 0.0])
+    cross = np.array([(0, -a[2], a[1]), (a[2], 0, -a[0]), (-a[1], a[0], 0)])
+    tilted = np.eye(3) + np.sin(tilt) * cross + (1 - np.cos(tilt)) * cross @ cross
+    pose = np.eye(4)
+    pose[:3, :3] = tilted @ rolled
+    pose[:3, 3] = centre
+    return pose

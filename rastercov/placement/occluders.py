@@ -1,0 +1,87 @@
+"""Which groups of faces stand between a camera and a face, by the part of its image they hide.
+
+Serves `leftover`. The face is looked at from where the camera stands, through a window that just
+holds it, by a rasteriser; what is drawn at the samples of the face, and is not the face, is in
+front. The exact method tells how much of a face is hidden, but not by what: that would take a run
+for every pair of groups. One window of 64 x 64 samples takes about 0.1 ms, and ranks groups.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.camera import Camera
+from rastercov.mesh import Mesh
+from rastercov.pose import look_at
+from rastercov.projection import to_camera
+from rastercov.raster.contract import open_rasterizer
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+
+SIDE = 64
+"""Samples along each side of a window; a face spans a half of it or more."""
+WIDEST = 8
+"""Tangent of half the widest window, as a power of two."""
+HAIR = 1 / 128
+"""Samples this near to an edge of the face, in spacings, may belong to its neighbours."""
+
+
+def in_front(mesh: Mesh, eyes: FloatArray, faces: IntArray) -> FloatArray:
+    """(N, G) part of each face's image that each group hides from an eye.
+
+    The image is that of a camera that looks straight at the centroid. The near limit of the real
+    one plays no part: what is before it is in the way, too.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        All of it may be in the way.
+    eyes : (N, 3) float64
+        Where each face is looked at from, in front of its plane or behind it.
+    faces : (N,) int64
+
+    Returns
+    -------
+    (N, G) float64
+        From about 500 to 4,000 samples a face, fewer for thin ones; 0 for a face so thin that it
+        owns none.
+    """
+    shares = np.zeros((len(faces), len(mesh.groups)))
+    if not len(faces):
+        return shares
+    poses = look_at(eyes, mesh.centroids[faces])
+    points = np.stack(
+        [to_camera(mesh.vertices[mesh.faces[f]], p) for f, p in zip(faces, poses, strict=True)]
+    )
+    slopes = points[..., :2] / points[..., 2:]
+    reach = np.abs(slopes).max(axis=(1, 2))
+    level = np.ceil(np.log2(np.maximum(reach, 2.0**-40))).astype(np.int64).clip(-40, WIDEST)
+    for power in np.unique(level).tolist():
+        scale = SIDE / 2 / math.ldexp(1.0, power)
+        window = Camera(width=SIDE, height=SIDE, fx=scale, fy=scale, cx=SIDE / 2, cy=SIDE / 2)
+        with open_rasterizer(mesh, window, "cpu") as rasterizer:
+            for row in np.flatnonzero(level == power):
+                drawn = rasterizer.render(poses[row]).face
+                own = _samples_within(slopes[row] * scale + SIDE / 2)
+                before = drawn[own]
+                before = before[(before >= 0) & (before != faces[row])]
+                counts = np.bincount(mesh.face_group[before], minlength=len(mesh.groups))
+                shares[row] = counts / max(1, own.sum())
+    return shares
+
+
+def _samples_within(corners: FloatArray) -> BoolArray:
+    """(SIDE, SIDE) the pixel centres inside a triangle, (3, 2) px."""
+    centre = np.arange(SIDE) + 0.5
+    inside = np.ones((SIDE, SIDE), np.bool_)
+    following = np.roll(corners, -1, axis=0)
+    (ax, ay), (bx, by), (cx, cy) = corners
+    turn = math.copysign(1.0, (bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
+    for (px, py), (qx, qy) in zip(corners, following, strict=True):
+        length = math.hypot(qx - px, qy - py)
+        along = (qx - px) * (centre[:, None] - py) - (qy - py) * (centre[None] - px)
+        inside &= turn * along > HAIR * length
+    return inside

@@ -1,0 +1,273 @@
+"""`rastercov check`: a rig of cameras held against what a plan asks for, in CI for instance.
+
+Everything is measured with its bound: a requirement holds when what is certainly covered reaches
+it, fails when what may be covered does not, and is undecided in between, which does not pass.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+from rastercov.coverage import Task
+from rastercov.errors import ConfigError
+from rastercov.mesh import Mesh
+from rastercov.placement.leftover import Leftover, what_is_left
+from rastercov.placement.objective import Objective
+from rastercov.plan.errors import PlanError
+from rastercov.plan.file import Plan
+from rastercov.plan.goal import (
+    HOLDS,
+    Requirement,
+    counting,
+    judge,
+    limits_of,
+)
+from rastercov.plan.network import Measured, measured
+from rastercov.plan.prepare import Step, quiet
+from rastercov.plan.scene import scene
+from rastercov.pose import read_poses, valid_poses
+from rastercov.report import replacing
+from rastercov.visibility import open_observer
+
+Limits = Mapping[str | None, float]
+MOST_GROUPS = 5
+"""Groups with the most uncovered that are named."""
+
+
+@dataclass(frozen=True, eq=False)
+class Checked:
+    """A rig and what became of each requirement.
+
+    Attributes
+    ----------
+    plan, poses_file
+        What was held against what.
+    mesh : Mesh
+    task : Task
+    views : int or dict of str to int
+        Cameras that a face needs.
+    requirements : tuple of Requirement
+    groups : tuple of Requirement
+        Share covered of every group that is scored, whether or not something is asked of it (its
+        limit is 0 then); the least covered first.
+    cameras : Measured
+    leftover : Leftover
+    """
+
+    plan: Plan
+    poses_file: Path
+    mesh: Mesh
+    task: Task
+    views: int | dict[str, int]
+    requirements: tuple[Requirement, ...]
+    groups: tuple[Requirement, ...]
+    cameras: Measured
+    leftover: Leftover
+
+    @property
+    def is_met(self) -> bool:
+        """Whether every requirement holds."""
+        return all(each.status == HOLDS for each in self.requirements)
+
+    def lines(self) -> list[str]:
+        """The outcome for people: each requirement, then why it fails, then where."""
+        said = [f"{each.status}: {each.words()}" for each in self.requirements]
+        said += [f"  {line}" for each in self.requirements for line in self.reasons(each)]
+        return said
+
+    def reasons(self, requirement: Requirement) -> list[str]:
+        """Why a requirement does not hold: what is uncovered most, and the reason; else nothing."""
+        if requirement.status == HOLDS:
+            return []
+        told = {entry["name"]: entry for entry in self.leftover.summary()["groups"]}
+        wanted = [requirement.group] if requirement.group else list(told)
+        wanted.sort(key=lambda name: -self._uncovered(name))
+        lines = []
+        for name in wanted[:MOST_GROUPS]:
+            entry = told[name]
+            if not entry["left"]["faces"]:
+                continue
+            why = ", ".join(
+                f"{share['faces']} {reason.replace('_', ' ')}"
+                for reason, share in sorted(
+                    entry["reasons"].items(), key=lambda item: -item[1]["faces"]
+                )
+            )
+            text = f"group {name}: {entry['left']['faces']} faces uncovered: {why}"
+            if hidden := list(entry["hidden_by"]):
+                text += f"; in the way: {', '.join(hidden[:3])}"
+            lines.append(text)
+        return lines
+
+    def _uncovered(self, name: str) -> float:
+        """Weight of the faces of a group that are not covered."""
+        mesh, names = self.mesh, [group.name for group in self.mesh.groups]
+        members = self.leftover.left & (mesh.face_group == names.index(name))
+        by_area = self.plan.task.weight_by == "area"
+        return float(mesh.areas[members].sum()) if by_area else float(members.sum())
+
+
+def limits(
+    plan: Plan, min_coverage: float | None, groups: Sequence[str]
+) -> dict[str | None, float]:
+    """Shares to hold a rig to: those of the plan, and in their place those of the command.
+
+    Raises
+    ------
+    ConfigError
+        For a group that is no NAME=SHARE, or when nothing is asked at all.
+    """
+    found = limits_of(plan.selection)
+    if min_coverage is not None:
+        found[None] = min_coverage
+    for text in groups:
+        name, _, share = text.rpartition("=")
+        try:
+            value = float(share)
+        except ValueError:
+            value = -1.0
+        if not name or not 0 <= value <= 1:
+            raise ConfigError(f"--group wants NAME=SHARE with a share of 0 to 1, got {text!r}")
+        found[name] = value
+    if not found:
+        raise ConfigError(
+            f"{plan.name} asks for no coverage; give --min-coverage or --group, or a selection "
+            'with goal = "fewest_cameras"'
+        )
+    return found
+
+
+def check(
+    plan: Plan,
+    poses_file: Path,
+    limits: Limits,
+    views: int | None = None,
+    step: Step = quiet,
+) -> Checked:
+    """A rig held against the mesh, camera and task of a plan.
+
+    Parameters
+    ----------
+    plan : Plan
+        Its candidates and constraints play no part.
+    poses_file : Path
+        The rig, as `read_poses` takes it.
+    limits : mapping of group name or None to share
+        None is the whole task.
+    views : int, optional
+        Cameras a face, instead of the plan's.
+    step : callable
+        As for `place`.
+
+    Raises
+    ------
+    PlanError
+        For a plan that its meshes do not fit.
+    PoseError
+        For a file or a row that holds no pose.
+    ConfigError
+        For a limit of a group that is not there, or is an occluder.
+    """
+    poses = valid_poses(read_poses(poses_file))
+    with step("scene"):
+        mesh = scene(plan)
+    scored = [group.name for group in mesh.groups if not group.is_occluder]
+    if unknown := [name for name in limits if name is not None and name not in scored]:
+        raise PlanError(
+            plan.name,
+            [
+                f"there is no group {name!r} to cover; there are {', '.join(scored)}"
+                for name in unknown
+            ],
+        )
+    task = plan.thresholds(views)
+    counted = counting(plan.task) | ({"views": views} if views else {})
+    method, supersample = plan.task.method, plan.task.supersample
+    with open_observer(mesh, plan.lens, method, supersample=supersample) as observer:
+        objective = Objective.of(observer, task, **counted)
+        with step("coverage") as progress:
+            cameras = measured(objective, poses, progress)
+        with step("what is left") as progress:
+            leftover = what_is_left(
+                observer, poses, task, covered=cameras.covered, progress=progress
+            )
+    every = judge(
+        mesh,
+        objective.quanta,
+        {name: limits.get(name, 0.0) for name in scored},
+        cameras.covered,
+        cameras.certain,
+        cameras.possible,
+    )
+    found = judge(
+        mesh, objective.quanta, limits, cameras.covered, cameras.certain, cameras.possible
+    )
+    return Checked(
+        plan=plan,
+        poses_file=poses_file,
+        mesh=mesh,
+        task=task,
+        views=counted["views"],
+        requirements=tuple(found),
+        groups=tuple(sorted(every, key=lambda each: each.share)),
+        cameras=cameras,
+        leftover=leftover,
+    )
+
+
+def plain(checked: Checked) -> dict[str, Any]:
+    """The outcome, ready for JSON."""
+    return {
+        "plan": str(checked.plan.path),
+        "poses": str(checked.poses_file),
+        "met": checked.is_met,
+        "views": checked.views,
+        "min_angle_deg": checked.plan.task.min_angle_deg,
+        "weight_by": checked.plan.task.weight_by,
+        "cameras": len(checked.cameras.poses),
+        "requirements": [
+            asdict(each) | {"short_by": each.short_by, "reasons": checked.reasons(each)}
+            for each in checked.requirements
+        ],
+        "groups": [asdict(each) for each in checked.groups],
+        "network": checked.cameras.network.summary(),
+        "left": checked.leftover.summary(),
+    }
+
+
+def junit(checked: Checked) -> bytes:
+    """JUnit XML: a test case for each requirement, as build servers read it."""
+    failures = sum(each.status != HOLDS for each in checked.requirements)
+    counts = {"tests": str(len(checked.requirements)), "failures": str(failures), "errors": "0"}
+    name = f"rastercov check {checked.plan.name}"
+    suites = ElementTree.Element("testsuites", {"name": "rastercov"} | counts)
+    suite = ElementTree.SubElement(suites, "testsuite", {"name": name, "skipped": "0"} | counts)
+    for each in checked.requirements:
+        of = "all" if each.group is None else each.group
+        case = ElementTree.SubElement(
+            suite,
+            "testcase",
+            {"classname": f"rastercov.{checked.plan.path.stem}", "name": _xml(f"coverage of {of}")},
+        )
+        text = "\n".join([each.words(), *checked.reasons(each)])
+        if each.status == HOLDS:
+            ElementTree.SubElement(case, "system-out").text = _xml(text)
+        else:
+            words = {"type": each.status, "message": _xml(each.words())}
+            ElementTree.SubElement(case, "failure", words).text = _xml(text)
+    ElementTree.indent(suites)
+    document: bytes = ElementTree.tostring(suites, encoding="utf-8", xml_declaration=True)
+    return document + b"\n"
+
+
+def write_junit(path: Path, checked: Checked) -> None:
+    """Write the outcome as JUnit XML."""
+    with replacing(path) as part:
+        part.write_bytes(junit(checked))
+
+
+def _xml(text: str) -> str:
+    """`text` without what XML 1.0 has no way to hold."""
+    return "".join(c if c in "\n\t" or c.isprintable() else "?" for c in text)

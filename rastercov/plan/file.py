@@ -1,0 +1,90 @@
+"""A plan file read and judged: `plan.toml` in, a `Plan` out, or every error in it at once.
+
+plan.toml -> `read_plan` -> `scene` (mesh, candidates) -> `run` (place), `check`
+"""
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from pydantic import PrivateAttr, ValidationError
+
+from rastercov.camera import Camera
+from rastercov.coverage import Task
+from rastercov.plan.errors import PlanError, lines_of
+from rastercov.plan.model import PlanModel
+
+LARGEST = 10_000_000
+"""Bytes of a plan file."""
+
+
+class Plan(PlanModel):
+    """What a plan file says; entries as in `model`."""
+
+    _path: Path = PrivateAttr(default=Path("plan.toml"))
+
+    @property
+    def path(self) -> Path:
+        """The file."""
+        return self._path
+
+    @property
+    def name(self) -> str:
+        """Name of the file, without folders."""
+        return self._path.name
+
+    @property
+    def folder(self) -> Path:
+        """Folder that relative paths start from."""
+        return self._path.parent
+
+    @property
+    def lens(self) -> Camera:
+        """The camera of all poses."""
+        return self.camera.build(self.folder)
+
+    def thresholds(self, views: int | None = None) -> Task:
+        """The task; with `views` cameras a face for all groups where that is given."""
+        own = self.task.model_dump(include=set(Task.__dataclass_fields__))
+        # A table by group is for whoever counts views; a camera covers a face all the same.
+        by_group = isinstance(self.task.views, dict)
+        own["views"] = views or (1 if by_group else self.task.views)
+        return Task(**own)
+
+
+def read_plan(path: str | Path) -> Plan:
+    """Plan of a TOML file.
+
+    Raises
+    ------
+    PlanError
+        With a line for everything that is wrong: unknown and missing entries, values outside their
+        limits, files that are not there.
+    """
+    path = Path(path)
+    try:
+        with path.open("rb") as file:
+            content = file.read(LARGEST + 1)
+        if len(content) > LARGEST:
+            raise PlanError(path.name, [f"a plan has {LARGEST} bytes at most; is this a plan?"])
+        table: dict[str, Any] = tomllib.loads(content.decode("utf-8"))
+    except OSError as error:
+        fault = f"cannot be read ({error.strerror or error})"
+        raise PlanError(str(path), [fault]) from None
+    except (ValueError, RecursionError) as error:
+        if isinstance(error, PlanError):
+            raise
+        raise PlanError(path.name, [f"not valid TOML ({' '.join(str(error).split())})"]) from None
+    try:
+        plan = Plan.model_validate(table, context={"folder": path.parent})
+    except ValidationError as error:
+        raise PlanError(path.name, lines_of(error, table, PlanModel)) from None
+    plan._path = path
+    return plan
+
+
+def schema() -> dict[str, Any]:
+    """JSON schema of plan files, for editors."""
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema"} | (
+        PlanModel.model_json_schema() | {"title": "rastercov plan"}
+    )

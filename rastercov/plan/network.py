@@ -1,0 +1,132 @@
+"""What a network of cameras covers, measured once, for `place` and `check`.
+
+Each figure of visibility has a bound, and so has coverage: beside what is covered as measured
+stands what is covered for certain and what may be covered at most. The bound is that of visibility
+alone; where pixels are counted (method sampled) resolution has an error, too, which no bound tells.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.coverage import Coverage, Reason, Task, evaluate_batches
+from rastercov.mesh import Mesh
+from rastercov.network import Network
+from rastercov.placement.objective import Objective
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+
+class PlanNetwork(Network):
+    """A `Network` whose faces may need views that differ by group, or by an angle."""
+
+    def __init__(self, mesh: Mesh, task: Task) -> None:
+        super().__init__(mesh, task)
+        self.is_covered: BoolArray = np.zeros(mesh.n_faces, np.bool_)
+
+    @property
+    def covered(self) -> BoolArray:
+        """(F,) faces that are covered as the plan counts it."""
+        return self.is_covered
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """A network of K cameras and what it covers.
+
+    Attributes
+    ----------
+    poses : (K, 4, 4) float64
+    network : PlanNetwork
+    covers : (K, F) bool
+        Faces that each camera covers, as measured.
+    covered, certain, possible : (F,) bool
+        Faces that the network covers as measured, certainly, and at most.
+    curve : (K,) float64
+        Share that the first so many cameras cover.
+    share : float
+        That of all of them.
+    """
+
+    poses: FloatArray
+    network: PlanNetwork
+    covers: BoolArray
+    covered: BoolArray
+    certain: BoolArray
+    possible: BoolArray
+    curve: FloatArray
+    share: float
+
+
+def measured(
+    objective: Objective,
+    poses: FloatArray,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Measured:
+    """What a network covers, with its bounds.
+
+    Parameters
+    ----------
+    objective : Objective
+        How coverage is counted, and an open observer.
+    poses : (K, 4, 4) float64
+        world_from_camera; K may be 0.
+    progress : callable
+        Called with the poses done and the poses in all.
+    """
+    mesh = objective.observer.mesh
+    network = PlanNetwork(mesh, objective.task)
+    masks = np.zeros((3, len(poses), mesh.n_faces), np.bool_)
+    if len(poses):
+        for batch in evaluate_batches(objective.observer, poses, objective.task):
+            network.add(batch)
+            masks[0, batch.pose_ids] = batch.reason == Reason.COVERED
+            masks[1:, batch.pose_ids] = certain_and_possible(batch)
+            progress(len(network.pose_ids), len(poses))
+    eyes = poses[:, :3, 3]
+    covered, certain, possible = (objective.covered(mask, eyes) for mask in masks)
+    network.is_covered = covered
+    counts = range(1, len(poses) + 1)
+    worth = [objective.worth(objective.covered(masks[0, :n], eyes[:n])) for n in counts]
+    return Measured(
+        poses=poses,
+        network=network,
+        covers=masks[0],
+        covered=covered,
+        certain=certain,
+        possible=possible,
+        curve=np.array([float(objective.share(each)) for each in worth]),
+        share=float(objective.share(objective.worth(covered))),
+    )
+
+
+def certain_and_possible(batch: Coverage) -> BoolArray:
+    """(2, P, F) pairs that are covered at the lower, and at the upper end of their visibility.
+
+    A pair that fails before occlusion is asked for, or for its angle, fails at either end. One
+    without a sample is judged by the area that its image is computed to have.
+    """
+    task = batch.task
+    drawn = np.where(batch.reason == Reason.UNSAMPLED, batch.projected_area, batch.drawn_pixels)
+    enough = drawn / task.min_pixels
+    if task.cap_resolution:
+        enough = np.minimum(enough, 1.0)
+    open_ones = (batch.reason == Reason.OCCLUDED) | (batch.reason == Reason.UNSAMPLED)
+    open_ones &= batch.incidence <= math.radians(task.max_incidence_deg)
+    open_ones &= batch.pixel_density >= task.min_pixel_density
+    covered = batch.reason == Reason.COVERED
+    ends = (
+        (covered, np.maximum(batch.visibility - batch.visibility_bound, 0.0)),
+        (covered | open_ones, np.minimum(batch.visibility + batch.visibility_bound, 1.0)),
+    )
+    found = np.empty((2, *batch.reason.shape), np.bool_)
+    for row, (asked, visibility) in enumerate(ends):
+        product = np.where(visibility >= task.min_visibility, visibility, 0.0) * enough
+        found[row] = asked & (product >= task.min_coverage) & (product > 0)
+    # As measured lies between the two, whatever rounding did to the products.
+    found[1] |= covered
+    return found

@@ -1,0 +1,238 @@
+"""All that a selection is made from: the candidates of a plan, and what they see.
+
+Pairs of the visibility matrix are on the disk as they come, so that a run that was ended goes on
+from there. A matrix lies in a folder named after all that it depends on.
+"""
+
+import hashlib
+import json
+import re
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.camera import Camera
+from rastercov.coverage import Reason, Task, evaluate_batches
+from rastercov.errors import ConfigError
+from rastercov.mesh import Mesh
+from rastercov.placement.cavities import Openings, openings
+from rastercov.placement.matrix import VisibilityMatrix, build_matrix
+from rastercov.placement.problem import BestCoverage, FewestCameras, Goal, Problem, problem_of
+from rastercov.placement.segments import Segmentation
+from rastercov.placement.shards import describe
+from rastercov.plan.file import Plan
+from rastercov.plan.generators import PerCavity
+from rastercov.plan.goal import OF, counting, goal_of, percent
+from rastercov.plan.model import SelectionSection
+from rastercov.plan.stock import (
+    Stock,
+    framing_of,
+    keep_outs,
+    segmentation_of,
+    stock,
+    stock_with,
+)
+from rastercov.visibility import Observer
+
+FloatArray = NDArray[np.float64]
+SOME = 32
+"""Candidates that are asked why none of them covers anything."""
+NEARLY = 0.99
+"""Of what can be covered, where a plan asks for more: the last faces take many cameras."""
+Progress = Callable[[int, int], None]
+Step = Callable[[str], Any]
+"""Context manager of the name of a step, which gives its `Progress`."""
+
+
+@contextmanager
+def quiet(name: str) -> Iterator[Progress]:
+    """A step that nobody watches."""
+    yield lambda done, total: None
+
+
+class Clock:
+    """Steps with the time that they take."""
+
+    def __init__(self, step: Step) -> None:
+        self.step = step
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def __call__(self, name: str) -> Iterator[Progress]:
+        """Time a step, also one that fails."""
+        started = time.perf_counter()
+        try:
+            with self.step(name) as progress:
+                yield progress
+        finally:
+            self.seconds[name] = time.perf_counter() - started
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """All that a selection is made from.
+
+    Attributes
+    ----------
+    plan, mesh, camera, task
+        What is asked.
+    stock : Stock
+        Candidates, and what was dropped.
+    segmentation : Segmentation or None
+        What they were made for, where the plan asks for segments.
+    openings : Openings or None
+        What was found out about faces that no other candidate covers.
+    matrix : VisibilityMatrix
+        What all candidates see.
+    problem : Problem
+        With the plan's goal, or the nearest to it that can be reached.
+    notes : tuple of str
+        What a person should know.
+    """
+
+    plan: Plan
+    mesh: Mesh
+    camera: Camera
+    task: Task
+    stock: Stock
+    segmentation: Segmentation | None
+    openings: Openings | None
+    matrix: VisibilityMatrix
+    problem: Problem
+    notes: tuple[str, ...]
+
+
+def prepare(
+    plan: Plan,
+    selection: SelectionSection,
+    observer: Observer,
+    task: Task,
+    folder: Path,
+    clock: Clock,
+) -> Prepared:
+    """Candidates and what they see; those into cavities too, where the plan asks for them."""
+    mesh, camera = observer.mesh, observer.camera
+    with clock("candidates"):
+        segmentation = segmentation_of(plan, mesh)
+        found = stock(plan, mesh, camera)
+    goal: Goal = BestCoverage(cameras=0)
+    notes: list[str] = []
+    used: list[Path] = []
+    with clock("visibility matrix") as progress:
+        matrix = _measured(observer, found.candidates.poses, task, folder, used, progress)
+    problem = problem_of(matrix, mesh, goal, costs=found.costs, **counting(plan.task))
+    opened = None
+    cavities = [entry for entry in plan.candidates if isinstance(entry, PerCavity)]
+    unseen = mesh.task_mask & ~mesh.degenerate_mask & ~problem.reachable
+    if cavities and unseen.any():
+        entry = cavities[0]
+        with clock("cavities") as progress:
+            opened = openings(
+                mesh,
+                camera,
+                framing_of(plan, entry),
+                faces=unseen,
+                clearance=plan.constraints.clearance,
+                keep_out=keep_outs(plan),
+                views=entry.views,
+                progress=progress,
+            )
+            before = len(found.candidates)
+            found = stock_with(plan, mesh, found, opened.candidates, entry.cost)
+            further = found.candidates.poses[before:]
+        with clock("visibility matrix of cavities") as progress:
+            more = _measured(observer, further, task, folder, used, progress)
+        matrix = joined(matrix, more)
+        problem = problem_of(matrix, mesh, goal, costs=found.costs, **counting(plan.task))
+        now = unseen & problem.reachable
+        notes.append(
+            f"candidates of the other entries leave {int(unseen.sum())} faces "
+            f"({percent(problem.share(unseen))} of {OF[plan.task.weight_by]}) uncovered; "
+            f"{len(further)} into cavities cover {int(now.sum())} of these "
+            f"({percent(problem.share(now))})"
+        )
+    if not len(found.candidates):
+        raise ConfigError(
+            f"{plan.name}: no candidate is left ({'; '.join(found.lines())}); "
+            "allow more, or add some"
+        )
+    _forget(folder, used)
+    if not problem.reachable.any():
+        notes.append(_why_nothing(observer, matrix.poses, task))
+    try:
+        problem = replace(problem, goal=goal_of(selection))
+    except ConfigError as error:
+        notes.append(f"{error}; these cover {percent(NEARLY)} of what can be covered")
+        problem = replace(problem, goal=FewestCameras(NEARLY, of_reachable=True))
+    return Prepared(
+        plan=plan,
+        mesh=mesh,
+        camera=camera,
+        task=task,
+        stock=found,
+        segmentation=segmentation,
+        openings=opened,
+        matrix=matrix,
+        problem=problem,
+        notes=tuple(notes),
+    )
+
+
+def _why_nothing(observer: Observer, poses: FloatArray, task: Task) -> str:
+    """Why candidates that cover nothing do so, by some of them."""
+    some = poses[np.unique(np.linspace(0, len(poses) - 1, SOME).astype(np.int64))]
+    counts = np.zeros(len(Reason), np.int64)
+    for batch in evaluate_batches(observer, some, task):
+        counts += np.bincount(batch.reason[:, batch.mesh.task_mask].ravel(), minlength=len(Reason))
+    counts[[Reason.DEGENERATE, Reason.BACK_FACING, Reason.COVERED]] = 0
+    shares = counts / max(1, counts.sum())
+    order = np.argsort(-shares, kind="stable")
+    why = ", ".join(
+        f"{percent(float(shares[row]))} {Reason(row).name.lower().replace('_', ' ')}"
+        for row in order
+        if counts[row]
+    )
+    across = float(np.ptp(observer.mesh.bounds, axis=0).max())
+    return (
+        f"no face is covered, whichever candidates are chosen; of the faces before a camera: "
+        f"{why or 'none'}; the scene is {across:.3g} m across, see meshes.unit"
+    )
+
+
+def _measured(
+    observer: Observer,
+    poses: FloatArray,
+    task: Task,
+    folder: Path,
+    used: list[Path],
+    progress: Progress,
+) -> VisibilityMatrix:
+    """Matrix of the poses, in a folder named after all that it depends on."""
+    header = json.dumps(describe(observer, poses, task, None), sort_keys=True)
+    used.append(folder / hashlib.sha256(header.encode()).hexdigest()[:16])
+    return build_matrix(observer, poses, task, used[-1], progress=progress)
+
+
+def _forget(folder: Path, used: list[Path]) -> None:
+    """Remove matrices of earlier plans; they are made again when they are wanted."""
+    for old in folder.iterdir():
+        if old not in used and re.fullmatch("[0-9a-f]{16}", old.name):
+            shutil.rmtree(old, ignore_errors=True)
+
+
+def joined(first: VisibilityMatrix, other: VisibilityMatrix) -> VisibilityMatrix:
+    """Matrix of the poses of both, of one mesh and one task."""
+    return replace(
+        first,
+        poses=np.concatenate((first.poses, other.poses)),
+        indptr=np.concatenate((first.indptr, first.indptr[-1] + other.indptr[1:])),
+        face=np.concatenate((first.face, other.face)),
+        coverage=np.concatenate((first.coverage, other.coverage)),
+    )

@@ -1,0 +1,277 @@
+"""`rastercov place`: a plan carried out, step by step.
+
+    plan -> scene -> candidates -> matrix -> selection -> search, refinement -> what is left
+
+A selection is written before anything tries to improve it.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.placement.leftover import Leftover, what_is_left
+from rastercov.placement.objective import Objective
+from rastercov.placement.optimise import Optimised, optimise
+from rastercov.placement.problem import Problem
+from rastercov.placement.refine import Refined, refine
+from rastercov.placement.select_greedy import select_greedy
+from rastercov.placement.select_integer import select_integer
+from rastercov.placement.selection import Selection
+from rastercov.placement.tolerance import InstallationError, Tolerance, tolerance
+from rastercov.plan.errors import PlanError
+from rastercov.plan.file import Plan
+from rastercov.plan.goal import HOLDS, Requirement, counting, judge, limits_of
+from rastercov.plan.model import FewestSelection, SelectionSection
+from rastercov.plan.network import Measured, measured
+from rastercov.plan.prepare import Clock, Prepared, Progress, Step, prepare, quiet
+from rastercov.plan.scene import scene
+from rastercov.visibility import open_observer
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """A network of cameras, and what is known about it.
+
+    Attributes
+    ----------
+    prepared : Prepared
+        What it was made from.
+    selection : Selection
+        The candidates that were chosen.
+    cameras : Measured
+        The network: that selection, or what became of it.
+    origin : tuple of str
+        Where each camera comes from.
+    requirements : tuple of Requirement
+        What the plan asks for, and what was reached.
+    optimised, refined, tolerance, leftover
+        None unless asked for, and done.
+    steps : dict of str to float
+        Seconds of each step.
+    interrupted : str
+        The step that Ctrl-C ended, if it did.
+    """
+
+    prepared: Prepared
+    selection: Selection
+    cameras: Measured
+    origin: tuple[str, ...]
+    requirements: tuple[Requirement, ...]
+    optimised: Optimised | None = None
+    refined: Refined | None = None
+    tolerance: Tolerance | None = None
+    leftover: Leftover | None = None
+    steps: dict[str, float] = field(default_factory=dict)
+    interrupted: str = ""
+
+    @property
+    def is_met(self) -> bool:
+        """Whether everything that the plan asks for was reached."""
+        return all(each.status == HOLDS for each in self.requirements)
+
+
+def place(
+    plan: Plan,
+    folder: Path,
+    step: Step = quiet,
+    save: Callable[[Placement], None] = lambda placement: None,
+) -> Placement:
+    """Carry a plan out.
+
+    An interrupt (Ctrl-C) before there is a selection is raised; the matrix keeps what is done.
+    Later it ends the run with what there is, and `Placement.interrupted` says so.
+
+    Parameters
+    ----------
+    plan : Plan
+        With candidates and a selection.
+    folder : Path
+        Where the matrix is kept; made when it is missing.
+    step : callable
+        Called with the name of each step; a context manager that gives its progress.
+    save : callable
+        Called with what there is, as soon as there is a selection, and whenever it has changed.
+
+    Raises
+    ------
+    PlanError
+        For a plan without candidates or selection, or one that its meshes do not fit.
+    ConfigError
+        When no candidate is left.
+    """
+    selection = plan.selection
+    missing = [] if plan.candidates else ["candidates: missing; place needs one entry or more"]
+    missing += [] if selection else ["selection: missing; place needs a goal"]
+    if selection is None or missing:
+        raise PlanError(plan.name, missing)
+    clock = Clock(step)
+    with clock("scene"):
+        mesh, camera, task = scene(plan), plan.lens, plan.thresholds()
+    method, supersample = plan.task.method, plan.task.supersample
+    with open_observer(mesh, camera, method, supersample=supersample) as observer:
+        prepared = prepare(plan, selection, observer, task, folder / "matrix", clock)
+        with clock("selection"):
+            chosen = _select(prepared.problem, selection)
+        objective = Objective.of(observer, task, **counting(plan.task))
+        left, rows = prepared.stock.candidates, chosen.chosen
+        cameras = measured(objective, prepared.matrix.poses[rows])
+        placement = Placement(
+            prepared=prepared,
+            selection=chosen,
+            cameras=cameras,
+            origin=tuple(map(_origin, left.source[rows], left.index[rows])),
+            requirements=_required(prepared, cameras.covered),
+            steps=clock.seconds,
+            interrupted="selection" if chosen.status == "interrupted" else "",
+        )
+        save(placement)
+        for name, work in _later_steps(selection):
+            if placement.interrupted:
+                break
+            try:
+                with clock(name) as progress:
+                    placement = work(placement, objective, progress)
+            except KeyboardInterrupt:
+                placement = replace(placement, interrupted=name)
+            save(placement)
+    return placement
+
+
+@dataclass(frozen=True, eq=False)
+class Watched(Objective):
+    """An objective that tells how many poses it has measured."""
+
+    watch: Callable[[int], None] = lambda count: None
+
+    def covers(self, poses: FloatArray) -> BoolArray:
+        """As `Objective.covers`."""
+        found = super().covers(poses)
+        self.watch(len(poses))
+        return found
+
+
+def _watched(objective: Objective, progress: Progress, total: int) -> Objective:
+    done = 0
+
+    def watch(count: int) -> None:
+        nonlocal done
+        done += count
+        progress(done, max(done, total))
+
+    return Watched(
+        objective.observer,
+        objective.task,
+        objective.quanta,
+        objective.need,
+        objective.min_cosine,
+        watch,
+    )
+
+
+def _select(problem: Problem, selection: SelectionSection) -> Selection:
+    if selection.method == "greedy":
+        return select_greedy(problem, seed=selection.seed)
+    return select_integer(problem, time_limit=selection.time_limit, seed=selection.seed)
+
+
+def _required(prepared: Prepared, covered: BoolArray) -> tuple[Requirement, ...]:
+    selection, problem = prepared.plan.selection, prepared.problem
+    is_partial = isinstance(selection, FewestSelection) and selection.of_reachable
+    reachable = problem.reachable if is_partial else None
+    limits = limits_of(selection)
+    found = judge(prepared.mesh, problem.quanta, limits, covered, reachable=reachable)
+    return tuple(found)
+
+
+def _origin(source: str, index: int) -> str:
+    return source if index < 0 else f"{source} {index}"
+
+
+Work = Callable[[Placement, Objective, Progress], Placement]
+
+
+def _later_steps(selection: SelectionSection) -> Iterator[tuple[str, Work]]:
+    """Name and work of each step after selection that the plan asks for."""
+    if selection.optimise is not None:
+        yield "search", _optimise
+    if selection.refine:
+        yield "refinement", _refine
+    if selection.tolerance is not None:
+        yield "tolerance", _tolerate
+    yield "what is left", _look_at_the_rest
+
+
+def _optimise(placement: Placement, objective: Objective, progress: Progress) -> Placement:
+    prepared, selection = placement.prepared, placement.prepared.plan.selection
+    assert selection is not None
+    assert selection.optimise is not None
+    start, budget = placement.cameras.poses, selection.optimise.budget
+    if not len(start):
+        return placement
+    found = optimise(
+        _watched(objective, progress, budget),
+        prepared.stock.space,
+        len(start),
+        selection.optimise.method,
+        budget=max(budget, len(start)),
+        population=selection.optimise.population,
+        seed=selection.seed,
+        candidates=prepared.matrix.poses,
+        start=start,
+    )
+    return replace(_moved(placement, objective, found.poses, "searched"), optimised=found)
+
+
+def _refine(placement: Placement, objective: Objective, progress: Progress) -> Placement:
+    selection = placement.prepared.plan.selection
+    assert selection is not None
+    found = refine(
+        _watched(objective, progress, 0),
+        placement.prepared.stock.space,
+        placement.cameras.poses,
+        seed=selection.seed,
+    )
+    return replace(_moved(placement, objective, found.poses, "refined"), refined=found)
+
+
+def _tolerate(placement: Placement, objective: Objective, progress: Progress) -> Placement:
+    selection = placement.prepared.plan.selection
+    assert selection is not None
+    assert selection.tolerance is not None
+    asked, poses = selection.tolerance, placement.cameras.poses
+    error = InstallationError(
+        position_mm=asked.position_mm, angle_deg=asked.angle_deg, distribution=asked.distribution
+    )
+    watched = _watched(objective, progress, len(poses) * (asked.draws + 1))
+    found = tolerance(watched, poses, error, draws=asked.draws, seed=selection.seed)
+    return replace(placement, tolerance=found)
+
+
+def _look_at_the_rest(placement: Placement, objective: Objective, progress: Progress) -> Placement:
+    leftover = what_is_left(
+        objective.observer,
+        placement.cameras.poses,
+        objective.task,
+        matrix=placement.prepared.matrix,
+        covered=placement.cameras.covered,
+        progress=progress,
+    )
+    return replace(placement, leftover=leftover)
+
+
+def _moved(placement: Placement, objective: Objective, poses: FloatArray, how: str) -> Placement:
+    """The placement with its cameras where they are now."""
+    before = placement.cameras.poses
+    origin = [
+        name if (old == new).all() else f"{name}, {how}"
+        for name, old, new in zip(placement.origin, before, poses, strict=True)
+    ]
+    cameras = measured(objective, poses)
+    requirements = _required(placement.prepared, cameras.covered)
+    return replace(placement, cameras=cameras, origin=tuple(origin), requirements=requirements)

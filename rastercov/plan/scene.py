@@ -1,0 +1,130 @@
+"""The scene of a plan: its meshes as one, with the roles of their groups.
+
+What only shows with the meshes at hand, such as a group that is not there, is found here, and told
+as all errors of a plan are.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from rastercov import shapes
+from rastercov.errors import RastercovError
+from rastercov.mesh import Group, Mesh
+from rastercov.plan.errors import PlanError
+from rastercov.plan.file import Plan
+from rastercov.plan.generators import Mounted, PerFace
+from rastercov.plan.model import FewestSelection, MeshEntry
+
+
+def scene(plan: Plan) -> Mesh:
+    """All meshes of a plan as one, with the roles of their groups.
+
+    Groups keep their names where there is one mesh; of several they are `file/group`.
+
+    Raises
+    ------
+    PlanError
+        With a line for each file that is no mesh and each group that is not there.
+    """
+    parts: list[Mesh] = []
+    lines: list[str] = []
+    for row, entry in enumerate(plan.meshes):
+        try:
+            parts.append(_loaded(plan, entry))
+        except RastercovError as error:
+            lines.append(f"meshes[{row}]: {error}")
+            continue
+        known = [group.name for group in parts[-1].groups]
+        two_sided = entry.two_sided if isinstance(entry.two_sided, list) else []
+        for field, names in (("groups", entry.groups), ("two_sided", two_sided)):
+            lines += _strangers(f"meshes[{row}].{field}", names, known)
+    if lines:
+        raise PlanError(plan.name, lines)
+    mesh = parts[0] if len(parts) == 1 else _joined(plan, parts)
+    mesh = _with_roles(plan, mesh, [[group.name for group in part.groups] for part in parts])
+    lines = list(_unknown_groups(plan, [group.name for group in mesh.groups]))
+    if not mesh.task_mask.any():
+        lines.append('meshes: every group is an occluder; leave at least one with role = "task"')
+    if lines:
+        raise PlanError(plan.name, lines)
+    return mesh
+
+
+def _loaded(plan: Plan, entry: MeshEntry) -> Mesh:
+    if entry.built_in is not None:
+        return shapes.by_name(entry.built_in)
+    assert entry.path is not None
+    return Mesh.load(plan.folder / entry.path, entry.unit, drop_invalid=entry.drop_invalid)
+
+
+def _joined(plan: Plan, parts: Sequence[Mesh]) -> Mesh:
+    """One mesh of several, in their order."""
+    names: list[str] = []
+    for entry, part in zip(plan.meshes, parts, strict=True):
+        stem = entry.built_in or (plan.folder / str(entry.path)).stem
+        lone = len(part.groups) == 1
+        fresh = [stem if lone else f"{stem}/{group.name}" for group in part.groups]
+        names += [_free(name, names) for name in fresh]
+    n_vertices = np.cumsum([0] + [part.n_vertices for part in parts])
+    n_groups = np.cumsum([0] + [len(part.groups) for part in parts])
+    return Mesh(
+        vertices=np.concatenate([part.vertices for part in parts]),
+        faces=np.concatenate([p.faces + n for p, n in zip(parts, n_vertices, strict=False)]),
+        groups=[Group(name) for name in names],
+        face_group=np.concatenate(
+            [p.face_group + n for p, n in zip(parts, n_groups, strict=False)]
+        ),
+        source_face=np.concatenate([part.source_face for part in parts]),
+        sources=[source for part in parts for source in part.sources],
+        notes=[note for part in parts for note in part.notes],
+    )
+
+
+def _free(name: str, taken: Sequence[str]) -> str:
+    """`name`, or the first of `name #2`, `name #3` ... that is not taken, as in one file."""
+    number, free = 2, name
+    while free in taken:
+        number, free = number + 1, f"{name} #{number}"
+    return free
+
+
+def _with_roles(plan: Plan, mesh: Mesh, names: Sequence[Sequence[str]]) -> Mesh:
+    """The mesh with each group an occluder, or two-sided, as the entry of its file says.
+
+    Entries speak of groups by the names that the file has for them.
+    """
+    hiding: list[str] = []
+    two_sided: list[str] = []
+    groups = iter(mesh.groups)
+    for entry, own in zip(plan.meshes, names, strict=True):
+        for name in own:
+            group = next(groups)
+            has_role = not entry.groups or name in entry.groups
+            if has_role == (entry.role == "occluder"):
+                hiding.append(group.name)
+            if entry.two_sided is True or (entry.two_sided and name in entry.two_sided):
+                two_sided.append(group.name)
+    return mesh.with_groups(hiding, two_sided)
+
+
+def _unknown_groups(plan: Plan, known: Sequence[str]) -> Iterator[str]:
+    """A line for every group that a plan speaks of and no mesh has."""
+    if isinstance(plan.task.views, dict):
+        yield from _strangers("task.views", plan.task.views, known)
+    if isinstance(plan.selection, FewestSelection):
+        yield from _strangers("selection.groups", plan.selection.groups, known)
+    for row, entry in enumerate(plan.candidates):
+        if isinstance(entry, PerFace):
+            yield from _strangers(f"candidates[{row}].groups", entry.groups, known)
+        if isinstance(entry, Mounted):
+            for place, aim in enumerate(entry.aim):
+                at = f"candidates[{row}].aim[{place}].nearest"
+                yield from _strangers(at, aim.nearest or [], known)
+
+
+def _strangers(path: str, names: Any, known: Sequence[str]) -> Iterator[str]:
+    for name in names:
+        if name not in known:
+            yield f"{path}: there is no group {name!r}; groups are {', '.join(known)}"

@@ -1,0 +1,334 @@
+"""Cameras for hollows: where a face is open, where a camera can stand, what is proved shut."""
+
+import math
+
+import cavity_scenes as scenes
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scenes import joined, sheet
+
+import rastercov as rc
+from rastercov import shapes
+from rastercov.coverage import Reason
+from rastercov.errors import ConfigError
+from rastercov.mesh import Group, Mesh
+from rastercov.placement.candidates import per_face
+from rastercov.placement.cavities import Access, openings, per_cavity
+from rastercov.placement.clearance import KeepOutBox, KeepOutSphere, kept
+from rastercov.placement.dome import Dome, face_frames
+from rastercov.placement.framing import Framing
+
+CAMERA = rc.Camera(width=320, height=240, fx=450, fy=450, cx=160, cy=120)
+FAR = Framing(stand_off=(6.0, 30.0))
+
+
+def covered_by(mesh, poses, faces):
+    """Whether any of the poses covers each face."""
+    reason = rc.evaluate(mesh, CAMERA, poses).reason[:, faces]
+    return (reason == Reason.COVERED).any(axis=0)
+
+
+def inner(mesh):
+    """Faces that are on no side of the bounding box."""
+    outside = np.isclose(mesh.centroids, mesh.bounds[0]) | np.isclose(
+        mesh.centroids, mesh.bounds[1]
+    )
+    return np.flatnonzero(~outside.any(axis=1))
+
+
+def outer_poses(count, centre, radius, seed=0):
+    """Poses around a part that look into it."""
+    rng = np.random.default_rng(seed)
+    away = rng.normal(size=(count, 3))
+    away *= radius / np.linalg.norm(away, axis=1, keepdims=True)
+    return rc.look_at(centre + away, centre + rng.uniform(-1, 1, (count, 3)))
+
+
+@pytest.mark.parametrize("side", [2, 8, 30])
+def test_the_pixels_of_a_dome_are_the_half_space(side):
+    with Dome(shapes.box(), side) as dome:
+        assert len(dome.directions) == 3 * side**2
+        assert np.linalg.norm(dome.directions, axis=1) == pytest.approx(1)
+        assert (dome.directions[:, 2] > 0).all()
+        assert dome.solid_angles.sum() == pytest.approx(2 * np.pi)
+        # The mean of the cosine over the half space is 1/2, that of each horizontal axis 0.
+        mean = dome.solid_angles @ dome.directions / (2 * np.pi)
+        assert mean == pytest.approx([0, 0, 0.5], abs=1 / side**2)
+
+
+@given(
+    direction=st.tuples(*3 * [st.floats(-1, 1)]).filter(lambda d: np.linalg.norm(d) > 0.01),
+    side=st.sampled_from([2, 4, 32]),
+)
+def test_a_cone_as_wide_as_can_be_missed_holds_a_direction(direction, side):
+    towards = np.array(direction) / np.linalg.norm(direction)
+    towards[2] = abs(towards[2])
+    with Dome(shapes.box(), side) as dome:
+        nearest = np.arccos(np.clip(dome.directions @ towards, -1, 1)).min()
+        assert nearest <= dome.missed
+
+
+@given(seed=st.integers(0, 1000))
+@settings(max_examples=20)
+def test_a_ray_ends_where_the_wall_of_a_room_is(seed):
+    rng = np.random.default_rng(seed)
+    room = shapes.box((2.0, 3.0, 4.0))
+    room = Mesh(vertices=room.vertices, faces=room.faces[:, ::-1])
+    point = np.array([*rng.uniform(-0.9, 0.9, 2), -2.0])
+    frame = face_frames(np.array([[0.0, 0.0, 1.0]]))[0]
+    with Dome(room, 8) as dome:
+        free = dome.look_out(point, frame)
+        rays = dome.directions @ frame.T
+    walls = np.array([1.0, 1.5, 2.0])
+    with np.errstate(divide="ignore"):
+        expected = ((np.sign(rays) * walls - point) / rays).min(axis=1)
+    # The rasteriser rounds corners to 1/256 of a pixel, and these pixels are large.
+    assert free == pytest.approx(expected, rel=5e-3)
+
+
+def test_open_space_has_no_end_and_is_all_open():
+    mesh = sheet((-1, -1), (1, 1), 0.0)
+    found = openings(mesh, CAMERA, FAR, faces=[0, 1])
+    assert (found.access == Access.REACHED).all()
+    assert found.open_share == pytest.approx(1)
+    assert covered_by(mesh, found.candidates.poses, [0, 1]).all()
+
+
+def test_the_ground_of_a_blind_hole_is_reached_where_views_from_around_miss_it():
+    mesh = scenes.blind_hole()
+    ground = scenes.faces_at(mesh, (2.5, 2.5, 1.0), (0, 0, 1))
+    assert len(ground) == 2
+    around = per_face(mesh, CAMERA, FAR, faces=np.setdiff1d(np.arange(mesh.n_faces), inner(mesh)))
+    beside = np.linalg.norm(around.poses[:, :2, 3] - 2.5, axis=1) > 2.5
+    assert beside.sum() > 50
+    assert not covered_by(mesh, around.poses[beside], ground).any()
+    found = openings(mesh, CAMERA, FAR, faces=ground)
+    assert (found.access == Access.REACHED).all()
+    assert covered_by(mesh, found.candidates.poses, ground).all()
+    # From the centroid one sees a square of side 1 at height 4: about 1/16 of a steradian.
+    assert found.open_share == pytest.approx(1 / 16 / (2 * np.pi), rel=0.15)
+
+
+@pytest.mark.parametrize("scene", [scenes.blind_hole, scenes.overhang, scenes.bottle])
+def test_a_face_with_candidates_of_its_own_is_covered_by_one(scene):
+    mesh = scene()
+    found = openings(mesh, CAMERA, FAR, faces=inner(mesh)[::2], finest=64)
+    reached = found.face[found.access == Access.REACHED]
+    assert len(reached) > 15
+    covered = covered_by(mesh, found.candidates.poses, reached)
+    assert covered.mean() > 0.97
+    assert set(found.candidates.index) == set(reached)
+
+
+def test_under_an_overhang_all_is_reached_from_the_open_sides():
+    mesh = scenes.overhang()
+    found = openings(mesh, CAMERA, FAR, faces=inner(mesh))
+    assert (found.access == Access.REACHED).all()
+
+
+def test_through_a_narrow_neck_only_what_lies_before_it_is_reached():
+    mesh = scenes.bottle()
+    farther = Framing(stand_off=(8.0, 30.0))  # than the chamber is wide
+    found = openings(mesh, CAMERA, farther, faces=inner(mesh)[::2])
+    below = scenes.faces_at(mesh, (3.5, 3.5, 1.0), (0, 0, 1))
+    ceiling = scenes.faces_at(mesh, (1.5, 1.5, 4.0), (0, 0, -1))
+    access = dict(zip(found.face.tolist(), found.access.tolist(), strict=True))
+    assert len(below) == len(ceiling) == 2
+    below, ceiling = (np.intersect1d(faces, found.face) for faces in (below, ceiling))
+    assert len(below)
+    assert len(ceiling)
+    assert all(access[face] == Access.REACHED for face in below)
+    # The shoulder of the chamber turns away from the neck: no camera outside can see it.
+    assert all(access[face] == Access.CLOSED for face in ceiling)
+    outside = outer_poses(200, np.array([3.5, 3.5, 3.0]), 9.0)
+    assert (rc.visibility(mesh, CAMERA, outside).value[:, ceiling] == 0).all()
+    closed = np.flatnonzero(found.access == Access.CLOSED)
+    assert len(closed)
+    assert (found.missed_deg[closed] < 0.7).all()
+    assert found.proof == ("",) * len(found.face)  # it is open to the outside: nothing to prove
+    assert "no open cone of 0.63° or more" in found.words(int(closed[0]))
+
+
+def test_the_end_of_a_bent_channel_is_closed_to_cameras_outside_and_reached_from_within():
+    mesh = scenes.bent_channel(blind=True)
+    end = scenes.faces_at(mesh, (6.0, 2.5, 1.5), (-1, 0, 0))
+    assert len(end) == 2
+    found = openings(mesh, CAMERA, FAR, faces=end)
+    assert (found.access == Access.CLOSED).all()
+    outside = outer_poses(300, np.array([3.5, 2.5, 3.5]), 10.0)
+    assert (rc.visibility(mesh, CAMERA, outside).value[:, end] == 0).all()
+    near = openings(mesh, CAMERA, Framing(stand_off=(0.5, 3.0)), faces=end)
+    assert (near.access == Access.REACHED).all()
+    assert covered_by(mesh, near.candidates.poses, end).all()
+
+
+@pytest.mark.parametrize(
+    ("framing", "limits", "words"),
+    [
+        (FAR, {}, "cameras stand 6 m away or more"),
+        (Framing(), {"clearance": 1.6}, "3 m wide or less, and cameras keep 1.6 m"),
+        (Framing(), {"keep_out": [KeepOutBox((0.5, 0.5, 0.5), (4.5, 4.5, 4.5), "core")]}, "core"),
+        (Framing(), {"keep_out": [KeepOutSphere((2.5, 2.5, 2.5), 2.7, "ball")]}, "ball"),
+    ],
+)
+def test_a_closed_cavity_is_proved_out_of_reach_where_limits_exclude_it(framing, limits, words):
+    mesh = scenes.closed_cavity()
+    found = openings(mesh, CAMERA, framing, faces=inner(mesh), **limits)
+    assert len(found.face) == 108
+    assert (found.access == Access.ENCLOSED).all()
+    assert not len(found.candidates)
+    assert words in found.words(0)
+    assert "proved" in found.words(0)
+
+
+@pytest.mark.parametrize(
+    "limits",
+    [
+        {"least": 2.5},
+        {"clearance": 0.4},
+        {"keep_out": [KeepOutBox((1.5, 0.5, 0.5), (4.5, 4.5, 4.5))]},
+        {"keep_out": [KeepOutSphere((2.5, 2.5, 2.5), 2.5)]},
+    ],
+)
+def test_nothing_is_proved_of_a_cavity_in_which_a_camera_may_stand(limits):
+    limits = dict(limits)
+    mesh = scenes.closed_cavity()
+    framing = Framing(stand_off=(limits.pop("least", 0.0), 30.0))
+    found = openings(mesh, CAMERA, framing, faces=inner(mesh), **limits)
+    assert (found.access != Access.ENCLOSED).all()
+    assert (found.access == Access.REACHED).any()
+    assert kept(found.candidates, mesh, **limits)[1].kept_mask.all()
+
+
+def test_a_face_on_which_matter_lies_is_out_of_reach_and_its_uncovered_neighbour_is_not():
+    low = shapes.box((2.0, 2.0, 1.0), 2, (0, 0, 0.5))
+    high = shapes.box((1.5, 4.0, 1.0), 1, (-0.75, 0, 1.5))  # on x < 0 of the lower one's top
+    mesh = joined(low, high)
+    top = np.flatnonzero((mesh.centroids[:, 2] == 1.0) & (mesh.normals[:, 2] > 0.9))
+    found = openings(mesh, CAMERA, Framing(stand_off=(0.5, 20)), faces=top)
+    under = mesh.centroids[found.face, 0] < 0
+    assert under.sum() == (~under).sum() == 4
+    assert (found.access[under] == Access.ENCLOSED).all()
+    assert (found.access[~under] == Access.REACHED).all()
+    assert "matter lies on it" in found.words(int(np.flatnonzero(under)[0]))
+
+
+def test_a_face_that_matter_covers_only_in_part_is_not_called_out_of_reach():
+    low = shapes.box((2.0, 2.0, 1.0), 1, (0, 0, 0.5))
+    high = shapes.box((1.2, 4.0, 1.0), 1, (-0.6, 0, 1.4))  # sunk into it, over x < 0
+    mesh = joined(low, high)
+    top = np.flatnonzero((mesh.centroids[:, 2] == 1.0) & (mesh.normals[:, 2] > 0.9))
+    found = openings(mesh, CAMERA, Framing(stand_off=(0.5, 20)), faces=top)
+    assert len(found.face) == 2
+    assert (found.access != Access.ENCLOSED).all()
+
+
+@given(seed=st.integers(0, 100_000), share=st.floats(0.5, 0.8))
+@settings(max_examples=8)
+def test_no_camera_within_the_limits_sees_a_face_that_is_proved_out_of_reach(seed, share):
+    rng = np.random.default_rng(seed)
+    solid = np.ones((5, 5, 5), bool)
+    solid[1:4, 1:4, 1:4] = rng.random((3, 3, 3)) < share
+    mesh = scenes.of_cubes(solid)
+    least = 4.5
+    found = openings(mesh, CAMERA, Framing(stand_off=(least, 20)), faces=inner(mesh))
+    shut = found.face[found.access == Access.ENCLOSED]
+    eyes = np.concatenate((rng.uniform(0, 5, (60, 3)), rng.uniform(-8, 13, (60, 3))))
+    targets = mesh.centroids[rng.choice(found.face, len(eyes))] if len(found.face) else eyes + 1
+    seen = rc.visibility(mesh, CAMERA, rc.look_at(eyes, targets)).value
+    away = np.linalg.norm(eyes[:, None] - mesh.centroids[None], axis=2) >= least
+    assert not (seen[:, shut][away[:, shut]] > 0).any()
+
+
+def test_every_place_is_clear_within_the_stand_off_and_out_of_keep_out_volumes():
+    mesh = scenes.blind_hole()
+    framing = Framing(stand_off=(5.0, 12.0), rolls_deg=(0.0, 90.0))
+    volume = KeepOutBox((-20, -20, 5), (2.4, 20, 20), "half")
+    found = openings(mesh, CAMERA, framing, faces=inner(mesh), clearance=0.3, keep_out=[volume])
+    poses, index = found.candidates.poses, found.candidates.index
+    assert len(poses) > 20
+    assert len(kept(found.candidates, mesh, 0.3, [volume])[0]) == len(poses)
+    away = np.linalg.norm(poses[:, :3, 3] - mesh.centroids[index], axis=1)
+    assert ((away >= 5 - 1e-6) & (away <= 12 + 1e-6)).all()
+    # Each view comes once for each roll.
+    assert (poses[0::2, :3, 3] == poses[1::2, :3, 3]).all()
+    assert (np.einsum("ni,ni->n", poses[0::2, :3, 0], poses[1::2, :3, 0]) < 1e-9).all()
+
+
+def test_where_no_camera_can_stand_there_are_no_candidates():
+    mesh = scenes.blind_hole()
+    ground = scenes.faces_at(mesh, (2.5, 2.5, 1.0), (0, 0, 1))
+    above = KeepOutBox((-50, -50, 5), (50, 50, 50), "ceiling")
+    found = openings(mesh, CAMERA, FAR, faces=ground, keep_out=[above])
+    assert (found.access == Access.NO_ROOM).all()
+    assert (found.places > 0).all()
+    assert "places" in found.words(0)
+    assert found.summary()["no_room"] == 2
+
+
+def test_no_camera_is_placed_behind_what_hides_the_face():
+    mesh = joined(sheet((-1, -1), (1, 1), 0.0), sheet((-500, -500), (500, 500), -5.0))
+    before = KeepOutBox((-500, -500, -5.1), (500, 500, 0.5), "all the room before the wall")
+    found = openings(mesh, CAMERA, Framing(stand_off=(3, 90)), faces=[0, 1], keep_out=[before])
+    assert (found.access == Access.NO_ROOM).all()
+    assert (found.places > 0).all()
+
+
+def test_the_open_side_of_a_two_sided_sheet_is_found():
+    part = sheet((-1, -1), (1, 1), 0.0)  # faces -z, where the block is
+    mesh = joined(part, shapes.box((4.0, 4.0, 1.0), centre=(0, 0, -0.5005)))
+    groups = (Group("sheet", is_two_sided=True), Group("block"))
+    mesh = Mesh(mesh.vertices, mesh.faces, groups, np.repeat([0, 1], [2, 12]))
+    found = openings(mesh, CAMERA, Framing(stand_off=(3, 9)), faces=[0, 1])
+    assert (found.access == Access.REACHED).all()
+    assert (found.candidates.poses[:, 2, 3] > 0).all()
+    one_sided = mesh.with_groups(two_sided=())
+    shut = openings(one_sided, CAMERA, Framing(stand_off=(3, 9)), faces=[0, 1])
+    assert (shut.access != Access.REACHED).all()
+
+
+def test_views_of_a_face_differ():
+    mesh = scenes.overhang()
+    found = openings(mesh, CAMERA, FAR, faces=inner(mesh), views=3)
+    for face in np.unique(found.candidates.index):
+        ahead = found.candidates.poses[found.candidates.index == face][:, :3, 2]
+        cosines = (ahead @ ahead.T)[np.triu_indices(len(ahead), 1)]
+        assert len(ahead) <= 3
+        assert (cosines <= math.cos(math.radians(15)) + 1e-9).all()
+
+
+def test_the_generator_gives_the_candidates_of_the_openings():
+    mesh = scenes.overhang()
+    faces = inner(mesh)[:6]
+    candidates = per_cavity(mesh, CAMERA, FAR, faces=faces)
+    assert (candidates.poses == openings(mesh, CAMERA, FAR, faces=faces).candidates.poses).all()
+    assert set(candidates.source) == {"cavity"}
+    assert set(candidates.index) <= set(faces)
+
+
+def test_a_mesh_far_away_has_the_openings_it_has_at_the_origin():
+    mesh = scenes.blind_hole()
+    faces = inner(mesh)
+    there = Mesh(vertices=mesh.vertices + 1e6, faces=mesh.faces)
+    one, other = (openings(m, CAMERA, FAR, faces=faces) for m in (mesh, there))
+    assert (one.access == other.access).all()
+    assert one.open_share == pytest.approx(other.open_share, abs=2e-3)
+
+
+def test_no_faces_and_faces_without_area_give_nothing():
+    mesh = Mesh(vertices=[(0, 0, 0), (1, 0, 0), (0, 1, 0)], faces=[(0, 1, 2), (0, 1, 1)])
+    assert len(openings(mesh, CAMERA, FAR, faces=[]).face) == 0
+    assert openings(mesh, CAMERA, FAR, faces=[0, 1]).face.tolist() == [0]
+
+
+@pytest.mark.parametrize("numbers", [{"views": 0}, {"side": 7}, {"finest": 9}, {"side": 0}])
+def test_numbers_that_make_no_sense_are_refused(numbers):
+    with pytest.raises(ConfigError, match="views must be 1 or more"):
+        openings(shapes.box(), CAMERA, FAR, faces=[0], **numbers)
+
+
+def test_faces_that_are_not_there_are_refused():
+    with pytest.raises(ConfigError, match="faces must lie in"):
+        openings(shapes.box(), CAMERA, FAR, faces=[12])

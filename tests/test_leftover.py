@@ -1,0 +1,276 @@
+"""What a network leaves uncovered: the nearest camera, the reason, what is in the way, proofs."""
+
+import weakref
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scenes import joined, sheet
+
+import rastercov as rc
+from rastercov import shapes
+from rastercov.coverage import Reason, Task
+from rastercov.errors import ConfigError
+from rastercov.mesh import Group, Mesh
+from rastercov.network import Network
+from rastercov.placement import sight
+from rastercov.placement.leftover import WORDS, Sight, what_is_left
+from rastercov.placement.matrix import build_matrix
+from rastercov.placement.occluders import in_front
+
+CAMERA = rc.Camera(width=320, height=240, fx=300, fy=300, cx=160, cy=120)
+
+
+def grouped(*parts):
+    """Meshes as groups of one, (name, mesh, occluder)."""
+    whole = joined(*(mesh for _, mesh, _ in parts))
+    return Mesh(
+        vertices=whole.vertices,
+        faces=whole.faces,
+        groups=[Group(name, is_occluder=hides) for name, _, hides in parts],
+        face_group=np.repeat(np.arange(len(parts)), [mesh.n_faces for _, mesh, _ in parts]),
+    )
+
+
+def straight(*eyes):
+    """Poses that look along +z with the axes of the world."""
+    poses = np.tile(np.eye(4), (len(eyes), 1, 1))
+    poses[:, :3, 3] = eyes
+    return poses
+
+
+def around(count, seed, radius=3.0):
+    rng = np.random.default_rng(seed)
+    eyes = rng.normal(size=(count, 3))
+    eyes *= radius / np.linalg.norm(eyes, axis=1, keepdims=True)
+    return rc.look_at(eyes, rng.uniform(-0.2, 0.2, (count, 3)))
+
+
+@given(seed=st.integers(0, 10_000), cameras=st.integers(1, 6))
+@settings(max_examples=15)
+def test_the_reason_is_that_of_the_nearest_camera_and_no_camera_gets_further(seed, cameras):
+    mesh = joined(shapes.torus(12, 8), shapes.box((0.4, 0.4, 0.4), centre=(1.6, 0, 0)))
+    poses, task = around(cameras, seed, 4.0), Task(min_pixels=30, max_incidence_deg=70)
+    found = what_is_left((mesh, CAMERA), poses, task)
+    coverage = rc.evaluate(mesh, CAMERA, poses, task)
+    left = np.flatnonzero(found.left)
+    assert (found.left == ~(coverage.reason == Reason.COVERED).any(axis=0)).all()
+    assert (found.reason[left] == coverage.reason[:, left].max(axis=0)).all()
+    assert (coverage.reason[found.nearest_camera[left], left] == found.reason[left]).all()
+
+
+def test_of_cameras_before_which_a_face_is_hidden_that_which_sees_more_is_nearest():
+    mesh = grouped(("part", sheet((-1, -1), (1, 1), 5.0), False),
+                   ("wall", sheet((-2, -2), (0.2, 2), 4.0), True))  # fmt: skip
+    poses = straight((0.0, 0, 0), (0.3, 0, 0), (-0.3, 0, 0))
+    task = Task(min_visibility=0.9)
+    found = what_is_left((mesh, CAMERA), poses, task)
+    seen = rc.visibility(mesh, CAMERA, poses).value
+    hidden = found.left & (found.reason == Reason.OCCLUDED)
+    assert hidden[:2].all()
+    assert (found.nearest_camera[:2] == seen[:, :2].argmax(axis=0)).all()
+    assert len(np.unique(seen[:, 0])) == 3  # they differ, so that the choice means something
+
+
+def test_the_group_that_hides_most_is_named_and_shares_add_up():
+    part = sheet((-1, -1), (1, 1), 8.0)
+    near = sheet((-2, -2), (-0.1, 2), 4.0)  # hides x < -0.2 at depth 8: 0.4 of the part
+    far = sheet((0.15, -2), (2, 2), 6.0)  # hides x > 0.2 at depth 8
+    mesh = grouped(("part", part, False), ("left", near, True), ("right", far, True))
+    found = what_is_left((mesh, CAMERA), straight((0, 0, 0)), Task(min_visibility=0.5))
+    areas = mesh.areas[:2]
+    assert found.left[:2].all()
+    assert found.hidden_area[0, 1:] @ [1, 1] == pytest.approx(0.8 * areas.sum(), rel=0.03)
+    assert found.hidden_area[0, 0] == 0
+    for face in range(2):
+        alone = [
+            1 - rc.visibility(grouped(("part", part, False), other), CAMERA,
+                              straight((0, 0, 0))).value[0, face]
+            for other in (("left", near, True), ("right", far, True))
+        ]  # fmt: skip
+        assert found.occluder[face] == 1 + int(np.argmax(alone))
+        assert found.occluder_share[face] == pytest.approx(max(alone), abs=0.03)
+    assert list(found.summary()["groups"][0]["hidden_by"]) in (["left", "right"], ["right", "left"])
+
+
+def test_a_duplicate_sheet_hides_the_second():
+    mesh = grouped(("first", sheet((-1, -1), (1, 1), 5.0), False),
+                   ("second", sheet((-1, -1), (1, 1), 5.0), False))  # fmt: skip
+    found = what_is_left((mesh, CAMERA), straight((0, 0, 0)))
+    assert found.left.tolist() == [False, False, True, True]
+    assert (found.occluder[2:] == 0).all()
+    assert (found.occluder_share[2:] > 0.9).all()
+
+
+@given(
+    scale=st.sampled_from([1e-3, 1.0, 1e4]), away=st.floats(8.0, 50.0), shift=st.floats(-0.9, 0.9)
+)
+@settings(max_examples=25)
+def test_shares_in_front_are_those_of_geometry_at_any_size_and_distance(scale, away, shift):
+    part = sheet((-1, -1), (1, 1), 0.0)
+    wall = sheet((-9, -9), (shift, 9), -0.5 * away)  # half-way: hides x < 2 shift of the part
+    mesh = grouped(("part", part, False), ("wall", wall, True))
+    mesh = Mesh(vertices=mesh.vertices * scale, faces=mesh.faces, groups=mesh.groups,
+                face_group=mesh.face_group)  # fmt: skip
+    eyes = np.tile([0.0, 0.0, -away * scale], (2, 1))
+    shares = in_front(mesh, eyes, np.arange(2))
+    hidden = np.clip((1 + 2 * shift) / 2, 0, 1)
+    # The two triangles split the square along its diagonal.
+    lower, upper = hidden**2, 1 - (1 - hidden) ** 2
+    assert sorted(shares[:, 1]) == pytest.approx(sorted((lower, upper)), abs=0.04)
+    assert (shares[:, 0] == 0).all()
+
+
+def shut_box():
+    """A sheet in a closed box, and one outside it."""
+    inside = sheet((-0.2, -0.2), (0.2, 0.2), 0.0)
+    return grouped(("inside", inside, False), ("box", shapes.box(), True))
+
+
+def test_no_candidate_sees_a_shut_face_is_proved_by_bounds_and_never_by_samples():
+    mesh, poses = shut_box(), around(40, 1)
+    network = rc.look_at([0.1, 0.2, -3.0], [0, 0, 0])
+    proved = what_is_left((mesh, CAMERA), network, candidates=poses)
+    assert (proved.sight[:2] == Sight.NONE).all()
+    assert (proved.seen_at_most[:2] <= 1e-6).all()
+    with rc.open_observer(mesh, CAMERA, "sampled", backend="cpu") as observer:
+        counted = what_is_left(observer, network, candidates=poses)
+    assert (counted.sight[:2] == Sight.UNKNOWN).all()
+    assert (counted.seen_at_most[:2] > 1e-6).all()
+    told = proved.summary()
+    assert told["seen_by_no_candidate"]["faces"] == 2
+    assert told["groups"][0]["hidden_by"].keys() == {"box"}
+
+
+def test_without_candidates_nothing_is_claimed():
+    mesh = shut_box()
+    found = what_is_left((mesh, CAMERA), around(1, 1))
+    assert (found.sight[:2] == Sight.UNKNOWN).all()
+    assert (found.seen_at_most[:2] == 1).all()
+    assert found.summary()["unknown"]["faces"] == 2
+
+
+def test_a_candidate_in_the_plane_of_a_face_does_not_see_it():
+    mesh = shapes.room(10)
+    faces = np.flatnonzero((mesh.normals[:, 2] < -0.9) & (mesh.centroids[:, 2] < 0.2))
+    eyes = np.stack([np.full(12, 2.9), np.linspace(-2, 2, 12), np.full(12, 0.1)], axis=1)
+    poses = rc.look_at(eyes, [0, 0, 1.4])
+    found = what_is_left((mesh, CAMERA), poses[:0], candidates=poses)
+    # By rounding, some of these cameras have an image of the undersides, and know nothing of it.
+    assert rc.visibility(mesh, CAMERA, poses).bound[:, faces].max() == 1
+    assert (found.sight[faces] == Sight.NONE).all()
+
+
+@given(seed=st.integers(0, 10_000))
+@settings(max_examples=10)
+def test_the_bounds_hold_what_candidates_see_and_those_left_out_see_nothing(seed):
+    mesh = joined(shapes.torus(10, 7), shapes.box((0.3, 0.3, 0.3), centre=(0, 0, 0)))
+    task, poses = Task(min_visibility=0.6, max_incidence_deg=60), around(30, seed, 4.0)
+    network = poses[:2]
+    found = what_is_left((mesh, CAMERA), network, task, candidates=poses)
+    every = rc.evaluate(mesh, CAMERA, poses, task)
+    exact = rc.visibility(mesh, CAMERA, poses, "exact").value.max(axis=0)
+    left = found.left
+    assert (found.seen_at_least[left] <= exact[left] + 1e-8).all()
+    assert (found.seen_at_most[left] >= exact[left] - 1e-8).all()
+    assert (found.n_covering[left] == (every.reason == Reason.COVERED).sum(axis=0)[left]).all()
+    assert (found.sight[left][exact[left] > 1e-3] == Sight.SOME).all()
+    assert (exact[left][found.sight[left] == Sight.NONE] <= 1e-6).all()
+
+
+def test_a_matrix_stands_for_its_poses_and_its_task():
+    mesh, poses, task = shapes.torus(10, 7), around(12, 3, 4.0), Task(min_pixels=40)
+    matrix = build_matrix((mesh, CAMERA), poses, task)
+    one = what_is_left((mesh, CAMERA), poses[:1], matrix=matrix)
+    other = what_is_left((mesh, CAMERA), poses[:1], task, candidates=poses)
+    assert one.task == task
+    assert one.summary() == other.summary()
+    counts = np.bincount(matrix.face[matrix.covered], minlength=mesh.n_faces)
+    assert (one.n_covering[one.left] == counts[one.left]).all()
+
+
+def test_no_more_than_two_batches_of_candidates_are_held_at_a_time(monkeypatch):
+    mesh, poses = shapes.torus(10, 8), around(300, 5, 4.0)
+    batches, alive = [], []
+    add = sight.Sights.add
+
+    def watched(self, batch):
+        batches.append(weakref.ref(batch))
+        alive.append(sum(each() is not None for each in batches))
+        add(self, batch)
+
+    monkeypatch.setattr(sight, "POSES_A_STEP", 20)
+    monkeypatch.setattr(sight.Sights, "add", watched)
+    found = what_is_left((mesh, CAMERA), poses[:1], candidates=poses)
+    assert found.left.any()
+    assert len(batches) == 15
+    assert max(alive) <= 2
+
+
+def test_a_face_with_too_few_views_says_so_and_so_do_views_that_are_too_much_alike():
+    mesh, poses = sheet((-1, -1), (1, 1), 5.0), straight((0, 0, 0))
+    found = what_is_left((mesh, CAMERA), poses, Task(views=2))
+    assert found.left.all()
+    assert found.summary()["reasons"].keys() == {"too_few_views"}
+    assert (found.views == 1).all()
+    alike = what_is_left((mesh, CAMERA), poses, covered=np.zeros(2, bool))
+    assert alike.summary()["reasons"].keys() == {"too_few_views"}
+
+
+def test_without_cameras_that_is_the_reason():
+    found = what_is_left((shapes.box(), CAMERA), np.zeros((0, 4, 4)))
+    assert found.summary()["reasons"].keys() == {"no_cameras"}
+    assert (found.nearest_camera == -1).all()
+
+
+def test_the_parts_of_what_is_left_add_up_and_agree_with_the_network():
+    mesh = shapes.room(4)
+    task, poses = Task(min_pixels=5), rc.look_at([[2.5, 2, 2.5], [-2, -2, 2.2]], [0, 0, 0.5])
+    found = what_is_left((mesh, CAMERA), poses, task, candidates=poses)
+    network = Network(mesh, task)
+    for batch in rc.coverage.evaluate_batches(rc.open_observer(mesh, CAMERA), poses, task):
+        network.add(batch)
+    told, known = found.summary(), network.summary()
+    assert told["left"] == known["not_covered"]
+    assert told["reasons"] == known["not_covered_because"]
+    parts = ("could_be_covered", "seen_never_covered", "seen_by_no_candidate", "unknown")
+    assert sum(told[part]["faces"] for part in parts) == told["left"]["faces"]
+    assert sum(group["left"]["faces"] for group in told["groups"]) == told["left"]["faces"]
+    assert told["could_be_covered"]["faces"] == 0  # the network is all the candidates
+    lines = "\n".join(found.lines())
+    assert all(WORDS[name] in lines for name in told["reasons"])
+
+
+def test_all_covered_is_told_in_one_line():
+    found = what_is_left((sheet((-1, -1), (1, 1), 5.0), CAMERA), straight((0, 0, 0)))
+    assert found.lines() == ["Every face is covered."]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (lambda m: {"candidates": m.poses, "matrix": m}, "not both"),
+        (lambda m: {"covered": [True]}, "mask of 12 faces"),
+        (lambda m: {"covered": np.ones(12)}, "float64"),
+    ],
+)
+def test_arguments_that_contradict_are_refused(arguments, words):
+    mesh = shapes.box()
+    matrix = build_matrix((mesh, CAMERA), around(2, 0))
+    with pytest.raises(ConfigError, match=words):
+        what_is_left((mesh, CAMERA), around(1, 0), **arguments(matrix))
+
+
+def test_a_matrix_of_another_mesh_is_refused():
+    matrix = build_matrix((shapes.box(n=2), CAMERA), around(2, 0))
+    with pytest.raises(ConfigError, match="48 faces"):
+        what_is_left((shapes.box(), CAMERA), around(1, 0), matrix=matrix)
+
+
+def test_progress_ends_at_the_end():
+    mesh, poses, seen = shapes.torus(10, 7), around(30, 3, 4.0), []
+    what_is_left((mesh, CAMERA), poses[:2], candidates=poses,
+                 progress=lambda done, total: seen.append((done, total)))  # fmt: skip
+    assert seen[-1] == (32, 32)
+    assert [done for done, _ in seen] == sorted(done for done, _ in seen)

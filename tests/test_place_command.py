@@ -1,0 +1,575 @@
+"""`rastercov place` and `rastercov check`, as a person, a script and a build server meet them."""
+
+import json
+import os
+import re
+import shlex
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+import rastercov as rc
+from rastercov import cli, shapes
+from rastercov.plan import run as plan_run
+from rastercov.pose import read_poses, sphere_of_poses, write_poses
+
+EXAMPLES = Path(__file__).parents[1] / "examples" / "plans"
+MESHES = Path(__file__).parents[2] / "shared" / "meshes"
+ENTRY = "import sys; from rastercov.cli import main; sys.argv[0] = 'rastercov'; main()"
+SCENE = """
+[[meshes]]
+path = "part.obj"
+[camera]
+width = 96
+height = 72
+fx = 90
+fy = 90
+[task]
+min_pixels = 2
+"""
+CANDIDATES = """
+[[candidates]]
+generator = "on_sphere"
+count = 20
+distances = [3.5]
+"""
+SELECTION = """
+[selection]
+goal = "fewest_cameras"
+coverage = 1.0
+"""
+QUICK = SCENE + CANDIDATES + SELECTION + "[outputs]\npage = false\n"
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    """A folder of its own with a part of two groups and a rig of six around it."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "100")
+    for name in ("FORCE_COLOR", "NO_COLOR", "RASTERCOV_TRACEBACK"):
+        monkeypatch.delenv(name, raising=False)
+    write_obj("part.obj")
+    write_poses("rig.json", axis_poses())
+    Path("plan.toml").write_text(QUICK)
+    return tmp_path
+
+
+def axis_poses():
+    """Cameras on both ends of the three axes: each sees one side of the part."""
+    ends = np.concatenate((np.eye(3), -np.eye(3)))
+    return rc.look_at(3.5 * ends, np.zeros(3))
+
+
+def write_obj(path):
+    """A box of two groups, lid (the two faces of one side) and rest."""
+    mesh = shapes.box()
+    lines = [f"v {x} {y} {z}" for x, y, z in mesh.vertices]
+    for index, face in enumerate(mesh.faces + 1):
+        lines += ["g lid"] if index == 0 else ["g rest"] if index == 2 else []
+        lines.append("f " + " ".join(map(str, face)))
+    Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def call(capsys, line):
+    """Exit code, standard output and standard error of a command line, in this process."""
+    code = cli.command(shlex.split(line))
+    out, err = capsys.readouterr()
+    return code, out, err
+
+
+def figures(folder="plan"):
+    """`plan.json` of a folder."""
+    return json.loads(Path(folder, "plan.json").read_text())
+
+
+# --- place ----------------------------------------------------------------------------------------
+
+
+def test_a_plan_gives_poses_that_evaluate_reads_and_figures(capsys):
+    code, out, err = call(capsys, "place plan.toml")
+    assert (code, err) == (0, "")
+    assert out.endswith("plan/plan.json\n")
+    assert "20 candidates: 20 sphere" in out
+    told = figures()
+    assert told["met"]
+    assert told["share"] == 1
+    poses = read_poses("plan/poses.json")
+    assert len(poses) == len(told["cameras"]) == told["selection"]["cameras"]
+    sphere = sphere_of_poses((0, 0, 0), 3.5, 20)
+    assert np.abs(poses - sphere[told["selection"]["chosen"]]).max() < 1e-12
+    Path("camera.toml").write_text("width = 96\nheight = 72\nfx = 90\nfy = 90\n")
+    line = "evaluate part.obj -c camera.toml -p plan/poses.json --min-pixels 2 --pictures 0 --json"
+    code, out, _ = call(capsys, line)
+    assert code == 0
+    assert json.loads(out)["covered"]["faces"] == 12
+    assert call(capsys, "check plan.toml -p plan/poses.json")[0] == 0
+
+
+def test_figures_hold_everything_that_made_them(capsys):
+    Path("plan.toml").write_text(
+        QUICK
+        + "[constraints]\nclearance = 0.1\n[[constraints.keep_out]]\n"
+        + 'name = "table"\nlow = [-9, -9, -9]\nhigh = [9, 9, -3]\n'
+    )
+    code, out, _ = call(capsys, "place plan.toml --json")
+    told = json.loads(out)
+    assert code == 0
+    assert told == figures()
+    dropped = told["candidates"]["dropped"]
+    assert dropped["kept_out"]["table"] > 0
+    assert dropped["kept"] + dropped["kept_out"]["table"] == 20
+    selection = told["selection"]
+    assert selection["bound"] <= selection["objective"]
+    assert selection["gap"] == pytest.approx(1 - selection["bound"] / selection["objective"])
+    (source,) = told["made_from"]["mesh"]
+    assert source["name"] == "part.obj"
+    assert len(source["sha256"]) == 64
+    assert {"rastercov", "numpy", "pydantic", "python"} <= told["made_from"]["versions"].keys()
+    assert {group["name"] for group in told["network"]["groups"]} == {"lid", "rest"}
+    assert told["left"]["left"]["faces"] == 0
+    assert told["seed"] == 0
+    assert "selection" in told["seconds"]["steps"]
+
+
+def test_the_same_plan_gives_the_same_bytes_but_for_the_time(capsys):
+    text = QUICK.replace("[outputs]", "refine = true\n[outputs]").replace("1.0", "0.7")
+    text += "[selection.tolerance]\nposition_mm = 50\nangle_deg = 2\ndraws = 10\n"
+    text += "[selection.optimise]\nmethod = 'random'\nbudget = 200\n"
+    Path("plan.toml").write_text(text)
+    for out in ("one", "two"):
+        call(capsys, f"place plan.toml --out {out}")
+    assert Path("one/poses.json").read_bytes() == Path("two/poses.json").read_bytes()
+    one, two = figures("one"), figures("two")
+    assert one.pop("seconds").keys() == two.pop("seconds").keys()
+    assert json.dumps(one) == json.dumps(two)
+    assert "seconds" not in json.dumps(one)
+    assert one["improvement"].keys() == {"search", "refinement"}
+    assert one["tolerance"]["draws"] == 10
+
+
+def test_a_goal_that_is_out_of_reach_gives_what_can_be_had_and_code_1(capsys):
+    Path("plan.toml").write_text(QUICK.replace("count = 20", "count = 2"))
+    code, out, _ = call(capsys, "place plan.toml")
+    told = figures()
+    assert code == 1
+    assert not told["met"]
+    assert 0 < told["share"] < 1
+    assert "cannot be reached" in told["notes"][0]
+    assert "fails: all: " in out
+    Path("plan.toml").write_text(
+        QUICK.replace("count = 20", "count = 2").replace("1.0", "1.0\nof_reachable = true")
+    )
+    assert call(capsys, "place plan.toml")[0] == 0
+
+
+def test_requirements_of_groups_are_told_one_by_one(capsys):
+    text = QUICK.replace("coverage = 1.0", "coverage = 0.2\ngroups = { lid = 1.0 }")
+    Path("plan.toml").write_text(text)
+    code, out, _ = call(capsys, "place plan.toml")
+    assert code == 0
+    assert [each["group"] for each in figures()["requirements"]] == [None, "lid"]
+    assert "holds: group lid: 100.0 % covered, 100.0 % wanted" in out
+
+
+def test_the_network_is_counted_as_the_selection_was(capsys):
+    own = 'min_pixels = 2\nweight_by = "count"\nmin_angle_deg = 60\nviews = { lid = 3 }'
+    text = QUICK.replace("min_pixels = 2", own)
+    Path("plan.toml").write_text(text.replace("coverage = 1.0", "coverage = 0.6"))
+    call(capsys, "place plan.toml")
+    told = figures()
+    assert 0.6 <= told["share"] < 1
+    assert told["share"] == told["selection"]["share"] == told["cameras"][-1]["share_so_far"]
+    assert told["share"] == pytest.approx(told["network"]["covered"]["faces"] / 12)
+    code, out, _ = call(capsys, "check plan.toml -p plan/poses.json --min-coverage 0.6 --json")
+    assert code == 0
+    assert json.loads(out)["requirements"][0]["share"] == told["share"]
+
+
+def test_costs_of_entries_decide_between_equals(capsys):
+    other = CANDIDATES.replace("20", "24") + "cost = 0.5\n"
+    Path("plan.toml").write_text(QUICK.replace(CANDIDATES, CANDIDATES + "cost = 9\n" + other))
+    assert call(capsys, "place plan.toml")[0] == 0
+    assert all(camera["cost"] == 0.5 for camera in figures()["cameras"])
+    budget = SELECTION.replace('"fewest_cameras"\ncoverage = 1.0', '"best_coverage"\nbudget = 9')
+    text = QUICK.replace(SELECTION, budget).replace(CANDIDATES, CANDIDATES + "cost = 4\n")
+    Path("plan.toml").write_text(text)
+    code, out, _ = call(capsys, "place plan.toml")
+    assert code == 0
+    assert len(figures()["cameras"]) == 2
+    assert "at a cost of 8" in out
+
+
+def test_cavity_candidates_are_added_where_the_others_see_nothing(capsys):
+    above = '[[candidates]]\ngenerator = "on_box"\nspacing = 9\noutward = 2.5\nsides = ["+z"]\n'
+    Path("plan.toml").write_text(QUICK.replace(CANDIDATES, above))
+    assert call(capsys, "place plan.toml")[0] == 1
+    alone = figures()
+    assert alone["cavities"] is None
+    more = above + '[[candidates]]\ngenerator = "per_cavity"\nstand_off = [3.0, 4.0]\n'
+    Path("plan.toml").write_text(QUICK.replace(CANDIDATES, more))
+    code, out, _ = call(capsys, "place plan.toml")
+    told = figures()
+    assert code == 0
+    assert told["share"] == 1 > alone["share"]
+    assert told["candidates"]["made"]["cavity"] > 0
+    assert told["cavities"]["faces"] == told["cavities"]["reached"] == 2  # the underside
+    assert "into cavities cover" in told["notes"][0]
+    assert told["notes"][0] in out
+    assert any(camera["origin"].startswith("cavity") for camera in told["cameras"])
+
+
+def test_a_part_in_the_wrong_unit_is_told_by_its_size_and_by_why_nothing_covers_it(capsys):
+    Path("plan.toml").write_text(QUICK.replace('"part.obj"', '"part.obj"\nunit = "um"'))
+    code, out, _ = call(capsys, "place plan.toml")
+    assert code == 1
+    assert "100.0 % too coarse; the scene is 1e-06 m across, see meshes.unit" in out
+
+
+def test_the_page_is_written_and_a_stale_one_removed(capsys):
+    Path("plan.toml").write_text(QUICK.replace("page = false", ""))
+    code, out, _ = call(capsys, "place plan.toml")
+    assert code == 0
+    assert out.endswith("plan/page.html\n")
+    page = Path("plan/page.html").read_text(encoding="utf-8")
+    assert page.lower().startswith("<!doctype html>")
+    assert "plan.toml" in page
+    Path("plan.toml").write_text(QUICK)
+    call(capsys, "place plan.toml")
+    assert not Path("plan/page.html").exists()
+
+
+def test_the_schema_can_be_had_without_a_plan(capsys):
+    code, out, err = call(capsys, "place --schema")
+    assert (code, err) == (0, "")
+    docs = EXAMPLES.parents[1] / "docs" / "plan.schema.json"
+    assert json.loads(out) == json.loads(docs.read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize(
+    ("text", "lines"),
+    [
+        (None, ["no.toml: cannot be read (No such file or directory)"]),
+        (SCENE, ["plan.toml: candidates: missing", "plan.toml: selection: missing"]),
+        (QUICK.replace("part", "prt"), ["plan.toml: meshes[0].path: wanted a file, got 'prt.obj'"]),
+        (
+            QUICK.replace("min_pixels = 2", "min_pixels = 0\nmin_pixel = 3"),
+            ["plan.toml: task.min_pixels: wanted", "plan.toml: task.min_pixel: there is no such"],
+        ),
+        (
+            QUICK.replace("[outputs]", "groups = { lit = 1.0 }\n[outputs]"),
+            ["plan.toml: selection.groups: there is no group 'lit'; groups are lid, rest"],
+        ),
+        (
+            QUICK.replace("distances = [3.5]", "distances = [0.2]"),
+            ["plan.toml: no candidate is left (20 candidates: 20 sphere; 20 of 20"],
+        ),
+        (
+            QUICK + "folder = 3\n",
+            ["plan.toml: outputs.folder: wanted a text in quotes, got 3"],
+        ),
+        (QUICK + 'folder = "part.obj"\n', ["part.obj: a folder is wanted, but a file is in"]),
+    ],
+)
+def test_each_error_of_a_plan_is_a_line_and_nothing_is_written(capsys, text, lines):
+    if text is not None:
+        Path("plan.toml").write_text(text)
+    code, out, err = call(capsys, "place " + ("no.toml" if text is None else "plan.toml"))
+    assert (code, out) == (2, "")
+    found = err.splitlines()
+    assert len(found) == len(lines)
+    for one, line in zip(found, lines, strict=True):
+        assert one.startswith(f"error: {line}")
+    assert not list(Path().rglob("plan.json"))
+    assert not list(Path().rglob("poses.json"))
+
+
+# --- ended runs -----------------------------------------------------------------------------------
+
+
+def test_a_second_run_measures_nothing_again(capsys, monkeypatch):
+    call(capsys, "place plan.toml")
+    shards = {path: path.stat().st_mtime_ns for path in Path("plan/matrix").rglob("*.parquet")}
+    assert shards
+    Path("plan.toml").write_text(QUICK.replace("coverage = 1.0", "coverage = 0.6"))
+    call(capsys, "place plan.toml")
+    assert shards == {
+        path: path.stat().st_mtime_ns for path in Path("plan/matrix").rglob("*.parquet")
+    }
+
+
+def test_a_matrix_that_the_plan_no_longer_needs_is_removed_and_nothing_else(capsys):
+    call(capsys, "place plan.toml")
+    (old,) = Path("plan/matrix").iterdir()
+    Path("plan/matrix/notes").mkdir()
+    Path("plan.toml").write_text(QUICK.replace("count = 20", "count = 21"))
+    call(capsys, "place plan.toml")
+    names = {path.name for path in Path("plan/matrix").iterdir()}
+    assert "notes" in names
+    assert old.name not in names
+    assert len(names) == 2
+
+
+def test_an_interrupt_after_the_selection_keeps_it(capsys, monkeypatch):
+    Path("plan.toml").write_text(QUICK.replace("[outputs]", "refine = true\n[outputs]"))
+
+    def stop(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(plan_run, "refine", stop)
+    code, out, err = call(capsys, "place plan.toml")
+    assert code == 130
+    assert err.endswith("interrupted\n")
+    assert "before refinement" in out
+    told = figures()
+    assert told["interrupted"] == "refinement"
+    assert told["share"] == 1
+    assert len(read_poses("plan/poses.json")) == len(told["cameras"])
+
+
+LONG = """
+[[meshes]]
+built_in = "torus"
+[camera]
+width = 640
+height = 480
+fx = 600
+fy = 600
+[[candidates]]
+generator = "on_sphere"
+count = 900
+distances = [5]
+[selection]
+goal = "best_coverage"
+cameras = 3
+[outputs]
+page = false
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+def test_a_run_that_was_ended_goes_on_from_its_shards(number):
+    Path("long.toml").write_text(LONG)
+    words = [sys.executable, "-W", "error", "-c", ENTRY, "place", "long.toml"]
+    with subprocess.Popen(
+        words,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    ) as child:
+        while not list(Path().glob("long/matrix/*/pairs/pairs-*.parquet")):
+            assert child.poll() is None, child.stderr.read()
+            time.sleep(0.02)
+        child.send_signal(number)
+        _, err = child.communicate(timeout=120)
+    if number == signal.SIGKILL:
+        assert child.returncode == -signal.SIGKILL
+    else:
+        assert (child.returncode, err) == (130, b"interrupted\n")
+    done = {path: path.stat().st_mtime_ns for path in Path("long").rglob("pairs-*.parquet")}
+    assert not Path("long/plan.json").exists()
+    result = subprocess.run(words, capture_output=True, timeout=300, check=False)
+    assert (result.returncode, result.stderr) == (0, b"")
+    after = {path: path.stat().st_mtime_ns for path in Path("long").rglob("pairs-*.parquet")}
+    assert done.items() <= after.items()
+    assert len(after) > len(done)
+    assert len(figures("long")["cameras"]) == 3
+
+
+# --- check ----------------------------------------------------------------------------------------
+
+
+def test_a_rig_that_covers_enough_passes(capsys):
+    code, out, err = call(capsys, "check plan.toml -p rig.json")
+    assert (code, err) == (0, "")
+    assert out == "holds: all: 100.0 % covered, 100.0 % wanted\n"
+
+
+@pytest.mark.parametrize("n_gone", [1, 2, 6])
+def test_a_rig_that_lost_cameras_fails_by_as_much_as_they_covered(capsys, n_gone):
+    write_poses("rig.json", axis_poses()[n_gone:])
+    code, out, _ = call(capsys, "check plan.toml -p rig.json --min-coverage 0.95 --json")
+    told = json.loads(out)
+    assert code == 1
+    (found,) = told["requirements"]
+    assert found["status"] == "fails"
+    assert found["share"] == pytest.approx(1 - n_gone / 6)
+    assert found["short_by"] == pytest.approx(0.95 - 1 + n_gone / 6)
+    assert found["uncovered"] == 2 * n_gone
+    assert found["reasons"]
+    text = call(capsys, "check plan.toml -p rig.json --min-coverage 0.95")[1]
+    assert f"{2 * n_gone} faces uncovered" in text
+    assert ("back facing" if n_gone < 6 else "no cameras") in text
+    share = 1 - n_gone / 6
+    assert call(capsys, f"check plan.toml -p rig.json --min-coverage {share}")[0] == 0
+
+
+def test_views_and_groups_of_the_command_take_the_place_of_those_of_the_plan(capsys):
+    line = "check plan.toml -p rig.json --min-coverage 0"
+    assert call(capsys, line + " --views 2")[0] == 0
+    code, out, _ = call(capsys, line + " --views 2 --group lid=0.5 --group rest=0.0")
+    assert code == 1
+    assert "holds: all: 0.0 % covered, 0.0 % wanted" in out
+    assert "fails: group lid: 0.0 % covered, 50.0 % wanted: 50.0 points short, 2 faces" in out
+    assert "holds: group rest" in out
+    assert "group lid: 2 faces uncovered: 2 too few views" in out
+    told = json.loads(call(capsys, line + " --views 2 --json")[1])
+    assert told["views"] == told["network"]["required_views"] == 2
+    write_poses("rig.json", np.concatenate((axis_poses(), axis_poses())))
+    assert call(capsys, line + " --views 2 --group lid=1")[0] == 0
+    Path("plan.toml").write_text(QUICK.replace("[[cand", "views = { lid = 3 }\n[[cand", 1))
+    code, out, _ = call(capsys, line + " --group lid=1 --group rest=1")
+    assert code == 1
+    assert "fails: group lid" in out
+    assert "holds: group rest" in out
+
+
+def test_a_limit_within_the_bound_is_said_to_be_undecided(capsys):
+    text = QUICK.replace("min_pixels = 2", 'min_pixels = 2\nmethod = "sampled"')
+    Path("plan.toml").write_text(text)
+    code, out, _ = call(capsys, "check plan.toml -p rig.json --min-coverage 0.9")
+    assert code == 0
+    # At 96 x 72 a sixth of the samples of a face may be wrong, and so may a limit of 0.99.
+    Path("plan.toml").write_text(text.replace("[[cand", "min_coverage = 0.99\n[[cand", 1))
+    code, out, _ = call(capsys, "check plan.toml -p rig.json --min-coverage 0.9 --junit j.xml")
+    assert code == 1
+    assert out.startswith("undecided: all: 100.0 % covered, 90.0 % wanted: not decided, the bound")
+    assert "0.0 % to 100.0 %" in out
+    told = json.loads(call(capsys, "check plan.toml -p rig.json --min-coverage 0.9 --json")[1])
+    assert {(group["low"], group["high"]) for group in told["groups"]} == {(0, 1)}
+    (failure,) = ElementTree.parse("j.xml").iter("failure")
+    assert failure.get("type") == "undecided"
+
+
+def test_junit_has_a_test_case_for_each_requirement(capsys):
+    write_poses("rig.json", axis_poses()[:5])
+    line = "check plan.toml -p rig.json --min-coverage 0.9 --group lid=0.0 --group rest=0.5"
+    assert call(capsys, line + " --junit out.xml")[0] == 1
+    suites = ElementTree.parse("out.xml").getroot()
+    (suite,) = suites
+    assert (suites.tag, suite.tag) == ("testsuites", "testsuite")
+    for element in (suites, suite):
+        assert (element.get("tests"), element.get("failures"), element.get("errors")) == (
+            "3",
+            "1",
+            "0",
+        )
+    cases = {case.get("name"): case for case in suite}
+    assert list(cases) == ["coverage of all", "coverage of lid", "coverage of rest"]
+    assert [case.find("failure") is not None for case in cases.values()] == [True, False, False]
+    failure = cases["coverage of all"].find("failure")
+    assert "6.7 points short" in failure.get("message")
+    assert "faces uncovered: 2 back facing" in failure.text
+    assert all(case.get("classname") == "rastercov.plan" for case in cases.values())
+
+
+def test_junit_holds_names_that_xml_has_no_way_to_write(capsys):
+    text = Path("part.obj").read_text().replace("g lid", "g <\x01lid>&\"'")
+    Path("part.obj").write_text(text)
+    code, _, err = call(capsys, "check plan.toml -p rig.json --min-coverage 1 --junit out.xml")
+    assert (code, err) == (0, "")
+    assert ElementTree.parse("out.xml").getroot().get("failures") == "0"
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("check no.toml -p rig.json", "no.toml: cannot be read"),
+        ("check plan.toml -p no.json", "no.json: cannot be read"),
+        ("check plan.toml", "Missing option"),
+        ("check plan.toml -p rig.json --min-coverage 2", "--min-coverage"),
+        ("check plan.toml -p rig.json --views 0", "--views"),
+        ("check plan.toml -p rig.json --group lid", "--group wants NAME=SHARE"),
+        ("check plan.toml -p rig.json --group lid=2", "--group wants NAME=SHARE"),
+        ("check plan.toml -p rig.json --group lid=nan", "--group wants NAME=SHARE"),
+        ("check plan.toml -p rig.json --group led=1", "there is no group 'led'"),
+        ("check plan.toml -p rig.json --junit no/j.xml", "its folder does not exist"),
+    ],
+)
+def test_each_bad_check_gets_one_line(capsys, line, words):
+    code, out, err = call(capsys, line)
+    assert (code, out) == (2, "")
+    assert err.startswith("error: ")
+    assert err.count("\n") == 1
+    assert words in err
+
+
+def test_a_plan_that_asks_for_nothing_needs_a_limit(capsys):
+    Path("plan.toml").write_text(SCENE)
+    code, _, err = call(capsys, "check plan.toml -p rig.json")
+    assert code == 2
+    assert "give --min-coverage" in err
+    assert call(capsys, "check plan.toml -p rig.json --min-coverage 1")[0] == 0
+
+
+# --- the examples ---------------------------------------------------------------------------------
+
+
+def test_every_example_plan_is_tried_here():
+    assert {path.name for path in EXAMPLES.glob("*.toml")} == {
+        "audit_rig.toml",
+        "inspect_part.toml",
+        "watch_room.toml",
+    }
+
+
+def test_the_part_is_seen_from_all_sides(capsys):
+    code, out, _ = call(capsys, f"place {EXAMPLES / 'inspect_part.toml'} --out part")
+    told = figures("part")
+    assert code == 0
+    assert told["met"]
+    assert told["requirements"][0]["share"] >= 0.98
+    assert told["candidates"]["dropped"]["kept_out"]["table"] > 0
+    assert told["tolerance"]["together"]["worst"] <= told["share"] + 1e-9
+    assert Path("part/page.html").exists()
+    eyes = read_poses("part/poses.json")[:, :3, 3]
+    assert (eyes[:, 2] > -0.02).all()
+    assert "nan" not in out.lower()
+
+
+def test_the_room_is_watched_from_its_walls_and_ceiling(capsys):
+    code, _, _ = call(capsys, f"place {EXAMPLES / 'watch_room.toml'} --out room")
+    told = figures("room")
+    assert code == 0
+    assert len(told["cameras"]) <= 6
+    assert told["selection"]["cost"] <= 7
+    assert told["share"] >= told["selection"]["share"]
+    for x, y, z in read_poses("room/poses.json")[:, :3, 3]:
+        assert abs(abs(x) - 2.9) < 1e-9 or abs(abs(y) - 2.4) < 1e-9 or abs(z - 2.7) < 1e-9
+        assert not (x >= 2 and abs(y) <= 0.6)  # over the door
+
+
+def test_the_rig_is_audited(capsys):
+    plan, rig = EXAMPLES / "audit_rig.toml", EXAMPLES / "rig.json"
+    assert call(capsys, f"check {plan} -p {rig}")[0] == 0
+    code, out, _ = call(capsys, f"check {plan} -p {rig} --views 2")
+    assert code == 1
+    # What docs/plan.md shows.
+    page = (EXAMPLES.parents[1] / "docs" / "plan.md").read_text(encoding="utf-8")
+    shown = re.search(r"--views 2\n(fails.*?)\$ echo", page, re.DOTALL)
+    assert out == shown.group(1)
+    code, _, _ = call(capsys, f"place {plan} --out audit")
+    told = figures("audit")
+    assert code == 0
+    assert len(told["cameras"]) < len(read_poses(rig))
+
+
+@pytest.mark.slow
+def test_a_machined_part_is_placed_around(capsys):
+    path = MESHES / "featuretype.STL"
+    if not path.exists():
+        pytest.skip(f"needs {path.name} in a folder shared/meshes beside the project")
+    Path("part.toml").write_text(
+        f'[[meshes]]\npath = "{os.fspath(path)}"\nunit = "in"\n'
+        '[camera]\npreset = "icube-ns4133bu-8mm"\n[task]\nmin_pixels = 4\n'
+        '[[candidates]]\ngenerator = "per_segment"\nstand_off = [0.2, 0.5]\n'
+        '[selection]\ngoal = "best_coverage"\ncameras = 8\n'
+    )
+    code, _, _ = call(capsys, "place part.toml")
+    assert code == 0
+    assert figures("part")["share"] > 0.5

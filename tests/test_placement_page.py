@@ -1,0 +1,433 @@
+"""The page of a placement: nothing from outside, every figure told, pictures that show it."""
+
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from PIL import Image
+from scenes import joined
+
+import rastercov as rc
+from rastercov import shapes
+from rastercov.canvas import DARK, LIGHT, LinearAxis
+from rastercov.coverage import Task, evaluate_batches
+from rastercov.errors import ConfigError
+from rastercov.mesh import Group, Mesh
+from rastercov.network import Network
+from rastercov.placement import page as page_module
+from rastercov.placement import pictures, plots
+from rastercov.placement.candidates import Candidates, per_segment
+from rastercov.placement.cavities import openings
+from rastercov.placement.clearance import KeepOutBox, kept
+from rastercov.placement.framing import Framing
+from rastercov.placement.leftover import what_is_left
+from rastercov.placement.matrix import build_matrix
+from rastercov.placement.mounting import on_sphere
+from rastercov.placement.objective import Objective
+from rastercov.placement.page import PlanReport, page, write_page
+from rastercov.placement.panorama import DIRECTIONS, look, paint, telling_directions
+from rastercov.placement.problem import BestCoverage, FewestCameras, problem_of
+from rastercov.placement.segments import segment
+from rastercov.placement.select_greedy import select_greedy
+from rastercov.placement.tolerance import InstallationError, tolerance
+
+CAMERA = rc.Camera(width=320, height=240, fx=300, fy=300, cx=160, cy=120)
+TASK = Task(min_pixels=20)
+FRAMING = Framing(stand_off=(3.0, 9.0))
+VOID = {"meta", "img", "br", "source"}
+
+
+def part():
+    """A table that only hides, with a ball over it; the ball's name needs escaping."""
+    ball, table = shapes.sphere(2, 0.5), shapes.box((2, 2, 0.2), 1, (0, 0, -0.8))
+    whole = joined(ball, table)
+    groups = (Group("ball <b> & co"), Group("table", is_occluder=True))
+    return Mesh(whole.vertices, whole.faces, groups, np.repeat([0, 1], [ball.n_faces, 12]))
+
+
+def network_of(mesh, poses, task=TASK):
+    network = Network(mesh, task)
+    with rc.open_observer(mesh, CAMERA) as observer:
+        for batch in evaluate_batches(observer, poses, task):
+            network.add(batch)
+    return network
+
+
+@pytest.fixture(scope="module")
+def report():
+    """Everything that a page may tell."""
+    mesh = part()
+    segments = segment(mesh, 25, 40)
+    made = per_segment(mesh, CAMERA, FRAMING, segmentation=segments)
+    made += on_sphere(mesh, CAMERA, FRAMING, count=12)
+    candidates, dropped = kept(made, mesh, 0.1, [KeepOutBox((-9, -9, -9), (9, 9, -1), "floor")])
+    matrix = build_matrix((mesh, CAMERA), candidates.poses, TASK)
+    goal = BestCoverage(cameras=2)
+    selection = select_greedy(problem_of(matrix, mesh, goal))
+    poses = candidates.poses[selection.chosen]
+    left = what_is_left((mesh, CAMERA), poses, matrix=matrix)
+    with rc.open_observer(mesh, CAMERA) as observer:
+        shaken = tolerance(
+            Objective.of(observer, TASK), poses, InstallationError(position_mm=50), draws=4
+        )
+    return PlanReport(
+        mesh=mesh, camera=CAMERA, network=network_of(mesh, poses), poses=poses,
+        selection=selection, goal=goal, candidates=candidates, dropped=dropped,
+        segmentation=segments, leftover=left, tolerance=shaken,
+        openings=openings(mesh, CAMERA, FRAMING, faces=np.flatnonzero(left.left)[:4],
+                          keep_out=[KeepOutBox((-9, -9, -9), (9, 9, 9), "everything")]),
+        made_with={"versions": {"numpy": "1.2.3"}, "mesh": [{"name": "ball.ply"}]},
+        notes=["a <note> for the top"],
+    )  # fmt: skip
+
+
+class Checked(HTMLParser):
+    """Tags that are closed in order, and what they ask for."""
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.words, self.sources, self.tags = [], [], [], set()
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.add(tag)
+        self.sources += [value for name, value in attrs if name in ("src", "href", "srcset")]
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if not self.open or self.open[-1] != "style":
+            self.words.append(data)
+
+
+def checked(html):
+    parser = Checked()
+    parser.feed(html)
+    parser.close()
+    assert parser.open == []
+    return parser
+
+
+@pytest.fixture(scope="module")
+def whole(report):
+    return page(report)
+
+
+def test_the_page_is_well_formed_and_asks_for_nothing_from_outside(whole):
+    parser = checked(whole)
+    assert parser.sources
+    assert all(source.startswith("data:image/png;base64,") for source in parser.sources)
+    assert not parser.tags & {"script", "link", "iframe", "object"}
+    assert "http" not in re.sub(r"base64,[^\"]*", "", whole)
+    assert not re.search(r"url\(|@import", whole)
+
+
+def test_every_figure_that_counts_is_told(whole, report):
+    words = " ".join(checked(whole).words)
+    told, left = report.network.summary(), report.leftover.summary()
+    for figure in (
+        f"2 cameras cover {told['covered']['area_percent']:.1f} % of the area",
+        f"{told['covered']['faces']:,} of {told['task_faces']:,} faces",
+        f"{100 * report.selection.bound:.1f} %",
+        f"{100 * report.tolerance.together.worst:.1f} %",
+        f"{left['left']['faces']:,}",
+        "in keep-out floor",
+        f"{report.dropped.summary()['kept_out']['floor']}",
+        "ball <b> & co",
+        "a <note> for the top",
+        "1.2.3",
+        "ball.ply",
+        report.openings.words(0),
+        f"{told['largest_visibility_bound']:.2g}",
+    ):
+        assert figure in words, figure
+    assert "table" not in [line.strip() for line in words.split("  ")][:5]
+
+
+def test_what_is_written_by_others_is_escaped(whole):
+    assert "<note>" not in whole
+    assert "ball <b>" not in whole
+
+
+@pytest.mark.parametrize(
+    ("missing", "heading"),
+    [
+        ({"selection": None, "goal": None}, "Selection"),
+        ({"candidates": None, "dropped": None}, "Candidates"),
+        ({"segmentation": None}, "Segments"),
+        ({"leftover": None}, "What is left"),
+        ({"openings": None}, "Cavities"),
+        ({"tolerance": None}, "Tolerance"),
+        ({"made_with": {}}, "How it was made"),
+    ],
+)
+def test_what_is_not_known_has_no_section(report, whole, monkeypatch, missing, heading):
+    monkeypatch.setattr(page_module, "_drawn", lambda report, progress: {})
+    heading = f">{heading}</h"
+    assert heading in whole
+    assert heading not in page(replace(report, **missing))
+
+
+def test_a_network_alone_has_a_page(report):
+    bare = PlanReport(mesh=report.mesh, camera=CAMERA, network=report.network, poses=report.poses)
+    parser = checked(page(bare))
+    assert len(parser.sources) == 2 + 2 * 2  # two pictures, two plots for light and dark
+
+
+def test_a_network_without_cameras_has_a_page():
+    mesh, poses = shapes.box(), np.zeros((0, 4, 4))
+    left = what_is_left((mesh, CAMERA), poses)
+    bare = PlanReport(
+        mesh=mesh, camera=CAMERA, network=network_of(mesh, poses), poses=poses, leftover=left
+    )
+    words = " ".join(checked(page(bare)).words)
+    assert "0 cameras cover 0.0 % of the area" in words
+    assert "have no camera" in words
+
+
+def test_poses_names_and_network_must_agree(report):
+    with pytest.raises(ConfigError, match="the network has 2 cameras, got 1 poses"):
+        replace(report, poses=report.poses[:1])
+    with pytest.raises(ConfigError, match="camera_names must be 2 words"):
+        replace(report, camera_names=["one"])
+
+
+def test_each_camera_tells_where_it_comes_from(report):
+    chosen = report.candidates.take(report.selection.chosen)
+    for origin, source, index in zip(report.origins, chosen.source, chosen.index, strict=True):
+        assert origin == (f"{source} {index}" if index >= 0 else source)
+    assert replace(report, sources=["wall", "roof"]).origins == ["wall", "roof"]
+    assert replace(report, candidates=None).origins == ["", ""]
+
+
+def test_the_file_is_whole_or_what_was_there_before(report, tmp_path, monkeypatch):
+    path = tmp_path / "plan.html"
+    calls = []
+    assert write_page(path, report, lambda done, total: calls.append((done, total))) == path
+    before = path.read_text(encoding="utf-8")
+    assert before.endswith("</html>\n")
+    assert calls[-1] == (7, 7)
+
+    def fail(*arguments):
+        raise OSError("no more ink")
+
+    monkeypatch.setattr(pictures, "network_picture", fail)
+    with pytest.raises(OSError, match="ink"):
+        write_page(path, report)
+    assert path.read_text(encoding="utf-8") == before
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def pixels_of(image):
+    return np.asarray(image.convert("RGB")).astype(int)
+
+
+def share_of_hue(pixels, colour):
+    """Part of the pixels that are some shade of a colour."""
+    colour = np.asarray(colour, float)
+    norm = np.linalg.norm(pixels, axis=2) * np.linalg.norm(colour)
+    cosine = (pixels @ colour) / np.maximum(norm, 1)
+    bright = pixels.sum(axis=2) / colour.sum()
+    return float(((cosine > 0.997) & (bright > 0.5) & (bright < 1.1)).mean())
+
+
+def test_faces_that_are_left_have_the_colour_of_their_reason(report):
+    mesh = report.mesh
+    nothing = what_is_left((mesh, CAMERA), report.poses[:0])
+    image = pixels_of(pictures.leftover_picture(nothing))
+    assert share_of_hue(image, pictures.REASONS["no_cameras"]) > 0.1
+    behind = what_is_left((mesh, CAMERA), rc.look_at([0, 0, 4.0], [0, 0, 9.0]))
+    image = pixels_of(pictures.leftover_picture(behind))
+    assert share_of_hue(image, pictures.REASONS["outside"]) > 0.03
+    assert share_of_hue(image, pictures.REASONS["back_facing"]) > 0.03
+
+
+def test_every_reason_has_a_colour_and_words_and_colours_differ():
+    colours = np.array(list(pictures.REASONS.values()))
+    assert pictures.REASONS.keys() == pictures.WORDS.keys()
+    apart = np.abs(colours[:, None] - colours[None]).max(axis=2) + 999 * np.eye(len(colours))
+    assert apart.min() > 30
+
+
+def test_a_face_hidden_from_both_sides_shows_through(report):
+    inside = shapes.box((0.6, 0.6, 0.6))
+    shell = shapes.box((1, 1, 1))
+    whole = joined(inside, shell)
+    mesh = Mesh(whole.vertices, whole.faces, (Group("core"), Group("shell")),
+                np.repeat([0, 1], [12, 12]))  # fmt: skip
+    eyes = 5 * np.array([(1, -1.5, 1), (-1, 1.5, -1), (-2, -1, 1), (1, 2, 1)])
+    left = what_is_left((mesh, CAMERA), rc.look_at(eyes, [0, 0, 0]))
+    assert left.left[:12].all()
+    assert not left.left[12:].any()
+    image = pixels_of(pictures.leftover_picture(left))
+    red = (image[..., 0] > image[..., 1] + 40) & (image[..., 0] > image[..., 2] + 40)
+    assert red[60:600].mean() > 0.02
+
+
+def test_segments_have_colours_of_their_own():
+    mesh = shapes.box(n=2)
+    one = pixels_of(pictures.segments_picture(mesh, segment(mesh, 10, None)))
+    middle = one[60:-10]
+    shades = {tuple(pixel) for pixel in middle.reshape(-1, 3)[::7].tolist()}
+    # Three sides in each picture; flat sides have one shade within some rounding.
+    tones = np.array(sorted(shades))
+    counted = [share_of_hue(middle, tone) for tone in pictures.index_colours(np.arange(6))]
+    assert len(tones) > 6
+    assert all(share > 0.01 for share in counted)
+    with pytest.raises(ConfigError, match="segment this mesh"):
+        pictures.segments_picture(shapes.box(), segment(mesh, 10, None))
+
+
+def test_each_camera_is_drawn_in_its_colour_inside_the_picture(report):
+    image = pixels_of(
+        pictures.network_picture(report.mesh, CAMERA, report.poses, report.network.best_pose)
+    )
+    bare = pixels_of(pictures.network_picture(report.mesh, CAMERA, report.poses[:0]))
+    for colour in pictures.camera_colours(2):
+        assert share_of_hue(image[60:], colour) > share_of_hue(bare[60:], colour) + 0.001
+    for direction in DIRECTIONS[:2]:
+        eyes = report.poses[:, :3, 3]
+        scene = look(report.mesh, direction, eyes)
+        u, v = pictures.place_in_image(scene, eyes).T
+        assert ((u > 0) & (u < scene.camera.width) & (v > 0) & (v < scene.camera.height)).all()
+
+
+def test_colours_of_cameras_are_told_apart():
+    colours = pictures.camera_colours(40).astype(int)
+    assert len({tuple(colour) for colour in colours.tolist()}) == 40
+    first = colours[:12]
+    apart = np.abs(first[:, None] - first[None]).sum(axis=2) + 999 * np.eye(12)
+    assert apart.min() > 50
+
+
+@pytest.mark.parametrize("direction", DIRECTIONS.tolist())
+def test_all_of_the_mesh_is_in_the_picture_from_everywhere(direction):
+    mesh = Mesh(vertices=shapes.aeroplane().vertices * 1e-3 + 100, faces=shapes.aeroplane().faces)
+    scene = look(mesh, direction)
+    u, v = pictures.place_in_image(scene, mesh.vertices).T
+    width, height = scene.camera.width, scene.camera.height
+    assert u.min() >= 0
+    assert u.max() <= width
+    assert v.min() >= 0
+    assert v.max() <= height
+    assert max(np.ptp(u) / width, np.ptp(v) / height) > 0.85
+
+
+def test_one_looks_into_a_room_through_its_walls_and_not_into_a_box():
+    room, box = shapes.room(4), shapes.box()
+    for direction in DIRECTIONS:
+        seen = np.unique(look(room, direction).buffer.face)
+        seen = seen[seen >= 0]
+        ray = look(room, direction).pose[:3, 3] - room.centroids[seen]
+        assert (np.einsum("fi,fi->f", room.normals[seen], ray) > 0).all()
+        assert len(look(box, direction).rows) == box.n_faces
+    names = {room.groups[row].name for row in room.face_group[seen]}
+    assert names == {"room", "crates"}
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_one_looks_from_where_the_faces_in_question_are_seen(axis, sign):
+    mesh = shapes.box()
+    faces = mesh.normals[:, axis] * sign > 0.9
+    towards = telling_directions(mesh, faces)[0]
+    assert towards[axis] * sign > 0
+    buffer = look(mesh, towards).buffer
+    assert faces[np.unique(buffer.face[buffer.face >= 0])].any()
+
+
+def test_paint_gives_a_face_its_colour_lit_by_the_eye():
+    mesh = shapes.box()
+    colours = np.tile(np.array([[200, 100, 50]], np.uint8), (12, 1))
+    scene = look(mesh, (1, -1.5, 1))
+    lit = paint(scene, colours)[scene.buffer.face >= 0].astype(float)
+    share = lit / [200, 100, 50]
+    assert share.max() <= 1.01
+    assert np.median(share) > 0.6
+
+
+@pytest.mark.parametrize("theme", [LIGHT, DARK])
+def test_bars_are_as_long_as_their_shares(theme):
+    mesh = shapes.room(4)
+    network = network_of(mesh, rc.look_at([[2.5, 2, 2.5]], [0, 0, 0.5]))
+    image = plots.group_bars(network, theme)
+    colour = [int(theme.series[0][i : i + 2], 16) for i in (1, 3, 5)]
+    ground = [int(theme.grid[i : i + 2], 16) for i in (1, 3, 5)]
+    close = [np.abs(pixels_of(image) - c).max(axis=2) < 4 for c in (colour, ground)]
+    bar, rest = (mask.sum(axis=1) for mask in close)
+    drawn = sorted(set(np.round((bar / np.maximum(bar + rest, 1))[bar > 0], 2)))
+    shares = sorted(group["covered"]["area_percent"] / 100 for group in network.summary()["groups"])
+    assert shares[0] > 0.02
+    assert drawn[0] == pytest.approx(shares[0], abs=0.02)
+    assert drawn[-1] == pytest.approx(shares[-1], abs=0.02)
+
+
+def test_views_of_faces_make_up_the_whole_area():
+    mesh = shapes.sphere(2)
+    poses = rc.look_at([[4, 0, 0], [0, 4, 0], [0, 0, 4.0]], [0, 0, 0])
+    network = network_of(mesh, poses)
+    seen = []
+    bars = plots._bars
+    try:
+        plots._bars = lambda title, rows, *rest: seen.extend(rows) or bars(title, rows, *rest)
+        plots.overlap_histogram(network, LIGHT)
+    finally:
+        plots._bars = bars
+    assert sum(share for _, share, _ in seen) == pytest.approx(1)
+    assert seen[0][0] == "0 cameras"
+    areas = mesh.areas
+    assert seen[1][1] == pytest.approx(areas[network.views == 1].sum() / areas.sum())
+
+
+@pytest.mark.parametrize("goal", [BestCoverage(cameras=3), FewestCameras(0.9, of_reachable=True)])
+def test_the_curve_is_drawn_for_either_goal(report, goal):
+    matrix = build_matrix((report.mesh, CAMERA), report.candidates.poses, TASK)
+    found = select_greedy(problem_of(matrix, report.mesh, goal))
+    image = plots.coverage_curve(found, goal, LIGHT)
+    assert isinstance(image, Image.Image)
+    colour = [int(LIGHT.series[0][i : i + 2], 16) for i in (1, 3, 5)]
+    is_line = np.abs(pixels_of(image) - colour).max(axis=2) < 12
+    rows = np.flatnonzero(is_line[150:].any(axis=1))
+    assert np.ptp(rows) > 0.8 * found.share * 500  # it rises as far as the share
+
+
+def test_an_empty_selection_has_a_curve(report):
+    matrix = build_matrix((report.mesh, CAMERA), report.candidates.poses, TASK)
+    goal = BestCoverage(cameras=0)
+    plots.coverage_curve(select_greedy(problem_of(matrix, report.mesh, goal)), goal, LIGHT)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "whole"), [(0, 1.04, False), (0, 1, True), (0, 7, True), (0, 250, True)]
+)
+def test_ticks_of_an_even_axis_are_even_and_within_it(low, high, whole):
+    values = [value for value, _ in LinearAxis("n", low, high, is_whole=whole).ticks()]
+    steps = np.diff(values)
+    assert values[0] == low
+    assert 2 <= len(values) <= 12
+    assert steps == pytest.approx(steps[0])
+    assert values[-1] <= high * (1 + 1e-9)
+    if whole:
+        assert all(float(value).is_integer() for value in values)
+
+
+def test_coverage_is_red_where_it_is_nothing():
+    mesh = shapes.box()
+    nothing = pixels_of(pictures.coverage_picture(mesh, np.zeros(12)))[60:600]
+    full = pixels_of(pictures.coverage_picture(mesh, np.ones(12)))[60:600]
+    assert share_of_hue(nothing, (232, 33, 45)) > 0.2
+    assert share_of_hue(full, (232, 33, 45)) == 0
+    assert share_of_hue(full, (253, 231, 37)) > 0.2
+    with pytest.raises(ConfigError, match="shape"):
+        pictures.coverage_picture(mesh, np.zeros(3))
+
+
+def test_candidates_of_one_source_count_as_such(report):
+    counts = Candidates.of(np.tile(np.eye(4), (3, 1, 1)), "x").counts()
+    assert counts == {"x": 3}
+    words = " ".join(checked(page(replace(report, dropped=None))).words)
+    assert "sphere" in words
