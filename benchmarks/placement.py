@@ -7,7 +7,7 @@ the walls of the room), and poses at random. `kills` builds a matrix under `kill
 """
 
 import json
-import resource
+import os
 import statistics
 import subprocess
 import sys
@@ -24,7 +24,7 @@ import rastercov as rc
 from rastercov import shapes
 from rastercov.placement.candidates import per_segment
 from rastercov.placement.framing import Framing
-from rastercov.placement.matrix import VisibilityMatrix, build_matrix
+from rastercov.placement.matrix import build_matrix
 from rastercov.placement.mounting import on_ceiling, on_sphere, on_walls
 from rastercov.placement.objective import Objective
 from rastercov.placement.optimise import optimise
@@ -52,7 +52,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=60.0, help="for each integer program")
     parser.add_argument("--poses", type=int, default=1500, help="poses each method may measure")
     parser.add_argument("--seeds", type=int, default=3, help="of each method")
-    parser.add_argument("--side", type=int, default=10_000, help="poses of the large matrix")
+    parser.add_argument("--count", type=int, default=10_000, help="candidates of the large plan")
     args = parser.parse_args()
     report = Report()
     compile_loops()
@@ -60,7 +60,7 @@ def main() -> None:
         if part == "methods":
             methods(report, args.poses, args.seeds)
         elif part == "large":
-            large(report, args.side)
+            large(report, args.count)
         elif part == "best":
             best_coverage(report, args.seconds)
         elif part == "kills":
@@ -254,45 +254,51 @@ def best_coverage(report: Report, seconds: float) -> None:
         report.add(f"k = {k}: the thesis' rule covers", 100 * thesis.objective, "% of the area")
 
 
-def large(report: Report, side: int) -> None:
-    """10,000 candidates x 10,000 faces in a process of its own, for its peak of memory."""
-    code = "import placement, sys; placement.large_alone(int(sys.argv[1]))"
-    done = subprocess.run(
-        [sys.executable, "-c", code, str(side)], cwd=Path(__file__).parent, check=True,
-        capture_output=True, text=True,
-    )  # fmt: skip
-    figures = json.loads(done.stdout.splitlines()[-1])
-    name = f"{side} candidates x {figures['faces']} faces"
-    report.check(f"{name}: coverage lies below its bound", figures["share"] <= figures["bound"])
-    for what, unit in (("pairs", "pairs"), ("matrix", "s"), ("selection", "s"), ("disk", "MiB")):
-        report.add(f"{name}: {what}", figures[what], unit)
-    report.add(f"{name}: 20 cameras cover", 100 * figures["share"], "% of the area")
-    report.add(f"{name}: gap", 100 * figures["gap"], "%")
-    report.add(f"{name}: all of it", figures["all"], "s", 300, at_most=True)
-    report.add(f"{name}: peak memory", figures["peak"], "MiB", 1024, at_most=True)
+LARGE = """
+[[meshes]]
+built_in = "torus"
+[camera]
+width = 256
+height = 256
+fx = 300
+fy = 300
+[task]
+views = 4
+max_incidence_deg = 60
+[[candidates]]
+generator = "on_sphere"
+count = {count}
+distances = [4.2]
+[selection]
+goal = "best_coverage"
+cameras = 20
+"""
 
 
-def large_alone(side: int) -> None:
-    """What `large` measures, as a line of JSON."""
-    mesh, camera = shapes.torus(), rc.Camera(width=256, height=256, fx=300, fy=300)
-    poses = rc.sphere_of_poses((0, 0, 0), 4.2, side)
+def large(report: Report, count: int) -> None:
+    """10,000 candidates x 10,000 faces, from the plan file to the page: `rastercov place`."""
     with tempfile.TemporaryDirectory() as folder:
+        Path(folder, "plan.toml").write_text(LARGE.format(count=count), encoding="utf-8")
+        command = [sys.executable, "-m", "rastercov", "place", "plan.toml"]
         started = time.perf_counter()
-        matrix: VisibilityMatrix = build_matrix((mesh, camera), poses, rc.Task(), folder)
-        built = time.perf_counter()
+        process = subprocess.Popen(command, cwd=folder, stdout=subprocess.DEVNULL)
+        _, status, usage = os.wait4(process.pid, 0)
+        seconds = time.perf_counter() - started
+        process.returncode = os.waitstatus_to_exitcode(status)
+        report.check("large plan: the command succeeds", process.returncode == 0)
+        found = json.loads(Path(folder, "plan", "plan.json").read_text(encoding="utf-8"))
         disk = sum(path.stat().st_size for path in Path(folder).rglob("*") if path.is_file())
-        problem = problem_of(matrix, mesh, BestCoverage(20), views=4)
-        pairs = len(matrix.face)
-        del matrix
-        selection = select_greedy(problem)
-    ended = time.perf_counter()
-    figures = {
-        "faces": mesh.n_faces, "pairs": pairs, "disk": disk / 2**20, "matrix": built - started,
-        "selection": ended - built, "all": ended - started, "share": selection.share,
-        "bound": selection.bound, "gap": selection.gap,
-        "peak": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
-    }  # fmt: skip
-    print(json.dumps(figures))
+    name = f"{count} candidates x {found['network']['faces']} faces"
+    selection = found["selection"]
+    report.check(f"{name}: coverage lies below its bound", selection["share"] <= selection["bound"])
+    report.add(f"{name}: pairs", found["matrix"]["pairs"], "pairs")
+    for step, took in found["seconds"]["steps"].items():
+        report.add(f"{name}: {step}", took, "s")
+    report.add(f"{name}: disk", disk / 2**20, "MiB")
+    report.add(f"{name}: 20 cameras cover", 100 * selection["share"], "% of the area")
+    report.add(f"{name}: gap", 100 * selection["gap"], "%")
+    report.add(f"{name}: all of it", seconds, "s", 300, at_most=True)
+    report.add(f"{name}: peak memory", usage.ru_maxrss / 1024, "MiB", 1024, at_most=True)
 
 
 def kills(report: Report) -> None:

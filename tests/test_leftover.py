@@ -179,13 +179,10 @@ def test_the_bounds_hold_what_candidates_see_and_those_left_out_see_nothing(seed
     assert (exact[left][found.sight[left] == Sight.NONE] <= 1e-6).all()
 
 
-def test_a_matrix_stands_for_its_poses_and_its_task():
+def test_candidates_are_counted_as_in_a_matrix_of_them():
     mesh, poses, task = shapes.torus(10, 7), around(12, 3, 4.0), Task(min_pixels=40)
     matrix = build_matrix((mesh, CAMERA), poses, task)
-    one = what_is_left((mesh, CAMERA), poses[:1], matrix=matrix)
-    other = what_is_left((mesh, CAMERA), poses[:1], task, candidates=poses)
-    assert one.task == task
-    assert one.summary() == other.summary()
+    one = what_is_left((mesh, CAMERA), poses[:1], task, candidates=poses)
     counts = np.bincount(matrix.face[matrix.covered], minlength=mesh.n_faces)
     assert (one.n_covering[one.left] == counts[one.left]).all()
 
@@ -248,24 +245,15 @@ def test_all_covered_is_told_in_one_line():
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("covered", "words"),
     [
-        (lambda m: {"candidates": m.poses, "matrix": m}, "not both"),
-        (lambda m: {"covered": [True]}, "mask of 12 faces"),
-        (lambda m: {"covered": np.ones(12)}, "float64"),
+        ([True], "mask of 12 faces"),
+        (np.ones(12), "float64"),
     ],
 )
-def test_arguments_that_contradict_are_refused(arguments, words):
-    mesh = shapes.box()
-    matrix = build_matrix((mesh, CAMERA), around(2, 0))
+def test_a_mask_of_another_mesh_is_refused(covered, words):
     with pytest.raises(ConfigError, match=words):
-        what_is_left((mesh, CAMERA), around(1, 0), **arguments(matrix))
-
-
-def test_a_matrix_of_another_mesh_is_refused():
-    matrix = build_matrix((shapes.box(n=2), CAMERA), around(2, 0))
-    with pytest.raises(ConfigError, match="48 faces"):
-        what_is_left((shapes.box(), CAMERA), around(1, 0), matrix=matrix)
+        what_is_left((shapes.box(), CAMERA), around(1, 0), covered=covered)
 
 
 def test_progress_ends_at_the_end():

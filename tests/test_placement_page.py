@@ -67,7 +67,7 @@ def report():
     goal = BestCoverage(cameras=2)
     selection = select_greedy(problem_of(matrix, mesh, goal))
     poses = candidates.poses[selection.chosen]
-    left = what_is_left((mesh, CAMERA), poses, matrix=matrix)
+    left = what_is_left((mesh, CAMERA), poses, TASK, candidates=candidates.poses)
     with rc.open_observer(mesh, CAMERA) as observer:
         shaken = tolerance(
             Objective.of(observer, TASK), poses, InstallationError(position_mm=50), draws=4

@@ -22,7 +22,6 @@ from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.mesh_arrays import frozen
 from rastercov.network import Network, share_of_faces
-from rastercov.placement.matrix import VisibilityMatrix
 from rastercov.placement.occluders import in_front
 from rastercov.placement.sight import Sight, Sights, batches_in_view
 from rastercov.pose import valid_poses
@@ -189,7 +188,6 @@ def what_is_left(
     task: Task | None = None,
     *,
     candidates: ArrayLike | None = None,
-    matrix: VisibilityMatrix | None = None,
     covered: ArrayLike | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Leftover:
@@ -207,11 +205,9 @@ def what_is_left(
     poses : (K, 4, 4) array_like
         world_from_camera of the network; it may be empty.
     task : Task, optional
-        Thresholds; those of the matrix, or `Task()`, unless given.
+        Thresholds; `Task()` unless given.
     candidates : (C, 4, 4) array_like, optional
         Poses that might have helped.
-    matrix : VisibilityMatrix, optional
-        Instead of `candidates`: its poses are the candidates.
     covered : (F,) bool array_like, optional
         Faces that count as covered, such as `Selection.covered` where views must differ by an
         angle; those that `task.views` cameras cover unless given.
@@ -221,26 +217,15 @@ def what_is_left(
     Raises
     ------
     ConfigError
-        For candidates and a matrix at once, or arrays of another mesh.
+        For a mask of another mesh.
     PoseError
         For a pose that is no rigid motion.
     """
-    if matrix is not None and candidates is not None:
-        raise ConfigError("give candidates or a matrix, not both: a matrix has its own poses")
-    network_poses = valid_poses(poses)
-    others = np.zeros((0, 4, 4))
-    if matrix is not None:
-        others, task = matrix.poses, task or matrix.task
-    elif candidates is not None:
-        others = valid_poses(candidates)
-    task = task or Task()
+    network_poses, task = valid_poses(poses), task or Task()
+    others = np.zeros((0, 4, 4)) if candidates is None else valid_poses(candidates)
     opened = open_observer(*view) if isinstance(view, tuple) else nullcontext(view)
     with opened as observer:
         mesh = observer.mesh
-        if matrix is not None and matrix.n_faces != mesh.n_faces:
-            raise ConfigError(
-                f"the matrix is of a mesh of {matrix.n_faces} faces, got one of {mesh.n_faces}"
-            )
         total = len(network_poses) + len(others)
         network, nearest = Network(mesh, task), _Nearest(mesh.n_faces)
         for batch in evaluate_batches(observer, network_poses, task):

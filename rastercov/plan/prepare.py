@@ -89,8 +89,10 @@ class Prepared:
         What they were made for, where the plan asks for segments.
     openings : Openings or None
         What was found out about faces that no other candidate covers.
-    matrix : VisibilityMatrix
-        What all candidates see.
+    pairs : int
+        Of candidates and faces that they cover to some degree, in the visibility matrix.
+    measured_by : dict
+        What measured them.
     problem : Problem
         With the plan's goal, or the nearest to it that can be reached.
     notes : tuple of str
@@ -104,7 +106,8 @@ class Prepared:
     stock: Stock
     segmentation: Segmentation | None
     openings: Openings | None
-    matrix: VisibilityMatrix
+    pairs: int
+    measured_by: dict[str, Any]
     problem: Problem
     notes: tuple[str, ...]
 
@@ -164,8 +167,9 @@ def prepare(
             "allow more, or add some"
         )
     _forget(folder, used)
+    # The matrix ends here: what a selection needs of it is in the problem, and memory counts.
     if not problem.reachable.any():
-        notes.append(_why_nothing(observer, matrix.poses, task))
+        notes.append(_why_nothing(observer, found.candidates.poses, task))
     try:
         problem = replace(problem, goal=goal_of(selection))
     except ConfigError as error:
@@ -179,7 +183,8 @@ def prepare(
         stock=found,
         segmentation=segmentation,
         openings=opened,
-        matrix=matrix,
+        pairs=len(matrix.face),
+        measured_by=matrix.header["measured_by"],
         problem=problem,
         notes=tuple(notes),
     )

@@ -72,7 +72,7 @@ def summary(placement: Placement) -> dict[str, Any]:
             "trace": done.trace,
         }
     assert plan.selection is not None
-    pairs = {"poses": prepared.matrix.n_poses, "pairs": len(prepared.matrix.face)}
+    pairs = {"poses": len(prepared.stock.candidates), "pairs": prepared.pairs}
     opened = prepared.openings
     return {
         "plan": plan.model_dump(),
@@ -100,10 +100,10 @@ def summary(placement: Placement) -> dict[str, Any]:
 
 def made_from(prepared: Prepared) -> dict[str, Any]:
     """Inputs with their hashes, device and versions."""
-    plan, matrix = prepared.plan, prepared.matrix
+    plan, poses = prepared.plan, prepared.stock.candidates.poses
     options = Options(method=plan.task.method, supersample=plan.task.supersample, pictures=0)
-    info = RasterizerInfo(**matrix.header["measured_by"])
-    header = describe(prepared.mesh, prepared.camera, matrix.poses, prepared.task, options, info)
+    info = RasterizerInfo(**prepared.measured_by)
+    header = describe(prepared.mesh, prepared.camera, poses, prepared.task, options, info)
     versions = dict(header["versions"])
     for name in ("pydantic", "highspy", "pymoo"):
         try:

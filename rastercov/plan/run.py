@@ -120,7 +120,7 @@ def place(
             chosen = _select(prepared.problem, selection)
         objective = Objective.of(observer, task, **counting(plan.task))
         left, rows = prepared.stock.candidates, chosen.chosen
-        cameras = measured(objective, prepared.matrix.poses[rows])
+        cameras = measured(objective, left.poses[rows])
         placement = Placement(
             prepared=prepared,
             selection=chosen,
@@ -222,7 +222,7 @@ def _optimise(placement: Placement, objective: Objective, progress: Progress) ->
         budget=max(budget, len(start)),
         population=selection.optimise.population,
         seed=selection.seed,
-        candidates=prepared.matrix.poses,
+        candidates=prepared.stock.candidates.poses,
         start=start,
     )
     return replace(_moved(placement, objective, found.poses, "searched"), optimised=found)
@@ -258,7 +258,7 @@ def _look_at_the_rest(placement: Placement, objective: Objective, progress: Prog
         objective.observer,
         placement.cameras.poses,
         objective.task,
-        matrix=placement.prepared.matrix,
+        candidates=placement.prepared.stock.candidates.poses,
         covered=placement.cameras.covered,
         progress=progress,
     )
