@@ -186,6 +186,11 @@ def _limits(row: Report) -> Rows:
         ("image side", f"{side:,} samples", "larger images are drawn in tiles"),
         ("image layers", f"{limits['max_array_layers']:,}", "poses in one batch, plan hardware"),
         ("storage block", f"{limits['max_ssbo_bytes'] >> 20:,} MiB", "4 bytes a face counter"),
+        (
+            "64-bit atomics",
+            "yes" if row["context"]["has_int64_atomics"] else "no",
+            "plan compute fills faces once with them, twice without",
+        ),
         ("sub-pixel bits", str(limits["subpixel_bits"]), "8 or more are wanted"),
         ("depth", row["depth"] or "unknown", "reversed float32 separates surfaces best"),
     ]

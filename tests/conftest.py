@@ -11,7 +11,7 @@ from hypothesis import settings
 from rastercov.errors import DeviceError
 from rastercov.raster.cpu import CPURasterizer
 from rastercov.raster.egl import open_context
-from rastercov.raster.gl import GLRasterizer
+from rastercov.raster.gl import PLANS, GLRasterizer
 
 # New examples on every run at a desk, the same ones where a run decides over a change. No time
 # limit for one example: these machines are shared.
@@ -44,9 +44,9 @@ def device(gl_context):
     assert left == []
 
 
-@pytest.fixture(params=["software", "hardware"])
+@pytest.fixture(params=PLANS)
 def plan(request):
-    """Both ways for the OpenGL rasteriser to run; the software device can do both."""
+    """All ways for the OpenGL rasteriser to run; the software device can do them all."""
     return request.param
 
 
@@ -59,7 +59,7 @@ def open_gl(device, plan):
         )
 
 
-@pytest.fixture(params=["software", "hardware", "cpu"])
+@pytest.fixture(params=[*PLANS, "cpu"])
 def open_raster(request, device):
     """Open rasterisers of every kind, for the laws that all of them keep."""
     with ExitStack() as stack:

@@ -21,7 +21,9 @@ _COLOR, _DEPTH = 0x1800, 0x1801
 _DEPTH_ATTACHMENT, _DEPTH_COMPONENT, _DEPTH_COMPONENT32F = 0x8D00, 0x1902, 0x8CAC
 _FRAMEBUFFER, _TEXTURE_2D_ARRAY = 0x8D40, 0x8C1A
 _LOWER_LEFT, _ZERO_TO_ONE, _FLOAT = 0x8CA1, 0x935F, 0x1406
+_STORAGE_BUFFER, _R32UI, _RED_INTEGER, _UNSIGNED_INT = 0x90D2, 0x8236, 0x8D94, 0x1405
 _UINT, _INT, _POINTER = ctypes.c_uint, ctypes.c_int, ctypes.c_void_p
+_SIZE = ctypes.c_ssize_t
 
 
 class Target:
@@ -169,12 +171,28 @@ class Arena:
         target.frame.read_into(depth, viewport=box, components=1, attachment=-1, dtype="f4")
         return depth
 
-    def read_counters(self, buffer: Any, layers: int, stride: int) -> NDArray[np.int64]:
-        """Counters that shaders wrote, (layers, stride); the only reader, and it waits for them."""
+    def zero(self, buffer: Any, size: int) -> None:
+        """Set the first bytes of a buffer, a multiple of 4, to 0 on the device itself."""
+        call = self.context.function
+        call("glBindBuffer", None, _UINT, _UINT)(_STORAGE_BUFFER, buffer.glo)
+        clear = call(
+            "glClearBufferSubData", None, _UINT, _UINT, _SIZE, _SIZE, _UINT, _UINT, _POINTER
+        )
+        clear(_STORAGE_BUFFER, _R32UI, 0, size, _RED_INTEGER, _UNSIGNED_INT, None)
+
+    def read_words(self, buffer: Any, *shape: int) -> NDArray[np.uint32]:
+        """Counters and the like that shaders wrote; the only reader, and it waits for them."""
         self.gl.memory_barrier()
-        counters = np.empty((layers, stride), np.uint32)
-        buffer.read_into(counters, size=counters.nbytes)
-        return counters.astype(np.int64)
+        words = np.empty(shape, np.uint32)
+        buffer.read_into(words, size=words.nbytes)
+        return words
+
+    def distrust(self, what: str) -> DeviceError:
+        """Error to raise when the device has answered wrongly."""
+        renderer = self.context.info.renderer
+        return DeviceError(
+            f"{renderer} {what}; its answers cannot be trusted, see `rastercov doctor`"
+        )
 
     def poll(self, doing: str) -> None:
         """Raise when the device has reported an error, or lost the context, while `doing`."""

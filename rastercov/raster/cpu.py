@@ -175,8 +175,9 @@ class _View:
         self.starts = np.zeros(columns * rows + 1, np.int64)
         self.places = np.empty_like(self.starts)
         self.listed = np.empty(len(scene.faces), np.int32)
-        self.depth = np.empty(kernels.TILE_WIDTH * kernels.TILE_HEIGHT, np.float32)
-        self.owner = np.empty(len(self.depth), np.int32)
+        n_samples = kernels.TILE_WIDTH * kernels.TILE_HEIGHT + kernels.LANES
+        self.depth = np.empty(n_samples, np.float32)
+        self.owner = np.empty(n_samples, np.int32)
         self._make_room(0)
 
     def _make_room(self, corners: int) -> None:
@@ -184,6 +185,7 @@ class _View:
         self.room = corners
         vertices, faces = len(self.scene.vertices) + corners, len(self.scene.faces) + corners
         self.u, self.v, self.w = np.empty((3, vertices))
+        self.steps = np.empty((vertices, 2), np.int32)
         self.triangles = np.empty((faces, 4), np.int32)
         self.tiles = np.empty((faces, 4), np.int32)
 
@@ -207,10 +209,9 @@ class _View:
             stopped = int(
                 kernels.count_poses(
                     moved, near, cull, done, len(poses), scene.vertices, scene.faces, grid.lens,
-                    self.size, grid.first, grid.last, self.u, self.v, self.w, self.triangles,
-                    self.tiles, self.starts, self.places, self.listed, self.depth,
-                    self.depth.view(np.int32), self.owner, self.room, visible, all_drawn,
-                    drawn is not None, face, depth,
+                    self.size, grid.first, grid.last, self.u, self.v, self.w, self.steps,
+                    self.triangles, self.tiles, self.starts, self.places, self.listed, self.depth,
+                    self.owner, self.room, visible, all_drawn, drawn is not None, face, depth,
                 )
             )  # fmt: skip
             if stopped < len(poses):

@@ -165,8 +165,13 @@ class ContextInfo:
         return self.has_layer_from_vertex_shader and self.has_compute and self.has_ssbo
 
     @property
+    def has_compute_raster(self) -> bool:
+        """What the plan "compute" needs."""
+        return self.has_compute and self.has_ssbo
+
+    @property
     def has_int64_atomics(self) -> bool:
-        """64-bit atomicMin on storage buffers: depth and face index in one word."""
+        """64-bit atomicMax on storage buffers: depth and face index in one word."""
         return {"GL_NV_shader_atomic_int64", "GL_ARB_gpu_shader_int64"} <= self.extensions
 
 

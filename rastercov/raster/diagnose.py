@@ -158,7 +158,8 @@ def self_test(label: str) -> dict[str, Any]:
     """Plan and depth that "auto" gives one device, once it counted known scenes under every plan.
 
     The canary's counts are known; a convex mesh shows the whole of a face or nothing; samples add
-    up; the second plan must repeat the first. `ask` runs this in a process of its own.
+    up; plan "hardware" must repeat plan "software", as both draw alike, while "compute" projects in
+    double precision. `ask` runs this in a process of its own.
 
     Raises
     ------
@@ -175,11 +176,17 @@ def self_test(label: str) -> dict[str, Any]:
         "box": (shapes.box(n=2), *around),
         "sphere": (shapes.sphere(1), *around),
     }
-    known = {"known scene": (canary.VISIBLE, canary.DRAWN)}
+    truth = {"known scene": (canary.VISIBLE, canary.DRAWN)}
+    drawn_alike, computed = truth.copy(), truth.copy()
     with open_context(label) as context:
-        plans = ("software", "hardware") if context.info.has_batches else ("software",)
+        plans = {"software": drawn_alike}
+        if context.info.has_batches:
+            plans["hardware"] = drawn_alike
+        if context.info.has_compute_raster:
+            plans["compute"] = computed
         for plan, name in ((plan, name) for plan in plans for name in scenes):
             mesh, camera, poses = scenes[name]
+            known = plans[plan]
             try:
                 with GLRasterizer(mesh, camera, device=context, plan=plan) as rasterizer:
                     counts = rasterizer.count(poses)

@@ -18,6 +18,7 @@ axes X and Y that are mixed beforehand.
 """
 
 import math
+from collections.abc import Iterator
 from functools import cached_property
 
 import numpy as np
@@ -109,6 +110,12 @@ class SampleGrid:
         first = np.clip(np.ceil(low + x - 0.5), 0, self.width).astype(np.int32)
         last = np.clip(np.floor(high + x - 0.5) + 1, 0, self.width).astype(np.int32)
         return first, np.maximum(first, last)
+
+    def tiles(self, size: tuple[int, int]) -> Iterator[Box]:
+        """Parts of the canvas, none larger than `size`."""
+        for y in range(0, self.height, size[1]):
+            for x in range(0, self.width, size[0]):
+                yield x, y, min(size[0], self.width - x), min(size[1], self.height - y)
 
     def axes(self, poses: FloatArray) -> FloatArray:
         """Poses (P, 4, 4) whose first two axes are mixed so that `lens` gives canvas positions.

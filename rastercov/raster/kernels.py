@@ -7,11 +7,13 @@ A pose runs through four passes. `project` brings vertices to the image, in step
 sample. `set_up` keeps the triangles that can own a sample, clips those that reach behind the camera
 or far outside the image, and counts the tiles each one touches. `bin_triangles` lists them by tile,
 in the order of their faces. `fill_tiles` takes one tile at a time, small enough for the cache, and
-fills each triangle row by row between its left and its right edge.
+fills each triangle row by row, sixteen samples at once.
 
-Edges are walked in whole numbers (Bresenham), from their upper end to their lower, so two triangles
-that share an edge find the same first sample on each row, and every sample belongs to exactly one
-of them: a sample on a left or upper edge is inside, on a right or lower one outside.
+A sample on a left or upper edge is inside, on a right or lower one outside, and all of it is
+reckoned in whole numbers, so every sample belongs to exactly one of two triangles that share an
+edge. Small triangles ask their three edge functions (Pineda). On the rows of large ones edges are
+walked from their upper end to their lower (Bresenham), so that what lies between them is known
+without looking at each sample.
 
 No image is kept. A sample counts for its face when it is written and is taken from the face that
 held it before, so what remains at the end of a tile are the visible samples.
@@ -20,10 +22,12 @@ J. Pineda. A Parallel Algorithm for Polygon Rasterization. 1988, for tiles and e
 J. E. Bresenham. Algorithm for Computer Control of a Digital Plotter. 1965, for the edges.
 """
 
-import numba
 import numpy as np
+from llvmlite import ir
+from numba.core import types
+from numba.extending import intrinsic
 
-from rastercov.compiled import compiled
+from rastercov.compiled import compiled, inlined
 
 TILE_BITS_X, TILE_BITS_Y = 7, 6
 TILE_WIDTH, TILE_HEIGHT = 1 << TILE_BITS_X, 1 << TILE_BITS_Y
@@ -34,12 +38,145 @@ HALF = STEPS // 2
 """Sub-sample steps, as many as graphics devices have. Shifts divide: `//` would test for zero."""
 FAR_OUT = 1 << 29
 """Steps from the origin beyond which a vertex is clipped: edges then fit 64 bits with room."""
+CLIPPED = np.int32(2**31 - 1)
+"""Steps of a vertex that is."""
 CLIP_CORNERS = 8
 """A triangle cut by five planes has at most this many corners."""
 
 
+# --- many samples at once -------------------------------------------------------------------------
+# numba turns loops into vector code only where they are long. The rows of most triangles are not.
+
+LANES, ALL_LANES = 16, 0xFFFF
+LANE = ir.VectorType(ir.IntType(32), LANES)(list(range(LANES)))
+DOUBLES = ir.VectorType(ir.DoubleType(), LANES)
+FLOATS = ir.VectorType(ir.FloatType(), LANES)
+WORDS = ir.VectorType(ir.IntType(32), LANES)
+BITS_OF_LANES = ir.VectorType(ir.IntType(1), LANES)
+
+
+def _all_lanes(builder, value, vector):
+    """The same value in every lane."""
+    one = builder.insert_element(ir.Constant(vector, ir.Undefined), value, ir.IntType(32)(0))
+    return builder.shuffle_vector(one, one, WORDS([0] * LANES))
+
+
+def _lanes_at(context, builder, kind, array, at, vector):
+    """Pointer to the elements of an array from `at` on."""
+    data = context.make_array(kind)(context, builder, array).data
+    return builder.bitcast(builder.gep(data, [at]), vector.as_pointer())
+
+
+def _lanes_of_bits(builder, bits):
+    return builder.bitcast(builder.trunc(bits, ir.IntType(LANES)), BITS_OF_LANES)
+
+
+def _bits_of_lanes(builder, lanes):
+    return builder.zext(builder.bitcast(lanes, ir.IntType(LANES)), ir.IntType(64))
+
+
+def _inverse_depths(builder, start, slope, least, greatest):
+    """1/z of the lanes, start + slope * lane as floats, between least and greatest."""
+    lanes = builder.sitofp(LANE, DOUBLES)
+    rise = builder.fmul(_all_lanes(builder, slope, DOUBLES), lanes)
+    exact = builder.fadd(_all_lanes(builder, start, DOUBLES), rise)
+    here = builder.fptrunc(exact, FLOATS)
+    low, high = (_all_lanes(builder, value, FLOATS) for value in (least, greatest))
+    here = builder.select(builder.fcmp_ordered(">", here, low), here, low)
+    return builder.select(builder.fcmp_ordered("<", here, high), here, high)
+
+
+@intrinsic
+def lanes_inside(typing, e0, step0, e1, step1, e2, step2):
+    """Bits of the lanes where e + step * lane >= 0 for all three int32 edge functions."""
+
+    def generate(context, builder, signature, args):
+        sign = None
+        for k in range(3):
+            value, stride = (_all_lanes(builder, x, WORDS) for x in args[2 * k : 2 * k + 2])
+            edge_function = builder.add(value, builder.mul(stride, LANE))
+            sign = edge_function if sign is None else builder.or_(sign, edge_function)
+        inside = builder.icmp_signed(">=", sign, WORDS([0] * LANES))
+        return _bits_of_lanes(builder, inside)
+
+    return types.int64(*[types.int32] * 6), generate
+
+
+@intrinsic
+def lanes_nearer(typing, depth, at, active, start, slope, least, greatest):
+    """Bits of the active lanes that are nearer than `depth`; above them those that are not empty.
+
+    depth[at + LANES - 1] must exist. 1/z of a lane is start + slope * lane, between `least` and
+    `greatest`.
+    """
+
+    def generate(context, builder, signature, args):
+        where = _lanes_at(context, builder, signature.args[0], args[0], args[1], FLOATS)
+        old = builder.load(where, align=4)
+        here = _inverse_depths(builder, *args[3:])
+        nearer = builder.fcmp_ordered(">", here, old)
+        nearer = builder.and_(nearer, _lanes_of_bits(builder, args[2]))
+        full = builder.and_(nearer, builder.fcmp_ordered(">", old, FLOATS([0.0] * LANES)))
+        shifted = builder.shl(_bits_of_lanes(builder, full), ir.IntType(64)(LANES))
+        return builder.or_(_bits_of_lanes(builder, nearer), shifted)
+
+    numbers = types.float64, types.float64, types.float32, types.float32
+    return types.int64(depth, types.uint64, types.int64, *numbers), generate
+
+
+@intrinsic
+def fill_lanes(typing, depth, owner, at, nearer, start, slope, least, greatest, face):
+    """Put depth and face into the lanes whose bits are set; the others keep what they have."""
+
+    def generate(context, builder, signature, args):
+        lanes = _lanes_of_bits(builder, args[3])
+        here = _inverse_depths(builder, *args[4:8])
+        values = here, _all_lanes(builder, args[8], WORDS)
+        for k, value in enumerate(values):
+            where = _lanes_at(context, builder, signature.args[k], args[k], args[2], value.type)
+            mixed = builder.select(lanes, value, builder.load(where, align=4))
+            builder.store(mixed, where, align=4)
+        return context.get_dummy_value()
+
+    numbers = types.float64, types.float64, types.float32, types.float32
+    return types.void(depth, owner, types.uint64, types.int64, *numbers, types.int32), generate
+
+
+@intrinsic
+def count_bits(typing, bits):
+    """How many bits are set."""
+
+    def generate(context, builder, signature, args):
+        return builder.ctpop(args[0])
+
+    return types.int64(types.int64), generate
+
+
+@intrinsic
+def take_lanes(typing, visible, owner, at, lost):
+    """Uncount the samples whose bits are set for the faces that had them."""
+
+    def generate(context, builder, signature, args):
+        counts, owners = (
+            context.make_array(signature.args[k])(context, builder, args[k]).data for k in range(2)
+        )
+        for i in range(LANES):
+            bit = builder.and_(args[3], ir.IntType(64)(1 << i))
+            with builder.if_then(builder.icmp_unsigned("!=", bit, ir.IntType(64)(0))):
+                lane = builder.add(args[2], ir.IntType(64)(i))
+                face = builder.load(builder.gep(owners, [lane]))
+                count = builder.gep(counts, [builder.zext(face, ir.IntType(64))])
+                builder.store(builder.sub(builder.load(count), ir.IntType(64)(1)), count)
+        return context.get_dummy_value()
+
+    return types.void(visible, owner, types.uint64, types.int64), generate
+
+
+# --- the passes -----------------------------------------------------------------------------------
+
+
 @compiled
-def project(vertices, rotation, eye, lens, near, u, v, w):
+def project(vertices, rotation, eye, lens, near, u, v, w, steps):
     """Image positions and inverse depths of the vertices; returns how many must be clipped.
 
     Parameters
@@ -58,6 +195,8 @@ def project(vertices, rotation, eye, lens, near, u, v, w):
         Out: steps of 1/256 sample, not rounded; infinite where a vertex needs clipping.
     w : (V,) float64
         Out: 1/z.
+    steps : (V, 2) int32
+        Out: u and v, rounded: where a vertex stands when samples are given out.
     """
     outside = 0
     for i in range(vertices.shape[0]):
@@ -66,6 +205,7 @@ def project(vertices, rotation, eye, lens, near, u, v, w):
         c = vertices[i, 2] - eye[2]
         z = a * rotation[0, 2] + b * rotation[1, 2] + c * rotation[2, 2]
         u[i] = np.inf
+        steps[i, 0] = CLIPPED
         if z >= near:
             w[i] = 1.0 / z
             right = a * rotation[0, 0] + b * rotation[1, 0] + c * rotation[2, 0]
@@ -73,8 +213,8 @@ def project(vertices, rotation, eye, lens, near, u, v, w):
             across = (lens[0] * right * w[i] + lens[2]) * STEPS
             along = (lens[1] * down * w[i] + lens[3]) * STEPS
             if abs(across) <= FAR_OUT and abs(along) <= FAR_OUT:
-                u[i] = across
-                v[i] = along
+                u[i], v[i] = across, along
+                steps[i, 0], steps[i, 1] = np.floor(across + 0.5), np.floor(along + 0.5)
         if u[i] > FAR_OUT:
             outside += 1
     return outside
@@ -123,18 +263,19 @@ def clip(corners, n, plane, offset, out):
     return kept
 
 
-@compiled
-def step(position):
-    """Nearest whole step: where a vertex stands when samples are given out."""
-    return np.int64(np.floor(position + 0.5))
+@inlined
+def whole(steps, a, b, c):
+    """Corners of a triangle in whole steps, 64 bits wide."""
+    ax, ay = np.int64(steps[a, 0]), np.int64(steps[a, 1])
+    bx, by = np.int64(steps[b, 0]), np.int64(steps[b, 1])
+    cx, cy = np.int64(steps[c, 0]), np.int64(steps[c, 1])
+    return ax, ay, bx, by, cx, cy
 
 
-@numba.njit(
-    nogil=True, error_model="numpy", inline="always"
-)  # a call would pass every field of every array
-def keep(a, b, c, face, u, v, width, height, side, triangles, n, tiles, starts):
+@inlined  # a call would pass every field of every array
+def keep(a, b, c, face, steps, width, height, side, triangles, n, tiles, starts):
     """Note a triangle if it can own a sample; returns the new number of triangles."""
-    ax, ay, bx, by, cx, cy = step(u[a]), step(v[a]), step(u[b]), step(v[b]), step(u[c]), step(v[c])
+    ax, ay, bx, by, cx, cy = whole(steps, a, b, c)
     area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
     if area == 0 or side * area < 0:
         return n
@@ -148,11 +289,13 @@ def keep(a, b, c, face, u, v, width, height, side, triangles, n, tiles, starts):
     triangles[n, 1] = b
     triangles[n, 2] = c
     triangles[n, 3] = face
+    if side == 1:  # only counted, not filled
+        return n + 1
     tiles[n, 0] = left >> TILE_BITS_X
     tiles[n, 1] = top >> TILE_BITS_Y
     tiles[n, 2] = right >> TILE_BITS_X
     tiles[n, 3] = bottom >> TILE_BITS_Y
-    columns = (width + TILE_WIDTH - 1) // TILE_WIDTH
+    columns = (width + TILE_WIDTH - 1) >> TILE_BITS_X
     for row in range(tiles[n, 1], tiles[n, 3] + 1):
         for column in range(tiles[n, 0], tiles[n, 2] + 1):
             starts[row * columns + column + 1] += 1
@@ -161,7 +304,7 @@ def keep(a, b, c, face, u, v, width, height, side, triangles, n, tiles, starts):
 
 @compiled
 def set_up(
-    vertices, faces, rotation, eye, lens, near, size, side, u, v, w, triangles, tiles, starts
+    vertices, faces, rotation, eye, lens, near, size, side, u, v, w, steps, triangles, tiles, starts
 ):
     """Keep the triangles that can own a sample, clipped where they must be; returns their number.
 
@@ -176,7 +319,7 @@ def set_up(
     side : int
         -1 keeps what faces the camera, 1 what turns its back (positive area with rows running
         down), 0 both.
-    u, v, w
+    u, v, w, steps
         From `project`, with room for `CLIP_CORNERS` vertices more for each clipped face.
     triangles : (N, 4) int32
         Out: vertices and face; room for F and `CLIP_CORNERS` more for each clipped face.
@@ -195,8 +338,8 @@ def set_up(
     reach = 0.99 * FAR_OUT / STEPS
     for f in range(faces.shape[0]):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-        if u[a] <= FAR_OUT and u[b] <= FAR_OUT and u[c] <= FAR_OUT:
-            n = keep(a, b, c, f, u, v, width, height, side, triangles, n, tiles, starts)
+        if max(steps[a, 0], max(steps[b, 0], steps[c, 0])) != CLIPPED:
+            n = keep(a, b, c, f, steps, width, height, side, triangles, n, tiles, starts)
             continue
         for i in range(3):
             p = faces[f, i]
@@ -223,10 +366,12 @@ def set_up(
             w[extra + i] = 1.0 / other[i, 2]
             u[extra + i] = (lens[0] * other[i, 0] * w[extra + i] + lens[2]) * STEPS
             v[extra + i] = (lens[1] * other[i, 1] * w[extra + i] + lens[3]) * STEPS
+            steps[extra + i, 0] = np.floor(u[extra + i] + 0.5)
+            steps[extra + i, 1] = np.floor(v[extra + i] + 0.5)
         for i in range(1, corners - 1):
             n = keep(
-                extra, extra + i, extra + i + 1, f, u, v, width, height, side,
-                triangles, n, tiles, starts,
+                extra, extra + i, extra + i + 1, f, steps, width, height, side, triangles, n,
+                tiles, starts,
             )  # fmt: skip
         extra += corners
     for tile in range(1, starts.shape[0]):
@@ -293,29 +438,71 @@ def from_top(ax, ay, bx, by, cx, cy):
 
 
 @compiled
-def count_drawn(n, u, v, size, first, last, triangles, drawn):
+def inner_edge(ax, ay, bx, by, column, row):
+    """Edge function of a to b at a sample, its step to the next sample and to the next row.
+
+    It is 0 or more inside a triangle whose area is positive with rows running down; 1 is taken from
+    it on right and lower edges, whose samples are outside.
+    """
+    dx, dy = bx - ax, by - ay
+    value = dx * ((row << BITS) + HALF - ay) - dy * ((column << BITS) + HALF - ax)
+    is_left_or_upper = dy < 0 or (dy == 0 and dx > 0)
+    return value if is_left_or_upper else value - 1, -dy << BITS, dx << BITS
+
+
+@compiled
+def count_drawn(n, steps, size, first, last, triangles, drawn):
     """Add the samples of each triangle, hidden or not, to the count of its face.
 
     Parameters
     ----------
-    n, u, v, size, triangles
+    n, steps, size, triangles
         From the passes before.
     first, last : (height,) int32
         Samples of each row that count: from the first up to the last.
     drawn : (F,) int64
         Out: samples to add to.
     """
+    least, greatest = 0, size[0]  # samples that count on every row
+    for row in range(size[1]):
+        least, greatest = max(least, first[row]), min(greatest, last[row])
     for k in range(n):
         a, b, c = triangles[k, 0], triangles[k, 1], triangles[k, 2]
-        ax, ay, bx, by, cx, cy = from_top(
-            step(u[a]), step(v[a]), step(u[b]), step(v[b]), step(u[c]), step(v[c])
-        )
+        ax, ay, bx, by, cx, cy = whole(steps, a, b, c)
+        covered = 0
+        left = (min(ax, min(bx, cx)) + HALF - 1) >> BITS
+        right = (max(ax, max(bx, cx)) - HALF) >> BITS
+        row = (min(ay, min(by, cy)) + HALF - 1) >> BITS
+        end_row = ((max(ay, max(by, cy)) - HALF) >> BITS) + 1
+        if right - left < LANES and end_row - row <= TILE_HEIGHT:
+            row, end_row = max(row, 0), min(end_row, size[1])
+            if (bx - ax) * (cy - ay) < (cx - ax) * (by - ay):
+                bx, by, cx, cy = cx, cy, bx, by
+            e0, across0, down0 = inner_edge(ax, ay, bx, by, left, row)
+            e1, across1, down1 = inner_edge(bx, by, cx, cy, left, row)
+            e2, across2, down2 = inner_edge(cx, cy, ax, ay, left, row)
+            while row < end_row:
+                inside = lanes_inside(
+                    np.int32(e0), np.int32(across0), np.int32(e1), np.int32(across1),
+                    np.int32(e2), np.int32(across2),
+                )  # fmt: skip
+                if left < least or right >= greatest:
+                    begin = min(max(first[np.uint64(row)] - left, 0), LANES)
+                    end = min(max(last[np.uint64(row)] - left, 0), LANES)
+                    inside &= (ALL_LANES << begin) & (ALL_LANES >> (LANES - end))
+                covered += count_bits(inside)
+                row += 1
+                e0 += down0
+                e1 += down1
+                e2 += down2
+            drawn[triangles[k, 3]] += covered
+            continue
+        ax, ay, bx, by, cx, cy = from_top(ax, ay, bx, by, cx, cy)
         row = max((ay + HALF - 1) >> BITS, 0)
         middle = min((by + HALF - 1) >> BITS, size[1])
         bottom = min((cy + HALF - 1) >> BITS, size[1])
         long_is_left = (bx - ax) * (cy - ay) > (cx - ax) * (by - ay)
         long, long_rest, long_step, long_step_rest, long_divisor = edge(ax, ay, cx, cy, row)
-        covered = 0
         for part in range(2):
             end_row = middle if part == 0 else bottom
             if row >= end_row:
@@ -344,22 +531,20 @@ def count_drawn(n, u, v, size, first, last, triangles, drawn):
 
 @compiled
 def fill_tiles(
-    u, v, w, size, first, last, triangles, starts, listed, depth, depth_bits, owner, visible, drawn,
+    u, v, w, steps, size, first, last, triangles, starts, listed, depth, owner, visible, drawn,
     image_face, image_depth,
 ):  # fmt: skip
     """Fill all tiles; count visible and drawn samples of each face, and keep the image if asked.
 
     Parameters
     ----------
-    u, v, w, size, triangles, starts, listed
+    u, v, w, steps, size, triangles, starts, listed
         From the passes before.
     first, last : (height,) int32
         Samples of each row to fill, from the first up to the last: those that count.
-    depth : (tile samples,) float32
+    depth : (tile samples + LANES,) float32
         Scratch: 1/z, 0 where nothing is.
-    depth_bits : (tile samples,) int32
-        The same memory, so that "nothing here yet" is an integer test.
-    owner : (tile samples,) int32
+    owner : (tile samples + LANES,) int32
         Scratch: face at each sample.
     visible, drawn : (F,) int64
         Out: samples to add to.
@@ -367,7 +552,7 @@ def fill_tiles(
         Out: face and depth, or of size 0.
     """
     width, height = size[0], size[1]
-    columns = (width + TILE_WIDTH - 1) // TILE_WIDTH
+    columns = (width + TILE_WIDTH - 1) >> TILE_BITS_X
     for tile in range(starts.shape[0] - 1):
         if starts[tile] == starts[tile + 1]:
             continue
@@ -383,8 +568,7 @@ def fill_tiles(
             k = listed[place]
             a, b, c = triangles[k, 0], triangles[k, 1], triangles[k, 2]
             face = triangles[k, 3]
-            ax, ay, bx, by = step(u[a]), step(v[a]), step(u[b]), step(v[b])
-            cx, cy = step(u[c]), step(v[c])
+            ax, ay, bx, by, cx, cy = whole(steps, a, b, c)
             # 1/z is affine in the image: w = w_a + slope_x (u - u_a) + slope_y (v - v_a), from the
             # corners as they are; as rounded where the triangle is too thin for that.
             ab_x, ab_y, ac_x, ac_y = u[b] - u[a], v[b] - v[a], u[c] - u[a], v[c] - v[a]
@@ -402,6 +586,41 @@ def fill_tiles(
             # Rounding lets a sample lie a hair beyond the corners; its depth does not.
             least = np.float32(min(w[a], min(w[b], w[c])))
             greatest = np.float32(max(w[a], max(w[b], w[c])))
+            gained = 0
+            covered = 0
+            left = (min(ax, min(bx, cx)) + HALF - 1) >> BITS
+            right = (max(ax, max(bx, cx)) - HALF) >> BITS
+            row = (min(ay, min(by, cy)) + HALF - 1) >> BITS
+            end_row = ((max(ay, max(by, cy)) - HALF) >> BITS) + 1
+            is_whole = left >= tile_x and right < end_x and row >= tile_y and end_row <= end_y
+            if right - left < LANES and is_whole and not is_cut:
+                if rounded < 0:
+                    bx, by, cx, cy = cx, cy, bx, by
+                e0, across0, down0 = inner_edge(ax, ay, bx, by, left, row)
+                e1, across1, down1 = inner_edge(bx, by, cx, cy, left, row)
+                e2, across2, down2 = inner_edge(cx, cy, ax, ay, left, row)
+                while row < end_row:
+                    active = lanes_inside(
+                        np.int32(e0), np.int32(across0), np.int32(e1), np.int32(across1),
+                        np.int32(e2), np.int32(across2),
+                    )  # fmt: skip
+                    if active:
+                        covered += count_bits(active)
+                        at = np.uint64((row - tile_y) * TILE_WIDTH + left - tile_x)
+                        start = origin + slope_x * left + slope_y * row
+                        found = lanes_nearer(depth, at, active, start, slope_x, least, greatest)
+                        if found >> LANES:
+                            take_lanes(visible, owner, at, found >> LANES)
+                        nearer = found & ALL_LANES
+                        fill_lanes(depth, owner, at, nearer, start, slope_x, least, greatest, face)
+                        gained += count_bits(nearer)
+                    row += 1
+                    e0 += down0
+                    e1 += down1
+                    e2 += down2
+                visible[face] += gained
+                drawn[face] += covered
+                continue
             ax, ay, bx, by, cx, cy = from_top(ax, ay, bx, by, cx, cy)
             long_is_left = (bx - ax) * (cy - ay) > (cx - ax) * (by - ay)
             row = max((ay + HALF - 1) >> BITS, tile_y)
@@ -410,8 +629,6 @@ def fill_tiles(
             if row >= bottom:
                 continue
             far, far_rest, far_step, far_step_rest, far_divisor = edge(ax, ay, cx, cy, row)
-            gained = 0
-            covered = 0
             for part in range(2):
                 end_row = middle if part == 0 else bottom
                 if row >= end_row:
@@ -427,29 +644,18 @@ def fill_tiles(
                         begin = max(begin, np.int64(first[np.uint64(row)]))
                         end = min(end, np.int64(last[np.uint64(row)]))
                     covered += max(end - begin, 0)
-                    if begin < end:
-                        at = np.uint64((row - tile_y) * TILE_WIDTH + begin - tile_x)
-                        n = np.uint64(end - begin)
+                    at = np.uint64((row - tile_y) * TILE_WIDTH + begin - tile_x)
+                    while begin < end:
+                        active = ALL_LANES >> max(LANES - (end - begin), 0)
                         start = origin + slope_x * begin + slope_y * row
-                        taken = np.int32(0)
-                        for i in range(n):
-                            taken |= depth_bits[at + i]
-                        if taken == 0:
-                            for i in range(n):
-                                here = np.float32(start + slope_x * np.float64(np.int32(i)))
-                                depth[at + i] = min(max(here, least), greatest)
-                                owner[at + i] = face
-                            gained += end - begin
-                        else:
-                            for i in range(n):
-                                here = np.float32(start + slope_x * np.float64(np.int32(i)))
-                                here = min(max(here, least), greatest)
-                                if here > depth[at + i]:
-                                    if depth_bits[at + i] != 0:
-                                        visible[owner[at + i]] -= 1
-                                    depth[at + i] = here
-                                    owner[at + i] = face
-                                    gained += 1
+                        found = lanes_nearer(depth, at, active, start, slope_x, least, greatest)
+                        if found >> LANES:
+                            take_lanes(visible, owner, at, found >> LANES)
+                        nearer = found & ALL_LANES
+                        fill_lanes(depth, owner, at, nearer, start, slope_x, least, greatest, face)
+                        gained += count_bits(nearer)
+                        begin += LANES
+                        at += np.uint64(LANES)
                     row += 1
                     far += far_step
                     far_rest += far_step_rest
@@ -474,8 +680,8 @@ def fill_tiles(
 
 @compiled
 def count_poses(
-    poses, nears, culls, begin, end, vertices, faces, lens, size, first, last, u, v, w, triangles,
-    tiles, starts, places, listed, depth, depth_bits, owner, room, visible, drawn, with_drawn,
+    poses, nears, culls, begin, end, vertices, faces, lens, size, first, last, u, v, w, steps,
+    triangles, tiles, starts, places, listed, depth, owner, room, visible, drawn, with_drawn,
     image_face, image_depth,
 ):  # fmt: skip
     """Count the poses from `begin` on; returns the first one that was not counted.
@@ -507,7 +713,7 @@ def count_poses(
             eye[i] = poses[p, i, 3]
             for j in range(3):
                 rotation[i, j] = poses[p, i, j]
-        outside = project(vertices, rotation, eye, lens, nears[p], u, v, w)
+        outside = project(vertices, rotation, eye, lens, nears[p], u, v, w, steps)
         if outside and CLIP_CORNERS * count_clipped(faces, u) > room:
             return p
         row = p if with_drawn else 0
@@ -518,18 +724,18 @@ def count_poses(
             if (side == 0) == culls[p] or (side == 1 and not with_drawn):
                 continue
             n = set_up(
-                vertices, faces, rotation, eye, lens, nears[p], size, side, u, v, w, triangles,
-                tiles, starts,
+                vertices, faces, rotation, eye, lens, nears[p], size, side, u, v, w, steps,
+                triangles, tiles, starts,
             )  # fmt: skip
             if starts[-1] > listed.shape[0]:
                 return p
             if side == 1:
-                count_drawn(n, u, v, size, first, last, triangles, drawn[row])
+                count_drawn(n, steps, size, first, last, triangles, drawn[row])
                 continue
             places[:] = starts
             bin_triangles(n, tiles, columns, starts, places, listed)
             fill_tiles(
-                u, v, w, size, first, last, triangles, starts, listed, depth, depth_bits, owner,
+                u, v, w, steps, size, first, last, triangles, starts, listed, depth, owner,
                 visible[p], drawn[row], image_face, image_depth,
             )  # fmt: skip
     return end

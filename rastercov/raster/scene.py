@@ -1,6 +1,5 @@
 """What goes to the device: a mesh, sent once, and the poses it is seen from, sent per batch."""
 
-from collections.abc import Iterator
 from typing import Any
 
 import moderngl
@@ -85,12 +84,6 @@ class Scene:
             self._offsets = np.einsum("if,fi->f", self._planes, middle)
             self._front_faces = arena.buffer("front faces", size=indices.nbytes)
             self._front_drawable = drawable("face", self._front_faces)
-
-    def tiles(self, size: tuple[int, int], grid: SampleGrid) -> Iterator[Box]:
-        """Parts of the canvas, none larger than `size`."""
-        for y in range(0, grid.height, size[1]):
-            for x in range(0, grid.width, size[0]):
-                yield x, y, min(size[0], grid.width - x), min(size[1], grid.height - y)
 
     def draw(
         self, program: str, tile: Box, grid: SampleGrid, poses: int, part: tuple[int, int]

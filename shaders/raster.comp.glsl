@@ -1,0 +1,331 @@
+// Fills triangles into depth and triangle IDs without the graphics pipeline, a batch of poses at a
+// time: compute units are all that most of a data-centre GPU has.
+//
+// Without QUEUED, an invocation takes one face of one pose (z), projects it, clips what reaches
+// behind the camera or far outside the image, and fills it by itself if it is small; pieces of
+// larger ones go to a queue. With QUEUED, a workgroup takes one piece after the other from there,
+// 8 x 8 samples at a time. A queue that has no room for all says so, and all of it is done again
+// with fewer faces at a time. (Invocations do not fill large triangles by themselves: it would take
+// a GPU long, and Mesa's llvmpipe silently ends the loops of an invocation after 65,535 turns.)
+//
+// Numbers are those of the CPU rasteriser: corners are projected in double precision and rounded to
+// 1/256 sample; edges are crossed in whole numbers, which doubles hold up to 2^53, so a sample on an
+// edge belongs to one of the two triangles; 1/z is affine in the image, rounded to a float.
+//
+// The nearest face at a sample, of several the lowest, is the greatest of 64 bits: the float 1/z,
+// then the complement of index + 1. Where atomics have 32 bits (no ATOMIC64) the scene is drawn
+// twice: pass 0 finds the depth, pass 1 the face among those that have it. A maximum does not depend
+// on the order of what it is taken of, so neither does the image.
+//
+// `precise` wherever two triangles, two programs or two passes must find the same bits.
+//
+// J. Pineda. A Parallel Algorithm for Polygon Rasterization. 1988. S. Laine, T. Karras.
+// High-Performance Software Rasterization on GPUs. 2011.
+
+#ifdef ATOMIC64
+#extension GL_ARB_gpu_shader_int64 : require
+#extension GL_NV_shader_atomic_int64 : require
+#endif
+
+layout(local_size_x = 64) in;
+
+struct Pose {
+    dvec4 right, down, forward;  // camera axes; the first two mixed to roll the samples
+    dvec4 eye;                   // from the middle of the mesh
+    dvec4 lens;                  // fx, fy, cx, cy in samples
+    double near;
+    double cull;                 // not 0 where back faces can be left out
+};
+
+// Some rows of a triangle. Corners are in steps of 1/256 sample from the corner of the tile.
+struct Piece {
+    ivec2 a, b, c;               // from top to bottom
+    int top, bottom;             // rows from the first up to the last, from the top of the tile
+    uint face, pose;             // index + 1, and place in the batch
+    float least, greatest;       // 1/z of the corners; both 0 for what is only counted, not seen
+    double origin, right, down;  // 1/z = origin + right x + down y at sample (x, y) of the canvas
+};
+
+layout(std430, binding = 0) buffer Counts { uint counts[]; };
+layout(std430, binding = 1) readonly buffer Runs { ivec2 runs[]; };  // of each row in the image
+#ifdef ATOMIC64
+layout(std430, binding = 2) buffer Keys { uint64_t keys[]; };
+#else
+layout(std430, binding = 2) buffer Keys { uint keys[]; };  // ~(index + 1), then 1/z, a sample
+#endif
+layout(std430, binding = 3) coherent buffer Queue {
+    uint groups_x, groups_y, groups_z;  // workgroups to take the pieces
+    uint n_pieces;
+    uint is_full;                       // some pieces found no room
+    Piece pieces[];
+};
+
+uniform ivec2 size;       // samples of the tile
+uniform ivec2 corner;     // of the tile on the canvas
+uniform bool with_drawn;  // count the samples each face would own alone
+uniform uint first_face;  // the window of faces that `counts` has room for
+uniform uint capacity;    // pieces there is room for
+uniform uint stride;      // counters a pose: slot 0 is background, then one a face
+#ifndef ATOMIC64
+uniform uint which_pass;
+#endif
+
+const int HALF = 128;
+const double STEPS = 256.0lf;
+
+void keep_nearest(uint sample_, float depth, uint face) {
+    uint bits = floatBitsToUint(depth);  // ordered as the floats are: none is negative
+#ifdef ATOMIC64
+    atomicMax(keys[sample_], packUint2x32(uvec2(~face, bits)));
+#else
+    if (which_pass == 0u) {
+        atomicMax(keys[2u * sample_ + 1u], bits);
+    } else if (keys[2u * sample_ + 1u] == bits) {
+        atomicMax(keys[2u * sample_], ~face);
+    }
+#endif
+}
+
+// Where an edge from a down to b crosses a row: floor((base + slope row) / divisor) is the first
+// sample at its right or on it, ceil((X - 128) / 256) with X the place of the crossing in steps.
+struct Edge {
+    double base, slope, divisor, inverse;
+};
+
+Edge edge(ivec2 a, ivec2 b) {
+    double ahead = double(b.x - a.x), down = double(b.y - a.y);
+    Edge e;
+    e.slope = ahead * STEPS;
+    e.divisor = down * STEPS;
+    e.inverse = 1.0lf / e.divisor;
+    e.base = double(a.x - HALF) * down + ahead * double(HALF - a.y) + (e.divisor - 1.0lf);
+    return e;
+}
+
+int crossing(Edge e, int row) {
+    double numerator = e.base + e.slope * double(row);
+    double quotient = floor(numerator * e.inverse);  // to within one; the remainder says which way
+    double rest = numerator - quotient * e.divisor;
+    return int(quotient) + (rest < 0.0lf ? -1 : rest >= e.divisor ? 1 : 0);
+}
+
+// Fills every stride-th sample of every stride-th row of a piece, from the first; returns how many
+// samples inside the image its rows have.
+uint fill(Piece p, ivec2 first, ivec2 stride_) {
+    Edge whole = edge(p.a, p.c), upper = edge(p.a, p.b), lower = edge(p.b, p.c);
+    bool whole_is_left = double(p.b.x - p.a.x) * double(p.c.y - p.a.y)
+                       > double(p.c.x - p.a.x) * double(p.b.y - p.a.y);
+    int middle = (p.b.y + HALF - 1) >> 8;
+    uint covered = 0u;
+    for (int row = p.top + first.y; row < p.bottom; row += stride_.y) {
+        Edge turn = lower;
+        if (row < middle) turn = upper;
+        int here = crossing(whole, row), there = crossing(turn, row);
+        ivec2 run = runs[row + corner.y] - corner.x;
+        int begin = max(whole_is_left ? here : there, max(run.x, 0));
+        int end = min(whole_is_left ? there : here, min(run.y, size.x));
+        covered += uint(max(end - begin, 0));
+        if (p.greatest == 0.0) continue;
+        precise double start = p.origin + p.down * double(row + corner.y);
+        uint row_start = (p.pose * uint(size.y) + uint(row)) * uint(size.x);
+        for (int x = begin + first.x; x < end; x += stride_.x) {
+            precise double depth = start + p.right * double(x + corner.x);
+            // Rounding lets a sample lie a hair beyond the corners; its depth does not.
+            keep_nearest(row_start + uint(x), clamp(float(depth), p.least, p.greatest), p.face);
+        }
+    }
+    return covered;
+}
+
+void count(Piece p, uint covered) {
+    if (with_drawn && covered > 0u) {
+        atomicAdd(counts[p.pose * stride + p.face - first_face], covered);
+    }
+}
+
+#ifdef QUEUED
+
+void main() {
+    ivec2 first = ivec2(gl_LocalInvocationIndex & 7u, gl_LocalInvocationIndex >> 3u);
+    uint n = is_full == 0u ? n_pieces : 0u;
+    for (uint i = gl_WorkGroupID.x; i < n; i += gl_NumWorkGroups.x) {
+        Piece p = pieces[i];
+        uint covered = fill(p, first, ivec2(8));
+        if (first.x == 0) count(p, covered);
+    }
+}
+
+#else
+
+layout(std430, binding = 4) readonly buffer Poses { Pose poses[]; };
+layout(std430, binding = 5) readonly buffer Vertices { double vertices[]; };
+layout(std430, binding = 6) readonly buffer Faces { uint faces[]; };
+
+uniform uvec2 faces_to_draw;  // from the first up to the last
+uniform uint first_pose;
+
+dvec3 in_camera(Pose pose, uint corner_of_face) {
+    uint v = 3u * faces[corner_of_face];
+    precise double x = vertices[v] - pose.eye.x;
+    precise double y = vertices[v + 1u] - pose.eye.y;
+    precise double z = vertices[v + 2u] - pose.eye.z;
+    precise double right = x * pose.right.x + y * pose.right.y + z * pose.right.z;
+    precise double down = x * pose.down.x + y * pose.down.y + z * pose.down.z;
+    precise double ahead = x * pose.forward.x + y * pose.forward.y + z * pose.forward.z;
+    return dvec3(right, down, ahead);
+}
+
+// Steps from the corner of the canvas, and 1/z.
+dvec3 in_image(Pose pose, dvec3 p) {
+    precise double w = 1.0lf / p.z;
+    precise double u = (pose.lens.x * p.x * w + pose.lens.z) * STEPS;
+    precise double v = (pose.lens.y * p.y * w + pose.lens.w) * STEPS;
+    return dvec3(u, v, w);
+}
+
+bool is_near_image(dvec3 at) {
+    dvec2 from = abs(at.xy - STEPS * dvec2(corner));
+    return max(from.x, from.y) <= double(FAR_OUT);
+}
+
+// Keeps the part of a convex polygon where plane . p >= offset; returns its corner count. A cut is
+// reckoned from the corner inside to the one outside, so two faces cut their edge at one point.
+int clip(inout dvec3 polygon[8], int n, dvec3 plane, double offset) {
+    dvec3 kept[8];
+    int n_kept = 0;
+    for (int i = 0; i < n && n_kept < 8; ++i) {
+        dvec3 p = polygon[i], q = polygon[i + 1 < n ? i + 1 : 0];
+        precise double here = plane.x * p.x + plane.y * p.y + plane.z * p.z - offset;
+        precise double there = plane.x * q.x + plane.y * q.y + plane.z * q.z - offset;
+        if (here >= 0.0lf) kept[n_kept++] = p;
+        if ((here >= 0.0lf) != (there >= 0.0lf) && n_kept < 8) {
+            bool is_leaving = here >= 0.0lf;
+            dvec3 from = is_leaving ? p : q, to = is_leaving ? q : p;
+            double inside = is_leaving ? here : there, beyond = is_leaving ? there : here;
+            precise double t = inside / (inside - beyond);
+            precise dvec3 cut = from + t * (to - from);
+            kept[n_kept++] = cut;
+        }
+    }
+    polygon = kept;
+    return n_kept;
+}
+
+void swap_if_lower(inout ivec2 a, inout ivec2 b) {
+    if (b.y < a.y) {
+        ivec2 other = a;
+        a = b;
+        b = other;
+    }
+}
+
+void enqueue(Piece p) {
+    uint n = uint(p.bottom - p.top + ROWS - 1) / uint(ROWS);
+    // Nothing is added to a queue that is full, so that the number of pieces cannot overflow.
+    uint end = n_pieces < capacity ? atomicAdd(n_pieces, n) + n : capacity + 1u;
+    if (end > capacity) {
+        is_full = 1u;
+        return;
+    }
+    atomicMax(groups_x, min(end, 65535u));
+    int bottom = p.bottom;
+    for (uint slot = end - n; slot < end; ++slot) {
+        p.bottom = min(p.top + ROWS, bottom);
+        pieces[slot] = p;
+        p.top = p.bottom;
+    }
+}
+
+void draw(dvec3 a, dvec3 b, dvec3 c, uint face, uint pose, bool can_cull) {
+    dvec2 ra = floor(a.xy + 0.5lf), rb = floor(b.xy + 0.5lf), rc = floor(c.xy + 0.5lf);
+    dvec2 ab = rb - ra, ac = rc - ra;
+    double rounded = ab.x * ac.y - ac.x * ab.y;
+    bool is_back = can_cull && rounded > 0.0lf;
+#ifdef ATOMIC64
+    bool is_wanted = with_drawn || !is_back;
+#else
+    bool is_wanted = (with_drawn && which_pass == 0u) || !is_back;
+#endif
+    if (rounded == 0.0lf || !is_wanted) return;
+
+    Piece p;
+    p.a = ivec2(ra) - 256 * corner;
+    p.b = ivec2(rb) - 256 * corner;
+    p.c = ivec2(rc) - 256 * corner;
+    ivec2 low = min(p.a, min(p.b, p.c)), high = max(p.a, max(p.b, p.c));
+    low = max((low + HALF - 1) >> 8, 0);  // samples from the first up to the last
+    high = min((high + HALF - 1) >> 8, size);
+    if (low.x >= high.x || low.y >= high.y) return;
+    swap_if_lower(p.a, p.b);
+    swap_if_lower(p.a, p.c);
+    swap_if_lower(p.b, p.c);
+    p.top = low.y;
+    p.bottom = high.y;
+    p.face = face;
+    p.pose = pose;
+
+    // From the corners as they are; as rounded where the triangle is too thin for that.
+    dvec2 from = a.xy, ab_here = b.xy - a.xy, ac_here = c.xy - a.xy;
+    double area = ab_here.x * ac_here.y - ac_here.x * ab_here.y;
+    if (abs(area - rounded) > 0.25lf * abs(rounded)) {
+        from = ra;
+        ab_here = ab;
+        ac_here = ac;
+        area = rounded;
+    }
+    double w_ab = b.z - a.z, w_ac = c.z - a.z;
+    precise double right = (w_ab * ac_here.y - w_ac * ab_here.y) * (STEPS / area);
+    precise double down = (w_ac * ab_here.x - w_ab * ac_here.x) * (STEPS / area);
+    precise double origin =
+        a.z + (right * (double(HALF) - from.x) + down * (double(HALF) - from.y)) / STEPS;
+    p.right = right;
+    p.down = down;
+    p.origin = origin;
+    p.least = is_back ? 0.0 : float(min(a.z, min(b.z, c.z)));
+    p.greatest = is_back ? 0.0 : float(max(a.z, max(b.z, c.z)));
+
+    if ((high.x - low.x) * (high.y - low.y) > SMALL) {
+        enqueue(p);
+    } else {
+        count(p, fill(p, ivec2(0), ivec2(1)));
+    }
+}
+
+void main() {
+    uint face = faces_to_draw.x + gl_GlobalInvocationID.x;
+    if (face >= faces_to_draw.y) return;
+    uint view = first_pose + gl_GlobalInvocationID.z;
+    Pose pose = poses[view];
+    dvec3 in_space[3], at[3];
+    bool is_whole = true;
+    for (int i = 0; i < 3; ++i) {
+        in_space[i] = in_camera(pose, 3u * face + uint(i));
+        at[i] = in_image(pose, in_space[i]);
+        is_whole = is_whole && in_space[i].z >= pose.near && is_near_image(at[i]);
+    }
+    dvec3 polygon[8];
+    int n = 3;
+    if (!is_whole) {
+        for (int i = 0; i < 3; ++i) polygon[i] = in_space[i];
+        n = clip(polygon, n, dvec3(0.0lf, 0.0lf, 1.0lf), pose.near);
+        // |u|, |v| <= reach from the corner of the tile: +-(f x + c z) <= reach z.
+        double reach = 0.99lf * double(FAR_OUT) / STEPS;
+        dvec2 middle = pose.lens.zw - dvec2(corner);
+        for (int border = 0; border < 4; ++border) {
+            double side = (border & 1) == 0 ? 1.0lf : -1.0lf;
+            dvec3 plane = border < 2 ? dvec3(side * pose.lens.x, 0.0lf, side * middle.x + reach)
+                                     : dvec3(0.0lf, side * pose.lens.y, side * middle.y + reach);
+            n = clip(polygon, n, plane, 0.0lf);
+        }
+    }
+    for (int i = 1; i + 1 < n; ++i) {
+        if (!is_whole) {
+            at[0] = in_image(pose, polygon[0]);
+            at[1] = in_image(pose, polygon[i]);
+            at[2] = in_image(pose, polygon[i + 1]);
+        }
+        draw(at[0], at[1], at[2], face + 1u, view, pose.cull != 0.0lf);
+    }
+}
+
+#endif

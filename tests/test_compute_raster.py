@@ -1,0 +1,356 @@
+"""What only the plan "compute" has: a queue of large triangles, two ways to the nearest face."""
+
+import dataclasses
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import hostile_scenes
+import numpy as np
+import pytest
+from scenes import joined, square
+
+import rastercov
+from rastercov import shapes
+from rastercov.camera import Camera
+from rastercov.errors import DeviceError, ResourceError
+from rastercov.mesh import Mesh
+from rastercov.pose import look_at, sphere_of_poses
+from rastercov.raster import compute
+from rastercov.raster.arena import Arena
+from rastercov.raster.cpu import CPURasterizer
+from rastercov.raster.egl import open_context
+from rastercov.raster.gl import GLRasterizer
+
+CAMERA = Camera(width=160, height=120, fx=150, fy=140, cx=81.3, cy=58.2)
+
+
+def large_and_small():
+    """Triangles larger than the image, through the eye, and less than a pixel; and views of it."""
+    corners = np.array([(-9, -9, 2), (9, -8, 2.5), (1, 18, 2)], float)
+    through = np.array([(0.3, 0.2, 3), (-4, 0.4, 1), (2, 0.1, -5)])
+    wall = Mesh(vertices=np.concatenate((corners, through)), faces=[(0, 1, 2), (3, 4, 5)])
+    mesh = joined(shapes.torus(24, 12), wall, shapes.sphere(3), square(2.5, -1.5))
+    poses = np.concatenate((sphere_of_poses((0, 0, 0), 4, 3), look_at((0.2, 0, 0.1), (1, 0.3, 1))))
+    return mesh, poses
+
+
+def closed():
+    """A closed mesh, whose back faces are left out from outside and drawn from inside."""
+    poses = look_at([(4, 0, 1), (1, 0, 0.1), (0, 3, 2), (0.9, 0.2, 0)], [(0, 0, 0), (0, 1, 0)] * 2)
+    return shapes.torus(40, 20), poses
+
+
+SCENES = {
+    "large and small": large_and_small,
+    "closed": closed,
+    "room": lambda: (
+        shapes.room(4),
+        look_at([(0, 0, 1.5), (2.5, 2, 0.3)], [(1, 1, 1), (-3, 0, 1)]),
+    ),
+    "teapot": lambda: (shapes.teapot(3), sphere_of_poses((0, 0, 0), 0.4, 3)),
+}
+
+
+@pytest.fixture(params=SCENES)
+def scene(request):
+    return SCENES[request.param]()
+
+
+@pytest.fixture
+def open_compute(device):
+    def open_one(mesh, camera=CAMERA, **options):
+        return GLRasterizer(mesh, camera, device=device, plan="compute", **options)
+
+    return open_one
+
+
+def everything(rasterizer, poses):
+    """All counts with and without `drawn`, and all images, as named arrays."""
+    both, alone = rasterizer.count(poses), rasterizer.count(poses, drawn=False)
+    images = [rasterizer.render(pose) for pose in poses]
+    assert alone.drawn is None
+    np.testing.assert_array_equal(alone.visible, both.visible)
+    return {
+        "visible": both.visible,
+        "drawn": both.drawn,
+        "background": both.background,
+        "clipped": both.clipped,
+        "face": np.array([image.face for image in images]),
+        "depth": np.array([image.depth for image in images]),
+    }
+
+
+def assert_same(found, expected):
+    for name, values in expected.items():
+        np.testing.assert_array_equal(found[name], values, err_msg=name)
+
+
+def assert_same_as_cpu(found, expected):
+    """All the same; depth to the last bit or two, as sums are taken in another order."""
+    depth = np.isfinite(expected["depth"])
+    np.testing.assert_allclose(found["depth"][depth], expected["depth"][depth], rtol=2.5e-7)
+    assert_same(found, {name: expected[name] for name in expected if name != "depth"})
+
+
+@pytest.mark.parametrize(("supersample", "roll"), [(1, 0.0), (2, 0.0), (1, 0.4), (3, -1.1)])
+def test_it_fills_what_the_cpu_fills(open_compute, scene, supersample, roll):
+    mesh, poses = scene
+    options = {"supersample": supersample, "roll": roll}
+    with open_compute(mesh, **options) as found, CPURasterizer(mesh, CAMERA, **options) as expected:
+        assert_same_as_cpu(everything(found, poses), everything(expected, poses))
+
+
+@pytest.mark.parametrize(
+    "sizes",
+    [
+        {"SMALL": -1},  # all by way of the queue
+        {"SMALL": 1 << 30},  # none
+        {"SMALL": 0, "ROWS": 1},
+        {"SMALL": 20, "ROWS": 7},
+        {"SMALL": -1, "ROWS": 1, "MAX_PIECES": 1},
+        {"MAX_POSES": 1},
+        {"MAX_FACES": 64},
+    ],
+)
+def test_how_triangles_are_shared_out_changes_nothing(open_compute, scene, monkeypatch, sizes):
+    mesh, poses = scene
+    with open_compute(mesh) as rasterizer:
+        expected = everything(rasterizer, poses)
+    for name, value in sizes.items():
+        assert hasattr(compute, name)
+        monkeypatch.setattr(compute, name, value)
+    with open_compute(mesh) as rasterizer:
+        assert_same(everything(rasterizer, poses), expected)
+
+
+@pytest.fixture
+def many_large():
+    """Triangles that all fill the image and reach behind the camera."""
+    rng = np.random.default_rng(2)
+    centre = np.concatenate((rng.normal(size=(1000, 1, 2)), np.full((1000, 1, 1), 4.0)), axis=2)
+    points = centre + rng.normal(size=(1000, 3, 3)) * (30, 30, 2)
+    return Mesh(vertices=points.reshape(-1, 3), faces=np.arange(3000).reshape(-1, 3))
+
+
+@pytest.mark.parametrize("n_faces", [60, 1000])
+def test_a_queue_that_is_too_small_is_filled_again_with_less(
+    open_compute, many_large, monkeypatch, n_faces
+):
+    monkeypatch.setattr(compute, "MAX_PIECES", 1)
+    mesh = Mesh(vertices=many_large.vertices, faces=many_large.faces[:n_faces])
+    poses = np.tile(np.eye(4), (20, 1, 1))
+    poses[:, 0, 3] = np.linspace(-1, 1, 20)
+    with open_compute(mesh) as found, CPURasterizer(mesh, CAMERA) as expected:
+        before = found._plan._faces_at_once, found._plan._poses_at_once
+        counts, truth = found.count(poses), expected.count(poses)
+        assert (found._plan._faces_at_once, found._plan._poses_at_once) < before
+        np.testing.assert_array_equal(counts.visible, truth.visible)
+        np.testing.assert_array_equal(counts.drawn, truth.drawn)
+    monkeypatch.setattr(compute, "MAX_PIECES", 1 << 18)
+    with open_compute(mesh) as whole:
+        np.testing.assert_array_equal(whole.count(poses).visible, truth.visible)
+        assert (whole._plan._faces_at_once, whole._plan._poses_at_once) == before
+
+
+def test_large_images_are_filled_whole(open_compute, many_large):
+    # llvmpipe lets no invocation loop for more than 65,535 turns, and says nothing.
+    camera = Camera(width=2400, height=1800, fx=2000, fy=2000)
+    mesh = Mesh(vertices=many_large.vertices, faces=many_large.faces[:40])
+    with open_compute(mesh, camera) as found, CPURasterizer(mesh, camera) as expected:
+        counts, truth = found.count(np.eye(4)), expected.count(np.eye(4))
+    assert np.abs(counts.drawn - truth.drawn).max() <= 2
+    assert np.abs(counts.visible - truth.visible).max() <= 2
+    assert counts.drawn.max() > 1_000_000
+
+
+def test_a_queue_that_is_always_full_is_not_waited_for(open_compute, monkeypatch):
+    read = Arena.read_words
+
+    def full(self, buffer, *shape):
+        words = read(self, buffer, *shape)
+        return np.ones_like(words) if shape == (compute.HEAD_WORDS,) else words
+
+    monkeypatch.setattr(Arena, "read_words", full)
+    with pytest.raises(DeviceError, match=r"has no room for the pieces of 64 faces; its answers"):
+        open_compute(shapes.box())
+
+
+@pytest.mark.parametrize("max_tile", [1000, 64, 37])
+@pytest.mark.parametrize("roll", [0.0, 0.4])
+def test_triangles_over_the_borders_of_tiles_change_not_one_sample(
+    open_compute, scene, max_tile, roll
+):
+    # Corners are rounded on the canvas, not in the tile, so this holds without exception.
+    mesh, poses = scene
+    with (
+        open_compute(mesh, roll=roll) as whole,
+        open_compute(mesh, roll=roll, max_tile=max_tile) as t,
+    ):
+        assert_same(everything(t, poses), everything(whole, poses))
+
+
+def test_many_poses_count_as_each_one_alone(open_compute):
+    # Views from inside and outside, with back faces and without, in batches that do not come out
+    # even, with checks of the device between them.
+    mesh = shapes.torus(20, 10)
+    camera = Camera(width=40, height=30, fx=38, fy=36)
+    rng = np.random.default_rng(3)
+    eyes = rng.normal(size=(601, 3)) * rng.uniform(0.5, 4, (601, 1))
+    poses = look_at(eyes, rng.normal(size=(601, 3)))
+    budget = 77 * (8 * 40 * 30 + 4 * (mesh.n_faces + 1))
+    with CPURasterizer(mesh, camera) as rasterizer:
+        expected = rasterizer.count(poses)
+    for options in ({}, {"image_budget": budget}, {"image_budget": 1}):
+        with open_compute(mesh, camera, **options) as rasterizer:
+            found = rasterizer.count(poses)
+        np.testing.assert_array_equal(found.visible, expected.visible)
+        np.testing.assert_array_equal(found.drawn, expected.drawn)
+
+
+def test_counts_repeat_bit_for_bit(open_compute):
+    mesh, poses = large_and_small()
+    with open_compute(mesh) as rasterizer:
+        first = everything(rasterizer, poses)
+        for _ in range(5):
+            assert_same(everything(rasterizer, poses), first)
+
+
+def test_hostile_scenes_are_filled_as_by_the_cpu(open_compute):
+    # Triangles that reach 2^17 samples beyond the image are clipped elsewhere than on the CPU, so
+    # there a sample by an edge may go to the other side.
+    rng = np.random.default_rng(0)
+    same = 0
+    for _ in range(60):
+        mesh, camera, poses, supersample = hostile_scenes.scene(rng)
+        with (
+            open_compute(mesh, camera, supersample=supersample) as rasterizer,
+            CPURasterizer(mesh, camera, supersample=supersample) as cpu,
+        ):
+            found, expected = everything(rasterizer, poses), everything(cpu, poses)
+        assert (found["visible"] <= found["drawn"]).all()
+        assert np.array_equal(np.isinf(found["depth"]), found["face"] < 0)
+        different = (found["face"] != expected["face"]).sum()
+        assert different <= 0.002 * found["face"].size + 4
+        same += not different and np.array_equal(found["drawn"], expected["drawn"])
+    assert same >= 45
+
+
+def test_slivers_seen_edge_on_are_filled_as_by_the_cpu(open_compute):
+    # Across a sliver a tenth of a pixel wide, 1/z goes from one end to the other. One corner rounds
+    # to the middle of a pixel, so the sample there can be a hair beyond it: on the plane of the
+    # sliver that would be behind the camera, or before all others.
+    rng = np.random.default_rng(7)
+    n = 2000
+    angle = rng.uniform(0, np.pi, (n, 1))
+    along = np.concatenate((np.cos(angle), np.sin(angle)), axis=1)[:, None]
+    middle = np.floor(rng.uniform(0, (CAMERA.width, CAMERA.height), (n, 1, 2))) + 0.5
+    image = middle + rng.uniform(-20, 20, (n, 3, 1)) * along
+    image += rng.uniform(-0.1, 0.1, (n, 3, 1)) * along[..., ::-1] * (1, -1)
+    image[:, 0] = middle[:, 0] + rng.uniform(-0.5, 0.5, (n, 2)) / 256
+    z = 10 ** rng.uniform(-0.7, 1.7, (n, 3, 1))
+    ray = (image - (CAMERA.cx, CAMERA.cy)) / (CAMERA.fx, CAMERA.fy)
+    points = np.concatenate((ray * z, z), axis=2).reshape(-1, 3)
+    slivers = Mesh(vertices=points, faces=np.arange(3 * n).reshape(n, 3))
+    mesh = joined(slivers, square(100, 60))
+    with open_compute(mesh) as found, CPURasterizer(mesh, CAMERA) as expected:
+        image = everything(found, np.eye(4)[None])
+        assert_same_as_cpu(image, everything(expected, np.eye(4)[None]))
+    depth, owner = image["depth"], image["face"]
+    assert (owner < n).sum() > 1000
+    z = mesh.vertices[mesh.faces[owner], 2]
+    least, greatest = z.min(axis=-1), z.max(axis=-1)
+    assert (depth >= least * (1 - 1e-6)).all()
+    assert (depth <= greatest * (1 + 1e-6)).all()
+
+
+def test_atomics_of_32_and_of_64_bits_find_the_same():
+    # Mesa can do the latter and only says so when told to, once a process.
+    code = """
+import dataclasses
+import numpy as np
+import test_compute_raster as t
+from rastercov.raster.cpu import CPURasterizer
+from rastercov.raster.egl import open_context
+from rastercov.raster.gl import GLRasterizer
+
+with open_context("surfaceless") as context:
+    wide = context.info
+    narrow = dataclasses.replace(wide, extensions=frozenset(wide.extensions - {t.ATOMICS}))
+    print(wide.has_int64_atomics, narrow.has_int64_atomics)
+    for make in t.SCENES.values():
+        mesh, poses = make()
+        faces = np.concatenate((mesh.faces, mesh.faces[::-1]))
+        double = t.Mesh(vertices=mesh.vertices, faces=faces)
+        for mesh in (mesh, double):
+            found = []
+            for context.info in (wide, narrow):
+                with GLRasterizer(mesh, t.CAMERA, device=context, plan="compute") as rasterizer:
+                    assert rasterizer._plan._passes == (2 if context.info is narrow else 1)
+                    found.append(t.everything(rasterizer, poses))
+            with CPURasterizer(mesh, t.CAMERA) as rasterizer:
+                t.assert_same(found[0], found[1])
+                t.assert_same_as_cpu(found[0], t.everything(rasterizer, poses))
+"""
+    paths = (str(Path(rastercov.__file__).parents[1]), str(Path(__file__).parent))
+    environment = {"MESA_EXTENSION_OVERRIDE": f"+{ATOMICS}", "PYTHONPATH": os.pathsep.join(paths)}
+    run = subprocess.run(
+        [sys.executable, "-c", code],
+        env=os.environ | environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert run.returncode == 0, run.stderr
+    assert run.stdout == "True False\n"
+
+
+ATOMICS = "GL_NV_shader_atomic_int64"
+
+
+@pytest.mark.hardware
+@pytest.mark.parametrize("plan", ["compute", "hardware"])
+def test_a_graphics_card_sees_what_the_cpu_sees(scene, plan):
+    try:
+        context = open_context(require_hardware=True)
+    except DeviceError as error:
+        pytest.skip(str(error))
+    mesh, poses = scene
+    with (
+        context,
+        GLRasterizer(mesh, CAMERA, device=context, plan=plan) as found,
+        CPURasterizer(mesh, CAMERA) as expected,
+    ):
+        found, expected = everything(found, poses), everything(expected, poses)
+    different = found["face"] != expected["face"]
+    if plan == "compute":  # but for a division that rounds otherwise, the same to the last bit
+        assert different.sum() <= 3
+        assert np.abs(found["drawn"] - expected["drawn"]).sum() <= 3
+    assert different.mean() <= 0.005
+    assert (found["visible"] <= found["drawn"]).all()
+
+
+def test_mesh_beyond_the_largest_storage_block_is_refused(device, monkeypatch):
+    mesh = shapes.torus(20, 10)
+    small = dataclasses.replace(
+        device.info, limits=device.info.limits | {"max_ssbo_bytes": 12 * mesh.n_faces - 1}
+    )
+    monkeypatch.setattr(device, "info", small)
+    with pytest.raises(
+        ResourceError, match=r"storage blocks of 4,800 bytes, llvmpipe .* has 4,799"
+    ):
+        GLRasterizer(mesh, CAMERA, device=device, plan="compute")
+
+
+def test_storage_blocks_that_hold_little_change_nothing(device, monkeypatch):
+    mesh, poses = large_and_small()
+    with GLRasterizer(mesh, CAMERA, device=device, plan="compute") as rasterizer:
+        expected = everything(rasterizer, poses)
+    small = dataclasses.replace(
+        device.info, limits=device.info.limits | {"max_ssbo_bytes": 100_000}
+    )
+    monkeypatch.setattr(device, "info", small)
+    with GLRasterizer(mesh, CAMERA, device=device, plan="compute") as rasterizer:
+        assert rasterizer._plan.tile == (160, 78)
+        assert_same(everything(rasterizer, poses), expected)
