@@ -17,9 +17,9 @@ from scenes import joined, sheet, square
 
 from rastercov import cli, shapes
 from rastercov.camera import Camera
+from rastercov.canvas import LIGHT, Axis
 from rastercov.compare import convergence as compare_convergence
 from rastercov.compare import entrants as compare_entrants
-from rastercov.canvas import LIGHT, Axis
 from rastercov.compare.comparison import CHANCE, ENOUGH, _often_enough, compare
 from rastercov.compare.convergence import KnownFaces, converge
 from rastercov.compare.entrants import Candidate

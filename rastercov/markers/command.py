@@ -43,7 +43,8 @@ def markers(
     """Foretell which ArUco markers OpenCV finds in pictures; 1 when under 98 % are right.
 
     The four experiments of the thesis, and random scenes by every model. It leaves a page for
-    people (markers.html) and all figures (markers.json). Needs the extra `markers`.
+    people (markers.html) and all figures (markers.json). With few scenes chance decides. Needs the
+    extra `markers`.
 
     [bold]Example[/]: rastercov validate markers --out markers/
 

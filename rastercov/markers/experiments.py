@@ -191,7 +191,7 @@ def focus(renderer: MarkerRenderer, seed: int = 0) -> Experiment:
         return {
             "setting": f"{FOCUS_DEPTHS[index]} m",
             "printed": f"{int(1 <= index <= 5)}",
-            "ours": f"{is_sharp:d}, {figures.blur:.2f} px",
+            "ours": f"{is_sharp:d}, {figures.blur:.1f} px, {figures.blur_cells:.2f} cells",
             "printed_coverage": float(1 <= index <= 5),
             "coverage": float(is_sharp),
             "printed_detected": index <= 5,

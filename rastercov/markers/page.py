@@ -36,7 +36,6 @@ from rastercov.markers.render import MarkerRenderer
 from rastercov.markers.requirement import DETECTOR, THESIS, Requirement
 from rastercov.markers.words import (
     CALIBRATION_HEADINGS,
-    NOT_NEAR,
     ROW_HEADINGS,
     SCORE_HEADINGS,
     TALLY_HEADINGS,
@@ -47,6 +46,7 @@ from rastercov.markers.words import (
     failure_words,
     row_words,
     score_words,
+    short_words,
 )
 from rastercov.report import replacing, write_json
 from rastercov.run import interrupts_held, make_folder
@@ -56,6 +56,10 @@ OF_A_VALIDATION = re.compile(r"markers\.(json|html)|(experiment|wrong|calibratio
 MUST_BE_RIGHT = 0.98
 """Share of random scenes that the model must foretell by the detector's requirement."""
 REQUIREMENTS = (THESIS, DETECTOR)
+CLEAR_CASE = (
+    "A clear case is one that no small change would alter: 10 % of resolution or focus, 3 px at "
+    "the border, 5 % of area."
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,36 +181,25 @@ def write_validation(
     make_folder(out)
     drawn: dict[str, bytes] = {}
     for experiment in found.experiments:
-        name = f"experiment_{experiment.name.replace(' ', '_')}"
-        drawn[name] = png(experiment_picture(experiment), Image.Quantize.FASTOCTREE)
+        drawn[_name(experiment)] = png(experiment_picture(experiment), Image.Quantize.FASTOCTREE)
     wrong: dict[str, list[tuple[bytes, str]]] = {}
-    if found.study:
-        for theme, prefix in ((LIGHT, ""), (DARK, "dark_")):
-            for requirement in REQUIREMENTS:
-                scores = [s for s in found.study.scores if s.requirement == requirement.name]
-                plot = calibration_plot(scores, theme)
-                drawn[f"{prefix}calibration_{requirement.name}"] = png(
-                    plot, Image.Quantize.MEDIANCUT
-                )
-        for requirement in REQUIREMENTS:
-            tiles = []
-            shown = found.study.wrong(requirement)[:failures]
-            for done, outcome in enumerate(shown):
-                progress(done, len(shown))
-                case, rng = random_scene(found.study.seed, outcome.number, found.study.obstacle)
-                tile = marker_picture(photograph(renderer, case, rng), outcome.detected)
-                tiles.append((tile, outcome))
-            wrong[requirement.name] = [
-                (
-                    png(tile, Image.Quantize.FASTOCTREE),
-                    f"Scene {outcome.number}: {failure_words(outcome, requirement)}",
-                )
-                for tile, outcome in tiles
-            ]
-            named = [
-                (tile, _short(outcome.number, outcome, requirement)) for tile, outcome in tiles
-            ]
-            drawn[f"wrong_{requirement.name}"] = png(sheet(named), Image.Quantize.FASTOCTREE)
+    for requirement in REQUIREMENTS if found.study else ():
+        assert found.study is not None
+        _draw_plots(drawn, found.study, requirement)
+        shown = found.study.wrong(requirement)[:failures]
+        tiles = []
+        for done, outcome in enumerate(shown):
+            progress(done, len(shown))
+            case, rng = random_scene(found.study.seed, outcome.number, found.study.obstacle)
+            tiles.append(marker_picture(photograph(renderer, case, rng), outcome.detected))
+        captions = [short_words(outcome, requirement) for outcome in shown]
+        drawn[f"wrong_{requirement.name}"] = png(
+            sheet(list(zip(tiles, captions, strict=True))), Image.Quantize.FASTOCTREE
+        )
+        wrong[requirement.name] = [
+            (png(tile, Image.Quantize.FASTOCTREE), failure_words(outcome, requirement))
+            for tile, outcome in zip(tiles, shown, strict=True)
+        ]
     with interrupts_held():
         for old in out.iterdir():
             if OF_A_VALIDATION.fullmatch(old.name):
@@ -221,10 +214,15 @@ def write_validation(
     return out / "markers.html"
 
 
-def _short(number: int, outcome: Any, requirement: Requirement) -> str:
-    name, slack = outcome.figures.decisive(requirement)
-    name = "nothing near" if slack >= NOT_NEAR else name
-    return f"{number}: {'found' if outcome.detected else 'lost'}, {name} {slack:+.2f}"
+def _draw_plots(drawn: dict[str, bytes], study: RandomStudy, requirement: Requirement) -> None:
+    scores = [s for s in study.scores if s.requirement == requirement.name]
+    for theme, prefix in ((LIGHT, ""), (DARK, "dark_")):
+        plot = calibration_plot(scores, theme)
+        drawn[f"{prefix}calibration_{requirement.name}"] = png(plot, Image.Quantize.MEDIANCUT)
+
+
+def _name(experiment: Experiment) -> str:
+    return f"experiment_{experiment.name.replace(' ', '_')}"
 
 
 def page(
@@ -243,8 +241,8 @@ def page(
         f"<p>{escape(_requirements())}</p>",
     ]
     for experiment in found.experiments:
-        name = f"experiment_{experiment.name.replace(' ', '_')}"
-        image = picture(f"{experiment.title}: the photograph, what was found in green", drawn[name])
+        words_of = f"{experiment.title}: the photograph, what was found in green"
+        image = picture(words_of, drawn[_name(experiment)])
         body += [
             f"<h2>{escape(experiment.title)}</h2>",
             f"<p>{escape(experiment_line(experiment))}.</p>",
@@ -287,8 +285,7 @@ def _random(
         plot = picture(f"Plot: {name}", drawn[name], drawn[f"dark_{name}"])
         parts += [
             f"<h3>By the {requirement.name} requirement</h3>",
-            f"<p>{escape(clear_line(study, requirement))}. A clear case is one that no small "
-            "change would alter: 10 % of resolution or focus, 3 px at the border, 5 % of area.</p>",
+            f"<p>{escape(clear_line(study, requirement).capitalize())}. {CLEAR_CASE}</p>",
             table(SCORE_HEADINGS, [score_words(s) for s in scores]),
             f'<div class="grid"><figure>{plot}</figure>'
             f"<div>{table(CALIBRATION_HEADINGS, calibration_words(ours))}</div></div>",

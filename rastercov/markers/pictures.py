@@ -63,22 +63,19 @@ def calibration_plot(scores: Sequence[Score], theme: Theme) -> Image.Image:
 
     Classes with fewer than `FEWEST` markers are left out.
     """
-    curves = [
-        Curve(
-            score.model,
-            [
-                ((low + min(high, 1.0)) / 2, found)
-                for low, high, found, count in score.calibration
-                if count >= FEWEST
-            ],
-            theme.series[index],
-        )
-        for index, score in zip((0, 1, 2, 3, 4, 6), scores, strict=False)
-    ][::-1]
+    curves = []
+    for colour, score in zip((0, 1, 2, 3, 4, 6), scores, strict=False):
+        points = [
+            ((low + min(high, 1.0)) / 2, found)
+            for low, high, found, count in score.calibration
+            if count >= FEWEST
+        ]
+        if len(points) > 1:
+            curves.append(Curve(score.model, points, theme.series[colour]))
     return line_plot(
         f"Coverage and detection, {scores[0].requirement} requirement",
         LinearAxis("predicted coverage", 0.0, 1.0),
         LinearAxis("markers found", 0.0, 1.0, is_percent=True),
-        curves,
+        curves[::-1],
         theme,
     )

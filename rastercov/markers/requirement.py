@@ -149,6 +149,11 @@ class PlateFigures:
             shares.append(self.cell / requirement.min_cell)
         return min(shares)
 
+    @property
+    def blur_cells(self) -> float:
+        """The blur circle over the side of a cell, the root of its image's area; 0 without one."""
+        return CELLS * self.blur / math.sqrt(self.pixels) if self.pixels > 0 else 0.0
+
     def coverage(self, requirement: Requirement) -> float:
         """C, (3.6), graded; the depth of field is where the blur circle stays within its limit."""
         is_inside = self.is_front and self.in_view and self.border >= requirement.min_border

@@ -8,7 +8,7 @@ from rich.table import Table
 from rastercov.markers.experiments import Experiment, Row
 from rastercov.markers.judges import Score
 from rastercov.markers.random_scenes import Outcome, RandomStudy
-from rastercov.markers.requirement import Requirement
+from rastercov.markers.requirement import CLEAR, Requirement
 
 ROW_HEADINGS = (
     "marker",
@@ -105,12 +105,18 @@ def failure_words(outcome: Outcome, requirement: Requirement) -> str:
         "field of view": f"{figures.border:.1f} px from the border",
         "back": "seen from behind",
     }[name]
-    happened = "found" if outcome.detected else "not found"
+    happened = f"Scene {outcome.number}: {'found' if outcome.detected else 'not found'}"
     if slack >= NOT_NEAR:
-        return f"{happened}; no criterion is near its threshold; cells of {figures.cell:.1f} px"
-    clear = "clearly " if abs(slack) >= 0.1 else "narrowly "
-    verdict = f"{clear}{'fails' if slack < 0 else 'meets'} {name}"
-    return f"{happened}; {verdict}: {detail}"
+        return f"{happened}; nothing is near its threshold; {detail}"
+    clear = "clearly " if abs(slack) >= CLEAR else "narrowly "
+    return f"{happened}; {clear}{'fails' if slack < 0 else 'meets'} {name}: {detail}"
+
+
+def short_words(outcome: Outcome, requirement: Requirement) -> str:
+    """The same in a few words: what is nearest to its threshold, and its slack."""
+    name, slack = outcome.figures.decisive(requirement)
+    name = "nothing near" if slack >= NOT_NEAR else f"{name} {slack:+.2f}"
+    return f"{outcome.number}: {'found' if outcome.detected else 'lost'}, {name}"
 
 
 def failure_tally(study: RandomStudy, requirement: Requirement) -> list[tuple[str, ...]]:
@@ -135,7 +141,8 @@ TALLY_HEADINGS = (
 
 def experiment_table(experiment: Experiment) -> Table:
     """An experiment for a terminal: figures as printed and ours, predictions, what was found."""
-    table = Table(title=experiment_line(experiment), title_justify="left", box=SIMPLE_HEAD)
+    title = experiment_line(experiment)
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     headings = ("#", "where", experiment.criterion, "ours", "5.1", "det.", "print")
     for name in (*headings, "here", "model"):
         table.add_column(name)
@@ -145,14 +152,18 @@ def experiment_table(experiment: Experiment) -> Table:
 
 
 def score_table(scores: Sequence[Score]) -> Table:
-    """Models by one requirement, for a terminal."""
+    """Models by one requirement, for a terminal.
+
+    Hits were predicted and found, false only predicted, missed only found; "best %" is what the
+    best threshold on these very scenes would have given.
+    """
     title = f"By the {scores[0].requirement} requirement"
     table = Table(title=title, title_justify="left", box=SIMPLE_HEAD)
     table.add_column("model", no_wrap=True)
-    for name in ("right %", "hits", "false", "missed", "rejected", "best %", "from"):
+    for name in ("right %", "hits", "false", "missed", "neither", "best %"):
         table.add_column(name, justify="right", no_wrap=True)
     for score in scores:
-        table.add_row(*(word.removesuffix(" %") for word in score_words(score)))
+        table.add_row(*(word.removesuffix(" %") for word in score_words(score)[:-1]))
     return table
 
 
