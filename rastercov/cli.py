@@ -1,4 +1,4 @@
-"""The `rastercov` command: `demo`, `evaluate`, `render`, `compare`, `place`, `check`, `doctor`.
+"""The `rastercov` command: evaluate, render, compare, place, check, validate, demo, doctor.
 
 Exit codes: 0 done, 1 a check failed, 2 bad usage or input, 130 interrupted. Results go to standard
 output; warnings, errors and progress to standard error, an error as one line.
