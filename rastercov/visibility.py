@@ -23,13 +23,13 @@ D. G. Kendall. On the Number of Lattice Points Inside a Random Oval. 1948, for t
 from dataclasses import dataclass
 from enum import IntEnum
 from importlib.metadata import version
-from types import TracebackType
 from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.camera import Camera
+from rastercov.closing import Closing
 from rastercov.criteria import ViewOfFaces, view_faces
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
@@ -147,12 +147,7 @@ class Observer(Protocol):
 
     def __enter__(self) -> Self: ...
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None: ...
+    def __exit__(self, *error: object) -> None: ...
 
 
 def open_observer(
@@ -258,23 +253,7 @@ def figures(
     return value, np.minimum(bound, 1.0), np.where(nothing, Kind.EXACT, kind).astype(np.uint8)
 
 
-class _Closing:
-    def close(self) -> None:
-        raise NotImplementedError
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
-
-
-class _SampledObserver(_Closing):
+class _SampledObserver(Closing):
     def __init__(
         self, mesh: Mesh, camera: Camera, backend: str, supersample: int, options: dict[str, Any]
     ) -> None:
@@ -290,7 +269,7 @@ class _SampledObserver(_Closing):
         self._rasterizer.close()
 
 
-class _AnalyticObserver(_Closing):
+class _AnalyticObserver(Closing):
     def __init__(self, mesh: Mesh, camera: Camera, method: str, threads: int | None) -> None:
         # These compile, or load what was compiled.
         from rastercov import analytic, contour

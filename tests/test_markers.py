@@ -34,6 +34,7 @@ from rastercov.markers.requirement import (
 )
 from rastercov.markers.scene import CELLS, FACES_A_PLATE, Plate, PlateScene, plate_pose
 from rastercov.projection import to_image
+from rastercov.raster.gl import GLRasterizer
 
 pytest.importorskip("cv2", reason="OpenCV is missing: pip install 'rastercov[markers]'")
 
@@ -53,6 +54,15 @@ def renderer(device):
 
 def photo(renderer, scene, camera, seed=0, **options):
     return sensor(renderer.render(scene, camera, **options), np.random.default_rng(seed))
+
+
+def test_what_another_renderer_left_behind_changes_nothing(renderer, device):
+    scene = PlateScene.of([Plate(plate_pose((0, 0, 4)), 3), Plate(plate_pose((0, 0, 6)), 4)])
+    before = renderer.render(scene, ICUBE, sharp=True)
+    with GLRasterizer(scene.mesh, ICUBE, device=device) as rasterizer:
+        rasterizer.count(np.eye(4))
+    assert before.min() < 0.5 * WHITE  # something is drawn
+    assert np.array_equal(renderer.render(scene, ICUBE, sharp=True), before)
 
 
 # --- scene ----------------------------------------------------------------------------------------

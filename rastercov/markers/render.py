@@ -9,8 +9,7 @@ P. Haeberli, K. Akeley. The Accumulation Buffer: Hardware Support for High-Quali
 """
 
 from contextlib import ExitStack
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import moderngl
 import numpy as np
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 
 from rastercov import shaders
 from rastercov.camera import Camera
+from rastercov.closing import Closing
 from rastercov.errors import ConfigError
 from rastercov.markers.scene import CELLS, PLAIN, PlateScene
 from rastercov.projection import to_camera
@@ -37,7 +37,7 @@ FULL_SCALE = 255 / 1.05
 """Grey levels of reflectance 1."""
 
 
-class MarkerRenderer:
+class MarkerRenderer(Closing):
     """Draws scenes of plates; owns its OpenGL objects, so use it in a `with` statement.
 
     Parameters
@@ -190,6 +190,7 @@ class MarkerRenderer:
             self._atlas_frame.clear(wall, depth=1.0, viewport=(0, 0, *used))
             self._atlas_frame.use()
             gl.enable_only(moderngl.DEPTH_TEST)
+            gl.depth_func = "<"
             self._cells.use(0)
             for distance in range(4):
                 gl.enable_direct(0x3000 + distance)  # GL_CLIP_DISTANCE0 and on
@@ -207,17 +208,6 @@ class MarkerRenderer:
     def close(self) -> None:
         """Release everything; again it does nothing."""
         self._stack.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
 
 def lens_uniform(camera: Camera) -> tuple[float, float, float]:

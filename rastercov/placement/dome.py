@@ -13,13 +13,12 @@ M. F. Cohen, D. P. Greenberg. The Hemi-Cube: A Radiosity Solution for Complex En
 """
 
 import math
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.camera import Camera
+from rastercov.closing import Closing
 from rastercov.mesh import Mesh
 from rastercov.pose import look_at
 from rastercov.raster.contract import open_rasterizer
@@ -31,7 +30,7 @@ HAIR = 1e-6
 """Of the mesh's diagonal: so far above its face the rasteriser stands."""
 
 
-class Dome:
+class Dome(Closing):
     """The directions above a face, and how far one can go in each; use it in a `with` block.
 
     Attributes
@@ -98,15 +97,8 @@ class Dome:
             out[part], start = image.ravel(), part.stop
         return out
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
+        """Close both rasterisers."""
         self._whole.close()
         self._upper.close()
 

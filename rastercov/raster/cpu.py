@@ -7,13 +7,12 @@ so results do not depend on their number.
 
 from collections.abc import Callable
 from importlib.metadata import version
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.camera import Camera
+from rastercov.closing import Closing
 from rastercov.compiled import announce_compilation
 from rastercov.errors import ConfigError, DeviceError, ResourceError
 from rastercov.mesh import Mesh
@@ -31,7 +30,7 @@ MAX_SIDE = 1 << 20
 """Largest image side in samples: edges are walked in 64-bit whole numbers of 1/256 sample."""
 
 
-class CPURasterizer:
+class CPURasterizer(Closing):
     """The contract of `rastercov.raster.contract` in numba.
 
     Parameters
@@ -101,17 +100,6 @@ class CPURasterizer:
     def close(self) -> None:
         """End its use: later calls raise `DeviceError`. It holds nothing but memory."""
         self._is_open = False
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def _count(
         self,

@@ -9,14 +9,14 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov import shaders
 from rastercov.camera import Camera
+from rastercov.closing import Closing
 from rastercov.errors import ConfigError, DeviceError
 from rastercov.mesh import Mesh
 from rastercov.pose import valid_poses
@@ -34,7 +34,7 @@ CANARY_EVERY = 256
 """Poses between two checks of the device against a scene with known counts."""
 
 
-class GLRasterizer:
+class GLRasterizer(Closing):
     """The contract of `rastercov.raster.contract` on OpenGL.
 
     Parameters
@@ -164,17 +164,6 @@ class GLRasterizer:
         self._arena.release()
         if self._owns_context:
             self._context.release()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     @contextmanager
     def _current(self) -> Iterator[None]:
