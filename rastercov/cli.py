@@ -22,7 +22,7 @@ from rastercov import shapes
 from rastercov.camera import PRESETS, Camera
 from rastercov.console import exit_code, progress_bar, warn
 from rastercov.coverage import Task
-from rastercov.errors import PoseError
+from rastercov.errors import ConfigError, PoseError
 from rastercov.inputs import read_camera, read_scene, read_view_points
 from rastercov.markers import command as markers
 from rastercov.mesh import Mesh
@@ -31,6 +31,7 @@ from rastercov.pose import check_poses
 
 MOST_WARNINGS = 5
 """Poses left out that are named one by one."""
+COMPARED = ["certified", "sampled", "sampled@4"]
 
 app = typer.Typer(
     help="Which faces of a mesh does each camera see, how well, and why not.\n\n"
@@ -249,7 +250,7 @@ def compare(
             help="What to compare: certified, exact, sampled; sampled:cpu or another device, "
             "sampled@4 for 4 x 4 samples a pixel, sampled:cpu@4 for both. Repeat it for more."
         ),
-    ] = ["certified", "sampled", "sampled@4"],  # noqa: B006 - typer copies it
+    ] = COMPARED,
     against: Annotated[
         str,
         typer.Option(help="The truth: exact, or polygons or rational, which take seconds a pose."),
@@ -265,7 +266,7 @@ def compare(
         bool, typer.Option(help="Measure how errors fall with denser samples, too.")
     ] = True,
     models: Annotated[
-        bool, typer.Option("--models", help="Compare coverage models; --method has no part in it.")
+        bool, typer.Option("--models", help="Compare coverage models instead of methods.")
     ] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -286,6 +287,8 @@ def compare(
     if models:
         from rastercov.models.command import run_models
 
+        if method != COMPARED or against != "exact":
+            raise ConfigError("--models takes neither --method nor --against; leave them out")
         run_models(scene, eye, matrices, out, as_json)
         return
     warn(scene.warnings)

@@ -952,3 +952,14 @@ def test_the_command_refuses_bad_input_in_one_line(capsys, tmp_path):
     assert code == 2
     assert error.startswith("error: nothing: there is no such file")
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("option", ["--method exact", "--against rational"])
+def test_options_of_the_other_comparison_are_refused(capsys, tmp_path, option):
+    line = f"compare box -c khepra -p sphere:2 --models {option} -o {tmp_path}"
+    code, _, error = run(capsys, line)
+    assert (code, error) == (
+        2,
+        "error: --models takes neither --method nor --against; leave them out\n",
+    )
+    assert not list(tmp_path.iterdir())
