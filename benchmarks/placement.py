@@ -154,7 +154,7 @@ def ways(
         "the thesis' rule": lambda seed: select_thesis(problem(seed, budget)[1]).share,
         "greedy + swaps": lambda seed: select_greedy(problem(seed, budget)[1], seed=seed).share,
         "integer program": lambda seed: (
-            select_integer(problem(seed, budget)[1], time_limit=20).share
+            select_integer(problem(seed, budget)[1], time_limit=20, seed=seed).share
         ),
         "greedy, then refined": refined,
     } | {
