@@ -1,198 +1,335 @@
-"""Poses per second with face counts: rastercov's two rasterisers against Open3D's ray tracer.
+"""Poses per second with face counts: our rasterisers against what a user would take instead.
 
-All go from a pose to its counts on the same two cores in the same run: rastercov on the CPU in two
-threads, on software OpenGL in two spawned processes with one Mesa thread each, and Open3D in one
-process with two threads, which makes its rays (`create_rays_pinhole`), casts them and counts with
-numpy; a second ratio leaves its rays out of the time. `visible` counts only. Rounds alternate; the
-figures are medians over rounds. Before any timing the images are compared with Open3D's: they may
-differ only where a pixel centre is within 4e-3 px of an edge of one of the two faces, or where two
-surfaces are within 1e-4 of each other in depth.
+Contestants go from a pose to its visible samples of each face, on the same two cores in the same
+run: ours on the CPU in two threads and on OpenGL in its three plans; Open3D's ray tracer in two
+threads; trimesh with embreex and VTK's hardware selector, which use one core, in two processes, as
+does software OpenGL, with one Mesa thread each. `--device egl:0` measures a GPU, in one process. A
+peer that is not installed, or does not run without a display, is left out with a line.
+
+First, images of a few poses are compared with Open3D's: they may differ only where `same_faces`
+excuses it, and our counts must be those of our image. Then rounds alternate; figures are medians
+over rounds, ratios too. A ratio counts the making of rays; a second one leaves it out. Memory is
+the peak of all processes of a contestant, libraries, mesh, images and results included.
+
+Then what does not need a peer: `footprint` has what `drawn` costs, how soon a later start has a
+result, and memory. Table, plots and `throughput.json` go to `--out`.
 """
 
-import multiprocessing
+import json
 import os
+import platform
 import statistics
-import time
-from multiprocessing.connection import Connection
+import sys
+from dataclasses import asdict, dataclass, field
+from functools import partial
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 
 import numpy as np
+from contest import SOFTWARE, Cell, Team, TeamError, contestants
+from footprint import cost_of_drawn, later_starts, memory_of_workers
+from peers import what_is_missing
 from rows import Report, arguments
-from tracer import Tracer, need_open3d
+from same_faces import wrong_pixels
 
-import rastercov as rc
-from rastercov import shapes
-from rastercov.projection import to_camera, to_image
+from rastercov.canvas import LIGHT, Axis, Curve, line_plot
 
-SCENES = {
-    # name: mesh, distance of the cameras; the room is seen from inside
-    "torus, 10,000 faces": ("torus", 4.2),
-    "teapot, 9,120 faces, open": ("teapot-12", 0.55),
-    "aeroplane, 9,856 faces": ("aeroplane-9856", 38.0),
-    "room, 1,344 faces, from inside": ("room", 0.0),
+FACES = (1_000, 10_000, 100_000, 1_000_000)
+SIZES = ((128, 128), (256, 256), (512, 512), (1280, 1024), (2048, 2048))
+LARGE, SMALL = (1280, 1024), (256, 256)
+ROOM = 15_000
+DEFAULT = [
+    *(Cell("closed", n, *size) for n in FACES for size in (LARGE, SMALL)),
+    *(Cell(scene, 10_000, *size) for scene in ("open", "part") for size in (LARGE, SMALL)),
+    *(Cell("interior", ROOM, *size) for size in (LARGE, SMALL)),
+]
+FULL = [
+    *(Cell(scene, n, *s) for scene in ("closed", "open", "interior") for n in FACES for s in SIZES),
+    *(cell for cell in DEFAULT if cell.scene == "part" or cell.n_faces == ROOM),
+]
+MUST = {
+    ("cpu", "closed", 10_000, LARGE): (80, 150),
+    ("cpu", "closed", 10_000, SMALL): (35, 70),
+    ("cpu", "closed", 100_000, LARGE): (40, 80),
+    ("cpu", "closed", 100_000, SMALL): (16, 40),
+    ("cpu", "closed", 1_000_000, LARGE): (20, 40),
+    ("cpu", "interior", ROOM, LARGE): (15, 40),
+    ("gl-software", "closed", 10_000, LARGE): (15, None),
+    ("gl-software", "closed", 10_000, SMALL): (5, None),
 }
-SIZES = ((1280, 1024), (256, 256))
-MUST = {("torus", 1280): 15.0, ("torus", 256): 5.0}
-WORKERS = 2
-CPU = ("CPU", {"backend": "cpu", "threads": WORKERS})
-ONE_THREAD = {"LP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+"""Ratio to Open3D: what it must be and what we aim at."""
+POSES, COMPARED = 240, 3
+MOST_POSES = 4096
+PARTS = {"drawn": cost_of_drawn, "start": later_starts, "memory": memory_of_workers}
+
+
+@dataclass
+class Result:
+    """One contestant in one cell."""
+
+    contestant: str
+    label: str
+    is_peer: bool
+    n_poses: int = 0
+    seconds: list[float] = field(default_factory=list)
+    making: list[float] = field(default_factory=list)
+    peak_mib: float = 0.0
+    pixels_differ: int = 0
+    unexcused: int = 0
+
+    @property
+    def poses_per_second(self) -> float:
+        """Median over the rounds."""
+        return self.n_poses / statistics.median(self.seconds)
+
+    def ratio(self, to: "Result", *, rays_for_free: bool = False) -> float:
+        """How many times as fast, the median over rounds."""
+        theirs = np.subtract(to.seconds, to.making) if rays_for_free else np.array(to.seconds)
+        return float(np.median((theirs / to.n_poses) / (np.array(self.seconds) / self.n_poses)))
 
 
 def main() -> None:
-    parser = arguments(__doc__.splitlines()[0])
-    parser.add_argument("--poses", type=int, default=40, help="poses a round, 8 times that at 256")
-    parser.add_argument("--rounds", type=int, default=7, help="rounds of each contestant")
-    args = parser.parse_args()
-    report = Report()
-    need_open3d()
-    for what, (name, distance) in SCENES.items():
-        for width, height in SIZES:
-            _contest(report, what, name, distance, width, height, args)
+    args = _arguments()
+    say = _printer(args.json)
+    field_of = contestants(args.device)
+    for key in args.contestants:
+        if missing := what_is_missing(field_of[key].packages):
+            say(f"{key} is left out: {missing}")
+    entered = {
+        key: field_of[key]
+        for key in args.contestants
+        if not what_is_missing(field_of[key].packages)
+    }
+    header = _header()
+    say(*(f"{name}: {value}" for name, value in header.items()))
+    report, measured, about = Report(), [], {}
+    for cell in _cells(args) if "contest" in args.parts else ():
+        what, n_faces, results = _contest(report, cell, entered, args, say, about)
+        measured.append((cell, what, n_faces, results))
+    for part in args.parts:
+        if part in PARTS:
+            PARTS[part](report)
+    header |= {"load at the end": _load(), "devices": about}
+    _write(args.out, header, report, measured, field_of)
+    say("", f"{args.out}/throughput.json")
+    if not args.json:  # the table has the others
+        report.rows = [row for row in report.rows if row["must"] and row["unit"] != "passed"]
     report.finish(args.json)
 
 
-def _contest(report, what, name, distance, width, height, args) -> None:
-    mesh, camera = shapes.by_name(name), _camera(width, height)
-    poses = _poses(mesh, distance, args.poses * (8 if width == 256 else 1))
-    tracer = Tracer(mesh, camera, poses, WORKERS)
-    label = f"{what}, {width} x {height}"
+def _contest(report, cell, entered, args, say, about):
+    """Open everyone, compare images, time rounds, and report."""
+    mesh = cell.mesh()
+    poses = cell.poses(mesh, POSES)
+    what = f"{cell.scene}, {mesh.n_faces:,} faces, {cell.width} x {cell.height}"
+    say("", what, TABLE_HEAD)
+    teams = {key: Team(contestant, cell, POSES) for key, contestant in entered.items()}
+    results = {
+        key: Result(key, team.contestant.label, team.contestant.is_peer)
+        for key, team in teams.items()
+    }
 
-    for kind, options in (("OpenGL", {"backend": "gl", "device": "surfaceless"}), CPU):
-        with rc.open_rasterizer(mesh, camera, **options) as rasterizer:
-            _compare(report, f"{label}, {kind}", rasterizer, tracer, poses)
+    def each(work) -> None:
+        """Do this with every team that is still there; one that fails is left out from then on."""
+        for key in list(teams):
+            try:
+                work(teams[key], results[key])
+            except TeamError as error:
+                say(f"  {results.pop(key).label} is left out: {error}")
+                teams.pop(key).close()
 
-    with (
-        _Workers(name, width, height, poses) as workers,
-        rc.open_rasterizer(mesh, camera, **CPU[1]) as rasterizer,
-    ):
-        rounds = [
-            (workers.round(), _timed(rasterizer, poses), *tracer.round())
-            for _ in range(args.rounds + 1)
-        ][1:]
-    gl, cpu, theirs, casting = (
-        len(poses) / statistics.median(t) for t in zip(*rounds, strict=True)
-    )
-    report.add(f"{label}: OpenGL, {WORKERS} processes", gl, "poses/s")
-    report.add(f"{label}: CPU, {WORKERS} threads", cpu, "poses/s")
-    report.add(f"{label}: Open3D, {WORKERS} threads", theirs, "poses/s")
-    report.add(f"{label}: ratio, OpenGL", gl / theirs, "x", MUST.get((name, width)))
-    report.add(f"{label}: ratio, CPU", cpu / theirs, "x")
-    report.add(f"{label}: ratio, OpenGL, rays for free", gl / casting, "x")
-    report.add(f"{label}: ratio, CPU, rays for free", cpu / casting, "x")
+    def open_it(team: Team, result: Result) -> None:
+        about[result.contestant] = team.wait()
 
+    def find_pace(team: Team, result: Result) -> None:
+        n, seconds = 4, 0.0
+        while seconds < args.seconds / 4 and n < MOST_POSES:  # the first poses grow buffers
+            n = min(4 * n, MOST_POSES) if seconds else n
+            seconds = team.count(n)[0]
+        result.n_poses = int(np.clip(n * args.seconds / seconds, 4, MOST_POSES)) // 2 * 2
 
-def _compare(report, label, rasterizer, tracer, poses) -> None:
-    """Check the image of every few poses against the rays, and the counts against the image."""
-    mesh, camera = rasterizer.mesh, rasterizer.camera
-    unexcused = differing = 0
-    for row in range(0, len(poses), max(1, len(poses) // 4)):
-        ours, theirs = rasterizer.render(poses[row]).face, tracer.faces(row)
-        different = np.argwhere(ours != theirs)
-        differing += len(different)
-        for y, x in different:
-            faces = (int(ours[y, x]), int(theirs[y, x]))
-            unexcused += not _is_excused(mesh, camera, poses[row], (x + 0.5, y + 0.5), faces)
-    counts = rasterizer.count(poses[:1], drawn=False).visible[0]
-    face = rasterizer.render(poses[0]).face
-    from_image = np.bincount(face[face >= 0], minlength=mesh.n_faces)
-    report.add(f"{label}: pixels that differ", differing, "pixels")
-    report.check(f"{label}: same faces up to ties", unexcused == 0)
-    report.check(f"{label}: counts are those of the image", np.array_equal(counts, from_image))
+    def race(team: Team, result: Result) -> None:
+        spent, making = team.count(result.n_poses)
+        result.seconds.append(spent)
+        result.making.append(making)
 
+    def weigh(team: Team, result: Result) -> None:
+        result.peak_mib = team.peak()
 
-def _timed(rasterizer: rc.Rasterizer, poses: np.ndarray) -> float:
-    started = time.perf_counter()
-    rasterizer.count(poses, drawn=False)
-    return time.perf_counter() - started
-
-
-def _camera(width: int, height: int) -> rc.Camera:
-    return rc.Camera(width=width, height=height, fx=1.2 * height, fy=1.2 * height)
+    try:
+        each(open_it)
+        judge = next((teams[key] for key in ("open3d", "trimesh", "cpu") if key in teams), None)
+        for row in range(0, POSES, POSES // COMPARED) if judge else ():
+            right = judge.ask("faces", row)
+            each(partial(_compare, report, what, mesh, cell.camera, poses[row], row, right))
+        each(find_pace)
+        for _ in range(args.rounds):
+            each(race)
+        each(weigh)
+    finally:
+        for team in teams.values():
+            team.close()
+    _report(report, cell, what, results, say)
+    return what, mesh.n_faces, results
 
 
-def _poses(mesh: rc.Mesh, distance: float, count: int) -> np.ndarray:
-    centre = mesh.bounds.mean(axis=0)
-    if distance:
-        return rc.sphere_of_poses(centre, distance, count)
-    rng = np.random.default_rng(1)
-    eyes = centre + rng.uniform(-0.3, 0.3, (count, 3)) * np.ptp(mesh.bounds, axis=0)
-    return rc.look_at(eyes, eyes + rng.normal(size=(count, 3)))
+def _compare(report, what, mesh, camera, pose, row, right, team: Team, result: Result) -> None:
+    """Check an image against that of a peer, or ours on the CPU; and our counts against it."""
+    image = team.ask("faces", row)
+    differing, wrong = wrong_pixels(mesh, camera, pose, image, right)
+    result.pixels_differ += differing
+    result.unexcused += wrong
+    if row == 0 and not team.contestant.is_peer:
+        from_image = np.bincount(image[image >= 0], minlength=mesh.n_faces)
+        name = f"{what}, {result.label}: counts are those of the image"
+        report.check(name, np.array_equal(team.ask("counts", row), from_image))
 
 
-def _is_excused(mesh, camera, pose, point, faces) -> bool:
-    """Whether a pixel centre is on an edge of one of its two faces, or these are as deep."""
-    depths = []
-    for face in faces:
-        if face < 0:
-            continue
-        corners = to_camera(mesh.vertices[mesh.faces[face]], pose)
-        normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
-        ray = np.array(((point[0] - camera.cx) / camera.fx, (point[1] - camera.cy) / camera.fy, 1))
-        depths.append(normal @ corners[0] / (normal @ ray))
-        if corners[:, 2].min() <= 0:
-            # Project the edges' planes instead: distance of the ray from each, in pixels.
-            planes = np.cross(corners, np.roll(corners, -1, axis=0))
-            slopes = np.hypot(planes[:, 0] / camera.fx, planes[:, 1] / camera.fy)
-            distances = np.abs(planes @ ray) / slopes
+TABLE_HEAD = (
+    f"  {'':<32}{'poses/s':>9}{'x Open3D':>9}{'no rays':>9}{'MiB':>8}{'differ':>8}{'wrong':>7}"
+)
+
+
+def _report(report, cell, what, results, say) -> None:
+    theirs = results.get("open3d")
+    for key, result in results.items():
+        name = f"{what}: {result.label}"
+        if result.is_peer:  # what others get wrong is told, not held against us
+            report.add(f"{name}, wrong pixels", result.unexcused, "pixels")
         else:
-            image = to_image(corners, camera)
-            ahead = np.roll(image, -1, axis=0) - image
-            away = np.asarray(point) - image
-            along = np.clip((away * ahead).sum(1) / np.maximum((ahead**2).sum(1), 1e-30), 0, 1)
-            distances = np.linalg.norm(away - along[:, None] * ahead, axis=1)
-        if distances.min() < 4e-3:
-            return True
-    return len(depths) == 2 and abs(depths[0] - depths[1]) < 1e-4 * min(np.abs(depths))
+            report.check(f"{name}, same faces up to ties", result.unexcused == 0)
+        report.add(name, result.poses_per_second, "poses/s")
+        report.add(f"{name}, peak memory", result.peak_mib, "MiB")
+        ratios = "        -        -"
+        if theirs:
+            ratio = result.ratio(theirs)
+            free = result.ratio(theirs, rays_for_free=True)
+            must, aim = MUST.get(
+                (key, cell.scene, cell.n_faces, (cell.width, cell.height)), (None,) * 2
+            )
+            if result is not theirs:
+                report.add(f"{name}, ratio to Open3D", ratio, "x", must, aim)
+                report.add(f"{name}, ratio, rays for free", free, "x")
+            ratios = f"{ratio:>9.3g}{free:>9.3g}"
+        say(
+            f"  {result.label:<32}{result.poses_per_second:>9.4g}{ratios}{result.peak_mib:>8.0f}"
+            f"{result.pixels_differ:>8}{result.unexcused:>7}"
+        )
 
 
-class _Workers:
-    """Spawned processes, each with a rasteriser and its share of the poses."""
-
-    def __init__(self, name: str, width: int, height: int, poses: np.ndarray) -> None:
-        spawn = multiprocessing.get_context("spawn")
-        self.pipes: list[Connection] = []
-        self.processes = []
-        # Read when the child loads the libraries: a process gets one core's worth of each.
-        os.environ |= ONE_THREAD
-        for worker in range(WORKERS):
-            ours, theirs = spawn.Pipe()
-            share = poses[worker::WORKERS]
-            process = spawn.Process(target=_work, args=(theirs, name, width, height, share))
-            process.start()
-            self.pipes.append(ours)
-            self.processes.append(process)
-        for pipe in self.pipes:
-            pipe.recv()
-
-    def round(self) -> float:
-        """Seconds until the last process has counted its share."""
-        started = time.perf_counter()
-        for pipe in self.pipes:
-            pipe.send("count")
-        for pipe in self.pipes:
-            pipe.recv()
-        return time.perf_counter() - started
-
-    def __enter__(self) -> "_Workers":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        for pipe in self.pipes:
-            pipe.send("stop")
-        for process in self.processes:
-            process.join()
-        for name in ONE_THREAD:
-            del os.environ[name]
+def _write(out: Path, header, report, measured, field_of) -> None:
+    """The figures as JSON, and a plot for each scene and image size with several face counts."""
+    out.mkdir(parents=True, exist_ok=True)
+    cells = [
+        {
+            **asdict(cell), "what": what, "n_faces": n_faces,
+            "results": [
+                {**asdict(r), "poses_per_second": r.poses_per_second} for r in results.values()
+            ],
+        }
+        for cell, what, n_faces, results in measured
+    ]  # fmt: skip
+    figures = {"header": header, "cells": cells, "rows": report.rows}
+    (out / "throughput.json").write_text(json.dumps(figures, indent=2) + "\n")
+    for scene, width, height in dict.fromkeys((c.scene, c.width, c.height) for c, *_ in measured):
+        here = sorted(
+            (n_faces, results) for cell, _, n_faces, results in measured
+            if (cell.scene, cell.width, cell.height) == (scene, width, height)
+        )  # fmt: skip
+        if len({n for n, _ in here}) < 2:
+            continue
+        curves = []
+        for i, (key, contestant) in enumerate(field_of.items()):
+            points = [(n, r[key].poses_per_second) for n, r in here if key in r]
+            if points:
+                curves.append(Curve(contestant.name, points, LIGHT.series[i], contestant.is_peer))
+        speeds = [y for curve in curves for _, y in curve.points]
+        picture = line_plot(
+            f"Face counts of {SCENES[scene]}, {width} x {height}",
+            Axis("faces", here[0][0] / 1.3, here[-1][0] * 1.3),
+            Axis("poses a second", min(speeds) / 2, max(speeds) * 2),
+            curves,
+            LIGHT,
+        )
+        picture.save(out / f"{scene}_{width}x{height}.png", optimize=True)
 
 
-def _work(pipe: Connection, name: str, width: int, height: int, poses: np.ndarray) -> None:
-    with rc.open_rasterizer(
-        shapes.by_name(name), _camera(width, height), "gl", device="surfaceless"
-    ) as rasterizer:
-        rasterizer.count(poses[:2], drawn=False)
-        pipe.send("ready")
-        while pipe.recv() == "count":
-            rasterizer.count(poses, drawn=False)
-            pipe.send("done")
+SCENES = {
+    "closed": "a torus",
+    "open": "a teapot",
+    "interior": "a room, from inside",
+    "part": "an aeroplane",
+}
+
+
+def _cells(args) -> list[Cell]:
+    cells = FULL if args.full else DEFAULT
+    if not (args.scenes or args.faces or args.sizes):
+        return cells
+    return [
+        Cell(scene, n, *size)
+        for scene in args.scenes or ("closed",)
+        for n in args.faces or FACES
+        for size in args.sizes or (LARGE, SMALL)
+    ]
+
+
+def _header() -> dict[str, object]:
+    model = next(
+        (line.partition(":")[2].strip() for line in Path("/proc/cpuinfo").read_text().splitlines()
+         if line.startswith("model name")), platform.machine(),
+    )  # fmt: skip
+    versions = {}
+    for name in ("rastercov", "numpy", "numba", "llvmlite", "moderngl", "open3d", "trimesh",
+                 "embreex", "vtk"):  # fmt: skip
+        try:
+            versions[name] = version(name)
+        except PackageNotFoundError:
+            versions[name] = "none"
+    return {
+        "machine": f"{model}, {len(os.sched_getaffinity(0))} cores, {platform.system()} "
+        f"{platform.release()}",
+        "versions": f"Python {platform.python_version()}, "
+        + ", ".join(f"{name} {number}" for name, number in versions.items()),
+        "load at the start": _load(),
+    }
+
+
+def _load() -> str:
+    return ", ".join(f"{value:.2f}" for value in os.getloadavg())
+
+
+def _printer(is_json: bool):
+    """Print lines at once, beside the JSON when that is what was asked for."""
+
+    def say(*lines: str) -> None:
+        print(*lines, sep="\n", file=sys.stderr if is_json else sys.stdout, flush=True)
+
+    return say
+
+
+def _size(text: str) -> tuple[int, int]:
+    width, _, height = text.partition("x")
+    return int(width), int(height or width)
+
+
+def _arguments():
+    parser = arguments(__doc__.splitlines()[0])
+    parser.add_argument(
+        "--full", action="store_true", help="all scenes, faces and sizes: an hour or two"
+    )
+    parser.add_argument("--scenes", nargs="+", choices=SCENES)
+    parser.add_argument("--faces", nargs="+", type=int, help="about how many, such as 10000")
+    parser.add_argument("--sizes", nargs="+", type=_size, help="such as 256 1280x1024")
+    names = list(contestants(SOFTWARE))
+    parser.add_argument("--contestants", nargs="+", choices=names, default=names)
+    parts = ["contest", *PARTS]
+    parser.add_argument("--parts", nargs="+", choices=parts, default=parts)
+    parser.add_argument("--device", default=SOFTWARE, help="OpenGL device, such as egl:0")
+    parser.add_argument("--rounds", type=int, default=5, help="rounds of each contestant")
+    parser.add_argument("--seconds", type=float, default=0.3, help="length of a round, about")
+    parser.add_argument("--out", type=Path, default=Path("report/throughput"))
+    return parser.parse_args()
 
 
 if __name__ == "__main__":

@@ -39,10 +39,10 @@ class Tracer:
         ids = self.scene.cast_rays(self._rays(row))["primitive_ids"].numpy()
         return np.where(ids == self.scene.INVALID_ID, -1, ids.astype(np.int64))
 
-    def round(self) -> tuple[float, float]:
-        """Seconds to make, cast and count all poses, and without the making."""
+    def round(self, rows=None) -> tuple[float, float]:
+        """Seconds to make, cast and count these poses, or all, and without the making."""
         making = casting = 0.0
-        for row in range(len(self.camera_from_world)):
+        for row in range(len(self.camera_from_world)) if rows is None else rows:
             started = time.perf_counter()
             rays = self._rays(row)
             made = time.perf_counter()
