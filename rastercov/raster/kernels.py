@@ -348,6 +348,8 @@ def set_up(
             d2 = vertices[p, 2] - eye[2]
             for k in range(3):
                 polygon[i, k] = d0 * rotation[0, k] + d1 * rotation[1, k] + d2 * rotation[2, k]
+        if max(polygon[0, 2], max(polygon[1, 2], polygon[2, 2])) < near:
+            continue  # all behind, as most of these are for a camera in a room
         plane[0], plane[1], plane[2] = 0.0, 0.0, 1.0
         corners = clip(polygon, 3, plane, near, other)
         for border in range(4):
