@@ -19,6 +19,7 @@ from rastercov.mesh import Mesh
 from rastercov.parallel import share_poses, thread_count
 from rastercov.pose import valid_poses
 from rastercov.raster import canary, kernels
+from rastercov.raster.clusters import in_clusters
 from rastercov.raster.contract import FaceCounts, RasterizerInfo, VisibilityBuffer
 from rastercov.raster.grid import SampleGrid
 from rastercov.raster.rules import in_one_order, limits
@@ -28,6 +29,9 @@ IntArray = NDArray[np.int64]
 
 MAX_SIDE = 1 << 20
 """Largest image side in samples: edges are walked in 64-bit whole numbers of 1/256 sample."""
+
+MAX_BAND = 1 << 18
+"""Most samples of an image that are kept at a time."""
 
 
 class CPURasterizer(Closing):
@@ -69,7 +73,7 @@ class CPURasterizer(Closing):
             shaders="",
         )
         self._is_open = True
-        announce_compilation(kernels.fill_tiles)
+        announce_compilation(kernels.count_poses)
         self._scene = _Scene(mesh)
         self._check()
 
@@ -87,13 +91,9 @@ class CPURasterizer(Closing):
             raise ConfigError(f"render takes one pose, got {len(matrices)}")
         if not self._is_open:
             raise DeviceError("this rasteriser is closed; open a new one")
-        shape = (self.camera.height, self.camera.width)
-        face, depth = np.full(shape, -1, np.int32), np.full(shape, np.inf, np.float32)
         near, cull, _ = limits(self.mesh, self.camera, matrices)
-        visible = np.zeros((1, self.mesh.n_faces), np.int64)
-        _View(self._scene, SampleGrid(self.camera)).count(
-            matrices, near, cull, visible, None, (face, depth)
-        )
+        view = _View(self._scene, SampleGrid(self.camera))
+        face, depth = view.render(matrices, near, cull)
         # A face cut at the near plane can own a sample 1/512 of one beyond its rim.
         return VisibilityBuffer(face, np.maximum(depth, np.float32(near[0])))
 
@@ -112,20 +112,20 @@ class CPURasterizer(Closing):
         shape = (len(poses), scene.mesh.n_faces)
         visible = np.zeros(shape, np.int64)
         drawn = np.zeros(shape, np.int64) if with_drawn else None
+        filled = np.zeros(len(poses), np.int64)
         near, cull, clipped = limits(scene.mesh, camera, poses)
 
         def worker(view: _View) -> Callable[[slice], None]:
             def work(turn: slice) -> None:
                 rows = None if drawn is None else drawn[turn]
-                view.count(poses[turn], near[turn], cull[turn], visible[turn], rows)
+                view.count(poses[turn], near[turn], cull[turn], visible[turn], rows, filled[turn])
 
             return work
 
         n_threads = max(1, min(self._threads, len(poses)))
         share_poses(len(poses), [worker(_View(scene, grid)) for _ in range(n_threads)])
-        background = grid.n_samples - visible.sum(axis=1)
         return FaceCounts(
-            visible, drawn, background, clipped, grid.supersample, self.info, self.roll
+            visible, drawn, grid.n_samples - filled, clipped, grid.supersample, self.info, self.roll
         )
 
     def _check(self) -> None:
@@ -148,34 +148,39 @@ class _Scene:
     def __init__(self, mesh: Mesh) -> None:
         self.mesh = mesh
         self.centre: FloatArray = mesh.bounds.mean(axis=0)
-        self.vertices = np.ascontiguousarray(mesh.vertices - self.centre)
-        self.faces = np.ascontiguousarray(in_one_order(mesh), dtype=np.int32)
+        vertices = np.ascontiguousarray(mesh.vertices - self.centre)
+        faces = np.ascontiguousarray(in_one_order(mesh), dtype=np.int32)
+        self.clusters = in_clusters(vertices, faces, mesh.can_cull_back_faces)
 
 
 class _View:
-    """Scratch memory of one thread, which grows as poses need it."""
+    """Scratch memory of one thread."""
 
     def __init__(self, scene: _Scene, grid: SampleGrid) -> None:
         self.scene, self.grid = scene, grid
         self.size = np.array((grid.width, grid.height), np.int64)
-        columns = -(-int(self.size[0]) // kernels.TILE_WIDTH)
-        rows = -(-int(self.size[1]) // kernels.TILE_HEIGHT)
-        self.starts = np.zeros(columns * rows + 1, np.int64)
-        self.places = np.empty_like(self.starts)
-        self.listed = np.empty(len(scene.faces), np.int32)
-        n_samples = kernels.TILE_WIDTH * kernels.TILE_HEIGHT + kernels.LANES
-        self.depth = np.empty(n_samples, np.float32)
-        self.owner = np.empty(n_samples, np.int32)
-        self._make_room(0)
-
-    def _make_room(self, corners: int) -> None:
-        """Arrays for every vertex and face, and this many corners that clipping adds."""
-        self.room = corners
-        vertices, faces = len(self.scene.vertices) + corners, len(self.scene.faces) + corners
-        self.u, self.v, self.w = np.empty((3, vertices))
-        self.steps = np.empty((vertices, 2), np.int32)
-        self.triangles = np.empty((faces, 4), np.int32)
-        self.tiles = np.empty((faces, 4), np.int32)
+        side, patch = kernels.SIDE, kernels.SIDE << kernels.PATCH_BITS
+        columns = -(-grid.width // patch)
+        rows = max(side, min(grid.height, MAX_BAND // (columns * patch)) // side * side)
+        tops = np.arange(0, grid.height, rows)
+        self.bands = np.stack((tops, np.minimum(tops + rows, grid.height)), axis=1)
+        block_rows = -(-rows // side)
+        if len(tops) == 1:
+            block_rows = -(-grid.height // side)
+        self.columns = columns << kernels.PATCH_BITS
+        self.marks = np.zeros(block_rows * columns, np.uint8)
+        self.scratch = kernels.make_scratch()
+        self.no_drawn = np.zeros((1, scene.mesh.n_faces), np.int64)
+        n_samples = self.marks.size * patch * side
+        self.depth, self.owner = np.empty(n_samples, np.float32), np.empty(n_samples, np.int32)
+        n_blocks = -(-grid.height // side)
+        firsts, lasts = np.zeros((2, n_blocks, side), np.int32)
+        firsts.ravel()[: grid.height], lasts.ravel()[: grid.height] = grid.first, grid.last
+        self.inner = np.stack(
+            (-(-firsts.max(axis=1) // side), lasts.min(axis=1) // side), axis=1
+        ).astype(np.int64)
+        jacobian = np.diag(grid.lens[:2]) @ grid.mix
+        self.focal = float(np.linalg.svd(jacobian, compute_uv=False).min())
 
     def count(
         self,
@@ -184,32 +189,34 @@ class _View:
         cull: NDArray[np.bool_],
         visible: IntArray,
         drawn: IntArray | None,
-        image: tuple[NDArray[np.int32], NDArray[np.float32]] | None = None,
+        filled: IntArray,
     ) -> None:
-        """Count these poses into their rows of `visible` and `drawn`, whatever these held."""
+        """Add the samples of these poses to their rows of `visible`, `drawn` and `filled`."""
         scene, grid = self.scene, self.grid
         moved = grid.axes(poses).copy()
         moved[:, :3, 3] -= scene.centre
-        face, depth = image or (np.empty((0, 0), np.int32), np.empty((0, 0), np.float32))
-        all_drawn = np.zeros((1, scene.mesh.n_faces), np.int64) if drawn is None else drawn
-        done = 0
-        while done < len(poses):
-            stopped = int(
-                kernels.count_poses(
-                    moved, near, cull, done, len(poses), scene.vertices, scene.faces, grid.lens,
-                    self.size, grid.first, grid.last, self.u, self.v, self.w, self.steps,
-                    self.triangles, self.tiles, self.starts, self.places, self.listed, self.depth,
-                    self.owner, self.room, visible, all_drawn, drawn is not None, face, depth,
-                )
-            )  # fmt: skip
-            if stopped < len(poses):
-                self._grow()
-            done = stopped
+        all_drawn = self.no_drawn if drawn is None else drawn
+        clusters = scene.clusters
+        kernels.count_poses(
+            moved, near, cull, self.focal, grid.lens, self.size, self.bands, clusters.arrays,
+            self.inner, grid.first, grid.last, grid.is_rolled, self.marks, self.depth, self.owner,
+            visible, all_drawn, filled, drawn is not None, self.scratch,
+        )  # fmt: skip
 
-    def _grow(self) -> None:
-        """Make room for the pose that the loops stopped at, whose vertices they have projected."""
-        corners = kernels.CLIP_CORNERS * int(kernels.count_clipped(self.scene.faces, self.u))
-        if corners > self.room:
-            self._make_room(corners)
-        else:
-            self.listed = np.empty(int(self.starts[-1] * 1.25), np.int32)
+    def render(
+        self, poses: FloatArray, near: FloatArray, cull: NDArray[np.bool_]
+    ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+        shape = int(self.size[1]), int(self.size[0])
+        face, depth = np.full(shape, -1, np.int32), np.full(shape, np.inf, np.float32)
+        bands = self.bands
+        for band in bands:
+            self.bands = band[None]
+            self.count(
+                poses, near, cull, np.zeros((1, self.scene.mesh.n_faces), np.int64), None,
+                np.zeros(1, np.int64),
+            )
+            kernels.read_band(
+                band[0], band[1], self.columns, self.marks, self.depth, self.owner, face, depth
+            )
+        self.bands = bands
+        return face, depth

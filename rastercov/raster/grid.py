@@ -81,6 +81,12 @@ class SampleGrid:
         return self._middle[0] - (c * a + s * b), self._middle[1] - (c * b - s * a)
 
     @property
+    def mix(self) -> FloatArray:
+        """How `axes` mixes the first two camera axes, (2, 2)."""
+        c, s = self._c, self._s
+        return np.array(((c, s * self._ratio), (-s / self._ratio, c)))
+
+    @property
     def first(self) -> NDArray[np.int32]:
         """The first sample of each row inside the image, (height,)."""
         return self._runs[0]

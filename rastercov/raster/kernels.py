@@ -3,143 +3,456 @@
 They stand in one file because numba keeps what it compiled by file: a loop that calls into another
 file would not notice a change there.
 
-A pose runs through four passes. `project` brings vertices to the image, in steps of 1/256 of a
-sample. `set_up` keeps the triangles that can own a sample, clips those that reach behind the camera
-or far outside the image, and counts the tiles each one touches. `bin_triangles` lists them by tile,
-in the order of their faces. `fill_tiles` takes one tile at a time, small enough for the cache, and
-fills each triangle row by row, sixteen samples at once.
+A mesh comes in clusters of up to 64 faces (`rastercov.raster.clusters`). A pose takes one at a
+time, and leaves out those that lie outside the image or turn their back, without a look at their
+faces. `project` brings the vertices of a cluster to the image, in steps of 1/256 of a sample.
+`sift` looks at sixteen faces at once and keeps those that can own a sample. `set_up_lanes` makes
+edge functions and planes of 1/z for sixteen that were kept. Those that reach at most 2 x 2 samples
+are still taken together, by `fill_tiny`; of others `fill_blocks` takes one at a time, and sixteen
+samples, a block of 4 x 4. Faces that are large in the image, or reach behind the camera, go the
+same way with more digits.
 
 A sample on a left or upper edge is inside, on a right or lower one outside, and all of it is
 reckoned in whole numbers, so every sample belongs to exactly one of two triangles that share an
-edge. Small triangles ask their three edge functions (Pineda). On the rows of large ones edges are
-walked from their upper end to their lower (Bresenham), so that what lies between them is known
-without looking at each sample.
+edge.
 
-No image is kept. A sample counts for its face when it is written and is taken from the face that
-held it before, so what remains at the end of a tile are the visible samples.
+A sample counts for its face when it is written and is taken from the face that held it before, so
+what remains at the end are the visible samples, and nobody has to look at the image again.
 
-J. Pineda. A Parallel Algorithm for Polygon Rasterization. 1988, for tiles and edge functions.
-J. E. Bresenham. Algorithm for Computer Control of a Digital Plotter. 1965, for the edges.
+J. Pineda. A Parallel Algorithm for Polygon Rasterization. 1988, for edge functions.
+M. Abrash. Rasterization on Larrabee. 2009, for blocks within blocks, sixteen at once.
 """
+
+from collections import namedtuple
 
 import numpy as np
 from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic
 
-from rastercov.compiled import compiled, inlined
+from rastercov.compiled import compiled
+from rastercov.raster.lanes import (
+    DOUBLE, LONG, SINGLE, WORD, constants, from_bits, gather, load, spread,
+)  # fmt: skip
 
-TILE_BITS_X, TILE_BITS_Y = 7, 6
-TILE_WIDTH, TILE_HEIGHT = 1 << TILE_BITS_X, 1 << TILE_BITS_Y
-"""Samples of a tile: 32 KiB of depth and 32 KiB of faces."""
 BITS = 8
 STEPS = 1 << BITS
 HALF = STEPS // 2
 """Sub-sample steps, as many as graphics devices have. Shifts divide: `//` would test for zero."""
 FAR_OUT = 1 << 29
 """Steps from the origin beyond which a vertex is clipped: edges then fit 64 bits with room."""
-CLIPPED = np.int32(2**31 - 1)
+CLIPPED = 2**31 - 1
 """Steps of a vertex that is."""
 CLIP_CORNERS = 8
 """A triangle cut by five planes has at most this many corners."""
+LARGE = 100 * STEPS
+"""Steps across a triangle beyond which 32 bits do not hold its edge functions."""
 
+SIDE_BITS = 2
+SIDE = 1 << SIDE_BITS
+"""Samples across a block; and blocks across a group of them."""
+LANES, ALL_LANES = SIDE * SIDE, 0xFFFF
+"""Samples of a block, blocks of a group, or faces at once."""
+LANE_X, LANE_Y = [k % SIDE for k in range(LANES)], [k // SIDE for k in range(LANES)]
+PATCH_BITS = 4
+"""Blocks in a row that are cleared together, as a power of 2."""
 
-# --- many samples at once -------------------------------------------------------------------------
-# numba turns loops into vector code only where they are long. The rows of most triangles are not.
+FACES, VERTICES = 64, 192
+"""Of a cluster, at most. Corners of clipped faces follow its vertices."""
+VERTEX_LANES = 8
+ROOM = 256
+"""Vertices that a byte can tell apart; and enough for all else that a cluster wants."""
+E, ACROSS, DOWN = 0, 3, 6
+EDGE_ROWS = 9
+"""Rows of `edges`, for each of three edge functions, in units of `STEPS`: its value at the first
+sample of the first block that a triangle reaches, its step to the next sample and to the next
+row."""
+FIRST_X, LAST_X, FIRST_Y, LAST_Y, FACE = 0, 1, 2, 3, 4
+WHOLE_ROWS = 5
+"""Rows of `whole`: the samples that the triangle reaches, and its face."""
+ORIGIN, SLOPE_X, SLOPE_Y = 0, 1, 2
+EXACT_ROWS = 3
+"""Rows of `exact`: 1/z at the first sample of the image, its steps to the next sample and row."""
+STEP_X, STEP_Y, LEAST, GREATEST = 0, 1, 2, 3
+PLANE_ROWS = 4
+"""Rows of `plane`: the steps again, and 1/z of the farthest and of the nearest corner."""
+EYE, LENS, NEAR = 9, 12, 16
+VIEW = 17
+"""Figures of a pose: rotation (9), eye (3), lens (4), near plane."""
 
-LANES, ALL_LANES = 16, 0xFFFF
-LANE = ir.VectorType(ir.IntType(32), LANES)(list(range(LANES)))
-DOUBLES = ir.VectorType(ir.DoubleType(), LANES)
-FLOATS = ir.VectorType(ir.FloatType(), LANES)
-WORDS = ir.VectorType(ir.IntType(32), LANES)
-BITS_OF_LANES = ir.VectorType(ir.IntType(1), LANES)
-
-
-def _all_lanes(builder, value, vector):
-    """The same value in every lane."""
-    one = builder.insert_element(ir.Constant(vector, ir.Undefined), value, ir.IntType(32)(0))
-    return builder.shuffle_vector(one, one, WORDS([0] * LANES))
-
-
-def _lanes_at(context, builder, kind, array, at, vector):
-    """Pointer to the elements of an array from `at` on."""
-    data = context.make_array(kind)(context, builder, array).data
-    return builder.bitcast(builder.gep(data, [at]), vector.as_pointer())
-
-
-def _lanes_of_bits(builder, bits):
-    return builder.bitcast(builder.trunc(bits, ir.IntType(LANES)), BITS_OF_LANES)
-
-
-def _bits_of_lanes(builder, lanes):
-    return builder.zext(builder.bitcast(lanes, ir.IntType(LANES)), ir.IntType(64))
-
-
-def _inverse_depths(builder, start, slope, least, greatest):
-    """1/z of the lanes, start + slope * lane as floats, between least and greatest."""
-    lanes = builder.sitofp(LANE, DOUBLES)
-    rise = builder.fmul(_all_lanes(builder, slope, DOUBLES), lanes)
-    exact = builder.fadd(_all_lanes(builder, start, DOUBLES), rise)
-    here = builder.fptrunc(exact, FLOATS)
-    low, high = (_all_lanes(builder, value, FLOATS) for value in (least, greatest))
-    here = builder.select(builder.fcmp_ordered(">", here, low), here, low)
-    return builder.select(builder.fcmp_ordered("<", here, high), here, high)
+Shape = namedtuple("Shape", "points corners faces")
+"""A mesh in clusters: pointers, as in all of these, to what `rastercov.raster.clusters` made."""
+Placed = namedtuple("Placed", "u v w x y both")
+"""Vertices of a cluster in the image: exact steps, 1/z, and whole steps, alone and together."""
+Window = namedtuple("Window", "right top bottom columns height full_x full_y inner first last")
+"""What of the image is drawn: the last column, the first and last row, blocks in a row of memory,
+rows of the image; columns and rows of blocks before which all blocks are inside, blocks of each row
+of blocks that are, and samples of each row."""
+Batch = namedtuple("Batch", "whole exact plane sample here masks")
+"""Sixteen triangles: rows of what the constants above name; for `fill_tiny` one of their samples
+and its 1/z; and for `fill_blocks` the samples inside one of them."""
+Image = namedtuple("Image", "depth owner")
+"""Blocks of samples: 1/z, 0 where nothing is; and the face."""
+Counts = namedtuple("Counts", "visible drawn with_drawn")
+"""Samples of each face to add to; `drawn` only where asked for."""
 
 
 @intrinsic
-def lanes_inside(typing, e0, step0, e1, step1, e2, step2):
-    """Bits of the lanes where e + step * lane >= 0 for all three int32 edge functions."""
+def pointer(typing, array):
+    """Where the data of an array stands. What takes an array counts a reference, and at its end."""
 
     def generate(context, builder, signature, args):
-        sign = None
-        for k in range(3):
-            value, stride = (_all_lanes(builder, x, WORDS) for x in args[2 * k : 2 * k + 2])
-            edge_function = builder.add(value, builder.mul(stride, LANE))
-            sign = edge_function if sign is None else builder.or_(sign, edge_function)
-        inside = builder.icmp_signed(">=", sign, WORDS([0] * LANES))
-        return _bits_of_lanes(builder, inside)
+        return context.make_array(signature.args[0])(context, builder, args[0]).data
 
-    return types.int64(*[types.int32] * 6), generate
+    return types.CPointer(array.dtype)(array), generate
+
+
+# --- sixteen at once ------------------------------------------------------------------------------
 
 
 @intrinsic
-def lanes_nearer(typing, depth, at, active, start, slope, least, greatest):
-    """Bits of the active lanes that are nearer than `depth`; above them those that are not empty.
+def project_lanes(typing, points, at, stride, view, placed, to):
+    """Image positions of `VERTEX_LANES` vertices, see `project`."""
 
-    depth[at + LANES - 1] must exist. 1/z of a lane is start + slope * lane, between `least` and
-    `greatest`.
+    def generate(context, builder, signature, args):
+        points, at, stride, view, placed, to = args
+        u, v, w, x, y, both = (builder.extract_value(placed, k) for k in range(6))
+
+        def figure(k):
+            return spread(builder, builder.load(builder.gep(view, [LONG(k)])), VERTEX_LANES)
+
+        away = []
+        for axis in range(3):
+            place = builder.add(at, builder.mul(stride, LONG(axis)))
+            world = load(builder, builder.gep(points, [place]), VERTEX_LANES)
+            away.append(world - figure(EYE + axis))
+        right, down, z = (
+            away[0] * figure(k) + away[1] * figure(3 + k) + away[2] * figure(6 + k)
+            for k in range(3)
+        )
+        inverse = z.like(1.0) / z
+        is_seen = z >= figure(NEAR)
+        exact = (
+            (figure(LENS) * right * inverse + figure(LENS + 2)) * float(STEPS),
+            (figure(LENS + 1) * down * inverse + figure(LENS + 3)) * float(STEPS),
+        )
+        for position in exact:
+            is_seen = is_seen & (position.magnitude() <= float(FAR_OUT))
+        inverse.store(builder.gep(w, [to]))
+        steps = []
+        for position, u_or_v, x_or_y in zip(exact, (u, v), (x, y), strict=True):
+            position.store(builder.gep(u_or_v, [to]))
+            rounded = (position.where(is_seen, 0.0) + 0.5).floor().to(WORD)
+            steps.append(rounded.where(is_seen, CLIPPED))
+            steps[-1].store(builder.gep(x_or_y, [to]))
+        packed = (steps[1].to(LONG) << 32) | (steps[0].to(LONG) & 0xFFFFFFFF)
+        packed.store(builder.gep(both, [to]))
+        return context.get_dummy_value()
+
+    return types.void(points, types.int64, types.int64, view, placed, types.int64), generate
+
+
+def _corners(builder, corners, slots, placed, kind):
+    """Indices of the three corners of sixteen faces, and their places in the image."""
+    octets = builder.bitcast(corners, ir.IntType(8).as_pointer())
+    both = builder.extract_value(placed, 5)
+    indices, places = [], []
+    for k in range(3):
+        here = []
+        for slot in slots:
+            octet = builder.add(builder.shl(slot, LONG(2)), LONG(k))
+            here.append(builder.zext(builder.load(builder.gep(octets, [octet])), LONG))
+        together = gather(builder, both, here)
+        indices.append(here)
+        places.append((together.to(WORD).to(kind), (together >> 32).to(WORD).to(kind)))
+    return indices, places
+
+
+def _reach(places, right, top, bottom):
+    """Samples that triangles reach, from first to last, and their extent in steps."""
+    (ax, ay), (bx, by), (cx, cy) = places
+    low_x, high_x = ax.least(bx).least(cx), ax.greatest(bx).greatest(cx)
+    low_y, high_y = ay.least(by).least(cy), ay.greatest(by).greatest(cy)
+    first_x = ((low_x + (HALF - 1)) >> BITS).greatest(0)
+    last_x = ((high_x - HALF) >> BITS).least(right)
+    first_y = ((low_y + (HALF - 1)) >> BITS).greatest(top)
+    last_y = ((high_y - HALF) >> BITS).least(bottom)
+    return first_x, last_x, first_y, last_y, high_x - low_x, high_y - low_y
+
+
+def _edges(places, area, at_x, at_y):
+    """Edge functions of triangles at samples, each with its steps to the next sample and row.
+
+    They are 0 or more inside, in units of `STEPS`.
+    """
+    (ax, ay), (bx, by), (cx, cy) = places
+    turned = area < 0
+    px, py = cx.where(turned, bx), cy.where(turned, by)
+    qx, qy = bx.where(turned, cx), by.where(turned, cy)
+    found = []
+    for from_x, from_y, to_x, to_y in ((ax, ay, px, py), (px, py, qx, qy), (qx, qy, ax, ay)):
+        dx, dy = to_x - from_x, to_y - from_y
+        value = dx * ((at_y << BITS) + HALF - from_y) - dy * ((at_x << BITS) + HALF - from_x)
+        is_left_or_upper = (dy < 0) | (dy.equals(0) & (dx > 0))
+        value = value.where(is_left_or_upper, value - 1)
+        found.append((value >> BITS, dy.like(0) - dy, dx))
+    return found
+
+
+def _sign(values):
+    """Less than 0 where one of three is."""
+    return values[0] | values[1] | values[2]
+
+
+@intrinsic
+def sift_lanes(typing, corners, at, placed, right, top, bottom):
+    """Which of sixteen faces can own a sample: 3 x 16 bits.
+
+    The lowest are those that face the camera, then those that turn their back, then those that are
+    large or want clipping. Small ones do own a sample where they reach at most 2 x 2.
     """
 
     def generate(context, builder, signature, args):
-        where = _lanes_at(context, builder, signature.args[0], args[0], args[1], FLOATS)
-        old = builder.load(where, align=4)
-        here = _inverse_depths(builder, *args[3:])
-        nearer = builder.fcmp_ordered(">", here, old)
-        nearer = builder.and_(nearer, _lanes_of_bits(builder, args[2]))
-        full = builder.and_(nearer, builder.fcmp_ordered(">", old, FLOATS([0.0] * LANES)))
-        shifted = builder.shl(_bits_of_lanes(builder, full), ir.IntType(64)(LANES))
-        return builder.or_(_bits_of_lanes(builder, nearer), shifted)
+        corners, at, placed, *window = args
+        slots = [builder.add(at, LONG(lane)) for lane in range(LANES)]
+        _, places = _corners(builder, corners, slots, placed, WORD)
+        right, top, bottom = (spread(builder, border, LANES) for border in window)
+        first_x, last_x, first_y, last_y, width, height = _reach(places, right, top, bottom)
+        (ax, ay), (bx, by), (cx, cy) = places
+        can_own = (first_x <= last_x) & (first_y <= last_y)
+        packed = load(builder, builder.gep(corners, [at]), LANES)
+        is_clipped = ax.greatest(bx).greatest(cx).equals(CLIPPED) & (packed > 0)
+        is_large = (width >= LARGE) | (height >= LARGE)
+        area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
+        edges = _edges(places, area, first_x, first_y)
+        owns = (last_x - first_x > 1) | (last_y - first_y > 1)
+        for k in range(SIDE):
+            i, j = k & 1, k >> 1
+            values = [value + across * i + down * j for value, across, down in edges]
+            owns = owns | (
+                (_sign(values) >= 0) & (last_x - first_x >= i) & (last_y - first_y >= j)
+            )
+        is_small = can_own & owns & ~(is_large | is_clipped)
+        front, back = is_small & (area < 0), is_small & (area > 0)
+        other = is_clipped | (can_own & is_large)
+        found = builder.or_(front.bits(), builder.shl(back.bits(), LONG(LANES)))
+        return builder.or_(found, builder.shl(other.bits(), LONG(2 * LANES)))
 
-    numbers = types.float64, types.float64, types.float32, types.float32
-    return types.int64(depth, types.uint64, types.int64, *numbers), generate
+    return types.int64(corners, types.int64, placed, *[types.int32] * 3), generate
 
 
 @intrinsic
-def fill_lanes(typing, depth, owner, at, nearer, start, slope, least, greatest, face):
-    """Put depth and face into the lanes whose bits are set; the others keep what they have."""
+def set_up_lanes(typing, chosen, at, shape, placed, right, top, bottom, edges, batch):
+    """Edge functions and planes of sixteen triangles; returns bits of those of at most 2 x 2.
+
+    In as many bits as `edges` has.
+    """
 
     def generate(context, builder, signature, args):
-        lanes = _lanes_of_bits(builder, args[3])
-        here = _inverse_depths(builder, *args[4:8])
-        values = here, _all_lanes(builder, args[8], WORDS)
-        for k, value in enumerate(values):
-            where = _lanes_at(context, builder, signature.args[k], args[k], args[2], value.type)
-            mixed = builder.select(lanes, value, builder.load(where, align=4))
-            builder.store(mixed, where, align=4)
+        chosen, at, shape, placed, *window, edges, batch = args
+        corners, faces = (builder.extract_value(shape, k) for k in (1, 2))
+        whole, exact, plane = (builder.extract_value(batch, k) for k in range(3))
+        kind = edges.type.pointee
+
+        def put(array, row, value):
+            value.to(array.type.pointee).store(builder.gep(array, [LONG(row * LANES)]))
+
+        slots = []
+        for lane in range(LANES):
+            slot = builder.load(builder.gep(chosen, [builder.add(at, LONG(lane))]))
+            slots.append(builder.sext(slot, LONG))
+        indices, places = _corners(builder, corners, slots, placed, kind)
+        right, top, bottom = (spread(builder, border, LANES).to(kind) for border in window)
+        first_x, last_x, first_y, last_y, _, _ = _reach(places, right, top, bottom)
+        (ax, ay), (bx, by), (cx, cy) = places
+        area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
+        for k, (value, across, down) in enumerate(
+            _edges(
+                places,
+                area,
+                first_x >> SIDE_BITS << SIDE_BITS,
+                first_y >> SIDE_BITS << SIDE_BITS,
+            )
+        ):
+            put(edges, E + k, value)
+            put(edges, ACROSS + k, across)
+            put(edges, DOWN + k, down)
+        for row, value in enumerate((first_x, last_x, first_y, last_y)):
+            put(whole, row, value)
+        put(whole, FACE, gather(builder, faces, slots))
+
+        # 1/z is affine in the image: w = w_a + slope_x (u - u_a) + slope_y (v - v_a), from the
+        # corners as they are; as rounded where the triangle is too thin for that.
+        arrays = [builder.extract_value(placed, k) for k in range(3)]
+        (au, av, aw), (bu, bv, bw), (cu, cv, cw) = (
+            [gather(builder, array, index) for array in arrays] for index in indices
+        )
+        rounded = area.to(DOUBLE)
+        is_thin = ((bu - au) * (cv - av) - (cu - au) * (bv - av) - rounded).magnitude()
+        is_thin = is_thin > rounded.magnitude() * 0.25
+        (au, av), (bu, bv), (cu, cv) = (
+            (x.to(DOUBLE).where(is_thin, u), y.to(DOUBLE).where(is_thin, v))
+            for (x, y), (u, v) in zip(places, ((au, av), (bu, bv), (cu, cv)), strict=True)
+        )
+        ab_x, ab_y, ac_x, ac_y = bu - au, bv - av, cu - au, cv - av
+        w_ab, w_ac = bw - aw, cw - aw
+        scale = aw.like(float(STEPS)) / (ab_x * ac_y - ac_x * ab_y)
+        slope_x = (w_ab * ac_y - w_ac * ab_y) * scale
+        slope_y = (w_ac * ab_x - w_ab * ac_x) * scale
+        away = slope_x * (au.like(HALF) - au) + slope_y * (av.like(HALF) - av)
+        put(exact, ORIGIN, aw + away * (1.0 / STEPS))
+        put(exact, SLOPE_X, slope_x)
+        put(exact, SLOPE_Y, slope_y)
+        put(plane, STEP_X, slope_x)
+        put(plane, STEP_Y, slope_y)
+        # Rounding lets a sample lie a hair beyond the corners; its depth does not.
+        put(plane, LEAST, aw.least(bw).least(cw))
+        put(plane, GREATEST, aw.greatest(bw).greatest(cw))
+        return ((last_x - first_x <= 1) & (last_y - first_y <= 1)).bits()
+
+    whole = [types.int32] * 3
+    arguments = chosen, types.int64, shape, placed, *whole, edges, batch
+    return types.int64(*arguments), generate
+
+
+@intrinsic
+def tiny_lanes(typing, k, window, edges, batch):
+    """Bits of those of sixteen triangles that own sample k of at most 2 x 2.
+
+    Where in memory it stands goes to `batch.sample`, and its 1/z to `batch.here`.
+    """
+
+    def generate(context, builder, signature, args):
+        k, window, edges, batch = args
+        whole, exact, plane, sample, here = (builder.extract_value(batch, n) for n in range(5))
+        top, columns = (spread(builder, builder.extract_value(window, n), LANES) for n in (1, 3))
+
+        def get(array, row):
+            return load(builder, builder.gep(array, [LONG(row * LANES)]), LANES)
+
+        first_x, first_y = get(whole, FIRST_X), get(whole, FIRST_Y)
+        x = first_x + spread(builder, builder.and_(k, WORD(1)), LANES)
+        y = first_y + spread(builder, builder.lshr(k, WORD(1)), LANES)
+        in_x, in_y = x - (first_x >> SIDE_BITS << SIDE_BITS), y - (first_y >> SIDE_BITS << SIDE_BITS)
+        values = [
+            get(edges, E + n) + get(edges, ACROSS + n) * in_x + get(edges, DOWN + n) * in_y
+            for n in range(3)
+        ]
+        owns = (x <= get(whole, LAST_X)) & (y <= get(whole, LAST_Y)) & (_sign(values) >= 0)
+        block_x, block_y = x >> SIDE_BITS, y >> SIDE_BITS
+        in_x, in_y = x & (SIDE - 1), y & (SIDE - 1)
+        block = (block_y - (top >> SIDE_BITS)) * columns + block_x
+        ((((block << SIDE_BITS) + in_y) << SIDE_BITS) + in_x).store(sample)
+        corner_x, corner_y = (block_x << SIDE_BITS).to(DOUBLE), (block_y << SIDE_BITS).to(DOUBLE)
+        start = get(exact, ORIGIN) + get(exact, SLOPE_Y) * corner_y + get(exact, SLOPE_X) * corner_x
+        away = get(plane, STEP_X) * in_x.to(SINGLE) + get(plane, STEP_Y) * in_y.to(SINGLE)
+        nearness = (start.to(SINGLE) + away).greatest(get(plane, LEAST)).least(get(plane, GREATEST))
+        nearness.store(here)
+        return owns.bits()
+
+    return types.int64(types.int32, window, edges, batch), generate
+
+
+def _mask_blocks(side):
+    """An intrinsic for groups of side x side blocks."""
+
+    @intrinsic
+    def block_masks(typing, edges, k, right, down, batch):
+        """Bits of the blocks of a group in which triangle k has samples, which go to `batch.masks`.
+
+        The group starts `right` and `down` blocks from the first one that the triangle reaches.
+        """
+
+        def generate(context, builder, signature, args):
+            edges, k, right, down, batch = args
+            masks = builder.extract_value(batch, 5)
+            kind = edges.type.pointee
+            if kind == WORD:
+                right, down = builder.trunc(right, WORD), builder.trunc(down, WORD)
+            starts, across, below = [], [], []
+            for n in range(3):
+                value, step_x, step_y = (
+                    builder.load(builder.gep(edges, [builder.add(k, LONG(row * LANES))]))
+                    for row in (E + n, ACROSS + n, DOWN + n)
+                )
+                step_x, step_y = spread(builder, step_x, LANES), spread(builder, step_y, LANES)
+                inner = step_x * constants(builder, kind, LANE_X)
+                inner = inner + step_y * constants(builder, kind, LANE_Y)
+                across.append(step_x * SIDE)
+                below.append(step_y * SIDE)
+                away = across[n] * spread(builder, right, LANES)
+                away = away + below[n] * spread(builder, down, LANES)
+                starts.append(spread(builder, value, LANES) + away + inner)
+            found = LONG(0)
+            for j in range(side):
+                values = starts
+                for i in range(side):
+                    inside = (_sign(values) >= 0).bits()
+                    lane = j * SIDE + i
+                    builder.store(
+                        builder.trunc(inside, ir.IntType(16)), builder.gep(masks, [LONG(lane)])
+                    )
+                    is_some = builder.zext(builder.icmp_signed("!=", inside, LONG(0)), LONG)
+                    found = builder.or_(found, builder.shl(is_some, LONG(lane)))
+                    values = [value + step for value, step in zip(values, across, strict=True)]
+                starts = [value + step for value, step in zip(starts, below, strict=True)]
+            return found
+
+        whole = types.int64
+        return whole(edges, whole, whole, whole, batch), generate
+
+    return block_masks
+
+
+few_masks, many_masks = _mask_blocks(2), _mask_blocks(SIDE)
+
+
+@intrinsic
+def write_lanes(typing, image, at, bits, batch, k, start):
+    """Write the depth of triangle k into the samples of a block where it is nearest, of `bits`.
+
+    1/z at the block's first sample is `start`. Returns bits of the samples that were written; above
+    them those of these that were not empty before; and above them those at the same depth.
+    """
+
+    def generate(context, builder, signature, args):
+        image, at, bits, batch, k, start = args
+        where = builder.gep(builder.extract_value(image, 0), [at])
+        plane = builder.extract_value(batch, 2)
+        step_x, step_y, least, greatest = (
+            spread(
+                builder, builder.load(builder.gep(plane, [builder.add(k, LONG(row * LANES))])), LANES
+            )
+            for row in (STEP_X, STEP_Y, LEAST, GREATEST)
+        )
+        away = step_x * constants(builder, SINGLE, LANE_X)
+        away = away + step_y * constants(builder, SINGLE, LANE_Y)
+        here = (spread(builder, start, LANES) + away).greatest(least).least(greatest)
+        old = load(builder, where, LANES)
+        active = from_bits(builder, bits, LANES)
+        wins = (here > old) & active
+        full = wins & (old > 0.0)
+        ties = here.equals(old) & active
+        here.where(wins, old).store(where)
+        found = builder.or_(wins.bits(), builder.shl(full.bits(), LONG(LANES)))
+        return builder.or_(found, builder.shl(ties.bits(), LONG(2 * LANES)))
+
+    arguments = image, types.int64, types.int64, batch, types.int64, types.float32
+    return types.int64(*arguments), generate
+
+
+@intrinsic
+def own_lanes(typing, owner, at, bits, face):
+    """Give samples of a block to a face."""
+
+    def generate(context, builder, signature, args):
+        owner, at, bits, face = args
+        where = builder.gep(owner, [at])
+        mask = from_bits(builder, bits, LANES)
+        spread(builder, face, LANES).where(mask, load(builder, where, LANES)).store(where)
         return context.get_dummy_value()
 
-    numbers = types.float64, types.float64, types.float32, types.float32
-    return types.void(depth, owner, types.uint64, types.int64, *numbers, types.int32), generate
+    return types.void(owner, types.int64, types.int64, types.int32), generate
 
 
 @intrinsic
@@ -153,81 +466,290 @@ def count_bits(typing, bits):
 
 
 @intrinsic
-def take_lanes(typing, visible, owner, at, lost):
-    """Uncount the samples whose bits are set for the faces that had them."""
+def lowest_bit(typing, bits):
+    """Index of the lowest bit that is set, of a number that is not 0."""
 
     def generate(context, builder, signature, args):
-        counts, owners = (
-            context.make_array(signature.args[k])(context, builder, args[k]).data for k in range(2)
-        )
-        for i in range(LANES):
-            bit = builder.and_(args[3], ir.IntType(64)(1 << i))
-            with builder.if_then(builder.icmp_unsigned("!=", bit, ir.IntType(64)(0))):
-                lane = builder.add(args[2], ir.IntType(64)(i))
-                face = builder.load(builder.gep(owners, [lane]))
-                count = builder.gep(counts, [builder.zext(face, ir.IntType(64))])
-                builder.store(builder.sub(builder.load(count), ir.IntType(64)(1)), count)
-        return context.get_dummy_value()
+        return builder.cttz(args[0], ir.Constant(ir.IntType(1), 1))
 
-    return types.void(visible, owner, types.uint64, types.int64), generate
+    return types.int64(types.int64), generate
 
 
 # --- the passes -----------------------------------------------------------------------------------
 
 
 @compiled
-def project(vertices, rotation, eye, lens, near, u, v, w, steps):
-    """Image positions and inverse depths of the vertices; returns how many must be clipped.
+def project(points, begin, end, view, placed):
+    """Bring the vertices of a cluster to the image; returns the box that they fill, in steps.
 
     Parameters
     ----------
-    vertices : (V, 3) float64
-        World points.
-    rotation : (3, 3) float64
-        world_from_camera.
-    eye : (3,) float64
-        Camera centre, from the same origin as the vertices.
-    lens : (4,) float64
-        fx, fy, cx, cy in samples.
-    near : float
-        Depth below which a vertex is cut off.
-    u, v : (V,) float64
-        Out: steps of 1/256 sample, not rounded; infinite where a vertex needs clipping.
-    w : (V,) float64
-        Out: 1/z.
-    steps : (V, 2) int32
-        Out: u and v, rounded: where a vertex stands when samples are given out.
+    points : float64
+        x of the cluster's vertices from 3 `begin` on, then their y, then their z, from the same
+        origin as the eye.
+    begin, end : int
+        First vertex of the cluster, and of the next one.
+    view : (17,) float64
+        world_from_camera, eye, fx, fy, cx, cy in samples, and the depth below which a vertex is cut
+        off.
+    placed : Placed
+        Out. `u`, `v`: steps of 1/256 sample, not rounded. `w`: 1/z. `x`, `y`: where the vertex
+        stands when samples are given out, `CLIPPED` where it needs clipping.
     """
-    outside = 0
-    for i in range(vertices.shape[0]):
-        a = vertices[i, 0] - eye[0]
-        b = vertices[i, 1] - eye[1]
-        c = vertices[i, 2] - eye[2]
-        z = a * rotation[0, 2] + b * rotation[1, 2] + c * rotation[2, 2]
-        u[i] = np.inf
-        steps[i, 0] = CLIPPED
-        if z >= near:
-            w[i] = 1.0 / z
-            right = a * rotation[0, 0] + b * rotation[1, 0] + c * rotation[2, 0]
-            down = a * rotation[0, 1] + b * rotation[1, 1] + c * rotation[2, 1]
-            across = (lens[0] * right * w[i] + lens[2]) * STEPS
-            along = (lens[1] * down * w[i] + lens[3]) * STEPS
-            if abs(across) <= FAR_OUT and abs(along) <= FAR_OUT:
-                u[i], v[i] = across, along
-                steps[i, 0], steps[i, 1] = np.floor(across + 0.5), np.floor(along + 0.5)
-        if u[i] > FAR_OUT:
-            outside += 1
-    return outside
+    n = end - begin
+    for i in range(0, n, VERTEX_LANES):
+        project_lanes(points, 3 * begin + i, n, view, placed, i)
+    low_x, high_x, low_y, high_y = placed.x[0], placed.x[0], placed.y[0], placed.y[0]
+    for i in range(1, n):
+        low_x, high_x = min(low_x, placed.x[i]), max(high_x, placed.x[i])
+        low_y, high_y = min(low_y, placed.y[i]), max(high_y, placed.y[i])
+    return low_x, high_x, low_y, high_y
 
 
 @compiled
-def count_clipped(faces, u):
-    """How many faces have a vertex that needs clipping."""
-    n = 0
-    for f in range(faces.shape[0]):
-        if u[faces[f, 0]] > FAR_OUT or u[faces[f, 1]] > FAR_OUT or u[faces[f, 2]] > FAR_OUT:
-            n += 1
+def list_bits(bits, base, listed, n):
+    """Put base + index of each bit behind the n numbers of a list; returns how many there are."""
+    while bits:
+        listed[n] = base + lowest_bit(bits)
+        n += 1
+        bits &= bits - 1
     return n
+
+
+@compiled
+def sift(shape, begin, end, placed, window, front, back, other):
+    """List the faces of a cluster that can own a sample; returns the lengths of the lists.
+
+    Parameters
+    ----------
+    begin, end : int
+        Slots of the cluster's faces.
+    front, back, other : int32
+        Out: slots of faces that face the camera, that turn their back, and of those that are large
+        or want clipping.
+    """
+    n_front, n_back, n_other = 0, 0, 0
+    for at in range(begin, end, LANES):
+        found = sift_lanes(shape.corners, at, placed, window.right, window.top, window.bottom)
+        n_front = list_bits(found & ALL_LANES, at, front, n_front)
+        n_back = list_bits(found >> LANES & ALL_LANES, at, back, n_back)
+        n_other = list_bits(found >> 2 * LANES, at, other, n_other)
+    return n_front, n_back, n_other
+
+
+@compiled
+def border(block_x, block_y, window):
+    """Bits of the samples of a block that are inside the image."""
+    inside = 0
+    for j in range(SIDE):
+        row = (block_y << SIDE_BITS) + j
+        if row < window.height:
+            begin = min(max(np.int64(window.first[row]) - (block_x << SIDE_BITS), 0), SIDE)
+            end = min(max(np.int64(window.last[row]) - (block_x << SIDE_BITS), 0), SIDE)
+            inside |= (((1 << end) - 1) & ~((1 << begin) - 1)) << (SIDE * j)
+    return inside
+
+
+@compiled
+def fill_tiny(tiny, window, edges, batch, image, counts):
+    """Fill those of sixteen triangles that reach at most 2 x 2 samples, and have their bits in tiny.
+
+    Returns how many samples were empty.
+    """
+    filled = 0
+    for k in range(4):
+        owners = tiny_lanes(np.int32(k), window, edges, batch) & tiny
+        while owners:
+            lane = lowest_bit(owners)
+            owners &= owners - 1
+            face, sample = batch.whole[FACE * LANES + lane], batch.sample[lane]
+            if window.full_x == 0:
+                x = np.int64(batch.whole[FIRST_X * LANES + lane] + (k & 1))
+                y = batch.whole[FIRST_Y * LANES + lane] + (k >> 1)
+                if x < window.first[y] or x >= window.last[y]:
+                    continue
+            if counts.with_drawn:
+                counts.drawn[face] += 1
+            here, old = batch.here[lane], image.depth[sample]
+            if here > old or (here == old and image.owner[sample] > face):
+                if old > 0:
+                    counts.visible[image.owner[sample]] -= 1
+                else:
+                    filled += 1
+                counts.visible[face] += 1
+                image.depth[sample] = here
+                image.owner[sample] = face
+    return filled
+
+
+@compiled
+def resolve(at, bits, batch, k, start, face, image, visible):
+    """Write what is nearer in a block; returns how many samples, and how many were empty."""
+    found = write_lanes(image, at, bits, batch, k, start)
+    won = found & ALL_LANES
+    lost = found >> LANES & ALL_LANES
+    ties = found >> 2 * LANES
+    while ties:  # the lower face wins
+        lane = lowest_bit(ties)
+        if image.owner[at + lane] > face:
+            won |= 1 << lane
+            lost |= 1 << lane
+        ties &= ties - 1
+    if won == 0:
+        return 0, 0
+    n_won = count_bits(won)
+    n_new = n_won - count_bits(lost)
+    while lost:
+        visible[image.owner[at + lowest_bit(lost)]] -= 1
+        lost &= lost - 1
+    own_lanes(image.owner, at, won, face)
+    return n_won, n_new
+
+
+@compiled
+def fill_blocks(chosen, is_hidden, window, edges, batch, image, counts):
+    """Fill triangles, a block at a time; returns how many samples were empty.
+
+    Parameters
+    ----------
+    chosen : int
+        Bits of the triangles, of sixteen.
+    is_hidden : bool
+        Whether their samples are counted as drawn and otherwise left alone.
+    """
+    filled = 0
+    while chosen:
+        k = lowest_bit(chosen)
+        chosen &= chosen - 1
+        first_x = np.int64(batch.whole[FIRST_X * LANES + k] >> SIDE_BITS)
+        last_x = np.int64(batch.whole[LAST_X * LANES + k] >> SIDE_BITS)
+        first_y = np.int64(batch.whole[FIRST_Y * LANES + k] >> SIDE_BITS)
+        last_y = np.int64(batch.whole[LAST_Y * LANES + k] >> SIDE_BITS)
+        face = batch.whole[FACE * LANES + k]
+        origin = batch.exact[ORIGIN * LANES + k]
+        slope_x, slope_y = batch.exact[SLOPE_X * LANES + k], batch.exact[SLOPE_Y * LANES + k]
+        is_cut = last_x >= window.full_x or last_y >= window.full_y
+        gained, covered = 0, 0
+        for group_y in range(first_y, last_y + 1, SIDE):
+            for group_x in range(first_x, last_x + 1, SIDE):
+                right, down = group_x - first_x, group_y - first_y
+                if last_x - first_x < 2 and last_y - first_y < 2:
+                    blocks = few_masks(edges, k, right, down, batch)
+                else:
+                    blocks = many_masks(edges, k, right, down, batch)
+                n_columns = min(last_x - group_x + 1, SIDE)
+                n_rows = min(last_y - group_y + 1, SIDE)
+                blocks &= ((1 << n_columns) - 1) * 0x1111 & ((1 << (SIDE * n_rows)) - 1)
+                while blocks:
+                    lane = lowest_bit(blocks)
+                    blocks &= blocks - 1
+                    block_x = group_x + (lane & (SIDE - 1))
+                    block_y = group_y + (lane >> SIDE_BITS)
+                    bits = np.int64(batch.masks[lane])
+                    if is_cut:
+                        if block_x < window.inner[2 * block_y] or block_x >= window.inner[2 * block_y + 1]:
+                            bits &= border(block_x, block_y, window)
+                    covered += count_bits(bits)
+                    if is_hidden:
+                        continue
+                    start = np.float32(
+                        origin + slope_y * (block_y << SIDE_BITS) + slope_x * (block_x << SIDE_BITS)
+                    )
+                    row = (block_y - (window.top >> SIDE_BITS)) * window.columns
+                    at = (row + block_x) << (2 * SIDE_BITS)
+                    n_won, n_new = resolve(at, bits, batch, k, start, face, image, counts.visible)
+                    gained += n_won
+                    filled += n_new
+        if gained:
+            counts.visible[face] += gained
+        if counts.with_drawn:
+            counts.drawn[face] += covered
+    return filled
+
+
+@compiled
+def fill(listed, n, is_hidden, shape, placed, window, edges, batch, image, counts):
+    """Fill the small triangles of a list; returns how many samples were empty."""
+    filled = 0
+    for i in range(0, n, LANES):
+        tiny = set_up_lanes(
+            listed, i, shape, placed, window.right, window.top, window.bottom, edges, batch
+        )
+        valid = ALL_LANES >> max(LANES - (n - i), 0)
+        if is_hidden:
+            tiny = 0
+        if tiny & valid:
+            filled += fill_tiny(tiny & valid, window, edges, batch, image, counts)
+        if valid & ~tiny:
+            filled += fill_blocks(valid & ~tiny, is_hidden, window, edges, batch, image, counts)
+    return filled
+
+
+@compiled
+def frustum(view, width, top, bottom, planes):
+    """Planes around what can own a sample of the rows from `top` to `bottom`: (5, 4) float64.
+
+    A normal and its length. A point p from the eye is outside where normal . p < 0; by the last
+    plane, where it is < near.
+    """
+    for i in range(3):
+        right, down, forward = view[3 * i], view[3 * i + 1], view[3 * i + 2]
+        planes[0, i] = view[LENS] * right + view[LENS + 2] * forward
+        planes[1, i] = (width - view[LENS + 2]) * forward - view[LENS] * right
+        planes[2, i] = view[LENS + 1] * down + (view[LENS + 3] - top) * forward
+        planes[3, i] = (bottom - view[LENS + 3]) * forward - view[LENS + 1] * down
+        planes[4, i] = forward
+    for k in range(5):
+        planes[k, 3] = np.sqrt(planes[k, 0] ** 2 + planes[k, 1] ** 2 + planes[k, 2] ** 2)
+
+
+@compiled
+def is_outside(bound, view, planes):
+    """Whether a cluster lies outside one of the planes of `frustum`."""
+    x, y, z = bound[0] - view[EYE], bound[1] - view[EYE + 1], bound[2] - view[EYE + 2]
+    for k in range(5):
+        reach = planes[k, 0] * x + planes[k, 1] * y + planes[k, 2] * z + bound[3] * planes[k, 3]
+        if reach < (view[NEAR] if k == 4 else 0.0):
+            return True
+    return False
+
+
+@compiled
+def turns_its_back(bound, view, focal):
+    """Whether all faces of a cluster turn their back, and still do once rounded to steps.
+
+    With D the distance of the cluster's farthest point and h that of the eye behind the plane of a
+    face, the altitudes of the face are in the image at least focal h / D^2 of what they are in
+    space. Rounding moves a corner by at most 0.71 steps, so it turns no face whose altitudes are
+    3 steps or more.
+    """
+    x, y, z = view[EYE] - bound[0], view[EYE + 1] - bound[1], view[EYE + 2] - bound[2]
+    along = bound[4] * x + bound[5] * y + bound[6] * z
+    squared = x * x + y * y + z * z
+    across = np.sqrt(max(squared - along * along, 0.0))
+    height = along * bound[7] + across * bound[8] - bound[9]  # the greatest over its normals
+    reach = np.sqrt(squared) + bound[3]
+    return height * bound[10] * focal * STEPS < -3.1 * reach * reach
+
+
+@compiled
+def clear(low_x, high_x, low_y, high_y, window, marks, depth):
+    """Clear the blocks that a box reaches, unless they are clear; returns whether there are any."""
+    first_x = max((np.int64(low_x) + HALF - 1) >> BITS, 0)
+    last_x = min((np.int64(high_x) - HALF) >> BITS, np.int64(window.right))
+    first_y = max((np.int64(low_y) + HALF - 1) >> BITS, np.int64(window.top))
+    last_y = min((np.int64(high_y) - HALF) >> BITS, np.int64(window.bottom))
+    if first_x > last_x or first_y > last_y:
+        return False
+    shift = SIDE_BITS + PATCH_BITS
+    for row in range((first_y - window.top) >> SIDE_BITS, ((last_y - window.top) >> SIDE_BITS) + 1):
+        for patch in range(first_x >> shift, (last_x >> shift) + 1):
+            block = row * window.columns + (patch << PATCH_BITS)
+            if marks[block >> PATCH_BITS] == 0:
+                marks[block >> PATCH_BITS] = 1
+                for sample in range(block << (2 * SIDE_BITS), (block << (2 * SIDE_BITS)) + (LANES << PATCH_BITS)):
+                    depth[sample] = 0.0
+    return True
 
 
 @compiled
@@ -263,433 +785,109 @@ def clip(corners, n, plane, offset, out):
     return kept
 
 
-@inlined
-def whole(steps, a, b, c):
-    """Corners of a triangle in whole steps, 64 bits wide."""
-    ax, ay = np.int64(steps[a, 0]), np.int64(steps[a, 1])
-    bx, by = np.int64(steps[b, 0]), np.int64(steps[b, 1])
-    cx, cy = np.int64(steps[c, 0]), np.int64(steps[c, 1])
-    return ax, ay, bx, by, cx, cy
-
-
-@inlined  # a call would pass every field of every array
-def keep(a, b, c, face, steps, width, height, side, triangles, n, tiles, starts):
-    """Note a triangle if it can own a sample; returns the new number of triangles."""
-    ax, ay, bx, by, cx, cy = whole(steps, a, b, c)
-    area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
-    if area == 0 or side * area < 0:
-        return n
-    left = max((min(ax, min(bx, cx)) + HALF - 1) >> BITS, 0)
-    right = min((max(ax, max(bx, cx)) - HALF) >> BITS, width - 1)
-    top = max((min(ay, min(by, cy)) + HALF - 1) >> BITS, 0)
-    bottom = min((max(ay, max(by, cy)) - HALF) >> BITS, height - 1)
-    if left > right or top > bottom:
-        return n
-    triangles[n, 0] = a
-    triangles[n, 1] = b
-    triangles[n, 2] = c
-    triangles[n, 3] = face
-    if side == 1:  # only counted, not filled
-        return n + 1
-    tiles[n, 0] = left >> TILE_BITS_X
-    tiles[n, 1] = top >> TILE_BITS_Y
-    tiles[n, 2] = right >> TILE_BITS_X
-    tiles[n, 3] = bottom >> TILE_BITS_Y
-    columns = (width + TILE_WIDTH - 1) >> TILE_BITS_X
-    for row in range(tiles[n, 1], tiles[n, 3] + 1):
-        for column in range(tiles[n, 0], tiles[n, 2] + 1):
-            starts[row * columns + column + 1] += 1
-    return n + 1
-
-
 @compiled
-def set_up(
-    vertices, faces, rotation, eye, lens, near, size, side, u, v, w, steps, triangles, tiles, starts
-):
-    """Keep the triangles that can own a sample, clipped where they must be; returns their number.
+def clip_face(points, begin, stride, packed, view, placed, polygon, other):
+    """Clip a face to what is in front of the near plane and not far out; returns its corners.
 
-    Parameters
-    ----------
-    vertices, rotation, eye, lens, near
-        As for `project`.
-    faces : (F, 3) int32
-        Vertices of each face.
-    size : (2,) int64
-        Width and height of the image in samples.
-    side : int
-        -1 keeps what faces the camera, 1 what turns its back (positive area with rows running
-        down), 0 both.
-    u, v, w, steps
-        From `project`, with room for `CLIP_CORNERS` vertices more for each clipped face.
-    triangles : (N, 4) int32
-        Out: vertices and face; room for F and `CLIP_CORNERS` more for each clipped face.
-    tiles : (N, 4) int32
-        Out: first and last tile column and row.
-    starts : (T + 1,) int64
-        Out: 1 + tile -> triangles in that tile.
+    They are placed from `VERTICES` on.
     """
-    width, height = size[0], size[1]
-    starts[:] = 0
-    n = 0
-    extra = vertices.shape[0]
-    polygon = np.empty((CLIP_CORNERS, 3))
-    other = np.empty((CLIP_CORNERS, 3))
-    plane = np.empty(3)
+    for i in range(3):
+        vertex = 3 * begin + (packed >> (8 * i) & (ROOM - 1))
+        away = (
+            points[vertex] - view[EYE],
+            points[vertex + stride] - view[EYE + 1],
+            points[vertex + 2 * stride] - view[EYE + 2],
+        )
+        for k in range(3):
+            polygon[i, k] = away[0] * view[k] + away[1] * view[3 + k] + away[2] * view[6 + k]
+    if max(polygon[0, 2], max(polygon[1, 2], polygon[2, 2])) < view[NEAR]:
+        return 0  # all behind, as most of these are for a camera in a room
+    plane = np.zeros(3)
+    plane[2] = 1.0
+    n = clip(polygon, 3, plane, view[NEAR], other)
     reach = 0.99 * FAR_OUT / STEPS
-    for f in range(faces.shape[0]):
-        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-        if max(steps[a, 0], max(steps[b, 0], steps[c, 0])) != CLIPPED:
-            n = keep(a, b, c, f, steps, width, height, side, triangles, n, tiles, starts)
-            continue
-        for i in range(3):
-            p = faces[f, i]
-            d0 = vertices[p, 0] - eye[0]
-            d1 = vertices[p, 1] - eye[1]
-            d2 = vertices[p, 2] - eye[2]
-            for k in range(3):
-                polygon[i, k] = d0 * rotation[0, k] + d1 * rotation[1, k] + d2 * rotation[2, k]
-        if max(polygon[0, 2], max(polygon[1, 2], polygon[2, 2])) < near:
-            continue  # all behind, as most of these are for a camera in a room
-        plane[0], plane[1], plane[2] = 0.0, 0.0, 1.0
-        corners = clip(polygon, 3, plane, near, other)
-        for border in range(4):
-            # |u| <= reach, |v| <= reach: +-(f x + c z) <= reach z
-            sign = 1.0 if border % 2 == 0 else -1.0
-            axis = border // 2
-            plane[:] = 0.0
-            plane[axis] = sign * lens[axis]
-            plane[2] = sign * lens[2 + axis] + reach
-            for i in range(corners):
-                polygon[i] = other[i]
-            corners = clip(polygon, corners, plane, 0.0, other)
-        if corners < 3:
-            continue
-        for i in range(corners):
-            w[extra + i] = 1.0 / other[i, 2]
-            u[extra + i] = (lens[0] * other[i, 0] * w[extra + i] + lens[2]) * STEPS
-            v[extra + i] = (lens[1] * other[i, 1] * w[extra + i] + lens[3]) * STEPS
-            steps[extra + i, 0] = np.floor(u[extra + i] + 0.5)
-            steps[extra + i, 1] = np.floor(v[extra + i] + 0.5)
-        for i in range(1, corners - 1):
-            n = keep(
-                extra, extra + i, extra + i + 1, f, steps, width, height, side, triangles, n,
-                tiles, starts,
-            )  # fmt: skip
-        extra += corners
-    for tile in range(1, starts.shape[0]):
-        starts[tile] += starts[tile - 1]
+    for side in range(4):
+        # |u| <= reach, |v| <= reach: +-(f x + c z) <= reach z
+        sign, axis = 1.0 - 2.0 * (side & 1), side >> 1
+        plane[0], plane[1] = 0.0, 0.0
+        plane[axis] = sign * view[LENS + axis]
+        plane[2] = sign * view[LENS + 2 + axis] + reach
+        for i in range(n):
+            polygon[i] = other[i]
+        n = clip(polygon, n, plane, 0.0, other)
+    for i in range(n):
+        to = VERTICES + i
+        w = 1.0 / other[i, 2]
+        placed.w[to] = w
+        placed.u[to] = (view[LENS] * other[i, 0] * w + view[LENS + 2]) * STEPS
+        placed.v[to] = (view[LENS + 1] * other[i, 1] * w + view[LENS + 3]) * STEPS
+        x, y = np.int64(np.floor(placed.u[to] + 0.5)), np.int64(np.floor(placed.v[to] + 0.5))
+        placed.x[to], placed.y[to] = x, y
+        placed.both[to] = y << 32 | (x & 0xFFFFFFFF)
     return n
 
 
 @compiled
-def bin_triangles(n, tiles, columns, starts, places, listed):
-    """List the triangles of each tile, in order; `places` is a copy of `starts` to count up."""
+def fan_out(shape, slot, points_begin, stride, view, placed, fan, polygon, other):
+    """Triangles of a face, clipped where it must be; returns how many.
+
+    `fan` is a shape of its own, whose first slots they fill.
+    """
+    packed = shape.corners[slot]
+    n = 1
+    fan.corners[0] = packed
+    highest = placed.x[packed & (ROOM - 1)]
+    highest = max(highest, placed.x[packed >> 8 & (ROOM - 1)])
+    if max(highest, placed.x[packed >> 16]) == CLIPPED:
+        n = clip_face(shape.points, points_begin, stride, packed, view, placed, polygon, other) - 2
+        for k in range(n):
+            corner = VERTICES + k
+            fan.corners[k] = VERTICES | (corner + 1) << 8 | (corner + 2) << 16
     for k in range(n):
-        for row in range(tiles[k, 1], tiles[k, 3] + 1):
-            for column in range(tiles[k, 0], tiles[k, 2] + 1):
-                tile = row * columns + column
-                listed[places[tile]] = k
-                places[tile] += 1
+        fan.faces[k] = shape.faces[slot]
+    return max(n, 0)
 
 
 @compiled
-def divide(numerator, divisor, inverse):
-    """Quotient, rounded down, and remainder of whole numbers, by their rough product in floats.
+def side_of(corners, k, placed, window):
+    """-1 for a triangle that faces the camera, 1 for one that turns its back, 0 for neither.
 
-    Quotients stay below 2^32, so it is right to within one, and the remainder says which way.
+    Nor is it looked at when it cannot own a sample; see `sift_lanes`, whose numbers are too short.
     """
-    quotient = np.int64(np.floor(numerator * inverse))
-    rest = numerator - quotient * divisor
-    if rest < 0:
-        return quotient - 1, rest + divisor
-    if rest >= divisor:
-        return quotient + 1, rest - divisor
-    return quotient, rest
+    packed = corners[k]
+    a, b, c = packed & (ROOM - 1), packed >> 8 & (ROOM - 1), packed >> 16
+    ax, ay = np.int64(placed.x[a]), np.int64(placed.y[a])
+    bx, by = np.int64(placed.x[b]), np.int64(placed.y[b])
+    cx, cy = np.int64(placed.x[c]), np.int64(placed.y[c])
+    first_x = max((min(ax, min(bx, cx)) + HALF - 1) >> BITS, 0)
+    last_x = min((max(ax, max(bx, cx)) - HALF) >> BITS, np.int64(window.right))
+    first_y = max((min(ay, min(by, cy)) + HALF - 1) >> BITS, np.int64(window.top))
+    last_y = min((max(ay, max(by, cy)) - HALF) >> BITS, np.int64(window.bottom))
+    if first_x > last_x or first_y > last_y:
+        return 0
+    area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
+    return (area > 0) - (area < 0)
 
 
-@compiled
-def edge(xa, ya, xb, yb, row):
-    """First sample on a row at or right of an edge that runs down from a to b.
-
-    With X the crossing of the edge and the row's samples, it is ceil((X - 128) / 256), kept as a
-    quotient and a remainder; the stride to the next row likewise.
-
-    Returns
-    -------
-    (sample, remainder, stride a row, its remainder, divisor) : int64
-    """
-    dy = yb - ya
-    divisor = dy << BITS
-    inverse = 1.0 / divisor
-    across = (xb - xa) * ((row << BITS) + HALF - ya)
-    sample, rest = divide((xa - HALF) * dy + across + divisor - 1, divisor, inverse)
-    stride, stride_rest = divide((xb - xa) << BITS, divisor, inverse)
-    return sample, rest, stride, stride_rest, divisor
-
-
-@compiled
-def from_top(ax, ay, bx, by, cx, cy):
-    """Corners of a triangle from top to bottom: a above b above c."""
-    if by < ay:
-        ax, ay, bx, by = bx, by, ax, ay
-    if cy < ay:
-        ax, ay, cx, cy = cx, cy, ax, ay
-    if cy < by:
-        bx, by, cx, cy = cx, cy, bx, by
-    return ax, ay, bx, by, cx, cy
-
-
-@compiled
-def inner_edge(ax, ay, bx, by, column, row):
-    """Edge function of a to b at a sample, its step to the next sample and to the next row.
-
-    It is 0 or more inside a triangle whose area is positive with rows running down; 1 is taken from
-    it on right and lower edges, whose samples are outside.
-    """
-    dx, dy = bx - ax, by - ay
-    value = dx * ((row << BITS) + HALF - ay) - dy * ((column << BITS) + HALF - ax)
-    is_left_or_upper = dy < 0 or (dy == 0 and dx > 0)
-    return value if is_left_or_upper else value - 1, -dy << BITS, dx << BITS
-
-
-@compiled
-def count_drawn(n, steps, size, first, last, triangles, drawn):
-    """Add the samples of each triangle, hidden or not, to the count of its face.
-
-    Parameters
-    ----------
-    n, steps, size, triangles
-        From the passes before.
-    first, last : (height,) int32
-        Samples of each row that count: from the first up to the last.
-    drawn : (F,) int64
-        Out: samples to add to.
-    """
-    least, greatest = 0, size[0]  # samples that count on every row
-    for row in range(size[1]):
-        least, greatest = max(least, first[row]), min(greatest, last[row])
-    for k in range(n):
-        a, b, c = triangles[k, 0], triangles[k, 1], triangles[k, 2]
-        ax, ay, bx, by, cx, cy = whole(steps, a, b, c)
-        covered = 0
-        left = (min(ax, min(bx, cx)) + HALF - 1) >> BITS
-        right = (max(ax, max(bx, cx)) - HALF) >> BITS
-        row = (min(ay, min(by, cy)) + HALF - 1) >> BITS
-        end_row = ((max(ay, max(by, cy)) - HALF) >> BITS) + 1
-        if right - left < LANES and end_row - row <= TILE_HEIGHT:
-            row, end_row = max(row, 0), min(end_row, size[1])
-            if (bx - ax) * (cy - ay) < (cx - ax) * (by - ay):
-                bx, by, cx, cy = cx, cy, bx, by
-            e0, across0, down0 = inner_edge(ax, ay, bx, by, left, row)
-            e1, across1, down1 = inner_edge(bx, by, cx, cy, left, row)
-            e2, across2, down2 = inner_edge(cx, cy, ax, ay, left, row)
-            while row < end_row:
-                inside = lanes_inside(
-                    np.int32(e0), np.int32(across0), np.int32(e1), np.int32(across1),
-                    np.int32(e2), np.int32(across2),
-                )  # fmt: skip
-                if left < least or right >= greatest:
-                    begin = min(max(first[np.uint64(row)] - left, 0), LANES)
-                    end = min(max(last[np.uint64(row)] - left, 0), LANES)
-                    inside &= (ALL_LANES << begin) & (ALL_LANES >> (LANES - end))
-                covered += count_bits(inside)
-                row += 1
-                e0 += down0
-                e1 += down1
-                e2 += down2
-            drawn[triangles[k, 3]] += covered
-            continue
-        ax, ay, bx, by, cx, cy = from_top(ax, ay, bx, by, cx, cy)
-        row = max((ay + HALF - 1) >> BITS, 0)
-        middle = min((by + HALF - 1) >> BITS, size[1])
-        bottom = min((cy + HALF - 1) >> BITS, size[1])
-        long_is_left = (bx - ax) * (cy - ay) > (cx - ax) * (by - ay)
-        long, long_rest, long_step, long_step_rest, long_divisor = edge(ax, ay, cx, cy, row)
-        for part in range(2):
-            end_row = middle if part == 0 else bottom
-            if row >= end_row:
-                continue
-            if part == 0:
-                short, rest, stride, stride_rest, divisor = edge(ax, ay, bx, by, row)
-            else:
-                short, rest, stride, stride_rest, divisor = edge(bx, by, cx, cy, row)
-            while row < end_row:
-                left = max(long if long_is_left else short, first[np.uint64(row)])
-                right = min(short if long_is_left else long, last[np.uint64(row)])
-                covered += max(right - left, 0)
-                row += 1
-                long += long_step
-                long_rest += long_step_rest
-                if long_rest >= long_divisor:
-                    long_rest -= long_divisor
-                    long += 1
-                short += stride
-                rest += stride_rest
-                if rest >= divisor:
-                    rest -= divisor
-                    short += 1
-        drawn[triangles[k, 3]] += covered
-
-
-@compiled
-def fill_tiles(
-    u, v, w, steps, size, first, last, triangles, starts, listed, depth, owner, visible, drawn,
-    image_face, image_depth,
-):  # fmt: skip
-    """Fill all tiles; count visible and drawn samples of each face, and keep the image if asked.
-
-    Parameters
-    ----------
-    u, v, w, steps, size, triangles, starts, listed
-        From the passes before.
-    first, last : (height,) int32
-        Samples of each row to fill, from the first up to the last: those that count.
-    depth : (tile samples + LANES,) float32
-        Scratch: 1/z, 0 where nothing is.
-    owner : (tile samples + LANES,) int32
-        Scratch: face at each sample.
-    visible, drawn : (F,) int64
-        Out: samples to add to.
-    image_face : (H, W) int32, image_depth : (H, W) float32
-        Out: face and depth, or of size 0.
-    """
-    width, height = size[0], size[1]
-    columns = (width + TILE_WIDTH - 1) >> TILE_BITS_X
-    for tile in range(starts.shape[0] - 1):
-        if starts[tile] == starts[tile + 1]:
-            continue
-        tile_x = (tile % columns) * TILE_WIDTH
-        tile_y = (tile // columns) * TILE_HEIGHT
-        end_x = min(width, tile_x + TILE_WIDTH)
-        end_y = min(height, tile_y + TILE_HEIGHT)
-        is_cut = False  # by the slanted border of an image whose samples are rolled
-        for row in range(tile_y, end_y):
-            is_cut |= first[row] > tile_x or last[row] < end_x
-        depth[:] = 0.0
-        for place in range(starts[tile], starts[tile + 1]):
-            k = listed[place]
-            a, b, c = triangles[k, 0], triangles[k, 1], triangles[k, 2]
-            face = triangles[k, 3]
-            ax, ay, bx, by, cx, cy = whole(steps, a, b, c)
-            # 1/z is affine in the image: w = w_a + slope_x (u - u_a) + slope_y (v - v_a), from the
-            # corners as they are; as rounded where the triangle is too thin for that.
-            ab_x, ab_y, ac_x, ac_y = u[b] - u[a], v[b] - v[a], u[c] - u[a], v[c] - v[a]
-            from_x, from_y = u[a], v[a]
-            area = ab_x * ac_y - ac_x * ab_y
-            rounded = float((bx - ax) * (cy - ay) - (cx - ax) * (by - ay))
-            if abs(area - rounded) > 0.25 * abs(rounded):
-                ab_x, ab_y, ac_x, ac_y = bx - ax, by - ay, cx - ax, cy - ay
-                from_x, from_y = ax, ay
-                area = rounded
-            w_ab, w_ac = w[b] - w[a], w[c] - w[a]
-            slope_x = (w_ab * ac_y - w_ac * ab_y) * (STEPS / area)
-            slope_y = (w_ac * ab_x - w_ab * ac_x) * (STEPS / area)
-            origin = w[a] + (slope_x * (HALF - from_x) + slope_y * (HALF - from_y)) / STEPS
-            # Rounding lets a sample lie a hair beyond the corners; its depth does not.
-            least = np.float32(min(w[a], min(w[b], w[c])))
-            greatest = np.float32(max(w[a], max(w[b], w[c])))
-            gained = 0
-            covered = 0
-            left = (min(ax, min(bx, cx)) + HALF - 1) >> BITS
-            right = (max(ax, max(bx, cx)) - HALF) >> BITS
-            row = (min(ay, min(by, cy)) + HALF - 1) >> BITS
-            end_row = ((max(ay, max(by, cy)) - HALF) >> BITS) + 1
-            is_whole = left >= tile_x and right < end_x and row >= tile_y and end_row <= end_y
-            if right - left < LANES and is_whole and not is_cut:
-                if rounded < 0:
-                    bx, by, cx, cy = cx, cy, bx, by
-                e0, across0, down0 = inner_edge(ax, ay, bx, by, left, row)
-                e1, across1, down1 = inner_edge(bx, by, cx, cy, left, row)
-                e2, across2, down2 = inner_edge(cx, cy, ax, ay, left, row)
-                while row < end_row:
-                    active = lanes_inside(
-                        np.int32(e0), np.int32(across0), np.int32(e1), np.int32(across1),
-                        np.int32(e2), np.int32(across2),
-                    )  # fmt: skip
-                    if active:
-                        covered += count_bits(active)
-                        at = np.uint64((row - tile_y) * TILE_WIDTH + left - tile_x)
-                        start = origin + slope_x * left + slope_y * row
-                        found = lanes_nearer(depth, at, active, start, slope_x, least, greatest)
-                        if found >> LANES:
-                            take_lanes(visible, owner, at, found >> LANES)
-                        nearer = found & ALL_LANES
-                        fill_lanes(depth, owner, at, nearer, start, slope_x, least, greatest, face)
-                        gained += count_bits(nearer)
-                    row += 1
-                    e0 += down0
-                    e1 += down1
-                    e2 += down2
-                visible[face] += gained
-                drawn[face] += covered
-                continue
-            ax, ay, bx, by, cx, cy = from_top(ax, ay, bx, by, cx, cy)
-            long_is_left = (bx - ax) * (cy - ay) > (cx - ax) * (by - ay)
-            row = max((ay + HALF - 1) >> BITS, tile_y)
-            middle = min((by + HALF - 1) >> BITS, end_y)
-            bottom = min((cy + HALF - 1) >> BITS, end_y)
-            if row >= bottom:
-                continue
-            far, far_rest, far_step, far_step_rest, far_divisor = edge(ax, ay, cx, cy, row)
-            for part in range(2):
-                end_row = middle if part == 0 else bottom
-                if row >= end_row:
-                    continue
-                if part == 0:
-                    turn, rest, stride, stride_rest, divisor = edge(ax, ay, bx, by, row)
-                else:
-                    turn, rest, stride, stride_rest, divisor = edge(bx, by, cx, cy, row)
-                while row < end_row:
-                    begin = max(far if long_is_left else turn, tile_x)
-                    end = min(turn if long_is_left else far, end_x)
-                    if is_cut:
-                        begin = max(begin, np.int64(first[np.uint64(row)]))
-                        end = min(end, np.int64(last[np.uint64(row)]))
-                    covered += max(end - begin, 0)
-                    at = np.uint64((row - tile_y) * TILE_WIDTH + begin - tile_x)
-                    while begin < end:
-                        active = ALL_LANES >> max(LANES - (end - begin), 0)
-                        start = origin + slope_x * begin + slope_y * row
-                        found = lanes_nearer(depth, at, active, start, slope_x, least, greatest)
-                        if found >> LANES:
-                            take_lanes(visible, owner, at, found >> LANES)
-                        nearer = found & ALL_LANES
-                        fill_lanes(depth, owner, at, nearer, start, slope_x, least, greatest, face)
-                        gained += count_bits(nearer)
-                        begin += LANES
-                        at += np.uint64(LANES)
-                    row += 1
-                    far += far_step
-                    far_rest += far_step_rest
-                    if far_rest >= far_divisor:
-                        far_rest -= far_divisor
-                        far += 1
-                    turn += stride
-                    rest += stride_rest
-                    if rest >= divisor:
-                        rest -= divisor
-                        turn += 1
-            visible[face] += gained
-            drawn[face] += covered
-        if image_face.size:
-            for j in range(tile_y, end_y):
-                for i in range(tile_x, end_x):
-                    at_sample = (j - tile_y) * TILE_WIDTH + i - tile_x
-                    if depth[at_sample] > 0:
-                        image_face[j, i] = owner[at_sample]
-                        image_depth[j, i] = np.float32(1.0 / depth[at_sample])
+def make_scratch():
+    """Memory for `count_poses` in one thread, as it takes it apart."""
+    return (
+        np.zeros((11, ROOM), np.int32),
+        np.zeros((2, ROOM), np.int64),
+        np.zeros((5, ROOM)),
+        np.zeros((2, ROOM), np.float32),
+        np.zeros(LANES, np.uint16),
+        *np.zeros((2, CLIP_CORNERS, 3)),
+        np.zeros((5, 4)),
+    )
 
 
 @compiled
 def count_poses(
-    poses, nears, culls, begin, end, vertices, faces, lens, size, first, last, u, v, w, steps,
-    triangles, tiles, starts, places, listed, depth, owner, room, visible, drawn, with_drawn,
-    image_face, image_depth,
+    poses, nears, culls, focal, lens, size, bands, clusters, inner, first, last, is_rolled, marks,
+    depth, owner, visible, drawn, filled, with_drawn, scratch,
 ):  # fmt: skip
-    """Count the poses from `begin` on; returns the first one that was not counted.
-
-    That is `end`, or a pose for which the scratch memory is too small: `room` clipped corners, or
-    the triangles listed by tile. Call again from it with more: its rows start from 0 again.
+    """Add the samples of poses to their counts.
 
     Parameters
     ----------
@@ -700,44 +898,127 @@ def count_poses(
         Near plane of each pose.
     culls : (P,) bool
         Whether the faces that turn their back can be left out.
+    focal : float
+        The least that a length parallel to the image, over its depth, is magnified to, in samples.
+    lens : (4,) float64
+        fx, fy, cx, cy in samples.
+    size : (2,) int64
+        Width and height in samples.
+    bands : (B, 2) int64
+        First row of each band of the image, and the row after its last. They are multiples of
+        `SIDE`, but for the end of the image.
+    clusters : tuple of arrays
+        points, corners, faces, vertex_starts, face_starts, bounds of `Clusters`.
+    inner : (rows of blocks, 2) int64
+        The first block of each row that is wholly inside the image, and the one after the last.
+    first, last : (height,) int32
+        Samples of each row that count: from the first up to the last.
+    is_rolled : bool
+        Whether other samples than those beyond the width and the height do not count.
+    marks : (M,) uint8
+        Scratch: whether the blocks of a patch are cleared.
+    depth, owner : (M * samples of a patch,) float32, int32
+        Scratch; afterwards the last band of the last pose, in blocks: 1/z where it is marked, 0
+        where nothing is, and the face.
     visible, drawn : (P, F) int64
-        Out: samples; with `with_drawn` false, all poses share the one row of `drawn`.
-    image_face, image_depth
-        As for `fill_tiles`.
-
-    The other arguments are those of the passes.
+        Samples to add to; with `with_drawn` false, all poses share the one row of `drawn`, whose
+        sums mean nothing.
+    filled : (P,) int64
+        Samples with a face in them, to add to.
+    scratch : tuple of arrays
+        From `make_scratch`.
     """
-    columns = (size[0] + TILE_WIDTH - 1) >> TILE_BITS_X
-    rotation = np.empty((3, 3))
-    eye = np.empty(3)
-    for p in range(begin, end):
-        for i in range(3):
-            eye[i] = poses[p, i, 3]
-            for j in range(3):
-                rotation[i, j] = poses[p, i, j]
-        outside = project(vertices, rotation, eye, lens, nears[p], u, v, w, steps)
-        if outside and CLIP_CORNERS * count_clipped(faces, u) > room:
-            return p
-        row = p if with_drawn else 0
-        visible[p] = 0
-        drawn[row] = 0
-        # What turns its back hides nothing where it can be culled, but owns samples all the same.
-        for side in range(1, -2, -1):
-            if (side == 0) == culls[p] or (side == 1 and not with_drawn):
-                continue
-            n = set_up(
-                vertices, faces, rotation, eye, lens, nears[p], size, side, u, v, w, steps,
-                triangles, tiles, starts,
+    points, corners, faces, vertex_starts, face_starts, bounds = clusters
+    shape = Shape(pointer(points), pointer(corners), pointer(faces))
+    words, longs, doubles, singles, masks, polygon, clipped, sides = scratch
+    placed = Placed(
+        pointer(doubles[0]), pointer(doubles[1]), pointer(doubles[2]), pointer(words[0]),
+        pointer(words[1]), pointer(longs[0]),
+    )  # fmt: skip
+    front, back, other = pointer(words[2]), pointer(words[3]), pointer(words[4])
+    fan = Shape(shape.points, pointer(words[5]), pointer(words[6]))
+    one_by_one = words[7]
+    for k in range(LANES + CLIP_CORNERS):
+        one_by_one[k] = k
+    edges, long_edges = pointer(words[8]), pointer(longs[1])
+    batch = Batch(
+        pointer(words[9]), pointer(doubles[3]), pointer(singles[0]), pointer(words[10]),
+        pointer(singles[1]), pointer(masks),
+    )  # fmt: skip
+    figures = doubles[4]
+    view = pointer(figures)
+    image = Image(pointer(depth), pointer(owner))
+    columns = np.int32((size[0] + (SIDE << PATCH_BITS) - 1) >> (SIDE_BITS + PATCH_BITS) << PATCH_BITS)
+    full_x = 0 if is_rolled else size[0] >> SIDE_BITS
+    full_y = 0 if is_rolled else size[1] >> SIDE_BITS
+    for p in range(len(poses)):
+        figures[:EYE] = poses[p, :3, :3].ravel()
+        figures[EYE:LENS] = poses[p, :3, 3]
+        figures[LENS:NEAR] = lens
+        figures[NEAR] = nears[p]
+        counts = Counts(
+            pointer(visible[p]), pointer(drawn[p if with_drawn else 0]), with_drawn
+        )
+        new = 0
+        for band in range(len(bands)):
+            top, bottom = bands[band]
+            window = Window(
+                np.int32(size[0] - 1), np.int32(top), np.int32(bottom - 1), columns, size[1],
+                full_x, full_y, pointer(inner), pointer(first), pointer(last),
             )  # fmt: skip
-            if starts[-1] > listed.shape[0]:
-                return p
-            if side == 1:
-                count_drawn(n, steps, size, first, last, triangles, drawn[row])
-                continue
-            places[:] = starts
-            bin_triangles(n, tiles, columns, starts, places, listed)
-            fill_tiles(
-                u, v, w, steps, size, first, last, triangles, starts, listed, depth, owner,
-                visible[p], drawn[row], image_face, image_depth,
-            )  # fmt: skip
-    return end
+            frustum(view, size[0], top, bottom, sides)
+            marks[:] = 0
+            for cluster in range(len(bounds)):
+                bound = pointer(bounds[cluster])
+                if is_outside(bound, view, sides):
+                    continue
+                if culls[p] and not with_drawn and turns_its_back(bound, view, focal):
+                    continue
+                begin, end = np.int64(vertex_starts[cluster]), np.int64(vertex_starts[cluster + 1])
+                box = project(shape.points, begin, end, view, placed)
+                if box[1] == CLIPPED:
+                    box = (0, np.int32(size[0] << BITS), np.int32(top << BITS), np.int32(bottom << BITS))
+                if not clear(box[0], box[1], box[2], box[3], window, pointer(marks), image.depth):
+                    continue
+                n_front, n_back, n_other = sift(
+                    shape, face_starts[cluster], face_starts[cluster + 1], placed, window, front,
+                    back, other,
+                )  # fmt: skip
+                new += fill(
+                    front, n_front, False, shape, placed, window, edges, batch, image, counts
+                )
+                if with_drawn or not culls[p]:
+                    new += fill(
+                        back, n_back, culls[p], shape, placed, window, edges, batch, image, counts
+                    )
+                for i in range(n_other):
+                    n = fan_out(
+                        shape, other[i], begin, end - begin, view, placed, fan, polygon, clipped
+                    )
+                    for k in range(n):
+                        side = side_of(fan.corners, k, placed, window)
+                        is_hidden = side > 0 and culls[p]
+                        if side == 0 or (is_hidden and not with_drawn):
+                            continue
+                        set_up_lanes(
+                            pointer(one_by_one), k, fan, placed, window.right, window.top,
+                            window.bottom, long_edges, batch,
+                        )  # fmt: skip
+                        new += fill_blocks(
+                            1, is_hidden, window, long_edges, batch, image, counts
+                        )
+        filled[p] += new
+
+
+@compiled
+def read_band(top, bottom, columns, marks, depth, owner, image_face, image_depth):
+    """Put what `count_poses` left in its memory into the rows of an image."""
+    for row in range(top, bottom):
+        for column in range(image_face.shape[1]):
+            block = ((row - top) >> SIDE_BITS) * columns + (column >> SIDE_BITS)
+            if marks[block >> PATCH_BITS]:
+                sample = (block << SIDE_BITS) + (row & (SIDE - 1))
+                sample = (sample << SIDE_BITS) + (column & (SIDE - 1))
+                if depth[sample] > 0:
+                    image_face[row, column] = owner[sample]
+                    image_depth[row, column] = np.float32(1.0 / depth[sample])

@@ -1,0 +1,240 @@
+"""Faces in small groups that lie together and look the same way.
+
+A pose can leave out a whole group without a look at its faces: when it lies outside the image, or
+when all of it turns its back. Each group has its own vertices, one after the other, so that what
+belongs to it stays in the nearest cache.
+
+Faces are told apart by the main direction of their normals, ordered along a space-filling curve,
+and cut into runs.
+
+A. Kubisch. Introduction to Turing Mesh Shaders. 2018, for the form.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.compiled import compiled
+
+FloatArray = NDArray[np.float64]
+WordArray = NDArray[np.int32]
+
+FACES = 64
+"""Most faces of a cluster."""
+VERTICES = 3 * FACES
+"""Most vertices of a cluster: as many as its faces can have."""
+LANES = 16
+"""Faces of a cluster are filled up to a multiple of this, with faces that own nothing."""
+VERTEX_LANES = 8
+"""Vertices likewise, with the last one again."""
+CURVE_BITS = 20
+"""Cells of the curve along an axis, as a power of 2."""
+BOUNDS = 11
+"""Figures that bound a cluster, see `Clusters.bounds`."""
+
+
+@dataclass(frozen=True)
+class Clusters:
+    """A mesh in clusters.
+
+    Attributes
+    ----------
+    points : (3 N,) float64
+        For each cluster, the x of its vertices, their y, and their z.
+    corners : (M,) int32
+        Vertices of each face, counted within the cluster: a + 256 b + 65536 c. 0 is a face that
+        fills up.
+    faces : (M,) int32
+        Index of each face in the mesh.
+    vertex_starts, face_starts : (K + 1,) int32
+        Where clusters start.
+    bounds : (K, 11) float64
+        Centre (3) and radius of a sphere around it; the axis (3) of a cone that holds the normals
+        of all its faces, cosine and sine of the cone's half angle; the least distance of a face's
+        plane from the centre, along the face's normal; and the least altitude of a face, 0 where
+        the normals fit no cone.
+    """
+
+    points: FloatArray
+    corners: WordArray
+    faces: WordArray
+    vertex_starts: WordArray
+    face_starts: WordArray
+    bounds: FloatArray
+
+    @property
+    def arrays(self) -> tuple[FloatArray | WordArray, ...]:
+        """All of them, for the loops."""
+        return (
+            self.points, self.corners, self.faces, self.vertex_starts, self.face_starts,
+            self.bounds,
+        )  # fmt: skip
+
+
+def in_clusters(vertices: FloatArray, faces: WordArray, is_wound: bool) -> Clusters:
+    """Vertices (V, 3) float64 and faces (F, 3) int32 in clusters.
+
+    With `is_wound` false the order of a face's corners says nothing about its outside.
+    """
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    scale = (2**CURVE_BITS - 1) / max(float((high - low).max()), np.finfo(float).tiny)
+    keys = np.empty(len(faces), np.uint64)
+    order_keys(vertices, faces, low, scale, is_wound, keys)
+    order = np.argsort(keys, kind="stable").astype(np.int32)
+    starts = np.empty(len(faces) + 1, np.int32)
+    n, n_slots = cut(keys[order], starts)
+    del keys
+    corners, face_of = np.zeros(n_slots, np.int32), np.zeros(n_slots, np.int32)
+    face_starts, vertex_starts = np.zeros((2, n + 1), np.int32)
+    marks = np.full(len(vertices), -1, np.int32)
+    local = np.empty(len(vertices), np.uint8)
+    number(faces, order, starts, n, marks, local, corners, face_of, face_starts, vertex_starts)
+    points = np.empty(3 * int(vertex_starts[-1]))
+    bounds = np.empty((n, BOUNDS))
+    marks[:] = -1
+    place(vertices, faces, order, starts, n, marks, vertex_starts, points)
+    bound(vertices, faces, order, starts, n, vertex_starts, points, bounds)
+    return Clusters(points, corners, face_of, vertex_starts, face_starts, bounds)
+
+
+@compiled
+def order_keys(vertices, faces, low, scale, is_wound, keys):
+    """Sort keys of faces: the main direction of the normal, then a place on a Morton curve."""
+    for f in range(len(faces)):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        widest, main = -1.0, 0
+        key = np.uint64(0)
+        for k in range(3):
+            i, j = (k + 1) % 3, (k + 2) % 3
+            normal = (vertices[b, i] - vertices[a, i]) * (vertices[c, j] - vertices[a, j]) - (
+                vertices[c, i] - vertices[a, i]
+            ) * (vertices[b, j] - vertices[a, j])
+            if abs(normal) > widest:
+                widest, main = abs(normal), 2 * k + (is_wound and normal > 0)
+            middle = (vertices[a, k] + vertices[b, k] + vertices[c, k]) / 3
+            cell = np.uint64((middle - low[k]) * scale)
+            cell = (cell | cell << np.uint64(32)) & np.uint64(0x1F00000000FFFF)
+            cell = (cell | cell << np.uint64(16)) & np.uint64(0x1F0000FF0000FF)
+            cell = (cell | cell << np.uint64(8)) & np.uint64(0x100F00F00F00F00F)
+            cell = (cell | cell << np.uint64(4)) & np.uint64(0x10C30C30C30C30C3)
+            cell = (cell | cell << np.uint64(2)) & np.uint64(0x1249249249249249)
+            key |= cell << np.uint64(k)
+        keys[f] = key | np.uint64(main) << np.uint64(3 * CURVE_BITS)
+
+
+@compiled
+def cut(keys, starts):
+    """Cut faces, sorted by their keys, into runs; returns how many, and slots for their faces."""
+    n, n_slots = 0, 0
+    begin = 0
+    while begin < len(keys):
+        end = begin + 1
+        main = keys[begin] >> np.uint64(3 * CURVE_BITS)
+        while end < len(keys) and end < begin + FACES:
+            if keys[end] >> np.uint64(3 * CURVE_BITS) != main:
+                break
+            end += 1
+        starts[n] = begin
+        n += 1
+        n_slots += (end - begin + LANES - 1) // LANES * LANES
+        begin = end
+    starts[n] = begin
+    return n, n_slots
+
+
+@compiled
+def number(
+    faces, order, starts, n, marks, local, corners, face_of, face_starts, vertex_starts
+):
+    """Number the vertices of each cluster from 0; `marks` says which cluster did so last."""
+    slot, vertex = 0, 0
+    for k in range(n):
+        count = 0
+        for i in range(starts[k], starts[k + 1]):
+            f = order[i]
+            packed = 0
+            for j in range(3):
+                v = faces[f, j]
+                if marks[v] != k:
+                    marks[v] = k
+                    local[v] = count
+                    count += 1
+                packed |= np.int64(local[v]) << (8 * j)
+            corners[slot] = packed
+            face_of[slot] = f
+            slot += 1
+        slot = (slot + LANES - 1) // LANES * LANES
+        vertex += (count + VERTEX_LANES - 1) // VERTEX_LANES * VERTEX_LANES
+        face_starts[k + 1] = slot
+        vertex_starts[k + 1] = vertex
+
+
+@compiled
+def place(vertices, faces, order, starts, n, marks, vertex_starts, points):
+    """Copy the vertices of each cluster in the order of their numbers."""
+    for k in range(n):
+        begin, width = 3 * np.int64(vertex_starts[k]), vertex_starts[k + 1] - vertex_starts[k]
+        count = 0
+        for i in range(starts[k], starts[k + 1]):
+            for j in range(3):
+                v = faces[order[i], j]
+                if marks[v] != k:
+                    marks[v] = k
+                    for axis in range(3):
+                        points[begin + axis * width + count] = vertices[v, axis]
+                    count += 1
+        while count < width:
+            for axis in range(3):
+                at = begin + axis * width + count
+                points[at] = points[at - 1]
+            count += 1
+
+
+@compiled
+def bound(vertices, faces, order, starts, n, vertex_starts, points, bounds):
+    """Sphere, cone of normals, planes and altitudes of each cluster."""
+    normals = np.empty((FACES, 3))
+    for k in range(n):
+        begin, width = 3 * np.int64(vertex_starts[k]), vertex_starts[k + 1] - vertex_starts[k]
+        centre = bounds[k, :3]
+        for axis in range(3):
+            row = points[begin + axis * width : begin + (axis + 1) * width]
+            centre[axis] = 0.5 * (row.min() + row.max())
+        radius = 0.0
+        for i in range(width):
+            squared = 0.0
+            for axis in range(3):
+                squared += (points[begin + axis * width + i] - centre[axis]) ** 2
+            radius = max(radius, squared)
+        bounds[k, 3] = np.sqrt(radius)
+        axis_sum = np.zeros(3)
+        offset, altitude = np.inf, np.inf
+        for i in range(starts[k], starts[k + 1]):
+            f = order[i]
+            a, b, c = vertices[faces[f, 0]], vertices[faces[f, 1]], vertices[faces[f, 2]]
+            ab, ac = b - a, c - a
+            normal = np.cross(ab, ac)
+            longest = max(np.sum(ab**2), np.sum(ac**2), np.sum((c - b) ** 2))
+            doubled = np.sqrt(np.sum(normal**2))
+            if doubled > 0:
+                normals[i - starts[k]] = normal / doubled
+                altitude = min(altitude, doubled / np.sqrt(longest))
+            else:
+                altitude = 0.0
+                normals[i - starts[k]] = 0.0
+            axis_sum += normals[i - starts[k]]
+            offset = min(offset, np.sum(normals[i - starts[k]] * (a - centre)))
+        length = np.sqrt(np.sum(axis_sum**2))
+        least = -1.0
+        if length > 0:
+            axis_sum /= length
+            least = 1.0
+            for i in range(starts[k + 1] - starts[k]):
+                least = min(least, np.sum(normals[i] * axis_sum))
+        angle = np.arccos(max(-1.0, least - 1e-12)) + 1e-9
+        bounds[k, 4:7] = axis_sum
+        bounds[k, 7] = np.cos(angle)
+        bounds[k, 8] = np.sin(angle)
+        bounds[k, 9] = offset
+        bounds[k, 10] = altitude if least > 0.01 else 0.0

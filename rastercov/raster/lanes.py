@@ -1,0 +1,183 @@
+"""Many numbers at once: formulas over short vectors, written as formulas and compiled to vector code.
+
+numba turns loops into vector code only where they are long and simple. The loops of a rasteriser
+are neither, so `rastercov.raster.kernels` writes those of their formulas that matter over `Lanes`,
+from which an `@intrinsic` makes LLVM's vectors. They run on every processor: where its vectors are
+shorter, LLVM takes several.
+
+numba does not notice a change in this file: remove what it keeps on disk after one.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from llvmlite import ir
+
+WORD, LONG = ir.IntType(32), ir.IntType(64)
+SINGLE, DOUBLE = ir.FloatType(), ir.DoubleType()
+
+
+class Lanes:
+    """One value for each lane, with the operators of its type; a number stands for all lanes."""
+
+    def __init__(self, builder: Any, value: Any) -> None:
+        self.builder, self.value = builder, value
+
+    @property
+    def kind(self) -> Any:
+        """Type of one lane."""
+        return self.value.type.element
+
+    def __len__(self) -> int:
+        return int(self.value.type.count)
+
+    @property
+    def _is_float(self) -> bool:
+        return self.kind in (SINGLE, DOUBLE)
+
+    def like(self, other: Any) -> "Lanes":
+        """A number in all lanes, in the type of these."""
+        if isinstance(other, Lanes):
+            return other
+        number = float(other) if self._is_float else other
+        return Lanes(self.builder, ir.Constant(self.value.type, [number] * len(self)))
+
+    def _do(self, other: Any, whole: str, broken: str) -> "Lanes":
+        operation = getattr(self.builder, broken if self._is_float else whole)
+        return Lanes(self.builder, operation(self.value, self.like(other).value))
+
+    def __add__(self, other: Any) -> "Lanes":
+        return self._do(other, "add", "fadd")
+
+    def __sub__(self, other: Any) -> "Lanes":
+        return self._do(other, "sub", "fsub")
+
+    def __mul__(self, other: Any) -> "Lanes":
+        return self._do(other, "mul", "fmul")
+
+    def __truediv__(self, other: Any) -> "Lanes":
+        return self._do(other, "sdiv", "fdiv")
+
+    def __rshift__(self, other: int) -> "Lanes":
+        return self._do(other, "ashr", "")
+
+    def __lshift__(self, other: Any) -> "Lanes":
+        return self._do(other, "shl", "")
+
+    def __and__(self, other: Any) -> "Lanes":
+        return self._do(other, "and_", "")
+
+    def __or__(self, other: Any) -> "Lanes":
+        return self._do(other, "or_", "")
+
+    def __invert__(self) -> "Lanes":
+        return Lanes(self.builder, self.builder.not_(self.value))
+
+    def _compare(self, sign: str, other: Any) -> "Lanes":
+        compare = self.builder.fcmp_ordered if self._is_float else self.builder.icmp_signed
+        return Lanes(self.builder, compare(sign, self.value, self.like(other).value))
+
+    def __lt__(self, other: Any) -> "Lanes":
+        return self._compare("<", other)
+
+    def __le__(self, other: Any) -> "Lanes":
+        return self._compare("<=", other)
+
+    def __gt__(self, other: Any) -> "Lanes":
+        return self._compare(">", other)
+
+    def __ge__(self, other: Any) -> "Lanes":
+        return self._compare(">=", other)
+
+    def equals(self, other: Any) -> "Lanes":
+        """Where both are the same."""
+        return self._compare("==", other)
+
+    def where(self, mask: "Lanes", other: Any) -> "Lanes":
+        """This where the mask is set, the other elsewhere."""
+        return Lanes(self.builder, self.builder.select(mask.value, self.value, self.like(other).value))
+
+    def least(self, other: Any) -> "Lanes":
+        """The lesser of both."""
+        return self.where(self < other, other)
+
+    def greatest(self, other: Any) -> "Lanes":
+        """The greater of both."""
+        return self.where(self > other, other)
+
+    def to(self, kind: Any) -> "Lanes":
+        """The same numbers in another type; to whole numbers by cutting off."""
+        if kind == self.kind:
+            return self
+        vector = ir.VectorType(kind, len(self))
+        if not self._is_float and kind in (SINGLE, DOUBLE):
+            change = self.builder.sitofp
+        elif self._is_float and kind not in (SINGLE, DOUBLE):
+            change = self.builder.fptosi
+        elif self._is_float:
+            change = self.builder.fptrunc if kind == SINGLE else self.builder.fpext
+        else:
+            change = self.builder.sext if kind == LONG else self.builder.trunc
+        return Lanes(self.builder, change(self.value, vector))
+
+    def _call(self, operation: str) -> "Lanes":
+        """An operation of LLVM on one vector of numbers."""
+        vector = self.value.type
+        name = f"llvm.{operation}.v{len(self)}f{32 if self.kind == SINGLE else 64}"
+        known = self.builder.module.globals.get(name)
+        function = known or ir.Function(
+            self.builder.module, ir.FunctionType(vector, [vector]), name
+        )
+        return Lanes(self.builder, self.builder.call(function, [self.value]))
+
+    def floor(self) -> "Lanes":
+        """Rounded down."""
+        return self._call("floor")
+
+    def magnitude(self) -> "Lanes":
+        """Without the sign."""
+        return self._call("fabs")
+
+    def bits(self) -> Any:
+        """A mask as a 64-bit whole number, lane 0 lowest."""
+        as_bits = self.builder.bitcast(self.value, ir.IntType(len(self)))
+        return self.builder.zext(as_bits, LONG)
+
+    def store(self, pointer: Any) -> None:
+        """Write all lanes from a pointer on."""
+        where = self.builder.bitcast(pointer, self.value.type.as_pointer())
+        self.builder.store(self.value, where, align=4)
+
+
+def load(builder: Any, pointer: Any, n: int) -> Lanes:
+    """Lanes from a pointer on."""
+    vector = ir.VectorType(pointer.type.pointee, n)
+    return Lanes(builder, builder.load(builder.bitcast(pointer, vector.as_pointer()), align=4))
+
+
+def spread(builder: Any, value: Any, n: int) -> Lanes:
+    """The same value in all lanes."""
+    vector = ir.VectorType(value.type, n)
+    one = builder.insert_element(ir.Constant(vector, ir.Undefined), value, WORD(0))
+    zeros = ir.Constant(ir.VectorType(WORD, n), [0] * n)
+    return Lanes(builder, builder.shuffle_vector(one, one, zeros))
+
+
+def constants(builder: Any, kind: Any, numbers: Sequence[float]) -> Lanes:
+    """Constants, one for each lane."""
+    return Lanes(builder, ir.Constant(ir.VectorType(kind, len(numbers)), list(numbers)))
+
+
+def gather(builder: Any, pointer: Any, indices: Sequence[Any]) -> Lanes:
+    """What stands at these indices."""
+    gathered = ir.Constant(ir.VectorType(pointer.type.pointee, len(indices)), ir.Undefined)
+    for lane, index in enumerate(indices):
+        value = builder.load(builder.gep(pointer, [index]))
+        gathered = builder.insert_element(gathered, value, WORD(lane))
+    return Lanes(builder, gathered)
+
+
+def from_bits(builder: Any, bits: Any, n: int) -> Lanes:
+    """Mask of a 64-bit whole number, lane 0 lowest."""
+    as_bits = builder.trunc(bits, ir.IntType(n))
+    return Lanes(builder, builder.bitcast(as_bits, ir.VectorType(ir.IntType(1), n)))
