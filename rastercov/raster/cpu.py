@@ -169,6 +169,7 @@ class _View:
             block_rows = -(-grid.height // side)
         self.columns = columns << kernels.PATCH_BITS
         self.marks = np.zeros(block_rows * columns, np.uint8)
+        self.seen = np.empty(len(scene.clusters.bounds), np.int32)
         self.scratch = kernels.make_scratch()
         self.no_drawn = np.zeros((1, scene.mesh.n_faces), np.int64)
         n_samples = self.marks.size * patch * side
@@ -200,7 +201,7 @@ class _View:
         kernels.count_poses(
             moved, near, cull, self.focal, grid.lens, self.size, self.bands, clusters.arrays,
             self.inner, grid.first, grid.last, grid.is_rolled, self.marks, self.depth, self.owner,
-            visible, all_drawn, filled, drawn is not None, self.scratch,
+            visible, all_drawn, filled, drawn is not None, self.seen, self.scratch,
         )  # fmt: skip
 
     def render(

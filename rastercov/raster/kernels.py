@@ -27,12 +27,12 @@ from collections import namedtuple
 
 import numpy as np
 from llvmlite import ir
-from numba.core import types
+from numba.core import cgutils, types
 from numba.extending import intrinsic
 
 from rastercov.compiled import compiled
 from rastercov.raster.lanes import (
-    DOUBLE, LONG, SINGLE, WORD, constants, from_bits, gather, load, spread,
+    DOUBLE, LONG, SINGLE, WORD, constants, from_bits, gather, load, prefetch, spread,
 )  # fmt: skip
 
 BITS = 8
@@ -60,6 +60,8 @@ PATCH_BITS = 4
 FACES, VERTICES = 64, 192
 """Of a cluster, at most. Corners of clipped faces follow its vertices."""
 VERTEX_LANES = 8
+CACHE_LINE = 64
+"""Bytes that are fetched together; where it is more, some are asked for twice."""
 ROOM = 256
 """Vertices that a byte can tell apart; and enough for all else that a cluster wants."""
 E, ACROSS, DOWN = 0, 3, 6
@@ -89,8 +91,8 @@ Window = namedtuple("Window", "right top bottom columns height full_x full_y inn
 rows of the image; columns and rows of blocks before which all blocks are inside, blocks of each row
 of blocks that are, and samples of each row."""
 Batch = namedtuple("Batch", "whole exact plane sample here masks")
-"""Sixteen triangles: rows of what the constants above name; for `fill_tiny` one of their samples
-and its 1/z; and for `fill_blocks` the samples inside one of them."""
+"""Sixteen triangles: rows of what the constants above name. Then one sample or block of each: where
+in memory, and 1/z at its first sample; and bits of sixteen blocks."""
 Image = namedtuple("Image", "depth owner")
 """Blocks of samples: 1/z, 0 where nothing is; and the face."""
 Counts = namedtuple("Counts", "visible drawn with_drawn")
@@ -242,14 +244,17 @@ def sift_lanes(typing, corners, at, placed, right, top, bottom):
 
 
 @intrinsic
-def set_up_lanes(typing, chosen, at, shape, placed, right, top, bottom, edges, batch):
-    """Edge functions and planes of sixteen triangles; returns bits of those of at most 2 x 2.
+def set_up_lanes(
+    typing, chosen, at, shape, placed, right, top, bottom, edges, batch, visible
+):  # fmt: skip
+    """Edge functions and planes of sixteen triangles, in as many bits as `edges` has.
 
-    In as many bits as `edges` has.
+    Returns bits of those that reach at most 2 x 2 samples; above them those that reach more, but at
+    most 2 x 2 blocks; above them those of the first that reach two columns, and two rows.
     """
 
     def generate(context, builder, signature, args):
-        chosen, at, shape, placed, *window, edges, batch = args
+        chosen, at, shape, placed, *window, edges, batch, visible = args
         corners, faces = (builder.extract_value(shape, k) for k in (1, 2))
         whole, exact, plane = (builder.extract_value(batch, k) for k in range(3))
         kind = edges.type.pointee
@@ -279,6 +284,9 @@ def set_up_lanes(typing, chosen, at, shape, placed, right, top, bottom, edges, b
             put(edges, DOWN + k, down)
         for row, value in enumerate((first_x, last_x, first_y, last_y)):
             put(whole, row, value)
+        for slot in slots:
+            face = builder.sext(builder.load(builder.gep(faces, [slot])), LONG)
+            prefetch(builder, builder.gep(visible, [face]), is_written=True)
         put(whole, FACE, gather(builder, faces, slots))
 
         # 1/z is affine in the image: w = w_a + slope_x (u - u_a) + slope_y (v - v_a), from the
@@ -308,10 +316,18 @@ def set_up_lanes(typing, chosen, at, shape, placed, right, top, bottom, edges, b
         # Rounding lets a sample lie a hair beyond the corners; its depth does not.
         put(plane, LEAST, aw.least(bw).least(cw))
         put(plane, GREATEST, aw.greatest(bw).greatest(cw))
-        return ((last_x - first_x <= 1) & (last_y - first_y <= 1)).bits()
+        tiny = (last_x - first_x <= 1) & (last_y - first_y <= 1)
+        few = ((last_x >> SIDE_BITS) - (first_x >> SIDE_BITS) <= 1) & (
+            (last_y >> SIDE_BITS) - (first_y >> SIDE_BITS) <= 1
+        )
+        groups = tiny, few & ~tiny, tiny & (last_x > first_x), tiny & (last_y > first_y)
+        found = groups[0].bits()
+        for k in range(1, 4):
+            found = builder.or_(found, builder.shl(groups[k].bits(), LONG(k * LANES)))
+        return found
 
     whole = [types.int32] * 3
-    arguments = chosen, types.int64, shape, placed, *whole, edges, batch
+    arguments = chosen, types.int64, shape, placed, *whole, edges, batch, visible
     return types.int64(*arguments), generate
 
 
@@ -353,58 +369,96 @@ def tiny_lanes(typing, k, window, edges, batch):
     return types.int64(types.int32, window, edges, batch), generate
 
 
-def _mask_blocks(side):
-    """An intrinsic for groups of side x side blocks."""
+@intrinsic
+def few_lanes(typing, k, window, edges, batch):
+    """Bits of those of sixteen triangles that have samples in block k of 2 x 2; above, border ones.
 
-    @intrinsic
-    def block_masks(typing, edges, k, right, down, batch):
-        """Bits of the blocks of a group in which triangle k has samples, which go to `batch.masks`.
+    Which samples goes to `batch.masks`, where in memory the block stands to `batch.sample`, and 1/z
+    at its first sample to `batch.here`.
+    """
 
-        The group starts `right` and `down` blocks from the first one that the triangle reaches.
-        """
+    def generate(context, builder, signature, args):
+        k, window, edges, batch = args
+        whole, exact, _, sample, here, masks = (builder.extract_value(batch, n) for n in range(6))
+        top, columns, full_x, full_y = (
+            spread(builder, builder.extract_value(window, n), LANES) for n in (1, 3, 5, 6)
+        )
 
-        def generate(context, builder, signature, args):
-            edges, k, right, down, batch = args
-            masks = builder.extract_value(batch, 5)
-            kind = edges.type.pointee
-            if kind == WORD:
-                right, down = builder.trunc(right, WORD), builder.trunc(down, WORD)
-            starts, across, below = [], [], []
-            for n in range(3):
-                value, step_x, step_y = (
-                    builder.load(builder.gep(edges, [builder.add(k, LONG(row * LANES))]))
-                    for row in (E + n, ACROSS + n, DOWN + n)
-                )
-                step_x, step_y = spread(builder, step_x, LANES), spread(builder, step_y, LANES)
-                inner = step_x * constants(builder, kind, LANE_X)
-                inner = inner + step_y * constants(builder, kind, LANE_Y)
-                across.append(step_x * SIDE)
-                below.append(step_y * SIDE)
-                away = across[n] * spread(builder, right, LANES)
-                away = away + below[n] * spread(builder, down, LANES)
-                starts.append(spread(builder, value, LANES) + away + inner)
-            found = LONG(0)
-            for j in range(side):
-                values = starts
-                for i in range(side):
-                    inside = (_sign(values) >= 0).bits()
-                    lane = j * SIDE + i
-                    builder.store(
-                        builder.trunc(inside, ir.IntType(16)), builder.gep(masks, [LONG(lane)])
-                    )
-                    is_some = builder.zext(builder.icmp_signed("!=", inside, LONG(0)), LONG)
-                    found = builder.or_(found, builder.shl(is_some, LONG(lane)))
-                    values = [value + step for value, step in zip(values, across, strict=True)]
-                starts = [value + step for value, step in zip(starts, below, strict=True)]
-            return found
+        def get(array, row):
+            return load(builder, builder.gep(array, [LONG(row * LANES)]), LANES)
 
-        whole = types.int64
-        return whole(edges, whole, whole, whole, batch), generate
+        i = spread(builder, builder.and_(k, WORD(1)), LANES)
+        j = spread(builder, builder.lshr(k, WORD(1)), LANES)
+        block_x = (get(whole, FIRST_X) >> SIDE_BITS) + i
+        block_y = (get(whole, FIRST_Y) >> SIDE_BITS) + j
+        across, below = ([get(edges, row + n) for n in range(3)] for row in (ACROSS, DOWN))
+        first = [
+            get(edges, E + n) + (across[n] * i + below[n] * j << SIDE_BITS) for n in range(3)
+        ]
+        inside = i.like(0)
+        for y in range(SIDE):
+            values = first
+            for x in range(SIDE):
+                bit = i.like(1 << (y * SIDE + x))
+                inside = (inside | bit).where(_sign(values) >= 0, inside)
+                values = [value + step for value, step in zip(values, across, strict=True)]
+            first = [value + step for value, step in zip(first, below, strict=True)]
+        inside.store(masks)
+        block = (block_y - (top >> SIDE_BITS)) * columns + block_x
+        (block << (2 * SIDE_BITS)).store(sample)
+        corner_x, corner_y = (block_x << SIDE_BITS).to(DOUBLE), (block_y << SIDE_BITS).to(DOUBLE)
+        start = get(exact, ORIGIN) + get(exact, SLOPE_Y) * corner_y + get(exact, SLOPE_X) * corner_x
+        start.to(SINGLE).store(here)
+        found = (block_x <= get(whole, LAST_X) >> SIDE_BITS) & (inside > 0)
+        found = found & (block_y <= get(whole, LAST_Y) >> SIDE_BITS)
+        at_border = (block_x >= full_x) | (block_y >= full_y)
+        return builder.or_(found.bits(), builder.shl(at_border.bits(), LONG(LANES)))
 
-    return block_masks
+    return types.int64(types.int32, window, edges, batch), generate
 
 
-few_masks, many_masks = _mask_blocks(2), _mask_blocks(SIDE)
+@intrinsic
+def block_masks(typing, edges, k, right, down, batch):
+    """Bits of the blocks of a group in which triangle k has samples, which go to `batch.masks`.
+
+    The group starts `right` and `down` blocks from the first one that the triangle reaches.
+    """
+
+    def generate(context, builder, signature, args):
+        edges, k, right, down, batch = args
+        masks = builder.extract_value(batch, 5)
+        kind = edges.type.pointee
+        if kind == WORD:
+            right, down = builder.trunc(right, WORD), builder.trunc(down, WORD)
+        starts, across, below = [], [], []
+        for n in range(3):
+            value, step_x, step_y = (
+                builder.load(builder.gep(edges, [builder.add(k, LONG(row * LANES))]))
+                for row in (E + n, ACROSS + n, DOWN + n)
+            )
+            step_x, step_y = spread(builder, step_x, LANES), spread(builder, step_y, LANES)
+            inner = step_x * constants(builder, kind, LANE_X)
+            inner = inner + step_y * constants(builder, kind, LANE_Y)
+            across.append(step_x * SIDE)
+            below.append(step_y * SIDE)
+            away = across[n] * spread(builder, right, LANES)
+            away = away + below[n] * spread(builder, down, LANES)
+            starts.append(spread(builder, value, LANES) + away + inner)
+        found = LONG(0)
+        for j in range(SIDE):
+            values = starts
+            for i in range(SIDE):
+                inside = (_sign(values) >= 0).bits()
+                lane = j * SIDE + i
+                builder.store(builder.trunc(inside, WORD), builder.gep(masks, [LONG(lane)]))
+                is_some = builder.zext(builder.icmp_signed("!=", inside, LONG(0)), LONG)
+                found = builder.or_(found, builder.shl(is_some, LONG(lane)))
+                values = [value + step for value, step in zip(values, across, strict=True)]
+            starts = [value + step for value, step in zip(starts, below, strict=True)]
+        return found
+
+    whole = types.int64
+    return whole(edges, whole, whole, whole, batch), generate
 
 
 @intrinsic
@@ -453,6 +507,20 @@ def own_lanes(typing, owner, at, bits, face):
         return context.get_dummy_value()
 
     return types.void(owner, types.int64, types.int64, types.int32), generate
+
+
+@intrinsic
+def fetch_lines(typing, data, begin, end):
+    """Ask for the cache lines from element `begin` up to `end`, before they are needed."""
+
+    def generate(context, builder, signature, args):
+        data, begin, end = args
+        size = context.get_abi_sizeof(data.type.pointee)
+        with cgutils.for_range_slice(builder, begin, end, LONG(CACHE_LINE // size), LONG) as (at, _):
+            prefetch(builder, builder.gep(data, [at]))
+        return context.get_dummy_value()
+
+    return types.void(data, types.int64, types.int64), generate
 
 
 @intrinsic
@@ -551,13 +619,16 @@ def border(block_x, block_y, window):
 
 
 @compiled
-def fill_tiny(tiny, window, edges, batch, image, counts):
+def fill_tiny(tiny, wide, tall, window, edges, batch, image, counts):
     """Fill those of sixteen triangles that reach at most 2 x 2 samples, and have their bits in tiny.
 
-    Returns how many samples were empty.
+    Those with bits in `wide` reach two columns, those with bits in `tall` two rows. Returns how
+    many samples were empty.
     """
     filled = 0
     for k in range(4):
+        if (k & 1 and tiny & wide == 0) or (k >> 1 and tiny & tall == 0):
+            continue
         owners = tiny_lanes(np.int32(k), window, edges, batch) & tiny
         while owners:
             lane = lowest_bit(owners)
@@ -607,6 +678,37 @@ def resolve(at, bits, batch, k, start, face, image, visible):
 
 
 @compiled
+def fill_few(few, is_hidden, window, edges, batch, image, counts):
+    """Fill those of sixteen triangles that reach at most 2 x 2 blocks, and have their bits in few.
+
+    Otherwise as `fill_blocks`.
+    """
+    filled = 0
+    for k in range(4):
+        found = few_lanes(np.int32(k), window, edges, batch)
+        at_border = found >> LANES
+        found &= few
+        while found:
+            lane = lowest_bit(found)
+            found &= found - 1
+            face, bits = batch.whole[FACE * LANES + lane], np.int64(batch.masks[lane])
+            if at_border >> lane & 1:
+                block_x = np.int64(batch.whole[FIRST_X * LANES + lane] >> SIDE_BITS) + (k & 1)
+                block_y = np.int64(batch.whole[FIRST_Y * LANES + lane] >> SIDE_BITS) + (k >> 1)
+                bits &= border(block_x, block_y, window)
+            if counts.with_drawn:
+                counts.drawn[face] += count_bits(bits)
+            if not is_hidden:
+                n_won, n_new = resolve(
+                    np.int64(batch.sample[lane]), bits, batch, lane, batch.here[lane], face, image,
+                    counts.visible,
+                )  # fmt: skip
+                counts.visible[face] += n_won
+                filled += n_new
+    return filled
+
+
+@compiled
 def fill_blocks(chosen, is_hidden, window, edges, batch, image, counts):
     """Fill triangles, a block at a time; returns how many samples were empty.
 
@@ -632,11 +734,7 @@ def fill_blocks(chosen, is_hidden, window, edges, batch, image, counts):
         gained, covered = 0, 0
         for group_y in range(first_y, last_y + 1, SIDE):
             for group_x in range(first_x, last_x + 1, SIDE):
-                right, down = group_x - first_x, group_y - first_y
-                if last_x - first_x < 2 and last_y - first_y < 2:
-                    blocks = few_masks(edges, k, right, down, batch)
-                else:
-                    blocks = many_masks(edges, k, right, down, batch)
+                blocks = block_masks(edges, k, group_x - first_x, group_y - first_y, batch)
                 n_columns = min(last_x - group_x + 1, SIDE)
                 n_rows = min(last_y - group_y + 1, SIDE)
                 blocks &= ((1 << n_columns) - 1) * 0x1111 & ((1 << (SIDE * n_rows)) - 1)
@@ -672,16 +770,20 @@ def fill(listed, n, is_hidden, shape, placed, window, edges, batch, image, count
     """Fill the small triangles of a list; returns how many samples were empty."""
     filled = 0
     for i in range(0, n, LANES):
-        tiny = set_up_lanes(
-            listed, i, shape, placed, window.right, window.top, window.bottom, edges, batch
+        sizes = set_up_lanes(
+            listed, i, shape, placed, window.right, window.top, window.bottom, edges, batch, counts.visible
         )
         valid = ALL_LANES >> max(LANES - (n - i), 0)
-        if is_hidden:
-            tiny = 0
-        if tiny & valid:
-            filled += fill_tiny(tiny & valid, window, edges, batch, image, counts)
-        if valid & ~tiny:
-            filled += fill_blocks(valid & ~tiny, is_hidden, window, edges, batch, image, counts)
+        tiny = 0 if is_hidden else sizes & valid
+        few = (sizes >> LANES | sizes) & valid & ~tiny
+        if tiny:
+            wide, tall = sizes >> 2 * LANES, sizes >> 3 * LANES
+            filled += fill_tiny(tiny, wide, tall, window, edges, batch, image, counts)
+        if few:
+            filled += fill_few(few, is_hidden, window, edges, batch, image, counts)
+        many = valid & ~(tiny | few)
+        if many:
+            filled += fill_blocks(many, is_hidden, window, edges, batch, image, counts)
     return filled
 
 
@@ -872,11 +974,10 @@ def side_of(corners, k, placed, window):
 def make_scratch():
     """Memory for `count_poses` in one thread, as it takes it apart."""
     return (
-        np.zeros((11, ROOM), np.int32),
+        np.zeros((12, ROOM), np.int32),
         np.zeros((2, ROOM), np.int64),
         np.zeros((5, ROOM)),
         np.zeros((2, ROOM), np.float32),
-        np.zeros(LANES, np.uint16),
         *np.zeros((2, CLIP_CORNERS, 3)),
         np.zeros((5, 4)),
     )
@@ -885,7 +986,7 @@ def make_scratch():
 @compiled
 def count_poses(
     poses, nears, culls, focal, lens, size, bands, clusters, inner, first, last, is_rolled, marks,
-    depth, owner, visible, drawn, filled, with_drawn, scratch,
+    depth, owner, visible, drawn, filled, with_drawn, seen, scratch,
 ):  # fmt: skip
     """Add the samples of poses to their counts.
 
@@ -925,12 +1026,14 @@ def count_poses(
         sums mean nothing.
     filled : (P,) int64
         Samples with a face in them, to add to.
+    seen : (K,) int32
+        Scratch: the clusters that are looked at.
     scratch : tuple of arrays
         From `make_scratch`.
     """
     points, corners, faces, vertex_starts, face_starts, bounds = clusters
     shape = Shape(pointer(points), pointer(corners), pointer(faces))
-    words, longs, doubles, singles, masks, polygon, clipped, sides = scratch
+    words, longs, doubles, singles, polygon, clipped, sides = scratch
     placed = Placed(
         pointer(doubles[0]), pointer(doubles[1]), pointer(doubles[2]), pointer(words[0]),
         pointer(words[1]), pointer(longs[0]),
@@ -943,7 +1046,7 @@ def count_poses(
     edges, long_edges = pointer(words[8]), pointer(longs[1])
     batch = Batch(
         pointer(words[9]), pointer(doubles[3]), pointer(singles[0]), pointer(words[10]),
-        pointer(singles[1]), pointer(masks),
+        pointer(singles[1]), pointer(words[11]),
     )  # fmt: skip
     figures = doubles[4]
     view = pointer(figures)
@@ -964,16 +1067,27 @@ def count_poses(
             top, bottom = bands[band]
             window = Window(
                 np.int32(size[0] - 1), np.int32(top), np.int32(bottom - 1), columns, size[1],
-                full_x, full_y, pointer(inner), pointer(first), pointer(last),
+                np.int32(full_x), np.int32(full_y), pointer(inner), pointer(first), pointer(last),
             )  # fmt: skip
             frustum(view, size[0], top, bottom, sides)
             marks[:] = 0
+            n_seen = 0
             for cluster in range(len(bounds)):
                 bound = pointer(bounds[cluster])
                 if is_outside(bound, view, sides):
                     continue
                 if culls[p] and not with_drawn and turns_its_back(bound, view, focal):
                     continue
+                seen[n_seen] = cluster
+                n_seen += 1
+            for i in range(n_seen):
+                cluster = seen[i]
+                if i + 1 < n_seen:
+                    begin, end = vertex_starts[seen[i + 1]], vertex_starts[seen[i + 1] + 1]
+                    fetch_lines(shape.points, 3 * np.int64(begin), 3 * np.int64(end))
+                    begin, end = face_starts[seen[i + 1]], face_starts[seen[i + 1] + 1]
+                    fetch_lines(shape.corners, np.int64(begin), np.int64(end))
+                    fetch_lines(shape.faces, np.int64(begin), np.int64(end))
                 begin, end = np.int64(vertex_starts[cluster]), np.int64(vertex_starts[cluster + 1])
                 box = project(shape.points, begin, end, view, placed)
                 if box[1] == CLIPPED:
@@ -991,9 +1105,9 @@ def count_poses(
                     new += fill(
                         back, n_back, culls[p], shape, placed, window, edges, batch, image, counts
                     )
-                for i in range(n_other):
+                for at in range(n_other):
                     n = fan_out(
-                        shape, other[i], begin, end - begin, view, placed, fan, polygon, clipped
+                        shape, other[at], begin, end - begin, view, placed, fan, polygon, clipped
                     )
                     for k in range(n):
                         side = side_of(fan.corners, k, placed, window)
@@ -1002,7 +1116,7 @@ def count_poses(
                             continue
                         set_up_lanes(
                             pointer(one_by_one), k, fan, placed, window.right, window.top,
-                            window.bottom, long_edges, batch,
+                            window.bottom, long_edges, batch, counts.visible,
                         )  # fmt: skip
                         new += fill_blocks(
                             1, is_hidden, window, long_edges, batch, image, counts

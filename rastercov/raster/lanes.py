@@ -181,3 +181,12 @@ def from_bits(builder: Any, bits: Any, n: int) -> Lanes:
     """Mask of a 64-bit whole number, lane 0 lowest."""
     as_bits = builder.trunc(bits, ir.IntType(n))
     return Lanes(builder, builder.bitcast(as_bits, ir.VectorType(ir.IntType(1), n)))
+
+
+def prefetch(builder: Any, pointer: Any, is_written: bool = False) -> None:
+    """Ask for the cache line that a pointer points into, before it is needed."""
+    octets = ir.IntType(8).as_pointer()
+    kind = ir.FunctionType(ir.VoidType(), [octets, WORD, WORD, WORD])
+    fetch = builder.module.declare_intrinsic("llvm.prefetch", [octets], kind)
+    where = builder.bitcast(pointer, octets)
+    builder.call(fetch, [where, WORD(int(is_written)), WORD(3), WORD(1)])
