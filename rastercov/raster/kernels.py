@@ -60,6 +60,8 @@ PATCH_BITS = 4
 FACES, VERTICES = 64, 192
 """Of a cluster, at most. Corners of clipped faces follow its vertices."""
 VERTEX_LANES = 8
+FEW = 4
+"""Triangles from which on it pays to take sixteen together."""
 CACHE_LINE = 64
 """Bytes that are fetched together; where it is more, some are asked for twice."""
 ROOM = 256
@@ -86,9 +88,11 @@ Shape = namedtuple("Shape", "points corners faces")
 """A mesh in clusters: pointers, as in all of these, to what `rastercov.raster.clusters` made."""
 Placed = namedtuple("Placed", "u v w x y both")
 """Vertices of a cluster in the image: exact steps, 1/z, and whole steps, alone and together."""
-Window = namedtuple("Window", "right top bottom columns height full_x full_y inner first last")
-"""What of the image is drawn: the last column, the first and last row, blocks in a row of memory,
-rows of the image; columns and rows of blocks before which all blocks are inside, blocks of each row
+Window = namedtuple(
+    "Window", "right top bottom hides_back columns height full_x full_y inner first last"
+)
+"""What of the image is drawn: the last column, the first and last row, whether faces that turn their
+back are hidden, blocks in a row of memory, rows of the image; columns and rows of blocks before which all blocks are inside, blocks of each row
 of blocks that are, and samples of each row."""
 Batch = namedtuple("Batch", "whole exact plane sample here masks")
 """Sixteen triangles: rows of what the constants above name. Then one sample or block of each: where
@@ -207,128 +211,162 @@ def _sign(values):
 
 
 @intrinsic
-def sift_lanes(typing, corners, at, placed, right, top, bottom):
-    """Which of sixteen faces can own a sample: 3 x 16 bits.
+def sift_lanes(typing, corners, at, placed, window, batch):
+    """Which of sixteen faces can own a sample: twice 3 x 16 bits.
 
-    The lowest are those that face the camera, then those that turn their back, then those that are
-    large or want clipping. Small ones do own a sample where they reach at most 2 x 2.
+    The lowest reach at most 2 x 2 samples and own one, the next ones reach more, and the last are
+    large or want clipping, and were not looked at further. The second number has those that turn
+    their back where these are hidden. How many samples the lowest own goes to `batch.masks`.
     """
 
     def generate(context, builder, signature, args):
-        corners, at, placed, *window = args
+        corners, at, placed, window, batch = args
         slots = [builder.add(at, LONG(lane)) for lane in range(LANES)]
         _, places = _corners(builder, corners, slots, placed, WORD)
-        right, top, bottom = (spread(builder, border, LANES) for border in window)
+        right, top, bottom, hides_back = (
+            spread(builder, builder.extract_value(window, k), LANES) for k in (0, 1, 2, 3)
+        )
         first_x, last_x, first_y, last_y, width, height = _reach(places, right, top, bottom)
         (ax, ay), (bx, by), (cx, cy) = places
-        can_own = (first_x <= last_x) & (first_y <= last_y)
+        wide, tall = last_x - first_x, last_y - first_y
+        can_own = (wide >= 0) & (tall >= 0)
         packed = load(builder, builder.gep(corners, [at]), LANES)
         is_clipped = ax.greatest(bx).greatest(cx).equals(CLIPPED) & (packed > 0)
         is_large = (width >= LARGE) | (height >= LARGE)
         area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
         edges = _edges(places, area, first_x, first_y)
-        owns = (last_x - first_x > 1) | (last_y - first_y > 1)
-        for k in range(SIDE):
+        owned = wide.like(0)
+        for k in range(4):
             i, j = k & 1, k >> 1
             values = [value + across * i + down * j for value, across, down in edges]
-            owns = owns | (
-                (_sign(values) >= 0) & (last_x - first_x >= i) & (last_y - first_y >= j)
-            )
-        is_small = can_own & owns & ~(is_large | is_clipped)
-        front, back = is_small & (area < 0), is_small & (area > 0)
+            is_owned = (_sign(values) >= 0) & (wide >= i) & (tall >= j)
+            owned = (owned + 1).where(is_owned, owned)
+        owned.store(builder.extract_value(batch, 5))
+        is_tiny = (wide <= 1) & (tall <= 1)
+        is_small = can_own & ~(is_large | is_clipped)
+        classes = is_small & is_tiny & (owned > 0), is_small & ~is_tiny
         other = is_clipped | (can_own & is_large)
-        found = builder.or_(front.bits(), builder.shl(back.bits(), LONG(LANES)))
-        return builder.or_(found, builder.shl(other.bits(), LONG(2 * LANES)))
+        is_hidden = (area > 0) & (hides_back > 0)
+        is_shown = (area < 0) | ((area > 0) & (hides_back <= 0))
+        found = []
+        for side in is_shown, is_hidden:
+            bits = (classes[0] & side).bits()
+            next_bits = builder.shl((classes[1] & side).bits(), LONG(LANES))
+            found.append(builder.or_(bits, next_bits))
+        found[0] = builder.or_(found[0], builder.shl(other.bits(), LONG(2 * LANES)))
+        return context.make_tuple(builder, signature.return_type, found)
 
-    return types.int64(corners, types.int64, placed, *[types.int32] * 3), generate
+    both = types.UniTuple(types.int64, 2)
+    return both(corners, types.int64, placed, window, batch), generate
 
 
-@intrinsic
-def set_up_lanes(
-    typing, chosen, at, shape, placed, right, top, bottom, edges, batch, visible
-):  # fmt: skip
-    """Edge functions and planes of sixteen triangles, in as many bits as `edges` has.
+def _planes(builder, placed, indices, places, area, put, batch):
+    """Put planes of 1/z into the rows of a batch."""
+    exact, plane = (builder.extract_value(batch, k) for k in (1, 2))
+    # 1/z is affine in the image: w = w_a + slope_x (u - u_a) + slope_y (v - v_a), from the
+    # corners as they are; as rounded where the triangle is too thin for that.
+    arrays = [builder.extract_value(placed, k) for k in range(3)]
+    (au, av, aw), (bu, bv, bw), (cu, cv, cw) = (
+        [gather(builder, array, index) for array in arrays] for index in indices
+    )
+    rounded = area.to(DOUBLE)
+    is_thin = ((bu - au) * (cv - av) - (cu - au) * (bv - av) - rounded).magnitude()
+    is_thin = is_thin > rounded.magnitude() * 0.25
+    (au, av), (bu, bv), (cu, cv) = (
+        (x.to(DOUBLE).where(is_thin, u), y.to(DOUBLE).where(is_thin, v))
+        for (x, y), (u, v) in zip(places, ((au, av), (bu, bv), (cu, cv)), strict=True)
+    )
+    ab_x, ab_y, ac_x, ac_y = bu - au, bv - av, cu - au, cv - av
+    w_ab, w_ac = bw - aw, cw - aw
+    scale = aw.like(float(STEPS)) / (ab_x * ac_y - ac_x * ab_y)
+    slope_x = (w_ab * ac_y - w_ac * ab_y) * scale
+    slope_y = (w_ac * ab_x - w_ab * ac_x) * scale
+    away = slope_x * (au.like(HALF) - au) + slope_y * (av.like(HALF) - av)
+    put(exact, ORIGIN, aw + away * (1.0 / STEPS))
+    put(exact, SLOPE_X, slope_x)
+    put(exact, SLOPE_Y, slope_y)
+    put(plane, STEP_X, slope_x)
+    put(plane, STEP_Y, slope_y)
+    # Rounding lets a sample lie a hair beyond the corners; its depth does not.
+    put(plane, LEAST, aw.least(bw).least(cw))
+    put(plane, GREATEST, aw.greatest(bw).greatest(cw))
 
-    Returns bits of those that reach at most 2 x 2 samples; above them those that reach more, but at
-    most 2 x 2 blocks; above them those of the first that reach two columns, and two rows.
-    """
 
-    def generate(context, builder, signature, args):
-        chosen, at, shape, placed, *window, edges, batch, visible = args
-        corners, faces = (builder.extract_value(shape, k) for k in (1, 2))
-        whole, exact, plane = (builder.extract_value(batch, k) for k in range(3))
-        kind = edges.type.pointee
+def _set_up(with_planes):
+    """The intrinsic that sets up triangles, with or without their planes of 1/z."""
 
-        def put(array, row, value):
-            value.to(array.type.pointee).store(builder.gep(array, [LONG(row * LANES)]))
+    @intrinsic
+    def set_up_lanes(
+        typing, chosen, at, shape, placed, window, edges, batch, visible
+    ):  # fmt: skip
+        """Edge functions and planes of sixteen triangles, in as many bits as `edges` has.
 
-        slots = []
-        for lane in range(LANES):
-            slot = builder.load(builder.gep(chosen, [builder.add(at, LONG(lane))]))
-            slots.append(builder.sext(slot, LONG))
-        indices, places = _corners(builder, corners, slots, placed, kind)
-        right, top, bottom = (spread(builder, border, LANES).to(kind) for border in window)
-        first_x, last_x, first_y, last_y, _, _ = _reach(places, right, top, bottom)
-        (ax, ay), (bx, by), (cx, cy) = places
-        area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
-        for k, (value, across, down) in enumerate(
-            _edges(
-                places,
-                area,
-                first_x >> SIDE_BITS << SIDE_BITS,
-                first_y >> SIDE_BITS << SIDE_BITS,
+        Returns bits of those that reach at most 2 x 2 blocks; above them those that reach two columns,
+        and two rows: of samples, if they reach at most 2 x 2, else of blocks.
+        """
+
+        def generate(context, builder, signature, args):
+            chosen, at, shape, placed, window, edges, batch, visible = args
+            corners, faces = (builder.extract_value(shape, k) for k in (1, 2))
+            whole = builder.extract_value(batch, 0)
+            kind = edges.type.pointee
+
+            def put(array, row, value):
+                value.to(array.type.pointee).store(builder.gep(array, [LONG(row * LANES)]))
+
+            slots = []
+            for lane in range(LANES):
+                slot = builder.load(builder.gep(chosen, [builder.add(at, LONG(lane))]))
+                slots.append(builder.sext(slot, LONG))
+            indices, places = _corners(builder, corners, slots, placed, kind)
+            right, top, bottom = (
+                spread(builder, builder.extract_value(window, k), LANES).to(kind) for k in (0, 1, 2)
             )
-        ):
-            put(edges, E + k, value)
-            put(edges, ACROSS + k, across)
-            put(edges, DOWN + k, down)
-        for row, value in enumerate((first_x, last_x, first_y, last_y)):
-            put(whole, row, value)
-        for slot in slots:
-            face = builder.sext(builder.load(builder.gep(faces, [slot])), LONG)
-            prefetch(builder, builder.gep(visible, [face]), is_written=True)
-        put(whole, FACE, gather(builder, faces, slots))
+            first_x, last_x, first_y, last_y, _, _ = _reach(places, right, top, bottom)
+            (ax, ay), (bx, by), (cx, cy) = places
+            area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
+            for k, (value, across, down) in enumerate(
+                _edges(
+                    places,
+                    area,
+                    first_x >> SIDE_BITS << SIDE_BITS,
+                    first_y >> SIDE_BITS << SIDE_BITS,
+                )
+            ):
+                put(edges, E + k, value)
+                put(edges, ACROSS + k, across)
+                put(edges, DOWN + k, down)
+            for row, value in enumerate((first_x, last_x, first_y, last_y)):
+                put(whole, row, value)
+            put(whole, FACE, gather(builder, faces, slots))
 
-        # 1/z is affine in the image: w = w_a + slope_x (u - u_a) + slope_y (v - v_a), from the
-        # corners as they are; as rounded where the triangle is too thin for that.
-        arrays = [builder.extract_value(placed, k) for k in range(3)]
-        (au, av, aw), (bu, bv, bw), (cu, cv, cw) = (
-            [gather(builder, array, index) for array in arrays] for index in indices
-        )
-        rounded = area.to(DOUBLE)
-        is_thin = ((bu - au) * (cv - av) - (cu - au) * (bv - av) - rounded).magnitude()
-        is_thin = is_thin > rounded.magnitude() * 0.25
-        (au, av), (bu, bv), (cu, cv) = (
-            (x.to(DOUBLE).where(is_thin, u), y.to(DOUBLE).where(is_thin, v))
-            for (x, y), (u, v) in zip(places, ((au, av), (bu, bv), (cu, cv)), strict=True)
-        )
-        ab_x, ab_y, ac_x, ac_y = bu - au, bv - av, cu - au, cv - av
-        w_ab, w_ac = bw - aw, cw - aw
-        scale = aw.like(float(STEPS)) / (ab_x * ac_y - ac_x * ab_y)
-        slope_x = (w_ab * ac_y - w_ac * ab_y) * scale
-        slope_y = (w_ac * ab_x - w_ab * ac_x) * scale
-        away = slope_x * (au.like(HALF) - au) + slope_y * (av.like(HALF) - av)
-        put(exact, ORIGIN, aw + away * (1.0 / STEPS))
-        put(exact, SLOPE_X, slope_x)
-        put(exact, SLOPE_Y, slope_y)
-        put(plane, STEP_X, slope_x)
-        put(plane, STEP_Y, slope_y)
-        # Rounding lets a sample lie a hair beyond the corners; its depth does not.
-        put(plane, LEAST, aw.least(bw).least(cw))
-        put(plane, GREATEST, aw.greatest(bw).greatest(cw))
-        tiny = (last_x - first_x <= 1) & (last_y - first_y <= 1)
-        few = ((last_x >> SIDE_BITS) - (first_x >> SIDE_BITS) <= 1) & (
-            (last_y >> SIDE_BITS) - (first_y >> SIDE_BITS) <= 1
-        )
-        groups = tiny, few & ~tiny, tiny & (last_x > first_x), tiny & (last_y > first_y)
-        found = groups[0].bits()
-        for k in range(1, 4):
-            found = builder.or_(found, builder.shl(groups[k].bits(), LONG(k * LANES)))
-        return found
+            if with_planes:
+                for slot in slots:
+                    face = builder.sext(builder.load(builder.gep(faces, [slot])), LONG)
+                    prefetch(builder, builder.gep(visible, [face]), is_written=True)
+                _planes(builder, placed, indices, places, area, put, batch)
+            is_tiny = (last_x - first_x <= 1) & (last_y - first_y <= 1)
+            wide, tall = (
+                (last >> SIDE_BITS) - (first >> SIDE_BITS)
+                for first, last in ((first_x, last_x), (first_y, last_y))
+            )
+            groups = (
+                (wide <= 1) & (tall <= 1),
+                (is_tiny & (last_x > first_x)) | (~is_tiny & (wide > 0)),
+                (is_tiny & (last_y > first_y)) | (~is_tiny & (tall > 0)),
+            )
+            found = LONG(0)
+            for k, group in enumerate(groups):
+                found = builder.or_(found, builder.shl(group.bits(), LONG(k * LANES)))
+            return found
 
-    whole = [types.int32] * 3
-    arguments = chosen, types.int64, shape, placed, *whole, edges, batch, visible
-    return types.int64(*arguments), generate
+        arguments = chosen, types.int64, shape, placed, window, edges, batch, visible
+        return types.int64(*arguments), generate
+
+    return set_up_lanes
+
+
+set_up_lanes, set_up_edges = _set_up(with_planes=True), _set_up(with_planes=False)
 
 
 @intrinsic
@@ -341,7 +379,7 @@ def tiny_lanes(typing, k, window, edges, batch):
     def generate(context, builder, signature, args):
         k, window, edges, batch = args
         whole, exact, plane, sample, here = (builder.extract_value(batch, n) for n in range(5))
-        top, columns = (spread(builder, builder.extract_value(window, n), LANES) for n in (1, 3))
+        top, columns = (spread(builder, builder.extract_value(window, n), LANES) for n in (1, 4))
 
         def get(array, row):
             return load(builder, builder.gep(array, [LONG(row * LANES)]), LANES)
@@ -381,7 +419,7 @@ def few_lanes(typing, k, window, edges, batch):
         k, window, edges, batch = args
         whole, exact, _, sample, here, masks = (builder.extract_value(batch, n) for n in range(6))
         top, columns, full_x, full_y = (
-            spread(builder, builder.extract_value(window, n), LANES) for n in (1, 3, 5, 6)
+            spread(builder, builder.extract_value(window, n), LANES) for n in (1, 4, 6, 7)
         )
 
         def get(array, row):
@@ -415,6 +453,35 @@ def few_lanes(typing, k, window, edges, batch):
         return builder.or_(found.bits(), builder.shl(at_border.bits(), LONG(LANES)))
 
     return types.int64(types.int32, window, edges, batch), generate
+
+
+@intrinsic
+def owned_lanes(typing, edges, batch):
+    """Count the samples that sixteen triangles of at most 2 x 2 blocks own, into `batch.masks`."""
+
+    def generate(context, builder, signature, args):
+        edges, batch = args
+        whole, masks = (builder.extract_value(batch, n) for n in (0, 5))
+
+        def get(array, row):
+            return load(builder, builder.gep(array, [LONG(row * LANES)]), LANES)
+
+        first = [get(edges, E + n) for n in range(3)]
+        across, below = ([get(edges, row + n) for n in range(3)] for row in (ACROSS, DOWN))
+        first_x, first_y = (get(whole, row) >> SIDE_BITS << SIDE_BITS for row in (FIRST_X, FIRST_Y))
+        columns, rows = get(whole, LAST_X) - first_x, get(whole, LAST_Y) - first_y
+        owned = columns.like(0)
+        for y in range(2 * SIDE):
+            values = first
+            for x in range(2 * SIDE):
+                beyond = (columns - x) | (rows - y)  # less than 0 beyond the last column or row
+                owned = (owned + 1).where((_sign(values) | beyond) >= 0, owned)
+                values = [value + step for value, step in zip(values, across, strict=True)]
+            first = [value + step for value, step in zip(first, below, strict=True)]
+        owned.store(masks)
+        return context.get_dummy_value()
+
+    return types.void(edges, batch), generate
 
 
 @intrinsic
@@ -585,24 +652,37 @@ def list_bits(bits, base, listed, n):
 
 
 @compiled
-def sift(shape, begin, end, placed, window, front, back, other):
+def sift(shape, begin, end, placed, window, batch, counts, tiny, small, hidden, other):
     """List the faces of a cluster that can own a sample; returns the lengths of the lists.
 
     Parameters
     ----------
     begin, end : int
         Slots of the cluster's faces.
-    front, back, other : int32
-        Out: slots of faces that face the camera, that turn their back, and of those that are large
-        or want clipping.
+    counts : Counts
+        Samples of hidden faces that reach at most 2 x 2 are added to `drawn` where it is asked for.
+    tiny, small, hidden, other : int32
+        Out: slots of faces that reach at most 2 x 2 samples and own one, that reach more, that
+        reach more and are hidden, and of those that are large or want clipping.
     """
-    n_front, n_back, n_other = 0, 0, 0
+    n_tiny, n_small, n_hidden, n_other = 0, 0, 0, 0
     for at in range(begin, end, LANES):
-        found = sift_lanes(shape.corners, at, placed, window.right, window.top, window.bottom)
-        n_front = list_bits(found & ALL_LANES, at, front, n_front)
-        n_back = list_bits(found >> LANES & ALL_LANES, at, back, n_back)
-        n_other = list_bits(found >> 2 * LANES, at, other, n_other)
-    return n_front, n_back, n_other
+        shown, back = sift_lanes(shape.corners, at, placed, window, batch)
+        n_tiny = list_bits(shown & ALL_LANES, at, tiny, n_tiny)
+        n_small = list_bits(shown >> LANES & ALL_LANES, at, small, n_small)
+        n_other = list_bits(shown >> 2 * LANES, at, other, n_other)
+        if counts.with_drawn:
+            if window.full_x > 0:
+                tiny_back = back & ALL_LANES
+                while tiny_back:
+                    lane = lowest_bit(tiny_back)
+                    counts.drawn[shape.faces[at + lane]] += batch.masks[lane]
+                    tiny_back &= tiny_back - 1
+                back >>= LANES
+            else:
+                back = (back | back >> LANES) & ALL_LANES
+            n_hidden = list_bits(back, at, hidden, n_hidden)
+    return n_tiny, n_small, n_hidden, n_other
 
 
 @compiled
@@ -678,13 +758,15 @@ def resolve(at, bits, batch, k, start, face, image, visible):
 
 
 @compiled
-def fill_few(few, is_hidden, window, edges, batch, image, counts):
+def fill_few(few, wide, tall, window, edges, batch, image, counts):
     """Fill those of sixteen triangles that reach at most 2 x 2 blocks, and have their bits in few.
 
-    Otherwise as `fill_blocks`.
+    Otherwise as `fill_tiny`.
     """
     filled = 0
     for k in range(4):
+        if (k & 1 and few & wide == 0) or (k >> 1 and few & tall == 0):
+            continue
         found = few_lanes(np.int32(k), window, edges, batch)
         at_border = found >> LANES
         found &= few
@@ -698,46 +780,63 @@ def fill_few(few, is_hidden, window, edges, batch, image, counts):
                 bits &= border(block_x, block_y, window)
             if counts.with_drawn:
                 counts.drawn[face] += count_bits(bits)
-            if not is_hidden:
-                n_won, n_new = resolve(
-                    np.int64(batch.sample[lane]), bits, batch, lane, batch.here[lane], face, image,
-                    counts.visible,
-                )  # fmt: skip
-                counts.visible[face] += n_won
-                filled += n_new
+            n_won, n_new = resolve(
+                np.int64(batch.sample[lane]), bits, batch, lane, batch.here[lane], face, image,
+                counts.visible,
+            )  # fmt: skip
+            counts.visible[face] += n_won
+            filled += n_new
     return filled
 
 
 @compiled
-def fill_blocks(chosen, is_hidden, window, edges, batch, image, counts):
-    """Fill triangles, a block at a time; returns how many samples were empty.
+def blocks_of(k, batch):
+    """Blocks that a triangle reaches: the first and last column, the first and last row."""
+    return (
+        np.int64(batch.whole[FIRST_X * LANES + k] >> SIDE_BITS),
+        np.int64(batch.whole[LAST_X * LANES + k] >> SIDE_BITS),
+        np.int64(batch.whole[FIRST_Y * LANES + k] >> SIDE_BITS),
+        np.int64(batch.whole[LAST_Y * LANES + k] >> SIDE_BITS),
+    )
 
-    Parameters
-    ----------
-    chosen : int
-        Bits of the triangles, of sixteen.
-    is_hidden : bool
-        Whether their samples are counted as drawn and otherwise left alone.
+
+@compiled
+def group_masks(k, group_x, group_y, reached, edges, batch):
+    """Bits of the blocks of a group in which triangle k has samples, see `block_masks`."""
+    first_x, last_x, first_y, last_y = reached
+    blocks = block_masks(edges, k, group_x - first_x, group_y - first_y, batch)
+    n_columns, n_rows = min(last_x - group_x + 1, SIDE), min(last_y - group_y + 1, SIDE)
+    return blocks & ((1 << n_columns) - 1) * 0x1111 & ((1 << (SIDE * n_rows)) - 1)
+
+
+@compiled
+def in_image(bits, block_x, block_y, window):
+    """Of the samples of a block those inside the image."""
+    if block_x < window.inner[2 * block_y] or block_x >= window.inner[2 * block_y + 1]:
+        return bits & border(block_x, block_y, window)
+    return bits
+
+
+@compiled
+def fill_blocks(chosen, window, edges, batch, image, counts):
+    """Fill those of sixteen triangles whose bits are set, of any size.
+
+    Returns how many samples were empty.
     """
     filled = 0
     while chosen:
         k = lowest_bit(chosen)
         chosen &= chosen - 1
-        first_x = np.int64(batch.whole[FIRST_X * LANES + k] >> SIDE_BITS)
-        last_x = np.int64(batch.whole[LAST_X * LANES + k] >> SIDE_BITS)
-        first_y = np.int64(batch.whole[FIRST_Y * LANES + k] >> SIDE_BITS)
-        last_y = np.int64(batch.whole[LAST_Y * LANES + k] >> SIDE_BITS)
+        reached = blocks_of(k, batch)
+        first_x, last_x, first_y, last_y = reached
         face = batch.whole[FACE * LANES + k]
         origin = batch.exact[ORIGIN * LANES + k]
         slope_x, slope_y = batch.exact[SLOPE_X * LANES + k], batch.exact[SLOPE_Y * LANES + k]
         is_cut = last_x >= window.full_x or last_y >= window.full_y
-        gained, covered = 0, 0
+        gained, owned = 0, 0
         for group_y in range(first_y, last_y + 1, SIDE):
             for group_x in range(first_x, last_x + 1, SIDE):
-                blocks = block_masks(edges, k, group_x - first_x, group_y - first_y, batch)
-                n_columns = min(last_x - group_x + 1, SIDE)
-                n_rows = min(last_y - group_y + 1, SIDE)
-                blocks &= ((1 << n_columns) - 1) * 0x1111 & ((1 << (SIDE * n_rows)) - 1)
+                blocks = group_masks(k, group_x, group_y, reached, edges, batch)
                 while blocks:
                     lane = lowest_bit(blocks)
                     blocks &= blocks - 1
@@ -745,11 +844,8 @@ def fill_blocks(chosen, is_hidden, window, edges, batch, image, counts):
                     block_y = group_y + (lane >> SIDE_BITS)
                     bits = np.int64(batch.masks[lane])
                     if is_cut:
-                        if block_x < window.inner[2 * block_y] or block_x >= window.inner[2 * block_y + 1]:
-                            bits &= border(block_x, block_y, window)
-                    covered += count_bits(bits)
-                    if is_hidden:
-                        continue
+                        bits = in_image(bits, block_x, block_y, window)
+                    owned += count_bits(bits)
                     start = np.float32(
                         origin + slope_y * (block_y << SIDE_BITS) + slope_x * (block_x << SIDE_BITS)
                     )
@@ -761,30 +857,71 @@ def fill_blocks(chosen, is_hidden, window, edges, batch, image, counts):
         if gained:
             counts.visible[face] += gained
         if counts.with_drawn:
-            counts.drawn[face] += covered
+            counts.drawn[face] += owned
     return filled
 
 
 @compiled
-def fill(listed, n, is_hidden, shape, placed, window, edges, batch, image, counts):
-    """Fill the small triangles of a list; returns how many samples were empty."""
+def covered(k, window, edges, batch):
+    """Samples that triangle k owns, of any size."""
+    reached = blocks_of(k, batch)
+    first_x, last_x, first_y, last_y = reached
+    is_cut = last_x >= window.full_x or last_y >= window.full_y
+    owned = 0
+    for group_y in range(first_y, last_y + 1, SIDE):
+        for group_x in range(first_x, last_x + 1, SIDE):
+            blocks = group_masks(k, group_x, group_y, reached, edges, batch)
+            while blocks:
+                lane = lowest_bit(blocks)
+                blocks &= blocks - 1
+                bits = np.int64(batch.masks[lane])
+                if is_cut:
+                    block_x, block_y = group_x + (lane & (SIDE - 1)), group_y + (lane >> SIDE_BITS)
+                    bits = in_image(bits, block_x, block_y, window)
+                owned += count_bits(bits)
+    return owned
+
+
+@compiled
+def fill(tiny, n_tiny, small, n_small, shape, placed, window, edges, batch, image, counts):
+    """Fill the triangles of two lists of `sift`; returns how many samples were empty."""
     filled = 0
-    for i in range(0, n, LANES):
-        sizes = set_up_lanes(
-            listed, i, shape, placed, window.right, window.top, window.bottom, edges, batch, counts.visible
-        )
-        valid = ALL_LANES >> max(LANES - (n - i), 0)
-        tiny = 0 if is_hidden else sizes & valid
-        few = (sizes >> LANES | sizes) & valid & ~tiny
-        if tiny:
-            wide, tall = sizes >> 2 * LANES, sizes >> 3 * LANES
-            filled += fill_tiny(tiny, wide, tall, window, edges, batch, image, counts)
-        if few:
-            filled += fill_few(few, is_hidden, window, edges, batch, image, counts)
-        many = valid & ~(tiny | few)
+    for i in range(0, n_tiny, LANES):
+        sizes = set_up_lanes(tiny, i, shape, placed, window, edges, batch, counts.visible)
+        valid = ALL_LANES >> max(LANES - (n_tiny - i), 0)
+        wide, tall = sizes >> LANES, sizes >> 2 * LANES
+        filled += fill_tiny(valid, wide, tall, window, edges, batch, image, counts)
+    for i in range(0, n_small, LANES):
+        sizes = set_up_lanes(small, i, shape, placed, window, edges, batch, counts.visible)
+        valid = ALL_LANES >> max(LANES - (n_small - i), 0)
+        few = sizes & valid
+        if count_bits(few) < FEW:
+            few = 0
+        else:
+            wide, tall = sizes >> LANES, sizes >> 2 * LANES
+            filled += fill_few(few, wide, tall, window, edges, batch, image, counts)
+        many = valid & ~few
         if many:
-            filled += fill_blocks(many, is_hidden, window, edges, batch, image, counts)
+            filled += fill_blocks(many, window, edges, batch, image, counts)
     return filled
+
+
+@compiled
+def count_hidden(listed, n, shape, placed, window, edges, batch, counts):
+    """Add the samples of the triangles of a list to `drawn`, without a look at their depths."""
+    for i in range(0, n, LANES):
+        few = set_up_edges(listed, i, shape, placed, window, edges, batch, counts.visible)
+        few &= ALL_LANES >> max(LANES - (n - i), 0)
+        if window.full_x == 0 or count_bits(few) < FEW:
+            few = 0
+        if few:
+            owned_lanes(edges, batch)
+        for k in range(min(n - i, LANES)):
+            if few >> k & 1:
+                counts.drawn[batch.whole[FACE * LANES + k]] += batch.masks[k]
+        for k in range(min(n - i, LANES)):  # after those, whose counts this overwrites
+            if not few >> k & 1:
+                counts.drawn[batch.whole[FACE * LANES + k]] += covered(k, window, edges, batch)
 
 
 @compiled
@@ -974,7 +1111,7 @@ def side_of(corners, k, placed, window):
 def make_scratch():
     """Memory for `count_poses` in one thread, as it takes it apart."""
     return (
-        np.zeros((12, ROOM), np.int32),
+        np.zeros((13, ROOM), np.int32),
         np.zeros((2, ROOM), np.int64),
         np.zeros((5, ROOM)),
         np.zeros((2, ROOM), np.float32),
@@ -1038,7 +1175,9 @@ def count_poses(
         pointer(doubles[0]), pointer(doubles[1]), pointer(doubles[2]), pointer(words[0]),
         pointer(words[1]), pointer(longs[0]),
     )  # fmt: skip
-    front, back, other = pointer(words[2]), pointer(words[3]), pointer(words[4])
+    tiny, small, hidden, other = (
+        pointer(words[2]), pointer(words[3]), pointer(words[4]), pointer(words[12]),
+    )  # fmt: skip
     fan = Shape(shape.points, pointer(words[5]), pointer(words[6]))
     one_by_one = words[7]
     for k in range(LANES + CLIP_CORNERS):
@@ -1066,8 +1205,8 @@ def count_poses(
         for band in range(len(bands)):
             top, bottom = bands[band]
             window = Window(
-                np.int32(size[0] - 1), np.int32(top), np.int32(bottom - 1), columns, size[1],
-                np.int32(full_x), np.int32(full_y), pointer(inner), pointer(first), pointer(last),
+                np.int32(size[0] - 1), np.int32(top), np.int32(bottom - 1), np.int32(culls[p]),
+                columns, size[1], np.int32(full_x), np.int32(full_y), pointer(inner), pointer(first), pointer(last),
             )  # fmt: skip
             frustum(view, size[0], top, bottom, sides)
             marks[:] = 0
@@ -1094,33 +1233,35 @@ def count_poses(
                     box = (0, np.int32(size[0] << BITS), np.int32(top << BITS), np.int32(bottom << BITS))
                 if not clear(box[0], box[1], box[2], box[3], window, pointer(marks), image.depth):
                     continue
-                n_front, n_back, n_other = sift(
-                    shape, face_starts[cluster], face_starts[cluster + 1], placed, window, front,
-                    back, other,
+                n_tiny, n_small, n_hidden, n_other = sift(
+                    shape, face_starts[cluster], face_starts[cluster + 1], placed, window, batch,
+                    counts, tiny, small, hidden, other,
                 )  # fmt: skip
                 new += fill(
-                    front, n_front, False, shape, placed, window, edges, batch, image, counts
+                    tiny, n_tiny, small, n_small, shape, placed, window, edges, batch, image, counts
                 )
-                if with_drawn or not culls[p]:
-                    new += fill(
-                        back, n_back, culls[p], shape, placed, window, edges, batch, image, counts
-                    )
+                if n_hidden:
+                    count_hidden(hidden, n_hidden, shape, placed, window, edges, batch, counts)
                 for at in range(n_other):
                     n = fan_out(
                         shape, other[at], begin, end - begin, view, placed, fan, polygon, clipped
                     )
                     for k in range(n):
                         side = side_of(fan.corners, k, placed, window)
-                        is_hidden = side > 0 and culls[p]
-                        if side == 0 or (is_hidden and not with_drawn):
-                            continue
-                        set_up_lanes(
-                            pointer(one_by_one), k, fan, placed, window.right, window.top,
-                            window.bottom, long_edges, batch, counts.visible,
-                        )  # fmt: skip
-                        new += fill_blocks(
-                            1, is_hidden, window, long_edges, batch, image, counts
-                        )
+                        if side > 0 and culls[p]:
+                            if with_drawn:
+                                set_up_edges(
+                                    pointer(one_by_one), k, fan, placed, window, long_edges, batch,
+                                    counts.visible,
+                                )  # fmt: skip
+                                owned = covered(0, window, long_edges, batch)
+                                counts.drawn[batch.whole[FACE * LANES]] += owned
+                        elif side != 0:
+                            set_up_lanes(
+                                pointer(one_by_one), k, fan, placed, window, long_edges, batch,
+                                counts.visible,
+                            )  # fmt: skip
+                            new += fill_blocks(1, window, long_edges, batch, image, counts)
         filled[p] += new
 
 
