@@ -591,6 +591,20 @@ def fetch_lines(typing, data, begin, end):
 
 
 @intrinsic
+def fetch_counts(typing, data, faces, begin, end):
+    """Ask for the counts of the faces in these slots, before they are needed."""
+
+    def generate(context, builder, signature, args):
+        data, faces, begin, end = args
+        with cgutils.for_range_slice(builder, begin, end, LONG(1), LONG) as (at, _):
+            face = builder.sext(builder.load(builder.gep(faces, [at])), LONG)
+            prefetch(builder, builder.gep(data, [face]), is_written=True)
+        return context.get_dummy_value()
+
+    return types.void(data, faces, types.int64, types.int64), generate
+
+
+@intrinsic
 def count_bits(typing, bits):
     """How many bits are set."""
 
@@ -1228,6 +1242,11 @@ def count_poses(
                     fetch_lines(shape.corners, np.int64(begin), np.int64(end))
                     fetch_lines(shape.faces, np.int64(begin), np.int64(end))
                 begin, end = np.int64(vertex_starts[cluster]), np.int64(vertex_starts[cluster + 1])
+                if with_drawn:
+                    fetch_counts(
+                        counts.drawn, shape.faces, np.int64(face_starts[cluster]),
+                        np.int64(face_starts[cluster + 1]),
+                    )  # fmt: skip
                 box = project(shape.points, begin, end, view, placed)
                 if box[1] == CLIPPED:
                     box = (0, np.int32(size[0] << BITS), np.int32(top << BITS), np.int32(bottom << BITS))
