@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from rastercov.errors import ConfigError
 
 POSES_A_TURN = 16
-"""Poses a thread takes at a time: enough to stay in the loops, few enough to share evenly."""
+"""Most poses a thread takes at a time: enough to stay in the loops."""
 
 
 def thread_count(threads: int | None) -> int:
@@ -22,8 +22,13 @@ def share_poses(n_poses: int, workers: Sequence[Callable[[slice], None]]) -> Non
 
     What one of them raises is raised, and ends all; so does an interrupt, after their turn.
     """
-    step = max(1, min(POSES_A_TURN, n_poses // len(workers)))
-    turns = [slice(start, start + step) for start in range(0, n_poses, step)]
+    turns = []
+    start = 0
+    while start < n_poses:  # smaller ones at the end, so that all end together
+        step = max(1, min(POSES_A_TURN, (n_poses - start) // (2 * len(workers))))
+        turns.append(slice(start, start + step))
+        start += step
+    turns.reverse()  # taken from the end
 
     def work(worker: Callable[[slice], None]) -> None:
         try:
