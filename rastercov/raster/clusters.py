@@ -22,8 +22,8 @@ WordArray = NDArray[np.int32]
 
 FACES = 64
 """Most faces of a cluster."""
-VERTICES = 3 * FACES
-"""Most vertices of a cluster: as many as its faces can have."""
+VERTICES = 64
+"""Most vertices of a cluster."""
 LANES = 16
 """Faces of a cluster are filled up to a multiple of this, with faces that own nothing."""
 VERTEX_LANES = 8
@@ -82,12 +82,13 @@ def in_clusters(vertices: FloatArray, faces: WordArray, is_wound: bool) -> Clust
     keys = np.empty(len(faces), np.uint64)
     order_keys(vertices, faces, low, scale, is_wound, keys)
     order = np.argsort(keys, kind="stable").astype(np.int32)
+    marks = np.full(len(vertices), -1, np.int32)
     starts = np.empty(len(faces) + 1, np.int32)
-    n, n_slots = cut(keys[order], starts)
+    n, n_slots = cut(faces, order, keys, marks, starts)
     del keys
     corners, face_of = np.zeros(n_slots, np.int32), np.zeros(n_slots, np.int32)
     face_starts, vertex_starts = np.zeros((2, n + 1), np.int32)
-    marks = np.full(len(vertices), -1, np.int32)
+    marks[:] = -1
     local = np.empty(len(vertices), np.uint8)
     number(faces, order, starts, n, marks, local, corners, face_of, face_starts, vertex_starts)
     points = np.empty(3 * int(vertex_starts[-1]))
@@ -124,22 +125,30 @@ def order_keys(vertices, faces, low, scale, is_wound, keys):
 
 
 @compiled
-def cut(keys, starts):
+def cut(faces, order, keys, marks, starts):
     """Cut faces, sorted by their keys, into runs; returns how many, and slots for their faces."""
     n, n_slots = 0, 0
-    begin = 0
-    while begin < len(keys):
-        end = begin + 1
-        main = keys[begin] >> np.uint64(3 * CURVE_BITS)
-        while end < len(keys) and end < begin + FACES:
-            if keys[end] >> np.uint64(3 * CURVE_BITS) != main:
-                break
-            end += 1
-        starts[n] = begin
-        n += 1
-        n_slots += (end - begin + LANES - 1) // LANES * LANES
-        begin = end
+    begin, count = 0, 0
+    for i in range(len(order)):
+        new = 0
+        for j in range(3):
+            new += marks[faces[order[i], j]] != n
+        turns = keys[order[i]] >> np.uint64(3 * CURVE_BITS) != (
+            keys[order[begin]] >> np.uint64(3 * CURVE_BITS)
+        )
+        if turns or i - begin == FACES or count + new > VERTICES:
+            starts[n] = begin
+            n += 1
+            n_slots += (i - begin + LANES - 1) // LANES * LANES
+            begin, count = i, 0
+        for j in range(3):
+            if marks[faces[order[i], j]] != n:
+                marks[faces[order[i], j]] = n
+                count += 1
     starts[n] = begin
+    n += 1
+    n_slots += (len(order) - begin + LANES - 1) // LANES * LANES
+    starts[n] = len(order)
     return n, n_slots
 
 

@@ -32,7 +32,7 @@ from numba.extending import intrinsic
 
 from rastercov.compiled import compiled
 from rastercov.raster.lanes import (
-    DOUBLE, LONG, SINGLE, WORD, constants, from_bits, gather, load, prefetch, spread,
+    DOUBLE, LONG, SINGLE, WORD, constants, from_bits, gather, load, looked_up, prefetch, spread,
 )  # fmt: skip
 
 BITS = 8
@@ -57,7 +57,7 @@ LANE_X, LANE_Y = [k % SIDE for k in range(LANES)], [k // SIDE for k in range(LAN
 PATCH_BITS = 4
 """Blocks in a row that are cleared together, as a power of 2."""
 
-FACES, VERTICES = 64, 192
+FACES, VERTICES = 64, 64
 """Of a cluster, at most. Corners of clipped faces follow its vertices."""
 VERTEX_LANES = 8
 FEW = 4
@@ -158,20 +158,28 @@ def project_lanes(typing, points, at, stride, view, placed, to):
     return types.void(points, types.int64, types.int64, view, placed, types.int64), generate
 
 
-def _corners(builder, corners, slots, placed, kind):
-    """Indices of the three corners of sixteen faces, and their places in the image."""
-    octets = builder.bitcast(corners, ir.IntType(8).as_pointer())
-    both = builder.extract_value(placed, 5)
-    indices, places = [], []
-    for k in range(3):
-        here = []
-        for slot in slots:
-            octet = builder.add(builder.shl(slot, LONG(2)), LONG(k))
-            here.append(builder.zext(builder.load(builder.gep(octets, [octet])), LONG))
-        together = gather(builder, both, here)
-        indices.append(here)
-        places.append((together.to(WORD).to(kind), (together >> 32).to(WORD).to(kind)))
-    return indices, places
+def _corners(context, builder, packed, placed, kind):
+    """Indices of the three corners of sixteen faces, and their places in the image.
+
+    A processor with registers of sixteen lanes looks places of vertices up in them; others fetch
+    each place, and so do triangles that may have been clipped.
+    """
+    indices = [packed >> 8 * k & (ROOM - 1) for k in range(3)]
+    places = []
+    if kind == WORD and "+avx512f" in context.codegen().magic_tuple()[2]:
+        tables = []
+        for k in (3, 4):
+            array = builder.extract_value(placed, k)
+            parts = range(0, VERTICES, LANES)
+            tables.append([load(builder, builder.gep(array, [LONG(at)]), LANES) for at in parts])
+        for index in indices:
+            places.append(tuple(looked_up(table, index).to(kind) for table in tables))
+    else:
+        both = builder.extract_value(placed, 5)
+        for index in indices:
+            together = gather(builder, both, index.each())
+            places.append((together.to(WORD).to(kind), (together >> 32).to(WORD).to(kind)))
+    return [index.each() for index in indices], places
 
 
 def _reach(places, right, top, bottom):
@@ -221,8 +229,8 @@ def sift_lanes(typing, corners, at, placed, window, batch):
 
     def generate(context, builder, signature, args):
         corners, at, placed, window, batch = args
-        slots = [builder.add(at, LONG(lane)) for lane in range(LANES)]
-        _, places = _corners(builder, corners, slots, placed, WORD)
+        packed = load(builder, builder.gep(corners, [at]), LANES)
+        _, places = _corners(context, builder, packed, placed, WORD)
         right, top, bottom, hides_back = (
             spread(builder, builder.extract_value(window, k), LANES) for k in (0, 1, 2, 3)
         )
@@ -230,7 +238,6 @@ def sift_lanes(typing, corners, at, placed, window, batch):
         (ax, ay), (bx, by), (cx, cy) = places
         wide, tall = last_x - first_x, last_y - first_y
         can_own = (wide >= 0) & (tall >= 0)
-        packed = load(builder, builder.gep(corners, [at]), LANES)
         is_clipped = ax.greatest(bx).greatest(cx).equals(CLIPPED) & (packed > 0)
         is_large = (width >= LARGE) | (height >= LARGE)
         area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
@@ -318,7 +325,8 @@ def _set_up(with_planes):
             for lane in range(LANES):
                 slot = builder.load(builder.gep(chosen, [builder.add(at, LONG(lane))]))
                 slots.append(builder.sext(slot, LONG))
-            indices, places = _corners(builder, corners, slots, placed, kind)
+            packed = gather(builder, corners, slots)
+            indices, places = _corners(context, builder, packed, placed, kind)
             right, top, bottom = (
                 spread(builder, builder.extract_value(window, k), LANES).to(kind) for k in (0, 1, 2)
             )

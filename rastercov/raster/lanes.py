@@ -138,6 +138,11 @@ class Lanes:
         """Without the sign."""
         return self._call("fabs")
 
+    def each(self) -> list[Any]:
+        """The values of whole numbers, as 64 bits."""
+        values = (self.builder.extract_element(self.value, WORD(k)) for k in range(len(self)))
+        return [self.builder.sext(value, LONG) for value in values]
+
     def bits(self) -> Any:
         """A mask as a 64-bit whole number, lane 0 lowest."""
         as_bits = self.builder.bitcast(self.value, ir.IntType(len(self)))
@@ -190,3 +195,27 @@ def prefetch(builder: Any, pointer: Any, is_written: bool = False) -> None:
     fetch = builder.module.declare_intrinsic("llvm.prefetch", [octets], kind)
     where = builder.bitcast(pointer, octets)
     builder.call(fetch, [where, WORD(int(is_written)), WORD(3), WORD(1)])
+
+
+def looked_up(table: Sequence[Lanes], index: Lanes) -> Lanes:
+    """What stands at these indices of a table of vectors, 2^n of them.
+
+    LLVM knows the pattern, and permutes registers where the processor can.
+    """
+    builder, n = index.builder, len(index)
+    low = index & (n - 1)
+    found = []
+    for part in table:
+        picked = ir.Constant(part.value.type, ir.Undefined)
+        for lane in range(n):
+            at = builder.extract_element(low.value, WORD(lane))
+            value = builder.extract_element(part.value, at)
+            picked = builder.insert_element(picked, value, WORD(lane))
+        found.append(Lanes(builder, picked))
+    bit = n
+    while len(found) > 1:
+        is_odd = (index & bit) > 0
+        pairs = zip(found[::2], found[1::2], strict=True)
+        found = [odd.where(is_odd, even) for even, odd in pairs]
+        bit *= 2
+    return found[0]
