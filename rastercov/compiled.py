@@ -22,6 +22,11 @@ def compiled(function: Callable[..., Any]) -> Any:
         return numba.njit(nogil=True, error_model="numpy")(function)
 
 
+def forced(function: Callable[..., Any]) -> Any:
+    """Part of the loop that calls it, as if it stood there: for what is called once, and often."""
+    return numba.njit(nogil=True, error_model="numpy", forceinline=True)(function)
+
+
 def inlined(function: Callable[..., Any]) -> Any:
     """Put in the place of each call: for small functions in hot loops, which take arrays."""
     return numba.njit(nogil=True, error_model="numpy", inline="always")(function)

@@ -30,7 +30,7 @@ from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 
-from rastercov.compiled import compiled
+from rastercov.compiled import compiled, forced
 from rastercov.raster.lanes import (
     DOUBLE, LONG, SINGLE, WORD, constants, from_bits, gather, load, looked_up, prefetch, spread,
 )  # fmt: skip
@@ -635,7 +635,7 @@ def lowest_bit(typing, bits):
 # --- the passes -----------------------------------------------------------------------------------
 
 
-@compiled
+@forced
 def project(points, begin, end, view, placed):
     """Bring the vertices of a cluster to the image; returns the box that they fill, in steps.
 
@@ -663,7 +663,7 @@ def project(points, begin, end, view, placed):
     return low_x, high_x, low_y, high_y
 
 
-@compiled
+@forced
 def list_bits(bits, base, listed, n):
     """Put base + index of each bit behind the n numbers of a list; returns how many there are."""
     while bits:
@@ -673,7 +673,7 @@ def list_bits(bits, base, listed, n):
     return n
 
 
-@compiled
+@forced
 def sift(shape, begin, end, placed, window, batch, counts, tiny, small, hidden, other):
     """List the faces of a cluster that can own a sample; returns the lengths of the lists.
 
@@ -720,7 +720,7 @@ def border(block_x, block_y, window):
     return inside
 
 
-@compiled
+@forced
 def fill_tiny(tiny, wide, tall, window, edges, batch, image, counts):
     """Fill those of sixteen triangles that reach at most 2 x 2 samples, and have their bits in tiny.
 
@@ -755,7 +755,7 @@ def fill_tiny(tiny, wide, tall, window, edges, batch, image, counts):
     return filled
 
 
-@compiled
+@forced
 def resolve(at, bits, batch, k, start, face, image, visible):
     """Write what is nearer in a block; returns how many samples, and how many were empty."""
     found = write_lanes(image, at, bits, batch, k, start)
@@ -779,7 +779,7 @@ def resolve(at, bits, batch, k, start, face, image, visible):
     return n_won, n_new
 
 
-@compiled
+@forced
 def fill_few(few, wide, tall, window, edges, batch, image, counts):
     """Fill those of sixteen triangles that reach at most 2 x 2 blocks, and have their bits in few.
 
@@ -811,7 +811,7 @@ def fill_few(few, wide, tall, window, edges, batch, image, counts):
     return filled
 
 
-@compiled
+@forced
 def blocks_of(k, batch):
     """Blocks that a triangle reaches: the first and last column, the first and last row."""
     return (
@@ -822,7 +822,7 @@ def blocks_of(k, batch):
     )
 
 
-@compiled
+@forced
 def group_masks(k, group_x, group_y, reached, edges, batch):
     """Bits of the blocks of a group in which triangle k has samples, see `block_masks`."""
     first_x, last_x, first_y, last_y = reached
@@ -831,7 +831,7 @@ def group_masks(k, group_x, group_y, reached, edges, batch):
     return blocks & ((1 << n_columns) - 1) * 0x1111 & ((1 << (SIDE * n_rows)) - 1)
 
 
-@compiled
+@forced
 def in_image(bits, block_x, block_y, window):
     """Of the samples of a block those inside the image."""
     if block_x < window.inner[2 * block_y] or block_x >= window.inner[2 * block_y + 1]:
@@ -904,7 +904,7 @@ def covered(k, window, edges, batch):
     return owned
 
 
-@compiled
+@forced
 def fill(tiny, n_tiny, small, n_small, shape, placed, window, edges, batch, image, counts):
     """Fill the triangles of two lists of `sift`; returns how many samples were empty."""
     filled = 0
@@ -964,7 +964,7 @@ def frustum(view, width, top, bottom, planes):
         planes[k, 3] = np.sqrt(planes[k, 0] ** 2 + planes[k, 1] ** 2 + planes[k, 2] ** 2)
 
 
-@compiled
+@forced
 def is_outside(bound, view, planes):
     """Whether a cluster lies outside one of the planes of `frustum`."""
     x, y, z = bound[0] - view[EYE], bound[1] - view[EYE + 1], bound[2] - view[EYE + 2]
@@ -975,7 +975,7 @@ def is_outside(bound, view, planes):
     return False
 
 
-@compiled
+@forced
 def turns_its_back(bound, view, focal):
     """Whether all faces of a cluster turn their back, and still do once rounded to steps.
 
@@ -993,7 +993,7 @@ def turns_its_back(bound, view, focal):
     return height * bound[10] * focal * STEPS < -3.1 * reach * reach
 
 
-@compiled
+@forced
 def clear(low_x, high_x, low_y, high_y, window, marks, depth):
     """Clear the blocks that a box reaches, unless they are clear; returns whether there are any."""
     first_x = max((np.int64(low_x) + HALF - 1) >> BITS, 0)
