@@ -91,7 +91,7 @@ def in_clusters(vertices: FloatArray, faces: WordArray, is_wound: bool) -> Clust
     marks[:] = -1
     local = np.empty(len(vertices), np.uint8)
     number(faces, order, starts, n, marks, local, corners, face_of, face_starts, vertex_starts)
-    points = np.empty(3 * int(vertex_starts[-1]))
+    points = np.zeros(3 * int(vertex_starts[-1]) + LANES)  # read beyond the last one
     bounds = np.empty((n, BOUNDS))
     marks[:] = -1
     place(vertices, faces, order, starts, n, marks, vertex_starts, points)

@@ -59,7 +59,6 @@ PATCH_BITS = 4
 
 FACES, VERTICES = 64, 64
 """Of a cluster, at most. Corners of clipped faces follow its vertices."""
-VERTEX_LANES = 8
 FEW = 4
 """Triangles from which on it pays to take sixteen together."""
 CACHE_LINE = 64
@@ -118,19 +117,19 @@ def pointer(typing, array):
 
 @intrinsic
 def project_lanes(typing, points, at, stride, view, placed, to):
-    """Image positions of `VERTEX_LANES` vertices, see `project`."""
+    """Image positions of `LANES` vertices, see `project`."""
 
     def generate(context, builder, signature, args):
         points, at, stride, view, placed, to = args
         u, v, w, x, y, both = (builder.extract_value(placed, k) for k in range(6))
 
         def figure(k):
-            return spread(builder, builder.load(builder.gep(view, [LONG(k)])), VERTEX_LANES)
+            return spread(builder, builder.load(builder.gep(view, [LONG(k)])), LANES)
 
         away = []
         for axis in range(3):
             place = builder.add(at, builder.mul(stride, LONG(axis)))
-            world = load(builder, builder.gep(points, [place]), VERTEX_LANES)
+            world = load(builder, builder.gep(points, [place]), LANES)
             away.append(world - figure(EYE + axis))
         right, down, z = (
             away[0] * figure(k) + away[1] * figure(3 + k) + away[2] * figure(6 + k)
@@ -585,6 +584,30 @@ def own_lanes(typing, owner, at, bits, face):
 
 
 @intrinsic
+def list_lanes(typing, octets, bits, base, listed, n):
+    """Put base + index of each of sixteen bits behind the n numbers of a list, in order.
+
+    Without a branch, which would be guessed wrong: by a table that has, for eight bits, the indices
+    of those that are set. What comes after them in the list is overwritten.
+    """
+
+    def generate(context, builder, signature, args):
+        octets, bits, base, listed, n = args
+        half = LANES // 2
+        for k in range(2):
+            mask = builder.and_(builder.lshr(bits, LONG(k * half)), LONG(0xFF))
+            indices = builder.gep(octets, [builder.mul(mask, LONG(half))])
+            indices = load(builder, indices, half).widened(WORD)
+            start = builder.trunc(builder.add(base, LONG(k * half)), WORD)
+            (indices + spread(builder, start, half)).store(builder.gep(listed, [n]))
+            n = builder.add(n, builder.ctpop(mask))
+        return n
+
+    whole = types.int64
+    return whole(octets, whole, whole, listed, whole), generate
+
+
+@intrinsic
 def fetch_lines(typing, data, begin, end):
     """Ask for the cache lines from element `begin` up to `end`, before they are needed."""
 
@@ -654,7 +677,7 @@ def project(points, begin, end, view, placed):
         stands when samples are given out, `CLIPPED` where it needs clipping.
     """
     n = end - begin
-    for i in range(0, n, VERTEX_LANES):
+    for i in range(0, n, LANES):
         project_lanes(points, 3 * begin + i, n, view, placed, i)
     low_x, high_x, low_y, high_y = placed.x[0], placed.x[0], placed.y[0], placed.y[0]
     for i in range(1, n):
@@ -664,17 +687,7 @@ def project(points, begin, end, view, placed):
 
 
 @forced
-def list_bits(bits, base, listed, n):
-    """Put base + index of each bit behind the n numbers of a list; returns how many there are."""
-    while bits:
-        listed[n] = base + lowest_bit(bits)
-        n += 1
-        bits &= bits - 1
-    return n
-
-
-@forced
-def sift(shape, begin, end, placed, window, batch, counts, tiny, small, hidden, other):
+def sift(shape, begin, end, placed, window, batch, counts, octets, tiny, small, hidden, other):
     """List the faces of a cluster that can own a sample; returns the lengths of the lists.
 
     Parameters
@@ -683,6 +696,8 @@ def sift(shape, begin, end, placed, window, batch, counts, tiny, small, hidden, 
         Slots of the cluster's faces.
     counts : Counts
         Samples of hidden faces that reach at most 2 x 2 are added to `drawn` where it is asked for.
+    octets : uint8
+        See `list_lanes`.
     tiny, small, hidden, other : int32
         Out: slots of faces that reach at most 2 x 2 samples and own one, that reach more, that
         reach more and are hidden, and of those that are large or want clipping.
@@ -690,9 +705,10 @@ def sift(shape, begin, end, placed, window, batch, counts, tiny, small, hidden, 
     n_tiny, n_small, n_hidden, n_other = 0, 0, 0, 0
     for at in range(begin, end, LANES):
         shown, back = sift_lanes(shape.corners, at, placed, window, batch)
-        n_tiny = list_bits(shown & ALL_LANES, at, tiny, n_tiny)
-        n_small = list_bits(shown >> LANES & ALL_LANES, at, small, n_small)
-        n_other = list_bits(shown >> 2 * LANES, at, other, n_other)
+        n_tiny = list_lanes(octets, shown & ALL_LANES, at, tiny, n_tiny)
+        n_small = list_lanes(octets, shown >> LANES & ALL_LANES, at, small, n_small)
+        if shown >> 2 * LANES:
+            n_other = list_lanes(octets, shown >> 2 * LANES, at, other, n_other)
         if counts.with_drawn:
             if window.full_x > 0:
                 tiny_back = back & ALL_LANES
@@ -703,7 +719,7 @@ def sift(shape, begin, end, placed, window, batch, counts, tiny, small, hidden, 
                 back >>= LANES
             else:
                 back = (back | back >> LANES) & ALL_LANES
-            n_hidden = list_bits(back, at, hidden, n_hidden)
+            n_hidden = list_lanes(octets, back, at, hidden, n_hidden)
     return n_tiny, n_small, n_hidden, n_other
 
 
@@ -1137,6 +1153,9 @@ def make_scratch():
         np.zeros((2, ROOM), np.int64),
         np.zeros((5, ROOM)),
         np.zeros((2, ROOM), np.float32),
+        np.array(
+            [sorted(range(8), key=lambda k: not bits >> k & 1) for bits in range(256)], np.uint8
+        ).ravel(),
         *np.zeros((2, CLIP_CORNERS, 3)),
         np.zeros((5, 4)),
     )
@@ -1192,7 +1211,8 @@ def count_poses(
     """
     points, corners, faces, vertex_starts, face_starts, bounds = clusters
     shape = Shape(pointer(points), pointer(corners), pointer(faces))
-    words, longs, doubles, singles, polygon, clipped, sides = scratch
+    words, longs, doubles, singles, lane_octets, polygon, clipped, sides = scratch
+    octets = pointer(lane_octets)
     placed = Placed(
         pointer(doubles[0]), pointer(doubles[1]), pointer(doubles[2]), pointer(words[0]),
         pointer(words[1]), pointer(longs[0]),
@@ -1262,7 +1282,7 @@ def count_poses(
                     continue
                 n_tiny, n_small, n_hidden, n_other = sift(
                     shape, face_starts[cluster], face_starts[cluster + 1], placed, window, batch,
-                    counts, tiny, small, hidden, other,
+                    counts, octets, tiny, small, hidden, other,
                 )  # fmt: skip
                 new += fill(
                     tiny, n_tiny, small, n_small, shape, placed, window, edges, batch, image, counts

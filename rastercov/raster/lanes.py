@@ -130,6 +130,11 @@ class Lanes:
         )
         return Lanes(self.builder, self.builder.call(function, [self.value]))
 
+    def widened(self, kind: Any) -> "Lanes":
+        """Whole numbers without a sign in a longer type."""
+        vector = ir.VectorType(kind, len(self))
+        return Lanes(self.builder, self.builder.zext(self.value, vector))
+
     def floor(self) -> "Lanes":
         """Rounded down."""
         return self._call("floor")
