@@ -202,48 +202,59 @@ def place(vertices, faces, order, starts, n, marks, vertex_starts, points):
 
 @compiled
 def bound(vertices, faces, order, starts, n, vertex_starts, points, bounds):
-    """Sphere, cone of normals, planes and altitudes of each cluster."""
+    """Sphere, cone of normals, planes and altitudes of each cluster, see `Clusters.bounds`."""
     normals = np.empty((FACES, 3))
     for k in range(n):
         begin, width = 3 * np.int64(vertex_starts[k]), vertex_starts[k + 1] - vertex_starts[k]
-        centre = bounds[k, :3]
         for axis in range(3):
-            row = points[begin + axis * width : begin + (axis + 1) * width]
-            centre[axis] = 0.5 * (row.min() + row.max())
-        radius = 0.0
+            low = high = points[begin + axis * width]
+            for i in range(1, width):
+                low = min(low, points[begin + axis * width + i])
+                high = max(high, points[begin + axis * width + i])
+            bounds[k, axis] = 0.5 * (low + high)
+        squared = 0.0
         for i in range(width):
-            squared = 0.0
-            for axis in range(3):
-                squared += (points[begin + axis * width + i] - centre[axis]) ** 2
-            radius = max(radius, squared)
-        bounds[k, 3] = np.sqrt(radius)
-        axis_sum = np.zeros(3)
-        offset, altitude = np.inf, np.inf
+            x = points[begin + i] - bounds[k, 0]
+            y = points[begin + width + i] - bounds[k, 1]
+            z = points[begin + 2 * width + i] - bounds[k, 2]
+            squared = max(squared, x * x + y * y + z * z)
+        bounds[k, 3] = np.sqrt(squared)
+        sum_x = sum_y = sum_z = 0.0
+        offset = altitude = np.inf
         for i in range(starts[k], starts[k + 1]):
-            f = order[i]
-            a, b, c = vertices[faces[f, 0]], vertices[faces[f, 1]], vertices[faces[f, 2]]
-            ab, ac = b - a, c - a
-            normal = np.cross(ab, ac)
-            longest = max(np.sum(ab**2), np.sum(ac**2), np.sum((c - b) ** 2))
-            doubled = np.sqrt(np.sum(normal**2))
-            if doubled > 0:
-                normals[i - starts[k]] = normal / doubled
-                altitude = min(altitude, doubled / np.sqrt(longest))
-            else:
-                altitude = 0.0
-                normals[i - starts[k]] = 0.0
-            axis_sum += normals[i - starts[k]]
-            offset = min(offset, np.sum(normals[i - starts[k]] * (a - centre)))
-        length = np.sqrt(np.sum(axis_sum**2))
-        least = -1.0
-        if length > 0:
-            axis_sum /= length
-            least = 1.0
-            for i in range(starts[k + 1] - starts[k]):
-                least = min(least, np.sum(normals[i] * axis_sum))
-        angle = np.arccos(max(-1.0, least - 1e-12)) + 1e-9
-        bounds[k, 4:7] = axis_sum
-        bounds[k, 7] = np.cos(angle)
-        bounds[k, 8] = np.sin(angle)
+            a, b, c = faces[order[i], 0], faces[order[i], 1], faces[order[i], 2]
+            ab_x, ab_y, ab_z = vertices[b, 0] - vertices[a, 0], vertices[b, 1] - vertices[a, 1], vertices[b, 2] - vertices[a, 2]
+            ac_x, ac_y, ac_z = vertices[c, 0] - vertices[a, 0], vertices[c, 1] - vertices[a, 1], vertices[c, 2] - vertices[a, 2]
+            bc_x, bc_y, bc_z = ac_x - ab_x, ac_y - ab_y, ac_z - ab_z
+            x, y, z = ab_y * ac_z - ab_z * ac_y, ab_z * ac_x - ab_x * ac_z, ab_x * ac_y - ab_y * ac_x
+            doubled = np.sqrt(x * x + y * y + z * z)
+            longest = max(
+                ab_x * ab_x + ab_y * ab_y + ab_z * ab_z,
+                ac_x * ac_x + ac_y * ac_y + ac_z * ac_z,
+                bc_x * bc_x + bc_y * bc_y + bc_z * bc_z,
+            )
+            altitude = min(altitude, doubled / np.sqrt(longest) if longest > 0 else 0.0)
+            scale = 1.0 / doubled if doubled > 0 else 0.0
+            x, y, z = x * scale, y * scale, z * scale
+            row = normals[i - starts[k]]
+            row[0], row[1], row[2] = x, y, z
+            sum_x, sum_y, sum_z = sum_x + x, sum_y + y, sum_z + z
+            away = (
+                x * (vertices[a, 0] - bounds[k, 0])
+                + y * (vertices[a, 1] - bounds[k, 1])
+                + z * (vertices[a, 2] - bounds[k, 2])
+            )
+            offset = min(offset, away)
+        length = np.sqrt(sum_x * sum_x + sum_y * sum_y + sum_z * sum_z)
+        scale = 1.0 / length if length > 0 else 0.0
+        sum_x, sum_y, sum_z = sum_x * scale, sum_y * scale, sum_z * scale
+        cosine = 1.0 if length > 0 else -1.0
+        for i in range(starts[k + 1] - starts[k]):
+            cosine = min(
+                cosine, normals[i, 0] * sum_x + normals[i, 1] * sum_y + normals[i, 2] * sum_z
+            )
+        angle = np.arccos(max(-1.0, cosine)) + 1e-7  # rounding, of cosines near 1 above all
+        bounds[k, 4], bounds[k, 5], bounds[k, 6] = sum_x, sum_y, sum_z
+        bounds[k, 7], bounds[k, 8] = np.cos(angle), np.sin(angle)
         bounds[k, 9] = offset
-        bounds[k, 10] = altitude if least > 0.01 else 0.0
+        bounds[k, 10] = altitude if cosine > 0.01 else 0.0
