@@ -30,6 +30,8 @@ VERTEX_LANES = 8
 """Vertices likewise, with the last one again."""
 CURVE_BITS = 20
 """Cells of the curve along an axis, as a power of 2."""
+SMALLEST = 1e-290
+"""Metres: a mesh that is smaller stands in one cell."""
 BOUNDS = 11
 """Figures that bound a cluster, see `Clusters.bounds`."""
 
@@ -49,7 +51,7 @@ class Clusters:
         Index of each face in the mesh.
     vertex_starts, face_starts : (K + 1,) int32
         Where clusters start.
-    bounds : (K, 11) float64
+    bounds : (11, K + 16) float64
         Centre (3) and radius of a sphere around it; the axis (3) of a cone that holds the normals
         of all its faces, cosine and sine of the cone's half angle; the least distance of a face's
         plane from the centre, along the face's normal; and the least altitude of a face, 0 where
@@ -78,7 +80,8 @@ def in_clusters(vertices: FloatArray, faces: WordArray, is_wound: bool) -> Clust
     With `is_wound` false the order of a face's corners says nothing about its outside.
     """
     low, high = vertices.min(axis=0), vertices.max(axis=0)
-    scale = (2**CURVE_BITS - 1) / max(float((high - low).max()), np.finfo(float).tiny)
+    extent = float((high - low).max())
+    scale = (2**CURVE_BITS - 1) / extent if extent > SMALLEST else 0.0
     keys = np.empty(len(faces), np.uint64)
     order_keys(vertices, faces, low, scale, is_wound, keys)
     order = np.argsort(keys, kind="stable").astype(np.int32)
@@ -92,7 +95,7 @@ def in_clusters(vertices: FloatArray, faces: WordArray, is_wound: bool) -> Clust
     local = np.empty(len(vertices), np.uint8)
     number(faces, order, starts, n, marks, local, corners, face_of, face_starts, vertex_starts)
     points = np.zeros(3 * int(vertex_starts[-1]) + LANES)  # read beyond the last one
-    bounds = np.empty((n, BOUNDS))
+    bounds = np.zeros((BOUNDS, n + LANES))  # sixteen are read at once
     marks[:] = -1
     place(vertices, faces, order, starts, n, marks, vertex_starts, points)
     bound(vertices, faces, order, starts, n, vertex_starts, points, bounds)
@@ -211,14 +214,14 @@ def bound(vertices, faces, order, starts, n, vertex_starts, points, bounds):
             for i in range(1, width):
                 low = min(low, points[begin + axis * width + i])
                 high = max(high, points[begin + axis * width + i])
-            bounds[k, axis] = 0.5 * (low + high)
+            bounds[axis, k] = 0.5 * (low + high)
         squared = 0.0
         for i in range(width):
-            x = points[begin + i] - bounds[k, 0]
-            y = points[begin + width + i] - bounds[k, 1]
-            z = points[begin + 2 * width + i] - bounds[k, 2]
+            x = points[begin + i] - bounds[0, k]
+            y = points[begin + width + i] - bounds[1, k]
+            z = points[begin + 2 * width + i] - bounds[2, k]
             squared = max(squared, x * x + y * y + z * z)
-        bounds[k, 3] = np.sqrt(squared)
+        bounds[3, k] = np.sqrt(squared)
         sum_x = sum_y = sum_z = 0.0
         offset = altitude = np.inf
         for i in range(starts[k], starts[k + 1]):
@@ -240,9 +243,9 @@ def bound(vertices, faces, order, starts, n, vertex_starts, points, bounds):
             row[0], row[1], row[2] = x, y, z
             sum_x, sum_y, sum_z = sum_x + x, sum_y + y, sum_z + z
             away = (
-                x * (vertices[a, 0] - bounds[k, 0])
-                + y * (vertices[a, 1] - bounds[k, 1])
-                + z * (vertices[a, 2] - bounds[k, 2])
+                x * (vertices[a, 0] - bounds[0, k])
+                + y * (vertices[a, 1] - bounds[1, k])
+                + z * (vertices[a, 2] - bounds[2, k])
             )
             offset = min(offset, away)
         length = np.sqrt(sum_x * sum_x + sum_y * sum_y + sum_z * sum_z)
@@ -254,7 +257,7 @@ def bound(vertices, faces, order, starts, n, vertex_starts, points, bounds):
                 cosine, normals[i, 0] * sum_x + normals[i, 1] * sum_y + normals[i, 2] * sum_z
             )
         angle = np.arccos(max(-1.0, cosine)) + 1e-7  # rounding, of cosines near 1 above all
-        bounds[k, 4], bounds[k, 5], bounds[k, 6] = sum_x, sum_y, sum_z
-        bounds[k, 7], bounds[k, 8] = np.cos(angle), np.sin(angle)
-        bounds[k, 9] = offset
-        bounds[k, 10] = altitude if cosine > 0.01 else 0.0
+        bounds[4, k], bounds[5, k], bounds[6, k] = sum_x, sum_y, sum_z
+        bounds[7, k], bounds[8, k] = np.cos(angle), np.sin(angle)
+        bounds[9, k] = offset
+        bounds[10, k] = altitude if cosine > 0.01 else 0.0

@@ -169,7 +169,7 @@ class _View:
             block_rows = -(-grid.height // side)
         self.columns = columns << kernels.PATCH_BITS
         self.marks = np.zeros(block_rows * columns, np.uint8)
-        self.seen = np.empty(len(scene.clusters.bounds), np.int32)
+        self.seen = np.empty(len(scene.clusters.vertex_starts) + kernels.LANES, np.int32)
         self.scratch = kernels.make_scratch()
         self.no_drawn = np.zeros((1, scene.mesh.n_faces), np.int64)
         n_samples = self.marks.size * patch * side
@@ -181,7 +181,7 @@ class _View:
             (-(-firsts.max(axis=1) // side), lasts.min(axis=1) // side), axis=1
         ).astype(np.int64)
         jacobian = np.diag(grid.lens[:2]) @ grid.mix
-        self.focal = float(np.linalg.svd(jacobian, compute_uv=False).min())
+        self.focal = np.sort(np.linalg.svd(jacobian, compute_uv=False))
 
     def count(
         self,

@@ -32,7 +32,7 @@ from numba.extending import intrinsic
 
 from rastercov.compiled import compiled, forced
 from rastercov.raster.lanes import (
-    DOUBLE, LONG, SINGLE, WORD, constants, from_bits, gather, load, looked_up, prefetch, spread,
+    DOUBLE, LONG, SINGLE, WORD, Lanes, constants, from_bits, gather, load, looked_up, prefetch, spread,
 )  # fmt: skip
 
 BITS = 8
@@ -79,9 +79,10 @@ EXACT_ROWS = 3
 STEP_X, STEP_Y, LEAST, GREATEST = 0, 1, 2, 3
 PLANE_ROWS = 4
 """Rows of `plane`: the steps again, and 1/z of the farthest and of the nearest corner."""
-EYE, LENS, NEAR = 9, 12, 16
-VIEW = 17
-"""Figures of a pose: rotation (9), eye (3), lens (4), near plane."""
+EYE, LENS, NEAR, WIDEST = 9, 12, 16, 17
+VIEW = 18
+"""Figures of a pose: rotation (9), eye (3), lens (4), near plane, and the most that a length parallel
+to the image, over its depth, is magnified to, in samples."""
 
 Shape = namedtuple("Shape", "points corners faces")
 """A mesh in clusters: pointers, as in all of these, to what `rastercov.raster.clusters` made."""
@@ -116,45 +117,134 @@ def pointer(typing, array):
 
 
 @intrinsic
-def project_lanes(typing, points, at, stride, view, placed, to):
-    """Image positions of `LANES` vertices, see `project`."""
+def project(typing, points, begin, end, view, placed):
+    """Bring the vertices of a cluster to the image; returns the box that they fill, in steps.
+
+    Least and greatest x, least and greatest y.
+
+    Parameters
+    ----------
+    points : float64
+        x of the cluster's vertices from 3 `begin` on, then their y, then their z, from the same
+        origin as the eye.
+    begin, end : int
+        First vertex of the cluster, and of the next one.
+    view : (17,) float64
+        world_from_camera, eye, fx, fy, cx, cy in samples, and the depth below which a vertex is cut
+        off.
+    placed : Placed
+        Out. `u`, `v`: steps of 1/256 sample, not rounded. `w`: 1/z. `x`, `y`, and `both` together:
+        where the vertex stands when samples are given out, `CLIPPED` where it needs clipping. What
+        comes after the cluster's vertices means nothing.
+    """
 
     def generate(context, builder, signature, args):
-        points, at, stride, view, placed, to = args
-        u, v, w, x, y, both = (builder.extract_value(placed, k) for k in range(6))
+        points, begin, end, view, placed = args
+        figures = [
+            spread(builder, builder.load(builder.gep(view, [LONG(k)])), LANES) for k in range(VIEW)
+        ]
+        n = builder.sub(end, begin)
+        lanes = constants(builder, LONG, range(LANES))
+        words = lanes.to(WORD)
+        box = []
+        for start in (CLIPPED, -CLIPPED) * 2:
+            box.append(cgutils.alloca_once_value(builder, words.like(start).value))
+        with cgutils.for_range_slice(builder, LONG(0), n, LONG(LANES), LONG) as (to, _):
+            at = [
+                builder.add(builder.add(builder.mul(begin, LONG(3)), builder.mul(n, LONG(axis))), to)
+                for axis in range(3)
+            ]
+            steps = _project_lanes(builder, points, at, figures, placed, to)
+            is_vertex = lanes < spread(builder, builder.sub(n, to), LANES)
+            for k, found in enumerate(box):
+                old, new = Lanes(builder, builder.load(found)), steps[k >> 1]
+                closest = new.greatest(old) if k & 1 else new.least(old)
+                builder.store(closest.where(is_vertex, old).value, found)
+        found = [
+            Lanes(builder, builder.load(found)).reduced("greatest" if k & 1 else "least")
+            for k, found in enumerate(box)
+        ]
+        return context.make_tuple(builder, signature.return_type, found)
 
-        def figure(k):
-            return spread(builder, builder.load(builder.gep(view, [LONG(k)])), LANES)
+    box = types.UniTuple(types.int32, 4)
+    return box(points, types.int64, types.int64, view, placed), generate
 
-        away = []
-        for axis in range(3):
-            place = builder.add(at, builder.mul(stride, LONG(axis)))
-            world = load(builder, builder.gep(points, [place]), LANES)
-            away.append(world - figure(EYE + axis))
-        right, down, z = (
-            away[0] * figure(k) + away[1] * figure(3 + k) + away[2] * figure(6 + k)
-            for k in range(3)
-        )
-        inverse = z.like(1.0) / z
-        is_seen = z >= figure(NEAR)
-        exact = (
-            (figure(LENS) * right * inverse + figure(LENS + 2)) * float(STEPS),
-            (figure(LENS + 1) * down * inverse + figure(LENS + 3)) * float(STEPS),
-        )
-        for position in exact:
-            is_seen = is_seen & (position.magnitude() <= float(FAR_OUT))
-        inverse.store(builder.gep(w, [to]))
-        steps = []
-        for position, u_or_v, x_or_y in zip(exact, (u, v), (x, y), strict=True):
-            position.store(builder.gep(u_or_v, [to]))
-            rounded = (position.where(is_seen, 0.0) + 0.5).floor().to(WORD)
-            steps.append(rounded.where(is_seen, CLIPPED))
-            steps[-1].store(builder.gep(x_or_y, [to]))
-        packed = (steps[1].to(LONG) << 32) | (steps[0].to(LONG) & 0xFFFFFFFF)
-        packed.store(builder.gep(both, [to]))
-        return context.get_dummy_value()
 
-    return types.void(points, types.int64, types.int64, view, placed, types.int64), generate
+def _project_lanes(builder, points, at, figures, placed, to):
+    """Place sixteen vertices; returns their whole steps."""
+    u, v, w, x, y, both = (builder.extract_value(placed, k) for k in range(6))
+    away = [
+        load(builder, builder.gep(points, [at[axis]]), LANES) - figures[EYE + axis]
+        for axis in range(3)
+    ]
+    right, down, z = (
+        away[0] * figures[k] + away[1] * figures[3 + k] + away[2] * figures[6 + k] for k in range(3)
+    )
+    inverse = z.like(1.0) / z
+    is_seen = z >= figures[NEAR]
+    exact = (
+        (figures[LENS] * right * inverse + figures[LENS + 2]) * float(STEPS),
+        (figures[LENS + 1] * down * inverse + figures[LENS + 3]) * float(STEPS),
+    )
+    for position in exact:
+        is_seen = is_seen & (position.magnitude() <= float(FAR_OUT))
+    inverse.store(builder.gep(w, [to]))
+    steps = []
+    for position, u_or_v, x_or_y in zip(exact, (u, v), (x, y), strict=True):
+        position.store(builder.gep(u_or_v, [to]))
+        rounded = (position.where(is_seen, 0.0) + 0.5).floor().to(WORD)
+        steps.append(rounded.where(is_seen, CLIPPED))
+        steps[-1].store(builder.gep(x_or_y, [to]))
+    together = (steps[1].to(LONG) << 32) | (steps[0].to(LONG) & 0xFFFFFFFF)
+    together.store(builder.gep(both, [to]))
+    return steps
+
+
+@intrinsic
+def cull_lanes(typing, bounds, stride, at, view, sides, focal, leaves_out_backs):
+    """Bits of sixteen clusters, from `at` on, of which something may have to be drawn.
+
+    A cluster lies outside where its sphere is beyond one of the planes of `frustum`. All of its
+    faces turn their back, and still do once rounded to steps, where their planes are far enough
+    from the eye: with D the distance of the cluster's farthest point and h that of the eye behind
+    the plane of a face, the altitudes of the face are in the image at least focal h / D^2 of what
+    they are in space. Rounding moves a corner by at most 0.71 steps, so it turns no face whose
+    altitudes are 3 steps or more. Faces that are clipped are cut and rounded again, so they stay.
+    """
+
+    def generate(context, builder, signature, args):
+        bounds, stride, at, view, sides, focal, leaves_out_backs = args
+
+        def row(k):
+            place = builder.add(builder.mul(stride, LONG(k)), at)
+            return load(builder, builder.gep(bounds, [place]), LANES)
+
+        def figure(pointer, k):
+            return spread(builder, builder.load(builder.gep(pointer, [LONG(k)])), LANES)
+
+        away = [row(k) - figure(view, EYE + k) for k in range(3)]
+        radius, near = row(3), figure(view, NEAR)
+        for k in range(5):
+            normal = [figure(sides, 4 * k + axis) for axis in range(3)]
+            distance = normal[0] * away[0] + normal[1] * away[1] + normal[2] * away[2]
+            limit = near if k == 4 else radius.like(0)
+            beyond = distance + radius * figure(sides, 4 * k + 3) < limit
+            is_outside = beyond if k == 0 else is_outside | beyond
+        nearest = distance - radius  # along the axis of the camera
+        squared = away[0] * away[0] + away[1] * away[1] + away[2] * away[2]
+        along = away[0] * row(4) + away[1] * row(5) + away[2] * row(6)
+        across = (squared - along * along).greatest(0).root()
+        height = across * row(8) - along * row(7) - row(9)  # the greatest over its normals
+        reach = squared.root() + radius
+        magnified = spread(builder, focal, LANES) * float(STEPS)
+        is_back = height * row(10) * magnified < reach * reach * -3.1
+        is_back = is_back & (nearest >= near)
+        is_back = is_back & (reach * figure(view, WIDEST) <= nearest * float(FAR_OUT >> BITS >> 1))
+        wanted = from_bits(builder, leaves_out_backs, LANES)
+        return (~(is_outside | (is_back & wanted))).bits()
+
+    whole = types.int64
+    return whole(bounds, whole, whole, view, sides, types.float64, whole), generate
 
 
 def _corners(context, builder, packed, placed, kind):
@@ -659,34 +749,6 @@ def lowest_bit(typing, bits):
 
 
 @forced
-def project(points, begin, end, view, placed):
-    """Bring the vertices of a cluster to the image; returns the box that they fill, in steps.
-
-    Parameters
-    ----------
-    points : float64
-        x of the cluster's vertices from 3 `begin` on, then their y, then their z, from the same
-        origin as the eye.
-    begin, end : int
-        First vertex of the cluster, and of the next one.
-    view : (17,) float64
-        world_from_camera, eye, fx, fy, cx, cy in samples, and the depth below which a vertex is cut
-        off.
-    placed : Placed
-        Out. `u`, `v`: steps of 1/256 sample, not rounded. `w`: 1/z. `x`, `y`: where the vertex
-        stands when samples are given out, `CLIPPED` where it needs clipping.
-    """
-    n = end - begin
-    for i in range(0, n, LANES):
-        project_lanes(points, 3 * begin + i, n, view, placed, i)
-    low_x, high_x, low_y, high_y = placed.x[0], placed.x[0], placed.y[0], placed.y[0]
-    for i in range(1, n):
-        low_x, high_x = min(low_x, placed.x[i]), max(high_x, placed.x[i])
-        low_y, high_y = min(low_y, placed.y[i]), max(high_y, placed.y[i])
-    return low_x, high_x, low_y, high_y
-
-
-@forced
 def sift(shape, begin, end, placed, window, batch, counts, octets, tiny, small, hidden, other):
     """List the faces of a cluster that can own a sample; returns the lengths of the lists.
 
@@ -981,35 +1043,6 @@ def frustum(view, width, top, bottom, planes):
 
 
 @forced
-def is_outside(bound, view, planes):
-    """Whether a cluster lies outside one of the planes of `frustum`."""
-    x, y, z = bound[0] - view[EYE], bound[1] - view[EYE + 1], bound[2] - view[EYE + 2]
-    for k in range(5):
-        reach = planes[k, 0] * x + planes[k, 1] * y + planes[k, 2] * z + bound[3] * planes[k, 3]
-        if reach < (view[NEAR] if k == 4 else 0.0):
-            return True
-    return False
-
-
-@forced
-def turns_its_back(bound, view, focal):
-    """Whether all faces of a cluster turn their back, and still do once rounded to steps.
-
-    With D the distance of the cluster's farthest point and h that of the eye behind the plane of a
-    face, the altitudes of the face are in the image at least focal h / D^2 of what they are in
-    space. Rounding moves a corner by at most 0.71 steps, so it turns no face whose altitudes are
-    3 steps or more.
-    """
-    x, y, z = view[EYE] - bound[0], view[EYE + 1] - bound[1], view[EYE + 2] - bound[2]
-    along = bound[4] * x + bound[5] * y + bound[6] * z
-    squared = x * x + y * y + z * z
-    across = np.sqrt(max(squared - along * along, 0.0))
-    height = along * bound[7] + across * bound[8] - bound[9]  # the greatest over its normals
-    reach = np.sqrt(squared) + bound[3]
-    return height * bound[10] * focal * STEPS < -3.1 * reach * reach
-
-
-@forced
 def clear(low_x, high_x, low_y, high_y, window, marks, depth):
     """Clear the blocks that a box reaches, unless they are clear; returns whether there are any."""
     first_x = max((np.int64(low_x) + HALF - 1) >> BITS, 0)
@@ -1177,8 +1210,9 @@ def count_poses(
         Near plane of each pose.
     culls : (P,) bool
         Whether the faces that turn their back can be left out.
-    focal : float
-        The least that a length parallel to the image, over its depth, is magnified to, in samples.
+    focal : (2,) float64
+        The least and the most that a length parallel to the image, over its depth, is magnified to,
+        in samples.
     lens : (4,) float64
         fx, fy, cx, cy in samples.
     size : (2,) int64
@@ -1204,7 +1238,7 @@ def count_poses(
         sums mean nothing.
     filled : (P,) int64
         Samples with a face in them, to add to.
-    seen : (K,) int32
+    seen : (K + LANES,) int32
         Scratch: the clusters that are looked at.
     scratch : tuple of arrays
         From `make_scratch`.
@@ -1231,6 +1265,7 @@ def count_poses(
     )  # fmt: skip
     figures = doubles[4]
     view = pointer(figures)
+    n_clusters = len(vertex_starts) - 1
     image = Image(pointer(depth), pointer(owner))
     columns = np.int32((size[0] + (SIDE << PATCH_BITS) - 1) >> (SIDE_BITS + PATCH_BITS) << PATCH_BITS)
     full_x = 0 if is_rolled else size[0] >> SIDE_BITS
@@ -1239,7 +1274,7 @@ def count_poses(
         figures[:EYE] = poses[p, :3, :3].ravel()
         figures[EYE:LENS] = poses[p, :3, 3]
         figures[LENS:NEAR] = lens
-        figures[NEAR] = nears[p]
+        figures[NEAR], figures[WIDEST] = nears[p], focal[1]
         counts = Counts(
             pointer(visible[p]), pointer(drawn[p if with_drawn else 0]), with_drawn
         )
@@ -1252,15 +1287,15 @@ def count_poses(
             )  # fmt: skip
             frustum(view, size[0], top, bottom, sides)
             marks[:] = 0
+            leaves_out_backs = ALL_LANES if culls[p] and not with_drawn else 0
             n_seen = 0
-            for cluster in range(len(bounds)):
-                bound = pointer(bounds[cluster])
-                if is_outside(bound, view, sides):
-                    continue
-                if culls[p] and not with_drawn and turns_its_back(bound, view, focal):
-                    continue
-                seen[n_seen] = cluster
-                n_seen += 1
+            for at in range(0, n_clusters, LANES):
+                found = cull_lanes(
+                    pointer(bounds), bounds.shape[1], at, view, pointer(sides), focal[0],
+                    leaves_out_backs,
+                )  # fmt: skip
+                found &= ALL_LANES >> max(LANES - (n_clusters - at), 0)
+                n_seen = list_lanes(octets, found, at, pointer(seen), n_seen)
             for i in range(n_seen):
                 cluster = seen[i]
                 if i + 1 < n_seen:

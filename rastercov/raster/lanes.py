@@ -139,6 +139,10 @@ class Lanes:
         """Rounded down."""
         return self._call("floor")
 
+    def root(self) -> "Lanes":
+        """The square root."""
+        return self._call("sqrt")
+
     def magnitude(self) -> "Lanes":
         """Without the sign."""
         return self._call("fabs")
@@ -147,6 +151,20 @@ class Lanes:
         """The values of whole numbers, as 64 bits."""
         values = (self.builder.extract_element(self.value, WORD(k)) for k in range(len(self)))
         return [self.builder.sext(value, LONG) for value in values]
+
+    def reduced(self, to: str) -> Any:
+        """One value of all lanes: the `least` or the `greatest`."""
+        values = self
+        n = len(self)
+        while n > 1:
+            n //= 2
+            halves = []
+            for start in (0, n):
+                picked = ir.Constant(ir.VectorType(WORD, n), list(range(start, start + n)))
+                half = self.builder.shuffle_vector(values.value, values.value, picked)
+                halves.append(Lanes(self.builder, half))
+            values = getattr(halves[0], to)(halves[1])
+        return self.builder.extract_element(values.value, WORD(0))
 
     def bits(self) -> Any:
         """A mask as a 64-bit whole number, lane 0 lowest."""
