@@ -65,11 +65,12 @@ CACHE_LINE = 64
 """Bytes that are fetched together; where it is more, some are asked for twice."""
 ROOM = 256
 """Vertices that a byte can tell apart; and enough for all else that a cluster wants."""
-E, ACROSS, DOWN = 0, 3, 6
-EDGE_ROWS = 9
+E, ACROSS, DOWN, CORNER, INNER = 0, 3, 6, 9, 12
+EDGE_ROWS = 15
 """Rows of `edges`, for each of three edge functions, in units of `STEPS`: its value at the first
-sample of the first block that a triangle reaches, its step to the next sample and to the next
-row."""
+sample of the first block that a triangle reaches, its step to the next sample and to the next row.
+Then those of one triangle: its values at the first samples of sixteen blocks, and what it gains from
+there to the other samples of a block."""
 FIRST_X, LAST_X, FIRST_Y, LAST_Y, FACE = 0, 1, 2, 3, 4
 WHOLE_ROWS = 5
 """Rows of `whole`: the samples that the triangle reaches, and its face."""
@@ -582,47 +583,54 @@ def owned_lanes(typing, edges, batch):
 
 
 @intrinsic
-def block_masks(typing, edges, k, right, down, batch):
-    """Bits of the blocks of a group in which triangle k has samples, which go to `batch.masks`.
+def group_lanes(typing, edges, k, right, down):
+    """Bits of the blocks of a group that triangle k reaches, and a few more near its corners.
 
-    The group starts `right` and `down` blocks from the first one that the triangle reaches.
+    The group starts `right` and `down` blocks from the first one that the triangle reaches. Its
+    values go to the rows `CORNER` and `INNER`.
     """
 
     def generate(context, builder, signature, args):
-        edges, k, right, down, batch = args
-        masks = builder.extract_value(batch, 5)
+        edges, k, right, down = args
         kind = edges.type.pointee
         if kind == WORD:
             right, down = builder.trunc(right, WORD), builder.trunc(down, WORD)
-        starts, across, below = [], [], []
+        lane_x, lane_y = constants(builder, kind, LANE_X), constants(builder, kind, LANE_Y)
+        x = (spread(builder, right, LANES) + lane_x) * SIDE
+        y = (spread(builder, down, LANES) + lane_y) * SIDE
+        highest = []
         for n in range(3):
-            value, step_x, step_y = (
-                builder.load(builder.gep(edges, [builder.add(k, LONG(row * LANES))]))
+            value, across, below = (
+                spread(
+                    builder, builder.load(builder.gep(edges, [builder.add(k, LONG(row * LANES))])), LANES
+                )
                 for row in (E + n, ACROSS + n, DOWN + n)
             )
-            step_x, step_y = spread(builder, step_x, LANES), spread(builder, step_y, LANES)
-            inner = step_x * constants(builder, kind, LANE_X)
-            inner = inner + step_y * constants(builder, kind, LANE_Y)
-            across.append(step_x * SIDE)
-            below.append(step_y * SIDE)
-            away = across[n] * spread(builder, right, LANES)
-            away = away + below[n] * spread(builder, down, LANES)
-            starts.append(spread(builder, value, LANES) + away + inner)
-        found = LONG(0)
-        for j in range(SIDE):
-            values = starts
-            for i in range(SIDE):
-                inside = (_sign(values) >= 0).bits()
-                lane = j * SIDE + i
-                builder.store(builder.trunc(inside, WORD), builder.gep(masks, [LONG(lane)]))
-                is_some = builder.zext(builder.icmp_signed("!=", inside, LONG(0)), LONG)
-                found = builder.or_(found, builder.shl(is_some, LONG(lane)))
-                values = [value + step for value, step in zip(values, across, strict=True)]
-            starts = [value + step for value, step in zip(starts, below, strict=True)]
-        return found
+            value = value + (across * x + below * y)
+            value.store(builder.gep(edges, [LONG((CORNER + n) * LANES)]))
+            inner = across * lane_x + below * lane_y
+            inner.store(builder.gep(edges, [LONG((INNER + n) * LANES)]))
+            highest.append(value + (across.greatest(0) + below.greatest(0)) * (SIDE - 1))
+        return (_sign(highest) >= 0).bits()
 
     whole = types.int64
-    return whole(edges, whole, whole, whole, batch), generate
+    return whole(edges, whole, whole, whole), generate
+
+
+@intrinsic
+def inside_lanes(typing, edges, block):
+    """Bits of the samples inside the triangle of `group_lanes`, in a block of its group."""
+
+    def generate(context, builder, signature, args):
+        edges, block = args
+        values = []
+        for n in range(3):
+            corner = builder.gep(edges, [builder.add(block, LONG((CORNER + n) * LANES))])
+            inner = load(builder, builder.gep(edges, [LONG((INNER + n) * LANES)]), LANES)
+            values.append(spread(builder, builder.load(corner), LANES) + inner)
+        return (_sign(values) >= 0).bits()
+
+    return types.int64(edges, types.int64), generate
 
 
 @intrinsic
@@ -901,10 +909,10 @@ def blocks_of(k, batch):
 
 
 @forced
-def group_masks(k, group_x, group_y, reached, edges, batch):
-    """Bits of the blocks of a group in which triangle k has samples, see `block_masks`."""
+def group_blocks(k, group_x, group_y, reached, edges):
+    """Bits of the blocks of a group that triangle k may have samples in, see `group_lanes`."""
     first_x, last_x, first_y, last_y = reached
-    blocks = block_masks(edges, k, group_x - first_x, group_y - first_y, batch)
+    blocks = group_lanes(edges, k, group_x - first_x, group_y - first_y)
     n_columns, n_rows = min(last_x - group_x + 1, SIDE), min(last_y - group_y + 1, SIDE)
     return blocks & ((1 << n_columns) - 1) * 0x1111 & ((1 << (SIDE * n_rows)) - 1)
 
@@ -936,15 +944,17 @@ def fill_blocks(chosen, window, edges, batch, image, counts):
         gained, owned = 0, 0
         for group_y in range(first_y, last_y + 1, SIDE):
             for group_x in range(first_x, last_x + 1, SIDE):
-                blocks = group_masks(k, group_x, group_y, reached, edges, batch)
+                blocks = group_blocks(k, group_x, group_y, reached, edges)
                 while blocks:
                     lane = lowest_bit(blocks)
                     blocks &= blocks - 1
                     block_x = group_x + (lane & (SIDE - 1))
                     block_y = group_y + (lane >> SIDE_BITS)
-                    bits = np.int64(batch.masks[lane])
+                    bits = inside_lanes(edges, lane)
                     if is_cut:
                         bits = in_image(bits, block_x, block_y, window)
+                    if bits == 0:
+                        continue
                     owned += count_bits(bits)
                     start = np.float32(
                         origin + slope_y * (block_y << SIDE_BITS) + slope_x * (block_x << SIDE_BITS)
@@ -970,11 +980,11 @@ def covered(k, window, edges, batch):
     owned = 0
     for group_y in range(first_y, last_y + 1, SIDE):
         for group_x in range(first_x, last_x + 1, SIDE):
-            blocks = group_masks(k, group_x, group_y, reached, edges, batch)
+            blocks = group_blocks(k, group_x, group_y, reached, edges)
             while blocks:
                 lane = lowest_bit(blocks)
                 blocks &= blocks - 1
-                bits = np.int64(batch.masks[lane])
+                bits = inside_lanes(edges, lane)
                 if is_cut:
                     block_x, block_y = group_x + (lane & (SIDE - 1)), group_y + (lane >> SIDE_BITS)
                     bits = in_image(bits, block_x, block_y, window)
