@@ -98,6 +98,8 @@ of blocks that are, and samples of each row."""
 Batch = namedtuple("Batch", "whole exact plane sample here masks")
 """Sixteen triangles: rows of what the constants above name. Then one sample or block of each: where
 in memory, and 1/z at its first sample; and bits of sixteen blocks."""
+Lists = namedtuple("Lists", "tiny small hidden large clipped")
+"""Faces of a cluster, see `sift`."""
 Image = namedtuple("Image", "depth owner")
 """Blocks of samples: 1/z, 0 where nothing is; and the face."""
 Counts = namedtuple("Counts", "visible drawn with_drawn")
@@ -310,11 +312,11 @@ def _sign(values):
 
 @intrinsic
 def sift_lanes(typing, corners, at, placed, window, batch):
-    """Which of sixteen faces can own a sample: twice 3 x 16 bits.
+    """Which of sixteen faces can own a sample: 4 x 16 bits, and 2 x 16 bits of hidden ones.
 
-    The lowest reach at most 2 x 2 samples and own one, the next ones reach more, and the last are
-    large or want clipping, and were not looked at further. The second number has those that turn
-    their back where these are hidden. How many samples the lowest own goes to `batch.masks`.
+    The lowest reach at most 2 x 2 samples and own one, the next ones reach more, the next ones are
+    large, and the last want clipping; these two were not looked at further. Hidden are those that
+    turn their back where that hides them. How many samples the lowest own goes to `batch.masks`.
     """
 
     def generate(context, builder, signature, args):
@@ -342,7 +344,7 @@ def sift_lanes(typing, corners, at, placed, window, batch):
         is_tiny = (wide <= 1) & (tall <= 1)
         is_small = can_own & ~(is_large | is_clipped)
         classes = is_small & is_tiny & (owned > 0), is_small & ~is_tiny
-        other = is_clipped | (can_own & is_large)
+        is_large = is_large & can_own & ~is_clipped
         is_hidden = (area > 0) & (hides_back > 0)
         is_shown = (area < 0) | ((area > 0) & (hides_back <= 0))
         found = []
@@ -350,7 +352,8 @@ def sift_lanes(typing, corners, at, placed, window, batch):
             bits = (classes[0] & side).bits()
             next_bits = builder.shl((classes[1] & side).bits(), LONG(LANES))
             found.append(builder.or_(bits, next_bits))
-        found[0] = builder.or_(found[0], builder.shl(other.bits(), LONG(2 * LANES)))
+        for k, group in ((2, is_large), (3, is_clipped)):
+            found[0] = builder.or_(found[0], builder.shl(group.bits(), LONG(k * LANES)))
         return context.make_tuple(builder, signature.return_type, found)
 
     both = types.UniTuple(types.int64, 2)
@@ -399,7 +402,8 @@ def _set_up(with_planes):
         """Edge functions and planes of sixteen triangles, in as many bits as `edges` has.
 
         Returns bits of those that reach at most 2 x 2 blocks; above them those that reach two columns,
-        and two rows: of samples, if they reach at most 2 x 2, else of blocks.
+        and two rows: of samples, if they reach at most 2 x 2, else of blocks. And bits of those that
+        can own a sample, as far as their corners tell; above them those of these that are hidden.
         """
 
         def generate(context, builder, signature, args):
@@ -456,10 +460,15 @@ def _set_up(with_planes):
             found = LONG(0)
             for k, group in enumerate(groups):
                 found = builder.or_(found, builder.shl(group.bits(), LONG(k * LANES)))
-            return found
+            hides = spread(builder, builder.extract_value(window, 3), LANES) > 0
+            can_own = (last_x >= first_x) & (last_y >= first_y)
+            shown = can_own & ((area < 0) | ((area > 0) & ~hides))
+            hidden = can_own & (area > 0) & hides
+            sides = builder.or_(shown.bits(), builder.shl(hidden.bits(), LONG(LANES)))
+            return context.make_tuple(builder, signature.return_type, (found, sides))
 
         arguments = chosen, types.int64, shape, placed, window, edges, batch, visible
-        return types.int64(*arguments), generate
+        return types.UniTuple(types.int64, 2)(*arguments), generate
 
     return set_up_lanes
 
@@ -618,6 +627,34 @@ def group_lanes(typing, edges, k, right, down):
 
 
 @intrinsic
+def group_starts(typing, k, group_x, group_y, window, batch):
+    """Where the blocks of a group stand in memory, and 1/z of triangle k at their first samples.
+
+    To `batch.sample` and `batch.here`.
+    """
+
+    def generate(context, builder, signature, args):
+        k, group_x, group_y, window, batch = args
+        exact, sample, here = (builder.extract_value(batch, n) for n in (1, 3, 4))
+        top, columns = (spread(builder, builder.extract_value(window, n), LANES) for n in (1, 4))
+        x = spread(builder, builder.trunc(group_x, WORD), LANES) + constants(builder, WORD, LANE_X)
+        y = spread(builder, builder.trunc(group_y, WORD), LANES) + constants(builder, WORD, LANE_Y)
+        (((y - (top >> SIDE_BITS)) * columns + x) << (2 * SIDE_BITS)).store(sample)
+        origin, slope_x, slope_y = (
+            spread(
+                builder, builder.load(builder.gep(exact, [builder.add(k, LONG(row * LANES))])), LANES
+            )
+            for row in (ORIGIN, SLOPE_X, SLOPE_Y)
+        )
+        x, y = (x << SIDE_BITS).to(DOUBLE), (y << SIDE_BITS).to(DOUBLE)
+        (origin + slope_y * y + slope_x * x).to(SINGLE).store(here)
+        return context.get_dummy_value()
+
+    whole = types.int64
+    return types.void(whole, whole, whole, window, batch), generate
+
+
+@intrinsic
 def inside_lanes(typing, edges, block):
     """Bits of the samples inside the triangle of `group_lanes`, in a block of its group."""
 
@@ -665,6 +702,18 @@ def write_lanes(typing, image, at, bits, batch, k, start):
 
     arguments = image, types.int64, types.int64, batch, types.int64, types.float32
     return types.int64(*arguments), generate
+
+
+@intrinsic
+def owned_by(typing, owner, at, face):
+    """Bits of the samples of a block that a face holds."""
+
+    def generate(context, builder, signature, args):
+        owner, at, face = args
+        held = load(builder, builder.gep(owner, [at]), LANES)
+        return held.equals(spread(builder, face, LANES)).bits()
+
+    return types.int64(owner, types.int64, types.int32), generate
 
 
 @intrinsic
@@ -757,7 +806,7 @@ def lowest_bit(typing, bits):
 
 
 @forced
-def sift(shape, begin, end, placed, window, batch, counts, octets, tiny, small, hidden, other):
+def sift(shape, begin, end, placed, window, batch, counts, octets, lists):
     """List the faces of a cluster that can own a sample; returns the lengths of the lists.
 
     Parameters
@@ -768,17 +817,19 @@ def sift(shape, begin, end, placed, window, batch, counts, octets, tiny, small, 
         Samples of hidden faces that reach at most 2 x 2 are added to `drawn` where it is asked for.
     octets : uint8
         See `list_lanes`.
-    tiny, small, hidden, other : int32
+    lists : Lists
         Out: slots of faces that reach at most 2 x 2 samples and own one, that reach more, that
-        reach more and are hidden, and of those that are large or want clipping.
+        reach more and are hidden, that are large, and that want clipping.
     """
-    n_tiny, n_small, n_hidden, n_other = 0, 0, 0, 0
+    tiny, small, hidden, large, clipped = lists
+    n_tiny = n_small = n_hidden = n_large = n_clipped = 0
     for at in range(begin, end, LANES):
         shown, back = sift_lanes(shape.corners, at, placed, window, batch)
         n_tiny = list_lanes(octets, shown & ALL_LANES, at, tiny, n_tiny)
         n_small = list_lanes(octets, shown >> LANES & ALL_LANES, at, small, n_small)
         if shown >> 2 * LANES:
-            n_other = list_lanes(octets, shown >> 2 * LANES, at, other, n_other)
+            n_large = list_lanes(octets, shown >> 2 * LANES & ALL_LANES, at, large, n_large)
+            n_clipped = list_lanes(octets, shown >> 3 * LANES & ALL_LANES, at, clipped, n_clipped)
         if counts.with_drawn:
             if window.full_x > 0:
                 tiny_back = back & ALL_LANES
@@ -790,7 +841,7 @@ def sift(shape, begin, end, placed, window, batch, counts, octets, tiny, small, 
             else:
                 back = (back | back >> LANES) & ALL_LANES
             n_hidden = list_lanes(octets, back, at, hidden, n_hidden)
-    return n_tiny, n_small, n_hidden, n_other
+    return n_tiny, n_small, n_hidden, n_large, n_clipped
 
 
 @compiled
@@ -859,8 +910,10 @@ def resolve(at, bits, batch, k, start, face, image, visible):
     n_won = count_bits(won)
     n_new = n_won - count_bits(lost)
     while lost:
-        visible[image.owner[at + lowest_bit(lost)]] -= 1
-        lost &= lost - 1
+        loser = image.owner[at + lowest_bit(lost)]
+        its = owned_by(image.owner, at, loser) & lost
+        visible[loser] -= count_bits(its)
+        lost &= ~its
     own_lanes(image.owner, at, won, face)
     return n_won, n_new
 
@@ -938,30 +991,26 @@ def fill_blocks(chosen, window, edges, batch, image, counts):
         reached = blocks_of(k, batch)
         first_x, last_x, first_y, last_y = reached
         face = batch.whole[FACE * LANES + k]
-        origin = batch.exact[ORIGIN * LANES + k]
-        slope_x, slope_y = batch.exact[SLOPE_X * LANES + k], batch.exact[SLOPE_Y * LANES + k]
         is_cut = last_x >= window.full_x or last_y >= window.full_y
         gained, owned = 0, 0
         for group_y in range(first_y, last_y + 1, SIDE):
             for group_x in range(first_x, last_x + 1, SIDE):
                 blocks = group_blocks(k, group_x, group_y, reached, edges)
+                group_starts(k, group_x, group_y, window, batch)
                 while blocks:
                     lane = lowest_bit(blocks)
                     blocks &= blocks - 1
-                    block_x = group_x + (lane & (SIDE - 1))
-                    block_y = group_y + (lane >> SIDE_BITS)
                     bits = inside_lanes(edges, lane)
                     if is_cut:
+                        block_x, block_y = group_x + (lane & (SIDE - 1)), group_y + (lane >> SIDE_BITS)
                         bits = in_image(bits, block_x, block_y, window)
                     if bits == 0:
                         continue
                     owned += count_bits(bits)
-                    start = np.float32(
-                        origin + slope_y * (block_y << SIDE_BITS) + slope_x * (block_x << SIDE_BITS)
-                    )
-                    row = (block_y - (window.top >> SIDE_BITS)) * window.columns
-                    at = (row + block_x) << (2 * SIDE_BITS)
-                    n_won, n_new = resolve(at, bits, batch, k, start, face, image, counts.visible)
+                    n_won, n_new = resolve(
+                        np.int64(batch.sample[lane]), bits, batch, k, batch.here[lane], face, image,
+                        counts.visible,
+                    )  # fmt: skip
                     gained += n_won
                     filled += n_new
         if gained:
@@ -997,12 +1046,12 @@ def fill(tiny, n_tiny, small, n_small, shape, placed, window, edges, batch, imag
     """Fill the triangles of two lists of `sift`; returns how many samples were empty."""
     filled = 0
     for i in range(0, n_tiny, LANES):
-        sizes = set_up_lanes(tiny, i, shape, placed, window, edges, batch, counts.visible)
+        sizes, _ = set_up_lanes(tiny, i, shape, placed, window, edges, batch, counts.visible)
         valid = ALL_LANES >> max(LANES - (n_tiny - i), 0)
         wide, tall = sizes >> LANES, sizes >> 2 * LANES
         filled += fill_tiny(valid, wide, tall, window, edges, batch, image, counts)
     for i in range(0, n_small, LANES):
-        sizes = set_up_lanes(small, i, shape, placed, window, edges, batch, counts.visible)
+        sizes, _ = set_up_lanes(small, i, shape, placed, window, edges, batch, counts.visible)
         valid = ALL_LANES >> max(LANES - (n_small - i), 0)
         few = sizes & valid
         if count_bits(few) < FEW:
@@ -1020,7 +1069,7 @@ def fill(tiny, n_tiny, small, n_small, shape, placed, window, edges, batch, imag
 def count_hidden(listed, n, shape, placed, window, edges, batch, counts):
     """Add the samples of the triangles of a list to `drawn`, without a look at their depths."""
     for i in range(0, n, LANES):
-        few = set_up_edges(listed, i, shape, placed, window, edges, batch, counts.visible)
+        few, _ = set_up_edges(listed, i, shape, placed, window, edges, batch, counts.visible)
         few &= ALL_LANES >> max(LANES - (n - i), 0)
         if window.full_x == 0 or count_bits(few) < FEW:
             few = 0
@@ -1148,51 +1197,36 @@ def clip_face(points, begin, stride, packed, view, placed, polygon, other):
 
 
 @compiled
-def fan_out(shape, slot, points_begin, stride, view, placed, fan, polygon, other):
-    """Triangles of a face, clipped where it must be; returns how many.
-
-    `fan` is a shape of its own, whose first slots they fill.
-    """
+def fan_out(shape, slot, begin, stride, view, placed, fan, polygon, other):
+    """Clip a face and put the triangles that are left into a shape of their own: how many."""
     packed = shape.corners[slot]
-    n = 1
-    fan.corners[0] = packed
-    highest = placed.x[packed & (ROOM - 1)]
-    highest = max(highest, placed.x[packed >> 8 & (ROOM - 1)])
-    if max(highest, placed.x[packed >> 16]) == CLIPPED:
-        n = clip_face(shape.points, points_begin, stride, packed, view, placed, polygon, other) - 2
-        for k in range(n):
-            corner = VERTICES + k
-            fan.corners[k] = VERTICES | (corner + 1) << 8 | (corner + 2) << 16
+    n = clip_face(shape.points, begin, stride, packed, view, placed, polygon, other) - 2
     for k in range(n):
+        fan.corners[k] = VERTICES | (VERTICES + k + 1) << 8 | (VERTICES + k + 2) << 16
         fan.faces[k] = shape.faces[slot]
     return max(n, 0)
 
 
 @compiled
-def side_of(corners, k, placed, window):
-    """-1 for a triangle that faces the camera, 1 for one that turns its back, 0 for neither.
-
-    Nor is it looked at when it cannot own a sample; see `sift_lanes`, whose numbers are too short.
-    """
-    packed = corners[k]
-    a, b, c = packed & (ROOM - 1), packed >> 8 & (ROOM - 1), packed >> 16
-    ax, ay = np.int64(placed.x[a]), np.int64(placed.y[a])
-    bx, by = np.int64(placed.x[b]), np.int64(placed.y[b])
-    cx, cy = np.int64(placed.x[c]), np.int64(placed.y[c])
-    first_x = max((min(ax, min(bx, cx)) + HALF - 1) >> BITS, 0)
-    last_x = min((max(ax, max(bx, cx)) - HALF) >> BITS, np.int64(window.right))
-    first_y = max((min(ay, min(by, cy)) + HALF - 1) >> BITS, np.int64(window.top))
-    last_y = min((max(ay, max(by, cy)) - HALF) >> BITS, np.int64(window.bottom))
-    if first_x > last_x or first_y > last_y:
-        return 0
-    area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
-    return (area > 0) - (area < 0)
+def fill_large(listed, n, shape, placed, window, edges, batch, image, counts):
+    """Fill triangles of any size; returns how many samples were empty."""
+    filled = 0
+    for i in range(0, n, LANES):
+        _, sides = set_up_lanes(listed, i, shape, placed, window, edges, batch, counts.visible)
+        valid = ALL_LANES >> max(LANES - (n - i), 0)
+        filled += fill_blocks(sides & valid, window, edges, batch, image, counts)
+        hidden = sides >> LANES & valid
+        while hidden and counts.with_drawn:
+            k = lowest_bit(hidden)
+            counts.drawn[batch.whole[FACE * LANES + k]] += covered(k, window, edges, batch)
+            hidden &= hidden - 1
+    return filled
 
 
 def make_scratch():
     """Memory for `count_poses` in one thread, as it takes it apart."""
     return (
-        np.zeros((13, ROOM), np.int32),
+        np.zeros((14, ROOM), np.int32),
         np.zeros((2, ROOM), np.int64),
         np.zeros((5, ROOM)),
         np.zeros((2, ROOM), np.float32),
@@ -1261,17 +1295,18 @@ def count_poses(
         pointer(doubles[0]), pointer(doubles[1]), pointer(doubles[2]), pointer(words[0]),
         pointer(words[1]), pointer(longs[0]),
     )  # fmt: skip
-    tiny, small, hidden, other = (
-        pointer(words[2]), pointer(words[3]), pointer(words[4]), pointer(words[12]),
+    lists = Lists(
+        pointer(words[2]), pointer(words[3]), pointer(words[4]), pointer(words[11]),
+        pointer(words[12]),
     )  # fmt: skip
     fan = Shape(shape.points, pointer(words[5]), pointer(words[6]))
-    one_by_one = words[7]
-    for k in range(LANES + CLIP_CORNERS):
+    one_by_one = pointer(words[7])
+    for k in range(LANES):
         one_by_one[k] = k
     edges, long_edges = pointer(words[8]), pointer(longs[1])
     batch = Batch(
         pointer(words[9]), pointer(doubles[3]), pointer(singles[0]), pointer(words[10]),
-        pointer(singles[1]), pointer(words[11]),
+        pointer(singles[1]), pointer(words[13]),
     )  # fmt: skip
     figures = doubles[4]
     view = pointer(figures)
@@ -1325,35 +1360,30 @@ def count_poses(
                     box = (0, np.int32(size[0] << BITS), np.int32(top << BITS), np.int32(bottom << BITS))
                 if not clear(box[0], box[1], box[2], box[3], window, pointer(marks), image.depth):
                     continue
-                n_tiny, n_small, n_hidden, n_other = sift(
+                n_tiny, n_small, n_hidden, n_large, n_clipped = sift(
                     shape, face_starts[cluster], face_starts[cluster + 1], placed, window, batch,
-                    counts, octets, tiny, small, hidden, other,
+                    counts, octets, lists,
                 )  # fmt: skip
                 new += fill(
-                    tiny, n_tiny, small, n_small, shape, placed, window, edges, batch, image, counts
-                )
+                    lists.tiny, n_tiny, lists.small, n_small, shape, placed, window, edges, batch,
+                    image, counts,
+                )  # fmt: skip
                 if n_hidden:
-                    count_hidden(hidden, n_hidden, shape, placed, window, edges, batch, counts)
-                for at in range(n_other):
-                    n = fan_out(
-                        shape, other[at], begin, end - begin, view, placed, fan, polygon, clipped
+                    count_hidden(
+                        lists.hidden, n_hidden, shape, placed, window, edges, batch, counts
                     )
-                    for k in range(n):
-                        side = side_of(fan.corners, k, placed, window)
-                        if side > 0 and culls[p]:
-                            if with_drawn:
-                                set_up_edges(
-                                    pointer(one_by_one), k, fan, placed, window, long_edges, batch,
-                                    counts.visible,
-                                )  # fmt: skip
-                                owned = covered(0, window, long_edges, batch)
-                                counts.drawn[batch.whole[FACE * LANES]] += owned
-                        elif side != 0:
-                            set_up_lanes(
-                                pointer(one_by_one), k, fan, placed, window, long_edges, batch,
-                                counts.visible,
-                            )  # fmt: skip
-                            new += fill_blocks(1, window, long_edges, batch, image, counts)
+                if n_large:
+                    new += fill_large(
+                        lists.large, n_large, shape, placed, window, long_edges, batch, image, counts
+                    )
+                for k in range(n_clipped):
+                    n = fan_out(
+                        shape, lists.clipped[k], begin, end - begin, view, placed, fan, polygon,
+                        clipped,
+                    )  # fmt: skip
+                    new += fill_large(
+                        one_by_one, n, fan, placed, window, long_edges, batch, image, counts
+                    )
         filled[p] += new
 
 
