@@ -1155,7 +1155,7 @@ def clip(corners, n, plane, offset, out):
 
 
 @compiled
-def clip_face(points, begin, stride, packed, view, placed, polygon, other):
+def clip_face(points, begin, stride, packed, view, window, placed, polygon, other):
     """Clip a face to what is in front of the near plane and not far out; returns its corners.
 
     They are placed from `VERTICES` on.
@@ -1171,11 +1171,24 @@ def clip_face(points, begin, stride, packed, view, placed, polygon, other):
             polygon[i, k] = away[0] * view[k] + away[1] * view[3 + k] + away[2] * view[6 + k]
     if max(polygon[0, 2], max(polygon[1, 2], polygon[2, 2])) < view[NEAR]:
         return 0  # all behind, as most of these are for a camera in a room
-    plane = np.zeros(3)
-    plane[2] = 1.0
+    plane = other[CLIP_CORNERS]
+    plane[0], plane[1], plane[2] = 0.0, 0.0, 1.0
     n = clip(polygon, 3, plane, view[NEAR], other)
+    # The border of what is drawn, beyond which nothing owns a sample; and that of what is far out.
     reach = 0.99 * FAR_OUT / STEPS
-    for side in range(4):
+    lows, highs = (0.0, float(window.top)), (window.right + 1.0, window.bottom + 1.0)
+    is_far = False
+    for axis in range(2):
+        n_below, n_above = 0, 0
+        for i in range(n):
+            z = other[i, 2]
+            at = view[LENS + axis] * other[i, axis] + view[LENS + 2 + axis] * z
+            n_below += at < lows[axis] * z
+            n_above += at > highs[axis] * z
+            is_far |= abs(at) > reach * z
+        if n_below == n or n_above == n:
+            return 0
+    for side in range(4 if is_far else 0):
         # |u| <= reach, |v| <= reach: +-(f x + c z) <= reach z
         sign, axis = 1.0 - 2.0 * (side & 1), side >> 1
         plane[0], plane[1] = 0.0, 0.0
@@ -1197,10 +1210,10 @@ def clip_face(points, begin, stride, packed, view, placed, polygon, other):
 
 
 @compiled
-def fan_out(shape, slot, begin, stride, view, placed, fan, polygon, other):
+def fan_out(shape, slot, begin, stride, view, window, placed, fan, polygon, other):
     """Clip a face and put the triangles that are left into a shape of their own: how many."""
     packed = shape.corners[slot]
-    n = clip_face(shape.points, begin, stride, packed, view, placed, polygon, other) - 2
+    n = clip_face(shape.points, begin, stride, packed, view, window, placed, polygon, other) - 2
     for k in range(n):
         fan.corners[k] = VERTICES | (VERTICES + k + 1) << 8 | (VERTICES + k + 2) << 16
         fan.faces[k] = shape.faces[slot]
@@ -1233,7 +1246,7 @@ def make_scratch():
         np.array(
             [sorted(range(8), key=lambda k: not bits >> k & 1) for bits in range(256)], np.uint8
         ).ravel(),
-        *np.zeros((2, CLIP_CORNERS, 3)),
+        *np.zeros((2, CLIP_CORNERS + 1, 3)),
         np.zeros((5, 4)),
     )
 
@@ -1378,8 +1391,8 @@ def count_poses(
                     )
                 for k in range(n_clipped):
                     n = fan_out(
-                        shape, lists.clipped[k], begin, end - begin, view, placed, fan, polygon,
-                        clipped,
+                        shape, lists.clipped[k], begin, end - begin, view, window, placed, fan,
+                        polygon, clipped,
                     )  # fmt: skip
                     new += fill_large(
                         one_by_one, n, fan, placed, window, long_edges, batch, image, counts
