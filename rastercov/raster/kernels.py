@@ -59,6 +59,8 @@ PATCH_BITS = 4
 
 FACES, VERTICES = 64, 64
 """Of a cluster, at most. Corners of clipped faces follow its vertices."""
+SAMPLES_A_CLUSTER = 128
+"""Samples of an image for each cluster below which all of it is cleared at once."""
 FEW = 4
 """Triangles from which on it pays to take sixteen together."""
 CACHE_LINE = 64
@@ -1042,24 +1044,26 @@ def covered(k, window, edges, batch):
 
 
 @forced
-def fill(tiny, n_tiny, small, n_small, shape, placed, window, edges, batch, image, counts):
-    """Fill the triangles of two lists of `sift`; returns how many samples were empty."""
+def fill(lists, n_tiny, n_small, shape, placed, window, edges, batch, image, counts):
+    """Fill the small triangles that `sift` listed; returns how many samples were empty."""
+    listed = lists.tiny  # and the others behind them, so that few lanes stay empty
+    for i in range(n_small):
+        listed[n_tiny + i] = lists.small[i]
+    n = n_tiny + n_small
     filled = 0
-    for i in range(0, n_tiny, LANES):
-        sizes, _ = set_up_lanes(tiny, i, shape, placed, window, edges, batch, counts.visible)
-        valid = ALL_LANES >> max(LANES - (n_tiny - i), 0)
+    for i in range(0, n, LANES):
+        sizes, _ = set_up_lanes(listed, i, shape, placed, window, edges, batch, counts.visible)
         wide, tall = sizes >> LANES, sizes >> 2 * LANES
-        filled += fill_tiny(valid, wide, tall, window, edges, batch, image, counts)
-    for i in range(0, n_small, LANES):
-        sizes, _ = set_up_lanes(small, i, shape, placed, window, edges, batch, counts.visible)
-        valid = ALL_LANES >> max(LANES - (n_small - i), 0)
-        few = sizes & valid
+        tiny = ALL_LANES >> min(max(LANES - (n_tiny - i), 0), LANES)
+        others = (ALL_LANES >> max(LANES - (n - i), 0)) & ~tiny
+        if tiny:
+            filled += fill_tiny(tiny, wide, tall, window, edges, batch, image, counts)
+        few = sizes & others
         if count_bits(few) < FEW:
             few = 0
         else:
-            wide, tall = sizes >> LANES, sizes >> 2 * LANES
             filled += fill_few(few, wide, tall, window, edges, batch, image, counts)
-        many = valid & ~few
+        many = others & ~few
         if many:
             filled += fill_blocks(many, window, edges, batch, image, counts)
     return filled
@@ -1102,14 +1106,16 @@ def frustum(view, width, top, bottom, planes):
 
 
 @forced
-def clear(low_x, high_x, low_y, high_y, window, marks, depth):
-    """Clear the blocks that a box reaches, unless they are clear; returns whether there are any."""
+def clear(low_x, high_x, low_y, high_y, window, is_clear, marks, depth):
+    """Clear the blocks that a box reaches, unless they are; returns whether there are any."""
     first_x = max((np.int64(low_x) + HALF - 1) >> BITS, 0)
     last_x = min((np.int64(high_x) - HALF) >> BITS, np.int64(window.right))
     first_y = max((np.int64(low_y) + HALF - 1) >> BITS, np.int64(window.top))
     last_y = min((np.int64(high_y) - HALF) >> BITS, np.int64(window.bottom))
     if first_x > last_x or first_y > last_y:
         return False
+    if is_clear:
+        return True
     shift = SIDE_BITS + PATCH_BITS
     for row in range((first_y - window.top) >> SIDE_BITS, ((last_y - window.top) >> SIDE_BITS) + 1):
         for patch in range(first_x >> shift, (last_x >> shift) + 1):
@@ -1344,7 +1350,6 @@ def count_poses(
                 columns, size[1], np.int32(full_x), np.int32(full_y), pointer(inner), pointer(first), pointer(last),
             )  # fmt: skip
             frustum(view, size[0], top, bottom, sides)
-            marks[:] = 0
             leaves_out_backs = ALL_LANES if culls[p] and not with_drawn else 0
             n_seen = 0
             for at in range(0, n_clusters, LANES):
@@ -1354,6 +1359,10 @@ def count_poses(
                 )  # fmt: skip
                 found &= ALL_LANES >> max(LANES - (n_clusters - at), 0)
                 n_seen = list_lanes(octets, found, at, pointer(seen), n_seen)
+            is_clear = len(depth) < SAMPLES_A_CLUSTER * n_seen
+            marks[:] = is_clear
+            if is_clear:
+                depth[:] = 0.0
             for i in range(n_seen):
                 cluster = seen[i]
                 if i + 1 < n_seen:
@@ -1371,16 +1380,17 @@ def count_poses(
                 box = project(shape.points, begin, end, view, placed)
                 if box[1] == CLIPPED:
                     box = (0, np.int32(size[0] << BITS), np.int32(top << BITS), np.int32(bottom << BITS))
-                if not clear(box[0], box[1], box[2], box[3], window, pointer(marks), image.depth):
+                if not clear(
+                    box[0], box[1], box[2], box[3], window, is_clear, pointer(marks), image.depth
+                ):
                     continue
                 n_tiny, n_small, n_hidden, n_large, n_clipped = sift(
                     shape, face_starts[cluster], face_starts[cluster + 1], placed, window, batch,
                     counts, octets, lists,
                 )  # fmt: skip
                 new += fill(
-                    lists.tiny, n_tiny, lists.small, n_small, shape, placed, window, edges, batch,
-                    image, counts,
-                )  # fmt: skip
+                    lists, n_tiny, n_small, shape, placed, window, edges, batch, image, counts
+                )
                 if n_hidden:
                     count_hidden(
                         lists.hidden, n_hidden, shape, placed, window, edges, batch, counts
