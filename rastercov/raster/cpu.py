@@ -112,9 +112,10 @@ class CPURasterizer(Closing):
         with_drawn: bool,
     ) -> FaceCounts:
         shape = (len(poses), scene.mesh.n_faces)
-        visible = np.zeros(shape, np.int64)
-        drawn = np.zeros(shape, np.int64) if with_drawn else None
-        filled = np.zeros(len(poses), np.int64)
+        # The threads clear their rows, while these are about to be used.
+        visible = np.empty(shape, np.int64)
+        drawn = np.empty(shape, np.int64) if with_drawn else None
+        filled = np.empty(len(poses), np.int64)
         near, cull, clipped = limits(scene.mesh, camera, poses)
 
         def worker(view: _View) -> Callable[[slice], None]:
@@ -204,7 +205,7 @@ class _View:
         drawn: IntArray | None,
         filled: IntArray,
     ) -> None:
-        """Add the samples of these poses to their rows of `visible`, `drawn` and `filled`."""
+        """Count these poses into their rows of `visible`, `drawn` and `filled`."""
         scene, grid = self.scene, self.grid
         moved = grid.axes(poses).copy()
         moved[:, :3, 3] -= scene.centre

@@ -1262,7 +1262,7 @@ def count_poses(
     poses, nears, culls, focal, lens, size, bands, clusters, inner, first, last, is_rolled, marks,
     depth, owner, visible, drawn, filled, with_drawn, seen, scratch,
 ):  # fmt: skip
-    """Add the samples of poses to their counts.
+    """Count the samples of poses.
 
     Parameters
     ----------
@@ -1297,10 +1297,9 @@ def count_poses(
         Scratch; afterwards the last band of the last pose, in blocks: 1/z where it is marked, 0
         where nothing is, and the face.
     visible, drawn : (P, F) int64
-        Samples to add to; with `with_drawn` false, all poses share the one row of `drawn`, whose
-        sums mean nothing.
+        Out: samples; `drawn` only with `with_drawn`, else one row that is left alone.
     filled : (P,) int64
-        Samples with a face in them, to add to.
+        Out: samples with a face in them.
     seen : (K + LANES,) int32
         Scratch: the clusters that are looked at.
     scratch : tuple of arrays
@@ -1342,6 +1341,9 @@ def count_poses(
         counts = Counts(
             pointer(visible[p]), pointer(drawn[p if with_drawn else 0]), with_drawn
         )
+        visible[p] = 0
+        if with_drawn:
+            drawn[p] = 0
         new = 0
         for band in range(len(bands)):
             top, bottom = bands[band]
@@ -1407,7 +1409,7 @@ def count_poses(
                     new += fill_large(
                         one_by_one, n, fan, placed, window, long_edges, batch, image, counts
                     )
-        filled[p] += new
+        filled[p] = new
 
 
 @compiled
