@@ -33,6 +33,9 @@ MAX_SIDE = 1 << 20
 MAX_BAND = 1 << 18
 """Most samples of an image that are kept at a time."""
 
+LARGE_POSE = 1 << 18
+"""Faces, and eighths of samples, of a pose that is worth more than one thread."""
+
 
 class CPURasterizer(Closing):
     """The contract of `rastercov.raster.contract` in numba.
@@ -111,25 +114,39 @@ class CPURasterizer(Closing):
         poses: FloatArray,
         with_drawn: bool,
     ) -> FaceCounts:
-        shape = (len(poses), scene.mesh.n_faces)
+        # A few large poses are shared out by bands of their rows, each into counts of its own.
+        is_large = scene.mesh.n_faces + grid.n_samples // 8 >= LARGE_POSE
+        n_parts = -(-self._threads // max(1, len(poses))) if is_large else 1
+        n_turns = n_parts * len(poses)
         # The threads clear their rows, while these are about to be used.
+        shape = (n_parts, len(poses), scene.mesh.n_faces)
         visible = np.empty(shape, np.int64)
         drawn = np.empty(shape, np.int64) if with_drawn else None
-        filled = np.empty(len(poses), np.int64)
+        filled = np.empty(shape[:2], np.int64)
         near, cull, clipped = limits(scene.mesh, camera, poses)
 
         def worker(view: _View) -> Callable[[slice], None]:
             def work(turn: slice) -> None:
-                rows = None if drawn is None else drawn[turn]
-                view.count(poses[turn], near[turn], cull[turn], visible[turn], rows, filled[turn])
+                while turn.start < turn.stop:  # as many poses of one part as there are
+                    part, start = divmod(turn.start, len(poses))
+                    stop = min(len(poses), start + turn.stop - turn.start)
+                    view.count(
+                        poses[start:stop], near[start:stop], cull[start:stop], (part, n_parts),
+                        visible[part, start:stop],
+                        None if drawn is None else drawn[part, start:stop],
+                        filled[part, start:stop],
+                    )  # fmt: skip
+                    turn = slice(turn.start + stop - start, turn.stop)
 
             return work
 
-        n_threads = max(1, min(self._threads, len(poses)))
+        n_threads = max(1, min(self._threads, n_turns))
         views = [self._view(scene, grid) for _ in range(n_threads)]
-        share_poses(len(poses), [worker(view) for view in views])
+        share_poses(n_turns, [worker(view) for view in views])
         if scene is self._scene:
             self._idle.extend(views)
+        visible, filled = _total(visible), _total(filled)
+        drawn = None if drawn is None else _total(drawn)
         return FaceCounts(
             visible, drawn, grid.n_samples - filled, clipped, grid.supersample, self.info, self.roll
         )
@@ -166,6 +183,12 @@ class _Scene:
         self.clusters = in_clusters(vertices, faces, mesh.can_cull_back_faces)
 
 
+def _total(parts: IntArray) -> IntArray:
+    """Sum over the first axis, which is mostly 1."""
+    total: IntArray = parts[0] if len(parts) == 1 else parts.sum(axis=0)
+    return total
+
+
 class _View:
     """Scratch memory of one thread."""
 
@@ -173,64 +196,74 @@ class _View:
         self.scene, self.grid = scene, grid
         self.size = np.array((grid.width, grid.height), np.int64)
         side, patch = kernels.SIDE, kernels.SIDE << kernels.PATCH_BITS
-        columns = -(-grid.width // patch)
-        rows = max(side, min(grid.height, MAX_BAND // (columns * patch)) // side * side)
-        tops = np.arange(0, grid.height, rows)
-        self.bands = np.stack((tops, np.minimum(tops + rows, grid.height)), axis=1)
-        block_rows = -(-rows // side)
-        if len(tops) == 1:
-            block_rows = -(-grid.height // side)
-        self.columns = columns << kernels.PATCH_BITS
-        self.marks = np.zeros(block_rows * columns, np.uint8)
-        self.seen = np.empty(len(scene.clusters.vertex_starts) + kernels.LANES, np.int32)
-        self.scratch = kernels.make_scratch()
-        self.no_drawn = np.zeros((1, scene.mesh.n_faces), np.int64)
+        n_patches = -(-grid.width // patch)
+        n_block_rows = -(-grid.height // side)
+        self.block_rows = min(n_block_rows, max(1, MAX_BAND // (n_patches * patch * side)))
+        self.columns = n_patches << kernels.PATCH_BITS
+        self.marks = np.zeros(self.block_rows * n_patches, np.uint8)
         n_samples = self.marks.size * patch * side
         self.depth, self.owner = np.empty(n_samples, np.float32), np.empty(n_samples, np.int32)
-        n_blocks = -(-grid.height // side)
-        firsts, lasts = np.zeros((2, n_blocks, side), np.int32)
+        self.seen = np.empty(len(scene.clusters.vertex_starts) + kernels.LANES, np.int32)
+        self.scratch = kernels.make_scratch()
+        self.no_drawn = np.zeros((1, 1), np.int64)
+        firsts, lasts = np.zeros((2, n_block_rows, side), np.int32)
         firsts.ravel()[: grid.height], lasts.ravel()[: grid.height] = grid.first, grid.last
-        self.inner = np.stack(
-            (-(-firsts.max(axis=1) // side), lasts.min(axis=1) // side), axis=1
-        ).astype(np.int64)
-        jacobian = np.diag(grid.lens[:2]) @ grid.mix
-        self.focal = np.sort(np.linalg.svd(jacobian, compute_uv=False))
+        inner = -(-firsts.max(axis=1) // side), lasts.min(axis=1) // side
+        self.inner = np.stack(inner, axis=1).astype(np.int64)
+        magnified = np.linalg.svd(np.diag(grid.lens[:2]) @ grid.mix, compute_uv=False)
+        self.focal = np.sort(magnified)
+
+    def bands(self, part: int, n_parts: int) -> IntArray:
+        """First rows and rows after the last of the bands of a part of the image, (B, 2)."""
+        ends = len(self.inner) * np.arange(part, part + 2) // n_parts
+        tops = np.arange(ends[0], ends[1], self.block_rows)
+        bottoms = np.minimum(tops + self.block_rows, ends[1])
+        rows = kernels.SIDE * np.stack((tops, bottoms), axis=1)
+        return np.minimum(rows, self.grid.height, dtype=np.int64)
 
     def count(
         self,
         poses: FloatArray,
         near: FloatArray,
         cull: NDArray[np.bool_],
+        part: tuple[int, int],
         visible: IntArray,
         drawn: IntArray | None,
         filled: IntArray,
     ) -> None:
-        """Count these poses into their rows of `visible`, `drawn` and `filled`."""
-        scene, grid = self.scene, self.grid
-        moved = grid.axes(poses).copy()
-        moved[:, :3, 3] -= scene.centre
-        all_drawn = self.no_drawn if drawn is None else drawn
-        clusters = scene.clusters
-        kernels.count_poses(
-            moved, near, cull, self.focal, grid.lens, self.size, self.bands, clusters.arrays,
-            self.inner, grid.first, grid.last, grid.is_rolled, self.marks, self.depth, self.owner,
-            visible, all_drawn, filled, drawn is not None, self.seen, self.scratch,
-        )  # fmt: skip
+        """Count one part of so many of these poses into rows of `visible`, `drawn`, `filled`."""
+        self._count(poses, near, cull, self.bands(*part), visible, drawn, filled)
 
     def render(
-        self, poses: FloatArray, near: FloatArray, cull: NDArray[np.bool_]
+        self, pose: FloatArray, near: FloatArray, cull: NDArray[np.bool_]
     ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-        shape = int(self.size[1]), int(self.size[0])
+        """Face and depth at each sample of one pose, (1, 4, 4)."""
+        shape = self.grid.height, self.grid.width
         face, depth = np.full(shape, -1, np.int32), np.full(shape, np.inf, np.float32)
-        bands = self.bands
-        for band in bands:
-            self.bands = band[None]
-            self.count(
-                poses, near, cull, np.zeros((1, self.scene.mesh.n_faces), np.int64), None,
-                np.zeros(1, np.int64),
-            )
+        visible = np.empty((1, self.scene.mesh.n_faces), np.int64)
+        for band in self.bands(0, 1):
+            self._count(pose, near, cull, band[None], visible, None, np.empty(1, np.int64))
             kernels.read_band(
                 band[0], band[1], self.columns, self.marks, self.depth, self.owner, face, depth
             )
-        self.bands = bands
         return face, depth
+
+    def _count(
+        self,
+        poses: FloatArray,
+        near: FloatArray,
+        cull: NDArray[np.bool_],
+        bands: IntArray,
+        visible: IntArray,
+        drawn: IntArray | None,
+        filled: IntArray,
+    ) -> None:
+        scene, grid = self.scene, self.grid
+        moved = grid.axes(poses).copy()
+        moved[:, :3, 3] -= scene.centre
+        kernels.count_poses(
+            moved, near, cull, self.focal, grid.lens, self.size, bands, scene.clusters.arrays,
+            self.inner, grid.first, grid.last, grid.is_rolled, self.marks, self.depth, self.owner,
+            visible, self.no_drawn if drawn is None else drawn, filled, drawn is not None,
+            self.seen, self.scratch,
+        )  # fmt: skip
