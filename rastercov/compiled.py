@@ -1,7 +1,7 @@
 """How loops are compiled: by numba, without a lock, kept on disk; and said so the first time.
 
 numba keeps what it compiled by file, and does not notice when a loop calls into another file that
-has changed. So loops that call each other stand in one file.
+has changed. So loops that call each other stand in one file, or name the others to `compiled_with`.
 """
 
 import subprocess
@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numba
@@ -22,8 +23,31 @@ def compiled(function: Callable[..., Any]) -> Any:
         return numba.njit(nogil=True, error_model="numpy")(function)
 
 
-def forced(function: Callable[..., Any]) -> Any:
-    """Part of the loop that calls it, as if it stood there: for what is called once, and often."""
+def compiled_with(*others: ModuleType) -> Callable[[Callable[..., Any]], Any]:
+    """As `compiled`, for loops that are made of what stands in other files too.
+
+    What is on disk is then used only while all of these files are as they were.
+    """
+
+    def decorate(function: Callable[..., Any]) -> Any:
+        loop = compiled(function)
+        cache = getattr(loop._cache, "_cache_file", None)
+        if cache is not None:
+            files = [Path(str(module.__file__)).stat() for module in others]
+            cache._source_stamp = (
+                cache._source_stamp,
+                *((file.st_mtime, file.st_size) for file in files),
+            )
+        return loop
+
+    return decorate
+
+
+def part_of(function: Callable[..., Any]) -> Any:
+    """Compiled into the loop that calls it, as if it stood there: for what is called often.
+
+    It must not take arrays, whose references would be counted at each call.
+    """
     return numba.njit(nogil=True, error_model="numpy", forceinline=True)(function)
 
 

@@ -8,7 +8,7 @@ shorter, LLVM takes several.
 numba does not notice a change in this file: remove what it keeps on disk after one.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from llvmlite import ir
@@ -95,7 +95,9 @@ class Lanes:
 
     def where(self, mask: "Lanes", other: Any) -> "Lanes":
         """This where the mask is set, the other elsewhere."""
-        return Lanes(self.builder, self.builder.select(mask.value, self.value, self.like(other).value))
+        return Lanes(
+            self.builder, self.builder.select(mask.value, self.value, self.like(other).value)
+        )
 
     def least(self, other: Any) -> "Lanes":
         """The lesser of both."""

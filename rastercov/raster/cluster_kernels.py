@@ -1,0 +1,187 @@
+"""The loops of `clusters`, compiled by numba."""
+
+import numpy as np
+
+from rastercov.compiled import compiled_with
+from rastercov.raster import layout
+from rastercov.raster.layout import FACES, LANES, VERTICES
+
+VERTEX_STEP = 8
+"""Vertices of a cluster are filled up to a multiple of this, with the last one again."""
+CURVE_BITS = 20
+"""Cells of the curve along an axis, as a power of 2."""
+BOUNDS = 11
+"""Figures that bound a cluster, see `Clusters.bounds`."""
+
+compiled = compiled_with(layout)
+
+
+@compiled
+def order_keys(vertices, faces, low, scale, is_wound, keys):
+    """Sort keys of faces: the main direction of the normal, then a place on a Morton curve."""
+    for f in range(len(faces)):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        widest, main = -1.0, 0
+        key = np.uint64(0)
+        for k in range(3):
+            i, j = (k + 1) % 3, (k + 2) % 3
+            normal = (vertices[b, i] - vertices[a, i]) * (vertices[c, j] - vertices[a, j]) - (
+                vertices[c, i] - vertices[a, i]
+            ) * (vertices[b, j] - vertices[a, j])
+            if abs(normal) > widest:
+                widest, main = abs(normal), 2 * k + (is_wound and normal > 0)
+            middle = (vertices[a, k] + vertices[b, k] + vertices[c, k]) / 3
+            cell = np.uint64((middle - low[k]) * scale)
+            cell = (cell | cell << np.uint64(32)) & np.uint64(0x1F00000000FFFF)
+            cell = (cell | cell << np.uint64(16)) & np.uint64(0x1F0000FF0000FF)
+            cell = (cell | cell << np.uint64(8)) & np.uint64(0x100F00F00F00F00F)
+            cell = (cell | cell << np.uint64(4)) & np.uint64(0x10C30C30C30C30C3)
+            cell = (cell | cell << np.uint64(2)) & np.uint64(0x1249249249249249)
+            key |= cell << np.uint64(k)
+        keys[f] = key | np.uint64(main) << np.uint64(3 * CURVE_BITS)
+
+
+@compiled
+def cut(faces, order, keys, marks, starts):
+    """Cut faces, sorted by their keys, into runs; returns how many, and slots for their faces."""
+    n, n_slots = 0, 0
+    begin, count = 0, 0
+    for i in range(len(order)):
+        new = 0
+        for j in range(3):
+            new += marks[faces[order[i], j]] != n
+        turns = keys[order[i]] >> np.uint64(3 * CURVE_BITS) != (
+            keys[order[begin]] >> np.uint64(3 * CURVE_BITS)
+        )
+        if turns or i - begin == FACES or count + new > VERTICES:
+            starts[n] = begin
+            n += 1
+            n_slots += (i - begin + LANES - 1) // LANES * LANES
+            begin, count = i, 0
+        for j in range(3):
+            if marks[faces[order[i], j]] != n:
+                marks[faces[order[i], j]] = n
+                count += 1
+    starts[n] = begin
+    n += 1
+    n_slots += (len(order) - begin + LANES - 1) // LANES * LANES
+    starts[n] = len(order)
+    return n, n_slots
+
+
+@compiled
+def number(faces, order, starts, n, marks, local, corners, face_of, face_starts, vertex_starts):
+    """Number the vertices of each cluster from 0; `marks` says which cluster did so last."""
+    slot, vertex = 0, 0
+    for k in range(n):
+        count = 0
+        for i in range(starts[k], starts[k + 1]):
+            f = order[i]
+            packed = 0
+            for j in range(3):
+                v = faces[f, j]
+                if marks[v] != k:
+                    marks[v] = k
+                    local[v] = count
+                    count += 1
+                packed |= np.int64(local[v]) << (8 * j)
+            corners[slot] = packed
+            face_of[slot] = f
+            slot += 1
+        slot = (slot + LANES - 1) // LANES * LANES
+        vertex += (count + VERTEX_STEP - 1) // VERTEX_STEP * VERTEX_STEP
+        face_starts[k + 1] = slot
+        vertex_starts[k + 1] = vertex
+
+
+@compiled
+def place(vertices, faces, order, starts, n, marks, vertex_starts, points):
+    """Copy the vertices of each cluster in the order of their numbers."""
+    for k in range(n):
+        begin, width = 3 * np.int64(vertex_starts[k]), vertex_starts[k + 1] - vertex_starts[k]
+        count = 0
+        for i in range(starts[k], starts[k + 1]):
+            for j in range(3):
+                v = faces[order[i], j]
+                if marks[v] != k:
+                    marks[v] = k
+                    for axis in range(3):
+                        points[begin + axis * width + count] = vertices[v, axis]
+                    count += 1
+        while count < width:
+            for axis in range(3):
+                at = begin + axis * width + count
+                points[at] = points[at - 1]
+            count += 1
+
+
+@compiled
+def bound(vertices, faces, order, starts, n, vertex_starts, points, bounds):
+    """Sphere, cone of normals, planes and altitudes of each cluster, see `Clusters.bounds`."""
+    normals = np.empty((FACES, 3))
+    for k in range(n):
+        begin, width = 3 * np.int64(vertex_starts[k]), vertex_starts[k + 1] - vertex_starts[k]
+        for axis in range(3):
+            low = high = points[begin + axis * width]
+            for i in range(1, width):
+                low = min(low, points[begin + axis * width + i])
+                high = max(high, points[begin + axis * width + i])
+            bounds[axis, k] = 0.5 * (low + high)
+        squared = 0.0
+        for i in range(width):
+            x = points[begin + i] - bounds[0, k]
+            y = points[begin + width + i] - bounds[1, k]
+            z = points[begin + 2 * width + i] - bounds[2, k]
+            squared = max(squared, x * x + y * y + z * z)
+        bounds[3, k] = np.sqrt(squared)
+        sum_x = sum_y = sum_z = 0.0
+        offset = altitude = np.inf
+        for i in range(starts[k], starts[k + 1]):
+            a, b, c = faces[order[i], 0], faces[order[i], 1], faces[order[i], 2]
+            ab_x, ab_y, ab_z = (
+                vertices[b, 0] - vertices[a, 0],
+                vertices[b, 1] - vertices[a, 1],
+                vertices[b, 2] - vertices[a, 2],
+            )
+            ac_x, ac_y, ac_z = (
+                vertices[c, 0] - vertices[a, 0],
+                vertices[c, 1] - vertices[a, 1],
+                vertices[c, 2] - vertices[a, 2],
+            )
+            bc_x, bc_y, bc_z = ac_x - ab_x, ac_y - ab_y, ac_z - ab_z
+            x, y, z = (
+                ab_y * ac_z - ab_z * ac_y,
+                ab_z * ac_x - ab_x * ac_z,
+                ab_x * ac_y - ab_y * ac_x,
+            )
+            doubled = np.sqrt(x * x + y * y + z * z)
+            longest = max(
+                ab_x * ab_x + ab_y * ab_y + ab_z * ab_z,
+                ac_x * ac_x + ac_y * ac_y + ac_z * ac_z,
+                bc_x * bc_x + bc_y * bc_y + bc_z * bc_z,
+            )
+            altitude = min(altitude, doubled / np.sqrt(longest) if longest > 0 else 0.0)
+            scale = 1.0 / doubled if doubled > 0 else 0.0
+            x, y, z = x * scale, y * scale, z * scale
+            row = normals[i - starts[k]]
+            row[0], row[1], row[2] = x, y, z
+            sum_x, sum_y, sum_z = sum_x + x, sum_y + y, sum_z + z
+            away = (
+                x * (vertices[a, 0] - bounds[0, k])
+                + y * (vertices[a, 1] - bounds[1, k])
+                + z * (vertices[a, 2] - bounds[2, k])
+            )
+            offset = min(offset, away)
+        length = np.sqrt(sum_x * sum_x + sum_y * sum_y + sum_z * sum_z)
+        scale = 1.0 / length if length > 0 else 0.0
+        sum_x, sum_y, sum_z = sum_x * scale, sum_y * scale, sum_z * scale
+        cosine = 1.0 if length > 0 else -1.0
+        for i in range(starts[k + 1] - starts[k]):
+            cosine = min(
+                cosine, normals[i, 0] * sum_x + normals[i, 1] * sum_y + normals[i, 2] * sum_z
+            )
+        angle = np.arccos(max(-1.0, cosine)) + 1e-7  # rounding, of cosines near 1 above all
+        bounds[4, k], bounds[5, k], bounds[6, k] = sum_x, sum_y, sum_z
+        bounds[7, k], bounds[8, k] = np.cos(angle), np.sin(angle)
+        bounds[9, k] = offset
+        bounds[10, k] = altitude if cosine > 0.01 else 0.0

@@ -1,0 +1,770 @@
+"""What the CPU rasteriser does to sixteen vertices, faces, clusters or samples at once.
+
+Formulas over `Lanes`, of which numba makes vector code; `kernels` has the loops around them. They
+take pointers, since what takes an array in numba counts a reference to it each time.
+
+J. Pineda. A Parallel Algorithm for Polygon Rasterization. 1988, for edge functions.
+M. Abrash. Rasterization on Larrabee. 2009, for blocks within groups, sixteen at once.
+"""
+
+from llvmlite import ir
+from numba.core import cgutils, types
+from numba.extending import intrinsic
+
+from rastercov.raster.lanes import (
+    DOUBLE,
+    LONG,
+    SINGLE,
+    WORD,
+    Lanes,
+    constants,
+    from_bits,
+    gather,
+    load,
+    looked_up,
+    prefetch,
+    spread,
+)  # fmt: skip
+from rastercov.raster.layout import (
+    ACROSS,
+    BITS,
+    CACHE_LINE,
+    CLIPPED,
+    CORNER,
+    DOWN,
+    EYE,
+    FACE,
+    FAR_OUT,
+    FIRST_X,
+    FIRST_Y,
+    GREATEST,
+    HALF,
+    INNER,
+    LANE_X,
+    LANE_Y,
+    LANES,
+    LARGE,
+    LAST_X,
+    LAST_Y,
+    LEAST,
+    LENS,
+    NEAR,
+    ORIGIN,
+    ROOM,
+    SIDE,
+    SIDE_BITS,
+    SLOPE_X,
+    SLOPE_Y,
+    STEP_X,
+    STEP_Y,
+    STEPS,
+    VERTICES,
+    VIEW,
+    WIDEST,
+    E,
+)  # fmt: skip
+
+
+@intrinsic
+def pointer(typing, array):
+    """Where the data of an array stands. What takes an array counts a reference, and at its end."""
+
+    def generate(context, builder, signature, args):
+        return context.make_array(signature.args[0])(context, builder, args[0]).data
+
+    return types.CPointer(array.dtype)(array), generate
+
+
+@intrinsic
+def project(typing, points, begin, end, view, placed):
+    """Bring the vertices of a cluster to the image; returns the box that they fill, in steps.
+
+    Least and greatest x, least and greatest y.
+
+    Parameters
+    ----------
+    points : float64
+        x of the cluster's vertices from 3 `begin` on, then their y, then their z, from the same
+        origin as the eye.
+    begin, end : int
+        First vertex of the cluster, and of the next one.
+    view : (17,) float64
+        world_from_camera, eye, fx, fy, cx, cy in samples, and the depth below which a vertex is cut
+        off.
+    placed : Placed
+        Out. `u`, `v`: steps of 1/256 sample, not rounded. `w`: 1/z. `x`, `y`, and `both` together:
+        where the vertex stands when samples are given out, `CLIPPED` where it needs clipping. What
+        comes after the cluster's vertices means nothing.
+    """
+
+    def generate(context, builder, signature, args):
+        points, begin, end, view, placed = args
+        figures = [
+            spread(builder, builder.load(builder.gep(view, [LONG(k)])), LANES) for k in range(VIEW)
+        ]
+        n = builder.sub(end, begin)
+        lanes = constants(builder, LONG, range(LANES))
+        words = lanes.to(WORD)
+        box = []
+        for start in (CLIPPED, -CLIPPED) * 2:
+            box.append(cgutils.alloca_once_value(builder, words.like(start).value))
+        with cgutils.for_range_slice(builder, LONG(0), n, LONG(LANES), LONG) as (to, _):
+            at = [
+                builder.add(
+                    builder.add(builder.mul(begin, LONG(3)), builder.mul(n, LONG(axis))), to
+                )
+                for axis in range(3)
+            ]
+            steps = _project_lanes(builder, points, at, figures, placed, to)
+            is_vertex = lanes < spread(builder, builder.sub(n, to), LANES)
+            for k, found in enumerate(box):
+                old, new = Lanes(builder, builder.load(found)), steps[k >> 1]
+                closest = new.greatest(old) if k & 1 else new.least(old)
+                builder.store(closest.where(is_vertex, old).value, found)
+        found = [
+            Lanes(builder, builder.load(found)).reduced("greatest" if k & 1 else "least")
+            for k, found in enumerate(box)
+        ]
+        return context.make_tuple(builder, signature.return_type, found)
+
+    box = types.UniTuple(types.int32, 4)
+    return box(points, types.int64, types.int64, view, placed), generate
+
+
+def _project_lanes(builder, points, at, figures, placed, to):
+    """Place sixteen vertices; returns their whole steps."""
+    u, v, w, x, y, both = (builder.extract_value(placed, k) for k in range(6))
+    away = [
+        load(builder, builder.gep(points, [at[axis]]), LANES) - figures[EYE + axis]
+        for axis in range(3)
+    ]
+    right, down, z = (
+        away[0] * figures[k] + away[1] * figures[3 + k] + away[2] * figures[6 + k] for k in range(3)
+    )
+    inverse = z.like(1.0) / z
+    is_seen = z >= figures[NEAR]
+    exact = (
+        (figures[LENS] * right * inverse + figures[LENS + 2]) * float(STEPS),
+        (figures[LENS + 1] * down * inverse + figures[LENS + 3]) * float(STEPS),
+    )
+    for position in exact:
+        is_seen = is_seen & (position.magnitude() <= float(FAR_OUT))
+    inverse.store(builder.gep(w, [to]))
+    steps = []
+    for position, u_or_v, x_or_y in zip(exact, (u, v), (x, y), strict=True):
+        position.store(builder.gep(u_or_v, [to]))
+        rounded = (position.where(is_seen, 0.0) + 0.5).floor().to(WORD)
+        steps.append(rounded.where(is_seen, CLIPPED))
+        steps[-1].store(builder.gep(x_or_y, [to]))
+    together = (steps[1].to(LONG) << 32) | (steps[0].to(LONG) & 0xFFFFFFFF)
+    together.store(builder.gep(both, [to]))
+    return steps
+
+
+@intrinsic
+def cull_lanes(typing, bounds, stride, at, view, sides, focal, leaves_out_backs):
+    """Bits of sixteen clusters, from `at` on, of which something may have to be drawn.
+
+    A cluster lies outside where its sphere is beyond one of the planes of `frustum`. All of its
+    faces turn their back, and still do once rounded to steps, where their planes are far enough
+    from the eye: with D the distance of the cluster's farthest point and h that of the eye behind
+    the plane of a face, the altitudes of the face are in the image at least focal h / D^2 of what
+    they are in space. Rounding moves a corner by at most 0.71 steps, so it turns no face whose
+    altitudes are 3 steps or more. Faces that are clipped are cut and rounded again, so they stay.
+    """
+
+    def generate(context, builder, signature, args):
+        bounds, stride, at, view, sides, focal, leaves_out_backs = args
+
+        def row(k):
+            place = builder.add(builder.mul(stride, LONG(k)), at)
+            return load(builder, builder.gep(bounds, [place]), LANES)
+
+        def figure(pointer, k):
+            return spread(builder, builder.load(builder.gep(pointer, [LONG(k)])), LANES)
+
+        away = [row(k) - figure(view, EYE + k) for k in range(3)]
+        radius, near = row(3), figure(view, NEAR)
+        for k in range(5):
+            normal = [figure(sides, 4 * k + axis) for axis in range(3)]
+            distance = normal[0] * away[0] + normal[1] * away[1] + normal[2] * away[2]
+            limit = near if k == 4 else radius.like(0)
+            beyond = distance + radius * figure(sides, 4 * k + 3) < limit
+            is_outside = beyond if k == 0 else is_outside | beyond
+        nearest = distance - radius  # along the axis of the camera
+        squared = away[0] * away[0] + away[1] * away[1] + away[2] * away[2]
+        along = away[0] * row(4) + away[1] * row(5) + away[2] * row(6)
+        across = (squared - along * along).greatest(0).root()
+        height = across * row(8) - along * row(7) - row(9)  # the greatest over its normals
+        reach = squared.root() + radius
+        magnified = spread(builder, focal, LANES) * float(STEPS)
+        is_back = height * row(10) * magnified < reach * reach * -3.1
+        is_back = is_back & (nearest >= near)
+        is_back = is_back & (reach * figure(view, WIDEST) <= nearest * float(FAR_OUT >> BITS >> 1))
+        wanted = from_bits(builder, leaves_out_backs, LANES)
+        return (~(is_outside | (is_back & wanted))).bits()
+
+    whole = types.int64
+    return whole(bounds, whole, whole, view, sides, types.float64, whole), generate
+
+
+def _corners(context, builder, packed, placed, kind):
+    """Indices of the three corners of sixteen faces, and their places in the image.
+
+    A processor with registers of sixteen lanes looks places of vertices up in them; others fetch
+    each place, and so do triangles that may have been clipped.
+    """
+    indices = [packed >> 8 * k & (ROOM - 1) for k in range(3)]
+    places = []
+    if kind == WORD and "+avx512f" in context.codegen().magic_tuple()[2]:
+        tables = []
+        for k in (3, 4):
+            array = builder.extract_value(placed, k)
+            parts = range(0, VERTICES, LANES)
+            tables.append([load(builder, builder.gep(array, [LONG(at)]), LANES) for at in parts])
+        for index in indices:
+            places.append(tuple(looked_up(table, index).to(kind) for table in tables))
+    else:
+        both = builder.extract_value(placed, 5)
+        for index in indices:
+            together = gather(builder, both, index.each())
+            places.append((together.to(WORD).to(kind), (together >> 32).to(WORD).to(kind)))
+    return [index.each() for index in indices], places
+
+
+def _reach(places, right, top, bottom):
+    """Samples that triangles reach, from first to last, and their extent in steps."""
+    (ax, ay), (bx, by), (cx, cy) = places
+    low_x, high_x = ax.least(bx).least(cx), ax.greatest(bx).greatest(cx)
+    low_y, high_y = ay.least(by).least(cy), ay.greatest(by).greatest(cy)
+    first_x = ((low_x + (HALF - 1)) >> BITS).greatest(0)
+    last_x = ((high_x - HALF) >> BITS).least(right)
+    first_y = ((low_y + (HALF - 1)) >> BITS).greatest(top)
+    last_y = ((high_y - HALF) >> BITS).least(bottom)
+    return first_x, last_x, first_y, last_y, high_x - low_x, high_y - low_y
+
+
+def _edges(places, area, at_x, at_y):
+    """Edge functions of triangles at samples, each with its steps to the next sample and row.
+
+    They are 0 or more inside, in units of `STEPS`.
+    """
+    (ax, ay), (bx, by), (cx, cy) = places
+    turned = area < 0
+    px, py = cx.where(turned, bx), cy.where(turned, by)
+    qx, qy = bx.where(turned, cx), by.where(turned, cy)
+    found = []
+    for from_x, from_y, to_x, to_y in ((ax, ay, px, py), (px, py, qx, qy), (qx, qy, ax, ay)):
+        dx, dy = to_x - from_x, to_y - from_y
+        value = dx * ((at_y << BITS) + HALF - from_y) - dy * ((at_x << BITS) + HALF - from_x)
+        is_left_or_upper = (dy < 0) | (dy.equals(0) & (dx > 0))
+        value = value.where(is_left_or_upper, value - 1)
+        found.append((value >> BITS, dy.like(0) - dy, dx))
+    return found
+
+
+def _sign(values):
+    """Less than 0 where one of three is."""
+    return values[0] | values[1] | values[2]
+
+
+@intrinsic
+def sift_lanes(typing, corners, at, placed, window, batch):
+    """Which of sixteen faces can own a sample: 4 x 16 bits, and 2 x 16 bits of hidden ones.
+
+    The lowest reach at most 2 x 2 samples and own one, the next ones reach more, the next ones are
+    large, and the last want clipping; these two were not looked at further. Hidden are those that
+    turn their back where that hides them. How many samples the lowest own goes to `batch.masks`.
+    """
+
+    def generate(context, builder, signature, args):
+        corners, at, placed, window, batch = args
+        packed = load(builder, builder.gep(corners, [at]), LANES)
+        _, places = _corners(context, builder, packed, placed, WORD)
+        right, top, bottom, hides_back = (
+            spread(builder, builder.extract_value(window, k), LANES) for k in (0, 1, 2, 3)
+        )
+        first_x, last_x, first_y, last_y, width, height = _reach(places, right, top, bottom)
+        (ax, ay), (bx, by), (cx, cy) = places
+        wide, tall = last_x - first_x, last_y - first_y
+        can_own = (wide >= 0) & (tall >= 0)
+        is_clipped = ax.greatest(bx).greatest(cx).equals(CLIPPED) & (packed > 0)
+        is_large = (width >= LARGE) | (height >= LARGE)
+        area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
+        edges = _edges(places, area, first_x, first_y)
+        owned = wide.like(0)
+        for k in range(4):
+            i, j = k & 1, k >> 1
+            values = [value + across * i + down * j for value, across, down in edges]
+            is_owned = (_sign(values) >= 0) & (wide >= i) & (tall >= j)
+            owned = (owned + 1).where(is_owned, owned)
+        owned.store(builder.extract_value(batch, 5))
+        is_tiny = (wide <= 1) & (tall <= 1)
+        is_small = can_own & ~(is_large | is_clipped)
+        classes = is_small & is_tiny & (owned > 0), is_small & ~is_tiny
+        is_large = is_large & can_own & ~is_clipped
+        is_hidden = (area > 0) & (hides_back > 0)
+        is_shown = (area < 0) | ((area > 0) & (hides_back <= 0))
+        found = []
+        for side in is_shown, is_hidden:
+            bits = (classes[0] & side).bits()
+            next_bits = builder.shl((classes[1] & side).bits(), LONG(LANES))
+            found.append(builder.or_(bits, next_bits))
+        for k, group in ((2, is_large), (3, is_clipped)):
+            found[0] = builder.or_(found[0], builder.shl(group.bits(), LONG(k * LANES)))
+        return context.make_tuple(builder, signature.return_type, found)
+
+    both = types.UniTuple(types.int64, 2)
+    return both(corners, types.int64, placed, window, batch), generate
+
+
+def _planes(builder, placed, indices, places, area, put, batch):
+    """Put planes of 1/z into the rows of a batch."""
+    exact, plane = (builder.extract_value(batch, k) for k in (1, 2))
+    # 1/z is affine in the image: w = w_a + slope_x (u - u_a) + slope_y (v - v_a), from the
+    # corners as they are; as rounded where the triangle is too thin for that.
+    arrays = [builder.extract_value(placed, k) for k in range(3)]
+    (au, av, aw), (bu, bv, bw), (cu, cv, cw) = (
+        [gather(builder, array, index) for array in arrays] for index in indices
+    )
+    rounded = area.to(DOUBLE)
+    is_thin = ((bu - au) * (cv - av) - (cu - au) * (bv - av) - rounded).magnitude()
+    is_thin = is_thin > rounded.magnitude() * 0.25
+    (au, av), (bu, bv), (cu, cv) = (
+        (x.to(DOUBLE).where(is_thin, u), y.to(DOUBLE).where(is_thin, v))
+        for (x, y), (u, v) in zip(places, ((au, av), (bu, bv), (cu, cv)), strict=True)
+    )
+    ab_x, ab_y, ac_x, ac_y = bu - au, bv - av, cu - au, cv - av
+    w_ab, w_ac = bw - aw, cw - aw
+    scale = aw.like(float(STEPS)) / (ab_x * ac_y - ac_x * ab_y)
+    slope_x = (w_ab * ac_y - w_ac * ab_y) * scale
+    slope_y = (w_ac * ab_x - w_ab * ac_x) * scale
+    away = slope_x * (au.like(HALF) - au) + slope_y * (av.like(HALF) - av)
+    put(exact, ORIGIN, aw + away * (1.0 / STEPS))
+    put(exact, SLOPE_X, slope_x)
+    put(exact, SLOPE_Y, slope_y)
+    put(plane, STEP_X, slope_x)
+    put(plane, STEP_Y, slope_y)
+    # Rounding lets a sample lie a hair beyond the corners; its depth does not.
+    put(plane, LEAST, aw.least(bw).least(cw))
+    put(plane, GREATEST, aw.greatest(bw).greatest(cw))
+
+
+def _set_up(with_planes):
+    """The intrinsic that sets up triangles, with or without their planes of 1/z."""
+
+    @intrinsic
+    def set_up_lanes(
+        typing, chosen, at, shape, placed, window, edges, batch, visible
+    ):  # fmt: skip
+        """Edge functions and planes of sixteen triangles, in as many bits as `edges` has.
+
+        Returns bits of those that reach at most 2 x 2 blocks; above them those that reach two columns,
+        and two rows: of samples, if they reach at most 2 x 2, else of blocks. And bits of those that
+        can own a sample, as far as their corners tell; above them those of these that are hidden.
+        """
+
+        def generate(context, builder, signature, args):
+            chosen, at, shape, placed, window, edges, batch, visible = args
+            corners, faces = (builder.extract_value(shape, k) for k in (1, 2))
+            whole = builder.extract_value(batch, 0)
+            kind = edges.type.pointee
+
+            def put(array, row, value):
+                value.to(array.type.pointee).store(builder.gep(array, [LONG(row * LANES)]))
+
+            slots = []
+            for lane in range(LANES):
+                slot = builder.load(builder.gep(chosen, [builder.add(at, LONG(lane))]))
+                slots.append(builder.sext(slot, LONG))
+            packed = gather(builder, corners, slots)
+            indices, places = _corners(context, builder, packed, placed, kind)
+            right, top, bottom = (
+                spread(builder, builder.extract_value(window, k), LANES).to(kind) for k in (0, 1, 2)
+            )
+            first_x, last_x, first_y, last_y, _, _ = _reach(places, right, top, bottom)
+            (ax, ay), (bx, by), (cx, cy) = places
+            area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
+            for k, (value, across, down) in enumerate(
+                _edges(
+                    places,
+                    area,
+                    first_x >> SIDE_BITS << SIDE_BITS,
+                    first_y >> SIDE_BITS << SIDE_BITS,
+                )
+            ):
+                put(edges, E + k, value)
+                put(edges, ACROSS + k, across)
+                put(edges, DOWN + k, down)
+            for row, value in enumerate((first_x, last_x, first_y, last_y)):
+                put(whole, row, value)
+            put(whole, FACE, gather(builder, faces, slots))
+
+            if with_planes:
+                for slot in slots:
+                    face = builder.sext(builder.load(builder.gep(faces, [slot])), LONG)
+                    prefetch(builder, builder.gep(visible, [face]), is_written=True)
+                _planes(builder, placed, indices, places, area, put, batch)
+            is_tiny = (last_x - first_x <= 1) & (last_y - first_y <= 1)
+            wide, tall = (
+                (last >> SIDE_BITS) - (first >> SIDE_BITS)
+                for first, last in ((first_x, last_x), (first_y, last_y))
+            )
+            groups = (
+                (wide <= 1) & (tall <= 1),
+                (is_tiny & (last_x > first_x)) | (~is_tiny & (wide > 0)),
+                (is_tiny & (last_y > first_y)) | (~is_tiny & (tall > 0)),
+            )
+            found = LONG(0)
+            for k, group in enumerate(groups):
+                found = builder.or_(found, builder.shl(group.bits(), LONG(k * LANES)))
+            hides = spread(builder, builder.extract_value(window, 3), LANES) > 0
+            can_own = (last_x >= first_x) & (last_y >= first_y)
+            shown = can_own & ((area < 0) | ((area > 0) & ~hides))
+            hidden = can_own & (area > 0) & hides
+            sides = builder.or_(shown.bits(), builder.shl(hidden.bits(), LONG(LANES)))
+            return context.make_tuple(builder, signature.return_type, (found, sides))
+
+        arguments = chosen, types.int64, shape, placed, window, edges, batch, visible
+        return types.UniTuple(types.int64, 2)(*arguments), generate
+
+    return set_up_lanes
+
+
+set_up_lanes, set_up_edges = _set_up(with_planes=True), _set_up(with_planes=False)
+
+
+@intrinsic
+def tiny_lanes(typing, k, window, edges, batch):
+    """Bits of those of sixteen triangles that own sample k of at most 2 x 2.
+
+    Where in memory it stands goes to `batch.sample`, and its 1/z to `batch.here`.
+    """
+
+    def generate(context, builder, signature, args):
+        k, window, edges, batch = args
+        whole, exact, plane, sample, here = (builder.extract_value(batch, n) for n in range(5))
+        top, columns = (spread(builder, builder.extract_value(window, n), LANES) for n in (1, 4))
+
+        def get(array, row):
+            return load(builder, builder.gep(array, [LONG(row * LANES)]), LANES)
+
+        first_x, first_y = get(whole, FIRST_X), get(whole, FIRST_Y)
+        x = first_x + spread(builder, builder.and_(k, WORD(1)), LANES)
+        y = first_y + spread(builder, builder.lshr(k, WORD(1)), LANES)
+        in_x, in_y = (
+            x - (first_x >> SIDE_BITS << SIDE_BITS),
+            y - (first_y >> SIDE_BITS << SIDE_BITS),
+        )
+        values = [
+            get(edges, E + n) + get(edges, ACROSS + n) * in_x + get(edges, DOWN + n) * in_y
+            for n in range(3)
+        ]
+        owns = (x <= get(whole, LAST_X)) & (y <= get(whole, LAST_Y)) & (_sign(values) >= 0)
+        block_x, block_y = x >> SIDE_BITS, y >> SIDE_BITS
+        in_x, in_y = x & (SIDE - 1), y & (SIDE - 1)
+        block = (block_y - (top >> SIDE_BITS)) * columns + block_x
+        ((((block << SIDE_BITS) + in_y) << SIDE_BITS) + in_x).store(sample)
+        corner_x, corner_y = (block_x << SIDE_BITS).to(DOUBLE), (block_y << SIDE_BITS).to(DOUBLE)
+        start = get(exact, ORIGIN) + get(exact, SLOPE_Y) * corner_y + get(exact, SLOPE_X) * corner_x
+        away = get(plane, STEP_X) * in_x.to(SINGLE) + get(plane, STEP_Y) * in_y.to(SINGLE)
+        nearness = (start.to(SINGLE) + away).greatest(get(plane, LEAST)).least(get(plane, GREATEST))
+        nearness.store(here)
+        return owns.bits()
+
+    return types.int64(types.int32, window, edges, batch), generate
+
+
+@intrinsic
+def few_lanes(typing, k, window, edges, batch):
+    """Bits of those of sixteen triangles that have samples in block k of 2 x 2; above, border ones.
+
+    Which samples goes to `batch.masks`, where in memory the block stands to `batch.sample`, and 1/z
+    at its first sample to `batch.here`.
+    """
+
+    def generate(context, builder, signature, args):
+        k, window, edges, batch = args
+        whole, exact, _, sample, here, masks = (builder.extract_value(batch, n) for n in range(6))
+        top, columns, full_x, full_y = (
+            spread(builder, builder.extract_value(window, n), LANES) for n in (1, 4, 6, 7)
+        )
+
+        def get(array, row):
+            return load(builder, builder.gep(array, [LONG(row * LANES)]), LANES)
+
+        i = spread(builder, builder.and_(k, WORD(1)), LANES)
+        j = spread(builder, builder.lshr(k, WORD(1)), LANES)
+        block_x = (get(whole, FIRST_X) >> SIDE_BITS) + i
+        block_y = (get(whole, FIRST_Y) >> SIDE_BITS) + j
+        across, below = ([get(edges, row + n) for n in range(3)] for row in (ACROSS, DOWN))
+        first = [get(edges, E + n) + (across[n] * i + below[n] * j << SIDE_BITS) for n in range(3)]
+        inside = i.like(0)
+        for y in range(SIDE):
+            values = first
+            for x in range(SIDE):
+                bit = i.like(1 << (y * SIDE + x))
+                inside = (inside | bit).where(_sign(values) >= 0, inside)
+                values = [value + step for value, step in zip(values, across, strict=True)]
+            first = [value + step for value, step in zip(first, below, strict=True)]
+        inside.store(masks)
+        block = (block_y - (top >> SIDE_BITS)) * columns + block_x
+        (block << (2 * SIDE_BITS)).store(sample)
+        corner_x, corner_y = (block_x << SIDE_BITS).to(DOUBLE), (block_y << SIDE_BITS).to(DOUBLE)
+        start = get(exact, ORIGIN) + get(exact, SLOPE_Y) * corner_y + get(exact, SLOPE_X) * corner_x
+        start.to(SINGLE).store(here)
+        found = (block_x <= get(whole, LAST_X) >> SIDE_BITS) & (inside > 0)
+        found = found & (block_y <= get(whole, LAST_Y) >> SIDE_BITS)
+        at_border = (block_x >= full_x) | (block_y >= full_y)
+        return builder.or_(found.bits(), builder.shl(at_border.bits(), LONG(LANES)))
+
+    return types.int64(types.int32, window, edges, batch), generate
+
+
+@intrinsic
+def owned_lanes(typing, edges, batch):
+    """Count the samples that sixteen triangles of at most 2 x 2 blocks own, into `batch.masks`."""
+
+    def generate(context, builder, signature, args):
+        edges, batch = args
+        whole, masks = (builder.extract_value(batch, n) for n in (0, 5))
+
+        def get(array, row):
+            return load(builder, builder.gep(array, [LONG(row * LANES)]), LANES)
+
+        first = [get(edges, E + n) for n in range(3)]
+        across, below = ([get(edges, row + n) for n in range(3)] for row in (ACROSS, DOWN))
+        first_x, first_y = (get(whole, row) >> SIDE_BITS << SIDE_BITS for row in (FIRST_X, FIRST_Y))
+        columns, rows = get(whole, LAST_X) - first_x, get(whole, LAST_Y) - first_y
+        owned = columns.like(0)
+        for y in range(2 * SIDE):
+            values = first
+            for x in range(2 * SIDE):
+                beyond = (columns - x) | (rows - y)  # less than 0 beyond the last column or row
+                owned = (owned + 1).where((_sign(values) | beyond) >= 0, owned)
+                values = [value + step for value, step in zip(values, across, strict=True)]
+            first = [value + step for value, step in zip(first, below, strict=True)]
+        owned.store(masks)
+        return context.get_dummy_value()
+
+    return types.void(edges, batch), generate
+
+
+@intrinsic
+def group_lanes(typing, edges, k, right, down):
+    """Bits of the blocks of a group that triangle k reaches, and a few more near its corners.
+
+    The group starts `right` and `down` blocks from the first one that the triangle reaches. Its
+    values go to the rows `CORNER` and `INNER`.
+    """
+
+    def generate(context, builder, signature, args):
+        edges, k, right, down = args
+        kind = edges.type.pointee
+        if kind == WORD:
+            right, down = builder.trunc(right, WORD), builder.trunc(down, WORD)
+        lane_x, lane_y = constants(builder, kind, LANE_X), constants(builder, kind, LANE_Y)
+        x = (spread(builder, right, LANES) + lane_x) * SIDE
+        y = (spread(builder, down, LANES) + lane_y) * SIDE
+        highest = []
+        for n in range(3):
+            value, across, below = (
+                spread(
+                    builder,
+                    builder.load(builder.gep(edges, [builder.add(k, LONG(row * LANES))])),
+                    LANES,
+                )
+                for row in (E + n, ACROSS + n, DOWN + n)
+            )
+            value = value + (across * x + below * y)
+            value.store(builder.gep(edges, [LONG((CORNER + n) * LANES)]))
+            inner = across * lane_x + below * lane_y
+            inner.store(builder.gep(edges, [LONG((INNER + n) * LANES)]))
+            highest.append(value + (across.greatest(0) + below.greatest(0)) * (SIDE - 1))
+        return (_sign(highest) >= 0).bits()
+
+    whole = types.int64
+    return whole(edges, whole, whole, whole), generate
+
+
+@intrinsic
+def group_starts(typing, k, group_x, group_y, window, batch):
+    """Where the blocks of a group stand in memory, and 1/z of triangle k at their first samples.
+
+    To `batch.sample` and `batch.here`.
+    """
+
+    def generate(context, builder, signature, args):
+        k, group_x, group_y, window, batch = args
+        exact, sample, here = (builder.extract_value(batch, n) for n in (1, 3, 4))
+        top, columns = (spread(builder, builder.extract_value(window, n), LANES) for n in (1, 4))
+        x = spread(builder, builder.trunc(group_x, WORD), LANES) + constants(builder, WORD, LANE_X)
+        y = spread(builder, builder.trunc(group_y, WORD), LANES) + constants(builder, WORD, LANE_Y)
+        (((y - (top >> SIDE_BITS)) * columns + x) << (2 * SIDE_BITS)).store(sample)
+        origin, slope_x, slope_y = (
+            spread(
+                builder,
+                builder.load(builder.gep(exact, [builder.add(k, LONG(row * LANES))])),
+                LANES,
+            )
+            for row in (ORIGIN, SLOPE_X, SLOPE_Y)
+        )
+        x, y = (x << SIDE_BITS).to(DOUBLE), (y << SIDE_BITS).to(DOUBLE)
+        (origin + slope_y * y + slope_x * x).to(SINGLE).store(here)
+        return context.get_dummy_value()
+
+    whole = types.int64
+    return types.void(whole, whole, whole, window, batch), generate
+
+
+@intrinsic
+def inside_lanes(typing, edges, block):
+    """Bits of the samples inside the triangle of `group_lanes`, in a block of its group."""
+
+    def generate(context, builder, signature, args):
+        edges, block = args
+        values = []
+        for n in range(3):
+            corner = builder.gep(edges, [builder.add(block, LONG((CORNER + n) * LANES))])
+            inner = load(builder, builder.gep(edges, [LONG((INNER + n) * LANES)]), LANES)
+            values.append(spread(builder, builder.load(corner), LANES) + inner)
+        return (_sign(values) >= 0).bits()
+
+    return types.int64(edges, types.int64), generate
+
+
+@intrinsic
+def write_lanes(typing, image, at, bits, batch, k, start):
+    """Write the depth of triangle k into the samples of a block where it is nearest, of `bits`.
+
+    1/z at the block's first sample is `start`. Returns bits of the samples that were written; above
+    them those of these that were not empty before; and above them those at the same depth.
+    """
+
+    def generate(context, builder, signature, args):
+        image, at, bits, batch, k, start = args
+        where = builder.gep(builder.extract_value(image, 0), [at])
+        plane = builder.extract_value(batch, 2)
+        step_x, step_y, least, greatest = (
+            spread(
+                builder,
+                builder.load(builder.gep(plane, [builder.add(k, LONG(row * LANES))])),
+                LANES,
+            )
+            for row in (STEP_X, STEP_Y, LEAST, GREATEST)
+        )
+        away = step_x * constants(builder, SINGLE, LANE_X)
+        away = away + step_y * constants(builder, SINGLE, LANE_Y)
+        here = (spread(builder, start, LANES) + away).greatest(least).least(greatest)
+        old = load(builder, where, LANES)
+        active = from_bits(builder, bits, LANES)
+        wins = (here > old) & active
+        full = wins & (old > 0.0)
+        ties = here.equals(old) & active
+        here.where(wins, old).store(where)
+        found = builder.or_(wins.bits(), builder.shl(full.bits(), LONG(LANES)))
+        return builder.or_(found, builder.shl(ties.bits(), LONG(2 * LANES)))
+
+    arguments = image, types.int64, types.int64, batch, types.int64, types.float32
+    return types.int64(*arguments), generate
+
+
+@intrinsic
+def owned_by(typing, owner, at, face):
+    """Bits of the samples of a block that a face holds."""
+
+    def generate(context, builder, signature, args):
+        owner, at, face = args
+        held = load(builder, builder.gep(owner, [at]), LANES)
+        return held.equals(spread(builder, face, LANES)).bits()
+
+    return types.int64(owner, types.int64, types.int32), generate
+
+
+@intrinsic
+def own_lanes(typing, owner, at, bits, face):
+    """Give samples of a block to a face."""
+
+    def generate(context, builder, signature, args):
+        owner, at, bits, face = args
+        where = builder.gep(owner, [at])
+        mask = from_bits(builder, bits, LANES)
+        spread(builder, face, LANES).where(mask, load(builder, where, LANES)).store(where)
+        return context.get_dummy_value()
+
+    return types.void(owner, types.int64, types.int64, types.int32), generate
+
+
+@intrinsic
+def list_lanes(typing, octets, bits, base, listed, n):
+    """Put base + index of each of sixteen bits behind the n numbers of a list, in order.
+
+    Without a branch, which would be guessed wrong: by a table that has, for eight bits, the indices
+    of those that are set. What comes after them in the list is overwritten.
+    """
+
+    def generate(context, builder, signature, args):
+        octets, bits, base, listed, n = args
+        half = LANES // 2
+        for k in range(2):
+            mask = builder.and_(builder.lshr(bits, LONG(k * half)), LONG(0xFF))
+            indices = builder.gep(octets, [builder.mul(mask, LONG(half))])
+            indices = load(builder, indices, half).widened(WORD)
+            start = builder.trunc(builder.add(base, LONG(k * half)), WORD)
+            (indices + spread(builder, start, half)).store(builder.gep(listed, [n]))
+            n = builder.add(n, builder.ctpop(mask))
+        return n
+
+    whole = types.int64
+    return whole(octets, whole, whole, listed, whole), generate
+
+
+@intrinsic
+def fetch_lines(typing, data, begin, end):
+    """Ask for the cache lines from element `begin` up to `end`, before they are needed."""
+
+    def generate(context, builder, signature, args):
+        data, begin, end = args
+        size = context.get_abi_sizeof(data.type.pointee)
+        with cgutils.for_range_slice(builder, begin, end, LONG(CACHE_LINE // size), LONG) as (
+            at,
+            _,
+        ):
+            prefetch(builder, builder.gep(data, [at]))
+        return context.get_dummy_value()
+
+    return types.void(data, types.int64, types.int64), generate
+
+
+@intrinsic
+def fetch_counts(typing, data, faces, begin, end):
+    """Ask for the counts of the faces in these slots, before they are needed."""
+
+    def generate(context, builder, signature, args):
+        data, faces, begin, end = args
+        with cgutils.for_range_slice(builder, begin, end, LONG(1), LONG) as (at, _):
+            face = builder.sext(builder.load(builder.gep(faces, [at])), LONG)
+            prefetch(builder, builder.gep(data, [face]), is_written=True)
+        return context.get_dummy_value()
+
+    return types.void(data, faces, types.int64, types.int64), generate
+
+
+@intrinsic
+def count_bits(typing, bits):
+    """How many bits are set."""
+
+    def generate(context, builder, signature, args):
+        return builder.ctpop(args[0])
+
+    return types.int64(types.int64), generate
+
+
+@intrinsic
+def lowest_bit(typing, bits):
+    """Index of the lowest bit that is set, of a number that is not 0."""
+
+    def generate(context, builder, signature, args):
+        return builder.cttz(args[0], ir.Constant(ir.IntType(1), 1))
+
+    return types.int64(types.int64), generate
