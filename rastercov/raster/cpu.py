@@ -18,7 +18,7 @@ from rastercov.errors import ConfigError, DeviceError, ResourceError
 from rastercov.mesh import Mesh
 from rastercov.parallel import share_poses, thread_count
 from rastercov.pose import valid_poses
-from rastercov.raster import canary, kernels
+from rastercov.raster import canary, kernels, layout
 from rastercov.raster.clusters import in_clusters
 from rastercov.raster.contract import FaceCounts, RasterizerInfo, VisibilityBuffer
 from rastercov.raster.grid import SampleGrid
@@ -195,15 +195,15 @@ class _View:
     def __init__(self, scene: _Scene, grid: SampleGrid) -> None:
         self.scene, self.grid = scene, grid
         self.size = np.array((grid.width, grid.height), np.int64)
-        side, patch = kernels.SIDE, kernels.SIDE << kernels.PATCH_BITS
+        side, patch = layout.SIDE, layout.SIDE << layout.PATCH_BITS
         n_patches = -(-grid.width // patch)
         n_block_rows = -(-grid.height // side)
         self.block_rows = min(n_block_rows, max(1, MAX_BAND // (n_patches * patch * side)))
-        self.columns = n_patches << kernels.PATCH_BITS
+        self.columns = n_patches << layout.PATCH_BITS
         self.marks = np.zeros(self.block_rows * n_patches, np.uint8)
         n_samples = self.marks.size * patch * side
         self.depth, self.owner = np.empty(n_samples, np.float32), np.empty(n_samples, np.int32)
-        self.seen = np.empty(len(scene.clusters.vertex_starts) + kernels.LANES, np.int32)
+        self.seen = np.empty(len(scene.clusters.vertex_starts) + layout.LANES, np.int32)
         self.scratch = kernels.make_scratch()
         self.no_drawn = np.zeros((1, 1), np.int64)
         firsts, lasts = np.zeros((2, n_block_rows, side), np.int32)
@@ -218,8 +218,9 @@ class _View:
         ends = len(self.inner) * np.arange(part, part + 2) // n_parts
         tops = np.arange(ends[0], ends[1], self.block_rows)
         bottoms = np.minimum(tops + self.block_rows, ends[1])
-        rows = kernels.SIDE * np.stack((tops, bottoms), axis=1)
-        return np.minimum(rows, self.grid.height, dtype=np.int64)
+        rows = layout.SIDE * np.stack((tops, bottoms), axis=1)
+        bands: IntArray = np.minimum(rows, self.grid.height)
+        return bands
 
     def count(
         self,

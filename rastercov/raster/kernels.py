@@ -1,8 +1,5 @@
 """The loops of the CPU rasteriser, compiled by numba.
 
-They stand in one file because numba keeps what it compiled by file: a loop that calls into another
-file would not notice a change there.
-
 A mesh comes in clusters of up to 64 faces (`rastercov.raster.clusters`). A pose takes one at a
 time, and leaves out those that lie outside the image or turn their back, without a look at their
 faces. `project` brings the vertices of a cluster to the image, in steps of 1/256 of a sample.
@@ -19,8 +16,7 @@ edge.
 A sample counts for its face when it is written and is taken from the face that held it before, so
 what remains at the end are the visible samples, and nobody has to look at the image again.
 
-J. Pineda. A Parallel Algorithm for Polygon Rasterization. 1988, for edge functions.
-M. Abrash. Rasterization on Larrabee. 2009, for blocks within blocks, sixteen at once.
+What is done to sixteen at once stands in `lane_kernels`, how things lie in memory in `layout`.
 """
 
 import numpy as np
@@ -140,7 +136,7 @@ def border(block_x, block_y, window):
 
 @part_of
 def fill_tiny(tiny, wide, tall, window, edges, batch, image, counts):
-    """Fill those of sixteen triangles that reach at most 2 x 2 samples, and have their bits in tiny.
+    """Fill those of sixteen triangles that have bits in `tiny`: they reach at most 2 x 2 samples.
 
     Those with bits in `wide` reach two columns, those with bits in `tall` two rows. Returns how
     many samples were empty.
@@ -201,7 +197,7 @@ def resolve(at, bits, batch, k, start, face, image, visible):
 
 @part_of
 def fill_few(few, wide, tall, window, edges, batch, image, counts):
-    """Fill those of sixteen triangles that reach at most 2 x 2 blocks, and have their bits in few.
+    """Fill those of sixteen triangles that have bits in `few`: they reach at most 2 x 2 blocks.
 
     Otherwise as `fill_tiny`.
     """
@@ -633,7 +629,8 @@ def count_poses(
             top, bottom = bands[band]
             window = Window(
                 np.int32(size[0] - 1), np.int32(top), np.int32(bottom - 1), np.int32(culls[p]),
-                columns, size[1], np.int32(full_x), np.int32(full_y), pointer(inner), pointer(first), pointer(last),
+                columns, size[1], np.int32(full_x), np.int32(full_y), pointer(inner),
+                pointer(first), pointer(last),
             )  # fmt: skip
             frustum(view, size[0], top, bottom, sides)
             leaves_out_backs = ALL_LANES if culls[p] and not with_drawn else 0
@@ -688,16 +685,9 @@ def count_poses(
                     )
                 if n_large:
                     new += fill_large(
-                        lists.large,
-                        n_large,
-                        shape,
-                        placed,
-                        window,
-                        long_edges,
-                        batch,
-                        image,
+                        lists.large, n_large, shape, placed, window, long_edges, batch, image,
                         counts,
-                    )
+                    )  # fmt: skip
                 for k in range(n_clipped):
                     n = fan_out(
                         shape, lists.clipped[k], begin, end - begin, view, window, placed, fan,

@@ -88,9 +88,8 @@ def project(typing, points, begin, end, view, placed):
         origin as the eye.
     begin, end : int
         First vertex of the cluster, and of the next one.
-    view : (17,) float64
-        world_from_camera, eye, fx, fy, cx, cy in samples, and the depth below which a vertex is cut
-        off.
+    view : (18,) float64
+        See `VIEW`.
     placed : Placed
         Out. `u`, `v`: steps of 1/256 sample, not rounded. `w`: 1/z. `x`, `y`, and `both` together:
         where the vertex stands when samples are given out, `CLIPPED` where it needs clipping. What
@@ -185,12 +184,13 @@ def cull_lanes(typing, bounds, stride, at, view, sides, focal, leaves_out_backs)
 
         away = [row(k) - figure(view, EYE + k) for k in range(3)]
         radius, near = row(3), figure(view, NEAR)
+        is_outside = radius < 0
         for k in range(5):
             normal = [figure(sides, 4 * k + axis) for axis in range(3)]
             distance = normal[0] * away[0] + normal[1] * away[1] + normal[2] * away[2]
             limit = near if k == 4 else radius.like(0)
             beyond = distance + radius * figure(sides, 4 * k + 3) < limit
-            is_outside = beyond if k == 0 else is_outside | beyond
+            is_outside = is_outside | beyond
         nearest = distance - radius  # along the axis of the camera
         squared = away[0] * away[0] + away[1] * away[1] + away[2] * away[2]
         along = away[0] * row(4) + away[1] * row(5) + away[2] * row(6)
@@ -359,9 +359,10 @@ def _set_up(with_planes):
     ):  # fmt: skip
         """Edge functions and planes of sixteen triangles, in as many bits as `edges` has.
 
-        Returns bits of those that reach at most 2 x 2 blocks; above them those that reach two columns,
-        and two rows: of samples, if they reach at most 2 x 2, else of blocks. And bits of those that
-        can own a sample, as far as their corners tell; above them those of these that are hidden.
+        Returns bits of those that reach at most 2 x 2 blocks; above them those that reach two
+        columns, and two rows: of samples, if they reach at most 2 x 2, else of blocks. And bits of
+        those that are shown and can own a sample, as far as their corners tell; above them those
+        that are hidden.
         """
 
         def generate(context, builder, signature, args):

@@ -1,11 +1,11 @@
-"""Many numbers at once: formulas over short vectors, written as formulas and compiled to vector code.
+"""Many numbers at once: formulas over short vectors, from which LLVM makes vector code.
 
 numba turns loops into vector code only where they are long and simple. The loops of a rasteriser
 are neither, so `rastercov.raster.kernels` writes those of their formulas that matter over `Lanes`,
 from which an `@intrinsic` makes LLVM's vectors. They run on every processor: where its vectors are
 shorter, LLVM takes several.
 
-numba does not notice a change in this file: remove what it keeps on disk after one.
+Loops that are made with it name it to `rastercov.compiled.compiled_with`.
 """
 
 from collections.abc import Sequence
@@ -94,7 +94,7 @@ class Lanes:
         return self._compare("==", other)
 
     def where(self, mask: "Lanes", other: Any) -> "Lanes":
-        """This where the mask is set, the other elsewhere."""
+        """These values where the mask is set, the other ones elsewhere."""
         return Lanes(
             self.builder, self.builder.select(mask.value, self.value, self.like(other).value)
         )

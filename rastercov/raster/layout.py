@@ -42,8 +42,8 @@ E, ACROSS, DOWN, CORNER, INNER = 0, 3, 6, 9, 12
 EDGE_ROWS = 15
 """Rows of `edges`, for each of three edge functions, in units of `STEPS`: its value at the first
 sample of the first block that a triangle reaches, its step to the next sample and to the next row.
-Then those of one triangle: its values at the first samples of sixteen blocks, and what it gains from
-there to the other samples of a block."""
+Then those of one triangle: its values at the first samples of sixteen blocks, and what it gains
+from there to the other samples of a block."""
 FIRST_X, LAST_X, FIRST_Y, LAST_Y, FACE = 0, 1, 2, 3, 4
 WHOLE_ROWS = 5
 """Rows of `whole`: the samples that the triangle reaches, and its face."""
@@ -55,8 +55,9 @@ PLANE_ROWS = 4
 """Rows of `plane`: the steps again, and 1/z of the farthest and of the nearest corner."""
 EYE, LENS, NEAR, WIDEST = 9, 12, 16, 17
 VIEW = 18
-"""Figures of a pose: rotation (9), eye (3), lens (4), near plane, and the most that a length parallel
-to the image, over its depth, is magnified to, in samples."""
+"""Figures of a pose: world_from_camera (9), eye (3), fx, fy, cx, cy in samples, the depth below
+which a vertex is cut off, and the most that a length parallel to the image, over its depth, is
+magnified to, in samples."""
 
 Shape = namedtuple("Shape", "points corners faces")
 """A mesh in clusters: pointers, as in all of these, to what `rastercov.raster.clusters` made."""
@@ -65,9 +66,10 @@ Placed = namedtuple("Placed", "u v w x y both")
 Window = namedtuple(
     "Window", "right top bottom hides_back columns height full_x full_y inner first last"
 )
-"""What of the image is drawn: the last column, the first and last row, whether faces that turn their
-back are hidden, blocks in a row of memory, rows of the image; columns and rows of blocks before which all blocks are inside, blocks of each row
-of blocks that are, and samples of each row."""
+"""What of the image is drawn: its last column, the first and the last row; whether faces that turn
+their back are hidden; blocks in a row of memory, rows of the image; columns and rows of blocks
+before which all blocks are inside (0 where samples are rolled), for each row of blocks the first
+one inside and the one after the last, and for each row of samples likewise."""
 Batch = namedtuple("Batch", "whole exact plane sample here masks")
 """Sixteen triangles: rows of what the constants above name. Then one sample or block of each: where
 in memory, and 1/z at its first sample; and bits of sixteen blocks."""
