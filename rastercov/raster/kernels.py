@@ -37,6 +37,7 @@ from rastercov.raster.lane_kernels import (
     own_lanes,
     owned_by,
     owned_lanes,
+    owned_rows,
     pointer,
     project,
     set_up_edges,
@@ -358,11 +359,16 @@ def count_hidden(listed, n, shape, placed, window, edges, batch, counts):
         if few:
             owned_lanes(edges, batch)
         for k in range(min(n - i, LANES)):
+            owned = 0
             if few >> k & 1:
-                counts.drawn[batch.whole[FACE * LANES + k]] += batch.masks[k]
-        for k in range(min(n - i, LANES)):  # after those, whose counts this overwrites
-            if not few >> k & 1:
-                counts.drawn[batch.whole[FACE * LANES + k]] += covered(k, window, edges, batch)
+                owned = np.int64(batch.masks[k])
+            elif window.full_x == 0:
+                owned = covered(k, window, edges, batch)
+            else:
+                n_rows = batch.whole[LAST_Y * LANES + k] - batch.whole[FIRST_Y * LANES + k] + 1
+                for start in range(0, n_rows, LANES):
+                    owned += owned_rows(edges, k, start, batch)
+            counts.drawn[batch.whole[FACE * LANES + k]] += owned
 
 
 @compiled

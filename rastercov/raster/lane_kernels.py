@@ -552,6 +552,47 @@ def owned_lanes(typing, edges, batch):
 
 
 @intrinsic
+def owned_rows(typing, edges, k, start, batch):
+    """How many samples triangle k owns in sixteen rows, from `start` rows below its first one.
+
+    In a row an edge function e + a x is 0 or more from ceil(-e / a) on where a > 0, and up to
+    floor(e / -a) where a < 0. Both are floor(e / |a|) but for signs. A quotient that is not whole
+    is at least 1/|a| from the next whole number, far more than rounding and what is added for it.
+    """
+
+    def generate(context, builder, signature, args):
+        edges, k, start, batch = args
+        whole = builder.extract_value(batch, 0)
+
+        def get(array, row):
+            value = builder.load(builder.gep(array, [builder.add(k, LONG(row * LANES))]))
+            return spread(builder, value, LANES)
+
+        first_x, last_x, first_y, last_y = (get(whole, row) for row in range(4))
+        corner_x, corner_y = (first >> SIDE_BITS << SIDE_BITS for first in (first_x, first_y))
+        y = first_y + spread(builder, builder.trunc(start, WORD), LANES)
+        y = y + constants(builder, WORD, range(LANES))
+        left, right = first_x - corner_x, last_x - corner_x
+        is_row = y <= last_y
+        for n in range(3):
+            value, across, down = (get(edges, row + n) for row in (E, ACROSS, DOWN))
+            value = value + down * (y - corner_y)
+            slope = across.to(DOUBLE)
+            share = value.to(DOUBLE) * (slope.like(1.0) / slope.magnitude()) + 2.0**-20
+            share = share.like(0.0).where(across.equals(0), share)
+            bound = share.floor().to(WORD)
+            left = left.greatest(bound.like(0) - bound).where(across > 0, left)
+            right = right.least(bound).where(across < 0, right)
+            is_row = is_row & (~across.equals(0) | (value >= 0))
+        owned = (right - left + 1).greatest(0)
+        owned = owned.where(is_row, 0)
+        return builder.sext(owned.reduced("__add__"), LONG)
+
+    whole = types.int64
+    return whole(edges, whole, whole, batch), generate
+
+
+@intrinsic
 def group_lanes(typing, edges, k, right, down):
     """Bits of the blocks of a group that triangle k reaches, and a few more near its corners.
 

@@ -155,7 +155,7 @@ class Lanes:
         return [self.builder.sext(value, LONG) for value in values]
 
     def reduced(self, to: str) -> Any:
-        """One value of all lanes: the `least` or the `greatest`."""
+        """One value of all lanes: the `least`, the `greatest`, or by `__add__` their sum."""
         values = self
         n = len(self)
         while n > 1:
