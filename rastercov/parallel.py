@@ -1,8 +1,8 @@
 """Many poses in several threads: compiled loops hold no lock, so they run side by side."""
 
 import os
+import threading
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 
 from rastercov.errors import ConfigError
 
@@ -18,9 +18,10 @@ def thread_count(threads: int | None) -> int:
 
 
 def share_poses(n_poses: int, workers: Sequence[Callable[[slice], None]]) -> None:
-    """Call the workers, each in a thread of its own, with slices that together cover the poses.
+    """Call the workers side by side with slices that together cover the poses.
 
-    What one of them raises is raised, and ends all; so does an interrupt, after their turn.
+    The first works in the thread of the caller, the others each in one of its own. What one of them
+    raises is raised, and ends all; so does an interrupt, after their turn.
     """
     turns = []
     start = 0
@@ -29,6 +30,7 @@ def share_poses(n_poses: int, workers: Sequence[Callable[[slice], None]]) -> Non
         turns.append(slice(start, start + step))
         start += step
     turns.reverse()  # taken from the end
+    raised: list[BaseException] = []
 
     def work(worker: Callable[[slice], None]) -> None:
         try:
@@ -38,14 +40,21 @@ def share_poses(n_poses: int, workers: Sequence[Callable[[slice], None]]) -> Non
                 except IndexError:  # another thread took the last one
                     return
                 worker(turn)
+        except BaseException as error:
+            raised.append(error)
         finally:
             turns.clear()  # empty already, unless something went wrong: then all stop
 
-    if len(workers) == 1:
+    # A pool would start all threads anew as well, and takes twice as long to do so.
+    threads = [threading.Thread(target=work, args=(worker,)) for worker in workers[1:]]
+    try:
+        for thread in threads:
+            thread.start()
         work(workers[0])
-        return
-    with ThreadPoolExecutor(len(workers)) as pool:
-        try:
-            list(pool.map(work, workers))
-        finally:
-            turns.clear()  # an interrupt comes here
+    finally:
+        turns.clear()  # an interrupt comes here
+        for thread in threads:
+            if thread.ident is not None:
+                thread.join()
+    if raised:
+        raise raised[0]
