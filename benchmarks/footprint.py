@@ -72,6 +72,9 @@ def memory_of_workers(report) -> None:
     arrays = (mesh.vertices.nbytes + mesh.faces.nbytes) / 2**20
     image = cell.width * cell.height * 8 / 2**20
     limit = 3 * arrays + image
+    small = Cell("closed", 1000, 128, 128)
+    with rc.open_rasterizer(small.mesh(), small.camera, "cpu") as rasterizer:
+        rasterizer.count(poses[:1])  # loads numba and its loops, whatever the mesh
     tracemalloc.start()
     counting = {}
     for threads in (1, 3):

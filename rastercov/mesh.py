@@ -269,7 +269,8 @@ class Mesh:
     def _inside_out(self) -> NDArray[np.bool_]:
         """(C,) components of a closed, consistently wound mesh without positive volume."""
         part = self.topology.components()
-        has_edges = np.unique(part[self.topology.neighbours[:, 0]])
+        has_edges = np.zeros(int(part.max()) + 1, bool)
+        has_edges[part[self.topology.neighbours[:, 0]]] = True
         return frozen(~encloses_volume(self.vertices, self.faces, part)[has_edges])
 
     @cached_property

@@ -7,10 +7,12 @@ Source: Y. Shiloach, U. Vishkin. An O(log n) Parallel Connectivity Algorithm. 19
 """
 
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
+
+from rastercov.mesh_arrays import blocks
 
 ODD_MULTIPLIERS = (0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9)
 
@@ -54,6 +56,43 @@ def _equals_previous(rows: NDArray[np.uint64], order: NDArray[np.int64]) -> NDAr
     return equals
 
 
+def _sorted_edges(
+    faces: NDArray[np.int64], n_vertices: int
+) -> tuple[NDArray[np.uint64], NDArray[Any], NDArray[np.bool_]]:
+    """Edges in order, each with its face, and whether the face runs along it upwards.
+
+    Equal keys are equal edges. Faces with a repeated vertex are left out.
+    """
+    n_bits = len(faces).bit_length()
+    key = np.empty(3 * len(faces), np.uint64)
+    # 2 face + is forward
+    code: NDArray[Any] = np.empty(len(key), np.uint32 if n_bits < 32 else np.uint64)
+    n = 0
+    for block in blocks(len(faces)):
+        start = faces[block]
+        index = 2 * np.arange(block.start, block.start + len(start))[:, None]
+        end = start[:, [1, 2, 0]]
+        has_edges = (start != end).all(axis=1)
+        start, end, index = start[has_edges], end[has_edges], index[has_edges]
+        part = slice(n, n + start.size)
+        key[part] = (np.minimum(start, end) * n_vertices + np.maximum(start, end)).ravel()
+        code[part] = (index + (start < end)).ravel()
+        n = part.stop
+    key, code = key[:n], code[:n]
+    if (n_vertices**2).bit_length() + n_bits + 1 <= 64:  # in one number, which sorts quicker
+        key <<= np.uint64(n_bits + 1)
+        key |= code
+        key.sort()
+        np.bitwise_and(key, np.uint64(2 ** (n_bits + 1) - 1), out=code, casting="unsafe")
+        key >>= np.uint64(n_bits + 1)
+    else:
+        order = np.argsort(key, kind="stable")
+        key, code = key[order], code[order]
+    is_forward = np.bitwise_and(code, 1, out=np.empty(n, bool), casting="unsafe")
+    code >>= 1
+    return key, code, is_forward
+
+
 @dataclass(frozen=True)
 class Topology:
     """Edges of a mesh, counted by how many faces they have.
@@ -84,26 +123,30 @@ class Topology:
         A face with a repeated vertex is a flap on an edge that its neighbours share, so it does
         not count; one without area between three points closes a T-junction, so it does.
         """
-        start, end = faces, np.roll(faces, -1, axis=1)
-        counts = np.repeat((start != end).all(axis=1), 3)
-        start, end = start.reshape(-1)[counts], end.reshape(-1)[counts]
-        key = np.minimum(start, end) * n_vertices + np.maximum(start, end)
-        order = np.argsort(key)
-        key, is_forward = key[order], (start < end)[order]
-        face = np.flatnonzero(counts)[order] // 3
+        key, face, is_forward = _sorted_edges(faces, n_vertices)
         is_first = np.ones(len(key), dtype=bool)
         is_first[1:] = key[1:] != key[:-1]
+        del key  # large, like all that is deleted here: half of what meshes need at most
         first = np.flatnonzero(is_first)
-        n_uses = np.diff(first, append=len(key))
+        n_uses = np.diff(first, append=len(face))
+        n_boundary, n_nonmanifold = int((n_uses == 1).sum()), int((n_uses > 2).sum())
         shared = first[n_uses == 2]
+        del first, n_uses
+        n_shared = len(shared)
+        n_inconsistent = int((is_forward[shared] == is_forward[shared + 1]).sum())
+        del shared, is_forward
         later = np.flatnonzero(~is_first)
+        neighbours = np.empty((len(later), 2), np.int64)
+        neighbours[:, 1] = face[later]
+        later -= 1
+        neighbours[:, 0] = face[later]
         return cls(
             n_faces=len(faces),
-            n_boundary_edges=int((n_uses == 1).sum()),
-            n_shared_edges=len(shared),
-            n_nonmanifold_edges=int((n_uses > 2).sum()),
-            n_inconsistent_edges=int((is_forward[shared] == is_forward[shared + 1]).sum()),
-            neighbours=np.stack([face[later - 1], face[later]], axis=1),
+            n_boundary_edges=n_boundary,
+            n_shared_edges=n_shared,
+            n_nonmanifold_edges=n_nonmanifold,
+            n_inconsistent_edges=n_inconsistent,
+            neighbours=neighbours,
         )
 
     @property
@@ -113,8 +156,10 @@ class Topology:
 
     def components(self) -> NDArray[np.int64]:
         """(F,) number of each face's edge-connected component, from 0 in order of first face."""
-        root = np.arange(self.n_faces)
-        left, right = self.neighbours.T
+        # Half the memory, unless faces are too many.
+        whole = np.int32 if self.n_faces < 2**31 else np.int64
+        root = np.arange(self.n_faces, dtype=whole)
+        left, right = self.neighbours.T.astype(whole)
         while True:  # about log F rounds: each joins every root that has a lower neighbour
             a, b = root[left], root[right]
             apart = a != b
@@ -125,4 +170,5 @@ class Topology:
             while not np.array_equal(root, jumped := root[root]):
                 root = jumped
         number = np.cumsum(root == np.arange(self.n_faces)) - 1
-        return number[root]
+        part: NDArray[np.int64] = number[root]
+        return part
