@@ -1,14 +1,33 @@
 """Where the CPU rasteriser spends its time, pass by pass, beside what this machine can do.
 
-CPU time of one thread, medians over rounds of several poses. "outside" is what `count` takes beyond
-the compiled passes: checking poses, near planes, scratch memory, and the memory of the result. The
-simple loops are the least that each pass must do: `project` streams vertices through a 3 x 3 matrix
-and a division, `set_up` gathers the corners of each face and takes its area, `fill` compares and
-writes 16 samples at a time in a tile that stays in cache.
+CPU time of one thread, medians over rounds of several poses. All passes stand in one compiled loop,
+`count_poses`; so it is compiled once more from its source with a question before each pass, whether
+the passes go on, and the time of a pass is by how much longer the poses take with it. The question
+is answered while the loop runs, so that what comes before it is the same code with the pass and
+without. The processor works on two passes at once where it can, so the figures are good to 10 % or
+so, and those of passes that take next to nothing can be below 0. "set up" and filling are known
+less well apart than together: with the same code the one moved between 5 and 9 ns a face from one
+process to the next, and the other by about as much the other way. "questions" is by how much longer
+all passes take with them; the further it is from 0, the less figures say about the loop itself.
+
+"empty counts" are the zeros that a pose begins with, and "clear" the depths. "set up" is of small
+faces only: "fill large" and "clip" do all that they do to their faces. "outside" is what `count`
+takes beyond `count_poses`: checking poses, near planes, and the memory of the result. A cluster is
+looked at once in each band of rows that it reaches. Samples are covered by all faces that may not
+be left out, hidden or not.
+
+The simple loops are what passes must do at the least: `project` streams vertices through a 3 x 3
+matrix and a division, `sift` gathers the corners of each face and takes its area, filling compares
+and writes 16 samples at a time.
 """
 
-import statistics
+import importlib.util
+import math
+import tempfile
 import time
+from collections.abc import Callable
+from pathlib import Path
+from unittest import mock
 
 import numpy as np
 from contest import Cell
@@ -17,7 +36,7 @@ from rows import Report, arguments
 import rastercov as rc
 from rastercov.compiled import compiled
 from rastercov.raster import kernels
-from rastercov.raster.cpu import _Scene, _View
+from rastercov.raster.cpu import MAX_BAND, _Scene, _View
 from rastercov.raster.grid import SampleGrid
 from rastercov.raster.rules import limits
 
@@ -27,7 +46,12 @@ CELLS = (
     Cell("open", 10_000, 1280, 1024),
     Cell("interior", 15_000, 1280, 1024),
 )  # fmt: skip
-PASSES = ("project", "set up", "bin", "fill", "drawn, back faces")
+
+SHORTEST = 0.02
+"""Seconds that are timed at least, in as many calls as it takes."""
+
+ENOUGH = 100
+"""Things in a pose from which on the time of each says something."""
 
 
 def main() -> None:
@@ -38,12 +62,13 @@ def main() -> None:
     args = parser.parse_args()
     report = Report()
     machine(report)
+    loops = stepped(), counted()
     for cell in CELLS:
         mesh = cell.mesh()
         if args.shuffled:
             faces = np.random.default_rng(1).permutation(mesh.faces)
             mesh = rc.Mesh(vertices=mesh.vertices, faces=faces)
-        profile(report, cell, mesh, args.poses, args.rounds)
+        profile(report, cell, mesh, args.poses, args.rounds, *loops)
     report.finish(args.json)
 
 
@@ -51,13 +76,12 @@ def main() -> None:
 
 
 @compiled
-def transform(points, rotation, out):
+def transform(x, y, z, rotation, u, v):
     """Points times a matrix, divided by their depth."""
-    for i in range(len(points)):
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        w = 1.0 / (x * rotation[0, 2] + y * rotation[1, 2] + z * rotation[2, 2])
-        out[i, 0] = (x * rotation[0, 0] + y * rotation[1, 0] + z * rotation[2, 0]) * w
-        out[i, 1] = (x * rotation[0, 1] + y * rotation[1, 1] + z * rotation[2, 1]) * w
+    for i in range(len(x)):
+        w = 1.0 / (x[i] * rotation[0, 2] + y[i] * rotation[1, 2] + z[i] * rotation[2, 2])
+        u[i] = (x[i] * rotation[0, 0] + y[i] * rotation[1, 0] + z[i] * rotation[2, 0]) * w
+        v[i] = (x[i] * rotation[0, 1] + y[i] * rotation[1, 1] + z[i] * rotation[2, 1]) * w
 
 
 @compiled
@@ -95,128 +119,264 @@ def machine(report: Report) -> None:
         mesh = Cell("closed", n, 256, 256).mesh()
         faces = mesh.faces.astype(np.int32)
         steps = (1e4 * mesh.vertices[:, :2]).astype(np.int32)
-        out, points = np.empty((mesh.n_vertices, 2)), mesh.vertices + np.array((0, 0, 4))
-        seconds = _least(lambda p=points, o=out: transform(p, rotation, o))
+        points = np.ascontiguousarray((mesh.vertices + np.array((0, 0, 4))).T)
+        out = np.empty((2, mesh.n_vertices))
+        seconds = _least(lambda p=points, o=out: transform(*p, rotation, *o))
         what = f"simple loop, {mesh.n_faces:,} faces"
         report.add(f"{what}: a vertex to the image", 1e9 * seconds / mesh.n_vertices, "ns/vertex")
         seconds = _least(lambda s=steps, f=faces: areas(s, f))
         report.add(f"{what}: area of a face", 1e9 * seconds / mesh.n_faces, "ns/face")
-    depth = np.zeros(kernels.TILE_WIDTH * kernels.TILE_HEIGHT, np.float32)
-    owner = np.zeros(len(depth), np.int32)
-    seconds = _least(lambda: compare_and_write(depth, owner, 100)) / 100
-    report.add("simple loop: compare and write a sample", 1e9 * seconds / len(depth), "ns/sample")
-    seconds = _least(lambda: [depth.fill(0) for _ in range(100)]) / 100
-    report.add("simple loop: clear a tile's depth", 1e6 * seconds, "us/tile")
+    for n in (256 * 256, MAX_BAND):
+        depth, owner = np.zeros(n, np.float32), np.zeros(n, np.int32)
+        what = f"simple loop, {n:,} samples"
+        seconds = _least(lambda d=depth, o=owner: compare_and_write(d, o, 100)) / 100
+        report.add(f"{what}: compare and write a sample", 1e9 * seconds / n, "ns/sample")
+        seconds = _least(lambda d=depth: [d.fill(0) for _ in range(100)]) / 100
+        report.add(f"{what}: clear the depth of a sample", 1e9 * seconds / n, "ns/sample")
 
 
 def _least(work) -> float:
     """Least CPU time of a call, seconds."""
-    times = []
-    for _ in range(9):
-        started = time.thread_time()
+    return min(_seconds(work) for _ in range(9))
+
+
+def _seconds(work: Callable[[], object], times: int = 1) -> float:
+    """CPU time of a call, of so many."""
+    started = time.thread_time()
+    for _ in range(times):
         work()
-        times.append(time.thread_time() - started)
-    return min(times)
+    return (time.thread_time() - started) / times
+
+
+# --- the loops, with questions --------------------------------------------------------------------
+
+
+def _before(marker: str, *lines: str) -> tuple[str, str]:
+    """An edit of a source: these lines before the marker, indented as it is."""
+    indent = marker[: len(marker) - len(marker.lstrip())]
+    return marker, "".join(f"{indent}{line}\n" for line in lines) + marker
+
+
+def _unless_wanted(marker: str) -> tuple[str, str]:
+    """An edit: nothing from the marker on, to the end of the loop, unless the pass is done."""
+    return _before(marker, "if not WANTED:", "    continue")
+
+
+SIFT = "                n_tiny, n_small, n_hidden, n_large, n_clipped = sift("
+PLACED = "                if box[1] == CLIPPED:"
+FILL = "                new += fill(\n"
+FEW_TOGETHER = "            filled += fill_few("
+CLEAR_ALL = "            marks[:] = is_clear\n            if is_clear:\n"
+
+PASSES = {
+    "empty counts": (),
+    "cull": (_unless_wanted("            frustum(view, size[0]"),),
+    "project": (_unless_wanted("            is_clear = len(depth)"),),
+    "clear": (
+        (
+            CLEAR_ALL,
+            "            if WANTED:\n                marks[:] = is_clear\n"
+            "            if is_clear and WANTED:\n",
+        ),
+        _unless_wanted(PLACED),
+    ),
+    "sift": (_unless_wanted(SIFT),),
+    "set up": (_unless_wanted(FILL),),
+    # These are bits, to do without more branches: all are set, or none.
+    "fill tiny": (("        if tiny:\n", "        if tiny & WANTED:\n"),),
+    "fill few": (
+        ("        if count_bits(few) < FEW:\n", "        if count_bits(few & WANTED) < FEW:\n"),
+    ),
+    "fill blocks": (("        if many:\n", "        if many & WANTED:\n"),),
+    "fill large": (("                if n_large:\n", "                if n_large and WANTED:\n"),),
+    "clip": (
+        (
+            "                for k in range(n_clipped):\n",
+            "                for k in range(n_clipped if WANTED else 0):\n",
+        ),
+    ),
+}
+"""The passes in their order, and edits of the source that ask whether each is WANTED."""
+
+WORK = (
+    "clusters looked at",
+    "vertices in them",
+    "clusters that reach samples",
+    "faces in them",
+    "faces kept, tiny",
+    "faces kept, small",
+    "faces kept, large",
+    "faces to be clipped",
+    "small faces, 16 at once",
+    "small faces, one by one",
+    "triangles left by clipping",
+)
+COUNTED = (
+    _before(PLACED, "visible[p, 0] += 1", "visible[p, 1] += end - begin"),
+    _before(
+        SIFT,
+        "visible[p, 2] += 1",
+        "for slot in range(face_starts[cluster], face_starts[cluster + 1]):",
+        "    visible[p, 3] += corners[slot] != 0",
+    ),
+    _before(
+        FILL,
+        "visible[p, 4] += n_tiny",
+        "visible[p, 5] += n_small",
+        "visible[p, 6] += n_large",
+        "visible[p, 7] += n_clipped",
+    ),
+    ("        if tiny:\n", "        if tiny < 0:\n"),
+    (
+        f"        else:\n{FEW_TOGETHER}",
+        "        else:\n            counts.visible[8] += count_bits(few)\n"
+        f"        if few < 0:\n{FEW_TOGETHER}",
+    ),
+    ("        if many:\n", "        counts.visible[9] += count_bits(many)\n        if many < 0:\n"),
+    ("                if n_large:\n", "                if n_large < 0:\n"),
+    (
+        "                    new += fill_large(\n                        one_by_one, n, fan",
+        "                    visible[p, 10] += n\n"
+        "                    new += fill_large(\n                        one_by_one, 0, fan",
+    ),
+)
+"""Edits that put what there is to do in the place of counts, and fill nothing."""
+
+
+def stepped() -> Callable[..., None]:
+    """`count_poses` that does the passes only for which there is -1, not 0, in `drawn[0]`.
+
+    Where only visible samples are counted, nobody else has a use for it.
+    """
+    edits = []
+    for k, questions in enumerate(PASSES.values()):
+        edits += [
+            (marker, text.replace("WANTED", f"counts.drawn[{k}]")) for marker, text in questions
+        ]
+    return _edited("stepped", edits)
+
+
+def counted() -> Callable[..., None]:
+    """`count_poses` that puts the figures of `WORK` in the place of counts of faces."""
+    return _edited("counted", COUNTED)
+
+
+def _edited(name: str, edits) -> Callable[..., None]:
+    """`count_poses` from a source in which some places are replaced, each of which stands once."""
+    text = Path(kernels.__file__).read_text()
+    # What is compiled here is not kept.
+    edits = (
+        ("import numpy as np\n", "import numba\nimport numpy as np\n"),
+        (
+            "compiled = compiled_with(lane_kernels, lanes, layout)\n",
+            'compiled = numba.njit(nogil=True, error_model="numpy")\n',
+        ),
+        *edits,
+    )
+    for marker, replacement in edits:
+        times = text.count(marker)
+        assert times == 1, f"{marker!r} must stand once in {kernels.__file__}, stands {times} times"
+        text = text.replace(marker, replacement)
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder, f"{name}.py")
+        file.write_text(text)
+        spec = importlib.util.spec_from_file_location(name, file)
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+    return module.count_poses
 
 
 # --- the passes -----------------------------------------------------------------------------------
 
 
-def profile(report: Report, cell: Cell, mesh: rc.Mesh, n_poses: int, rounds: int) -> None:
+def profile(
+    report: Report,
+    cell: Cell,
+    mesh: rc.Mesh,
+    n_poses: int,
+    rounds: int,
+    steps: Callable[..., None],
+    count_work: Callable[..., None],
+) -> None:
     """Time of each pass in this scene, and how much each had to do."""
     poses = cell.poses(mesh, n_poses)
+    near, cull, _ = limits(mesh, cell.camera, poses)
     scene, grid = _Scene(mesh), SampleGrid(cell.camera)
     view = _View(scene, grid)
-    near, cull, _ = limits(mesh, cell.camera, poses)
-    moved = grid.axes(poses).copy()
-    moved[:, :3, 3] -= scene.centre
-    visible, drawn = np.zeros((2, mesh.n_faces), np.int64)
-    with rc.open_rasterizer(mesh, cell.camera, "cpu", threads=1) as rasterizer:
-        rasterizer.count(poses, drawn=False)
-        spent, whole, work = [], {False: [], True: []}, {}
-        for _ in range(rounds):
-            spent.append(np.zeros(len(PASSES)))
-            for row in range(n_poses):
-                times, work[row] = _passes(view, moved[row], near[row], cull[row], visible, drawn)
-                spent[-1] += times
-            for with_drawn, times in whole.items():
-                started = time.thread_time()
-                rasterizer.count(poses, drawn=with_drawn)
-                times.append(time.thread_time() - started)
+    view.no_drawn = np.zeros((1, len(PASSES)), np.int64)
+    visible, filled = np.empty((n_poses, mesh.n_faces), np.int64), np.empty(n_poses, np.int64)
+    given = []
+    with mock.patch.object(kernels, "count_poses", lambda *arguments: given.extend(arguments)):
+        view.count(poses, near, cull, (0, 1), visible, None, filled)
+
+    def first_passes(n: int) -> Callable[[], None]:
+        def work() -> None:
+            view.no_drawn[0, :n], view.no_drawn[0, n:] = -1, 0
+            steps(*given)
+
+        return work
+
     what = f"{cell.scene}, {mesh.n_faces:,} faces, {cell.width} x {cell.height}"
-    per_pose = 1e6 * np.median(spent, axis=0) / n_poses
-    triangles, listed, lines, samples, tiles = np.mean(list(work.values()), axis=0)
-    elements = (mesh.n_vertices, mesh.n_faces, triangles, triangles, mesh.n_faces)
-    units = ("vertex", "face", "triangle", "triangle", "face")
-    for name, value, n, unit in zip(PASSES, per_pose, elements, units, strict=True):
-        if value:
-            report.add(f"{what}: {name}", value, "us/pose")
+    count_work(*given)
+    work = visible[:, : len(WORK)].mean(axis=0)
+    with rc.open_rasterizer(mesh, cell.camera, "cpu", threads=1) as rasterizer:
+        timed = [first_passes(n + 1) for n in range(len(PASSES))]
+        timed += [
+            lambda: kernels.count_poses(*given),
+            lambda: rasterizer.count(poses, drawn=False),
+            lambda: rasterizer.count(poses, drawn=True),
+        ]
+        for call in timed:
+            call()
+        counts = rasterizer.count(poses)
+        timed[len(PASSES) - 1]()
+        report.check(f"{what}: as counted without questions", (visible == counts.visible).all())
+        times = math.ceil(SHORTEST / _seconds(timed[len(PASSES)]))
+        spent = [[_seconds(call, times) for call in timed] for _ in range(rounds)]
+    medians = 1e6 * np.median(spent, axis=0) / n_poses
+    plain, total, both = medians[len(PASSES) :]
+    passes = np.diff(medians[: len(PASSES)], prepend=0.0)
+    clusters, vertices, _, faces, tiny, small, large, clipped, together, alone, _ = work
+    n_clusters = len(scene.clusters.vertex_starts) - 1
+    elements = (
+        (mesh.n_faces, "face"),
+        (n_clusters, "cluster"),
+        (vertices, "vertex"),
+        (clusters, "cluster"),
+        (faces, "face"),
+        (tiny + small, "face"),
+        (tiny, "triangle"),
+        (together, "triangle"),
+        (alone, "triangle"),
+        (large, "triangle"),
+        (clipped, "face"),
+    )
+    for name, value, (n, unit) in zip(PASSES, passes, elements, strict=True):
+        report.add(f"{what}: {name}", value, "us/pose")
+        if n >= ENOUGH:
             report.add(f"{what}: {name}, each", 1e3 * value / n, f"ns/{unit}")
-    total = 1e6 * statistics.median(whole[False]) / n_poses
-    report.add(f"{what}: outside", total - per_pose[:4].sum(), "us/pose")
+    samples = _samples_covered(mesh, poses, cull, counts)
+    filling = passes[list(PASSES).index("fill tiny") :].sum()
+    report.add(f"{what}: filling, each sample covered", 1e3 * filling / samples, "ns/sample")
+    report.add(f"{what}: questions", medians[len(PASSES) - 1] - plain, "us/pose")
+    report.add(f"{what}: outside", total - plain, "us/pose")
     report.add(f"{what}: all, visible only", total, "us/pose")
-    both = 1e6 * statistics.median(whole[True]) / n_poses
     report.add(f"{what}: all, drawn too", both, "us/pose")
-    report.add(f"{what}: triangles kept", triangles, "a pose")
-    report.add(f"{what}: triangles listed by tile", listed, "a pose")
-    report.add(f"{what}: rows of triangles", lines, "a pose")
-    report.add(f"{what}: samples covered, hidden or not", samples, "a pose")
-    report.add(f"{what}: tiles filled", tiles, "a pose")
+    report.add(f"{what}: clusters of the mesh", n_clusters, "in all")
+    for name, value in zip(WORK, work, strict=True):
+        report.add(f"{what}: {name}", value, "a pose")
+    report.add(f"{what}: samples covered", samples, "a pose")
 
 
-def _passes(view: _View, pose, near, cull, visible, drawn):
-    """CPU seconds of each pass, and how much there was to do in one pose."""
-    scene, grid, size = view.scene, view.grid, view.size
-    rotation, eye = np.ascontiguousarray(pose[:3, :3]), np.ascontiguousarray(pose[:3, 3])
-    columns = -(-int(size[0]) // kernels.TILE_WIDTH)
-    none = np.empty((0, 0), np.int32), np.empty((0, 0), np.float32)
-    placed = view.u, view.v, view.w, view.steps
-    visible[:] = drawn[:] = 0
-    clock = [time.thread_time()]
-    outside = kernels.project(scene.vertices, rotation, eye, grid.lens, near, *placed)
-    clock.append(time.thread_time())
-    if outside:
-        view._grow()
-        placed = view.u, view.v, view.w, view.steps
-        kernels.project(scene.vertices, rotation, eye, grid.lens, near, *placed)
-        clock = [0.0, clock[1] - clock[0]]
-        clock = [time.thread_time() - clock[1], time.thread_time()]
-
-    def set_up(side: int) -> int:
-        return kernels.set_up(
-            scene.vertices, scene.faces, rotation, eye, grid.lens, near, size, side, *placed,
-            view.triangles, view.tiles, view.starts,
-        )  # fmt: skip
-
-    n = set_up(-1 if cull else 0)
-    clock.append(time.thread_time())
-    if view.starts[-1] > len(view.listed):
-        view.listed = np.empty(int(view.starts[-1] * 1.25), np.int32)
-    view.places[:] = view.starts
-    kernels.bin_triangles(n, view.tiles, columns, view.starts, view.places, view.listed)
-    clock.append(time.thread_time())
-    kernels.fill_tiles(
-        *placed, size, grid.first, grid.last, view.triangles, view.starts, view.listed, view.depth,
-        view.owner, visible, drawn, *none,
-    )  # fmt: skip
-    clock.append(time.thread_time())
-    tiles = np.count_nonzero(np.diff(view.starts))
-    work = n, view.starts[-1], _rows_of(view, n), drawn.sum(), tiles
-    back = 0.0
-    if cull:
-        started = time.thread_time()
-        n_back = set_up(1)
-        kernels.count_drawn(n_back, view.steps, size, grid.first, grid.last, view.triangles, drawn)
-        back = time.thread_time() - started
-    return np.append(np.diff(clock), back), work
-
-
-def _rows_of(view: _View, n: int) -> int:
-    """Rows of samples that the boxes of the triangles have in the image."""
-    v = view.steps[view.triangles[:n, :3], 1]
-    low = (v.min(axis=1) + kernels.HALF - 1) >> kernels.BITS
-    high = (v.max(axis=1) - kernels.HALF) >> kernels.BITS
-    return int(np.sum(np.minimum(high + 1, view.size[1]) - np.maximum(low, 0)))
+def _samples_covered(mesh: rc.Mesh, poses, cull, counts: rc.FaceCounts) -> float:
+    """Samples in a pose of the faces that are not left out as they turn their back."""
+    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+    normals = np.cross(b - a, c - a)
+    n = 0
+    for pose, hides, drawn in zip(poses, cull, counts.drawn, strict=True):
+        is_front = np.einsum("fk,fk->f", normals, pose[:3, 3] - a) > 0
+        n += drawn[is_front].sum() if hides else drawn.sum()
+    return n / len(poses)
 
 
 if __name__ == "__main__":

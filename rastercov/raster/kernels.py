@@ -48,9 +48,9 @@ from rastercov.raster.lane_kernels import (
 )  # fmt: skip
 from rastercov.raster.layout import (
     ALL_LANES,
+    BEHIND,
     BITS,
     CLIP_CORNERS,
-    CLIPPED,
     EYE,
     FACE,
     FAR_OUT,
@@ -667,7 +667,9 @@ def count_poses(
                         np.int64(face_starts[cluster + 1]),
                     )  # fmt: skip
                 box = project(shape.points, begin, end, view, placed)
-                if box[1] == CLIPPED:
+                if box[0] == BEHIND and box[1] == BEHIND:
+                    continue
+                if box[1] >= BEHIND:
                     box = (
                         0,
                         np.int32(size[0] << BITS),

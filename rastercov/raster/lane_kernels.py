@@ -27,6 +27,7 @@ from rastercov.raster.lanes import (
 )  # fmt: skip
 from rastercov.raster.layout import (
     ACROSS,
+    BEHIND,
     BITS,
     CACHE_LINE,
     CLIPPED,
@@ -92,8 +93,8 @@ def project(typing, points, begin, end, view, placed):
         See `VIEW`.
     placed : Placed
         Out. `u`, `v`: steps of 1/256 sample, not rounded. `w`: 1/z. `x`, `y`, and `both` together:
-        where the vertex stands when samples are given out, `CLIPPED` where it needs clipping. What
-        comes after the cluster's vertices means nothing.
+        where the vertex stands when samples are given out, `CLIPPED` or `BEHIND` where it needs
+        clipping. What comes after the cluster's vertices means nothing.
     """
 
     def generate(context, builder, signature, args):
@@ -141,7 +142,7 @@ def _project_lanes(builder, points, at, figures, placed, to):
         away[0] * figures[k] + away[1] * figures[3 + k] + away[2] * figures[6 + k] for k in range(3)
     )
     inverse = z.like(1.0) / z
-    is_seen = z >= figures[NEAR]
+    is_seen = is_beyond_near = z >= figures[NEAR]
     exact = (
         (figures[LENS] * right * inverse + figures[LENS + 2]) * float(STEPS),
         (figures[LENS + 1] * down * inverse + figures[LENS + 3]) * float(STEPS),
@@ -149,11 +150,12 @@ def _project_lanes(builder, points, at, figures, placed, to):
     for position in exact:
         is_seen = is_seen & (position.magnitude() <= float(FAR_OUT))
     inverse.store(builder.gep(w, [to]))
+    unseen = spread(builder, WORD(CLIPPED), LANES).where(is_beyond_near, BEHIND)
     steps = []
     for position, u_or_v, x_or_y in zip(exact, (u, v), (x, y), strict=True):
         position.store(builder.gep(u_or_v, [to]))
         rounded = (position.where(is_seen, 0.0) + 0.5).floor().to(WORD)
-        steps.append(rounded.where(is_seen, CLIPPED))
+        steps.append(rounded.where(is_seen, unseen))
         steps[-1].store(builder.gep(x_or_y, [to]))
     together = (steps[1].to(LONG) << 32) | (steps[0].to(LONG) & 0xFFFFFFFF)
     together.store(builder.gep(both, [to]))
@@ -288,7 +290,10 @@ def sift_lanes(typing, corners, at, placed, window, batch):
         (ax, ay), (bx, by), (cx, cy) = places
         wide, tall = last_x - first_x, last_y - first_y
         can_own = (wide >= 0) & (tall >= 0)
-        is_clipped = ax.greatest(bx).greatest(cx).equals(CLIPPED) & (packed > 0)
+        low, high = ax.least(bx).least(cx), ax.greatest(bx).greatest(cx)
+        wants_clipping = (high >= BEHIND) & (packed > 0)
+        is_all_behind = low.equals(BEHIND) & high.equals(BEHIND)
+        is_clipped = wants_clipping & ~is_all_behind
         is_large = (width >= LARGE) | (height >= LARGE)
         area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
         edges = _edges(places, area, first_x, first_y)
@@ -300,9 +305,9 @@ def sift_lanes(typing, corners, at, placed, window, batch):
             owned = (owned + 1).where(is_owned, owned)
         owned.store(builder.extract_value(batch, 5))
         is_tiny = (wide <= 1) & (tall <= 1)
-        is_small = can_own & ~(is_large | is_clipped)
+        is_small = can_own & ~(is_large | wants_clipping)
         classes = is_small & is_tiny & (owned > 0), is_small & ~is_tiny
-        is_large = is_large & can_own & ~is_clipped
+        is_large = is_large & can_own & ~wants_clipping
         is_hidden = (area > 0) & (hides_back > 0)
         is_shown = (area < 0) | ((area > 0) & (hides_back <= 0))
         found = []

@@ -12,8 +12,8 @@ HALF = STEPS // 2
 """Sub-sample steps, as many as graphics devices have. Shifts divide: `//` would test for zero."""
 FAR_OUT = 1 << 29
 """Steps from the origin beyond which a vertex is clipped: edges then fit 64 bits with room."""
-CLIPPED = 2**31 - 1
-"""Steps of a vertex that is."""
+CLIPPED, BEHIND = 2**31 - 1, 2**31 - 2
+"""Steps of a vertex that is, and of one that is because it lies before the near plane."""
 CLIP_CORNERS = 8
 """A triangle cut by five planes has at most this many corners."""
 LARGE = 100 * STEPS
