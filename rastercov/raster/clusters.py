@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.raster import cluster_kernels as kernels
-from rastercov.raster.layout import LANES
+from rastercov.raster.layout import LANES, aligned_zeros
 
 FloatArray = NDArray[np.float64]
 WordArray = NDArray[np.int32]
@@ -40,7 +40,7 @@ class Clusters:
         Index of each face in the mesh.
     vertex_starts, face_starts : (K + 1,) int32
         Where clusters start.
-    bounds : (11, K + 16) float64
+    bounds : (11, K or up to 15 more) float64
         Centre (3) and radius of a sphere around it; the axis (3) of a cone that holds the normals
         of all its faces, cosine and sine of the cone's half angle; the least distance of a face's
         plane from the centre, along the face's normal; and the least altitude of a face, 0 where
@@ -78,15 +78,16 @@ def in_clusters(vertices: FloatArray, faces: WordArray, is_wound: bool) -> Clust
     starts = np.empty(len(faces) + 1, np.int32)
     n, n_slots = kernels.cut(faces, order, keys, marks, starts)
     del keys
-    corners, face_of = np.zeros(n_slots, np.int32), np.zeros(n_slots, np.int32)
+    corners, face_of = aligned_zeros(n_slots, np.int32), aligned_zeros(n_slots, np.int32)
     face_starts, vertex_starts = np.zeros((2, n + 1), np.int32)
     marks[:] = -1
     local = np.empty(len(vertices), np.uint8)
     kernels.number(
         faces, order, starts, n, marks, local, corners, face_of, face_starts, vertex_starts
     )
-    points = np.zeros(3 * int(vertex_starts[-1]) + LANES)  # read beyond the last one
-    bounds = np.zeros((kernels.BOUNDS, n + LANES))  # sixteen are read at once
+    points = aligned_zeros(3 * int(vertex_starts[-1]) + LANES, np.float64)  # read beyond the last
+    width = -(-n // LANES) * LANES  # sixteen are read at once
+    bounds = aligned_zeros((kernels.BOUNDS, width), np.float64)
     marks[:] = -1
     kernels.place(vertices, faces, order, starts, n, marks, vertex_starts, points)
     kernels.bound(vertices, faces, order, starts, n, vertex_starts, points, bounds)

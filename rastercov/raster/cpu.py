@@ -202,7 +202,8 @@ class _View:
         self.columns = n_patches << layout.PATCH_BITS
         self.marks = np.zeros(self.block_rows * n_patches, np.uint8)
         n_samples = self.marks.size * patch * side
-        self.depth, self.owner = np.empty(n_samples, np.float32), np.empty(n_samples, np.int32)
+        self.depth = layout.aligned_zeros(n_samples, np.float32)
+        self.owner = layout.aligned_zeros(n_samples, np.int32)
         self.seen = np.empty(len(scene.clusters.vertex_starts) + layout.LANES, np.int32)
         self.scratch = kernels.make_scratch()
         self.no_drawn = np.zeros((1, 1), np.int64)

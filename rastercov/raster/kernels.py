@@ -78,6 +78,7 @@ from rastercov.raster.layout import (
     Placed,
     Shape,
     Window,
+    aligned_zeros,
 )  # fmt: skip
 
 compiled = compiled_with(lane_kernels, lanes, layout)
@@ -531,10 +532,10 @@ def fill_large(listed, n, shape, placed, window, edges, batch, image, counts):
 def make_scratch():
     """Memory for `count_poses` in one thread, as it takes it apart."""
     return (
-        np.zeros((14, ROOM), np.int32),
-        np.zeros((2, ROOM), np.int64),
-        np.zeros((5, ROOM)),
-        np.zeros((2, ROOM), np.float32),
+        aligned_zeros((14, ROOM), np.int32),
+        aligned_zeros((2, ROOM), np.int64),
+        aligned_zeros((5, ROOM), np.float64),
+        aligned_zeros((2, ROOM), np.float32),
         np.array(
             [sorted(range(8), key=lambda k: not bits >> k & 1) for bits in range(256)], np.uint8
         ).ravel(),

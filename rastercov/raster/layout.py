@@ -4,7 +4,12 @@ Small numbers of things live in small arrays, in rows of sixteen that the consta
 they stay in the nearest cache.
 """
 
+import math
 from collections import namedtuple
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
 
 BITS = 8
 STEPS = 1 << BITS
@@ -79,3 +84,13 @@ Image = namedtuple("Image", "depth owner")
 """Blocks of samples: 1/z, 0 where nothing is; and the face."""
 Counts = namedtuple("Counts", "visible drawn with_drawn")
 """Samples of each face to add to; `drawn` only where asked for."""
+
+
+def aligned_zeros(shape: int | tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
+    """Zeros that start with a cache line, so that sixteen words never lie in two."""
+    size = np.dtype(dtype).itemsize
+    n_bytes = math.prod(np.atleast_1d(shape).tolist()) * size
+    octets = np.zeros(n_bytes + CACHE_LINE, np.uint8)
+    start = -octets.ctypes.data % CACHE_LINE
+    zeros: NDArray[Any] = octets[start : start + n_bytes].view(dtype).reshape(shape)
+    return zeros
