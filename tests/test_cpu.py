@@ -4,9 +4,11 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hostile_scenes import scene
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -15,7 +17,7 @@ from rastercov.camera import Camera
 from rastercov.errors import ConfigError, DeviceError, ResourceError
 from rastercov.mesh import Mesh
 from rastercov.pose import look_at, sphere_of_poses
-from rastercov.raster import canary, kernels
+from rastercov.raster import canary, cpu, kernels, layout
 from rastercov.raster.contract import open_rasterizer
 from rastercov.raster.cpu import MAX_SIDE, CPURasterizer
 
@@ -65,35 +67,265 @@ def test_faces_larger_than_the_lists_are_listed():
     assert counts.drawn.tolist() == [[CAMERA.width * CAMERA.height] * 4]
 
 
-@given(st.lists(st.integers(-(2**31), 2**31), min_size=4, max_size=4), st.integers(-10, 10))
-@settings(max_examples=300)
-def test_an_edge_gives_the_first_sample_at_its_right(ends, row):
-    # ceil((X - 128) / 256) in whole numbers, on this row and, by the stride, on the next.
-    xa, ya, xb, yb = (end >> 3 for end in ends)
-    ya, yb = min(ya, yb), max(ya, yb) + 1
-    row += (ya + yb) >> 9
-    divisor = (yb - ya) << 8
-
-    def first(at):
-        numerator = (xa - 128) * (yb - ya) + (xb - xa) * (at * 256 + 128 - ya)
-        return -(-numerator // divisor)
-
-    sample, rest, stride, stride_rest, found = kernels.edge(xa, ya, xb, yb, row)
-    assert (sample, found) == (first(row), divisor)
-    rest += stride_rest
-    assert sample + stride + (rest >= divisor) == first(row + 1)
+# --- how the work is shared -----------------------------------------------------------------------
 
 
-@given(st.data())
-@settings(max_examples=500)
-def test_division_in_floats_is_put_right_in_whole_numbers(data):
-    # Exact multiples are where the rounded product falls on either side.
-    divisor = data.draw(st.integers(1, 2**22)) << 8
-    most = 2**60 // divisor
-    quotient = data.draw(st.integers(-min(most, 2**31), min(most, 2**31)))
-    rest = data.draw(st.sampled_from((0, 1, divisor // 2, divisor - 1)))
-    numerator = quotient * divisor + rest
-    assert kernels.divide(numerator, divisor, 1.0 / divisor) == (quotient, rest)
+def triangles(points):
+    points = np.asarray(points, float).reshape(-1, 3)
+    return Mesh(vertices=points, faces=np.arange(len(points)).reshape(-1, 3))
+
+
+def soup(rng, n=150):
+    """Triangles before, through and behind the near plane: of a hundredth of a sample to all."""
+    size = 10 ** rng.uniform(-3.5, 0, (n, 1, 1))
+    size[::50] = 10
+    middle = rng.normal(size=(n, 1, 3)) + (0, 0, 2) + size * (0, 0, 0.7)
+    return triangles(middle + size * rng.normal(size=(n, 3, 3)))
+
+
+def scenes():
+    """Meshes of several clusters, and poses: closed, from inside, of all sizes of triangles."""
+    rng = np.random.default_rng(8)
+    torus, room = shapes.torus(60, 20), shapes.room(12)
+    eyes = room.bounds.mean(axis=0) + rng.uniform(-1, 1, (4, 3))
+    here, there = rng.normal(size=(2, 4, 3))
+    about = look_at(0.5 * here, np.add(there, (0, 0, 3)))
+    return {
+        "torus": (torus, sphere_of_poses((0, 0, 0), 3, 5)),
+        "room": (room, look_at(eyes, eyes + rng.normal(size=(4, 3)))),
+        "soup": (soup(rng, 400), np.concatenate((np.eye(4)[None], about))),
+    }
+
+
+SCENES = scenes()
+ODD = Camera(width=173, height=91, fx=140, fy=150)
+
+
+def assert_same_counts(found, expected):
+    assert np.array_equal(found.visible, expected.visible)
+    assert np.array_equal(found.background, expected.background)
+    if found.drawn is not None:
+        assert np.array_equal(found.drawn, expected.drawn)
+
+
+@pytest.mark.parametrize("options", [{}, {"supersample": 3}, {"supersample": 2, "roll": 0.3}])
+@pytest.mark.parametrize("large_pose", [0, 1 << 60])
+@pytest.mark.parametrize("max_band", [1, 1 << 12])
+@pytest.mark.parametrize("name", SCENES)
+def test_bands_and_parts_of_an_image_change_no_count(
+    monkeypatch, name, max_band, large_pose, options
+):
+    mesh, poses = SCENES[name]
+    with CPURasterizer(mesh, ODD, threads=1, **options) as rasterizer:
+        expected = rasterizer.count(poses)
+        image = rasterizer.render(poses[-1])
+    monkeypatch.setattr(cpu, "MAX_BAND", max_band)
+    monkeypatch.setattr(cpu, "LARGE_POSE", large_pose)
+    for threads in (1, 2, 7):
+        with CPURasterizer(mesh, ODD, threads=threads, **options) as rasterizer:
+            assert_same_counts(rasterizer.count(poses), expected)
+            assert_same_counts(rasterizer.count(poses, drawn=False), expected)
+            for row, pose in enumerate(poses):
+                alone = rasterizer.count(pose)
+                assert np.array_equal(alone.visible[0], expected.visible[row])
+                assert np.array_equal(alone.drawn[0], expected.drawn[row])
+                assert alone.background[0] == expected.background[row]
+            found = rasterizer.render(poses[-1])
+            assert np.array_equal(found.face, image.face)
+            assert np.array_equal(found.depth, image.depth)
+
+
+def test_a_large_pose_is_shared_out(monkeypatch):
+    # By bands of its rows, of which no thread takes those of another.
+    taken = []
+    count_poses = kernels.count_poses
+
+    def noted(*args):
+        taken.append(args[6].tolist())
+        return count_poses(*args)
+
+    mesh, poses = SCENES["torus"]
+    with CPURasterizer(mesh, ODD, threads=3) as rasterizer:
+        monkeypatch.setattr(kernels, "count_poses", noted)
+        rasterizer.count(poses[:1])
+        assert taken == [[[0, 91]]]
+        taken.clear()
+        monkeypatch.setattr(cpu, "LARGE_POSE", 0)
+        rasterizer.count(poses[:1])
+    assert len(taken) == 3
+    ends = sorted(band for bands in taken for band in bands)
+    assert [begin for begin, _ in ends] == [0, *(end for _, end in ends[:-1])]
+    assert ends[-1][1] == 91
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_no_count_leaves_anything_for_the_next(name):
+    mesh, poses = SCENES[name]
+    with CPURasterizer(mesh, ODD, threads=1) as rasterizer:
+        first = rasterizer.count(poses[:2])
+        rasterizer.count(poses[2:])
+        assert_same_counts(rasterizer.count(poses[:2], drawn=False), first)
+        rasterizer.count(poses[2:], drawn=False)
+        assert_same_counts(rasterizer.count(poses[:2]), first)
+        assert_same_counts(rasterizer.count(poses[1::-1]), reordered(first, [1, 0]))
+
+
+def reordered(counts, rows=slice(None), faces=slice(None)):
+    return SimpleNamespace(
+        visible=counts.visible[rows][:, faces],
+        drawn=counts.drawn[rows][:, faces],
+        background=counts.background[rows],
+    )
+
+
+# --- which face a sample belongs to ---------------------------------------------------------------
+
+QUARTER = kernels.STEPS // 4
+IMAGES = [(1, 1), (3, 17), (21, 15), (64, 4), (90, 70), (333, 2), (301, 222)]
+CORNERS = st.tuples(st.integers(-8, 8), st.integers(-8, 8), st.sampled_from((0, 0.25, 0.5)))
+TRIANGLES = st.tuples(
+    st.tuples(st.integers(-4, 68), st.integers(-4, 68)),
+    st.sampled_from((1, 1, 3, 10, 45, 160, 50000)),
+    st.tuples(CORNERS, CORNERS, CORNERS),
+)
+
+
+def owned(corners, width, height):
+    """Samples that a triangle owns, in whole numbers: those it holds a hair right and down."""
+    a, b, c = (np.array(corner, np.int64) for corner in corners)
+    turn = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])
+    if turn < 0:
+        b, c = c, b
+    y, x = np.indices((height, width)) * kernels.STEPS + kernels.HALF
+    inside = np.full((height, width), turn != 0)
+    for (px, py), (qx, qy) in ((a, b), (b, c), (c, a)):
+        across, down = py - qy, qx - px
+        value = across * (x - px) + down * (y - py)
+        inside &= (value > 0) | ((value == 0) & ((across > 0) | ((across == 0) & (down > 0))))
+    return inside, turn < 0
+
+
+@given(
+    st.sampled_from(IMAGES),
+    st.lists(TRIANGLES, min_size=1, max_size=24),
+    st.randoms(use_true_random=False),
+    st.booleans(),
+)
+@settings(max_examples=150)
+def test_each_sample_belongs_to_the_nearest_face_that_whole_numbers_give_it(
+    size, drawn, random, hides_backs
+):
+    # Corners on quarters of samples, so that edges pass through samples; depths far apart.
+    width, height = size
+    depths = list(range(2, len(drawn) + 2))
+    random.shuffle(depths)
+    corners, points = [], []
+    for (centre, scale, offsets), depth in zip(drawn, depths, strict=True):
+        for u, v, behind in offsets:
+            at = [width * centre[0] // 16 + scale * u, height * centre[1] // 16 + scale * v]
+            corners.append([QUARTER * k for k in at])
+            points.append([*((depth + behind) * k / 256 for k in at), depth + behind])
+    mesh = triangles(points)
+    mesh.__dict__["can_cull_back_faces"] = hides_backs
+    face = np.full((height, width), -1)
+    held = [owned(corners[3 * f : 3 * f + 3], width, height) for f in range(mesh.n_faces)]
+    for f in np.argsort(depths)[::-1]:
+        inside, is_front = held[f]
+        if is_front or not hides_backs:
+            face[inside] = f
+    own = [inside.sum() for inside, _ in held]
+    camera = Camera(width=width, height=height, fx=64, fy=64, cx=0, cy=0)
+    with CPURasterizer(mesh, camera, threads=1) as rasterizer:
+        assert np.array_equal(rasterizer.render(np.eye(4)).face, face)
+        for counts in (rasterizer.count(np.eye(4)), rasterizer.count(np.eye(4), drawn=False)):
+            found = np.append(counts.background, counts.visible[0])
+            assert np.array_equal(found, np.bincount(face.ravel() + 1, minlength=len(own) + 1))
+            assert counts.drawn is None or np.array_equal(counts.drawn[0], own)
+
+
+@pytest.mark.parametrize(
+    "size", [(1, 1), (1, 70), (1025, 1), (2, 3), (63, 65), (66, 50), (401, 303)]
+)
+def test_render_is_what_count_counts_at_any_size(size):
+    # Faces of more than 2^15 samples, and cut at the near plane.
+    width, height = size
+    camera = Camera(width=width, height=height, fx=0.8 * width, fy=0.8 * height, near=0.5)
+    rng = np.random.default_rng(4)
+    mesh = soup(rng)
+    poses = np.concatenate((np.eye(4)[None], look_at(rng.normal(size=(3, 3)), (0, 0, 2))))
+    with CPURasterizer(mesh, camera) as rasterizer:
+        counts = rasterizer.count(poses)
+        assert counts.clipped.any()
+        for row, pose in enumerate(poses):
+            found = np.bincount(rasterizer.render(pose).face.ravel() + 1, minlength=151)
+            assert np.array_equal(found, np.append(counts.background[row], counts.visible[row]))
+    assert size != (401, 303) or counts.drawn.max() > 1 << 16
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_order_of_the_faces_changes_no_count(seed):
+    rng = np.random.default_rng(seed)
+    mesh = soup(rng, 300)
+    order = rng.permutation(mesh.n_faces)
+    changed = Mesh(vertices=mesh.vertices, faces=mesh.faces[order])
+    poses = SCENES["soup"][1]
+    assert_same_counts(count(changed, poses), reordered(count(mesh, poses), faces=order))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_of_coincident_faces_the_lowest_index_owns_every_sample_wherever_they_stand(seed):
+    # Copies in any order of their corners, of the same vertices and of others.
+    rng = np.random.default_rng(seed)
+    mesh = soup(rng, 100)
+    poses = SCENES["soup"][1]
+    lone = count(mesh, poses)
+    of = rng.permutation(np.tile(np.arange(100), 3))
+    copies = np.take_along_axis(mesh.faces[of], rng.random((300, 3)).argsort(axis=1), axis=1)
+    copies[::2] += mesh.n_vertices
+    both = Mesh(vertices=np.tile(mesh.vertices, (2, 1)), faces=np.concatenate((mesh.faces, copies)))
+    found = count(both, poses)
+    assert np.array_equal(found.visible[:, :100], lone.visible)
+    assert not found.visible[:, 100:].any()
+    assert np.array_equal(found.drawn, lone.drawn[:, np.append(np.arange(100), of)])
+
+
+# --- memory, processors, faults -------------------------------------------------------------------
+
+
+def test_no_scene_writes_past_its_scratch_memory():
+    # What is reached by pointers has no bounds to check, so what stands beside it is looked at.
+    rng = np.random.default_rng(11)
+    room, beside = kernels.ROOM, 64
+    fences = []
+
+    def fenced(array):
+        whole = layout.aligned_zeros(len(array) + 2 * beside, array.dtype)
+        whole[:] = 77
+        fences.extend((whole[:beside], whole[-beside:]))
+        return whole[beside:-beside]
+
+    def fenced_rows(array):
+        whole = layout.aligned_zeros((len(array), 2 * room), array.dtype)
+        whole[:] = 77
+        whole[:, :room] = array
+        fences.append(whole[:, room:])
+        return whole
+
+    for _ in range(250):
+        mesh, camera, poses, scale = scene(rng)
+        fences.clear()
+        roll = rng.choice((0, rng.uniform(-2, 2)))
+        with CPURasterizer(mesh, camera, threads=1, supersample=scale, roll=roll) as rasterizer:
+            view = rasterizer._view(rasterizer._scene, rasterizer._grid)
+            for name in ("marks", "depth", "owner", "seen"):
+                setattr(view, name, fenced(getattr(view, name)))
+            rows, others = view.scratch[:4], view.scratch[4:]
+            view.scratch = (*(fenced_rows(array) for array in rows), *others)
+            rasterizer._idle[:] = [view]
+            rasterizer.count(poses)
+            rasterizer.count(poses, drawn=False)
+            assert rasterizer._idle == [view]
+        assert all((fence == 77).all() for fence in fences)
 
 
 def test_no_scene_reaches_past_the_scratch_memory(tmp_path):
@@ -136,6 +368,37 @@ for _ in range(500):
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.slow
+def test_every_processor_counts_alike(tmp_path):
+    # As one whose vectors are the shortest that there are.
+    code = """
+import sys
+import numpy as np
+from test_cpu import SCENES, count
+counts = [count(mesh, poses) for mesh, poses in SCENES.values()]
+np.savez(sys.argv[1], *[n for c in counts for n in (c.visible, c.drawn, c.background)])
+"""
+    plain = {
+        "NUMBA_CPU_NAME": "generic",
+        "NUMBA_CPU_FEATURES": "",
+        "NUMBA_CACHE_DIR": str(tmp_path),
+        "PYTHONPATH": str(Path(__file__).parent),
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", code, tmp_path / "counts.npz"],
+        env=os.environ | plain,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    with np.load(tmp_path / "counts.npz") as file:
+        found = list(file.values())
+    counts = [count(mesh, poses) for mesh, poses in SCENES.values()]
+    expected = [n for c in counts for n in (c.visible, c.drawn, c.background)]
+    assert all(np.array_equal(a, b) for a, b in zip(found, expected, strict=True))
+
+
 def test_a_compiler_that_errs_is_not_trusted(monkeypatch):
     monkeypatch.setattr(canary, "VISIBLE", canary.VISIBLE + 1)
     with pytest.raises(DeviceError, match="cannot be trusted"):
@@ -159,7 +422,7 @@ def test_an_interrupt_ends_the_count_within_a_turn(monkeypatch):
             rasterizer.count(poses)
         assert len(turns_taken) < 100  # of 250
         monkeypatch.undo()
-        assert rasterizer.count(poses[:3]).visible.any()
+        assert_same_counts(rasterizer.count(poses[:3]), count(shapes.box(), poses[:3]))
 
 
 def test_closed_rasteriser_says_so():

@@ -197,8 +197,12 @@ def cull_lanes(typing, bounds, stride, at, view, sides, focal, leaves_out_backs)
         squared = away[0] * away[0] + away[1] * away[1] + away[2] * away[2]
         along = away[0] * row(4) + away[1] * row(5) + away[2] * row(6)
         across = (squared - along * along).greatest(0).root()
-        height = across * row(8) - along * row(7) - row(9)  # the greatest over its normals
-        reach = squared.root() + radius
+        away_from = squared.root()
+        # The greatest n . d over the normals n of the cone, d to the eye: |d| where d is in it.
+        is_in_cone = along.like(0) - along >= away_from * row(7)
+        highest = away_from.where(is_in_cone, across * row(8) - along * row(7))
+        height = highest - row(9)
+        reach = away_from + radius
         magnified = spread(builder, focal, LANES) * float(STEPS)
         is_back = height * row(10) * magnified < reach * reach * -3.1
         is_back = is_back & (nearest >= near)

@@ -1,0 +1,396 @@
+"""Vectors of lanes reckon like numpy, and what is compiled with a file is compiled anew with it."""
+
+import os
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from llvmlite import ir
+from numba import njit
+from numba.core import types
+from numba.extending import intrinsic
+
+from rastercov.raster.kernels import make_scratch
+from rastercov.raster.lane_kernels import (
+    count_bits,
+    list_lanes,
+    lowest_bit,
+    own_lanes,
+    owned_by,
+    pointer,
+)  # fmt: skip
+from rastercov.raster.lanes import (
+    DOUBLE,
+    LONG,
+    SINGLE,
+    WORD,
+    constants,
+    from_bits,
+    gather,
+    load,
+    looked_up,
+    spread,
+)  # fmt: skip
+from rastercov.raster.layout import LANES
+
+KINDS = {np.int32: WORD, np.int64: LONG, np.float32: SINGLE, np.float64: DOUBLE}
+WHOLE, BROKEN = (np.int32, np.int64), (np.float32, np.float64)
+
+
+def by_lanes(formulas, n_inputs):
+    """A loop (inputs, outputs) that puts what formulas make of the inputs' lanes into the outputs.
+
+    Inputs are arrays of `LANES`, outputs one for each formula: of lanes, or of a single value.
+    """
+
+    @intrinsic
+    def reckon(typing, inputs, outputs):
+        def generate(context, builder, signature, args):
+            taken = [builder.extract_value(args[0], k) for k in range(n_inputs)]
+            lanes = [load(builder, array, LANES) for array in taken]
+            for k, formula in enumerate(formulas):
+                made, out = formula(*lanes), builder.extract_value(args[1], k)
+                if hasattr(made, "store"):
+                    made.store(out)
+                else:
+                    builder.store(made, out)
+            return context.get_dummy_value()
+
+        return types.void(inputs, outputs), generate
+
+    @intrinsic
+    def pointers(typing, of):
+        kinds = types.Tuple([types.CPointer(array.dtype) for array in of])
+
+        def generate(context, builder, signature, args):
+            data = []
+            for k, array in enumerate(of):
+                value = builder.extract_value(args[0], k)
+                data.append(context.make_array(array)(context, builder, value).data)
+            return context.make_tuple(builder, signature.return_type, data)
+
+        return kinds(of), generate
+
+    @njit
+    def loop(inputs, outputs):
+        reckon(pointers(inputs), pointers(outputs))
+
+    return loop
+
+
+def assert_same(found, expected, name):
+    """Bit for bit, but for which NaN it is."""
+    expected = np.asarray(expected)
+    if expected.dtype == bool:  # a mask, as bits
+        expected = (expected << np.arange(LANES)).sum()
+    expected = np.atleast_1d(expected)
+    if np.asarray(found).dtype.kind == "f":
+        both_nan = np.isnan(found) & np.isnan(expected)
+        is_same = both_nan | ((found == expected) & (np.signbit(found) == np.signbit(expected)))
+        assert is_same.all(), (name, found, expected)
+    else:
+        assert np.array_equal(found, expected), (name, found, expected)
+
+
+def truncated(a, b):
+    """The quotient of whole numbers, cut off."""
+    quotients = np.abs(a.astype(object)) // np.abs(b.astype(object))
+    return np.where((a < 0) == (b < 0), quotients, -quotients).astype(a.dtype)
+
+
+# Formulas over lanes beside the same over arrays; of a mask, its bits.
+COMMON = {
+    "a + b": (lambda a, b: a + b,) * 2,
+    "a - b": (lambda a, b: a - b,) * 2,
+    "a * b": (lambda a, b: a * b,) * 2,
+    "a + 3": (lambda a, b: a + 3,) * 2,
+    "a * -7": (lambda a, b: a * -7,) * 2,
+    "a < b": (lambda a, b: (a < b).bits(), lambda a, b: a < b),
+    "a <= b": (lambda a, b: (a <= b).bits(), lambda a, b: a <= b),
+    "a > b": (lambda a, b: (a > b).bits(), lambda a, b: a > b),
+    "a >= b": (lambda a, b: (a >= b).bits(), lambda a, b: a >= b),
+    "a < 0": (lambda a, b: (a < 0).bits(), lambda a, b: a < 0),
+    "a equals b": (lambda a, b: a.equals(b).bits(), lambda a, b: a == b),
+    "where": (lambda a, b: a.where(b > a, b * 2), lambda a, b: np.where(b > a, a, b * 2)),
+    "where else 5": (lambda a, b: a.where(a <= b, 5), lambda a, b: np.where(a <= b, a, 5)),
+    "least": (lambda a, b: a.least(b), lambda a, b: np.where(a < b, a, b)),
+    "greatest": (lambda a, b: a.greatest(b), lambda a, b: np.where(a > b, a, b)),
+    "least 1": (lambda a, b: a.least(1), lambda a, b: np.where(a < 1, a, 1)),
+    "like": (lambda a, b: a.like(9), lambda a, b: np.full_like(a, 9)),
+    "masks": (
+        lambda a, b: (((a < b) | (a < 0)) & ~(b < 3)).bits(),
+        lambda a, b: ((a < b) | (a < 0)) & ~(b < 3),
+    ),
+    "mask of bits": (
+        lambda a, b: a.where(from_bits(a.builder, LONG(0x1A2C5), LANES), b),
+        lambda a, b: np.where(0xA2C5 >> np.arange(LANES) & 1, a, b),
+    ),
+    "spread": (
+        lambda a, b: spread(a.builder, a.builder.extract_element(a.value, WORD(3)), LANES),
+        lambda a, b: np.full_like(a, a[3]),
+    ),
+    "constants": (
+        lambda a, b: a + constants(a.builder, a.kind, range(LANES)),
+        lambda a, b: a + np.arange(LANES, dtype=a.dtype),
+    ),
+}
+OF_WHOLE = {
+    "a / b": (lambda a, b: a / b, truncated),
+    "a >> 3": (lambda a, b: a >> 3,) * 2,
+    "a << 5": (lambda a, b: a << 5,) * 2,
+    "a & b": (lambda a, b: a & b,) * 2,
+    "a | b": (lambda a, b: a | b,) * 2,
+    "a & 0xFFFF": (lambda a, b: a & 0xFFFF,) * 2,
+    "~a": (lambda a, b: ~a,) * 2,
+    "to word": (lambda a, b: a.to(WORD), lambda a, b: a.astype(np.int32)),
+    "to long": (lambda a, b: a.to(LONG), lambda a, b: a.astype(np.int64)),
+    "to single": (lambda a, b: a.to(SINGLE), lambda a, b: a.astype(np.float32)),
+    "to double": (lambda a, b: a.to(DOUBLE), lambda a, b: a.astype(np.float64)),
+    "least of lanes": (lambda a, b: a.reduced("least"), lambda a, b: a.min()),
+    "greatest of lanes": (lambda a, b: a.reduced("greatest"), lambda a, b: a.max()),
+    "each": (
+        lambda a, b: a.builder.sub(a.each()[1], b.each()[15]),
+        lambda a, b: a.astype(np.int64)[1] - b.astype(np.int64)[15],
+    ),
+}
+OF_BROKEN = {
+    "a / b": (lambda a, b: a / b,) * 2,
+    "a / 3": (lambda a, b: a / 3,) * 2,
+    "a * b + a": (lambda a, b: a * b + a,) * 2,  # rounded twice
+    "floor": (lambda a, b: a.floor(), lambda a, b: np.floor(a)),
+    "root": (lambda a, b: a.root(), lambda a, b: np.sqrt(a)),
+    "magnitude": (lambda a, b: a.magnitude(), lambda a, b: np.abs(a)),
+    "to single": (lambda a, b: a.to(SINGLE), lambda a, b: a.astype(np.float32)),
+    "to double": (lambda a, b: a.to(DOUBLE), lambda a, b: a.astype(np.float64)),
+}
+
+
+@cache
+def table(kind):
+    """Names, loop and outputs of all formulas for a type."""
+    formulas = COMMON | (OF_WHOLE if kind in WHOLE else OF_BROKEN)
+    made = [np.asarray(of_arrays(*np.ones((2, LANES), kind))) for _, of_arrays in formulas.values()]
+    outputs = [
+        np.zeros(1, np.int64) if array.dtype == bool else np.zeros_like(np.atleast_1d(array))
+        for array in made
+    ]
+    return formulas, by_lanes([formula for formula, _ in formulas.values()], 2), tuple(outputs)
+
+
+def numbers(kind):
+    """Small ones, which are equal now and then, and any."""
+    if kind in WHOLE:
+        limits = np.iinfo(kind)
+        one = st.integers(-3, 3) | st.integers(int(limits.min), int(limits.max))
+    else:
+        width = np.dtype(kind).itemsize * 8
+        one = st.integers(-12, 12).map(lambda k: k / 4) | st.floats(width=width)
+    return arrays(kind, LANES, elements=one)
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
+@given(data=st.data())
+@settings(max_examples=150)
+def test_lanes_reckon_like_numpy(kind, data):
+    a, b = data.draw(numbers(kind)), data.draw(numbers(kind))
+    if kind in WHOLE:  # the two quotients that there are not
+        b[(b == 0) | ((b == -1) & (a == np.iinfo(kind).min))] = 1
+    formulas, loop, outputs = table(kind)
+    loop((a, b), outputs)
+    with np.errstate(all="ignore"):
+        for (name, (_, of_arrays)), found in zip(formulas.items(), outputs, strict=True):
+            assert_same(found, of_arrays(a, b), name)
+
+
+@given(arrays(np.float64, LANES, elements=st.floats(-(2.0**31) + 1, 2.0**31 - 1)))
+@settings(max_examples=100)
+def test_lanes_become_whole_by_cutting_off(a):
+    loop, words, longs = whole_loop(), np.zeros(LANES, np.int32), np.zeros(LANES, np.int64)
+    loop((a,), (words, longs))
+    assert np.array_equal(words, np.trunc(a))
+    assert np.array_equal(longs, np.trunc(a))
+
+
+@cache
+def whole_loop():
+    return by_lanes([lambda a: a.to(WORD), lambda a: a.to(LONG)], 1)
+
+
+def test_octets_are_widened_without_a_sign():
+    octets = np.arange(256, dtype=np.uint8).reshape(16, 16)
+    loop, found = by_lanes([lambda a: a.widened(WORD)], 1), np.zeros(LANES, np.int32)
+    for row in octets:
+        loop((row,), (found,))
+        assert np.array_equal(found, row)
+
+
+@pytest.mark.parametrize("n_tables", [1, 2, 4])
+@pytest.mark.parametrize("kind", [np.int32, np.float64])
+def test_lanes_are_looked_up_and_gathered_alike(kind, n_tables):
+    rng = np.random.default_rng(n_tables)
+    table = rng.integers(-(2**31), 2**31, n_tables * LANES).astype(kind)
+
+    def look_up(index, *parts):
+        return looked_up(parts, index)
+
+    def gathered(index, *parts):
+        where = index.builder.alloca(ir.ArrayType(KINDS[kind], n_tables * LANES))
+        start = index.builder.gep(where, [WORD(0), WORD(0)])
+        for k, part in enumerate(parts):
+            part.store(index.builder.gep(start, [LONG(k * LANES)]))
+        return gather(index.builder, start, index.each())
+
+    loop = by_lanes([look_up, gathered], 1 + n_tables)
+    found = np.zeros((2, LANES), kind)
+    for _ in range(50):
+        index = rng.integers(0, n_tables * LANES, LANES).astype(np.int32)
+        loop((index, *table.reshape(-1, LANES)), tuple(found))
+        assert np.array_equal(found[0], table[index])
+        assert np.array_equal(found[1], table[index])
+
+
+def test_every_mask_is_made_of_bits_and_back():
+    loop = by_lanes([lambda a, bits: from_mask(a, bits).bits()], 2)
+    a, bits, found = np.zeros(LANES, np.int32), np.zeros(LANES, np.int64), np.zeros(1, np.int64)
+    for mask in range(1 << LANES):
+        bits[0] = mask - (mask << 17)  # what is above does not matter
+        loop((a, bits), (found,))
+        assert found[0] == mask
+
+
+def from_mask(lanes, bits):
+    return from_bits(lanes.builder, bits.builder.extract_element(bits.value, WORD(0)), LANES)
+
+
+# --- bits and lists of lanes ----------------------------------------------------------------------
+
+
+@njit
+def list_all(octets, starts, listed):
+    """Lists of all masks; how long they are then."""
+    lengths = np.empty(len(listed), np.int64)
+    for mask in range(len(listed)):
+        lengths[mask] = list_lanes(
+            pointer(octets), mask, 3 * mask, pointer(listed[mask]), starts[mask]
+        )
+    return lengths
+
+
+def test_every_mask_is_listed_in_order_behind_what_was_there():
+    n_masks, room = 1 << LANES, 3 * LANES
+    octets = make_scratch()[4]
+    starts = np.random.default_rng(0).integers(0, 8, n_masks)
+    listed = np.full((n_masks, room), -1, np.int32)
+    lengths = list_all(octets, starts, listed)
+    is_set = np.arange(n_masks)[:, None] >> np.arange(LANES) & 1 > 0
+    assert np.array_equal(lengths, starts + is_set.sum(axis=1))
+    column = np.arange(room)
+    is_new = (column >= starts[:, None]) & (column < lengths[:, None])
+    masks, lanes = np.nonzero(is_set)
+    assert np.array_equal(listed[is_new], 3 * masks + lanes)
+    assert (listed[column < starts[:, None]] == -1).all()
+    assert (listed[column >= starts[:, None] + LANES] == -1).all()  # no more than it has room for
+
+
+@njit
+def bits_of(number):
+    return count_bits(number), lowest_bit(number)
+
+
+@given(st.integers(-(2**63), 2**63 - 1).filter(bool))
+def test_bits_are_counted_and_the_lowest_is_found(number):
+    digits = format(number % 2**64, "b")
+    lowest = len(digits) - len(digits.rstrip("0"))
+    assert bits_of(number) == (digits.count("1"), lowest)
+
+
+@given(st.integers(0, 62))
+def test_a_lone_bit_is_the_lowest(bit):
+    assert bits_of(1 << bit) == (1, bit)
+
+
+@njit
+def give(owner, at, bits, face):
+    own_lanes(pointer(owner), at, bits, face)
+    return owned_by(pointer(owner), at, face)
+
+
+@given(arrays(np.int32, 48, elements=st.integers(0, 3)), st.integers(0, 32), st.integers(0, 65535))
+def test_samples_go_to_a_face_and_no_others_do(owner, at, bits):
+    expected = owner.copy()
+    given_away = at + np.flatnonzero(bits >> np.arange(LANES) & 1)
+    expected[given_away] = 2
+    held = give(owner, at, bits, np.int32(2))
+    assert np.array_equal(owner, expected)
+    assert held == ((owner[at : at + LANES] == 2) << np.arange(LANES)).sum()
+
+
+# --- compiled loops on disk -----------------------------------------------------------------------
+
+LOOP = """
+from numba.extending import intrinsic
+from numba.core import types
+from lanepackage import formula
+from rastercov.compiled import compiled_with
+
+@compiled_with(formula)
+def loop(number):
+    return formula.changed(number) + 1
+
+if __name__ == "lanepackage.loop":
+    result = loop(2)
+    hits, misses = loop.stats.cache_hits, loop.stats.cache_misses
+    print(result, sum(hits.values()), sum(misses.values()))
+"""
+FORMULA = """
+from numba.extending import intrinsic
+from numba.core import types
+
+@intrinsic
+def changed(typing, number):
+    def generate(context, builder, signature, args):
+        return builder.mul(args[0], args[0].type({factor}))
+
+    return types.int64(types.int64), generate
+"""
+
+
+def test_a_loop_is_compiled_anew_when_a_file_that_it_is_made_of_changes(tmp_path):
+    package = tmp_path / "lanepackage"
+    package.mkdir()
+    (package / "__init__.py").touch()
+    (package / "loop.py").write_text(LOOP)
+    formula = package / "formula.py"
+
+    def run():
+        done = subprocess.run(
+            [sys.executable, "-c", "import lanepackage.loop"],
+            env=os.environ
+            | {"PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": str(tmp_path / "cache")},
+            cwd=Path(__file__).parents[1],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+        result, hits, misses = map(int, done.stdout.split())
+        return result, hits, misses
+
+    def write(factor, seconds):
+        formula.write_text(FORMULA.format(factor=factor))
+        os.utime(formula, (seconds, seconds))
+
+    write(3, 10**9)
+    assert run() == (7, 0, 1)
+    assert run() == (7, 1, 0)
+    write(4, 10**9 + 5)  # as long as it was, and newer
+    assert run() == (9, 0, 1)
+    write(50, 10**9 + 5)  # as old as it was, and longer
+    assert run() == (101, 0, 1)
+    assert run() == (101, 1, 0)
