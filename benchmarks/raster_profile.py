@@ -163,7 +163,7 @@ def _unless_wanted(marker: str) -> tuple[str, str]:
 
 
 SIFT = "                n_tiny, n_small, n_hidden, n_large, n_clipped = sift("
-PLACED = "                if box[1] == CLIPPED:"
+PLACED = "                if box[0] == BEHIND and box[1] == BEHIND:"
 FILL = "                new += fill(\n"
 FEW_TOGETHER = "            filled += fill_few("
 CLEAR_ALL = "            marks[:] = is_clear\n            if is_clear:\n"

@@ -25,8 +25,9 @@ def share_poses(n_poses: int, workers: Sequence[Callable[[slice], None]]) -> Non
     """
     turns = []
     start = 0
+    shares = 2 * len(workers) if len(workers) > 1 else 1
     while start < n_poses:  # smaller ones at the end, so that all end together
-        step = max(1, min(POSES_A_TURN, (n_poses - start) // (2 * len(workers))))
+        step = max(1, min(POSES_A_TURN, (n_poses - start) // shares))
         turns.append(slice(start, start + step))
         start += step
     turns.reverse()  # taken from the end
