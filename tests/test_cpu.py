@@ -475,3 +475,17 @@ with rc.open_rasterizer(shapes.box(), rc.Camera(width=8, height=8, fx=8, fy=8), 
     assert done.returncode == 0, done.stderr
     assert int(done.stdout) > 0
     assert "compiling" in done.stderr
+
+
+@pytest.mark.parametrize("far", [(-1e7, 60), (1e7, 60), (80, -1e7), (80, 1e7)])
+def test_a_triangle_that_reaches_far_out_covers_the_image(far):
+    # Two corners stand beside the image, opposite to the third, which is clipped for its distance.
+    away = np.sign(np.array(far) - (80, 60)) * (np.abs(far) > 1e6)
+    beside = np.array((80, 60)) - 120 * away
+    across = 400 * np.abs(away[::-1])
+    image = np.array((far, beside - across, beside + across))
+    rays = (image - (CAMERA.cx, CAMERA.cy)) / (CAMERA.fx, CAMERA.fy)
+    points = np.column_stack((rays, np.ones(3)))
+    counts = count(Mesh(vertices=points, faces=np.arange(3)[None]), np.eye(4))
+    assert counts.visible.tolist() == [[CAMERA.width * CAMERA.height]]
+    assert counts.drawn.tolist() == [[CAMERA.width * CAMERA.height]]
