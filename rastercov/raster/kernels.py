@@ -5,9 +5,9 @@ time, and leaves out those that lie outside the image or turn their back, withou
 faces. `project` brings the vertices of a cluster to the image, in steps of 1/256 of a sample.
 `sift` looks at sixteen faces at once and keeps those that can own a sample. `set_up_lanes` makes
 edge functions and planes of 1/z for sixteen that were kept. Those that reach at most 2 x 2 samples
-are still taken together, by `fill_tiny`; of others `fill_blocks` takes one at a time, and sixteen
-samples, a block of 4 x 4. Faces that are large in the image, or reach behind the camera, go the
-same way with more digits.
+are still taken together, by `fill_tiny`, and so are those that reach at most 2 x 2 blocks of 4 x 4
+samples, by `fill_few`; of others `fill_blocks` takes one at a time, and sixteen samples, a block.
+Faces that are large in the image, or reach behind the camera, go the same way with more digits.
 
 A sample on a left or upper edge is inside, on a right or lower one outside, and all of it is
 reckoned in whole numbers, so every sample belongs to exactly one of two triangles that share an
@@ -462,8 +462,6 @@ def clip_face(points, begin, stride, packed, view, window, placed, polygon, othe
         )
         for k in range(3):
             polygon[i, k] = away[0] * view[k] + away[1] * view[3 + k] + away[2] * view[6 + k]
-    if max(polygon[0, 2], max(polygon[1, 2], polygon[2, 2])) < view[NEAR]:
-        return 0  # all behind, as most of these are for a camera in a room
     plane = other[CLIP_CORNERS]
     plane[0], plane[1], plane[2] = 0.0, 0.0, 1.0
     n = clip(polygon, 3, plane, view[NEAR], other)
