@@ -17,7 +17,7 @@ from tracer import Tracer
 
 import rastercov as rc
 
-PAIRS_A_CALL = 4_000_000
+PAIRS_A_CALL = 8_000_000
 """Pose-face pairs that our rasterisers are asked for at a time: 31 MiB of counts.
 
 glibc hands memory of up to 32 MiB back as it was; larger pieces come as new pages each time, which

@@ -303,8 +303,8 @@ def profile(
     near, cull, _ = limits(mesh, cell.camera, poses)
     scene, grid = _Scene(mesh), SampleGrid(cell.camera)
     view = _View(scene, grid)
-    view.no_drawn = np.zeros((1, len(PASSES)), np.int64)
-    visible, filled = np.empty((n_poses, mesh.n_faces), np.int64), np.empty(n_poses, np.int64)
+    view.no_drawn = np.zeros((1, len(PASSES)), np.int32)
+    visible, filled = np.empty((n_poses, mesh.n_faces), np.int32), np.empty(n_poses, np.int64)
     given = []
     with mock.patch.object(kernels, "count_poses", lambda *arguments: given.extend(arguments)):
         view.count(poses, near, cull, (0, 1), visible, None, filled)

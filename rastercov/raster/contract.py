@@ -20,6 +20,8 @@ from rastercov.camera import Camera
 from rastercov.errors import ConfigError, DeviceError
 from rastercov.mesh import Mesh
 
+CountArray = NDArray[np.int32] | NDArray[np.int64]
+
 MAX_SUPERSAMPLE = 64
 """Largest S: beyond it the exact methods are both cheaper and better."""
 
@@ -59,12 +61,12 @@ class FaceCounts:
 
     Attributes
     ----------
-    visible : (P, F) int
-        Samples where the face is the nearest surface.
-    drawn : (P, F) int or None
+    visible : (P, F) int32
+        Samples where the face is the nearest surface; int64 where an image has 2^31 or more.
+    drawn : (P, F) int32 or None
         Samples the face would own if it were alone in the scene, inside the image, from either
         side; None when it was not asked for.
-    background : (P,) int
+    background : (P,) int64
         Samples that meet no face; with the row of `visible` they add up to all samples inside the
         image.
     clipped : (P,) bool
@@ -77,8 +79,8 @@ class FaceCounts:
         Angle of the rows of samples against those of the image, radians.
     """
 
-    visible: NDArray[np.int64]
-    drawn: NDArray[np.int64] | None
+    visible: CountArray
+    drawn: CountArray | None
     background: NDArray[np.int64]
     clipped: NDArray[np.bool_]
     supersample: int

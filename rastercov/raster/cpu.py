@@ -7,6 +7,7 @@ so results do not depend on their number.
 
 from collections.abc import Callable
 from importlib.metadata import version
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,12 +27,16 @@ from rastercov.raster.rules import in_one_order, limits
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+WordArray = NDArray[np.int32]
 
 MAX_SIDE = 1 << 20
 """Largest image side in samples: edges are walked in 64-bit whole numbers of 1/256 sample."""
 
 MAX_BAND = 1 << 18
 """Most samples of an image that are kept at a time."""
+
+MOST_A_PART = 1 << 30
+"""Most samples of an image that are counted in 32 bits."""
 
 LARGE_POSE = 1 << 18
 """Faces, and eighths of samples, of a pose that is worth more than one thread."""
@@ -117,11 +122,12 @@ class CPURasterizer(Closing):
         # A few large poses are shared out by bands of their rows, each into counts of its own.
         is_large = scene.mesh.n_faces + grid.n_samples // 8 >= LARGE_POSE
         n_parts = -(-self._threads // max(1, len(poses))) if is_large else 1
+        n_parts = max(n_parts, -(-grid.n_samples // MOST_A_PART))
         n_turns = n_parts * len(poses)
         # The threads clear their rows, while these are about to be used.
         shape = (n_parts, len(poses), scene.mesh.n_faces)
-        visible = np.empty(shape, np.int64)
-        drawn = np.empty(shape, np.int64) if with_drawn else None
+        visible = np.empty(shape, np.int32)
+        drawn = np.empty(shape, np.int32) if with_drawn else None
         filled = np.empty(shape[:2], np.int64)
         near, cull, clipped = limits(scene.mesh, camera, poses)
 
@@ -145,10 +151,14 @@ class CPURasterizer(Closing):
         share_poses(n_turns, [worker(view) for view in views])
         if scene is self._scene:
             self._idle.extend(views)
-        visible, filled = _total(visible), _total(filled)
-        drawn = None if drawn is None else _total(drawn)
         return FaceCounts(
-            visible, drawn, grid.n_samples - filled, clipped, grid.supersample, self.info, self.roll
+            _total(visible, grid.count_type),
+            None if drawn is None else _total(drawn, grid.count_type),
+            grid.n_samples - _total(filled, np.int64),
+            clipped,
+            grid.supersample,
+            self.info,
+            self.roll,
         )
 
     def _view(self, scene: "_Scene", grid: SampleGrid) -> "_View":
@@ -183,10 +193,9 @@ class _Scene:
         self.clusters = in_clusters(vertices, faces, mesh.can_cull_back_faces)
 
 
-def _total(parts: IntArray) -> IntArray:
+def _total(parts: Any, kind: type) -> Any:
     """Sum over the first axis, which is mostly 1."""
-    total: IntArray = parts[0] if len(parts) == 1 else parts.sum(axis=0)
-    return total
+    return parts[0] if len(parts) == 1 else parts.sum(axis=0, dtype=kind)
 
 
 class _View:
@@ -206,7 +215,7 @@ class _View:
         self.owner = layout.aligned_zeros(n_samples, np.int32)
         self.seen = np.empty(len(scene.clusters.vertex_starts) + layout.LANES, np.int32)
         self.scratch = kernels.make_scratch()
-        self.no_drawn = np.zeros((1, 1), np.int64)
+        self.no_drawn = np.zeros((1, 1), np.int32)
         firsts, lasts = np.zeros((2, n_block_rows, side), np.int32)
         firsts.ravel()[: grid.height], lasts.ravel()[: grid.height] = grid.first, grid.last
         inner = -(-firsts.max(axis=1) // side), lasts.min(axis=1) // side
@@ -229,8 +238,8 @@ class _View:
         near: FloatArray,
         cull: NDArray[np.bool_],
         part: tuple[int, int],
-        visible: IntArray,
-        drawn: IntArray | None,
+        visible: WordArray,
+        drawn: WordArray | None,
         filled: IntArray,
     ) -> None:
         """Count one part of so many of these poses into rows of `visible`, `drawn`, `filled`."""
@@ -242,7 +251,7 @@ class _View:
         """Face and depth at each sample of one pose, (1, 4, 4)."""
         shape = self.grid.height, self.grid.width
         face, depth = np.full(shape, -1, np.int32), np.full(shape, np.inf, np.float32)
-        visible = np.empty((1, self.scene.mesh.n_faces), np.int64)
+        visible = np.empty((1, self.scene.mesh.n_faces), np.int32)
         for band in self.bands(0, 1):
             self._count(pose, near, cull, band[None], visible, None, np.empty(1, np.int64))
             kernels.read_band(
@@ -256,8 +265,8 @@ class _View:
         near: FloatArray,
         cull: NDArray[np.bool_],
         bands: IntArray,
-        visible: IntArray,
-        drawn: IntArray | None,
+        visible: WordArray,
+        drawn: WordArray | None,
         filled: IntArray,
     ) -> None:
         scene, grid = self.scene, self.grid

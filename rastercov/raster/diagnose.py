@@ -22,6 +22,7 @@ from rastercov.camera import Camera
 from rastercov.errors import DeviceError, RastercovError
 from rastercov.pose import sphere_of_poses
 from rastercov.raster import canary
+from rastercov.raster.contract import CountArray
 from rastercov.raster.devices import DeviceInfo, Kind, list_devices, why_no_hardware
 from rastercov.raster.libraries import (
     egl_library,
@@ -176,7 +177,9 @@ def self_test(label: str) -> dict[str, Any]:
         "box": (shapes.box(n=2), *around),
         "sphere": (shapes.sphere(1), *around),
     }
-    truth = {"known scene": (canary.VISIBLE, canary.DRAWN)}
+    truth: dict[str, tuple[CountArray, CountArray]] = {
+        "known scene": (canary.VISIBLE, canary.DRAWN)
+    }
     drawn_alike, computed = truth.copy(), truth.copy()
     with open_context(label) as context:
         plans = {"software": drawn_alike}

@@ -177,8 +177,8 @@ class GLRasterizer(Closing):
 
     def _count(self, scene: Any, poses: NDArray[np.float64], with_drawn: bool) -> FaceCounts:
         shape = (len(poses), scene.mesh.n_faces)
-        visible = np.zeros(shape, np.int64)
-        drawn = np.zeros(shape, np.int64) if with_drawn else None
+        visible = np.zeros(shape, scene.grid.count_type)
+        drawn = np.zeros(shape, scene.grid.count_type) if with_drawn else None
         background = np.zeros(len(poses), np.int64)
         grid, plan = scene.grid, self._plan
         views = plan.views(scene, poses, grid)

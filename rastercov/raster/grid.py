@@ -101,6 +101,11 @@ class SampleGrid:
         """Samples inside the image; without a roll, S^2 times its pixels."""
         return self.n_inside((0, 0, self.width, self.height))
 
+    @property
+    def count_type(self) -> type[np.int32] | type[np.int64]:
+        """A type in which all samples can be counted: half the memory where 32 bits are enough."""
+        return np.int32 if self.n_samples < 1 << 31 else np.int64
+
     @cached_property
     def _runs(self) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
         c, s = self._c, self._s

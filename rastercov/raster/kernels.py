@@ -581,7 +581,7 @@ def count_poses(
     depth, owner : (M * samples of a patch,) float32, int32
         Scratch; afterwards the last band of the last pose, in blocks: 1/z where it is marked, 0
         where nothing is, and the face.
-    visible, drawn : (P, F) int64
+    visible, drawn : (P, F) int32
         Out: samples; `drawn` only with `with_drawn`, else one row that is left alone.
     filled : (P,) int64
         Out: samples with a face in them.
