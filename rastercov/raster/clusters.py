@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.raster import cluster_kernels as kernels
-from rastercov.raster.layout import LANES, aligned_zeros
+from rastercov.raster.layout import FACES, LANES, aligned_zeros
 
 FloatArray = NDArray[np.float64]
 WordArray = NDArray[np.int32]
@@ -78,7 +78,8 @@ def in_clusters(vertices: FloatArray, faces: WordArray, is_wound: bool) -> Clust
     starts = np.empty(len(faces) + 1, np.int32)
     n, n_slots = kernels.cut(faces, order, keys, marks, starts)
     del keys
-    corners, face_of = aligned_zeros(n_slots, np.int32), aligned_zeros(n_slots, np.int32)
+    read = n_slots + FACES  # all that a cluster can have are read at once
+    corners, face_of = aligned_zeros(read, np.int32), aligned_zeros(read, np.int32)
     face_starts, vertex_starts = np.zeros((2, n + 1), np.int32)
     marks[:] = -1
     local = np.empty(len(vertices), np.uint8)

@@ -44,12 +44,14 @@ from rastercov.raster.lane_kernels import (
     set_up_lanes,
     sift_lanes,
     tiny_lanes,
+    tiny_owners,
     write_lanes,
 )  # fmt: skip
 from rastercov.raster.layout import (
     ALL_LANES,
     BEHIND,
     BITS,
+    BOTH,
     CLIP_CORNERS,
     EYE,
     FACE,
@@ -64,12 +66,17 @@ from rastercov.raster.layout import (
     LENS,
     NEAR,
     PATCH_BITS,
+    PLACE,
     ROOM,
     SAMPLES_A_CLUSTER,
     SIDE,
     SIDE_BITS,
     STEPS,
+    U,
+    V,
     VERTICES,
+    W,
+    WHOLE_ROWS,
     WIDEST,
     Batch,
     Counts,
@@ -85,7 +92,7 @@ compiled = compiled_with(lane_kernels, lanes, layout)
 
 
 @part_of
-def sift(shape, begin, end, placed, window, batch, counts, octets, lists):
+def sift(shape, begin, end, placed, window, counts, octets, lists):
     """List the faces of a cluster that can own a sample; returns the lengths of the lists.
 
     Parameters
@@ -97,13 +104,14 @@ def sift(shape, begin, end, placed, window, batch, counts, octets, lists):
     octets : uint8
         See `list_lanes`.
     lists : Lists
-        Out: slots of faces that reach at most 2 x 2 samples and own one, that reach more, that
-        reach more and are hidden, that are large, and that want clipping.
+        Out: slots, counted from `begin`, of faces that reach at most 2 x 2 samples and own one,
+        that reach more, that reach more and are hidden, that are large, and that want clipping;
+        and for each slot which of 2 x 2 samples its face owns.
     """
-    tiny, small, hidden, large, clipped = lists
+    tiny, small, hidden, large, clipped, owned = lists
     n_tiny = n_small = n_hidden = n_large = n_clipped = 0
-    for at in range(begin, end, LANES):
-        shown, back = sift_lanes(shape.corners, at, placed, window, batch)
+    for at in range(0, end - begin, LANES):
+        shown, back = sift_lanes(shape.corners, begin, at, placed, window, owned)
         n_tiny = list_lanes(octets, shown & ALL_LANES, at, tiny, n_tiny)
         n_small = list_lanes(octets, shown >> LANES & ALL_LANES, at, small, n_small)
         if shown >> 2 * LANES:
@@ -114,7 +122,8 @@ def sift(shape, begin, end, placed, window, batch, counts, octets, lists):
                 tiny_back = back & ALL_LANES
                 while tiny_back:
                     lane = lowest_bit(tiny_back)
-                    counts.drawn[shape.faces[at + lane]] += batch.masks[lane]
+                    bits = np.int64(owned[at + lane])
+                    counts.drawn[shape.faces[begin + at + lane]] += count_bits(bits)
                     tiny_back &= tiny_back - 1
                 back >>= LANES
             else:
@@ -137,17 +146,17 @@ def border(block_x, block_y, window):
 
 
 @part_of
-def fill_tiny(tiny, wide, tall, window, edges, batch, image, counts):
+def fill_tiny(tiny, window, batch, image, counts):
     """Fill those of sixteen triangles that have bits in `tiny`: they reach at most 2 x 2 samples.
 
-    Those with bits in `wide` reach two columns, those with bits in `tall` two rows. Returns how
-    many samples were empty.
+    Returns how many samples were empty.
     """
     filled = 0
+    owners_of = tiny_owners(batch)
     for k in range(4):
-        if (k & 1 and tiny & wide == 0) or (k >> 1 and tiny & tall == 0):
-            continue
-        owners = tiny_lanes(np.int32(k), window, edges, batch) & tiny
+        owners = owners_of >> k * LANES & tiny
+        if owners:
+            tiny_lanes(np.int32(k), window, batch)
         while owners:
             lane = lowest_bit(owners)
             owners &= owners - 1
@@ -201,7 +210,8 @@ def resolve(at, bits, batch, k, start, face, image, visible):
 def fill_few(few, wide, tall, window, edges, batch, image, counts):
     """Fill those of sixteen triangles that have bits in `few`: they reach at most 2 x 2 blocks.
 
-    Otherwise as `fill_tiny`.
+    Those with bits in `wide` reach two columns, those with bits in `tall` two rows. Returns how
+    many samples were empty.
     """
     filled = 0
     for k in range(4):
@@ -324,7 +334,7 @@ def covered(k, window, edges, batch):
 
 
 @part_of
-def fill(lists, n_tiny, n_small, shape, placed, window, edges, batch, image, counts):
+def fill(lists, n_tiny, n_small, shape, begin, placed, window, edges, batch, image, counts):
     """Fill the small triangles that `sift` listed; returns how many samples were empty."""
     listed = lists.tiny  # and the others behind them, so that few lanes stay empty
     for i in range(n_small):
@@ -332,16 +342,19 @@ def fill(lists, n_tiny, n_small, shape, placed, window, edges, batch, image, cou
     n = n_tiny + n_small
     filled = 0
     for i in range(0, n, LANES):
-        sizes, _ = set_up_lanes(listed, i, shape, placed, window, edges, batch, counts.visible)
-        wide, tall = sizes >> LANES, sizes >> 2 * LANES
+        sizes, _ = set_up_lanes(
+            listed, i, np.int64(i + LANES > n_tiny), shape, begin, lists.owned, placed, window, edges,
+            batch, counts.visible,
+        )  # fmt: skip
         tiny = ALL_LANES >> min(max(LANES - (n_tiny - i), 0), LANES)
         others = (ALL_LANES >> max(LANES - (n - i), 0)) & ~tiny
         if tiny:
-            filled += fill_tiny(tiny, wide, tall, window, edges, batch, image, counts)
+            filled += fill_tiny(tiny, window, batch, image, counts)
         few = sizes & others
         if count_bits(few) < FEW:
             few = 0
         else:
+            wide, tall = sizes >> LANES, sizes >> 2 * LANES
             filled += fill_few(few, wide, tall, window, edges, batch, image, counts)
         many = others & ~few
         if many:
@@ -350,10 +363,13 @@ def fill(lists, n_tiny, n_small, shape, placed, window, edges, batch, image, cou
 
 
 @compiled
-def count_hidden(listed, n, shape, placed, window, edges, batch, counts):
-    """Add the samples of the triangles of a list to `drawn`, without a look at their depths."""
+def count_hidden(lists, n, shape, begin, placed, window, edges, batch, counts):
+    """Add the samples of the hidden triangles to `drawn`, without a look at their depths."""
     for i in range(0, n, LANES):
-        few, _ = set_up_edges(listed, i, shape, placed, window, edges, batch, counts.visible)
+        few, _ = set_up_edges(
+            lists.hidden, i, np.int64(1), shape, begin, lists.owned, placed, window, edges, batch,
+            counts.visible,
+        )  # fmt: skip
         few &= ALL_LANES >> max(LANES - (n - i), 0)
         if window.full_x == 0 or count_bits(few) < FEW:
             few = 0
@@ -491,12 +507,13 @@ def clip_face(points, begin, stride, packed, view, window, placed, polygon, othe
     for i in range(n):
         to = VERTICES + i
         w = 1.0 / other[i, 2]
-        placed.w[to] = w
-        placed.u[to] = (view[LENS] * other[i, 0] * w + view[LENS + 2]) * STEPS
-        placed.v[to] = (view[LENS + 1] * other[i, 1] * w + view[LENS + 3]) * STEPS
-        x, y = np.int64(np.floor(placed.u[to] + 0.5)), np.int64(np.floor(placed.v[to] + 0.5))
-        placed.x[to], placed.y[to] = x, y
-        placed.both[to] = y << 32 | (x & 0xFFFFFFFF)
+        u = (view[LENS] * other[i, 0] * w + view[LENS + 2]) * STEPS
+        v = (view[LENS + 1] * other[i, 1] * w + view[LENS + 3]) * STEPS
+        x, y = np.int64(np.floor(u + 0.5)), np.int64(np.floor(v + 0.5))
+        placed.exact[PLACE * to + U] = u
+        placed.exact[PLACE * to + V] = v
+        placed.exact[PLACE * to + W] = w
+        placed.both[PLACE * to + BOTH] = y << 32 | (x & 0xFFFFFFFF)
     return n
 
 
@@ -512,11 +529,14 @@ def fan_out(shape, slot, begin, stride, view, window, placed, fan, polygon, othe
 
 
 @compiled
-def fill_large(listed, n, shape, placed, window, edges, batch, image, counts):
+def fill_large(listed, n, shape, begin, owned, placed, window, edges, batch, image, counts):
     """Fill triangles of any size; returns how many samples were empty."""
     filled = 0
     for i in range(0, n, LANES):
-        _, sides = set_up_lanes(listed, i, shape, placed, window, edges, batch, counts.visible)
+        _, sides = set_up_lanes(
+            listed, i, np.int64(1), shape, begin, owned, placed, window, edges, batch,
+            counts.visible,
+        )  # fmt: skip
         valid = ALL_LANES >> max(LANES - (n - i), 0)
         filled += fill_blocks(sides & valid, window, edges, batch, image, counts)
         hidden = sides >> LANES & valid
@@ -530,9 +550,10 @@ def fill_large(listed, n, shape, placed, window, edges, batch, image, counts):
 def make_scratch():
     """Memory for `count_poses` in one thread, as it takes it apart."""
     return (
-        aligned_zeros((14, ROOM), np.int32),
-        aligned_zeros((2, ROOM), np.int64),
-        aligned_zeros((5, ROOM), np.float64),
+        aligned_zeros((13, ROOM), np.int32),
+        aligned_zeros(ROOM, np.int64),
+        aligned_zeros(PLACE * (VERTICES + CLIP_CORNERS), np.float64),
+        aligned_zeros((2, ROOM), np.float64),
         aligned_zeros((2, ROOM), np.float32),
         np.array(
             [sorted(range(8), key=lambda k: not bits >> k & 1) for bits in range(256)], np.uint8
@@ -592,26 +613,26 @@ def count_poses(
     """
     points, corners, faces, vertex_starts, face_starts, bounds = clusters
     shape = Shape(pointer(points), pointer(corners), pointer(faces))
-    words, longs, doubles, singles, lane_octets, polygon, clipped, sides = scratch
+    words, longs, places, doubles, singles, lane_octets, polygon, clipped, sides = scratch
     octets = pointer(lane_octets)
     placed = Placed(
-        pointer(doubles[0]), pointer(doubles[1]), pointer(doubles[2]), pointer(words[0]),
-        pointer(words[1]), pointer(longs[0]),
-    )  # fmt: skip
+        pointer(places), pointer(places.view(np.int64)), pointer(words[0]), pointer(words[1])
+    )
     lists = Lists(
-        pointer(words[2]), pointer(words[3]), pointer(words[4]), pointer(words[11]),
-        pointer(words[12]),
+        pointer(words[2]), pointer(words[3]), pointer(words[4]), pointer(words[5]),
+        pointer(words[6]), pointer(words[7]),
     )  # fmt: skip
-    fan = Shape(shape.points, pointer(words[5]), pointer(words[6]))
-    one_by_one = pointer(words[7])
+    fan = Shape(shape.points, pointer(words[8]), pointer(words[9]))
+    one_by_one = pointer(words[10])
     for k in range(LANES):
         one_by_one[k] = k
-    edges, long_edges = pointer(words[8]), pointer(longs[1])
+    edges, long_edges = pointer(words[11]), pointer(longs)
     batch = Batch(
-        pointer(words[9]), pointer(doubles[3]), pointer(singles[0]), pointer(words[10]),
-        pointer(singles[1]), pointer(words[13]),
+        pointer(words[12]), pointer(doubles[0]), pointer(singles[0]),
+        pointer(words[12, WHOLE_ROWS * LANES :]), pointer(singles[1]),
+        pointer(words[12, (WHOLE_ROWS + 1) * LANES :]),
     )  # fmt: skip
-    figures = doubles[4]
+    figures = doubles[1]
     view = pointer(figures)
     n_clusters = len(vertex_starts) - 1
     image = Image(pointer(depth), pointer(owner))
@@ -679,30 +700,33 @@ def count_poses(
                     box[0], box[1], box[2], box[3], window, is_clear, pointer(marks), image.depth
                 ):
                     continue
+                first_slot = np.int64(face_starts[cluster])
                 n_tiny, n_small, n_hidden, n_large, n_clipped = sift(
-                    shape, face_starts[cluster], face_starts[cluster + 1], placed, window, batch,
-                    counts, octets, lists,
+                    shape, first_slot, np.int64(face_starts[cluster + 1]), placed, window, counts,
+                    octets, lists,
                 )  # fmt: skip
                 new += fill(
-                    lists, n_tiny, n_small, shape, placed, window, edges, batch, image, counts
-                )
+                    lists, n_tiny, n_small, shape, first_slot, placed, window, edges, batch, image,
+                    counts,
+                )  # fmt: skip
                 if n_hidden:
                     count_hidden(
-                        lists.hidden, n_hidden, shape, placed, window, edges, batch, counts
+                        lists, n_hidden, shape, first_slot, placed, window, edges, batch, counts
                     )
                 if n_large:
                     new += fill_large(
-                        lists.large, n_large, shape, placed, window, long_edges, batch, image,
-                        counts,
+                        lists.large, n_large, shape, first_slot, lists.owned, placed, window,
+                        long_edges, batch, image, counts,
                     )  # fmt: skip
                 for k in range(n_clipped):
                     n = fan_out(
-                        shape, lists.clipped[k], begin, end - begin, view, window, placed, fan,
+                        shape, first_slot + lists.clipped[k], begin, end - begin, view, window, placed, fan,
                         polygon, clipped,
                     )  # fmt: skip
                     new += fill_large(
-                        one_by_one, n, fan, placed, window, long_edges, batch, image, counts
-                    )
+                        one_by_one, n, fan, 0, lists.owned, placed, window, long_edges, batch,
+                        image, counts,
+                    )  # fmt: skip
         filled[p] = new
 
 

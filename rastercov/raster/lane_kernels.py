@@ -20,10 +20,12 @@ from rastercov.raster.lanes import (
     constants,
     from_bits,
     gather,
+    gather_rows,
     load,
     looked_up,
     prefetch,
     spread,
+    store_rows,
 )  # fmt: skip
 from rastercov.raster.layout import (
     ACROSS,
@@ -33,6 +35,7 @@ from rastercov.raster.layout import (
     CLIPPED,
     CORNER,
     DOWN,
+    ENTRIES,
     EYE,
     FACE,
     FAR_OUT,
@@ -51,6 +54,8 @@ from rastercov.raster.layout import (
     LENS,
     NEAR,
     ORIGIN,
+    OWNED,
+    PLACE,
     ROOM,
     SIDE,
     SIDE_BITS,
@@ -59,7 +64,6 @@ from rastercov.raster.layout import (
     STEP_X,
     STEP_Y,
     STEPS,
-    VERTICES,
     VIEW,
     WIDEST,
     E,
@@ -92,7 +96,7 @@ def project(typing, points, begin, end, view, placed):
     view : (18,) float64
         See `VIEW`.
     placed : Placed
-        Out. `u`, `v`: steps of 1/256 sample, not rounded. `w`: 1/z. `x`, `y`, and `both` together:
+        Out. `U`, `V`: steps of 1/256 sample, not rounded. `W`: 1/z. `x`, `y`, and both together:
         where the vertex stands when samples are given out, `CLIPPED` or `BEHIND` where it needs
         clipping. What comes after the cluster's vertices means nothing.
     """
@@ -133,7 +137,7 @@ def project(typing, points, begin, end, view, placed):
 
 def _project_lanes(builder, points, at, figures, placed, to):
     """Place sixteen vertices; returns their whole steps."""
-    u, v, w, x, y, both = (builder.extract_value(placed, k) for k in range(6))
+    rows, _, x, y = (builder.extract_value(placed, k) for k in range(4))
     away = [
         load(builder, builder.gep(points, [at[axis]]), LANES) - figures[EYE + axis]
         for axis in range(3)
@@ -149,16 +153,16 @@ def _project_lanes(builder, points, at, figures, placed, to):
     )
     for position in exact:
         is_seen = is_seen & (position.magnitude() <= float(FAR_OUT))
-    inverse.store(builder.gep(w, [to]))
     unseen = spread(builder, WORD(CLIPPED), LANES).where(is_beyond_near, BEHIND)
     steps = []
-    for position, u_or_v, x_or_y in zip(exact, (u, v), (x, y), strict=True):
-        position.store(builder.gep(u_or_v, [to]))
+    for position, x_or_y in zip(exact, (x, y), strict=True):
         rounded = (position.where(is_seen, 0.0) + 0.5).floor().to(WORD)
         steps.append(rounded.where(is_seen, unseen))
         steps[-1].store(builder.gep(x_or_y, [to]))
-    together = (steps[1].to(LONG) << 32) | (steps[0].to(LONG) & 0xFFFFFFFF)
-    together.store(builder.gep(both, [to]))
+    both = (steps[1].to(LONG) << 32) | (steps[0].to(LONG) & 0xFFFFFFFF)
+    store_rows(
+        (*exact, inverse, both.read_as(DOUBLE)), builder.gep(rows, [builder.mul(to, LONG(PLACE))])
+    )
     return steps
 
 
@@ -214,28 +218,9 @@ def cull_lanes(typing, bounds, stride, at, view, sides, focal, leaves_out_backs)
     return whole(bounds, whole, whole, view, sides, types.float64, whole), generate
 
 
-def _corners(context, builder, packed, placed, kind):
-    """Indices of the three corners of sixteen faces, and their places in the image.
-
-    A processor with registers of sixteen lanes looks places of vertices up in them; others fetch
-    each place, and so do triangles that may have been clipped.
-    """
-    indices = [packed >> 8 * k & (ROOM - 1) for k in range(3)]
-    places = []
-    if kind == WORD and "+avx512f" in context.codegen().magic_tuple()[2]:
-        tables = []
-        for k in (3, 4):
-            array = builder.extract_value(placed, k)
-            parts = range(0, VERTICES, LANES)
-            tables.append([load(builder, builder.gep(array, [LONG(at)]), LANES) for at in parts])
-        for index in indices:
-            places.append(tuple(looked_up(table, index).to(kind) for table in tables))
-    else:
-        both = builder.extract_value(placed, 5)
-        for index in indices:
-            together = gather(builder, both, index.each())
-            places.append((together.to(WORD).to(kind), (together >> 32).to(WORD).to(kind)))
-    return [index.each() for index in indices], places
+def _corners(packed):
+    """Indices of the three corners of sixteen faces in their cluster."""
+    return [packed >> 8 * k & (ROOM - 1) for k in range(3)]
 
 
 def _reach(places, right, top, bottom):
@@ -275,18 +260,22 @@ def _sign(values):
 
 
 @intrinsic
-def sift_lanes(typing, corners, at, placed, window, batch):
+def sift_lanes(typing, corners, begin, at, placed, window, owned):
     """Which of sixteen faces can own a sample: 4 x 16 bits, and 2 x 16 bits of hidden ones.
 
     The lowest reach at most 2 x 2 samples and own one, the next ones reach more, the next ones are
     large, and the last want clipping; these two were not looked at further. Hidden are those that
-    turn their back where that hides them. How many samples the lowest own goes to `batch.masks`.
+    turn their back where that hides them. Which samples the lowest own goes to `owned`, as bits.
     """
 
     def generate(context, builder, signature, args):
-        corners, at, placed, window, batch = args
-        packed = load(builder, builder.gep(corners, [at]), LANES)
-        _, places = _corners(context, builder, packed, placed, WORD)
+        corners, begin, at, placed, window, owned_by_face = args
+        packed = load(builder, builder.gep(corners, [builder.add(begin, at)]), LANES)
+        x, y = (builder.extract_value(placed, k) for k in (2, 3))
+        places = [
+            tuple(looked_up(context, builder, array, ENTRIES, index) for array in (x, y))
+            for index in _corners(packed)
+        ]
         right, top, bottom, hides_back = (
             spread(builder, builder.extract_value(window, k), LANES) for k in (0, 1, 2, 3)
         )
@@ -306,8 +295,8 @@ def sift_lanes(typing, corners, at, placed, window, batch):
             i, j = k & 1, k >> 1
             values = [value + across * i + down * j for value, across, down in edges]
             is_owned = (_sign(values) >= 0) & (wide >= i) & (tall >= j)
-            owned = (owned + 1).where(is_owned, owned)
-        owned.store(builder.extract_value(batch, 5))
+            owned = (owned | 1 << k).where(is_owned, owned)
+        owned.store(builder.gep(owned_by_face, [at]))
         is_tiny = (wide <= 1) & (tall <= 1)
         is_small = can_own & ~(is_large | wants_clipping)
         classes = is_small & is_tiny & (owned > 0), is_small & ~is_tiny
@@ -324,18 +313,16 @@ def sift_lanes(typing, corners, at, placed, window, batch):
         return context.make_tuple(builder, signature.return_type, found)
 
     both = types.UniTuple(types.int64, 2)
-    return both(corners, types.int64, placed, window, batch), generate
+    whole = types.int64
+    return both(corners, whole, whole, placed, window, owned), generate
 
 
-def _planes(builder, placed, indices, places, area, put, batch):
+def _planes(builder, exact_places, places, area, put, batch):
     """Put planes of 1/z into the rows of a batch."""
     exact, plane = (builder.extract_value(batch, k) for k in (1, 2))
     # 1/z is affine in the image: w = w_a + slope_x (u - u_a) + slope_y (v - v_a), from the
     # corners as they are; as rounded where the triangle is too thin for that.
-    arrays = [builder.extract_value(placed, k) for k in range(3)]
-    (au, av, aw), (bu, bv, bw), (cu, cv, cw) = (
-        [gather(builder, array, index) for array in arrays] for index in indices
-    )
+    (au, av, aw), (bu, bv, bw), (cu, cv, cw) = exact_places
     rounded = area.to(DOUBLE)
     is_thin = ((bu - au) * (cv - av) - (cu - au) * (bv - av) - rounded).magnitude()
     is_thin = is_thin > rounded.magnitude() * 0.25
@@ -364,57 +351,63 @@ def _set_up(with_planes):
 
     @intrinsic
     def set_up_lanes(
-        typing, chosen, at, shape, placed, window, edges, batch, visible
-    ):  # fmt: skip
+        typing, chosen, at, wants_edges, shape, begin, owned, placed, window, edges, batch, visible
+    ):
         """Edge functions and planes of sixteen triangles, in as many bits as `edges` has.
 
-        Returns bits of those that reach at most 2 x 2 blocks; above them those that reach two
+        Edge functions only where they are wanted. Returns bits of those that reach at most 2 x 2 blocks; above them those that reach two
         columns, and two rows: of samples, if they reach at most 2 x 2, else of blocks. And bits of
         those that are shown and can own a sample, as far as their corners tell; above them those
         that are hidden.
         """
 
         def generate(context, builder, signature, args):
-            chosen, at, shape, placed, window, edges, batch, visible = args
-            corners, faces = (builder.extract_value(shape, k) for k in (1, 2))
+            chosen, at, wants_edges, shape, begin, owned, placed, window, edges, batch, visible = (
+                args
+            )
+            corners, faces = (builder.gep(builder.extract_value(shape, k), [begin]) for k in (1, 2))
             whole = builder.extract_value(batch, 0)
             kind = edges.type.pointee
 
             def put(array, row, value):
                 value.to(array.type.pointee).store(builder.gep(array, [LONG(row * LANES)]))
 
-            slots = []
-            for lane in range(LANES):
-                slot = builder.load(builder.gep(chosen, [builder.add(at, LONG(lane))]))
-                slots.append(builder.sext(slot, LONG))
-            packed = gather(builder, corners, slots)
-            indices, places = _corners(context, builder, packed, placed, kind)
+            slot = load(builder, builder.gep(chosen, [at]), LANES)
+            packed = looked_up(context, builder, corners, ENTRIES, slot)
+            face = looked_up(context, builder, faces, ENTRIES, slot)
+            rows = builder.extract_value(placed, 0)
+            exact_places, places = [], []
+            for index in _corners(packed):
+                *exact, both = gather_rows(builder, rows, (index * PLACE).each())
+                exact_places.append(exact)
+                both = both.read_as(LONG)
+                places.append((both.to(WORD).to(kind), (both >> 32).to(WORD).to(kind)))
             right, top, bottom = (
                 spread(builder, builder.extract_value(window, k), LANES).to(kind) for k in (0, 1, 2)
             )
             first_x, last_x, first_y, last_y, _, _ = _reach(places, right, top, bottom)
             (ax, ay), (bx, by), (cx, cy) = places
             area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
-            for k, (value, across, down) in enumerate(
-                _edges(
-                    places,
-                    area,
-                    first_x >> SIDE_BITS << SIDE_BITS,
-                    first_y >> SIDE_BITS << SIDE_BITS,
-                )
-            ):
-                put(edges, E + k, value)
-                put(edges, ACROSS + k, across)
-                put(edges, DOWN + k, down)
+            with builder.if_then(builder.icmp_signed("!=", wants_edges, LONG(0))):
+                for k, (value, across, down) in enumerate(
+                    _edges(
+                        places,
+                        area,
+                        first_x >> SIDE_BITS << SIDE_BITS,
+                        first_y >> SIDE_BITS << SIDE_BITS,
+                    )
+                ):
+                    put(edges, E + k, value)
+                    put(edges, ACROSS + k, across)
+                    put(edges, DOWN + k, down)
             for row, value in enumerate((first_x, last_x, first_y, last_y)):
                 put(whole, row, value)
-            put(whole, FACE, gather(builder, faces, slots))
-
+            put(whole, FACE, face)
             if with_planes:
-                for slot in slots:
-                    face = builder.sext(builder.load(builder.gep(faces, [slot])), LONG)
-                    prefetch(builder, builder.gep(visible, [face]), is_written=True)
-                _planes(builder, placed, indices, places, area, put, batch)
+                for one in face.each():
+                    prefetch(builder, builder.gep(visible, [one]), is_written=True)
+                put(whole, OWNED, looked_up(context, builder, owned, ENTRIES, slot))
+                _planes(builder, exact_places, places, area, put, batch)
             is_tiny = (last_x - first_x <= 1) & (last_y - first_y <= 1)
             wide, tall = (
                 (last >> SIDE_BITS) - (first >> SIDE_BITS)
@@ -435,8 +428,9 @@ def _set_up(with_planes):
             sides = builder.or_(shown.bits(), builder.shl(hidden.bits(), LONG(LANES)))
             return context.make_tuple(builder, signature.return_type, (found, sides))
 
-        arguments = chosen, types.int64, shape, placed, window, edges, batch, visible
-        return types.UniTuple(types.int64, 2)(*arguments), generate
+        long = types.int64
+        arguments = chosen, long, long, shape, long, owned, placed, window, edges, batch, visible
+        return types.UniTuple(long, 2)(*arguments), generate
 
     return set_up_lanes
 
@@ -445,32 +439,38 @@ set_up_lanes, set_up_edges = _set_up(with_planes=True), _set_up(with_planes=Fals
 
 
 @intrinsic
-def tiny_lanes(typing, k, window, edges, batch):
-    """Bits of those of sixteen triangles that own sample k of at most 2 x 2.
+def tiny_owners(typing, batch):
+    """4 x 16 bits of those of sixteen triangles that own samples 0, 1, 2, 3 of at most 2 x 2."""
 
-    Where in memory it stands goes to `batch.sample`, and its 1/z to `batch.here`.
+    def generate(context, builder, signature, args):
+        whole = builder.extract_value(args[0], 0)
+        owned = load(builder, builder.gep(whole, [LONG(OWNED * LANES)]), LANES)
+        found = LONG(0)
+        for k in range(4):
+            owners = ((owned & (1 << k)) > 0).bits()
+            found = builder.or_(found, builder.shl(owners, LONG(k * LANES)))
+        return found
+
+    return types.int64(batch), generate
+
+
+@intrinsic
+def tiny_lanes(typing, k, window, batch):
+    """Where sample k of 2 x 2 of sixteen triangles stands in memory, and its 1/z.
+
+    To `batch.sample` and `batch.here`.
     """
 
     def generate(context, builder, signature, args):
-        k, window, edges, batch = args
+        k, window, batch = args
         whole, exact, plane, sample, here = (builder.extract_value(batch, n) for n in range(5))
         top, columns = (spread(builder, builder.extract_value(window, n), LANES) for n in (1, 4))
 
         def get(array, row):
             return load(builder, builder.gep(array, [LONG(row * LANES)]), LANES)
 
-        first_x, first_y = get(whole, FIRST_X), get(whole, FIRST_Y)
-        x = first_x + spread(builder, builder.and_(k, WORD(1)), LANES)
-        y = first_y + spread(builder, builder.lshr(k, WORD(1)), LANES)
-        in_x, in_y = (
-            x - (first_x >> SIDE_BITS << SIDE_BITS),
-            y - (first_y >> SIDE_BITS << SIDE_BITS),
-        )
-        values = [
-            get(edges, E + n) + get(edges, ACROSS + n) * in_x + get(edges, DOWN + n) * in_y
-            for n in range(3)
-        ]
-        owns = (x <= get(whole, LAST_X)) & (y <= get(whole, LAST_Y)) & (_sign(values) >= 0)
+        x = get(whole, FIRST_X) + spread(builder, builder.and_(k, WORD(1)), LANES)
+        y = get(whole, FIRST_Y) + spread(builder, builder.lshr(k, WORD(1)), LANES)
         block_x, block_y = x >> SIDE_BITS, y >> SIDE_BITS
         in_x, in_y = x & (SIDE - 1), y & (SIDE - 1)
         block = (block_y - (top >> SIDE_BITS)) * columns + block_x
@@ -480,9 +480,9 @@ def tiny_lanes(typing, k, window, edges, batch):
         away = get(plane, STEP_X) * in_x.to(SINGLE) + get(plane, STEP_Y) * in_y.to(SINGLE)
         nearness = (start.to(SINGLE) + away).greatest(get(plane, LEAST)).least(get(plane, GREATEST))
         nearness.store(here)
-        return owns.bits()
+        return context.get_dummy_value()
 
-    return types.int64(types.int32, window, edges, batch), generate
+    return types.void(types.int32, window, batch), generate
 
 
 @intrinsic

@@ -33,8 +33,8 @@ LANE_X, LANE_Y = [k % SIDE for k in range(LANES)], [k // SIDE for k in range(LAN
 PATCH_BITS = 4
 """Blocks in a row that are cleared together, as a power of 2."""
 
-FACES, VERTICES = 64, 64
-"""Of a cluster, at most. Corners of clipped faces follow its vertices."""
+FACES, VERTICES, ENTRIES = 64, 64, 64
+"""Of a cluster, at most, and the most of both. Corners of clipped faces follow its vertices."""
 SAMPLES_A_CLUSTER = 128
 """Samples of an image for each cluster below which all of it is cleared at once."""
 FEW = 4
@@ -49,9 +49,10 @@ EDGE_ROWS = 15
 sample of the first block that a triangle reaches, its step to the next sample and to the next row.
 Then those of one triangle: its values at the first samples of sixteen blocks, and what it gains
 from there to the other samples of a block."""
-FIRST_X, LAST_X, FIRST_Y, LAST_Y, FACE = 0, 1, 2, 3, 4
-WHOLE_ROWS = 5
-"""Rows of `whole`: the samples that the triangle reaches, and its face."""
+FIRST_X, LAST_X, FIRST_Y, LAST_Y, FACE, OWNED = 0, 1, 2, 3, 4, 5
+WHOLE_ROWS = 6
+"""Rows of `whole`: the samples that the triangle reaches, its face, and which samples it owns where
+it reaches at most 2 x 2."""
 ORIGIN, SLOPE_X, SLOPE_Y = 0, 1, 2
 EXACT_ROWS = 3
 """Rows of `exact`: 1/z at the first sample of the image, its steps to the next sample and row."""
@@ -66,8 +67,13 @@ magnified to, in samples."""
 
 Shape = namedtuple("Shape", "points corners faces")
 """A mesh in clusters: pointers, as in all of these, to what `rastercov.raster.clusters` made."""
-Placed = namedtuple("Placed", "u v w x y both")
-"""Vertices of a cluster in the image: exact steps, 1/z, and whole steps, alone and together."""
+U, V, W, BOTH = 0, 1, 2, 3
+PLACE = 4
+"""Figures of a vertex in the image, one after the other: exact steps, 1/z, and whole steps, of y in
+the upper half of 64 bits, of x in the lower."""
+Placed = namedtuple("Placed", "exact both x y")
+"""Vertices of a cluster in the image: the figures above, as float64 and as whole numbers; and whole
+steps once more, each for itself."""
 Window = namedtuple(
     "Window", "right top bottom hides_back columns height full_x full_y inner first last"
 )
@@ -78,7 +84,7 @@ one inside and the one after the last, and for each row of samples likewise."""
 Batch = namedtuple("Batch", "whole exact plane sample here masks")
 """Sixteen triangles: rows of what the constants above name. Then one sample or block of each: where
 in memory, and 1/z at its first sample; and bits of sixteen blocks."""
-Lists = namedtuple("Lists", "tiny small hidden large clipped")
+Lists = namedtuple("Lists", "tiny small hidden large clipped owned")
 """Faces of a cluster, see `sift`."""
 Image = namedtuple("Image", "depth owner")
 """Blocks of samples: 1/z, 0 where nothing is; and the face."""
