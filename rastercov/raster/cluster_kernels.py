@@ -4,7 +4,7 @@ import numpy as np
 
 from rastercov.compiled import compiled_with
 from rastercov.raster import layout
-from rastercov.raster.layout import FACES, LANES, VERTICES
+from rastercov.raster.layout import FACES, LANES, LINE_BITS, VERTICES
 
 VERTEX_STEP = 8
 """Vertices of a cluster are filled up to a multiple of this, with the last one again."""
@@ -70,13 +70,23 @@ def cut(faces, order, keys, marks, starts):
 
 
 @compiled
-def number(faces, order, starts, n, marks, local, corners, face_of, face_starts, vertex_starts):
+def number(
+    faces, order, starts, n, marks, local, corners, face_of, face_starts, vertex_starts, lines,
+    line_starts,
+):  # fmt: skip
     """Number the vertices of each cluster from 0; `marks` says which cluster did so last."""
-    slot, vertex = 0, 0
+    slot, vertex, line = 0, 0, 0
     for k in range(n):
         count = 0
         for i in range(starts[k], starts[k + 1]):
             f = order[i]
+            place = line
+            for at in range(line_starts[k], line):
+                if lines[at] == f >> LINE_BITS:
+                    place = at
+                    break
+            lines[place] = f >> LINE_BITS
+            line += place == line
             packed = 0
             for j in range(3):
                 v = faces[f, j]
@@ -90,6 +100,7 @@ def number(faces, order, starts, n, marks, local, corners, face_of, face_starts,
             slot += 1
         slot = (slot + LANES - 1) // LANES * LANES
         vertex += (count + VERTEX_STEP - 1) // VERTEX_STEP * VERTEX_STEP
+        line_starts[k + 1] = line
         face_starts[k + 1] = slot
         vertex_starts[k + 1] = vertex
 

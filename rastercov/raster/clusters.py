@@ -38,7 +38,9 @@ class Clusters:
         fills up.
     faces : (M,) int32
         Index of each face in the mesh.
-    vertex_starts, face_starts : (K + 1,) int32
+    lines : (L,) int32
+        Where the counts of a cluster's faces lie: their indices / 16, each once.
+    vertex_starts, face_starts, line_starts : (K + 1,) int32
         Where clusters start.
     bounds : (11, K or up to 15 more) float64
         Centre (3) and radius of a sphere around it; the axis (3) of a cone that holds the normals
@@ -50,16 +52,18 @@ class Clusters:
     points: FloatArray
     corners: WordArray
     faces: WordArray
+    lines: WordArray
     vertex_starts: WordArray
     face_starts: WordArray
+    line_starts: WordArray
     bounds: FloatArray
 
     @property
     def arrays(self) -> tuple[FloatArray | WordArray, ...]:
         """All of them, for the loops."""
         return (
-            self.points, self.corners, self.faces, self.vertex_starts, self.face_starts,
-            self.bounds,
+            self.points, self.corners, self.faces, self.lines, self.vertex_starts,
+            self.face_starts, self.line_starts, self.bounds,
         )  # fmt: skip
 
 
@@ -80,16 +84,21 @@ def in_clusters(vertices: FloatArray, faces: WordArray, is_wound: bool) -> Clust
     del keys
     read = n_slots + FACES  # all that a cluster can have are read at once
     corners, face_of = aligned_zeros(read, np.int32), aligned_zeros(read, np.int32)
-    face_starts, vertex_starts = np.zeros((2, n + 1), np.int32)
+    face_starts, vertex_starts, line_starts = np.zeros((3, n + 1), np.int32)
+    lines = np.empty(len(faces), np.int32)
     marks[:] = -1
     local = np.empty(len(vertices), np.uint8)
     kernels.number(
-        faces, order, starts, n, marks, local, corners, face_of, face_starts, vertex_starts
-    )
+        faces, order, starts, n, marks, local, corners, face_of, face_starts, vertex_starts,
+        lines, line_starts,
+    )  # fmt: skip
+    lines = lines[: line_starts[-1]].copy()
     points = aligned_zeros(3 * int(vertex_starts[-1]) + LANES, np.float64)  # read beyond the last
     width = -(-n // LANES) * LANES  # sixteen are read at once
     bounds = aligned_zeros((kernels.BOUNDS, width), np.float64)
     marks[:] = -1
     kernels.place(vertices, faces, order, starts, n, marks, vertex_starts, points)
     kernels.bound(vertices, faces, order, starts, n, vertex_starts, points, bounds)
-    return Clusters(points, corners, face_of, vertex_starts, face_starts, bounds)
+    return Clusters(
+        points, corners, face_of, lines, vertex_starts, face_starts, line_starts, bounds
+    )

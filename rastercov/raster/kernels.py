@@ -51,7 +51,6 @@ from rastercov.raster.layout import (
     ALL_LANES,
     BEHIND,
     BITS,
-    BOTH,
     CLIP_CORNERS,
     EYE,
     FACE,
@@ -66,16 +65,12 @@ from rastercov.raster.layout import (
     LENS,
     NEAR,
     PATCH_BITS,
-    PLACE,
     ROOM,
     SAMPLES_A_CLUSTER,
     SIDE,
     SIDE_BITS,
     STEPS,
-    U,
-    V,
     VERTICES,
-    W,
     WHOLE_ROWS,
     WIDEST,
     Batch,
@@ -342,10 +337,10 @@ def fill(lists, n_tiny, n_small, shape, begin, placed, window, edges, batch, ima
     n = n_tiny + n_small
     filled = 0
     for i in range(0, n, LANES):
+        wants_edges = np.int64(i + LANES > n_tiny)
         sizes, _ = set_up_lanes(
-            listed, i, np.int64(i + LANES > n_tiny), shape, begin, lists.owned, placed, window, edges,
-            batch, counts.visible,
-        )  # fmt: skip
+            listed, i, wants_edges, shape, begin, lists.owned, placed, window, edges, batch
+        )
         tiny = ALL_LANES >> min(max(LANES - (n_tiny - i), 0), LANES)
         others = (ALL_LANES >> max(LANES - (n - i), 0)) & ~tiny
         if tiny:
@@ -367,9 +362,8 @@ def count_hidden(lists, n, shape, begin, placed, window, edges, batch, counts):
     """Add the samples of the hidden triangles to `drawn`, without a look at their depths."""
     for i in range(0, n, LANES):
         few, _ = set_up_edges(
-            lists.hidden, i, np.int64(1), shape, begin, lists.owned, placed, window, edges, batch,
-            counts.visible,
-        )  # fmt: skip
+            lists.hidden, i, np.int64(1), shape, begin, lists.owned, placed, window, edges, batch
+        )
         few &= ALL_LANES >> max(LANES - (n - i), 0)
         if window.full_x == 0 or count_bits(few) < FEW:
             few = 0
@@ -509,11 +503,8 @@ def clip_face(points, begin, stride, packed, view, window, placed, polygon, othe
         w = 1.0 / other[i, 2]
         u = (view[LENS] * other[i, 0] * w + view[LENS + 2]) * STEPS
         v = (view[LENS + 1] * other[i, 1] * w + view[LENS + 3]) * STEPS
-        x, y = np.int64(np.floor(u + 0.5)), np.int64(np.floor(v + 0.5))
-        placed.exact[PLACE * to + U] = u
-        placed.exact[PLACE * to + V] = v
-        placed.exact[PLACE * to + W] = w
-        placed.both[PLACE * to + BOTH] = y << 32 | (x & 0xFFFFFFFF)
+        placed.u[to], placed.v[to], placed.w[to] = u, v, w
+        placed.x[to], placed.y[to] = np.floor(u + 0.5), np.floor(v + 0.5)
     return n
 
 
@@ -534,9 +525,8 @@ def fill_large(listed, n, shape, begin, owned, placed, window, edges, batch, ima
     filled = 0
     for i in range(0, n, LANES):
         _, sides = set_up_lanes(
-            listed, i, np.int64(1), shape, begin, owned, placed, window, edges, batch,
-            counts.visible,
-        )  # fmt: skip
+            listed, i, np.int64(1), shape, begin, owned, placed, window, edges, batch
+        )
         valid = ALL_LANES >> max(LANES - (n - i), 0)
         filled += fill_blocks(sides & valid, window, edges, batch, image, counts)
         hidden = sides >> LANES & valid
@@ -552,8 +542,7 @@ def make_scratch():
     return (
         aligned_zeros((13, ROOM), np.int32),
         aligned_zeros(ROOM, np.int64),
-        aligned_zeros(PLACE * (VERTICES + CLIP_CORNERS), np.float64),
-        aligned_zeros((2, ROOM), np.float64),
+        aligned_zeros((5, ROOM), np.float64),
         aligned_zeros((2, ROOM), np.float32),
         np.array(
             [sorted(range(8), key=lambda k: not bits >> k & 1) for bits in range(256)], np.uint8
@@ -590,7 +579,7 @@ def count_poses(
         First row of each band of the image, and the row after its last. They are multiples of
         `SIDE`, but for the end of the image.
     clusters : tuple of arrays
-        points, corners, faces, vertex_starts, face_starts, bounds of `Clusters`.
+        Those of `Clusters`, in its order.
     inner : (rows of blocks, 2) int64
         The first block of each row that is wholly inside the image, and the one after the last.
     first, last : (height,) int32
@@ -611,13 +600,15 @@ def count_poses(
     scratch : tuple of arrays
         From `make_scratch`.
     """
-    points, corners, faces, vertex_starts, face_starts, bounds = clusters
+    points, corners, faces, all_lines, vertex_starts, face_starts, line_starts, bounds = clusters
+    lines = pointer(all_lines)
     shape = Shape(pointer(points), pointer(corners), pointer(faces))
-    words, longs, places, doubles, singles, lane_octets, polygon, clipped, sides = scratch
+    words, longs, doubles, singles, lane_octets, polygon, clipped, sides = scratch
     octets = pointer(lane_octets)
     placed = Placed(
-        pointer(places), pointer(places.view(np.int64)), pointer(words[0]), pointer(words[1])
-    )
+        pointer(doubles[0]), pointer(doubles[1]), pointer(doubles[2]), pointer(words[0]),
+        pointer(words[1]),
+    )  # fmt: skip
     lists = Lists(
         pointer(words[2]), pointer(words[3]), pointer(words[4]), pointer(words[5]),
         pointer(words[6]), pointer(words[7]),
@@ -628,11 +619,11 @@ def count_poses(
         one_by_one[k] = k
     edges, long_edges = pointer(words[11]), pointer(longs)
     batch = Batch(
-        pointer(words[12]), pointer(doubles[0]), pointer(singles[0]),
+        pointer(words[12]), pointer(doubles[3]), pointer(singles[0]),
         pointer(words[12, WHOLE_ROWS * LANES :]), pointer(singles[1]),
         pointer(words[12, (WHOLE_ROWS + 1) * LANES :]),
     )  # fmt: skip
-    figures = doubles[1]
+    figures = doubles[4]
     view = pointer(figures)
     n_clusters = len(vertex_starts) - 1
     image = Image(pointer(depth), pointer(owner))
@@ -681,11 +672,9 @@ def count_poses(
                     fetch_lines(shape.corners, np.int64(begin), np.int64(end))
                     fetch_lines(shape.faces, np.int64(begin), np.int64(end))
                 begin, end = np.int64(vertex_starts[cluster]), np.int64(vertex_starts[cluster + 1])
+                first_line, end_of_lines = line_starts[cluster], line_starts[cluster + 1]
                 if with_drawn:
-                    fetch_counts(
-                        counts.drawn, shape.faces, np.int64(face_starts[cluster]),
-                        np.int64(face_starts[cluster + 1]),
-                    )  # fmt: skip
+                    fetch_counts(counts.drawn, lines, np.int64(first_line), np.int64(end_of_lines))
                 box = project(shape.points, begin, end, view, placed)
                 if box[0] == BEHIND and box[1] == BEHIND:
                     continue
@@ -705,6 +694,10 @@ def count_poses(
                     shape, first_slot, np.int64(face_starts[cluster + 1]), placed, window, counts,
                     octets, lists,
                 )  # fmt: skip
+                if n_tiny + n_small:
+                    fetch_counts(
+                        counts.visible, lines, np.int64(first_line), np.int64(end_of_lines)
+                    )
                 new += fill(
                     lists, n_tiny, n_small, shape, first_slot, placed, window, edges, batch, image,
                     counts,
@@ -720,8 +713,8 @@ def count_poses(
                     )  # fmt: skip
                 for k in range(n_clipped):
                     n = fan_out(
-                        shape, first_slot + lists.clipped[k], begin, end - begin, view, window, placed, fan,
-                        polygon, clipped,
+                        shape, first_slot + lists.clipped[k], begin, end - begin, view, window,
+                        placed, fan, polygon, clipped,
                     )  # fmt: skip
                     new += fill_large(
                         one_by_one, n, fan, 0, lists.owned, placed, window, long_edges, batch,

@@ -19,13 +19,10 @@ from rastercov.raster.lanes import (
     Lanes,
     constants,
     from_bits,
-    gather,
-    gather_rows,
     load,
     looked_up,
     prefetch,
     spread,
-    store_rows,
 )  # fmt: skip
 from rastercov.raster.layout import (
     ACROSS,
@@ -35,9 +32,9 @@ from rastercov.raster.layout import (
     CLIPPED,
     CORNER,
     DOWN,
-    ENTRIES,
     EYE,
     FACE,
+    FACES,
     FAR_OUT,
     FIRST_X,
     FIRST_Y,
@@ -52,10 +49,10 @@ from rastercov.raster.layout import (
     LAST_Y,
     LEAST,
     LENS,
+    LINE_BITS,
     NEAR,
     ORIGIN,
     OWNED,
-    PLACE,
     ROOM,
     SIDE,
     SIDE_BITS,
@@ -64,6 +61,7 @@ from rastercov.raster.layout import (
     STEP_X,
     STEP_Y,
     STEPS,
+    VERTICES,
     VIEW,
     WIDEST,
     E,
@@ -96,9 +94,9 @@ def project(typing, points, begin, end, view, placed):
     view : (18,) float64
         See `VIEW`.
     placed : Placed
-        Out. `U`, `V`: steps of 1/256 sample, not rounded. `W`: 1/z. `x`, `y`, and both together:
-        where the vertex stands when samples are given out, `CLIPPED` or `BEHIND` where it needs
-        clipping. What comes after the cluster's vertices means nothing.
+        Out. `u`, `v`: steps of 1/256 sample, not rounded. `w`: 1/z. `x`, `y`: where the vertex
+        stands when samples are given out, `CLIPPED` or `BEHIND` where it needs clipping. What
+        comes after the cluster's vertices means nothing.
     """
 
     def generate(context, builder, signature, args):
@@ -137,7 +135,7 @@ def project(typing, points, begin, end, view, placed):
 
 def _project_lanes(builder, points, at, figures, placed, to):
     """Place sixteen vertices; returns their whole steps."""
-    rows, _, x, y = (builder.extract_value(placed, k) for k in range(4))
+    u, v, w, x, y = (builder.gep(builder.extract_value(placed, k), [to]) for k in range(5))
     away = [
         load(builder, builder.gep(points, [at[axis]]), LANES) - figures[EYE + axis]
         for axis in range(3)
@@ -155,14 +153,12 @@ def _project_lanes(builder, points, at, figures, placed, to):
         is_seen = is_seen & (position.magnitude() <= float(FAR_OUT))
     unseen = spread(builder, WORD(CLIPPED), LANES).where(is_beyond_near, BEHIND)
     steps = []
-    for position, x_or_y in zip(exact, (x, y), strict=True):
+    inverse.store(w)
+    for position, u_or_v, x_or_y in zip(exact, (u, v), (x, y), strict=True):
+        position.store(u_or_v)
         rounded = (position.where(is_seen, 0.0) + 0.5).floor().to(WORD)
         steps.append(rounded.where(is_seen, unseen))
-        steps[-1].store(builder.gep(x_or_y, [to]))
-    both = (steps[1].to(LONG) << 32) | (steps[0].to(LONG) & 0xFFFFFFFF)
-    store_rows(
-        (*exact, inverse, both.read_as(DOUBLE)), builder.gep(rows, [builder.mul(to, LONG(PLACE))])
-    )
+        steps[-1].store(x_or_y)
     return steps
 
 
@@ -218,9 +214,23 @@ def cull_lanes(typing, bounds, stride, at, view, sides, focal, leaves_out_backs)
     return whole(bounds, whole, whole, view, sides, types.float64, whole), generate
 
 
-def _corners(packed):
-    """Indices of the three corners of sixteen faces in their cluster."""
-    return [packed >> 8 * k & (ROOM - 1) for k in range(3)]
+def _corners(context, packed, placed, kind):
+    """Exact and whole places of the three corners of sixteen faces: u, v, 1/z, and x, y.
+
+    In words these are vertices of the cluster. Triangles in more digits may have been clipped, and
+    have corners beyond those.
+    """
+    builder = packed.builder
+    n = VERTICES if kind == WORD else ROOM
+    exact, whole = [], []
+    for k in range(3):
+        index = packed >> 8 * k & (ROOM - 1)
+        u, v, w, x, y = (
+            looked_up(context, builder.extract_value(placed, at), n, index) for at in range(5)
+        )
+        exact.append((u, v, w))
+        whole.append((x.to(kind), y.to(kind)))
+    return exact, whole
 
 
 def _reach(places, right, top, bottom):
@@ -271,11 +281,7 @@ def sift_lanes(typing, corners, begin, at, placed, window, owned):
     def generate(context, builder, signature, args):
         corners, begin, at, placed, window, owned_by_face = args
         packed = load(builder, builder.gep(corners, [builder.add(begin, at)]), LANES)
-        x, y = (builder.extract_value(placed, k) for k in (2, 3))
-        places = [
-            tuple(looked_up(context, builder, array, ENTRIES, index) for array in (x, y))
-            for index in _corners(packed)
-        ]
+        _, places = _corners(context, packed, placed, WORD)
         right, top, bottom, hides_back = (
             spread(builder, builder.extract_value(window, k), LANES) for k in (0, 1, 2, 3)
         )
@@ -351,20 +357,18 @@ def _set_up(with_planes):
 
     @intrinsic
     def set_up_lanes(
-        typing, chosen, at, wants_edges, shape, begin, owned, placed, window, edges, batch, visible
+        typing, chosen, at, wants_edges, shape, begin, owned, placed, window, edges, batch
     ):
         """Edge functions and planes of sixteen triangles, in as many bits as `edges` has.
 
-        Edge functions only where they are wanted. Returns bits of those that reach at most 2 x 2 blocks; above them those that reach two
-        columns, and two rows: of samples, if they reach at most 2 x 2, else of blocks. And bits of
-        those that are shown and can own a sample, as far as their corners tell; above them those
-        that are hidden.
+        Edge functions only where they are wanted. Returns bits of those that reach at most 2 x 2
+        blocks; above them those that reach two columns of blocks, and two rows. And bits of those
+        that are shown and can own a sample, as far as their corners tell; above them those that are
+        hidden.
         """
 
         def generate(context, builder, signature, args):
-            chosen, at, wants_edges, shape, begin, owned, placed, window, edges, batch, visible = (
-                args
-            )
+            chosen, at, wants_edges, shape, begin, owned, placed, window, edges, batch = args
             corners, faces = (builder.gep(builder.extract_value(shape, k), [begin]) for k in (1, 2))
             whole = builder.extract_value(batch, 0)
             kind = edges.type.pointee
@@ -373,15 +377,9 @@ def _set_up(with_planes):
                 value.to(array.type.pointee).store(builder.gep(array, [LONG(row * LANES)]))
 
             slot = load(builder, builder.gep(chosen, [at]), LANES)
-            packed = looked_up(context, builder, corners, ENTRIES, slot)
-            face = looked_up(context, builder, faces, ENTRIES, slot)
-            rows = builder.extract_value(placed, 0)
-            exact_places, places = [], []
-            for index in _corners(packed):
-                *exact, both = gather_rows(builder, rows, (index * PLACE).each())
-                exact_places.append(exact)
-                both = both.read_as(LONG)
-                places.append((both.to(WORD).to(kind), (both >> 32).to(WORD).to(kind)))
+            packed = looked_up(context, corners, FACES, slot)
+            face = looked_up(context, faces, FACES, slot)
+            exact_places, places = _corners(context, packed, placed, kind)
             right, top, bottom = (
                 spread(builder, builder.extract_value(window, k), LANES).to(kind) for k in (0, 1, 2)
             )
@@ -404,20 +402,13 @@ def _set_up(with_planes):
                 put(whole, row, value)
             put(whole, FACE, face)
             if with_planes:
-                for one in face.each():
-                    prefetch(builder, builder.gep(visible, [one]), is_written=True)
-                put(whole, OWNED, looked_up(context, builder, owned, ENTRIES, slot))
+                put(whole, OWNED, looked_up(context, owned, FACES, slot))
                 _planes(builder, exact_places, places, area, put, batch)
-            is_tiny = (last_x - first_x <= 1) & (last_y - first_y <= 1)
             wide, tall = (
                 (last >> SIDE_BITS) - (first >> SIDE_BITS)
                 for first, last in ((first_x, last_x), (first_y, last_y))
             )
-            groups = (
-                (wide <= 1) & (tall <= 1),
-                (is_tiny & (last_x > first_x)) | (~is_tiny & (wide > 0)),
-                (is_tiny & (last_y > first_y)) | (~is_tiny & (tall > 0)),
-            )
+            groups = (wide <= 1) & (tall <= 1), wide > 0, tall > 0
             found = LONG(0)
             for k, group in enumerate(groups):
                 found = builder.or_(found, builder.shl(group.bits(), LONG(k * LANES)))
@@ -429,7 +420,7 @@ def _set_up(with_planes):
             return context.make_tuple(builder, signature.return_type, (found, sides))
 
         long = types.int64
-        arguments = chosen, long, long, shape, long, owned, placed, window, edges, batch, visible
+        arguments = chosen, long, long, shape, long, owned, placed, window, edges, batch
         return types.UniTuple(long, 2)(*arguments), generate
 
     return set_up_lanes
@@ -788,17 +779,18 @@ def fetch_lines(typing, data, begin, end):
 
 
 @intrinsic
-def fetch_counts(typing, data, faces, begin, end):
-    """Ask for the counts of the faces in these slots, before they are needed."""
+def fetch_counts(typing, data, lines, begin, end):
+    """Ask for these lines of counts, before they are needed."""
 
     def generate(context, builder, signature, args):
-        data, faces, begin, end = args
+        data, lines, begin, end = args
         with cgutils.for_range_slice(builder, begin, end, LONG(1), LONG) as (at, _):
-            face = builder.sext(builder.load(builder.gep(faces, [at])), LONG)
+            line = builder.sext(builder.load(builder.gep(lines, [at])), LONG)
+            face = builder.shl(line, LONG(LINE_BITS))
             prefetch(builder, builder.gep(data, [face]), is_written=True)
         return context.get_dummy_value()
 
-    return types.void(data, faces, types.int64, types.int64), generate
+    return types.void(data, lines, types.int64, types.int64), generate
 
 
 @intrinsic

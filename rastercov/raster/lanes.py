@@ -133,11 +133,6 @@ class Lanes:
         )
         return Lanes(self.builder, self.builder.call(function, [self.value]))
 
-    def read_as(self, kind: Any) -> "Lanes":
-        """The same bits in another type as long."""
-        vector = ir.VectorType(kind, len(self))
-        return Lanes(self.builder, self.builder.bitcast(self.value, vector))
-
     def widened(self, kind: Any) -> "Lanes":
         """Whole numbers without a sign in a longer type."""
         vector = ir.VectorType(kind, len(self))
@@ -213,60 +208,6 @@ def gather(builder: Any, pointer: Any, indices: Sequence[Any]) -> Lanes:
     return Lanes(builder, gathered)
 
 
-def _shuffled(builder: Any, one: Any, other: Any, lanes: Sequence[int]) -> Any:
-    """Lanes of two vectors, those of the other one counted on from those of the first."""
-    picked = ir.Constant(ir.VectorType(WORD, len(lanes)), list(lanes))
-    return builder.shuffle_vector(one, other, picked)
-
-
-def store_rows(columns: Sequence[Lanes], pointer: Any) -> None:
-    """Write rows of four, one for each lane, from a pointer on; 8 n of them."""
-    builder = columns[0].builder
-    for start in range(0, len(columns[0]), 8):
-        parts = [
-            _shuffled(builder, column.value, column.value, range(start, start + 8))
-            for column in columns
-        ]
-        for odd in (0, 1):
-            lanes = [k + odd + at for k in (0, 2, 4, 6) for at in (0, 8)]
-            pairs = [_shuffled(builder, parts[k], parts[k + 1], lanes) for k in (0, 2)]
-            for upper in (0, 1):
-                lanes = [4 * upper + k + i for j in (0, 2) for k in (j, j + 8) for i in (0, 1)]
-                rows = _shuffled(builder, *pairs, lanes)
-                for half in (0, 1):
-                    row = _shuffled(builder, rows, rows, range(4 * half, 4 * half + 4))
-                    at = 4 * (start + 4 * upper + 2 * half + odd)
-                    Lanes(builder, row).store(builder.gep(pointer, [LONG(at)]))
-
-
-def gather_rows(builder: Any, pointer: Any, indices: Sequence[Any]) -> list[Lanes]:
-    """Four columns of the rows of four that start at these indices, 8 n of them."""
-    columns: list[list[Any]] = [[], [], [], []]
-    row = ir.VectorType(pointer.type.pointee, 4).as_pointer()
-    for start in range(0, len(indices), 8):
-        rows = [
-            builder.load(builder.bitcast(builder.gep(pointer, [index]), row), align=4)
-            for index in indices[start : start + 8]
-        ]
-        # Rows 0 and 2, 1 and 3, 4 and 6, 5 and 7: what follows then moves whole pairs.
-        joined = [_shuffled(builder, rows[k], rows[k + 2], range(8)) for k in (0, 1, 4, 5)]
-        for odd in (0, 1):
-            lanes = [k + odd + at for k in (0, 2, 4, 6) for at in (0, 8)]
-            pairs = [_shuffled(builder, joined[k], joined[k + 1], lanes) for k in (0, 2)]
-            for upper in (0, 1):
-                lanes = [4 * k + 2 * upper + i for k in range(4) for i in (0, 1)]
-                columns[2 * upper + odd].append(_shuffled(builder, *pairs, lanes))
-    return [_joined(builder, parts) for parts in columns]
-
-
-def _joined(builder: Any, parts: Sequence[Any]) -> Lanes:
-    """Vectors one after the other, 2^n of them."""
-    while len(parts) > 1:
-        n = 2 * parts[0].type.count
-        parts = [_shuffled(builder, *parts[k : k + 2], range(n)) for k in range(0, len(parts), 2)]
-    return Lanes(builder, parts[0])
-
-
 def from_bits(builder: Any, bits: Any, n: int) -> Lanes:
     """Mask of a 64-bit whole number, lane 0 lowest."""
     as_bits = builder.trunc(bits, ir.IntType(n))
@@ -282,30 +223,46 @@ def prefetch(builder: Any, pointer: Any, is_written: bool = False) -> None:
     builder.call(fetch, [where, WORD(int(is_written)), WORD(3), WORD(1)])
 
 
-def looked_up(context: Any, builder: Any, array: Any, n: int, index: Lanes) -> Lanes:
-    """What stands at sixteen indices of an array of n words: 16, 32, 64 and so on.
+def looked_up(context: Any, array: Any, n: int, index: Lanes) -> Lanes:
+    """What stands at sixteen indices of an array of n words or doubles.
 
-    A processor with registers of sixteen words has it from two of them at once; others fetch each.
+    A processor with long registers has up to 64 from these, two at once; others fetch each.
     """
-    if len(index) != 16 or "+avx512f" not in context.codegen().magic_tuple()[2]:
+    builder, kind = index.builder, array.type.pointee
+    width = 512 // (32 if kind == WORD else 64)
+    parts = range(0, n, 2 * width)
+    if len(parts) > 4 or "+avx512f" not in context.codegen().magic_tuple()[2]:
         return gather(builder, array, index.each())
-    vector = index.value.type
-    kind = ir.FunctionType(vector, [vector] * 3)
-    permute = cgutils.get_or_insert_function(
-        builder.module, kind, "llvm.x86.avx512.vpermi2var.d.512"
-    )
-    parts = [load(builder, builder.gep(array, [LONG(at)]), 16).value for at in range(0, n, 16)]
-    found = [
-        Lanes(
-            builder,
-            builder.call(permute, [parts[k], index.value, parts[min(k + 1, len(parts) - 1)]]),
-        )
-        for k in range(0, len(parts), 2)
+    pairs = [
+        [load(builder, builder.gep(array, [LONG(at)]), width) for at in (part, part + width)]
+        for part in parts
     ]
-    bit = 32
+    found = []
+    for start in range(0, len(index), width):
+        lanes = ir.Constant(ir.VectorType(WORD, width), list(range(start, start + width)))
+        some = Lanes(builder, builder.shuffle_vector(index.value, index.value, lanes))
+        some = some.to(WORD if kind == WORD else LONG)
+        found.append(_permuted(pairs, some))
+    while len(found) > 1:
+        lanes = ir.Constant(ir.VectorType(WORD, 16), list(range(16)))
+        found = [Lanes(builder, builder.shuffle_vector(found[0].value, found[1].value, lanes))]
+    return found[0]
+
+
+def _permuted(pairs: Sequence[Sequence[Lanes]], index: Lanes) -> Lanes:
+    """What stands at these indices of 2^n pairs of registers, one after the other."""
+    builder, low = index.builder, pairs[0][0]
+    name = f"llvm.x86.avx512.vpermi2var.{'d' if low.kind == WORD else 'pd'}.512"
+    vector = low.value.type
+    kind = ir.FunctionType(vector, [vector, index.value.type, vector])
+    permute = cgutils.get_or_insert_function(builder.module, kind, name)
+    found = [
+        Lanes(builder, builder.call(permute, [one.value, index.value, other.value]))
+        for one, other in pairs
+    ]
+    bit = 2 * len(index)
     while len(found) > 1:
         is_odd = (index & bit) > 0
-        pairs = zip(found[::2], found[1::2], strict=True)
-        found = [odd.where(is_odd, even) for even, odd in pairs]
+        found = [odd.where(is_odd, even) for even, odd in zip(found[::2], found[1::2], strict=True)]
         bit *= 2
     return found[0]

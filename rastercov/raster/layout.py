@@ -33,14 +33,16 @@ LANE_X, LANE_Y = [k % SIDE for k in range(LANES)], [k // SIDE for k in range(LAN
 PATCH_BITS = 4
 """Blocks in a row that are cleared together, as a power of 2."""
 
-FACES, VERTICES, ENTRIES = 64, 64, 64
-"""Of a cluster, at most, and the most of both. Corners of clipped faces follow its vertices."""
+FACES, VERTICES = 64, 64
+"""Of a cluster, at most. Corners of clipped faces follow its vertices."""
 SAMPLES_A_CLUSTER = 128
 """Samples of an image for each cluster below which all of it is cleared at once."""
 FEW = 4
 """Triangles from which on it pays to take sixteen together."""
 CACHE_LINE = 64
 """Bytes that are fetched together; where it is more, some are asked for twice."""
+LINE_BITS = 4
+"""Counts in them, as a power of 2."""
 ROOM = 256
 """Vertices that a byte can tell apart; and enough for all else that a cluster wants."""
 E, ACROSS, DOWN, CORNER, INNER = 0, 3, 6, 9, 12
@@ -67,13 +69,8 @@ magnified to, in samples."""
 
 Shape = namedtuple("Shape", "points corners faces")
 """A mesh in clusters: pointers, as in all of these, to what `rastercov.raster.clusters` made."""
-U, V, W, BOTH = 0, 1, 2, 3
-PLACE = 4
-"""Figures of a vertex in the image, one after the other: exact steps, 1/z, and whole steps, of y in
-the upper half of 64 bits, of x in the lower."""
-Placed = namedtuple("Placed", "exact both x y")
-"""Vertices of a cluster in the image: the figures above, as float64 and as whole numbers; and whole
-steps once more, each for itself."""
+Placed = namedtuple("Placed", "u v w x y")
+"""Vertices of a cluster in the image: exact steps, 1/z, and whole steps."""
 Window = namedtuple(
     "Window", "right top bottom hides_back columns height full_x full_y inner first last"
 )
