@@ -60,6 +60,7 @@ from rastercov.raster.layout import (
     FIRST_Y,
     HALF,
     LANES,
+    LARGE,
     LAST_X,
     LAST_Y,
     LENS,
@@ -87,13 +88,15 @@ compiled = compiled_with(lane_kernels, lanes, layout)
 
 
 @part_of
-def sift(shape, begin, end, placed, window, counts, octets, lists):
+def sift(shape, begin, end, placed, window, is_plain, counts, octets, lists):
     """List the faces of a cluster that can own a sample; returns the lengths of the lists.
 
     Parameters
     ----------
     begin, end : int
         Slots of the cluster's faces.
+    is_plain : int
+        Not 0 where none of them can be large or want clipping.
     counts : Counts
         Samples of hidden faces that reach at most 2 x 2 are added to `drawn` where it is asked for.
     octets : uint8
@@ -106,7 +109,7 @@ def sift(shape, begin, end, placed, window, counts, octets, lists):
     tiny, small, hidden, large, clipped, owned = lists
     n_tiny = n_small = n_hidden = n_large = n_clipped = 0
     for at in range(0, end - begin, LANES):
-        shown, back = sift_lanes(shape.corners, begin, at, placed, window, owned)
+        shown, back = sift_lanes(shape.corners, begin, at, placed, window, is_plain, owned)
         n_tiny = list_lanes(octets, shown & ALL_LANES, at, tiny, n_tiny)
         n_small = list_lanes(octets, shown >> LANES & ALL_LANES, at, small, n_small)
         if shown >> 2 * LANES:
@@ -678,7 +681,9 @@ def count_poses(
                 box = project(shape.points, begin, end, view, placed)
                 if box[0] == BEHIND and box[1] == BEHIND:
                     continue
+                is_plain = np.int64(max(box[1] - box[0], box[3] - box[2]) < LARGE)
                 if box[1] >= BEHIND:
+                    is_plain = 0
                     box = (
                         0,
                         np.int32(size[0] << BITS),
@@ -691,8 +696,8 @@ def count_poses(
                     continue
                 first_slot = np.int64(face_starts[cluster])
                 n_tiny, n_small, n_hidden, n_large, n_clipped = sift(
-                    shape, first_slot, np.int64(face_starts[cluster + 1]), placed, window, counts,
-                    octets, lists,
+                    shape, first_slot, np.int64(face_starts[cluster + 1]), placed, window, is_plain,
+                    counts, octets, lists,
                 )  # fmt: skip
                 if n_tiny + n_small:
                     fetch_counts(

@@ -26,6 +26,7 @@ from rastercov.raster.lanes import (
 )  # fmt: skip
 from rastercov.raster.layout import (
     ACROSS,
+    ALL_LANES,
     BEHIND,
     BITS,
     CACHE_LINE,
@@ -254,13 +255,17 @@ def _edges(places, area, at_x, at_y):
     turned = area < 0
     px, py = cx.where(turned, bx), cy.where(turned, by)
     qx, qy = bx.where(turned, cx), by.where(turned, cy)
+    x, y = (at_x << BITS) + HALF, (at_y << BITS) + HALF
+    bits = area.kind.width
+    rest = (area.like(0) - area).where(turned, area)  # what the three of them add up to
     found = []
     for from_x, from_y, to_x, to_y in ((ax, ay, px, py), (px, py, qx, qy), (qx, qy, ax, ay)):
         dx, dy = to_x - from_x, to_y - from_y
-        value = dx * ((at_y << BITS) + HALF - from_y) - dy * ((at_x << BITS) + HALF - from_x)
-        is_left_or_upper = (dy < 0) | (dy.equals(0) & (dx > 0))
-        value = value.where(is_left_or_upper, value - 1)
-        found.append((value >> BITS, dy.like(0) - dy, dx))
+        value = rest if len(found) == 2 else dx * (y - from_y) - dy * (x - from_x)
+        rest = rest - value
+        # -1 on a left or an upper edge, where y falls, or stays while x grows; else 0.
+        is_left_or_upper = ((dy << bits // 2) - dx) >> bits - 1
+        found.append(((value - 1 - is_left_or_upper) >> BITS, dy.like(0) - dy, dx))
     return found
 
 
@@ -270,57 +275,65 @@ def _sign(values):
 
 
 @intrinsic
-def sift_lanes(typing, corners, begin, at, placed, window, owned):
+def sift_lanes(typing, corners, begin, at, placed, window, is_plain, owned):
     """Which of sixteen faces can own a sample: 4 x 16 bits, and 2 x 16 bits of hidden ones.
 
     The lowest reach at most 2 x 2 samples and own one, the next ones reach more, the next ones are
     large, and the last want clipping; these two were not looked at further. Hidden are those that
-    turn their back where that hides them. Which samples the lowest own goes to `owned`, as bits.
+    turn their back where that hides them. Which samples the lowest own goes to `owned`, as bits. A
+    cluster is plain where none of its faces can be large or want clipping.
     """
 
     def generate(context, builder, signature, args):
-        corners, begin, at, placed, window, owned_by_face = args
+        corners, begin, at, placed, window, is_plain, owned_by_face = args
         packed = load(builder, builder.gep(corners, [builder.add(begin, at)]), LANES)
         _, places = _corners(context, packed, placed, WORD)
-        right, top, bottom, hides_back = (
-            spread(builder, builder.extract_value(window, k), LANES) for k in (0, 1, 2, 3)
+        right, top, bottom = (
+            spread(builder, builder.extract_value(window, k), LANES) for k in (0, 1, 2)
         )
         first_x, last_x, first_y, last_y, width, height = _reach(places, right, top, bottom)
         (ax, ay), (bx, by), (cx, cy) = places
         wide, tall = last_x - first_x, last_y - first_y
-        can_own = (wide >= 0) & (tall >= 0)
-        low, high = ax.least(bx).least(cx), ax.greatest(bx).greatest(cx)
-        wants_clipping = (high >= BEHIND) & (packed > 0)
-        is_all_behind = low.equals(BEHIND) & high.equals(BEHIND)
-        is_clipped = wants_clipping & ~is_all_behind
-        is_large = (width >= LARGE) | (height >= LARGE)
         area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
         edges = _edges(places, area, first_x, first_y)
-        owned = wide.like(0)
-        for k in range(4):
+        missed = wide.like(0)
+        for k in reversed(range(4)):
             i, j = k & 1, k >> 1
             values = [value + across * i + down * j for value, across, down in edges]
-            is_owned = (_sign(values) >= 0) & (wide >= i) & (tall >= j)
-            owned = (owned | 1 << k).where(is_owned, owned)
+            missed = missed.with_sign_of(_sign(values) | (wide - i) | (tall - j))
+        owned = missed.like(0xF) - missed
         owned.store(builder.gep(owned_by_face, [at]))
-        is_tiny = (wide <= 1) & (tall <= 1)
-        is_small = can_own & ~(is_large | wants_clipping)
-        classes = is_small & is_tiny & (owned > 0), is_small & ~is_tiny
-        is_large = is_large & can_own & ~wants_clipping
-        is_hidden = (area > 0) & (hides_back > 0)
-        is_shown = (area < 0) | ((area > 0) & (hides_back <= 0))
+        is_tiny, can_own = wide.greatest(tall) <= 1, (wide | tall) >= 0
+        tiny, small = (is_tiny & (owned > 0)).bits(), (can_own & ~is_tiny).bits()
+        apart = [cgutils.alloca_once_value(builder, LONG(0)) for _ in range(2)]
+        others = cgutils.alloca_once_value(builder, LONG(0))
+        with builder.if_then(builder.icmp_signed("==", is_plain, LONG(0)), likely=False):
+            low, high = ax.least(bx).least(cx), ax.greatest(bx).greatest(cx)
+            wants_clipping = (high >= BEHIND) & (packed > 0)
+            is_all_behind = low.equals(BEHIND) & high.equals(BEHIND)
+            is_large = (width.greatest(height) >= LARGE) & can_own & ~wants_clipping
+            groups = is_large, wants_clipping & ~is_all_behind
+            for group, bits in zip(groups, apart, strict=True):
+                builder.store(group.bits(), bits)
+            builder.store((is_large | wants_clipping).bits(), others)
+        rest = builder.not_(builder.load(others))
+        front, back = (area < 0).bits(), (area > 0).bits()
+        hides_back = builder.icmp_signed(">", builder.extract_value(window, 3), WORD(0))
+        hidden = builder.select(hides_back, builder.and_(back, rest), LONG(0))
+        shown = builder.select(hides_back, front, builder.or_(front, back))
+        shown = builder.and_(shown, rest)
         found = []
-        for side in is_shown, is_hidden:
-            bits = (classes[0] & side).bits()
-            next_bits = builder.shl((classes[1] & side).bits(), LONG(LANES))
-            found.append(builder.or_(bits, next_bits))
-        for k, group in ((2, is_large), (3, is_clipped)):
-            found[0] = builder.or_(found[0], builder.shl(group.bits(), LONG(k * LANES)))
+        for side in shown, hidden:
+            larger = builder.shl(builder.and_(small, side), LONG(LANES))
+            found.append(builder.or_(builder.and_(tiny, side), larger))
+        for k, bits in enumerate(apart):
+            bits = builder.shl(builder.load(bits), LONG((2 + k) * LANES))
+            found[0] = builder.or_(found[0], bits)
         return context.make_tuple(builder, signature.return_type, found)
 
     both = types.UniTuple(types.int64, 2)
     whole = types.int64
-    return both(corners, whole, whole, placed, window, owned), generate
+    return both(corners, whole, whole, placed, window, whole, owned), generate
 
 
 def _planes(builder, exact_places, places, area, put, batch):
@@ -500,14 +513,15 @@ def few_lanes(typing, k, window, edges, batch):
         block_y = (get(whole, FIRST_Y) >> SIDE_BITS) + j
         across, below = ([get(edges, row + n) for n in range(3)] for row in (ACROSS, DOWN))
         first = [get(edges, E + n) + (across[n] * i + below[n] * j << SIDE_BITS) for n in range(3)]
-        inside = i.like(0)
-        for y in range(SIDE):
-            values = first
-            for x in range(SIDE):
-                bit = i.like(1 << (y * SIDE + x))
-                inside = (inside | bit).where(_sign(values) >= 0, inside)
-                values = [value + step for value, step in zip(values, across, strict=True)]
-            first = [value + step for value, step in zip(first, below, strict=True)]
+        outside = i.like(0)
+        last = [first[n] + (across[n] + below[n]) * (SIDE - 1) for n in range(3)]
+        for _ in range(SIDE):
+            values = last
+            for _ in range(SIDE):
+                outside = outside.with_sign_of(_sign(values))
+                values = [value - step for value, step in zip(values, across, strict=True)]
+            last = [value - step for value, step in zip(last, below, strict=True)]
+        inside = outside.like(ALL_LANES) - outside
         inside.store(masks)
         block = (block_y - (top >> SIDE_BITS)) * columns + block_x
         (block << (2 * SIDE_BITS)).store(sample)

@@ -138,6 +138,15 @@ class Lanes:
         vector = ir.VectorType(kind, len(self))
         return Lanes(self.builder, self.builder.zext(self.value, vector))
 
+    def with_sign_of(self, other: "Lanes") -> "Lanes":
+        """Whole numbers moved up by a bit, with a lowest bit that is set where others are < 0."""
+        vector = self.value.type
+        kind = ir.FunctionType(vector, [vector] * 3)
+        name = f"llvm.fshl.v{len(self)}i{self.kind.width}"
+        move = cgutils.get_or_insert_function(self.builder.module, kind, name)
+        arguments = [self.value, other.value, self.like(1).value]
+        return Lanes(self.builder, self.builder.call(move, arguments))
+
     def floor(self) -> "Lanes":
         """Rounded down."""
         return self._call("floor")
