@@ -58,6 +58,7 @@ from rastercov.raster.layout import (
     FEW,
     FIRST_X,
     FIRST_Y,
+    FOURFOLD,
     HALF,
     LANES,
     LARGE,
@@ -72,7 +73,6 @@ from rastercov.raster.layout import (
     SIDE_BITS,
     STEPS,
     VERTICES,
-    WHOLE_ROWS,
     WIDEST,
     Batch,
     Counts,
@@ -150,31 +150,31 @@ def fill_tiny(tiny, window, batch, image, counts):
     Returns how many samples were empty.
     """
     filled = 0
-    owners_of = tiny_owners(batch)
+    owners = tiny_owners(batch) & tiny * FOURFOLD
     for k in range(4):
-        owners = owners_of >> k * LANES & tiny
-        if owners:
-            tiny_lanes(np.int32(k), window, batch)
-        while owners:
-            lane = lowest_bit(owners)
-            owners &= owners - 1
-            face, sample = batch.whole[FACE * LANES + lane], batch.sample[lane]
-            if window.full_x == 0:
-                x = np.int64(batch.whole[FIRST_X * LANES + lane] + (k & 1))
-                y = batch.whole[FIRST_Y * LANES + lane] + (k >> 1)
-                if x < window.first[y] or x >= window.last[y]:
-                    continue
-            if counts.with_drawn:
-                counts.drawn[face] += 1
-            here, old = batch.here[lane], image.depth[sample]
-            if here > old or (here == old and image.owner[sample] > face):
-                if old > 0:
-                    counts.visible[image.owner[sample]] -= 1
-                else:
-                    filled += 1
-                counts.visible[face] += 1
-                image.depth[sample] = here
-                image.owner[sample] = face
+        if owners >> k * LANES & ALL_LANES:
+            tiny_lanes(k, window, batch)
+    while owners:
+        k = lowest_bit(owners)
+        owners &= owners - 1
+        lane = k & (LANES - 1)
+        face, sample = batch.whole[FACE * LANES + lane], batch.sample[k]
+        if window.full_x == 0:
+            x = np.int64(batch.whole[FIRST_X * LANES + lane] + (k >> 4 & 1))
+            y = batch.whole[FIRST_Y * LANES + lane] + (k >> 5)
+            if x < window.first[y] or x >= window.last[y]:
+                continue
+        if counts.with_drawn:
+            counts.drawn[face] += 1
+        here, old = batch.here[k], image.depth[sample]
+        if here > old or (here == old and image.owner[sample] > face):
+            if old > 0:
+                counts.visible[image.owner[sample]] -= 1
+            else:
+                filled += 1
+            counts.visible[face] += 1
+            image.depth[sample] = here
+            image.owner[sample] = face
     return filled
 
 
@@ -211,29 +211,29 @@ def fill_few(few, wide, tall, window, edges, batch, image, counts):
     Those with bits in `wide` reach two columns, those with bits in `tall` two rows. Returns how
     many samples were empty.
     """
-    filled = 0
+    filled, found, at_border = 0, 0, 0
     for k in range(4):
-        if (k & 1 and few & wide == 0) or (k >> 1 and few & tall == 0):
-            continue
-        found = few_lanes(np.int32(k), window, edges, batch)
-        at_border = found >> LANES
-        found &= few
-        while found:
-            lane = lowest_bit(found)
-            found &= found - 1
-            face, bits = batch.whole[FACE * LANES + lane], np.int64(batch.masks[lane])
-            if at_border >> lane & 1:
-                block_x = np.int64(batch.whole[FIRST_X * LANES + lane] >> SIDE_BITS) + (k & 1)
-                block_y = np.int64(batch.whole[FIRST_Y * LANES + lane] >> SIDE_BITS) + (k >> 1)
-                bits &= border(block_x, block_y, window)
-            if counts.with_drawn:
-                counts.drawn[face] += count_bits(bits)
-            n_won, n_new = resolve(
-                np.int64(batch.sample[lane]), bits, batch, lane, batch.here[lane], face, image,
-                counts.visible,
-            )  # fmt: skip
-            counts.visible[face] += n_won
-            filled += n_new
+        if (k & 1 == 0 or few & wide) and (k >> 1 == 0 or few & tall):
+            bits = few_lanes(k, window, edges, batch)
+            found |= (bits & few) << k * LANES
+            at_border |= (bits >> LANES) << k * LANES
+    while found:
+        k = lowest_bit(found)
+        found &= found - 1
+        lane = k & (LANES - 1)
+        face, bits = batch.whole[FACE * LANES + lane], np.int64(batch.masks[k])
+        if at_border >> k & 1:
+            block_x = np.int64(batch.whole[FIRST_X * LANES + lane] >> SIDE_BITS) + (k >> 4 & 1)
+            block_y = np.int64(batch.whole[FIRST_Y * LANES + lane] >> SIDE_BITS) + (k >> 5)
+            bits &= border(block_x, block_y, window)
+        if counts.with_drawn:
+            counts.drawn[face] += count_bits(bits)
+        n_won, n_new = resolve(
+            np.int64(batch.sample[k]), bits, batch, lane, batch.here[k], face, image,
+            counts.visible,
+        )  # fmt: skip
+        counts.visible[face] += n_won
+        filled += n_new
     return filled
 
 
@@ -543,7 +543,7 @@ def fill_large(listed, n, shape, begin, owned, placed, window, edges, batch, ima
 def make_scratch():
     """Memory for `count_poses` in one thread, as it takes it apart."""
     return (
-        aligned_zeros((13, ROOM), np.int32),
+        aligned_zeros((14, ROOM), np.int32),
         aligned_zeros(ROOM, np.int64),
         aligned_zeros((5, ROOM), np.float64),
         aligned_zeros((2, ROOM), np.float32),
@@ -623,8 +623,7 @@ def count_poses(
     edges, long_edges = pointer(words[11]), pointer(longs)
     batch = Batch(
         pointer(words[12]), pointer(doubles[3]), pointer(singles[0]),
-        pointer(words[12, WHOLE_ROWS * LANES :]), pointer(singles[1]),
-        pointer(words[12, (WHOLE_ROWS + 1) * LANES :]),
+        pointer(words[13, : 4 * LANES]), pointer(singles[1]), pointer(words[13, 4 * LANES :]),
     )  # fmt: skip
     figures = doubles[4]
     view = pointer(figures)

@@ -458,11 +458,19 @@ def tiny_owners(typing, batch):
     return types.int64(batch), generate
 
 
+def _of_four(builder, k):
+    """Columns and rows of number k of 2 x 2 from the first one on, and where its row starts."""
+    word = builder.trunc(k, WORD)
+    i = spread(builder, builder.and_(word, WORD(1)), LANES)
+    j = spread(builder, builder.lshr(word, WORD(1)), LANES)
+    return i, j, builder.mul(k, LONG(LANES))
+
+
 @intrinsic
 def tiny_lanes(typing, k, window, batch):
     """Where sample k of 2 x 2 of sixteen triangles stands in memory, and its 1/z.
 
-    To `batch.sample` and `batch.here`.
+    To row k of `batch.sample` and of `batch.here`.
     """
 
     def generate(context, builder, signature, args):
@@ -473,28 +481,28 @@ def tiny_lanes(typing, k, window, batch):
         def get(array, row):
             return load(builder, builder.gep(array, [LONG(row * LANES)]), LANES)
 
-        x = get(whole, FIRST_X) + spread(builder, builder.and_(k, WORD(1)), LANES)
-        y = get(whole, FIRST_Y) + spread(builder, builder.lshr(k, WORD(1)), LANES)
+        i, j, row = _of_four(builder, k)
+        x, y = get(whole, FIRST_X) + i, get(whole, FIRST_Y) + j
         block_x, block_y = x >> SIDE_BITS, y >> SIDE_BITS
         in_x, in_y = x & (SIDE - 1), y & (SIDE - 1)
         block = (block_y - (top >> SIDE_BITS)) * columns + block_x
-        ((((block << SIDE_BITS) + in_y) << SIDE_BITS) + in_x).store(sample)
+        ((((block << SIDE_BITS) + in_y) << SIDE_BITS) + in_x).store(builder.gep(sample, [row]))
         corner_x, corner_y = (block_x << SIDE_BITS).to(DOUBLE), (block_y << SIDE_BITS).to(DOUBLE)
         start = get(exact, ORIGIN) + get(exact, SLOPE_Y) * corner_y + get(exact, SLOPE_X) * corner_x
         away = get(plane, STEP_X) * in_x.to(SINGLE) + get(plane, STEP_Y) * in_y.to(SINGLE)
         nearness = (start.to(SINGLE) + away).greatest(get(plane, LEAST)).least(get(plane, GREATEST))
-        nearness.store(here)
+        nearness.store(builder.gep(here, [row]))
         return context.get_dummy_value()
 
-    return types.void(types.int32, window, batch), generate
+    return types.void(types.int64, window, batch), generate
 
 
 @intrinsic
 def few_lanes(typing, k, window, edges, batch):
     """Bits of those of sixteen triangles that have samples in block k of 2 x 2; above, border ones.
 
-    Which samples goes to `batch.masks`, where in memory the block stands to `batch.sample`, and 1/z
-    at its first sample to `batch.here`.
+    Which samples goes to row k of `batch.masks`, where in memory the block stands to that of
+    `batch.sample`, and 1/z at its first sample to that of `batch.here`.
     """
 
     def generate(context, builder, signature, args):
@@ -507,8 +515,7 @@ def few_lanes(typing, k, window, edges, batch):
         def get(array, row):
             return load(builder, builder.gep(array, [LONG(row * LANES)]), LANES)
 
-        i = spread(builder, builder.and_(k, WORD(1)), LANES)
-        j = spread(builder, builder.lshr(k, WORD(1)), LANES)
+        i, j, row = _of_four(builder, k)
         block_x = (get(whole, FIRST_X) >> SIDE_BITS) + i
         block_y = (get(whole, FIRST_Y) >> SIDE_BITS) + j
         across, below = ([get(edges, row + n) for n in range(3)] for row in (ACROSS, DOWN))
@@ -522,18 +529,18 @@ def few_lanes(typing, k, window, edges, batch):
                 values = [value - step for value, step in zip(values, across, strict=True)]
             last = [value - step for value, step in zip(last, below, strict=True)]
         inside = outside.like(ALL_LANES) - outside
-        inside.store(masks)
+        inside.store(builder.gep(masks, [row]))
         block = (block_y - (top >> SIDE_BITS)) * columns + block_x
-        (block << (2 * SIDE_BITS)).store(sample)
+        (block << (2 * SIDE_BITS)).store(builder.gep(sample, [row]))
         corner_x, corner_y = (block_x << SIDE_BITS).to(DOUBLE), (block_y << SIDE_BITS).to(DOUBLE)
         start = get(exact, ORIGIN) + get(exact, SLOPE_Y) * corner_y + get(exact, SLOPE_X) * corner_x
-        start.to(SINGLE).store(here)
+        start.to(SINGLE).store(builder.gep(here, [row]))
         found = (block_x <= get(whole, LAST_X) >> SIDE_BITS) & (inside > 0)
         found = found & (block_y <= get(whole, LAST_Y) >> SIDE_BITS)
         at_border = (block_x >= full_x) | (block_y >= full_y)
         return builder.or_(found.bits(), builder.shl(at_border.bits(), LONG(LANES)))
 
-    return types.int64(types.int32, window, edges, batch), generate
+    return types.int64(types.int64, window, edges, batch), generate
 
 
 @intrinsic

@@ -29,6 +29,8 @@ SIDE = 1 << SIDE_BITS
 """Samples across a block; and blocks across a group of them."""
 LANES, ALL_LANES = SIDE * SIDE, 0xFFFF
 """Samples of a block, blocks of a group, or faces at once."""
+FOURFOLD = 1 << 3 * LANES | 1 << 2 * LANES | 1 << LANES | 1
+"""Times bits of sixteen: four times the same."""
 LANE_X, LANE_Y = [k % SIDE for k in range(LANES)], [k // SIDE for k in range(LANES)]
 PATCH_BITS = 4
 """Blocks in a row that are cleared together, as a power of 2."""
@@ -79,8 +81,9 @@ their back are hidden; blocks in a row of memory, rows of the image; columns and
 before which all blocks are inside (0 where samples are rolled), for each row of blocks the first
 one inside and the one after the last, and for each row of samples likewise."""
 Batch = namedtuple("Batch", "whole exact plane sample here masks")
-"""Sixteen triangles: rows of what the constants above name. Then one sample or block of each: where
-in memory, and 1/z at its first sample; and bits of sixteen blocks."""
+"""Sixteen triangles: rows of what the constants above name. Then rows for 2 x 2 samples or blocks
+of each, or for sixteen blocks of one: where in memory, 1/z at the first sample, and which of a
+block's samples a triangle owns."""
 Lists = namedtuple("Lists", "tiny small hidden large clipped owned")
 """Faces of a cluster, see `sift`."""
 Image = namedtuple("Image", "depth owner")
