@@ -48,6 +48,7 @@ from rastercov.raster.lane_kernels import (
     write_lanes,
 )  # fmt: skip
 from rastercov.raster.layout import (
+    AHEAD,
     ALL_LANES,
     BEHIND,
     BITS,
@@ -88,7 +89,7 @@ compiled = compiled_with(lane_kernels, lanes, layout)
 
 
 @part_of
-def sift(shape, begin, end, placed, window, is_plain, counts, octets, lists):
+def sift(shape, begin, end, placed, window, is_plain, with_drawn, octets, lists):
     """List the faces of a cluster that can own a sample; returns the lengths of the lists.
 
     Parameters
@@ -97,17 +98,17 @@ def sift(shape, begin, end, placed, window, is_plain, counts, octets, lists):
         Slots of the cluster's faces.
     is_plain : int
         Not 0 where none of them can be large or want clipping.
-    counts : Counts
-        Samples of hidden faces that reach at most 2 x 2 are added to `drawn` where it is asked for.
+    with_drawn : bool
+        Whether hidden faces are listed.
     octets : uint8
         See `list_lanes`.
     lists : Lists
         Out: slots, counted from `begin`, of faces that reach at most 2 x 2 samples and own one,
-        that reach more, that reach more and are hidden, that are large, and that want clipping;
+        that reach more, of such that are hidden, of others that are large, and that want clipping;
         and for each slot which of 2 x 2 samples its face owns.
     """
-    tiny, small, hidden, large, clipped, owned = lists
-    n_tiny = n_small = n_hidden = n_large = n_clipped = 0
+    tiny, small, tiny_hidden, hidden, large, clipped, owned = lists
+    n_tiny = n_small = n_tiny_hidden = n_hidden = n_large = n_clipped = 0
     for at in range(0, end - begin, LANES):
         shown, back = sift_lanes(shape.corners, begin, at, placed, window, is_plain, owned)
         n_tiny = list_lanes(octets, shown & ALL_LANES, at, tiny, n_tiny)
@@ -115,19 +116,12 @@ def sift(shape, begin, end, placed, window, is_plain, counts, octets, lists):
         if shown >> 2 * LANES:
             n_large = list_lanes(octets, shown >> 2 * LANES & ALL_LANES, at, large, n_large)
             n_clipped = list_lanes(octets, shown >> 3 * LANES & ALL_LANES, at, clipped, n_clipped)
-        if counts.with_drawn:
-            if window.full_x > 0:
-                tiny_back = back & ALL_LANES
-                while tiny_back:
-                    lane = lowest_bit(tiny_back)
-                    bits = np.int64(owned[at + lane])
-                    counts.drawn[shape.faces[begin + at + lane]] += count_bits(bits)
-                    tiny_back &= tiny_back - 1
-                back >>= LANES
-            else:
-                back = (back | back >> LANES) & ALL_LANES
-            n_hidden = list_lanes(octets, back, at, hidden, n_hidden)
-    return n_tiny, n_small, n_hidden, n_large, n_clipped
+        if with_drawn:
+            if window.full_x == 0:  # samples outside the image are among those it owns
+                back = (back | back << LANES) & ALL_LANES << LANES
+            n_tiny_hidden = list_lanes(octets, back & ALL_LANES, at, tiny_hidden, n_tiny_hidden)
+            n_hidden = list_lanes(octets, back >> LANES, at, hidden, n_hidden)
+    return n_tiny, n_small, n_tiny_hidden, n_hidden, n_large, n_clipped
 
 
 @compiled
@@ -164,8 +158,8 @@ def fill_tiny(tiny, window, batch, image, counts):
             y = batch.whole[FIRST_Y * LANES + lane] + (k >> 5)
             if x < window.first[y] or x >= window.last[y]:
                 continue
-        if counts.with_drawn:
-            counts.drawn[face] += 1
+            if counts.with_drawn:
+                counts.drawn[face] += 1
         here, old = batch.here[k], image.depth[sample]
         if here > old or (here == old and image.owner[sample] > face):
             if old > 0:
@@ -360,6 +354,14 @@ def fill(lists, n_tiny, n_small, shape, begin, placed, window, edges, batch, ima
     return filled
 
 
+@part_of
+def count_tiny(listed, n, faces, begin, owned, drawn):
+    """Add the samples of triangles that reach at most 2 x 2 to `drawn`, all inside the image."""
+    for i in range(n):
+        slot = np.int64(listed[i])
+        drawn[faces[begin + slot]] += count_bits(np.int64(owned[slot]))
+
+
 @compiled
 def count_hidden(lists, n, shape, begin, placed, window, edges, batch, counts):
     """Add the samples of the hidden triangles to `drawn`, without a look at their depths."""
@@ -543,7 +545,7 @@ def fill_large(listed, n, shape, begin, owned, placed, window, edges, batch, ima
 def make_scratch():
     """Memory for `count_poses` in one thread, as it takes it apart."""
     return (
-        aligned_zeros((14, ROOM), np.int32),
+        aligned_zeros((15, ROOM), np.int32),
         aligned_zeros(ROOM, np.int64),
         aligned_zeros((5, ROOM), np.float64),
         aligned_zeros((2, ROOM), np.float32),
@@ -614,7 +616,7 @@ def count_poses(
     )  # fmt: skip
     lists = Lists(
         pointer(words[2]), pointer(words[3]), pointer(words[4]), pointer(words[5]),
-        pointer(words[6]), pointer(words[7]),
+        pointer(words[6]), pointer(words[7]), pointer(words[14]),
     )  # fmt: skip
     fan = Shape(shape.points, pointer(words[8]), pointer(words[9]))
     one_by_one = pointer(words[10])
@@ -667,10 +669,11 @@ def count_poses(
                 depth[:] = 0.0
             for i in range(n_seen):
                 cluster = seen[i]
-                if i + 1 < n_seen:
-                    begin, end = vertex_starts[seen[i + 1]], vertex_starts[seen[i + 1] + 1]
+                if i + AHEAD < n_seen:
+                    following = seen[i + AHEAD]
+                    begin, end = vertex_starts[following], vertex_starts[following + 1]
                     fetch_lines(shape.points, 3 * np.int64(begin), 3 * np.int64(end))
-                    begin, end = face_starts[seen[i + 1]], face_starts[seen[i + 1] + 1]
+                    begin, end = face_starts[following], face_starts[following + 1]
                     fetch_lines(shape.corners, np.int64(begin), np.int64(end))
                     fetch_lines(shape.faces, np.int64(begin), np.int64(end))
                 begin, end = np.int64(vertex_starts[cluster]), np.int64(vertex_starts[cluster + 1])
@@ -694,10 +697,13 @@ def count_poses(
                 ):
                     continue
                 first_slot = np.int64(face_starts[cluster])
-                n_tiny, n_small, n_hidden, n_large, n_clipped = sift(
+                n_tiny, n_small, n_tiny_hidden, n_hidden, n_large, n_clipped = sift(
                     shape, first_slot, np.int64(face_starts[cluster + 1]), placed, window, is_plain,
-                    counts, octets, lists,
+                    with_drawn, octets, lists,
                 )  # fmt: skip
+                if with_drawn and full_x > 0:
+                    for listed, n in ((lists.tiny, n_tiny), (lists.tiny_hidden, n_tiny_hidden)):
+                        count_tiny(listed, n, shape.faces, first_slot, lists.owned, counts.drawn)
                 if n_tiny + n_small:
                     fetch_counts(
                         counts.visible, lines, np.int64(first_line), np.int64(end_of_lines)

@@ -41,6 +41,8 @@ SAMPLES_A_CLUSTER = 128
 """Samples of an image for each cluster below which all of it is cleared at once."""
 FEW = 4
 """Triangles from which on it pays to take sixteen together."""
+AHEAD = 2
+"""Clusters between the one that is drawn and the one whose vertices and faces are fetched."""
 CACHE_LINE = 64
 """Bytes that are fetched together; where it is more, some are asked for twice."""
 LINE_BITS = 4
@@ -84,7 +86,7 @@ Batch = namedtuple("Batch", "whole exact plane sample here masks")
 """Sixteen triangles: rows of what the constants above name. Then rows for 2 x 2 samples or blocks
 of each, or for sixteen blocks of one: where in memory, 1/z at the first sample, and which of a
 block's samples a triangle owns."""
-Lists = namedtuple("Lists", "tiny small hidden large clipped owned")
+Lists = namedtuple("Lists", "tiny small tiny_hidden hidden large clipped owned")
 """Faces of a cluster, see `sift`."""
 Image = namedtuple("Image", "depth owner")
 """Blocks of samples: 1/z, 0 where nothing is; and the face."""
