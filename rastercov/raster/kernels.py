@@ -373,7 +373,7 @@ def count_hidden(lists, n, shape, begin, placed, window, edges, batch, counts):
         if window.full_x == 0 or count_bits(few) < FEW:
             few = 0
         if few:
-            owned_lanes(edges, batch)
+            owned_lanes(few, edges, batch)
         for k in range(min(n - i, LANES)):
             owned = 0
             if few >> k & 1:

@@ -375,9 +375,9 @@ def _set_up(with_planes):
         """Edge functions and planes of sixteen triangles, in as many bits as `edges` has.
 
         Edge functions only where they are wanted. Returns bits of those that reach at most 2 x 2
-        blocks; above them those that reach two columns of blocks, and two rows. And bits of those
-        that are shown and can own a sample, as far as their corners tell; above them those that are
-        hidden.
+        blocks, or without planes at most `LANES` columns and rows; above them those that reach two
+        columns of blocks, and two rows. And bits of those that are shown and can own a sample, as
+        far as their corners tell; above them those that are hidden.
         """
 
         def generate(context, builder, signature, args):
@@ -421,7 +421,10 @@ def _set_up(with_planes):
                 (last >> SIDE_BITS) - (first >> SIDE_BITS)
                 for first, last in ((first_x, last_x), (first_y, last_y))
             )
-            groups = (wide <= 1) & (tall <= 1), wide > 0, tall > 0
+            is_few = (wide <= 1) & (tall <= 1)
+            if not with_planes:
+                is_few = (last_x - first_x < LANES) & (last_y - first_y < LANES)
+            groups = is_few, wide > 0, tall > 0
             found = LONG(0)
             for k, group in enumerate(groups):
                 found = builder.or_(found, builder.shl(group.bits(), LONG(k * LANES)))
@@ -543,43 +546,76 @@ def few_lanes(typing, k, window, edges, batch):
     return types.int64(types.int64, window, edges, batch), generate
 
 
+HAIR = {SINGLE: 2.0**-14, DOUBLE: 2.0**-20}
+"""What is added to quotients: more than they are rounded, and less than the least that is not 0.
+In float32 for edges of up to 17 samples, in float64 for all but large ones."""
+BEYOND = 512.0
+"""Half of it is farther than any of them reaches, and 2^31 farther than all are far from 0."""
+
+
+def _last_owned(value, slope):
+    """How far an edge function stays 0 or more: floor(value / |slope|), below 0 where it is not.
+
+    Where slope > 0 it is 0 or more from minus that on. A quotient that is not whole is at least
+    1/|slope| from the next whole number, far more than rounding and what is added for it.
+    """
+    kind = slope.kind
+    value = value.to(kind)
+    share = value * (slope.like(1.0) / slope.magnitude()) + HAIR[kind]
+    # Along an edge that is level, all samples are on the same side.
+    level = (value + 0.5) * BEYOND
+    return share.where(slope.magnitude() > 0, level).floor().to(WORD)
+
+
 @intrinsic
-def owned_lanes(typing, edges, batch):
-    """Count the samples that sixteen triangles of at most 2 x 2 blocks own, into `batch.masks`."""
+def owned_lanes(typing, few, edges, batch):
+    """Count the samples that those of sixteen triangles own that have bits in `few`.
+
+    To `batch.masks`. They reach at most `LANES` columns and rows; all are taken a row at a time.
+    """
 
     def generate(context, builder, signature, args):
-        edges, batch = args
+        few, edges, batch = args
         whole, masks = (builder.extract_value(batch, n) for n in (0, 5))
 
         def get(array, row):
             return load(builder, builder.gep(array, [LONG(row * LANES)]), LANES)
 
-        first = [get(edges, E + n) for n in range(3)]
-        across, below = ([get(edges, row + n) for n in range(3)] for row in (ACROSS, DOWN))
-        first_x, first_y = (get(whole, row) >> SIDE_BITS << SIDE_BITS for row in (FIRST_X, FIRST_Y))
-        columns, rows = get(whole, LAST_X) - first_x, get(whole, LAST_Y) - first_y
-        owned = columns.like(0)
-        for y in range(2 * SIDE):
-            values = first
-            for x in range(2 * SIDE):
-                beyond = (columns - x) | (rows - y)  # less than 0 beyond the last column or row
-                owned = (owned + 1).where((_sign(values) | beyond) >= 0, owned)
-                values = [value + step for value, step in zip(values, across, strict=True)]
-            first = [value + step for value, step in zip(first, below, strict=True)]
-        owned.store(masks)
+        first_x, last_x, first_y, last_y = (get(whole, row) for row in range(4))
+        from_corner = first_x & (SIDE - 1)
+        left, right = from_corner, last_x - first_x + from_corner
+        across, down = ([get(edges, row + n) for n in range(3)] for row in (ACROSS, DOWN))
+        slopes = [step.to(SINGLE) for step in across]
+        rows = (last_y - first_y + 1).where(from_bits(builder, few, LANES), 0)
+        n_rows = builder.sext(rows.reduced("greatest"), LONG)
+        values = [
+            cgutils.alloca_once_value(
+                builder, (get(edges, E + n) + down[n] * (first_y & (SIDE - 1))).value
+            )
+            for n in range(3)
+        ]
+        total = cgutils.alloca_once_value(builder, rows.like(0).value)
+        with cgutils.for_range_slice(builder, LONG(0), n_rows, LONG(1), LONG) as (y, _):
+            begin, end = left, right
+            for at, slope, step in zip(values, slopes, down, strict=True):
+                value = Lanes(builder, builder.load(at))
+                bound = _last_owned(value, slope)
+                begin = begin.greatest(bound.like(0) - bound).where(slope > 0, begin)
+                end = end.where(slope > 0, end.least(bound))
+                builder.store((value + step).value, at)
+            is_row = rows > spread(builder, builder.trunc(y, WORD), LANES)
+            owned = Lanes(builder, builder.load(total))
+            more = owned + (end - begin + 1).greatest(0)
+            builder.store(more.where(is_row, owned).value, total)
+        Lanes(builder, builder.load(total)).store(masks)
         return context.get_dummy_value()
 
-    return types.void(edges, batch), generate
+    return types.void(types.int64, edges, batch), generate
 
 
 @intrinsic
 def owned_rows(typing, edges, k, start, batch):
-    """How many samples triangle k owns in sixteen rows, from `start` rows below its first one.
-
-    In a row an edge function e + a x is 0 or more from ceil(-e / a) on where a > 0, and up to
-    floor(e / -a) where a < 0. Both are floor(e / |a|) but for signs. A quotient that is not whole
-    is at least 1/|a| from the next whole number, far more than rounding and what is added for it.
-    """
+    """How many samples triangle k owns in sixteen rows, from `start` rows below its first one."""
 
     def generate(context, builder, signature, args):
         edges, k, start, batch = args
@@ -594,19 +630,14 @@ def owned_rows(typing, edges, k, start, batch):
         y = first_y + spread(builder, builder.trunc(start, WORD), LANES)
         y = y + constants(builder, WORD, range(LANES))
         left, right = first_x - corner_x, last_x - corner_x
-        is_row = y <= last_y
         for n in range(3):
             value, across, down = (get(edges, row + n) for row in (E, ACROSS, DOWN))
             value = value + down * (y - corner_y)
-            slope = across.to(DOUBLE)
-            share = value.to(DOUBLE) * (slope.like(1.0) / slope.magnitude()) + 2.0**-20
-            share = share.like(0.0).where(across.equals(0), share)
-            bound = share.floor().to(WORD)
+            bound = _last_owned(value, across.to(DOUBLE))
             left = left.greatest(bound.like(0) - bound).where(across > 0, left)
-            right = right.least(bound).where(across < 0, right)
-            is_row = is_row & (~across.equals(0) | (value >= 0))
+            right = right.where(across > 0, right.least(bound))
         owned = (right - left + 1).greatest(0)
-        owned = owned.where(is_row, 0)
+        owned = owned.where(y <= last_y, 0)
         return builder.sext(owned.reduced("__add__"), LONG)
 
     whole = types.int64
