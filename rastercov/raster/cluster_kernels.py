@@ -2,14 +2,12 @@
 
 import numpy as np
 
-from rastercov.compiled import compiled_with
+from rastercov.compiled import compiled_with, inlined
 from rastercov.raster import layout
 from rastercov.raster.layout import FACES, LANES, LINE_BITS, VERTICES
 
 VERTEX_STEP = 8
 """Vertices of a cluster are filled up to a multiple of this, with the last one again."""
-CURVE_BITS = 20
-"""Cells of the curve along an axis, as a power of 2."""
 BOUNDS = 11
 """Figures that bound a cluster, see `Clusters.bounds`."""
 
@@ -17,54 +15,103 @@ compiled = compiled_with(layout)
 
 
 @compiled
-def order_keys(vertices, faces, low, scale, is_wound, keys):
-    """Sort keys of faces: the main direction of the normal, then a place on a Morton curve."""
+def measure(vertices, faces, low, scale, is_wound, middles, directions):
+    """Middles of faces, (3, F) float32 from 0 to 1, and main directions of their normals."""
     for f in range(len(faces)):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-        widest, main = -1.0, 0
-        key = np.uint64(0)
+        widest = -1.0
         for k in range(3):
             i, j = (k + 1) % 3, (k + 2) % 3
             normal = (vertices[b, i] - vertices[a, i]) * (vertices[c, j] - vertices[a, j]) - (
                 vertices[c, i] - vertices[a, i]
             ) * (vertices[b, j] - vertices[a, j])
             if abs(normal) > widest:
-                widest, main = abs(normal), 2 * k + (is_wound and normal > 0)
+                widest, directions[f] = abs(normal), 2 * k + (is_wound and normal > 0)
             middle = (vertices[a, k] + vertices[b, k] + vertices[c, k]) / 3
-            cell = np.uint64((middle - low[k]) * scale)
-            cell = (cell | cell << np.uint64(32)) & np.uint64(0x1F00000000FFFF)
-            cell = (cell | cell << np.uint64(16)) & np.uint64(0x1F0000FF0000FF)
-            cell = (cell | cell << np.uint64(8)) & np.uint64(0x100F00F00F00F00F)
-            cell = (cell | cell << np.uint64(4)) & np.uint64(0x10C30C30C30C30C3)
-            cell = (cell | cell << np.uint64(2)) & np.uint64(0x1249249249249249)
-            key |= cell << np.uint64(k)
-        keys[f] = key | np.uint64(main) << np.uint64(3 * CURVE_BITS)
+            middles[k, f] = (middle - low[k]) * scale
+
+
+@inlined
+def is_before(middles, f, g):
+    """Whether face f comes before face g along an axis."""
+    return middles[f] < middles[g] or (middles[f] == middles[g] and f < g)
 
 
 @compiled
-def cut(faces, order, keys, marks, starts):
-    """Cut faces, sorted by their keys, into runs; returns how many, and slots for their faces."""
-    n, n_slots = 0, 0
-    begin, count = 0, 0
-    for i in range(len(order)):
-        new = 0
+def divide(order, begin, end, first, middles):
+    """Bring the `first` faces along an axis to the front of a part of the order.
+
+    C. A. R. Hoare. Algorithm 65: Find. 1961.
+    """
+    low, high, at = begin, end - 1, begin + first
+    while low < high:
+        # Neither an order that is there nor one that is made up leads astray a pivot like this.
+        pivot = order[low + (np.uint64(high - low) * np.uint64(2654435769) >> np.uint64(32))]
+        i, j = low, high
+        while i <= j:
+            while is_before(middles, order[i], pivot):
+                i += 1
+            while is_before(middles, pivot, order[j]):
+                j -= 1
+            if i <= j:
+                order[i], order[j] = order[j], order[i]
+                i += 1
+                j -= 1
+        if at <= j:
+            high = j
+        elif at >= i:
+            low = i
+        else:
+            return
+
+
+@compiled
+def n_vertices_of(faces, order, begin, end, marks, mark):
+    """How many vertices some faces have; `marks` of them become `mark`, which none was before."""
+    n = 0
+    for i in range(begin, end):
         for j in range(3):
-            new += marks[faces[order[i], j]] != n
-        turns = keys[order[i]] >> np.uint64(3 * CURVE_BITS) != (
-            keys[order[begin]] >> np.uint64(3 * CURVE_BITS)
-        )
-        if turns or i - begin == FACES or count + new > VERTICES:
-            starts[n] = begin
-            n += 1
-            n_slots += (i - begin + LANES - 1) // LANES * LANES
-            begin, count = i, 0
-        for j in range(3):
-            if marks[faces[order[i], j]] != n:
-                marks[faces[order[i], j]] = n
-                count += 1
-    starts[n] = begin
-    n += 1
-    n_slots += (len(order) - begin + LANES - 1) // LANES * LANES
+            n += marks[faces[order[i], j]] != mark
+            marks[faces[order[i], j]] = mark
+    return n
+
+
+@compiled
+def cut(faces, order, group_starts, middles, marks, starts):
+    """Halve groups of faces until each part is a cluster; returns how many, and slots for faces.
+
+    Across the longest side of a part, into parts of whole clusters or whole lanes.
+    """
+    n, n_slots, mark = 0, 0, 0
+    stack = np.empty((64, 2), np.int64)
+    for group in range(len(group_starts) - 1):
+        stack[0] = group_starts[group], group_starts[group + 1]
+        n_left = int(stack[0, 0] < stack[0, 1])
+        while n_left:
+            n_left -= 1
+            begin, end = stack[n_left]
+            size = end - begin
+            if size <= FACES:
+                mark += 1
+                if n_vertices_of(faces, order, begin, end, marks, mark) <= VERTICES:
+                    starts[n] = begin
+                    n += 1
+                    n_slots += (size + LANES - 1) // LANES * LANES
+                    continue
+            whole = FACES if size > FACES else LANES
+            first = max(whole, (size + whole) // (2 * whole) * whole)
+            longest, axis = np.float32(-1.0), 0
+            for k in range(3):
+                least = greatest = middles[k, order[begin]]
+                for i in range(begin, end):
+                    least = min(least, middles[k, order[i]])
+                    greatest = max(greatest, middles[k, order[i]])
+                if greatest - least > longest:
+                    longest, axis = greatest - least, k
+            divide(order, begin, end, first, middles[axis])
+            stack[n_left] = begin + first, end
+            stack[n_left + 1] = begin, begin + first
+            n_left += 2
     starts[n] = len(order)
     return n, n_slots
 

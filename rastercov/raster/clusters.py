@@ -4,8 +4,8 @@ A pose can leave out a whole group without a look at its faces: when it lies out
 when all of it turns its back. Each group has its own vertices, one after the other, so that what
 belongs to it stays in the nearest cache.
 
-Faces are told apart by the main direction of their normals, ordered along a space-filling curve,
-and cut into runs.
+Faces are told apart by the main direction of their normals, and halved across the longest side of
+where they lie until few enough are left.
 
 A. Kubisch. Introduction to Turing Mesh Shaders. 2018, for the form.
 """
@@ -22,7 +22,7 @@ FloatArray = NDArray[np.float64]
 WordArray = NDArray[np.int32]
 
 SMALLEST = 1e-290
-"""Metres: a mesh that is smaller stands in one cell of the curve."""
+"""Metres: faces of a mesh that is smaller are not told apart by where they lie."""
 
 
 @dataclass(frozen=True)
@@ -74,14 +74,15 @@ def in_clusters(vertices: FloatArray, faces: WordArray, is_wound: bool) -> Clust
     """
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     extent = float((high - low).max())
-    scale = (2**kernels.CURVE_BITS - 1) / extent if extent > SMALLEST else 0.0
-    keys = np.empty(len(faces), np.uint64)
-    kernels.order_keys(vertices, faces, low, scale, is_wound, keys)
-    order = np.argsort(keys, kind="stable").astype(np.int32)
+    scale = 1 / extent if extent > SMALLEST else 0.0
+    middles, directions = np.empty((3, len(faces)), np.float32), np.empty(len(faces), np.uint8)
+    kernels.measure(vertices, faces, low, scale, is_wound, middles, directions)
+    order = np.argsort(directions, kind="stable").astype(np.int32)
+    group_starts = np.concatenate(([0], np.cumsum(np.bincount(directions, minlength=6))))
     marks = np.full(len(vertices), -1, np.int32)
     starts = np.empty(len(faces) + 1, np.int32)
-    n, n_slots = kernels.cut(faces, order, keys, marks, starts)
-    del keys
+    n, n_slots = kernels.cut(faces, order, group_starts, middles, marks, starts)
+    del middles, directions
     read = n_slots + FACES  # all that a cluster can have are read at once
     corners, face_of = aligned_zeros(read, np.int32), aligned_zeros(read, np.int32)
     face_starts, vertex_starts, line_starts = np.zeros((3, n + 1), np.int32)
