@@ -14,7 +14,7 @@ from rastercov.pose import look_at
 from rastercov.raster.cluster_kernels import VERTEX_STEP
 from rastercov.raster.clusters import in_clusters
 from rastercov.raster.cpu import CPURasterizer
-from rastercov.raster.layout import FACES, LANES, VERTICES
+from rastercov.raster.layout import FACES, LANES, LINE_BITS, VERTICES
 
 
 def soup(rng, n, scale=1.0, offset=0.0):
@@ -99,7 +99,7 @@ def taken_apart(clusters):
 def assert_holds_the_mesh(vertices, faces, clusters):
     """Every face once, as it was; clusters as small as they can be for what is in them."""
     held = []
-    for _, points, corners, names in taken_apart(clusters):
+    for k, points, corners, names in taken_apart(clusters):
         is_face = corners.any(axis=1)
         # Fillers come last, and are all zero; a face that is one vertex may look like one.
         count = np.flatnonzero(is_face)[-1] + 1 if is_face.any() else 1
@@ -116,11 +116,15 @@ def assert_holds_the_mesh(vertices, faces, clusters):
         names, corners = names[is_face], corners[is_face]
         assert np.array_equal(points[corners].view(np.int64), vertices[faces[names]].view(np.int64))
         held.append(names)
+        lines = clusters.lines[slice(*clusters.line_starts[k : k + 2])]
+        assert set(lines) >= set(names >> LINE_BITS)
+        assert len(np.unique(lines)) == len(lines) <= count
     kept = np.flatnonzero(np.ptp(faces, axis=1) > 0)
     names = np.concatenate(held)
     assert np.array_equal(np.sort(names[np.isin(names, kept)]), kept)
     assert len(np.unique(names)) == len(names)
-    assert len(clusters.faces) == clusters.face_starts[-1]
+    # All that a cluster can have are read at once.
+    assert len(clusters.faces) == len(clusters.corners) >= clusters.face_starts[-2] + FACES
     assert len(clusters.points) == 3 * clusters.vertex_starts[-1] + LANES
     assert clusters.face_starts[-1] >= len(faces)
 
@@ -192,10 +196,11 @@ def test_clusters_of_a_smooth_mesh_are_full_compact_and_look_one_way():
     mesh = shapes.torus(100, 50)
     clusters = made(mesh.vertices, mesh.faces, True)[2]
     n = len(clusters.face_starts) - 1
-    assert n <= 1.2 * mesh.n_faces / FACES
+    assert n <= 1.05 * mesh.n_faces / FACES
+    assert clusters.vertex_starts[-1] <= 55 * n
     radius, cosine, altitude = clusters.bounds[[3, 7, 10], :n]
-    assert np.median(radius) < 0.5
-    assert np.median(cosine) > 0.8
+    assert np.median(radius) < 0.35
+    assert np.median(cosine) > 0.85
     assert np.mean(altitude > 0) > 0.9
 
 

@@ -148,6 +148,7 @@ OF_WHOLE = {
     "a | b": (lambda a, b: a | b,) * 2,
     "a & 0xFFFF": (lambda a, b: a & 0xFFFF,) * 2,
     "~a": (lambda a, b: ~a,) * 2,
+    "with sign of": (lambda a, b: a.with_sign_of(b), lambda a, b: a << 1 | (b < 0)),
     "to word": (lambda a, b: a.to(WORD), lambda a, b: a.astype(np.int32)),
     "to long": (lambda a, b: a.to(LONG), lambda a, b: a.astype(np.int64)),
     "to single": (lambda a, b: a.to(SINGLE), lambda a, b: a.astype(np.float32)),
@@ -230,27 +231,36 @@ def test_octets_are_widened_without_a_sign():
         assert np.array_equal(found, row)
 
 
-@pytest.mark.parametrize("n_tables", [1, 2, 4])
+def look_up(kind, n):
+    """A loop that looks up lanes in an array of n, and gathers them."""
+
+    @intrinsic
+    def both_ways(typing, array, index, found, gathered):
+        def generate(context, builder, signature, args):
+            array, index, found, gathered = args
+            lanes = load(builder, index, LANES)
+            looked_up(context, array, n, lanes).store(found)
+            gather(builder, array, lanes.each()).store(gathered)
+            return context.get_dummy_value()
+
+        return types.void(array, index, found, gathered), generate
+
+    @njit
+    def loop(array, index, found, gathered):
+        both_ways(pointer(array), pointer(index), pointer(found), pointer(gathered))
+
+    return loop
+
+
+@pytest.mark.parametrize("n", [64, 256])
 @pytest.mark.parametrize("kind", [np.int32, np.float64])
-def test_lanes_are_looked_up_and_gathered_alike(kind, n_tables):
-    rng = np.random.default_rng(n_tables)
-    table = rng.integers(-(2**31), 2**31, n_tables * LANES).astype(kind)
-
-    def look_up(index, *parts):
-        return looked_up(parts, index)
-
-    def gathered(index, *parts):
-        where = index.builder.alloca(ir.ArrayType(KINDS[kind], n_tables * LANES))
-        start = index.builder.gep(where, [WORD(0), WORD(0)])
-        for k, part in enumerate(parts):
-            part.store(index.builder.gep(start, [LONG(k * LANES)]))
-        return gather(index.builder, start, index.each())
-
-    loop = by_lanes([look_up, gathered], 1 + n_tables)
-    found = np.zeros((2, LANES), kind)
+def test_lanes_are_looked_up_and_gathered_alike(kind, n):
+    rng = np.random.default_rng(n)
+    table = rng.integers(-(2**31), 2**31, n).astype(kind)
+    loop, found = look_up(kind, n), np.zeros((2, LANES), kind)
     for _ in range(50):
-        index = rng.integers(0, n_tables * LANES, LANES).astype(np.int32)
-        loop((index, *table.reshape(-1, LANES)), tuple(found))
+        index = rng.integers(0, n, LANES).astype(np.int32)
+        loop(table, index, *found)
         assert np.array_equal(found[0], table[index])
         assert np.array_equal(found[1], table[index])
 
