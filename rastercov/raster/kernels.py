@@ -24,6 +24,7 @@ import numpy as np
 from rastercov.compiled import compiled_with, part_of
 from rastercov.raster import lane_kernels, lanes, layout
 from rastercov.raster.lane_kernels import (
+    align_stack,
     count_bits,
     cull_lanes,
     fetch_counts,
@@ -365,6 +366,7 @@ def count_tiny(listed, n, faces, begin, owned, drawn):
 @compiled
 def count_hidden(lists, n, shape, begin, placed, window, edges, batch, counts):
     """Add the samples of the hidden triangles to `drawn`, without a look at their depths."""
+    align_stack()
     for i in range(0, n, LANES):
         few, _ = set_up_edges(
             lists.hidden, i, np.int64(1), shape, begin, lists.owned, placed, window, edges, batch
@@ -527,6 +529,7 @@ def fan_out(shape, slot, begin, stride, view, window, placed, fan, polygon, othe
 @compiled
 def fill_large(listed, n, shape, begin, owned, placed, window, edges, batch, image, counts):
     """Fill triangles of any size; returns how many samples were empty."""
+    align_stack()
     filled = 0
     for i in range(0, n, LANES):
         _, sides = set_up_lanes(
@@ -605,6 +608,7 @@ def count_poses(
     scratch : tuple of arrays
         From `make_scratch`.
     """
+    align_stack()
     points, corners, faces, all_lines, vertex_starts, face_starts, line_starts, bounds = clusters
     lines = pointer(all_lines)
     shape = Shape(pointer(points), pointer(corners), pointer(faces))
