@@ -32,7 +32,7 @@ WordArray = NDArray[np.int32]
 MAX_SIDE = 1 << 20
 """Largest image side in samples: edges are walked in 64-bit whole numbers of 1/256 sample."""
 
-MAX_BAND = 1 << 18
+MAX_BAND = 1 << 17
 """Most samples of an image that are kept at a time."""
 
 MOST_A_PART = 1 << 30
@@ -213,7 +213,10 @@ class _View:
         n_samples = self.marks.size * patch * side
         self.depth = layout.aligned_zeros(n_samples, np.float32)
         self.owner = layout.aligned_zeros(n_samples, np.int32)
-        self.seen = np.empty(len(scene.clusters.vertex_starts) + layout.LANES, np.int32)
+        n_clusters = scene.clusters.bounds.shape[1]
+        self.kept = np.empty(n_clusters // layout.LANES, np.int64)
+        self.middles = layout.aligned_zeros((2, n_clusters), np.float64)
+        self.seen = np.empty(n_clusters + layout.LANES, np.int32)
         self.scratch = kernels.make_scratch()
         self.no_drawn = np.zeros((1, 1), np.int32)
         firsts, lasts = np.zeros((2, n_block_rows, side), np.int32)
@@ -276,5 +279,5 @@ class _View:
             moved, near, cull, self.focal, grid.lens, self.size, bands, scene.clusters.arrays,
             self.inner, grid.first, grid.last, grid.is_rolled, self.marks, self.depth, self.owner,
             visible, self.no_drawn if drawn is None else drawn, filled, drawn is not None,
-            self.seen, self.scratch,
+            self.kept, self.middles, self.seen, self.scratch,
         )  # fmt: skip

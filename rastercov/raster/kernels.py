@@ -25,6 +25,7 @@ from rastercov.compiled import compiled_with, part_of
 from rastercov.raster import lane_kernels, lanes, layout
 from rastercov.raster.lane_kernels import (
     align_stack,
+    band_lanes,
     count_bits,
     cull_lanes,
     fetch_counts,
@@ -563,7 +564,7 @@ def make_scratch():
 @compiled
 def count_poses(
     poses, nears, culls, focal, lens, size, bands, clusters, inner, first, last, is_rolled, marks,
-    depth, owner, visible, drawn, filled, with_drawn, seen, scratch,
+    depth, owner, visible, drawn, filled, with_drawn, kept, middles, seen, scratch,
 ):  # fmt: skip
     """Count the samples of poses.
 
@@ -603,6 +604,10 @@ def count_poses(
         Out: samples; `drawn` only with `with_drawn`, else one row that is left alone.
     filled : (P,) int64
         Out: samples with a face in them.
+    kept : (K / LANES,) int64
+        Scratch: bits of clusters that are drawn in some band, and of safe ones, see `cull_lanes`.
+    middles : (2, K) float64
+        Scratch: where clusters are.
     seen : (K + LANES,) int32
         Scratch: the clusters that are looked at.
     scratch : tuple of arrays
@@ -638,6 +643,7 @@ def count_poses(
     columns = np.int32(
         (size[0] + (SIDE << PATCH_BITS) - 1) >> (SIDE_BITS + PATCH_BITS) << PATCH_BITS
     )
+    is_tame = np.int64(max(abs(lens[2]), abs(lens[3])) < FAR_OUT >> BITS >> 1)
     full_x = 0 if is_rolled else size[0] >> SIDE_BITS
     full_y = 0 if is_rolled else size[1] >> SIDE_BITS
     for p in range(len(poses)):
@@ -650,6 +656,13 @@ def count_poses(
         if with_drawn:
             drawn[p] = 0
         new = 0
+        frustum(view, size[0], bands[0, 0], bands[-1, 1], sides)
+        leaves_out_backs = ALL_LANES if culls[p] and not with_drawn else 0
+        for at in range(0, n_clusters, LANES):
+            kept[at // LANES] = cull_lanes(
+                pointer(bounds), bounds.shape[1], at, view, pointer(sides), focal[0],
+                leaves_out_backs, pointer(middles),
+            ) & ((ALL_LANES >> max(LANES - (n_clusters - at), 0)) | ALL_LANES << LANES)  # fmt: skip
         for band in range(len(bands)):
             top, bottom = bands[band]
             window = Window(
@@ -658,14 +671,14 @@ def count_poses(
                 pointer(first), pointer(last),
             )  # fmt: skip
             frustum(view, size[0], top, bottom, sides)
-            leaves_out_backs = ALL_LANES if culls[p] and not with_drawn else 0
             n_seen = 0
             for at in range(0, n_clusters, LANES):
-                found = cull_lanes(
-                    pointer(bounds), bounds.shape[1], at, view, pointer(sides), focal[0],
-                    leaves_out_backs,
-                )  # fmt: skip
-                found &= ALL_LANES >> max(LANES - (n_clusters - at), 0)
+                found = kept[at // LANES] & ALL_LANES
+                if found and len(bands) > 1:
+                    found &= band_lanes(
+                        pointer(bounds), bounds.shape[1], at, pointer(middles), lens[1],
+                        lens[3] - top, sides[2, 3], bottom - lens[3], sides[3, 3],
+                    )  # fmt: skip
                 n_seen = list_lanes(octets, found, at, pointer(seen), n_seen)
             is_clear = len(depth) < SAMPLES_A_CLUSTER * n_seen
             marks[:] = is_clear
@@ -684,7 +697,8 @@ def count_poses(
                 first_line, end_of_lines = line_starts[cluster], line_starts[cluster + 1]
                 if with_drawn:
                     fetch_counts(counts.drawn, lines, np.int64(first_line), np.int64(end_of_lines))
-                box = project(shape.points, begin, end, view, placed)
+                is_safe = kept[cluster // LANES] >> (LANES + (cluster & (LANES - 1))) & is_tame
+                box = project(shape.points, begin, end, view, is_safe, placed)
                 if box[0] == BEHIND and box[1] == BEHIND:
                     continue
                 is_plain = np.int64(max(box[1] - box[0], box[3] - box[2]) < LARGE)

@@ -99,7 +99,7 @@ def align_stack(typing):
 
 
 @intrinsic
-def project(typing, points, begin, end, view, placed):
+def project(typing, points, begin, end, view, is_safe, placed):
     """Bring the vertices of a cluster to the image; returns the box that they fill, in steps.
 
     Least and greatest x, least and greatest y.
@@ -113,6 +113,8 @@ def project(typing, points, begin, end, view, placed):
         First vertex of the cluster, and of the next one.
     view : (18,) float64
         See `VIEW`.
+    is_safe : int
+        Not 0 where no vertex can need clipping, see `cull_lanes`.
     placed : Placed
         Out. `u`, `v`: steps of 1/256 sample, not rounded. `w`: 1/z. `x`, `y`: where the vertex
         stands when samples are given out, `CLIPPED` or `BEHIND` where it needs clipping. What
@@ -120,10 +122,13 @@ def project(typing, points, begin, end, view, placed):
     """
 
     def generate(context, builder, signature, args):
-        points, begin, end, view, placed = args
+        points, begin, end, view, is_safe, placed = args
         figures = [
             spread(builder, builder.load(builder.gep(view, [LONG(k)])), LANES) for k in range(VIEW)
         ]
+        for k in range(LENS, NEAR):
+            figures[k] = figures[k] * float(STEPS)
+        wants_tests = builder.icmp_signed("==", is_safe, LONG(0))
         n = builder.sub(end, begin)
         lanes = constants(builder, LONG, range(LANES))
         words = lanes.to(WORD)
@@ -137,7 +142,7 @@ def project(typing, points, begin, end, view, placed):
                 )
                 for axis in range(3)
             ]
-            steps = _project_lanes(builder, points, at, figures, placed, to)
+            steps = _project_lanes(builder, points, at, figures, wants_tests, placed, to)
             is_vertex = lanes < spread(builder, builder.sub(n, to), LANES)
             for k, found in enumerate(box):
                 old, new = Lanes(builder, builder.load(found)), steps[k >> 1]
@@ -150,10 +155,11 @@ def project(typing, points, begin, end, view, placed):
         return context.make_tuple(builder, signature.return_type, found)
 
     box = types.UniTuple(types.int32, 4)
-    return box(points, types.int64, types.int64, view, placed), generate
+    whole = types.int64
+    return box(points, whole, whole, view, whole, placed), generate
 
 
-def _project_lanes(builder, points, at, figures, placed, to):
+def _project_lanes(builder, points, at, figures, wants_tests, placed, to):
     """Place sixteen vertices; returns their whole steps."""
     u, v, w, x, y = (builder.gep(builder.extract_value(placed, k), [to]) for k in range(5))
     away = [
@@ -164,27 +170,35 @@ def _project_lanes(builder, points, at, figures, placed, to):
         away[0] * figures[k] + away[1] * figures[3 + k] + away[2] * figures[6 + k] for k in range(3)
     )
     inverse = z.like(1.0) / z
-    is_seen = is_beyond_near = z >= figures[NEAR]
     exact = (
-        (figures[LENS] * right * inverse + figures[LENS + 2]) * float(STEPS),
-        (figures[LENS + 1] * down * inverse + figures[LENS + 3]) * float(STEPS),
+        figures[LENS] * right * inverse + figures[LENS + 2],
+        figures[LENS + 1] * down * inverse + figures[LENS + 3],
     )
-    for position in exact:
-        is_seen = is_seen & (position.magnitude() <= float(FAR_OUT))
-    unseen = spread(builder, WORD(CLIPPED), LANES).where(is_beyond_near, BEHIND)
-    steps = []
+    rounded = [(position + 0.5).floor() for position in exact]
     inverse.store(w)
-    for position, u_or_v, x_or_y in zip(exact, (u, v), (x, y), strict=True):
+    found = []
+    for position, place, u_or_v in zip(exact, rounded, (u, v), strict=True):
         position.store(u_or_v)
-        rounded = (position.where(is_seen, 0.0) + 0.5).floor().to(WORD)
-        steps.append(rounded.where(is_seen, unseen))
-        steps[-1].store(x_or_y)
+        found.append(cgutils.alloca_once_value(builder, place.to(WORD).value))
+    with builder.if_then(wants_tests, likely=False):
+        is_seen = is_beyond_near = z >= figures[NEAR]
+        for position in exact:
+            is_seen = is_seen & (position.magnitude() <= float(FAR_OUT))
+        unseen = spread(builder, WORD(CLIPPED), LANES).where(is_beyond_near, BEHIND)
+        for place, at in zip(rounded, found, strict=True):
+            builder.store(place.where(is_seen, 0.0).to(WORD).where(is_seen, unseen).value, at)
+    steps = [Lanes(builder, builder.load(at)) for at in found]
+    for place, x_or_y in zip(steps, (x, y), strict=True):
+        place.store(x_or_y)
     return steps
 
 
 @intrinsic
-def cull_lanes(typing, bounds, stride, at, view, sides, focal, leaves_out_backs):
+def cull_lanes(typing, bounds, stride, at, view, sides, focal, leaves_out_backs, middles):
     """Bits of sixteen clusters, from `at` on, of which something may have to be drawn.
+
+    And above them those of clusters that are safe: wholly beyond the near plane and not far out.
+    Where their middles are, down and forward from the eye, goes to two rows of `middles`.
 
     A cluster lies outside where its sphere is beyond one of the planes of `frustum`. All of its
     faces turn their back, and still do once rounded to steps, where their planes are far enough
@@ -195,7 +209,7 @@ def cull_lanes(typing, bounds, stride, at, view, sides, focal, leaves_out_backs)
     """
 
     def generate(context, builder, signature, args):
-        bounds, stride, at, view, sides, focal, leaves_out_backs = args
+        bounds, stride, at, view, sides, focal, leaves_out_backs, middles = args
 
         def row(k):
             place = builder.add(builder.mul(stride, LONG(k)), at)
@@ -214,6 +228,9 @@ def cull_lanes(typing, bounds, stride, at, view, sides, focal, leaves_out_backs)
             beyond = distance + radius * figure(sides, 4 * k + 3) < limit
             is_outside = is_outside | beyond
         nearest = distance - radius  # along the axis of the camera
+        down = away[0] * figure(view, 1) + away[1] * figure(view, 4) + away[2] * figure(view, 7)
+        down.store(builder.gep(middles, [at]))
+        distance.store(builder.gep(middles, [builder.add(stride, at)]))
         squared = away[0] * away[0] + away[1] * away[1] + away[2] * away[2]
         along = away[0] * row(4) + away[1] * row(5) + away[2] * row(6)
         across = (squared - along * along).greatest(0).root()
@@ -225,13 +242,45 @@ def cull_lanes(typing, bounds, stride, at, view, sides, focal, leaves_out_backs)
         reach = away_from + radius
         magnified = spread(builder, focal, LANES) * float(STEPS)
         is_back = height * row(10) * magnified < reach * reach * -3.1
-        is_back = is_back & (nearest >= near)
-        is_back = is_back & (reach * figure(view, WIDEST) <= nearest * float(FAR_OUT >> BITS >> 1))
+        is_safe = nearest >= near
+        is_safe = is_safe & (reach * figure(view, WIDEST) <= nearest * float(FAR_OUT >> BITS >> 1))
         wanted = from_bits(builder, leaves_out_backs, LANES)
-        return (~(is_outside | (is_back & wanted))).bits()
+        kept = (~(is_outside | (is_back & is_safe & wanted))).bits()
+        return builder.or_(kept, builder.shl(is_safe.bits(), LONG(LANES)))
 
-    whole = types.int64
-    return whole(bounds, whole, whole, view, sides, types.float64, whole), generate
+    whole, real = types.int64, types.float64
+    return whole(bounds, whole, whole, view, sides, real, whole, middles), generate
+
+
+@intrinsic
+def band_lanes(typing, bounds, stride, at, middles, focal, up, up_length, down, down_length):
+    """Bits of sixteen clusters, from `at` on, that may reach into a band of the image.
+
+    Parameters
+    ----------
+    middles : float64
+        From `cull_lanes`.
+    focal : float
+        fy.
+    up, down : float
+        Samples of the band above the principal point, and below it.
+    up_length, down_length : float
+        Lengths of the normals of the planes at its rims, see `frustum`.
+    """
+
+    def generate(context, builder, signature, args):
+        bounds, stride, at, middles, *figures = args
+        focal, up, up_length, down, down_length = (spread(builder, k, LANES) for k in figures)
+        radius = builder.gep(bounds, [builder.add(builder.mul(stride, LONG(3)), at)])
+        radius = load(builder, radius, LANES)
+        below = load(builder, builder.gep(middles, [at]), LANES) * focal
+        forward = load(builder, builder.gep(middles, [builder.add(stride, at)]), LANES)
+        is_below_rim = below + up * forward + radius * up_length >= 0.0
+        is_above_rim = down * forward - below + radius * down_length >= 0.0
+        return (is_below_rim & is_above_rim).bits()
+
+    whole, real = types.int64, types.float64
+    return whole(bounds, whole, whole, middles, *[real] * 5), generate
 
 
 def _corners(context, packed, placed, kind):
