@@ -162,15 +162,15 @@ def _unless_wanted(marker: str) -> tuple[str, str]:
     return _before(marker, "if not WANTED:", "    continue")
 
 
-SIFT = "                n_tiny, n_small, n_hidden, n_large, n_clipped = sift("
+SIFT = "                first_slot = np.int64(face_starts[cluster])\n"
 PLACED = "                if box[0] == BEHIND and box[1] == BEHIND:"
-FILL = "                new += fill(\n"
+FILL = "                if n_tiny + n_small:\n"
 FEW_TOGETHER = "            filled += fill_few("
 CLEAR_ALL = "            marks[:] = is_clear\n            if is_clear:\n"
 
 PASSES = {
     "empty counts": (),
-    "cull": (_unless_wanted("            frustum(view, size[0]"),),
+    "cull": (_unless_wanted("        frustum(view, size[0], bands[0, 0]"),),
     "project": (_unless_wanted("            is_clear = len(depth)"),),
     "clear": (
         (
@@ -228,9 +228,9 @@ COUNTED = (
     ),
     ("        if tiny:\n", "        if tiny < 0:\n"),
     (
-        f"        else:\n{FEW_TOGETHER}",
-        "        else:\n            counts.visible[8] += count_bits(few)\n"
-        f"        if few < 0:\n{FEW_TOGETHER}",
+        FEW_TOGETHER,
+        "            counts.visible[8] += count_bits(few)\n"
+        f"            if few < 0:\n    {FEW_TOGETHER}",
     ),
     ("        if many:\n", "        counts.visible[9] += count_bits(many)\n        if many < 0:\n"),
     ("                if n_large:\n", "                if n_large < 0:\n"),
