@@ -57,7 +57,7 @@ ENOUGH = 100
 def main() -> None:
     parser = arguments(__doc__.splitlines()[0])
     parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--poses", type=int, default=8)
+    parser.add_argument("--poses", type=int, default=4)
     parser.add_argument("--shuffled", action="store_true", help="faces in random order")
     args = parser.parse_args()
     report = Report()
