@@ -11,7 +11,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from llvmlite import ir
 from numba import njit
 from numba.core import types
 from numba.extending import intrinsic
