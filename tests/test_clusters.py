@@ -118,7 +118,7 @@ def assert_holds_the_mesh(vertices, faces, clusters):
         held.append(names)
         lines = clusters.lines[slice(*clusters.line_starts[k : k + 2])]
         assert set(lines) >= set(names >> LINE_BITS)
-        assert len(np.unique(lines)) == len(lines) <= count
+        assert len(np.unique(lines)) == len(lines) <= len(is_face)
     kept = np.flatnonzero(np.ptp(faces, axis=1) > 0)
     names = np.concatenate(held)
     assert np.array_equal(np.sort(names[np.isin(names, kept)]), kept)

@@ -255,6 +255,17 @@ def test_each_sample_belongs_to_the_nearest_face_that_whole_numbers_give_it(
             assert counts.drawn is None or np.array_equal(counts.drawn[0], own)
 
 
+def test_a_sample_on_a_left_or_an_upper_edge_is_inside():
+    # A square whose edges and diagonal pass through samples, from either side.
+    corners = [[2.5, 2.5, 1], [6.5, 2.5, 1], [6.5, 6.5, 1], [2.5, 6.5, 1]]
+    expected = np.full((10, 10), -1)
+    expected[2:6, 2:6] = np.tri(4, k=-1)
+    camera = Camera(width=10, height=10, fx=1, fy=1, cx=0, cy=0)
+    for faces in ([[0, 1, 2], [0, 2, 3]], [[0, 2, 1], [0, 3, 2]]):
+        with CPURasterizer(Mesh(vertices=corners, faces=faces), camera) as rasterizer:
+            assert np.array_equal(rasterizer.render(np.eye(4)).face, expected)
+
+
 @pytest.mark.parametrize(
     "size", [(1, 1), (1, 70), (1025, 1), (2, 3), (63, 65), (66, 50), (401, 303)]
 )
