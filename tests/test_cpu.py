@@ -512,3 +512,21 @@ def test_a_triangle_that_reaches_far_out_covers_the_image(far):
     counts = count(Mesh(vertices=points, faces=np.arange(3)[None]), np.eye(4))
     assert counts.visible.tolist() == [[CAMERA.width * CAMERA.height]]
     assert counts.drawn.tolist() == [[CAMERA.width * CAMERA.height]]
+
+
+def test_a_sliver_along_the_view_that_reaches_far_out_is_clipped():
+    # It lies beyond the near plane, and so does the sphere around it, but its corner at the camera
+    # is 2.5e7 samples to the right: more than 32 bits of steps hold.
+    corner, tip, side = np.array(((0.25, 0, 2e-5), (0.25, 0, 1), (0.25, 0.002, 0.6)))
+    cuts = [corner + (0.1 - corner[2]) / (to[2] - corner[2]) * (to - corner) for to in (tip, side)]
+    camera = Camera(width=1200, height=300, fx=2000, fy=2000, cx=0, cy=150)
+    whole = Mesh(vertices=[corner, tip, side], faces=[[0, 1, 2]])
+    # What is left beyond the depth 0.1, before which all of it is beside the image.
+    part = Mesh(vertices=[cuts[0], tip, side, cuts[1]], faces=[[0, 1, 2], [0, 2, 3]])
+    counts = []
+    for mesh in (whole, part):
+        with CPURasterizer(mesh, camera) as rasterizer:
+            found = rasterizer.count(np.eye(4))
+            counts.append(found.visible.sum())
+            assert np.array_equal(found.visible, found.drawn)
+    assert counts[0] == counts[1] > 3000
