@@ -161,7 +161,7 @@ def test_a_large_pose_is_shared_out(monkeypatch):
 def test_more_samples_than_32_bits_hold():
     mesh = Mesh(vertices=[[-9, -9, 1], [9, -9, 1], [0, 9, 1]], faces=[[0, 1, 2]])
     camera = Camera(width=1024, height=1024, fx=1000, fy=1000)
-    with CPURasterizer(mesh, camera, supersample=46) as rasterizer:
+    with CPURasterizer(mesh, camera, supersample=46, threads=1) as rasterizer:
         counts = rasterizer.count(np.eye(4))
     assert counts.visible.dtype == counts.drawn.dtype == np.int64
     assert counts.visible.tolist() == counts.drawn.tolist() == [[(46 * 1024) ** 2]]
