@@ -618,7 +618,7 @@ HAIR = {SINGLE: 2.0**-14, DOUBLE: 2.0**-20}
 """What is added to quotients: more than they are rounded, and less than the least that is not 0.
 In float32 for edges of up to 17 samples, in float64 for all but large ones."""
 BEYOND = 512.0
-"""Half of it is farther than any of them reaches, and 2^31 farther than all are far from 0."""
+"""Half of it is more samples than any of them reaches, and a value times it fits 32 bits."""
 
 
 def _last_owned(value, slope):
