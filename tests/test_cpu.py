@@ -530,3 +530,18 @@ def test_a_sliver_along_the_view_that_reaches_far_out_is_clipped():
             counts.append(found.visible.sum())
             assert np.array_equal(found.visible, found.drawn)
     assert counts[0] == counts[1] > 3000
+
+
+def test_small_faces_fill_a_rolled_image_to_its_rim():
+    # A plane beyond the image on all sides, of faces that reach at most 2 x 2 samples.
+    u, v = np.meshgrid(np.linspace(-0.7, 0.7, 150), np.linspace(-0.7, 0.7, 150))
+    points = np.stack((u, v, np.ones_like(u)), axis=-1).reshape(-1, 3)
+    first = (np.arange(149)[:, None] * 150 + np.arange(149)).ravel()
+    corners = np.stack((first, first + 1, first + 151, first + 150), axis=1)
+    mesh = Mesh(vertices=points, faces=np.concatenate((corners[:, :3], corners[:, [0, 2, 3]])))
+    camera = Camera(width=90, height=70, fx=80, fy=80)
+    for roll in (0.1, 0.3, -0.4, 0.7):
+        with CPURasterizer(mesh, camera, roll=roll) as rasterizer:
+            counts = rasterizer.count(np.eye(4))
+        assert counts.background.tolist() == [0]
+        assert np.array_equal(counts.visible, counts.drawn)
