@@ -179,8 +179,9 @@ class View:
         while True:
             n_live, self.n_cut = kernels.set_up(
                 surface.vertices, surface.faces, surface.flat, self.rotation, self.eye, self.lens,
-                near, self.size, front_only, self.uvw, self.side, self.state, self.box, self.area,
-                self.slot, self.polygons, self.n_corners, self.sides, self.planes, self.region,
+                near, self.size, front_only, self.rounding[0], self.uvw, self.side, self.state,
+                self.box, self.area, self.slot, self.polygons, self.n_corners, self.sides,
+                self.planes, self.region,
             )  # fmt: skip
             if self.n_cut <= len(self.polygons):
                 break
@@ -207,7 +208,7 @@ class View:
 
     def measure_all(self) -> None:
         """Put what is seen of every face into `visible`."""
-        self.measure(np.flatnonzero(self.state).astype(np.int32))
+        self.measure(np.flatnonzero(self.state & (kernels.LIVE | kernels.THIN)).astype(np.int32))
 
     def _fill_grid(self, n_live: int) -> None:
         """List the live faces by cells: as many as the entries that large faces make allow."""

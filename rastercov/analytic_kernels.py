@@ -1,8 +1,5 @@
 """The loops of the analytic path, compiled by numba: exact visible areas of one pose.
 
-They stand in one file because numba keeps what it compiled by file: a loop that calls into another
-file would not notice a change there.
-
 A pose runs through four passes. `project` brings vertices to the image. `set_up` keeps the faces
 that reach into the image, cuts those that reach behind the camera, and measures each. `fill_grid`
 lists them by the cells of a grid over the image. `visible_areas` takes one face at a time, finds
@@ -20,7 +17,11 @@ I. Sutherland, G. Hodgman. Reentrant Polygon Clipping. 1974, for the cuts.
 
 import numpy as np
 
-from rastercov.compiled import compiled, inlined
+from rastercov import double_double
+from rastercov.compiled import compiled_with, inlined
+from rastercov.double_double import add, exact_sum, minor, multiply
+
+compiled = compiled_with(double_double)
 
 TIE = 1e-10
 """Relative difference of 1/z up to which two surfaces count as one: the lower index is in front."""
@@ -33,9 +34,20 @@ OUTLINE = 8
 and height: its perimeter is twice their sum at most. A part for its own image, one for what is seen
 of it, one for corners that count as on a line, one for what is left of a face and counts as
 nothing."""
+PAIR = 2.0**-98
+"""Relative error bound of the products of three vectors in pairs of doubles: 3 camera coordinates
+of 12 * 2^-106 each, and 8 operations of 5 * 2^-106."""
 LIVE, CUT, PARTLY = 1, 2, 4
 """Bits of a face's state: it reaches into the image; its image is a polygon made by cutting it in
 space; it reaches out of the image."""
+DOUBTFUL, THIN = 16, 32
+"""More bits: rounding may decide which side is seen; its image rounds to nothing, so that it hides
+nothing, and the bounds of the faces behind it take in what it may hide. 8 is taken by
+`contour_kernels`."""
+EDGE_ON = 4
+"""A face is doubtful whose image has less than this many pixels of area for each pixel of extent
+and of rounding: (u1 - u0)(v2 - v0) - (u2 - u0)(v1 - v0) is twice the area, each difference is off
+by 2 roundings, and each side of the image is at most its extent."""
 CORNERS = 12
 """Room for the corners of a face: cut by the near plane and the image border it has at most 8."""
 SIDES = 4
@@ -90,13 +102,31 @@ def project(vertices, rotation, eye, lens, near, pyramid, uvw):
 
 
 @compiled
-def in_camera(point, rotation, eye, out):
-    """One world point in camera axes."""
-    a = point[0] - eye[0]
-    b = point[1] - eye[1]
-    c = point[2] - eye[2]
+def from_camera(point, rotation, eye, high, low):
+    """One world point in camera axes, in pairs of doubles: the sums `high` + `low`, (3,) each."""
+    a, a_low = exact_sum(point[0], -eye[0])
+    b, b_low = exact_sum(point[1], -eye[1])
+    c, c_low = exact_sum(point[2], -eye[2])
     for k in range(3):
-        out[k] = a * rotation[0, k] + b * rotation[1, k] + c * rotation[2, k]
+        x, x_low = multiply(a, a_low, rotation[0, k], 0.0)
+        y, y_low = multiply(b, b_low, rotation[1, k], 0.0)
+        z, z_low = multiply(c, c_low, rotation[2, k], 0.0)
+        x, x_low = add(x, x_low, y, y_low)
+        high[k], low[k] = add(x, x_low, z, z_low)
+
+
+@compiled
+def cross(high, low, p, q, out):
+    """Cross product of rows p and q in pairs of doubles, (3, 2); that of q and p is its negative.
+
+    To the bit, so that an edge that two faces share is one line in the image.
+    """
+    for k in range(3):
+        i, j = k + 1 if k < 2 else 0, k - 1 if k > 0 else 2
+        out[k, 0], out[k, 1] = minor(
+            high[p, i], low[p, i], high[q, j], low[q, j],
+            high[p, j], low[p, j], high[q, i], low[q, i],
+        )  # fmt: skip
 
 
 @compiled
@@ -171,93 +201,121 @@ def longest_ray(lens, size):
 
 
 @compiled
-def cut_in_space(corners, lens, near, size, sides, plane, polygon, spare):
-    """What the near plane and the image border leave of a face that reaches behind or far out.
+def cut_in_space(high, low, lens, near, size, edges, sides, plane, polygon, spare):
+    """Cut a face that reaches behind the camera or far out by the near plane and the image border.
 
-    Nothing is projected: a side of the image is the plane through the eye and an edge of the face,
-    and the near plane is the line in the image where 1/z = 1/near. Returns the corners left, 0 for
-    a face that is seen edge-on or not at all, and 1 or -1 for the front or the back.
+    Nothing is projected: a side of the image is the plane through the camera centre and an edge of
+    the face, and the near plane is the line in the image where 1/z = 1/near. All of it comes from
+    pairs of doubles, because the camera centre may lie on the face or on an edge of it.
 
     Parameters
     ----------
-    corners : (3, 3) float64
-        The face in camera axes; scaled in place.
+    high, low : (3, 3) float64
+        The face in camera axes, in pairs; scaled in place.
     lens, near, size
         As for `set_up`.
+    edges : (4, 3, 2) float64
+        Scratch, in pairs.
     sides : (4, 6) float64
         Out: the lines that bound its image, and how many pixels each may be off.
     plane : (7,) float64
-        Out: u, v, 1/z at the middle of the image, and the slope of 1/z; the largest error of 1/z in
-        its image; how many pixels the lines around its image may be off.
+        Out: u, v, 1/z at the principal point, and the slope of 1/z; the largest error of 1/z in its
+        image; how many pixels the lines around its image may be off.
     polygon, spare : (12, 2) float64
         Out and scratch: its image, clockwise.
+
+    Returns
+    -------
+    n : int
+        Corners of its image, 0 for none. Negative where lines as far off as they may be leave that
+        many, but those that were found leave none: the image rounds to nothing.
+    front : int
+        1 or -1 for the front or the back, 0 where rounding decides over that.
     """
     # In units of the face's own reach, so that no product under- or overflows; a power of two, so
     # that nothing is rounded.
-    reach = 2.0 ** np.floor(np.log2(np.abs(corners).max()))
+    reach = 2.0 ** np.floor(np.log2(np.abs(high).max()))
     if not (reach > 0 and np.isfinite(1 / reach)):
         return 0, 0
-    corners /= reach
+    high /= reach
+    low /= reach
     near = near / reach
-    ax, ay, az = corners[0, 0], corners[0, 1], corners[0, 2]
-    bx, by, bz = corners[1, 0] - ax, corners[1, 1] - ay, corners[1, 2] - az
-    cx, cy, cz = corners[2, 0] - ax, corners[2, 1] - ay, corners[2, 2] - az
     # The plane n . X = d of the face: 1/z is n . ((u - cx)/fx, (v - cy)/fy, 1) / d.
-    nx, ny, nz = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
-    d = nx * ax + ny * ay + nz * az
-    if d == 0 or not np.isfinite(d):
+    for s in range(3):
+        cross(high, low, s, s + 1 if s < 2 else 0, edges[s])
+    for k in range(3):
+        x, x_low = add(edges[0, k, 0], edges[0, k, 1], edges[1, k, 0], edges[1, k, 1])
+        edges[3, k, 0], edges[3, k, 1] = add(x, x_low, edges[2, k, 0], edges[2, k, 1])
+    d = d_low = 0.0
+    for k in range(3):
+        x, x_low = multiply(high[0, k], low[0, k], edges[1, k, 0], edges[1, k, 1])
+        d, d_low = add(d, d_low, x, x_low)
+    far0 = length(high[0, 0], high[0, 1], high[0, 2])
+    far1 = length(high[1, 0], high[1, 1], high[1, 2])
+    far2 = length(high[2, 0], high[2, 1], high[2, 2])
+    d_off = PAIR * far0 * far1 * far2
+    if not abs(d) > d_off:
         return 0, 0
     front = 1 if d < 0 else -1
-    plane[0], plane[1], plane[2] = lens[2], lens[3], nz / d
-    plane[3], plane[4] = nx / (d * lens[0]), ny / (d * lens[1])
-    if max(corners[0, 2], corners[1, 2], corners[2, 2]) < near:
+    if max(high[0, 2], high[1, 2], high[2, 2]) < near:
         return 0, front
-    # The corners are known to half of `blur`, so n and d are known to:
-    spread, far = longest_ray(lens, size), 0.0
-    for s in range(3):
-        far = max(far, length(corners[s, 0], corners[s, 1], corners[s, 2]))
-    blur = RESIDUE * far
-    n_off = blur * (length(bx, by, bz) + length(cx, cy, cz))
-    d_off = far * n_off + blur * length(nx, ny, nz)
-    polygon[0, 0] = polygon[3, 0] = polygon[0, 1] = polygon[1, 1] = 0.0
-    polygon[1, 0] = polygon[2, 0] = size[0]
-    polygon[2, 1] = polygon[3, 1] = size[1]
+    n_off = PAIR * (far0 * far1 + far1 * far2 + far2 * far0)
+    spread = longest_ray(lens, size)
+    across = max(abs(lens[2]), abs(size[0] - lens[2]))
+    down = max(abs(lens[3]), abs(size[1] - lens[3]))
+    plane[0], plane[1], plane[2] = lens[2], lens[3], edges[3, 2, 0] / d
+    plane[3], plane[4] = edges[3, 0, 0] / d / lens[0], edges[3, 1, 0] / d / lens[1]
     for s in range(SIDES):
         sides[s, 0], sides[s, 1] = lens[2], lens[3]
         if s < 3:
             # p x q . ray has the sign of d for a ray on the inner side of edge p q
-            p, q = s, s + 1 if s < 2 else 0
-            px, py, pz = corners[p, 0], corners[p, 1], corners[p, 2]
-            qx, qy, qz = corners[q, 0] - px, corners[q, 1] - py, corners[q, 2] - pz
-            a, b, c = py * qz - pz * qy, pz * qx - px * qz, px * qy - py * qx
-            a, b = a / lens[0] * -front, b / lens[1] * -front
-            c = c * -front
-            off = blur * (length(px, py, pz) + length(qx, qy, qz)) * spread
+            a, b = edges[s, 0, 0] / lens[0] * -front, edges[s, 1, 0] / lens[1] * -front
+            c = edges[s, 2, 0] * -front
+            off = PAIR * (far0 * far1 if s == 0 else far1 * far2 if s == 1 else far2 * far0)
+            off *= spread
         else:
             a, b, c = -plane[3], -plane[4], 1 / near - plane[2]
-            off = (n_off * spread + d_off / near) / abs(d)
+            off = (n_off * spread + d_off / near) / abs(d) + RESIDUE * (1 / near + abs(plane[2]))
+        off += RESIDUE * (abs(a) * across + abs(b) * down + abs(c))
         scale = max(abs(a), abs(b))
         if scale > 0:
             a, b, c, off = a / scale, b / scale, c / scale, off / scale
         sides[s, 2], sides[s, 3], sides[s, 4], sides[s, 5] = b, -a, c, off
-    n = cut(polygon, np.int64(4), sides, sides.shape[0], spare)
+    n = image_within(sides, size, polygon, spare)
+    if n < 3:
+        for s in range(SIDES):
+            sides[s, 4] += sides[s, 5]
+        n = -image_within(sides, size, polygon, spare)
+        if n > -3:
+            return 0, front
     # Only lines that touch its image matter, and 1/z within it.
     most = plane[6] = 0.0
     for s in range(SIDES):
-        for p in range(n):
+        for p in range(abs(n)):
             u, v = polygon[p, 0] - sides[s, 0], polygon[p, 1] - sides[s, 1]
             if sides[s, 2] * v - sides[s, 3] * u + sides[s, 4] <= sides[s, 5]:
                 plane[6] = max(plane[6], sides[s, 5])
             most = max(most, plane[2] + plane[3] * u + plane[4] * v)
-    plane[5] = (n_off * spread + d_off * most) / abs(d) / reach
-    plane[2], plane[3], plane[4] = plane[2] / reach, plane[3] / reach, plane[4] / reach
+    plane[5] = (n_off * spread + d_off * min(most, 1 / near)) / abs(d)
+    plane[5] += RESIDUE * (abs(plane[2]) + abs(plane[3]) * across + abs(plane[4]) * down)
+    for k in range(2, 6):
+        plane[k] /= reach
     return n, front
 
 
 @compiled
+def image_within(lines, size, polygon, spare):
+    """Part of the image on the inner side of all lines; corner count."""
+    polygon[0, 0] = polygon[3, 0] = polygon[0, 1] = polygon[1, 1] = 0.0
+    polygon[1, 0] = polygon[2, 0] = size[0]
+    polygon[2, 1] = polygon[3, 1] = size[1]
+    return cut(polygon, np.int64(4), lines, lines.shape[0], spare)
+
+
+@compiled
 def set_up(
-    vertices, faces, flat, rotation, eye, lens, near, size, front_only, uvw, side, state, box, area,
-    slot, polygons, n_corners, sides, planes, region,
+    vertices, faces, flat, rotation, eye, lens, near, size, front_only, rounding, uvw, side, state,
+    box, area, slot, polygons, n_corners, sides, planes, region,
 ):  # fmt: skip
     """Keep and measure the faces that reach into the image; how many are kept, and how many cut.
 
@@ -274,12 +332,15 @@ def set_up(
         Width and height of the image.
     front_only : bool
         Leave out faces seen from behind.
+    rounding : float
+        Largest error of a position in the image, pixels.
     side : (F,) int8
         Out: 1 for a face seen from the front, -1 from behind, 0 for one that is left out.
     state : (F,) uint8
-        Out: `LIVE`, `CUT`, `PARTLY`, or 0.
+        Out: `LIVE`, `CUT`, `PARTLY`, `DOUBTFUL`, or 0; or `THIN`, with `CUT` and `DOUBTFUL`.
     box : (F, 6) float64
-        Out, of live faces: least and greatest u, least and greatest v, least and greatest 1/z.
+        Out, of live and thin faces: least and greatest u, least and greatest v, least and greatest
+        1/z.
     area : (F,) float64
         Out: px^2 inside the image.
     slot, polygons, n_corners, sides, planes : (F,), (N, 12, 2), (N,), (N, 4, 5), (N, 7)
@@ -288,7 +349,7 @@ def set_up(
         Out: least and greatest u and v of all that is kept, within the image; and the sums of the
         widths, the heights and the areas of the boxes within it.
     """
-    corners = np.empty((3, 3))
+    high, low, edges = np.empty((3, 3)), np.empty((3, 3)), np.empty((4, 3, 2))
     polygon, spare = np.empty((CORNERS, 2)), np.empty((CORNERS, 2))
     lines, plane, border = np.empty((SIDES, 6)), np.empty(7), image_border(size)
     live = n_cut = 0
@@ -307,36 +368,43 @@ def set_up(
         u2, v2, w2 = uvw[k, 0], uvw[k, 1], uvw[k, 2]
         if w0 > 0 and w1 > 0 and w2 > 0:
             twice = (u1 - u0) * (v2 - v0) - (u2 - u0) * (v1 - v0)
-            if twice == 0 or (front_only and twice > 0):
-                continue
-            side[f] = 1 if twice < 0 else -1
             x0, x1 = min(u0, u1, u2), max(u0, u1, u2)
             y0, y1 = min(v0, v1, v2), max(v0, v1, v2)
+            is_doubtful = abs(twice) <= EDGE_ON * rounding * (x1 - x0 + y1 - y0)
+            if front_only and twice > 0 and not is_doubtful:
+                continue
+            side[f] = 1 if twice < 0 else -1 if twice > 0 else 0
             if x1 <= 0 or y1 <= 0 or x0 >= size[0] or y0 >= size[1]:
                 continue
             least, most = min(w0, w1, w2), max(w0, w1, w2)
-            inside = abs(twice) / 2
-            flags = LIVE
-            if x0 < 0 or y0 < 0 or x1 > size[0] or y1 > size[1]:
-                flags = LIVE | PARTLY
+            inside = abs(twice) / 2 if twice < 0 or not front_only else 0.0
+            flags = LIVE | DOUBTFUL if is_doubtful else LIVE
+            if inside > 0 and (x0 < 0 or y0 < 0 or x1 > size[0] or y1 > size[1]):
+                flags |= PARTLY
                 polygon[0, 0], polygon[0, 1] = u0, v0
                 polygon[1, 0], polygon[1, 1] = u1, v1
                 polygon[2, 0], polygon[2, 1] = u2, v2
                 n = cut(polygon, np.int64(3), border, border.shape[0], spare)
                 inside = abs(twice_area(polygon, n)) / 2 if n >= 3 else 0.0
         else:
-            in_camera(vertices[i], rotation, eye, corners[0])
-            in_camera(vertices[j], rotation, eye, corners[1])
-            in_camera(vertices[k], rotation, eye, corners[2])
-            n, front = cut_in_space(corners, lens, near, size, lines, plane, polygon, spare)
-            if front == 0 or (front_only and front < 0):
+            from_camera(vertices[i], rotation, eye, high[0], low[0])
+            from_camera(vertices[j], rotation, eye, high[1], low[1])
+            from_camera(vertices[k], rotation, eye, high[2], low[2])
+            n, front = cut_in_space(
+                high, low, lens, near, size, edges, lines, plane, polygon, spare
+            )
+            if front == 0:
+                # The camera centre is on its plane to 2^-98: nothing of it is wide enough to count.
+                state[f] = DOUBTFUL
+                continue
+            if front_only and front < 0:
                 continue
             side[f] = front
-            if n < 3:
+            if n == 0:
                 continue
             x0 = y0 = least = np.inf
             x1 = y1 = most = -np.inf
-            for p in range(n):
+            for p in range(abs(n)):
                 u, v = polygon[p, 0], polygon[p, 1]
                 x0, x1 = min(x0, u), max(x1, u)
                 y0, y1 = min(y0, v), max(y1, v)
@@ -345,6 +413,8 @@ def set_up(
                 doubt = plane[5] + 1e-14 * (abs(plane[2]) + abs(along_u) + abs(along_v))
                 least, most = min(least, w - doubt), max(most, w + doubt)
             least = max(least, 0.0)
+            flags = LIVE | CUT | PARTLY
+            inside = twice_area(polygon, n) / 2 if n >= 3 else 0.0
             if n_cut < polygons.shape[0]:
                 slot[f] = n_cut
                 n_corners[n_cut] = n
@@ -356,14 +426,13 @@ def set_up(
                 for p in range(7):
                     planes[n_cut, p] = plane[p]
             n_cut += 1
-            flags = LIVE | CUT | PARTLY
-            inside = twice_area(polygon, n) / 2
+        box[f, 0], box[f, 1], box[f, 2], box[f, 3] = x0, x1, y0, y1
+        box[f, 4], box[f, 5] = least, most
         if not inside > 0:
+            state[f] = THIN | DOUBTFUL | flags & CUT
             continue
         state[f] = flags
         area[f] = inside
-        box[f, 0], box[f, 1], box[f, 2], box[f, 3] = x0, x1, y0, y1
-        box[f, 4], box[f, 5] = least, most
         live += 1
         x0, x1 = max(x0, 0.0), min(x1, size[0])
         y0, y1 = max(y0, 0.0), min(y1, size[1])
@@ -404,7 +473,7 @@ def fill_grid(state, box, grid, columns, rows, starts, listed):
     for c in range(n_cells + 2):
         starts[c] = 0
     for f in range(state.shape[0]):
-        if state[f]:
+        if state[f] & (LIVE | THIN):
             left = cell(box[f, 0], grid[0], grid[2], columns)
             right = cell(box[f, 1], grid[0], grid[2], columns)
             top = cell(box[f, 2], grid[1], grid[3], rows)
@@ -418,7 +487,7 @@ def fill_grid(state, box, grid, columns, rows, starts, listed):
     if total > listed.shape[0]:
         return total
     for f in range(state.shape[0]):
-        if state[f]:
+        if state[f] & (LIVE | THIN):
             left = cell(box[f, 0], grid[0], grid[2], columns)
             right = cell(box[f, 1], grid[0], grid[2], columns)
             top = cell(box[f, 2], grid[1], grid[3], rows)
@@ -702,11 +771,12 @@ def before(
         if faces[m, p] in (i, j, k):
             shared += 1
     error = error_t + error_m
+    common = abs(twice_area(spare, n)) / 2
     if abs(apart) <= error or (apart > 0 and max(most, -least) <= error):
-        blur[t] += (x1 - x0) * (y1 - y0)
+        blur[t] += common
     elif apart > 0 and shared < 2 and least <= error and most >= -error:
         strip = error / length(a_m - a_t, b_m - b_t, 0.0) * length(x1 - x0, y1 - y0, 0.0)
-        blur[t] += min(strip, (x1 - x0) * (y1 - y0))
+        blur[t] += min(strip, common)
     if apart <= 0:
         return 1 if m < t else 0
     if shared >= 2:
@@ -789,6 +859,13 @@ def find_occluders(
                 marks[m] = mark
                 if is_beyond(own, n_own, box[m, 0], box[m, 1], box[m, 2], box[m, 3]):
                     continue
+                across = min(x1, box[m, 1]) - max(x0, box[m, 0])
+                down = min(y1, box[m, 3]) - max(y0, box[m, 2])
+                if state[m] & DOUBTFUL:
+                    outline_off = blur_of(m, state, slot, planes, rounding)
+                    blur[t] += 4 * EDGE_ON * (across + down) * outline_off
+                    if state[m] & THIN:
+                        continue
                 k, n_sides = outline(
                     m, faces, uvw, side, state, slot, polygons, n_corners, sides, corners, lines
                 )
@@ -804,8 +881,6 @@ def find_occluders(
                     return -2
                 if count == found.shape[0]:
                     return -1
-                across = min(x1, box[m, 1]) - max(x0, box[m, 0])
-                down = min(y1, box[m, 3]) - max(y0, box[m, 2])
                 blur[t] += 4 * (across + down) * blur_of(m, state, slot, planes, rounding)
                 found[count] = m
                 found_lines[count, 0] = relation
@@ -943,10 +1018,13 @@ def visible_areas(
     for index in range(first, targets.shape[0]):
         t = targets[index]
         visible[t] = blur[t] = 0.0
-        if not state[t] & LIVE:
+        if not state[t] & (LIVE | THIN):
             continue
         width = min(box[t, 1], size[0]) - max(box[t, 0], 0.0)
         height = min(box[t, 3], size[1]) - max(box[t, 2], 0.0)
+        if state[t] & THIN:
+            blur[t] = 4 * EDGE_ON * (width + height) * blur_of(t, state, slot, planes, rounding)
+            continue
         blur[t] = OUTLINE * (width + height) * blur_of(t, state, slot, planes, rounding)
         n, n_own = outline(
             t, faces, uvw, side, state, slot, polygons, n_corners, sides, target, own

@@ -85,7 +85,7 @@ class CertifiedView(View):
         away = float(np.linalg.norm(self.eye - surface.centre))
         contacts = surface.contacts(away + surface.diagonal / 2)
         self.n_jumps = kernels.find_jumps(
-            surface.edge_faces, surface.edge_turn, self.side, self._is_jump, self._jumps
+            surface.edge_faces, surface.edge_turn, self.side, self.state, self._is_jump, self._jumps
         )
         kernels.mark_unfit(
             self._jumps, self.n_jumps, surface.edge_vertices, surface.faces, self.state, self.box,

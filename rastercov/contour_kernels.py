@@ -22,13 +22,20 @@ LIVE, CUT, PARTLY = 1, 2, 4
 """As in `analytic_kernels`."""
 CROSSED = 8
 """Bit of a face's state: visibility may change within it."""
+DOUBTFUL, THIN = 16, 32
+"""As in `analytic_kernels`."""
+RIM = 1e-6
+"""Relative difference of 1/z up to which a corner counts as one on the near plane."""
 MANY = 2
 """`edge_turn` of an edge that has more than two faces: always a jump."""
 
 
 @compiled
-def find_jumps(edge_faces, edge_turn, side, is_jump, jumps):
-    """Edges whose two sides in the image have different numbers of faces; how many there are.
+def find_jumps(edge_faces, edge_turn, side, state, is_jump, jumps):
+    """Edges whose two sides in the image may have different numbers of faces; how many there are.
+
+    So has each edge of a face that is seen edge-on to rounding, and of one that holds the camera
+    centre: which side of it is seen is not known.
 
     Parameters
     ----------
@@ -39,6 +46,8 @@ def find_jumps(edge_faces, edge_turn, side, is_jump, jumps):
         `MANY` where there are more than two.
     side : (F,) int8
         1 for a face seen from the front, -1 from behind, 0 for one that does not count.
+    state : (F,) uint8
+        As `analytic_kernels.set_up` left it.
     is_jump : (E,) bool
         Out.
     jumps : (E,) int32
@@ -47,10 +56,12 @@ def find_jumps(edge_faces, edge_turn, side, is_jump, jumps):
     n = 0
     for e in range(edge_faces.shape[0]):
         first, second = side[edge_faces[e, 0]], 0
+        flags = state[edge_faces[e, 0]]
         if edge_faces[e, 1] >= 0:
             second = side[edge_faces[e, 1]]
+            flags |= state[edge_faces[e, 1]]
         jump = first != second if edge_turn[e] == 1 else first != -second
-        if edge_turn[e] == MANY:
+        if edge_turn[e] == MANY or flags & DOUBTFUL:
             jump = True
         is_jump[e] = jump
         if jump:
@@ -96,6 +107,8 @@ def mark_unfit(
                 )
             if unfit:
                 state[f] |= CROSSED
+        elif state[f] & THIN:
+            state[f] |= CROSSED  # so that its bound is worked out
 
 
 @compiled
@@ -228,7 +241,7 @@ def mark_segment(
             for entry in range(starts[c], starts[c + 1]):
                 f = listed[entry]
                 if (
-                    state[f] & CROSSED
+                    state[f] & (LIVE | CROSSED) != LIVE
                     or box[f, 0] > high_u
                     or box[f, 1] < low_u
                     or box[f, 2] > high_v
@@ -332,7 +345,7 @@ def mark_crossed(
         )  # fmt: skip
     if not has_cuts:
         return
-    rim = (1 - 1e-6) / near
+    rim = (1 - RIM) / near
     ends[0] = ends[1] = -1
     for f in range(state.shape[0]):
         if not (state[f] & LIVE and state[f] & CUT):
@@ -348,6 +361,9 @@ def mark_crossed(
                     + planes[s, 3] * (u - planes[s, 0])
                     + planes[s, 4] * (v - planes[s, 1])
                 )
+                # As near as it may be: 1/z of a face that all but holds the camera centre is known
+                # to few digits.
+                w = min(w + planes[s, 5], 1 / near)
                 segment[3 * end], segment[3 * end + 1], segment[3 * end + 2] = u, v, w
             if segment[2] >= rim and segment[5] >= rim:
                 mark_segment(
