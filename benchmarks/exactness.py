@@ -132,7 +132,7 @@ def _cost_of_torus(rings: int, sectors: int) -> dict[str, float]:
     _Run(CertifiedView, shapes.torus(8, 8), True, poses=1).view(0)  # load the loops
     started = time.process_time()
     surface = surface_of(mesh)
-    surface.contacts(1.0)
+    surface.contacts.faces_for(1.0)
     once = time.process_time() - started
     certified, exact = (_Run(kind, mesh, True, poses=3) for kind in (CertifiedView, View))
     seconds = _medians((certified,), 3)[0]

@@ -24,6 +24,8 @@ CURVE_BITS = 21
 """Bits of a position along each axis: three of them fill a key."""
 SHORTEST_AXIS = 1e-200
 """Square of the length below which a separating axis is not tried."""
+BOX_MARGIN = 2.0**-25
+"""Added to boxes on each side: more than float32 rounds off a number below 1/2."""
 LONG_WALK = 256
 """Steps along the tree after which the planes of a leaf's faces are looked at, too."""
 
@@ -47,7 +49,7 @@ def order_keys(placed, faces, keys):
     ----------
     placed : (V, 3) float64
         Vertices in a box of diagonal 1 about the origin, turned as suits the boxes.
-    faces : (N, 3) int64
+    faces : (N, 3) int32
     keys : (N,) uint64
         Out.
     """
@@ -71,9 +73,9 @@ def grow_boxes(placed, faces, boxes, nodes, done):
     ----------
     placed, faces
         As for `order_keys`, the faces in the order of their keys.
-    boxes : (N, 6) float64
-        Out: lowest coordinates, and highest ones negated.
-    nodes : (2 L, 6) float64
+    boxes : (N, 6) float32
+        Out: lowest coordinates, and highest ones negated; not rounded inwards.
+    nodes : (2 L, 6) float32
         Out: the tree; L leaves, a power of two with L >= 2 and L * LEAF >= N. Node 0 is not used,
         empty leaves have boxes that overlap nothing.
     done : (2 L,) bool
@@ -86,8 +88,8 @@ def grow_boxes(placed, faces, boxes, nodes, done):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
         for k in range(3):
             p, q, r = placed[a, k], placed[b, k], placed[c, k]
-            boxes[f, k] = min(p, min(q, r))
-            boxes[f, 3 + k] = -max(p, max(q, r))
+            boxes[f, k] = min(p, min(q, r)) - BOX_MARGIN
+            boxes[f, 3 + k] = -max(p, max(q, r)) - BOX_MARGIN
         leaf = leaves + f // LEAF
         done[leaf] = False
         for k in range(6):
@@ -240,7 +242,7 @@ def touch(vertices, scale, faces, t, m, reach, points):
         As they were given: the rounding of a shift would bend short edges.
     scale : float
         Inverse of their bounding box' diagonal.
-    faces : (N, 3) int64
+    faces : (N, 3) int32
         Equal indices for vertices on the same point; three different ones a face.
     t, m : int
         Their rows in `faces`.
@@ -321,7 +323,7 @@ def mark(f, marks, done, leaf):
 
 @compiled
 def mark_contacts(
-    vertices, scale, placed, faces, boxes, nodes, done, reach, first, last, budget, marks
+    vertices, scale, placed, faces, labels, boxes, nodes, done, reach, first, last, budget, marks
 ):
     """Mark the faces in contact, of pairs whose earlier leaf is in a range.
 
@@ -333,6 +335,8 @@ def mark_contacts(
         As for `touch`.
     placed, faces, boxes, nodes, done
         As for `grow_boxes`.
+    labels : (N,) or (0,) int32
+        Faces with different labels are not in contact, whatever they do; none for no labels.
     first, last, budget : int
         The range, and the steps along the tree after which to return early.
     marks : (N,) bool
@@ -370,6 +374,7 @@ def mark_contacts(
                         if (
                             overlap(boxes, t, boxes, m, reach)
                             and not (marks[t] and marks[m])
+                            and (labels.shape[0] == 0 or labels[t] == labels[m])
                             and touch(vertices, scale, faces, t, m, reach, points)
                         ):
                             mark(t, marks, done, here)

@@ -1,21 +1,23 @@
-"""Which faces touch or cut another face: once for a mesh, whatever the camera.
+"""Faces that touch or cut another face: once for a mesh, whatever the camera.
 
-Serves `visibility`: what one point of a face tells of the whole face holds only where no other face
-cuts it or lies on it. A face that is taken for touching though it is not costs time, one that is
-missed costs the truth, so all doubt is for touching. Boxes in a tree find the pairs, separating
-axes decide over each; `contact_kernels` has both.
+Serves the certificate, where one point of a face speaks for the whole face only if no other face
+cuts it or lies on it, and `Mesh.can_cull_back_faces`, because a closed surface that cuts itself can
+show its back. Conservative: a false positive costs time, a false negative would break both. Boxes
+in a tree find the pairs, separating axes decide over each; `contact_kernels` has both.
 """
 
 import math
 import os
 import threading
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rastercov import contact_kernels as kernels
-from rastercov.mesh_arrays import normals_and_areas
+from rastercov.mesh_arrays import blocks, normals_and_areas
 from rastercov.topology import first_equal_row
 
 FloatArray = NDArray[np.float64]
@@ -32,6 +34,61 @@ LEAVES_A_TURN = 2048
 """Leaves that a thread takes at a time."""
 SAMPLE = 4096
 """Faces, at most, on which two frames for the boxes are compared."""
+CONTACT = 1e-8
+"""Of the diagonal of the bounding box: faces that come closer than this are in contact."""
+REACH = 30.0
+"""Diagonals from which `CONTACT` is too little: from farther away, surfaces that are farther apart
+than that are still at equal depth to within `analytic_kernels.TIE`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Contacts:
+    """Faces of a mesh in contact with another, worked out when first asked for.
+
+    Parameters
+    ----------
+    vertices : (V, 3) float64
+        Metres.
+    faces : (F, 3) int
+        Vertex indices.
+    degenerate_mask : (F,) bool
+        Faces without area, which touch nothing.
+    diagonal : float
+        Of the bounding box, metres.
+    components : callable
+        Gives the (F,) number of each face's edge-connected component.
+    """
+
+    vertices: FloatArray
+    faces: NDArray[np.integer]
+    degenerate_mask: NDArray[np.bool_]
+    diagonal: float
+    components: Callable[[], NDArray[np.integer]]
+    _known: dict[tuple[int, bool], NDArray[np.bool_]] = field(default_factory=dict, init=False)
+
+    def faces_for(self, distance: float = 0.0) -> NDArray[np.bool_]:
+        """(F,) faces in contact, for cameras with no surface beyond `distance`, metres."""
+        return self._faces(self._decade(distance), within=False)
+
+    def faces_within_components(self, distance: float = 0.0) -> NDArray[np.bool_]:
+        """(F,) faces in contact with one of their own edge-connected component; see `faces_for`."""
+        decade = self._decade(distance)
+        any_contact = self._faces(decade, within=False)
+        return self._faces(decade, within=True) if any_contact.any() else any_contact
+
+    def _decade(self, distance: float) -> int:
+        far = distance / (REACH * self.diagonal) if self.diagonal > 0 else 1.0
+        return max(0, math.ceil(math.log10(max(far, 1.0))))
+
+    def _faces(self, decade: int, within: bool) -> NDArray[np.bool_]:
+        key = decade, within
+        if key not in self._known:
+            self._known[key] = touching_faces(
+                self.vertices, self.faces, CONTACT * 10**decade * self.diagonal,
+                degenerate_mask=self.degenerate_mask,
+                labels=self.components() if within else None,
+            )  # fmt: skip
+        return self._known[key]
 
 
 def touching_faces(
@@ -40,6 +97,7 @@ def touching_faces(
     tolerance: float,
     *,
     degenerate_mask: NDArray[np.bool_] | None = None,
+    labels: NDArray[np.integer] | None = None,
     threads: int | None = None,
 ) -> NDArray[np.bool_]:
     """Faces that another face comes within `tolerance` of, other than where the two are joined.
@@ -68,6 +126,8 @@ def touching_faces(
         In the units of the vertices; at least 0.
     degenerate_mask : (F,) bool, optional
         Faces without area, as `Mesh.degenerate_mask`: they touch nothing. Computed when not given.
+    labels : (F,) int, optional
+        Only faces with the same label can touch.
     threads : int, optional
         Loops that run side by side; one for each core unless given. The answer is the same.
 
@@ -90,8 +150,7 @@ def touching_faces(
     if len(chosen) < 2:
         return touching
     vertices = np.ascontiguousarray(vertices, dtype=np.float64) + 0.0  # -0.0 + 0.0 is 0.0
-    position = first_equal_row(vertices.view(np.uint64))
-    corners = position[faces[chosen]]
+    corners = _corners(vertices, faces, chosen)
     low, high = _bounds(vertices, corners)
     extent = math.hypot(*(high - low))  # whose squares may under- and overflow
     scale = 1 / max(extent, 1e-300)  # the inverse of a smaller number can be infinite
@@ -100,10 +159,23 @@ def touching_faces(
     placed = placed @ _frame(placed, corners)
     keys = np.empty(len(corners), np.uint64)
     kernels.order_keys(placed, corners, keys)
-    order = np.argsort(keys)
-    marks = _marks(vertices, scale, placed, corners[order], reach, threads)
-    touching[chosen[order[marks]]] = True
+    chosen = chosen[np.argsort(keys)]
+    del keys, corners  # large, and no longer in order
+    corners = _corners(vertices, faces, chosen)
+    names = np.empty(0, np.int32) if labels is None else labels[chosen].astype(np.int32)
+    marks = _marks(vertices, scale, placed, corners, names, reach, threads)
+    touching[chosen[marks]] = True
     return touching
+
+
+def _corners(vertices: FloatArray, faces: IntArray, chosen: IntArray) -> NDArray[np.int32]:
+    """(N, 3) vertices of the chosen faces, the same one for all at the same point."""
+    whole = np.int32 if len(vertices) < 2**31 else np.int64
+    position = first_equal_row(vertices.view(np.uint64)).astype(whole)
+    corners = np.empty((len(chosen), 3), whole)
+    for block in blocks(len(chosen)):
+        corners[block] = position[faces[chosen[block]]]
+    return corners
 
 
 def _bounds(vertices: FloatArray, corners: IntArray) -> tuple[FloatArray, FloatArray]:
@@ -139,14 +211,15 @@ def _marks(
     vertices: FloatArray,
     scale: float,
     placed: FloatArray,
-    corners: IntArray,
+    corners: NDArray[np.int32],
+    labels: NDArray[np.int32],
     reach: float,
     threads: int | None,
 ) -> NDArray[np.bool_]:
     """(N,) which of the faces touch; they come in the order of their keys."""
     last = -(-len(corners) // kernels.LEAF)
     n_nodes = 2 << max((last - 1).bit_length(), 1)
-    boxes, nodes = np.empty((len(corners), 6)), np.empty((n_nodes, 6))
+    boxes, nodes = np.empty((len(corners), 6), np.float32), np.empty((n_nodes, 6), np.float32)
     done, marks = np.empty(n_nodes, dtype=bool), np.zeros(len(corners), dtype=bool)
     kernels.grow_boxes(placed, corners, boxes, nodes, done)
     turns = [(start, min(start + LEAVES_A_TURN, last)) for start in range(0, last, LEAVES_A_TURN)]
@@ -161,8 +234,8 @@ def _marks(
                     return
                 while start < end and not stopped.is_set():
                     start = kernels.mark_contacts(
-                        vertices, scale, placed, corners, boxes, nodes, done, reach, start, end,
-                        STEPS_A_CALL, marks,
+                        vertices, scale, placed, corners, labels, boxes, nodes, done, reach, start,
+                        end, STEPS_A_CALL, marks,
                     )  # fmt: skip
         finally:
             turns.clear()  # empty already, unless something went wrong: then all stop

@@ -83,7 +83,7 @@ class CertifiedView(View):
         """Put what is seen of every face into `visible`."""
         surface = self.surface
         away = float(np.linalg.norm(self.eye - surface.centre))
-        contacts = surface.contacts(away + surface.diagonal / 2)
+        contacts = surface.contacts.faces_for(away + surface.diagonal / 2)
         self.n_jumps = kernels.find_jumps(
             surface.edge_faces, surface.edge_turn, self.side, self.state, self._is_jump, self._jumps
         )

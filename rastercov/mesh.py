@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,6 +28,9 @@ from rastercov.mesh_arrays import (
 )
 from rastercov.mesh_groups import Group, checked_labels, flagged
 from rastercov.topology import Topology, first_equal_row
+
+if TYPE_CHECKING:
+    from rastercov.contacts import Contacts
 
 __all__ = ["Group", "Mesh", "MeshSource"]
 
@@ -260,10 +263,36 @@ class Mesh:
         """Whether a face seen from behind can never be the nearest surface from outside.
 
         True when the mesh is closed, consistently wound, and each edge-connected component encloses
-        positive volume. False when in doubt, as for a cavity. Not looked for: a camera inside the
-        part, and a surface that crosses itself and is inside out beyond the crossing.
+        positive volume and neither cuts nor touches itself. False when in doubt, as for a cavity.
+        Not looked for: a camera inside the part.
+
+        The proof goes by winding numbers. A connected closed surface that does not meet itself
+        parts space into an outside, of winding number 0, and an inside, of 1 where its volume is
+        positive. So the winding number of the whole mesh, the sum over its components, is nowhere
+        negative, though components may cut each other. A ray gains 1 at a front and loses 1 at a
+        back; from outside, at 0, the first surface that it meets is therefore a front.
         """
+        return self._is_closed_outward and not self.self_contact_mask.any()
+
+    @cached_property
+    def _is_closed_outward(self) -> bool:
         return bool(self.is_closed and self.is_consistently_wound and not self._inside_out.any())
+
+    @cached_property
+    def contacts(self) -> "Contacts":
+        """Faces that touch or cut another face."""
+        from rastercov.contacts import Contacts  # which compiles loops
+
+        diagonal = float(np.linalg.norm(np.ptp(self.bounds, axis=0)))
+        topology = self.topology
+        return Contacts(
+            self.vertices, self.faces, self.degenerate_mask, diagonal, topology.components
+        )
+
+    @property
+    def self_contact_mask(self) -> NDArray[np.bool_]:
+        """(F,) faces that touch or cut another one of their own edge-connected component."""
+        return self.contacts.faces_within_components()
 
     @cached_property
     def _inside_out(self) -> NDArray[np.bool_]:
@@ -292,6 +321,11 @@ class Mesh:
             found.append(
                 f"inside out: {self._inside_out.sum()} of {len(self._inside_out)} closed "
                 "components enclose no positive volume (a cavity does that, too)"
+            )
+        if self._is_closed_outward and self.self_contact_mask.any():
+            found.append(
+                f"the closed surface cuts or touches itself at {self.self_contact_mask.sum()} faces, "
+                f"face {self.self_contact_mask.argmax()} among them: its back may show"
             )
         if self.degenerate_mask.any():
             found.append(f"{self.degenerate_mask.sum()} degenerate faces without area")

@@ -4,14 +4,13 @@ Serves `analytic` and `contour`: what depends on the mesh alone is worked out on
 as the mesh lives.
 """
 
-import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.contacts import touching_faces
+from rastercov.contacts import Contacts
 from rastercov.mesh import Mesh
 
 FloatArray = NDArray[np.float64]
@@ -20,11 +19,6 @@ IntArray = NDArray[np.int32]
 
 MANY = 2
 """`edge_turn` of an edge with more than two faces."""
-CONTACT = 1e-8
-"""Of the diagonal of the bounding box: faces that come closer than this are in contact."""
-REACH = 30.0
-"""Diagonals from which `CONTACT` is too little: from farther away, surfaces that are farther apart
-than that are still at equal depth to within `analytic_kernels.TIE`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +47,8 @@ class Surface:
     edge_turn : (E,) int8
         1 for one face, or two that run along the edge in opposite directions; -1 for two that run
         in the same; `MANY` for more than two.
+    contacts : Contacts
+        Faces that touch or cut another one.
     """
 
     centre: FloatArray
@@ -64,24 +60,7 @@ class Surface:
     edge_vertices: IntArray
     edge_faces: IntArray
     edge_turn: NDArray[np.int8]
-    _contacts: dict[int, BoolArray] = field(default_factory=dict, init=False, repr=False)
-
-    def contacts(self, distance: float) -> BoolArray:
-        """(F,) faces in contact with another, for cameras with no surface beyond `distance`.
-
-        Parameters
-        ----------
-        distance : float
-            From the camera to the farthest point of the mesh, metres.
-        """
-        far = distance / (REACH * self.diagonal) if self.diagonal > 0 else 1.0
-        decade = max(0, math.ceil(math.log10(max(far, 1.0))))
-        if decade not in self._contacts:
-            tolerance = CONTACT * 10**decade * self.diagonal
-            self._contacts[decade] = touching_faces(
-                self.vertices, self.faces.astype(np.int64), tolerance, degenerate_mask=self.flat
-            )
-        return self._contacts[decade]
+    contacts: Contacts
 
 
 _SURFACES: WeakKeyDictionary[Mesh, Surface] = WeakKeyDictionary()
@@ -110,6 +89,7 @@ def _build(mesh: Mesh) -> Surface:
         edge_vertices=edge_vertices,
         edge_faces=edge_faces,
         edge_turn=edge_turn,
+        contacts=mesh.contacts,
     )
 
 

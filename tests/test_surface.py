@@ -81,7 +81,7 @@ def test_a_mesh_torn_apart_along_all_edges_is_the_same_surface(name):
         for found in (one, other)
     ]
     assert pairs[0] == pairs[1]
-    assert np.array_equal(one.contacts(1.0), other.contacts(1.0))
+    assert np.array_equal(one.contacts.faces_for(1.0), other.contacts.faces_for(1.0))
 
 
 def test_minus_zero_and_zero_are_one_place():
@@ -113,7 +113,7 @@ def test_a_face_alone_and_one_that_is_a_point():
     point = surface_of(triangles([(1, 2, 3)] * 3))
     assert point.diagonal == 0
     assert point.edge_turn.tolist() == [MANY]
-    assert point.contacts(5.0).tolist() == [False]
+    assert point.contacts.faces_for(5.0).tolist() == [False]
 
 
 # --- contacts -------------------------------------------------------------------------------------
@@ -127,7 +127,7 @@ def test_contacts_grow_with_the_distance_by_decades():
         expected = touching_faces(
             found.vertices, found.faces.astype(np.int64), tolerance * CONTACT * diagonal
         )
-        assert np.array_equal(found.contacts(distance * diagonal), expected)
+        assert np.array_equal(found.contacts.faces_for(distance * diagonal), expected)
 
 
 @given(seed=SEEDS, distance=st.floats(-3, 8))
@@ -139,7 +139,7 @@ def test_whatever_is_at_equal_depth_from_afar_is_in_contact(seed, distance):
     tie = 1e-10 * 10**distance * diagonal
     gap = tie * rng.uniform(0, 1)
     mesh = joined(square(1, 0.0), square(1, gap))
-    assert surface_of(mesh).contacts(10**distance * diagonal).all()
+    assert surface_of(mesh).contacts.faces_for(10**distance * diagonal).all()
 
 
 def test_contacts_never_shrink_with_the_distance():
@@ -147,7 +147,7 @@ def test_contacts_never_shrink_with_the_distance():
     found = surface_of(mesh)
     before = np.zeros(mesh.n_faces, bool)
     for decade in range(-2, 12):
-        now = found.contacts(10.0**decade * found.diagonal)
+        now = found.contacts.faces_for(10.0**decade * found.diagonal)
         assert (now | ~before).all()
         before = now
     assert before.all()
@@ -160,17 +160,17 @@ def test_contacts_of_a_decade_are_worked_out_once(monkeypatch):
         calls.append(1)
         return touching_faces(*arguments, **options)
 
-    monkeypatch.setattr(surface, "touching_faces", counted)
+    monkeypatch.setattr(contacts, "touching_faces", counted)
     found = surface_of(box((0, 0, 0), (1, 1, 1)))
     for distance in (1, 2, 9, 40, 51, 40, 2, 400, 0.01):
-        found.contacts(float(distance))
+        found.contacts.faces_for(float(distance))
     assert len(calls) == 2  # up to 30 diagonals, and up to 300
 
 
 def test_a_cube_touches_itself_nowhere_and_its_copy_everywhere():
     mesh = box((0, 0, 0), (1, 1, 1))
-    assert not surface_of(mesh).contacts(1.0).any()
-    assert surface_of(joined(mesh, mesh)).contacts(1.0).all()
+    assert not surface_of(mesh).contacts.faces_for(1.0).any()
+    assert surface_of(joined(mesh, mesh)).contacts.faces_for(1.0).all()
 
 
 # --- kept as long as the mesh ---------------------------------------------------------------------

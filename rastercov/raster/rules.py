@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.camera import Camera
+from rastercov.contacts import REACH
 from rastercov.mesh import Mesh
 from rastercov.projection import near_cuts, near_limit
 
@@ -14,11 +15,17 @@ IntArray = NDArray[np.int64]
 def can_cull(mesh: Mesh, poses: FloatArray, clipped: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Whether back faces can be left out without changing which surface is nearest, (P,).
 
-    The mesh is closed and outward, and the camera is outside it with nothing cut open.
+    The mesh is closed and outward, and the camera is outside it with nothing cut open; and no two
+    of its surfaces are so close together that they count as one from where the camera is.
     """
     eyes = poses[:, :3, 3]
-    outside = ((eyes < mesh.bounds[0]) | (eyes > mesh.bounds[1])).any(axis=1)
-    allowed: NDArray[np.bool_] = outside & ~clipped & mesh.can_cull_back_faces
+    allowed = ((eyes < mesh.bounds[0]) | (eyes > mesh.bounds[1])).any(axis=1) & ~clipped
+    if not (allowed.any() and mesh.can_cull_back_faces):
+        return np.zeros(len(poses), bool)
+    reach = np.abs(mesh.bounds[None] - eyes[:, None]).max(axis=1)
+    distance = np.sqrt((reach**2).sum(axis=1))
+    for row in np.flatnonzero(allowed & (distance > REACH * mesh.contacts.diagonal)):
+        allowed[row] = not mesh.contacts.faces_within_components(distance[row]).any()
     return allowed
 
 
@@ -34,13 +41,17 @@ def in_one_order(mesh: Mesh) -> IntArray:
     """Faces with their corners in an order that depends on position alone.
 
     Coincident faces then reach the device as the same three points in the same order and come out
-    at bitwise equal depth, where the lowest index wins. Winding is lost, so a mesh whose back faces
-    may be culled keeps its order; being closed and manifold, it has no coincident faces.
+    at bitwise equal depth, where the lowest index wins. A mesh whose back faces may be culled keeps
+    its winding; where it has no contacts it keeps its order, too, for it has no coincident faces.
     """
-    if mesh.can_cull_back_faces:
+    if mesh.can_cull_back_faces and not mesh.contacts.faces_for().any():
         return mesh.faces
     x, y, z = mesh.vertices.T
     rank = np.empty(mesh.n_vertices, np.int64)
     rank[np.lexsort((z, y, x))] = np.arange(mesh.n_vertices)
-    order = np.argsort(rank[mesh.faces], axis=1)
+    if mesh.can_cull_back_faces:
+        first = np.argmin(rank[mesh.faces], axis=1)
+        order = (first[:, None] + np.arange(3)) % 3
+    else:
+        order = np.argsort(rank[mesh.faces], axis=1)
     return np.take_along_axis(mesh.faces, order, axis=1)
