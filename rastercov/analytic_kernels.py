@@ -331,7 +331,7 @@ def set_up(
     size : (2,) float64
         Width and height of the image.
     front_only : bool
-        Leave out faces seen from behind.
+        Leave out faces that are seen from behind beyond doubt: they hide nothing.
     rounding : float
         Largest error of a position in the image, pixels.
     side : (F,) int8
@@ -342,7 +342,7 @@ def set_up(
         Out, of live and thin faces: least and greatest u, least and greatest v, least and greatest
         1/z.
     area : (F,) float64
-        Out: px^2 inside the image.
+        Out: px^2 inside the image, of faces that are left out, too.
     slot, polygons, n_corners, sides, planes : (F,), (N, 12, 2), (N,), (N, 4, 5), (N, 7)
         Out, of cut faces: where in the others they stand, and what `cut_in_space` finds.
     region : (7,) float64
@@ -371,13 +371,13 @@ def set_up(
             x0, x1 = min(u0, u1, u2), max(u0, u1, u2)
             y0, y1 = min(v0, v1, v2), max(v0, v1, v2)
             is_doubtful = abs(twice) <= EDGE_ON * rounding * (x1 - x0 + y1 - y0)
-            if front_only and twice > 0 and not is_doubtful:
-                continue
-            side[f] = 1 if twice < 0 else -1 if twice > 0 else 0
+            is_culled = front_only and twice > 0 and not is_doubtful
+            if not is_culled:
+                side[f] = 1 if twice < 0 else -1 if twice > 0 else 0
             if x1 <= 0 or y1 <= 0 or x0 >= size[0] or y0 >= size[1]:
                 continue
             least, most = min(w0, w1, w2), max(w0, w1, w2)
-            inside = abs(twice) / 2 if twice < 0 or not front_only else 0.0
+            inside = abs(twice) / 2
             flags = LIVE | DOUBTFUL if is_doubtful else LIVE
             if inside > 0 and (x0 < 0 or y0 < 0 or x1 > size[0] or y1 > size[1]):
                 flags |= PARTLY
@@ -397,9 +397,9 @@ def set_up(
                 # The camera centre is on its plane to 2^-98: nothing of it is wide enough to count.
                 state[f] = DOUBTFUL
                 continue
-            if front_only and front < 0:
-                continue
-            side[f] = front
+            is_culled = front_only and front < 0
+            if not is_culled:
+                side[f] = front
             if n == 0:
                 continue
             x0 = y0 = least = np.inf
@@ -415,6 +415,9 @@ def set_up(
             least = max(least, 0.0)
             flags = LIVE | CUT | PARTLY
             inside = twice_area(polygon, n) / 2 if n >= 3 else 0.0
+            if is_culled:
+                area[f] = max(inside, 0.0)
+                continue
             if n_cut < polygons.shape[0]:
                 slot[f] = n_cut
                 n_corners[n_cut] = n
@@ -426,6 +429,9 @@ def set_up(
                 for p in range(7):
                     planes[n_cut, p] = plane[p]
             n_cut += 1
+        if is_culled:
+            area[f] = inside
+            continue
         box[f, 0], box[f, 1], box[f, 2], box[f, 3] = x0, x1, y0, y1
         box[f, 4], box[f, 5] = least, most
         if not inside > 0:

@@ -344,7 +344,9 @@ def test_flat_face_in_a_t_junction_keeps_the_mesh_closed():
     bottom = [[0, 2, 8], [8, 2, 1], [0, 3, 2]]
     mesh = Mesh(points, [*bottom, *CUBE_FACES[2:], [0, 8, 1]])
     assert mesh.degenerate_mask.sum() == 1
-    assert mesh.can_cull_back_faces
+    assert mesh.is_closed
+    assert mesh.is_consistently_wound
+    assert not mesh.can_cull_back_faces  # its long edge lies on two others: that is a contact
 
 
 def test_mesh_of_flaps_only_is_not_closed():

@@ -11,11 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import joined, square
 
-from rastercov import shapes, surface
-from rastercov.contacts import touching_faces
+from rastercov import contacts, shapes
+from rastercov.contacts import CONTACT, REACH, touching_faces
 from rastercov.contour_kernels import MANY as KERNEL_MANY
 from rastercov.mesh import Mesh
-from rastercov.surface import CONTACT, MANY, REACH, surface_of
+from rastercov.surface import MANY, surface_of
 
 SEEDS = st.integers(0, 2**32 - 1)
 
