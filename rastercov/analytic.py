@@ -33,8 +33,6 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int32]
 
-MARGIN = 0.25
-"""Of the image size: what reaches farther out than this is cut in space, before it is projected."""
 MOST_CELLS = 1 << 14
 """Columns, or rows, of the grid."""
 LEAST_SIDE = 1e-100
@@ -144,7 +142,7 @@ class View:
         self.grain = float(max(*self.size, *np.abs(self.lens), steep))
         relative = kernels.longest_ray(self.lens, self.size)
         self.rounding = kernels.RESIDUE * np.array((self.grain, relative / 2))
-        low, high = -MARGIN * self.size - 1, (1 + MARGIN) * self.size + 1
+        low, high = -kernels.MARGIN * self.size - 1, (1 + kernels.MARGIN) * self.size + 1
         self.pyramid = np.array((low[0], high[0], low[1], high[1]))
         self.uvw = np.empty((len(surface.vertices), 3))
         self.side, self.state = np.empty(n_faces, np.int8), np.empty(n_faces, np.uint8)
@@ -180,13 +178,13 @@ class View:
             n_live, self.n_cut = kernels.set_up(
                 surface.vertices, surface.faces, surface.flat, self.rotation, self.eye, self.lens,
                 near, self.size, front_only, self.rounding[0], self.uvw, self.side, self.state,
-                self.box, self.area, self.slot, self.polygons, self.n_corners, self.sides,
-                self.planes, self.region,
+                self.box, self.area, self.blur, self.slot, self.polygons, self.n_corners,
+                self.sides, self.planes, self.region,
             )  # fmt: skip
             if self.n_cut <= len(self.polygons):
                 break
             self._make_room_for_cuts(self.n_cut)
-        self.visible[:] = self.blur[:] = 0.0
+        self.visible[:] = 0.0
         self._fill_grid(n_live)
 
     def measure(self, targets: IntArray) -> None:

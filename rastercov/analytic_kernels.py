@@ -34,6 +34,9 @@ OUTLINE = 8
 and height: its perimeter is twice their sum at most. A part for its own image, one for what is seen
 of it, one for corners that count as on a line, one for what is left of a face and counts as
 nothing."""
+MARGIN = 0.25
+"""Of the image's size, and a pixel: what reaches farther out than this is cut in space, before it
+is projected."""
 PAIR = 2.0**-98
 """Relative error bound of the products of three vectors in pairs of doubles: 3 camera coordinates
 of 12 * 2^-106 each, and 8 operations of 5 * 2^-106."""
@@ -102,7 +105,7 @@ def project(vertices, rotation, eye, lens, near, pyramid, uvw):
 
 
 @compiled
-def from_camera(point, rotation, eye, high, low):
+def in_camera(point, rotation, eye, high, low):
     """One world point in camera axes, in pairs of doubles: the sums `high` + `low`, (3,) each."""
     a, a_low = exact_sum(point[0], -eye[0])
     b, b_low = exact_sum(point[1], -eye[1])
@@ -116,17 +119,82 @@ def from_camera(point, rotation, eye, high, low):
 
 
 @compiled
-def cross(high, low, p, q, out):
-    """Cross product of rows p and q in pairs of doubles, (3, 2); that of q and p is its negative.
+def planes_of_sides(high, low, normals, off):
+    """Planes of a face, and of its edges with the camera centre.
 
-    To the bit, so that an edge that two faces share is one line in the image.
+    Parameters
+    ----------
+    high, low : (3, 3) float64
+        The face in camera axes, in pairs of doubles.
+    normals : (4, 3) float64
+        Out: p x q for each edge p q, and the normal n of the face, rounded at the end.
+    off : (5,) float64
+        Out: largest errors of the four, as vectors, and of d.
+
+    Returns
+    -------
+    d : float
+        n . X of the face. (p x q) . ray has its sign for a ray on the inner side of edge p q.
     """
-    for k in range(3):
-        i, j = k + 1 if k < 2 else 0, k - 1 if k > 0 else 2
-        out[k, 0], out[k, 1] = minor(
-            high[p, i], low[p, i], high[q, j], low[q, j],
-            high[p, j], low[p, j], high[q, i], low[q, i],
-        )  # fmt: skip
+    sum_high, sum_low = np.zeros(3), np.zeros(3)
+    d = d_low = 0.0
+    for s in range(3):
+        p, q = s, s + 1 if s < 2 else 0
+        for k in range(3):
+            i, j = k + 1 if k < 2 else 0, k - 1 if k > 0 else 2
+            x, x_low = minor(
+                high[p, i], low[p, i], high[q, j], low[q, j],
+                high[p, j], low[p, j], high[q, i], low[q, i],
+            )  # fmt: skip
+            normals[s, k] = x
+            sum_high[k], sum_low[k] = add(sum_high[k], sum_low[k], x, x_low)
+            if s == 1:  # d = a . (b x c)
+                x, x_low = multiply(high[0, k], low[0, k], x, x_low)
+                d, d_low = add(d, d_low, x, x_low)
+        far_p = length(high[p, 0], high[p, 1], high[p, 2])
+        far_q = length(high[q, 0], high[q, 1], high[q, 2])
+        off[s] = PAIR * far_p * far_q
+    normals[3] = sum_high
+    off[3] = off[0] + off[1] + off[2]
+    off[4] = length(high[0, 0], high[0, 1], high[0, 2]) * off[1]
+    return d
+
+
+@inlined
+def side_out_of_sight(vertices, i, j, k, rotation, eye, lens, near, size):
+    """Side that is seen of a face, 1 or -1, if it is certain, and the face is out of sight; else 0.
+
+    Out of sight: all of it before the near plane, or beyond one side of the image by `MARGIN`,
+    which is more than any rounding.
+    """
+    wide, high = MARGIN * size[0] + 1, MARGIN * size[1] + 1
+    before = left = right = above = below = True
+    most = 0.0
+    ax = ay = az = bx = by = bz = cx = cy = cz = 0.0
+    for s in range(3):
+        f = i if s == 0 else j if s == 1 else k
+        x, y, z = vertices[f, 0] - eye[0], vertices[f, 1] - eye[1], vertices[f, 2] - eye[2]
+        ax, ay, az, bx, by, bz, cx, cy, cz = bx, by, bz, cx, cy, cz, x, y, z
+        u = lens[0] * (x * rotation[0, 0] + y * rotation[1, 0] + z * rotation[2, 0])
+        v = lens[1] * (x * rotation[0, 1] + y * rotation[1, 1] + z * rotation[2, 1])
+        w = x * rotation[0, 2] + y * rotation[1, 2] + z * rotation[2, 2]
+        before = before and w < near
+        left = left and u + (lens[2] + wide) * w < 0
+        right = right and u + (lens[2] - size[0] - wide) * w > 0
+        above = above and v + (lens[3] + high) * w < 0
+        below = below and v + (lens[3] - size[1] - high) * w > 0
+        most = max(most, abs(x) + abs(y) + abs(z))
+    if not (before or left or right or above or below):
+        return 0
+    # a . ((b - a) x (c - a)) is negative for the front.
+    bx, by, bz = bx - ax, by - ay, bz - az
+    cx, cy, cz = cx - ax, cy - ay, cz - az
+    nx, ny, nz = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
+    d = nx * ax + ny * ay + nz * az
+    b, c = abs(bx) + abs(by) + abs(bz), abs(cx) + abs(cy) + abs(cz)
+    if not abs(d) > RESIDUE * most * (b * c + most * (b + c)):
+        return 0
+    return -1 if d > 0 else 1
 
 
 @compiled
@@ -201,21 +269,21 @@ def longest_ray(lens, size):
 
 
 @compiled
-def cut_in_space(high, low, lens, near, size, edges, sides, plane, polygon, spare):
+def cut_in_space(corners, low, lens, near, size, normals, off, sides, plane, polygon, spare):
     """Cut a face that reaches behind the camera or far out by the near plane and the image border.
 
     Nothing is projected: a side of the image is the plane through the camera centre and an edge of
-    the face, and the near plane is the line in the image where 1/z = 1/near. All of it comes from
-    pairs of doubles, because the camera centre may lie on the face or on an edge of it.
+    the face, and the near plane is the line in the image where 1/z = 1/near. The camera centre may
+    lie on the face or on an edge of it, so planes are worked out in pairs of doubles.
 
     Parameters
     ----------
-    high, low : (3, 3) float64
-        The face in camera axes, in pairs; scaled in place.
+    corners, low : (3, 3) float64
+        The face in camera axes, in pairs of doubles; scaled in place.
     lens, near, size
         As for `set_up`.
-    edges : (4, 3, 2) float64
-        Scratch, in pairs.
+    normals, off : (4, 3), (5,) float64
+        Scratch, for `planes_of_sides`.
     sides : (4, 6) float64
         Out: the lines that bound its image, and how many pixels each may be off.
     plane : (7,) float64
@@ -234,53 +302,39 @@ def cut_in_space(high, low, lens, near, size, edges, sides, plane, polygon, spar
     """
     # In units of the face's own reach, so that no product under- or overflows; a power of two, so
     # that nothing is rounded.
-    reach = 2.0 ** np.floor(np.log2(np.abs(high).max()))
+    reach = 2.0 ** np.floor(np.log2(np.abs(corners).max()))
     if not (reach > 0 and np.isfinite(1 / reach)):
         return 0, 0
-    high /= reach
+    corners /= reach
     low /= reach
     near = near / reach
     # The plane n . X = d of the face: 1/z is n . ((u - cx)/fx, (v - cy)/fy, 1) / d.
-    for s in range(3):
-        cross(high, low, s, s + 1 if s < 2 else 0, edges[s])
-    for k in range(3):
-        x, x_low = add(edges[0, k, 0], edges[0, k, 1], edges[1, k, 0], edges[1, k, 1])
-        edges[3, k, 0], edges[3, k, 1] = add(x, x_low, edges[2, k, 0], edges[2, k, 1])
-    d = d_low = 0.0
-    for k in range(3):
-        x, x_low = multiply(high[0, k], low[0, k], edges[1, k, 0], edges[1, k, 1])
-        d, d_low = add(d, d_low, x, x_low)
-    far0 = length(high[0, 0], high[0, 1], high[0, 2])
-    far1 = length(high[1, 0], high[1, 1], high[1, 2])
-    far2 = length(high[2, 0], high[2, 1], high[2, 2])
-    d_off = PAIR * far0 * far1 * far2
-    if not abs(d) > d_off:
+    d = planes_of_sides(corners, low, normals, off)
+    if not abs(d) > off[4]:
         return 0, 0
     front = 1 if d < 0 else -1
-    if max(high[0, 2], high[1, 2], high[2, 2]) < near:
+    if max(corners[0, 2], corners[1, 2], corners[2, 2]) < near:
         return 0, front
-    n_off = PAIR * (far0 * far1 + far1 * far2 + far2 * far0)
     spread = longest_ray(lens, size)
     across = max(abs(lens[2]), abs(size[0] - lens[2]))
     down = max(abs(lens[3]), abs(size[1] - lens[3]))
-    plane[0], plane[1], plane[2] = lens[2], lens[3], edges[3, 2, 0] / d
-    plane[3], plane[4] = edges[3, 0, 0] / d / lens[0], edges[3, 1, 0] / d / lens[1]
+    plane[0], plane[1], plane[2] = lens[2], lens[3], normals[3, 2] / d
+    plane[3], plane[4] = normals[3, 0] / d / lens[0], normals[3, 1] / d / lens[1]
     for s in range(SIDES):
         sides[s, 0], sides[s, 1] = lens[2], lens[3]
         if s < 3:
-            # p x q . ray has the sign of d for a ray on the inner side of edge p q
-            a, b = edges[s, 0, 0] / lens[0] * -front, edges[s, 1, 0] / lens[1] * -front
-            c = edges[s, 2, 0] * -front
-            off = PAIR * (far0 * far1 if s == 0 else far1 * far2 if s == 1 else far2 * far0)
-            off *= spread
+            a, b = normals[s, 0] / lens[0] * -front, normals[s, 1] / lens[1] * -front
+            c = normals[s, 2] * -front
+            error = off[s] * spread
         else:
             a, b, c = -plane[3], -plane[4], 1 / near - plane[2]
-            off = (n_off * spread + d_off / near) / abs(d) + RESIDUE * (1 / near + abs(plane[2]))
-        off += RESIDUE * (abs(a) * across + abs(b) * down + abs(c))
+            error = (off[3] * spread + off[4] / near) / abs(d)
+            error += RESIDUE * (1 / near + abs(plane[2]))
+        error += RESIDUE * (abs(a) * across + abs(b) * down + abs(c))
         scale = max(abs(a), abs(b))
         if scale > 0:
-            a, b, c, off = a / scale, b / scale, c / scale, off / scale
-        sides[s, 2], sides[s, 3], sides[s, 4], sides[s, 5] = b, -a, c, off
+            a, b, c, error = a / scale, b / scale, c / scale, error / scale
+        sides[s, 2], sides[s, 3], sides[s, 4], sides[s, 5] = b, -a, c, error
     n = image_within(sides, size, polygon, spare)
     if n < 3:
         for s in range(SIDES):
@@ -296,7 +350,7 @@ def cut_in_space(high, low, lens, near, size, edges, sides, plane, polygon, spar
             if sides[s, 2] * v - sides[s, 3] * u + sides[s, 4] <= sides[s, 5]:
                 plane[6] = max(plane[6], sides[s, 5])
             most = max(most, plane[2] + plane[3] * u + plane[4] * v)
-    plane[5] = (n_off * spread + d_off * min(most, 1 / near)) / abs(d)
+    plane[5] = (off[3] * spread + off[4] * min(most, 1 / near)) / abs(d)
     plane[5] += RESIDUE * (abs(plane[2]) + abs(plane[3]) * across + abs(plane[4]) * down)
     for k in range(2, 6):
         plane[k] /= reach
@@ -315,7 +369,7 @@ def image_within(lines, size, polygon, spare):
 @compiled
 def set_up(
     vertices, faces, flat, rotation, eye, lens, near, size, front_only, rounding, uvw, side, state,
-    box, area, slot, polygons, n_corners, sides, planes, region,
+    box, area, blur, slot, polygons, n_corners, sides, planes, region,
 ):  # fmt: skip
     """Keep and measure the faces that reach into the image; how many are kept, and how many cut.
 
@@ -343,13 +397,15 @@ def set_up(
         1/z.
     area : (F,) float64
         Out: px^2 inside the image, of faces that are left out, too.
+    blur : (F,) float64
+        Out: a bound of the error of the area of those that are left out, px^2; 0 for all others.
     slot, polygons, n_corners, sides, planes : (F,), (N, 12, 2), (N,), (N, 4, 5), (N, 7)
         Out, of cut faces: where in the others they stand, and what `cut_in_space` finds.
     region : (7,) float64
         Out: least and greatest u and v of all that is kept, within the image; and the sums of the
         widths, the heights and the areas of the boxes within it.
     """
-    high, low, edges = np.empty((3, 3)), np.empty((3, 3)), np.empty((4, 3, 2))
+    corners, low, normals, off = np.empty((3, 3)), np.empty((3, 3)), np.empty((4, 3)), np.empty(5)
     polygon, spare = np.empty((CORNERS, 2)), np.empty((CORNERS, 2))
     lines, plane, border = np.empty((SIDES, 6)), np.empty(7), image_border(size)
     live = n_cut = 0
@@ -359,7 +415,7 @@ def set_up(
     for f in range(faces.shape[0]):
         state[f] = 0
         side[f] = 0
-        area[f] = 0.0
+        area[f] = blur[f] = 0.0
         if flat[f]:
             continue
         i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
@@ -387,12 +443,14 @@ def set_up(
                 n = cut(polygon, np.int64(3), border, border.shape[0], spare)
                 inside = abs(twice_area(polygon, n)) / 2 if n >= 3 else 0.0
         else:
-            from_camera(vertices[i], rotation, eye, high[0], low[0])
-            from_camera(vertices[j], rotation, eye, high[1], low[1])
-            from_camera(vertices[k], rotation, eye, high[2], low[2])
-            n, front = cut_in_space(
-                high, low, lens, near, size, edges, lines, plane, polygon, spare
-            )
+            n, front = 0, side_out_of_sight(vertices, i, j, k, rotation, eye, lens, near, size)
+            if front == 0:
+                in_camera(vertices[i], rotation, eye, corners[0], low[0])
+                in_camera(vertices[j], rotation, eye, corners[1], low[1])
+                in_camera(vertices[k], rotation, eye, corners[2], low[2])
+                n, front = cut_in_space(
+                    corners, low, lens, near, size, normals, off, lines, plane, polygon, spare
+                )
             if front == 0:
                 # The camera centre is on its plane to 2^-98: nothing of it is wide enough to count.
                 state[f] = DOUBTFUL
@@ -417,6 +475,7 @@ def set_up(
             inside = twice_area(polygon, n) / 2 if n >= 3 else 0.0
             if is_culled:
                 area[f] = max(inside, 0.0)
+                blur[f] = OUTLINE * (x1 - x0 + y1 - y0) * max(rounding, plane[6])
                 continue
             if n_cut < polygons.shape[0]:
                 slot[f] = n_cut
@@ -431,6 +490,7 @@ def set_up(
             n_cut += 1
         if is_culled:
             area[f] = inside
+            blur[f] = OUTLINE * (x1 - x0 + y1 - y0) * rounding
             continue
         box[f, 0], box[f, 1], box[f, 2], box[f, 3] = x0, x1, y0, y1
         box[f, 4], box[f, 5] = least, most

@@ -24,8 +24,8 @@ CURVE_BITS = 21
 """Bits of a position along each axis: three of them fill a key."""
 SHORTEST_AXIS = 1e-200
 """Square of the length below which a separating axis is not tried."""
-BOX_MARGIN = 2.0**-25
-"""Added to boxes on each side: more than float32 rounds off a number below 1/2."""
+BOX_MARGIN = 2.0**-24
+"""Added to boxes on each side: twice what float32 rounds off a number about 1/2."""
 LONG_WALK = 256
 """Steps along the tree after which the planes of a leaf's faces are looked at, too."""
 

@@ -12,6 +12,7 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,10 +61,10 @@ class Contacts:
     """
 
     vertices: FloatArray
-    faces: NDArray[np.integer]
+    faces: NDArray[np.integer[Any]]
     degenerate_mask: NDArray[np.bool_]
     diagonal: float
-    components: Callable[[], NDArray[np.integer]]
+    components: Callable[[], NDArray[np.integer[Any]]]
     _known: dict[tuple[int, bool], NDArray[np.bool_]] = field(default_factory=dict, init=False)
 
     def faces_for(self, distance: float = 0.0) -> NDArray[np.bool_]:
@@ -93,11 +94,11 @@ class Contacts:
 
 def touching_faces(
     vertices: FloatArray,
-    faces: IntArray,
+    faces: NDArray[np.integer[Any]],
     tolerance: float,
     *,
     degenerate_mask: NDArray[np.bool_] | None = None,
-    labels: NDArray[np.integer] | None = None,
+    labels: NDArray[np.integer[Any]] | None = None,
     threads: int | None = None,
 ) -> NDArray[np.bool_]:
     """Faces that another face comes within `tolerance` of, other than where the two are joined.
@@ -150,7 +151,9 @@ def touching_faces(
     if len(chosen) < 2:
         return touching
     vertices = np.ascontiguousarray(vertices, dtype=np.float64) + 0.0  # -0.0 + 0.0 is 0.0
-    corners = _corners(vertices, faces, chosen)
+    whole = np.int32 if len(vertices) < 2**31 else np.int64
+    position: NDArray[Any] = first_equal_row(vertices.view(np.uint64)).astype(whole)
+    corners = _corners(position, faces, chosen)
     low, high = _bounds(vertices, corners)
     extent = math.hypot(*(high - low))  # whose squares may under- and overflow
     scale = 1 / max(extent, 1e-300)  # the inverse of a smaller number can be infinite
@@ -161,24 +164,24 @@ def touching_faces(
     kernels.order_keys(placed, corners, keys)
     chosen = chosen[np.argsort(keys)]
     del keys, corners  # large, and no longer in order
-    corners = _corners(vertices, faces, chosen)
+    corners = _corners(position, faces, chosen)
     names = np.empty(0, np.int32) if labels is None else labels[chosen].astype(np.int32)
     marks = _marks(vertices, scale, placed, corners, names, reach, threads)
     touching[chosen[marks]] = True
     return touching
 
 
-def _corners(vertices: FloatArray, faces: IntArray, chosen: IntArray) -> NDArray[np.int32]:
+def _corners(
+    position: NDArray[Any], faces: NDArray[np.integer[Any]], chosen: IntArray
+) -> NDArray[np.int32]:
     """(N, 3) vertices of the chosen faces, the same one for all at the same point."""
-    whole = np.int32 if len(vertices) < 2**31 else np.int64
-    position = first_equal_row(vertices.view(np.uint64)).astype(whole)
-    corners = np.empty((len(chosen), 3), whole)
+    corners = np.empty((len(chosen), 3), position.dtype)
     for block in blocks(len(chosen)):
         corners[block] = position[faces[chosen[block]]]
     return corners
 
 
-def _bounds(vertices: FloatArray, corners: IntArray) -> tuple[FloatArray, FloatArray]:
+def _bounds(vertices: FloatArray, corners: NDArray[np.int32]) -> tuple[FloatArray, FloatArray]:
     """Lowest and highest coordinates of the vertices that faces use."""
     is_used = np.zeros(len(vertices), dtype=bool)
     is_used[corners] = True
@@ -186,7 +189,7 @@ def _bounds(vertices: FloatArray, corners: IntArray) -> tuple[FloatArray, FloatA
     return used.min(axis=0), used.max(axis=0)
 
 
-def _frame(placed: FloatArray, corners: IntArray) -> FloatArray:
+def _frame(placed: FloatArray, corners: NDArray[np.int32]) -> FloatArray:
     """(3, 3) rotation that makes boxes small: none, or one along the directions of the edges.
 
     A needle across the axes has a box that overlaps those of all needles beside it; a part whose

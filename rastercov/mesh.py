@@ -324,8 +324,8 @@ class Mesh:
             )
         if self._is_closed_outward and self.self_contact_mask.any():
             found.append(
-                f"the closed surface cuts or touches itself at {self.self_contact_mask.sum()} faces, "
-                f"face {self.self_contact_mask.argmax()} among them: its back may show"
+                f"the closed surface cuts or touches itself at {self.self_contact_mask.sum()} "
+                f"faces, face {self.self_contact_mask.argmax()} among them: its back may show"
             )
         if self.degenerate_mask.any():
             found.append(f"{self.degenerate_mask.sum()} degenerate faces without area")

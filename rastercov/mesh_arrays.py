@@ -100,7 +100,7 @@ def blocks(n: int) -> Iterator[slice]:
 
 
 def normals_and_areas(
-    vertices: NDArray[np.float64], faces: NDArray[np.int64]
+    vertices: NDArray[np.float64], faces: NDArray[np.integer[Any]]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(F, 3) unit normals by the right-hand rule and (F,) areas; 0 where rounding hides them."""
     normals, areas = np.zeros((len(faces), 3)), np.zeros(len(faces))

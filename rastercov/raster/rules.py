@@ -19,7 +19,9 @@ def can_cull(mesh: Mesh, poses: FloatArray, clipped: NDArray[np.bool_]) -> NDArr
     of its surfaces are so close together that they count as one from where the camera is.
     """
     eyes = poses[:, :3, 3]
-    allowed = ((eyes < mesh.bounds[0]) | (eyes > mesh.bounds[1])).any(axis=1) & ~clipped
+    allowed: NDArray[np.bool_] = ((eyes < mesh.bounds[0]) | (eyes > mesh.bounds[1])).any(
+        axis=1
+    ) & ~clipped
     if not (allowed.any() and mesh.can_cull_back_faces):
         return np.zeros(len(poses), bool)
     reach = np.abs(mesh.bounds[None] - eyes[:, None]).max(axis=1)
