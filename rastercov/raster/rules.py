@@ -43,17 +43,13 @@ def in_one_order(mesh: Mesh) -> IntArray:
     """Faces with their corners in an order that depends on position alone.
 
     Coincident faces then reach the device as the same three points in the same order and come out
-    at bitwise equal depth, where the lowest index wins. A mesh whose back faces may be culled keeps
-    its winding; where it has no contacts it keeps its order, too, for it has no coincident faces.
+    at bitwise equal depth, where the lowest index wins. Winding is lost, so a mesh whose back faces
+    may be culled keeps its order; being closed and manifold, it has no coincident faces.
     """
-    if mesh.can_cull_back_faces and not mesh.contacts.faces_for().any():
+    if mesh.can_cull_back_faces:
         return mesh.faces
     x, y, z = mesh.vertices.T
     rank = np.empty(mesh.n_vertices, np.int64)
     rank[np.lexsort((z, y, x))] = np.arange(mesh.n_vertices)
-    if mesh.can_cull_back_faces:
-        first = np.argmin(rank[mesh.faces], axis=1)
-        order = (first[:, None] + np.arange(3)) % 3
-    else:
-        order = np.argsort(rank[mesh.faces], axis=1)
+    order = np.argsort(rank[mesh.faces], axis=1)
     return np.take_along_axis(mesh.faces, order, axis=1)

@@ -1,0 +1,26 @@
+"""The campaigns of benchmarks/attack.py, a small part of each: nothing may be wrong."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
+CAMPAIGNS = sorted(path.stem for path in BENCHMARKS.glob("attack_*.py"))
+EFFORT = 0.01
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CAMPAIGNS)
+def test_a_small_part_of_each_campaign_finds_nothing(name, monkeypatch):
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    for module in ("rows", name):
+        monkeypatch.delitem(sys.modules, module, raising=False)
+    campaign = __import__(name)
+    from rows import Report
+
+    report = Report()
+    campaign.attack(report, EFFORT)
+    assert report.rows
+    assert report.failed == []
+    assert [row["what"] for row in report.rows if row["holds"] is False] == []

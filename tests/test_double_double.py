@@ -1,0 +1,91 @@
+"""Pairs of doubles against fractions: sums and products to 2^-104, differences that cancel."""
+
+from fractions import Fraction
+
+import numba
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rastercov import double_double as dd
+
+NUMBERS = st.floats(-1e100, 1e100).filter(lambda x: x == 0 or abs(x) > 1e-100)
+TINY = st.floats(-(2.0**-54), 2.0**-54)
+
+
+@numba.njit
+def total(a, a_low, b, b_low):
+    return dd.add(a, a_low, b, b_low)
+
+
+@numba.njit
+def product(a, a_low, b, b_low):
+    return dd.multiply(a, a_low, b, b_low)
+
+
+@numba.njit
+def determinant(a, d, b, c):
+    return dd.minor(a, 0.0, d, 0.0, b, 0.0, c, 0.0)
+
+
+@numba.njit
+def sum_of_two(a, b):
+    return dd.exact_sum(a, b)
+
+
+@numba.njit
+def product_of_two(a, b):
+    return dd.exact_product(a, b)
+
+
+def exact(pair):
+    high, low = pair
+    return Fraction(high) + Fraction(low)
+
+
+def pair(high, part):
+    """The number `high` (1 + `part`) in two doubles that do not overlap."""
+    low = high * part
+    return (high, low) if high + low == high else (high, 0.0)
+
+
+@given(a=NUMBERS, b=NUMBERS)
+def test_the_sum_of_two_doubles_is_exact(a, b):
+    assert exact(sum_of_two(a, b)) == Fraction(a) + Fraction(b)
+
+
+@given(a=NUMBERS, b=NUMBERS)
+def test_the_product_of_two_doubles_is_exact(a, b):
+    assert exact(product_of_two(a, b)) == Fraction(a) * Fraction(b)
+
+
+@given(a=NUMBERS, b=NUMBERS, s=TINY, t=TINY)
+def test_sums_of_pairs_lose_no_more_than_they_say(a, b, s, t):
+    one, other = pair(a, s), pair(b, t)
+    off = abs(exact(total(*one, *other)) - exact(one) - exact(other))
+    assert off <= 3 * max(abs(exact(one)), abs(exact(other))) / 2**105
+
+
+@given(a=NUMBERS, b=NUMBERS, s=TINY, t=TINY)
+def test_products_of_pairs_lose_no_more_than_they_say(a, b, s, t):
+    one, other = pair(a, s), pair(b, t)
+    off = abs(exact(product(*one, *other)) - exact(one) * exact(other))
+    assert off <= 5 * abs(exact(one) * exact(other)) / 2**106
+
+
+@given(a=NUMBERS, b=NUMBERS, c=NUMBERS, d=NUMBERS)
+def test_exchanging_rows_negates_a_determinant_to_the_bit(a, b, c, d):
+    high, low = determinant(a, d, b, c)
+    other_high, other_low = determinant(c, b, d, a)
+    assert (other_high, other_low) == (-high, -low)
+
+
+@pytest.mark.parametrize("power", [30, 60, 90])
+def test_a_determinant_keeps_what_doubles_cancel(power):
+    a = 1 + 2.0 ** -(power // 2)
+    # (1 + e)(1 - e) - 1 = -e^2, of which doubles keep nothing from e = 2^-27 on
+    high, low = determinant(a, 2 - a, 1.0, 1.0)
+    assert exact((high, low)) == -(Fraction(2) ** -(2 * (power // 2)))
+    if power > 54:
+        assert np.float64(a) * np.float64(2 - a) - 1.0 == 0.0

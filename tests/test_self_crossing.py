@@ -1,0 +1,129 @@
+"""Closed meshes that cut themselves: their backs may show, so nothing is left out unproved."""
+
+import numpy as np
+import pytest
+from exact_cases import box
+from exact_views import look
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scenes import joined
+
+import rastercov as rc
+from rastercov import shapes
+from rastercov.analytic import View
+from rastercov.raster.rules import can_cull
+from rastercov.reference import rational
+
+CAMERA = rc.Camera(width=320, height=320, fx=300, fy=300)
+METHODS = ("certified", "exact")
+OUTSIDE = rc.look_at([(9.0, 0.5, 0.3)], (0, 0, 0))
+BOW_TIE = [(-3, -3), (1, 1), (1, -1), (-3, 3)]
+
+
+def prism(ring):
+    """Closed, consistently wound prism from z = -1 to 1 over a ring, which may cross itself."""
+    n = len(ring)
+    points = [(x, y, z) for z in (-1.0, 1.0) for x, y in ring]
+    sides = []
+    for i in range(n):
+        j = (i + 1) % n
+        sides += [(i, j, n + j), (i, n + j, n + i)]
+    bottom = [(0, i + 1, i) for i in range(1, n - 1)]
+    top = [(n, n + i, n + i + 1) for i in range(1, n - 1)]
+    return rc.Mesh(vertices=points, faces=sides + bottom + top)
+
+
+def fractions_of(mesh, pose):
+    """True visible fraction of each face."""
+    visible = rational.visible_area(mesh, CAMERA, pose)
+    area = rational.image_area(mesh, CAMERA, pose)
+    return np.divide(visible, area, out=np.zeros(len(area)), where=area > 0)
+
+
+def assert_right(mesh, poses):
+    for method in METHODS:
+        found = rc.visibility(mesh, CAMERA, poses, method)
+        for row, pose in enumerate(poses):
+            is_front = found.value[row] > 0
+            off = np.abs(found.value[row] - fractions_of(mesh, pose))[is_front]
+            assert (off <= found.bound[row][is_front] + 1e-12).all()
+
+
+#   A bow tie: the part on the right of the crossing is inside out.
+#      3         1
+#      | \ . . / |
+#      |   > <   |
+#      | / . . \ |
+#      0         2
+def test_the_back_of_a_bow_tie_shows():
+    mesh = prism(BOW_TIE)
+    assert mesh.is_closed
+    assert mesh.is_consistently_wound
+    assert not mesh.can_cull_back_faces
+    with rc.open_observer(mesh, CAMERA, "exact") as observer:
+        seen = observer.observe(OUTSIDE)
+    fraction = seen.visible_pixels[0] / np.maximum(seen.drawn_pixels[0], 1e-300)
+    assert fraction[[0, 5]] == pytest.approx([0.084, 0.140], abs=5e-4)
+    assert_right(mesh, OUTSIDE)
+
+
+def test_all_rasterisers_and_methods_see_the_same_bow_tie(open_raster):
+    mesh = prism(BOW_TIE)
+    with rc.open_observer(mesh, CAMERA, "exact") as observer:
+        area = observer.observe(OUTSIDE).visible_pixels[0]
+    counts = open_raster(mesh, CAMERA).count(OUTSIDE)
+    assert np.abs(counts.visible[0] - area).max() < 0.02 * area.sum()
+
+
+def test_the_diagnosis_names_the_faces_that_cut_each_other():
+    assert "cuts or touches itself at 8 faces, face 0 among them" in " ".join(
+        prism(BOW_TIE).warnings
+    )
+    assert not any("itself" in line for line in prism(BOW_TIE[:3]).warnings)
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=40)
+def test_prisms_over_any_ring_are_seen_as_fractions_say(seed):
+    rng = np.random.default_rng(seed)
+    mesh = prism([tuple(p) for p in rng.normal(size=(int(rng.integers(4, 8)), 2))])
+    away = rng.normal(size=(2, 3))
+    eyes = 6 * away / np.linalg.norm(away, axis=1, keepdims=True)
+    assert_right(mesh, rc.look_at(eyes, (0, 0, 0)))
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=40)
+def test_culling_changes_no_area_of_solids_that_cross_one_another(seed):
+    """Each is closed and outward by itself, so the winding number is nowhere negative."""
+    rng = np.random.default_rng(seed)
+    parts = []
+    for _ in range(int(rng.integers(2, 5))):
+        low = rng.uniform(-1.5, 0, 3)
+        part = (box(low, low + rng.uniform(0.2, 1.5, 3)), shapes.torus(7, 5), shapes.sphere(1))[
+            rng.integers(3)
+        ]
+        parts.append(rc.Mesh(vertices=part.vertices + rng.normal(size=3) / 2, faces=part.faces))
+    mesh = joined(*parts)
+    away = rng.normal(size=(3, 3))
+    poses = rc.look_at(9 * away / np.linalg.norm(away, axis=1, keepdims=True), (0, 0, 0))
+    assert mesh.can_cull_back_faces
+    assert can_cull(mesh, poses, np.zeros(3, bool)).all()
+    for pose in poses:
+        culled, whole = (look(mesh, CAMERA, pose, View, front_only=cull) for cull in (True, False))
+        assert (np.abs(culled.visible - whole.visible) <= culled.blur + whole.blur).all()
+
+
+def test_one_component_that_touches_itself_is_kept_whole():
+    # A ring of boxes' outline that comes back to where it started: two of its walls are one plane.
+    ring = [(0, 0), (3, 0), (3, 3), (1, 3), (1, 1), (2, 1), (2, 2), (1, 2), (1, 3), (0, 3)]
+    mesh = prism(ring)
+    assert not mesh.can_cull_back_faces
+    assert mesh.self_contact_mask.any()
+
+
+def test_a_thin_plate_is_culled_from_near_and_not_from_where_its_sides_are_one_depth():
+    mesh = box((-1, -1, 0), (1, 1, 1e-6))
+    near, far = rc.look_at([(0, 0, 5)], (0, 0, 0)), rc.look_at([(0, 0, 5e5)], (0, 0, 0))
+    assert can_cull(mesh, near, np.zeros(1, bool)).all()
+    assert not can_cull(mesh, far, np.zeros(1, bool)).any()
