@@ -67,10 +67,9 @@ def test_the_back_of_a_bow_tie_shows():
     assert_right(mesh, OUTSIDE)
 
 
-def test_all_rasterisers_and_methods_see_the_same_bow_tie(open_raster):
+def test_all_rasterisers_see_the_back_of_a_bow_tie(open_raster):
     mesh = prism(BOW_TIE)
-    with rc.open_observer(mesh, CAMERA, "exact") as observer:
-        area = observer.observe(OUTSIDE).visible_pixels[0]
+    area = rational.visible_area(mesh, CAMERA, OUTSIDE[0])
     counts = open_raster(mesh, CAMERA).count(OUTSIDE)
     assert np.abs(counts.visible[0] - area).max() < 0.02 * area.sum()
 
