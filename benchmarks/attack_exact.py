@@ -261,4 +261,20 @@ def fine_solids(rng):
     return joined(*parts)
 
 
-SCENE_KINDS = (solid, dyadic_solids, bow_tie, crossing_solids, assembly, room, sheets, fine_solids)
+def fine_room(rng):
+    """A finely divided room with its furniture: certified regions around a camera on a wall."""
+    mesh = shapes.room(int(rng.integers(1, 4)))
+    return moved(mesh, rng) if rng.random() < 0.5 else mesh
+
+
+SCENE_KINDS = (
+    solid,
+    dyadic_solids,
+    bow_tie,
+    crossing_solids,
+    assembly,
+    room,
+    sheets,
+    fine_solids,
+    fine_room,
+)
