@@ -479,7 +479,7 @@ def set_up(
                 continue
             if n_cut < polygons.shape[0]:
                 slot[f] = n_cut
-                n_corners[n_cut] = n
+                n_corners[n_cut] = max(n, 0)
                 for p in range(n):
                     polygons[n_cut, p, 0], polygons[n_cut, p, 1] = polygon[p, 0], polygon[p, 1]
                 for p in range(5):
