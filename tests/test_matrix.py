@@ -1,5 +1,7 @@
+import hashlib
 import json
 import os
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -10,10 +12,12 @@ import pyarrow.parquet as pq
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from matrix_damage import campaign, contents_of, files_of, flip
 
 import rastercov as rc
 from rastercov import shapes
 from rastercov.errors import ConfigError, PoseError
+from rastercov.placement import shards as shards_module
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix, shortened
 from rastercov.placement.problem import BestCoverage, FewestCameras, problem_of
 from rastercov.placement.shards import locked
@@ -46,6 +50,16 @@ def same(one, other):
         np.testing.assert_array_equal(first, second, err_msg=name)
         assert first.dtype == second.dtype
     assert (one.task, one.header, one.n_task_faces) == (other.task, other.header, one.n_task_faces)
+
+
+def watched(mesh, poses, folder, **options):
+    """A matrix, the poses that were done whenever some were, and what was noted."""
+    seen, notes = [], []
+    matrix = build_matrix(
+        (mesh, CAMERA), poses, TASK, folder, **options,
+        progress=lambda done, total: seen.append(done), note=notes.append,
+    )  # fmt: skip
+    return matrix, seen, notes
 
 
 def test_the_matrix_is_the_coverage_of_every_pair(mesh, poses):
@@ -181,7 +195,7 @@ def test_a_folder_of_other_inputs_is_refused(mesh, poses, tmp_path, change, word
     assert "\n" not in str(error.value)
 
 
-def test_another_method_and_another_version_are_refused(mesh, poses, tmp_path):
+def test_another_method_and_another_version_are_refused(mesh, poses, tmp_path, monkeypatch):
     build_matrix((mesh, CAMERA), poses, TASK, tmp_path)
     with (
         rc.open_observer(mesh, CAMERA, method="exact") as observer,
@@ -197,13 +211,134 @@ def test_another_method_and_another_version_are_refused(mesh, poses, tmp_path):
                 continue
             with pytest.raises(ConfigError, match="another supersample"):
                 build_matrix(observer, poses, TASK, tmp_path / "sampled")
-    path = tmp_path / "header.json"
-    path.write_text(json.dumps(json.loads(path.read_text()) | {"rastercov": "0.0.0"}))
+    monkeypatch.setattr(shards_module, "version", lambda name: "0.0.0")
     with pytest.raises(ConfigError, match="another version"):
         build_matrix((mesh, CAMERA), poses, TASK, tmp_path)
-    path.write_text("{")
-    with pytest.raises(ConfigError, match="no header"):
-        build_matrix((mesh, CAMERA), poses, TASK, tmp_path)
+
+
+def test_a_matrix_of_an_earlier_format_and_a_strange_header_are_refused(mesh, poses, tmp_path):
+    build_matrix((mesh, CAMERA), poses, TASK, tmp_path)
+    shutil.rmtree(tmp_path / "sha256")  # the earlier format had no checksums
+    path = tmp_path / "header.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"format": 1}))
+    before = contents_of(tmp_path)
+    for read in (
+        lambda: build_matrix((mesh, CAMERA), poses, TASK, tmp_path),
+        lambda: VisibilityMatrix.load(tmp_path),
+    ):
+        with pytest.raises(ConfigError, match="in another file format; name another folder"):
+            read()
+    for text in ("{", "[]", "{}", '{"format": 2}', "[" * 100_000, '"of something else"'):
+        path.write_text(text)
+        for read in (
+            lambda: build_matrix((mesh, CAMERA), poses, TASK, tmp_path),
+            lambda: VisibilityMatrix.load(tmp_path),
+        ):
+            with pytest.raises(ConfigError, match="no header") as error:
+                read()
+            assert "\n" not in str(error.value)
+    path.write_bytes(before["header.json"])
+    assert contents_of(tmp_path) == before
+
+
+def test_no_damage_to_a_matrix_is_believed_and_all_of_it_is_mended(mesh, poses, tmp_path):
+    with rc.open_observer(mesh, CAMERA) as observer:
+        inputs = {"view": observer, "poses": poses, "task": TASK, "poses_a_shard": 4}
+        assert campaign(tmp_path, inputs, poses[::-1], 88) == {}
+
+
+def test_only_the_damaged_shard_is_measured_again_and_somebody_is_told(
+    mesh, poses, tmp_path, capsys
+):
+    matrix = build_matrix((mesh, CAMERA), poses, TASK, tmp_path, poses_a_shard=4)
+    whole = contents_of(tmp_path)
+    shard = tmp_path / "pairs" / "pairs-00001.parquet"
+    flip(shard, [8 * 200])
+    with pytest.raises(ConfigError, match=r"pairs-00001\.parquet: damaged.*call build_matrix"):
+        VisibilityMatrix.load(tmp_path)
+    seen = []
+    again = build_matrix(
+        (mesh, CAMERA), poses, TASK, tmp_path, progress=lambda done, total: seen.append(done)
+    )
+    assert seen[0] == N_POSES - 4
+    same(again, matrix)
+    assert contents_of(tmp_path) == whole
+    lines = capsys.readouterr().err.splitlines()
+    assert lines == [
+        f"warning: {shard}: damaged, its checksum is not the one recorded; "
+        "its poses are measured again"
+    ]
+    build_matrix((mesh, CAMERA), poses, TASK, tmp_path)
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("name", ["header.json", "poses.npy"])
+def test_a_damaged_header_or_pose_loses_no_shard(mesh, poses, tmp_path, name):
+    matrix = build_matrix((mesh, CAMERA), poses, TASK, tmp_path, poses_a_shard=4)
+    whole = contents_of(tmp_path)
+    for harm in (lambda path: flip(path, [1000]), lambda path: path.unlink()):
+        harm(tmp_path / name)
+        with pytest.raises(ConfigError, match=rf"{name}|no matrix in this folder"):
+            VisibilityMatrix.load(tmp_path)
+        again, seen, notes = watched(mesh, poses, tmp_path)
+        same(again, matrix)
+        assert seen == [N_POSES]
+        assert contents_of(tmp_path) == whole
+        assert all(name in line for line in notes)
+
+
+def test_a_damaged_header_does_not_open_the_folder_to_another_matrix(mesh, poses, tmp_path):
+    build_matrix((mesh, CAMERA), poses, TASK, tmp_path, poses_a_shard=4)
+    before = contents_of(tmp_path / "pairs")
+    flip(tmp_path / "header.json", [77])
+    with pytest.raises(ConfigError, match="from other poses"):
+        build_matrix((mesh, CAMERA), poses[::-1], TASK, tmp_path)
+    assert contents_of(tmp_path / "pairs") == before
+
+
+def test_every_file_has_the_checksum_that_sha256sum_gives(mesh, poses, tmp_path):
+    build_matrix((mesh, CAMERA), poses, TASK, tmp_path, poses_a_shard=4)
+    files = {path for path in files_of(tmp_path) if path.parent.name != "sha256"}
+    assert len(files) == 5
+    for line in (tmp_path / "sha256").glob("*.sha256"):
+        digest, name = line.read_text().removesuffix("\n").split("  ")
+        files.remove(tmp_path / name)
+        assert hashlib.sha256((tmp_path / name).read_bytes()).hexdigest() == digest
+    assert files == set()
+
+
+def test_other_readers_can_check_the_pages_of_a_shard(mesh, poses, tmp_path):
+    build_matrix((mesh, CAMERA), poses, TASK, tmp_path)
+    shard = tmp_path / "pairs" / "pairs-00000.parquet"
+    assert pq.read_table(shard, page_checksum_verification=True).num_rows
+    column = pq.ParquetFile(shard).metadata.row_group(0).column(1)
+    flip(shard, [8 * (column.data_page_offset + column.total_compressed_size // 2)])
+    with pytest.raises(OSError, match="CRC"):
+        pq.read_table(shard, page_checksum_verification=True)
+
+
+def test_a_run_that_ends_between_any_two_files_goes_on(mesh, poses, tmp_path, monkeypatch):
+    matrix = build_matrix((mesh, CAMERA), poses, TASK, tmp_path / "quiet", poses_a_shard=4)
+    replace_file, left = os.replace, 0
+
+    def end(*names):
+        nonlocal left
+        left -= 1
+        if left < 0:
+            raise InterruptedError
+        replace_file(*names)
+
+    monkeypatch.setattr(os, "replace", end)
+    for steps in range(10):
+        folder, left, notes = tmp_path / str(steps), steps, []
+        with pytest.raises(InterruptedError):
+            build_matrix((mesh, CAMERA), poses, TASK, folder, poses_a_shard=4, note=notes.append)
+        left = 100
+        again, seen, further = watched(mesh, poses, folder, poses_a_shard=4)
+        same(again, matrix)
+        assert seen[0] == 4 * max(0, (steps - 4) // 2)
+        assert notes + further == []
+        assert contents_of(folder) == contents_of(tmp_path / "quiet")
 
 
 def test_two_processes_do_not_write_to_one_folder(mesh, poses, tmp_path):

@@ -7,13 +7,15 @@ Only pairs with coverage > 0 are kept, of faces that are scored. On disk a matri
 header.json     what it was made from, with hashes: mesh, camera, poses, task, method, version
 poses.npy       (C, 4, 4) the candidates
 pairs/*.parquet shards of consecutive poses, columns pose, face, coverage, covered
+sha256/*.sha256 the checksum of each of these files
 
 `pandas.read_parquet(folder / "pairs")` and `polars.read_parquet(folder / "pairs")` read it as it
 is. A shard is written beside its place, flushed to the disk and renamed, so a run that is killed
-loses at most the shard it was at; started again with the same inputs it goes on from there.
+loses at most the shard it was at; started again with the same inputs it goes on from there. A file
+that is damaged, exchanged or deleted is made again by such a run, bit for bit, and refused where a
+folder is only read.
 """
 
-import json
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass, field
@@ -31,14 +33,18 @@ from rastercov.coverage import POSES_A_BATCH, Coverage, Task, evaluate_batches
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.placement.shards import (
-    SCHEMA,
+    DamagedError,
+    Note,
     claim,
     describe,
     locked,
+    open_shard,
     read_header,
-    rows_of,
+    read_poses,
+    schema_of,
     shards_of,
-    whole,
+    store,
+    warned,
 )
 from rastercov.pose import valid_poses
 from rastercov.visibility import Observer, open_observer
@@ -104,26 +110,45 @@ class VisibilityMatrix:
 
     @classmethod
     def load(cls, folder: str | Path) -> Self:
-        """Matrix that `build_matrix` left in a folder; ConfigError when it is not complete."""
+        """Matrix that `build_matrix` left in a folder.
+
+        Raises
+        ------
+        ConfigError
+            When there is none, when it is not complete, or when a file of it is damaged.
+        """
         folder = Path(folder)
-        header = read_header(folder)
-        if header is None:
-            raise ConfigError(f"{folder}: there is no matrix in this folder")
-        poses: FloatArray = np.load(folder / "poses.npy")
-        shards = list(shards_of(folder, len(poses), header["poses_a_shard"]))
-        sizes = [rows_of(shard, header) for shard, _ in shards]
-        if None in sizes:
+        try:
+            header = read_header(folder)
+            if header is None:
+                raise ConfigError(f"{folder}: there is no matrix in this folder")
+            shards = list(shards_of(header["n_poses"], header["poses_a_shard"]))
+            sizes = [_rows_in(folder, shard, header) for shard, _ in shards]
+            if None in sizes:
+                raise ConfigError(
+                    f"{folder}: {sizes.count(None)} of {len(shards)} shards are missing; "
+                    "call build_matrix with the same inputs to make them"
+                )
+            return cls._read(folder, header, sum(size or 0 for size in sizes))
+        except DamagedError as error:
             raise ConfigError(
-                f"{folder}: {sizes.count(None)} of {len(shards)} shards are missing; "
-                "call build_matrix with the same inputs to make them"
-            )
-        total = sum(size or 0 for size in sizes)
-        face, coverage = np.empty(total, np.int32), np.empty(total, np.float32)
+                f"{error}; call build_matrix with the same inputs to make it again"
+            ) from None
+
+    @classmethod
+    def _read(cls, folder: Path, header: dict[str, Any], n_pairs: int) -> Self:
+        """Matrix of a folder that is complete, with so many pairs."""
+        poses = read_poses(folder, header)
+        if poses is None:
+            raise DamagedError(folder / "poses.npy", "it is missing")
+        face, coverage = np.empty(n_pairs, np.int32), np.empty(n_pairs, np.float32)
         counts = np.zeros(len(poses), np.int64)
         done = 0
-        for shard, rows in shards:
-            with shard.open("rb") as file:
-                table = pq.ParquetFile(file).read(["pose", "face", "coverage"], use_threads=False)
+        for shard, rows in shards_of(len(poses), header["poses_a_shard"]):
+            file = open_shard(folder, shard, header)
+            if file is None or done + file.metadata.num_rows > n_pairs:
+                raise DamagedError(folder / shard, "it changed while it was read")
+            table = file.read(["pose", "face", "coverage"], use_threads=False)
             part = slice(done, done + len(table))
             face[part], coverage[part] = table["face"].to_numpy(), table["coverage"].to_numpy()
             of_pose = table["pose"].to_numpy() - rows.start
@@ -149,6 +174,7 @@ def build_matrix(
     *,
     poses_a_shard: int | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
+    note: Note = warned,
 ) -> VisibilityMatrix:
     """Visibility matrix of the poses, measured a few at a time.
 
@@ -162,11 +188,14 @@ def build_matrix(
         Thresholds; `Task()` unless given.
     folder : path, optional
         Where to keep the shards; made when it is missing. A run that was ended, however, goes on
-        from its shards; a matrix that is complete is only read. Without a folder all is in memory.
+        from its shards; a matrix that is complete is only read; files of it that are damaged are
+        made again. Without a folder all is in memory.
     poses_a_shard : int, optional
         Poses of each file; as many as make `PAIRS_A_SHARD` pairs unless given.
     progress : callable
         Called with the poses done and the poses in all.
+    note : callable
+        Called with a line on each file that is damaged; a warning on standard error unless given.
 
     Raises
     ------
@@ -182,15 +211,32 @@ def build_matrix(
         if folder is None:
             return _in_memory(observer, matrices, task, header, progress)
         with locked(Path(folder)) as place:
-            kept = claim(place, header, matrices, poses_a_shard is not None)
-            shards = list(shards_of(place, len(matrices), kept["poses_a_shard"]))
-            missing = [(shard, rows) for shard, rows in shards if rows_of(shard, kept) is None]
+            kept = claim(place, header, matrices, poses_a_shard is not None, note)
+            shards = list(shards_of(len(matrices), kept["poses_a_shard"]))
+            sizes = {shard: _rows_in(place, shard, kept, note) for shard, _ in shards}
+            missing = [(shard, rows) for shard, rows in shards if sizes[shard] is None]
             done = len(matrices) - sum(rows.stop - rows.start for _, rows in missing)
             progress(done, len(matrices))
             for shard, rows in missing:
-                _write_shard(shard, rows, observer, matrices, task, kept, progress, done)
+                sizes[shard] = _write_shard(
+                    place, shard, rows, observer, matrices, task, kept, progress, done
+                )
                 done += rows.stop - rows.start
-            return VisibilityMatrix.load(place)
+            return VisibilityMatrix._read(place, kept, sum(size or 0 for size in sizes.values()))
+
+
+def _rows_in(
+    folder: Path, shard: str, header: dict[str, Any], note: Note | None = None
+) -> int | None:
+    """Pairs in a shard, None where it is missing, or damaged and somebody is told."""
+    try:
+        file = open_shard(folder, shard, header)
+    except DamagedError as error:
+        if note is None:
+            raise
+        note(f"{error}; its poses are measured again")
+        return None
+    return None if file is None else int(file.metadata.num_rows)
 
 
 def _in_memory(
@@ -248,7 +294,8 @@ def shortened(coverage: FloatArray, least: float) -> tuple[NDArray[np.float32], 
 
 
 def _write_shard(
-    shard: Path,
+    folder: Path,
+    shard: str,
     rows: slice,
     observer: Observer,
     poses: FloatArray,
@@ -256,14 +303,18 @@ def _write_shard(
     header: dict[str, Any],
     progress: Callable[[int, int], None],
     done: int,
-) -> None:
-    schema = SCHEMA.with_metadata({"rastercov": json.dumps(header)})
-    with whole(shard) as file, pq.ParquetWriter(file, schema, compression="zstd") as writer:
+) -> int:
+    """Measure the poses of a shard and write it; the number of its pairs."""
+    schema, sink, n_pairs = schema_of(shard, header), pa.BufferOutputStream(), 0
+    with pq.ParquetWriter(sink, schema, compression="zstd", write_page_checksum=True) as writer:
         for start in range(rows.start, rows.stop, POSES_A_BATCH):
             ids = np.arange(start, min(start + POSES_A_BATCH, rows.stop))
             for batch in evaluate_batches(observer, poses[ids], task):
                 pose, face, value, covered = _pairs(batch)
                 of_all = ids[batch.pose_ids[pose]].astype(np.int32)
                 writer.write_table(pa.table([of_all, face, value, covered], schema=schema))
+                n_pairs += len(face)
                 done += len(batch.pose_ids)
                 progress(done, len(poses))
+    store(folder, shard, memoryview(sink.getvalue()))
+    return n_pairs

@@ -1,14 +1,25 @@
-"""The folder of a visibility matrix: its header, its shards, and whose turn it is to write.
+"""The folder of a visibility matrix: its files, their checksums, and whose turn it is to write.
 
-Serves `matrix`. Nothing appears under its name before it is whole and on the disk.
+Serves `matrix`. Nothing appears under its name before it is whole and on the disk, and nothing is
+believed that is not what was written. Two checks tell:
+
+- each file has its SHA-256 in `sha256/`, in a file of the form that `sha256sum -c` reads. It is
+  taken of the bytes that are then decoded, so that no decoder meets damaged ones;
+- each shard holds the header of its matrix and its own name, so that one of another matrix, or of
+  other poses of the same matrix, is not taken for the one that belongs there.
+
+The checksum is written before its file: a run that is killed between the two leaves a file that is
+missing, or one that is made again. Pages of shards have the checksums of Parquet besides, for other
+readers (`page_checksum_verification` of pyarrow); those leave out headers, statistics and footer.
 """
 
 import fcntl
 import hashlib
+import io
 import json
 import os
 import secrets
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from importlib.metadata import version
@@ -28,7 +39,10 @@ FloatArray = NDArray[np.float64]
 
 PAIRS_A_SHARD = 1 << 22
 """Pose-face pairs, seen or not, that a shard stands for: several seconds of work."""
-FORMAT = 1
+FORMAT = 2
+HEADER, POSES = "header.json", "poses.npy"
+PAIRS, SUMS = "pairs", "sha256"
+"""Folders of the shards, and of the checksums of all files."""
 SCHEMA = pa.schema(
     [
         pa.field("pose", pa.int32(), False),
@@ -49,6 +63,21 @@ WORDS = {
     "poses_a_shard": "with another poses_a_shard",
 }
 """What to say when an entry of the header is not what it was."""
+Note = Callable[[str], None]
+
+
+class DamagedError(ConfigError):
+    """A file of a matrix that is not what was written; the message names it and says why."""
+
+    def __init__(self, path: Path, why: str) -> None:
+        super().__init__(f"{path}: damaged, {why}")
+
+
+def warned(line: str) -> None:
+    """One line on standard error."""
+    from rastercov.console import warn  # loads Typer and Rich, which only a warning needs
+
+    warn([line])
 
 
 def describe(
@@ -89,8 +118,10 @@ def _sha256(*parts: NDArray[Any] | str) -> str:
 @contextmanager
 def locked(folder: Path) -> Iterator[Path]:
     """The folder, made when it is missing, for this process alone; a killed one leaves no lock."""
+    parts = (folder, folder / PAIRS, folder / SUMS)
     try:
-        (folder / "pairs").mkdir(parents=True, exist_ok=True)
+        for part in parts:
+            part.mkdir(parents=True, exist_ok=True)
         descriptor = os.open(folder, os.O_RDONLY)
     except OSError as error:
         raise ConfigError(f"{folder}: the folder cannot be made ({error.strerror})") from None
@@ -103,77 +134,240 @@ def locked(folder: Path) -> Iterator[Path]:
             ) from None
         except OSError:
             pass  # a file system without locks
-        for left in (*folder.glob(".*.part"), *(folder / "pairs").glob(".*.part")):
-            left.unlink()
+        for part in parts:
+            for left in part.glob(".*.part"):
+                left.unlink()
         yield folder
     finally:
         os.close(descriptor)
 
 
 def claim(
-    folder: Path, header: dict[str, Any], poses: FloatArray, shard_size_given: bool
+    folder: Path,
+    header: dict[str, Any],
+    poses: FloatArray,
+    shard_size_given: bool,
+    note: Note,
 ) -> dict[str, Any]:
-    """The header of the folder: the one that is there, when it says the same, or this one."""
-    kept = read_header(folder)
+    """The header of the folder: the one that is there, when it says the same, or this one.
+
+    A header that is damaged or missing is made again from those in whole shards, and poses from
+    `poses`; `note` is called with a line on each. Shards beyond the last one are removed.
+    """
+    kept = None
+    try:
+        kept = read_header(folder)
+    except DamagedError as error:
+        note(f"{error}; made again")
+    is_missing = kept is None
     if kept is None:
-        if any((folder / "pairs").iterdir()):
+        found = sorted((folder / PAIRS).iterdir())
+        if found and not _has_sums(folder):
             raise ConfigError(f"{folder}: shards without a header; name another folder")
-        with whole(folder / "poses.npy") as file:
-            np.save(file, poses)
-        with whole(folder / "header.json") as file:
-            file.write(json.dumps(header, indent=2).encode() + b"\n")
-        return header
+        if found and not (folder / HEADER).exists():
+            note(f"{folder / HEADER}: missing; made again")
+        headers = [each for path in found if (each := _header_in(folder, path.name))]
+        same = [each for each in headers if _difference(each, header, shard_size_given) is None]
+        kept = [*same, *headers, header][0]
+    words = _difference(kept, header, shard_size_given)
+    if words is not None:
+        raise ConfigError(_made(folder, words))
+    if is_missing:
+        store(folder, HEADER, json.dumps(kept, indent=2).encode() + b"\n")
+    try:
+        is_missing = read_poses(folder, kept) is None
+    except DamagedError as error:
+        note(f"{error}; made again")
+        is_missing = True
+    if is_missing:
+        file = io.BytesIO()
+        np.save(file, poses)
+        store(folder, POSES, file.getvalue())
+    shards = {folder / name for name, _ in shards_of(len(poses), kept["poses_a_shard"])}
+    for stray in sorted(set((folder / PAIRS).glob("pairs-*.parquet")) - shards):
+        note(f"{stray}: no shard of this matrix; removed")
+        stray.unlink()
+    return kept
+
+
+def _difference(kept: dict[str, Any], header: dict[str, Any], shard_size_given: bool) -> str | None:
+    """Words on the first entry that two headers do not share, None where they say the same."""
     for name, words in WORDS.items():
         if name == "poses_a_shard" and not shard_size_given:
             continue
         if kept.get(name) != header[name]:
-            raise ConfigError(
-                f"{folder}: the matrix in this folder was made {words}; "
-                "name another folder, or delete this one to start again"
-            )
-    return kept
+            return words
+    return None
+
+
+def _made(folder: Path, words: str) -> str:
+    return (
+        f"{folder}: the matrix in this folder was made {words}; "
+        "name another folder, or delete this one to start again"
+    )
 
 
 def read_header(folder: Path) -> dict[str, Any] | None:
-    """The header of a folder, None where there is none; ConfigError where it cannot be read."""
+    """The header of a folder, None where there is none.
+
+    Raises
+    ------
+    DamagedError
+        As for `contents`.
+    ConfigError
+        When it is of another format, or no header at all.
+    """
+    path = folder / HEADER
     try:
-        header: dict[str, Any] = json.loads((folder / "header.json").read_bytes())
-        return {**header, "poses_a_shard": int(header["poses_a_shard"])}
-    except FileNotFoundError:
+        data = contents(folder, HEADER)
+        if data is None:
+            return None
+    except DamagedError:
+        # Without any checksum the folder is not of this format, or has lost them all.
+        if _has_sums(folder) or _loaded(path)["format"] == FORMAT:
+            raise
+    header = _loaded(path)
+    if header["format"] != FORMAT:
+        raise ConfigError(_made(folder, WORDS["format"]))
+    return header
+
+
+def _loaded(path: Path) -> dict[str, Any]:
+    try:
+        header: dict[str, Any] = json.loads(path.read_bytes())
+        return {**header, "format": header["format"], "poses_a_shard": int(header["poses_a_shard"])}
+    except (ValueError, KeyError, TypeError, RecursionError, OSError):
+        raise ConfigError(f"{path}: this is no header of a matrix; name another folder") from None
+
+
+def _has_sums(folder: Path) -> bool:
+    """Whether a file of a folder has a checksum, as every file of this format has."""
+    return any((folder / SUMS).glob("*.sha256"))
+
+
+def read_poses(folder: Path, header: dict[str, Any]) -> FloatArray | None:
+    """(C, 4, 4) poses of a matrix, None where the file is missing.
+
+    Raises
+    ------
+    DamagedError
+        As for `contents`, and for poses of another matrix.
+    """
+    data = contents(folder, POSES)
+    if data is None:
         return None
-    except (ValueError, KeyError, TypeError, OSError):
-        raise ConfigError(f"{folder}/header.json: this is no header of a matrix") from None
+    try:
+        poses: FloatArray = np.load(io.BytesIO(data), allow_pickle=False)
+    except (ValueError, EOFError):
+        raise DamagedError(folder / POSES, "this is no array") from None
+    if _sha256(poses) != header["poses"]:
+        raise DamagedError(folder / POSES, "these are poses of another matrix")
+    return poses
 
 
-def shards_of(folder: Path, n_poses: int, poses_a_shard: int) -> Iterator[tuple[Path, slice]]:
-    """File and poses of each shard, at least one."""
+def shards_of(n_poses: int, poses_a_shard: int) -> Iterator[tuple[str, slice]]:
+    """Name in the folder and poses of each shard, at least one."""
     starts = range(0, max(1, n_poses), poses_a_shard)
     digits = max(5, len(str(len(starts) - 1)))
     for number, start in enumerate(starts):
         rows = slice(start, min(start + poses_a_shard, n_poses))
-        yield folder / "pairs" / f"pairs-{number:0{digits}d}.parquet", rows
+        yield f"{PAIRS}/pairs-{number:0{digits}d}.parquet", rows
 
 
-def rows_of(shard: Path, header: dict[str, Any]) -> int | None:
-    """Rows of a shard, None where it is missing, not whole, or of another matrix."""
+def schema_of(shard: str, header: dict[str, Any]) -> pa.Schema:
+    """Schema of a shard; its metadata say which shard of which matrix it is."""
+    return SCHEMA.with_metadata({"rastercov": json.dumps({**header, "shard": shard})})
+
+
+def open_shard(folder: Path, shard: str, header: dict[str, Any]) -> pq.ParquetFile | None:
+    """A shard whose every byte is what was written, None where it is missing.
+
+    Raises
+    ------
+    DamagedError
+        As for `contents`, and for a shard of another matrix or of other poses of this one.
+    """
+    found = _opened(folder, shard)
+    if found is not None and _written_with(found) != {**header, "shard": shard}:
+        raise DamagedError(
+            folder / shard, "this is a shard of another matrix, or of other poses of this one"
+        )
+    return found
+
+
+def _opened(folder: Path, shard: str) -> pq.ParquetFile | None:
+    data = contents(folder, shard)
+    if data is None:
+        return None
     try:
-        with shard.open("rb") as file:
-            about = pq.ParquetFile(file)
-            schema, n_rows = about.schema_arrow, int(about.metadata.num_rows)
-    except (OSError, pa.ArrowException):
-        return None
+        return pq.ParquetFile(pa.BufferReader(data))
+    except (pa.ArrowException, OSError):
+        raise DamagedError(folder / shard, "this is no Parquet file") from None
+
+
+def _written_with(shard: pq.ParquetFile) -> dict[str, Any]:
+    """What `schema_of` put into a shard; empty for a table of other columns."""
+    schema = shard.schema_arrow
     if not schema.equals(SCHEMA) or not schema.metadata:
+        return {}
+    entries: dict[str, Any] = json.loads(schema.metadata.get(b"rastercov", b"{}"))
+    return entries
+
+
+def _header_in(folder: Path, name: str) -> dict[str, Any] | None:
+    """The header of its matrix that a whole shard holds, None for any other file."""
+    try:
+        found = _opened(folder, f"{PAIRS}/{name}")
+    except DamagedError:
         return None
-    return n_rows if json.loads(schema.metadata[b"rastercov"]) == header else None
+    header = _written_with(found) if found else {}
+    return header if header.pop("shard", None) == f"{PAIRS}/{name}" else None
 
 
-@contextmanager
-def whole(path: Path) -> Iterator[Any]:
-    """File that appears under its name when the block ends well, and is on the disk by then."""
+def contents(folder: Path, name: str) -> bytes | None:
+    """Bytes of a file of a matrix, None where it is missing.
+
+    Raises
+    ------
+    DamagedError
+        When they cannot be read, or are not those of which the checksum was taken.
+    """
+    try:
+        data = (folder / name).read_bytes()
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        raise DamagedError(folder / name, f"it cannot be read ({error.strerror})") from None
+    try:
+        is_whole = _sum_file(folder, name).read_bytes() == _sum_line(name, data)
+    except OSError:
+        raise DamagedError(folder / name, "its checksum is missing") from None
+    if not is_whole:
+        raise DamagedError(folder / name, "its checksum is not the one recorded")
+    return data
+
+
+def store(folder: Path, name: str, data: bytes | memoryview) -> None:
+    """Write a file of a matrix, and its checksum before it."""
+    _write(_sum_file(folder, name), _sum_line(name, data))
+    _write(folder / name, data)
+
+
+def _sum_file(folder: Path, name: str) -> Path:
+    return folder / SUMS / f"{Path(name).name}.sha256"
+
+
+def _sum_line(name: str, data: bytes | memoryview) -> bytes:
+    """What `sha256sum` prints for a file when it is called in the folder of the matrix."""
+    return f"{hashlib.sha256(data).hexdigest()}  {name}\n".encode()
+
+
+def _write(path: Path, data: bytes | memoryview) -> None:
+    """Write a file that appears under its name when it is whole and on the disk."""
     part = path.with_name(f".{secrets.token_hex(6)}.part")
     try:
         with part.open("wb") as file:
-            yield file
+            file.write(data)
             file.flush()
             os.fsync(file.fileno())
         os.replace(part, path)  # noqa: PTH105 - the atomic one by name

@@ -1,0 +1,217 @@
+"""Damage to the folder of a visibility matrix, and the verdict on what becomes of it.
+
+Every kind of damage is a function of the folder, of one of another matrix, and of a generator of
+random numbers; it says what it did. `verdict` reads the damaged folder, runs the build again, and
+gives what went wrong, nothing where all is as it must be.
+"""
+
+import shutil
+
+import numpy as np
+
+from rastercov.errors import ConfigError
+from rastercov.placement.matrix import VisibilityMatrix, build_matrix
+
+ARRAYS = ("poses", "indptr", "face", "coverage")
+
+
+def files_of(folder):
+    """Files of a matrix, in order."""
+    return sorted(path for path in folder.rglob("*") if path.is_file())
+
+
+def contents_of(folder):
+    """Bytes of every file by its name in the folder."""
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files_of(folder)}
+
+
+def _any_file(folder, rng):
+    """A file, each byte of the folder as likely as any other half of the time, else each file."""
+    files = files_of(folder)
+    if rng.integers(2):
+        return files[rng.integers(len(files))]
+    sizes = np.array([path.stat().st_size for path in files], float)
+    return files[rng.choice(len(files), p=sizes / sizes.sum())]
+
+
+def flip(path, bits):
+    """Turn bits of a file over, numbered from its first."""
+    data = bytearray(path.read_bytes())
+    for bit in bits:
+        data[bit // 8] ^= 1 << (bit % 8)
+    path.write_bytes(data)
+
+
+def one_bit(folder, other, rng):
+    path = _any_file(folder, rng)
+    bit = int(rng.integers(8 * path.stat().st_size))
+    flip(path, [bit])
+    return f"bit {bit} of {path.name}"
+
+
+def many_bits(folder, other, rng):
+    names = []
+    for _ in range(int(rng.integers(2, 9))):
+        names.append(one_bit(folder, other, rng))
+    return ", ".join(names)
+
+
+def cut(folder, other, rng):
+    path = _any_file(folder, rng)
+    size = int(rng.integers(path.stat().st_size))
+    path.write_bytes(path.read_bytes()[:size])
+    return f"{path.name} cut to {size} bytes"
+
+
+def longer(folder, other, rng):
+    path = _any_file(folder, rng)
+    path.write_bytes(path.read_bytes() + rng.bytes(int(rng.integers(1, 5000))))
+    return f"{path.name} with more at its end"
+
+
+def zeros(folder, other, rng):
+    path = _any_file(folder, rng)
+    size = path.stat().st_size
+    start = int(rng.integers(size)) if rng.integers(2) else 0
+    path.write_bytes(path.read_bytes()[:start] + bytes(size - start))
+    return f"{path.name} zero from byte {start}"
+
+
+def garbage(folder, other, rng):
+    path = _any_file(folder, rng)
+    path.write_bytes(rng.bytes(path.stat().st_size))
+    return f"{path.name} random"
+
+
+def deleted(folder, other, rng):
+    path = _any_file(folder, rng)
+    path.unlink()
+    return f"{path.name} deleted"
+
+
+def _shards(folder):
+    return sorted((folder / "pairs").iterdir())
+
+
+def _sum_of(shard):
+    return shard.parent.parent / "sha256" / f"{shard.name}.sha256"
+
+
+def exchanged(folder, other, rng):
+    """Two shards change places, half of the time with their checksums rewritten to fit."""
+    one, two = rng.choice(_shards(folder), 2, replace=False)
+    first, second = one.read_bytes(), two.read_bytes()
+    one.write_bytes(second)
+    two.write_bytes(first)
+    with_sums = bool(rng.integers(2))
+    if with_sums:
+        a, b = _sum_of(one).read_bytes(), _sum_of(two).read_bytes()
+        _sum_of(one).write_bytes(b[:64] + a[64:])
+        _sum_of(two).write_bytes(a[:64] + b[64:])
+    return f"{one.name} and {two.name} exchanged{', with sums' * with_sums}"
+
+
+def stale(folder, other, rng):
+    """A shard of another matrix, half of the time with its checksum."""
+    shards = _shards(folder)
+    shard = shards[rng.integers(len(shards))]
+    shutil.copy(other / "pairs" / shard.name, shard)
+    with_sum = bool(rng.integers(2))
+    if with_sum:
+        shutil.copy(_sum_of(other / "pairs" / shard.name), _sum_of(shard))
+    return f"{shard.name} of another matrix{', with its sum' * with_sum}"
+
+
+def stale_poses(folder, other, rng):
+    """The poses of another matrix, with their checksum."""
+    for name in ("poses.npy", "sha256/poses.npy.sha256"):
+        shutil.copy(other / name, folder / name)
+    return "poses of another matrix"
+
+
+def one_too_many(folder, other, rng):
+    """A shard beyond the last."""
+    shards = _shards(folder)
+    shutil.copy(shards[0], folder / "pairs" / f"pairs-{len(shards):05d}.parquet")
+    return "a shard too many"
+
+
+KINDS = (
+    *(one_bit, many_bits, cut, longer, zeros, garbage, deleted),
+    *(exchanged, stale, stale_poses, one_too_many),
+)
+
+
+def verdict(folder, whole, matrix, build_arguments):
+    """What is wrong with a damaged folder: "" where everything is as it must be.
+
+    Reading it gives the right matrix or one `ConfigError`; building it again gives the right
+    matrix, and every file as it was before the damage.
+
+    Parameters
+    ----------
+    folder : Path
+        Damaged.
+    whole : dict of str to bytes
+        What was in it, by `contents_of`.
+    matrix : VisibilityMatrix
+        The right one.
+    build_arguments : dict
+        For `build_matrix`.
+    """
+    try:
+        if not _same(VisibilityMatrix.load(folder), matrix):
+            return "read, and wrong"
+    except ConfigError as error:
+        if "\n" in str(error) or str(folder) not in str(error):
+            return f"no clear line: {error}"
+    except Exception as error:  # any other is what is looked for
+        return f"{type(error).__name__} on reading: {error}"
+    try:
+        again = build_matrix(**build_arguments, folder=folder, note=lambda line: None)
+    except Exception as error:  # the same
+        return f"{type(error).__name__} on building: {error}"
+    if not _same(again, matrix) or not _same(VisibilityMatrix.load(folder), matrix):
+        return "built again, and wrong"
+    return "" if contents_of(folder) == whole else "built again, with other files"
+
+
+def _same(one, other):
+    return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in ARRAYS) and (
+        one.header,
+        one.task,
+    ) == (other.header, other.task)
+
+
+def campaign(base, build_arguments, other_poses, trials, seed=0):
+    """Damage a matrix in every way, again and again: verdicts other than "" by what was done.
+
+    Parameters
+    ----------
+    base : Path
+        Empty folder to work in.
+    build_arguments : dict
+        For `build_matrix`, `poses_a_shard` among them, of a matrix of two shards or more.
+    other_poses : (C, 4, 4) float64
+        As many, of the other matrix.
+    trials : int
+        At least one of each kind of damage.
+    seed : int
+    """
+    quiet, other, folder = base / "quiet", base / "other", base / "damaged"
+    matrix = build_matrix(**build_arguments, folder=quiet)
+    build_matrix(**build_arguments | {"poses": other_poses}, folder=other)
+    whole = contents_of(quiet)
+    rng = np.random.default_rng(seed)
+    wrong = {}
+    for trial in range(max(trials, len(KINDS))):
+        shutil.copytree(quiet, folder)
+        kind = KINDS[trial % len(KINDS)]
+        what = kind(folder, other, rng)
+        again = dict(build_arguments)
+        if kind is not many_bits and rng.integers(2):
+            del again["poses_a_shard"]  # the folder knows it, whatever is damaged
+        if found := verdict(folder, whole, matrix, again):
+            wrong[f"trial {trial}, {what}"] = found
+        shutil.rmtree(folder)
+    return wrong
