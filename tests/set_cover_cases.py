@@ -5,6 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
+from rastercov.placement.problem import BestCoverage, FewestCameras, problem_of_matrix
+
 FOLDER = Path(__file__).parent / "data" / "set_cover"
 OPTIMA = {"scp41": 429, "scp42": 512, "scp51": 253, "scpa1": 253, "scpe1": 5}
 """Least costs of the problems of OR-Library in `FOLDER`, as published."""
@@ -45,3 +47,34 @@ def steiner(n_points):
     covers = np.zeros((n_points, len(triples)), np.uint8)
     covers[triples.T, np.arange(len(triples))] = 1
     return covers
+
+
+def random_cover(n_candidates, n_faces, share, goal=None, *, angle_deg=0.0, seed=1):
+    """A problem in which each candidate covers about a share of the faces, at random.
+
+    With an angle, each face takes two views from directions that differ by it.
+    """
+    rng = np.random.default_rng(seed)
+    covers = np.zeros((n_candidates, n_faces), np.uint8)
+    for row in covers:
+        row[rng.integers(0, n_faces, int(share * n_faces))] = 1
+    options = {}
+    if angle_deg:
+        options = {
+            "views": 2,
+            "min_angle_deg": angle_deg,
+            "eyes": 4 * rng.normal(size=(n_candidates, 3)),
+            "centroids": rng.normal(size=(n_faces, 3)) / 2,
+        }
+    return problem_of_matrix(covers, goal or FewestCameras(of_reachable=True), **options)
+
+
+def hard_for_the_clock():
+    """Problems of which some part takes long without a look at the clock, by what that is."""
+    return {
+        "many cameras to improve and to order": random_cover(4000, 4000, 0.0025),
+        "a presolve that does not listen": random_cover(
+            1000, 2000, 0.1, BestCoverage(20), angle_deg=40
+        ),
+        "directions to separate": random_cover(300, 2000, 0.1, angle_deg=20),
+    }

@@ -1,4 +1,10 @@
-"""The loops of `bounds`, compiled by numba: one subgradient method for each goal."""
+"""The loops of `bounds`, compiled by numba: one subgradient method for each goal.
+
+A call takes a number of steps and can be followed by another that goes on from there, so that the
+caller can look at the clock between them. What is carried over are the prices, the best ones so
+far, and four numbers, `progress`: best bound, scale of the steps, steps without a better bound, and
+whether the search has ended.
+"""
 
 import numpy as np
 
@@ -6,6 +12,8 @@ from rastercov.compiled import compiled
 
 PATIENCE = 15
 """Steps without a better bound after which they are halved."""
+BEST, SCALE, WAITED, ENDED = range(4)
+"""Places in `progress`."""
 
 
 @compiled
@@ -39,8 +47,10 @@ def _take(indptr, face, amounts, cover):
 
 
 @compiled
-def best_weight(indptr, face, views, weights, costs, cameras, budget, prices, reached, steps):
-    """Upper bound of the weight that so many cameras within a budget can cover.
+def best_weight(
+    indptr, face, views, weights, costs, cameras, budget, u, best_u, progress, reached, steps
+):  # fmt: skip
+    """Steps towards an upper bound of the weight that so many cameras within a budget can cover.
 
         L(u) = sum_f max(0, w_f - views_f u_f) + max_x sum_c x_c sum_{f in c} u_f
 
@@ -53,18 +63,18 @@ def best_weight(indptr, face, views, weights, costs, cameras, budget, prices, re
     costs : (C,) float64
     cameras, budget : int, float
         Limits; the budget may be inf.
-    prices : (F,) float64
-        To start from.
+    u, best_u : (F,) float64
+        In and out: prices, at most weights / views, and those of the best bound.
+    progress : (4,) float64
+        In and out; inf, 1, 0, 0 to start from.
     reached : float
         Weight of a selection.
     steps : int
     """
     n, m = len(indptr) - 1, len(weights)
-    u = np.minimum(prices, weights / views)
-    best_u = u.copy()
     earned, amounts, cover = np.empty(n), np.empty(n), np.empty(m)
     slope = np.empty(m)
-    best, scale, waited = np.inf, 1.0, 0
+    best, scale, waited = progress[BEST], progress[SCALE], progress[WAITED]
     for _ in range(steps):
         _earn(indptr, face, u, earned)
         # The most valuable so many; with a budget, also the most valuable for their cost, the last
@@ -111,18 +121,19 @@ def best_weight(indptr, face, views, weights, costs, cameras, budget, prices, re
                 u[:] = best_u
                 continue
         if norm == 0 or best <= reached * (1 + 1e-12) or scale < 1e-4:
+            progress[ENDED] = 1.0
             break
         length = scale * max(value - reached, 1e-9) / norm
         for f in range(m):
             u[f] = min(max(u[f] - length * slope[f], 0.0), weights[f] / views[f])
-    return best
+    progress[BEST], progress[SCALE], progress[WAITED] = best, scale, waited
 
 
 @compiled
 def least_cost(
-    indptr, face, views, weights, costs, kind, least, least_total, prices, cost, steps
+    indptr, face, views, weights, costs, kind, least, least_total, u, best_u, progress, cost, steps
 ):  # fmt: skip
-    """Lower bound of the cost of covering so much weight.
+    """Steps towards a lower bound of the cost of covering so much weight.
 
         L(u) = min_x sum_c x_c (cost_c - sum_{f in c} u_f) + min_z sum_f views_f u_f z_f
 
@@ -140,18 +151,19 @@ def least_cost(
         Weight to cover of each kind.
     least_total : float
         Weight to cover in all.
-    prices : (F,) float64
-        To start from.
+    u, best_u : (F,) float64
+        In and out: prices, and those of the best bound.
+    progress : (4,) float64
+        In and out; 0, 1, 0, 0 to start from.
     cost : float
         Of a selection.
     steps : int
     """
     n, m = len(indptr) - 1, len(weights)
-    u, best_u = prices.copy(), prices.copy()
     earned, amounts, cover = np.empty(n), np.empty(n), np.empty(m)
     slope, z = np.empty(m), np.ones(m)
     all_of_it = least_total >= weights.sum()
-    best, scale, waited = 0.0, 1.0, 0
+    best, scale, waited = progress[BEST], progress[SCALE], progress[WAITED]
     for _ in range(steps):
         _earn(indptr, face, u, earned)
         value = 0.0
@@ -178,11 +190,12 @@ def least_cost(
                 u[:] = best_u
                 continue
         if norm == 0 or best >= cost * (1 - 1e-12) or scale < 1e-4:
+            progress[ENDED] = 1.0
             break
         length = scale * max(1.02 * cost - value, 1e-9) / norm
         for f in range(m):
             u[f] = max(u[f] + length * slope[f], 0.0)
-    return best
+    progress[BEST], progress[SCALE], progress[WAITED] = best, scale, waited
 
 
 @compiled

@@ -13,11 +13,13 @@ M. L. Fisher. The Lagrangian relaxation method for solving integer programming p
 """
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.placement import bound_kernels as kernels
+from rastercov.placement.deadline import NEVER, Deadline
 from rastercov.placement.merging import Merged
 from rastercov.placement.problem import BestCoverage, FewestCameras
 
@@ -26,11 +28,15 @@ FloatArray = NDArray[np.float64]
 EFFORT = 300_000_000
 """Pairs looked at, about a second; at least `FEWEST_STEPS` steps however many pairs there are."""
 FEWEST_STEPS, MOST_STEPS = 40, 1000
+PAIRS_A_LOOK = 5_000_000
+"""Pairs looked at between two looks at the clock, 20 ms; at least those of a step."""
 SAFETY = 1e-9
 """Part of a bound that rounding in its sum may have taken."""
 
 
-def best_weight(merged: Merged, reached: int, effort: int = EFFORT) -> int:
+def best_weight(
+    merged: Merged, reached: int, effort: int = EFFORT, deadline: Deadline = NEVER
+) -> int:
     """Weight in whole numbers that no selection within the goal's limits can exceed.
 
     Parameters
@@ -41,6 +47,8 @@ def best_weight(merged: Merged, reached: int, effort: int = EFFORT) -> int:
         Weight of a selection, for the length of the steps.
     effort : int
         Pairs to look at.
+    deadline : Deadline
+        Ends the search for better prices, but not before its first steps.
     """
     goal = merged.problem.goal
     assert isinstance(goal, BestCoverage)
@@ -52,14 +60,22 @@ def best_weight(merged: Merged, reached: int, effort: int = EFFORT) -> int:
         return 0
     views = _views(merged)
     weights = merged.quanta / whole
-    top: float = kernels.best_weight(
-        merged.indptr, merged.face, views, weights, merged.costs, cameras, budget,
-        _first_prices(merged, weights / views), reached / whole, _steps(merged, effort),
-    )  # fmt: skip
+    prices = np.minimum(_first_prices(merged, weights / views), weights / views)
+    best_prices = prices.copy()
+
+    def search(progress: FloatArray, steps: int) -> None:
+        kernels.best_weight(
+            merged.indptr, merged.face, views, weights, merged.costs, cameras, budget,
+            prices, best_prices, progress, reached / whole, steps,
+        )  # fmt: skip
+
+    top = _searched(search, math.inf, merged, effort, deadline)
     return min(whole, math.floor(top * (1 + SAFETY) * whole + SAFETY))
 
 
-def least_cost(merged: Merged, cost: float, effort: int = EFFORT) -> float:
+def least_cost(
+    merged: Merged, cost: float, effort: int = EFFORT, deadline: Deadline = NEVER
+) -> float:
     """Cost below which no selection meets the requirements.
 
     Parameters
@@ -68,8 +84,8 @@ def least_cost(merged: Merged, cost: float, effort: int = EFFORT) -> float:
         Of a problem whose goal is `FewestCameras`.
     cost : float
         Of a selection that does, for the length of the steps.
-    effort : int
-        Pairs to look at.
+    effort, deadline
+        As for `best_weight`.
     """
     assert isinstance(merged.problem.goal, FewestCameras)
     if merged.least_total <= 0 and not (merged.least > 0).any():
@@ -77,11 +93,16 @@ def least_cost(merged: Merged, cost: float, effort: int = EFFORT) -> float:
     views = _views(merged)
     prices = np.empty(merged.n_faces)
     kernels.cheapest_share(merged.indptr, merged.face, merged.costs, prices)
-    bottom: float = kernels.least_cost(
-        merged.indptr, merged.face, views, merged.quanta.astype(np.float64), merged.costs,
-        merged.kind, merged.least.astype(np.float64), float(merged.least_total), prices, cost,
-        _steps(merged, effort),
-    )  # fmt: skip
+    best_prices = prices.copy()
+    weights, least = merged.quanta.astype(np.float64), merged.least.astype(np.float64)
+
+    def search(progress: FloatArray, steps: int) -> None:
+        kernels.least_cost(
+            merged.indptr, merged.face, views, weights, merged.costs, merged.kind, least,
+            float(merged.least_total), prices, best_prices, progress, cost, steps,
+        )  # fmt: skip
+
+    bottom = _searched(search, 0.0, merged, effort, deadline)
     return rounded_up(bottom - SAFETY * abs(bottom), merged.costs)
 
 
@@ -105,5 +126,21 @@ def _first_prices(merged: Merged, most: FloatArray) -> FloatArray:
     return prices
 
 
-def _steps(merged: Merged, effort: int) -> int:
-    return int(np.clip(effort // max(1, 2 * len(merged.face)), FEWEST_STEPS, MOST_STEPS))
+def _searched(
+    search: Callable[[FloatArray, int], None],
+    start: float,
+    merged: Merged,
+    effort: int,
+    deadline: Deadline,
+) -> float:
+    """The best bound that a search finds in its steps, or before the deadline."""
+    pairs = max(1, 2 * len(merged.face))  # of a step
+    left = int(np.clip(effort // pairs, FEWEST_STEPS, MOST_STEPS))
+    progress = np.array([start, 1.0, 0.0, 0.0])
+    at_once = max(1, PAIRS_A_LOOK // pairs)
+    while left > 0 and not progress[kernels.ENDED]:
+        search(progress, min(at_once, left))
+        left -= at_once
+        if deadline.is_over:
+            break
+    return float(progress[kernels.BEST])

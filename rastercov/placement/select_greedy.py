@@ -12,9 +12,12 @@ R. Ruiz, T. Stützle. A simple and effective iterated greedy algorithm. 2007.
 """
 
 import time
+from collections.abc import Iterator
+from contextlib import suppress
 
 import numpy as np
 
+from rastercov.placement.deadline import NEVER, Deadline, TimeUpError
 from rastercov.placement.merging import Merged, merge
 from rastercov.placement.problem import BestCoverage, Problem
 from rastercov.placement.selection import PROVED, Selection, bound_of, finish
@@ -68,13 +71,21 @@ def construct(merged: Merged) -> Tally:
     return tally
 
 
-def complete(tally: Tally, goal: object) -> None:
+def complete(tally: Tally, goal: object, deadline: Deadline = NEVER) -> None:
     """Add the cameras that the greedy rule adds to those that are chosen."""
     while (camera := _next(tally, goal)) >= 0:
+        deadline.check()
         tally.add(camera)
 
 
-def improve(merged: Merged, tally: Tally, bound: float, effort: int, seed: int) -> Tally:
+def improve(
+    merged: Merged,
+    tally: Tally,
+    bound: float,
+    effort: int,
+    seed: int,
+    deadline: Deadline = NEVER,
+) -> Tally:
     """The best selection met while cameras are swapped, and given up and replaced, again and again.
 
     Parameters
@@ -85,20 +96,39 @@ def improve(merged: Merged, tally: Tally, bound: float, effort: int, seed: int) 
         As `bound_of` gives it; the search ends when it is reached.
     effort, seed : int
         As for `select_greedy`.
+    deadline : Deadline
+        Ends the search, too; looked at between two changes of the selection.
     """
     goal = merged.problem.goal
     if isinstance(goal, BestCoverage):
         start, tally = tally.chosen, Tally(merged, finish=True)
         tally.become(start)
-        _swap(tally, goal)
-    rng = np.random.default_rng(seed)
-    best = current = set(tally.chosen)
-    best_value = value = _value(tally, goal)
+        with suppress(TimeUpError):  # each swap that is done is for the better
+            _swap(tally, goal, deadline)
+    best = set(tally.chosen)
     tally.work = 0
+    with suppress(TimeUpError):
+        for better in _kicked(merged, tally, bound, effort, seed, deadline):
+            best = better
+    tally.barred[:] = 0
+    tally.barred[list(tally.chosen)] = 1
+    tally.become(best)
+    return tally
+
+
+def _kicked(
+    merged: Merged, tally: Tally, bound: float, effort: int, seed: int, deadline: Deadline
+) -> Iterator[set[int]]:
+    """Ever better selections that are met on the way of `improve`."""
+    goal = merged.problem.goal
+    rng = np.random.default_rng(seed)
+    current = set(tally.chosen)
+    best_value = value = _value(tally, goal)
     most_lost = 4 if isinstance(goal, BestCoverage) else 8
     for kick in range(MOST_KICKS):
         if tally.work > effort or not current or _reaches(merged, tally, best_value, bound):
-            break
+            return
+        deadline.check()
         ranked = tally.ranked()
         n_lost = int(rng.integers(1, min(most_lost, len(ranked)) + 1))
         lost = [ranked[place] for place in rng.choice(len(ranked), n_lost, replace=False)]
@@ -111,13 +141,13 @@ def improve(merged: Merged, tally: Tally, bound: float, effort: int, seed: int) 
             if camera >= 0:
                 tally.add(camera)
         else:
-            complete(tally, goal)
+            complete(tally, goal, deadline)
         tally.barred[[camera for camera in lost if camera not in tally.chosen]] = 0
-        complete(tally, goal)
+        complete(tally, goal, deadline)
         if isinstance(goal, BestCoverage):
-            _swap(tally, goal)
+            _swap(tally, goal, deadline)
         else:
-            _prune(tally)
+            _prune(tally, deadline)
         new_value = _value(tally, goal)
         # A little worse will do at first, so that the search leaves what no swap improves.
         left = 1 - max(tally.work / effort, kick / MOST_KICKS)
@@ -127,9 +157,8 @@ def improve(merged: Merged, tally: Tally, bound: float, effort: int, seed: int) 
             continue
         current, value = set(tally.chosen), new_value
         if value > best_value:
-            best, best_value = current, value
-    tally.become(best)
-    return tally
+            best_value = value
+            yield current
 
 
 def _value(tally: Tally, goal: object) -> tuple[float, float]:
@@ -165,12 +194,13 @@ def _left(tally: Tally, goal: BestCoverage) -> float:
     return np.inf if goal.budget is None else goal.budget * (1 + 1e-12) - tally.cost
 
 
-def _swap(tally: Tally, goal: BestCoverage) -> None:
+def _swap(tally: Tally, goal: BestCoverage, deadline: Deadline) -> None:
     """Replace single cameras while that gains anything."""
     gains = True
     while gains:
         gains = False
         for camera in tally.ranked():
+            deadline.check()
             before = tally.worth
             tally.remove(camera)
             other = tally.next_best(_left(tally, goal))
@@ -185,9 +215,10 @@ def _swap(tally: Tally, goal: BestCoverage) -> None:
                 tally.add(camera)
 
 
-def _prune(tally: Tally) -> None:
+def _prune(tally: Tally, deadline: Deadline = NEVER) -> None:
     """Give up cameras that the requirements do not need, the dearest first."""
     for camera in sorted(tally.ranked(), key=lambda camera: -float(tally.merged.costs[camera])):
+        deadline.check()
         tally.remove(camera)
         if not tally.is_met:
             tally.add(camera)

@@ -1,5 +1,6 @@
 """What a selection is, whatever made it: the cameras, what they cover, and how good that is."""
 
+import heapq
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -8,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.placement import bounds
+from rastercov.placement import selection_kernels as kernels
+from rastercov.placement.deadline import NEVER, Deadline
 from rastercov.placement.merging import Merged
 from rastercov.placement.problem import BestCoverage, Problem
 from rastercov.placement.tally import Tally
@@ -18,6 +21,8 @@ IntArray = NDArray[np.int64]
 
 PROVED = 1e-6
 """Relative gap up to which a selection counts as the best there is: the tolerance of HiGHS."""
+ROUNDING = 1e-9
+"""Relative error of a sum of weights, with room."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +89,7 @@ class Selection:
         }
 
 
-def bound_of(merged: Merged, tally: Tally) -> float:
+def bound_of(merged: Merged, tally: Tally, deadline: Deadline = NEVER) -> float:
     """Bound by Lagrange multipliers: of the cost, or of the share.
 
     Parameters
@@ -93,11 +98,13 @@ def bound_of(merged: Merged, tally: Tally) -> float:
         The problem.
     tally : Tally
         A selection that meets its requirements.
+    deadline : Deadline
+        As for `bounds.best_weight`.
     """
     if isinstance(merged.problem.goal, BestCoverage):
-        weight = bounds.best_weight(merged, tally.covered)
+        weight = bounds.best_weight(merged, tally.covered, deadline=deadline)
         return share_of(merged.problem, weight)
-    return bounds.least_cost(merged, tally.cost)
+    return bounds.least_cost(merged, tally.cost, deadline=deadline)
 
 
 def share_of(problem: Problem, weight: float) -> float:
@@ -119,7 +126,7 @@ def finish(
     `status` becomes "optimal" where the bound says so.
     """
     problem = merged.problem
-    order, curve = _in_order(problem, chosen)
+    order, curve = in_order(problem, chosen)
     views, covered = problem.covered_by(order)
     share, cost = problem.share(covered), float(np.sort(problem.costs[order]).sum())
     if isinstance(problem.goal, BestCoverage):
@@ -150,23 +157,62 @@ def relative_gap(objective: float, bound: float) -> float:
     return abs(objective - bound) / abs(objective) if objective else math.inf
 
 
-def _in_order(problem: Problem, chosen: IntArray) -> tuple[IntArray, FloatArray]:
+def in_order(problem: Problem, chosen: IntArray) -> tuple[IntArray, FloatArray]:
     """The chosen candidates, the one that adds most always next, and the shares they add up to."""
-    left = sorted(int(camera) for camera in chosen)
     order: list[int] = []
     curve: list[float] = []
     # Progress per face, so that with several views a face the first camera counts, too.
     count = np.zeros(problem.n_faces, np.int64)
     part = problem.quanta / problem.views
-    while left:  # K^2 / 2 looks at the faces of a camera, microseconds each
-        gains = []
-        for camera in left:
-            faces = problem.face[problem.indptr[camera] : problem.indptr[camera + 1]]
-            gains.append(float(part[faces[count[faces] < problem.views[faces]]].sum()))
-        camera = left.pop(int(np.argmax(gains)))
+    spread = _Spread(problem, np.asarray(chosen, np.int64))
+
+    def gain(camera: int) -> float:
+        faces = problem.face[problem.indptr[camera] : problem.indptr[camera + 1]]
+        return float(part[faces[count[faces] < problem.views[faces]]].sum())
+
+    # Gains only fall as cameras are added, so only those are looked at again that were greater than
+    # the greatest is now: few each time. Equal gains go by number, and 0 stays 0.
+    rounding = 0.0 if bool((part == np.floor(part)).all()) else ROUNDING
+    stale = [(-gain(camera), camera) for camera in map(int, chosen)]
+    heapq.heapify(stale)
+    while stale:
+        fresh, best = [], (math.inf, -1)
+        while stale and (stale[0][0] * (1 + rounding), stale[0][1]) < best:
+            loss, camera = heapq.heappop(stale)
+            fresh.append((-gain(camera) if loss else loss, camera))
+            best = min(best, fresh[-1])
+            if not loss:
+                break
+        for other in fresh:
+            if other is not best:
+                heapq.heappush(stale, other)
+        camera = best[1]
         count[problem.face[problem.indptr[camera] : problem.indptr[camera + 1]]] += 1
         order.append(camera)
-        is_plain = problem.min_angle == 0
-        covered = count >= problem.views if is_plain else problem.covered_by(order)[1]
-        curve.append(problem.share(covered))
+        curve.append(problem.share((count >= problem.views) & spread.after(camera)))
     return np.array(order, np.int64), np.array(curve, np.float64)
+
+
+class _Spread:
+    """Faces whose rays to two of the cameras so far differ by the angle of a problem."""
+
+    def __init__(self, problem: Problem, chosen: IntArray) -> None:
+        self.problem = problem
+        self.is_spread = np.full(problem.n_faces, problem.min_angle == 0)
+        if problem.min_angle > 0:
+            n_pairs = int((problem.indptr[chosen + 1] - problem.indptr[chosen]).sum())
+            self.last = np.full(problem.n_faces, -1, np.int64)
+            self.before = np.empty(n_pairs, np.int64)
+            self.camera = np.empty(n_pairs, np.int64)
+            self.n_seen = 0
+
+    def after(self, camera: int) -> BoolArray:
+        """(F,) whether they do once a camera has been added."""
+        problem = self.problem
+        if problem.min_angle > 0:
+            self.n_seen = kernels.spread_with(
+                camera, problem.indptr, problem.face, problem.eyes, problem.centroids,
+                problem.min_cosine, self.last, self.before, self.camera, self.n_seen,
+                self.is_spread,
+            )  # fmt: skip
+        return self.is_spread

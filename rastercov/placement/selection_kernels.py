@@ -72,6 +72,44 @@ def spread_faces(indptr, face, chosen, views, eyes, centroids, min_cosine):
 
 
 @compiled
+def spread_with(
+    c, indptr, face, eyes, centroids, min_cosine, last, before, camera, n_seen, is_spread
+):  # fmt: skip
+    """Add a camera to those that see each face; how many pairs of camera and face there are now.
+
+    Parameters
+    ----------
+    c : int
+    indptr, face
+        Faces of each candidate.
+    eyes, centroids, min_cosine
+        As for `spread_faces`.
+    last : (F,) int64
+        In and out: the pair of the last camera that sees each face, -1 for none.
+    before, camera : (N,) int64
+        In and out: of each pair, the pair before it of the same face, and its camera.
+    n_seen : int
+        Pairs so far.
+    is_spread : (F,) bool
+        In and out: whether two cameras of a face differ.
+    """
+    for j in range(indptr[c], indptr[c + 1]):
+        f = face[j]
+        if is_spread[f]:
+            continue
+        pair = last[f]
+        while pair >= 0:
+            if _cosine(eyes, c, camera[pair], centroids, f) <= min_cosine:
+                is_spread[f] = True
+                break
+            pair = before[pair]
+        before[n_seen], camera[n_seen] = last[f], c
+        last[f] = n_seen
+        n_seen += 1
+    return n_seen
+
+
+@compiled
 def change(
     c, sign, indptr, face, starts, candidates, views, need, step, bonus, kind, quanta, count, gain,
     done, total,
