@@ -400,6 +400,16 @@ def test_the_resolution_table_ends_where_the_printed_one_does(renderer):
     assert all(row.predicted_by_detector == row.detected for row in found.rows)
 
 
+def test_the_printed_resolution_is_the_one_of_the_table_not_our_quotient(renderer):
+    rows = resolution(renderer).rows
+    table = "13.07 8.08 5.64 4.12 3.06 2.44 2.06 1.72 1.44 1.26 0.94 0.89 0.82 0.76 0.66"
+    assert " ".join(row.printed.split()[1] for row in rows) == table
+    assert " ".join(f"{row.printed_coverage:.2f}" for row in rows) == table
+    for row in rows:  # what both are: pixels over R_min, (3.8), the printed ones cut to two digits
+        assert row.printed_coverage == pytest.approx(int(row.printed.split()[0]) / 1024, abs=0.012)
+        assert row.coverage == pytest.approx(int(row.ours.split()[0]) / 1024, abs=6e-4)
+
+
 def test_visible_areas_are_the_printed_ones(renderer):
     found = visibility(renderer)
     for row in found.rows:
