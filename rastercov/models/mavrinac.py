@@ -27,8 +27,10 @@ Caveats
   is. His own software, Adolphus, grades these two, focus and the angle; so does this file.
 - Adolphus ramps focus linearly in depth between the depths where the blur circle has its two
   limits; here it is linear in the blur circle itself. They agree at the limits.
-- Adolphus takes twice the arc tangent of half a half-width for the angle of view, which is wider
-  than a pinhole's; here the border is the image's.
+- Until 11 December 2012 Adolphus took 2 atan(w / 2) for the half angle of view whose tangent is w,
+  which is wider than a pinhole's, and compared its sine with x / z (a border within the image's),
+  since January 2012 its tangent (one beyond it). Since then it takes atan(w), and its border is the
+  image's, as here.
 - A face is scored as his task models are, by the mean over its points: with one hidden vertex of
   three it keeps two thirds, where Zhang gives 0. Its points are its vertices with its own normal.
 - Resolution looks at the depth alone; how a face is turned is the angle's matter. Adolphus has an
