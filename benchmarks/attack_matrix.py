@@ -1,0 +1,104 @@
+"""Attack on what placement keeps and decides: damaged matrices, and integer programs out of time.
+
+`damage` flips bits of a matrix on the disk, cuts, zeroes, deletes, exchanges and replaces its
+files, and builds it again; `limits` holds `select_integer` to its time limits.
+"""
+
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+from rows import Report, arguments
+
+import rastercov as rc
+from rastercov import shapes
+from rastercov.placement.problem import BestCoverage, Problem, problem_of_matrix
+from rastercov.placement.select_greedy import select_greedy
+from rastercov.placement.select_integer import select_integer
+from rastercov.placement.set_cover_file import read_set_cover
+
+sys.path.append(str(Path(__file__).parents[1] / "tests"))
+from matrix_damage import campaign
+from set_cover_cases import FOLDER, OPTIMA, hard_for_the_clock, random_cover, steiner
+
+TRIALS = 3000
+"""Damaged folders of the whole campaign, of eleven kinds of damage."""
+LIMITS = (0.5, 1.0, 2.0, 5.0)
+"""Seconds."""
+ALLOWANCE = 0.2
+"""Seconds beyond a tenth of the limit."""
+
+
+def attack(report: Report, effort: float) -> None:
+    """All of it; `effort` 1 is the whole campaign, 0.05 a trial run."""
+    wrong = damage(max(1, round(effort * TRIALS)))
+    for what, verdict in list(wrong.items())[:10]:
+        print(f"{what}: {verdict}", file=sys.stderr)
+    report.add("damaged matrices", max(1, round(effort * TRIALS)), "folders")
+    report.add("damaged matrices believed, not mended, or not refused", len(wrong), "folders",
+               must=0, at_most=True)  # fmt: skip
+    report.check("a damaged matrix is refused when read, and mended when built", not wrong)
+    limits(report, LIMITS if effort >= 0.5 else LIMITS[:1])
+
+
+def damage(trials: int, seed: int = 0) -> dict[str, str]:
+    """What went wrong with damaged matrices, by the damage."""
+    poses = rc.sphere_of_poses((0, 0, 0), 4.2, 11)
+    task = rc.Task(min_coverage=0.3, max_incidence_deg=80)
+    camera = rc.Camera(width=64, height=64, fx=70, fy=70)
+    with (
+        rc.open_observer(shapes.torus(12, 8), camera) as observer,
+        tempfile.TemporaryDirectory() as folder,
+    ):
+        inputs = {"view": observer, "poses": poses, "task": task, "poses_a_shard": 4}
+        return campaign(Path(folder), inputs, poses[::-1], trials, seed)
+
+
+def limits(report: Report, seconds: tuple[float, ...]) -> None:
+    """Hold the integer program to its limits, on problems of 1,000 to 2 million pairs."""
+    problems: dict[str, Callable[[], Problem]] = {
+        name: partial(read_set_cover, FOLDER / f"{name}.txt.xz") for name in OPTIMA
+    }
+    problems |= {name: partial(hard_for_the_clock().get, name) for name in hard_for_the_clock()}
+    problems["Steiner A45"] = lambda: problem_of_matrix(steiner(45))
+    problems["10,000 x 10,000, sparse"] = lambda: random_cover(10_000, 10_000, 0.001)
+    problems["10,000 x 10,000"] = lambda: random_cover(10_000, 10_000, 0.02)
+    problems["10,000 x 10,000, best 20"] = lambda: random_cover(
+        10_000, 10_000, 0.02, BestCoverage(20)
+    )
+    for make in problems.values():  # load every loop
+        select_integer(make(), time_limit=1e-3)
+    for name, make in problems.items():
+        problem = make()
+        plain = select_greedy(problem, effort=0)
+        sign = 1 if isinstance(problem.goal, BestCoverage) else -1
+        for limit in seconds:
+            started = time.perf_counter()
+            found = select_integer(problem, time_limit=limit)
+            beyond = time.perf_counter() - started - 1.1 * limit
+            report.add(f"{name}, limit {limit:g} s: beyond 1.1 times it", beyond, "s",
+                       must=ALLOWANCE, at_most=True)  # fmt: skip
+            report.check(
+                f"{name}, limit {limit:g} s: not worse than plain greedy, within its bound",
+                sign * plain.objective <= sign * found.objective <= sign * found.bound,
+            )
+    for name in ("scp41", "scp42"):
+        found = select_integer(problems[name](), time_limit=1.0)
+        proved = found.objective == found.bound == OPTIMA[name]
+        report.check(f"{name}: proved within 1 s, HiGHS alone takes 0.02 s", proved)
+
+
+def main() -> None:
+    parser = arguments(__doc__)
+    parser.add_argument("--effort", type=float, default=1.0, help="part of the campaign")
+    args = parser.parse_args()
+    report = Report()
+    attack(report, args.effort)
+    report.finish(args.json)
+
+
+if __name__ == "__main__":
+    main()
