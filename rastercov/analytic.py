@@ -23,6 +23,7 @@ from rastercov import analytic_kernels as kernels
 from rastercov.camera import Camera
 from rastercov.compiled import announce_compilation
 from rastercov.errors import ConfigError
+from rastercov.memory import check_memory
 from rastercov.mesh import Mesh
 from rastercov.parallel import share_poses, thread_count
 from rastercov.pose import valid_poses
@@ -80,6 +81,8 @@ def visible_areas(
         For a pose that is no rigid motion.
     ConfigError
         For a face that is not there.
+    ResourceError
+        Where the arrays take more memory than is free, before any is taken.
     """
     matrices = valid_poses(poses)
     chosen: NDArray[Any] = np.arange(mesh.n_faces) if faces is None else np.asarray(faces)
@@ -89,6 +92,11 @@ def visible_areas(
         raise ConfigError(
             f"faces must lie in 0 ... {mesh.n_faces - 1}, got {chosen.min()} ... {chosen.max()}"
         )
+    check_memory(
+        f"areas of {len(matrices):,} poses x {len(chosen):,} faces",
+        3 * 8 * len(matrices) * len(chosen),
+        "measure fewer poses at a time",
+    )
     announce_compilation(kernels.visible_areas)
     near, can_cull, _ = limits(mesh, camera, matrices)
     cull = can_cull if front_only is None else np.full(len(matrices), front_only)

@@ -23,7 +23,7 @@ SURFACE = {
     "errors": set(),
     "network": {"share_of_faces"},
     "pose": {"DRIFT_TOLERANCE", "check_poses", "inverse", "valid_poses"},
-    "raster.contract": {"MAX_SUPERSAMPLE"},
+    "raster.contract": {"MAX_RENDERED", "MAX_SUPERSAMPLE", "check_counts", "check_picture"},
     "visibility": {"EPSILON", "METHODS", "ROLL", "figures"},
 }
 MESH = {"Group", "Mesh"}

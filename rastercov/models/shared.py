@@ -16,6 +16,7 @@ from rastercov.camera import Camera
 from rastercov.camera_checks import shown
 from rastercov.coverage import Task
 from rastercov.errors import ConfigError
+from rastercov.memory import check_memory
 from rastercov.mesh import Mesh
 from rastercov.pose import valid_poses
 from rastercov.projection import near_limit
@@ -36,10 +37,18 @@ def each_pose(
     ------
     PoseError
         For a pose that is no rigid motion.
+    ResourceError
+        Where the array takes more memory than is free, before any is taken.
     """
     matrices = valid_poses(poses)
+    of_pose = shape or (mesh.n_faces,)
+    check_memory(
+        f"answers of {len(matrices):,} poses x {mesh.n_faces:,} faces",
+        8 * len(matrices) * math.prod(of_pose),
+        "take fewer poses at a time",
+    )
     near = near_limit(camera, mesh.bounds, matrices)
-    found = np.empty((len(matrices), *(shape or (mesh.n_faces,))))
+    found = np.empty((len(matrices), *of_pose))
     for row, pose in enumerate(matrices):  # a few milliseconds for 10k faces
         found[row] = strength(pose, float(near[row]))
     return found

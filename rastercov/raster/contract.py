@@ -7,6 +7,9 @@ The promise: samples sit at pixel centres, or on a regular S x S grid in each pi
 dense that is rolled about the image centre; a sample on an edge shared by two faces belongs to
 exactly one of them; faces are cut at the near plane, not dropped; depth is compared in float32 or
 better; of two surfaces at equal depth the face with the lower index wins.
+
+A CPU rasteriser may be used from several threads at once. An OpenGL rasteriser belongs to the
+thread that opened it, and raises `DeviceError` in any other.
 """
 
 import math
@@ -17,13 +20,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.camera import Camera
-from rastercov.errors import ConfigError, DeviceError
+from rastercov.errors import ConfigError, DeviceError, ResourceError
+from rastercov.memory import check_memory
 from rastercov.mesh import Mesh
 
 CountArray = NDArray[np.int32] | NDArray[np.int64]
 
 MAX_SUPERSAMPLE = 64
 """Largest S: beyond it the exact methods are both cheaper and better."""
+MAX_RENDERED = 1 << 31
+"""Most pixels of a `VisibilityBuffer`, 16 GiB. Counts have no such limit."""
 
 
 @dataclass(frozen=True)
@@ -141,7 +147,9 @@ class Rasterizer(Protocol):
             For a pose that is no rigid motion, before anything is drawn.
         DeviceError
             When the device breaks a law it must keep: counts that do not add up, an error, a
-            check scene that comes out wrong.
+            check scene that comes out wrong; and after `close`.
+        ResourceError
+            When the counts take more memory than is free, before any is taken.
         """
         ...
 
@@ -154,16 +162,46 @@ class Rasterizer(Protocol):
         ----------
         pose : (4, 4) array_like
             world_from_camera.
+
+        Raises
+        ------
+        ResourceError
+            For more than `MAX_RENDERED` pixels, or more than memory has room for, before any of it
+            is taken.
         """
         ...
 
     def close(self) -> None:
-        """Give everything on the device back; later calls raise `DeviceError`."""
+        """Give everything on the device back; later calls raise `DeviceError`.
+
+        Again it does nothing. A call that another thread is in ends as ever.
+        """
         ...
 
     def __enter__(self) -> Self: ...
 
     def __exit__(self, *error: object) -> None: ...
+
+
+def check_counts(n_poses: int, n_faces: int, bytes_a_pair: int) -> None:
+    """Raise `ResourceError` where counts of so many poses and faces take too much memory."""
+    check_memory(
+        f"counts of {n_poses:,} poses x {n_faces:,} faces",
+        bytes_a_pair * n_poses * n_faces,
+        "count fewer poses at a time",
+    )
+
+
+def check_picture(camera: Camera) -> None:
+    """Raise `ResourceError` where a `VisibilityBuffer` of this camera takes too much memory."""
+    n_bytes = 8 * camera.width * camera.height
+    remedy = "take a smaller camera, as camera.resized(0.1)"
+    if camera.width * camera.height > MAX_RENDERED:
+        raise ResourceError(
+            f"a picture must have at most {MAX_RENDERED:,} pixels, got {camera.width:,} x "
+            f"{camera.height:,}, which take {n_bytes:,} bytes; {remedy}"
+        )
+    check_memory(f"{camera.width:,} x {camera.height:,} pixels", n_bytes, remedy)
 
 
 def open_rasterizer(
