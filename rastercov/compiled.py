@@ -2,8 +2,11 @@
 
 numba keeps what it compiled by file, and does not notice when a loop calls into another file that
 has changed. So loops that call each other stand in one file, or name the others to `compiled_with`.
+
+numba compiles in one thread of a process at a time, whichever asks; a fork waits until it is done.
 """
 
+import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -13,6 +16,19 @@ from types import ModuleType
 from typing import Any
 
 import numba
+from numba.core.compiler_lock import global_compiler_lock
+
+from rastercov.once import Once
+
+# A process that is forked while another thread compiles would find the compiler locked for ever,
+# and half way through a loop: no lock of its own could mend that.
+os.register_at_fork(
+    before=global_compiler_lock.acquire,
+    after_in_parent=global_compiler_lock.release,
+    after_in_child=global_compiler_lock.release,
+)
+
+_ANNOUNCED: dict[str, Once[None]] = {}
 
 
 def compiled(function: Callable[..., Any]) -> Any:
@@ -57,7 +73,7 @@ def inlined(function: Callable[..., Any]) -> Any:
 
 
 def announce_compilation(loop: Any) -> bool:
-    """Say that loops are compiled, where no earlier run has left this one on disk.
+    """Say that loops are compiled, once a process, where no earlier run has left this one on disk.
 
     True where they are, and will be kept.
     """
@@ -66,8 +82,12 @@ def announce_compilation(loop: Any) -> bool:
     pattern = f"{module}.{loop.py_func.__name__}-*.nbi"
     if folder and any(Path(folder).glob(pattern)):
         return False
-    print("rastercov: compiling, once after installation", file=sys.stderr, flush=True)
+    _ANNOUNCED.setdefault(pattern, Once()).get(_announce)
     return folder is not None
+
+
+def _announce() -> None:
+    print("rastercov: compiling, once after installation", file=sys.stderr, flush=True)
 
 
 @contextmanager

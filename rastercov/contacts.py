@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from rastercov import contact_kernels as kernels
 from rastercov.mesh_arrays import blocks, normals_and_areas
+from rastercov.once import Once
 from rastercov.topology import first_equal_row
 
 FloatArray = NDArray[np.float64]
@@ -65,7 +66,9 @@ class Contacts:
     degenerate_mask: NDArray[np.bool_]
     diagonal: float
     components: Callable[[], NDArray[np.integer[Any]]]
-    _known: dict[tuple[int, bool], NDArray[np.bool_]] = field(default_factory=dict, init=False)
+    _known: dict[tuple[int, bool], Once[NDArray[np.bool_]]] = field(
+        default_factory=dict, init=False
+    )
 
     def faces_for(self, distance: float = 0.0) -> NDArray[np.bool_]:
         """(F,) faces in contact, for cameras with no surface beyond `distance`, metres."""
@@ -82,14 +85,13 @@ class Contacts:
         return max(0, math.ceil(math.log10(max(far, 1.0))))
 
     def _faces(self, decade: int, within: bool) -> NDArray[np.bool_]:
-        key = decade, within
-        if key not in self._known:
-            self._known[key] = touching_faces(
+        return self._known.setdefault((decade, within), Once()).get(
+            lambda: touching_faces(
                 self.vertices, self.faces, CONTACT * 10**decade * self.diagonal,
                 degenerate_mask=self.degenerate_mask,
                 labels=self.components() if within else None,
-            )  # fmt: skip
-        return self._known[key]
+            )
+        )  # fmt: skip
 
 
 def touching_faces(

@@ -20,6 +20,7 @@ from rastercov import contour_kernels as kernels
 from rastercov.analytic import View
 from rastercov.camera import Camera
 from rastercov.compiled import announce_compilation, compiled_aside
+from rastercov.once import Once
 from rastercov.raster import canary
 from rastercov.surface import Surface, surface_of
 
@@ -46,8 +47,18 @@ CPURasterizer(MESH, CAMERA)
 """Compiles about half of all loops: those of the contacts, and of the rasteriser for pictures."""
 
 
+_COMPILED: Once[None] = Once()
+
+
 def compile_once() -> None:
-    """Compile all loops, in two processes side by side, where no earlier run left them on disk."""
+    """Compile all loops, in two processes side by side, where no earlier run left them on disk.
+
+    Threads that call it while one of them compiles wait until that is done.
+    """
+    _COMPILED.get(_compile)
+
+
+def _compile() -> None:
     if announce_compilation(analytic_kernels.visible_areas):
         surface, pose = surface_of(canary.MESH), canary.POSES[0]
         with compiled_aside(ELSEWHERE):

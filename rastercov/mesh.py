@@ -48,6 +48,9 @@ class MeshSource:
 class Mesh:
     """Triangles in space, in groups; a frozen value with read-only arrays.
 
+    Any number of threads may share one. What is computed at first use may be computed in several
+    of them at once, with the same result.
+
     Parameters
     ----------
     vertices : (V, 3) float
@@ -159,7 +162,9 @@ class Mesh:
         groups = flagged(self.groups, occluders, two_sided)
         other = object.__new__(type(self))
         depends_on_groups = {"task_mask", "two_sided_mask"}
-        other.__dict__.update({k: v for k, v in vars(self).items() if k not in depends_on_groups})
+        # Copied in one step: another thread may be adding what it has computed.
+        known = vars(self).copy()
+        other.__dict__.update({k: v for k, v in known.items() if k not in depends_on_groups})
         object.__setattr__(other, "groups", groups)
         return other
 
@@ -225,7 +230,7 @@ class Mesh:
     def positions(self) -> NDArray[np.int64]:
         """(F, 3) like `faces`, but equal for vertices that lie on the same point."""
         same = first_equal_row((self.vertices + 0.0).view(np.uint64))  # -0.0 + 0.0 is 0.0
-        return same[self.faces]
+        return frozen(same[self.faces])
 
     @cached_property
     def duplicate_mask(self) -> NDArray[np.bool_]:

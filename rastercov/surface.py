@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from rastercov.contacts import Contacts
 from rastercov.mesh import Mesh
+from rastercov.once import Once
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -63,14 +64,12 @@ class Surface:
     contacts: Contacts
 
 
-_SURFACES: WeakKeyDictionary[Mesh, Surface] = WeakKeyDictionary()
+_SURFACES: WeakKeyDictionary[Mesh, Once[Surface]] = WeakKeyDictionary()
 
 
 def surface_of(mesh: Mesh) -> Surface:
     """Surface of a mesh: worked out at the first call, about 1 s for a million faces."""
-    if mesh not in _SURFACES:
-        _SURFACES[mesh] = _build(mesh)
-    return _SURFACES[mesh]
+    return _SURFACES.setdefault(mesh, Once()).get(lambda: _build(mesh))
 
 
 def _build(mesh: Mesh) -> Surface:

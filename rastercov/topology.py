@@ -12,7 +12,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.mesh_arrays import blocks
+from rastercov.mesh_arrays import blocks, frozen
 
 ODD_MULTIPLIERS = (0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9)
 
@@ -146,7 +146,7 @@ class Topology:
             n_shared_edges=n_shared,
             n_nonmanifold_edges=n_nonmanifold,
             n_inconsistent_edges=n_inconsistent,
-            neighbours=neighbours,
+            neighbours=frozen(neighbours),
         )
 
     @property

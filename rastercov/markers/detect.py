@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from rastercov.errors import DeviceError
 from rastercov.markers.scene import CELLS
+from rastercov.mesh_arrays import frozen
 
 FloatArray = NDArray[np.float64]
 
@@ -51,7 +52,7 @@ def patterns() -> NDArray[np.uint8]:
     cv2, known = opencv(), dictionary()
     count = len(known.bytesList)
     images = [cv2.aruco.generateImageMarker(known, number, CELLS) for number in range(count)]
-    return (np.stack(images) > 127).astype(np.uint8)
+    return frozen((np.stack(images) > 127).astype(np.uint8))
 
 
 def detect(

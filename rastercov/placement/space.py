@@ -108,7 +108,7 @@ class PoseSpace:
     def hull(self) -> FloatArray:
         """(2, 3) the box around all boxes."""
         boxes = np.asarray(self.boxes)
-        return np.stack((boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)))
+        return frozen(np.stack((boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0))))
 
     def judge(self, eyes: ArrayLike) -> NDArray[np.uint8]:
         """`Place` of each of (N, 3) camera centres."""
