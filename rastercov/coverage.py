@@ -291,7 +291,8 @@ def evaluate_batches(
     -------
     Iterator of Coverage
         Of consecutive poses, at most `PAIRS_A_BATCH` pairs and `POSES_A_BATCH` poses each. The
-        arguments are checked at once; each batch is measured when it is asked for.
+        arguments are checked at once; each batch is measured when it is asked for. Any number of
+        threads may have an iterator each over one observer, but not share an iterator.
     """
     task = task or Task()
     matrices, pose_ids = _accepted(poses, skip_bad_poses)

@@ -22,6 +22,8 @@ IntArray = NDArray[np.int64]
 class Network:
     """Coverage of each face by all cameras, added up batch by batch.
 
+    `add` changes it, so one thread at a time may use it: measure in several, add up in one.
+
     Attributes
     ----------
     views : (F,) int64

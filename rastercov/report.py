@@ -68,6 +68,8 @@ class CoverageTable:
     -----
     Memory does not grow with the run: at most `ROWS_A_GROUP` rows and one batch are held. A run
     without a pair in view gives a valid file without rows.
+
+    One thread at a time may use a table: measure in several, add rows in one.
     """
 
     def __init__(self, path: str | Path, header: Mapping[str, Any] | None = None) -> None:

@@ -22,6 +22,7 @@ D. G. Kendall. On the Number of Lattice Points Inside a Random Oval. 1948, for t
 
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import partial
 from importlib.metadata import version
 from typing import Any, Protocol, Self
 
@@ -31,9 +32,10 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.camera import Camera
 from rastercov.closing import Closing
 from rastercov.criteria import ViewOfFaces, view_faces
-from rastercov.errors import ConfigError
+from rastercov.errors import ConfigError, DeviceError
+from rastercov.memory import check_memory
 from rastercov.mesh import Mesh
-from rastercov.parallel import share_poses, thread_count
+from rastercov.parallel import ScratchPool, share_poses, thread_count
 from rastercov.pose import valid_poses
 from rastercov.raster.contract import FaceCounts, RasterizerInfo, open_rasterizer
 from rastercov.raster.rules import limits
@@ -120,7 +122,11 @@ class Visibility:
 
 
 class Observer(Protocol):
-    """What one camera sees of one mesh; open it with `open_observer`, use it in a `with` block."""
+    """What one camera sees of one mesh; open it with `open_observer`, use it in a `with` block.
+
+    Any number of threads may use one observer at once, but for method "sampled" on OpenGL: that
+    one belongs to the thread that opened it, and says so in any other.
+    """
 
     mesh: Mesh
     camera: Camera
@@ -138,11 +144,18 @@ class Observer(Protocol):
         ------
         PoseError
             For a pose that is no rigid motion.
+        ResourceError
+            Where the arrays take more memory than is free, before any is taken.
+        DeviceError
+            After `close`.
         """
         ...
 
     def close(self) -> None:
-        """Give back what it holds."""
+        """Give back what it holds: later calls raise `DeviceError`; again it does nothing.
+
+        A call that another thread is in ends as ever.
+        """
         ...
 
     def __enter__(self) -> Self: ...
@@ -213,8 +226,15 @@ def visibility(
         world_from_camera.
     method, backend, supersample, **options
         As for `open_observer`.
+
+    Raises
+    ------
+    ResourceError
+        Where the arrays take more memory than is free, before any is taken.
     """
     matrices = valid_poses(poses)
+    observed_and_returned = 25 + 17
+    _check_figures(len(matrices), mesh.n_faces, observed_and_returned)
     with open_observer(
         mesh, camera, method, backend=backend, supersample=supersample, **options
     ) as observer:
@@ -253,7 +273,33 @@ def figures(
     return value, np.minimum(bound, 1.0), np.where(nothing, Kind.EXACT, kind).astype(np.uint8)
 
 
-class _SampledObserver(Closing):
+class _Observer(Closing):
+    """An observer that is open until it is closed."""
+
+    mesh: Mesh
+    camera: Camera
+    info: RasterizerInfo
+    _is_open = True
+
+    def _check_open(self) -> None:
+        if not self._is_open:
+            raise DeviceError("this observer is closed; open a new one")
+
+    def _check_memory(self, n_poses: int) -> None:
+        """Raise `ResourceError` where an `Observation` of so many poses takes too much memory."""
+        areas_and_kind = 3 * 8 + 1
+        _check_figures(n_poses, self.mesh.n_faces, areas_and_kind)
+
+
+def _check_figures(n_poses: int, n_faces: int, bytes_a_pair: int) -> None:
+    check_memory(
+        f"figures of {n_poses:,} poses x {n_faces:,} faces",
+        bytes_a_pair * n_poses * n_faces,
+        "observe fewer poses at a time",
+    )
+
+
+class _SampledObserver(_Observer):
     def __init__(
         self, mesh: Mesh, camera: Camera, backend: str, supersample: int, options: dict[str, Any]
     ) -> None:
@@ -263,13 +309,17 @@ class _SampledObserver(Closing):
         self.mesh, self.camera, self.info = mesh, camera, self._rasterizer.info
 
     def observe(self, poses: ArrayLike) -> Observation:
+        self._check_open()
+        if isinstance(poses, np.ndarray) and poses.ndim == 3:  # few lists are as long as that
+            self._check_memory(len(poses))
         return Observation.of_counts(self._rasterizer.count(poses))
 
     def close(self) -> None:
-        self._rasterizer.close()
+        self._rasterizer.close()  # refuses in a thread that may not, and all stays open
+        self._is_open = False
 
 
-class _AnalyticObserver(Closing):
+class _AnalyticObserver(_Observer):
     def __init__(self, mesh: Mesh, camera: Camera, method: str, threads: int | None) -> None:
         # These compile, or load what was compiled.
         from rastercov import analytic, contour
@@ -286,14 +336,16 @@ class _AnalyticObserver(Closing):
             depth="float64",
             shaders="",
         )
-        self._surface = surface_of(mesh)
-        self._view_type = contour.CertifiedView if method == "certified" else analytic.View
         self._threads = thread_count(threads)
-        self._views: list[Any] = []
+        view_type = contour.CertifiedView if method == "certified" else analytic.View
+        make = partial(view_type, surface_of(mesh), camera)
+        self._scratch: ScratchPool[analytic.View] = ScratchPool(make, self._threads)
 
     def observe(self, poses: ArrayLike) -> Observation:
+        self._check_open()
         matrices = valid_poses(poses)
         n_poses, n_faces = len(matrices), self.mesh.n_faces
+        self._check_memory(n_poses)
         near, front_only, clipped = limits(self.mesh, self.camera, matrices)
         visible, area, blur = np.empty((3, n_poses, n_faces))
         kind = np.full((n_poses, n_faces), Kind.EXACT, np.uint8)
@@ -308,11 +360,11 @@ class _AnalyticObserver(Closing):
 
             return work
 
-        n_threads = max(1, min(self._threads, n_poses))
-        while len(self._views) < n_threads:
-            self._views.append(self._view_type(self._surface, self.camera))
-        share_poses(n_poses, [worker(view) for view in self._views[:n_threads]])
+        views = self._scratch.take(max(1, min(self._threads, n_poses)))
+        share_poses(n_poses, [worker(view) for view in views])
+        self._scratch.give_back(views)
         return Observation(visible, area, kind, blur, clipped)
 
     def close(self) -> None:
-        self._views.clear()
+        self._is_open = False
+        self._scratch.close()

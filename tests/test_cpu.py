@@ -339,15 +339,15 @@ def test_no_scene_writes_past_its_scratch_memory():
         fences.clear()
         roll = rng.choice((0, rng.uniform(-2, 2)))
         with CPURasterizer(mesh, camera, threads=1, supersample=scale, roll=roll) as rasterizer:
-            view = rasterizer._view(rasterizer._scene, rasterizer._grid)
+            (view,) = rasterizer._scratch.take(1)
             for name in ("marks", "depth", "owner", "seen"):
                 setattr(view, name, fenced(getattr(view, name)))
             rows, others = view.scratch[:4], view.scratch[4:]
             view.scratch = (*(fenced_rows(array) for array in rows), *others)
-            rasterizer._idle[:] = [view]
+            rasterizer._scratch.give_back([view])
             rasterizer.count(poses)
             rasterizer.count(poses, drawn=False)
-            assert rasterizer._idle == [view]
+            assert rasterizer._scratch.take(1) == [view]
         assert all((fence == 77).all() for fence in fences)
 
 

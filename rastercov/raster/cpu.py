@@ -2,10 +2,11 @@
 
 Each pose is independent and runs in one thread, start to end, through the compiled loops of
 `kernels`, which hold no lock; many poses run side by side. Every thread has its own scratch memory,
-so results do not depend on their number.
+so results do not depend on their number, nor on other threads that use the same rasteriser.
 """
 
 from collections.abc import Callable
+from functools import partial
 from importlib.metadata import version
 from typing import Any
 
@@ -17,11 +18,17 @@ from rastercov.closing import Closing
 from rastercov.compiled import announce_compilation
 from rastercov.errors import ConfigError, DeviceError, ResourceError
 from rastercov.mesh import Mesh
-from rastercov.parallel import share_poses, thread_count
+from rastercov.parallel import ScratchPool, share_poses, thread_count
 from rastercov.pose import valid_poses
 from rastercov.raster import canary, kernels, layout
 from rastercov.raster.clusters import in_clusters
-from rastercov.raster.contract import FaceCounts, RasterizerInfo, VisibilityBuffer
+from rastercov.raster.contract import (
+    FaceCounts,
+    RasterizerInfo,
+    VisibilityBuffer,
+    check_counts,
+    check_picture,
+)
 from rastercov.raster.grid import SampleGrid
 from rastercov.raster.rules import in_one_order, limits
 
@@ -44,6 +51,8 @@ LARGE_POSE = 1 << 18
 
 class CPURasterizer(Closing):
     """The contract of `rastercov.raster.contract` in numba.
+
+    Any number of threads may use one rasteriser at once, and a forked process may go on with it.
 
     Parameters
     ----------
@@ -83,36 +92,43 @@ class CPURasterizer(Closing):
         self._is_open = True
         announce_compilation(kernels.count_poses)
         self._scene = _Scene(mesh)
-        self._idle: list[_View] = []
+        self._scratch = ScratchPool(partial(_View, self._scene, self._grid), self._threads)
         self._check()
 
     def count(self, poses: ArrayLike, *, drawn: bool = True) -> FaceCounts:
         """Samples of each face in each pose; see `Rasterizer.count`."""
+        self._check_open()
         matrices = valid_poses(poses)
-        if not self._is_open:
-            raise DeviceError("this rasteriser is closed; open a new one")
-        return self._count(self._scene, self.camera, self._grid, matrices, drawn)
+        return self._count(self._scratch, self._scene, self.camera, self._grid, matrices, drawn)
 
     def render(self, pose: ArrayLike) -> VisibilityBuffer:
         """Face index and depth at each pixel centre; see `Rasterizer.render`."""
+        self._check_open()
         matrices = valid_poses(pose)
         if len(matrices) != 1:
             raise ConfigError(f"render takes one pose, got {len(matrices)}")
-        if not self._is_open:
-            raise DeviceError("this rasteriser is closed; open a new one")
+        check_picture(self.camera)
         near, cull, _ = limits(self.mesh, self.camera, matrices)
         view = _View(self._scene, SampleGrid(self.camera))
         face, depth = view.render(matrices, near, cull)
         # A face cut at the near plane can own a sample 1/512 of one beyond its rim.
-        return VisibilityBuffer(face, np.maximum(depth, np.float32(near[0])))
+        return VisibilityBuffer(face, np.maximum(depth, np.float32(near[0]), out=depth))
 
     def close(self) -> None:
-        """End its use: later calls raise `DeviceError`. It holds nothing but memory."""
+        """End its use: later calls raise `DeviceError`, calls in other threads end as ever.
+
+        It holds nothing but memory.
+        """
         self._is_open = False
-        self._idle.clear()
+        self._scratch.close()
+
+    def _check_open(self) -> None:
+        if not self._is_open:
+            raise DeviceError("this rasteriser is closed; open a new one")
 
     def _count(
         self,
+        scratch: "ScratchPool[_View]",
         scene: "_Scene",
         camera: Camera,
         grid: SampleGrid,
@@ -124,6 +140,8 @@ class CPURasterizer(Closing):
         n_parts = -(-self._threads // max(1, len(poses))) if is_large else 1
         n_parts = max(n_parts, -(-grid.n_samples // MOST_A_PART))
         n_turns = n_parts * len(poses)
+        sums = np.dtype(grid.count_type).itemsize if n_parts > 1 else 0
+        check_counts(len(poses), scene.mesh.n_faces, (4 * n_parts + sums) * (1 + with_drawn))
         # The threads clear their rows, while these are about to be used.
         shape = (n_parts, len(poses), scene.mesh.n_faces)
         visible = np.empty(shape, np.int32)
@@ -147,10 +165,9 @@ class CPURasterizer(Closing):
             return work
 
         n_threads = max(1, min(self._threads, n_turns))
-        views = [self._view(scene, grid) for _ in range(n_threads)]
+        views = scratch.take(n_threads)
         share_poses(n_turns, [worker(view) for view in views])
-        if scene is self._scene:
-            self._idle.extend(views)
+        scratch.give_back(views)
         return FaceCounts(
             _total(visible, grid.count_type),
             None if drawn is None else _total(drawn, grid.count_type),
@@ -161,18 +178,12 @@ class CPURasterizer(Closing):
             self.roll,
         )
 
-    def _view(self, scene: "_Scene", grid: SampleGrid) -> "_View":
-        """Scratch memory that no thread uses: from an earlier count, as new memory takes time."""
-        try:
-            return self._idle.pop() if scene is self._scene else _View(scene, grid)
-        except IndexError:
-            return _View(scene, grid)
-
     def _check(self) -> None:
         """Count a scene whose counts are known: a compiler that errs is not trusted."""
         scene = _Scene(canary.MESH)
         grid = SampleGrid(canary.CAMERA)
-        counts = self._count(scene, canary.CAMERA, grid, canary.POSES, with_drawn=True)
+        scratch = ScratchPool(partial(_View, scene, grid), 0)
+        counts = self._count(scratch, scene, canary.CAMERA, grid, canary.POSES, with_drawn=True)
         assert counts.drawn is not None
         right = np.array_equal(counts.visible, canary.VISIBLE)
         if not right or not np.array_equal(counts.drawn, canary.DRAWN):

@@ -1,0 +1,512 @@
+"""Many threads, one object: every answer is that of one thread, and what is closed stays closed."""
+
+import json
+import os
+import subprocess
+import sys
+import threading
+import time
+import tracemalloc
+import weakref
+from contextlib import nullcontext
+from functools import partial
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import rastercov as rc
+from rastercov import analytic, compiled, contour, memory, shapes, surface
+from rastercov.errors import DeviceError, ResourceError
+from rastercov.models.scott import coverage as scott_coverage
+from rastercov.once import Once
+from rastercov.parallel import ScratchPool, share_poses
+from rastercov.pose import sphere_of_poses
+from rastercov.raster import kernels
+
+ATTACK = Path(__file__).resolve().parents[1] / "benchmarks" / "attack_threads.py"
+CAMERA = rc.Camera(width=96, height=80, fx=85, fy=90)
+MESH = shapes.torus(16, 12)
+POSES = sphere_of_poses((0, 0, 0), 4, 6)
+OPENERS = {
+    "certified": partial(rc.open_observer, method="certified"),
+    "exact": partial(rc.open_observer, method="exact"),
+    "sampled": partial(rc.open_observer, method="sampled", backend="cpu"),
+    "cpu": partial(rc.open_rasterizer, backend="cpu"),
+}
+ANALYTIC = ("certified", "exact")
+on_every_kind = pytest.mark.parametrize("kind", OPENERS)
+
+
+def ask(thing, poses=POSES):
+    if hasattr(thing, "observe"):
+        seen = thing.observe(poses)
+        return seen.visible_pixels, seen.drawn_pixels, seen.kind, seen.clipped
+    counts = thing.count(poses)
+    return counts.visible, counts.drawn, counts.background
+
+
+def assert_same(one, other):
+    assert all(map(np.array_equal, one, other))
+
+
+def in_threads(n, work):
+    """Results of `work(0)` ... `work(n - 1)`, each in a thread that begins with the others."""
+    together, results = threading.Barrier(n), {}
+
+    def run(caller):
+        together.wait(20)
+        try:
+            results[caller] = work(caller)
+        except Exception as error:
+            results[caller] = error
+
+    threads = [threading.Thread(target=run, args=(caller,)) for caller in range(n)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(60)
+    return [results[caller] for caller in range(n)]
+
+
+# --- in processes of their own, because what breaks here ends Python ------------------------------
+
+
+SHARED = ("certified", "exact", "sampled", "supersample", "rasteriser")
+PARTS = [
+    *(("shared", kind, "1", "2", "None") for kind in SHARED),
+    ("first_use",),
+    ("opened",),
+    ("models", "own"),
+    ("models", "auto"),
+    ("closed", "certified"),
+    ("closed", "rasteriser"),
+    ("forked",),
+]
+
+
+@pytest.mark.parametrize("part", PARTS, ids=" ".join)
+def test_six_threads_get_the_answers_of_one_bit_for_bit(part):
+    done = subprocess.run(
+        [sys.executable, ATTACK, "--part", *part, "--runs", "12"],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stderr
+    found = [json.loads(line) for line in done.stdout.splitlines()]
+    assert len(found) == 12 * (3 if part[0] == "shared" else 1)
+    assert all(run["answers"] > 0 and run["wrong"] == 0 for run in found), found
+    assert not any(run["errors"] for run in found), found
+
+
+def run_python(code):
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_fork_waits_for_the_compiler_and_its_child_can_compile():
+    run_python("""
+import os, signal, threading, time
+from numba.core.compiler_lock import global_compiler_lock
+import rastercov as rc
+from rastercov import compiled, shapes
+is_compiling = threading.Event()
+def work():
+    with global_compiler_lock:
+        is_compiling.set()
+        time.sleep(0.3)
+thread = threading.Thread(target=work)
+thread.start()
+is_compiling.wait()
+child = os.fork()
+if not child:
+    signal.alarm(30)  # a deadlock ends by this signal
+    compiled.compiled(lambda number: number + 1)(1)
+    os._exit(0)
+assert os.waitpid(child, 0)[1] == 0
+thread.join()
+""")
+
+
+def test_a_child_works_out_what_its_parent_was_working_out_when_it_forked():
+    run_python("""
+import os, signal, threading
+from rastercov.once import Once
+value, begun, ended = Once(), threading.Event(), threading.Event()
+def slow():
+    begun.set()
+    ended.wait()
+    return "parent"
+thread = threading.Thread(target=value.get, args=(slow,), daemon=True)
+thread.start()
+begun.wait()
+child = os.fork()
+if not child:
+    signal.alarm(30)
+    os._exit(0 if value.get(lambda: "child") == "child" else 1)
+assert os.waitpid(child, 0)[1] == 0
+ended.set()
+thread.join()
+assert value.get(lambda: "late") == "parent"
+""")
+
+
+# --- what is worked out once ----------------------------------------------------------------------
+
+
+def test_threads_that_ask_together_get_one_value():
+    made, value = [], Once()
+
+    def make():
+        time.sleep(0.05)
+        made.append(object())
+        return made[-1]
+
+    found = in_threads(6, lambda _: value.get(make))
+    assert len(made) == 1
+    assert all(each is made[0] for each in found)
+
+
+def test_what_could_not_be_made_is_made_by_the_next_that_asks():
+    value = Once()
+    with pytest.raises(ValueError, match="not yet"):
+        value.get(lambda: (_ for _ in ()).throw(ValueError("not yet")))
+    assert value.get(lambda: 3) == 3
+
+
+def test_the_surface_and_the_contacts_of_a_mesh_are_worked_out_once(monkeypatch):
+    built, touched = [], []
+    build, touching = surface._build, surface.touching_faces
+
+    def slow_build(mesh):
+        built.append(mesh)
+        time.sleep(0.05)
+        return build(mesh)
+
+    def slow_touching(*args, **options):
+        touched.append(1)
+        time.sleep(0.05)
+        return touching(*args, **options)
+
+    monkeypatch.setattr(surface, "_build", slow_build)
+    monkeypatch.setattr(surface, "touching_faces", slow_touching)
+    mesh = rc.Mesh(MESH.vertices, MESH.faces)
+    found = in_threads(6, lambda _: surface.surface_of(mesh).contacts(1.0))
+    assert len(built) == len(touched) == 1
+    assert all(each is found[0] for each in found)
+
+
+def test_a_surface_lives_as_long_as_its_mesh():
+    mesh = rc.Mesh(MESH.vertices, MESH.faces)
+    kept = weakref.ref(surface.surface_of(mesh))
+    assert kept() is surface.surface_of(mesh)
+    del mesh
+    assert kept() is None
+
+
+def test_loops_are_compiled_once_however_many_threads_open_observers(monkeypatch):
+    started = []
+
+    def aside(code):
+        started.append(code)
+        time.sleep(0.05)
+        return nullcontext()
+
+    monkeypatch.setattr(contour, "_COMPILED", Once())
+    monkeypatch.setattr(contour, "announce_compilation", lambda loop: True)
+    monkeypatch.setattr(contour, "compiled_aside", aside)
+    in_threads(6, lambda _: contour.compile_once())
+    assert len(started) == 1
+
+
+def test_a_compilation_is_announced_once_however_many_threads_wait_for_it(
+    monkeypatch, tmp_path, capfd
+):
+    monkeypatch.setattr(compiled, "_ANNOUNCED", {})
+    loop = SimpleNamespace(
+        stats=SimpleNamespace(cache_path=str(tmp_path)), py_func=kernels.count_poses.py_func
+    )
+    assert in_threads(6, lambda _: compiled.announce_compilation(loop)) == [True] * 6
+    assert capfd.readouterr().err.count("compiling") == 1
+
+
+def test_what_a_mesh_computes_at_first_use_cannot_be_changed():
+    mesh = rc.Mesh(MESH.vertices, MESH.faces)
+    mesh.warnings  # noqa: B018
+    for name, value in vars(mesh).items():
+        for array in value if isinstance(value, tuple) else (value,):
+            if isinstance(array, np.ndarray):
+                assert not array.flags.writeable, name
+    assert not mesh.topology.neighbours.flags.writeable
+
+
+# --- scratch memory -------------------------------------------------------------------------------
+
+
+def test_no_two_calls_have_the_same_scratch_memory():
+    pool = ScratchPool(object, 4)
+    held = set()
+
+    def work(_):
+        for _ in range(500):
+            taken = pool.take(2)
+            mine = set(map(id, taken))
+            assert len(mine) == 2
+            assert not held & mine
+            held.update(mine)
+            time.sleep(0)
+            held.difference_update(mine)
+            pool.give_back(taken)
+
+    assert in_threads(6, work) == [None] * 6
+
+
+@on_every_kind
+def test_idle_scratch_memory_does_not_grow_with_the_threads_that_ever_called(kind):
+    thing = OPENERS[kind](MESH, CAMERA, threads=2)
+    in_threads(8, lambda _: ask(thing))
+    rasteriser = getattr(thing, "_rasterizer", thing)
+    assert 1 <= len(rasteriser._scratch._idle) <= 2
+    thing.close()
+    assert not rasteriser._scratch._idle
+
+
+@pytest.mark.parametrize("kind", ANALYTIC)
+@pytest.mark.parametrize("error", [KeyboardInterrupt, MemoryError])
+def test_scratch_memory_that_an_error_left_half_changed_is_not_used_again(monkeypatch, kind, error):
+    # Faces around the eye make the lists of cut faces grow: an interrupt comes in between, when one
+    # of four arrays has grown.
+    rng = np.random.default_rng(2)
+    mesh = rc.Mesh(rng.normal(size=(900, 3)) * 3, np.arange(900).reshape(300, 3))
+    expected = ask(OPENERS[kind](mesh, CAMERA, threads=1), np.eye(4))
+    make_room = analytic.View._make_room_for_cuts
+
+    def interrupted(view, n):
+        if n > 8:
+            view.polygons = np.empty((n, *view.polygons.shape[1:]))
+            raise error
+        make_room(view, n)
+
+    with OPENERS[kind](mesh, CAMERA, threads=1) as observer:
+        monkeypatch.setattr(analytic.View, "_make_room_for_cuts", interrupted)
+        with pytest.raises(error):
+            observer.observe(np.eye(4))
+        monkeypatch.undo()
+        assert not observer._scratch._idle
+        assert_same(ask(observer, np.eye(4)), expected)
+
+
+def test_a_rasteriser_drops_scratch_memory_after_an_error(monkeypatch):
+    with OPENERS["cpu"](MESH, CAMERA, threads=1) as rasteriser:
+        expected = ask(rasteriser)
+
+        def interrupted(*args):
+            raise KeyboardInterrupt
+
+        monkeypatch.setattr(kernels, "count_poses", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            rasteriser.count(POSES)
+        monkeypatch.undo()
+        assert not rasteriser._scratch._idle
+        assert_same(ask(rasteriser), expected)
+
+
+def test_an_observer_that_nobody_holds_gives_its_memory_back_at_once():
+    observer = OPENERS["certified"](MESH, CAMERA)
+    observer.observe(POSES)
+    view = weakref.ref(observer._scratch._idle[0])
+    del observer
+    assert view() is None
+
+
+def test_where_the_system_gives_no_more_threads_those_that_run_do_the_work(monkeypatch):
+    taken, started = [], []
+    start = threading.Thread.start
+
+    def refused(thread):
+        if started:
+            raise RuntimeError("can't start new thread")
+        started.append(thread)
+        start(thread)
+
+    monkeypatch.setattr(threading.Thread, "start", refused)
+    share_poses(200, [lambda turn: taken.extend(range(200)[turn])] * 5)
+    assert sorted(taken) == list(range(200))
+
+
+# --- closing --------------------------------------------------------------------------------------
+
+
+@on_every_kind
+def test_what_is_closed_refuses_in_one_line_and_closes_again(kind):
+    with OPENERS[kind](MESH, CAMERA) as thing:
+        ask(thing)
+    thing.close()
+    calls = [lambda: ask(thing), lambda: ask(thing, np.empty((0, 4, 4)))]
+    if kind == "cpu":
+        calls.append(lambda: thing.render(POSES[0]))
+    for call in calls:
+        with pytest.raises(DeviceError, match="is closed; open a new one") as caught:
+            call()
+        assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("kind", ANALYTIC)
+def test_a_call_that_another_thread_is_in_ends_well_when_the_observer_is_closed(monkeypatch, kind):
+    expected = ask(OPENERS[kind](MESH, CAMERA, threads=1))
+    inside, closed = threading.Event(), threading.Event()
+    look = analytic.View.look
+
+    def waiting(view, *args):
+        inside.set()
+        closed.wait(20)
+        look(view, *args)
+
+    monkeypatch.setattr(analytic.View, "look", waiting)
+    observer = OPENERS[kind](MESH, CAMERA, threads=2)
+
+    def work(caller):
+        if caller == 0:
+            return ask(observer)
+        inside.wait(20)
+        observer.close()
+        closed.set()
+        return None
+
+    found, _ = in_threads(2, work)
+    assert_same(found, expected)
+    assert not observer._scratch._idle
+    with pytest.raises(DeviceError, match="closed"):
+        observer.observe(POSES)
+
+
+def test_a_batch_of_a_closed_observer_is_refused():
+    with OPENERS["certified"](MESH, CAMERA) as observer:
+        batches = rc.evaluate_batches(observer, POSES)
+    with pytest.raises(DeviceError, match="this observer is closed"):
+        next(batches)
+
+
+def test_an_observer_on_opengl_names_the_two_threads(gl_context):
+    with rc.open_observer(MESH, CAMERA, "sampled", backend="gl", device=gl_context) as observer:
+        expected = ask(observer)
+        names = threading.current_thread().name, "guest"
+        raised = []
+
+        def guest():
+            for call in (lambda: ask(observer), observer.close):
+                with pytest.raises(DeviceError) as caught:
+                    call()
+                raised.append(str(caught.value))
+
+        thread = threading.Thread(target=guest, name="guest")
+        thread.start()
+        thread.join()
+        assert len(raised) == 2
+        assert all(repr(name) in line for line in raised for name in names)
+        assert_same(ask(observer), expected)  # a close that was refused has closed nothing
+
+
+# --- more than memory holds -----------------------------------------------------------------------
+
+
+def peak_of(call, error, match):
+    """Most bytes that a call takes before it raises."""
+    tracemalloc.start()
+    try:
+        with pytest.raises(error, match=match) as caught:
+            call()
+        assert "\n" not in str(caught.value)
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+def test_a_picture_of_ten_thousand_million_pixels_is_refused_before_it_is_made():
+    camera = rc.Camera(width=100_000, height=100_000, fx=90_000, fy=90_000)
+    with rc.open_rasterizer(MESH, camera, "cpu") as rasteriser:
+        peak = peak_of(
+            lambda: rasteriser.render(POSES[0]),
+            ResourceError,
+            "100,000 x 100,000, which take 80,000,000,000 bytes; take a smaller camera",
+        )
+    assert peak < 1 << 20
+
+
+@pytest.mark.slow
+def test_samples_of_such_a_picture_are_counted_in_little_memory():
+    camera = rc.Camera(width=100_000, height=100_000, fx=90_000, fy=90_000)
+    with rc.open_rasterizer(MESH, camera, "cpu") as rasteriser:
+        tracemalloc.start()
+        counts = rasteriser.count(POSES[0], drawn=False)
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+    assert counts.visible.sum() + counts.background[0] == 100_000**2
+    assert peak < 64 << 20
+
+
+POOR = 300 << 20
+RESULTS = {  # with the bytes that they take for each pose and face
+    "counts": (lambda poses: ask(rc.open_rasterizer(MESH, CAMERA, "cpu"), poses), 4 + 4),
+    "certified": (lambda poses: ask(rc.open_observer(MESH, CAMERA), poses), 3 * 8 + 1),
+    "sampled": (lambda poses: ask(OPENERS["sampled"](MESH, CAMERA), poses), 3 * 8 + 1),
+    "visibility": (lambda poses: rc.visibility(MESH, CAMERA, poses), 5 * 8 + 2),
+    "areas": (lambda poses: analytic.visible_areas(MESH, CAMERA, poses), 3 * 8),
+    "model": (lambda poses: scott_coverage(MESH, CAMERA, poses), 8),
+}
+
+
+@pytest.mark.parametrize("kind", RESULTS)
+def test_results_larger_than_memory_are_refused_with_their_bytes_and_a_remedy(monkeypatch, kind):
+    monkeypatch.setattr(memory, "free_memory", lambda: POOR)
+    call, bytes_a_pair = RESULTS[kind]
+    n_poses = POOR // (bytes_a_pair * MESH.n_faces) + 1
+    poses = np.tile(np.eye(4), (n_poses, 1, 1))
+    n_bytes = bytes_a_pair * n_poses * MESH.n_faces
+    match = rf"{n_poses:,} poses x {MESH.n_faces:,} faces take {n_bytes:,} bytes .* fewer poses"
+    peak = peak_of(lambda: call(poses), ResourceError, match)
+    assert peak < POOR / 2
+
+
+def test_a_million_poses_of_a_million_faces_are_more_than_any_machine_holds():
+    with pytest.raises(ResourceError, match="8,000,000,000,000 bytes"):
+        rc.raster.contract.check_counts(10**6, 10**6, 8)
+
+
+def test_small_results_are_not_held_against_the_machine(monkeypatch):
+    monkeypatch.setattr(memory, "free_memory", lambda: 0)
+    ask(OPENERS["cpu"](MESH, CAMERA))
+
+
+def free_with(monkeypatch, tmp_path, meminfo, *limits):
+    files = [tmp_path / f"{number}" for number in range(len(limits) + 1)]
+    for file, text in zip(files, (meminfo, *limits), strict=True):
+        file.unlink(missing_ok=True)
+        if text is not None:
+            file.write_text(text)
+    monkeypatch.setattr(memory, "_MEMINFO", files[0])
+    monkeypatch.setattr(memory, "_CONTAINER_LIMITS", files[1:])
+    return memory.free_memory()
+
+
+MEMINFO = "MemTotal: 100 kB\nMemAvailable: 60 kB\nHugePages_Total: 0\nSwapFree: 10 kB\n"
+
+
+def test_free_memory_is_what_the_system_has_left_within_its_container(monkeypatch, tmp_path):
+    free = partial(free_with, monkeypatch, tmp_path)
+    assert free(MEMINFO) == 70 * 1024
+    assert free(MEMINFO, "max\n", None) == 70 * 1024
+    assert free(MEMINFO, "5000\n") == 5000
+    assert free(MEMINFO, None, "9000\n") == 9000
+    assert free(MEMINFO, "999999999\n") == 70 * 1024
+
+
+@pytest.mark.parametrize("meminfo", [None, "", "MemTotal: 100 kB\n", "MemAvailable: much\n"])
+def test_free_memory_is_all_memory_where_the_system_does_not_say(monkeypatch, tmp_path, meminfo):
+    whole = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    assert free_with(monkeypatch, tmp_path, meminfo) == whole
