@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 import rastercov as rc
-from rastercov import analytic, compiled, contour, memory, shapes, surface
+from rastercov import analytic, compiled, contacts, contour, memory, shapes, surface
 from rastercov.errors import DeviceError, ResourceError
 from rastercov.models.scott import coverage as scott_coverage
 from rastercov.once import Once
@@ -181,7 +181,7 @@ def test_what_could_not_be_made_is_made_by_the_next_that_asks():
 
 def test_the_surface_and_the_contacts_of_a_mesh_are_worked_out_once(monkeypatch):
     built, touched = [], []
-    build, touching = surface._build, surface.touching_faces
+    build, touching = surface._build, contacts.touching_faces
 
     def slow_build(mesh):
         built.append(mesh)
@@ -194,9 +194,9 @@ def test_the_surface_and_the_contacts_of_a_mesh_are_worked_out_once(monkeypatch)
         return touching(*args, **options)
 
     monkeypatch.setattr(surface, "_build", slow_build)
-    monkeypatch.setattr(surface, "touching_faces", slow_touching)
+    monkeypatch.setattr(contacts, "touching_faces", slow_touching)
     mesh = rc.Mesh(MESH.vertices, MESH.faces)
-    found = in_threads(6, lambda _: surface.surface_of(mesh).contacts(1.0))
+    found = in_threads(6, lambda _: surface.surface_of(mesh).contacts.faces_for(1.0))
     assert len(built) == len(touched) == 1
     assert all(each is found[0] for each in found)
 
