@@ -16,10 +16,11 @@ from pathlib import Path
 
 import numpy as np
 
+from rastercov.ear_clipping import cut_concave
 from rastercov.errors import MeshError, ResourceError
 from rastercov.mesh import Group, Mesh, MeshSource
 from rastercov.mesh_arrays import check_coordinates, some, unusable_points
-from rastercov.mesh_formats import Polygons, read_obj, read_off, read_stl
+from rastercov.mesh_formats import PEAK_BYTES_PER_FACE, Polygons, read_obj, read_off, read_stl
 from rastercov.mesh_glb import read_glb
 from rastercov.mesh_ply import read_ply
 
@@ -37,6 +38,7 @@ METRES = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "µm": 1e-6, "μm": 1e-6
 METRES |= {"in": 0.0254, "inch": 0.0254, "ft": 0.3048}
 LARGEST_FILE = 2 << 30
 MEMORY_BUDGET = 8 << 30
+FREE_FACES = 1 << 20  # that a short file may be multiplied into without memory_budget
 LONGEST_NAME = 200
 
 
@@ -46,7 +48,7 @@ def load_mesh(
     *,
     drop_invalid: bool = False,
     max_bytes: int = LARGEST_FILE,
-    memory_budget: int = MEMORY_BUDGET,
+    memory_budget: int | None = None,
 ) -> Mesh:
     """Mesh of one file, or of several as one scene.
 
@@ -60,8 +62,10 @@ def load_mesh(
         Drop faces whose coordinates are not finite, with a warning; `source_face` has the rest.
     max_bytes : int
         Largest file that is read.
-    memory_budget : int
-        Bytes that reading may need; an estimate is held against it before memory is taken.
+    memory_budget : int, optional
+        Bytes that reading a file may need; an estimate is held against it before memory is taken.
+        8 GiB by default, but no more than 2^20 triangles need, or one a byte of the file: only
+        instances and shared data can ask for more than that.
 
     Returns
     -------
@@ -125,19 +129,21 @@ def metres_per(unit: str | float) -> float:
 
 
 def _load_one(
-    path: StrPath, scale: float, drop_invalid: bool, max_bytes: int, memory_budget: int
+    path: StrPath, scale: float, drop_invalid: bool, max_bytes: int, memory_budget: int | None
 ) -> tuple[Polygons, MeshSource]:
     """Polygons of one file, in metres and checked, and its hash."""
     reader, data = _reader_and_bytes(path, max_bytes)
     if not data:
         raise MeshError("no triangles: the file is empty; export it again")
+    if memory_budget is None:
+        memory_budget = min(MEMORY_BUDGET, PEAK_BYTES_PER_FACE * max(FREE_FACES, len(data)))
     polygons = reader(data, memory_budget)
     _check_indices(polygons)
     polygons.vertices *= scale
     if drop_invalid:
         _drop_invalid(polygons)
     check_coordinates(polygons.vertices, polygons.faces)
-    _note_concave(polygons)
+    polygons.notes += cut_concave(polygons.vertices, polygons.faces, polygons.source_face)
     _tidy_groups(polygons)
     digest = hashlib.sha256(data).hexdigest()
     return polygons, MeshSource(_clean(Path(path).name), digest, len(polygons.faces))
@@ -208,24 +214,6 @@ def _drop_invalid(polygons: Polygons) -> None:
     polygons.label = polygons.label[~is_bad]
 
 
-def _note_concave(polygons: Polygons) -> None:
-    """Note the polygons whose fan folds over itself: a fan is only right for convex ones."""
-    n_triangles = np.bincount(polygons.source_face)
-    of_fan = np.flatnonzero(n_triangles[polygons.source_face] > 1)
-    if not len(of_fan):
-        return
-    p, q, r = np.moveaxis(polygons.vertices[polygons.faces[of_fan]], 1, 0)
-    cross, polygon = np.cross(q - p, r - p), polygons.source_face[of_fan]
-    whole = np.stack([np.bincount(polygon, column) for column in cross.T], axis=1)[polygon]
-    slack = 1e-9 * np.linalg.norm(whole, axis=1) * np.linalg.norm(cross, axis=1)
-    folded = np.unique(polygon[np.einsum("ij,ij->i", cross, whole) < -slack])
-    if len(folded):
-        polygons.notes.append(
-            f"{len(folded)} concave polygons, the first is {folded[0]}, were cut into fans that "
-            "fold over; triangulate them in the modeller"
-        )
-
-
 def _tidy_groups(polygons: Polygons) -> None:
     """Drop groups without faces, and clean the names of the others."""
     used, label = np.unique(polygons.label, return_inverse=True)
@@ -241,13 +229,16 @@ def _clean(name: str) -> str:
 
 def _unique(names: list[str]) -> list[str]:
     """Names in order, repeated ones with " #2", " #3" ... appended."""
-    taken: dict[str, int] = {}  # name -> how often it came; a counter keeps many nodes fast
+    taken: set[str] = set()
+    # How often names with this beginning came: a counter keeps many nodes fast, and so does one for
+    # all names that are cut off to the same beginning.
+    repeats: dict[str, int] = {}
     for i, name in enumerate(names):
-        unique = name
+        unique, beginning = name, name[: LONGEST_NAME - 12]
         while unique in taken:
-            taken[name] += 1
-            suffix = f" #{taken[name]}"
+            repeats[beginning] = repeats.get(beginning, 1) + 1
+            suffix = f" #{repeats[beginning]}"
             unique = name[: LONGEST_NAME - len(suffix)] + suffix
-        taken[unique] = 1
+        taken.add(unique)
         names[i] = unique
     return names

@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 
 from rastercov.errors import MeshError
 from rastercov.mesh_formats import (
-    Lines,
     Polygons,
     check_budget,
     check_count,
     fan_polygons,
     trailing_lines,
 )
+from rastercov.mesh_text import BYTE_ORDER_MARK, CUT_NOTE, Lines
 
 TYPES = {
     "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4",
@@ -75,46 +75,84 @@ class Column(NamedTuple):
     counts: NDArray[np.int64]
 
 
+Columns = dict[tuple[str, int], Column]
+"""Columns by the name of their element and the place of the property."""
+
+
 def read_ply(data: bytes, budget: int) -> Polygons:
-    """Polygons of a PLY file."""
+    """Polygons of a PLY file, and the triangles of its strips, as polygons of their own."""
+    data = data.removeprefix(BYTE_ORDER_MARK)
     end = re.search(rb"[\r\n]end_header[ \t]*(\r\n|\r|\n)", data[: 1 << 20])
     if not data.startswith(b"ply") or end is None:
         raise MeshError("'ply' ... 'end_header' wanted at the start, not there; it is no PLY file")
-    lines = Lines(data[: end.end()])
+    lines = Lines(data[: end.end()], budget)
     order, elements = _header(lines)
-    body = memoryview(data)[end.end() :]
+    n_left = len(data) - end.end()
     for element in elements.values():
         sizes = [np.dtype(p.count_type or p.type).itemsize for p in element.properties]
         least = max(1, sum(sizes) if order else 2 * len(sizes))
-        check_count(element.count, f"elements {element.name!r}", least, len(body))
-    if "vertex" not in elements or "face" not in elements:
+        check_count(element.count, f"elements {element.name!r}", least, n_left)
+    surfaces = [name for name in elements if name in SURFACES]
+    if "vertex" not in elements or not surfaces:
         raise MeshError(f"no triangles: elements vertex and face wanted, got {list(elements)}")
-    check_budget(elements["face"].count, budget)
-    vertex, face = elements["vertex"], elements["face"]
-    axes = [vertex.index((axis,), "iuf", False) for axis in "xyz"]
-    corner_list = face.index(LIST_NAMES, "iu", True)
+    vertex = elements["vertex"]
+    axes = [("vertex", vertex.index((axis,), "iuf", False)) for axis in "xyz"]
+    lists = [(name, elements[name].index(LIST_NAMES, "iu", True)) for name in surfaces]
+    n_faces = elements["face"].count if "face" in elements else 0
+    check_budget(n_faces, budget, vertex.count)
 
-    body_lines, offset = Lines(bytes(body) if not order else b"", number=lines.number), 0
-    columns: dict[str, list[Column]] = {}
-    for element in elements.values():
-        if order:
-            columns[element.name], offset = _binary_rows(data, offset or end.end(), order, element)
-        else:
-            columns[element.name] = _text_rows(body_lines, element)
-    if not order:
-        notes = trailing_lines(body_lines)
+    if order:
+        columns, notes = _binary(data, end.end(), order, elements, [*axes, *lists], budget)
     else:
-        extra = len(data) - offset
-        notes = [f"{extra} trailing bytes after the last element were not read"] if extra else []
-    coordinates = np.stack([columns["vertex"][i].values for i in axes], axis=1)
-    corners = columns["face"][corner_list]
-    few = np.flatnonzero(corners.counts < 3)
+        body = Lines(data[end.end() :], budget, number=lines.number)
+        columns, notes = _text(body, elements, [*axes, *lists], budget)
+    coordinates = np.stack([columns[key].values for key in axes], axis=1)
+    polygons = [SURFACES[key[0]](columns[key], budget) for key in lists]
+    return fan_polygons(
+        coordinates,
+        np.concatenate([polygon.values for polygon in polygons]),
+        np.concatenate([polygon.counts for polygon in polygons]),
+        budget,
+        notes,
+    )
+
+
+def _faces(lists: Column, budget: int) -> Column:
+    """Corners of polygons, one list each."""
+    few = np.flatnonzero(lists.counts < 3)
     if len(few):
         raise MeshError(
-            f"face {few[0]}: 3 or more vertices wanted, got {corners.counts[few[0]]}; "
+            f"face {few[0]}: 3 or more vertices wanted, got {lists.counts[few[0]]}; "
             "remove points and lines from the faces"
         )
-    return fan_polygons(coordinates, corners.values, corners.counts, budget, notes)
+    return lists
+
+
+def _strips(lists: Column, budget: int) -> Column:
+    """Corners of triangles; -1 ends a strip within its list, every other triangle is turned."""
+    check_budget(len(lists.values), budget)
+    corners = np.asarray(lists.values, np.int64)
+    i = np.arange(len(corners))
+    is_gap = corners == -1
+    begins = np.zeros(len(corners) + 1, bool)
+    begins[np.cumsum(lists.counts) - lists.counts] = True
+    begins = begins[:-1]
+    begins[1:] |= is_gap[:-1]
+    step = i - np.maximum.accumulate(np.where(begins, i, 0))
+    is_end = np.append(begins[1:], True)
+    short = np.flatnonzero(is_end & (step + 1 - is_gap > 0) & (step + 1 - is_gap < 3))
+    if len(short):
+        raise MeshError(
+            f"a strip of 3 or more vertices wanted, one ends at value {short[0]} of the strips "
+            f"with {step[short[0]] + 1 - is_gap[short[0]]}; remove points and lines"
+        )
+    last = np.flatnonzero((step >= 2) & ~is_gap)
+    odd = step[last] % 2
+    triangles = np.stack([corners[last - 2], corners[last - 1 + odd], corners[last - odd]], axis=1)
+    return Column(triangles.reshape(-1), np.full(len(triangles), 3))
+
+
+SURFACES = {"face": _faces, "tristrips": _strips}
 
 
 def _header(lines: Lines) -> tuple[str, dict[str, Element]]:
@@ -144,38 +182,90 @@ def _header(lines: Lines) -> tuple[str, dict[str, Element]]:
     return order, elements
 
 
-def _text_rows(lines: Lines, element: Element) -> list[Column]:
-    """Columns of an element in text. A walk over the rows: about 2 µs each."""
-    values: list[array[Any]] = [array("d" if p.type[0] == "f" else "q") for p in element.properties]
-    counts = [array("q") for _ in element.properties]
-    if not element.properties:
-        return []
-    for i in range(element.count):
-        words = lines.next(f"{element.name} {i} of {element.count}")
-        at = 0
-        try:
-            for p, value, count in zip(element.properties, values, counts, strict=True):
-                n = 1
-                if p.count_type:
-                    n, at = int(words[at]), at + 1
-                    count.append(n)
-                if not 0 <= n <= len(words) - at:
-                    raise IndexError
-                convert: type[float] = float if p.type[0] == "f" else int
-                value.extend([convert(word) for word in words[at : at + n]])
-                at += n
-        except (ValueError, OverflowError, IndexError):
-            wanted = " ".join(p.name for p in element.properties)
-            raise lines.error(f"values for {wanted}", words) from None
-    return [Column(np.asarray(v), np.asarray(n)) for v, n in zip(values, counts, strict=True)]
+def _text(
+    lines: Lines, elements: dict[str, Element], wanted: list[tuple[str, int]], budget: int
+) -> tuple[Columns, list[str]]:
+    """Wanted columns of a body in text, and notes. A walk over the rows: about 2 µs each."""
+    columns: Columns = {}
+    is_cut = False
+    for element in elements.values():
+        if not element.properties:
+            continue
+        kept = [i for name, i in wanted if name == element.name]
+        names = f"values for {' '.join(p.name for p in element.properties)}"
+        # Coordinates are floats here even if the file calls them integers, of 32 bits at most.
+        values: list[array[Any]] = [
+            array("q" if element.properties[i].count_type else "d") for i in kept
+        ]
+        counts = [array("q") for _ in kept]
+        for words in lines.take(element.count, element.name):
+            numbers = lines.floats(words, names)
+            if element.lists:
+                row = _split(lines, element.properties, words, names)
+                for i, value, count in zip(kept, values, counts, strict=True):
+                    if element.properties[i].count_type:
+                        value.extend(lines.integers(row[i], names))
+                        count.append(len(row[i]))
+                        check_budget(max(0, len(value) - 2 * len(count)), budget)
+                    else:
+                        value.extend(lines.floats(row[i], names))
+            else:
+                if len(words) != len(element.properties):
+                    raise lines.error(names, words)
+                for i, value in zip(kept, values, strict=True):
+                    value.append(numbers[i])
+        for i, value, count in zip(kept, values, counts, strict=True):
+            columns[element.name, i] = Column(np.asarray(value), np.asarray(count))
+        if element.count:
+            is_cut = bool(kept) and lines.is_cut
+    return columns, [CUT_NOTE] if is_cut else trailing_lines(lines)
+
+
+def _split(
+    lines: Lines, properties: list[Property], words: list[bytes], names: str
+) -> list[list[bytes]]:
+    """Words of each property of a row with lists, which must be all of them."""
+    row, at = [], 0
+    for p in properties:
+        n = 1
+        if p.count_type:
+            (n,) = lines.integers(words[at : at + 1] or [b""], names)
+            at += 1
+        if not 0 <= n <= len(words) - at:
+            raise lines.error(names, words)
+        row.append(words[at : at + n])
+        at += n
+    if at < len(words):
+        raise lines.error(names, words)
+    return row
+
+
+def _binary(
+    data: bytes,
+    offset: int,
+    order: str,
+    elements: dict[str, Element],
+    wanted: list[tuple[str, int]],
+    budget: int,
+) -> tuple[Columns, list[str]]:
+    """Wanted columns of a binary body that begins at `offset`, and notes."""
+    columns: Columns = {}
+    for element in elements.values():
+        kept = [i for name, i in wanted if name == element.name]
+        found, offset = _binary_rows(data, offset, order, element, kept, budget)
+        columns |= {(element.name, i): column for i, column in zip(kept, found, strict=True)}
+    extra = len(data) - offset
+    return columns, (
+        [f"{extra} trailing bytes after the last element were not read"] if extra else []
+    )
 
 
 def _binary_rows(
-    data: bytes, offset: int, order: str, element: Element
+    data: bytes, offset: int, order: str, element: Element, kept: list[int], budget: int
 ) -> tuple[list[Column], int]:
-    """Columns of a binary element that begins at `offset`, and where it ends."""
+    """Columns `kept` of a binary element that begins at `offset`, and where it ends."""
     if not element.count or not element.properties:
-        return [Column(np.empty(0), np.empty(0, np.int64)) for _ in element.properties], offset
+        return [Column(np.empty(0), np.empty(0, np.int64)) for _ in kept], offset
     lengths, after_first = _row_lengths(data, offset, order, element)
     end = offset + (after_first - offset) * element.count
     if end <= len(data):
@@ -187,23 +277,29 @@ def _binary_rows(
             fields.append((f"v{i}", order + p.type, (n,)))
         rows = np.frombuffer(data, np.dtype(fields), element.count, offset)
         if all((rows[f"n{i}"] == lengths[i]).all() for i in element.lists):
+            check_budget(max([element.count * (lengths[i] - 2) for i in kept], default=0), budget)
             return [
-                Column(rows[f"v{i}"].reshape(-1), np.full(element.count, n))
-                for i, n in enumerate(lengths)
+                Column(rows[f"v{i}"].reshape(-1), np.full(element.count, lengths[i])) for i in kept
             ], end
     # Rows of several lengths. A walk over them: about 3 µs each.
-    pieces: list[array[Any]] = [array(STRUCT_CODES[p.type]) for p in element.properties]
-    counts = [array("q") for _ in element.properties]
-    for _ in range(element.count):
+    pieces = {i: bytearray() for i in kept}
+    counts = {i: array("q") for i in kept}
+    n_corners = 0
+    for k in range(element.count):
         lengths, _ = _row_lengths(data, offset, order, element)
         for i, (p, n) in enumerate(zip(element.properties, lengths, strict=True)):
-            if p.count_type:
-                offset += int(p.count_type[1])
-            counts[i].append(n)
-            pieces[i].extend(struct.unpack_from(f"{order}{n}{STRUCT_CODES[p.type]}", data, offset))
-            offset += n * int(p.type[1])
+            size = n * int(p.type[1])
+            offset += int(p.count_type[1:] or 0)
+            if i in pieces:
+                if p.count_type:
+                    n_corners += n
+                    check_budget(max(0, n_corners - 2 * k - 2), budget)
+                counts[i].append(n)
+                pieces[i] += data[offset : offset + size]
+            offset += size
     return [
-        Column(np.asarray(v), np.asarray(n)) for v, n in zip(pieces, counts, strict=True)
+        Column(np.frombuffer(pieces[i], order + element.properties[i].type), np.asarray(counts[i]))
+        for i in kept
     ], offset
 
 

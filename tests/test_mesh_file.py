@@ -53,7 +53,7 @@ def obj(points: np.ndarray, faces: np.ndarray) -> bytes:
     lines += ["vn 0 0 1"] + [
         f"f {a}//1 {b}//1 {c}//1" for a, b, c in (np.asarray(faces) + 1).tolist()
     ]
-    return "\n".join(lines).encode()
+    return "\n".join([*lines, ""]).encode()
 
 
 def off(points: np.ndarray, faces: np.ndarray) -> bytes:
@@ -479,18 +479,6 @@ def test_negative_indices_and_polygons_become_fans_with_their_source(load):
     )
     np.testing.assert_array_equal(mesh.source_face, [0, 0, 0, 1, 2, 3, 3])
     assert not any("concave" in line for line in mesh.warnings)
-
-
-#    3          a dart: the fan about 0 folds over at the dent 2
-#   / \
-#  / 2 \
-# 0     1
-def test_concave_polygons_are_named(load):
-    points = b"v 0 0 0\nv .5 .2 0\nv 1 0 0\nv .5 1 0\n"
-    lines = load("a.obj", points + b"f 1 2 3\nf 1 2 3 4\n").warnings
-    assert any("1 concave polygons, the first is 1" in line for line in lines)
-    lines = load("a.obj", points + b"f 1 3 4\nf 2 3 4 1\n").warnings
-    assert not any("concave" in line for line in lines)
 
 
 def test_obj_groups_last_name_wins_and_empty_ones_vanish(load):
