@@ -2,7 +2,15 @@
 //
 // Positions come as two floats each, high + low, and so does the eye. Their difference is taken
 // before anything is rounded to one float, so a part at 10^7 m projects as it does at the origin.
+//
+// With COPLANAR, for the faces that lie on others in one plane: their depth is not interpolated but
+// comes from the plane, as on the CPU. In double precision 1/z is affine in the image, and on two
+// faces of one plane it rounds to the same float.
 
+#ifdef COPLANAR
+#extension GL_ARB_gpu_shader_fp64 : require
+#extension GL_ARB_vertex_attrib_64bit : require
+#endif
 #ifdef LAYERED
 #extension GL_ARB_shader_viewport_layer_array : enable
 #extension GL_AMD_vertex_shader_layer : enable
@@ -22,12 +30,64 @@ uniform vec4 image;  // clip x = image.x * x + image.z * z, clip y = image.y * y
 in vec3 position_high;
 in vec3 position_low;
 
+// A face has the same corners whichever program draws it, so that edges stay watertight.
+invariant gl_Position;
+
+#ifdef COPLANAR
+// Through the point (x, y) of the canvas passes the ray x right + y down + ahead, at depth 1.
+struct Rays {
+    dvec4 right, down, forward;  // depth in the buffer is right.w / z + down.w
+    dvec4 eye;                   // from the middle of the mesh
+};
+
+layout(std140) uniform AllRays { Rays rays[MAX_POSES]; };
+
+uniform ivec2 corner;   // of this image on the canvas
+uniform dvec2 middle;   // cx, cy in samples
+
+in uint number;         // face index + 1, of the face whose last corner this is
+in dvec3 corner_a;      // and its corners,
+in dvec3 corner_b;
+in dvec3 corner_c;
+in dvec3 normal;        // and a normal
+
+flat out dvec3 plane;   // depth in the buffer = plane.x x + plane.y y + plane.z
+flat out vec2 reach;    // that of its farthest and of its nearest corner, or the other way about
+
+#ifdef REVERSED
+const float NEAREST = 1.0;
+#else
+const float NEAREST = 0.0;
+#endif
+#endif
+
 // Face index + 1. A face takes it from its last corner, and the vertex of that number is the last
 // corner of no other face. (gl_PrimitiveID would do, but Mesa takes primitives apart to number them.)
 flat out uint id;
 
 #ifdef LAYERED
 flat out int layer;
+#endif
+
+#ifdef COPLANAR
+void find_plane() {
+    Rays ray = rays[first_pose + gl_InstanceID];
+    dvec3 a = corner_a - ray.eye.xyz, b = corner_b - ray.eye.xyz, c = corner_c - ray.eye.xyz;
+    dvec3 z = dvec3(dot(ray.forward.xyz, a), dot(ray.forward.xyz, b), dot(ray.forward.xyz, c));
+    double nearest = min(z.x, min(z.y, z.z)), farthest = max(z.x, max(z.y, z.z));
+    // What reaches behind the eye has no nearest corner, and is cut at the near plane.
+    float first = nearest > 0.0lf ? float(ray.right.w / nearest + ray.down.w) : NEAREST;
+    float last = float(ray.right.w / max(farthest, nearest) + ray.down.w);
+    reach = vec2(min(first, last), max(first, last));
+
+    precise double height = dot(normal, a);  // of the plane, from the eye
+    precise double x = dot(normal, ray.right.xyz), y = dot(normal, ray.down.xyz);
+    precise double ahead = dot(normal, ray.forward.xyz) - middle.x * x - middle.y * y;
+    // An eye in the plane sees its edge, which rounding may give a sample: as far as it goes.
+    double scale = height == 0.0lf ? 0.0lf : ray.right.w / height;
+    plane = scale * dvec3(x, y, ahead + double(corner.x) * x + double(corner.y) * y);
+    plane.z += ray.down.w;
+}
 #endif
 
 void main() {
@@ -41,7 +101,12 @@ void main() {
                        image.y * y + image.w * z,
                        pose.depth.x * z + pose.depth.y,
                        z);
+#ifdef COPLANAR
+    id = number;
+    find_plane();
+#else
     id = uint(gl_VertexID) + 1u;
+#endif
 #ifdef LAYERED
     layer = gl_InstanceID;
     gl_Layer = gl_InstanceID;

@@ -150,6 +150,13 @@ class ContextInfo:
         return self.has(410, "GL_ARB_viewport_array")
 
     @property
+    def has_doubles(self) -> bool:
+        """Double precision in all stages, which depths of coplanar faces need."""
+        return self.has(400, "GL_ARB_gpu_shader_fp64") and self.has(
+            410, "GL_ARB_vertex_attrib_64bit"
+        )
+
+    @property
     def has_compute(self) -> bool:
         """Compute shaders."""
         return self.has(430, "GL_ARB_compute_shader")

@@ -26,12 +26,15 @@ from rastercov.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.raster import canary
 from rastercov.raster.arena import Arena, Target
+from rastercov.raster.coplanar import coplanar_overlaps
 from rastercov.raster.grid import Box, SampleGrid
 from rastercov.raster.plan import Counts, FloatArray, IntArray, Limits, WordArray, side_by_side
 from rastercov.raster.scene import Scene, Views
 
 MAX_POSES = 128
 """Poses in one uniform block: 128 x 96 bytes stay under the 16 KiB every device grants."""
+RAYS = 1
+"""Binding of the uniform block of rays: 128 x 128 bytes, likewise."""
 NO_LAYER = 0xFFFFFFFF
 
 
@@ -84,7 +87,18 @@ class Pipeline:
         version = 430 if known.has_ssbo else 330
         names = ("face", "drawn" if known.has_ssbo else "peel")
         self._programs = {name: arena.program(name, version, **defines) for name in names}
+        self._mesh, self._overlapping = mesh, coplanar_overlaps(mesh)
+        if self._overlapping.any() and not known.has_doubles:
+            self._overlapping = np.zeros(mesh.n_faces, dtype=bool)
+            self.depth += ", undecided where faces of one plane overlap"
         self._poses = arena.buffer("poses", size=96 * MAX_POSES)
+        if self._overlapping.any():
+            reversed_ = {"REVERSED": 1} if arena.is_reversed else {}
+            self._programs["coplanar"] = arena.program(
+                "coplanar", version, COPLANAR=1, **defines, **reversed_
+            )
+            self._programs["coplanar"]["AllRays"].binding = RAYS
+            self._rays = arena.buffer("rays", size=128 * MAX_POSES)
         width, height = (max(self.tile[0], canary.WIDTH), max(self.tile[1], canary.HEIGHT))
         self._targets = [Target(arena, width, height, layers)]
         if known.has_ssbo:
@@ -97,7 +111,11 @@ class Pipeline:
 
     def scene(self, mesh: Mesh, camera: Camera, grid: SampleGrid) -> Scene:
         """Send a mesh to the device."""
-        return Scene(self._arena, self._programs, mesh, camera, grid, self._max_faces)
+        overlapping = self._overlapping
+        if mesh is not self._mesh:  # the known scene, which is to meet all programs in use
+            rectangle = np.arange(mesh.n_faces) // 2
+            overlapping = (rectangle % 2 == 1) & self._overlapping.any()
+        return Scene(self._arena, self._programs, mesh, camera, grid, self._max_faces, overlapping)
 
     def views(self, scene: Scene, poses: FloatArray, grid: SampleGrid) -> Views:
         """Make poses ready to be drawn."""
@@ -114,6 +132,9 @@ class Pipeline:
         """Send the poses of a batch to the device."""
         self._poses.bind_to_uniform_block(0)
         self._poses.write(views.records(rows))
+        if (rays := views.rays(rows)) is not None:
+            self._rays.bind_to_uniform_block(RAYS)
+            self._rays.write(rays)
 
     def count(
         self, scene: Scene, views: Views, rows: IntArray, tile: Box, *, drawn: bool
@@ -143,8 +164,7 @@ class Pipeline:
         if can_cull and scene.can_draw_front and not self._is_layered:
             scene.draw_front(tile, views.grid, views.eyes[rows[0]])
         else:
-            for part in scene.parts:
-                scene.draw("face", tile, views.grid, len(rows), part)
+            scene.draw_nearest(tile, views.grid, len(rows))
 
     def _begin(self, target: Target, tile: Box, *, cull: bool = False, test: bool = True) -> None:
         """Bind a target for a tile; with the depth test, nearer wins and the first of equals."""

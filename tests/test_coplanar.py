@@ -1,0 +1,235 @@
+"""Surfaces within 1e-10 of each other's depth count as one, and the lower face is seen.
+
+On all rasterisers; and which faces OpenGL's plans draw with a depth of their own for it.
+"""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from coplanar_scenes import CAMERA, SCENES, views, wrong_samples
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from scenes import joined, sheet, square
+
+from rastercov import shapes
+from rastercov.camera import Camera
+from rastercov.mesh import Mesh
+from rastercov.pose import look_at, sphere_of_poses
+from rastercov.raster import coplanar
+from rastercov.raster.coplanar import coplanar_overlaps
+from rastercov.raster.egl import open_context
+from rastercov.raster.gl import GLRasterizer
+
+AHEAD = np.eye(4)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("kind", SCENES)
+def test_of_overlapping_faces_of_one_plane_the_lowest_is_seen(open_raster, kind, seed):
+    rng = np.random.default_rng(seed)
+    mesh = SCENES[kind](rng)
+    with open_raster(mesh, CAMERA) as rasterizer:
+        for pose in views(rng, mesh, 3):
+            wrong = wrong_samples(mesh, CAMERA, pose, rasterizer.render(pose).face)
+            assert not len(wrong), f"{len(wrong)} samples, the first at {wrong[0]}"
+
+
+# Each of these has a face that reaches behind the eye and is cut a millionth of its size before it.
+@pytest.mark.parametrize(
+    ("seed", "kind"), [(163, "triangulations"), (210, "polygons"), (238, "triangulations"),
+                       (304, "triangulations"), (391, "triangulations")],
+)  # fmt: skip
+def test_a_face_that_is_cut_keeps_its_plane(open_raster, seed, kind):
+    rng = np.random.default_rng(seed)
+    mesh = SCENES[kind](rng)
+    with open_raster(mesh, CAMERA) as rasterizer:
+        for pose in views(rng, mesh):
+            assert not len(wrong_samples(mesh, CAMERA, pose, rasterizer.render(pose).face))
+
+
+@settings(
+    max_examples=40,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+@given(st.integers(0, 2**32), st.sampled_from(sorted(SCENES)))
+def test_any_assembly_of_coplanar_faces_is_seen_as_by_the_reference(open_raster, seed, kind):
+    rng = np.random.default_rng(seed)
+    mesh = SCENES[kind](rng)
+    pose = views(rng, mesh, 1)[0]
+    with open_raster(mesh, CAMERA) as rasterizer:
+        wrong = wrong_samples(mesh, CAMERA, pose, rasterizer.render(pose).face)
+        # Doubles 1e-13 apart round to different floats at one sample in a million.
+        assert len(wrong) <= 1
+
+
+@pytest.mark.parametrize("options", [{"supersample": 2}, {"supersample": 2, "roll": 0.4}])
+def test_overlaps_are_counted_as_they_are_drawn(open_raster, options):
+    # The lower sheet hides the upper one wherever both are.
+    below, above = sheet((-1, -1), (0.5, 0.4), 3.0), sheet((-0.3, -0.2), (1.1, 1.2), 3.0)
+    with open_raster(joined(below, above), CAMERA, **options) as rasterizer:
+        counts = rasterizer.count(AHEAD)
+    np.testing.assert_array_equal(counts.visible[0, :2], counts.drawn[0, :2])
+    with open_raster(joined(above, below), CAMERA, **options) as rasterizer:
+        swapped = rasterizer.count(AHEAD)
+    np.testing.assert_array_equal(swapped.visible[0, :2], swapped.drawn[0, :2])
+    np.testing.assert_array_equal(swapped.drawn[0, 2:], counts.drawn[0, :2])
+    assert counts.visible[0].sum() == swapped.visible[0].sum()
+    assert counts.visible[0, 2:].sum() < counts.drawn[0, 2:].sum()
+
+
+@pytest.mark.parametrize("limits", [{"max_faces_a_draw": 3}, {"max_tile": 32}])
+def test_draws_and_tiles_change_nothing_where_faces_overlap(open_gl, limits):
+    rng = np.random.default_rng(3)
+    mesh = SCENES["triangulations"](rng)
+    poses = views(rng, mesh)
+    with open_gl(mesh, CAMERA) as whole, open_gl(mesh, CAMERA, **limits) as parts:
+        for pose in poses:
+            face = parts.render(pose).face
+            assert not len(wrong_samples(mesh, CAMERA, pose, face))
+            assert (face == whole.render(pose).face).mean() > 0.99
+
+
+def test_a_body_that_stands_on_another_is_hidden_where_they_touch(open_raster):
+    # Closed, so that back faces are left out; the camera below sees the undersides.
+    lower = shapes.box((1, 1, 1))
+    upper = Mesh(vertices=0.6 * lower.vertices + np.array((0.5, 0, 0.8)), faces=lower.faces)
+    mesh = joined(lower, upper)
+    assert mesh.can_cull_back_faces
+    for pose in look_at([(2, 1, -2), (1.6, -0.2, 0.1), (-2, 1, 2)], (0.2, 0, 0.3)):
+        with open_raster(mesh, CAMERA) as rasterizer:
+            assert not len(wrong_samples(mesh, CAMERA, pose, rasterizer.render(pose).face))
+
+
+def test_an_edge_on_face_does_not_come_before_what_hides_it(open_gl):
+    # Two panels of one plane through the eye, behind a screen: their edges may not shine through.
+    panel = np.array(((0, -1, 3), (0, 1, 3), (0, 1, 5), (0, -1, 3), (0, 1, 5), (0, -1, 5.0)))
+    shifted = panel + np.array((0, 0.3, 0.5))
+    points = np.concatenate((square(2, 2.0).vertices, panel, shifted))
+    faces = np.concatenate((square(2, 2.0).faces, 4 + np.arange(12).reshape(4, 3)))
+    mesh = Mesh(vertices=points, faces=faces)
+    assert coplanar_overlaps(mesh)[2:].all()
+    for shift in (0.0, 1e-12, 1e-9, 1e-6, 1e-4):
+        pose = AHEAD.copy()
+        pose[0, 3] = shift
+        with open_gl(mesh, CAMERA) as rasterizer:
+            buffer = rasterizer.render(pose)
+        assert (buffer.face < 2).all()
+        np.testing.assert_allclose(buffer.depth[buffer.face >= 0], 2, rtol=1e-6)
+
+
+def test_depth_of_overlapping_faces_is_that_of_the_cpu(device):
+    rng = np.random.default_rng(2)
+    mesh = SCENES["triangulations"](rng)
+    pose = look_at(mesh.bounds[1] + 1, mesh.bounds.mean(axis=0))[0]
+    with (
+        GLRasterizer(mesh, CAMERA, device=device, plan="software") as drawn,
+        GLRasterizer(mesh, CAMERA, device=device, plan="compute") as computed,
+    ):
+        one, other = drawn.render(pose), computed.render(pose)
+    assert coplanar_overlaps(mesh).all()
+    both = (one.face == other.face) & (one.face >= 0)
+    assert both.mean() > 0.1
+    # The same double, but for its last bits: the same float, but where it lies between two.
+    np.testing.assert_array_max_ulp(one.depth[both], other.depth[both], 1)
+    assert (one.depth[both] == other.depth[both]).mean() > 0.999
+
+
+def test_device_without_doubles_says_that_overlaps_are_undecided(device, monkeypatch):
+    mesh = joined(square(1, 2), sheet((-0.5, -0.4), (1.2, 1.3), 2.0))
+    camera = Camera(width=40, height=30, fx=30, fy=30)
+    with GLRasterizer(mesh, camera, device=device, plan="software") as rasterizer:
+        assert rasterizer.info.depth == "float32 reversed"
+    with open_context("surfaceless") as context:
+        info = dataclasses.replace(context.info, gl_version=330, extensions=frozenset())
+        monkeypatch.setattr(context, "info", info)
+        for scene, said in ((mesh, True), (square(1, 2), False)):
+            with GLRasterizer(scene, camera, device=context, plan="software") as rasterizer:
+                depth = rasterizer.info.depth
+            assert ("undecided where faces of one plane overlap" in depth) == said
+
+
+# --- which faces overlap --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "mesh",
+    [
+        shapes.torus(40, 20),
+        shapes.box(n=4),
+        shapes.room(6),
+        shapes.tessellated_plane(30, 20, seed=2),
+        shapes.tessellated_plane(30, 20, jitter=0),
+        shapes.teapot(4),
+        shapes.sphere(3),
+        shapes.aeroplane(1970),
+    ],
+)
+def test_a_mesh_whose_faces_only_meet_has_no_overlaps(mesh):
+    assert not coplanar_overlaps(mesh).any()
+
+
+def test_copies_of_faces_are_not_overlaps_but_copies_of_overlapping_ones_are():
+    lone, pair = square(1, 2), joined(square(1, 2), square(0.5, 2, (0.7, 0)))
+    assert not coplanar_overlaps(joined(lone, lone)).any()
+    np.testing.assert_array_equal(
+        coplanar_overlaps(joined(pair, pair)), np.tile(coplanar_overlaps(pair), 2)
+    )
+    assert coplanar_overlaps(pair)[2:].all()
+
+
+@pytest.mark.parametrize(
+    ("other", "expected"),
+    [
+        (square(1, 2, (0.5, 0.5)), True),
+        (square(0.1, 2 + 1e-13, (0.5, 0.2)), True),  # wholly within one face
+        (square(1, 2, (2, 0)), False),  # side by side, with an edge in common
+        (square(1, 2, (2, 0.7)), False),  # with a part of an edge
+        (square(1, 2, (5, 0)), False),
+        (square(1, 2.001), False),
+    ],
+)
+def test_overlaps_are_of_positive_area_and_in_one_plane(other, expected):
+    for mesh in (joined(square(1, 2), other), joined(other, square(1, 2))):
+        assert coplanar_overlaps(mesh).any() == expected
+
+
+def test_faces_folded_onto_each_other_overlap():
+    folded = Mesh(vertices=[(0, 0, 1), (1, 0, 1), (0.2, 1, 1), (0.8, 1, 1)],
+                  faces=[(0, 1, 2), (1, 0, 3)])  # fmt: skip
+    assert coplanar_overlaps(folded).all()
+
+
+def test_overlaps_are_found_in_any_position():
+    rng = np.random.default_rng(0)
+    pair = joined(square(1, 2), square(0.2, 2, (0.7, -0.5)))
+    expected = coplanar_overlaps(pair)
+    assert expected.any()
+    assert not expected.all()
+    for _ in range(200):
+        turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        where = rng.normal(size=3) * 10.0 ** rng.uniform(-2, 4)
+        mesh = Mesh(vertices=pair.vertices @ turn + where, faces=pair.faces)
+        np.testing.assert_array_equal(coplanar_overlaps(mesh), expected)
+
+
+def test_more_pairs_than_are_looked_at_count_as_overlaps(monkeypatch):
+    rng = np.random.default_rng(1)
+    corners = rng.uniform(-1, 1, (60, 3, 2))
+    points = np.dstack((corners, np.ones((60, 3)))).reshape(-1, 3)
+    mesh = Mesh(vertices=points, faces=np.arange(180).reshape(-1, 3))
+    expected = coplanar_overlaps(mesh)
+    monkeypatch.setattr(coplanar, "MOST_PAIRS", 20)
+    again = coplanar_overlaps(Mesh(vertices=points, faces=mesh.faces))
+    assert (again | ~expected).all()
+
+
+def test_close_views_of_overlaps_are_as_far_ones(open_raster):
+    # A floor tiled twice, and the eye a thousandth of its size above it: faces reach behind it.
+    one, other = shapes.tessellated_plane(3, 3, jitter=0), shapes.tessellated_plane(4, 5, seed=1)
+    mesh = joined(other, one)
+    poses = look_at([(0.1, 0.05, 2e-3), (0.3, 0.2, 0.05)], [(0.4, 0.3, 0), (0, 0.1, 0)])
+    with open_raster(mesh, CAMERA) as rasterizer:
+        for pose in np.concatenate((poses, sphere_of_poses((0, 0, 0), 3, 3))):
+            assert not len(wrong_samples(mesh, CAMERA, pose, rasterizer.render(pose).face))
