@@ -72,6 +72,7 @@ uniform uint which_pass;
 
 const int HALF = 128;
 const double STEPS = 256.0lf;
+const double NO_PLANE = 1e300lf;
 
 void keep_nearest(uint sample_, float depth, uint face) {
     uint bits = floatBitsToUint(depth);  // ordered as the floats are: none is negative
@@ -236,7 +237,23 @@ void enqueue(Piece p) {
     }
 }
 
-void draw(dvec3 a, dvec3 b, dvec3 c, uint face, uint pose, bool can_cull) {
+// The plane of 1/z of a face with corners in space: how it grows to the right and down, a sample
+// each, and what it is at the middle of the first sample of the canvas. For faces that are cut: of
+// what is left of them, the corners at the near plane can be so much nearer than what is in view that
+// a plane through these has lost half of its digits.
+dvec3 plane_in_image(Pose pose, dvec3 a, dvec3 b, dvec3 c) {
+    dvec3 to_b = b - a, to_c = c - a;
+    precise dvec3 normal = to_b.yzx * to_c.zxy - to_b.zxy * to_c.yzx;
+    precise double height = normal.x * a.x + normal.y * a.y + normal.z * a.z;
+    precise double right = normal.x / (height * pose.lens.x);
+    precise double down = normal.y / (height * pose.lens.y);
+    precise double origin =
+        normal.z / height + right * (0.5lf - pose.lens.z) + down * (0.5lf - pose.lens.w);
+    return dvec3(right, down, origin);
+}
+
+// `plane` is that of a face that was cut, else NO_PLANE.
+void draw(dvec3 a, dvec3 b, dvec3 c, uint face, uint pose, bool can_cull, dvec3 plane) {
     dvec2 ra = floor(a.xy + 0.5lf), rb = floor(b.xy + 0.5lf), rc = floor(c.xy + 0.5lf);
     dvec2 ab = rb - ra, ac = rc - ra;
     double rounded = ab.x * ac.y - ac.x * ab.y;
@@ -267,7 +284,8 @@ void draw(dvec3 a, dvec3 b, dvec3 c, uint face, uint pose, bool can_cull) {
     // From the corners as they are; as rounded where the triangle is too thin for that.
     dvec2 from = a.xy, ab_here = b.xy - a.xy, ac_here = c.xy - a.xy;
     double area = ab_here.x * ac_here.y - ac_here.x * ab_here.y;
-    if (abs(area - rounded) > 0.25lf * abs(rounded)) {
+    bool is_thin = abs(area - rounded) > 0.25lf * abs(rounded);
+    if (is_thin) {
         from = ra;
         ab_here = ab;
         ac_here = ac;
@@ -278,6 +296,11 @@ void draw(dvec3 a, dvec3 b, dvec3 c, uint face, uint pose, bool can_cull) {
     precise double down = (w_ac * ab_here.x - w_ab * ac_here.x) * (STEPS / area);
     precise double origin =
         a.z + (right * (double(HALF) - from.x) + down * (double(HALF) - from.y)) / STEPS;
+    if (!is_thin && all(lessThan(abs(plane), dvec3(NO_PLANE)))) {
+        right = plane.x;
+        down = plane.y;
+        origin = plane.z;
+    }
     p.right = right;
     p.down = down;
     p.origin = origin;
@@ -304,8 +327,10 @@ void main() {
         is_whole = is_whole && in_space[i].z >= pose.near && is_near_image(at[i]);
     }
     dvec3 polygon[8];
+    dvec3 plane = dvec3(NO_PLANE);
     int n = 3;
     if (!is_whole) {
+        plane = plane_in_image(pose, in_space[0], in_space[1], in_space[2]);
         for (int i = 0; i < 3; ++i) polygon[i] = in_space[i];
         n = clip(polygon, n, dvec3(0.0lf, 0.0lf, 1.0lf), pose.near);
         // |u|, |v| <= reach from the corner of the tile: +-(f x + c z) <= reach z.
@@ -324,7 +349,7 @@ void main() {
             at[1] = in_image(pose, polygon[i]);
             at[2] = in_image(pose, polygon[i + 1]);
         }
-        draw(at[0], at[1], at[2], face + 1u, view, pose.cull != 0.0lf);
+        draw(at[0], at[1], at[2], face + 1u, view, pose.cull != 0.0lf, plane);
     }
 }
 
