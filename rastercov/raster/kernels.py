@@ -69,11 +69,16 @@ from rastercov.raster.layout import (
     LAST_Y,
     LENS,
     NEAR,
+    ORIGIN,
     PATCH_BITS,
     ROOM,
     SAMPLES_A_CLUSTER,
     SIDE,
     SIDE_BITS,
+    SLOPE_X,
+    SLOPE_Y,
+    STEP_X,
+    STEP_Y,
     STEPS,
     VERTICES,
     WIDEST,
@@ -466,10 +471,42 @@ def clip(corners, n, plane, offset, out):
 
 
 @compiled
+def plane_of_corners(polygon, view):
+    """Put the plane of 1/z of a face, whose corners the first rows have, into the last row.
+
+    1/z at the first sample of the image, its steps to the next sample and row; not finite where the
+    eye is in the plane. Of a face that is cut, the corners at the near plane can be so much nearer
+    than what is in view that a plane through these has lost half of its digits.
+    """
+    a, b, c = polygon[0], polygon[1], polygon[2]
+    plane = polygon[CLIP_CORNERS]
+    for k in range(3):
+        i, j = (k + 1) % 3, (k + 2) % 3
+        plane[k] = (b[i] - a[i]) * (c[j] - a[j]) - (b[j] - a[j]) * (c[i] - a[i])
+    height = plane[0] * a[0] + plane[1] * a[1] + plane[2] * a[2]
+    step_x, step_y = plane[0] / (height * view[LENS]), plane[1] / (height * view[LENS + 1])
+    first = plane[2] / height + step_x * (0.5 - view[LENS + 2]) + step_y * (0.5 - view[LENS + 3])
+    plane[ORIGIN], plane[SLOPE_X], plane[SLOPE_Y] = first, step_x, step_y
+
+
+@compiled
+def take_plane(plane, n, batch):
+    """Give the first n of sixteen triangles the plane of the face that they are parts of."""
+    if not np.isfinite(plane).all():
+        return
+    for k in range(n):
+        for row in (ORIGIN, SLOPE_X, SLOPE_Y):
+            batch.exact[row * LANES + k] = plane[row]
+        batch.plane[STEP_X * LANES + k] = np.float32(plane[SLOPE_X])
+        batch.plane[STEP_Y * LANES + k] = np.float32(plane[SLOPE_Y])
+
+
+@compiled
 def clip_face(points, begin, stride, packed, view, window, placed, polygon, other):
     """Clip a face to what is in front of the near plane and not far out; returns its corners.
 
-    They are placed from `VERTICES` on.
+    They are placed from `VERTICES` on. The last row of `polygon` gets the plane of 1/z of the face
+    as it was, see `take_plane`.
     """
     for i in range(3):
         vertex = 3 * begin + (packed >> (8 * i) & (ROOM - 1))
@@ -480,6 +517,7 @@ def clip_face(points, begin, stride, packed, view, window, placed, polygon, othe
         )
         for k in range(3):
             polygon[i, k] = away[0] * view[k] + away[1] * view[3 + k] + away[2] * view[6 + k]
+    plane_of_corners(polygon, view)
     plane = other[CLIP_CORNERS]
     plane[0], plane[1], plane[2] = 0.0, 0.0, 1.0
     n = clip(polygon, 3, plane, view[NEAR], other)
@@ -528,14 +566,18 @@ def fan_out(shape, slot, begin, stride, view, window, placed, fan, polygon, othe
 
 
 @compiled
-def fill_large(listed, n, shape, begin, owned, placed, window, edges, batch, image, counts):
-    """Fill triangles of any size; returns how many samples were empty."""
+def fill_large(listed, n, shape, begin, owned, placed, window, edges, batch, image, counts, plane):
+    """Fill triangles of any size; returns how many samples were empty.
+
+    `plane` is that of the face of which all of them are parts, or not finite.
+    """
     align_stack()
     filled = 0
     for i in range(0, n, LANES):
         _, sides = set_up_lanes(
             listed, i, np.int64(1), shape, begin, owned, placed, window, edges, batch
         )
+        take_plane(plane, min(n - i, LANES), batch)
         valid = ALL_LANES >> max(LANES - (n - i), 0)
         filled += fill_blocks(sides & valid, window, edges, batch, image, counts)
         hidden = sides >> LANES & valid
@@ -638,6 +680,7 @@ def count_poses(
     )  # fmt: skip
     figures = doubles[4]
     view = pointer(figures)
+    no_plane = np.full(3, np.nan)
     n_clusters = len(vertex_starts) - 1
     image = Image(pointer(depth), pointer(owner))
     columns = np.int32(
@@ -737,7 +780,7 @@ def count_poses(
                 if n_large:
                     new += fill_large(
                         lists.large, n_large, shape, first_slot, lists.owned, placed, window,
-                        long_edges, batch, image, counts,
+                        long_edges, batch, image, counts, no_plane,
                     )  # fmt: skip
                 for k in range(n_clipped):
                     n = fan_out(
@@ -746,7 +789,7 @@ def count_poses(
                     )  # fmt: skip
                     new += fill_large(
                         one_by_one, n, fan, 0, lists.owned, placed, window, long_edges, batch,
-                        image, counts,
+                        image, counts, polygon[CLIP_CORNERS],
                     )  # fmt: skip
         filled[p] = new
 
