@@ -50,10 +50,11 @@ class Arena:
         self.context = context
         self.gl = context.gl
         self._stack = ExitStack()
-        # moderngl goes back to the frame bound last, so that one must outlive the arena: each
-        # context keeps a small one for as long as it lives.
-        if self.gl.extra is None:
-            self.gl.extra = self.gl.simple_framebuffer((1, 1))
+        # moderngl lists what Python has let go of, to release it. What an earlier arena released by
+        # itself would stay there.
+        left = [thing for thing in self.gl.objects if not isinstance(thing, moderngl.InvalidObject)]
+        self.gl.objects.clear()
+        self.gl.objects.extend(left)
         self._bind_framebuffer = context.function("glBindFramebuffer", None, _UINT, _UINT)
         self._clear_ids = context.function("glClearBufferuiv", None, _UINT, _INT, _POINTER)
         self._clear_depth = context.function("glClearBufferfv", None, _UINT, _INT, _POINTER)
@@ -206,5 +207,5 @@ class Arena:
 
     def release(self) -> None:
         """Give everything back."""
-        self.gl.extra.use()
+        self.context.parking_frame.use()  # moderngl goes back to the frame bound last
         self._stack.close()

@@ -21,6 +21,7 @@ import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import suppress
+from functools import cache
 from typing import Any, cast
 
 import moderngl
@@ -258,6 +259,49 @@ class _OSMesaLoader(_Loader):
 # --- the context handed out -----------------------------------------------------------------------
 
 
+@cache
+def _address(number: int) -> int:
+    """The number itself, one object for all equal ones."""
+    return number
+
+
+_EMPTY = ctypes.create_string_buffer(1)
+_NO_NAME = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_uint, ctypes.c_uint)(
+    lambda _token, _index: ctypes.addressof(_EMPTY)
+)
+"""Stands in for glGetStringi where moderngl asks for the names of extensions."""
+
+
+class _Lender:
+    """What moderngl gets of a loader: it never gives back what it asks for.
+
+    moderngl 5.13 keeps a reference to the address of each of 670 functions and to the name of each
+    of 220 extensions, 38 KiB a context, for as long as the process lives. So the same address is
+    always the same object, and names are empty, of which Python has one; moderngl gets the set of
+    names afterwards.
+    """
+
+    def __init__(self, loader: _Loader) -> None:
+        self._loader = loader
+
+    def load(self, name: str) -> int:
+        """Address of an OpenGL function, 0 when it is absent."""
+        if name == "glGetStringi":
+            return _address(ctypes.cast(_NO_NAME, ctypes.c_void_p).value or 0)
+        return _address(self._loader.load(name))
+
+    def release(self) -> None:
+        """Destroy the context."""
+        self._loader.release()
+
+    def __enter__(self) -> None:
+        self._loader.make_current()
+
+    def __exit__(self, *_: object) -> None:
+        """Stay current: the thread owns the context."""
+        return
+
+
 class HeadlessContext:
     """An OpenGL core context without a window, and the moderngl context on it.
 
@@ -276,8 +320,13 @@ class HeadlessContext:
         try:
             self.info = describe_context(self.function, device)
             # `standalone` is moderngl's word for: there is no default framebuffer to look at.
-            self._gl = moderngl.create_context(context=cast("Any", self._loader), standalone=True)
+            lender = cast("Any", _Lender(self._loader))
+            self._gl = moderngl.create_context(context=lender, standalone=True)
+            self._gl.extensions.clear()  # see `_Lender`
+            self._gl.extensions.update(self.info.extensions)
             self._gl.gc_mode = "context_gc"
+            self._pixel = self._gl.renderbuffer((1, 1))
+            self._parking_frame = self._gl.framebuffer([self._pixel])
         except BaseException:
             self._loader.release()
             raise
@@ -287,6 +336,11 @@ class HeadlessContext:
         """The moderngl context (gc_mode "context_gc"), current; DeviceError away from its owner."""
         self._loader.make_current()
         return self._gl
+
+    @property
+    def parking_frame(self) -> moderngl.Framebuffer:
+        """A framebuffer of a pixel, to be bound before the one in use is released."""
+        return self._parking_frame
 
     def check_owner(self) -> None:
         """Raise DeviceError in another thread or a forked child, and after the release."""
@@ -327,6 +381,9 @@ class HeadlessContext:
             self.check_owner()
             with suppress(DeviceError):  # a lost context may refuse to become current
                 self.make_current()
+                # Before the context: one that has live objects is never freed by moderngl.
+                self._parking_frame.release()
+                self._pixel.release()
                 self._gl.release()
         self._functions.clear()
         self._loader.release()
