@@ -1,10 +1,27 @@
 """What holds something that must be given back: use it in a `with` block, or close it."""
 
 from abc import ABC, abstractmethod
-from typing import Self
+from typing import NoReturn, Self
+
+from rastercov.errors import ConfigError
 
 
-class Closing(ABC):
+class Unique:
+    """What there is no second one of: it holds a device, threads or memory that loops write to.
+
+    A copy would give back what the first still uses, and a pickle would reach a process that has
+    none of it, so `copy`, `deepcopy` and `pickle` raise `ConfigError`.
+    """
+
+    def __reduce_ex__(self, protocol: object) -> NoReturn:
+        name = type(self).__name__.lstrip("_")
+        raise ConfigError(
+            f"a {name} cannot be copied or pickled: it holds a device or memory of this process; "
+            "open another one where it is wanted, of the same mesh and camera"
+        )
+
+
+class Closing(Unique, ABC):
     """Closed at the end of a `with` block, whatever ends it."""
 
     @abstractmethod

@@ -1,7 +1,10 @@
 """Every fault of device, driver, process or caller is told apart from an answer."""
 
+import copy
 import dataclasses
+import itertools
 import os
+import pickle
 import re
 import subprocess
 import sys
@@ -27,6 +30,7 @@ from rastercov.raster.contract import open_rasterizer
 from rastercov.raster.egl import open_context
 from rastercov.raster.gl import GLRasterizer
 from rastercov.raster.scene import Scene
+from rastercov.visibility import open_observer
 
 CAMERA = Camera(width=80, height=60, fx=75, fy=75)
 MESH = shapes.torus(12, 8)
@@ -220,6 +224,40 @@ def test_closed_rasteriser_says_so(rasterizer):
     rasterizer.close()
 
 
+def test_every_method_of_a_closed_rasteriser_says_so(open_raster):
+    rasterizer = open_raster(MESH, CAMERA)
+    rasterizer.close()
+    told = []
+    for name in (name for name in dir(rasterizer) if not name.startswith("_")):
+        member = getattr(rasterizer, name)
+        if callable(member) and name != "close":
+            with pytest.raises(DeviceError, match="this rasteriser is closed; open a new one"):
+                member(POSES[0])
+            told.append(name)
+    assert told == ["count", "render"]
+    with rasterizer as again, pytest.raises(DeviceError, match="closed"):
+        again.count(POSES)
+
+
+@pytest.mark.parametrize("take", [copy.copy, copy.deepcopy, pickle.dumps])
+def test_what_holds_a_device_or_scratch_memory_cannot_be_copied_or_pickled(open_raster, take):
+    rasterizer = open_raster(MESH, CAMERA)
+    name = type(rasterizer).__name__
+    with pytest.raises(ConfigError, match=rf"^a {name} cannot be copied or pickled: [^\n]*$"):
+        take(rasterizer)
+    assert rasterizer.count(POSES).visible.any()
+
+
+@pytest.mark.parametrize("method", ["certified", "sampled"])
+def test_an_observer_cannot_be_pickled(method):
+    options = {"backend": "gl", "device": "surfaceless"} if method == "sampled" else {}
+    with (
+        open_observer(MESH, CAMERA, method=method, **options) as observer,
+        pytest.raises(ConfigError, match="Observer cannot be copied or pickled"),
+    ):
+        pickle.dumps(observer)
+
+
 def test_released_context_says_so():
     context = open_context("surfaceless")
     rasterizer = GLRasterizer(MESH, CAMERA, device=context)
@@ -258,9 +296,9 @@ def test_rasterisers_take_turns_on_two_contexts(open_gl):
 # --- a device that answers wrongly ----------------------------------------------------------------
 
 
+# Not plan "compute": llvmpipe has computed when the call returns, only what it draws it puts off.
+@pytest.mark.parametrize("plan", ["software", "hardware"])
 def test_counters_read_without_a_barrier_are_not_trusted(open_gl, monkeypatch, plan):
-    if plan == "compute":
-        pytest.skip("llvmpipe has computed when the call returns, what it draws it puts off")
     monkeypatch.setattr(moderngl.Context, "memory_barrier", lambda self, *_, **__: None)
     with pytest.raises(DeviceError, match="cannot be trusted"):
         open_gl(MESH, CAMERA)
@@ -468,11 +506,15 @@ def test_missing_shader_file_is_named(device, monkeypatch, tmp_path):
         shaders.source.cache_clear()
 
 
-@pytest.mark.parametrize("maker", ["buffer", "texture_array", "framebuffer"])
+@pytest.mark.parametrize(
+    ("plan", "maker"),
+    [
+        *itertools.product(("software", "hardware"), ("buffer", "texture_array", "framebuffer")),
+        ("compute", "buffer"),  # where it keeps everything
+    ],
+)
 @pytest.mark.parametrize("way", ["raises", "error flag"])
 def test_refused_allocation_says_how_many_bytes(open_gl, monkeypatch, plan, maker, way):
-    if plan == "compute" and maker != "buffer":
-        pytest.skip("the plan keeps everything in buffers")
     make, error = getattr(moderngl.Context, maker), moderngl.Context.error
 
     def refuse(self, *arguments, **options):

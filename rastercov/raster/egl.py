@@ -26,6 +26,7 @@ from typing import Any, cast
 
 import moderngl
 
+from rastercov.closing import Unique
 from rastercov.errors import DeviceError
 from rastercov.raster.devices import (
     ContextInfo,
@@ -302,7 +303,7 @@ class _Lender:
         return
 
 
-class HeadlessContext:
+class HeadlessContext(Unique):
     """An OpenGL core context without a window, and the moderngl context on it.
 
     Made by `open_context`. Belongs to one thread of one process; leave it by `release` or `with`.
