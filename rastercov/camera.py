@@ -18,11 +18,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.camera_checks import (
+    focal_length_px,
     image_side,
     is_inf,
     number,
     pair,
     positive,
+    principal_point_px,
     refuse_distortion,
     shown,
     two,
@@ -89,9 +91,12 @@ class Camera:
             object.__setattr__(self, name, image_side(name, getattr(self, name)))
         for name, centre in (("cx", self.width / 2), ("cy", self.height / 2)):
             value = getattr(self, name)
-            object.__setattr__(self, name, centre if value is None else number(name, value))
-        for name in ("fx", "fy", "max_blur"):
-            object.__setattr__(self, name, positive(name, getattr(self, name)))
+            object.__setattr__(
+                self, name, centre if value is None else principal_point_px(name, value)
+            )
+        for name in ("fx", "fy"):
+            object.__setattr__(self, name, focal_length_px(name, getattr(self, name)))
+        object.__setattr__(self, "max_blur", positive("max_blur", self.max_blur))
         near = number("near", self.near)
         if near < 0:
             raise CameraError(f"near must be 0 or more metres, got {near:g}")

@@ -11,6 +11,13 @@ from rastercov.errors import CameraError
 MAX_IMAGE_SIDE = 1 << 17
 """Largest image side in pixels; larger than any sensor, small enough to count samples in int64."""
 
+LONGEST = 1e12
+"""Pixels: largest focal length, and farthest principal point. float64 tells directions apart to
+some 1e-16 rad, which is 1e-4 px then; beyond, samples would be left to rounding."""
+SHORTEST = 1e-12
+"""Pixels: least focal length. A pixel next to the principal point then sees all that is more than
+1e-12 rad beside the image plane."""
+
 
 def number(name: str, value: Any) -> float:
     """`value` as a finite float."""
@@ -30,6 +37,28 @@ def positive(name: str, value: Any) -> float:
     result = number(name, value)
     if result <= 0:
         raise CameraError(f"{name} must be positive, got {result:g}")
+    return result
+
+
+def focal_length_px(name: str, value: Any) -> float:
+    """`value` as a focal length in pixels."""
+    result = positive(name, value)
+    if not SHORTEST <= result <= LONGEST:
+        raise CameraError(
+            f"{name} must be {SHORTEST:g} to {LONGEST:g} px, got {result:g}; "
+            "beyond that float64 does not tell pixels apart: check its unit"
+        )
+    return result
+
+
+def principal_point_px(name: str, value: Any) -> float:
+    """`value` as a coordinate of the principal point in pixels."""
+    result = number(name, value)
+    if abs(result) > LONGEST:
+        raise CameraError(
+            f"{name} must be within {LONGEST:g} px of the image, got {result:g}; "
+            "beyond that float64 does not tell pixels apart: check its unit"
+        )
     return result
 
 

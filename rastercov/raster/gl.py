@@ -4,7 +4,8 @@
 - *hardware*: the graphics pipeline, many poses a draw, counted on the GPU.
 - *compute*: no graphics pipeline, many poses at a time, counted on the GPU; see `compute`.
 
-"auto" takes the first on a software device and the second on hardware that has what it needs.
+"auto" takes the first on a software device and the second on hardware that has what it needs; the
+third for a camera with so long a lens that the pipeline would misplace edges.
 """
 
 from collections.abc import Iterator
@@ -30,6 +31,9 @@ from rastercov.raster.pipeline import Pipeline
 from rastercov.raster.plan import IMAGE_BUDGET, MAX_FACES_A_DRAW, MAX_TILE, Limits, Plan
 
 PLANS = ("software", "hardware", "compute")
+LONGEST = 1 << 16
+"""Pixels: largest focal length, and farthest principal point, of the graphics pipeline. It works in
+float32, which places the edges of faces to about 2^-23 of that: 1/128 px."""
 CANARY_EVERY = 256
 """Poses between two checks of the device against a scene with known counts."""
 
@@ -92,6 +96,14 @@ class GLRasterizer(Closing):
 
     def _choose(self, plan: str) -> str:
         known = self._context.info
+        reach = max(self.camera.fx, self.camera.fy, abs(self.camera.cx), abs(self.camera.cy))
+        if plan == "auto" and reach > LONGEST and known.has_compute_raster:
+            return "compute"
+        if plan != "compute" and reach > LONGEST:
+            raise ConfigError(
+                f"OpenGL's pipeline takes fx, fy, cx and cy up to {LONGEST:,} px, got {reach:,g}: "
+                "float32 would misplace edges; use plan 'compute' or backend 'cpu'"
+            )
         if plan == "auto":
             return "hardware" if known.has_batches and not known.is_software else "software"
         needs = {
