@@ -3,29 +3,33 @@
 # make lint    formatting, style, types
 # make bench   exactness and speed, side by side with a ray tracer
 #
-# All of it lives in .venv; Mesa's OpenGL comes from the system, through apt when it is missing.
+# All of it lives in .venv; Mesa's OpenGL comes from the system, through apt when it is missing. So
+# does OSMesa for the tests, where the system still has it: Mesa 25.1 was the last.
 
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 MESA := libegl1 libgl1 libgl1-mesa-dri
+OSMESA := libosmesa6
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo -n)
 APT := $(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get -qq
 HAS_OPENGL = $(BIN)/python -c 'from rastercov.raster.egl import open_context; open_context().release()'
+HAS_OSMESA = $(BIN)/python -c 'from rastercov.raster.egl import open_context; open_context("osmesa").release()'
+OSMESA_EXISTS = apt-cache policy $(OSMESA) 2>/dev/null | grep -q 'Candidate: [0-9]'
 # One Mesa thread a process: tests run in two processes.
 TEST_ENV := LP_NUM_THREADS=1
 
 # Two pips must not work on one environment.
 .NOTPARALLEL:
-.PHONY: demo test lint bench opengl clean
+.PHONY: demo test lint bench opengl osmesa clean
 
 # The demo counts on the CPU where there is no GPU, so missing OpenGL does not stop it.
 demo: $(VENV)/installed
 	@$(MAKE) --no-print-directory opengl || true
 	$(BIN)/rastercov demo --out report
 
-test: $(VENV)/installed-dev opengl
+test: $(VENV)/installed-dev opengl osmesa
 	$(TEST_ENV) $(BIN)/python -m pytest -n 2 --dist worksteal
 
 lint: $(VENV)/installed-dev
@@ -66,6 +70,14 @@ opengl: $(VENV)/installed
 	{ echo "installing Mesa: $(MESA)"; \
 	{ $(APT) update; $(APT) install -y --no-install-recommends $(MESA) && $(HAS_OPENGL); } </dev/null || \
 	{ echo "error: no OpenGL; as root: apt-get install -y $(MESA); then ask: $(BIN)/rastercov doctor"; exit 2; }; }
+
+# Without it its tests are skipped, which the end of the run says.
+osmesa: $(VENV)/installed
+	@if $(HAS_OSMESA) 2>/dev/null; then exit 0; fi; \
+	$(APT) update </dev/null 2>/dev/null; \
+	if $(OSMESA_EXISTS); then echo "installing OSMesa: $(OSMESA)"; \
+	$(APT) install -y --no-install-recommends $(OSMESA) </dev/null && exit 0; fi; \
+	echo "note: no OSMesa: apt has no $(OSMESA), or may not install it"
 
 clean:
 	rm -rf $(VENV) report render build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

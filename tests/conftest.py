@@ -2,6 +2,7 @@
 
 import gc
 import os
+from collections import Counter
 from contextlib import ExitStack
 
 import moderngl
@@ -20,6 +21,23 @@ settings.register_profile("ci", deadline=None, derandomize=True)
 settings.load_profile("ci" if os.environ.get("CI") else "desk")
 
 
+def reasons_of(skipped):
+    """How many tests were skipped for each reason, the most frequent first."""
+    reasons = Counter()
+    for report in skipped:
+        _, _, reason = report.longrepr
+        reasons[" ".join(reason.removeprefix("Skipped: ").split())] += 1
+    return reasons.most_common()
+
+
+def pytest_terminal_summary(terminalreporter):
+    """Say at the end what was not tested here, and why."""
+    skipped = terminalreporter.stats.get("skipped", [])
+    terminalreporter.section(f"not tested here: {len(skipped)}")
+    for reason, n in reasons_of(skipped):
+        terminalreporter.write_line(f"{n:5} {reason}")
+
+
 @pytest.fixture(scope="session")
 def gl_context():
     """Mesa in software; it must be there, because a skipped rasteriser test proves nothing."""
@@ -29,6 +47,18 @@ def gl_context():
         pytest.fail(f"the rasteriser tests need Mesa's software OpenGL: {error}", pytrace=False)
     with context:
         yield context
+
+
+@pytest.fixture(scope="module")
+def osmesa_context(gl_context):
+    """OSMesa, which Mesa 25.1 was the last to have."""
+    try:
+        context = open_context("osmesa")
+    except DeviceError as error:
+        pytest.skip(f"no OSMesa here: {error}")
+    with context:
+        yield context
+    gl_context.make_current()
 
 
 @pytest.fixture

@@ -36,8 +36,6 @@ def objective():
 
 @pytest.fixture(params=METHODS)
 def method(request):
-    if request.param != "random":
-        pytest.importorskip("pymoo", reason="pymoo, of the extra `place`, is not installed")
     return request.param
 
 
@@ -103,7 +101,6 @@ def test_constraints_hold_and_the_share_is_that_of_the_poses(objective, method):
 
 
 def test_all_methods_begin_with_the_same_networks(objective):
-    pytest.importorskip("pymoo", reason="pymoo, of the extra `place`, is not installed")
     traces = [
         optimise(objective, SPACE, 2, method, budget=16, population=8).trace for method in METHODS
     ]
@@ -135,7 +132,6 @@ class Facing(Objective):
 
 
 def test_searching_beats_drawing_at_random(objective):
-    pytest.importorskip("pymoo", reason="pymoo, of the extra `place`, is not installed")
     facing = Facing(objective.observer, TASK, objective.quanta, objective.need)
     free = replace(SPACE, boxes=None, keep_out=())
     shares = {
