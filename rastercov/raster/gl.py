@@ -24,7 +24,13 @@ from rastercov.pose import valid_poses
 from rastercov.raster import canary
 from rastercov.raster.arena import Arena
 from rastercov.raster.compute import Compute
-from rastercov.raster.contract import FaceCounts, RasterizerInfo, VisibilityBuffer
+from rastercov.raster.contract import (
+    FaceCounts,
+    RasterizerInfo,
+    VisibilityBuffer,
+    check_counts,
+    check_picture,
+)
 from rastercov.raster.egl import HeadlessContext, open_context
 from rastercov.raster.grid import SampleGrid
 from rastercov.raster.pipeline import Pipeline
@@ -147,6 +153,8 @@ class GLRasterizer(Closing):
     def count(self, poses: ArrayLike, *, drawn: bool = True) -> FaceCounts:
         """Samples of each face in each pose; see `Rasterizer.count`."""
         matrices = valid_poses(poses)
+        n_bytes = np.dtype(self._scene.grid.count_type).itemsize
+        check_counts(len(matrices), self.mesh.n_faces, n_bytes * (1 + drawn))
         with self._current():
             return self._count(self._scene, matrices, drawn)
 
@@ -155,6 +163,7 @@ class GLRasterizer(Closing):
         matrices = valid_poses(pose)
         if len(matrices) != 1:
             raise ConfigError(f"render takes one pose, got {len(matrices)}")
+        check_picture(self.camera)
         shape = (self.camera.height, self.camera.width)
         face, depth = np.empty(shape, np.int32), np.empty(shape, np.float32)
         with self._current():
