@@ -123,6 +123,22 @@ def test_bounds_inside_a_room_are_small_on_every_face_larger_than_a_pixel():
     assert (seen.blur[large] / seen.drawn_pixels[large]).max() < 1e-6
 
 
+@pytest.mark.parametrize("height", [0.0, 5e-324, 1e-300, 1e-17, 1e-12, 1e-8, 1e-5])
+def test_a_camera_on_the_outside_of_a_solid_looks_through_the_face_it_is_on(height):
+    # It is outside the bounding box, and nothing was found cut: back faces had been left out, and
+    # the inside of the solid, which fills the image, was not seen.
+    mesh = box((-1, -1, -1), (1, 1, 0))
+    pose = rc.look_at((0.25, 0.125, height), (0.3, 0.2, -1), (0, 1, 0))[0]
+    visible = rational.visible_area(mesh, CAMERA, pose)
+    assert visible.sum() > 0.99 * CAMERA.width * CAMERA.height
+    for method in ("certified", "exact"):
+        with rc.open_observer(mesh, CAMERA, method) as observer:
+            seen = observer.observe(pose)
+        assert (np.abs(seen.visible_pixels[0] - visible) <= seen.blur[0] + 1e-9).all()
+    with rc.open_rasterizer(mesh, CAMERA, "cpu") as rasterizer:
+        assert np.abs(rasterizer.count(pose).visible[0] - visible).max() < 2000
+
+
 # --- faces that rounding decides over -------------------------------------------------------------
 
 

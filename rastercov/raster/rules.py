@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from rastercov.camera import Camera
 from rastercov.contacts import REACH
 from rastercov.mesh import Mesh
-from rastercov.projection import near_cuts, near_limit
+from rastercov.projection import NEAR_TO_FAR, near_cuts, near_limit
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -16,16 +16,19 @@ def can_cull(mesh: Mesh, poses: FloatArray, clipped: NDArray[np.bool_]) -> NDArr
     """Whether back faces can be left out without changing which surface is nearest, (P,).
 
     The mesh is closed and outward, and the camera is outside it with nothing cut open; and no two
-    of its surfaces are so close together that they count as one from where the camera is.
+    of its surfaces are so close together that they count as one from where the camera is. Outside
+    is beyond the bounding box by more than `NEAR_TO_FAR` of the farthest distance: a camera that is
+    mounted on a face looks through it, for the near plane cuts it away, which `clipped` cannot tell
+    where the face is edge-on to rounding.
     """
     eyes = poses[:, :3, 3]
-    allowed: NDArray[np.bool_] = ((eyes < mesh.bounds[0]) | (eyes > mesh.bounds[1])).any(
-        axis=1
-    ) & ~clipped
-    if not (allowed.any() and mesh.can_cull_back_faces):
-        return np.zeros(len(poses), bool)
     reach = np.abs(mesh.bounds[None] - eyes[:, None]).max(axis=1)
     distance = np.sqrt((reach**2).sum(axis=1))
+    margin = NEAR_TO_FAR * distance[:, None]
+    is_beyond = (eyes < mesh.bounds[0] - margin) | (eyes > mesh.bounds[1] + margin)
+    allowed: NDArray[np.bool_] = is_beyond.any(axis=1) & ~clipped
+    if not (allowed.any() and mesh.can_cull_back_faces):
+        return np.zeros(len(poses), bool)
     for row in np.flatnonzero(allowed & (distance > REACH * mesh.contacts.diagonal)):
         allowed[row] = not mesh.contacts.faces_within_components(distance[row]).any()
     return allowed
