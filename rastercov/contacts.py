@@ -70,6 +70,11 @@ class Contacts:
         default_factory=dict, init=False
     )
 
+    @property
+    def reach(self) -> float:
+        """Distance of cameras up to which one answer holds for all, metres."""
+        return REACH * self.diagonal
+
     def faces_for(self, distance: float = 0.0) -> NDArray[np.bool_]:
         """(F,) faces in contact, for cameras with no surface beyond `distance`, metres."""
         return self._faces(self._decade(distance), within=False)
@@ -81,7 +86,7 @@ class Contacts:
         return self._faces(decade, within=True) if any_contact.any() else any_contact
 
     def _decade(self, distance: float) -> int:
-        far = distance / (REACH * self.diagonal) if self.diagonal > 0 else 1.0
+        far = distance / self.reach if self.diagonal > 0 else 1.0
         return max(0, math.ceil(math.log10(max(far, 1.0))))
 
     def _faces(self, decade: int, within: bool) -> NDArray[np.bool_]:

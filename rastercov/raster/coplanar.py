@@ -48,7 +48,7 @@ def coplanar_overlaps(mesh: Mesh) -> BoolArray:
     same triangle (`rules.in_one_order`), so their depths are equal however they are computed. Nor
     those that share an edge or a part of it.
 
-    Worked out at the first call: 1 to 2 s for a million faces.
+    Worked out at the first call: 2.5 s for a million faces, 15 ms for ten thousand.
     """
     if mesh not in _FOUND:
         same = first_equal_row(np.sort(mesh.positions, axis=1).view(np.uint64))

@@ -4,7 +4,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.camera import Camera
-from rastercov.contacts import REACH
 from rastercov.mesh import Mesh
 from rastercov.projection import NEAR_TO_FAR, near_cuts, near_limit
 
@@ -29,7 +28,7 @@ def can_cull(mesh: Mesh, poses: FloatArray, clipped: NDArray[np.bool_]) -> NDArr
     allowed: NDArray[np.bool_] = is_beyond.any(axis=1) & ~clipped
     if not (allowed.any() and mesh.can_cull_back_faces):
         return np.zeros(len(poses), bool)
-    for row in np.flatnonzero(allowed & (distance > REACH * mesh.contacts.diagonal)):
+    for row in np.flatnonzero(allowed & (distance > mesh.contacts.reach)):
         allowed[row] = not mesh.contacts.faces_within_components(distance[row]).any()
     return allowed
 
