@@ -20,7 +20,7 @@ from rastercov.coverage import Coverage, Reason
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.raster.contract import VisibilityBuffer
-from rastercov.report import replacing
+from rastercov.report import writing
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -224,7 +224,7 @@ def save_picture(image: Image.Image, path: str | Path) -> None:
     """Write a picture as `.png`; it appears there only when it is whole."""
     if Path(path).suffix.lower() != ".png":
         raise ConfigError(f"{path}: a picture is saved as .png")
-    with replacing(Path(path)) as part:
+    with writing(Path(path)) as part:
         image.save(part, format="PNG")
 
 

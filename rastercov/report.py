@@ -2,7 +2,8 @@
 
 Last link of the chain, beside `pictures`: from `Coverage` and `Network` to what a person or a
 program opens. A file appears under its name only when it is whole: it is written beside its place
-and then renamed.
+and then renamed. What a disk refuses is an `OSError` that names the file. `report_folder` does the
+same for all files of a report together.
 """
 
 import dataclasses
@@ -11,7 +12,7 @@ import math
 import os
 import secrets
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any, Self
 
@@ -27,6 +28,7 @@ from rich.text import Text
 from rastercov.coverage import FIGURES, Coverage, Reason
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
+from rastercov.report_folder import named
 from rastercov.visibility import Kind
 
 CODES = {"visibility_kind": Kind, "reason": Reason}
@@ -90,7 +92,7 @@ class CoverageTable:
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
-        with ExitStack() as stack:
+        with ExitStack() as stack, named(self.path):
             part = stack.enter_context(replacing(self.path))
             # Opened by us, because pyarrow takes only paths that are UTF-8.
             file = stack.enter_context(part.open("wb"))
@@ -145,26 +147,44 @@ class CoverageTable:
         rest = pending.slice(whole)
         self._pending = rest.take(np.arange(len(rest))) if whole else rest
         if whole:
-            self._writer.write_table(pending.slice(0, whole), row_group_size=ROWS_A_GROUP)
+            with named(self.path):
+                self._writer.write_table(pending.slice(0, whole), row_group_size=ROWS_A_GROUP)
 
     def __exit__(self, *error: Any) -> None:
-        if error[0] is None and len(self._pending):
-            with self._stack:
-                self._writer.write_table(self._pending)
+        if error[0] is None:
+            with named(self.path), self._stack:
+                if len(self._pending):
+                    self._writer.write_table(self._pending)
         else:
-            self._stack.__exit__(*error)
+            with suppress(OSError):  # of a disk that is full, which is what ended the block
+                self._stack.__exit__(*error)
         self._writer = self._pending = None
 
 
 def write_json(path: str | Path, data: Any) -> None:
     """Write data as JSON: numpy values as plain ones, numbers that are not finite as null."""
-    with replacing(Path(path)) as part:
-        part.write_bytes(_json(data, indent=2) + b"\n")
+    write_bytes(path, _json(data, indent=2) + b"\n")
+
+
+def json_text(data: Any) -> str:
+    """What `write_json` writes, in ASCII, which any terminal or pipe takes."""
+    return json.dumps(_plain(data), indent=2, allow_nan=False)
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write a page as UTF-8, whatever the names in it hold."""
+    write_bytes(path, text.encode("utf-8", errors="backslashreplace"))
+
+
+def write_bytes(path: str | Path, data: bytes) -> None:
+    """Write a file whose content is known."""
+    with writing(Path(path)) as part:
+        part.write_bytes(data)
 
 
 def write_npz(path: str | Path, **arrays: NDArray[Any]) -> None:
     """Write arrays by their names as compressed `.npz`."""
-    with replacing(Path(path)) as part, part.open("wb") as file:
+    with writing(Path(path)) as part, part.open("wb") as file:
         np.savez_compressed(file, **arrays)  # type: ignore[arg-type] # numpy's own flag is typed
 
 
@@ -193,8 +213,7 @@ def write_coloured_mesh(path: str | Path, mesh: Mesh, values: ArrayLike) -> None
     if path.suffix.lower() not in formats:
         raise ConfigError(f"{path}: a coloured mesh is saved as .glb or .ply")
     content = formats[path.suffix.lower()](mesh, colour_rows(mesh, values))
-    with replacing(path) as part:
-        part.write_bytes(content.export(file_type=path.suffix.lower()[1:]))
+    write_bytes(path, content.export(file_type=path.suffix.lower()[1:]))
 
 
 def summary_table(summary: Mapping[str, Any], rows: int = 20) -> Table:
@@ -347,11 +366,26 @@ def _plain(data: Any) -> Any:
 
 
 @contextmanager
+def writing(path: Path) -> Iterator[Path]:
+    """As `replacing`, for a block that only writes: an error of the disk names `path`."""
+    with named(path), replacing(path) as part:
+        yield part
+
+
+@contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Name beside `path` to write to; it takes the place of `path` if the block ends well."""
+    """Name beside `path` to write to; it takes the place of `path` if the block ends well.
+
+    A link stays, and the file that it leads to is replaced. What is no file, such as a pipe or
+    /dev/null, is written to as it is.
+    """
     if path.is_dir() or not path.parent.is_dir():
         fault = "is a folder" if path.is_dir() else "its folder does not exist"
         raise ConfigError(f"{path}: {fault}; name a file in an existing folder")
+    if path.exists() and not path.is_file():
+        yield path
+        return
+    path = path.resolve()
     part = path.with_name(f".{secrets.token_hex(6)}.part")
     try:
         yield part
