@@ -5,6 +5,7 @@ output; warnings, errors and progress to standard error, an error as one line.
 """
 
 import json
+import re
 import signal
 import sys
 from collections.abc import Sequence
@@ -20,7 +21,7 @@ from rich.console import Console
 import rastercov
 from rastercov import shapes
 from rastercov.camera import PRESETS, Camera
-from rastercov.console import exit_code, progress_bar, warn
+from rastercov.console import exit_code, leave, out_option, progress_bar, warn
 from rastercov.coverage import Task
 from rastercov.errors import ConfigError, PoseError
 from rastercov.inputs import read_camera, read_scene, read_view_points
@@ -64,7 +65,7 @@ PosesOption = Annotated[
         "from where it fills the image.",
     ),
 ]
-Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for the report.")]
+Out = Annotated[Path, out_option("Folder for the report.")]
 Unit = Annotated[str, typer.Option(help="Unit of the mesh files: m, mm, cm, um, in, ft.")]
 Occluders = Annotated[
     list[str],
@@ -184,9 +185,7 @@ def render(
     camera: CameraOption,
     poses: PosesOption,
     pose: Annotated[int, typer.Option(min=0, help="Row of the pose file.")] = 0,
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the files.")] = Path(
-        "render"
-    ),
+    out: Annotated[Path, out_option("Folder for the files.")] = Path("render"),
     unit: Unit = "m",
     drop_invalid: DropInvalid = False,
     device: Device = "auto",
@@ -203,27 +202,31 @@ def render(
         save_picture,
     )
     from rastercov.report import write_npz
-    from rastercov.run import Options, make_folder
+    from rastercov.report_folder import ReportFolder, ReportKind
+    from rastercov.run import Options
 
     scene, eye = read_scene(meshes, unit, [], [], drop_invalid), read_camera(camera)
     matrices = read_view_points(poses, scene, eye)
     if pose >= len(matrices):
         raise PoseError(f"--pose {pose} is not there: {poses} has {len(matrices)} poses, from 0")
     warn(scene.warnings)
-    make_folder(out)
-    with Options(device=device).open_rasterizer(scene, eye) as rasterizer:
-        buffer = rasterizer.render(matrices[pose])
-        info = rasterizer.info
-    seen = np.unique(buffer.face[buffer.face >= 0])
-    shown = np.zeros(scene.n_faces)
-    shown[seen] = 1.0
-    title = f"pose {pose}: {len(seen)} of {scene.n_faces} faces have a pixel"
-    picture = coverage_picture(buffer, shown, scene, eye, matrices[pose], title)
-    save_picture(picture, out / "picture.png")
-    save_picture(face_index_picture(buffer), out / "faces.png")
-    save_picture(depth_picture(buffer), out / "depth.png")
-    write_npz(out / "buffers.npz", face=buffer.face, depth=buffer.depth)
-    files = [str(out / name) for name in ("picture.png", "faces.png", "depth.png", "buffers.npz")]
+    names = ("picture.png", "faces.png", "depth.png", "buffers.npz")
+    files_of_it = re.compile("|".join(map(re.escape, names)))
+    with ReportFolder(out, ReportKind("render", files_of_it, last=names[-1])) as folder:
+        with Options(device=device).open_rasterizer(scene, eye) as rasterizer:
+            buffer = rasterizer.render(matrices[pose])
+            info = rasterizer.info
+        seen = np.unique(buffer.face[buffer.face >= 0])
+        shown = np.zeros(scene.n_faces)
+        shown[seen] = 1.0
+        title = f"pose {pose}: {len(seen)} of {scene.n_faces} faces have a pixel"
+        picture = coverage_picture(buffer, shown, scene, eye, matrices[pose], title)
+        save_picture(picture, folder.file("picture.png"))
+        save_picture(face_index_picture(buffer), folder.file("faces.png"))
+        save_picture(depth_picture(buffer), folder.file("depth.png"))
+        write_npz(folder.file("buffers.npz"), face=buffer.face, depth=buffer.depth)
+        folder.publish()
+    files = [str(out / name) for name in names]
     result = {
         "pose": pose,
         "faces": scene.n_faces,
@@ -255,9 +258,7 @@ def compare(
         str,
         typer.Option(help="The truth: exact, or polygons or rational, which take seconds a pose."),
     ] = "exact",
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the page.")] = Path(
-        "compare"
-    ),
+    out: Annotated[Path, out_option("Folder for the page.")] = Path("compare"),
     unit: Unit = "m",
     two_sided: TwoSided = [],  # noqa: B006 - the same
     drop_invalid: DropInvalid = False,
@@ -279,8 +280,10 @@ def compare(
     [bold]Without files[/]: rastercov compare teapot -c khepra -p sphere:4 --method sampled@2
     """
     from rastercov.compare import compare as compared
-    from rastercov.compare.page import write_comparison
+    from rastercov.compare.page import COMPARISON, write_comparison
     from rastercov.compare.words import check_lines, comparison_table
+    from rastercov.report import json_text
+    from rastercov.report_folder import ReportFolder
 
     scene, eye = read_scene(meshes, unit, [], two_sided, drop_invalid), read_camera(camera)
     matrices = read_view_points(poses, scene, eye)
@@ -292,21 +295,22 @@ def compare(
         run_models(scene, eye, matrices, out, as_json)
         return
     warn(scene.warnings)
-    with progress_bar() as progress:
-        found = compared(
-            scene,
-            eye,
-            matrices,
-            method,
-            against,
-            worst=faces,
-            convergence=convergence,
-            progress=progress,
-        )
-    with progress_bar() as progress:
-        path = write_comparison(out, found, scene, eye, matrices, progress)
+    with ReportFolder(out, COMPARISON) as folder:
+        with progress_bar() as progress:
+            found = compared(
+                scene,
+                eye,
+                matrices,
+                method,
+                against,
+                worst=faces,
+                convergence=convergence,
+                progress=progress,
+            )
+        with progress_bar() as progress:
+            path = write_comparison(folder, found, scene, eye, matrices, progress)
     if as_json:
-        print(json.dumps(json.loads((out / "compare.json").read_bytes()), indent=2))
+        print(json_text(found))
     else:
         Console().print(comparison_table(found))
         print("\n".join(check_lines(found.checks)))
@@ -347,7 +351,7 @@ def main() -> None:
     # Names of files may hold what the terminal cannot show.
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")
-    sys.exit(command(sys.argv[1:]))
+    leave(command(sys.argv[1:]))
 
 
 def command(arguments: Sequence[str]) -> int:
@@ -364,7 +368,7 @@ def _run(
     options: Any,
     as_json: bool,
 ) -> None:
-    from rastercov.report import run_table, summary_table
+    from rastercov.report import json_text, run_table, summary_table
     from rastercov.run import run
 
     faults = check_poses(poses)[1]
@@ -385,8 +389,7 @@ def _run(
         across = float(np.ptp(mesh.bounds, axis=0).max())
         warn([f"less than a pixel in every image: {across:.2g} m across; see --unit"])
     if as_json:
-        # In ASCII, which any terminal or pipe takes.
-        print(json.dumps(json.loads((out / "summary.json").read_bytes()), indent=2))
+        print(json_text(summary))
     else:
         console = Console()
         console.print(summary_table(summary))
@@ -394,6 +397,9 @@ def _run(
         sheet = out / "contact_sheet.png"
         print(sheet if sheet.exists() else out / "network.glb")
     if summary["interrupted"]:
-        done = summary["poses"]
-        warn([f"the report holds the {done} of {len(poses) - len(faults)} poses that were done"])
+        done, total = summary["poses"], len(poses) - len(faults)
+        if done < total:
+            warn([f"the report holds the {done} of {total} poses that were done"])
+        else:
+            warn([f"the report holds all {total} poses; pictures may be missing"])
         raise KeyboardInterrupt

@@ -6,8 +6,9 @@ Results go to standard output; warnings, errors and progress to standard error.
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
-from typing import Any
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, NoReturn
 
 import typer
 from rich.console import Console
@@ -20,10 +21,19 @@ def exit_code(app: Callable[..., Any], arguments: Sequence[str]) -> int:
 
     RASTERCOV_TRACEBACK=1 in the environment raises what nobody foresaw instead.
     """
+    code = _outcome(app, arguments)
     try:
-        code = app(list(arguments), prog_name="rastercov", standalone_mode=False)
         if sys.stdout is not None:
             sys.stdout.flush()  # a full disk shows up here, not when Python ends
+    except OSError as error:
+        if code != 2:  # one line is enough
+            code = say(f"error: {error}")
+    return code
+
+
+def _outcome(app: Callable[..., Any], arguments: Sequence[str]) -> int:
+    try:
+        code = app(list(arguments), prog_name="rastercov", standalone_mode=False)
         if code != 130:
             return int(code or 0)
         raise KeyboardInterrupt  # which newer versions of Typer turn into this code
@@ -51,14 +61,43 @@ def exit_code(app: Callable[..., Any], arguments: Sequence[str]) -> int:
 def say(text: str, code: int = 2) -> int:
     """Print one line on standard error, whatever the names in it hold; gives the exit code."""
     line = "".join(c if c.isprintable() else " " if c.isspace() else ascii(c)[1:-1] for c in text)
-    print(line, file=sys.stderr)
+    with suppress(OSError):  # nobody can be told
+        print(line, file=sys.stderr, flush=True)
     return code
+
+
+def leave(code: int) -> NoReturn:
+    """End the process with this exit code, whatever is left in the buffers of its streams.
+
+    Python writes them once more when it ends, and exits with 120 where that fails.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            if stream is not None:
+                stream.flush()
+        except OSError:
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, stream.fileno())
+            os.close(nowhere)
+    sys.exit(code)
 
 
 def warn(lines: Iterable[str]) -> None:
     """Print warnings, a line each."""
     for line in lines:
         say(f"warning: {line}")
+
+
+def out_option(words: str) -> Any:
+    """Option `--out` of a command that leaves files in a folder."""
+    return typer.Option("--out", "-o", help=words, parser=_folder, metavar="PATH")
+
+
+def _folder(text: str | Path) -> Path:
+    """Folder by its name; an unset variable of a shell is not the current one."""
+    if not str(text).strip():
+        raise typer.BadParameter("a folder is wanted, got an empty name; '.' is the current one")
+    return Path(text)
 
 
 @contextmanager

@@ -7,18 +7,16 @@ contact_sheet.png  the poses side by side
 pose_*.png         the mesh as one camera has it, grey by coverage
 faces_*.png        the face index image of the same pose
 
-A run that fails leaves the report that was there before; one that ends replaces all of it.
+A run that fails leaves the report that was there before; one that ends replaces all of it. For one
+that is killed see `report_folder`.
 """
 
 import hashlib
-import os
 import platform
 import re
-import signal
-import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -30,7 +28,7 @@ from PIL import Image
 
 from rastercov.camera import Camera
 from rastercov.coverage import Coverage, Task, evaluate_batches
-from rastercov.errors import ConfigError
+from rastercov.interrupts import interrupts_held
 from rastercov.mesh import Mesh
 from rastercov.network import Network
 from rastercov.pictures import (
@@ -44,12 +42,18 @@ from rastercov.pictures import (
 from rastercov.pose import check_poses, valid_poses
 from rastercov.raster.contract import Rasterizer, RasterizerInfo, open_rasterizer
 from rastercov.report import CoverageTable, write_coloured_mesh, write_json
+from rastercov.report_folder import ReportFolder, ReportKind
 from rastercov.visibility import Observer, open_observer
 
 PICTURE_SIDE = 1280
 """Pictures are drawn at the camera's size, or smaller where it exceeds this many pixels."""
-OF_A_REPORT = re.compile(r"summary\.json|network\.glb|contact_sheet\.png|(pose|faces)_\d+\.png")
-"""Files of an earlier report, which must not stay beside a new table."""
+EVALUATION = ReportKind(
+    "evaluate",
+    re.compile(
+        r"coverage\.parquet|summary\.json|network\.glb|contact_sheet\.png|(pose|faces)_\d+\.png"
+    ),
+    last="summary.json",
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,14 +107,15 @@ def run(
 
     An interrupt (Ctrl-C) ends the run after the batches that are done; what they gave is written
     all the same, and the summary says `"interrupted": true`. A batch counts in every file or none;
-    before the first is done, the interrupt is raised and nothing is written.
+    before the first is done, the interrupt is raised and nothing is written. One that comes while
+    pictures are drawn leaves out the rest of them, and the summary says the same.
 
     Parameters
     ----------
     mesh, camera, poses, task
         As for `evaluate`.
     out : Path
-        Folder for the report, made when it is missing.
+        Folder for the report, made when it is missing; see `ReportFolder` for what it may hold.
     options : Options
         How to run.
     progress : callable
@@ -120,12 +125,32 @@ def run(
     -------
     dict
         What `summary.json` holds.
+
+    Raises
+    ------
+    PoseError
+        For a pose that is no rigid motion, unless such are to be left out.
+    ConfigError
+        When the folder cannot be used; before the work begins.
     """
     matrices, faults = check_poses(poses)
-    total = len(matrices) - len(faults)
     if faults and not options.skip_bad_poses:
         valid_poses(poses)  # raises, before a device is opened
-    make_folder(out)
+    with ReportFolder(out, EVALUATION) as folder:
+        return _run(folder, mesh, camera, matrices, faults, task, options, progress)
+
+
+def _run(
+    folder: ReportFolder,
+    mesh: Mesh,
+    camera: Camera,
+    matrices: NDArray[np.float64],
+    faults: Mapping[int, str],
+    task: Task,
+    options: Options,
+    progress: Callable[[int, int], None],
+) -> dict[str, Any]:
+    total = len(matrices) - len(faults)
     network = Network(mesh, task)
     valid = np.array([row for row in range(len(matrices)) if row not in faults], np.int64)
     chosen = valid[np.unique(np.linspace(0, total - 1, min(options.pictures, total)).astype(int))]
@@ -133,29 +158,32 @@ def run(
     if len(chosen) and options.device not in ("auto", "cpu"):
         options.open_rasterizer(mesh, camera).close()  # a device that fails does so before the work
     interrupted = False
-    with options.open(mesh, camera) as observer:
+    with ExitStack() as opened:
+        observer = opened.enter_context(options.open(mesh, camera))
         header = describe(mesh, camera, matrices, task, options, observer.info)
-        with CoverageTable(out / "coverage.parquet", header) as table:
-            started = time.perf_counter()
-            batches = evaluate_batches(
-                observer, matrices, task, skip_bad_poses=options.skip_bad_poses
-            )
-            try:
-                progress(0, total)
-                for batch in batches:
-                    with interrupts_held():
-                        table.add(batch)
-                        network.add(batch)
-                        _keep(batch, chosen, drawn)
-                    progress(len(network.pose_ids), total)
-            except KeyboardInterrupt:
-                if not network.pose_ids:
-                    raise
-                interrupted = True
-            seconds = time.perf_counter() - started
-            for old in out.iterdir():
-                if OF_A_REPORT.fullmatch(old.name):
-                    old.unlink()
+        table = opened.enter_context(CoverageTable(folder.file("coverage.parquet"), header))
+        started = time.perf_counter()
+        batches = evaluate_batches(observer, matrices, task, skip_bad_poses=options.skip_bad_poses)
+        try:
+            progress(0, total)
+            for batch in batches:
+                with interrupts_held():
+                    table.add(batch)
+                    network.add(batch)
+                    _keep(batch, chosen, drawn)
+                progress(len(network.pose_ids), total)
+        except KeyboardInterrupt:
+            if not network.pose_ids:
+                raise
+            interrupted = True
+        seconds = time.perf_counter() - started
+        try:
+            with interrupts_held():
+                opened.close()
+        except KeyboardInterrupt:
+            interrupted = True
+    if drawn:
+        interrupted |= _draw(mesh, camera, matrices, folder, options, drawn)
     done = len(network.pose_ids)
     summary = network.summary() | {
         "interrupted": interrupted,
@@ -172,41 +200,10 @@ def run(
         ],
     }
     with interrupts_held():
-        write_json(out / "summary.json", summary)
-        write_coloured_mesh(out / "network.glb", mesh, network.best)
-    if drawn:
-        _draw(mesh, camera, matrices, out, options, drawn)
+        write_coloured_mesh(folder.file("network.glb"), mesh, network.best)
+        write_json(folder.file("summary.json"), summary)
+        folder.publish()
     return summary
-
-
-def make_folder(path: Path) -> None:
-    """Make a folder, unless it is there; `ConfigError` where nothing can be written to it."""
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except (FileExistsError, NotADirectoryError):
-        raise ConfigError(f"{path}: a folder is wanted, but a file is in the way") from None
-    except OSError as error:
-        raise ConfigError(f"{path}: the folder cannot be made ({error.strerror})") from None
-    if not os.access(path, os.W_OK | os.X_OK):
-        raise ConfigError(f"{path}: nothing can be written to this folder")
-
-
-@contextmanager
-def interrupts_held() -> Iterator[None]:
-    """Hold Ctrl-C back until the block has ended; SIGTERM too, where it does the same."""
-    held: list[int] = []
-    before: dict[signal.Signals, Any] = {}
-    if threading.current_thread() is threading.main_thread():  # the only one that is interrupted
-        for name in (signal.SIGINT, signal.SIGTERM):
-            if signal.getsignal(name) is signal.default_int_handler:
-                before[name] = signal.signal(name, lambda number, frame: held.append(number))
-    try:
-        yield
-    finally:
-        for name, handler in before.items():
-            signal.signal(name, handler)
-    if held:
-        raise KeyboardInterrupt
 
 
 def describe(
@@ -261,20 +258,30 @@ def _draw(
     mesh: Mesh,
     camera: Camera,
     poses: NDArray[np.float64],
-    out: Path,
+    folder: ReportFolder,
     options: Options,
     drawn: dict[int, tuple[NDArray[np.float64], str]],
-) -> None:
-    """Pictures of the chosen poses, and all of them on one sheet."""
+) -> bool:
+    """Pictures of the chosen poses, and those of them on one sheet; whether it was interrupted."""
     digits = len(str(max(drawn)))
-    pictures = []
+    pictures: list[Image.Image] = []
+    titles: list[str] = []
+    interrupted = False
     small = camera.resized(min(1.0, PICTURE_SIDE / max(camera.width, camera.height)))
-    with options.open_rasterizer(mesh, small) as rasterizer:
-        for pose, (values, title) in drawn.items():
-            buffer = rasterizer.render(poses[pose])
-            picture = coverage_picture(buffer, values, mesh, small, poses[pose], title)
-            save_picture(picture, out / f"pose_{pose:0{digits}d}.png")
-            pictures.append(Image.fromarray(coverage_pixels(buffer, values, mesh, poses[pose])))
-            save_picture(face_index_picture(buffer), out / f"faces_{pose:0{digits}d}.png")
-    sheet = contact_sheet(pictures, [title for _, title in drawn.values()])
-    save_picture(sheet, out / "contact_sheet.png")
+    try:
+        with options.open_rasterizer(mesh, small) as rasterizer:
+            for pose, (values, title) in drawn.items():
+                buffer = rasterizer.render(poses[pose])
+                picture = coverage_picture(buffer, values, mesh, small, poses[pose], title)
+                pixels = coverage_pixels(buffer, values, mesh, poses[pose])
+                faces = face_index_picture(buffer)
+                with interrupts_held():
+                    save_picture(picture, folder.file(f"pose_{pose:0{digits}d}.png"))
+                    save_picture(faces, folder.file(f"faces_{pose:0{digits}d}.png"))
+                    pictures.append(Image.fromarray(pixels))
+                    titles.append(title)
+    except KeyboardInterrupt:
+        interrupted = True
+    if pictures:
+        save_picture(contact_sheet(pictures, titles), folder.file("contact_sheet.png"))
+    return interrupted

@@ -1,5 +1,6 @@
 """The command as a person, a script and a terminal meet it."""
 
+import hashlib
 import json
 import os
 import re
@@ -18,9 +19,11 @@ from PIL import Image
 import rastercov
 from rastercov import cli, shapes
 from rastercov.pose import sphere_of_poses, write_poses
+from rastercov.report_folder import STAGING, ReportFolder, ReportKind
 
 COMMANDS = ("compare", "demo", "doctor", "evaluate", "render")
 REPORT = {"coverage.parquet", "summary.json", "network.glb"}
+MANIFEST = ".rastercov-evaluate.json"
 CAMERA = "width = 48\nheight = 36\nfx = 60\nfy = 60\n"
 
 
@@ -45,6 +48,14 @@ def write_obj(path, side=1000.0):
         lines += ["g lid"] if index == 0 else ["g rest"] if index == 2 else []
         lines.append("f " + " ".join(map(str, face)))
     Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def names(folder):
+    return {path.name for path in Path(folder).iterdir()}
+
+
+def content(folder):
+    return {path: path.read_bytes() for path in Path(folder).rglob("*") if path.is_file()}
 
 
 def call(capsys, line):
@@ -262,9 +273,8 @@ def test_files_units_and_groups(capsys):
     assert (code, err) == (0, "")
     assert "lid" in out
     assert out.endswith("report/contact_sheet.png\n")
-    files = {path.name for path in Path("report").iterdir()}
     pictures = {f"{name}_{pose}.png" for name in ("pose", "faces") for pose in range(4)}
-    assert files == REPORT | pictures | {"contact_sheet.png"}
+    assert names("report") == REPORT | pictures | {"contact_sheet.png", MANIFEST}
     summary = json.loads(Path("report/summary.json").read_text())
     assert (summary["faces"], summary["task_faces"]) == (12, 10)
     assert summary["covered"]["faces"] == 10
@@ -322,7 +332,7 @@ def test_no_poses_is_a_run_that_covers_nothing(capsys):
     code, _, err = call(capsys, "evaluate box -c camera.toml -p none.npy")
     assert code == 0
     assert "there are no poses" in err
-    assert {path.name for path in Path("report").iterdir()} == REPORT
+    assert names("report") == REPORT | {MANIFEST}
     assert pq.read_table("report/coverage.parquet").num_rows == 0
 
 
@@ -343,8 +353,7 @@ def test_another_run_into_the_folder_replaces_all_of_it(capsys):
     for name in ("pose_notes.png", "notes.txt"):
         Path("report", name).write_text("mine")
     assert call(capsys, QUICK)[0] == 0
-    names = {path.name for path in Path("report").iterdir()}
-    assert names == REPORT | {"pose_notes.png", "notes.txt"}
+    assert names("report") == REPORT | {"pose_notes.png", "notes.txt", MANIFEST}
     assert json.loads(Path("report/summary.json").read_text())["poses"] == 2
     assert pq.read_table("report/coverage.parquet")["pose"].to_numpy().max() == 1
 
@@ -353,9 +362,8 @@ def test_render_leaves_what_it_names(capsys):
     code, out, _ = call(capsys, "render box -c camera.toml -p sphere:3 --pose 2 --json")
     result = json.loads(out)
     assert code == 0
-    assert {path.name for path in Path("render").iterdir()} == {
-        Path(name).name for name in result["files"]
-    }
+    files = {Path(name).name for name in result["files"]}
+    assert names("render") == files | {".rastercov-render.json"}
     with np.load("render/buffers.npz") as arrays:
         assert arrays["face"].shape == arrays["depth"].shape == (36, 48)
         assert (arrays["face"] >= 0).sum() == result["pixels_covered"] > 0
@@ -383,17 +391,156 @@ def test_a_reader_that_goes_away_is_no_error():
     assert {path.name for path in Path("report").iterdir()} >= REPORT
 
 
-def test_a_full_disk_is_one_line():
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+@pytest.mark.parametrize("line", [QUICK, QUICK + " --json", "evaluate --help", "--version"])
+def test_a_full_disk_behind_standard_output_is_one_line(line, unbuffered):
     with Path("/dev/full").open("wb") as full:
-        result = process(QUICK, stdout=full)
+        result = process(line, stdout=full, PYTHONUNBUFFERED=unbuffered)
     assert result.returncode == 2
     assert result.stderr == b"error: [Errno 28] No space left on device\n"
-    words = f"ulimit -f 8; exec {shlex.quote(sys.executable)} -c {shlex.quote(ENTRY)} {QUICK}"
-    words = words.replace("box", "sphere").replace("report", "full")
+
+
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_a_full_disk_behind_both_streams_is_still_bad_usage(unbuffered):
+    words = [sys.executable, "-c", ENTRY, "evaluate", "nothing"]
+    environment = os.environ | {"PYTHONUNBUFFERED": unbuffered}
+    with Path("/dev/full").open("wb") as full:
+        result = subprocess.run(words, stdout=full, stderr=full, env=environment, check=False)
+    assert result.returncode == 2
+
+
+def test_closed_streams_are_no_error():
+    words = f"exec {shlex.quote(sys.executable)} -c {shlex.quote(ENTRY)} {QUICK} >&- 2>&-"
+    assert subprocess.run(["bash", "-c", words], check=False).returncode == 0
+
+
+@pytest.mark.parametrize("blocks", [0, 1, 4, 8, 9, 12, 20])
+def test_a_full_disk_is_one_line_that_names_the_file_and_the_old_report_stays(capsys, blocks):
+    """A limit of so many blocks of 1024 bytes on a file is what a test can set anywhere."""
+    call(capsys, QUICK)
+    Path("report/notes.txt").write_text("mine")
+    before = content("report")
+    words = f"ulimit -f {blocks}; exec {shlex.quote(sys.executable)} -c {shlex.quote(ENTRY)} "
+    words += QUICK.replace("box", "sphere").replace("--pictures 0", "--pictures 2")
     result = subprocess.run(["bash", "-c", words], capture_output=True, check=False)
     assert result.returncode == 2
-    assert result.stderr.count(b"\n") == 1
-    assert b"File too large" in result.stderr
+    assert re.fullmatch(rb"error: report/[\w.]+: File too large\n", result.stderr)
+    assert content("report") == before
+    assert names("report") == REPORT | {"notes.txt", MANIFEST}
+
+
+# --- the folder of a report -----------------------------------------------------------------------
+
+INTO = {
+    QUICK: "summary.json",
+    "demo --poses 1": "coverage.parquet",
+    "render box -c camera.toml -p sphere:1": "depth.png",
+    "compare box -c camera.toml -p sphere:1 --no-convergence": "worst_sampled_1.png",
+    "compare box -c camera.toml -p sphere:1 --models": "models.json",
+    "validate markers --scenes 0": "markers.html",
+}
+"""Commands that leave a report, and a file that it may have."""
+
+
+@pytest.mark.parametrize("name", ["", "' '"])
+@pytest.mark.parametrize("line", [*INTO, "place plan.toml"])
+def test_an_empty_name_of_a_folder_is_not_the_current_one(capsys, line, name):
+    Path("summary.json").write_text("mine")
+    before = content(".")
+    text = refusal(capsys, f"{line} --out {name or repr('')}")
+    assert "--out" in text
+    assert "empty name" in text
+    assert content(".") == before
+
+
+@pytest.mark.parametrize(("line", "name"), INTO.items())
+def test_a_file_of_nobody_is_refused_and_kept(capsys, line, name):
+    Path("out").mkdir()
+    Path("out", name).write_text("mine")
+    before = content("out")
+    code, out, err = call(capsys, f"{line} -o out")
+    assert (code, out) == (2, "")
+    (text,) = [line for line in err.splitlines() if not line.startswith("warning: ")]
+    assert text.startswith(f"error: out/{name}: not of an earlier report")
+    assert "name another folder" in text
+    assert content("out") == before
+    assert names("out") == {name}
+
+
+@pytest.mark.parametrize("line", INTO)
+def test_a_folder_in_use_is_refused_and_kept(capsys, line):
+    Path("out").mkdir()
+    Path("out", "notes.txt").write_text("mine")
+    before, stamp = content("out"), Path("out").stat().st_mtime_ns
+    with ReportFolder("out", ReportKind("other", re.compile("x"), "x")):
+        code, out, err = call(capsys, f"{line} -o out")
+    assert (code, out) == (2, "")
+    assert err.splitlines()[-1] == (
+        "error: out: another process is writing to this folder; wait or name another"
+    )
+    assert content("out") == before
+    assert Path("out").stat().st_mtime_ns == stamp
+
+
+def test_a_report_without_its_manifest_is_refused_and_kept(capsys):
+    """As one of a version that wrote none."""
+    call(capsys, QUICK)
+    Path("report", MANIFEST).unlink()
+    before = content("report")
+    text = refusal(capsys, QUICK)
+    assert "coverage.parquet and 2 more: not of an earlier report" in text
+    assert "name another folder" in text
+    assert content("report") == before
+
+
+def test_a_report_with_a_note_of_its_reader_is_refused_and_kept(capsys):
+    call(capsys, QUICK)
+    with Path("report/summary.json").open("a") as file:
+        file.write(" ")
+    before = content("report")
+    assert "report/summary.json: changed since it was written" in refusal(capsys, QUICK)
+    assert content("report") == before
+
+
+def state(folder, old, new):
+    """What a folder is found to hold: one of two reports, or what is no report."""
+    here = {path.name: data for path, data in content(folder).items() if path.parent == folder}
+    assert here.pop("notes.txt") == b"mine"
+    if here == old:
+        return "old"
+    if "summary.json" not in here:
+        return "incomplete"
+    manifest = json.loads(here[MANIFEST])["files"]
+    assert here.keys() == manifest.keys() | {MANIFEST}
+    for name, entry in manifest.items():
+        assert hashlib.sha256(here[name]).hexdigest() == entry["sha256"]
+    assert json.loads(here["summary.json"])["poses"] == new
+    assert pq.read_table(folder / "coverage.parquet")["pose"].to_numpy().max() == new - 1
+    return "new"
+
+
+def test_a_run_that_is_killed_leaves_the_old_report_or_the_new_one(capsys):
+    """At moments from before its first file to its last; `kill_report.py` has those of the swap."""
+    call(capsys, QUICK)
+    out = Path("report")
+    (out / "notes.txt").write_text("mine")
+    old = {path.name: data for path, data in content(out).items() if path.name != "notes.txt"}
+    line = "evaluate box -c camera.toml -p sphere:40 --pictures 6"
+    found = []
+    for waits in ("", "coverage.parquet", "pose_13.png", "faces_39.png", "contact_sheet.png"):
+        with subprocess.Popen(
+            [sys.executable, "-c", ENTRY, *line.split()],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        ) as child:
+            while child.poll() is None and not (out / STAGING / "new" / waits).exists():
+                time.sleep(0.001)
+            child.kill()
+        found.append(state(out, old, 40))
+    assert found[0] == "old"
+    assert call(capsys, line)[0] == 0
+    assert state(out, {}, 40) == "new"
+    assert not (out / STAGING).exists()
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
@@ -422,14 +569,14 @@ def test_an_interrupt_keeps_what_is_done(number):
         # A shell's background job would have the signal ignored.
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     ) as child:
-        while not any(path.stat().st_size > 1_000_000 for path in out.glob(".*.part")):
+        while not any(path.stat().st_size > 1_000_000 for path in out.rglob(".*.part")):
             assert child.poll() is None
             time.sleep(0.05)
         child.send_signal(number)
         _, err = child.communicate(timeout=60)
     assert child.returncode == 130
     assert err.endswith(b"interrupted\n")
-    assert not list(out.glob(".*.part"))
+    assert not list(out.rglob(".*.part"))
     summary = json.loads((out / "summary.json").read_text())
     table = pq.read_table(out / "coverage.parquet", columns=["pose"])
     assert summary["interrupted"]

@@ -590,7 +590,9 @@ def test_an_interrupt_while_drawing_leaves_a_whole_page(tmp_path):
     names = {path.name for path in tmp_path.iterdir()}
     assert {"compare.html", "compare.json", "worst_sampled_1.png", "worst_sampled_2.png"} <= names
     assert "worst_sampled_3.png" not in names
-    assert json.loads((tmp_path / "compare.json").read_bytes())["scores"]
+    told = json.loads((tmp_path / "compare.json").read_bytes())
+    assert told["scores"]
+    assert told["interrupted"] is True
     reader = Reader()
     reader.feed((tmp_path / "compare.html").read_text(encoding="utf-8"))
     assert reader.open == []
@@ -700,6 +702,18 @@ def test_json_is_what_the_file_holds(capsys):
     assert code == 0
     assert json.loads(out) == json.loads(Path("compare/compare.json").read_bytes())
     assert json.loads(out)["against"] == "polygons"
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize("name", ["compare.json", "compare.html", "plot_time.png", "worst_x_1.png"])
+def test_files_of_nobody_are_refused_before_the_work(capsys, monkeypatch, name):
+    Path("compare").mkdir()
+    Path("compare", name).write_text("mine")
+    monkeypatch.setattr("rastercov.compare.compare", lambda *_, **__: 1 / 0)
+    code, out, err = call(capsys, QUICK)
+    assert (code, out) == (2, "")
+    assert err.splitlines()[-1].startswith(f"error: compare/{name}: not of an earlier report")
+    assert [path.read_text() for path in Path("compare").iterdir()] == ["mine"]
 
 
 @pytest.mark.usefixtures("folder")

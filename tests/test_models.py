@@ -890,7 +890,6 @@ class Outline(HTMLParser):
 
 
 def test_the_page_stands_alone_and_names_every_model(tmp_path, found):
-    (tmp_path / "models_9.png").write_bytes(b"old")
     (tmp_path / "notes.txt").write_text("mine")
     path = write_model_comparison(tmp_path / "", found, TEAPOT, EYE, AROUND)
     outline = Outline()
@@ -903,7 +902,6 @@ def test_the_page_stands_alone_and_names_every_model(tmp_path, found):
     for name in MODELS:
         assert name in words
     names = sorted(file.name for file in tmp_path.iterdir())
-    assert "models_9.png" not in names
     assert "notes.txt" in names
     assert len([name for name in names if name.startswith("occlusion_")]) == 3
     data = json.loads((tmp_path / "models.json").read_bytes())
@@ -952,6 +950,16 @@ def test_the_command_refuses_bad_input_in_one_line(capsys, tmp_path):
     assert code == 2
     assert error.startswith("error: nothing: there is no such file")
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["models.json", "models.html", "models_9.png", "occlusion_0.png"])
+def test_the_command_refuses_to_replace_files_of_nobody(capsys, tmp_path, monkeypatch, name):
+    (tmp_path / name).write_text("mine")
+    monkeypatch.setattr("rastercov.models.command.compare_models", lambda *_, **__: 1 / 0)
+    code, _, error = run(capsys, f"compare box -c khepra -p sphere:2 --models -o {tmp_path}")
+    assert code == 2
+    assert error.startswith(f"error: {tmp_path / name}: not of an earlier report")
+    assert [path.read_text() for path in tmp_path.iterdir()] == ["mine"]
 
 
 @pytest.mark.parametrize("option", ["--method exact", "--against rational"])

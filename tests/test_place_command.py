@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -16,6 +17,7 @@ import pytest
 
 import rastercov as rc
 from rastercov import cli, shapes
+from rastercov.placement.shards import locked
 from rastercov.plan import run as plan_run
 from rastercov.pose import read_poses, sphere_of_poses, write_poses
 
@@ -352,6 +354,145 @@ page = false
 """
 
 
+def content(folder):
+    return {path: path.read_bytes() for path in Path(folder).rglob("*") if path.is_file()}
+
+
+EACH_STEP = QUICK.replace(
+    "[outputs]\npage = false",
+    "refine = true\n[selection.tolerance]\nposition_mm = 1\nangle_deg = 0.1\ndraws = 3\n",
+)
+
+
+STEPS = {
+    "rastercov.plan.run.refine": "refinement",
+    "rastercov.plan.run.tolerance": "tolerance",
+    "rastercov.plan.run.what_is_left": "what is left",
+    "rastercov.placement.page.page": "page",
+}
+
+
+def stopped(capsys, monkeypatch, step, error):
+    """`place` when a step of it raises something; what nothing catches is as a kill."""
+
+    def stop(*_, **__):
+        raise error
+
+    with monkeypatch.context() as patch:
+        patch.setattr(step, stop)
+        with suppress(SystemExit):
+            return call(capsys, "place plan.toml")
+    return None
+
+
+@pytest.mark.parametrize(("step", "name"), STEPS.items())
+def test_a_kill_in_a_step_leaves_a_report_that_names_it_where_there_was_none(
+    capsys, monkeypatch, step, name
+):
+    Path("plan.toml").write_text(EACH_STEP)
+    assert stopped(capsys, monkeypatch, step, SystemExit(9)) is None
+    assert figures()["interrupted"] == name
+    assert len(read_poses("plan/poses.json")) == len(figures()["cameras"])
+    assert not Path("plan/page.html").exists()
+
+
+@pytest.mark.parametrize("step", STEPS)
+@pytest.mark.parametrize("error", [SystemExit(9), OSError(28, "No space left on device")])
+def test_a_kill_or_an_error_in_a_step_leaves_an_earlier_report_as_it_was(
+    capsys, monkeypatch, step, error
+):
+    Path("plan.toml").write_text(EACH_STEP)
+    with monkeypatch.context() as patch:  # a page of a second or two is not what this is about
+        patch.setattr("rastercov.placement.page.page", lambda *_: "a page")
+        assert call(capsys, "place plan.toml")[0] == 0
+    assert figures()["interrupted"] is None
+    before = content("plan")
+    found = stopped(capsys, monkeypatch, step, error)
+    assert found is None or (found[0], found[2].count("\n")) == (2, 1)
+    assert content("plan") == before
+
+
+@pytest.mark.parametrize("step", ["rastercov.plan.run.refine", "rastercov.placement.page.page"])
+def test_an_interrupt_in_a_step_replaces_an_earlier_report_and_names_the_step(
+    capsys, monkeypatch, step
+):
+    Path("plan.toml").write_text(EACH_STEP)
+    assert call(capsys, "place plan.toml")[0] == 0
+    assert Path("plan/page.html").exists()
+    code, out, err = stopped(capsys, monkeypatch, step, KeyboardInterrupt())
+    assert (code, err) == (130, "interrupted\n")
+    assert f"interrupted: this is what there was before {STEPS[step]}" in out
+    assert out.endswith("plan/plan.json\n")
+    assert figures()["interrupted"] == STEPS[step]
+    assert not Path("plan/page.html").exists()
+
+
+def test_two_runs_into_one_folder_are_one_run_and_a_refusal():
+    """Of another plan, too, whose matrix the second would take for an old one."""
+    Path("long.toml").write_text(LONG)
+    Path("other.toml").write_text(LONG.replace("count = 900", "count = 600"))
+    words = [sys.executable, "-W", "error", "-c", ENTRY, "place"]
+    first = subprocess.Popen(
+        [*words, "long.toml", "--out", "out"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    with first:
+        while not list(Path().glob("out/matrix/*/header.json")):
+            assert first.poll() is None, first.stderr.read()
+            time.sleep(0.02)
+        result = subprocess.run(
+            [*words, "other.toml", "--out", "out"], capture_output=True, timeout=300, check=False
+        )
+        assert first.poll() is None, "the first run was too short for this test"
+        assert (result.returncode, result.stdout) == (2, b"")
+        assert result.stderr == (
+            b"error: out: another process is writing to this folder; wait or name another\n"
+        )
+        assert len(list(Path("out/matrix").iterdir())) == 1
+        _, err = first.communicate(timeout=300)
+    assert (first.returncode, err) == (0, b"")
+    assert figures("out")["matrix"]["poses"] == 900
+    assert len(figures("out")["cameras"]) == 3
+
+
+@pytest.mark.parametrize("name", ["poses.json", "plan.json", "page.html"])
+def test_a_file_of_nobody_is_refused_before_the_work_and_kept(capsys, monkeypatch, name):
+    Path("out").mkdir()
+    Path("out", name).write_text("mine")
+    monkeypatch.setattr(plan_run, "place", lambda *_: 1 / 0)
+    code, out, err = call(capsys, "place plan.toml --out out")
+    assert (code, out) == (2, "")
+    assert err.startswith(f"error: out/{name}: not of an earlier report")
+    assert err.count("\n") == 1
+    assert content("out") == {Path("out", name): b"mine"}
+
+
+def test_what_is_no_matrix_of_an_earlier_plan_stays(capsys):
+    """Folders of such a name, files within one, and a matrix that another process is writing to."""
+    for count in (20, 21):
+        Path("plan.toml").write_text(QUICK.replace("count = 20", f"count = {count}"))
+        call(capsys, f"place plan.toml --out out{count}")
+    Path("out20/matrix/0123456789abcdef").mkdir()
+    Path("out20/matrix/0123456789abcdef/poses.npy").write_text("mine")
+    Path("out20/matrix/fedcba9876543210").write_text("mine")
+    (old,) = Path("out20/matrix").glob("*/header.json")
+    (used,) = Path("out21/matrix").glob("*")
+    used.rename(Path("out20/matrix", used.name))
+    before = content("out20/matrix")
+    (old.parent / "pairs" / "notes.txt").write_text("mine")
+    Path("plan.toml").write_text(QUICK.replace("count = 20", "count = 22"))
+    with locked(Path("out20/matrix", used.name)):
+        assert call(capsys, "place plan.toml --out out20")[0] == 0
+    after = content("out20/matrix")
+    gone = {path.relative_to(old.parent).as_posix() for path in before.keys() - after.keys()}
+    assert gone >= {"header.json", "poses.npy", "pairs/pairs-00000.parquet"}
+    assert all(path.is_relative_to(old.parent) for path in before.keys() - after.keys())
+    assert (old.parent / "pairs" / "notes.txt").read_text() == "mine"
+    assert call(capsys, "place plan.toml --out out20")[0] == 0
+    assert not Path("out20/matrix", used.name).exists()
+    assert Path("out20/matrix/0123456789abcdef/poses.npy").read_text() == "mine"
+    assert Path("out20/matrix/fedcba9876543210").read_text() == "mine"
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
 def test_a_run_that_was_ended_goes_on_from_its_shards(number):
     Path("long.toml").write_text(LONG)
@@ -474,6 +615,33 @@ def test_junit_holds_names_that_xml_has_no_way_to_write(capsys):
     code, _, err = call(capsys, "check plan.toml -p rig.json --min-coverage 1 --junit out.xml")
     assert (code, err) == (0, "")
     assert ElementTree.parse("out.xml").getroot().get("failures") == "0"
+
+
+def test_junit_replaces_an_outcome_and_nothing_else(capsys):
+    line = "check plan.toml -p rig.json --junit "
+    Path("empty.xml").write_text("")
+    for name in ("out.xml", "out.xml", "empty.xml"):
+        assert call(capsys, line + name)[0] == 0
+        assert ElementTree.parse(name).getroot().get("name") == "rastercov"
+    Path("of_others.xml").write_text("<?xml version='1.0'?><testsuites name='pytest'/>")
+    for name in ("plan.toml", "rig.json", "part.obj", "of_others.xml"):
+        before = Path(name).read_bytes()
+        code, out, err = call(capsys, line + name)
+        assert (code, out) == (2, "")
+        assert err.startswith(f"error: {name}: not of an earlier check")
+        assert Path(name).read_bytes() == before
+
+
+def test_junit_goes_through_links_and_pipes(capsys):
+    Path("link.xml").symlink_to("out.xml")
+    assert call(capsys, "check plan.toml -p rig.json --junit link.xml")[0] == 0
+    assert Path("link.xml").is_symlink()
+    assert ElementTree.parse("out.xml").getroot().get("name") == "rastercov"
+    os.mkfifo("pipe")
+    with subprocess.Popen(["timeout", "30", "cat", "pipe"], stdout=subprocess.PIPE) as reader:
+        assert call(capsys, "check plan.toml -p rig.json --junit pipe")[0] == 0
+        assert ElementTree.fromstring(reader.communicate()[0]).get("name") == "rastercov"
+    assert Path("pipe").is_fifo()
 
 
 @pytest.mark.parametrize(

@@ -1,11 +1,14 @@
 """`run` leaves one consistent report, whole or up to an interrupt, for runs of any length."""
 
+import errno
 import hashlib
 import json
+import os
 import signal
 import tracemalloc
 from dataclasses import asdict, replace
 from importlib.metadata import version
+from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -16,9 +19,13 @@ from rastercov import shaders, shapes
 from rastercov.camera import Camera
 from rastercov.coverage import Task, evaluate
 from rastercov.errors import ConfigError, DeviceError, PoseError
+from rastercov.interrupts import interrupts_held
 from rastercov.mesh import Mesh
+from rastercov.pictures import coverage_picture
 from rastercov.pose import sphere_of_poses
-from rastercov.run import Options, interrupts_held, run
+from rastercov.report import CoverageTable
+from rastercov.report_folder import ReportFolder
+from rastercov.run import EVALUATION, Options, run
 
 MESH = shapes.box((1, 1, 1))
 CAMERA = Camera(width=48, height=36, fx=60, fy=60)
@@ -31,7 +38,14 @@ def around(count):
 
 
 def names(folder):
-    return {path.name for path in folder.iterdir()}
+    """Names in a folder, without that of the manifest of a report, which must be there."""
+    found = {path.name for path in folder.iterdir()}
+    assert EVALUATION.manifest in found
+    return found - {EVALUATION.manifest}
+
+
+def content(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
 @pytest.fixture
@@ -150,7 +164,7 @@ def test_a_second_run_replaces_the_report_and_nothing_else(tmp_path):
 
 def test_a_run_that_fails_leaves_the_old_report(tmp_path, small_batches):
     run(MESH, CAMERA, around(6), TASK, tmp_path, Options(pictures=2))
-    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    before = content(tmp_path)
 
     def lose(done, total):
         if done >= 4:
@@ -158,15 +172,15 @@ def test_a_run_that_fails_leaves_the_old_report(tmp_path, small_batches):
 
     with pytest.raises(DeviceError, match="gone"):
         run(MESH, CAMERA, around(12), TASK, tmp_path, PLAIN, lose)
-    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+    assert content(tmp_path) == before
 
 
 def test_an_interrupt_before_the_first_batch_leaves_the_old_report(tmp_path, small_batches):
     run(MESH, CAMERA, around(6), TASK, tmp_path, Options(pictures=2))
-    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    before = content(tmp_path)
     with pytest.raises(KeyboardInterrupt):
         run(MESH, CAMERA, around(12), TASK, tmp_path, PLAIN, stop_after(0))
-    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+    assert content(tmp_path) == before
 
 
 @pytest.mark.parametrize("done_at", [1, 8])
@@ -189,6 +203,87 @@ def test_an_interrupt_draws_only_what_is_done(tmp_path, small_batches):
     assert "pose_4.png" not in names(tmp_path)
 
 
+def test_an_interrupt_while_drawing_leaves_out_the_rest_and_says_so(tmp_path, monkeypatch):
+    run(MESH, CAMERA, around(5), TASK, tmp_path, Options(pictures=5))
+    drawn = []
+
+    def stop(*arguments):
+        drawn.append(arguments)
+        if len(drawn) == 3:
+            raise KeyboardInterrupt
+        return coverage_picture(*arguments)
+
+    monkeypatch.setattr("rastercov.run.coverage_picture", stop)
+    summary = run(MESH, CAMERA, around(12), TASK, tmp_path, Options(pictures=12))
+    assert (summary["interrupted"], summary["poses"]) == (True, 12)
+    pictures = {f"{kind}_{pose:02d}.png" for kind in ("pose", "faces") for pose in range(2)}
+    whole = {"coverage.parquet", "summary.json", "network.glb", "contact_sheet.png"}
+    assert names(tmp_path) == whole | pictures
+    assert json.loads((tmp_path / "summary.json").read_bytes())["interrupted"] is True
+    assert pq.read_table(tmp_path / "coverage.parquet")["pose"].to_numpy().max() == 11
+
+
+def test_an_interrupt_while_the_table_is_closed_comes_after_it(tmp_path, monkeypatch):
+    close = CoverageTable.__exit__
+
+    def interrupt_and_close(table, *error):
+        signal.raise_signal(signal.SIGINT)
+        return close(table, *error)
+
+    monkeypatch.setattr(CoverageTable, "__exit__", interrupt_and_close)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        summary = run(MESH, CAMERA, around(6), TASK, tmp_path, PLAIN)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert (summary["interrupted"], summary["poses"]) == (True, 6)
+    assert names(tmp_path) == {"coverage.parquet", "summary.json", "network.glb"}
+
+
+@pytest.mark.parametrize("step", ["coverage_picture", "contact_sheet", "write_coloured_mesh"])
+def test_a_run_that_fails_after_the_last_pose_leaves_the_old_report(tmp_path, monkeypatch, step):
+    run(MESH, CAMERA, around(6), TASK, tmp_path, Options(pictures=2))
+    before = content(tmp_path)
+
+    def lose(*_):
+        raise DeviceError("gone")
+
+    monkeypatch.setattr(f"rastercov.run.{step}", lose)
+    with pytest.raises(DeviceError, match="gone"):
+        run(MESH, CAMERA, around(12), TASK, tmp_path, Options(pictures=2))
+    assert content(tmp_path) == before
+
+
+def test_a_disk_that_fails_at_any_file_leaves_the_old_report_and_names_the_file(
+    tmp_path, monkeypatch
+):
+    run(MESH, CAMERA, around(6), TASK, tmp_path, Options(pictures=1))
+    before = content(tmp_path)
+    replace_ = os.replace
+    named = []
+    while True:
+        left = len(named) + 1
+
+        def fail(*paths):
+            nonlocal left
+            left -= 1
+            if not left:
+                raise OSError(errno.ENOSPC, "No space left on device")
+            replace_(*paths)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(os, "replace", fail)
+            try:
+                run(MESH, CAMERA, around(3), TASK, tmp_path, Options(pictures=1))
+                break
+            except OSError as error:
+                named.append(Path(error.filename))
+        assert content(tmp_path) == before
+    assert {path.parent for path in named} == {tmp_path}
+    assert {path.name for path in named} >= names(tmp_path)
+    assert json.loads((tmp_path / "summary.json").read_bytes())["poses"] == 3
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_is_held_until_the_block_ends(number):
     before = signal.signal(number, signal.default_int_handler)
@@ -204,8 +299,6 @@ def test_a_signal_is_held_until_the_block_ends(number):
 
 
 def test_a_signal_in_a_batch_counts_it_everywhere_or_nowhere(tmp_path, small_batches, monkeypatch):
-    from rastercov.report import CoverageTable
-
     add = CoverageTable.add
 
     def add_and_interrupt(table, batch):
@@ -263,6 +356,29 @@ def test_a_file_in_the_way_is_said_before_a_device_is_opened(tmp_path, monkeypat
     monkeypatch.setattr("os.access", lambda *_: False)
     with pytest.raises(ConfigError, match="nothing can be written"):
         run(MESH, CAMERA, around(1), TASK, tmp_path, PLAIN)
+
+
+@pytest.mark.parametrize(
+    "name", ["summary.json", "coverage.parquet", "network.glb", "contact_sheet.png", "pose_1.png"]
+)
+def test_files_of_nobody_are_refused_before_a_device_is_opened(tmp_path, monkeypatch, name):
+    (tmp_path / name).write_text("mine")
+    monkeypatch.setattr(Options, "open", lambda *_: pytest.fail("opened"))
+    with pytest.raises(ConfigError, match="name another folder"):
+        run(MESH, CAMERA, around(1), TASK, tmp_path, Options(pictures=9))
+    assert content(tmp_path) == {name: b"mine"}
+
+
+def test_a_folder_in_use_is_refused_before_a_device_is_opened(tmp_path, monkeypatch):
+    run(MESH, CAMERA, around(2), TASK, tmp_path, PLAIN)
+    before = content(tmp_path)
+    monkeypatch.setattr(Options, "open", lambda *_: pytest.fail("opened"))
+    with (
+        ReportFolder(tmp_path, EVALUATION),
+        pytest.raises(ConfigError, match="another process is writing"),
+    ):
+        run(MESH, CAMERA, around(1), TASK, tmp_path, PLAIN)
+    assert content(tmp_path) == before
 
 
 def test_memory_does_not_grow_with_the_batches(tmp_path, small_batches, monkeypatch):

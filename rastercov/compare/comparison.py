@@ -28,9 +28,9 @@ from rastercov.compare.results import MUST_HOLD, Check, Comparison, Score
 from rastercov.compare.tally import ROUNDING
 from rastercov.criteria import view_faces
 from rastercov.errors import ConfigError
+from rastercov.interrupts import interrupts_held
 from rastercov.mesh import Mesh
 from rastercov.pose import valid_poses
-from rastercov.run import interrupts_held
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -6,11 +6,12 @@ plot_*.png     the plots of the page
 worst_*.png    faces with the greatest errors of each candidate
 missed_*.png   faces that are seen but of which it says 0
 
-Files appear when they are whole; those of an earlier comparison go.
+They take the place of an earlier comparison together, when all are whole.
 """
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from html import escape
 from pathlib import Path
 
@@ -32,13 +33,17 @@ from rastercov.compare.words import (
     size_row,
 )
 from rastercov.html_page import document, picture, png, table, uri
+from rastercov.interrupts import interrupts_held
 from rastercov.mesh import Mesh
 from rastercov.pose import valid_poses
-from rastercov.report import replacing, write_json
-from rastercov.run import interrupts_held, make_folder
+from rastercov.report import write_bytes, write_json, write_text
+from rastercov.report_folder import ReportFolder, ReportKind
 
-OF_A_COMPARISON = re.compile(r"compare\.(json|html)|(plot|worst|missed)_\w+\.png")
-"""Files of an earlier comparison, which must not stay beside a new one."""
+COMPARISON = ReportKind(
+    "compare",
+    re.compile(r"compare\.(json|html)|(plot|worst|missed)_\w+\.png"),
+    last="compare.json",
+)
 NOTHING_BUT_ROUNDING = 1e-6
 """Greatest error of a candidate below which two faces are shown, not all that were kept."""
 TRUTH = {
@@ -49,7 +54,7 @@ TRUTH = {
 
 
 def write_comparison(
-    out: Path,
+    out: Path | ReportFolder,
     comparison: Comparison,
     mesh: Mesh,
     camera: Camera,
@@ -59,38 +64,35 @@ def write_comparison(
     """Write the page, the JSON and the pictures; gives the path of the page.
 
     An interrupt (Ctrl-C) while pictures are drawn leaves out the rest of them: the files are
-    written, and then it is raised.
+    written, the JSON says `"interrupted": true`, and then it is raised.
 
     Parameters
     ----------
-    out : Path
-        Folder, made when it is missing.
+    out : Path or ReportFolder
+        Folder, made when it is missing; or one that is open.
     comparison, mesh, camera, poses
         What `compare` gave, and what it was given.
     progress : callable
         Called with the pictures drawn and the pictures in all.
     """
-    make_folder(out)
-    drawn: dict[str, bytes] = {}
-    interrupted = False
-    try:
-        _draw(drawn, comparison, mesh, camera, poses, progress)
-    except KeyboardInterrupt:
-        interrupted = True
-    with interrupts_held():
-        for old in out.iterdir():
-            if OF_A_COMPARISON.fullmatch(old.name):
-                old.unlink()
-        write_json(out / "compare.json", comparison)
-        for name, data in drawn.items():
-            if not name.startswith("dark_"):
-                with replacing(out / f"{name}.png") as part:
-                    part.write_bytes(data)
-        with replacing(out / "compare.html") as part:
-            part.write_text(page(comparison, drawn), encoding="utf-8", errors="backslashreplace")
-    if interrupted:
-        raise KeyboardInterrupt
-    return out / "compare.html"
+    with ReportFolder.opened(out, COMPARISON) as folder:
+        drawn: dict[str, bytes] = {}
+        interrupted = False
+        try:
+            _draw(drawn, comparison, mesh, camera, poses, progress)
+        except KeyboardInterrupt:
+            interrupted = True
+            comparison = replace(comparison, interrupted=True)
+        with interrupts_held():
+            for name, data in drawn.items():
+                if not name.startswith("dark_"):
+                    write_bytes(folder.file(f"{name}.png"), data)
+            write_text(folder.file("compare.html"), page(comparison, drawn))
+            write_json(folder.file("compare.json"), comparison)
+            folder.publish()
+        if interrupted:
+            raise KeyboardInterrupt
+        return folder.path / "compare.html"
 
 
 def _draw(

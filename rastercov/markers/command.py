@@ -1,13 +1,12 @@
 """The command `validate markers`. Registered by `cli`; what it needs loads when it runs."""
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.console import Console
 
-from rastercov.console import progress_bar
+from rastercov.console import out_option, progress_bar
 
 
 def register(app: typer.Typer) -> None:
@@ -23,9 +22,7 @@ def _group() -> None:
 
 
 def markers(
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the page.")] = Path(
-        "markers"
-    ),
+    out: Annotated[Path, out_option("Folder for the page.")] = Path("markers"),
     scenes: Annotated[
         int, typer.Option(min=0, help="Random scenes; 0 leaves only the thesis' experiments.")
     ] = 2000,
@@ -53,14 +50,15 @@ def markers(
     from rastercov.markers.detect import patterns
     from rastercov.markers.experiments import run_experiments
     from rastercov.markers.judges import models
-    from rastercov.markers.page import REQUIREMENTS, Validation, write_validation
+    from rastercov.markers.page import REQUIREMENTS, VALIDATION, Validation, write_validation
+    from rastercov.markers.page import as_json as figures
     from rastercov.markers.random_scenes import run_random
     from rastercov.markers.render import MarkerRenderer
     from rastercov.markers.words import experiment_table, score_table
-    from rastercov.run import make_folder
+    from rastercov.report import json_text
+    from rastercov.report_folder import ReportFolder
 
-    make_folder(out)  # before the work, not after it
-    with MarkerRenderer(patterns(), device) as renderer:
+    with ReportFolder(out, VALIDATION) as folder, MarkerRenderer(patterns(), device) as renderer:
         with progress_bar() as progress:
             experiments = run_experiments(renderer, seed, progress)
         study = None
@@ -71,9 +69,9 @@ def markers(
                 )
         found = Validation(experiments, study, renderer.renderer)
         with progress_bar() as progress:
-            path = write_validation(out, found, renderer, failures, progress)
+            path = write_validation(folder, found, renderer, failures, progress)
     if as_json:
-        print(json.dumps(json.loads((out / "markers.json").read_bytes()), indent=2))
+        print(json_text(figures(found)))
     else:
         console = Console()
         for experiment in experiments:

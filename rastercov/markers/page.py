@@ -6,7 +6,7 @@ experiment_*.png   the photographs, with what was found
 wrong_*.png        random scenes that the model foretold wrongly, by each requirement
 calibration_*.png  coverage against detection
 
-Files appear when they are whole; those of an earlier run go.
+They take the place of those of an earlier run together, when all are whole.
 """
 
 import platform
@@ -48,11 +48,14 @@ from rastercov.markers.words import (
     score_words,
     short_words,
 )
-from rastercov.report import replacing, write_json
-from rastercov.run import interrupts_held, make_folder
+from rastercov.report import write_bytes, write_json, write_text
+from rastercov.report_folder import ReportFolder, ReportKind
 
-OF_A_VALIDATION = re.compile(r"markers\.(json|html)|(experiment|wrong|calibration)_\w+\.png")
-"""Files of an earlier run, which must not stay beside a new one."""
+VALIDATION = ReportKind(
+    "markers",
+    re.compile(r"markers\.(json|html)|(experiment|wrong|calibration)_\w+\.png"),
+    last="markers.json",
+)
 MUST_BE_RIGHT = 0.98
 """Share of random scenes that the model must foretell by the detector's requirement."""
 REQUIREMENTS = (THESIS, DETECTOR)
@@ -157,7 +160,7 @@ def as_json(found: Validation) -> dict[str, Any]:
 
 
 def write_validation(
-    out: Path,
+    out: Path | ReportFolder,
     found: Validation,
     renderer: MarkerRenderer,
     failures: int,
@@ -167,8 +170,8 @@ def write_validation(
 
     Parameters
     ----------
-    out : Path
-        Folder, made when it is missing.
+    out : Path or ReportFolder
+        Folder, made when it is missing; or one that is open.
     found : Validation
         What to tell.
     renderer : MarkerRenderer
@@ -178,40 +181,37 @@ def write_validation(
     progress : callable
         Called with the pictures drawn and the pictures in all.
     """
-    make_folder(out)
-    drawn: dict[str, bytes] = {}
-    for experiment in found.experiments:
-        drawn[_name(experiment)] = png(experiment_picture(experiment), Image.Quantize.FASTOCTREE)
-    wrong: dict[str, list[tuple[bytes, str]]] = {}
-    for requirement in REQUIREMENTS if found.study else ():
-        assert found.study is not None
-        _draw_plots(drawn, found.study, requirement)
-        shown = found.study.wrong(requirement)[:failures]
-        tiles = []
-        for done, outcome in enumerate(shown):
-            progress(done, len(shown))
-            case, rng = random_scene(found.study.seed, outcome.number, found.study.obstacle)
-            tiles.append(marker_picture(photograph(renderer, case, rng), outcome.detected))
-        captions = [short_words(outcome, requirement) for outcome in shown]
-        drawn[f"wrong_{requirement.name}"] = png(
-            sheet(list(zip(tiles, captions, strict=True))), Image.Quantize.FASTOCTREE
-        )
-        wrong[requirement.name] = [
-            (png(tile, Image.Quantize.FASTOCTREE), failure_words(outcome, requirement))
-            for tile, outcome in zip(tiles, shown, strict=True)
-        ]
-    with interrupts_held():
-        for old in out.iterdir():
-            if OF_A_VALIDATION.fullmatch(old.name):
-                old.unlink()
-        write_json(out / "markers.json", as_json(found))
+    with ReportFolder.opened(out, VALIDATION) as folder:
+        drawn: dict[str, bytes] = {}
+        for experiment in found.experiments:
+            drawn[_name(experiment)] = png(
+                experiment_picture(experiment), Image.Quantize.FASTOCTREE
+            )
+        wrong: dict[str, list[tuple[bytes, str]]] = {}
+        for requirement in REQUIREMENTS if found.study else ():
+            assert found.study is not None
+            _draw_plots(drawn, found.study, requirement)
+            shown = found.study.wrong(requirement)[:failures]
+            tiles = []
+            for done, outcome in enumerate(shown):
+                progress(done, len(shown))
+                case, rng = random_scene(found.study.seed, outcome.number, found.study.obstacle)
+                tiles.append(marker_picture(photograph(renderer, case, rng), outcome.detected))
+            captions = [short_words(outcome, requirement) for outcome in shown]
+            drawn[f"wrong_{requirement.name}"] = png(
+                sheet(list(zip(tiles, captions, strict=True))), Image.Quantize.FASTOCTREE
+            )
+            wrong[requirement.name] = [
+                (png(tile, Image.Quantize.FASTOCTREE), failure_words(outcome, requirement))
+                for tile, outcome in zip(tiles, shown, strict=True)
+            ]
         for name, data in drawn.items():
             if not name.startswith("dark_"):
-                with replacing(out / f"{name}.png") as part:
-                    part.write_bytes(data)
-        with replacing(out / "markers.html") as part:
-            part.write_text(page(found, drawn, wrong), encoding="utf-8")
-    return out / "markers.html"
+                write_bytes(folder.file(f"{name}.png"), data)
+        write_text(folder.file("markers.html"), page(found, drawn, wrong))
+        write_json(folder.file("markers.json"), as_json(found))
+        folder.publish()
+        return folder.path / "markers.html"
 
 
 def _draw_plots(drawn: dict[str, bytes], study: RandomStudy, requirement: Requirement) -> None:

@@ -1,6 +1,5 @@
 """What `rastercov compare --models` does with a scene, a camera and poses."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,14 @@ from rastercov.camera import Camera
 from rastercov.console import progress_bar, warn
 from rastercov.mesh import Mesh
 from rastercov.models.comparison import compare_models
-from rastercov.models.page import bivalence_lines, score_table, write_model_comparison
+from rastercov.models.page import (
+    MODEL_COMPARISON,
+    bivalence_lines,
+    score_table,
+    write_model_comparison,
+)
+from rastercov.report import json_text
+from rastercov.report_folder import ReportFolder
 
 
 def run_models(
@@ -19,12 +25,13 @@ def run_models(
 ) -> None:
     """Compare all models, leave the page, and print a table or the JSON."""
     warn(mesh.warnings)
-    with progress_bar() as progress:
-        found = compare_models(mesh, camera, poses, progress=progress)
-    with progress_bar() as progress:
-        path = write_model_comparison(out, found, mesh, camera, poses, progress=progress)
+    with ReportFolder(out, MODEL_COMPARISON) as folder:
+        with progress_bar() as progress:
+            found = compare_models(mesh, camera, poses, progress=progress)
+        with progress_bar() as progress:
+            path = write_model_comparison(folder, found, mesh, camera, poses, progress=progress)
     if as_json:
-        print(json.dumps(json.loads((out / "models.json").read_bytes()), indent=2))
+        print(json_text(found))
         return
     Console().print(score_table(found))
     print("\n".join(bivalence_lines(found)))

@@ -5,7 +5,7 @@ models.json       `ModelComparison` as it is
 occlusion_*.png   bivalent and graded occlusion of one pose, and where they differ
 models_*.png      coverage of that pose by every model
 
-Files appear when they are whole; those of an earlier comparison go.
+They take the place of an earlier comparison together, when all are whole.
 """
 
 import io
@@ -36,12 +36,15 @@ from rastercov.models.pictures import (
 )
 from rastercov.models.results import FaceValues, ModelComparison
 from rastercov.pose import valid_poses
-from rastercov.report import replacing, write_json
-from rastercov.run import interrupts_held, make_folder
+from rastercov.report import write_bytes, write_json, write_text
+from rastercov.report_folder import ReportFolder, ReportKind
 from rastercov.visibility import visibility
 
-OF_A_COMPARISON = re.compile(r"models\.(json|html)|(occlusion|models)_\d+\.png")
-"""Files of an earlier comparison, which must not stay beside a new one."""
+MODEL_COMPARISON = ReportKind(
+    "models",
+    re.compile(r"models\.(json|html)|(occlusion|models)_\d+\.png"),
+    last="models.json",
+)
 POSES_DRAWN = 3
 """Poses with pictures, at most: those in which the bivalent test misjudges most."""
 LOOKS_AT = {
@@ -67,7 +70,7 @@ WORST_HEADINGS = ("pose", "face", "px^2", "really seen", "kind", "bivalent")
 
 
 def write_model_comparison(
-    out: Path,
+    out: Path | ReportFolder,
     comparison: ModelComparison,
     mesh: Mesh,
     camera: Camera,
@@ -79,34 +82,29 @@ def write_model_comparison(
 
     Parameters
     ----------
-    out : Path
-        Folder, made when it is missing.
+    out : Path or ReportFolder
+        Folder, made when it is missing; or one that is open.
     comparison, mesh, camera, poses, task
         What `compare_models` gave, and what it was given.
     progress : callable
         Called with the poses drawn and the poses to draw.
     """
-    make_folder(out)
-    matrices = valid_poses(poses)
-    chosen = sorted(np.argsort(-np.array(comparison.misjudged), kind="stable")[:POSES_DRAWN])
-    digits = len(str(len(matrices) - 1))
-    drawn: dict[str, bytes] = {}
-    for done, pose in enumerate(int(row) for row in chosen):
-        progress(done, len(chosen))
-        for name, image in _draw(comparison, mesh, camera, matrices[pose], task).items():
-            drawn[f"{name}_{pose:0{digits}d}"] = _png(image)
-    progress(len(chosen), len(chosen))
-    with interrupts_held():
-        for old in out.iterdir():
-            if OF_A_COMPARISON.fullmatch(old.name):
-                old.unlink()
-        write_json(out / "models.json", comparison)
+    with ReportFolder.opened(out, MODEL_COMPARISON) as folder:
+        matrices = valid_poses(poses)
+        chosen = sorted(np.argsort(-np.array(comparison.misjudged), kind="stable")[:POSES_DRAWN])
+        digits = len(str(len(matrices) - 1))
+        drawn: dict[str, bytes] = {}
+        for done, pose in enumerate(int(row) for row in chosen):
+            progress(done, len(chosen))
+            for name, image in _draw(comparison, mesh, camera, matrices[pose], task).items():
+                drawn[f"{name}_{pose:0{digits}d}"] = _png(image)
+        progress(len(chosen), len(chosen))
         for name, data in drawn.items():
-            with replacing(out / f"{name}.png") as part:
-                part.write_bytes(data)
-        with replacing(out / "models.html") as part:
-            part.write_text(page(comparison, drawn), encoding="utf-8", errors="backslashreplace")
-    return out / "models.html"
+            write_bytes(folder.file(f"{name}.png"), data)
+        write_text(folder.file("models.html"), page(comparison, drawn))
+        write_json(folder.file("models.json"), comparison)
+        folder.publish()
+        return folder.path / "models.html"
 
 
 def _draw(

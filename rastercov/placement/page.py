@@ -17,7 +17,7 @@ from rastercov.html_page import document, picture, png
 from rastercov.placement import page_sections as sections
 from rastercov.placement import pictures, plots
 from rastercov.placement.page_report import PlanReport
-from rastercov.report import replacing
+from rastercov.report import write_text
 
 __all__ = ["PlanReport", "page", "write_page"]
 
@@ -38,9 +38,7 @@ def write_page(
     progress : callable
         Called with the pictures drawn and the pictures in all.
     """
-    whole = page(report, progress)
-    with replacing(Path(path)) as part:
-        part.write_text(whole, encoding="utf-8", errors="backslashreplace")
+    write_text(path, page(report, progress))
     return Path(path)
 
 

@@ -4,6 +4,7 @@ Everything is measured with its bound: a requirement holds when what is certainl
 it, fails when what may be covered does not, and is undecided in between, which does not pass.
 """
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -28,7 +29,7 @@ from rastercov.plan.network import Measured, measured
 from rastercov.plan.prepare import Step, quiet
 from rastercov.plan.scene import scene
 from rastercov.pose import read_poses, valid_poses
-from rastercov.report import replacing
+from rastercov.report import write_bytes
 from rastercov.visibility import open_observer
 
 Limits = Mapping[str | None, float]
@@ -264,8 +265,23 @@ def junit(checked: Checked) -> bytes:
 
 def write_junit(path: Path, checked: Checked) -> None:
     """Write the outcome as JUnit XML."""
-    with replacing(path) as part:
-        part.write_bytes(junit(checked))
+    write_bytes(path, junit(checked))
+
+
+def refuse_junit(path: Path) -> None:
+    """Refuse to replace a file that is not an outcome of an earlier check, such as an input."""
+    if path.is_dir() or not path.parent.is_dir():
+        fault = "is a folder" if path.is_dir() else "its folder does not exist"
+        raise ConfigError(f"{path}: {fault}; name a file in an existing folder")
+    if not path.is_file():
+        return
+    with path.open("rb") as file:
+        start = file.read(200)
+    if start and not re.match(rb"<\?xml[^>]*>\s*<testsuites name=.rastercov.[ >]", start):
+        raise ConfigError(
+            f"{path}: not of an earlier check, and --junit would replace it; name another file, "
+            "or move it away or delete it"
+        )
 
 
 def _xml(text: str) -> str:

@@ -7,13 +7,14 @@ import json
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 
-from rastercov.console import progress_bar, say, warn
+from rastercov.console import out_option, progress_bar, say, warn
 
 if TYPE_CHECKING:
     from rastercov.plan.file import Plan
@@ -40,7 +41,7 @@ def place(
     plan: PlanFile,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="Folder for the files; the plan's own if left out."),
+        out_option("Folder for the files; the plan's own if left out."),
     ] = None,
     schema: Annotated[
         bool,
@@ -63,21 +64,27 @@ def place(
     asked = _plan(plan)
     from rastercov.plan import report
     from rastercov.plan.run import place as run
-    from rastercov.run import make_folder
+    from rastercov.report import json_text
+    from rastercov.report_folder import ReportFolder
 
     folder = out or asked.folder / (asked.outputs.folder or asked.path.stem)
-    make_folder(folder)
-    with _errors_by_line():
-        placed = run(asked, folder, _step, lambda found: report.save(found, folder))
-    warn(placed.prepared.mesh.warnings)
-    page = folder / "page.html"
-    if asked.outputs.page and not placed.interrupted:
-        with _step("page") as progress:
-            report.write_page(placed, page, progress)
-    else:
-        page.unlink(missing_ok=True)  # of an earlier run
+    with ReportFolder(folder, report.PLACEMENT) as files:
+        with _errors_by_line():
+            placed = run(asked, folder, _step, lambda found: report.save_unfinished(found, files))
+        warn(placed.prepared.mesh.warnings)
+        if asked.outputs.page and not placed.interrupted:
+            before_page = replace(placed, interrupted="page")
+            report.save_unfinished(before_page, files)
+            page = files.file("page.html")
+            try:
+                with _step("page") as progress:
+                    report.write_page(placed, page, progress)
+            except KeyboardInterrupt:
+                placed = before_page
+                page.unlink(missing_ok=True)
+        report.save(placed, files)
     if as_json:
-        print(json.dumps(json.loads((folder / "plan.json").read_bytes()), indent=2))
+        print(json_text(report.summary(placed)))
     else:
         from rastercov.report import summary_table
 
@@ -86,7 +93,8 @@ def place(
         console.print(summary_table(placed.cameras.network.summary()))
         left = placed.leftover.lines() if placed.leftover is not None else []
         print("\n".join([*report.lines(placed), *left]))
-        print(page if page.exists() else folder / "plan.json")
+        has_page = asked.outputs.page and not placed.interrupted
+        print(folder / ("page.html" if has_page else "plan.json"))
     if placed.interrupted:
         raise KeyboardInterrupt
     if not placed.is_met:
@@ -122,6 +130,8 @@ def check(
     asked = _plan(plan)
     from rastercov.plan import check as plan_check
 
+    if junit is not None:
+        plan_check.refuse_junit(junit)
     with _errors_by_line():
         limits = plan_check.limits(asked, min_coverage, group)
         found = plan_check.check(asked, Path(poses), limits, views, _step)

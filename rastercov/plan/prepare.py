@@ -7,7 +7,6 @@ from there. A matrix lies in a folder named after all that it depends on.
 import hashlib
 import json
 import re
-import shutil
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -26,7 +25,7 @@ from rastercov.placement.cavities import Openings, openings
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
 from rastercov.placement.problem import BestCoverage, FewestCameras, Goal, Problem, problem_of
 from rastercov.placement.segments import Segmentation
-from rastercov.placement.shards import describe
+from rastercov.placement.shards import describe, locked, read_header
 from rastercov.plan.file import Plan
 from rastercov.plan.generators import PerCavity
 from rastercov.plan.goal import OF, counting, goal_of, percent
@@ -39,11 +38,14 @@ from rastercov.plan.stock import (
     stock,
     stock_with,
 )
+from rastercov.report_folder import named
 from rastercov.visibility import Observer
 
 FloatArray = NDArray[np.float64]
 SOME = 32
 """Candidates that are asked why none of them covers anything."""
+OF_A_MATRIX = ("pairs/pairs-*.parquet", "poses.npy", "header.json", "sha256/*.sha256")
+"""Files of the folder of a visibility matrix, see `shards`; in an order that a kill may cut off."""
 NEARLY = 0.99
 """Of what can be covered, where a plan asks for more: the last faces take many cameras."""
 Progress = Callable[[int, int], None]
@@ -222,14 +224,30 @@ def _measured(
     """Matrix of the poses, in a folder named after all that it depends on."""
     header = json.dumps(describe(observer, poses, task, None), sort_keys=True)
     used.append(folder / hashlib.sha256(header.encode()).hexdigest()[:16])
-    return build_matrix(observer, poses, task, used[-1], progress=progress)
+    with named(used[-1]):
+        return build_matrix(observer, poses, task, used[-1], progress=progress)
 
 
 def _forget(folder: Path, used: list[Path]) -> None:
-    """Remove matrices of earlier plans; they are made again when they are wanted."""
+    """Remove matrices of earlier plans; they are made again when they are wanted.
+
+    Only files that a matrix is made of, and no matrix that another process is writing to.
+    """
     for old in folder.iterdir():
-        if old not in used and re.fullmatch("[0-9a-f]{16}", old.name):
-            shutil.rmtree(old, ignore_errors=True)
+        if old in used or not re.fullmatch("[0-9a-f]{16}", old.name):
+            continue
+        try:
+            if read_header(old) is None:
+                continue
+            with locked(old):
+                for names in OF_A_MATRIX:
+                    for path in old.glob(names):
+                        path.unlink()
+                for path in [*old.iterdir(), old]:
+                    if path.is_dir() and not any(path.iterdir()):
+                        path.rmdir()
+        except (ConfigError, OSError):  # none of ours, or in use, or not to be removed
+            continue
 
 
 def joined(first: VisibilityMatrix, other: VisibilityMatrix) -> VisibilityMatrix:

@@ -4,9 +4,14 @@ poses.json   the cameras, as `rastercov evaluate --poses` reads them
 plan.json    all figures, and what made them; everything that takes time is under "seconds"
 page.html    the same for people, with pictures
 matrix/      what each candidate sees; a run that was ended, or its plan changed, goes on from here
+
+The first three take the place of earlier ones together, when all is done or Ctrl-C ends it. Where
+there are no earlier ones, what there is is kept before each step that follows the selection, and
+`plan.json` names the step under "interrupted": should the run be killed in it, that stays true.
 """
 
 import math
+import re
 from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -16,23 +21,35 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
+from rastercov.interrupts import interrupts_held
 from rastercov.placement.problem import BestCoverage
 from rastercov.plan.goal import OF, percent
 from rastercov.plan.prepare import Prepared, Progress
 from rastercov.plan.run import Placement
 from rastercov.raster.contract import RasterizerInfo
 from rastercov.report import write_json
-from rastercov.run import Options, describe, interrupts_held
+from rastercov.report_folder import ReportFolder, ReportKind
+from rastercov.run import Options, describe
 
 MOST_ROWS = 30
 """Cameras, and groups, that a table lists."""
 
 
-def save(placement: Placement, folder: Path) -> None:
-    """Write the poses and all figures, each file whole or not at all."""
-    with interrupts_held():  # the two belong together
-        write_json(folder / "poses.json", poses_of(placement))
-        write_json(folder / "plan.json", summary(placement))
+PLACEMENT = ReportKind("place", re.compile(r"(poses|plan)\.json|page\.html"), last="plan.json")
+
+
+def save(placement: Placement, folder: ReportFolder) -> None:
+    """Put poses, all figures, and the page if one was written, in the place of earlier ones."""
+    with interrupts_held():
+        write_json(folder.file("poses.json"), poses_of(placement))
+        write_json(folder.file("plan.json"), summary(placement))
+        folder.publish()
+
+
+def save_unfinished(placement: Placement, folder: ReportFolder) -> None:
+    """Keep what there is before a step, `placement.interrupted`, unless there is a whole report."""
+    if not folder.has_earlier:
+        save(placement, folder)
 
 
 def poses_of(placement: Placement) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
     plan -> scene -> candidates -> matrix -> selection -> search, refinement -> what is left
 
-A selection is written before anything tries to improve it.
+A selection is saved before anything tries to improve it.
 """
 
 from collections.abc import Callable, Iterator
@@ -87,6 +87,8 @@ def place(
     An interrupt (Ctrl-C) before there is a selection is raised; the matrix keeps what is done.
     Later it ends the run with what there is, and `Placement.interrupted` says so.
 
+    The folder is for one run at a time; whoever calls this holds its lock (`ReportFolder`).
+
     Parameters
     ----------
     plan : Plan
@@ -96,7 +98,8 @@ def place(
     step : callable
         Called with the name of each step; a context manager that gives its progress.
     save : callable
-        Called with what there is, as soon as there is a selection, and whenever it has changed.
+        Called with what there is before each step that follows the selection, with the name of the
+        step as `Placement.interrupted`: should the run be killed in it, that is what was saved.
 
     Raises
     ------
@@ -130,16 +133,15 @@ def place(
             steps=clock.seconds,
             interrupted="selection" if chosen.status == "interrupted" else "",
         )
-        save(placement)
         for name, work in _later_steps(selection):
             if placement.interrupted:
                 break
             try:
+                save(replace(placement, interrupted=name))
                 with clock(name) as progress:
                     placement = work(placement, objective, progress)
             except KeyboardInterrupt:
                 placement = replace(placement, interrupted=name)
-            save(placement)
     return placement
 
 
