@@ -303,7 +303,7 @@ def test_json_is_all_there_is_on_standard_output(capsys, line):
 
 def test_warnings_go_to_standard_error(capsys):
     lines = Path("part.obj").read_text().splitlines()
-    Path("open.obj").write_text("\n".join(lines[:-1]))
+    Path("open.obj").write_text("\n".join([*lines[:-1], ""]))
     code, out, err = call(
         capsys, "evaluate open.obj --unit mm -c camera.toml -p sphere:2 --pictures 0 --json"
     )
