@@ -21,7 +21,14 @@ from rich.console import Console
 import rastercov
 from rastercov import shapes
 from rastercov.camera import PRESETS, Camera
-from rastercov.console import exit_code, leave, out_option, progress_bar, warn
+from rastercov.console import (
+    exit_code,
+    leave,
+    notices_shown,
+    out_option,
+    progress_bar,
+    warn,
+)
 from rastercov.coverage import Task
 from rastercov.errors import ConfigError, PoseError
 from rastercov.inputs import read_camera, read_scene, read_view_points
@@ -356,7 +363,8 @@ def main() -> None:
 
 def command(arguments: Sequence[str]) -> int:
     """Exit code of the command; see `console.exit_code`."""
-    return exit_code(app, arguments)
+    with notices_shown():
+        return exit_code(app, arguments)
 
 
 def _run(

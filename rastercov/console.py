@@ -3,6 +3,7 @@
 Results go to standard output; warnings, errors and progress to standard error.
 """
 
+import logging
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -56,6 +57,24 @@ def _outcome(app: Callable[..., Any], arguments: Sequence[str]) -> int:
             f"error: {type(error).__name__}: {error} (a defect of rastercov; please report it, "
             "with what RASTERCOV_TRACEBACK=1 shows)"
         )
+
+
+class _Notices(logging.Handler):
+    """What the library logs, as lines like all others that a command says."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        say(record.getMessage())
+
+
+@contextmanager
+def notices_shown() -> Iterator[None]:
+    """Show notices of the library, such as that it compiles, on standard error in the block."""
+    log, handler = logging.getLogger("rastercov"), _Notices(logging.WARNING)
+    log.addHandler(handler)
+    try:
+        yield
+    finally:
+        log.removeHandler(handler)
 
 
 def say(text: str, code: int = 2) -> int:
