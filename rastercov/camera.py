@@ -8,16 +8,17 @@ E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks.
 
 import json
 import math
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov.arguments import LARGEST_COORDINATE, checked_array
 from rastercov.camera_checks import (
+    MAX_IMAGE_SIDE,
+    coefficients_of,
     focal_length_px,
     image_side,
     is_inf,
@@ -30,6 +31,15 @@ from rastercov.camera_checks import (
     two,
 )
 from rastercov.errors import CameraError
+from rastercov.user_file import (
+    StrPath,
+    UnreadableError,
+    printable,
+    read_json,
+    read_toml,
+    suffix_of,
+    written_file,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,8 +108,10 @@ class Camera:
             object.__setattr__(self, name, focal_length_px(name, getattr(self, name)))
         object.__setattr__(self, "max_blur", positive("max_blur", self.max_blur))
         near = number("near", self.near)
-        if near < 0:
-            raise CameraError(f"near must be 0 or more metres, got {near:g}")
+        if not 0 <= near <= LARGEST_COORDINATE:
+            raise CameraError(
+                f"near must be 0 or more metres, at most {LARGEST_COORDINATE:g}, got {near:g}"
+            )
         object.__setattr__(self, "near", near)
         refuse_distortion(self.skew, self.distortion)
         object.__setattr__(self, "distortion", ())
@@ -205,12 +217,7 @@ class Camera:
         **others
             Further arguments of `Camera`.
         """
-        try:
-            k = np.asarray(K)
-        except ValueError:
-            raise CameraError("K must have shape (3, 3), got rows of unequal length") from None
-        if k.dtype.kind not in "iuf":
-            raise CameraError(f"K must hold real numbers, got {k.dtype}")
+        k = checked_array("K", K, "iuf", "real numbers and must have shape (3, 3)", CameraError)
         if k.shape != (3, 3):
             raise CameraError(f"K must have shape (3, 3), got {k.shape}")
         if k[1, 0] != 0 or not np.array_equal(k[2], (0, 0, 1)):
@@ -223,7 +230,7 @@ class Camera:
             cx=float(k[0, 2]) + 0.5,
             cy=float(k[1, 2]) + 0.5,
             skew=float(k[0, 1]),
-            distortion=tuple(np.ravel(np.asarray(distortion, dtype=object))),
+            distortion=coefficients_of(distortion),
             **others,
         )
 
@@ -233,25 +240,19 @@ class Camera:
         return cls.from_dict({"preset": name})
 
     @classmethod
-    def load(cls, path: str | Path) -> "Camera":
+    def load(cls, path: StrPath) -> "Camera":
         """Camera from a JSON or TOML file with the names of the constructor or of `from_lens`.
 
         `preset = "khepra"` starts from a preset; other entries change it.
         """
-        path = Path(path)
-        parsers = {".json": json.loads, ".toml": tomllib.loads}
-        if path.suffix.lower() not in parsers:
-            raise CameraError(f"{path}: a camera file ends in .json or .toml")
+        name = printable(str(path))
         try:
-            entries = parsers[path.suffix.lower()](path.read_text(encoding="utf-8"))
-        except OSError as error:
-            raise CameraError(f"{path}: cannot be read ({error.strerror})") from None
-        except (ValueError, RecursionError) as error:
-            raise CameraError(f"{path}: not valid {path.suffix[1:].upper()} ({error})") from None
-        try:
-            return cls.from_dict(entries)
-        except CameraError as error:
-            raise CameraError(f"{path}: {error}") from None
+            suffix = suffix_of(path)
+            if suffix not in (".json", ".toml"):
+                raise CameraError("a camera file ends in .json or .toml")
+            return cls.from_dict(read_json(path) if suffix == ".json" else read_toml(path))
+        except (UnreadableError, CameraError) as error:
+            raise CameraError(f"{name}: {error}") from None
 
     @classmethod
     def from_dict(cls, entries: Mapping[str, Any]) -> "Camera":
@@ -285,12 +286,16 @@ class Camera:
         }
         return cls.from_lens(**listed) if by_lens else cls(**listed)
 
-    def save(self, path: str | Path) -> None:
+    def save(self, path: StrPath) -> None:
         """Write the camera as a `.json` file that `load` reads back to an equal camera."""
-        if Path(path).suffix.lower() != ".json":
-            raise CameraError(f"{path}: a camera is saved as .json")
         entries = {k: v for k, v in asdict(self).items() if v not in (None, ())}
-        Path(path).write_text(json.dumps(entries, indent=2) + "\n", encoding="utf-8")
+        try:
+            if suffix_of(path) != ".json":
+                raise CameraError("a camera is saved as .json")
+            with written_file(path) as file:
+                file.write((json.dumps(entries, indent=2) + "\n").encode())
+        except ValueError as error:
+            raise CameraError(f"{printable(str(path))}: {error}") from None
 
     @property
     def K(self) -> NDArray[np.float64]:  # noqa: N802 - the field's name for it
@@ -314,8 +319,12 @@ class Camera:
 
     def resized(self, scale: float) -> "Camera":
         """Camera with the same view and `scale` times the pixels a side (rounded, at least 1)."""
-        width = max(1, round(self.width * positive("scale", scale)))
-        height = max(1, round(self.height * scale))
+        factor = positive("scale", scale)
+        # A side beyond the limit is refused below; cut to twice that, it is still a number.
+        width, height = (
+            max(1, round(min(side * factor, 2.0 * MAX_IMAGE_SIDE)))
+            for side in (self.width, self.height)
+        )
         across, down = width / self.width, height / self.height
         sizes = self.pixel_size and (self.pixel_size[0] / across, self.pixel_size[1] / down)
         return replace(

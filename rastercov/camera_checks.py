@@ -10,6 +10,8 @@ from rastercov.errors import CameraError
 
 MAX_IMAGE_SIDE = 1 << 17
 """Largest image side in pixels; larger than any sensor, small enough to count samples in int64."""
+MOST_COEFFICIENTS = 100
+"""OpenCV has 14 at most."""
 
 LONGEST = 1e12
 """Pixels: largest focal length, and farthest principal point. float64 tells directions apart to
@@ -21,7 +23,7 @@ SHORTEST = 1e-12
 
 def number(name: str, value: Any) -> float:
     """`value` as a finite float."""
-    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
+    if not is_number(value):
         raise CameraError(f"{name} must be a number, got {shown(value)}")
     try:
         result = float(value)
@@ -72,7 +74,8 @@ def pair(name: str, value: Any) -> tuple[float, float]:
 
 def two(name: str, value: Any) -> tuple[Any, Any]:
     """Two values of any kind, from a sequence or an array."""
-    value = value.tolist() if isinstance(value, np.ndarray) else value
+    if isinstance(value, np.ndarray) and value.shape == (2,):
+        value = value.tolist()
     if not isinstance(value, tuple | list) or len(value) != 2:
         raise CameraError(f"{name} must be two numbers, got {shown(value)}")
     return value[0], value[1]
@@ -92,12 +95,36 @@ def refuse_distortion(skew: Any, distortion: Any) -> None:
     """Accept no skew and no distortion: zeros are all that is supported yet."""
     if number("skew", skew) != 0:
         raise CameraError(f"skew is not supported yet, got {skew:g}: rectify the images first")
-    coefficients = np.ravel(np.asarray(distortion, dtype=object))
-    if any(number("distortion", c) != 0 for c in coefficients):
+    if any(number("distortion", c) != 0 for c in coefficients_of(distortion)):
         raise CameraError(
-            f"lens distortion is not supported yet, got {shown(list(coefficients))}: "
+            f"lens distortion is not supported yet, got {shown(distortion)}: "
             "undistort the images and give the undistorted K"
         )
+
+
+def coefficients_of(distortion: Any) -> tuple[Any, ...]:
+    """Coefficients of a lens, one after the other, from a number, a sequence or an array."""
+    try:
+        size = np.size(distortion)
+        if size <= MOST_COEFFICIENTS:
+            return tuple(np.ravel(np.asarray(distortion, dtype=object)))
+    except Exception:  # whatever conversion an object brings
+        raise CameraError(f"distortion must be numbers, got {shown(distortion)}") from None
+    raise CameraError(f"distortion must be at most {MOST_COEFFICIENTS} numbers, got {size}")
+
+
+def is_number(value: Any) -> bool:
+    """Whether `value` is a whole or real number, of Python or numpy; True and False are none."""
+    return not isinstance(value, bool) and isinstance(value, int | float | np.integer | np.floating)
+
+
+def finite_number(value: Any) -> float:
+    """`value` as a float, NaN for what is no finite number."""
+    try:
+        result = float(value) if is_number(value) else math.nan
+    except OverflowError:
+        return math.nan
+    return result if math.isfinite(result) else math.nan
 
 
 def is_inf(value: Any) -> bool:

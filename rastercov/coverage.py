@@ -15,13 +15,15 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov.arguments import check_choice, check_kind, flag
 from rastercov.camera import Camera
-from rastercov.camera_checks import shown
+from rastercov.camera_checks import finite_number, shown
 from rastercov.criteria import in_focus, view_faces
 from rastercov.errors import ConfigError, ResourceError
 from rastercov.mesh import Mesh
 from rastercov.pose import check_poses, valid_poses
 from rastercov.raster.contract import RasterizerInfo
+from rastercov.raster.rules import check_scene
 from rastercov.visibility import Observation, Observer, figures, open_observer
 
 FloatArray = NDArray[np.float64]
@@ -32,6 +34,8 @@ PAIRS_A_BATCH = 1 << 19
 """Pose-face pairs evaluated at a time: about 50 MB of figures."""
 POSES_A_BATCH = 256
 """Most poses evaluated at a time: a second or two of work between two signs of progress."""
+_LARGEST_RESOLUTION = 1e300
+"""Of one face; a smaller R_min gives no more."""
 EVALUATE_BUDGET = 4 << 30
 """Bytes `evaluate` may return; larger runs go through `evaluate_batches`."""
 
@@ -110,22 +114,16 @@ class Task:
             value = getattr(self, name)
             if name == "max_blur" and value is None:
                 continue
-            number = _number(value)
+            number = finite_number(value)
             too_low = number < low or (number == 0 and words.startswith("more"))
-            if too_low or not number <= high or not math.isfinite(number):
+            if too_low or not number <= high:
                 raise ConfigError(f"{name} must be {words}, got {shown(value)}")
             object.__setattr__(self, name, number)
         if self.views != int(self.views):
             raise ConfigError(f"views must be a whole number, 1 or more, got {self.views}")
         object.__setattr__(self, "views", int(self.views))
-        if not isinstance(self.focus_rule, str) or self.focus_rule not in ("vertices", "centroid"):
-            raise ConfigError(
-                f"focus_rule must be vertices or centroid, got {shown(self.focus_rule)}"
-            )
-        if not isinstance(self.cap_resolution, bool):
-            raise ConfigError(
-                f"cap_resolution must be True or False, got {shown(self.cap_resolution)}"
-            )
+        check_choice("focus_rule", self.focus_rule, ("vertices", "centroid"))
+        object.__setattr__(self, "cap_resolution", flag("cap_resolution", self.cap_resolution))
 
     @classmethod
     def thesis(cls, **changes: Any) -> Self:
@@ -251,6 +249,7 @@ def evaluate(
     ResourceError
         When the arrays would exceed `EVALUATE_BUDGET`; use `evaluate_batches`.
     """
+    check_scene(mesh, camera)
     shape = (len(_accepted(poses, skip_bad_poses)[1]), mesh.n_faces)
     size = shape[0] * shape[1] * sum(np.dtype(kind).itemsize for kind in FIGURES.values())
     if size > EVALUATE_BUDGET:
@@ -294,8 +293,13 @@ def evaluate_batches(
         arguments are checked at once; each batch is measured when it is asked for. Any number of
         threads may have an iterator each over one observer, but not share an iterator.
     """
-    task = task or Task()
     matrices, pose_ids = _accepted(poses, skip_bad_poses)
+    if not isinstance(getattr(observer, "mesh", None), Mesh) or not hasattr(observer, "observe"):
+        raise ConfigError(
+            f"observer must be what open_observer gives, got {shown(observer)}; open one"
+        )
+    task = Task() if task is None else task
+    check_kind("task", task, Task, "a Task or None", ConfigError)
     step = max(1, min(POSES_A_BATCH, PAIRS_A_BATCH // observer.mesh.n_faces))
     batches = (pose_ids[at : at + step] for at in range(0, max(1, len(pose_ids)), step))
     return (_judge(observer, task, matrices[rows], rows) for rows in batches)
@@ -303,21 +307,11 @@ def evaluate_batches(
 
 def _accepted(poses: ArrayLike, skip_bad_poses: bool) -> tuple[FloatArray, IntArray]:
     """All poses, (P, 4, 4), and the rows to evaluate."""
-    if not skip_bad_poses:
+    if not flag("skip_bad_poses", skip_bad_poses):
         matrices = valid_poses(poses)
         return matrices, np.arange(len(matrices))
     matrices, faults = check_poses(poses)
     return matrices, np.delete(np.arange(len(matrices)), list(faults))
-
-
-def _number(value: Any) -> float:
-    """`value` as a float, NaN for what is no finite number."""
-    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
-        return math.nan
-    try:
-        return float(value)
-    except OverflowError:
-        return math.nan
 
 
 def _judge(observer: Observer, task: Task, poses: FloatArray, pose_ids: IntArray) -> Coverage:
@@ -345,7 +339,8 @@ def _judge_pose(
     view = view_faces(mesh, camera, pose)
     visibility, bound, kind = figures(view, seen, row)
     drawn = seen.drawn_pixels[row]
-    resolution = drawn / task.min_pixels
+    with np.errstate(over="ignore"):  # for the least R_min; sums over faces stay finite
+        resolution = np.minimum(drawn / task.min_pixels, _LARGEST_RESOLUTION)
     focus = in_focus(view.depth, focus_limits, task.focus_rule)
     enough = resolution if not task.cap_resolution else np.minimum(resolution, 1.0)
 

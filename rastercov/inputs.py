@@ -9,14 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov import shapes
+from rastercov.arguments import MOST_POSES
 from rastercov.camera import PRESETS, Camera
 from rastercov.errors import ConfigError, MeshError, PoseError
 from rastercov.mesh import Mesh
 from rastercov.mesh_file import READERS
 from rastercov.pose import read_poses, sphere_of_poses
-
-MOST_POSES = 10_000_000
-"""Poses that sphere:N may ask for: 1.3 GB of matrices."""
 
 
 def read_scene(
@@ -94,4 +92,4 @@ def read_view_points(source: str, mesh: Mesh, camera: Camera) -> NDArray[np.floa
     )
     if narrowest <= 0:
         raise PoseError("--poses sphere:N needs a principal point inside the image")
-    return sphere_of_poses(centre, radius / np.sin(np.arctan(narrowest)), int(count))
+    return sphere_of_poses(centre, float(radius / np.sin(np.arctan(narrowest))), int(count))

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov.arguments import members
 from rastercov.errors import MeshError
 from rastercov.mesh_arrays import (
     blocks,
@@ -26,7 +27,7 @@ from rastercov.mesh_arrays import (
     normals_and_areas,
     some,
 )
-from rastercov.mesh_groups import Group, checked_labels, flagged
+from rastercov.mesh_groups import Group, checked_labels, flagged, group_list
 from rastercov.topology import Topology, first_equal_row
 
 if TYPE_CHECKING:
@@ -105,7 +106,7 @@ class Mesh:
                 f"{corners[face].tolist()} ({some(outside)}); correct the indices"
             )
         check_coordinates(points, corners)
-        groups = (Group("mesh"),) if groups is None else tuple(groups)
+        groups = (Group("mesh"),) if groups is None else group_list(groups)
         origin = np.arange(n_faces) if source_face is None else source_face
         fields: dict[str, Any] = {
             "vertices": points,
@@ -113,8 +114,8 @@ class Mesh:
             "groups": groups,
             "face_group": checked_labels(groups, face_group, n_faces),
             "source_face": face_labels("source_face", origin, n_faces),
-            "sources": tuple(sources),
-            "notes": tuple(notes),
+            "sources": members("sources", sources, MeshSource, "MeshSource values", MeshError),
+            "notes": members("notes", notes, str, "a list of texts", MeshError),
         }
         for name, value in fields.items():
             object.__setattr__(self, name, frozen(value) if hasattr(value, "flags") else value)

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov.arguments import LARGEST_COORDINATE, checked_array, owned
 from rastercov.errors import MeshError, ResourceError
 
-LARGEST_COORDINATE = 1e30  # its sixth power is still a float64, so areas and volumes never overflow
 MOST_FACES = 2**31 - 1  # a pixel holds face index + 1
 BLOCK = 1 << 17  # faces handled at once, so that temporaries stay in cache
 # sin of an angle between two edges below which rounding alone decides the normal
@@ -43,28 +43,21 @@ def check_coordinates(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -
         )
 
 
-def checked_array(name: str, values: ArrayLike, kinds: str, wanted: str) -> NDArray[Any]:
-    """Array of `values` if its dtype is one of `kinds`, else MeshError."""
-    try:
-        array = np.asarray(values)
-    except ValueError as error:
-        raise MeshError(f"{name} must be {wanted}, got rows of unequal length") from error
-    if array.size and array.dtype.kind not in kinds:
-        raise MeshError(f"{name} must be {wanted}, got dtype {array.dtype}; convert them first")
-    return array
-
-
 def checked_vertices(vertices: ArrayLike) -> NDArray[np.float64]:
     """(V, 3) float64 copy, or MeshError."""
-    points = checked_array("vertices", vertices, "iuf", "real numbers")
+    points = checked_array("vertices", vertices, "iuf", "real numbers", MeshError)
     if points.ndim != 2 or points.shape[1] != 3:
         raise MeshError(f"vertices must have shape (V, 3), got {points.shape}; pass x, y, z rows")
-    return np.array(points, dtype=np.float64, order="C")
+    if len(points) > MOST_FACES:
+        raise ResourceError(
+            f"a mesh holds at most {MOST_FACES} vertices, got {len(points)}; split it"
+        )
+    return owned("vertices", points, np.float64)
 
 
 def checked_faces(faces: ArrayLike) -> NDArray[np.int64]:
     """(F, 3) int64 copy with F in 1 ... 2^31 - 1, or MeshError, or ResourceError."""
-    corners = checked_array("faces", faces, "iu", "integers")
+    corners = checked_array("faces", faces, "iu", "integers", MeshError)
     if corners.size == 0:
         raise MeshError("no triangles: faces must have at least one row, got none; add faces")
     if corners.ndim != 2 or corners.shape[1] != 3:
@@ -75,17 +68,17 @@ def checked_faces(faces: ArrayLike) -> NDArray[np.int64]:
         raise ResourceError(
             f"a mesh holds at most {MOST_FACES} faces, got {len(corners)}; split it"
         )
-    return np.array(corners, dtype=np.int64, order="C")
+    return owned("faces", corners, np.int64)
 
 
 def face_labels(name: str, values: ArrayLike, n_faces: int) -> NDArray[np.int64]:
     """(F,) int64 copy of one label a face, or of one for all, or MeshError."""
-    labels = checked_array(name, values, "iu", "integers")
+    labels = checked_array(name, values, "iu", "integers", MeshError)
     if labels.shape not in ((), (n_faces,)):
         raise MeshError(
             f"{name} must have shape ({n_faces},), got {labels.shape}; pass one value a face"
         )
-    return np.array(np.broadcast_to(labels, n_faces), dtype=np.int64)
+    return owned(name, np.broadcast_to(labels, n_faces), np.int64)
 
 
 def frozen(array: NDArray[Any]) -> NDArray[Any]:

@@ -7,15 +7,15 @@ walk and not parsed a second time by a library.
 """
 
 import hashlib
-import math
 import os
 import re
-import stat
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from rastercov.arguments import members
+from rastercov.camera_checks import finite_number, shown
 from rastercov.ear_clipping import cut_concave
 from rastercov.errors import MeshError, ResourceError
 from rastercov.mesh import Group, Mesh, MeshSource
@@ -23,8 +23,8 @@ from rastercov.mesh_arrays import check_coordinates, some, unusable_points
 from rastercov.mesh_formats import PEAK_BYTES_PER_FACE, Polygons, read_obj, read_off, read_stl
 from rastercov.mesh_glb import read_glb
 from rastercov.mesh_ply import read_ply
+from rastercov.user_file import StrPath, UnreadableError, file_bytes
 
-StrPath = str | os.PathLike[str]
 Reader = Callable[[bytes, int], Polygons]
 
 READERS: dict[str, Reader] = {
@@ -81,7 +81,13 @@ def load_mesh(
     ResourceError
         Too many faces for the budget.
     """
-    paths = [path] if isinstance(path, (str, os.PathLike)) else list(path)
+    paths = (
+        [path]
+        if isinstance(path, (str, os.PathLike))
+        else members(
+            "path", path, (str, os.PathLike), "a path or several, as strings or Paths", MeshError
+        )
+    )
     if not paths:
         raise MeshError("at least one mesh file wanted, got none; pass a path")
     scale = metres_per(unit)
@@ -120,11 +126,11 @@ def metres_per(unit: str | float) -> float:
     """Metres in one `unit`, a name or a positive number."""
     if isinstance(unit, str) and unit in METRES:
         return METRES[unit]
-    if isinstance(unit, (int, float)) and not isinstance(unit, bool) and 0 < unit < math.inf:
-        return float(unit)
+    if (metres := finite_number(unit)) > 0:
+        return metres
     raise MeshError(
         f"unit must be one of {', '.join(METRES)} or metres per unit as a positive number, "
-        f"got {unit!r}; correct it"
+        f"got {shown(unit)}; correct it"
     )
 
 
@@ -162,26 +168,12 @@ def _reader_and_bytes(path: StrPath, max_bytes: int) -> tuple[Reader, bytes]:
             "convert the mesh"
         )
     try:
-        status = Path(path).stat()
-        if not stat.S_ISREG(status.st_mode):
-            raise MeshError("a regular file wanted, got a folder, pipe or device; pass a file")
-        if status.st_size > max_bytes:
-            raise MeshError(
-                f"at most {max_bytes} bytes wanted, got {status.st_size}; simplify the mesh, or "
-                "raise max_bytes"
-            )
-        with Path(path).open("rb") as file:
-            data = file.read(status.st_size + 1)
-    except (OSError, ValueError) as error:  # ValueError: a zero byte in the path
-        if isinstance(error, MeshError):
-            raise
-        reason = getattr(error, "strerror", None) or error
-        raise MeshError(f"a readable file wanted, got: {reason}; check the path") from error
-    if len(data) != status.st_size:
-        raise MeshError(
-            f"{status.st_size} bytes wanted, got {len(data)}; the file changed while it was read, "
-            "try again"
-        )
+        data = file_bytes(path, max_bytes, "simplify the mesh, or raise max_bytes")
+    except UnreadableError as error:
+        if error.is_of_system:
+            text = f"a readable file wanted, got: {error.reason}; check the path"
+            raise MeshError(text) from error
+        raise MeshError(error.reason) from error
     return READERS[extension], data
 
 

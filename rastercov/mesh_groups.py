@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov.arguments import check_kind, flag, members
 from rastercov.errors import MeshError
 from rastercov.mesh_arrays import face_labels
 
@@ -30,6 +31,16 @@ class Group:
     name: str
     is_occluder: bool = False
     is_two_sided: bool = False
+
+    def __post_init__(self) -> None:
+        check_kind("the name of a group", self.name, str, "a text", MeshError)
+        for name in ("is_occluder", "is_two_sided"):
+            object.__setattr__(self, name, flag(name, getattr(self, name)))
+
+
+def group_list(groups: Iterable[Group]) -> tuple[Group, ...]:
+    """All groups of a mesh, or MeshError for anything else than `Group` values."""
+    return members("groups", groups, Group, 'Group values such as [Group("part")]', MeshError)
 
 
 def checked_labels(
@@ -55,8 +66,9 @@ def flagged(
 ) -> tuple[Group, ...]:
     """Groups where exactly the named ones have a flag; None leaves that flag as it is."""
     known = {group.name for group in groups}
-    hiding = _names(occluders)
-    both = known if two_sided == "all" else _names(two_sided)
+    hiding = _names("occluders", occluders)
+    is_all = isinstance(two_sided, str) and two_sided == "all"
+    both = known if is_all else _names("two_sided", two_sided)
     unknown = ((hiding or set()) | (both or set())) - known
     if unknown:
         raise MeshError(
@@ -72,7 +84,9 @@ def flagged(
     )
 
 
-def _names(names: Iterable[str] | None) -> set[str] | None:
+def _names(argument: str, names: Iterable[str] | None) -> set[str] | None:
     if names is None:
         return None
-    return {names} if isinstance(names, str) else set(names)
+    if isinstance(names, str):
+        return {names}
+    return set(members(argument, names, str, "names of groups", MeshError))

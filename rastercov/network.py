@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.arguments import check_kind
 from rastercov.coverage import Coverage, Reason, Task
-from rastercov.errors import ConfigError
+from rastercov.errors import ConfigError, MeshError
 from rastercov.mesh import Mesh
 from rastercov.visibility import Kind
 
@@ -52,6 +53,8 @@ class Network:
     """
 
     def __init__(self, mesh: Mesh, task: Task) -> None:
+        check_kind("mesh", mesh, Mesh, "a Mesh", MeshError)
+        check_kind("task", task, Task, "a Task", ConfigError)
         self.mesh, self.task = mesh, task
         self.views: IntArray = np.zeros(mesh.n_faces, np.int64)
         self.best: FloatArray = np.zeros(mesh.n_faces)
@@ -68,6 +71,7 @@ class Network:
 
     def add(self, coverage: Coverage) -> None:
         """Take in the next poses; ConfigError when they are of another mesh or task."""
+        check_kind("coverage", coverage, Coverage, "what evaluate gives", ConfigError)
         if coverage.task != self.task or coverage.mesh.n_faces != self.mesh.n_faces:
             raise ConfigError("a network adds up coverage of one mesh and one task")
         if not len(coverage.pose_ids):

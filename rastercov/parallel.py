@@ -11,19 +11,28 @@ from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from typing import Generic, TypeVar
 
+from rastercov.camera_checks import finite_number, shown
 from rastercov.errors import ConfigError
 
 Scratch = TypeVar("Scratch")
 
 POSES_A_TURN = 16
 """Most poses a thread takes at a time: enough to stay in the loops."""
+MOST_THREADS = 1024
+"""Threads that may be asked for: each takes memory of its own."""
 
 
 def thread_count(threads: int | None) -> int:
-    """Threads to use: those asked for, or one for each core; ConfigError for less than 1."""
-    if threads is not None and (isinstance(threads, bool) or threads < 1):
-        raise ConfigError(f"threads must be 1 or more, got {threads!r}")
-    return threads or len(os.sched_getaffinity(0))
+    """Threads to use: those asked for, or one for each core; ConfigError for no whole number."""
+    if threads is None:
+        return len(os.sched_getaffinity(0))
+    number = finite_number(threads)
+    if not number.is_integer() or not 1 <= number <= MOST_THREADS:
+        raise ConfigError(
+            f"threads must be 1 or more, got {shown(threads)}; pass a whole number up to "
+            f"{MOST_THREADS}, or None for one a core"
+        )
+    return int(number)
 
 
 def share_poses(n_poses: int, workers: Sequence[Callable[[slice], None]]) -> None:

@@ -6,12 +6,26 @@ thesis' frame (6.8-6.11), X left and Y up, is ours turned by 180 degrees about Z
 
 import json
 from collections.abc import Sequence
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.errors import PoseError
+from rastercov.arguments import LARGEST_COORDINATE, MOST_POSES, checked_array, owned
+from rastercov.camera_checks import finite_number, shown
+from rastercov.errors import PoseError, ResourceError
+from rastercov.user_file import (
+    LARGEST_ARRAY,
+    StrPath,
+    UnparsedError,
+    UnreadableError,
+    one_line,
+    open_file,
+    printable,
+    read_json,
+    suffix_of,
+    written_file,
+)
 
 FloatArray = NDArray[np.float64]
 
@@ -38,7 +52,8 @@ def look_at(eyes: ArrayLike, targets: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)
     Raises
     ------
     PoseError
-        Where an eye is its own target, or a value is not finite; `pose_ids` names the rows.
+        Where an eye is its own target, or a value is not finite or beyond 1e30 m; `pose_ids` names
+        the rows.
     """
     eye, target, upward = (
         _triples(name, a) for name, a in (("eyes", eyes), ("targets", targets), ("up", up))
@@ -50,15 +65,16 @@ def look_at(eyes: ArrayLike, targets: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)
         raise PoseError(f"eyes, targets and up must broadcast to (P, 3), got {shapes}") from None
     finite = np.isfinite(eye) & np.isfinite(target) & np.isfinite(upward)
     _refuse(~finite.all(axis=1), "eye, target or up is not finite")
+    far = np.maximum(np.abs(eye), np.abs(target)) > LARGEST_COORDINATE
+    _refuse(far.any(axis=1), f"eye or target is beyond ±{LARGEST_COORDINATE:g} m")
 
     forward = target - eye
-    length = np.linalg.norm(forward, axis=1, keepdims=True)
-    _refuse(length[:, 0] == 0, "eye and target are the same point")
-    forward = forward / length
+    _refuse(~forward.any(axis=1), "eye and target are the same point")
+    forward, upward = _scaled(forward), _scaled(upward)  # no square of them can vanish or overflow
+    forward /= np.linalg.norm(forward, axis=1, keepdims=True)
 
     right = np.cross(forward, upward)
-    scale = np.maximum(np.linalg.norm(upward, axis=1), np.finfo(np.float64).tiny)
-    parallel = np.linalg.norm(right, axis=1) <= 1e-9 * scale
+    parallel = np.linalg.norm(right, axis=1) <= 1e-9 * np.linalg.norm(upward, axis=1)
     # The axis furthest from the view; among equals the later one, so that z stays up if it can.
     # Rounded, lest noise decide between equals.
     spare = np.eye(3)[2 - np.argmin(np.abs(forward).round(6)[:, ::-1], axis=1)]
@@ -100,19 +116,26 @@ def sphere_of_poses(centre: ArrayLike, distance: float, count: int) -> FloatArra
     PoseError
         For a value outside its range.
     """
-    if not 0 < distance < np.inf:
-        raise PoseError(f"distance must be positive and finite, got {distance}")
-    if count < 0 or count != int(count):
-        raise PoseError(f"count must be a whole number, 0 or more, got {count}")
+    away = finite_number(distance)
+    if not 0 < away <= LARGEST_COORDINATE:
+        raise PoseError(
+            f"distance must be positive and finite, at most {LARGEST_COORDINATE:g} m, "
+            f"got {shown(distance)}"
+        )
+    number = finite_number(count)
+    if not number.is_integer() or not 0 <= number <= MOST_POSES:
+        raise PoseError(
+            f"count must be a whole number, 0 or more, at most {MOST_POSES}, got {shown(count)}"
+        )
     middle = _triples("centre", centre)
     if len(middle) != 1:
         raise PoseError(f"centre must have shape (3,), got {middle.shape}")
-    index = np.arange(count)
-    height = 1 - (2 * index + 1) / max(count, 1)
+    index = np.arange(int(number))
+    height = 1 - (2 * index + 1) / max(len(index), 1)
     azimuth = index * np.pi * (3 - np.sqrt(5))
     radius = np.sqrt(1 - height**2)
     outward = np.stack((radius * np.cos(azimuth), radius * np.sin(azimuth), height), axis=1)
-    return look_at(middle + distance * outward, middle)
+    return look_at(middle + away * outward, middle)
 
 
 def check_poses(poses: ArrayLike) -> tuple[FloatArray, dict[int, str]]:
@@ -135,16 +158,8 @@ def check_poses(poses: ArrayLike) -> tuple[FloatArray, dict[int, str]]:
     PoseError
         When the array as a whole has the wrong shape or type.
     """
-    try:
-        out = np.array(poses, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        raise PoseError("poses must be numbers of shape (P, 4, 4)") from None
-    if out.shape == (0,):
-        out = np.zeros((0, 4, 4))
-    if out.ndim == 2:
-        out = out[None]
-    if out.ndim != 3 or out.shape[1:] != (4, 4):
-        raise PoseError(f"poses must have shape (P, 4, 4), got {out.shape}")
+    array = _numbers("poses", poses, "(P, 4, 4)")
+    out = _matrices(array[None] if array.ndim == 2 else array)
     faults: dict[int, str] = {}
 
     def fault(mask: ArrayLike, text: str) -> None:
@@ -153,8 +168,10 @@ def check_poses(poses: ArrayLike) -> tuple[FloatArray, dict[int, str]]:
 
     finite = np.atleast_1d(np.isfinite(out).all(axis=(1, 2)))
     fault(~finite, "is not finite")
+    far = ~(np.abs(out[:, :3, 3]) <= LARGEST_COORDINATE).all(axis=1)
+    fault(far, f"is beyond ±{LARGEST_COORDINATE:g} m")
     rotation = np.where(finite[:, None, None], out[:, :3, :3], np.eye(3))
-    with np.errstate(over="ignore", invalid="ignore"):
+    with np.errstate(all="ignore"):  # what comes out is compared, and NaN is a fault
         drift = np.abs(rotation.transpose(0, 2, 1) @ rotation - np.eye(3)).max(
             axis=(1, 2), initial=0
         )
@@ -190,70 +207,107 @@ def inverse(poses: FloatArray) -> FloatArray:
     return out
 
 
-def read_poses(path: str | Path) -> FloatArray:
+def read_poses(path: StrPath) -> FloatArray:
     """Poses of a file, unchecked: `.npy` of (P, 4, 4), or JSON `{"world_from_camera": [...]}`.
 
     Returns
     -------
     (P, 4, 4) float64
+
+    Raises
+    ------
+    PoseError
+        For a file that cannot be read or holds something else.
     """
-    path = Path(path)
     try:
-        if path.suffix.lower() == ".npy":
-            # Not np.load, which opens a zip archive or a pickle whatever its name.
-            with path.open("rb") as file:
-                array = np.lib.format.read_array(file, allow_pickle=False)
-            if array.dtype.kind not in "iuf":
-                raise PoseError(f"{path}: poses must be real numbers, got {array.dtype}")
-        elif path.suffix.lower() == ".json":
-            content = json.loads(path.read_text(encoding="utf-8"))
-            if not isinstance(content, dict) or "world_from_camera" not in content:
-                raise PoseError(f'{path}: a pose file holds {{"world_from_camera": [4 x 4, ...]}}')
-            array = np.array(content["world_from_camera"], dtype=np.float64)
-            if array.shape == (0,):
-                array = np.zeros((0, 4, 4))
-        else:
-            raise PoseError(f"{path}: a pose file ends in .npy or .json")
-        array = np.asarray(array, dtype=np.float64)
-    except OSError as error:
-        raise PoseError(f"{path}: cannot be read ({error.strerror or error})") from None
-    except PoseError:
-        raise
-    except Exception as error:  # the parsers let a dozen kinds through
-        raise PoseError(f"{path}: not a pose file ({_one_line(error)})") from None
-    if array.shape == (4, 4):
-        array = array[None]
-    if array.ndim != 3 or array.shape[1:] != (4, 4):
-        raise PoseError(f"{path}: poses must have shape (P, 4, 4), got {array.shape}")
+        suffix = suffix_of(path)
+        if suffix not in (".npy", ".json"):
+            raise PoseError("a pose file ends in .npy or .json")
+        array = _read_npy(path) if suffix == ".npy" else _read_json(path)
+        return _matrices(array[None] if array.shape == (4, 4) else array)
+    except MemoryError:
+        raise ResourceError(f"{printable(str(path))}: too large for the memory; split it") from None
+    except (UnreadableError, PoseError) as error:
+        raise PoseError(f"{printable(str(path))}: {error}") from None
+
+
+def _read_npy(path: StrPath) -> NDArray[Any]:
+    # Not np.load, which opens a zip archive or a pickle whatever its name.
+    with open_file(path, LARGEST_ARRAY) as file:
+        try:
+            array: NDArray[Any] = np.lib.format.read_array(file, allow_pickle=False)
+        except (OSError, MemoryError):
+            raise
+        except Exception as error:  # the parser lets a dozen kinds through
+            raise PoseError(f"not a pose file ({one_line(error)})") from None
+    if array.dtype.kind not in "iuf":
+        raise PoseError(f"poses must be real numbers, got {array.dtype}")
     return array
 
 
-def write_poses(path: str | Path, poses: ArrayLike) -> None:
-    """Write poses as `.npy` or `.json`; `read_poses` gives them back bit for bit."""
-    path = Path(path)
+def _read_json(path: StrPath) -> NDArray[Any]:
+    try:
+        content = read_json(path, LARGEST_ARRAY)
+    except UnparsedError as error:
+        raise PoseError(f"not a pose file ({error})") from None
+    if not isinstance(content, dict) or "world_from_camera" not in content:
+        raise PoseError('a pose file holds {"world_from_camera": [4 x 4, ...]}')
+    try:
+        return _numbers("poses", content["world_from_camera"], "(P, 4, 4)")
+    except PoseError as error:
+        raise PoseError(f"not a pose file ({error})") from None
+
+
+def write_poses(path: StrPath, poses: ArrayLike) -> None:
+    """Write poses as `.npy` or `.json`; `read_poses` gives them back bit for bit.
+
+    Raises
+    ------
+    PoseError
+        For poses at fault, and for a file that cannot be written.
+    """
     array = valid_poses(poses)
-    if path.suffix.lower() == ".npy":
-        with path.open("wb") as file:  # np.save would add .npy to a name that ends in .NPY
-            np.save(file, array)
-    elif path.suffix.lower() == ".json":
-        text = json.dumps({"world_from_camera": array.tolist()})
-        path.write_text(text + "\n", encoding="utf-8")
-    else:
-        raise PoseError(f"{path}: a pose file ends in .npy or .json")
+    try:
+        suffix = suffix_of(path)
+        if suffix not in (".npy", ".json"):
+            raise PoseError("a pose file ends in .npy or .json")
+        with written_file(path) as file:
+            if suffix == ".npy":
+                np.save(file, array)
+            else:
+                text = json.dumps({"world_from_camera": array.tolist()})
+                file.write((text + "\n").encode())
+    except ValueError as error:
+        raise PoseError(f"{printable(str(path))}: {error}") from None
+
+
+def _matrices(poses: NDArray[Any]) -> FloatArray:
+    """Float64 copy if it is (P, 4, 4), also of no poses at all, else PoseError."""
+    if poses.shape == (0,):
+        return np.zeros((0, 4, 4))
+    if poses.ndim != 3 or poses.shape[1:] != (4, 4):
+        raise PoseError(f"poses must have shape (P, 4, 4), got {poses.shape}")
+    return owned("poses", poses, np.float64)
+
+
+def _numbers(name: str, values: ArrayLike, shape: str) -> NDArray[Any]:
+    """Array of real numbers of any shape, not copied; PoseError names the wanted one."""
+    wanted = f"numbers and must have shape {shape}"
+    return checked_array(name, values, "iuf", wanted, PoseError)
 
 
 def _triples(name: str, value: ArrayLike) -> FloatArray:
-    try:
-        array = np.atleast_2d(np.asarray(value, dtype=np.float64))
-    except (TypeError, ValueError, OverflowError):
-        raise PoseError(f"{name} must be numbers of shape (3,) or (P, 3)") from None
+    array = np.atleast_2d(_numbers(name, value, "(3,) or (P, 3)"))
     if array.ndim != 2 or array.shape[1] != 3:
         raise PoseError(f"{name} must have shape (3,) or (P, 3), got {array.shape}")
-    return array
+    return owned(name, array, np.float64)
 
 
-def _one_line(error: Exception) -> str:
-    return " ".join((str(error) or type(error).__name__).split())
+def _scaled(vectors: FloatArray) -> FloatArray:
+    """(P, 3) vectors over the power of two above their largest component, which rounds nothing."""
+    _, exponent = np.frexp(np.abs(vectors).max(axis=1, keepdims=True))
+    scaled: FloatArray = np.ldexp(vectors, -exponent)
+    return scaled
 
 
 def _refuse(mask: ArrayLike, text: str) -> None:

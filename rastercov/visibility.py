@@ -29,7 +29,9 @@ from typing import Any, Protocol, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov.arguments import check_choice
 from rastercov.camera import Camera
+from rastercov.camera_checks import finite_number, shown
 from rastercov.closing import Closing
 from rastercov.criteria import ViewOfFaces, view_faces
 from rastercov.errors import ConfigError, DeviceError
@@ -38,7 +40,7 @@ from rastercov.mesh import Mesh
 from rastercov.parallel import ScratchPool, share_poses, thread_count
 from rastercov.pose import valid_poses
 from rastercov.raster.contract import FaceCounts, RasterizerInfo, open_rasterizer
-from rastercov.raster.rules import limits
+from rastercov.raster.rules import check_scene, limits
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -189,15 +191,13 @@ def open_observer(
     ConfigError
         For a method or an option that does not exist.
     """
-    if method not in METHODS:
-        raise ConfigError(
-            f"method must be {', '.join(METHODS[:-1])} or {METHODS[-1]}, got {method!r}"
-        )
+    check_scene(mesh, camera)
+    check_choice("method", method, METHODS)
     if method == "sampled":
         return _SampledObserver(mesh, camera, backend, supersample, options)
-    if supersample != 1:
+    if finite_number(supersample) != 1:
         raise ConfigError(
-            f"method {method} has no samples, so supersample must be 1, got {supersample}; "
+            f"method {method} has no samples, so supersample must be 1, got {shown(supersample)}; "
             "use method sampled"
         )
     unknown = options.keys() - {"threads"}
@@ -232,6 +232,7 @@ def visibility(
     ResourceError
         Where the arrays take more memory than is free, before any is taken.
     """
+    check_scene(mesh, camera)
     matrices = valid_poses(poses)
     observed_and_returned = 25 + 17
     _check_figures(len(matrices), mesh.n_faces, observed_and_returned)

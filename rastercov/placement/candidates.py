@@ -24,6 +24,7 @@ from rastercov.mesh_arrays import frozen
 from rastercov.placement.framing import DEFAULT, Framing, rolled_frames, square_views
 from rastercov.placement.segments import Segmentation
 from rastercov.pose import read_poses, valid_poses
+from rastercov.typed import typed
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -102,6 +103,7 @@ class Candidates:
         return dict(zip(self.sources, each.tolist(), strict=True))
 
 
+@typed
 def per_segment(
     mesh: Mesh, camera: Camera, framing: Framing = DEFAULT, *, segmentation: Segmentation
 ) -> Candidates:
@@ -137,6 +139,7 @@ def per_segment(
     return _candidates(*views, "segment", np.arange(segmentation.n_segments), framing)
 
 
+@typed
 def per_face(
     mesh: Mesh, camera: Camera, framing: Framing = DEFAULT, *, faces: ArrayLike | None = None
 ) -> Candidates:
@@ -161,6 +164,7 @@ def per_face(
     return _candidates(*views, "face", rows, framing)
 
 
+@typed
 def per_convex_region(
     mesh: Mesh, camera: Camera, framing: Framing = DEFAULT, *, least_bend_deg: float = 10.0
 ) -> Candidates:
@@ -195,6 +199,7 @@ def per_convex_region(
     return _candidates(*views, "convex_region", corners, framing)
 
 
+@typed
 def from_poses(
     mesh: Mesh, camera: Camera, framing: Framing = DEFAULT, *, poses: ArrayLike | str | Path
 ) -> Candidates:

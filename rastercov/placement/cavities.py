@@ -24,12 +24,13 @@ from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.mesh_arrays import frozen
 from rastercov.placement.candidates import Candidates, face_rows
-from rastercov.placement.clearance import KeepOut, kept
+from rastercov.placement.clearance import KeepOut, check_clearance, kept
 from rastercov.placement.dome import Dome
 from rastercov.placement.enclosure import Enclosure
 from rastercov.placement.framing import DEFAULT, Framing, half_angles, rolled_frames
 from rastercov.placement.outlook import APART_DEG, Outlook, far_apart
 from rastercov.pose import look_at
+from rastercov.typed import typed
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -123,6 +124,7 @@ class Openings:
         }
 
 
+@typed
 def per_cavity(
     mesh: Mesh,
     camera: Camera,
@@ -139,6 +141,7 @@ def per_cavity(
     ).candidates
 
 
+@typed
 def openings(
     mesh: Mesh,
     camera: Camera,
@@ -194,6 +197,7 @@ def openings(
     n_sites = len(owner)
     sites = [Outlook(mesh, int(rows[o]), s) for o, s in zip(owner, sign, strict=True)]
 
+    check_clearance(clearance)
     enclosure = Enclosure(mesh)
     for site in sites:
         site.proof = enclosure.proof(site.face, site.normal, least, clearance, keep_out)

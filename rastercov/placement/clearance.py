@@ -13,11 +13,13 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov.arguments import finite_points
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.mesh_arrays import encloses_volume
 from rastercov.placement import clearance_kernels as kernels
 from rastercov.placement.candidates import Candidates
+from rastercov.typed import check_fields, typed
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -51,6 +53,7 @@ class KeepOutBox:
     name: str = "box"
 
     def __post_init__(self) -> None:
+        check_fields(self)
         low, high = (np.asarray(end, np.float64) for end in (self.low, self.high))
         if low.shape != (3,) or high.shape != (3,) or not np.all(low <= high):
             raise ConfigError(
@@ -75,6 +78,7 @@ class KeepOutSphere:
     name: str = "sphere"
 
     def __post_init__(self) -> None:
+        check_fields(self)
         centre = np.asarray(self.centre, np.float64)
         if centre.shape != (3,) or not np.isfinite(centre).all() or not self.radius > 0:
             raise ConfigError(
@@ -84,7 +88,9 @@ class KeepOutSphere:
 
     def contains(self, points: FloatArray) -> BoolArray:
         """Whether each of (N, 3) points lies in it, border included."""
-        inside: BoolArray = ((points - self.centre) ** 2).sum(axis=1) <= self.radius**2
+        with np.errstate(over="ignore"):  # inf: everything lies in it
+            reach = np.float64(self.radius) ** 2
+        inside: BoolArray = ((points - self.centre) ** 2).sum(axis=1) <= reach
         return inside
 
 
@@ -153,6 +159,7 @@ class Dropped:
         return f"{n_dropped} of {len(self.fate)} candidates dropped{why}"
 
 
+@typed
 def kept(
     candidates: Candidates,
     mesh: Mesh,
@@ -190,8 +197,7 @@ def kept(
     ConfigError
         For a clearance that is negative or not finite.
     """
-    if isinstance(clearance, bool) or not 0 <= clearance < np.inf:
-        raise ConfigError(f"clearance must be 0 m or more and finite, got {clearance}")
+    check_clearance(clearance)
     eyes = np.ascontiguousarray(candidates.poses[:, :3, 3])
     fate = np.full(len(eyes), Fate.KEPT, np.uint8)
     if clearance > 0 and len(eyes):
@@ -261,13 +267,22 @@ class NearestSurface:
         return Nearest(np.sqrt(squared), self._rows[row], where + self._middle)
 
 
+def check_clearance(clearance: float) -> None:
+    """Raise ConfigError for a least distance from surfaces that is negative or not finite."""
+    if not 0 <= clearance < np.inf:
+        raise ConfigError(f"clearance must be 0 m or more and finite, got {clearance}")
+
+
+@typed
 def in_solid(mesh: Mesh, points: ArrayLike) -> BoolArray:
     """Whether each of (N, 3) points lies in matter; see `kept` for what that is.
 
     Three rays each count what encloses the point, and two of them decide. On a surface itself
     either answer may come out.
     """
-    wanted = np.asarray(points, np.float64).reshape(-1, 3)
+    wanted = finite_points(
+        "points", points, (*np.shape(points)[:-1], 3), "finite and of shape (N, 3)"
+    ).reshape(-1, 3)
     solid = closed_faces(mesh)
     if not solid.any() or not len(wanted):
         return np.zeros(len(wanted), dtype=bool)

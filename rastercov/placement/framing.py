@@ -15,6 +15,7 @@ from rastercov.camera import Camera
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.pose import look_at
+from rastercov.typed import check_fields
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -56,6 +57,7 @@ class Framing:
     max_blur: float | None = None
 
     def __post_init__(self) -> None:
+        check_fields(self)
         if len(self.stand_off) != 2 or not 0 <= self.stand_off[0] <= self.stand_off[1]:
             raise ConfigError(f"stand_off must be 0 <= least <= greatest, got {self.stand_off}")
         if self.fit not in FITS:

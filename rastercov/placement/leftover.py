@@ -25,6 +25,7 @@ from rastercov.network import Network, share_of_faces
 from rastercov.placement.occluders import in_front
 from rastercov.placement.sight import Sight, Sights, batches_in_view
 from rastercov.pose import valid_poses
+from rastercov.typed import typed
 from rastercov.visibility import Observer, open_observer
 
 FloatArray = NDArray[np.float64]
@@ -182,6 +183,7 @@ class Leftover:
         return lines
 
 
+@typed
 def what_is_left(
     view: Observer | tuple[Mesh, Camera],
     poses: ArrayLike,

@@ -47,6 +47,7 @@ from rastercov.placement.shards import (
     warned,
 )
 from rastercov.pose import valid_poses
+from rastercov.typed import typed
 from rastercov.visibility import Observer, open_observer
 
 FloatArray = NDArray[np.float64]
@@ -166,6 +167,7 @@ class VisibilityMatrix:
         )
 
 
+@typed
 def build_matrix(
     view: Observer | tuple[Mesh, Camera],
     poses: ArrayLike,

@@ -10,13 +10,16 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov.arguments import LARGEST_COORDINATE, finite_points
 from rastercov.camera import Camera
+from rastercov.camera_checks import shown
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.placement.candidates import Candidates
 from rastercov.placement.clearance import NearestSurface
 from rastercov.placement.framing import DEFAULT, Framing, half_angles, rolled_frames
 from rastercov.pose import look_at
+from rastercov.typed import typed
 
 FloatArray = NDArray[np.float64]
 
@@ -27,12 +30,14 @@ WALLS, CEILING = SIDES[:4], SIDES[5:]
 MOST_POSITIONS = 10_000_000
 
 
+@typed
 def at_point(point: ArrayLike) -> Aim:
     """Look at one point, (3,) metres."""
     target = _triple("point", point)
     return lambda mesh, eyes: np.broadcast_to(target, eyes.shape)
 
 
+@typed
 def along(direction: ArrayLike) -> Aim:
     """Look in one direction, (3,), whatever is there."""
     step = _triple("direction", direction)
@@ -47,6 +52,7 @@ def at_middle() -> Aim:
     return lambda mesh, eyes: np.broadcast_to(mesh.bounds.mean(axis=0), eyes.shape)
 
 
+@typed
 def at_nearest_surface(groups: str | Sequence[str] | None = None) -> Aim:
     """Look at the nearest point of the task faces, or of the groups of these names.
 
@@ -66,6 +72,7 @@ def at_nearest_surface(groups: str | Sequence[str] | None = None) -> Aim:
     return aim
 
 
+@typed
 def on_sphere(
     mesh: Mesh,
     camera: Camera,
@@ -100,6 +107,7 @@ def on_sphere(
     return _around(mesh, camera, framing, count, centre, distances, 2.0, "sphere")
 
 
+@typed
 def on_hemisphere(
     mesh: Mesh,
     camera: Camera,
@@ -113,6 +121,7 @@ def on_hemisphere(
     return _around(mesh, camera, framing, count, centre, distances, 1.0, "hemisphere")
 
 
+@typed
 def on_box(
     mesh: Mesh,
     camera: Camera,
@@ -158,7 +167,10 @@ def on_box(
     low, high = _box(mesh, bounds, outward)
     if unknown := [side for side in sides if side not in SIDES]:
         raise ConfigError(f"sides must be among {', '.join(SIDES)}, got {', '.join(unknown)}")
-    steps = np.ceil((high - low) / spacing * (1 - 1e-12)).astype(np.int64)
+    # A spacing that gives more along one axis is refused below; the least one divides to inf.
+    with np.errstate(over="ignore"):
+        wanted = np.ceil((high - low) / spacing * (1 - 1e-12))
+    steps = np.minimum(wanted, MOST_POSITIONS).astype(np.int64)
     if float(np.prod(np.sort(steps + 1)[1:].astype(np.float64))) * 6 > MOST_POSITIONS:
         raise ConfigError(f"a spacing of {spacing:g} m gives more than {MOST_POSITIONS} positions")
     ticks = [np.linspace(low[k], high[k], steps[k] + 1) for k in range(3)]
@@ -173,6 +185,7 @@ def on_box(
     return _aimed(mesh, framing, eyes, aim or at_middle(), source)
 
 
+@typed
 def on_walls(
     mesh: Mesh,
     camera: Camera,
@@ -195,13 +208,14 @@ def on_walls(
     """
     low, high = _box(mesh, bounds, -inset)
     if heights is not None:
-        low[2], high[2] = heights
+        low[2], high[2] = finite_points("heights", heights, (2,), "two finite numbers")
     room = np.stack((low, high))
     return on_box(
         mesh, camera, framing, spacing=spacing, aim=aim, bounds=room, sides=WALLS, source="walls"
     )
 
 
+@typed
 def on_ceiling(
     mesh: Mesh,
     camera: Camera,
@@ -237,15 +251,15 @@ def _around(
     source: str,
 ) -> Candidates:
     """Views from the upper part, `height` radii high, of spheres."""
-    if isinstance(count, bool) or count < 1 or count != int(count):
-        raise ConfigError(f"count must be a whole number, 1 or more, got {count}")
+    if not 1 <= count <= MOST_POSITIONS:
+        raise ConfigError(f"count must be a whole number, 1 to {MOST_POSITIONS}, got {count}")
     middle = mesh.bounds.mean(axis=0) if centre is None else _triple("centre", centre)
     if distances is None:
         radii = np.array([_whole_in_view(mesh, camera, framing, middle)])
     else:
-        radii = np.atleast_1d(np.asarray(distances, np.float64))
-        if not ((radii > 0) & (radii < np.inf)).all():
-            raise ConfigError(f"distances must be positive and finite, got {distances}")
+        radii = finite_points("distances", np.atleast_1d(distances), (-1,), "finite numbers")
+        if not (radii > 0).all():
+            raise ConfigError(f"distances must be positive and finite, got {shown(distances)}")
     index = np.arange(count)
     z = 1 - height * (index + 0.5) / count
     azimuth = index * np.pi * (3 - np.sqrt(5))
@@ -290,9 +304,13 @@ def _aimed(mesh: Mesh, framing: Framing, eyes: FloatArray, aim: Aim, source: str
 
 def _box(mesh: Mesh, bounds: ArrayLike | None, outward: float) -> tuple[FloatArray, FloatArray]:
     """Lowest and highest corner of a box after it was enlarged."""
-    box = np.array(mesh.bounds if bounds is None else bounds, np.float64)
-    if box.shape != (2, 3) or not np.isfinite(box).all():
-        raise ConfigError(f"bounds must be two finite corners, (2, 3), got shape {box.shape}")
+    box = finite_points(
+        "bounds", mesh.bounds if bounds is None else bounds, (2, 3), "two finite corners, (2, 3)"
+    )
+    if not abs(outward) <= LARGEST_COORDINATE:
+        raise ConfigError(
+            f"outward and inset must be within ±{LARGEST_COORDINATE:g} m, got {outward}"
+        )
     low, high = box[0] - outward, box[1] + outward
     if not (low <= high).all():
         raise ConfigError(f"the box must have low <= high on every axis, got {low} and {high}")
@@ -300,7 +318,4 @@ def _box(mesh: Mesh, bounds: ArrayLike | None, outward: float) -> tuple[FloatArr
 
 
 def _triple(name: str, value: ArrayLike) -> FloatArray:
-    array = np.asarray(value, np.float64)
-    if array.shape != (3,) or not np.isfinite(array).all():
-        raise ConfigError(f"{name} must be three finite numbers, got {value!r}")
-    return array
+    return finite_points(name, value, (3,), "three finite numbers")

@@ -17,11 +17,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov.arguments import check_seed
 from rastercov.errors import ConfigError
 from rastercov.mesh_arrays import frozen
 from rastercov.placement.objective import Objective
 from rastercov.placement.space import PoseSpace
 from rastercov.pose import valid_poses
+from rastercov.typed import typed
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -64,6 +66,7 @@ class Optimised:
     seconds: float
 
 
+@typed
 def optimise(
     objective: Objective,
     space: PoseSpace,
@@ -112,6 +115,7 @@ def optimise(
     """
     began = time.perf_counter()
     networks = _checked(cameras, method, budget, population)
+    check_seed(seed)
     rng = np.random.default_rng(seed)
     code = _Code(space, cameras, space.somewhere(KNOWN_PLACES, rng))
     first = rng.random((population, code.n_variables))

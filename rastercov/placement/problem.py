@@ -22,6 +22,7 @@ from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.placement import selection_kernels as kernels
 from rastercov.placement.matrix import VisibilityMatrix
+from rastercov.typed import check_fields, typed
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -52,6 +53,7 @@ class FewestCameras:
     of_reachable: bool = False
 
     def __post_init__(self) -> None:
+        check_fields(self)
         for name, share in {"coverage": self.coverage, **self.groups}.items():
             if not 0 <= share <= 1:
                 raise ConfigError(f"the share to cover of {name} must be 0 to 1, got {share!r}")
@@ -73,6 +75,7 @@ class BestCoverage:
     budget: float | None = None
 
     def __post_init__(self) -> None:
+        check_fields(self)
         if self.cameras is None and self.budget is None:
             raise ConfigError("best coverage needs a number of cameras or a budget; give one")
         if self.cameras is not None and (isinstance(self.cameras, bool) or self.cameras < 0):
@@ -227,6 +230,7 @@ class Problem:
         return bool((reached >= least).all() and reached.sum() >= total)
 
 
+@typed
 def problem_of(
     matrix: VisibilityMatrix,
     mesh: Mesh,
@@ -298,6 +302,7 @@ def problem_of(
     )
 
 
+@typed
 def problem_of_matrix(
     covers: ArrayLike,
     goal: Goal | None = None,

@@ -24,6 +24,7 @@ from rastercov.mesh_arrays import frozen
 from rastercov.placement.objective import Objective
 from rastercov.placement.space import PoseSpace
 from rastercov.pose import valid_poses
+from rastercov.typed import typed
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -86,6 +87,7 @@ class Refined:
         return self.status != BUDGET_SPENT
 
 
+@typed
 def refine(
     objective: Objective,
     space: PoseSpace,

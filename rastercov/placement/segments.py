@@ -15,10 +15,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.arguments import check_choice
+from rastercov.camera_checks import finite_number, is_number, shown
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.mesh_arrays import frozen
 from rastercov.placement import segment_kernels as kernels
+from rastercov.typed import check_type
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -117,10 +120,11 @@ def segment(
     ConfigError
         For an angle outside its range, or another `merge`.
     """
+    check_type("mesh", mesh, Mesh)
+    check_type("adjacent", adjacent, bool)
     alpha = _angle("alpha_deg", alpha_deg)
     beta = None if beta_deg is None else _angle("beta_deg", beta_deg)
-    if merge not in MERGES:
-        raise ConfigError(f"merge must be {' or '.join(MERGES)}, got {merge!r}")
+    check_choice("merge", merge, tuple(MERGES))
     labels, passed = _grown(mesh, alpha)
     if beta is not None and (n_grown := int(labels.max(initial=-1)) + 1) > 1:
         sums = _sums(labels, mesh.normals, n_grown)
@@ -131,12 +135,12 @@ def segment(
 
 
 def _angle(name: str, value: float) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
-        raise ConfigError(f"{name} must be an angle in degrees, got {value!r}")
-    if not 0 <= value < 90:
+    if not is_number(value):
+        raise ConfigError(f"{name} must be an angle in degrees, got {shown(value)}")
+    if not 0 <= finite_number(value) < 90:
         raise ConfigError(
-            f"{name} must satisfy 0 <= {name} < 90, got {value:g}; no camera sees two faces from "
-            "the front that are further apart by much"
+            f"{name} must satisfy 0 <= {name} < 90, got {shown(value)}; no camera sees two faces "
+            "from the front that are further apart by much"
         )
     return float(value)
 

@@ -17,11 +17,13 @@ from contextlib import suppress
 
 import numpy as np
 
+from rastercov.arguments import check_seed
 from rastercov.placement.deadline import NEVER, Deadline, TimeUpError
 from rastercov.placement.merging import Merged, merge
 from rastercov.placement.problem import BestCoverage, Problem
 from rastercov.placement.selection import PROVED, Selection, bound_of, finish
 from rastercov.placement.tally import Tally
+from rastercov.typed import typed
 
 EFFORT = 200_000_000
 """Elementary updates of the improvement: half a second."""
@@ -30,6 +32,7 @@ LOSS = 0.02
 """Part of the value that may be lost at once at first; ever less, none at the end."""
 
 
+@typed
 def select_greedy(problem: Problem, *, effort: int = EFFORT, seed: int = 0) -> Selection:
     """Good selection in about a second, and how far from the best it can be at most.
 
@@ -43,6 +46,7 @@ def select_greedy(problem: Problem, *, effort: int = EFFORT, seed: int = 0) -> S
     seed : int
         Of the cameras that are given up at random.
     """
+    check_seed(seed)
     started = time.perf_counter()
     merged = merge(problem)
     tally = construct(merged)

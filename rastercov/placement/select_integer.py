@@ -45,6 +45,7 @@ from rastercov.placement.selection import (
     share_of,
 )
 from rastercov.placement.tally import Tally
+from rastercov.typed import typed
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -69,6 +70,7 @@ PAIRS_A_LOOK = 5_000_000
 """Pairs of candidates compared between two looks at the clock when directions are separated."""
 
 
+@typed
 def select_integer(
     problem: Problem, *, time_limit: float = 60.0, threads: int | None = None, seed: int = 0
 ) -> Selection:

@@ -17,6 +17,7 @@ from rastercov.mesh import Mesh
 from rastercov.mesh_arrays import frozen
 from rastercov.placement.clearance import KeepOut, NearestSurface, in_solid
 from rastercov.pose import look_at, valid_poses
+from rastercov.typed import check_fields
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -85,6 +86,7 @@ class PoseSpace:
     is_roll_free: bool = False
 
     def __post_init__(self) -> None:
+        check_fields(self)
         if len(self.stand_off) != 2 or not 0 <= self.stand_off[0] <= self.stand_off[1]:
             raise ConfigError(f"stand_off must be 0 <= least <= greatest, got {self.stand_off}")
         if isinstance(self.clearance, bool) or not 0 <= self.clearance < np.inf:

@@ -14,10 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov.arguments import check_seed
 from rastercov.errors import ConfigError
 from rastercov.mesh_arrays import frozen
 from rastercov.placement.objective import Objective
 from rastercov.pose import valid_poses
+from rastercov.typed import check_fields, typed
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -55,6 +57,7 @@ class InstallationError:
     distribution: str = "normal"
 
     def __post_init__(self) -> None:
+        check_fields(self)
         for name, value in (("position_mm", self.position_mm), ("angle_deg", self.angle_deg)):
             if isinstance(value, bool) or not 0 <= value < np.inf:
                 raise ConfigError(f"{name} must be 0 or more and finite, got {value}")
@@ -192,6 +195,7 @@ class Tolerance:
         }
 
 
+@typed
 def tolerance(
     objective: Objective,
     poses: ArrayLike,
@@ -225,7 +229,8 @@ def tolerance(
     PoseError
         For a pose that is no rigid motion.
     """
-    if isinstance(draws, bool) or draws != int(draws) or draws < 1:
+    check_seed(seed)
+    if draws < 1:
         raise ConfigError(f"draws must be a whole number, 1 or more, got {draws}")
     planned = valid_poses(poses)
     eyes = planned[:, :3, 3]

@@ -3,7 +3,6 @@
 plan.toml -> `read_plan` -> `scene` (mesh, candidates) -> `run` (place), `check`
 """
 
-import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +12,7 @@ from rastercov.camera import Camera
 from rastercov.coverage import Task
 from rastercov.plan.errors import PlanError, lines_of
 from rastercov.plan.model import PlanModel
-
-LARGEST = 10_000_000
-"""Bytes of a plan file."""
+from rastercov.user_file import StrPath, UnparsedError, UnreadableError, printable, read_toml
 
 
 class Plan(PlanModel):
@@ -52,7 +49,7 @@ class Plan(PlanModel):
         return Task(**own)
 
 
-def read_plan(path: str | Path) -> Plan:
+def read_plan(path: StrPath) -> Plan:
     """Plan of a TOML file.
 
     Raises
@@ -61,20 +58,12 @@ def read_plan(path: str | Path) -> Plan:
         With a line for everything that is wrong: unknown and missing entries, values outside their
         limits, files that are not there.
     """
-    path = Path(path)
     try:
-        with path.open("rb") as file:
-            content = file.read(LARGEST + 1)
-        if len(content) > LARGEST:
-            raise PlanError(path.name, [f"a plan has {LARGEST} bytes at most; is this a plan?"])
-        table: dict[str, Any] = tomllib.loads(content.decode("utf-8"))
-    except OSError as error:
-        fault = f"cannot be read ({error.strerror or error})"
-        raise PlanError(str(path), [fault]) from None
-    except (ValueError, RecursionError) as error:
-        if isinstance(error, PlanError):
-            raise
-        raise PlanError(path.name, [f"not valid TOML ({' '.join(str(error).split())})"]) from None
+        table = read_toml(path)
+    except UnreadableError as error:
+        name = path if not isinstance(error, UnparsedError) else Path(path).name
+        raise PlanError(printable(str(name)), [str(error)]) from None
+    path = Path(path)
     try:
         plan = Plan.model_validate(table, context={"folder": path.parent})
     except ValidationError as error:

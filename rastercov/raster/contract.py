@@ -19,10 +19,13 @@ from typing import Any, Protocol, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov.arguments import check_choice
 from rastercov.camera import Camera
+from rastercov.camera_checks import finite_number, shown
 from rastercov.errors import ConfigError, DeviceError, ResourceError
 from rastercov.memory import check_memory
 from rastercov.mesh import Mesh
+from rastercov.raster.rules import check_scene
 
 CountArray = NDArray[np.int32] | NDArray[np.int64]
 
@@ -242,15 +245,15 @@ def open_rasterizer(
     DeviceError
         When the device cannot be opened or fails its self-test.
     """
-    if isinstance(supersample, bool) or supersample not in range(1, MAX_SUPERSAMPLE + 1):
+    check_scene(mesh, camera)
+    if finite_number(supersample) not in range(1, MAX_SUPERSAMPLE + 1):
         raise ConfigError(
-            f"supersample must be a whole number 1 to {MAX_SUPERSAMPLE}, got {supersample}"
+            f"supersample must be a whole number 1 to {MAX_SUPERSAMPLE}, got {shown(supersample)}"
         )
-    if isinstance(roll, bool) or not isinstance(roll, (int, float)) or not math.isfinite(roll):
-        raise ConfigError(f"roll must be an angle in radians, got {roll!r}")
+    if math.isnan(finite_number(roll)):
+        raise ConfigError(f"roll must be an angle in radians, got {shown(roll)}")
     common: dict[str, Any] = {"supersample": int(supersample), "roll": float(roll)}
-    if backend not in ("auto", "cpu", "gl"):
-        raise ConfigError(f"backend must be auto, cpu or gl, got {backend!r}")
+    check_choice("backend", backend, ("auto", "cpu", "gl"))
     if backend == "auto":
         if not options and (hardware := _open_hardware(mesh, camera, common)):
             return hardware

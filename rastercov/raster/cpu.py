@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov.arguments import flag
 from rastercov.camera import Camera
 from rastercov.closing import Closing
 from rastercov.compiled import announce_compilation
@@ -98,7 +99,7 @@ class CPURasterizer(Closing):
     def count(self, poses: ArrayLike, *, drawn: bool = True) -> FaceCounts:
         """Samples of each face in each pose; see `Rasterizer.count`."""
         self._check_open()
-        matrices = valid_poses(poses)
+        matrices, drawn = valid_poses(poses), flag("drawn", drawn)
         return self._count(self._scratch, self._scene, self.camera, self._grid, matrices, drawn)
 
     def render(self, pose: ArrayLike) -> VisibilityBuffer:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov import shaders
+from rastercov.arguments import flag
 from rastercov.camera import Camera
 from rastercov.closing import Closing
 from rastercov.errors import ConfigError, DeviceError
@@ -152,7 +153,7 @@ class GLRasterizer(Closing):
 
     def count(self, poses: ArrayLike, *, drawn: bool = True) -> FaceCounts:
         """Samples of each face in each pose; see `Rasterizer.count`."""
-        matrices = valid_poses(poses)
+        matrices, drawn = valid_poses(poses), flag("drawn", drawn)
         n_bytes = np.dtype(self._scene.grid.count_type).itemsize
         check_counts(len(matrices), self.mesh.n_faces, n_bytes * (1 + drawn))
         with self._current():

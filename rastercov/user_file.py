@@ -1,0 +1,188 @@
+"""Files that a person names: read only if they are regular, not too large, and without waiting.
+
+Serves every reader of cameras, poses, plans and meshes, and turns errors of the system into one
+line. A pipe without a writer would make it wait for ever, and a device such as /dev/zero has no
+end. So a path is looked at before it is opened, and what was opened is looked at again, because the
+path may lead elsewhere by then.
+"""
+
+import json
+import os
+import stat
+import tomllib
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, BinaryIO
+
+StrPath = str | os.PathLike[str]
+
+LARGEST_ARRAY = 2 << 30
+"""Bytes of a file of poses: 16 million in .npy."""
+LARGEST_TEXT = 10_000_000
+"""Bytes of a file that a person writes, such as a camera or a plan."""
+
+
+class UnreadableError(ValueError):
+    """A file that is not read; the message says why in one line, without the path.
+
+    Attributes
+    ----------
+    reason : str
+        What was wanted, what came, what to do; or the words of the system.
+    is_of_system : bool
+        Whether it is the system that refuses the file.
+    """
+
+    def __init__(self, reason: str, is_of_system: bool = False) -> None:
+        super().__init__(f"cannot be read ({reason})")
+        self.reason, self.is_of_system = reason, is_of_system
+
+
+class UnwritableError(ValueError):
+    """A file that is not written; the message says why in one line, without the path."""
+
+
+class UnparsedError(UnreadableError):
+    """A file that was read, and is not of its format."""
+
+    def __init__(self, form: str, reason: str) -> None:
+        super().__init__(reason)
+        self.args = (f"not valid {form} ({reason})",)
+
+
+def suffix_of(path: StrPath) -> str:
+    """Suffix in lower case; UnreadableError for anything else than a string or a path."""
+    return _as_path(path).suffix.lower()
+
+
+def printable(text: str, most: int = 200) -> str:
+    """Printable part of `text`, not too long: names end up in terminals, tables and pictures."""
+    return "".join(c for c in text if c.isprintable()).strip()[:most]
+
+
+@contextmanager
+def open_file(
+    path: StrPath, most: int, advice: str = "is this the right file?"
+) -> Iterator[BinaryIO]:
+    """Regular file of at most `most` bytes, open for reading.
+
+    Parameters
+    ----------
+    path : path
+        Links are followed.
+    most : int
+        Bytes it may have.
+    advice : str
+        What to do about a larger file.
+
+    Raises
+    ------
+    UnreadableError
+        For what is no path, a folder, pipe, socket or device, a file that is larger or cannot be
+        opened, and for an error of the disk in the `with` block.
+    """
+    path = _as_path(path)
+    try:
+        before = path.stat()
+        _check(before, most, advice)
+        # Were the file exchanged for a pipe just now, this would still not wait for a writer.
+        descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK | os.O_NOCTTY)
+    except UnreadableError:
+        raise
+    except (OSError, ValueError) as error:  # ValueError: a zero byte in the path
+        raise UnreadableError(_reason(error), is_of_system=True) from None
+    with os.fdopen(descriptor, "rb") as file:
+        now = os.fstat(descriptor)
+        _check(now, most, advice)
+        _check_size(before.st_size, now.st_size)
+        try:
+            yield file
+        except OSError as error:
+            raise UnreadableError(_reason(error), is_of_system=True) from None
+
+
+def file_bytes(path: StrPath, most: int, advice: str = "is this the right file?") -> bytes:
+    """Bytes of a regular file, at most `most`; UnreadableError as for `open_file`."""
+    with open_file(path, most, advice) as file:
+        size = os.fstat(file.fileno()).st_size
+        data = file.read(size + 1)
+    _check_size(size, len(data))
+    return data
+
+
+@contextmanager
+def written_file(path: StrPath) -> Iterator[BinaryIO]:
+    """File to write to; UnwritableError where it cannot be opened, or the disk fails or is full."""
+    try:
+        with _as_path(path).open("wb") as file:
+            yield file
+    except OSError as error:
+        raise UnwritableError(f"cannot be written ({_reason(error)})") from None
+
+
+def read_json(path: StrPath, most: int = LARGEST_TEXT) -> Any:
+    """Content of a JSON file; UnreadableError for anything else, and where a name comes twice."""
+    return _parsed("JSON", lambda text: json.loads(text, object_pairs_hook=_table), path, most)
+
+
+def read_toml(path: StrPath, most: int = LARGEST_TEXT) -> dict[str, Any]:
+    """Table of a TOML file; UnreadableError for anything else."""
+    table: dict[str, Any] = _parsed("TOML", tomllib.loads, path, most)
+    return table
+
+
+def one_line(error: Exception) -> str:
+    """What an error says, in one line of at most 200 characters."""
+    text = " ".join((str(error) or type(error).__name__).split())
+    return text if len(text) <= 200 else text[:197] + "..."
+
+
+def _parsed(form: str, parse: Callable[[str], Any], path: StrPath, most: int) -> Any:
+    data = file_bytes(path, most)
+    try:
+        return parse(data.decode("utf-8-sig"))  # some editors put a byte order mark first
+    except UnicodeDecodeError as error:
+        raise UnparsedError(form, f"{one_line(error)}; save it as UTF-8") from None
+    except RecursionError:
+        raise UnparsedError(form, "nested too deep") from None
+    except ValueError as error:
+        raise UnparsedError(form, one_line(error)) from None
+
+
+def _table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    table = dict(pairs)
+    if len(table) < len(pairs):  # the standard takes the last one, without a word
+        [(twice, _)] = Counter(name for name, _ in pairs).most_common(1)
+        raise ValueError(f"{twice[:50]!r} comes twice in one table; leave one")
+    return table
+
+
+def _check(status: os.stat_result, most: int, advice: str) -> None:
+    mode = status.st_mode
+    if not stat.S_ISREG(mode):
+        kinds = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
+        kind = kinds.get(stat.S_IFMT(mode), "a device")
+        raise UnreadableError(f"a regular file wanted, got {kind}; pass a file")
+    if status.st_size > most:
+        raise UnreadableError(f"at most {most} bytes wanted, got {status.st_size}; {advice}")
+
+
+def _check_size(wanted: int, got: int) -> None:
+    if got != wanted:
+        raise UnreadableError(
+            f"{wanted} bytes wanted, got {got}; the file changed while it was read, try again"
+        )
+
+
+def _reason(error: OSError | ValueError) -> str:
+    return getattr(error, "strerror", None) or one_line(error)
+
+
+def _as_path(path: StrPath) -> Path:
+    try:
+        return Path(path)
+    except TypeError:
+        kind = type(path).__name__
+        raise UnreadableError(f"a path wanted, got {kind}; pass a string or a Path") from None
