@@ -1,6 +1,7 @@
 """Rasterisers to test, and a headless context for the whole run that nothing is left behind on."""
 
 import gc
+import logging
 import os
 from collections import Counter
 from contextlib import ExitStack
@@ -8,6 +9,7 @@ from contextlib import ExitStack
 import moderngl
 import pytest
 from hypothesis import settings
+from notices import NOTICE
 
 from rastercov.errors import DeviceError
 from rastercov.raster.cpu import CPURasterizer
@@ -19,6 +21,9 @@ from rastercov.raster.gl import PLANS, GLRasterizer
 settings.register_profile("desk", deadline=None)
 settings.register_profile("ci", deadline=None, derandomize=True)
 settings.load_profile("ci" if os.environ.get("CI") else "desk")
+
+# Whether loops are compiled depends on what ran before; no test of what is said may.
+logging.getLogger("rastercov").addFilter(lambda record: NOTICE not in record.getMessage())
 
 
 def reasons_of(skipped):

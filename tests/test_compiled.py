@@ -1,0 +1,337 @@
+"""Compiled loops on disk: what is torn or stale is not believed, and no disk is no error."""
+
+import logging
+import os
+import resource
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from notices import NOTICE
+
+import rastercov
+from rastercov import compiled
+
+ROOT = Path(rastercov.__file__).parents[1]
+NOBODY = 65534
+
+# Says its result, how often it was read from disk, and how often it was compiled.
+LOOP = """
+from rastercov.compiled import announce_compilation, compiled
+
+@compiled
+def loop(number):
+    return {factor} * number
+
+announce_compilation(loop)
+announce_compilation(loop)
+result = loop(7)
+announce_compilation(loop)
+hits, misses = loop.stats.cache_hits, loop.stats.cache_misses
+print(result, sum(hits.values()), sum(misses.values()))
+"""
+KEPT = "rastercov: compiling, once after installation\n"
+
+
+@pytest.fixture
+def module(tmp_path):
+    """A module with one loop, in a folder of its own."""
+    path = tmp_path / "package" / "kept.py"
+    path.parent.mkdir()
+    path.write_text(LOOP.format(factor=3))
+    return path
+
+
+def run(module, cache, **options):
+    """Result, times read, times compiled; and standard error."""
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", "import kept"],
+        env=os.environ
+        | {"PYTHONPATH": f"{module.parent}{os.pathsep}{ROOT}", "NUMBA_CACHE_DIR": str(cache)},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+        **options,
+    )
+    assert done.returncode == 0, done.stderr
+    return tuple(map(int, done.stdout.split())), done.stderr
+
+
+def files(cache):
+    """The index and the data of the loop."""
+    (index,), (data,) = cache.rglob("*.nbi"), cache.rglob("*.nbc")
+    return index, data
+
+
+# --- damage ---------------------------------------------------------------------------------------
+
+
+def truncated(path):
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+
+def flipped(path):
+    content = bytearray(path.read_bytes())
+    content[len(content) * 3 // 4] ^= 1
+    path.write_bytes(content)
+
+
+def emptied(path):
+    path.write_bytes(b"")
+
+
+def garbled(path):
+    path.write_bytes(b"\x80\x04garbage" * 100)
+
+
+def removed(path):
+    path.unlink()
+
+
+@pytest.mark.parametrize("which", ["index", "data", "both"])
+@pytest.mark.parametrize("damage", [truncated, flipped, emptied, garbled, removed])
+def test_a_damaged_file_is_compiled_anew_and_replaced(module, tmp_path, damage, which):
+    cache = tmp_path / "cache"
+    assert run(module, cache) == ((21, 0, 1), KEPT)
+    assert run(module, cache) == ((21, 1, 0), "")
+    for path in files(cache) if which == "both" else [files(cache)[which == "data"]]:
+        damage(path)
+    result, said = run(module, cache)
+    assert result == (21, 0, 1)
+    assert said in ("", KEPT)
+    assert run(module, cache) == ((21, 1, 0), "")
+
+
+@pytest.mark.parametrize("kind", ["folder", "pipe"])
+def test_what_is_no_file_is_not_read(module, tmp_path, kind):
+    cache = tmp_path / "cache"
+    run(module, cache)
+    for path in files(cache):
+        path.unlink()
+        path.mkdir() if kind == "folder" else os.mkfifo(path)
+    result, said = run(module, cache)
+    assert result == (21, 0, 1)
+    assert said.count("\n") == (2 if kind == "folder" else 1)  # a folder cannot be replaced
+
+
+def test_an_index_that_leads_to_older_data_is_not_believed(tmp_path):
+    # The disk filled up between the two: numba itself would run what the old source said.
+    old = compiled._CheckedFile(str(tmp_path), "loop", "old source")
+    old.save("key", "old code")
+    assert old.load("key") == "old code"
+    new = compiled._CheckedFile(str(tmp_path), "loop", "new source")
+    assert new.load("key") is None
+    new._save_index({"key": old._load_index()["key"]})
+    assert new._load_index()
+    assert new.load("key") is None
+    new.save("key", "new code")
+    assert new.load("key") == "new code"
+
+
+def test_data_of_another_signature_is_not_believed(tmp_path):
+    # Two processes that start at once take the same name for different signatures.
+    first = compiled._CheckedFile(str(tmp_path), "loop", "source")
+    first.save("float64", "code for float64")
+    name = first._load_index()["float64"]
+    first._save_index({"int64": name})
+    assert first.load("int64") is None
+
+
+@given(st.data())
+def test_no_damage_to_a_file_is_believed(tmp_path_factory, data):
+    folder = tmp_path_factory.mktemp("kept")
+    file = compiled._CheckedFile(str(folder), "loop", "source")
+    file.save("key", {"code": "x" * 20})
+    path = data.draw(st.sampled_from(sorted(folder.iterdir())))
+    content = bytearray(path.read_bytes())
+    place = data.draw(st.integers(0, len(content) - 1))
+    kind = data.draw(st.sampled_from(["flip", "cut", "more"]))
+    if kind == "flip":
+        content[place] ^= data.draw(st.integers(1, 255))
+    elif kind == "cut":
+        del content[place:]
+    else:
+        content += b"\0"
+    path.write_bytes(content)
+    assert file.load("key") is None
+    file.save("key", "again")
+    assert file.load("key") == "again"
+
+
+# --- nowhere to write -----------------------------------------------------------------------------
+
+
+def test_a_disk_that_fills_up_while_it_is_written_is_one_line(module, tmp_path):
+    def small_files():  # as many bytes as the index has, and fewer than the loop
+        resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))
+
+    cache = tmp_path / "cache"
+    result, said = run(module, cache, preexec_fn=small_files)
+    assert result == (21, 0, 1)
+    assert said.startswith("rastercov: compiling, in every process: the result cannot be kept on ")
+    assert "File too large" in said
+    assert said.count("\n") == 1
+    assert not list(cache.rglob("*.tmp.*"))
+    assert run(module, cache) == ((21, 0, 1), KEPT)
+    assert run(module, cache) == ((21, 1, 0), "")
+
+
+def test_a_write_that_fails_after_all_is_one_more_line(module, tmp_path):
+    code = "from rastercov import compiled\ncompiled.ROOM = 0\n"
+    module.write_text(code + module.read_text())
+
+    def small_files():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))
+
+    result, said = run(module, tmp_path / "cache", preexec_fn=small_files)
+    assert result == (21, 0, 1)
+    assert said.startswith(KEPT)
+    assert said.count("\n") == 2
+    assert "cannot be kept" in said
+
+
+@pytest.fixture(scope="module")
+def plain_python():
+    """Python as a plain user, whom permissions bind, also where the tests run as root."""
+    words = [str(Path(sys.prefix).resolve() / "bin" / "python"), "-W", "error", "-c"]
+    if os.geteuid() == 0:
+        words = ["setpriv", f"--reuid={NOBODY}", f"--regid={NOBODY}", "--clear-groups", *words]
+    try:
+        subprocess.run([*words, "import numba"], cwd="/", check=True)
+    except (OSError, subprocess.CalledProcessError):
+        pytest.skip("a plain user cannot run this Python")
+    return words
+
+
+def read_only(folder):
+    for path in [folder, *folder.rglob("*")]:
+        path.chmod(0o555 if path.is_dir() else 0o444)
+
+
+@pytest.fixture
+def public():
+    """A new folder that every user may enter, unlike those of pytest."""
+    folder = Path("/var/tmp") / f"rastercov-test-{os.getpid()}"
+    folder.mkdir(mode=0o755)
+    yield folder
+    for path in [folder, *folder.rglob("*")]:
+        if path.is_dir():
+            path.chmod(0o755)
+    shutil.rmtree(folder)
+
+
+def bare(**environment):
+    """Environment of a process without a home."""
+    kept = {name: os.environ[name] for name in ("PATH", "LD_LIBRARY_PATH") if name in os.environ}
+    return kept | {"HOME": "/nonexistent", "LANG": "C"} | environment
+
+
+@pytest.mark.parametrize("home", ["/nonexistent", None, "read-only"])
+def test_a_plain_user_of_an_installation_by_root_needs_no_home(public, plain_python, home):
+    # Without HOME, and without an entry for the user, a cache in "~" would litter this folder.
+    package = public / "package"
+    ignore = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(ROOT / "rastercov", package / "rastercov", ignore=ignore)
+    (package / "kept.py").write_text(LOOP.format(factor=3))
+    read_only(package)
+    here = public / "here"
+    here.mkdir(mode=0o777)
+    here.chmod(0o777)
+    environment = bare(PYTHONPATH=str(package))
+    if home == "read-only":
+        environment["HOME"] = str(package)
+    elif home is None:
+        del environment["HOME"]
+
+    done = subprocess.run(
+        [*plain_python, "import kept"],
+        env=environment,
+        cwd=here,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert (done.returncode, done.stdout) == (0, "21 0 1\n"), done.stderr
+    assert done.stderr.startswith(NOTICE)
+    assert done.stderr.count("\n") == 1
+    assert not list(here.iterdir())
+
+
+def test_without_a_home_there_is_no_folder_called_tilde(monkeypatch):
+    monkeypatch.setattr(compiled.AppDirs, "user_cache_dir", "~/.cache/numba")
+    assert compiled.caching.UserWideCacheLocator not in compiled._Place._locator_classes.fget(None)
+
+
+@pytest.mark.slow
+def test_everything_runs_where_nothing_can_be_written(public, plain_python):
+    package = public / "package"
+    ignore = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(ROOT / "rastercov", package / "rastercov", ignore=ignore)
+    read_only(package)
+    code = """
+import rastercov as rc
+mesh = rc.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0.0]], [[0, 1, 2]])
+camera = rc.Camera(width=64, height=48, fx=50, fy=50)
+pose = rc.look_at((0.3, 0.3, 3), (0.3, 0.3, 0))
+found = [rc.visibility(mesh, camera, pose, method).value[0, 0] for method in ("certified", "exact")]
+with rc.open_rasterizer(mesh, camera, "cpu") as rasterizer:
+    found.append(int(rasterizer.render(pose).face.max()))
+print(*found)
+"""
+    done = subprocess.run(
+        [*plain_python, code],
+        env=bare(PYTHONPATH=str(package), TMPDIR=str(package)),
+        cwd=package,
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=False,
+    )
+    assert (done.returncode, done.stdout) == (0, "1.0 1.0 0\n"), done.stderr
+    assert done.stderr.startswith(NOTICE)
+    assert done.stderr.count("\n") == 1
+
+
+# --- notices --------------------------------------------------------------------------------------
+
+
+def test_a_program_with_logging_of_its_own_decides_where_notices_go(module, tmp_path):
+    code = "import logging\nlogging.basicConfig(filename='log.txt')\n"
+    module.write_text(code + module.read_text())
+    assert run(module, tmp_path / "cache", cwd=tmp_path) == ((21, 0, 1), "")
+    text = (tmp_path / "log.txt").read_text()
+    assert text == f"WARNING:rastercov:{KEPT}"
+
+
+def test_a_command_shows_notices_as_it_shows_warnings(capsys):
+    from rastercov.console import notices_shown
+
+    with notices_shown():
+        logging.getLogger("rastercov").warning("rastercov: a \x1b notice")
+    assert capsys.readouterr().err == "rastercov: a \\x1b notice\n"
+    assert not logging.getLogger("rastercov").handlers
+
+
+def test_only_programs_print():
+    printing = [
+        path.relative_to(ROOT).as_posix()
+        for path in sorted((ROOT / "rastercov").rglob("*.py"))
+        if "file=sys.stderr" in path.read_text(encoding="utf-8")
+    ]
+    assert printing == ["rastercov/console.py"]
+
+
+def test_what_is_kept_runs_as_what_was_compiled(module, tmp_path):
+    cache = tmp_path / "cache"
+    for factor in (3, 5):
+        module.write_text(LOOP.format(factor=factor))
+        assert run(module, cache)[0] == (7 * factor, 0, 1)
+        assert run(module, cache)[0] == (7 * factor, 1, 0)
+    assert np.array_equal(sorted(path.suffix for path in files(cache)), [".nbc", ".nbi"])

@@ -1,0 +1,118 @@
+"""Whatever is passed where: a result, or one line of ours that names what is wrong."""
+
+import inspect
+
+import numpy as np
+import pytest
+from misuse_calls import CAMERA, MESH, POSES, VALUES, calls, is_wish_for_much_work
+
+import rastercov as rc
+
+CALLS = calls()
+ARGUMENTS = [(name, argument) for name, call in CALLS.items() for argument in call.arguments]
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_the_call_that_is_spoiled_is_right_before(name):
+    call = CALLS[name]
+    if name in ("Camera.load", "Mesh.load", "read_poses"):
+        with pytest.raises(rc.RastercovError, match="No such file"):
+            call.function(**call.arguments)
+    else:
+        call.function(**call.arguments)
+
+
+@pytest.mark.parametrize(("name", "argument"), ARGUMENTS, ids=map("-".join, ARGUMENTS))
+def test_any_value_of_an_argument_is_used_or_refused_in_one_line(name, argument):
+    faults = {
+        kind: fault
+        for kind, value in VALUES.items()
+        if not is_wish_for_much_work(name, argument, value)
+        and (fault := CALLS[name].spoiled(**{argument: value}).fault())
+    }
+    assert not faults
+
+
+def test_every_public_function_is_tried():
+    tried = {call.function for call in CALLS.values()}
+    called = {name.split(",")[0].split(" ")[0].split(".")[0] for name in CALLS}
+    for name in rc.__all__:
+        thing = getattr(rc, name)
+        is_made_by_a_person = inspect.isfunction(thing) or name in (
+            "Camera", "Task", "Mesh", "Group", "Network",
+        )  # fmt: skip
+        if is_made_by_a_person:
+            assert thing in tried or name in called, name
+
+
+# --- each in words --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: rc.visibility("part.stl", CAMERA, POSES), r"mesh must be a Mesh \(Mesh\.load"),
+        (lambda: rc.visibility(MESH, {"width": 3}, POSES), r"camera must be a Camera \(Camera\."),
+        (lambda: rc.visibility(MESH, CAMERA, "poses.npy"), "poses must be numbers"),
+        (lambda: rc.evaluate(MESH, CAMERA, POSES, {"views": 1}), "task must be a Task"),
+        (lambda: rc.evaluate_batches(MESH, POSES), "observer must be what open_observer gives"),
+        (lambda: rc.Mesh(MESH.vertices, MESH.faces, ["a"]), "groups must be Group values .* 'a'"),
+        (lambda: rc.Mesh(MESH.vertices * 1j, MESH.faces), "vertices must be real numbers, got .*c"),
+        (lambda: rc.look_at((0, 0, np.nan), (0, 0, 0)), "is not finite"),
+        (lambda: rc.look_at((0, 0, 1e160), (0, 0, 0)), r"beyond ±1e\+30 m"),
+        (lambda: rc.look_at((1, 1, 1), (1, 1, 1)), "eye and target are the same point"),
+        (lambda: rc.sphere_of_poses((0, 0, 0), 1, "5"), "count must be a whole number"),
+        (lambda: rc.sphere_of_poses((0, 0, 0), "1", 5), "distance must be positive"),
+        (lambda: rc.sphere_of_poses((0, 0, 0), 1, 10**9), "at most 10000000, got 1000000000"),
+        (lambda: rc.open_observer(MESH, CAMERA, threads=1.5), "threads must be 1 or more, got 1.5"),
+        (lambda: rc.open_observer(MESH, CAMERA, threads="2"), "threads must be 1 or more, got '2'"),
+        (lambda: rc.Task(views="2"), "views must be a whole number, 1 or more, got '2'"),
+    ],
+    ids=range(16),
+)
+def test_the_line_says_what_was_wanted_and_what_came(call, words):
+    with pytest.raises(rc.RastercovError, match=words):
+        call()
+
+
+def test_a_pose_too_far_away_is_named_among_others():
+    poses = np.tile(np.eye(4), (3, 1, 1))
+    poses[1, 2, 3] = -1e160
+    with pytest.raises(rc.PoseError, match="pose 1 is beyond") as caught:
+        rc.visibility(MESH, CAMERA, poses)
+    assert caught.value.pose_ids == (1,)
+    assert rc.evaluate(MESH, CAMERA, poses, skip_bad_poses=True).pose_ids.tolist() == [0, 2]
+
+
+def test_numbers_of_numpy_are_numbers():
+    assert rc.Task(views=np.int8(2), min_pixels=np.float32(3), cap_resolution=np.bool_(False)) == (
+        rc.Task(views=2, min_pixels=3.0, cap_resolution=False)
+    )
+    assert isinstance(rc.Task(cap_resolution=np.bool_(True)).cap_resolution, bool)
+    poses = rc.sphere_of_poses(np.zeros(3), np.float64(2), np.int64(4))
+    assert np.array_equal(poses, rc.sphere_of_poses((0, 0, 0), 2, 4))
+    with rc.open_rasterizer(MESH, CAMERA, "cpu", threads=np.int64(1), supersample=np.int8(2)) as r:
+        assert r.supersample == 2
+
+
+@pytest.mark.parametrize("order", ["C", "F"])
+@pytest.mark.parametrize("kind", [">f8", "<f4", ">f4"])
+def test_any_layout_of_numbers_gives_the_same_answer(kind, order):
+    expected = rc.visibility(MESH, CAMERA, POSES.astype(kind).astype(np.float64)).value
+    vertices = np.array(MESH.vertices, kind, order=order)
+    mesh = rc.Mesh(vertices, np.array(MESH.faces, ">i2", order=order))
+    found = rc.visibility(mesh, CAMERA, np.array(POSES, kind, order=order)).value
+    assert np.array_equal(found, expected)
+
+
+@pytest.mark.parametrize("n", [2**31, 2**40])
+def test_more_than_the_memory_holds_is_refused_before_any_is_taken(n):
+    one = np.int8(0)
+    with pytest.raises(rc.ResourceError, match="at most 2147483647 faces"):
+        rc.Mesh(MESH.vertices, np.broadcast_to(one, (n, 3)))
+    with pytest.raises(rc.ResourceError, match="at most 2147483647 vertices"):
+        rc.Mesh(np.broadcast_to(one, (n, 3)), MESH.faces)
+    with pytest.raises(
+        rc.ResourceError, match=r"poses take .* GiB\), but only .* free; pass fewer"
+    ):
+        rc.visibility(MESH, CAMERA, np.broadcast_to(np.eye(4, dtype=np.int8), (n, 4, 4)))

@@ -1,0 +1,332 @@
+"""Files that a person names: only regular ones are read, at once, and text only one way."""
+
+import json
+import os
+import signal
+import socket
+import time
+import warnings
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rastercov import cli
+from rastercov.camera import Camera
+from rastercov.errors import CameraError, ConfigError, MeshError, PoseError, RastercovError
+from rastercov.mesh import Mesh
+from rastercov.plan.file import read_plan
+from rastercov.pose import look_at, read_poses, write_poses
+from rastercov.user_file import UnreadableError, file_bytes, open_file, read_json, read_toml
+
+READERS = {
+    "camera.json": (Camera.load, CameraError),
+    "camera.toml": (Camera.load, CameraError),
+    "poses.json": (read_poses, PoseError),
+    "poses.npy": (read_poses, PoseError),
+    "plan.toml": (read_plan, ConfigError),
+    "mesh.obj": (Mesh.load, MeshError),
+}
+CAMERA = {"width": 64, "height": 48, "fx": 50.0, "fy": 50.0}
+
+
+@contextmanager
+def at_once():
+    """Fail when the block takes more than two seconds, instead of waiting for ever."""
+
+    def late(*_):
+        raise TimeoutError("it waits")
+
+    before = signal.signal(signal.SIGALRM, late)
+    signal.setitimer(signal.ITIMER_REAL, 10)
+    start = time.monotonic()
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+    assert time.monotonic() - start < 2
+
+
+def pipe(path):
+    os.mkfifo(path)
+
+
+def endless(path):
+    path.symlink_to("/dev/zero")
+
+
+def silent(path):
+    path.symlink_to("/dev/null")
+
+
+def folder(path):
+    path.mkdir()
+
+
+def loop(path):
+    path.symlink_to(path.name)
+
+
+def nowhere(path):
+    path.symlink_to("nothing")
+
+
+def sparse(path):
+    with path.open("wb") as file:
+        file.truncate(10 << 30)
+
+
+def listening(path):
+    with socket.socket(socket.AF_UNIX) as server:
+        server.bind(str(path))
+
+
+KINDS = [pipe, endless, silent, folder, loop, nowhere, sparse, listening]
+
+
+@pytest.mark.parametrize("name", READERS)
+@pytest.mark.parametrize("make", KINDS, ids=lambda make: make.__name__)
+def test_what_is_no_regular_file_is_refused_at_once_in_one_line(tmp_path, monkeypatch, name, make):
+    monkeypatch.chdir(tmp_path)  # names of sockets are short
+    make(Path(name))
+    read, error = READERS[name]
+    with at_once(), pytest.raises(error) as caught:
+        read(name)
+    text = str(caught.value)
+    assert text.startswith(f"{name}: ")
+    assert "\n" not in text
+    words = {
+        loop: "Too many levels of symbolic links",
+        nowhere: "No such file or directory",
+        sparse: "bytes wanted, got 10737418240",
+        listening: "a regular file wanted, got a socket",
+        pipe: "a regular file wanted, got a pipe",
+        folder: "a regular file wanted, got a folder",
+    }
+    assert words.get(make, "a regular file wanted, got a device") in text
+
+
+@pytest.mark.parametrize("make", [pipe, endless, folder, sparse])
+@pytest.mark.parametrize(
+    ("name", "line"),
+    [
+        ("camera.json", "evaluate box -c camera.json -p sphere:2"),
+        ("poses.npy", "render box -c khepra -p poses.npy"),
+        ("poses.json", "compare box -c khepra -p poses.json"),
+        ("plan.toml", "place plan.toml"),
+    ],
+)
+def test_a_command_refuses_it_in_one_line(tmp_path, monkeypatch, capsys, make, name, line):
+    monkeypatch.chdir(tmp_path)
+    make(Path(name))
+    with at_once():
+        assert cli.command(line.split()) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith(f"error: {name}: ")
+    assert err.count("\n") == 1
+
+
+def test_a_file_that_becomes_a_pipe_after_it_was_looked_at_is_not_waited_for(tmp_path, monkeypatch):
+    path = tmp_path / "poses.npy"
+    write_poses(path, np.eye(4))
+    regular = path.stat()
+    path.unlink()
+    os.mkfifo(path)
+    monkeypatch.setattr(Path, "stat", lambda *_, **__: regular)
+    with at_once(), pytest.raises(UnreadableError, match="got a pipe"):
+        file_bytes(path, 1000)
+
+
+def test_a_link_to_a_regular_file_is_followed(tmp_path):
+    Camera(**CAMERA).save(tmp_path / "a.json")
+    (tmp_path / "b.json").symlink_to("a.json")
+    assert Camera.load(tmp_path / "b.json") == Camera(**CAMERA)
+
+
+@pytest.mark.parametrize("size", [0, 1, 99, 100])
+def test_as_many_bytes_as_allowed_are_read(tmp_path, size):
+    (tmp_path / "file").write_bytes(b"x" * size)
+    assert file_bytes(tmp_path / "file", 100) == b"x" * size
+    (tmp_path / "file").write_bytes(b"x" * 101)
+    with pytest.raises(UnreadableError, match="at most 100 bytes wanted, got 101; is this the"):
+        file_bytes(tmp_path / "file", 100)
+
+
+def test_an_error_of_the_caller_is_not_one_of_the_file(tmp_path):
+    (tmp_path / "file").write_bytes(b"x")
+    with pytest.raises(ZeroDivisionError), open_file(tmp_path / "file", 9):
+        _ = 1 / 0
+
+
+@pytest.mark.parametrize("path", [None, 3, 0, True, b"camera.json", ["camera.json"], 1.5, object()])
+@pytest.mark.parametrize("read", [Camera.load, read_poses, read_plan])
+def test_what_is_no_path_is_refused(read, path):
+    with pytest.raises(RastercovError, match="a path wanted, got"):
+        read(path)
+
+
+@pytest.mark.parametrize("read", [Camera.load, read_poses, read_plan])
+@pytest.mark.parametrize("name", ["a\0b", "a\nb", "\x1b[31m", "x" * 5000, "\ud800", ""])
+def test_a_strange_name_is_refused_in_one_printable_line(read, name):
+    for suffix in (".json", ".toml", ".npy", ""):
+        with pytest.raises(RastercovError) as caught:
+            read(name + suffix)
+        assert str(caught.value).isprintable()
+        assert len(str(caught.value)) < 500
+
+
+# --- text -----------------------------------------------------------------------------------------
+
+GOOD = json.dumps(CAMERA)
+
+
+@pytest.mark.parametrize(
+    ("content", "match"),
+    [
+        ('{"width": 64, "width": 32, "height": 48, "fx": 50, "fy": 50}', "'width' comes twice"),
+        (GOOD.replace("64", "NaN"), "width must be finite"),
+        (GOOD.replace("50.0", "Infinity"), "fx must be finite"),
+        (GOOD.replace("50.0", "1e400"), "fx must be finite"),
+        (GOOD.replace("64", "1" * 5000), "not valid JSON"),
+        (GOOD.replace("64", "1" * 400), "width must be below 1e308"),
+        (GOOD.replace("64", "[" * 10_000 + "]" * 10_000), "not valid JSON .nested too deep|width"),
+        ("[" * 1_000_000, "not valid JSON"),
+        ('{"a":' * 10_000, "not valid JSON"),
+        (GOOD.encode("utf-16"), "save it as UTF-8"),
+        (GOOD.encode("utf-32"), "not valid JSON|save it as UTF-8"),
+        (b"\xff\xfe\x00", "save it as UTF-8"),
+        ("", "not valid JSON"),
+        ("\0", "not valid JSON"),
+        (GOOD[:-1], "not valid JSON"),
+        (GOOD + GOOD, "not valid JSON"),
+    ],
+    ids=range(16),
+)
+def test_json_says_one_thing_or_is_refused(tmp_path, content, match):
+    path = tmp_path / "camera.json"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    with pytest.raises(CameraError, match=match) as caught:
+        Camera.load(path)
+    assert str(caught.value).startswith(str(path))
+    assert str(caught.value).isprintable()
+    assert len(str(caught.value)) < 600
+
+
+TABLE = "width = 64\nheight = 48\nfx = 50.0\nfy = 50.0\n"
+
+
+@pytest.mark.parametrize(
+    ("content", "match"),
+    [
+        (TABLE + "width = 32\n", "not valid TOML"),
+        (TABLE.replace("64", "nan"), "width must be finite"),
+        (TABLE.replace("50.0", "inf"), "fx must be finite"),
+        (TABLE.replace("50.0", "1e400"), "fx must be finite"),
+        (TABLE.replace("64", "1" * 5000), "not valid TOML"),
+        (TABLE.replace("64", "[" * 10_000 + "]" * 10_000), "not valid TOML|width"),
+        ("x = " + "{a=" * 10_000, "not valid TOML"),
+        (TABLE.encode("utf-16"), "save it as UTF-8"),
+        ("\0", "not valid TOML"),
+        (TABLE + "[", "not valid TOML"),
+    ],
+    ids=range(10),
+)
+def test_toml_says_one_thing_or_is_refused(tmp_path, content, match):
+    for name, read in (("camera.toml", Camera.load), ("plan.toml", read_plan)):
+        path = tmp_path / name
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        with pytest.raises(RastercovError) as caught:
+            read(path)
+        assert str(caught.value).startswith((str(path), path.name))
+        assert "\n" not in str(caught.value)
+    with pytest.raises(CameraError, match=match):
+        Camera.load(tmp_path / "camera.toml")
+
+
+def test_a_byte_order_mark_is_no_content(tmp_path):
+    (tmp_path / "camera.json").write_text(GOOD, encoding="utf-8-sig")
+    (tmp_path / "camera.toml").write_text(TABLE, encoding="utf-8-sig")
+    text = json.dumps({"world_from_camera": [np.eye(4).tolist()]})
+    (tmp_path / "poses.json").write_text(text, encoding="utf-8-sig")
+    assert Camera.load(tmp_path / "camera.json") == Camera(**CAMERA)
+    assert Camera.load(tmp_path / "camera.toml") == Camera(**CAMERA)
+    assert np.array_equal(read_poses(tmp_path / "poses.json"), np.eye(4)[None])
+
+
+@given(st.binary(max_size=80))
+def test_any_bytes_are_content_or_unreadable(tmp_path_factory, data):
+    path = tmp_path_factory.mktemp("text") / "file"
+    path.write_bytes(data)
+    for read in (read_json, read_toml):
+        try:
+            read(path)
+        except UnreadableError as error:
+            assert str(error).isprintable()  # noqa: PT017 - some bytes are content
+
+
+# --- pose files -----------------------------------------------------------------------------------
+
+
+def header(text, version=b"\x01\x00"):
+    body = text.encode() + b" " * (63 - (10 + len(text)) % 64 + 1)
+    body = body[:-1] + b"\n"
+    return b"\x93NUMPY" + version + len(body).to_bytes(2, "little") + body
+
+
+HEADERS = {
+    "huge": "{'descr': '<f8', 'fortran_order': False, 'shape': (1152921504606846976, 4, 4), }",
+    "beyond": "{'descr': '<f8', 'fortran_order': False, 'shape': (10000000, 4, 4), }",
+    "negative": "{'descr': '<f8', 'fortran_order': False, 'shape': (-5, 4, 4), }",
+    "not a tuple": "{'descr': '<f8', 'fortran_order': False, 'shape': 7, }",
+    "object": "{'descr': '|O', 'fortran_order': False, 'shape': (1, 4, 4), }",
+    "strings": "{'descr': '<U9', 'fortran_order': False, 'shape': (1, 4, 4), }",
+    "nothing": "{}",
+    "code": "__import__('os').abort()",
+}
+
+
+@pytest.mark.parametrize("name", HEADERS)
+def test_an_npy_header_promises_nothing(tmp_path, name):
+    path = tmp_path / "poses.npy"
+    path.write_bytes(header(HEADERS[name]) + np.eye(4).tobytes())
+    with at_once(), pytest.raises(PoseError) as caught:
+        read_poses(path)
+    assert str(caught.value).isprintable()
+
+
+@pytest.mark.parametrize("order", ["C", "F"])
+@pytest.mark.parametrize("dtype", ["<f8", ">f8", "<f4", ">i2", np.longdouble])
+def test_any_layout_of_an_npy_gives_the_same_poses(tmp_path, order, dtype):
+    poses = np.array(look_at([(3, 0, 0), (0, 0, 3)], (0, 0, 0), (0, 1, 0)), dtype, order=order)
+    np.save(tmp_path / "poses.npy", poses)
+    assert np.array_equal(read_poses(tmp_path / "poses.npy"), poses.astype(np.float64))
+
+
+def test_numbers_beyond_float64_are_infinite_without_a_warning(tmp_path):
+    np.save(tmp_path / "poses.npy", np.full((1, 4, 4), np.longdouble("1e4000")))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert np.isinf(read_poses(tmp_path / "poses.npy")).all()
+
+
+def test_a_file_that_cannot_be_written_is_named(tmp_path):
+    (tmp_path / "folder.json").mkdir()
+    camera = Camera(**CAMERA)
+    for write, error in (
+        (camera.save, CameraError),
+        (lambda p: write_poses(p, np.eye(4)), PoseError),
+    ):
+        with pytest.raises(error, match=r"no/file\.json: cannot be written \(No such file"):
+            write(tmp_path / "no" / "file.json")
+        with pytest.raises(error, match=r"folder\.json: cannot be written"):
+            write(tmp_path / "folder.json")
+        with pytest.raises(error, match=r"ends in|saved as"):
+            write(tmp_path / "file.xml")
+    (tmp_path / "full.json").symlink_to("/dev/full")
+    with pytest.raises(PoseError, match=r"cannot be written \(No space left"):
+        write_poses(tmp_path / "full.json", np.eye(4))
