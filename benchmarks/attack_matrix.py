@@ -11,7 +11,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from rows import Report, arguments
+from rows import Report
 
 import rastercov as rc
 from rastercov import shapes
@@ -89,16 +89,3 @@ def limits(report: Report, seconds: tuple[float, ...]) -> None:
         found = select_integer(problems[name](), time_limit=1.0)
         proved = found.objective == found.bound == OPTIMA[name]
         report.check(f"{name}: proved within 1 s, HiGHS alone takes 0.02 s", proved)
-
-
-def main() -> None:
-    parser = arguments(__doc__)
-    parser.add_argument("--effort", type=float, default=1.0, help="part of the campaign")
-    args = parser.parse_args()
-    report = Report()
-    attack(report, args.effort)
-    report.finish(args.json)
-
-
-if __name__ == "__main__":
-    main()

@@ -8,7 +8,7 @@ import warnings
 from pathlib import Path
 
 import numpy as np
-from rows import Report, arguments
+from rows import Report
 
 import rastercov as rc
 from rastercov import shapes
@@ -115,16 +115,3 @@ def _figures(mesh: rc.Mesh, camera: rc.Camera, poses: np.ndarray, rng: np.random
 def _soup() -> rc.Mesh:
     rng = np.random.default_rng(0)
     return rc.Mesh(rng.normal(size=(60, 3)), np.arange(60).reshape(20, 3))
-
-
-def main() -> None:
-    parser = arguments(__doc__)
-    parser.add_argument("--effort", type=float, default=1.0)
-    args = parser.parse_args()
-    report = Report()
-    attack(report, args.effort)
-    report.finish(args.json)
-
-
-if __name__ == "__main__":
-    main()

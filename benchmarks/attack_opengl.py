@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 from contexts import MOST_KIB, OURS, growth_in_a_process
-from rows import Report, arguments
+from rows import Report
 
 from rastercov import shapes
 from rastercov.camera import Camera
@@ -135,16 +135,3 @@ def attack(report: Report, effort: float) -> None:
         what = f"{rounds} contexts, {kind}: resident memory that stays of each"
         report.add(what, kib["resident"], "KiB", MOST_KIB, at_most=True)
         report.check(f"{what} is below {MOST_KIB:g} KiB", kib["resident"] <= MOST_KIB)
-
-
-def main() -> None:
-    parser = arguments(__doc__.splitlines()[0])
-    parser.add_argument("--effort", type=float, default=1.0, help="1 is the full campaign")
-    args = parser.parse_args()
-    report = Report()
-    attack(report, args.effort)
-    report.finish(args.json)
-
-
-if __name__ == "__main__":
-    main()

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-from rows import Report, arguments
+from rows import Report
 
 from rastercov.errors import RastercovError
 from rastercov.mesh_file import load_mesh
@@ -327,12 +327,3 @@ def attack(report: Report, effort: float) -> None:
                 f"{name}: time by size, file doubled", second / first / growth, "", must=1.5,
                 at_most=True,
             )  # fmt: skip
-
-
-if __name__ == "__main__":
-    options = arguments(__doc__)
-    options.add_argument("--effort", type=float, default=1.0, help="part of the campaign")
-    chosen = options.parse_args()
-    found = Report()
-    attack(found, chosen.effort)
-    found.finish(chosen.json)

@@ -1,6 +1,6 @@
 """Attack the folders of reports: kill the command, fill its disk, run two at once.
 
-    python benchmarks/attack_reports.py --effort 1
+    python benchmarks/attack.py reports
 
 A folder holds a report, or none, and a file of somebody else. `rastercov evaluate`, or `place`,
 puts another report there, and
@@ -37,7 +37,7 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
-from rows import Report, arguments
+from rows import Report
 
 from rastercov import cli
 from rastercov.plan.report import PLACEMENT
@@ -399,12 +399,3 @@ def each_operation(report: Report, folder: Path) -> None:
 def _with_note(folder: Path) -> Path:
     (folder / "notes.txt").write_bytes(MINE)
     return folder
-
-
-if __name__ == "__main__":
-    parser = arguments(__doc__.splitlines()[0])
-    parser.add_argument("--effort", type=float, default=1.0, help="share of the whole campaign")
-    given = parser.parse_args()
-    rows = Report()
-    attack(rows, given.effort)
-    rows.finish(given.json)

@@ -1,4 +1,4 @@
-"""What a caller passes, checked once at the public edge: what was wanted, what came, in one line.
+"""Checks of arguments at the public edge: what was wanted, what came, in one line.
 
 Serves whatever takes arrays, groups and options. numpy would take the real part of complex numbers,
 read texts as numbers, count True as 1, and lose the mask of a masked array: each is refused here.

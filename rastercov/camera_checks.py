@@ -114,7 +114,7 @@ def coefficients_of(distortion: Any) -> tuple[Any, ...]:
 
 
 def is_number(value: Any) -> bool:
-    """Whether `value` is a whole or real number, of Python or numpy; True and False are none."""
+    """True for a whole or real number of Python or numpy; True and False are none."""
     return not isinstance(value, bool) and isinstance(value, int | float | np.integer | np.floating)
 
 

@@ -7,7 +7,7 @@ from rastercov.errors import ConfigError
 
 
 class Unique:
-    """What there is no second one of: it holds a device, threads or memory that loops write to.
+    """Base of objects that cannot be copied: they hold a device, threads or scratch memory.
 
     A copy would give back what the first still uses, and a pickle would reach a process that has
     none of it, so `copy`, `deepcopy` and `pickle` raise `ConfigError`.

@@ -51,7 +51,7 @@ _said: dict[str, object] = {}
 
 
 class _CheckedFile(caching.IndexDataCacheFile):
-    """What numba keeps of one loop: an index and a file for each signature, both with their hash.
+    """Files of one compiled loop: an index and a file for each signature, both with their hash.
 
     A file names the source and the signature that it was made for, too. numba replaces its two
     files one after the other, so a full disk, or two processes at once, can leave an index that
@@ -59,7 +59,7 @@ class _CheckedFile(caching.IndexDataCacheFile):
     """
 
     def load(self, key: Any) -> Any:
-        """What was kept for a signature, None when there is nothing that can be trusted."""
+        """Return what was kept for a signature, None when nothing there can be trusted."""
         name = self._load_index().get(key)
         found = self._read(name) if name is not None else None
         if not isinstance(found, tuple) or found[:2] != self._made_for(key):
@@ -101,7 +101,7 @@ class _CheckedFile(caching.IndexDataCacheFile):
 
 
 class _Place(caching.CompileResultCacheImpl):
-    """Where numba looks for a folder to keep a loop in: not in one called "~"."""
+    """Folders that numba may keep a loop in: never one called "~"."""
 
     @property
     def _locator_classes(self) -> list[Any]:  # type: ignore[override]
@@ -141,11 +141,11 @@ class _Kept(caching.FunctionCache):
             self.give_up(error)
 
     def holds_any(self) -> bool:
-        """Whether an earlier run left this loop here, compiled from the same source."""
+        """True when an earlier run left this loop here, compiled from the same source."""
         return bool(self._cache_file._load_index())
 
     def has_room(self) -> bool:
-        """Whether the folder takes as much as all loops need; if not, nothing is kept."""
+        """True when the folder takes as much as all loops need; if not, nothing is kept."""
         if _Kept.is_writable:
             try:
                 with tempfile.TemporaryFile(dir=self.cache_path) as file:

@@ -60,7 +60,7 @@ def _outcome(app: Callable[..., Any], arguments: Sequence[str]) -> int:
 
 
 class _Notices(logging.Handler):
-    """What the library logs, as lines like all others that a command says."""
+    """Handler that prints what the library logs like all other lines of a command."""
 
     def emit(self, record: logging.LogRecord) -> None:
         say(record.getMessage())

@@ -58,7 +58,7 @@ def join_boxes(box, node):
 
 @compiled
 def enters(xy, before, after, q, o, p, r):
-    """Whether an edge at corner q, which lies on p, leads between the sides p o and p r."""
+    """True when an edge at corner q, which lies on p, leads between the sides p o and p r."""
     px, py = xy[p, 0], xy[p, 1]
     for k in (before[q], after[q]):
         x, y = xy[k, 0], xy[k, 1]
@@ -72,7 +72,7 @@ def enters(xy, before, after, q, o, p, r):
 
 @compiled
 def is_empty(xy, box, corner, before, after, a, b, c, level):
-    """Whether no corner of the tree lies in the triangle a b c, and the steps taken.
+    """True when no corner of the tree lies in the triangle a b c; and the steps taken.
 
     The border belongs to the triangle where `level` is STRICT. A corner on one of its points lies
     in it if an edge goes on from there into the triangle.

@@ -75,7 +75,7 @@ class Lines:
 
     @property
     def is_cut(self) -> bool:
-        """Whether the file ends inside the line that was given last."""
+        """True when the file ends inside the line that was given last."""
         return self.number == self._cut_line
 
     def _words(self, data: bytes, longest: int, comment: bytes) -> Iterator[list[bytes]]:

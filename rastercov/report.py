@@ -167,7 +167,7 @@ def write_json(path: str | Path, data: Any) -> None:
 
 
 def json_text(data: Any) -> str:
-    """What `write_json` writes, in ASCII, which any terminal or pipe takes."""
+    """Text that `write_json` writes, in ASCII, which any terminal or pipe takes."""
     return json.dumps(_plain(data), indent=2, allow_nan=False)
 
 

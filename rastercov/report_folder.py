@@ -44,7 +44,7 @@ NEW, OLD = "new", "old"
 """Within it: files to come, and files that go. The manifest to come joins them to begin a swap."""
 FORMAT = 1
 NOT_A_MANIFEST = (ValueError, KeyError, TypeError, AttributeError)
-"""What reading something else as a manifest raises."""
+"""Errors that reading something else as a manifest raises."""
 
 
 @dataclass(frozen=True)
@@ -415,7 +415,7 @@ def _manifest(kind: ReportKind, files: Files) -> bytes:
 
 
 def _is(path: Path, of_file: _File | None) -> bool:
-    """Whether a file is as it was written."""
+    """True when a file is as it was written."""
     if of_file is None or not stat.S_ISREG(path.lstat().st_mode):
         return False
     if path.stat().st_size != of_file.bytes:

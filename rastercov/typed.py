@@ -104,13 +104,13 @@ def _fits(value: Any, hint: Any) -> bool:
 
 
 def _is_array_like(hint: Any) -> bool:
-    """Whether an annotation is ArrayLike, alone or among others, or of arrays."""
+    """True for an annotation of ArrayLike, alone or among others, or of arrays."""
     kinds = get_args(hint)
     return (get_origin(hint) or hint) is np.ndarray or all(kind in kinds for kind in ARRAY)
 
 
 def _is_numeric(value: Any) -> bool:
-    """Whether numpy makes numbers of a value, without reading texts or losing a mask."""
+    """True when numpy makes numbers of a value, without reading texts or losing a mask."""
     try:
         array = np.asarray(value)
     except Exception:  # whatever conversion an object brings
@@ -120,14 +120,14 @@ def _is_numeric(value: Any) -> bool:
 
 
 def _is_row(value: Any) -> bool:
-    """Whether a value is a sequence of others, and no text."""
+    """True for a sequence of other values, and no text."""
     return isinstance(value, list | tuple | range) or (
         isinstance(value, np.ndarray) and value.ndim > 0
     )
 
 
 def _wanted(hint: Any) -> str:
-    """What an annotation asks for, in words."""
+    """Words for the values that an annotation asks for."""
     kinds, origin = get_args(hint), get_origin(hint) or hint
     if _is_array_like(hint):
         others = [_wanted(kind) for kind in kinds if kind not in ARRAY and origin is not np.ndarray]

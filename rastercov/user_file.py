@@ -134,7 +134,7 @@ def read_toml(path: StrPath, most: int = LARGEST_TEXT) -> dict[str, Any]:
 
 
 def one_line(error: Exception) -> str:
-    """What an error says, in one line of at most 200 characters."""
+    """Message of an error, in one line of at most 200 characters."""
     text = " ".join((str(error) or type(error).__name__).split())
     return text if len(text) <= 200 else text[:197] + "..."
 

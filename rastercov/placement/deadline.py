@@ -43,7 +43,7 @@ class Deadline:
 
     @property
     def is_over(self) -> bool:
-        """Whether it has passed."""
+        """True when it has passed."""
         return self.left <= 0
 
     def check(self) -> None:

@@ -194,7 +194,7 @@ class _Search:
 
 
 class _Seen:
-    """What HiGHS has said so far, for when it has to be left behind."""
+    """Solution and bound that HiGHS has reported so far, for when it has to be left behind."""
 
     def __init__(self, n_candidates: int, is_best_coverage: bool) -> None:
         self.n_candidates = n_candidates

@@ -241,7 +241,7 @@ def _loaded(path: Path) -> dict[str, Any]:
 
 
 def _has_sums(folder: Path) -> bool:
-    """Whether a file of a folder has a checksum, as every file of this format has."""
+    """True when a file of a folder has a checksum, as every file of this format has."""
     return any((folder / SUMS).glob("*.sha256"))
 
 
@@ -306,7 +306,7 @@ def _opened(folder: Path, shard: str) -> pq.ParquetFile | None:
 
 
 def _written_with(shard: pq.ParquetFile) -> dict[str, Any]:
-    """What `schema_of` put into a shard; empty for a table of other columns."""
+    """Metadata that `schema_of` put into a shard; empty for a table of other columns."""
     schema = shard.schema_arrow
     if not schema.equals(SCHEMA) or not schema.metadata:
         return {}
@@ -358,7 +358,7 @@ def _sum_file(folder: Path, name: str) -> Path:
 
 
 def _sum_line(name: str, data: bytes | memoryview) -> bytes:
-    """What `sha256sum` prints for a file when it is called in the folder of the matrix."""
+    """Line that `sha256sum` prints for a file when called in the folder of the matrix."""
     return f"{hashlib.sha256(data).hexdigest()}  {name}\n".encode()
 
 

@@ -1,4 +1,4 @@
-"""Which faces lie on others in one plane: once for a mesh, whatever the camera.
+"""Faces that lie on others in one plane: once for a mesh, whatever the camera.
 
 Serves the plans that draw with the graphics pipeline. A device interpolates depth from the corners
 of each triangle, so two triangles of one plane differ in its last bits, and chance would decide
@@ -152,7 +152,7 @@ def _in_strips(
 
 
 def _overlap(mesh: Mesh, one: IntArray, other: IntArray, reach: float) -> BoolArray:
-    """Whether two faces lie in one plane and on each other, (N,), by separating axes.
+    """Pairs of faces that lie in one plane and on each other, (N,) bool, by separating axes.
 
     One lies in the plane of the other when its corners do. Faces that have no more than a border in
     common are apart along an axis at right angles to an edge.

@@ -274,7 +274,7 @@ _NO_NAME = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_uint, ctypes.c_uint)(
 
 
 class _Lender:
-    """What moderngl gets of a loader: it never gives back what it asks for.
+    """Addresses and names for moderngl, which never gives back what it asks for.
 
     moderngl 5.13 keeps a reference to the address of each of 670 functions and to the name of each
     of 220 extensions, 38 KiB a context, for as long as the process lives. So the same address is

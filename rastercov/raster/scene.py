@@ -1,4 +1,4 @@
-"""What goes to the device: a mesh, sent once, and the poses it is seen from, sent per batch.
+"""Buffers of the device: a mesh, sent once, and the poses it is seen from, sent per batch.
 
 Faces that lie on others in one plane (`coplanar`) go there a second time, with their corners in
 doubles, to be drawn by the program "coplanar": it computes depth as the CPU does, from the plane of
