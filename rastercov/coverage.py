@@ -15,7 +15,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.arguments import check_choice, check_kind, flag
+from rastercov.arguments import check_choice, check_kind, check_scene, flag
 from rastercov.camera import Camera
 from rastercov.camera_checks import finite_number, shown
 from rastercov.criteria import in_focus, view_faces
@@ -23,7 +23,6 @@ from rastercov.errors import ConfigError, ResourceError
 from rastercov.mesh import Mesh
 from rastercov.pose import check_poses, valid_poses
 from rastercov.raster.contract import RasterizerInfo
-from rastercov.raster.rules import check_scene
 from rastercov.visibility import Observation, Observer, figures, open_observer
 
 FloatArray = NDArray[np.float64]

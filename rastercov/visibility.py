@@ -29,7 +29,7 @@ from typing import Any, Protocol, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.arguments import check_choice
+from rastercov.arguments import check_choice, check_scene
 from rastercov.camera import Camera
 from rastercov.camera_checks import finite_number, shown
 from rastercov.closing import Closing
@@ -40,7 +40,7 @@ from rastercov.mesh import Mesh
 from rastercov.parallel import ScratchPool, share_poses, thread_count
 from rastercov.pose import valid_poses
 from rastercov.raster.contract import FaceCounts, RasterizerInfo, open_rasterizer
-from rastercov.raster.rules import check_scene, limits
+from rastercov.raster.rules import limits
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -19,13 +19,12 @@ from typing import Any, Protocol, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.arguments import check_choice
+from rastercov.arguments import check_choice, check_scene
 from rastercov.camera import Camera
 from rastercov.camera_checks import finite_number, shown
 from rastercov.errors import ConfigError, DeviceError, ResourceError
 from rastercov.memory import check_memory
 from rastercov.mesh import Mesh
-from rastercov.raster.rules import check_scene
 
 CountArray = NDArray[np.int32] | NDArray[np.int64]
 

@@ -3,20 +3,12 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.arguments import check_kind
 from rastercov.camera import Camera
-from rastercov.errors import CameraError, MeshError
 from rastercov.mesh import Mesh
 from rastercov.projection import NEAR_TO_FAR, near_cuts, near_limit
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-
-
-def check_scene(mesh: Mesh, camera: Camera) -> None:
-    """Raise MeshError or CameraError unless they are a mesh and a camera."""
-    check_kind("mesh", mesh, Mesh, "a Mesh (Mesh.load reads a file)", MeshError)
-    check_kind("camera", camera, Camera, "a Camera (Camera.load reads a file)", CameraError)
 
 
 def can_cull(mesh: Mesh, poses: FloatArray, clipped: NDArray[np.bool_]) -> NDArray[np.bool_]:
