@@ -124,7 +124,7 @@ class Visibility:
 
 
 class Observer(Protocol):
-    """What one camera sees of one mesh; open it with `open_observer`, use it in a `with` block.
+    """Areas of one mesh that one camera sees; open it with `open_observer`, use it in a `with`.
 
     Any number of threads may use one observer at once, but for method "sampled" on OpenGL: that
     one belongs to the thread that opened it, and says so in any other.
