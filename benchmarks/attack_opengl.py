@@ -33,7 +33,7 @@ from coplanar_scenes import CAMERA, EDGE, GAP, SCENES, views, wrong_samples  # n
 from rastercov.reference import samples  # noqa: E402
 
 SCENES_AT_FULL, CAMERAS_AT_FULL, ROUNDS_AT_FULL = 500, 150, 300
-FEW_ROUNDS = 60
+FEW_ROUNDS = 150
 
 
 def wrong_on_overlaps(seed: int, context: HeadlessContext) -> dict[str, int]:

@@ -15,7 +15,7 @@ from types import NoneType, UnionType
 from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from rastercov.arguments import check_room
 from rastercov.camera_checks import finite_number, is_inf, is_number, shown
@@ -26,7 +26,9 @@ Result = TypeVar("Result")
 
 ERRORS: dict[str, type[RastercovError]] = {"Mesh": MeshError, "Camera": CameraError}
 """By the name of the type that is wanted; for all others it is a ConfigError."""
-ARRAY = get_args(ArrayLike)
+ARRAY = get_args(ArrayLike) or (ArrayLike,)
+"""What an annotation with ArrayLike has in it: a union up to numpy 2.4, an alias from 2.5 on."""
+ARRAYS = (np.ndarray, NDArray)
 WORDS = {float: "a number", int: "a whole number", bool: "True or False", str: "a text"}
 
 
@@ -105,8 +107,8 @@ def _fits(value: Any, hint: Any) -> bool:
 
 def _is_array_like(hint: Any) -> bool:
     """True for an annotation of ArrayLike, alone or among others, or of arrays."""
-    kinds = get_args(hint)
-    return (get_origin(hint) or hint) is np.ndarray or all(kind in kinds for kind in ARRAY)
+    kinds = get_args(hint) or (hint,)
+    return (get_origin(hint) or hint) in ARRAYS or all(kind in kinds for kind in ARRAY)
 
 
 def _is_numeric(value: Any) -> bool:
@@ -130,7 +132,7 @@ def _wanted(hint: Any) -> str:
     """Words for the values that an annotation asks for."""
     kinds, origin = get_args(hint), get_origin(hint) or hint
     if _is_array_like(hint):
-        others = [_wanted(kind) for kind in kinds if kind not in ARRAY and origin is not np.ndarray]
+        others = [_wanted(kind) for kind in kinds if kind not in ARRAY and origin not in ARRAYS]
         return " or ".join(["real numbers", *others])
     if origin in (Union, UnionType):
         return " or ".join(dict.fromkeys(map(_wanted, kinds)))
