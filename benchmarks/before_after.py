@@ -2,10 +2,12 @@
 
 Each round starts a process in either checkout, in turn, which times the cells of `CELLS` in CPU
 seconds of one thread; the ratio of a cell is the median over the rounds of this checkout's time to
-the other's. Both must see the same number of samples and the same area, or the exit code is 1.
+the other's. Both must see the same number of samples and the same area, or the exit code is 1; with
+`--bits` every figure must be the same, bit for bit.
 """
 
 import argparse
+import hashlib
 import json
 import os
 import statistics
@@ -19,12 +21,19 @@ from rows import Report, arguments
 
 MOST = 1.03
 """Ratio that a change may cost."""
+COVERAGE = (
+    *("coverage", "reason", "visibility", "visibility_bound", "visibility_kind", "resolution"),
+    *("pixel_density", "incidence", "in_focus", "in_view", "in_view_fraction", "projected_area"),
+    *("visible_pixels", "drawn_pixels", "clipped"),
+)
+"""Fields of `Coverage` whose bits are compared."""
 
 
 def main() -> None:
     parser = arguments(__doc__.splitlines()[0])
     parser.add_argument("other", type=Path, help="root of the other checkout")
     parser.add_argument("--rounds", type=int, default=7, help="processes of each checkout")
+    parser.add_argument("--bits", action="store_true", help="ask for the same bits")
     parser.add_argument("--measure", action="store_true", help=argparse.SUPPRESS)
     args = parser.parse_args()
     if args.measure:
@@ -41,16 +50,19 @@ def main() -> None:
         print(f"round {number} of {args.rounds}", file=sys.stderr, flush=True)
     report = Report()
     for cell in rounds[0][0]:
-        (_, sums), (_, others) = rounds[0][0][cell], rounds[0][1][cell]
-        report.check(f"{cell}: the same answers", bool(np.allclose(sums, others, rtol=1e-9)))
+        (_, answer), (_, other_answer) = rounds[0][0][cell], rounds[0][1][cell]
+        (seen, digest), (seen_by_other, digest_of_other) = answer, other_answer
+        report.check(f"{cell}: the same sum", bool(np.isclose(seen, seen_by_other, rtol=1e-9)))
+        if args.bits:
+            report.check(f"{cell}: the same bits", digest == digest_of_other)
         ratios = [ours[cell][0] / theirs[cell][0] for ours, theirs in rounds[1:]]
         report.add(f"{cell}: time to the other's", statistics.median(ratios), "", MOST,
                    at_most=True)  # fmt: skip
     report.finish(args.json)
 
 
-def _run(root: Path) -> dict[str, tuple[float, list[float]]]:
-    """What a process of one checkout measures: CPU seconds and sums of the answers of each cell."""
+def _run(root: Path) -> dict[str, tuple[float, tuple[float, str]]]:
+    """CPU seconds, and the sum and digest of the answers, of each cell in a process of its own."""
     command = [sys.executable, __file__, "--measure", str(root)]
     environment = {**os.environ, "PYTHONPATH": str(root)}
     done = subprocess.run(
@@ -59,7 +71,7 @@ def _run(root: Path) -> dict[str, tuple[float, list[float]]]:
     return json.loads(done.stdout)
 
 
-def _measure() -> dict[str, tuple[float, list[float]]]:
+def _measure() -> dict[str, tuple[float, tuple[float, str]]]:
     import rastercov as rc
     from rastercov import shapes
 
@@ -77,7 +89,12 @@ def _measure() -> dict[str, tuple[float, list[float]]]:
         for method in ("certified", "exact"):
             with rc.open_observer(mesh, camera, method, threads=1) as observer:
                 seconds, seen = _least(lambda o=observer, p=poses: o.observe(p))
-            figures[f"{method}, {name}"] = seconds, [float(seen.visible_pixels.sum())]
+            areas = seen.visible_pixels, seen.drawn_pixels, seen.kind, seen.clipped
+            figures[f"{method}, {name}"] = seconds, _digest(*areas)
+        task = rc.Task(min_pixels=4, max_incidence_deg=75)
+        seconds, judged = _least(lambda m=mesh, c=camera, p=poses, t=task: rc.evaluate(m, c, p, t))
+        arrays = [getattr(judged, name) for name in COVERAGE]
+        figures[f"evaluate, {name}"] = seconds, _digest(*arrays)
     scenes["torus, 1,000,000 faces"] = (shapes.torus(1000, 500), 4.2, 4)
     for name, (mesh, distance, n) in scenes.items():
         poses = _poses(rc, mesh, distance, n)
@@ -85,8 +102,16 @@ def _measure() -> dict[str, tuple[float, list[float]]]:
             camera = rc.Camera(width=width, height=height, fx=0.9 * width, fy=0.9 * width)
             with rc.open_rasterizer(mesh, camera, "cpu", threads=1) as rasterizer:
                 seconds, counts = _least(lambda r=rasterizer, p=poses: r.count(p, drawn=False))
-            figures[f"counts, {name}, {width} x {height}"] = seconds, [float(counts.visible.sum())]
+            figures[f"counts, {name}, {width} x {height}"] = seconds, _digest(counts.visible)
     return figures
+
+
+def _digest(*arrays: np.ndarray) -> tuple[float, str]:
+    """Sum of the first array, and SHA-256 of all."""
+    total = hashlib.sha256()
+    for array in arrays:
+        total.update(np.ascontiguousarray(array).data)
+    return float(arrays[0].sum()), total.hexdigest()
 
 
 def _poses(rc, mesh, distance, n):

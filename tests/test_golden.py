@@ -1,0 +1,44 @@
+"""Every command answers six scenes as it did when tests/golden/ was written."""
+
+import json
+import math
+
+import pytest
+from golden_runs import GOLDEN, NEEDS_CV2, RUNS, answer
+
+RELATIVE = 1e-8
+"""Figures are stored with ten digits; products of matrices differ in the last from CPU to CPU."""
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_a_command_answers_as_before(name, monkeypatch):
+    if name in NEEDS_CV2:
+        pytest.importorskip("cv2", reason="OpenCV is missing: pip install 'rastercov[markers]'")
+    monkeypatch.delenv("RASTERCOV_TRACEBACK", raising=False)
+    found = json.loads(json.dumps(answer(name)))
+    before = json.loads((GOLDEN / f"{name}.json").read_text())
+    assert list(differences(before, found)) == []
+
+
+def test_every_stored_answer_is_asked_for():
+    assert {path.stem for path in GOLDEN.iterdir()} == set(RUNS)
+
+
+def differences(before, found, where=""):
+    """Places where two answers differ, in words."""
+    if isinstance(before, dict) and isinstance(found, dict):
+        for key in sorted(before.keys() | found.keys()):
+            if key not in before or key not in found:
+                yield f"{where}/{key}: {'new' if key in found else 'gone'}"
+            else:
+                yield from differences(before[key], found[key], f"{where}/{key}")
+    elif isinstance(before, list) and isinstance(found, list) and len(before) == len(found):
+        for index, pair in enumerate(zip(before, found, strict=True)):
+            yield from differences(*pair, f"{where}/{index}")
+    elif not (before == found or are_close(before, found)):
+        yield f"{where}: {before!r} before, {found!r} now"
+
+
+def are_close(before, found):
+    numbers = all(isinstance(value, int | float) for value in (before, found))
+    return numbers and math.isclose(before, found, rel_tol=RELATIVE, abs_tol=1e-9)
