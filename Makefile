@@ -14,8 +14,8 @@ MESA := libegl1 libgl1 libgl1-mesa-dri
 OSMESA := libosmesa6
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo -n)
 APT := $(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get -qq
-HAS_OPENGL = $(BIN)/python -c 'from rastercov.raster.egl import open_context; open_context().release()'
-HAS_OSMESA = $(BIN)/python -c 'from rastercov.raster.egl import open_context; open_context("osmesa").release()'
+HAS_OPENGL = $(BIN)/python -c 'from rastercov.raster.gl.context import open_context; open_context().release()'
+HAS_OSMESA = $(BIN)/python -c 'from rastercov.raster.gl.context import open_context; open_context("osmesa").release()'
 OSMESA_EXISTS = apt-cache policy $(OSMESA) 2>/dev/null | grep -q 'Candidate: [0-9]'
 # One Mesa thread a process: tests run in two processes.
 TEST_ENV := LP_NUM_THREADS=1

@@ -11,8 +11,8 @@ from rows import Report
 
 import rastercov as rc
 from rastercov import shapes
+from rastercov.observer import Kind
 from rastercov.reference import rational
-from rastercov.visibility import Kind
 
 SCENES, VIEWS = 5_000, 12
 FACES_A_VIEW = 12

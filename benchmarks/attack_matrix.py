@@ -15,9 +15,9 @@ from rows import Report
 
 import rastercov as rc
 from rastercov import shapes
-from rastercov.placement.problem import BestCoverage, Problem, problem_of_matrix
-from rastercov.placement.select_greedy import select_greedy
-from rastercov.placement.select_integer import select_integer
+from rastercov.placement.select.greedy import select_greedy
+from rastercov.placement.select.integer import select_integer
+from rastercov.placement.select.problem import BestCoverage, Problem, problem_of_matrix
 from rastercov.placement.set_cover_file import read_set_cover
 
 sys.path.append(str(Path(__file__).parents[1] / "tests"))

@@ -23,8 +23,8 @@ from rastercov.errors import RastercovError
 from rastercov.mesh import Mesh
 from rastercov.pose import look_at
 from rastercov.raster.cpu import CPURasterizer
-from rastercov.raster.egl import HeadlessContext, open_context
 from rastercov.raster.gl import PLANS, GLRasterizer
+from rastercov.raster.gl.context import HeadlessContext, open_context
 
 TESTS = Path(__file__).parents[1] / "tests"
 sys.path.insert(0, str(TESTS))

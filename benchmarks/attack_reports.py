@@ -40,9 +40,9 @@ import pyarrow.parquet as pq
 from rows import Report
 
 from rastercov import cli
-from rastercov.plan.report import PLACEMENT
-from rastercov.report_folder import STAGING, ReportFolder
-from rastercov.run import EVALUATION
+from rastercov.report.coverage import EVALUATION
+from rastercov.report.folder import STAGING, ReportFolder
+from rastercov.report.plan import PLACEMENT
 
 KILLS, DISKS, PAIRS = 100, 50, 10
 RUN_AGAIN = 5

@@ -26,7 +26,7 @@ from rows import Report, arguments
 import rastercov as rc
 from rastercov import shapes
 from rastercov.models import scott, zhang
-from rastercov.models.occlusion import LineOfSight
+from rastercov.models.line_of_sight import LineOfSight
 from rastercov.placement.matrix import build_matrix
 
 RUNS, CALLERS, CALLS = 12, 6, 5

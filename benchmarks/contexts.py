@@ -87,7 +87,7 @@ def moderngl_on_egl() -> None:
 
 
 def our_context(device: str = "surfaceless") -> None:
-    from rastercov.raster.egl import open_context
+    from rastercov.raster.gl.context import open_context
 
     open_context(device).release()
 

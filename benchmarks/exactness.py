@@ -23,14 +23,14 @@ from tracer import Tracer, need_open3d
 
 import rastercov as rc
 from rastercov import shapes
-from rastercov.analytic import View
-from rastercov.contour import CertifiedView
+from rastercov.cli.inputs import read_view_points
 from rastercov.criteria import view_faces
-from rastercov.inputs import read_view_points
+from rastercov.exact.certificate import CertifiedView
+from rastercov.exact.half_planes import View
+from rastercov.exact.surface import surface_of
+from rastercov.observer import ROLL
 from rastercov.projection import near_limit
 from rastercov.reference import rational
-from rastercov.surface import surface_of
-from rastercov.visibility import ROLL
 
 CAMERA = rc.Camera(width=1280, height=960, fx=1200, fy=1200)
 THREADS = 2

@@ -22,20 +22,25 @@ from rows import Report, arguments
 
 import rastercov as rc
 from rastercov import shapes
-from rastercov.placement.candidates import per_segment
-from rastercov.placement.framing import Framing
+from rastercov.placement.candidates.framing import Framing
+from rastercov.placement.candidates.mounting import on_ceiling, on_sphere, on_walls
+from rastercov.placement.candidates.pool import per_segment
+from rastercov.placement.candidates.segments import segment
+from rastercov.placement.improve.objective import Objective
+from rastercov.placement.improve.pose_space import PoseSpace
+from rastercov.placement.improve.refine import refine
+from rastercov.placement.improve.search import optimise
 from rastercov.placement.matrix import build_matrix
-from rastercov.placement.mounting import on_ceiling, on_sphere, on_walls
-from rastercov.placement.objective import Objective
-from rastercov.placement.optimise import optimise
-from rastercov.placement.problem import BestCoverage, FewestCameras, problem_of, problem_of_matrix
-from rastercov.placement.refine import refine
-from rastercov.placement.segments import segment
-from rastercov.placement.select_greedy import select_greedy
-from rastercov.placement.select_integer import select_integer
-from rastercov.placement.select_thesis import select_thesis
+from rastercov.placement.select.greedy import select_greedy
+from rastercov.placement.select.integer import select_integer
+from rastercov.placement.select.problem import (
+    BestCoverage,
+    FewestCameras,
+    problem_of,
+    problem_of_matrix,
+)
+from rastercov.placement.select.thesis import select_thesis
 from rastercov.placement.set_cover_file import read_set_cover
-from rastercov.placement.space import PoseSpace
 
 TESTS = Path(__file__).parents[1] / "tests"
 sys.path.append(str(TESTS))

@@ -34,11 +34,11 @@ from contest import Cell
 from rows import Report, arguments
 
 import rastercov as rc
-from rastercov.compiled import compiled
-from rastercov.raster import kernels
+from rastercov._jit import compiled
 from rastercov.raster.cpu import MAX_BAND, _Scene, _View
-from rastercov.raster.grid import SampleGrid
+from rastercov.raster.cpu import loops as kernels
 from rastercov.raster.rules import limits
+from rastercov.raster.sample_grid import SampleGrid
 
 CELLS = (
     *(Cell("closed", n, *size) for n in (10_000, 100_000, 1_000_000)

@@ -2,7 +2,7 @@
 
 For every face that is partly hidden in truth (method "exact", checked against polygon Booleans), in
 view from the front, the visible fraction from samples is compared with the true one: it must be
-within the bound that `rastercov.visibility.figures` gives with it. Faces are sorted into classes by
+within the bound that `rastercov.observer.figures` gives with it. Faces are sorted into classes by
 the samples they would own alone. Generic meshes are turned at random; machined parts are seen
 frontally, so that their edges run along pixel rows and columns, or at 30, 45 and 60 degrees to
 them, which is where samples in rows of pixels fail. Both grids of samples are measured, and with
@@ -18,8 +18,8 @@ from rows import Report, arguments
 import rastercov as rc
 from rastercov import shapes
 from rastercov.criteria import view_faces
+from rastercov.observer import ROLL, Observation, figures
 from rastercov.reference import polygons
-from rastercov.visibility import ROLL, Observation, figures
 
 CAMERA = rc.Camera(width=320, height=240, fx=310, fy=290, cx=163.7, cy=118.2)
 SUPERSAMPLES = (1, 2, 3, 4, 6, 8, 12, 16)

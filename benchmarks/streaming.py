@@ -10,7 +10,7 @@ from rows import Report, arguments
 
 import rastercov as rc
 from rastercov import shapes
-from rastercov.run import Options, run
+from rastercov.report.coverage import Options, run
 
 
 def main() -> None:

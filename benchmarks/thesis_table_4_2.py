@@ -33,7 +33,7 @@ from rastercov.coverage import evaluate_batches
 from rastercov.criteria import in_focus, view_faces
 from rastercov.errors import DeviceError
 from rastercov.models import MODELS, zhang
-from rastercov.models.occlusion import LineOfSight
+from rastercov.models.line_of_sight import LineOfSight
 from rastercov.reference import rational
 from rastercov.reference.algorithm1 import occlusion
 

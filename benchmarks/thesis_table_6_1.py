@@ -15,12 +15,12 @@ from rows import Report, arguments
 
 import rastercov as rc
 from rastercov import shapes
-from rastercov.placement.candidates import Candidates, per_segment
-from rastercov.placement.framing import Framing
-from rastercov.placement.objective import Objective
-from rastercov.placement.refine import refine
-from rastercov.placement.segments import segment
-from rastercov.placement.space import PoseSpace
+from rastercov.placement.candidates.framing import Framing
+from rastercov.placement.candidates.pool import Candidates, per_segment
+from rastercov.placement.candidates.segments import segment
+from rastercov.placement.improve.objective import Objective
+from rastercov.placement.improve.pose_space import PoseSpace
+from rastercov.placement.improve.refine import refine
 
 PRINTED = {
     # alpha, beta: cameras, percent not covered, mean, best, worst and deviation of the seconds

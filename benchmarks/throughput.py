@@ -32,7 +32,7 @@ from peers import what_is_missing
 from rows import Report, arguments
 from same_faces import wrong_pixels
 
-from rastercov.canvas import LIGHT, Axis, Curve, line_plot
+from rastercov.report.canvas import LIGHT, Axis, Curve, line_plot
 
 FACES = (1_000, 10_000, 100_000, 1_000_000)
 SIZES = ((128, 128), (256, 256), (512, 512), (1280, 1024), (2048, 2048))

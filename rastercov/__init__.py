@@ -13,6 +13,7 @@ from rastercov.errors import (
 )
 from rastercov.mesh import Group, Mesh
 from rastercov.network import Network
+from rastercov.observer import Kind, Observation, Observer, Visibility, open_observer, visibility
 from rastercov.pose import look_at, read_poses, sphere_of_poses, write_poses
 from rastercov.raster.contract import (
     FaceCounts,
@@ -21,7 +22,6 @@ from rastercov.raster.contract import (
     VisibilityBuffer,
     open_rasterizer,
 )
-from rastercov.visibility import Kind, Observation, Observer, Visibility, open_observer, visibility
 
 __all__ = [
     "Camera",

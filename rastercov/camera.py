@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.arguments import LARGEST_COORDINATE, checked_array
-from rastercov.camera_checks import (
+from rastercov._arguments import LARGEST_COORDINATE, checked_array
+from rastercov._checks import (
     MAX_IMAGE_SIDE,
     coefficients_of,
     focal_length_px,
@@ -30,8 +30,7 @@ from rastercov.camera_checks import (
     shown,
     two,
 )
-from rastercov.errors import CameraError
-from rastercov.user_file import (
+from rastercov._files import (
     StrPath,
     UnreadableError,
     printable,
@@ -40,6 +39,7 @@ from rastercov.user_file import (
     suffix_of,
     written_file,
 )
+from rastercov.errors import CameraError
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,15 +15,15 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.arguments import check_choice, check_kind, check_scene, flag
+from rastercov._arguments import check_choice, check_kind, check_scene, flag
+from rastercov._checks import finite_number, shown
 from rastercov.camera import Camera
-from rastercov.camera_checks import finite_number, shown
 from rastercov.criteria import in_focus, view_faces
 from rastercov.errors import ConfigError, ResourceError
 from rastercov.mesh import Mesh
+from rastercov.observer import Observation, Observer, figures, open_observer
 from rastercov.pose import check_poses, valid_poses
 from rastercov.raster.contract import RasterizerInfo
-from rastercov.visibility import Observation, Observer, figures, open_observer
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.arguments import check_kind
+from rastercov._arguments import check_kind
 from rastercov.coverage import Coverage, Reason, Task
 from rastercov.errors import ConfigError, MeshError
 from rastercov.mesh import Mesh
-from rastercov.visibility import Kind
+from rastercov.observer import Kind
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.arguments import LARGEST_COORDINATE, MOST_POSES, checked_array, owned
-from rastercov.camera_checks import finite_number, shown
-from rastercov.errors import PoseError, ResourceError
-from rastercov.user_file import (
+from rastercov._arguments import LARGEST_COORDINATE, MOST_POSES, checked_array, owned
+from rastercov._checks import finite_number, shown
+from rastercov._files import (
     LARGEST_ARRAY,
     StrPath,
     UnparsedError,
@@ -26,6 +25,7 @@ from rastercov.user_file import (
     suffix_of,
     written_file,
 )
+from rastercov.errors import PoseError, ResourceError
 
 FloatArray = NDArray[np.float64]
 

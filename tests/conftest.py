@@ -13,8 +13,8 @@ from notices import NOTICE
 
 from rastercov.errors import DeviceError
 from rastercov.raster.cpu import CPURasterizer
-from rastercov.raster.egl import open_context
 from rastercov.raster.gl import PLANS, GLRasterizer
+from rastercov.raster.gl.context import open_context
 
 # New examples on every run at a desk, the same ones where a run decides over a change. No time
 # limit for one example: these machines are shared.

@@ -5,13 +5,13 @@ import sys
 import numpy as np
 from exact_cases import hostile
 
-from rastercov.analytic import View
 from rastercov.camera import Camera
-from rastercov.contour import CertifiedView
+from rastercov.exact.certificate import CertifiedView
+from rastercov.exact.half_planes import View
+from rastercov.exact.surface import surface_of
 from rastercov.pose import look_at
 from rastercov.projection import near_limit
 from rastercov.reference import rational
-from rastercov.surface import surface_of
 
 PATHS = (View, CertifiedView)
 """Every face measured, and patches of faces decided together."""

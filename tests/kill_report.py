@@ -15,7 +15,7 @@ import sys
 from collections import Counter
 from pathlib import Path
 
-from rastercov.report_folder import STAGING, ReportFolder, ReportKind
+from rastercov.report.folder import STAGING, ReportFolder, ReportKind
 
 KIND = ReportKind("kind", re.compile(r"\w+\.txt"), last="last.txt")
 REPORTS = {

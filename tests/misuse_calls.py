@@ -14,12 +14,10 @@ import numpy as np
 
 import rastercov as rc
 from rastercov import shapes
-from rastercov.placement.candidates import from_poses, per_convex_region, per_face, per_segment
-from rastercov.placement.cavities import openings
-from rastercov.placement.clearance import KeepOutBox, KeepOutSphere, in_solid, kept
-from rastercov.placement.framing import Framing
-from rastercov.placement.matrix import build_matrix
-from rastercov.placement.mounting import (
+from rastercov.placement.candidates.cavities import openings
+from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere, in_solid, kept
+from rastercov.placement.candidates.framing import Framing
+from rastercov.placement.candidates.mounting import (
     along,
     at_nearest_surface,
     at_point,
@@ -29,17 +27,19 @@ from rastercov.placement.mounting import (
     on_sphere,
     on_walls,
 )
-from rastercov.placement.objective import Objective
-from rastercov.placement.problem import (
+from rastercov.placement.candidates.pool import from_poses, per_convex_region, per_face, per_segment
+from rastercov.placement.candidates.segments import segment
+from rastercov.placement.improve.objective import Objective
+from rastercov.placement.improve.pose_space import PoseSpace
+from rastercov.placement.improve.tolerance import InstallationError, tolerance
+from rastercov.placement.matrix import build_matrix
+from rastercov.placement.select.greedy import select_greedy
+from rastercov.placement.select.problem import (
     BestCoverage,
     FewestCameras,
     problem_of,
     problem_of_matrix,
 )
-from rastercov.placement.segments import segment
-from rastercov.placement.select_greedy import select_greedy
-from rastercov.placement.space import PoseSpace
-from rastercov.placement.tolerance import InstallationError, tolerance
 
 MESH = shapes.box((1, 1, 1))
 CAMERA = rc.Camera(width=32, height=24, fx=30, fy=30)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rastercov.placement.problem import BestCoverage, FewestCameras, problem_of_matrix
+from rastercov.placement.select.problem import BestCoverage, FewestCameras, problem_of_matrix
 
 FOLDER = Path(__file__).parent / "data" / "set_cover"
 OPTIMA = {"scp41": 429, "scp42": 512, "scp51": 253, "scpa1": 253, "scpe1": 5}

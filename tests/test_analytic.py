@@ -13,15 +13,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import joined, sheet, square
 
-from rastercov import analytic_kernels as kernels
 from rastercov import shapes
-from rastercov.analytic import View, visible_areas
 from rastercov.camera import Camera
 from rastercov.errors import ConfigError
+from rastercov.exact import half_plane_kernels as kernels
+from rastercov.exact.half_planes import View, visible_areas
+from rastercov.exact.surface import surface_of
 from rastercov.mesh import Mesh
 from rastercov.pose import look_at, sphere_of_poses
 from rastercov.reference import rational
-from rastercov.surface import surface_of
 
 CAMERA = Camera(width=320, height=240, fx=260, fy=270)
 SEEDS = st.integers(0, 2**32 - 1)

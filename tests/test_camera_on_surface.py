@@ -10,10 +10,10 @@ from scenes import joined, square
 
 import rastercov as rc
 from rastercov import shapes
-from rastercov.analytic import View
-from rastercov.contour import CertifiedView
+from rastercov.exact.certificate import CertifiedView
+from rastercov.exact.half_planes import View
+from rastercov.observer import Kind
 from rastercov.reference import rational
-from rastercov.visibility import Kind
 
 SEEDS = st.integers(0, 2**32 - 1)
 CAMERA = rc.Camera(width=640, height=512, fx=400, fy=400)

@@ -12,16 +12,9 @@ from rastercov import shapes
 from rastercov.criteria import view_faces
 from rastercov.errors import ConfigError, PoseError
 from rastercov.mesh import Group, Mesh
-from rastercov.placement import clearance as clearance_module
-from rastercov.placement import clearance_kernels
-from rastercov.placement.candidates import (
-    Candidates,
-    from_poses,
-    per_convex_region,
-    per_face,
-    per_segment,
-)
-from rastercov.placement.clearance import (
+from rastercov.placement.candidates import clearance as clearance_module
+from rastercov.placement.candidates import clearance_kernels
+from rastercov.placement.candidates.clearance import (
     Fate,
     KeepOutBox,
     KeepOutSphere,
@@ -29,8 +22,8 @@ from rastercov.placement.clearance import (
     in_solid,
     kept,
 )
-from rastercov.placement.framing import Framing
-from rastercov.placement.mounting import (
+from rastercov.placement.candidates.framing import Framing
+from rastercov.placement.candidates.mounting import (
     along,
     at_middle,
     at_nearest_surface,
@@ -41,7 +34,14 @@ from rastercov.placement.mounting import (
     on_sphere,
     on_walls,
 )
-from rastercov.placement.segments import segment
+from rastercov.placement.candidates.pool import (
+    Candidates,
+    from_poses,
+    per_convex_region,
+    per_face,
+    per_segment,
+)
+from rastercov.placement.candidates.segments import segment
 from rastercov.pose import look_at
 
 CAMERA = rc.Camera(width=640, height=400, fx=800, fy=700)

@@ -14,11 +14,11 @@ from rastercov import shapes
 from rastercov.coverage import Reason
 from rastercov.errors import ConfigError
 from rastercov.mesh import Group, Mesh
-from rastercov.placement.candidates import per_face
-from rastercov.placement.cavities import Access, openings, per_cavity
-from rastercov.placement.clearance import KeepOutBox, KeepOutSphere, kept
-from rastercov.placement.dome import Dome, face_frames
-from rastercov.placement.framing import Framing
+from rastercov.placement.candidates.cavities import Access, openings, per_cavity
+from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere, kept
+from rastercov.placement.candidates.framing import Framing
+from rastercov.placement.candidates.hemicube import Dome, face_frames
+from rastercov.placement.candidates.pool import per_face
 
 CAMERA = rc.Camera(width=320, height=240, fx=450, fy=450, cx=160, cy=120)
 FAR = Framing(stand_off=(6.0, 30.0))

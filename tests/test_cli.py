@@ -20,7 +20,7 @@ from PIL import Image
 import rastercov
 from rastercov import cli, shapes
 from rastercov.pose import sphere_of_poses, write_poses
-from rastercov.report_folder import STAGING, ReportFolder, ReportKind
+from rastercov.report.folder import STAGING, ReportFolder, ReportKind
 
 COMMANDS = ("compare", "demo", "doctor", "evaluate", "render")
 REPORT = {"coverage.parquet", "summary.json", "network.glb"}
@@ -239,13 +239,13 @@ def test_what_nobody_foresaw_is_one_line_too(capsys, monkeypatch, error, words):
     def fail(*_, **__):
         raise error
 
-    monkeypatch.setattr("rastercov.run.run", fail)
+    monkeypatch.setattr("rastercov.report.coverage.run", fail)
     assert words in refusal(capsys, QUICK)
 
 
 def test_the_traceback_can_be_had(capsys, monkeypatch):
     monkeypatch.setenv("RASTERCOV_TRACEBACK", "1")
-    monkeypatch.setattr("rastercov.run.run", lambda *_: 1 / 0)
+    monkeypatch.setattr("rastercov.report.coverage.run", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         call(capsys, QUICK)
 

@@ -11,10 +11,10 @@ from rastercov import shapes
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.pose import look_at
-from rastercov.raster.cluster_kernels import VERTEX_STEP
-from rastercov.raster.clusters import in_clusters
 from rastercov.raster.cpu import CPURasterizer
-from rastercov.raster.layout import FACES, LANES, LINE_BITS, VERTICES
+from rastercov.raster.cpu.cluster_kernels import VERTEX_STEP
+from rastercov.raster.cpu.clusters import in_clusters
+from rastercov.raster.cpu.memory import FACES, LANES, LINE_BITS, VERTICES
 
 
 def soup(rng, n, scale=1.0, offset=0.0):

@@ -17,25 +17,25 @@ from scenes import joined, sheet, square
 
 from rastercov import cli, shapes
 from rastercov.camera import Camera
-from rastercov.canvas import LIGHT, Axis
-from rastercov.compare import convergence as compare_convergence
-from rastercov.compare import entrants as compare_entrants
-from rastercov.compare.comparison import CHANCE, ENOUGH, _often_enough, compare
-from rastercov.compare.convergence import KnownFaces, converge
-from rastercov.compare.entrants import Candidate
-from rastercov.compare.neighbourhood import Samples, neighbourhood
-from rastercov.compare.page import page, write_comparison
-from rastercov.compare.pictures import face_picture
-from rastercov.compare.plots import plots
-from rastercov.compare.results import MUST_HOLD, FaceError
-from rastercov.compare.tally import SIZES, Judged, Tally
 from rastercov.criteria import view_faces
 from rastercov.errors import ConfigError, PoseError
 from rastercov.mesh import Mesh
+from rastercov.observer import Kind, Observation, open_observer, visibility
 from rastercov.pose import look_at, sphere_of_poses
 from rastercov.reference import polygons
 from rastercov.reference.samples import grid_points
-from rastercov.visibility import Kind, Observation, open_observer, visibility
+from rastercov.report.canvas import LIGHT, Axis
+from rastercov.report.method_pictures import face_picture
+from rastercov.report.method_plots import plots
+from rastercov.report.methods import page, write_comparison
+from rastercov.validation.methods import contenders as compare_entrants
+from rastercov.validation.methods import convergence as compare_convergence
+from rastercov.validation.methods.closeup import Samples, neighbourhood
+from rastercov.validation.methods.comparison import CHANCE, ENOUGH, _often_enough, compare
+from rastercov.validation.methods.contenders import Candidate
+from rastercov.validation.methods.convergence import KnownFaces, converge
+from rastercov.validation.methods.error_statistics import SIZES, Judged, Tally
+from rastercov.validation.methods.results import MUST_HOLD, FaceError
 
 CAMERA = Camera(width=160, height=120, fx=190, fy=185)
 TEAPOT = shapes.teapot(3)
@@ -709,7 +709,7 @@ def test_json_is_what_the_file_holds(capsys):
 def test_files_of_nobody_are_refused_before_the_work(capsys, monkeypatch, name):
     Path("compare").mkdir()
     Path("compare", name).write_text("mine")
-    monkeypatch.setattr("rastercov.compare.compare", lambda *_, **__: 1 / 0)
+    monkeypatch.setattr("rastercov.validation.methods.compare", lambda *_, **__: 1 / 0)
     code, out, err = call(capsys, QUICK)
     assert (code, out) == (2, "")
     assert err.splitlines()[-1].startswith(f"error: compare/{name}: not of an earlier report")

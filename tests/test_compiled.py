@@ -15,14 +15,14 @@ from hypothesis import strategies as st
 from notices import NOTICE
 
 import rastercov
-from rastercov import compiled
+from rastercov import _jit as compiled
 
 ROOT = Path(rastercov.__file__).parents[1]
 NOBODY = 65534
 
 # Says its result, how often it was read from disk, and how often it was compiled.
 LOOP = """
-from rastercov.compiled import announce_compilation, compiled
+from rastercov._jit import announce_compilation, compiled
 
 @compiled
 def loop(number):
@@ -311,7 +311,7 @@ def test_a_program_with_logging_of_its_own_decides_where_notices_go(module, tmp_
 
 
 def test_a_command_shows_notices_as_it_shows_warnings(capsys):
-    from rastercov.console import notices_shown
+    from rastercov.cli.console import notices_shown
 
     with notices_shown():
         logging.getLogger("rastercov").warning("rastercov: a \x1b notice")
@@ -325,7 +325,7 @@ def test_only_programs_print():
         for path in sorted((ROOT / "rastercov").rglob("*.py"))
         if "file=sys.stderr" in path.read_text(encoding="utf-8")
     ]
-    assert printing == ["rastercov/console.py"]
+    assert printing == ["rastercov/cli/console.py"]
 
 
 def test_what_is_kept_runs_as_what_was_compiled(module, tmp_path):

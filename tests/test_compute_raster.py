@@ -17,11 +17,10 @@ from rastercov.camera import Camera
 from rastercov.errors import DeviceError, ResourceError
 from rastercov.mesh import Mesh
 from rastercov.pose import look_at, sphere_of_poses
-from rastercov.raster import compute
-from rastercov.raster.arena import Arena
 from rastercov.raster.cpu import CPURasterizer
-from rastercov.raster.egl import open_context
-from rastercov.raster.gl import GLRasterizer
+from rastercov.raster.gl import GLRasterizer, compute
+from rastercov.raster.gl.context import open_context
+from rastercov.raster.gl.resources import Arena
 
 CAMERA = Camera(width=160, height=120, fx=150, fy=140, cx=81.3, cy=58.2)
 
@@ -286,7 +285,7 @@ import dataclasses
 import numpy as np
 import test_compute_raster as t
 from rastercov.raster.cpu import CPURasterizer
-from rastercov.raster.egl import open_context
+from rastercov.raster.gl.context import open_context
 from rastercov.raster.gl import GLRasterizer
 
 with open_context("surfaceless") as context:

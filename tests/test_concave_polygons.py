@@ -7,8 +7,8 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from rastercov.ear_clipping import cut_concave
-from rastercov.mesh_file import load_mesh
+from rastercov.mesh.ear_clipping import cut_concave
+from rastercov.mesh.formats import load_mesh
 
 
 def fan(n: int, first: int = 0) -> np.ndarray:
@@ -300,7 +300,7 @@ def test_ten_thousand_corners_take_no_minutes(shape):
 
 
 def test_a_polygon_too_intricate_keeps_its_fan_and_is_noted(monkeypatch):
-    from rastercov import ear_kernels
+    from rastercov.mesh import ear_kernels
 
     rng = np.random.default_rng(0)
     n = 200_000

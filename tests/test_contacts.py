@@ -12,9 +12,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from rastercov import contact_kernels, contacts, shapes
-from rastercov.contacts import touching_faces
-from rastercov.mesh import Mesh
+from rastercov import shapes
+from rastercov.mesh import Mesh, contact_kernels, contacts
+from rastercov.mesh.contacts import touching_faces
 
 try:
     from gmpy2 import mpq as rational
@@ -590,7 +590,7 @@ def test_an_interrupt_ends_the_search_within_a_call(monkeypatch, threads):
 
 HOSTILE = """
 import numpy as np
-from rastercov.contacts import touching_faces
+from rastercov.mesh.contacts import touching_faces
 
 rng = np.random.default_rng(0)
 for n in [1, 2, 3, 4, 5, 8, 9, 31, 32, 33, 500, *rng.integers(1, 70, 200)]:

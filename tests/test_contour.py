@@ -10,11 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import joined, sheet, square
 
-from rastercov import contour, shapes
-from rastercov import contour_kernels as kernels
-from rastercov.analytic import View
+from rastercov import shapes
 from rastercov.camera import Camera
-from rastercov.contour import CertifiedView
+from rastercov.exact import certificate as contour
+from rastercov.exact import certificate_kernels as kernels
+from rastercov.exact.certificate import CertifiedView
+from rastercov.exact.half_planes import View
 from rastercov.mesh import Mesh
 from rastercov.pose import look_at
 from rastercov.reference import rational

@@ -16,10 +16,9 @@ from rastercov import shapes
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.pose import look_at, sphere_of_poses
-from rastercov.raster import coplanar
-from rastercov.raster.coplanar import coplanar_overlaps
-from rastercov.raster.egl import open_context
-from rastercov.raster.gl import GLRasterizer
+from rastercov.raster.gl import GLRasterizer, coplanar
+from rastercov.raster.gl.context import open_context
+from rastercov.raster.gl.coplanar import coplanar_overlaps
 
 AHEAD = np.eye(4)
 

@@ -17,8 +17,8 @@ from rastercov.coverage import FIGURES, Reason, Task, evaluate, evaluate_batches
 from rastercov.criteria import in_focus, view_faces
 from rastercov.errors import ConfigError, PoseError, ResourceError
 from rastercov.mesh import Group, Mesh
+from rastercov.observer import METHODS, Kind, open_observer
 from rastercov.pose import look_at, sphere_of_poses
-from rastercov.visibility import METHODS, Kind, open_observer
 
 CAMERA = Camera(width=200, height=200, fx=100, fy=100)
 SMALL = Camera(width=48, height=40, fx=45, fy=42, focus_range=(0.38, 0.48))

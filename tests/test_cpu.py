@@ -17,9 +17,12 @@ from rastercov.camera import Camera
 from rastercov.errors import ConfigError, DeviceError, ResourceError
 from rastercov.mesh import Mesh
 from rastercov.pose import look_at, sphere_of_poses
-from rastercov.raster import canary, cpu, kernels, layout
+from rastercov.raster import cpu
+from rastercov.raster import self_test as canary
 from rastercov.raster.contract import open_rasterizer
 from rastercov.raster.cpu import MAX_SIDE, CPURasterizer
+from rastercov.raster.cpu import loops as kernels
+from rastercov.raster.cpu import memory as layout
 
 CAMERA = Camera(width=160, height=120, fx=140, fy=150)
 

@@ -12,12 +12,13 @@ import time
 import pytest
 from rich.console import Console
 
-from rastercov import doctor, open_rasterizer, shaders
+from rastercov import open_rasterizer, shaders
+from rastercov.cli import doctor
 from rastercov.errors import DeviceError
-from rastercov.raster import canary, devices, diagnose, libraries
+from rastercov.raster import self_test as canary
 from rastercov.raster.cpu import CPURasterizer
-from rastercov.raster.devices import SURFACELESS, DeviceInfo
-from rastercov.raster.gl import PLANS, GLRasterizer
+from rastercov.raster.gl import PLANS, GLRasterizer, devices, diagnose, libraries
+from rastercov.raster.gl.devices import SURFACELESS, DeviceInfo
 
 ON_CPU = re.compile(
     r"By default rastercov counts on the CPU, numba [\d.]+, \d+ threads?, because .*\.$"
@@ -302,7 +303,7 @@ def test_a_machine_without_numba_is_told_so(no_library, monkeypatch):
     monkeypatch.setitem(sys.modules, "numba", None)
     for name in ("cpu", "kernels"):
         monkeypatch.delitem(sys.modules, f"rastercov.raster.{name}")
-    monkeypatch.delattr("rastercov.raster.kernels")
+    monkeypatch.delattr("rastercov.raster.cpu.loops")
     report = doctor.examine()
     assert "ModuleNotFoundError: import of numba halted" in report["cpu"]["self_test"]
     assert doctor.exit_code(report) == 1

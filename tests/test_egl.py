@@ -15,8 +15,8 @@ from pathlib import Path
 import pytest
 
 from rastercov.errors import ConfigError, DeviceError
-from rastercov.raster import devices, diagnose, libraries
-from rastercov.raster.egl import DeviceInfo, HeadlessContext, list_devices, open_context
+from rastercov.raster.gl import devices, diagnose, libraries
+from rastercov.raster.gl.context import DeviceInfo, HeadlessContext, list_devices, open_context
 
 GPU = DeviceInfo("egl-device", 0, "/dev/dri/card0", is_software=False)
 CPU = DeviceInfo("egl-device", 1, "Mesa software device", is_software=True)
@@ -296,7 +296,8 @@ def test_forced_software_skips_hardware_devices(monkeypatch):
 
 def test_forced_software_opens(context):
     code = (
-        "from rastercov.raster.egl import open_context as o\nwith o() as c: print(c.info.renderer)"
+        "from rastercov.raster.gl.context import open_context as o\n"
+        "with o() as c: print(c.info.renderer)"
     )
     done = run_python(code, LIBGL_ALWAYS_SOFTWARE="1")
     assert done.returncode == 0, done.stderr
@@ -305,7 +306,8 @@ def test_forced_software_opens(context):
 
 def test_plain_locale_and_read_only_home_do_not_matter(context):
     code = (
-        "from rastercov.raster.egl import open_context as o\nwith o() as c: print(c.info.renderer)"
+        "from rastercov.raster.gl.context import open_context as o\n"
+        "with o() as c: print(c.info.renderer)"
     )
     done = run_python(code, LANG="C", LC_ALL="C", HOME="/proc", XDG_CACHE_HOME="/proc/none")
     assert done.returncode == 0, done.stderr
@@ -403,7 +405,7 @@ def test_a_forked_child_is_told_instead_of_hanging(context):
 import os, warnings
 warnings.simplefilter("ignore", DeprecationWarning)  # Python 3.12 warns of every such fork
 from rastercov.errors import ConfigError, DeviceError
-from rastercov.raster.egl import open_context
+from rastercov.raster.gl.context import open_context
 context = open_context("surfaceless")
 child = os.fork()
 if child == 0:
@@ -460,7 +462,10 @@ def test_a_forgotten_context_warns_and_is_released(context):
 
 
 def test_an_open_context_does_not_disturb_the_exit_of_python(context):
-    code = "from rastercov.raster.egl import open_context\nc = open_context()\nc.gl.buffer(b'1')"
+    code = (
+        "from rastercov.raster.gl.context import open_context\n"
+        "c = open_context()\nc.gl.buffer(b'1')"
+    )
     done = run_python(code)
     assert (done.returncode, done.stderr) == (0, "")
 
@@ -468,7 +473,7 @@ def test_an_open_context_does_not_disturb_the_exit_of_python(context):
 def test_thirty_contexts_one_after_another_keep_memory_flat(context):
     code = """
 from pathlib import Path
-from rastercov.raster.egl import open_context
+from rastercov.raster.gl.context import open_context
 
 def resident_kib():
     return int(Path("/proc/self/statm").read_text().split()[1]) * 4

@@ -14,14 +14,14 @@ from hypothesis import strategies as st
 from scenes import joined, square
 
 from rastercov import shapes
-from rastercov.analytic import View
 from rastercov.camera import Camera
-from rastercov.contour import CertifiedView
 from rastercov.criteria import view_faces
+from rastercov.exact.certificate import CertifiedView
+from rastercov.exact.half_planes import View
 from rastercov.mesh import Mesh
+from rastercov.observer import Kind, figures, open_observer, visibility
 from rastercov.pose import look_at
 from rastercov.reference import polygons, rational
-from rastercov.visibility import Kind, figures, open_observer, visibility
 
 CAMERA = Camera(width=320, height=240, fx=260, fy=270)
 KNOWN = known_cases()

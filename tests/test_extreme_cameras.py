@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from rastercov import shapes
+from rastercov._checks import LONGEST as LONGEST_LENS
+from rastercov._checks import SHORTEST as SHORTEST_LENS
 from rastercov.camera import Camera
-from rastercov.camera_checks import LONGEST as LONGEST_LENS
-from rastercov.camera_checks import SHORTEST as SHORTEST_LENS
 from rastercov.errors import CameraError, ConfigError
 from rastercov.pose import look_at
 from rastercov.raster import gl as gl_module

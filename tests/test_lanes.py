@@ -15,16 +15,9 @@ from numba import njit
 from numba.core import types
 from numba.extending import intrinsic
 
-from rastercov.raster.kernels import make_scratch
-from rastercov.raster.lane_kernels import (
-    count_bits,
-    list_lanes,
-    lowest_bit,
-    own_lanes,
-    owned_by,
-    pointer,
-)  # fmt: skip
-from rastercov.raster.lanes import (
+from rastercov.raster.cpu.loops import make_scratch
+from rastercov.raster.cpu.memory import LANES
+from rastercov.raster.cpu.simd import (
     DOUBLE,
     LONG,
     SINGLE,
@@ -36,7 +29,14 @@ from rastercov.raster.lanes import (
     looked_up,
     spread,
 )  # fmt: skip
-from rastercov.raster.layout import LANES
+from rastercov.raster.cpu.stages import (
+    count_bits,
+    list_lanes,
+    lowest_bit,
+    own_lanes,
+    owned_by,
+    pointer,
+)  # fmt: skip
 
 KINDS = {np.int32: WORD, np.int64: LONG, np.float32: SINGLE, np.float64: DOUBLE}
 WHOLE, BROKEN = (np.int32, np.int64), (np.float32, np.float64)
@@ -346,7 +346,7 @@ LOOP = """
 from numba.extending import intrinsic
 from numba.core import types
 from lanepackage import formula
-from rastercov.compiled import compiled_with
+from rastercov._jit import compiled_with
 
 @compiled_with(formula)
 def loop(number):

@@ -14,10 +14,10 @@ from rastercov.coverage import Reason, Task
 from rastercov.errors import ConfigError
 from rastercov.mesh import Group, Mesh
 from rastercov.network import Network
-from rastercov.placement import sight
-from rastercov.placement.leftover import WORDS, Sight, what_is_left
+from rastercov.placement.explain import candidate_visibility as sight
+from rastercov.placement.explain.blockers import in_front
+from rastercov.placement.explain.uncovered import WORDS, Sight, what_is_left
 from rastercov.placement.matrix import build_matrix
-from rastercov.placement.occluders import in_front
 
 CAMERA = rc.Camera(width=320, height=240, fx=300, fy=300, cx=160, cy=120)
 

@@ -11,11 +11,12 @@ from rastercov import cli
 from rastercov.camera import PRESETS, Camera
 from rastercov.coverage import Task, evaluate
 from rastercov.errors import ConfigError, DeviceError
-from rastercov.markers import detect as detection
-from rastercov.markers.experiments import resolution, visibility
-from rastercov.markers.judges import OURS, best_threshold, models, score
-from rastercov.markers.random_scenes import cut_out, photograph, random_scene, run_random
-from rastercov.markers.render import (
+from rastercov.projection import to_image
+from rastercov.raster.gl import GLRasterizer
+from rastercov.validation.markers import detect as detection
+from rastercov.validation.markers.experiments import resolution, visibility
+from rastercov.validation.markers.random_scenes import cut_out, photograph, random_scene, run_random
+from rastercov.validation.markers.render import (
     BLACK,
     FULL_SCALE,
     WHITE,
@@ -24,7 +25,7 @@ from rastercov.markers.render import (
     ray_bundles,
     sensor,
 )
-from rastercov.markers.requirement import (
+from rastercov.validation.markers.requirement import (
     DETECTOR,
     THESIS,
     Requirement,
@@ -32,9 +33,8 @@ from rastercov.markers.requirement import (
     contour_length,
     plate_figures,
 )
-from rastercov.markers.scene import CELLS, FACES_A_PLATE, Plate, PlateScene, plate_pose
-from rastercov.projection import to_image
-from rastercov.raster.gl import GLRasterizer
+from rastercov.validation.markers.scene import CELLS, FACES_A_PLATE, Plate, PlateScene, plate_pose
+from rastercov.validation.markers.scoring import OURS, best_threshold, models, score
 
 pytest.importorskip("cv2", reason="OpenCV is missing: pip install 'rastercov[markers]'")
 

@@ -19,7 +19,7 @@ from rastercov import shapes
 from rastercov.errors import ConfigError, PoseError
 from rastercov.placement import shards as shards_module
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix, shortened
-from rastercov.placement.problem import BestCoverage, FewestCameras, problem_of
+from rastercov.placement.select.problem import BestCoverage, FewestCameras, problem_of
 from rastercov.placement.shards import locked
 
 CAMERA = rc.Camera(width=64, height=64, fx=70, fy=70)

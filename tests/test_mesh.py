@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from rastercov.errors import MeshError, ResourceError
 from rastercov.mesh import Group, Mesh
-from rastercov.topology import first_equal_row
+from rastercov.mesh.topology import first_equal_row
 
 #      7-----6
 #     /|    /|      z
@@ -226,7 +226,7 @@ def test_cube_has_unit_normals_outwards_and_area_six(offset):
 def test_blocks_do_not_show(monkeypatch):
     whole, parts = Mesh(*torus(20, 10)), Mesh(*torus(20, 10))
     expected = whole.normals, whole.areas, whole.centroids, whole.can_cull_back_faces
-    monkeypatch.setattr("rastercov.mesh_arrays.BLOCK", 7)
+    monkeypatch.setattr("rastercov.mesh.arrays.BLOCK", 7)
     np.testing.assert_array_equal(parts.normals, expected[0])
     np.testing.assert_array_equal(parts.areas, expected[1])
     np.testing.assert_array_equal(parts.centroids, expected[2])
@@ -406,7 +406,7 @@ def test_topology_agrees_with_a_count_by_hand(data):
 @pytest.mark.parametrize("collide", [False, True])
 def test_first_equal_row_survives_colliding_hashes(collide, monkeypatch):
     if collide:
-        monkeypatch.setattr("rastercov.topology.ODD_MULTIPLIERS", (0, 0, 0))
+        monkeypatch.setattr("rastercov.mesh.topology.ODD_MULTIPLIERS", (0, 0, 0))
     rows = np.random.default_rng(1).integers(0, 3, (200, 3)).astype(np.uint64)
     expected = [next(j for j, r in enumerate(rows) if (r == row).all()) for row in rows]
     np.testing.assert_array_equal(first_equal_row(rows), expected)

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 from rastercov.errors import MeshError, ResourceError
 from rastercov.mesh import Group, Mesh
-from rastercov.mesh_file import load_mesh
+from rastercov.mesh.formats import load_mesh
 
 MESHES = Path(__file__).resolve().parents[2] / "shared" / "meshes"
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rastercov.errors import MeshError, ResourceError
-from rastercov.mesh_file import load_mesh
+from rastercov.mesh.formats import load_mesh
 
 #    3---2      a tetrahedron over the triangle 0 1 2; its faces are wound outwards
 #    |\ /|

@@ -9,7 +9,7 @@ from test_mesh_file import ascii_stl, binary_stl, obj, off, ply
 from test_mesh_glb import Builder
 
 from rastercov.errors import ResourceError
-from rastercov.mesh_file import load_mesh
+from rastercov.mesh.formats import load_mesh
 
 MOST_GROWTH = 3.0  # of a file twice as long; quadratic time would be 4
 

@@ -7,7 +7,7 @@ import pytest
 from test_mesh_file import FACES, POINTS, VALID, ascii_stl, obj, off, ply
 
 from rastercov.errors import MeshError, ResourceError
-from rastercov.mesh_file import load_mesh
+from rastercov.mesh.formats import load_mesh
 
 TRIANGLE = b"v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 CUT = "the file ends inside a line"

@@ -21,10 +21,12 @@ from rastercov.criteria import view_faces
 from rastercov.errors import ConfigError, PoseError
 from rastercov.mesh import Group, Mesh
 from rastercov.models import MODELS, alarcon, image_space, mavrinac, scott, tarabanis, zhang
-from rastercov.models.comparison import compare_models, covers
-from rastercov.models.occlusion import MARGIN, TOLERANCE, LineOfSight, OwnTracer
-from rastercov.models.page import LOOKS_AT, page, write_model_comparison
-from rastercov.models.pictures import (
+from rastercov.models.base import ramp, required_density
+from rastercov.models.line_of_sight import MARGIN, TOLERANCE, LineOfSight, OwnTracer
+from rastercov.observer import visibility
+from rastercov.pose import look_at, sphere_of_poses
+from rastercov.report.images import coverage_pixels
+from rastercov.report.model_pictures import (
     LOST,
     difference_picture,
     look_at_part,
@@ -32,10 +34,8 @@ from rastercov.models.pictures import (
     models_sheet,
     occlusion_sheet,
 )
-from rastercov.models.shared import ramp, required_density
-from rastercov.pictures import coverage_pixels
-from rastercov.pose import look_at, sphere_of_poses
-from rastercov.visibility import visibility
+from rastercov.report.models import LOOKS_AT, page, write_model_comparison
+from rastercov.validation.models.comparison import compare_models, covers
 
 CAMERA = Camera(width=400, height=300, fx=200, fy=200)
 LENS = Camera.from_lens(
@@ -776,7 +776,7 @@ def test_what_has_no_coverage_is_never_covered():
 
 
 def test_batches_change_nothing(found, monkeypatch):
-    monkeypatch.setattr("rastercov.models.comparison.POSES_A_BATCH", 3)
+    monkeypatch.setattr("rastercov.validation.models.comparison.POSES_A_BATCH", 3)
     again = compare_models(TEAPOT, EYE, AROUND)
     assert again.disagreements == found.disagreements
     assert again.worst == found.worst
@@ -955,7 +955,7 @@ def test_the_command_refuses_bad_input_in_one_line(capsys, tmp_path):
 @pytest.mark.parametrize("name", ["models.json", "models.html", "models_9.png", "occlusion_0.png"])
 def test_the_command_refuses_to_replace_files_of_nobody(capsys, tmp_path, monkeypatch, name):
     (tmp_path / name).write_text("mine")
-    monkeypatch.setattr("rastercov.models.command.compare_models", lambda *_, **__: 1 / 0)
+    monkeypatch.setattr("rastercov.cli.compare_models.compare_models", lambda *_, **__: 1 / 0)
     code, _, error = run(capsys, f"compare box -c khepra -p sphere:2 --models -o {tmp_path}")
     assert code == 2
     assert error.startswith(f"error: {tmp_path / name}: not of an earlier report")

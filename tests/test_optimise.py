@@ -11,15 +11,20 @@ from rastercov.camera import Camera
 from rastercov.coverage import Task
 from rastercov.errors import ConfigError
 from rastercov.mesh import Group, Mesh
-from rastercov.placement import objective as objective_module
-from rastercov.placement.clearance import KeepOutBox, KeepOutSphere, NearestSurface, in_solid
+from rastercov.observer import open_observer
+from rastercov.placement.candidates.clearance import (
+    KeepOutBox,
+    KeepOutSphere,
+    NearestSurface,
+    in_solid,
+)
+from rastercov.placement.improve import objective as objective_module
+from rastercov.placement.improve.objective import Objective
+from rastercov.placement.improve.pose_space import Place, PoseSpace
+from rastercov.placement.improve.search import METHODS, optimise
 from rastercov.placement.matrix import build_matrix
-from rastercov.placement.objective import Objective
-from rastercov.placement.optimise import METHODS, optimise
-from rastercov.placement.problem import BestCoverage, problem_of
-from rastercov.placement.space import Place, PoseSpace
+from rastercov.placement.select.problem import BestCoverage, problem_of
 from rastercov.pose import sphere_of_poses
-from rastercov.visibility import open_observer
 
 MESH = shapes.torus(10, 6)
 CAMERA = Camera(width=64, height=48, fx=60.0, fy=60.0, cx=32.0, cy=24.0)

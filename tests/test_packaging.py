@@ -138,7 +138,8 @@ sys.path = [str(folder), *(p for p in sys.path if p != sys.argv[2])]
 sys.meta_path = [f for f in sys.meta_path if "editable" not in repr(f)]
 import rastercov
 import rastercov.reference
-from rastercov import cli, shaders, shapes
+from rastercov import shaders, shapes
+from rastercov import cli
 for module in (rastercov, rastercov.reference, shaders):
     assert Path(module.__file__).is_relative_to(folder), module.__file__
 assert "void main" in shaders.source("face.vert")

@@ -9,12 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rastercov import shapes
+from rastercov._threads import POSES_A_TURN, share_poses, thread_count
 from rastercov.camera import Camera
-from rastercov.contour import CertifiedView
 from rastercov.errors import ConfigError
-from rastercov.parallel import POSES_A_TURN, share_poses, thread_count
+from rastercov.exact.certificate import CertifiedView
+from rastercov.observer import open_observer
 from rastercov.pose import look_at, sphere_of_poses
-from rastercov.visibility import open_observer
 
 CAMERA = Camera(width=160, height=120, fx=140, fy=150)
 

@@ -369,7 +369,7 @@ STEPS = {
     "rastercov.plan.run.refine": "refinement",
     "rastercov.plan.run.tolerance": "tolerance",
     "rastercov.plan.run.what_is_left": "what is left",
-    "rastercov.placement.page.page": "page",
+    "rastercov.report.placement.page": "page",
 }
 
 
@@ -404,7 +404,7 @@ def test_a_kill_or_an_error_in_a_step_leaves_an_earlier_report_as_it_was(
 ):
     Path("plan.toml").write_text(EACH_STEP)
     with monkeypatch.context() as patch:  # a page of a second or two is not what this is about
-        patch.setattr("rastercov.placement.page.page", lambda *_: "a page")
+        patch.setattr("rastercov.report.placement.page", lambda *_: "a page")
         assert call(capsys, "place plan.toml")[0] == 0
     assert figures()["interrupted"] is None
     before = content("plan")
@@ -413,7 +413,7 @@ def test_a_kill_or_an_error_in_a_step_leaves_an_earlier_report_as_it_was(
     assert content("plan") == before
 
 
-@pytest.mark.parametrize("step", ["rastercov.plan.run.refine", "rastercov.placement.page.page"])
+@pytest.mark.parametrize("step", ["rastercov.plan.run.refine", "rastercov.report.placement.page"])
 def test_an_interrupt_in_a_step_replaces_an_earlier_report_and_names_the_step(
     capsys, monkeypatch, step
 ):

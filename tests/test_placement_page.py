@@ -11,27 +11,28 @@ from scenes import joined
 
 import rastercov as rc
 from rastercov import shapes
-from rastercov.canvas import DARK, LIGHT, LinearAxis
 from rastercov.coverage import Task, evaluate_batches
 from rastercov.errors import ConfigError
 from rastercov.mesh import Group, Mesh
 from rastercov.network import Network
-from rastercov.placement import page as page_module
-from rastercov.placement import pictures, plots
-from rastercov.placement.candidates import Candidates, per_segment
-from rastercov.placement.cavities import openings
-from rastercov.placement.clearance import KeepOutBox, kept
-from rastercov.placement.framing import Framing
-from rastercov.placement.leftover import what_is_left
+from rastercov.placement.candidates.cavities import openings
+from rastercov.placement.candidates.clearance import KeepOutBox, kept
+from rastercov.placement.candidates.framing import Framing
+from rastercov.placement.candidates.mounting import on_sphere
+from rastercov.placement.candidates.pool import Candidates, per_segment
+from rastercov.placement.candidates.segments import segment
+from rastercov.placement.explain.uncovered import what_is_left
+from rastercov.placement.improve.objective import Objective
+from rastercov.placement.improve.tolerance import InstallationError, tolerance
 from rastercov.placement.matrix import build_matrix
-from rastercov.placement.mounting import on_sphere
-from rastercov.placement.objective import Objective
-from rastercov.placement.page import PlanReport, page, write_page
-from rastercov.placement.panorama import DIRECTIONS, look, paint, telling_directions
-from rastercov.placement.problem import BestCoverage, FewestCameras, problem_of
-from rastercov.placement.segments import segment
-from rastercov.placement.select_greedy import select_greedy
-from rastercov.placement.tolerance import InstallationError, tolerance
+from rastercov.placement.select.greedy import select_greedy
+from rastercov.placement.select.problem import BestCoverage, FewestCameras, problem_of
+from rastercov.report import placement as page_module
+from rastercov.report import placement_pictures as pictures
+from rastercov.report import placement_plots as plots
+from rastercov.report.canvas import DARK, LIGHT, LinearAxis
+from rastercov.report.panorama import DIRECTIONS, look, paint, telling_directions
+from rastercov.report.placement import PlanReport, page, write_page
 
 CAMERA = rc.Camera(width=320, height=240, fx=300, fy=300, cx=160, cy=120)
 TASK = Task(min_pixels=20)

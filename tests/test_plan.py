@@ -13,17 +13,17 @@ from hypothesis import strategies as st
 import rastercov as rc
 from rastercov import shapes
 from rastercov.coverage import Coverage, Reason
-from rastercov.placement.objective import Objective
+from rastercov.placement.improve.objective import Objective
 from rastercov.plan import entry as plan_entry
 from rastercov.plan import generators as plan_generators
-from rastercov.plan import model as plan_model
+from rastercov.plan import sections as plan_model
+from rastercov.plan.candidates import framing_of, stock
 from rastercov.plan.errors import PlanError
 from rastercov.plan.file import Plan, read_plan, schema
-from rastercov.plan.goal import judge, percent
-from rastercov.plan.model import PlanModel, TaskSection
 from rastercov.plan.network import certain_and_possible, measured
+from rastercov.plan.requirements import judge, percent
 from rastercov.plan.scene import scene
-from rastercov.plan.stock import framing_of, stock
+from rastercov.plan.sections import PlanModel, TaskSection
 from rastercov.pose import sphere_of_poses, write_poses
 
 ROOT = Path(__file__).parents[1]

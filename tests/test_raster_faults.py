@@ -21,16 +21,15 @@ from rastercov import shaders, shapes
 from rastercov.camera import Camera
 from rastercov.errors import ConfigError, DeviceError, PoseError, ResourceError
 from rastercov.mesh import Mesh
+from rastercov.observer import open_observer
 from rastercov.pose import look_at, sphere_of_poses
 from rastercov.raster import gl as gl_module
-from rastercov.raster import pipeline
-from rastercov.raster.arena import Arena
-from rastercov.raster.compute import Compute
 from rastercov.raster.contract import open_rasterizer
-from rastercov.raster.egl import open_context
-from rastercov.raster.gl import GLRasterizer
-from rastercov.raster.scene import Scene
-from rastercov.visibility import open_observer
+from rastercov.raster.gl import GLRasterizer, pipeline
+from rastercov.raster.gl.compute import Compute
+from rastercov.raster.gl.context import open_context
+from rastercov.raster.gl.resources import Arena
+from rastercov.raster.gl.scene import Scene
 
 CAMERA = Camera(width=80, height=60, fx=75, fy=75)
 MESH = shapes.torus(12, 8)

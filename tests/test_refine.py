@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 from test_optimise import CAMERA, KEPT_OUT, MESH, SPACE, TASK, holds
 
 from rastercov.errors import ConfigError
-from rastercov.placement import refine as refine_module
-from rastercov.placement.objective import Objective
-from rastercov.placement.refine import refine
+from rastercov.observer import open_observer
+from rastercov.placement.improve import refine as refine_module
+from rastercov.placement.improve.objective import Objective
+from rastercov.placement.improve.refine import refine
 from rastercov.pose import sphere_of_poses
-from rastercov.visibility import open_observer
 
 
 @pytest.fixture(scope="module")

@@ -11,15 +11,17 @@ import trimesh
 from PIL import Image
 from rich.console import Console
 
-from rastercov import pictures, report, shapes
+from rastercov import shapes
 from rastercov.camera import Camera
 from rastercov.coverage import FIGURES, Coverage, Reason, Task, evaluate, evaluate_batches
 from rastercov.errors import ConfigError
 from rastercov.mesh import Group, Mesh
 from rastercov.network import Network
+from rastercov.observer import METHODS, Kind, open_observer
 from rastercov.pose import look_at
 from rastercov.raster.contract import RasterizerInfo, VisibilityBuffer
-from rastercov.visibility import METHODS, Kind, open_observer
+from rastercov.report import figures as report
+from rastercov.report import images as pictures
 
 INFO = RasterizerInfo("gl", "software", "renderer", "driver", "device", "float32", "hash")
 CAMERA = Camera(width=480, height=360, fx=400, fy=400, cx=240, cy=180)

@@ -13,9 +13,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rastercov import report_folder
 from rastercov.errors import ConfigError
-from rastercov.report_folder import STAGING, ReportFolder, ReportKind
+from rastercov.report import folder as report_folder
+from rastercov.report.folder import STAGING, ReportFolder, ReportKind
 
 KIND = ReportKind("kind", re.compile(r"(\w+)\.txt"), last="last.txt")
 OTHER = ReportKind("other", re.compile(r"(\w+)\.png"), last="last.png")

@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rastercov import shapes
-from rastercov.analytic import View, visible_areas
 from rastercov.camera import Camera
+from rastercov.exact.half_planes import View, visible_areas
 from rastercov.mesh import Mesh
 from rastercov.pose import sphere_of_poses
 from rastercov.reference import rational

@@ -16,16 +16,16 @@ import pytest
 from PIL import Image
 
 from rastercov import shaders, shapes
+from rastercov._interrupts import interrupts_held
 from rastercov.camera import Camera
 from rastercov.coverage import Task, evaluate
 from rastercov.errors import ConfigError, DeviceError, PoseError
-from rastercov.interrupts import interrupts_held
 from rastercov.mesh import Mesh
-from rastercov.pictures import coverage_picture
 from rastercov.pose import sphere_of_poses
-from rastercov.report import CoverageTable
-from rastercov.report_folder import ReportFolder
-from rastercov.run import EVALUATION, Options, run
+from rastercov.report.coverage import EVALUATION, Options, run
+from rastercov.report.figures import CoverageTable
+from rastercov.report.folder import ReportFolder
+from rastercov.report.images import coverage_picture
 
 MESH = shapes.box((1, 1, 1))
 CAMERA = Camera(width=48, height=36, fx=60, fy=60)
@@ -213,7 +213,7 @@ def test_an_interrupt_while_drawing_leaves_out_the_rest_and_says_so(tmp_path, mo
             raise KeyboardInterrupt
         return coverage_picture(*arguments)
 
-    monkeypatch.setattr("rastercov.run.coverage_picture", stop)
+    monkeypatch.setattr("rastercov.report.coverage.coverage_picture", stop)
     summary = run(MESH, CAMERA, around(12), TASK, tmp_path, Options(pictures=12))
     assert (summary["interrupted"], summary["poses"]) == (True, 12)
     pictures = {f"{kind}_{pose:02d}.png" for kind in ("pose", "faces") for pose in range(2)}
@@ -248,7 +248,7 @@ def test_a_run_that_fails_after_the_last_pose_leaves_the_old_report(tmp_path, mo
     def lose(*_):
         raise DeviceError("gone")
 
-    monkeypatch.setattr(f"rastercov.run.{step}", lose)
+    monkeypatch.setattr(f"rastercov.report.coverage.{step}", lose)
     with pytest.raises(DeviceError, match="gone"):
         run(MESH, CAMERA, around(12), TASK, tmp_path, Options(pictures=2))
     assert content(tmp_path) == before
@@ -384,7 +384,7 @@ def test_a_folder_in_use_is_refused_before_a_device_is_opened(tmp_path, monkeypa
 def test_memory_does_not_grow_with_the_batches(tmp_path, small_batches, monkeypatch):
     """Of Python and numpy, beyond what the summary holds for each pose."""
     mesh = shapes.sphere(2)  # all figures of a pose: 26 kB
-    monkeypatch.setattr("rastercov.report.ROWS_A_GROUP", 1000)
+    monkeypatch.setattr("rastercov.report.figures.ROWS_A_GROUP", 1000)
 
     def peak(count):
         poses = around(count)

@@ -11,8 +11,8 @@ from scenes import joined, sheet
 from rastercov import shapes
 from rastercov.errors import ConfigError
 from rastercov.mesh import Group, Mesh
-from rastercov.placement import segment_kernels as kernels
-from rastercov.placement.segments import SLACK_DEG, segment
+from rastercov.placement.candidates import segment_kernels as kernels
+from rastercov.placement.candidates.segments import SLACK_DEG, segment
 
 angles = st.floats(0.5, 85)
 lattice = st.tuples(st.integers(-40, 40), st.integers(-40, 40))

@@ -13,21 +13,21 @@ from hypothesis import strategies as st
 from set_cover_cases import COVERS, FOLDER, OPTIMA, hard_for_the_clock, steiner
 
 from rastercov.errors import ConfigError, ResourceError
-from rastercov.placement import bounds
-from rastercov.placement import select_integer as integer_module
-from rastercov.placement.deadline import NEVER, Deadline, TimeUpError
-from rastercov.placement.merging import merge
-from rastercov.placement.problem import (
+from rastercov.placement.select import integer as integer_module
+from rastercov.placement.select import lagrange as bounds
+from rastercov.placement.select.cover_state import Tally
+from rastercov.placement.select.deadline import NEVER, Deadline, TimeUpError
+from rastercov.placement.select.greedy import EFFORT, construct, improve, select_greedy
+from rastercov.placement.select.integer import select_integer
+from rastercov.placement.select.presolve import merge
+from rastercov.placement.select.problem import (
     BestCoverage,
     FewestCameras,
     problem_of_matrix,
 )
-from rastercov.placement.select_greedy import EFFORT, construct, improve, select_greedy
-from rastercov.placement.select_integer import select_integer
-from rastercov.placement.select_thesis import select_thesis
-from rastercov.placement.selection import bound_of, in_order
+from rastercov.placement.select.selection import bound_of, in_order
+from rastercov.placement.select.thesis import select_thesis
 from rastercov.placement.set_cover_file import read_set_cover
-from rastercov.placement.tally import Tally
 
 QUICK = 200_000
 """Effort of the greedy search in tests."""

@@ -10,7 +10,7 @@ from scenes import joined
 
 import rastercov as rc
 from rastercov import shapes
-from rastercov.analytic import View
+from rastercov.exact.half_planes import View
 from rastercov.raster.rules import can_cull
 from rastercov.reference import rational
 

@@ -11,11 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import joined, square
 
-from rastercov import contacts, shapes
-from rastercov.contacts import CONTACT, REACH, touching_faces
-from rastercov.contour_kernels import MANY as KERNEL_MANY
-from rastercov.mesh import Mesh
-from rastercov.surface import MANY, surface_of
+from rastercov import shapes
+from rastercov.exact.certificate_kernels import MANY as KERNEL_MANY
+from rastercov.exact.surface import MANY, surface_of
+from rastercov.mesh import Mesh, contacts
+from rastercov.mesh.contacts import CONTACT, REACH, touching_faces
 
 SEEDS = st.integers(0, 2**32 - 1)
 

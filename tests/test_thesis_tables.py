@@ -13,7 +13,7 @@ from scenes import joined
 
 import rastercov as rc
 from rastercov import shapes
-from rastercov.placement.segments import segment
+from rastercov.placement.candidates.segments import segment
 
 ROOT = Path(__file__).parents[1]
 BENCHMARKS = ROOT / "benchmarks"

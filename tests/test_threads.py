@@ -17,13 +17,19 @@ import numpy as np
 import pytest
 
 import rastercov as rc
-from rastercov import analytic, compiled, contacts, contour, memory, shapes, surface
+from rastercov import _jit as compiled
+from rastercov import _memory as memory
+from rastercov import shapes
+from rastercov._once import Once
+from rastercov._threads import ScratchPool, share_poses
 from rastercov.errors import DeviceError, ResourceError
+from rastercov.exact import certificate as contour
+from rastercov.exact import half_planes as analytic
+from rastercov.exact import surface
+from rastercov.mesh import contacts
 from rastercov.models.scott import coverage as scott_coverage
-from rastercov.once import Once
-from rastercov.parallel import ScratchPool, share_poses
 from rastercov.pose import sphere_of_poses
-from rastercov.raster import kernels
+from rastercov.raster.cpu import loops as kernels
 
 ATTACK = Path(__file__).resolve().parents[1] / "benchmarks" / "attack_threads.py"
 CAMERA = rc.Camera(width=96, height=80, fx=85, fy=90)
@@ -114,7 +120,8 @@ def test_a_fork_waits_for_the_compiler_and_its_child_can_compile():
 import os, signal, threading, time
 from numba.core.compiler_lock import global_compiler_lock
 import rastercov as rc
-from rastercov import compiled, shapes
+from rastercov import shapes
+from rastercov import _jit as compiled
 is_compiling = threading.Event()
 def work():
     with global_compiler_lock:
@@ -136,7 +143,7 @@ thread.join()
 def test_a_child_works_out_what_its_parent_was_working_out_when_it_forked():
     run_python("""
 import os, signal, threading
-from rastercov.once import Once
+from rastercov._once import Once
 value, begun, ended = Once(), threading.Event(), threading.Event()
 def slow():
     begun.set()

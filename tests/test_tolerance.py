@@ -7,9 +7,10 @@ from hypothesis import strategies as st
 from test_optimise import CAMERA, MESH, TASK
 
 from rastercov.errors import ConfigError
-from rastercov.placement import tolerance as tolerance_module
-from rastercov.placement.objective import Objective
-from rastercov.placement.tolerance import (
+from rastercov.observer import open_observer
+from rastercov.placement.improve import tolerance as tolerance_module
+from rastercov.placement.improve.objective import Objective
+from rastercov.placement.improve.tolerance import (
     InstallationError,
     Spread,
     disturbed_poses,
@@ -17,7 +18,6 @@ from rastercov.placement.tolerance import (
     tolerance,
 )
 from rastercov.pose import sphere_of_poses
-from rastercov.visibility import open_observer
 
 POSES = sphere_of_poses((0, 0, 0), 2.7, 4)
 SOME = InstallationError(position_mm=100, angle_deg=5)

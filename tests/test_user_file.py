@@ -15,12 +15,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rastercov import cli
+from rastercov._files import UnreadableError, file_bytes, open_file, read_json, read_toml
 from rastercov.camera import Camera
 from rastercov.errors import CameraError, ConfigError, MeshError, PoseError, RastercovError
 from rastercov.mesh import Mesh
 from rastercov.plan.file import read_plan
 from rastercov.pose import look_at, read_poses, write_poses
-from rastercov.user_file import UnreadableError, file_bytes, open_file, read_json, read_toml
 
 READERS = {
     "camera.json": (Camera.load, CameraError),

@@ -11,9 +11,9 @@ from rastercov.camera import Camera
 from rastercov.criteria import view_faces
 from rastercov.errors import ConfigError, PoseError
 from rastercov.mesh import Mesh
+from rastercov.observer import METHODS, Kind, Observation, figures, open_observer, visibility
 from rastercov.pose import look_at, sphere_of_poses
 from rastercov.raster.gl import GLRasterizer
-from rastercov.visibility import METHODS, Kind, Observation, figures, open_observer, visibility
 
 CAMERA = Camera(width=200, height=200, fx=100, fy=100)
 AHEAD = np.eye(4)  # at the origin, looking along +z

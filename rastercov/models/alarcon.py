@@ -46,8 +46,8 @@ from rastercov.coverage import Task
 from rastercov.criteria import in_focus, view_faces
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
-from rastercov.models.occlusion import LineOfSight, check_tracer
-from rastercov.models.shared import check_number, each_pose, seen_normals
+from rastercov.models.base import check_number, each_pose, seen_normals
+from rastercov.models.line_of_sight import LineOfSight, check_tracer
 from rastercov.projection import to_camera
 
 FloatArray = NDArray[np.float64]

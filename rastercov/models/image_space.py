@@ -24,7 +24,7 @@ from rastercov.camera import Camera
 from rastercov.coverage import Task, evaluate_batches
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
-from rastercov.visibility import METHODS, open_observer
+from rastercov.observer import METHODS, open_observer
 
 FloatArray = NDArray[np.float64]
 

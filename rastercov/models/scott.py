@@ -32,7 +32,7 @@ from rastercov.camera import Camera
 from rastercov.coverage import Task
 from rastercov.criteria import in_focus, view_faces
 from rastercov.mesh import Mesh
-from rastercov.models.shared import check_density, each_pose, required_density, share_of
+from rastercov.models.base import check_density, each_pose, required_density, share_of
 
 FloatArray = NDArray[np.float64]
 

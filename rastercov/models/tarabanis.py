@@ -34,7 +34,7 @@ from rastercov.camera import Camera
 from rastercov.coverage import Task
 from rastercov.criteria import view_faces
 from rastercov.mesh import Mesh
-from rastercov.models.shared import check_density, each_pose, required_density, share_of
+from rastercov.models.base import check_density, each_pose, required_density, share_of
 from rastercov.projection import to_camera, to_image
 
 FloatArray = NDArray[np.float64]

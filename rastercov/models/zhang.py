@@ -42,14 +42,14 @@ from rastercov.camera import Camera
 from rastercov.coverage import Task
 from rastercov.criteria import ViewOfFaces, in_focus, view_faces
 from rastercov.mesh import Mesh
-from rastercov.models.occlusion import LineOfSight, check_tracer
-from rastercov.models.shared import (
+from rastercov.models.base import (
     check_density,
     each_pose,
     required_density,
     seen_normals,
     share_of,
 )
+from rastercov.models.line_of_sight import LineOfSight, check_tracer
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -28,10 +28,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov._typed import typed
 from rastercov.camera import Camera
 from rastercov.coverage import POSES_A_BATCH, Coverage, Task, evaluate_batches
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
+from rastercov.observer import Observer, open_observer
 from rastercov.placement.shards import (
     DamagedError,
     Note,
@@ -47,8 +49,6 @@ from rastercov.placement.shards import (
     warned,
 )
 from rastercov.pose import valid_poses
-from rastercov.typed import typed
-from rastercov.visibility import Observer, open_observer
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from rastercov.errors import ConfigError
-from rastercov.placement.problem import Goal, Problem, problem_of_matrix
+from rastercov.placement.select.problem import Goal, Problem, problem_of_matrix
 
 
 def read_set_cover(path: str | Path, goal: Goal | None = None) -> Problem:

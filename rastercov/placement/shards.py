@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 
 from rastercov.coverage import Task
 from rastercov.errors import ConfigError
-from rastercov.visibility import Observer
+from rastercov.observer import Observer
 
 FloatArray = NDArray[np.float64]
 
@@ -75,7 +75,7 @@ class DamagedError(ConfigError):
 
 def warned(line: str) -> None:
     """One line on standard error."""
-    from rastercov.console import warn  # loads Typer and Rich, which only a warning needs
+    from rastercov.cli.console import warn  # loads Typer and Rich, which only a warning needs
 
     warn([line])
 

@@ -14,23 +14,23 @@ from xml.etree import ElementTree
 from rastercov.coverage import Task
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
-from rastercov.placement.leftover import Leftover, what_is_left
-from rastercov.placement.objective import Objective
+from rastercov.observer import open_observer
+from rastercov.placement.explain.uncovered import Leftover, what_is_left
+from rastercov.placement.improve.objective import Objective
 from rastercov.plan.errors import PlanError
 from rastercov.plan.file import Plan
-from rastercov.plan.goal import (
+from rastercov.plan.network import Measured, measured
+from rastercov.plan.prepare import Step, quiet
+from rastercov.plan.requirements import (
     HOLDS,
     Requirement,
     counting,
     judge,
     limits_of,
 )
-from rastercov.plan.network import Measured, measured
-from rastercov.plan.prepare import Step, quiet
 from rastercov.plan.scene import scene
 from rastercov.pose import read_poses, valid_poses
-from rastercov.report import write_bytes
-from rastercov.visibility import open_observer
+from rastercov.report.figures import write_bytes
 
 Limits = Mapping[str | None, float]
 MOST_GROUPS = 5

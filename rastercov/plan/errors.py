@@ -12,7 +12,7 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from rastercov.camera_checks import shown
+from rastercov._checks import shown
 from rastercov.errors import ConfigError
 
 WORDS = {

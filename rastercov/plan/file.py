@@ -8,11 +8,11 @@ from typing import Any
 
 from pydantic import PrivateAttr, ValidationError
 
+from rastercov._files import StrPath, UnparsedError, UnreadableError, printable, read_toml
 from rastercov.camera import Camera
 from rastercov.coverage import Task
 from rastercov.plan.errors import PlanError, lines_of
-from rastercov.plan.model import PlanModel
-from rastercov.user_file import StrPath, UnparsedError, UnreadableError, printable, read_toml
+from rastercov.plan.sections import PlanModel
 
 
 class Plan(PlanModel):

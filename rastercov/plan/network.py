@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rastercov.coverage import Coverage, Reason, Task, evaluate_batches
 from rastercov.mesh import Mesh
 from rastercov.network import Network
-from rastercov.placement.objective import Objective
+from rastercov.placement.improve.objective import Objective
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -21,16 +21,19 @@ from rastercov.camera import Camera
 from rastercov.coverage import Reason, Task, evaluate_batches
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
-from rastercov.placement.cavities import Openings, openings
+from rastercov.observer import Observer
+from rastercov.placement.candidates.cavities import Openings, openings
+from rastercov.placement.candidates.segments import Segmentation
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
-from rastercov.placement.problem import BestCoverage, FewestCameras, Goal, Problem, problem_of
-from rastercov.placement.segments import Segmentation
+from rastercov.placement.select.problem import (
+    BestCoverage,
+    FewestCameras,
+    Goal,
+    Problem,
+    problem_of,
+)
 from rastercov.placement.shards import describe, locked, read_header
-from rastercov.plan.file import Plan
-from rastercov.plan.generators import PerCavity
-from rastercov.plan.goal import OF, counting, goal_of, percent
-from rastercov.plan.model import SelectionSection
-from rastercov.plan.stock import (
+from rastercov.plan.candidates import (
     Stock,
     framing_of,
     keep_outs,
@@ -38,8 +41,11 @@ from rastercov.plan.stock import (
     stock,
     stock_with,
 )
-from rastercov.report_folder import named
-from rastercov.visibility import Observer
+from rastercov.plan.file import Plan
+from rastercov.plan.generators import PerCavity
+from rastercov.plan.requirements import OF, counting, goal_of, percent
+from rastercov.plan.sections import SelectionSection
+from rastercov.report.folder import named
 
 FloatArray = NDArray[np.float64]
 SOME = 32

@@ -12,23 +12,23 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.placement.leftover import Leftover, what_is_left
-from rastercov.placement.objective import Objective
-from rastercov.placement.optimise import Optimised, optimise
-from rastercov.placement.problem import Problem
-from rastercov.placement.refine import Refined, refine
-from rastercov.placement.select_greedy import select_greedy
-from rastercov.placement.select_integer import select_integer
-from rastercov.placement.selection import Selection
-from rastercov.placement.tolerance import InstallationError, Tolerance, tolerance
+from rastercov.observer import open_observer
+from rastercov.placement.explain.uncovered import Leftover, what_is_left
+from rastercov.placement.improve.objective import Objective
+from rastercov.placement.improve.refine import Refined, refine
+from rastercov.placement.improve.search import Optimised, optimise
+from rastercov.placement.improve.tolerance import InstallationError, Tolerance, tolerance
+from rastercov.placement.select.greedy import select_greedy
+from rastercov.placement.select.integer import select_integer
+from rastercov.placement.select.problem import Problem
+from rastercov.placement.select.selection import Selection
 from rastercov.plan.errors import PlanError
 from rastercov.plan.file import Plan
-from rastercov.plan.goal import HOLDS, Requirement, counting, judge, limits_of
-from rastercov.plan.model import FewestSelection, SelectionSection
 from rastercov.plan.network import Measured, measured
 from rastercov.plan.prepare import Clock, Prepared, Progress, Step, prepare, quiet
+from rastercov.plan.requirements import HOLDS, Requirement, counting, judge, limits_of
 from rastercov.plan.scene import scene
-from rastercov.visibility import open_observer
+from rastercov.plan.sections import FewestSelection, SelectionSection
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -15,7 +15,7 @@ from rastercov.mesh import Group, Mesh
 from rastercov.plan.errors import PlanError
 from rastercov.plan.file import Plan
 from rastercov.plan.generators import Mounted, PerFace
-from rastercov.plan.model import FewestSelection, MeshEntry
+from rastercov.plan.sections import FewestSelection, MeshEntry
 
 
 def scene(plan: Plan) -> Mesh:

@@ -19,11 +19,11 @@ from typing import Any, Protocol, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.arguments import check_choice, check_scene
+from rastercov._arguments import check_choice, check_scene
+from rastercov._checks import finite_number, shown
+from rastercov._memory import check_memory
 from rastercov.camera import Camera
-from rastercov.camera_checks import finite_number, shown
 from rastercov.errors import ConfigError, DeviceError, ResourceError
-from rastercov.memory import check_memory
 from rastercov.mesh import Mesh
 
 CountArray = NDArray[np.int32] | NDArray[np.int64]
@@ -268,7 +268,7 @@ def open_rasterizer(
 
 def _open_hardware(mesh: Mesh, camera: Camera, common: dict[str, Any]) -> Rasterizer | None:
     """Rasteriser on a hardware device, None when none is announced or none works."""
-    from rastercov.raster.devices import list_devices
+    from rastercov.raster.gl.devices import list_devices
 
     if all(device.is_software for device in list_devices()):
         return None

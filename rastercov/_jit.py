@@ -1,0 +1,258 @@
+"""How loops are compiled: by numba, without a lock, kept on disk; and said so the first time.
+
+numba keeps what it compiled by file, and does not notice when a loop calls into another file that
+has changed. So loops that call each other stand in one file, or name the others to `compiled_with`.
+
+numba compiles in one thread of a process at a time, whichever asks; a fork waits until it is done.
+
+A disk may be full, read-only or damaged. What is read back is used only when its hash is right and
+it was made from this source for these arguments; else the loop is compiled anew. What cannot be
+written is not kept, and one notice a process says so.
+"""
+
+import hashlib
+import logging
+import os
+import pickle
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numba
+from numba.core import caching
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.serialize import dumps
+from numba.misc.appdirs import AppDirs
+
+from rastercov._files import UnreadableError, file_bytes
+
+# A process that is forked while another thread compiles would find the compiler locked for ever,
+# and half way through a loop: no lock of its own could mend that.
+os.register_at_fork(
+    before=global_compiler_lock.acquire,
+    after_in_parent=global_compiler_lock.release,
+    after_in_child=global_compiler_lock.release,
+)
+
+LOG = logging.getLogger("rastercov")
+"""Notices of the library. At level WARNING, which Python shows on standard error unless the program
+has set up logging of its own: without a word, half a minute of compiling looks like a hang."""
+LARGEST_LOOP = 64 << 20
+"""Bytes of one compiled loop on disk; real ones have less than one MiB."""
+ROOM = 8 << 20
+"""Bytes that all compiled loops need on disk, and a little more."""
+
+_said: dict[str, object] = {}
+
+
+class _CheckedFile(caching.IndexDataCacheFile):
+    """Files of one compiled loop: an index and a file for each signature, both with their hash.
+
+    A file names the source and the signature that it was made for, too. numba replaces its two
+    files one after the other, so a full disk, or two processes at once, can leave an index that
+    leads to what an older source was compiled to.
+    """
+
+    def load(self, key: Any) -> Any:
+        """Return what was kept for a signature, None when nothing there can be trusted."""
+        name = self._load_index().get(key)
+        found = self._read(name) if name is not None else None
+        if not isinstance(found, tuple) or found[:2] != self._made_for(key):
+            return None
+        return found[2]
+
+    def save(self, key: Any, data: Any) -> None:
+        super().save(key, (*self._made_for(key), data))
+
+    def _made_for(self, key: Any) -> tuple[Any, str]:
+        return self._source_stamp, repr(key)
+
+    def _load_index(self) -> dict[Any, str]:
+        found = self._read(self._index_name)
+        if not isinstance(found, tuple) or found[:2] != (self._version, self._source_stamp):
+            return {}
+        names: dict[Any, str] = found[2]
+        return names
+
+    def _save_index(self, overloads: dict[Any, str]) -> None:
+        self._write(self._index_name, (self._version, self._source_stamp, overloads))
+
+    def _save_data(self, name: str, data: Any) -> None:
+        self._write(name, data)
+
+    def _write(self, name: str, content: Any) -> None:
+        data = dumps(content)
+        with self._open_for_write(self._data_path(name)) as file:
+            file.write(hashlib.sha256(data).digest() + data)
+
+    def _read(self, name: str) -> Any:
+        """Content of a file, None when it is not there, torn or not ours."""
+        try:
+            data = file_bytes(self._data_path(name), LARGEST_LOOP)
+        except UnreadableError:
+            return None
+        digest, data = data[:32], data[32:]
+        return pickle.loads(data) if hashlib.sha256(data).digest() == digest else None
+
+
+class _Place(caching.CompileResultCacheImpl):
+    """Folders that numba may keep a loop in: never one called "~"."""
+
+    @property
+    def _locator_classes(self) -> list[Any]:  # type: ignore[override]
+        places = list(caching.CacheImpl._locator_classes)
+        # Without HOME, and for a user without an entry, this is the relative path "~/.cache".
+        if not Path(AppDirs(appname="numba", appauthor=False).user_cache_dir).is_absolute():
+            places = [place for place in places if place is not caching.UserWideCacheLocator]
+        return places
+
+
+class _Kept(caching.FunctionCache):
+    """A loop on disk; without it, compiling goes on."""
+
+    _impl_class = _Place
+    is_writable = True
+    """Of all loops; False from the first failure on, as the next would fail alike."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)
+        impl = self._impl
+        self._cache_file = _CheckedFile(
+            self.cache_path, impl.filename_base, impl.locator.get_source_stamp()
+        )
+
+    def load_overload(self, signature: Any, context: Any) -> Any:
+        try:
+            return super().load_overload(signature, context)
+        except Exception:  # whatever LLVM makes of what another version of it left
+            return None
+
+    def save_overload(self, signature: Any, data: Any) -> None:
+        if not _Kept.is_writable:
+            return
+        try:
+            super().save_overload(signature, data)
+        except OSError as error:
+            self.give_up(error)
+
+    def holds_any(self) -> bool:
+        """True when an earlier run left this loop here, compiled from the same source."""
+        return bool(self._cache_file._load_index())
+
+    def has_room(self) -> bool:
+        """True when the folder takes as much as all loops need; if not, nothing is kept."""
+        if _Kept.is_writable:
+            try:
+                with tempfile.TemporaryFile(dir=self.cache_path) as file:
+                    file.write(bytes(ROOM))
+            except OSError as error:
+                self.give_up(error)
+        return _Kept.is_writable
+
+    def give_up(self, error: OSError) -> None:
+        """Keep nothing more on disk in this process, and say why."""
+        _Kept.is_writable = False
+        _say_unkept(f"{self.cache_path}: {error.strerror or error}")
+
+
+def compiled(function: Callable[..., Any]) -> Any:
+    """Compile on first use and keep the result on disk, where there is a disk to keep it on."""
+    loop: Any = numba.njit(nogil=True, error_model="numpy")(function)
+    with suppress(RuntimeError, OSError):  # nowhere to write: compile in every process
+        loop._cache = _Kept(function)
+    return loop
+
+
+def compiled_with(*others: ModuleType) -> Callable[[Callable[..., Any]], Any]:
+    """As `compiled`, for loops that are made of what stands in other files too.
+
+    What is on disk is then used only while all of these files are as they were.
+    """
+
+    def decorate(function: Callable[..., Any]) -> Any:
+        loop = compiled(function)
+        cache = getattr(loop._cache, "_cache_file", None)
+        if cache is not None:
+            files = [Path(str(module.__file__)).stat() for module in others]
+            cache._source_stamp = (
+                cache._source_stamp,
+                *((file.st_mtime, file.st_size) for file in files),
+            )
+        return loop
+
+    return decorate
+
+
+def part_of(function: Callable[..., Any]) -> Any:
+    """Compiled into the loop that calls it, as if it stood there: for what is called often.
+
+    It must not take arrays, whose references would be counted at each call.
+    """
+    return numba.njit(nogil=True, error_model="numpy", forceinline=True)(function)
+
+
+def inlined(function: Callable[..., Any]) -> Any:
+    """Put in the place of each call: for small functions in hot loops, which take arrays."""
+    return numba.njit(nogil=True, error_model="numpy", inline="always")(function)
+
+
+def announce_compilation(loop: Any) -> bool:
+    """Say that loops are compiled, once a process, where no earlier run has left this one on disk.
+
+    True where they are, and will be kept.
+    """
+    if loop.signatures:  # in this process already
+        return False
+    if not isinstance(loop._cache, _Kept):
+        _say_unkept("no folder for it can be written")
+        return False
+    if loop._cache.holds_any():
+        return False
+    if not loop._cache.has_room():
+        return False
+    _say_once("compiling", "rastercov: compiling, once after installation")
+    return True
+
+
+def _say_unkept(why: str) -> None:
+    _say_once(
+        "unkept",
+        "rastercov: compiling, in every process: the result cannot be kept on disk "
+        f"({why}); set NUMBA_CACHE_DIR to a folder with room",
+    )
+
+
+def _say_once(kind: str, text: str) -> None:
+    mine = object()  # whichever thread puts its own in says it; a lock might be held in a fork
+    if _said.setdefault(kind, mine) is mine:
+        LOG.warning("%s", text)
+
+
+@contextmanager
+def compiled_aside(code: str) -> Iterator[None]:
+    """Run code that compiles some loops in a process of its own, while the block compiles others.
+
+    numba compiles one loop at a time in a process; what both leave on disk is shared. Should the
+    other process fail, this one compiles its loops when it needs them.
+    """
+    aside = None
+    with suppress(OSError):
+        aside = subprocess.Popen(
+            [sys.executable, "-c", code],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+    try:
+        yield
+        if aside:
+            aside.wait()
+    finally:
+        if aside and aside.poll() is None:
+            aside.kill()
+            aside.wait()

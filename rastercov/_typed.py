@@ -1,0 +1,153 @@
+"""Types of arguments, checked by the annotations of the functions that take them.
+
+Serves the functions of `placement` that a program calls with dozens of options: a mesh where a
+camera belongs, a text for a number or NaN is refused by name before anything runs, instead of deep
+inside. Limits stay with each function.
+"""
+
+import dataclasses
+import functools
+import inspect
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov._arguments import check_room
+from rastercov._checks import finite_number, is_inf, is_number, shown
+from rastercov.errors import CameraError, ConfigError, MeshError, RastercovError
+
+Given = ParamSpec("Given")
+Result = TypeVar("Result")
+
+ERRORS: dict[str, type[RastercovError]] = {"Mesh": MeshError, "Camera": CameraError}
+"""By the name of the type that is wanted; for all others it is a ConfigError."""
+ARRAY = get_args(ArrayLike) or (ArrayLike,)
+"""What an annotation with ArrayLike has in it: a union up to numpy 2.4, an alias from 2.5 on."""
+ARRAYS = (np.ndarray, NDArray)
+WORDS = {float: "a number", int: "a whole number", bool: "True or False", str: "a text"}
+
+
+def typed(function: Callable[Given, Result]) -> Callable[Given, Result]:
+    """Check the types of all arguments, by their annotations, before the function runs."""
+    signature = inspect.signature(function)
+
+    @functools.wraps(function)
+    def checked(*arguments: Given.args, **named: Given.kwargs) -> Result:
+        hints = _hints(function)
+        for name, value in signature.bind(*arguments, **named).arguments.items():
+            check_type(name, value, hints.get(name, Any))
+        return function(*arguments, **named)
+
+    return checked
+
+
+def check_fields(value: Any) -> None:
+    """Check the types of all fields of a dataclass, by their annotations."""
+    kind: Any = type(value)
+    hints = _hints(kind)
+    for field in dataclasses.fields(value):
+        if field.init:
+            check_type(field.name, getattr(value, field.name), hints[field.name])
+
+
+def check_type(name: str, value: Any, hint: Any) -> None:
+    """Raise the error that goes with a type where a value is not of it."""
+    if _is_array_like(hint):
+        check_room(name, value)
+    if not _fits(value, hint):
+        kinds = [kind.__name__ for kind in (hint, *get_args(hint)) if hasattr(kind, "__name__")]
+        error = next((ERRORS[kind] for kind in kinds if kind in ERRORS), ConfigError)
+        raise error(f"{name} must be {_wanted(hint)}, got {shown(value)}")
+
+
+@functools.cache  # resolved at the first call, when all modules are there
+def _hints(thing: Any) -> dict[str, Any]:
+    return get_type_hints(thing)
+
+
+def _fits(value: Any, hint: Any) -> bool:
+    kinds, origin = get_args(hint), get_origin(hint) or hint
+    if _is_array_like(hint):
+        others = [kind for kind in kinds if kind not in ARRAY]
+        # ArrayLike has texts in it, which are meant only where paths are, too.
+        others += [str] if Path in others else []
+        return _is_numeric(value) or any(_fits(value, kind) for kind in others)
+    if origin in (Union, UnionType):
+        return any(_fits(value, kind) for kind in kinds)
+    if origin is Literal:
+        return isinstance(value, str) and value in kinds
+    if hint is float:
+        return is_number(value) and (is_inf(abs(value)) or not math.isnan(finite_number(value)))
+    if hint is int:
+        return isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if hint is bool:
+        return isinstance(value, bool | np.bool_)
+    if origin is tuple:
+        if kinds[-1] is ... or len(set(kinds)) == 1:  # the number of them is a limit
+            return _is_row(value) and all(_fits(each, kinds[0]) for each in value)
+        return _is_row(value) and len(value) == len(kinds) and all(map(_fits, value, kinds))
+    if getattr(origin, "_is_protocol", False) and origin.__module__.startswith("rastercov."):
+        names = [name for name in (*vars(origin), *_hints(origin)) if not name.startswith("_")]
+        return not isinstance(value, type) and all(hasattr(value, name) for name in names)
+    if not isinstance(origin, type) or not kinds or origin is type:
+        return not isinstance(origin, type) or isinstance(value, origin)
+    if issubclass(origin, Mapping):
+        return isinstance(value, Mapping) and all(
+            _fits(key, kinds[0]) and _fits(each, kinds[1]) for key, each in value.items()
+        )
+    if issubclass(origin, Callable):  # type: ignore[arg-type] # an abstract class at run time
+        return callable(value)
+    return _is_row(value) and all(_fits(each, kinds[0]) for each in value)
+
+
+def _is_array_like(hint: Any) -> bool:
+    """True for an annotation of ArrayLike, alone or among others, or of arrays."""
+    kinds = get_args(hint) or (hint,)
+    return (get_origin(hint) or hint) in ARRAYS or all(kind in kinds for kind in ARRAY)
+
+
+def _is_numeric(value: Any) -> bool:
+    """True when numpy makes numbers of a value, without reading texts or losing a mask."""
+    try:
+        array = np.asarray(value)
+    except Exception:  # whatever conversion an object brings
+        return False
+    is_real = array.dtype.kind in "biuf" and array.dtype.itemsize <= 8  # longer ones overflow
+    return (not array.size or is_real) and not np.ma.is_masked(value)
+
+
+def _is_row(value: Any) -> bool:
+    """True for a sequence of other values, and no text."""
+    return isinstance(value, list | tuple | range) or (
+        isinstance(value, np.ndarray) and value.ndim > 0
+    )
+
+
+def _wanted(hint: Any) -> str:
+    """Words for the values that an annotation asks for."""
+    kinds, origin = get_args(hint), get_origin(hint) or hint
+    if _is_array_like(hint):
+        others = [_wanted(kind) for kind in kinds if kind not in ARRAY and origin not in ARRAYS]
+        return " or ".join(["real numbers", *others])
+    if origin in (Union, UnionType):
+        return " or ".join(dict.fromkeys(map(_wanted, kinds)))
+    if origin is Literal:
+        return " or ".join(map(str, kinds))
+    if origin is tuple:
+        each = [_wanted(kind) for kind in kinds if kind is not ...]
+        return f"a tuple ({', '.join(each)}{', ...' if kinds[-1] is ... else ''})"
+    if hint is NoneType:
+        return "None"
+    if hint in WORDS:
+        return WORDS[hint]
+    name = getattr(origin, "__name__", str(origin))
+    if name == "Callable":
+        return "a function"
+    if kinds and not issubclass(origin, Mapping):
+        return f"a sequence, each {_wanted(kinds[0])}"
+    return f"a {name}"

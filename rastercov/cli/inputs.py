@@ -1,0 +1,95 @@
+"""What the command line names, as values: a scene, a camera, poses.
+
+Between `cli` and the chain: files and built-in meshes, presets, poses on a sphere.
+"""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov import shapes
+from rastercov._arguments import MOST_POSES
+from rastercov.camera import PRESETS, Camera
+from rastercov.errors import ConfigError, MeshError, PoseError
+from rastercov.mesh import Mesh
+from rastercov.mesh.formats import READERS
+from rastercov.pose import read_poses, sphere_of_poses
+
+
+def read_scene(
+    meshes: list[Path],
+    unit: str,
+    occluders: list[str],
+    two_sided: list[str],
+    drop_invalid: bool,
+) -> Mesh:
+    """Scene of the named files; an occluder may be a further file or a group of these."""
+    files = [name for name in occluders if _is_file(name)]
+    hiding = [name for name in occluders if name not in files]
+    for name in map(str, meshes):
+        if _is_file(name):
+            continue
+        if name not in shapes.NAMES and Path(name).suffix.lower() not in READERS:
+            raise MeshError(
+                f"{name}: there is no such file, nor a built-in mesh of that name; "
+                f"built in are {', '.join(shapes.NAMES)}"
+            )
+        if name in shapes.NAMES and (len(meshes) > 1 or files or unit != "m"):
+            raise ConfigError(f"{name} is built in: it takes no --unit and no other mesh files")
+    if str(meshes[0]) in shapes.NAMES and not _is_file(meshes[0]):
+        mesh = shapes.by_name(str(meshes[0]))
+    else:
+        mesh = Mesh.load([*meshes, *files], _unit(unit), drop_invalid=drop_invalid)
+        n_faces = sum(source.n_faces for source in mesh.sources[: len(meshes)])
+        hiding += [mesh.groups[index].name for index in np.unique(mesh.face_group[n_faces:])]
+    groups = [group.name for group in mesh.groups]
+    if unknown := [name for name in hiding if name not in groups]:
+        raise MeshError(
+            f"--occluder {unknown[0]}: there is no such file, nor a group of that name; "
+            f"groups are {', '.join(groups)}"
+        )
+    mesh = mesh.with_groups(hiding, "all" if "all" in two_sided else two_sided)
+    if not mesh.task_mask.any():
+        raise MeshError("every group is an occluder; leave at least one to be covered")
+    return mesh
+
+
+def _is_file(name: str | Path) -> bool:
+    """Whether there is a file of that name, and not a folder; no name is too long to ask."""
+    try:
+        return Path(name).is_file()
+    except OSError:
+        return False
+
+
+def _unit(unit: str) -> str | float:
+    try:
+        return float(unit)
+    except ValueError:
+        return unit
+
+
+def read_camera(name: str) -> Camera:
+    """Camera of that preset or file."""
+    return Camera.preset(name) if name in PRESETS else Camera.load(name)
+
+
+def read_view_points(source: str, mesh: Mesh, camera: Camera) -> NDArray[np.float64]:
+    """Poses of a file, or sphere:N around the mesh at the distance where it fills the image."""
+    if not source.startswith("sphere:"):
+        return read_poses(source)
+    count = source.removeprefix("sphere:")
+    if not count.isdecimal() or not 1 <= float(count) <= MOST_POSES:
+        raise PoseError(f"--poses sphere:N wants a whole number 1 to {MOST_POSES}, got {source!r}")
+    centre = mesh.bounds.mean(axis=0)
+    used = mesh.vertices[np.unique(mesh.faces)]
+    radius = float(np.linalg.norm(used - centre, axis=1).max())
+    # The sphere around the mesh touches the sides of the narrower field of view.
+    narrowest = min(
+        min(camera.cx, camera.width - camera.cx) / camera.fx,
+        min(camera.cy, camera.height - camera.cy) / camera.fy,
+    )
+    if narrowest <= 0:
+        raise PoseError("--poses sphere:N needs a principal point inside the image")
+    return sphere_of_poses(centre, float(radius / np.sin(np.arctan(narrowest))), int(count))

@@ -1,0 +1,175 @@
+"""The commands `place` and `check`: a plan file carried out, and a rig held against it.
+
+Registered by `cli`; what they need loads when they run.
+"""
+
+import json
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+
+from rastercov.cli.console import out_option, progress_bar, say, warn
+
+if TYPE_CHECKING:
+    from rastercov.plan.file import Plan
+
+PlanFile = Annotated[Path, typer.Argument(help="Plan file (.toml).", show_default=False)]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for machines.")]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to the application."""
+    app.command()(place)
+    app.command()(check)
+
+
+def _print_schema(wanted: bool) -> None:
+    if wanted:
+        from rastercov.plan.file import schema
+
+        print(json.dumps(schema(), indent=2))
+        raise typer.Exit
+
+
+def place(
+    plan: PlanFile,
+    out: Annotated[
+        Path | None,
+        out_option("Folder for the files; the plan's own if left out."),
+    ] = None,
+    schema: Annotated[
+        bool,
+        typer.Option(
+            "--schema",
+            callback=_print_schema,
+            is_eager=True,
+            help="Print the JSON schema of plan files, for editors.",
+        ),
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Find out where cameras go: carry out a plan file; 1 when its goal is not reached.
+
+    It leaves the poses (poses.json), all figures (plan.json) and a page for people (page.html). A
+    run that was ended goes on with the candidates that it had not measured yet.
+
+    [bold]Example[/]: rastercov place examples/plans/inspect_part.toml --out plan/
+    """
+    asked = _plan(plan)
+    from rastercov.plan.run import place as run
+    from rastercov.report import plan as report
+    from rastercov.report.figures import json_text
+    from rastercov.report.folder import ReportFolder
+
+    folder = out or asked.folder / (asked.outputs.folder or asked.path.stem)
+    with ReportFolder(folder, report.PLACEMENT) as files:
+        with _errors_by_line():
+            placed = run(asked, folder, _step, lambda found: report.save_unfinished(found, files))
+        warn(placed.prepared.mesh.warnings)
+        if asked.outputs.page and not placed.interrupted:
+            before_page = replace(placed, interrupted="page")
+            report.save_unfinished(before_page, files)
+            page = files.file("page.html")
+            try:
+                with _step("page") as progress:
+                    report.write_page(placed, page, progress)
+            except KeyboardInterrupt:
+                placed = before_page
+                page.unlink(missing_ok=True)
+        report.save(placed, files)
+    if as_json:
+        print(json_text(report.summary(placed)))
+    else:
+        from rastercov.report.figures import summary_table
+
+        console = Console()
+        console.print(report.cameras_table(placed))
+        console.print(summary_table(placed.cameras.network.summary()))
+        left = placed.leftover.lines() if placed.leftover is not None else []
+        print("\n".join([*report.lines(placed), *left]))
+        has_page = asked.outputs.page and not placed.interrupted
+        print(folder / ("page.html" if has_page else "plan.json"))
+    if placed.interrupted:
+        raise KeyboardInterrupt
+    if not placed.is_met:
+        raise typer.Exit(1)
+
+
+def check(
+    plan: PlanFile,
+    poses: Annotated[
+        str, typer.Option("--poses", "-p", help="Pose file (.json, .npy) of the rig.")
+    ],
+    min_coverage: Annotated[
+        float | None,
+        typer.Option(min=0, max=1, help="Share to cover; the plan's own unless given."),
+    ] = None,
+    group: Annotated[
+        list[str], typer.Option(help="NAME=SHARE: share to cover of a group. Repeat it for more.")
+    ] = [],  # noqa: B006 - typer copies it
+    views: Annotated[
+        int | None, typer.Option(min=1, help="Cameras a face; the plan's own unless given.")
+    ] = None,
+    junit: Annotated[
+        Path | None, typer.Option(help="Write JUnit XML, a test case for each requirement.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Hold a rig against the mesh, camera and task of a plan; 1 when it falls short.
+
+    Needs no display and no GPU. A share whose bound does not decide counts as falling short.
+
+    [bold]Example[/]: rastercov check plan.toml --poses rig.json --min-coverage 0.98 --views 2
+    """
+    asked = _plan(plan)
+    from rastercov.plan import check as plan_check
+
+    if junit is not None:
+        plan_check.refuse_junit(junit)
+    with _errors_by_line():
+        limits = plan_check.limits(asked, min_coverage, group)
+        found = plan_check.check(asked, Path(poses), limits, views, _step)
+    if junit is not None:
+        plan_check.write_junit(junit, found)
+    warn(found.mesh.warnings)
+    if as_json:
+        print(json.dumps(plan_check.plain(found), indent=2))
+    else:
+        print("\n".join(found.lines()))
+    if not found.is_met:
+        raise typer.Exit(1)
+
+
+def _plan(path: Path) -> "Plan":
+    from rastercov.plan.file import read_plan
+
+    with _errors_by_line():
+        return read_plan(path)
+
+
+@contextmanager
+def _errors_by_line() -> Iterator[None]:
+    """Print what is wrong with a plan, a line each, and end with code 2."""
+    from rastercov.plan.errors import PlanError
+
+    try:
+        yield
+    except PlanError as error:
+        for line in error.lines:
+            say(f"error: {line}")
+        raise typer.Exit(2) from None
+
+
+@contextmanager
+def _step(name: str) -> Iterator[Callable[[int, int], None]]:
+    """A step with its name and its progress, on a terminal only."""
+    if sys.stderr.isatty():
+        say(name, 0)
+    with progress_bar() as progress:
+        yield progress

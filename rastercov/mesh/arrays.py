@@ -1,0 +1,133 @@
+"""Raw arrays in, trustworthy ones out: what `Mesh` checks, and how it computes on many faces.
+
+Serves `mesh`. Every function here sees whole arrays; `blocks` keeps the temporaries of a long one
+small.
+"""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov._arguments import LARGEST_COORDINATE, checked_array, owned
+from rastercov.errors import MeshError, ResourceError
+
+MOST_FACES = 2**31 - 1  # a pixel holds face index + 1
+BLOCK = 1 << 17  # faces handled at once, so that temporaries stay in cache
+# sin of an angle between two edges below which rounding alone decides the normal
+SMALLEST_SINE = 8 * float(np.finfo(np.float64).eps)
+
+
+def some(mask: NDArray[np.bool_]) -> str:
+    """Where `mask` holds, in words: the first few indices and how many there are."""
+    found = np.flatnonzero(mask)
+    more = ", ..." if len(found) > 5 else ""
+    return f"[{', '.join(map(str, found[:5]))}{more}], {len(found)} in all"
+
+
+def unusable_points(vertices: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(V,) points with a coordinate that is not finite or too large to compute with."""
+    unusable: NDArray[np.bool_] = ~np.all(np.abs(vertices) <= LARGEST_COORDINATE, axis=1)
+    return unusable
+
+
+def check_coordinates(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> None:
+    """Raise MeshError when a vertex is unusable, and say which faces need it."""
+    unusable = unusable_points(vertices)
+    if unusable.any():
+        raise MeshError(
+            f"coordinates must be finite and within ±{LARGEST_COORDINATE:g}, those of faces "
+            f"{some(np.any(unusable[faces], axis=1))} (vertices {some(unusable)}) are not; "
+            "repair the mesh, or load its file with drop_invalid=True"
+        )
+
+
+def checked_vertices(vertices: ArrayLike) -> NDArray[np.float64]:
+    """(V, 3) float64 copy, or MeshError."""
+    points = checked_array("vertices", vertices, "iuf", "real numbers", MeshError)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise MeshError(f"vertices must have shape (V, 3), got {points.shape}; pass x, y, z rows")
+    if len(points) > MOST_FACES:
+        raise ResourceError(
+            f"a mesh holds at most {MOST_FACES} vertices, got {len(points)}; split it"
+        )
+    return owned("vertices", points, np.float64)
+
+
+def checked_faces(faces: ArrayLike) -> NDArray[np.int64]:
+    """(F, 3) int64 copy with F in 1 ... 2^31 - 1, or MeshError, or ResourceError."""
+    corners = checked_array("faces", faces, "iu", "integers", MeshError)
+    if corners.size == 0:
+        raise MeshError("no triangles: faces must have at least one row, got none; add faces")
+    if corners.ndim != 2 or corners.shape[1] != 3:
+        raise MeshError(
+            f"faces must have shape (F, 3), got {corners.shape}; triangulate quads first"
+        )
+    if len(corners) > MOST_FACES:
+        raise ResourceError(
+            f"a mesh holds at most {MOST_FACES} faces, got {len(corners)}; split it"
+        )
+    return owned("faces", corners, np.int64)
+
+
+def face_labels(name: str, values: ArrayLike, n_faces: int) -> NDArray[np.int64]:
+    """(F,) int64 copy of one label a face, or of one for all, or MeshError."""
+    labels = checked_array(name, values, "iu", "integers", MeshError)
+    if labels.shape not in ((), (n_faces,)):
+        raise MeshError(
+            f"{name} must have shape ({n_faces},), got {labels.shape}; pass one value a face"
+        )
+    return owned(name, np.broadcast_to(labels, n_faces), np.int64)
+
+
+def frozen(array: NDArray[Any]) -> NDArray[Any]:
+    """Make `array` read-only and return it."""
+    array.flags.writeable = False
+    return array
+
+
+def blocks(n: int) -> Iterator[slice]:
+    """Slices that cover range(n)."""
+    return (slice(start, start + BLOCK) for start in range(0, n, BLOCK))
+
+
+def normals_and_areas(
+    vertices: NDArray[np.float64], faces: NDArray[np.integer[Any]]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(F, 3) unit normals by the right-hand rule and (F,) areas; 0 where rounding hides them."""
+    normals, areas = np.zeros((len(faces), 3)), np.zeros(len(faces))
+    for block in blocks(len(faces)):
+        p, q, r = np.moveaxis(vertices[faces[block]], 1, 0)
+        sides = np.stack([q - p, r - p])
+        size = np.abs(sides).max(axis=(0, 2))  # scaled, so that no square under- or overflows
+        sides /= np.where(size > 0, size, 1)[:, None]
+        cross = np.cross(sides[0], sides[1])
+        length = np.linalg.norm(cross, axis=1)
+        is_flat = length <= SMALLEST_SINE * np.linalg.norm(sides, axis=2).prod(axis=0)
+        normals[block] = np.where(is_flat, 0, cross.T / np.where(is_flat, 1, length)).T
+        areas[block] = np.where(is_flat, 0, length * size**2 / 2)
+    return normals, areas
+
+
+def encloses_volume(
+    vertices: NDArray[np.float64], faces: NDArray[np.int64], part: NDArray[np.int64]
+) -> NDArray[np.bool_]:
+    """(C,) whether the signed volume of each part of a closed mesh is positive, beyond rounding.
+
+    Each part is measured from its own centre, or a far offset would drown its volume.
+    """
+    n_parts = int(part.max()) + 1
+    low, n_of = vertices[faces[0, 0]], 3 * np.bincount(part, minlength=n_parts)[:, None]
+    centre = np.zeros((n_parts, 3))
+    volume, scale = np.zeros(n_parts), np.zeros(n_parts)
+    for block in blocks(len(faces)):
+        corners = (vertices[faces[block]] - low).sum(axis=1).T
+        centre += np.stack([np.bincount(part[block], x, n_parts) for x in corners], axis=1)
+    centre = low + centre / n_of
+    for block in blocks(len(faces)):
+        p, q, r = np.moveaxis(vertices[faces[block]] - centre[part[block], None], 1, 0)
+        term = np.einsum("ij,ij->i", p, np.cross(q, r))
+        volume += np.bincount(part[block], term, n_parts)
+        scale += np.bincount(part[block], np.abs(term), n_parts)
+    return volume > 1e-12 * scale

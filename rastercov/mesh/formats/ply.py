@@ -1,0 +1,320 @@
+"""PLY: from the bytes of a file, text or binary, to its polygons.
+
+Serves `mesh_file`, under the rules of `mesh_formats`. Every element of the header is read or
+stepped over in the file's order; vertices and faces may have any other properties.
+
+Source: G. Turk. The PLY Polygon File Format. 1994.
+"""
+
+import re
+import struct
+from array import array
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.errors import MeshError
+from rastercov.mesh.formats.polygons import (
+    Polygons,
+    check_budget,
+    check_count,
+    fan_polygons,
+    trailing_lines,
+)
+from rastercov.mesh.formats.text import BYTE_ORDER_MARK, CUT_NOTE, Lines
+
+TYPES = {
+    "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4",
+    "float": "f4", "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2",
+    "int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8",
+}  # fmt: skip
+STRUCT_CODES = dict(zip(("i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8"), "bBhHiIfd", strict=True))
+BYTE_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+LIST_NAMES = ("vertex_indices", "vertex_index")
+
+
+@dataclass
+class Property:
+    """One property of an element; `count_type` is "" unless it is a list."""
+
+    name: str
+    type: str
+    count_type: str = ""
+
+
+@dataclass
+class Element:
+    """One element of the header."""
+
+    name: str
+    count: int
+    properties: list[Property]
+
+    @property
+    def lists(self) -> list[int]:
+        """Places of the properties that are lists."""
+        return [i for i, p in enumerate(self.properties) if p.count_type]
+
+    def index(self, names: tuple[str, ...], kinds: str, is_list: bool) -> int:
+        """Place of the property with one of `names`; MeshError if it is not there."""
+        for i, p in enumerate(self.properties):
+            if p.name in names and p.type[0] in kinds and bool(p.count_type) == is_list:
+                return i
+        raise MeshError(
+            f"element {self.name!r} wants a property {names[0]!r}, has "
+            f"{[p.name for p in self.properties]}; export it again"
+        )
+
+
+class Column(NamedTuple):
+    """Values of one property, row after row; how many each row has is filled in for lists."""
+
+    values: NDArray[Any]
+    counts: NDArray[np.int64]
+
+
+Columns = dict[tuple[str, int], Column]
+"""Columns by the name of their element and the place of the property."""
+
+
+def read_ply(data: bytes, budget: int) -> Polygons:
+    """Polygons of a PLY file, and the triangles of its strips, as polygons of their own."""
+    data = data.removeprefix(BYTE_ORDER_MARK)
+    end = re.search(rb"[\r\n]end_header[ \t]*(\r\n|\r|\n)", data[: 1 << 20])
+    if not data.startswith(b"ply") or end is None:
+        raise MeshError("'ply' ... 'end_header' wanted at the start, not there; it is no PLY file")
+    lines = Lines(data[: end.end()], budget)
+    order, elements = _header(lines)
+    n_left = len(data) - end.end()
+    for element in elements.values():
+        sizes = [np.dtype(p.count_type or p.type).itemsize for p in element.properties]
+        least = max(1, sum(sizes) if order else 2 * len(sizes))
+        check_count(element.count, f"elements {element.name!r}", least, n_left)
+    surfaces = [name for name in elements if name in SURFACES]
+    if "vertex" not in elements or not surfaces:
+        raise MeshError(f"no triangles: elements vertex and face wanted, got {list(elements)}")
+    vertex = elements["vertex"]
+    axes = [("vertex", vertex.index((axis,), "iuf", False)) for axis in "xyz"]
+    lists = [(name, elements[name].index(LIST_NAMES, "iu", True)) for name in surfaces]
+    n_faces = elements["face"].count if "face" in elements else 0
+    check_budget(n_faces, budget, vertex.count)
+
+    if order:
+        columns, notes = _binary(data, end.end(), order, elements, [*axes, *lists], budget)
+    else:
+        body = Lines(data[end.end() :], budget, number=lines.number)
+        columns, notes = _text(body, elements, [*axes, *lists], budget)
+    coordinates = np.stack([columns[key].values for key in axes], axis=1)
+    polygons = [SURFACES[key[0]](columns[key], budget) for key in lists]
+    return fan_polygons(
+        coordinates,
+        np.concatenate([polygon.values for polygon in polygons]),
+        np.concatenate([polygon.counts for polygon in polygons]),
+        budget,
+        notes,
+    )
+
+
+def _faces(lists: Column, budget: int) -> Column:
+    """Corners of polygons, one list each."""
+    few = np.flatnonzero(lists.counts < 3)
+    if len(few):
+        raise MeshError(
+            f"face {few[0]}: 3 or more vertices wanted, got {lists.counts[few[0]]}; "
+            "remove points and lines from the faces"
+        )
+    return lists
+
+
+def _strips(lists: Column, budget: int) -> Column:
+    """Corners of triangles; -1 ends a strip within its list, every other triangle is turned."""
+    check_budget(len(lists.values), budget)
+    corners = np.asarray(lists.values, np.int64)
+    i = np.arange(len(corners))
+    is_gap = corners == -1
+    begins = np.zeros(len(corners) + 1, bool)
+    begins[np.cumsum(lists.counts) - lists.counts] = True
+    begins = begins[:-1]
+    begins[1:] |= is_gap[:-1]
+    step = i - np.maximum.accumulate(np.where(begins, i, 0))
+    is_end = np.append(begins[1:], True)
+    short = np.flatnonzero(is_end & (step + 1 - is_gap > 0) & (step + 1 - is_gap < 3))
+    if len(short):
+        raise MeshError(
+            f"a strip of 3 or more vertices wanted, one ends at value {short[0]} of the strips "
+            f"with {step[short[0]] + 1 - is_gap[short[0]]}; remove points and lines"
+        )
+    last = np.flatnonzero((step >= 2) & ~is_gap)
+    odd = step[last] % 2
+    triangles = np.stack([corners[last - 2], corners[last - 1 + odd], corners[last - odd]], axis=1)
+    return Column(triangles.reshape(-1), np.full(len(triangles), 3))
+
+
+SURFACES = {"face": _faces, "tristrips": _strips}
+
+
+def _header(lines: Lines) -> tuple[str, dict[str, Element]]:
+    """Byte order ("" is text) and elements by name, in the file's order."""
+    order, elements, current = None, {}, Element("", 0, [])
+    lines.next("'ply'")
+    for words in lines:
+        match [word.decode("ascii", "replace") for word in words]:
+            case ["format", kind, "1.0"] if kind in BYTE_ORDERS:
+                order = BYTE_ORDERS[kind]
+            case ["element", name, count] if count.isdecimal() and len(count) < 20:
+                if name in elements:
+                    raise lines.error("each element once", words)
+                elements[name] = current = Element(name, int(count), [])
+            case ["property", "list", count_type, kind, name] if current.name and (
+                kind in TYPES and TYPES.get(count_type, "f")[0] != "f"
+            ):
+                current.properties.append(Property(name, TYPES[kind], TYPES[count_type]))
+            case ["property", kind, name] if kind in TYPES and current.name:
+                current.properties.append(Property(name, TYPES[kind]))
+            case ["comment" | "obj_info" | "end_header", *_]:
+                pass
+            case _:
+                raise lines.error("a format, element or property", words)
+    if order is None:
+        raise MeshError(f"a line 'format' with one of {list(BYTE_ORDERS)} wanted, there is none")
+    return order, elements
+
+
+def _text(
+    lines: Lines, elements: dict[str, Element], wanted: list[tuple[str, int]], budget: int
+) -> tuple[Columns, list[str]]:
+    """Wanted columns of a body in text, and notes. A walk over the rows: about 2 µs each."""
+    columns: Columns = {}
+    is_cut = False
+    for element in elements.values():
+        if not element.properties:
+            continue
+        kept = [i for name, i in wanted if name == element.name]
+        names = f"values for {' '.join(p.name for p in element.properties)}"
+        # Coordinates are floats here even if the file calls them integers, of 32 bits at most.
+        values: list[array[Any]] = [
+            array("q" if element.properties[i].count_type else "d") for i in kept
+        ]
+        counts = [array("q") for _ in kept]
+        for words in lines.take(element.count, element.name):
+            numbers = lines.floats(words, names)
+            if element.lists:
+                row = _split(lines, element.properties, words, names)
+                for i, value, count in zip(kept, values, counts, strict=True):
+                    if element.properties[i].count_type:
+                        value.extend(lines.integers(row[i], names))
+                        count.append(len(row[i]))
+                        check_budget(max(0, len(value) - 2 * len(count)), budget)
+                    else:
+                        value.extend(lines.floats(row[i], names))
+            else:
+                if len(words) != len(element.properties):
+                    raise lines.error(names, words)
+                for i, value in zip(kept, values, strict=True):
+                    value.append(numbers[i])
+        for i, value, count in zip(kept, values, counts, strict=True):
+            columns[element.name, i] = Column(np.asarray(value), np.asarray(count))
+        if element.count:
+            is_cut = bool(kept) and lines.is_cut
+    return columns, [CUT_NOTE] if is_cut else trailing_lines(lines)
+
+
+def _split(
+    lines: Lines, properties: list[Property], words: list[bytes], names: str
+) -> list[list[bytes]]:
+    """Words of each property of a row with lists, which must be all of them."""
+    row, at = [], 0
+    for p in properties:
+        n = 1
+        if p.count_type:
+            (n,) = lines.integers(words[at : at + 1] or [b""], names)
+            at += 1
+        if not 0 <= n <= len(words) - at:
+            raise lines.error(names, words)
+        row.append(words[at : at + n])
+        at += n
+    if at < len(words):
+        raise lines.error(names, words)
+    return row
+
+
+def _binary(
+    data: bytes,
+    offset: int,
+    order: str,
+    elements: dict[str, Element],
+    wanted: list[tuple[str, int]],
+    budget: int,
+) -> tuple[Columns, list[str]]:
+    """Wanted columns of a binary body that begins at `offset`, and notes."""
+    columns: Columns = {}
+    for element in elements.values():
+        kept = [i for name, i in wanted if name == element.name]
+        found, offset = _binary_rows(data, offset, order, element, kept, budget)
+        columns |= {(element.name, i): column for i, column in zip(kept, found, strict=True)}
+    extra = len(data) - offset
+    return columns, (
+        [f"{extra} trailing bytes after the last element were not read"] if extra else []
+    )
+
+
+def _binary_rows(
+    data: bytes, offset: int, order: str, element: Element, kept: list[int], budget: int
+) -> tuple[list[Column], int]:
+    """Columns `kept` of a binary element that begins at `offset`, and where it ends."""
+    if not element.count or not element.properties:
+        return [Column(np.empty(0), np.empty(0, np.int64)) for _ in kept], offset
+    lengths, after_first = _row_lengths(data, offset, order, element)
+    end = offset + (after_first - offset) * element.count
+    if end <= len(data):
+        # Every row as long as the first: one look at the counts proves it.
+        fields: list[tuple[str, str, tuple[int, ...]]] = []
+        for i, (p, n) in enumerate(zip(element.properties, lengths, strict=True)):
+            if p.count_type:
+                fields.append((f"n{i}", order + p.count_type, ()))
+            fields.append((f"v{i}", order + p.type, (n,)))
+        rows = np.frombuffer(data, np.dtype(fields), element.count, offset)
+        if all((rows[f"n{i}"] == lengths[i]).all() for i in element.lists):
+            check_budget(max([element.count * (lengths[i] - 2) for i in kept], default=0), budget)
+            return [
+                Column(rows[f"v{i}"].reshape(-1), np.full(element.count, lengths[i])) for i in kept
+            ], end
+    # Rows of several lengths. A walk over them: about 3 µs each.
+    pieces = {i: bytearray() for i in kept}
+    counts = {i: array("q") for i in kept}
+    n_corners = 0
+    for k in range(element.count):
+        lengths, _ = _row_lengths(data, offset, order, element)
+        for i, (p, n) in enumerate(zip(element.properties, lengths, strict=True)):
+            size = n * int(p.type[1])
+            offset += int(p.count_type[1:] or 0)
+            if i in pieces:
+                if p.count_type:
+                    n_corners += n
+                    check_budget(max(0, n_corners - 2 * k - 2), budget)
+                counts[i].append(n)
+                pieces[i] += data[offset : offset + size]
+            offset += size
+    return [
+        Column(np.frombuffer(pieces[i], order + element.properties[i].type), np.asarray(counts[i]))
+        for i in kept
+    ], offset
+
+
+def _row_lengths(data: bytes, offset: int, order: str, element: Element) -> tuple[list[int], int]:
+    """Number of values of each property in the row at `offset`, and where that row ends."""
+    lengths = []
+    for p in element.properties:
+        n = 1
+        if p.count_type and offset + int(p.count_type[1]) <= len(data):
+            (n,) = struct.unpack_from(order + STRUCT_CODES[p.count_type], data, offset)
+        offset += int(p.count_type[1:] or 0) + n * int(p.type[1])
+        lengths.append(n)
+        if n < 0 or offset > len(data):
+            raise MeshError(
+                f"element {element.name!r} needs {n} values of {p.name!r} up to byte offset "
+                f"{offset}, the file has {len(data)} bytes; it is truncated, export it again"
+            )
+    return lengths, offset

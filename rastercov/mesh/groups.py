@@ -1,0 +1,92 @@
+"""Groups of faces: which are the task, which only hide others, which count from either side.
+
+Serves `mesh`, which gives every face the index of one group.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov._arguments import check_kind, flag, members
+from rastercov.errors import MeshError
+from rastercov.mesh.arrays import face_labels
+
+
+@dataclass(frozen=True)
+class Group:
+    """A named set of faces.
+
+    Attributes
+    ----------
+    name : str
+        Unique within a mesh.
+    is_occluder : bool
+        Its faces hide others but are not scored.
+    is_two_sided : bool
+        Either side of its faces counts as covered.
+    """
+
+    name: str
+    is_occluder: bool = False
+    is_two_sided: bool = False
+
+    def __post_init__(self) -> None:
+        check_kind("the name of a group", self.name, str, "a text", MeshError)
+        for name in ("is_occluder", "is_two_sided"):
+            object.__setattr__(self, name, flag(name, getattr(self, name)))
+
+
+def group_list(groups: Iterable[Group]) -> tuple[Group, ...]:
+    """All groups of a mesh, or MeshError for anything else than `Group` values."""
+    return members("groups", groups, Group, 'Group values such as [Group("part")]', MeshError)
+
+
+def checked_labels(
+    groups: Sequence[Group], face_group: ArrayLike | None, n_faces: int
+) -> NDArray[np.int32]:
+    """(F,) index into `groups` of each face, or MeshError."""
+    names = [group.name for group in groups]
+    if not names or len(set(names)) < len(names):
+        raise MeshError(f"group names must be unique and at least one, got {names}; rename")
+    if face_group is None and len(groups) > 1:
+        raise MeshError(f"{len(groups)} groups need face_group, got none; pass (F,) indices")
+    labels = face_labels("face_group", 0 if face_group is None else face_group, n_faces)
+    if ((labels < 0) | (labels >= len(groups))).any():
+        raise MeshError(
+            f"face_group must lie in 0 ... {len(groups) - 1}, got {labels.min()} ... "
+            f"{labels.max()}; list every group in groups"
+        )
+    return labels.astype(np.int32)
+
+
+def flagged(
+    groups: Sequence[Group], occluders: Iterable[str] | None, two_sided: Iterable[str] | None
+) -> tuple[Group, ...]:
+    """Groups where exactly the named ones have a flag; None leaves that flag as it is."""
+    known = {group.name for group in groups}
+    hiding = _names("occluders", occluders)
+    is_all = isinstance(two_sided, str) and two_sided == "all"
+    both = known if is_all else _names("two_sided", two_sided)
+    unknown = ((hiding or set()) | (both or set())) - known
+    if unknown:
+        raise MeshError(
+            f"group names must be among {sorted(known)}, got {sorted(unknown)}; correct them"
+        )
+    return tuple(
+        replace(
+            group,
+            is_occluder=group.is_occluder if hiding is None else group.name in hiding,
+            is_two_sided=group.is_two_sided if both is None else group.name in both,
+        )
+        for group in groups
+    )
+
+
+def _names(argument: str, names: Iterable[str] | None) -> set[str] | None:
+    if names is None:
+        return None
+    if isinstance(names, str):
+        return {names}
+    return set(members(argument, names, str, "names of groups", MeshError))

@@ -1,0 +1,343 @@
+"""The part to be seen: faces, what they are for, and what is wrong with them.
+
+First link of the chain (mesh, camera, poses -> rasteriser): a `Mesh` is a value that is checked
+once, here, and never changes, so that everything downstream may trust its arrays. Topology is
+judged on positions, because files repeat vertices along seams.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from os import PathLike
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov._arguments import members
+from rastercov.errors import MeshError
+from rastercov.mesh.arrays import (
+    blocks,
+    check_coordinates,
+    checked_faces,
+    checked_vertices,
+    encloses_volume,
+    face_labels,
+    frozen,
+    normals_and_areas,
+    some,
+)
+from rastercov.mesh.groups import Group, checked_labels, flagged, group_list
+from rastercov.mesh.topology import Topology, first_equal_row
+
+if TYPE_CHECKING:
+    from rastercov.mesh.contacts import Contacts
+
+__all__ = ["Group", "Mesh", "MeshSource"]
+
+
+@dataclass(frozen=True)
+class MeshSource:
+    """A file that a mesh was read from: its name without folders, its hash, its face count."""
+
+    name: str
+    sha256: str
+    n_faces: int
+
+
+@dataclass(frozen=True, init=False, eq=False, repr=False)
+class Mesh:
+    """Triangles in space, in groups; a frozen value with read-only arrays.
+
+    Any number of threads may share one. What is computed at first use may be computed in several
+    of them at once, with the same result.
+
+    Parameters
+    ----------
+    vertices : (V, 3) float
+        Metres, finite, at most 1e30 in magnitude.
+    faces : (F, 3) int
+        Vertex indices, counter-clockwise seen from outside. Faces without area are kept.
+    groups : sequence of Group, optional
+        One group named "mesh" by default.
+    face_group : (F,) int, optional
+        Index into `groups`; needed when there are several.
+    source_face : (F,) int, optional
+        Polygon of the file that each face came from; 0 ... F-1 by default.
+    sources : sequence of MeshSource, optional
+        The files behind the arrays.
+    notes : sequence of str, optional
+        What reading the files had to put up with; repeated at the head of `warnings`.
+
+    Raises
+    ------
+    MeshError
+        The arrays are no mesh; the message names the first faces at fault.
+    ResourceError
+        2^31 faces or more.
+    """
+
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int64]
+    groups: tuple[Group, ...]
+    face_group: NDArray[np.int32]
+    source_face: NDArray[np.int64]
+    sources: tuple[MeshSource, ...]
+    notes: tuple[str, ...]
+
+    def __init__(
+        self,
+        vertices: ArrayLike,
+        faces: ArrayLike,
+        groups: Sequence[Group] | None = None,
+        face_group: ArrayLike | None = None,
+        source_face: ArrayLike | None = None,
+        sources: Sequence[MeshSource] = (),
+        notes: Sequence[str] = (),
+    ) -> None:
+        corners = checked_faces(faces)
+        points = checked_vertices(vertices)
+        n_faces = len(corners)
+        outside = np.any((corners < 0) | (corners >= len(points)), axis=1)
+        if outside.any():
+            face = int(outside.argmax())
+            raise MeshError(
+                f"face indices must lie in 0 ... {len(points) - 1}, face {face} has "
+                f"{corners[face].tolist()} ({some(outside)}); correct the indices"
+            )
+        check_coordinates(points, corners)
+        groups = (Group("mesh"),) if groups is None else group_list(groups)
+        origin = np.arange(n_faces) if source_face is None else source_face
+        fields: dict[str, Any] = {
+            "vertices": points,
+            "faces": corners,
+            "groups": groups,
+            "face_group": checked_labels(groups, face_group, n_faces),
+            "source_face": face_labels("source_face", origin, n_faces),
+            "sources": members("sources", sources, MeshSource, "MeshSource values", MeshError),
+            "notes": members("notes", notes, str, "a list of texts", MeshError),
+        }
+        for name, value in fields.items():
+            object.__setattr__(self, name, frozen(value) if hasattr(value, "flags") else value)
+
+    def __repr__(self) -> str:
+        names = ", ".join(group.name for group in self.groups)
+        return f"Mesh({self.n_faces} faces, {self.n_vertices} vertices; {names})"
+
+    def __reduce__(self) -> tuple[Any, ...]:  # arrays come back from a pickle read-only, too
+        return Mesh, tuple(getattr(self, name) for name in self.__dataclass_fields__)
+
+    @classmethod
+    def load(
+        cls,
+        path: str | PathLike[str] | Sequence[str | PathLike[str]],
+        unit: str | float = "m",
+        *,
+        occluders: Iterable[str] = (),
+        two_sided: Iterable[str] = (),
+        drop_invalid: bool = False,
+    ) -> "Mesh":
+        """Mesh of one file, or of several as one scene; see `rastercov.mesh.formats.load_mesh`."""
+        from rastercov.mesh.formats import load_mesh  # mesh_file needs Mesh, so import it late
+
+        mesh = load_mesh(path, unit, drop_invalid=drop_invalid)
+        return mesh.with_groups(occluders=occluders, two_sided=two_sided)
+
+    def with_groups(
+        self, occluders: Iterable[str] | None = None, two_sided: Iterable[str] | None = None
+    ) -> Self:
+        """Give the same faces, with other flags on the groups.
+
+        Parameters
+        ----------
+        occluders : group names, optional
+            Exactly these hide without being scored; None leaves the flags as they are.
+        two_sided : group names or "all", optional
+            Exactly these are covered from either side; None leaves the flags as they are.
+
+        Returns
+        -------
+        Mesh
+            Shares this mesh's arrays.
+        """
+        groups = flagged(self.groups, occluders, two_sided)
+        other = object.__new__(type(self))
+        depends_on_groups = {"task_mask", "two_sided_mask"}
+        # Copied in one step: another thread may be adding what it has computed.
+        known = vars(self).copy()
+        other.__dict__.update({k: v for k, v in known.items() if k not in depends_on_groups})
+        object.__setattr__(other, "groups", groups)
+        return other
+
+    @property
+    def n_faces(self) -> int:
+        """Number of faces F."""
+        return len(self.faces)
+
+    @property
+    def n_vertices(self) -> int:
+        """Number of vertices V."""
+        return len(self.vertices)
+
+    @cached_property
+    def task_mask(self) -> NDArray[np.bool_]:
+        """(F,) faces that are scored: all but the occluders."""
+        scored = np.array([not group.is_occluder for group in self.groups])
+        return frozen(scored[self.face_group])
+
+    @cached_property
+    def two_sided_mask(self) -> NDArray[np.bool_]:
+        """(F,) faces that count as covered from either side."""
+        two_sided = np.array([group.is_two_sided for group in self.groups])
+        return frozen(two_sided[self.face_group])
+
+    @cached_property
+    def bounds(self) -> NDArray[np.float64]:
+        """(2, 3) lowest and highest coordinates of the vertices that faces use, metres."""
+        is_used = np.zeros(self.n_vertices, dtype=bool)
+        is_used[self.faces] = True
+        used = self.vertices[is_used]
+        return frozen(np.stack([used.min(axis=0), used.max(axis=0)]))
+
+    @cached_property
+    def centroids(self) -> NDArray[np.float64]:
+        """(F, 3) mean of each face's vertices, metres."""
+        centroids = np.empty((self.n_faces, 3))
+        for block in blocks(self.n_faces):
+            centroids[block] = self.vertices[self.faces[block]].mean(axis=1)
+        return frozen(centroids)
+
+    @cached_property
+    def _normals_and_areas(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        normals, areas = normals_and_areas(self.vertices, self.faces)
+        return frozen(normals), frozen(areas)
+
+    @property
+    def normals(self) -> NDArray[np.float64]:
+        """(F, 3) unit normals, right-hand rule; 0 for degenerate faces."""
+        return self._normals_and_areas[0]
+
+    @property
+    def areas(self) -> NDArray[np.float64]:
+        """(F,) areas, m^2; exactly 0 for degenerate faces."""
+        return self._normals_and_areas[1]
+
+    @cached_property
+    def degenerate_mask(self) -> NDArray[np.bool_]:
+        """(F,) faces without area, to within rounding, or with a repeated vertex."""
+        return frozen(~np.any(self.normals, axis=1))
+
+    @cached_property
+    def positions(self) -> NDArray[np.int64]:
+        """(F, 3) like `faces`, but equal for vertices that lie on the same point."""
+        same = first_equal_row((self.vertices + 0.0).view(np.uint64))  # -0.0 + 0.0 is 0.0
+        return frozen(same[self.faces])
+
+    @cached_property
+    def duplicate_mask(self) -> NDArray[np.bool_]:
+        """(F,) later copies of a face: the same three positions, in any order."""
+        same = first_equal_row(np.sort(self.positions, axis=1).view(np.uint64))
+        return frozen(same != np.arange(self.n_faces))
+
+    @cached_property
+    def topology(self) -> Topology:
+        """How the faces meet along their edges."""
+        return Topology.of(self.positions, self.n_vertices)
+
+    @property
+    def n_boundary_edges(self) -> int:
+        """Edges with one face."""
+        return self.topology.n_boundary_edges
+
+    @property
+    def n_nonmanifold_edges(self) -> int:
+        """Edges with more than two faces."""
+        return self.topology.n_nonmanifold_edges
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether every edge has exactly two faces; faces with repeated vertices do not count."""
+        return self.topology.is_closed
+
+    @property
+    def is_consistently_wound(self) -> bool:
+        """Whether the two faces of every shared edge run along it in opposite directions."""
+        return self.topology.n_inconsistent_edges == 0
+
+    @cached_property
+    def can_cull_back_faces(self) -> bool:
+        """Whether a face seen from behind can never be the nearest surface from outside.
+
+        True when the mesh is closed, consistently wound, and each edge-connected component encloses
+        positive volume and neither cuts nor touches itself. False when in doubt, as for a cavity.
+        Not looked for: a camera inside the part.
+
+        The proof goes by winding numbers. A connected closed surface that does not meet itself
+        parts space into an outside, of winding number 0, and an inside, of 1 where its volume is
+        positive. So the winding number of the whole mesh, the sum over its components, is nowhere
+        negative, though components may cut each other. A ray gains 1 at a front and loses 1 at a
+        back; from outside, at 0, the first surface that it meets is therefore a front.
+        """
+        return self._is_closed_outward and not self.self_contact_mask.any()
+
+    @cached_property
+    def _is_closed_outward(self) -> bool:
+        return bool(self.is_closed and self.is_consistently_wound and not self._inside_out.any())
+
+    @cached_property
+    def contacts(self) -> "Contacts":
+        """Faces that touch or cut another face."""
+        from rastercov.mesh.contacts import Contacts  # which compiles loops
+
+        diagonal = float(np.linalg.norm(np.ptp(self.bounds, axis=0)))
+        topology = self.topology
+        return Contacts(
+            self.vertices, self.faces, self.degenerate_mask, diagonal, topology.components
+        )
+
+    @property
+    def self_contact_mask(self) -> NDArray[np.bool_]:
+        """(F,) faces that touch or cut another one of their own edge-connected component."""
+        return self.contacts.faces_within_components()
+
+    @cached_property
+    def _inside_out(self) -> NDArray[np.bool_]:
+        """(C,) components of a closed, consistently wound mesh without positive volume."""
+        part = self.topology.components()
+        has_edges = np.zeros(int(part.max()) + 1, bool)
+        has_edges[part[self.topology.neighbours[:, 0]]] = True
+        return frozen(~encloses_volume(self.vertices, self.faces, part)[has_edges])
+
+    @cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """One line for each thing that a person should know before trusting the results."""
+        topology = self.topology
+        found = list(self.notes)
+        if topology.n_boundary_edges:
+            found.append(f"open surface: {topology.n_boundary_edges} boundary edges")
+        if topology.n_nonmanifold_edges:
+            found.append(f"{topology.n_nonmanifold_edges} edges have more than two faces")
+        if topology.n_inconsistent_edges:
+            share = topology.n_inconsistent_edges / topology.n_shared_edges
+            found.append(
+                f"inconsistent winding at {topology.n_inconsistent_edges} of "
+                f"{topology.n_shared_edges} shared edges ({share:.1%}); declare groups two_sided"
+            )
+        if self.is_closed and self.is_consistently_wound and self._inside_out.any():
+            found.append(
+                f"inside out: {self._inside_out.sum()} of {len(self._inside_out)} closed "
+                "components enclose no positive volume (a cavity does that, too)"
+            )
+        if self._is_closed_outward and self.self_contact_mask.any():
+            found.append(
+                f"the closed surface cuts or touches itself at {self.self_contact_mask.sum()} "
+                f"faces, face {self.self_contact_mask.argmax()} among them: its back may show"
+            )
+        if self.degenerate_mask.any():
+            found.append(f"{self.degenerate_mask.sum()} degenerate faces without area")
+        if self.duplicate_mask.any():
+            found.append(f"{self.duplicate_mask.sum()} duplicate faces: the lowest face index wins")
+        extent = float(np.ptp(self.bounds, axis=0).max())
+        if not 1e-6 <= extent <= 1e4:
+            found.append(f"the mesh measures {extent:.3g} m; check unit=")
+        return tuple(found)

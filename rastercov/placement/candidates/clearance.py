@@ -1,0 +1,381 @@
+"""Where a camera can stand: not in a solid, not too near a surface, not where it is kept out.
+
+Serves placement: `kept` goes between the generators of candidates and everything that costs time
+for each of them. A tree of boxes finds nearest surfaces; what encloses a point is counted along
+three rays.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov._arguments import finite_points
+from rastercov._typed import check_fields, typed
+from rastercov.errors import ConfigError
+from rastercov.mesh import Mesh
+from rastercov.mesh.arrays import encloses_volume
+from rastercov.placement.candidates import clearance_kernels as kernels
+from rastercov.placement.candidates.pool import Candidates
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+ROOM_SLACK = 0.01
+"""Of the mesh's diagonal: how far things may stick out of a room."""
+SLANT = np.linalg.qr(np.array([[2.0, 0.3, 0.5], [0.1, 3.0, 0.7], [0.4, 0.2, 5.0]]))[0]
+"""Frame in which rays run along the axes: aligned with nothing that people build."""
+
+
+class KeepOut(Protocol):
+    """A volume without cameras."""
+
+    @property
+    def name(self) -> str:
+        """What it is called in the report."""
+        ...
+
+    def contains(self, points: FloatArray) -> BoolArray:
+        """Whether each of (N, 3) points lies in it, border included."""
+        ...
+
+
+@dataclass(frozen=True)
+class KeepOutBox:
+    """Box along the axes from corner `low` to corner `high`, metres."""
+
+    low: tuple[float, float, float]
+    high: tuple[float, float, float]
+    name: str = "box"
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        low, high = (np.asarray(end, np.float64) for end in (self.low, self.high))
+        if low.shape != (3,) or high.shape != (3,) or not np.all(low <= high):
+            raise ConfigError(
+                f"a keep-out box needs low <= high, three coordinates each, got {self.low} and "
+                f"{self.high}"
+            )
+
+    def contains(self, points: FloatArray) -> BoolArray:
+        """Whether each of (N, 3) points lies in it, border included."""
+        low, high = np.asarray(self.low), np.asarray(self.high)
+        beyond: FloatArray = np.maximum(low - points, points - high)
+        inside: BoolArray = beyond.max(axis=1) <= 0
+        return inside
+
+
+@dataclass(frozen=True)
+class KeepOutSphere:
+    """Ball about `centre`, metres."""
+
+    centre: tuple[float, float, float]
+    radius: float
+    name: str = "sphere"
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        centre = np.asarray(self.centre, np.float64)
+        if centre.shape != (3,) or not np.isfinite(centre).all() or not self.radius > 0:
+            raise ConfigError(
+                f"a keep-out sphere needs a centre and a radius > 0, got {self.centre} and "
+                f"{self.radius}"
+            )
+
+    def contains(self, points: FloatArray) -> BoolArray:
+        """Whether each of (N, 3) points lies in it, border included."""
+        with np.errstate(over="ignore"):  # inf: everything lies in it
+            reach = np.float64(self.radius) ** 2
+        inside: BoolArray = ((points - self.centre) ** 2).sum(axis=1) <= reach
+        return inside
+
+
+class Fate(IntEnum):
+    """What became of a candidate: the first of these that applies, the highest first."""
+
+    KEPT = 0
+    TOO_NEAR = 1
+    """Nearer than the clearance to a surface."""
+    KEPT_OUT = 2
+    """In a keep-out volume."""
+    IN_SOLID = 3
+    """Inside a closed surface, or beyond the walls of a room."""
+
+
+@dataclass(frozen=True, eq=False)
+class Dropped:
+    """Which candidates were dropped, and why.
+
+    Attributes
+    ----------
+    fate : (C,) uint8
+        `Fate` of each candidate that came in.
+    volume : (C,) int64
+        The first keep-out volume it lies in, -1 where in none.
+    volumes : tuple of str
+        Names of the keep-out volumes.
+    clearance : float
+        What was asked for, metres.
+    """
+
+    fate: NDArray[np.uint8]
+    volume: IntArray
+    volumes: tuple[str, ...]
+    clearance: float
+
+    @property
+    def kept_mask(self) -> BoolArray:
+        """(C,) the candidates that are left."""
+        mask: BoolArray = self.fate == Fate.KEPT
+        return mask
+
+    def summary(self) -> dict[str, Any]:
+        """Counts, ready for JSON."""
+        out = self.volume[self.fate == Fate.KEPT_OUT]
+        counts = dict.fromkeys(self.volumes, 0)
+        for row in out.tolist():
+            counts[self.volumes[row]] += 1
+        return {
+            "candidates": len(self.fate),
+            "kept": int(self.kept_mask.sum()),
+            "in_solid": int((self.fate == Fate.IN_SOLID).sum()),
+            "kept_out": counts,
+            "too_near": int((self.fate == Fate.TOO_NEAR).sum()),
+            "clearance": self.clearance,
+        }
+
+    def __str__(self) -> str:
+        counts = self.summary()
+        reasons = [f"{counts['in_solid']} in a solid"] if counts["in_solid"] else []
+        reasons += [f"{n} in keep-out {name}" for name, n in counts["kept_out"].items() if n]
+        if counts["too_near"]:
+            reasons.append(f"{counts['too_near']} nearer than {self.clearance:g} m to a surface")
+        n_dropped = len(self.fate) - counts["kept"]
+        why = f": {', '.join(reasons)}" if reasons else ""
+        return f"{n_dropped} of {len(self.fate)} candidates dropped{why}"
+
+
+@typed
+def kept(
+    candidates: Candidates,
+    mesh: Mesh,
+    clearance: float = 0.0,
+    keep_out: Sequence[KeepOut] = (),
+) -> tuple[Candidates, Dropped]:
+    """Candidates where a camera can stand, in their order, and what became of the others.
+
+    Only the camera centre is looked at; what stands between it and the part is no matter here.
+
+    Parameters
+    ----------
+    candidates : Candidates
+        Poses of any sources.
+    mesh : Mesh
+        All its faces are surfaces, occluders included. Parts of it that are closed and consistently
+        wound are solid: matter is where they enclose a point more often than not, counting those
+        that face inward as -1. Where one of those holds the whole mesh, it is a room, and what
+        lies beyond it is matter, too. So a cavity in a part is air, as is a room's inside but not
+        a crate in it. Parts that are open enclose nothing.
+    clearance : float
+        Least distance from any surface, metres; 0 or more.
+    keep_out : sequence of KeepOut
+        `KeepOutBox`, `KeepOutSphere`, or whatever else has a name and `contains`.
+
+    Returns
+    -------
+    candidates : Candidates
+        Those that are left.
+    dropped : Dropped
+        What became of each, with a summary.
+
+    Raises
+    ------
+    ConfigError
+        For a clearance that is negative or not finite.
+    """
+    check_clearance(clearance)
+    eyes = np.ascontiguousarray(candidates.poses[:, :3, 3])
+    fate = np.full(len(eyes), Fate.KEPT, np.uint8)
+    if clearance > 0 and len(eyes):
+        fate[NearestSurface(mesh).query(eyes).distance < clearance] = Fate.TOO_NEAR
+    volume = np.full(len(eyes), -1, np.int64)
+    for row in reversed(range(len(keep_out))):
+        volume[keep_out[row].contains(eyes)] = row
+    fate[volume >= 0] = Fate.KEPT_OUT
+    fate[in_solid(mesh, eyes)] = Fate.IN_SOLID
+    dropped = Dropped(fate, volume, tuple(each.name for each in keep_out), float(clearance))
+    return candidates.take(dropped.kept_mask), dropped
+
+
+@dataclass(frozen=True, eq=False)
+class Nearest:
+    """Where a surface is nearest: (N,) `distance` in metres, (N,) `face`, (N, 3) `point`."""
+
+    distance: FloatArray
+    face: IntArray
+    point: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class NearestSurface:
+    """Finds the nearest point of a surface, a few microseconds each.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The surface; faces without area are left out.
+    faces : (F,) bool, optional
+        Which of its faces count; all by default.
+
+    Raises
+    ------
+    ConfigError
+        When no face with an area is left.
+    """
+
+    mesh: Mesh
+    faces: BoolArray | None = None
+    _rows: IntArray = field(init=False, repr=False)
+    _corners: FloatArray = field(init=False, repr=False)
+    _nodes: FloatArray = field(init=False, repr=False)
+    _middle: FloatArray = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        chosen = ~self.mesh.degenerate_mask
+        if self.faces is not None:
+            chosen = chosen & self.faces
+        rows = np.flatnonzero(chosen)
+        if not len(rows):
+            raise ConfigError("no face with an area is there to be near to; choose other faces")
+        middle = self.mesh.bounds.mean(axis=0)
+        corners = self.mesh.vertices[self.mesh.faces[rows]] - middle
+        order, nodes = _tree(corners)
+        values = {"_rows": rows[order], "_corners": corners[order], "_nodes": nodes}
+        for name, value in (values | {"_middle": middle}).items():
+            object.__setattr__(self, name, np.ascontiguousarray(value))
+
+    def query(self, points: ArrayLike) -> Nearest:
+        """Nearest point of the surface to each of (N, 3) finite points."""
+        wanted = np.ascontiguousarray(np.asarray(points, np.float64).reshape(-1, 3) - self._middle)
+        squared, row = np.empty(len(wanted)), np.empty(len(wanted), np.int64)
+        where = np.empty((len(wanted), 3))
+        kernels.nearest(wanted, self._corners, self._nodes, squared, row, where)
+        return Nearest(np.sqrt(squared), self._rows[row], where + self._middle)
+
+
+def check_clearance(clearance: float) -> None:
+    """Raise ConfigError for a least distance from surfaces that is negative or not finite."""
+    if not 0 <= clearance < np.inf:
+        raise ConfigError(f"clearance must be 0 m or more and finite, got {clearance}")
+
+
+@typed
+def in_solid(mesh: Mesh, points: ArrayLike) -> BoolArray:
+    """Whether each of (N, 3) points lies in matter; see `kept` for what that is.
+
+    Three rays each count what encloses the point, and two of them decide. On a surface itself
+    either answer may come out.
+    """
+    wanted = finite_points(
+        "points", points, (*np.shape(points)[:-1], 3), "finite and of shape (N, 3)"
+    ).reshape(-1, 3)
+    solid = closed_faces(mesh)
+    if not solid.any() or not len(wanted):
+        return np.zeros(len(wanted), dtype=bool)
+    rows = np.flatnonzero(solid)
+    turns = _winding(mesh, rows, wanted - mesh.bounds.mean(axis=0))
+    inside: BoolArray = turns > (-1 if _is_room(mesh, rows) else 0)
+    return inside
+
+
+def _is_room(mesh: Mesh, rows: IntArray) -> bool:
+    """Whether a closed part that faces inward, of those with faces in `rows`, holds the mesh.
+
+    Not one in a two-sided group, whose winding means nothing.
+    """
+    _, part = np.unique(mesh.topology.components()[rows], return_inverse=True)
+    order = np.argsort(part, kind="stable")
+    starts = np.searchsorted(part[order], np.arange(part.max() + 1))
+    corners = mesh.vertices[mesh.faces[rows[order]]]
+    low = np.minimum.reduceat(corners.min(axis=1), starts)
+    high = np.maximum.reduceat(corners.max(axis=1), starts)
+    slack = ROOM_SLACK * np.linalg.norm(np.ptp(mesh.bounds, axis=0))
+    holds = (np.maximum(low - mesh.bounds[0], mesh.bounds[1] - high) <= slack).all(axis=1)
+    inward = encloses_volume(mesh.vertices, mesh.faces[rows, ::-1], part.astype(np.int64))
+    two_sided = np.logical_or.reduceat(mesh.two_sided_mask[rows[order]], starts)
+    return bool((holds & inward & ~two_sided).any())
+
+
+def _winding(mesh: Mesh, rows: IntArray, points: FloatArray) -> IntArray:
+    """How often the faces in `rows` enclose each point, given from the middle of the mesh."""
+    vertices = (mesh.vertices - mesh.bounds.mean(axis=0)) @ SLANT
+    points = points @ SLANT
+    faces = mesh.positions[rows]
+    turns = np.empty((3, len(points)), np.int64)
+    for axis in range(3):
+        turned = np.ascontiguousarray(np.roll(vertices, axis, axis=1))
+        order, nodes = _tree(turned[faces])
+        ray = np.ascontiguousarray(np.roll(points, axis, axis=1))
+        kernels.winding(ray, turned, np.ascontiguousarray(faces[order]), nodes, turns[axis])
+    middle: IntArray = np.sort(turns, axis=0)[1]
+    return middle
+
+
+def closed_faces(mesh: Mesh) -> BoolArray:
+    """(F,) faces of components whose every edge has two faces that run along it both ways.
+
+    Faces with a repeated vertex are flaps on an edge, and count for nothing.
+    """
+    start, end = mesh.positions, np.roll(mesh.positions, -1, axis=1)
+    whole = (start != end).all(axis=1)
+    face = np.repeat(np.flatnonzero(whole), 3)
+    start, end = start[whole].reshape(-1), end[whole].reshape(-1)
+    key = np.minimum(start, end) * mesh.n_vertices + np.maximum(start, end)
+    _, edge, uses = np.unique(key, return_inverse=True, return_counts=True)
+    balance = np.bincount(edge, np.where(start < end, 1, -1), len(uses))
+    is_bad = (uses != 2) | (balance != 0)
+    part = mesh.topology.components()
+    open_parts = np.zeros(int(part.max()) + 1, dtype=bool)
+    open_parts[part[face[is_bad[edge]]]] = True
+    closed: BoolArray = whole & ~open_parts[part]
+    return closed
+
+
+def _tree(corners: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Order of triangles along a Morton curve, and the boxes over them, see the kernels."""
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    centre = (low + high) / 2
+    size = max(float(np.ptp(centre, axis=0).max()), np.finfo(np.float64).tiny)
+    cell = ((centre - centre.min(axis=0)) / size * (2**20 - 1)).astype(np.uint64)
+    key = np.zeros(len(cell), np.uint64)
+    for axis in range(3):
+        key |= _spread(cell[:, axis]) << np.uint64(axis)
+    order = np.argsort(key, kind="stable")
+    n_leaves = 1 << max(0, -(-len(corners) // kernels.LEAF) - 1).bit_length()
+    boxes = np.full((n_leaves * kernels.LEAF, 6), np.inf)
+    boxes[: len(order), :3], boxes[: len(order), 3:] = low[order], -high[order]
+    nodes = np.full((2 * n_leaves, 6), np.inf)
+    nodes[n_leaves:] = boxes.reshape(n_leaves, kernels.LEAF, 6).min(axis=1)
+    row = n_leaves // 2
+    while row:  # one row of the tree at a time
+        nodes[row : 2 * row] = nodes[2 * row : 4 * row].reshape(row, 2, 6).min(axis=1)
+        row //= 2
+    nodes[:, 3:] *= -1
+    return order, nodes
+
+
+def _spread(value: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """Move bit i of whole numbers below 2^20 to bit 3 i."""
+    for shift, mask in (
+        (32, 0x001F00000000FFFF),
+        (16, 0x001F0000FF0000FF),
+        (8, 0x100F00F00F00F00F),
+        (4, 0x10C30C30C30C30C3),
+        (2, 0x1249249249249249),
+    ):
+        value = (value | (value << np.uint64(shift))) & np.uint64(mask)
+    return value

@@ -1,0 +1,160 @@
+"""Proof that no camera within its limits can see a face: it looks into matter or a shut space.
+
+Serves `cavities`. A surface that is closed parts space into regions by how often it winds around
+a point,
+
+    w(p) = sum over its faces of their solid angle at p / 4 pi,
+
+and who sees a point is in the same region, because no surface is between. So where the region
+before a face is matter, or is bounded and lies in a box that the limits of a camera exclude, the
+face is out of reach, with no sampling in the argument. What it takes for granted is that the
+number is the same all over the face: that no closed surface crosses it, which is tested.
+
+A. Van Oosterom, J. Strackee. The Solid Angle of a Plane Triangle. 1983.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.mesh import Mesh
+from rastercov.placement.candidates.clearance import (
+    KeepOut,
+    KeepOutBox,
+    KeepOutSphere,
+    closed_faces,
+    in_solid,
+)
+from rastercov.placement.candidates.hemicube import HAIR
+from rastercov.projection import box_corners
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+
+RIM = 1e-3
+"""Part of a face by which it is drawn in, so that it keeps clear of its neighbours: the proof is
+for all of the face but a rim of this width."""
+WHOLE = 1e-6
+"""By how much a number of turns may miss a whole one."""
+
+
+class Enclosure:
+    """The closed surfaces of a mesh, to ask what shuts a face in."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        self.mesh = mesh
+        self._middle = mesh.bounds.mean(axis=0)
+        self._hair = HAIR * float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+        rows = np.flatnonzero(closed_faces(mesh))
+        self._corners = mesh.vertices[mesh.faces[rows]] - self._middle
+        self._low, self._high = self._corners.min(axis=1), self._corners.max(axis=1)
+        _, self._part = np.unique(mesh.topology.components()[rows], return_inverse=True)
+
+    def proof(
+        self,
+        face: int,
+        normal: FloatArray,
+        least: float,
+        clearance: float,
+        keep_out: Sequence[KeepOut],
+    ) -> str:
+        """Why no camera can see a face from the side that a normal points to; "" for no proof.
+
+        Parameters
+        ----------
+        face : int
+        normal : (3,) float64
+            Its own, or the opposite for the back of a two-sided face.
+        least : float
+            Least distance from the camera centre to the face's centroid, metres.
+        clearance : float
+            Least distance from the camera centre to any surface, metres.
+        keep_out : sequence of KeepOut
+            Boxes and spheres count here, because they are convex; others do not.
+        """
+        if not len(self._part):
+            return ""
+        corners = self.mesh.vertices[self.mesh.faces[face]] - self._middle
+        centre = corners.mean(axis=0)
+        raised = centre + (1 - RIM) * (corners - centre) + self._hair * normal
+        if self._is_crossed(raised):
+            return ""
+        at = raised.mean(axis=0)
+        if in_solid(self.mesh, at + self._middle)[0]:
+            return "matter lies on it"
+        turns = np.bincount(self._part, _solid_angles(self._corners - at)) / (4 * np.pi)
+        whole = np.abs(turns - np.rint(turns)) <= WHOLE
+        for part in np.flatnonzero(whole & (np.rint(turns) != 0)):
+            members = self._part == part
+            box = np.stack((self._low[members].min(axis=0), self._high[members].max(axis=0)))
+            if why := self._excluded(box, centre, least, clearance, keep_out):
+                return why
+        return ""
+
+    def _excluded(
+        self,
+        box: FloatArray,
+        target: FloatArray,
+        least: float,
+        clearance: float,
+        keep_out: Sequence[KeepOut],
+    ) -> str:
+        """Why no camera can stand in a closed space that a box, (2, 3), holds."""
+        ends = box_corners(box)
+        deep = float(np.linalg.norm(ends - target, axis=1).max())
+        if least > deep:
+            return (
+                f"the closed space before it ends within {deep:.3g} m, and cameras stand "
+                f"{least:.3g} m away or more"
+            )
+        narrow = float(np.ptp(box, axis=0).min())
+        if clearance > narrow / 2:
+            return (
+                f"the closed space before it is {narrow:.3g} m wide or less, and cameras keep "
+                f"{clearance:.3g} m from every surface"
+            )
+        for volume in keep_out:
+            is_convex = isinstance(volume, KeepOutBox | KeepOutSphere)
+            if is_convex and volume.contains(ends + self._middle).all():
+                return f"keep-out {volume.name} holds the closed space before it"
+        return ""
+
+    def _is_crossed(self, triangle: FloatArray) -> bool:
+        """Whether a face of the closed surfaces cuts a triangle, (3, 3)."""
+        near = (self._low <= triangle.max(axis=0)) & (self._high >= triangle.min(axis=0))
+        others = self._corners[near.all(axis=1)]
+        if not len(others):
+            return False
+        one = np.broadcast_to(triangle, others.shape)
+        return bool(_edges_pierce(one, others).any() or _edges_pierce(others, one).any())
+
+
+def _solid_angles(corners: FloatArray) -> FloatArray:
+    """(N,) signed solid angles of triangles (N, 3, 3) at the origin, steradians."""
+    a, b, c = np.moveaxis(corners, 1, 0)
+    la, lb, lc = (np.linalg.norm(side, axis=1) for side in (a, b, c))
+    ab, bc, ca = (np.einsum("ni,ni->n", p, q) for p, q in ((a, b), (b, c), (c, a)))
+    volume = np.einsum("ni,ni->n", a, np.cross(b, c))
+    angles: FloatArray = 2 * np.arctan2(volume, la * lb * lc + ab * lc + bc * la + ca * lb)
+    return angles
+
+
+def _edges_pierce(ones: FloatArray, others: FloatArray) -> BoolArray:
+    """(N,) whether an edge of each triangle (N, 3, 3) passes through its partner's inside."""
+    origin, along = others[:, 0], others[:, 1:] - others[:, :1]
+    normal = np.cross(along[:, 0], along[:, 1])
+    pierces = np.zeros(len(ones), np.bool_)
+    for corner in range(3):
+        start, end = ones[:, corner], ones[:, (corner + 1) % 3]
+        before = np.einsum("ni,ni->n", start - origin, normal)
+        after = np.einsum("ni,ni->n", end - origin, normal)
+        apart = np.where(before == after, 1.0, before - after)
+        where = start + (before / apart)[:, None] * (end - start)
+        inside = before * after < 0
+        for side in range(3):
+            p, q = others[:, side], others[:, (side + 1) % 3]
+            inside &= np.einsum("ni,ni->n", np.cross(q - p, where - p), normal) >= 0
+        pierces |= inside
+    return pierces

@@ -1,0 +1,130 @@
+"""What stands before a face in every direction: how far each ray from it runs free.
+
+Serves `cavities`. A rasteriser stands on the face and looks along its normal and to four sides:
+the upper half of a cube of images, whose pixel centres are the directions. On a face of the cube
+samples are 2 / N apart and no point is farther than sqrt(2) / N from one, so that a cone whose
+half angle is
+
+    rho = 2 asin(sqrt(2) / (2 N))
+
+or more, about a direction above the horizon, holds a sample: an opening that wide is not missed.
+
+M. F. Cohen, D. P. Greenberg. The Hemi-Cube: A Radiosity Solution for Complex Environments. 1985.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov._closing import Closing
+from rastercov.camera import Camera
+from rastercov.mesh import Mesh
+from rastercov.pose import look_at
+from rastercov.raster.contract import open_rasterizer
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+HAIR = 1e-6
+"""Of the mesh's diagonal: so far above its face the rasteriser stands."""
+
+
+class Dome(Closing):
+    """The directions above a face, and how far one can go in each; use it in a `with` block.
+
+    Attributes
+    ----------
+    directions : (D, 3) float64
+        Unit vectors in the axes of a face, z along its normal; D = 3 N^2.
+    solid_angles : (D,) float64
+        Of the pixel of each, steradians; together 2 pi.
+    missed : float
+        Half angle of a cone that is sure to hold a direction, radians.
+    """
+
+    def __init__(self, mesh: Mesh, side: int) -> None:
+        half = side / 2
+        whole = Camera(width=side, height=side, fx=half, fy=half, cx=half, cy=half)
+        # Rows of an image go down, and a horizon between two of them halves the pixels exactly.
+        upper = Camera(width=side, height=side // 2, fx=half, fy=half, cx=half, cy=half)
+        self.side = side
+        self.missed = 2 * math.asin(math.sqrt(2) / (2 * side))
+        self._hair = HAIR * float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+        self._whole, self._upper = (open_rasterizer(mesh, c, "cpu") for c in (whole, upper))
+        self._axes = _five_axes()
+        step = (np.arange(side) + 0.5 - half) / half
+        y, x = np.meshgrid(step, step, indexing="ij")
+        rays = np.stack((x, y, np.ones_like(x)), axis=-1)
+        length = np.linalg.norm(rays, axis=-1)
+        parts = [rays, *4 * [rays[: side // 2]]]
+        self.directions = np.concatenate(
+            [(part @ axes.T).reshape(-1, 3) for part, axes in zip(parts, self._axes, strict=True)]
+        )
+        self._stretch = np.concatenate([length.ravel(), *4 * [length[: side // 2].ravel()]])
+        self.directions /= self._stretch[:, None]
+        self.solid_angles = half**-2 / self._stretch**3
+        self.solid_angles *= 2 * math.pi / self.solid_angles.sum()
+
+    def look_out(self, point: FloatArray, frame: FloatArray) -> FloatArray:
+        """(D,) metres to the first surface in each direction, inf where there is none.
+
+        Parameters
+        ----------
+        point : (3,) float64
+            On a face.
+        frame : (3, 3) float64
+            Its axes as columns, the third its normal.
+        """
+        pose = np.eye(4)
+        pose[:3, 3] = point + self._hair * frame[:, 2]
+        depths = []
+        for number, axes in enumerate(self._axes):
+            pose[:3, :3] = frame @ axes
+            rasterizer = self._upper if number else self._whole
+            depths.append(rasterizer.render(pose).depth.ravel())
+        free: FloatArray = np.concatenate(depths) * self._stretch
+        return free
+
+    def blurred(self, values: FloatArray, reach: int) -> FloatArray:
+        """(D,) mean over the (2 reach + 1)^2 nearest pixels of the same image."""
+        out, start = np.empty_like(values), 0
+        for rows in (self.side, *4 * [self.side // 2]):
+            part = slice(start, start + rows * self.side)
+            image = values[part].reshape(rows, self.side)
+            for axis in (0, 1):
+                image = _running_mean(image, reach, axis)
+            out[part], start = image.ravel(), part.stop
+        return out
+
+    def close(self) -> None:
+        """Close both rasterisers."""
+        self._whole.close()
+        self._upper.close()
+
+
+def face_frames(normals: FloatArray) -> FloatArray:
+    """(N, 3, 3) right-handed axes whose third columns are unit normals (N, 3)."""
+    return look_at(-normals, np.zeros(3))[:, :3, :3]
+
+
+def _five_axes() -> list[FloatArray]:
+    """Camera axes as columns, in those of a face: along the normal, and to four sides, z up."""
+    axes = [np.eye(3)]
+    down = np.array([0.0, 0.0, -1.0])
+    for x, y in ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)):
+        ahead = np.array([x, y, 0.0])
+        axes.append(np.stack((np.cross(down, ahead), down, ahead), axis=1))
+    return axes
+
+
+def _running_mean(image: FloatArray, reach: int, axis: int) -> FloatArray:
+    """Mean over `reach` values before and after each, fewer at the ends."""
+    count = image.shape[axis]
+    total = np.cumsum(image, axis=axis)
+    total = np.insert(total, 0, 0.0, axis=axis)
+    last = np.minimum(np.arange(count) + reach + 1, count)
+    first = np.maximum(np.arange(count) - reach, 0)
+    spread = np.take(total, last, axis=axis) - np.take(total, first, axis=axis)
+    mean: FloatArray = spread / np.expand_dims(last - first, 1 - axis)
+    return mean

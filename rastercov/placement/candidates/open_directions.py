@@ -1,0 +1,144 @@
+"""What one side of a face looks out on, and along which rays a camera may be brought before it.
+
+Serves `cavities`: one face and one dome in, a few rays out that are worth trying, with the
+distances between which nothing is in the way and the whole face is in view.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.camera import Camera
+from rastercov.mesh import Mesh
+from rastercov.placement.candidates.framing import Framing, fit_vertices, half_angles, rolled_frames
+from rastercov.placement.candidates.hemicube import Dome, face_frames
+from rastercov.pose import look_at
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+INSET = 0.5
+"""Where, on the way from the centroid to a corner, three more points of a face are."""
+STEPS = 8
+"""Distances tried along a direction, from the nearest that frames the face."""
+APART_DEG = 15.0
+"""Least angle between two views of a face."""
+FIRST_RAYS, MORE_RAYS = 8, 256
+"""Directions tried for a face, and if a camera can stand on none of them."""
+FARTHEST = 2.0
+"""Of the mesh's diagonal: how far to go where nothing limits the distance."""
+
+
+class Outlook:
+    """One side of a face, and what is found before it.
+
+    Attributes
+    ----------
+    proof : str
+        Why no camera can see it, "" where that is not proved.
+    n_points, n_directions, open_share, missed_deg, n_places
+        As in `Openings`.
+    rays : (M, 8) float64 or None
+        Origin, direction, nearest and farthest distance; the best first. None where no direction
+        is open.
+    n_first : int
+        How many of them to try before the others.
+    poses : list of (4, 4) float64
+        Where a camera can stand.
+    """
+
+    def __init__(self, mesh: Mesh, face: int, sign: float) -> None:
+        self.face = face
+        self.normal: FloatArray = sign * mesh.normals[face]
+        self.target: FloatArray = mesh.centroids[face]
+        self.corners: FloatArray = mesh.vertices[mesh.faces[face]]
+        self.reach = FARTHEST * float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+        self.proof = ""
+        self.n_points, self.n_directions, self.n_places = 0, 0, 0
+        self.open_share, self.missed_deg = 0.0, 0.0
+        self.rays: FloatArray | None = None
+        self.n_first = 0
+        self.poses: list[FloatArray] = []
+
+    def look_out(
+        self,
+        dome: Dome,
+        n_points: int,
+        camera: Camera,
+        framing: Framing,
+        clearance: float,
+    ) -> None:
+        """Find the directions open at the first points, and put the rays worth trying in order."""
+        self.limits = framing.limits(camera)
+        frame = face_frames(self.normal[None])[0]
+        inset = self.target + INSET * (self.corners - self.target)
+        origins = np.concatenate((self.target[None], inset))[:n_points]
+        free = np.stack([dome.look_out(point, frame) for point in origins])
+        is_open = free > self.limits[0]
+        self.n_points, self.n_directions = n_points, len(dome.directions)
+        self.missed_deg = math.degrees(2 * dome.missed)
+        self.open_share = float((is_open @ dome.solid_angles).max() / (2 * np.pi))
+        if not is_open.any():
+            return
+        # Wide openings, seen from all of the face and squarely, come first.
+        share = is_open.mean(axis=0)
+        wide = sum(dome.blurred(share, max(1, dome.side // n)) for n in (32, 8))
+        score = share * wide * dome.directions[:, 2]
+        order = np.argsort(-score, kind="stable")
+        order = order[share[order] > 0]
+        chosen = far_apart(dome.directions, order, math.radians(APART_DEG), FIRST_RAYS)
+        more = order[:: max(1, len(order) // MORE_RAYS)]
+        picks = np.concatenate((chosen, more))
+        point = is_open[:, picks].argmax(axis=0)
+        self.rays = np.empty((len(picks), 8))
+        self.rays[:, :3] = origins[point]
+        self.rays[:, 3:6] = dome.directions[picks] @ frame.T
+        self.rays[:, 6] = self._nearest(camera, framing, self.limits[0], self.rays[:, 3:6])
+        top = np.minimum(self.limits[1], np.maximum(self.reach, 2 * self.rays[:, 6]))
+        self.rays[:, 7] = np.minimum(top, free[point, picks] - clearance)
+        self.n_first = len(chosen)
+
+    def _nearest(
+        self, camera: Camera, framing: Framing, least: float, directions: FloatArray
+    ) -> FloatArray:
+        """(M,) distance from which the whole face is in view, whatever the roll."""
+        upright = look_at(directions, np.zeros(3), framing.up)[:, :3, :3]
+        frames = rolled_frames(upright, framing.rolls_deg)
+        starts = np.arange(len(directions))
+        distances = [
+            fit_vertices(
+                camera, framing, half_angles(camera),
+                np.einsum("ki,mij->mkj", self.corners - self.target, frames[:, roll]), starts,
+            )
+            for roll in range(len(framing.rolls_deg))
+        ]  # fmt: skip
+        farthest: FloatArray = np.maximum(np.max(distances, axis=0), least)
+        return farthest
+
+    def eyes(self, rays: slice) -> tuple[FloatArray, IntArray]:
+        """(N, 3) places along some of the rays, nearest first, and the ray of each."""
+        if self.rays is None:
+            return np.zeros((0, 3)), np.zeros(0, np.int64)
+        chosen = self.rays[rays]
+        fits = np.flatnonzero(chosen[:, 7] >= chosen[:, 6])
+        low, high = chosen[fits, 6:7], chosen[fits, 7:8]
+        distance = low * (high / low) ** (np.arange(STEPS) / (STEPS - 1))
+        eyes = (chosen[fits, None, :3] + distance[..., None] * chosen[fits, None, 3:6]).reshape(
+            -1, 3
+        )
+        # Rays may begin off the centroid, which the limits are for.
+        away = np.linalg.norm(eyes - self.target, axis=1)
+        hair = 1e-9 * away
+        within = (away >= self.limits[0] - hair) & (away <= self.limits[1] + hair)
+        return eyes[within], np.repeat(fits, STEPS)[within]
+
+
+def far_apart(directions: FloatArray, order: IntArray, angle: float, most: int) -> IntArray:
+    """The first of an order, each an angle apart from those before it."""
+    chosen: list[int] = []
+    left = order
+    while len(left) and len(chosen) < most:
+        chosen.append(int(left[0]))
+        left = left[directions[left] @ directions[left[0]] < math.cos(angle)]
+    return np.array(chosen, np.int64)

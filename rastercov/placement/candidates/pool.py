@@ -1,0 +1,285 @@
+"""Camera poses worth trying, most of them square to some part of the surface, (6.4)-(6.11).
+
+Second link of placement: a mesh and a camera in, poses out that say where they come from. Every
+generator, here and in `mounting`, is called as `generator(mesh, camera, framing, ...)` and returns
+`Candidates`; those of several are added up with `+`.
+
+E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks. 2020, section
+6.3.2.
+W. R. Scott. Model-based View Planning. 2009 (one view a face).
+J. L. Alarcon-Herrera, X. Chen, X. Zhang. Viewpoint Selection for Vision Systems in Industrial
+Inspection. 2014 (averages over convex regions).
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov._typed import typed
+from rastercov.camera import Camera
+from rastercov.errors import ConfigError
+from rastercov.mesh import Mesh
+from rastercov.mesh.arrays import frozen
+from rastercov.placement.candidates.framing import DEFAULT, Framing, rolled_frames, square_views
+from rastercov.placement.candidates.segments import Segmentation
+from rastercov.pose import read_poses, valid_poses
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+FOLDED = -1 + 1e-9
+"""Cosine between the normals of two faces that lie back to back: an edge of a sheet, no corner."""
+CONVEX_SLACK = 1e-6
+"""Sine of the angle by which an edge of a convex corner may be hollow: rounding of a file."""
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """Poses and where they come from; a frozen value with read-only arrays.
+
+    Attributes
+    ----------
+    poses : (C, 4, 4) float64
+        world_from_camera.
+    source_code : (C,) int16
+        Row in `sources`.
+    index : (C,) int64
+        Segment, face, vertex or row of the pose file that each was made for; -1 where there is no
+        such thing.
+    sources : tuple of str
+        Names of the generators.
+    """
+
+    poses: FloatArray
+    source_code: NDArray[np.int16]
+    index: IntArray
+    sources: tuple[str, ...]
+
+    @classmethod
+    def of(cls, poses: FloatArray, source: str, index: ArrayLike = -1) -> "Candidates":
+        """Candidates of one source; `index` is one number, or one a pose."""
+        count = len(poses)
+        return cls(
+            poses=frozen(np.array(poses, np.float64, order="C")),
+            source_code=frozen(np.zeros(count, np.int16)),
+            index=frozen(np.array(np.broadcast_to(np.asarray(index, np.int64), count))),
+            sources=(source,),
+        )
+
+    def __len__(self) -> int:
+        return len(self.poses)
+
+    def __add__(self, other: "Candidates") -> "Candidates":
+        names = tuple(dict.fromkeys(self.sources + other.sources))
+        codes = [
+            np.array([names.index(name) for name in each.sources], np.int16)[each.source_code]
+            for each in (self, other)
+        ]
+        return Candidates(
+            poses=frozen(np.concatenate((self.poses, other.poses))),
+            source_code=frozen(np.concatenate(codes)),
+            index=frozen(np.concatenate((self.index, other.index))),
+            sources=names,
+        )
+
+    @property
+    def source(self) -> NDArray[np.str_]:
+        """(C,) name of the generator of each pose."""
+        return np.array(self.sources, dtype=np.str_)[self.source_code]
+
+    def take(self, chosen: ArrayLike) -> "Candidates":
+        """Those that a mask or rows choose, in their order."""
+        rows = np.atleast_1d(np.asarray(chosen))
+        rows = rows if rows.size else rows.astype(np.int64)  # an empty list is of floats
+        parts = (self.poses[rows], self.source_code[rows], self.index[rows])
+        poses, codes, index = (frozen(part) for part in parts)
+        return Candidates(poses, codes, index, self.sources)
+
+    def counts(self) -> dict[str, int]:
+        """Number of poses of each source."""
+        each = np.bincount(self.source_code, minlength=len(self.sources))
+        return dict(zip(self.sources, each.tolist(), strict=True))
+
+
+@typed
+def per_segment(
+    mesh: Mesh, camera: Camera, framing: Framing = DEFAULT, *, segmentation: Segmentation
+) -> Candidates:
+    """Views square to each segment, (6.4)-(6.11): eye = T_S + d n.
+
+    T_S is the average corner (6.4), n the unit average normal (6.5), and the stand-off
+
+        d = max(z_n, W/2 cot(HFOV/2), H/2 cot(VFOV/2))
+
+    for the segment's extent W x H along the axes of the image, then no more than z_f. The thesis
+    adds the direction to itself instead of to T_S (6.6), and looks at the width only, which is
+    the largest side of a box along the axes of the world (6.7). An optical axis that is not in the
+    middle of the image counts with the nearer border.
+
+    Returns
+    -------
+    Candidates
+        S times the number of rolls, segment by segment; `index` is the segment.
+
+    Raises
+    ------
+    ConfigError
+        Where stand-off and depth of field exclude each other, the optical axis misses the image,
+        or the segmentation is of another mesh.
+    """
+    if len(segmentation.labels) != mesh.n_faces:
+        raise ConfigError(
+            f"the segmentation has {len(segmentation.labels)} faces, the mesh {mesh.n_faces}; "
+            "segment this mesh"
+        )
+    faces = np.flatnonzero(segmentation.labels >= 0)
+    views = square_views(mesh, camera, framing, faces, segmentation.labels[faces])
+    return _candidates(*views, "segment", np.arange(segmentation.n_segments), framing)
+
+
+@typed
+def per_face(
+    mesh: Mesh, camera: Camera, framing: Framing = DEFAULT, *, faces: ArrayLike | None = None
+) -> Candidates:
+    """Views square to each face, as Scott: `per_segment` with one segment a face.
+
+    Parameters
+    ----------
+    faces : (F,) bool or (N,) int, optional
+        Which faces; all task faces by default. Those without area are left out.
+
+    A camera without depth of field stands very near to a small face unless `framing` has a least
+    stand-off.
+
+    Returns
+    -------
+    Candidates
+        Face by face; `index` is the face.
+    """
+    rows = face_rows(mesh, mesh.task_mask if faces is None else faces)
+    rows = rows[~mesh.degenerate_mask[rows]]
+    views = square_views(mesh, camera, framing, rows, np.arange(len(rows)))
+    return _candidates(*views, "face", rows, framing)
+
+
+@typed
+def per_convex_region(
+    mesh: Mesh, camera: Camera, framing: Framing = DEFAULT, *, least_bend_deg: float = 10.0
+) -> Candidates:
+    """Views that are the average of those of the faces around a convex corner, as Alarcon.
+
+    His region is a pyramid whose sides are seen together from above its tip. Here it is the faces
+    around a vertex where the surface is convex: no edge at the vertex is hollow, and one is bent by
+    `least_bend_deg` or more, so that a finely divided smooth surface gives few. Target and normal
+    are averaged as for a segment, but weighted by the faces' angles at the vertex, so that it does
+    not matter how a side is divided; the mean of pose matrices would be no pose.
+
+    Parameters
+    ----------
+    least_bend_deg : float
+        Degrees between the normals of two faces, 0 ... 180.
+
+    Returns
+    -------
+    Candidates
+        In the order of the vertices; `index` is the vertex.
+    """
+    if not 0 <= least_bend_deg <= 180:
+        raise ConfigError(f"least_bend_deg must lie in 0 ... 180, got {least_bend_deg}")
+    corners = convex_corners(mesh, least_bend_deg)
+    face = np.repeat(np.arange(mesh.n_faces), 3)
+    vertex = mesh.positions.reshape(-1)
+    row = np.full(mesh.n_vertices, -1, np.int64)
+    row[corners] = np.arange(len(corners))
+    used = (row[vertex] >= 0) & ~mesh.degenerate_mask[face]
+    angles = _corner_angles(mesh).reshape(-1)[used]
+    views = square_views(mesh, camera, framing, face[used], row[vertex[used]], angles)
+    return _candidates(*views, "convex_region", corners, framing)
+
+
+@typed
+def from_poses(
+    mesh: Mesh, camera: Camera, framing: Framing = DEFAULT, *, poses: ArrayLike | str | Path
+) -> Candidates:
+    """Poses of a file, or an array of them, each with every roll of `framing`.
+
+    Parameters
+    ----------
+    poses : (C, 4, 4) array_like or path
+        world_from_camera; a file as `read_poses` takes it. Stand-off limits do not apply.
+
+    Returns
+    -------
+    Candidates
+        In their order; `index` is the row.
+
+    Raises
+    ------
+    PoseError
+        For a file or a row that holds no pose.
+    """
+    if isinstance(poses, (str, Path)):
+        poses = read_poses(poses)
+    given = valid_poses(poses)
+    rolled = rolled_frames(given[:, :3, :3], framing.rolls_deg)
+    eyes = np.repeat(given[:, None, :3, 3], len(framing.rolls_deg), axis=1)
+    return _candidates(rolled, eyes, "poses", np.arange(len(given)), framing)
+
+
+def face_rows(mesh: Mesh, faces: ArrayLike) -> IntArray:
+    """Rows of the faces that a mask (F,) or a list (N,) of rows chooses; ConfigError for others."""
+    chosen = np.asarray(faces)
+    if chosen.shape != (mesh.n_faces,) if chosen.dtype == np.bool_ else chosen.ndim != 1:
+        raise ConfigError(f"faces must be a mask of {mesh.n_faces} or rows, got {chosen.shape}")
+    rows = np.flatnonzero(chosen) if chosen.dtype == np.bool_ else chosen.astype(np.int64)
+    if ((rows < 0) | (rows >= mesh.n_faces)).any():
+        raise ConfigError(
+            f"faces must lie in 0 ... {mesh.n_faces - 1}, got {rows.min()} ... {rows.max()}"
+        )
+    return rows
+
+
+def convex_corners(mesh: Mesh, least_bend_deg: float) -> IntArray:
+    """Vertices where the surface is closed, consistently wound and convex, bent at some edge."""
+    start, end = mesh.positions, np.roll(mesh.positions, -1, axis=1)
+    face = np.repeat(np.flatnonzero(~mesh.degenerate_mask), 3)
+    start, end = (side[~mesh.degenerate_mask].reshape(-1) for side in (start, end))
+    apex = np.roll(mesh.positions, 1, axis=1)[~mesh.degenerate_mask].reshape(-1)
+    key = np.minimum(start, end) * mesh.n_vertices + np.maximum(start, end)
+    order = np.lexsort((start > end, key))
+    _, first, uses = np.unique(key[order], return_index=True, return_counts=True)
+    one, other = order[first], order[first + uses - 1]
+    is_good = (uses == 2) & (start[one] == end[other])
+    normal = mesh.normals[face]
+    across = mesh.vertices[apex[other]] - mesh.vertices[start[one]]
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    is_good &= np.einsum("ni,ni->n", normal[one], across) <= CONVEX_SLACK
+    bend = np.einsum("ni,ni->n", normal[one], normal[other])
+    is_good &= bend > FOLDED
+    is_bent = bend <= np.cos(np.radians(least_bend_deg))
+    is_corner, is_bad = np.zeros((2, mesh.n_vertices), dtype=bool)
+    for ends in (start[one], end[one]):
+        is_corner[ends[is_bent]] = True
+        is_bad[ends[~is_good]] = True
+    return np.flatnonzero(is_corner & ~is_bad)
+
+
+def _corner_angles(mesh: Mesh) -> FloatArray:
+    """(F, 3) angle of each face at each of its corners, radians."""
+    corners = mesh.vertices[mesh.faces]
+    forth, back = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
+    across = np.linalg.norm(np.cross(forth, back), axis=2)
+    angles: FloatArray = np.arctan2(across, np.einsum("fki,fki->fk", forth, back))
+    return angles
+
+
+def _candidates(
+    frames: FloatArray, eyes: FloatArray, source: str, index: ArrayLike, framing: Framing
+) -> Candidates:
+    """Candidates of (N, R, 3, 3) axes and (N, R, 3) eyes, R poses for each of N indices."""
+    poses = np.zeros((*eyes.shape[:2], 4, 4))
+    poses[..., :3, :3], poses[..., :3, 3], poses[..., 3, 3] = frames, eyes, 1.0
+    each = np.repeat(np.broadcast_to(index, len(eyes)), len(framing.rolls_deg))
+    return Candidates.of(poses.reshape(-1, 4, 4), source, each)

@@ -1,0 +1,1 @@
+"""Reasons why faces stay uncovered."""

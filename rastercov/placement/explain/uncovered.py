@@ -1,0 +1,316 @@
+"""What a network leaves uncovered, why, what is in the way, and whether any candidate could help.
+
+After selection: a network in, and for each face that it does not cover the camera that comes
+nearest to it, the reason why that is not enough, and what is proved about the candidates: that one
+covers the face, that one sees some of it, or that none sees any. Faces of the last kind are for
+`cavities`.
+
+E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks. 2020, section 7.3.
+"""
+
+from collections.abc import Callable
+from contextlib import nullcontext
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov._typed import typed
+from rastercov.camera import Camera
+from rastercov.coverage import Coverage, Reason, Task, evaluate_batches
+from rastercov.errors import ConfigError
+from rastercov.mesh import Mesh
+from rastercov.mesh.arrays import frozen
+from rastercov.network import Network, share_of_faces
+from rastercov.observer import Observer, open_observer
+from rastercov.placement.explain.blockers import in_front
+from rastercov.placement.explain.candidate_visibility import Sight, Sights, batches_in_view
+from rastercov.pose import valid_poses
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+
+__all__ = ["Leftover", "Sight", "what_is_left"]
+
+WORDS = {
+    "degenerate": "have no area",
+    "back_facing": "are seen from behind only",
+    "outside": "are outside every image",
+    "out_of_focus": "are out of focus",
+    "unsampled": "are too small for a sample",
+    "too_coarse": "get too few pixels",
+    "occluded": "are hidden",
+    "too_oblique": "are seen too flatly",
+    "too_few_views": "are covered by too few cameras",
+    "no_cameras": "have no camera",
+}
+"""What is wrong with faces, by the name of the reason."""
+
+
+@dataclass(frozen=True, eq=False)
+class Leftover:
+    """The faces that a network does not cover; arrays are (F,), and tell of these faces only.
+
+    Attributes
+    ----------
+    mesh, task
+        What is looked at, and what it takes for a face to be covered.
+    n_cameras, n_candidates : int
+        Of the network, and how many poses were asked whether they could help.
+    left : bool
+        Task faces that are not covered.
+    reason : uint8
+        `Reason` of the camera that comes nearest to covering the face, `COVERED` where too few
+        cameras cover it, or such whose views are too much alike.
+    nearest_camera : int64
+        That camera; -1 for none. It fails at the last criterion of all, in the order of `Reason`;
+        of such cameras it is the one that shows most of the face, if that is what is wanting
+        (field of view, resolution, visibility), and else the one that looks at it most squarely.
+    views : int64
+        Cameras of the network that cover the face.
+    n_covering : int64
+        Candidates that cover it.
+    sight : uint8
+        `Sight`.
+    seen_at_least, seen_at_most : float64
+        Bounds of the greatest visible fraction in any candidate.
+    occluder : int32
+        Where the reason is `OCCLUDED`: the group that hides most of the face's image in the nearest
+        camera; -1 where that is unknown.
+    occluder_share : float64
+        Part of the image that this group hides; sampled, see `occluders`.
+    hidden_area : (G, G) float64
+        Area of left faces of one group, row, that another, column, hides in the nearest camera,
+        square metres.
+    """
+
+    mesh: Mesh
+    task: Task
+    n_cameras: int
+    n_candidates: int
+    left: BoolArray
+    reason: NDArray[np.uint8]
+    nearest_camera: IntArray
+    views: IntArray
+    n_covering: IntArray
+    sight: NDArray[np.uint8]
+    seen_at_least: FloatArray
+    seen_at_most: FloatArray
+    occluder: NDArray[np.int32]
+    occluder_share: FloatArray
+    hidden_area: FloatArray
+
+    def reason_names(self) -> NDArray[np.str_]:
+        """(F,) reason of each left face as in the summary of a network, "" for all others."""
+        names = [r.name.lower() if r != Reason.COVERED else "too_few_views" for r in Reason]
+        if not self.n_cameras:
+            names = ["no_cameras"] * len(names)
+        named: NDArray[np.str_] = np.where(self.left, np.array(names)[self.reason], "")
+        return named
+
+    def summary(self) -> dict[str, Any]:
+        """Figures in all and by group, by count and by area; ready for JSON."""
+        mesh, task_faces = self.mesh, self.mesh.task_mask
+        parts = {
+            "could_be_covered": self.n_covering > 0,
+            "seen_never_covered": (self.n_covering == 0) & (self.sight == Sight.SOME),
+            "seen_by_no_candidate": (self.n_covering == 0) & (self.sight == Sight.NONE),
+            "unknown": (self.n_covering == 0) & (self.sight == Sight.UNKNOWN),
+        }
+        return {
+            "cameras": self.n_cameras,
+            "candidates": self.n_candidates,
+            "left": share_of_faces(mesh, self.left, task_faces),
+            "reasons": self._reasons(task_faces),
+            **{
+                name: share_of_faces(mesh, self.left & faces, task_faces)
+                for name, faces in parts.items()
+            },
+            "groups": [
+                self._group(row) for row, group in enumerate(mesh.groups) if not group.is_occluder
+            ],
+        }
+
+    def _group(self, row: int) -> dict[str, Any]:
+        members = self.mesh.face_group == row
+        hidden_by = {
+            group.name: float(area)
+            for group, area in zip(self.mesh.groups, self.hidden_area[row], strict=True)
+            if area > 0
+        }
+        return {
+            "name": self.mesh.groups[row].name,
+            "left": share_of_faces(self.mesh, self.left & members, members),
+            "reasons": self._reasons(members),
+            "hidden_by": dict(sorted(hidden_by.items(), key=lambda item: -item[1])),
+        }
+
+    def _reasons(self, members: BoolArray) -> dict[str, Any]:
+        names = self.reason_names()
+        left = np.unique(names[self.left & members])
+        return {
+            str(name): share_of_faces(self.mesh, (names == name) & members, members)
+            for name in sorted(left, key=list(WORDS).index)
+        }
+
+    def lines(self) -> list[str]:
+        """Sentences for a person, the greatest first."""
+        told = self.summary()
+        if not told["left"]["faces"]:
+            return ["Every face is covered."]
+        lines = [f"{_amount(told['left'])} are not covered."]
+        reasons = sorted(told["reasons"].items(), key=lambda item: -item[1]["faces"])
+        lines += [f"  {_amount(share)} {WORDS[name]}" for name, share in reasons]
+        if self.n_candidates:
+            lines.append(f"Of these, with {self.n_candidates:,} candidates:")
+            for name, words in (
+                ("could_be_covered", "could be covered by one"),
+                ("seen_never_covered", "are seen by one, and covered by none"),
+                ("seen_by_no_candidate", "are seen by none: proved"),
+                ("unknown", "may be seen by one: not decided"),
+            ):
+                if told[name]["faces"]:
+                    lines.append(f"  {_amount(told[name])} {words}")
+        for group in told["groups"]:
+            if group["hidden_by"]:
+                first = [
+                    f"{'itself' if name == group['name'] else name} ({area:.3g} m²)"
+                    for name, area in group["hidden_by"].items()
+                ]
+                lines.append(f"In the way of {group['name']}: {', '.join(first[:3])}")
+        return lines
+
+
+@typed
+def what_is_left(
+    view: Observer | tuple[Mesh, Camera],
+    poses: ArrayLike,
+    task: Task | None = None,
+    *,
+    candidates: ArrayLike | None = None,
+    covered: ArrayLike | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Leftover:
+    """What a network leaves uncovered, and why.
+
+    Candidates are measured again, because a visibility matrix does not hold faces that are seen and
+    not covered, nor bounds; but only those that have a left face in their image and before them.
+    Memory goes with faces, not with candidates.
+
+    Parameters
+    ----------
+    view : Observer or (Mesh, Camera)
+        An open observer, or what to open one for with method "certified". Sampled figures prove
+        nothing: with them no face is said to be seen by none.
+    poses : (K, 4, 4) array_like
+        world_from_camera of the network; it may be empty.
+    task : Task, optional
+        Thresholds; `Task()` unless given.
+    candidates : (C, 4, 4) array_like, optional
+        Poses that might have helped.
+    covered : (F,) bool array_like, optional
+        Faces that count as covered, such as `Selection.covered` where views must differ by an
+        angle; those that `task.views` cameras cover unless given.
+    progress : callable
+        Called with the poses done and the poses in all.
+
+    Raises
+    ------
+    ConfigError
+        For a mask of another mesh.
+    PoseError
+        For a pose that is no rigid motion.
+    """
+    network_poses, task = valid_poses(poses), task or Task()
+    others = np.zeros((0, 4, 4)) if candidates is None else valid_poses(candidates)
+    opened = open_observer(*view) if isinstance(view, tuple) else nullcontext(view)
+    with opened as observer:
+        mesh = observer.mesh
+        total = len(network_poses) + len(others)
+        network, nearest = Network(mesh, task), _Nearest(mesh.n_faces)
+        for batch in evaluate_batches(observer, network_poses, task):
+            network.add(batch)
+            nearest.add(batch)
+            progress(len(network.pose_ids), total)
+        done = network.covered if covered is None else np.asarray(covered)
+        if done.shape != (mesh.n_faces,) or done.dtype != np.bool_:
+            raise ConfigError(
+                f"covered must be a mask of {mesh.n_faces} faces, got {done.dtype} {done.shape}"
+            )
+        left = mesh.task_mask & ~done
+        sight = Sights(mesh.n_faces, left)
+        for batch, through in batches_in_view(observer, others, task, left):
+            sight.add(batch)
+            progress(len(network_poses) + through, total)
+        progress(total, total)
+    hidden = np.flatnonzero(left & (network.reason == Reason.OCCLUDED))
+    eyes = network_poses[nearest.camera[hidden], :3, 3]
+    shares = in_front(mesh, eyes, hidden)
+    return Leftover(
+        mesh=mesh,
+        task=task,
+        n_cameras=len(network_poses),
+        n_candidates=len(others),
+        left=frozen(left),
+        reason=frozen(network.reason),
+        nearest_camera=frozen(nearest.camera),
+        views=frozen(network.views),
+        n_covering=frozen(sight.covering),
+        sight=frozen(sight.claims(len(others))),
+        seen_at_least=frozen(sight.low),
+        seen_at_most=frozen(sight.high if len(others) else np.where(left, 1.0, 0.0)),
+        **_occluders(mesh, hidden, shares),
+    )
+
+
+def _occluders(mesh: Mesh, hidden: IntArray, shares: FloatArray) -> dict[str, Any]:
+    """Fields of `Leftover` that follow from what groups hide of each hidden face, (N, G)."""
+    occluder = np.full(mesh.n_faces, -1, np.int32)
+    share = np.zeros(mesh.n_faces)
+    area = np.zeros((len(mesh.groups), len(mesh.groups)))
+    if len(hidden):
+        most = shares.argmax(axis=1)
+        greatest = shares[np.arange(len(hidden)), most]
+        occluder[hidden] = np.where(greatest > 0, most, -1)
+        share[hidden] = greatest
+        np.add.at(area, mesh.face_group[hidden], mesh.areas[hidden, None] * shares)
+    return {
+        "occluder": frozen(occluder),
+        "occluder_share": frozen(share),
+        "hidden_area": frozen(area),
+    }
+
+
+class _Nearest:
+    """The camera that comes nearest to covering each face, added up batch by batch."""
+
+    def __init__(self, n_faces: int) -> None:
+        self.rank = np.full(n_faces, -1.0)
+        self.camera: IntArray = np.full(n_faces, -1, np.int64)
+
+    def add(self, batch: Coverage) -> None:
+        if not len(batch.pose_ids):
+            return
+        second = 1 - batch.incidence / np.pi
+        shown = {
+            Reason.OUTSIDE: batch.in_view_fraction,
+            Reason.TOO_COARSE: np.minimum(batch.resolution, 1.0),
+            Reason.OCCLUDED: batch.visibility,
+            Reason.COVERED: np.minimum(batch.coverage, 1.0),
+        }
+        for reason, figure in shown.items():
+            second = np.where(batch.reason == reason, figure, second)
+        # The criterion that fails comes first; what comes second never outweighs it.
+        rank = batch.reason + 0.9 * second
+        leader = rank.argmax(axis=0)
+        best = np.take_along_axis(rank, leader[None], axis=0)[0]
+        better = best > self.rank
+        self.rank[better] = best[better]
+        self.camera[better] = batch.pose_ids[leader[better]]
+
+
+def _amount(share: dict[str, Any]) -> str:
+    """Words for a share of faces."""
+    return f"{share['faces']:,} faces ({share['area_percent']:.3g} % of the area)"

@@ -1,0 +1,1 @@
+"""Continuous improvement of the poses of a network."""

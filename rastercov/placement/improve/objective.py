@@ -1,0 +1,150 @@
+"""What a network of cameras is worth while poses are still free: the share that it covers.
+
+Serves `optimise`, `refine` and `tolerance`. It counts as a `Problem` does, in whole numbers, but
+of poses that are measured when they come up, as many at once as there are.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov.coverage import Reason, Task, evaluate_batches
+from rastercov.errors import ConfigError
+from rastercov.observer import Observer
+from rastercov.placement.select.problem import WHOLE
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Objective:
+    """Share of the task's weight that a network covers; make it with `Objective.of`.
+
+    A face is covered when at least `need` of the cameras cover it and, where `min_cosine` is below
+    1, the rays to two of these differ by that angle: as in `Problem`.
+
+    Attributes
+    ----------
+    observer : Observer
+        Open, for the mesh and the camera.
+    task : Task
+        What it takes for a camera to cover a face.
+    quanta : (F,) int64
+        Weight of each face in whole numbers; 0 for faces that are not scored.
+    need : (F,) int64
+        Cameras that must cover it.
+    min_cosine : float
+        Cosine of two rays at or below which they differ enough; 2 where any two do.
+    """
+
+    observer: Observer
+    task: Task
+    quanta: IntArray
+    need: IntArray
+    min_cosine: float = 2.0
+
+    @classmethod
+    def of(
+        cls,
+        observer: Observer,
+        task: Task | None = None,
+        *,
+        weight_by: str = "area",
+        views: int | Mapping[str, int] | None = None,
+        min_angle_deg: float = 0.0,
+    ) -> Self:
+        """Objective of an open observer; arguments as for `problem_of`."""
+        mesh, task = observer.mesh, task or Task()
+        if weight_by not in ("area", "count"):
+            raise ConfigError(f"weight_by must be area or count, got {weight_by!r}")
+        names = [group.name for group in mesh.groups]
+        views = task.views if views is None else views
+        if isinstance(views, Mapping):
+            if unknown := sorted(set(views) - set(names)):
+                raise ConfigError(f"there is no group {unknown[0]!r}; groups are {names}")
+            need = np.array([views.get(name, 1) for name in names])[mesh.face_group]
+        else:
+            need = np.full(mesh.n_faces, views)
+        if (need < 1).any() or not np.issubdtype(need.dtype, np.integer):
+            raise ConfigError(f"views must be a whole number, 1 or more, got {views}")
+        if not 0 <= min_angle_deg <= 180:
+            raise ConfigError(f"min_angle_deg must be 0 to 180, got {min_angle_deg}")
+        if weight_by == "count":
+            quanta = mesh.task_mask.astype(np.int64)
+        else:
+            areas = np.where(mesh.task_mask, mesh.areas, 0.0)
+            total = max(float(areas.sum()), np.finfo(np.float64).tiny)
+            quanta = np.rint(areas / total * WHOLE).astype(np.int64)
+        cosine = math.cos(math.radians(min_angle_deg)) + 1e-12 if min_angle_deg > 0 else 2.0
+        return cls(observer, task, quanta, need.astype(np.int64), cosine)
+
+    def covers(self, poses: FloatArray) -> BoolArray:
+        """(P, F) whether each pose covers each face, all measured in one go."""
+        covers = np.zeros((len(poses), len(self.quanta)), np.bool_)
+        if len(poses):
+            for batch in evaluate_batches(self.observer, poses, self.task):
+                covers[batch.pose_ids] = batch.reason == Reason.COVERED
+        return covers
+
+    def covered(self, covers: BoolArray, eyes: FloatArray) -> BoolArray:
+        """(F,) faces that a network covers, of what its cameras cover, (k, F), and their centres.
+
+        Leading axes of both, (..., k, F) and (..., k, 3), are networks side by side.
+        """
+        covered: BoolArray = covers.sum(axis=-2) >= self.need
+        if self.min_cosine <= 1:
+            for index in np.ndindex(covers.shape[:-2]):  # k^2 / 2 passes over the faces each
+                covered[index] &= self._is_spread(covers[index], eyes[index])
+        return covered
+
+    def covered_with(
+        self, rest: BoolArray, rest_eyes: FloatArray, trials: BoolArray, trial_eyes: FloatArray
+    ) -> BoolArray:
+        """(M, F) faces that the rest, (k - 1, F), covers with each of M further cameras, (M, F)."""
+        covered: BoolArray = rest.sum(axis=0) + trials >= self.need
+        if self.min_cosine <= 1:
+            spread = np.tile(self._is_spread(rest, rest_eyes), (len(trials), 1))
+            rays = self._rays(trial_eyes)
+            for faces, ray in zip(rest, self._rays(rest_eyes), strict=True):
+                apart = np.einsum("mfi,fi->mf", rays, ray) <= self.min_cosine
+                spread |= trials & faces & apart
+            covered &= spread
+        return covered
+
+    def worth(self, covered: BoolArray) -> IntArray:
+        """Quanta of the covered faces, (..., F) -> (...)."""
+        return np.asarray(covered @ self.quanta)
+
+    def share(self, worth: ArrayLike) -> FloatArray:
+        """Part of the whole weight that quanta are, [0, 1]; 1 where there is no weight."""
+        total = int(self.quanta.sum())
+        return np.asarray(worth) / total if total else np.ones(np.shape(worth))
+
+    def share_of(self, poses: FloatArray) -> float:
+        """Share that one network of (k, 4, 4) poses covers."""
+        covered = self.covered(self.covers(poses), poses[:, :3, 3])
+        return float(self.share(self.worth(covered)))
+
+    def _rays(self, eyes: FloatArray) -> FloatArray:
+        """(..., F, 3) unit rays from the centroids to camera centres (..., 3)."""
+        rays: FloatArray = eyes[..., None, :] - self.observer.mesh.centroids
+        length = np.linalg.norm(rays, axis=-1, keepdims=True)
+        rays /= np.maximum(length, np.finfo(np.float64).tiny)
+        return rays
+
+    def _is_spread(self, covers: BoolArray, eyes: FloatArray) -> BoolArray:
+        """(F,) faces to which two of the cameras that cover them look from directions apart."""
+        spread = np.zeros(covers.shape[1], np.bool_)
+        rays = self._rays(eyes)
+        for one in range(len(covers)):
+            for other in range(one):
+                both = covers[one] & covers[other]
+                apart = np.einsum("fi,fi->f", rays[one], rays[other]) <= self.min_cosine
+                spread |= both & apart
+        return spread

@@ -1,0 +1,261 @@
+"""Where the cameras of a network may stand and look, for everything that moves them.
+
+Serves `optimise` and `refine`: `mounting` and `clearance` say the same of a finite list of
+candidates. A pose is a camera centre, a direction and a roll against `up`.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov._typed import check_fields
+from rastercov.errors import ConfigError
+from rastercov.mesh import Mesh
+from rastercov.mesh.arrays import frozen
+from rastercov.placement.candidates.clearance import KeepOut, NearestSurface, in_solid
+from rastercov.pose import look_at, valid_poses
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+HAIR = 1e-9
+"""Of the mesh's diagonal: by so much a camera on the border of a box may miss it, as rounding."""
+TRIES = 4
+"""How often a place is pushed to where cameras may stand before another is taken."""
+
+
+class Place(IntEnum):
+    """Whether a camera may stand somewhere: the first of these that applies, the highest first."""
+
+    ALLOWED = 0
+    TOO_FAR = 1
+    """Further from the task than the stand-off."""
+    TOO_NEAR = 2
+    """Nearer to the task than the stand-off, or to any surface than the clearance."""
+    KEPT_OUT = 3
+    """In a keep-out volume."""
+    IN_SOLID = 4
+    """Inside a closed surface, or beyond the walls of a room."""
+    OUTSIDE = 5
+    """In none of the boxes."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PoseSpace:
+    """Where cameras may stand, and which way they may be turned.
+
+    Attributes
+    ----------
+    mesh : Mesh
+        What is looked at; all its faces are surfaces, as for `clearance.kept`.
+    boxes : (2, 3) or (B, 2, 3) array_like, optional
+        Lowest and highest corners of the boxes that hold the camera centres, metres; a box may be
+        flat, as a wall is. By default one: that of the task faces, larger by the greatest stand-off
+        on all sides.
+    stand_off : (float, float)
+        Least and greatest distance from a camera centre to the nearest task face, metres.
+    clearance : float
+        Least distance from any surface, metres.
+    keep_out : sequence of KeepOut
+        Volumes without cameras.
+    aim : (2, 3) array_like, optional
+        Box of the points that optimisers aim cameras at; that of the task faces by default. It does
+        not limit how `refine` turns them.
+    up : (float, float, float)
+        Direction that roll is counted from.
+    is_roll_free : bool
+        Whether cameras may be rolled. Otherwise each keeps its own.
+
+    Raises
+    ------
+    ConfigError
+        For values outside their range.
+    """
+
+    mesh: Mesh
+    boxes: ArrayLike | None = None
+    stand_off: tuple[float, float] = (0.0, np.inf)
+    clearance: float = 0.0
+    keep_out: Sequence[KeepOut] = ()
+    aim: ArrayLike | None = None
+    up: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    is_roll_free: bool = False
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        if len(self.stand_off) != 2 or not 0 <= self.stand_off[0] <= self.stand_off[1]:
+            raise ConfigError(f"stand_off must be 0 <= least <= greatest, got {self.stand_off}")
+        if isinstance(self.clearance, bool) or not 0 <= self.clearance < np.inf:
+            raise ConfigError(f"clearance must be 0 m or more and finite, got {self.clearance}")
+        if np.shape(self.up) != (3,) or not np.isfinite(self.up).all() or not any(self.up):
+            raise ConfigError(f"up must be a direction of three numbers, got {self.up}")
+        if not self.mesh.task_mask.any():
+            raise ConfigError("the mesh must have a task face for cameras to look at")
+        corners = self.mesh.vertices[np.unique(self.mesh.faces[self.mesh.task_mask])]
+        task = np.stack((corners.min(axis=0), corners.max(axis=0)))
+        boxes = self.boxes
+        if boxes is None:
+            if not np.isfinite(self.stand_off[1]):
+                raise ConfigError("boxes are needed where the stand-off has no greatest distance")
+            boxes = task + self.stand_off[1] * np.array([[-1.0], [1.0]])
+        aim = _boxes("aim", task if self.aim is None else self.aim)
+        object.__setattr__(self, "boxes", frozen(_boxes("boxes", boxes)))
+        object.__setattr__(self, "aim", frozen(aim[0]))
+
+    @cached_property
+    def hull(self) -> FloatArray:
+        """(2, 3) the box around all boxes."""
+        boxes = np.asarray(self.boxes)
+        return frozen(np.stack((boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0))))
+
+    def judge(self, eyes: ArrayLike) -> NDArray[np.uint8]:
+        """`Place` of each of (N, 3) camera centres."""
+        points = np.asarray(eyes, np.float64).reshape(-1, 3)
+        place = np.full(len(points), Place.ALLOWED, np.uint8)
+        if not len(points):
+            return place
+        distance = self._task.query(points).distance
+        place[distance > self.stand_off[1]] = Place.TOO_FAR
+        too_near = distance < self.stand_off[0]
+        if self.clearance > 0:
+            too_near |= self._surface.query(points).distance < self.clearance
+        place[too_near] = Place.TOO_NEAR
+        for volume in self.keep_out:
+            place[volume.contains(points)] = Place.KEPT_OUT
+        place[in_solid(self.mesh, points)] = Place.IN_SOLID
+        slack = HAIR * np.linalg.norm(np.ptp(self.mesh.bounds, axis=0))
+        missed = np.abs(points - self.clipped(points)).max(axis=1)
+        place[~(missed <= slack)] = Place.OUTSIDE
+        return place
+
+    def allows(self, eyes: ArrayLike) -> BoolArray:
+        """(N,) whether a camera may stand at each of (N, 3) places."""
+        allowed: BoolArray = self.judge(eyes) == Place.ALLOWED
+        return allowed
+
+    def require(self, poses: FloatArray, what: str) -> None:
+        """ConfigError that names the first of (N, 4, 4) poses that may not be where it is."""
+        place = self.judge(poses[:, :3, 3])
+        bad = np.flatnonzero(place != Place.ALLOWED)
+        if len(bad):
+            why = Place(place[bad[0]]).name.lower().replace("_", " ")
+            others = f" (and {len(bad) - 1} more)" if len(bad) > 1 else ""
+            raise ConfigError(
+                f"{what} {bad[0]} must stand where cameras may, but is {why}{others}; "
+                "move it, or allow more"
+            )
+
+    def distance(self, eyes: FloatArray) -> FloatArray:
+        """(N,) distance of (N, 3) camera centres from the nearest task face, metres."""
+        return self._task.query(eyes).distance
+
+    def clipped(self, eyes: FloatArray) -> FloatArray:
+        """(N, 3) the nearest point in a box to each of (N, 3) points."""
+        best = np.array(eyes, np.float64)
+        least = np.full(len(best), np.inf)
+        for low, high in np.asarray(self.boxes):
+            within = np.clip(eyes, low, high)
+            distance = ((within - eyes) ** 2).sum(axis=1)
+            nearer = distance < least
+            best[nearer], least[nearer] = within[nearer], distance[nearer]
+        return best
+
+    def settled(self, eyes: ArrayLike) -> tuple[FloatArray, BoolArray]:
+        """Places near (N, 3) given ones, (N, 3), and whether a camera may stand there.
+
+        Out of solids and within the stand-off along the line to the nearest surface, then back into
+        the boxes, a few times over; what is allowed stays. Keep-out volumes are not evaded.
+        """
+        points = self.clipped(np.asarray(eyes, np.float64).reshape(-1, 3))
+        place = self.judge(points)
+        for _ in range(TRIES):
+            bad = np.flatnonzero(place != Place.ALLOWED)
+            if not len(bad):
+                break
+            points[bad] = self.clipped(self._pushed(points[bad], place[bad]))
+            place[bad] = self.judge(points[bad])
+        return points, place == Place.ALLOWED
+
+    def somewhere(self, count: int, rng: np.random.Generator) -> FloatArray:
+        """(count, 3) places where cameras may stand, at random.
+
+        Raises
+        ------
+        ConfigError
+            When next to none of the places tried is allowed.
+        """
+        found: list[FloatArray] = []
+        low, high = self.hull
+        for _ in range(64):
+            points, allowed = self.settled(rng.uniform(low, high, (max(count, 64), 3)))
+            found.append(points[allowed])
+            if sum(map(len, found)) >= count:
+                return np.concatenate(found)[:count]
+        raise ConfigError(
+            f"no place for {count} cameras was found within boxes, stand-off and clearance, and "
+            "outside the keep-out volumes; allow more"
+        )
+
+    def composed(self, eyes: FloatArray, forwards: FloatArray, rolls: FloatArray) -> FloatArray:
+        """(N, 4, 4) poses of centres, directions (N, 3) and rolls (N,), radians from `up`."""
+        poses = look_at(np.zeros(3), forwards, self.up)
+        turns = np.tile(np.eye(3), (len(poses), 1, 1))
+        turns[:, 0, 0] = turns[:, 1, 1] = np.cos(rolls)
+        turns[:, 1, 0], turns[:, 0, 1] = np.sin(rolls), -np.sin(rolls)
+        poses[:, :3, :3] = poses[:, :3, :3] @ turns
+        poses[:, :3, 3] = eyes
+        return poses
+
+    def decomposed(self, poses: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Centres (N, 3), directions (N, 3) and rolls (N,) of poses; `composed` makes them."""
+        matrices = valid_poses(poses)
+        level = look_at(np.zeros(3), matrices[:, :3, 2], self.up)[:, :3, :3]
+        across = np.einsum("nij,ni->nj", level, matrices[:, :3, 0])
+        return (
+            matrices[:, :3, 3].copy(),
+            matrices[:, :3, 2].copy(),
+            np.arctan2(across[:, 1], across[:, 0]),
+        )
+
+    @cached_property
+    def _task(self) -> NearestSurface:
+        return NearestSurface(self.mesh, self.mesh.task_mask)
+
+    @cached_property
+    def _surface(self) -> NearestSurface:
+        return NearestSurface(self.mesh)
+
+    def _pushed(self, points: FloatArray, place: NDArray[np.uint8]) -> FloatArray:
+        """Points moved along the line to the nearest task face, or to the nearest surface."""
+        least, greatest = self.stand_off
+        near = self._task.query(points)
+        wanted = np.clip(near.distance, min(max(least, self.clearance), greatest), greatest)
+        point, distance = near.point, near.distance
+        crowded = (place == Place.TOO_NEAR) & (distance >= least)
+        crowded |= place == Place.IN_SOLID
+        if crowded.any():
+            other = self._surface.query(points)
+            point = np.where(crowded[:, None], other.point, point)
+            distance = np.where(crowded, other.distance, distance)
+            wanted = np.where(crowded, max(self.clearance, least), wanted)
+        outward = points - point
+        outward[place == Place.IN_SOLID] *= -1
+        # A little more, so that rounding does not undo it.
+        wanted = wanted + np.sign(wanted - distance) * HAIR * np.maximum(1.0, wanted)
+        scale = np.where(distance > 0, wanted / np.where(distance > 0, distance, 1.0), 0.0)
+        moved: FloatArray = point + outward * scale[:, None]
+        return np.where((distance > 0)[:, None], moved, points)
+
+
+def _boxes(name: str, value: ArrayLike) -> FloatArray:
+    boxes = np.array(value, np.float64)
+    boxes = boxes[None] if boxes.ndim == 2 else boxes
+    if boxes.ndim != 3 or boxes.shape[1:] != (2, 3) or not len(boxes):
+        raise ConfigError(f"{name} must be two corners, (2, 3), got shape {np.shape(value)}")
+    if not np.isfinite(boxes).all() or not (boxes[:, 0] <= boxes[:, 1]).all():
+        raise ConfigError(f"{name} must be finite with low <= high on every axis")
+    return boxes

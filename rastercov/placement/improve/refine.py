@@ -1,0 +1,337 @@
+"""A network polished pose by pose: each camera moves while that makes the network cover more.
+
+After selection, which chooses among poses somebody thought of. A compass search: every camera tries
+small moves against the others, which stay; what gains most is taken; where nothing gains the steps
+are halved. Moves at random are among them, because a count of covered faces has flat places where
+no move along an axis gains. All trials of all cameras are one batch. The share never falls, and the
+search ends where no move of one camera, at any step, gains: a local optimum of those moves, and no
+more.
+
+R. Hooke, T. A. Jeeves. "Direct Search" Solution of Numerical and Statistical Problems. 1961.
+T. G. Kolda, R. M. Lewis, V. Torczon. Optimization by Direct Search. 2003.
+"""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov._typed import typed
+from rastercov.errors import ConfigError
+from rastercov.mesh.arrays import frozen
+from rastercov.placement.improve.objective import Objective
+from rastercov.placement.improve.pose_space import PoseSpace
+from rastercov.pose import valid_poses
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+
+LOCAL_OPTIMUM = "local optimum"
+BUDGET_SPENT = "budget spent"
+EVERYTHING = "everything covered"
+STEP = 0.25
+"""First step as part of the distance from the camera to the nearest task face."""
+TURN_DEG = 16.0
+HALVINGS = 5
+RANDOM_MOVES = 24
+"""Moves of a camera at each step that combine all axes, besides the 18 or 20 along them."""
+
+
+EXCHANGE = -1
+"""In place of a level: exchange for a candidate."""
+Trials = tuple[FloatArray, NDArray[np.uint8]]
+"""Poses, (M, 4, 4), and the faces they cover, packed, (M, F / 8)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """A network after its cameras were moved.
+
+    Attributes
+    ----------
+    poses : (k, 4, 4) float64
+        world_from_camera, in the order of the start.
+    share, start_share : float
+        Part of the weight that it covers now, and that it covered at the start; never less.
+    trace : (N,) float64
+        The share at the start and after each move that was made.
+    trace_evaluations : (N,) int64
+        Poses measured until then.
+    moved : (k,) bool
+        Cameras that are not where they were.
+    status : {"local optimum", "everything covered", "budget spent"}
+        No move of one camera that was tried gains, at any of the steps, nor its exchange for a
+        candidate; nothing is left to gain; or the search was stopped first.
+    evaluations : int
+        Poses that were measured.
+    seconds : float
+    """
+
+    poses: FloatArray
+    share: float
+    start_share: float
+    trace: FloatArray
+    trace_evaluations: IntArray
+    moved: BoolArray
+    status: str
+    evaluations: int
+    seconds: float
+
+    @property
+    def is_local_optimum(self) -> bool:
+        """Whether it is certain that no move that was tried gains."""
+        return self.status != BUDGET_SPENT
+
+
+@typed
+def refine(
+    objective: Objective,
+    space: PoseSpace,
+    poses: ArrayLike,
+    *,
+    step: float | Sequence[float] | None = None,
+    turn_deg: float = TURN_DEG,
+    halvings: int = HALVINGS,
+    candidates: ArrayLike | None = None,
+    budget: int = 50_000,
+    seed: int = 0,
+) -> Refined:
+    """The network with its cameras moved until no move gains; never worse than the start.
+
+    A camera moves along its own axes, turns about them, and moves sideways while it keeps what is
+    in the middle of its image there. The same start gives the same network.
+
+    Parameters
+    ----------
+    objective : Objective
+        What a network is worth.
+    space : PoseSpace
+        Where cameras may stand; whether they may roll.
+    poses : (k, 4, 4) array_like
+        Where to start: the poses of a selection, of a search, or of a rig.
+    step : float or (k,) floats, optional
+        First step of each camera, metres; a quarter of its distance to the nearest task face by
+        default.
+    turn_deg : float
+        First turn, degrees, (0, 90].
+    halvings : int
+        How often steps and turns are halved.
+    candidates : (C, 4, 4) array_like, optional
+        Poses that any camera may be exchanged for where no move gains. Those where no camera may
+        stand are left out.
+    budget : int
+        Poses to measure at most.
+    seed : int
+        Of the moves at random. The same start and seed give the same network.
+
+    Raises
+    ------
+    ConfigError
+        For a camera that stands where none may, or a value outside its range.
+    """
+    began = time.perf_counter()
+    start = valid_poses(poses)
+    steps = _steps(space, start, step)
+    if not 0 < turn_deg <= 90:
+        raise ConfigError(f"turn_deg must be more than 0, up to 90, got {turn_deg}")
+    for name, value, low in (("halvings", halvings, 0), ("budget", budget, len(start))):
+        if isinstance(value, bool) or value != int(value) or value < low:
+            raise ConfigError(f"{name} must be a whole number, {low} or more, got {value}")
+    space.require(start, "camera")
+
+    search = _Search(objective, space, start, budget, seed)
+    status = _descend(search, steps, np.radians(turn_deg), halvings, candidates)
+    trace = objective.share(np.array(search.trace, np.int64))
+    return Refined(
+        poses=frozen(search.poses),
+        share=float(trace[-1]),
+        start_share=float(trace[0]),
+        trace=frozen(trace),
+        trace_evaluations=frozen(np.array(search.trace_evaluations, np.int64)),
+        moved=frozen((search.poses != start).any(axis=(1, 2))),
+        status=status,
+        evaluations=search.evaluations,
+        seconds=time.perf_counter() - began,
+    )
+
+
+def _descend(
+    search: "_Search",
+    steps: FloatArray,
+    turn: float,
+    halvings: int,
+    candidates: ArrayLike | None,
+) -> str:
+    """Move cameras until no level gains any more; how it ended."""
+    last = halvings
+    if candidates is not None and len(search.poses):
+        poses = valid_poses(candidates)
+        if not search.exchange(poses[search.space.allows(poses[:, :3, 3])]):
+            return BUDGET_SPENT
+        last += 1
+    level = fails = 0
+    # Every level in turn, until all have failed since the last gain.
+    while search.has_room and fails <= last and len(search.poses):
+        scale = 0.5**level
+        if level <= halvings and not search.sharpen(level, steps * scale, turn * scale):
+            return BUDGET_SPENT
+        if search.improve(level if level <= halvings else EXCHANGE):
+            fails = 0
+        else:
+            fails += 1
+            level = (level + 1) % (last + 1)
+    return LOCAL_OPTIMUM if search.has_room else EVERYTHING
+
+
+class _Search:
+    """A network, what it covers, and the trials that were measured around each camera."""
+
+    def __init__(
+        self, objective: Objective, space: PoseSpace, start: FloatArray, budget: int, seed: int
+    ) -> None:
+        self.objective, self.space, self.budget, self.seed = objective, space, budget, seed
+        self.poses = start.copy()
+        self.covers = objective.covers(start)
+        self.evaluations = len(start)
+        self.worth = int(objective.worth(objective.covered(self.covers, start[:, :3, 3])))
+        self.trace, self.trace_evaluations = [self.worth], [self.evaluations]
+        self._moves_made = np.zeros(len(start), np.int64)
+        # Poses and packed faces of the trials of each camera and level, until the camera moves.
+        self._trials: list[dict[int, Trials]] = [{} for _ in start]
+        self._pool: Trials | None = None
+
+    @property
+    def has_room(self) -> bool:
+        """Whether there is something left to gain."""
+        return self.worth < int(self.objective.quanta.sum())
+
+    def sharpen(self, level: int, steps: FloatArray, turn: float) -> bool:
+        """Measure the trials of a level that are not known; whether the budget was enough."""
+        missing = [row for row in range(len(self.poses)) if level not in self._trials[row]]
+        moves = []
+        for row in missing:
+            rng = np.random.default_rng((self.seed, row, level, int(self._moves_made[row])))
+            moves.append(_moves(self.space, self.poses[row], steps[row], turn, rng))
+        counts = [len(poses) for poses in moves]
+        if self.evaluations + sum(counts) > self.budget:
+            return False
+        if not missing:
+            return True
+        every = np.concatenate(moves)
+        covers = np.packbits(self.objective.covers(every), axis=1)
+        self.evaluations += len(every)
+        ends = np.cumsum(counts)
+        for row, end, count in zip(missing, ends, counts, strict=True):
+            part = slice(end - count, end)
+            self._trials[row][level] = (every[part], covers[part])
+        return True
+
+    def exchange(self, candidates: FloatArray) -> bool:
+        """Measure what cameras may be exchanged for; whether the budget was enough."""
+        if self.evaluations + len(candidates) > self.budget:
+            return False
+        covers = self.objective.covers(candidates)
+        self._pool = (candidates, np.packbits(covers, axis=1))
+        self.evaluations += len(candidates)
+        return True
+
+    def improve(self, level: int) -> bool:
+        """Move cameras to the trials that gain most, each once at most; whether any has moved."""
+        waiting = set(range(len(self.poses)))
+        while waiting:
+            gains = {row: self._best(row, level) for row in sorted(waiting)}
+            row = max(gains, key=lambda row: (gains[row][0], -row))
+            worth, trial = gains[row]
+            if worth <= self.worth:
+                break
+            self._move(row, level, trial)
+            waiting.remove(row)
+        return len(waiting) < len(self.poses)
+
+    def _of(self, row: int, level: int) -> "Trials":
+        trials = self._pool if level == EXCHANGE else self._trials[row][level]
+        assert trials is not None
+        return trials
+
+    def _best(self, row: int, level: int) -> tuple[int, int]:
+        """What the network is worth with the best trial of a camera, and which that is."""
+        poses, packed = self._of(row, level)
+        if not len(poses):
+            return -1, -1
+        trials = _unpacked(packed, self.covers.shape[1])
+        rest = np.arange(len(self.poses)) != row
+        covered = self.objective.covered_with(
+            self.covers[rest], self.poses[rest, :3, 3], trials, poses[:, :3, 3]
+        )
+        worth = self.objective.worth(covered)
+        best = int(worth.argmax())
+        return int(worth[best]), best
+
+    def _move(self, row: int, level: int, trial: int) -> None:
+        poses, packed = self._of(row, level)
+        self.poses[row] = poses[trial]
+        self.covers[row] = _unpacked(packed[trial : trial + 1], self.covers.shape[1])[0]
+        self._trials[row].clear()
+        self._moves_made[row] += 1
+        covered = self.objective.covered(self.covers, self.poses[:, :3, 3])
+        self.worth = int(self.objective.worth(covered))
+        self.trace.append(self.worth)
+        self.trace_evaluations.append(self.evaluations)
+
+
+def _moves(
+    space: PoseSpace, pose: FloatArray, step: float, turn: float, rng: np.random.Generator
+) -> FloatArray:
+    """(M, 4, 4) poses one move away from a pose, where a camera may stand."""
+    eyes, forwards, rolls = space.decomposed(pose)
+    eye, forward, roll = eyes[0], forwards[0], float(rolls[0])
+    right, down = pose[:3, 0], pose[:3, 1]
+    tangent = np.tan(turn)
+    reach = step / tangent  # at this depth a turn makes up for a step aside
+    to: list[FloatArray] = []
+    looks: list[FloatArray] = []
+    for sign, axis in product((1.0, -1.0), (right, down, forward)):
+        to.append(eye + sign * step * axis)
+        looks.append(forward)
+    for sign, axis in product((1.0, -1.0), (right, down)):
+        to.append(eye + sign * step * axis)
+        looks.append(reach * forward - sign * step * axis)
+    for across, along in product((-1.0, 0.0, 1.0), repeat=2):
+        if across or along:
+            to.append(eye)
+            looks.append(forward + tangent * (across * right + along * down))
+    turns = [roll] * len(to)
+    if space.is_roll_free:
+        to += [eye, eye]
+        looks += [forward, forward]
+        turns += [roll - turn, roll + turn]
+    for number in range(RANDOM_MOVES):
+        shift = step / np.sqrt(3) * (pose[:3, :3] @ rng.normal(size=3))
+        across, along, rolled = rng.normal(size=3) / np.sqrt(2)
+        look = forward + tangent * (across * right + along * down)
+        to.append(eye + shift)
+        looks.append(look if number % 2 else reach * look - shift)
+        turns.append(roll + rolled * turn if space.is_roll_free else roll)
+    places, directions = np.array(to), np.array(looks)
+    shifted = (places != eye).any(axis=1)
+    places[shifted] = space.clipped(places[shifted])
+    allowed = (directions != 0).any(axis=1)
+    allowed[shifted] &= space.allows(places[shifted])  # where the camera stands it may stand
+    return space.composed(places[allowed], directions[allowed], np.array(turns)[allowed])
+
+
+def _steps(space: PoseSpace, start: FloatArray, step: float | Sequence[float] | None) -> FloatArray:
+    if step is None:
+        return STEP * space.distance(start[:, :3, 3])
+    steps = np.broadcast_to(np.asarray(step, np.float64), len(start)).astype(np.float64)
+    if not ((steps > 0) & (steps < np.inf)).all():
+        raise ConfigError(f"step must be positive and finite, got {step}")
+    return steps
+
+
+def _unpacked(packed: NDArray[np.uint8], n_faces: int) -> BoolArray:
+    return np.unpackbits(packed, axis=1, count=n_faces).view(np.bool_)

@@ -1,0 +1,304 @@
+"""Networks found by searching over poses: particle swarm, genetic and differential evolution.
+
+The way most of the literature places cameras, kept for comparison and for mounting spaces that no
+list of candidates fits. All cameras of a network are the variables of one problem, and a whole
+generation of networks is measured as one batch of poses. The algorithms are those of pymoo.
+
+J. Kennedy, R. Eberhart. Particle Swarm Optimization. 1995.
+R. Storn, K. Price. Differential Evolution. 1997.
+J. Blank, K. Deb. pymoo: Multi-objective Optimization in Python. 2020.
+"""
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov._arguments import check_seed
+from rastercov._typed import typed
+from rastercov.errors import ConfigError
+from rastercov.mesh.arrays import frozen
+from rastercov.placement.improve.objective import Objective
+from rastercov.placement.improve.pose_space import PoseSpace
+from rastercov.pose import valid_poses
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+METHODS = ("random", "pso", "ga", "de")
+KNOWN_PLACES = 256
+"""Places where cameras may stand that are looked up for those that may not stay where they are."""
+
+
+@dataclass(frozen=True, eq=False)
+class Optimised:
+    """The best network that a search met.
+
+    Attributes
+    ----------
+    method : str
+        One of `METHODS`.
+    poses : (k, 4, 4) float64
+        world_from_camera.
+    share : float
+        Part of the weight that it covers, [0, 1].
+    trace : (N,) float64
+        Best share after each network that was measured; network n took the pose evaluations up to
+        k (n + 1).
+    evaluations : int
+        Poses that were measured: k N.
+    generations : int
+        Batches they came in.
+    seed : int
+    seconds : float
+    """
+
+    method: str
+    poses: FloatArray
+    share: float
+    trace: FloatArray
+    evaluations: int
+    generations: int
+    seed: int
+    seconds: float
+
+
+@typed
+def optimise(
+    objective: Objective,
+    space: PoseSpace,
+    cameras: int,
+    method: str = "pso",
+    *,
+    budget: int = 20_000,
+    population: int = 24,
+    seed: int = 0,
+    candidates: ArrayLike | None = None,
+    start: ArrayLike | None = None,
+) -> Optimised:
+    """Best network of so many cameras that a search within a budget meets.
+
+    Every method measures exactly `budget // cameras` networks, so that they can be compared, and
+    the same first ones. Each camera has six variables, its place in the boxes and the point of
+    `space.aim` that it looks at, and its roll where that is free. One that may not stand where the
+    variables put it is moved to where it may.
+
+    Parameters
+    ----------
+    objective : Objective
+        What a network is worth.
+    space : PoseSpace
+        Where cameras may stand and look.
+    cameras : int
+        Cameras k of the network, 1 or more.
+    method : {"random", "pso", "ga", "de"}
+        random draws each network anew; the others are pymoo's PSO, GA and DE with its defaults.
+    budget : int
+        Poses to measure.
+    population : int
+        Networks in a generation, 4 or more.
+    seed : int
+        The same seed gives the same network.
+    candidates : (C, 4, 4) array_like, optional
+        Poses of which the first networks are made, k at random each. Those where no camera may
+        stand are left out.
+    start : (k, 4, 4) or (S, k, 4, 4) array_like, optional
+        Networks among the first; the result is no worse than any of them.
+
+    Raises
+    ------
+    ConfigError
+        For a value outside its range, a start where no camera may stand, or without pymoo.
+    """
+    began = time.perf_counter()
+    networks = _checked(cameras, method, budget, population)
+    check_seed(seed)
+    rng = np.random.default_rng(seed)
+    code = _Code(space, cameras, space.somewhere(KNOWN_PLACES, rng))
+    first = rng.random((population, code.n_variables))
+    given = _given(space, cameras, candidates, start, population, rng)
+    for row, poses in enumerate(given[:population]):
+        first[row] = code.remember(poses)
+    ask, tell = _random(first, rng) if method == "random" else _pymoo(method, first, seed)
+
+    best, best_worth = np.zeros((cameras, 4, 4)), -1
+    worths: list[IntArray] = []
+    left, generations = networks, 0
+    while left > 0:
+        variables = ask()
+        poses = code.poses(variables)[:left]  # the last generation may be cut short
+        covers = objective.covers(poses.reshape(-1, 4, 4))
+        covers = covers.reshape(len(poses), cameras, -1)
+        worth = objective.worth(objective.covered(covers, poses[:, :, :3, 3]))
+        top = int(np.argmax(worth))
+        if int(worth[top]) > best_worth:
+            best, best_worth = poses[top], int(worth[top])
+        worths.append(worth)
+        left -= len(poses)
+        generations += 1
+        if left > 0:
+            tell(objective.share(worth))
+    trace = objective.share(np.maximum.accumulate(np.concatenate(worths)))
+    return Optimised(
+        method=method,
+        poses=frozen(best.copy()),
+        share=float(objective.share(best_worth)),
+        trace=frozen(trace),
+        evaluations=networks * cameras,
+        generations=generations,
+        seed=seed,
+        seconds=time.perf_counter() - began,
+    )
+
+
+class _Code:
+    """Networks as rows of numbers in [0, 1], and back."""
+
+    def __init__(self, space: PoseSpace, cameras: int, known: FloatArray) -> None:
+        self.space, self.cameras, self.known = space, cameras, known
+        self.a_camera = 7 if space.is_roll_free else 6
+        self.n_variables = cameras * self.a_camera
+        self.aim = np.asarray(space.aim, np.float64)
+        self._exact: dict[bytes, FloatArray] = {}
+
+    def poses(self, variables: FloatArray) -> FloatArray:
+        """(N, k, 4, 4) poses of (N, variables); every camera stands where it may."""
+        values = variables.reshape(-1, self.a_camera)
+        hull, aim = self.space.hull, self.aim
+        eyes, allowed = self.space.settled(hull[0] + values[:, :3] * (hull[1] - hull[0]))
+        for row in np.flatnonzero(~allowed).tolist():  # some ten microseconds each
+            nearest = ((self.known - eyes[row]) ** 2).sum(axis=1).argmin()
+            eyes[row] = self.known[nearest]
+        forwards = aim[0] + values[:, 3:6] * (aim[1] - aim[0]) - eyes
+        forwards[(forwards == 0).all(axis=1)] = (1.0, 0.0, 0.0)
+        rolls = np.zeros(len(eyes))
+        if self.space.is_roll_free:
+            rolls = (values[:, 6] - 0.5) * (2 * np.pi)
+        composed = self.space.composed(eyes, forwards, rolls)
+        poses: FloatArray = composed.reshape(-1, self.cameras, 4, 4)
+        for row, of_network in enumerate(variables):
+            poses[row] = self._exact.get(of_network.tobytes(), poses[row])
+        return poses
+
+    def remember(self, poses: FloatArray) -> FloatArray:
+        """(variables,) nearest numbers of a network, which from now on stand for exactly it."""
+        eyes, forwards, rolls = self.space.decomposed(poses)
+        hull, aim = self.space.hull, self.aim
+        targets = np.clip(eyes + _depths(eyes, forwards, aim)[:, None] * forwards, aim[0], aim[1])
+        columns = [_parts(eyes, hull), _parts(targets, aim)]
+        if self.space.is_roll_free:
+            columns.append(rolls[:, None] / (2 * np.pi) + 0.5)
+        row: FloatArray = np.concatenate(columns, axis=1).reshape(-1)
+        self._exact[row.tobytes()] = poses
+        return row
+
+
+def _depths(eyes: FloatArray, forwards: FloatArray, box: FloatArray) -> FloatArray:
+    """(N,) depth of the middle of where axes cross the box, or of where they pass its middle."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = (box[:, None] - eyes) / forwards
+    ends = np.sort(np.where(np.isnan(ends), 0.0, ends), axis=0)
+    enters = np.maximum(ends[0].max(axis=1), 0.0)
+    leaves = ends[1].min(axis=1)
+    passes = np.einsum("ni,ni->n", box.mean(axis=0) - eyes, forwards)
+    depth: FloatArray = np.where(leaves > enters, (enters + leaves) / 2, np.maximum(passes, 0.0))
+    return depth
+
+
+def _parts(points: FloatArray, box: FloatArray) -> FloatArray:
+    """Where points lie between the corners of a box, [0, 1]; half-way where it is flat."""
+    size = box[1] - box[0]
+    parts = (points - box[0]) / np.where(size > 0, size, 1.0)
+    within: FloatArray = np.clip(np.where(size > 0, parts, 0.5), 0.0, 1.0)
+    return within
+
+
+def _given(
+    space: PoseSpace,
+    cameras: int,
+    candidates: ArrayLike | None,
+    start: ArrayLike | None,
+    population: int,
+    rng: np.random.Generator,
+) -> list[FloatArray]:
+    """Networks to begin with: those of the caller, then some of the candidates."""
+    networks: list[FloatArray] = []
+    if start is not None:
+        array = np.asarray(start, np.float64)
+        if array.ndim not in (3, 4) or array.shape[-3:] != (cameras, 4, 4):
+            raise ConfigError(f"start must have shape (S, {cameras}, 4, 4), got {array.shape}")
+        networks = [valid_poses(each) for each in array.reshape(-1, cameras, 4, 4)]
+        if len(networks) > population:
+            raise ConfigError(f"start must be {population} networks at most, got {len(networks)}")
+        for each in networks:
+            space.require(each, "camera")
+    if candidates is not None:
+        poses = valid_poses(candidates)
+        poses = poses[space.allows(poses[:, :3, 3])]
+        if not len(poses):
+            raise ConfigError(
+                "cameras may stand at none of the candidates; allow more, or add some"
+            )
+        while len(networks) < population:
+            drawn = rng.choice(len(poses), cameras, replace=len(poses) < cameras)
+            networks.append(poses[drawn])
+    return networks
+
+
+Ask = Callable[[], FloatArray]
+Tell = Callable[[FloatArray], None]
+
+
+def _random(first: FloatArray, rng: np.random.Generator) -> tuple[Ask, Tell]:
+    def generations() -> Iterator[FloatArray]:
+        yield first
+        while True:
+            yield rng.random(first.shape)
+
+    rows = generations()
+    return lambda: next(rows), lambda shares: None
+
+
+def _pymoo(method: str, first: FloatArray, seed: int) -> tuple[Ask, Tell]:
+    """What gives the next generation of an algorithm of pymoo, and what tells it the shares."""
+    try:
+        from pymoo.algorithms.soo.nonconvex.de import DE
+        from pymoo.algorithms.soo.nonconvex.ga import GA
+        from pymoo.algorithms.soo.nonconvex.pso import PSO
+        from pymoo.core.problem import Problem
+        from pymoo.core.termination import NoTermination
+        from pymoo.problems.static import StaticProblem
+    except ImportError:
+        raise ConfigError(
+            f"method {method} needs pymoo; install rastercov[place], or use method random"
+        ) from None
+    algorithm: Any = {"pso": PSO, "ga": GA, "de": DE}[method](pop_size=len(first), sampling=first)
+    problem = Problem(n_var=first.shape[1], n_obj=1, xl=0.0, xu=1.0)
+    algorithm.setup(problem, termination=NoTermination(), seed=seed, verbose=False)
+    asked: list[Any] = []
+
+    def ask() -> FloatArray:
+        asked.append(algorithm.ask())
+        return np.ascontiguousarray(asked[-1].get("X"), np.float64)
+
+    def tell(shares: FloatArray) -> None:
+        generation = asked.pop()
+        known = StaticProblem(problem, F=-shares[:, None])  # pymoo looks for the least
+        algorithm.evaluator.eval(known, generation, skip_already_evaluated=False)
+        algorithm.tell(infills=generation)
+
+    return ask, tell
+
+
+def _checked(cameras: int, method: str, budget: int, population: int) -> int:
+    """Networks to measure; ConfigError for a value outside its range."""
+    if method not in METHODS:
+        raise ConfigError(f"method must be {', '.join(METHODS)}, got {method!r}")
+    least = {"cameras": (cameras, 1), "population": (population, 4), "budget": (budget, cameras)}
+    for name, (value, low) in least.items():
+        if isinstance(value, bool) or value != int(value) or value < low:
+            raise ConfigError(f"{name} must be a whole number, {low} or more, got {value}")
+    return budget // cameras

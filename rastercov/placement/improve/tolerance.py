@@ -1,0 +1,306 @@
+"""How much of a network's coverage is left when its cameras are not mounted as planned.
+
+Last of placement: a plan in, its distribution under errors of installation out. Errors are drawn
+at random (Monte Carlo) and all disturbed poses are measured in batches. Each draw is used twice,
+for all cameras together and for each camera alone among others that stand as planned, so that the
+second costs nothing. Which camera is critical is told by leaving each one out.
+
+N. Metropolis, S. Ulam. The Monte Carlo Method. 1949.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov._arguments import check_seed
+from rastercov._typed import check_fields, typed
+from rastercov.errors import ConfigError
+from rastercov.mesh.arrays import frozen
+from rastercov.placement.improve.objective import Objective
+from rastercov.pose import valid_poses
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+
+LEVELS = (0.0, 0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)
+"""Quantiles that are told; the first is the worst of all draws."""
+DISTRIBUTIONS = ("normal", "uniform")
+PAIRS_AT_ONCE = 1 << 24
+"""Pose-face pairs held at a time: 16 MB."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class InstallationError:
+    """How far a camera may stand and be turned from where it is planned.
+
+    Attributes
+    ----------
+    position_mm : float
+        Of the camera centre, millimetres.
+    angle_deg : float
+        Of the turn about an axis of any direction, degrees.
+    distribution : {"normal", "uniform"}
+        normal: standard deviation along, and about, each of the three axes. uniform: the greatest
+        error; displacement and rotation vector lie anywhere in a ball of that radius.
+
+    Raises
+    ------
+    ConfigError
+        For values outside their range.
+    """
+
+    position_mm: float = 0.0
+    angle_deg: float = 0.0
+    distribution: str = "normal"
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        for name, value in (("position_mm", self.position_mm), ("angle_deg", self.angle_deg)):
+            if isinstance(value, bool) or not 0 <= value < np.inf:
+                raise ConfigError(f"{name} must be 0 or more and finite, got {value}")
+        if self.distribution not in DISTRIBUTIONS:
+            raise ConfigError(
+                f"distribution must be {' or '.join(DISTRIBUTIONS)}, got {self.distribution!r}"
+            )
+
+    def draw(self, shape: tuple[int, ...], rng: np.random.Generator) -> tuple[FloatArray, ...]:
+        """Displacements in metres and rotation vectors in radians, (*shape, 3) each."""
+        sizes = (self.position_mm / 1000, np.radians(self.angle_deg))
+        vectors = []
+        for size in sizes:
+            vector = rng.normal(size=(*shape, 3))
+            radius = np.cbrt(rng.random((*shape, 1)))
+            if self.distribution == "uniform":
+                vector *= radius / np.linalg.norm(vector, axis=-1, keepdims=True)
+            vectors.append(size * vector)
+        return tuple(vectors)
+
+
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """Shares that a network covers over all draws.
+
+    Attributes
+    ----------
+    shares : (N,) float64
+        In the order of the draws.
+    mean : float
+    levels, quantiles : tuple of float
+        The share that so large a part of the draws does not exceed, for each of `LEVELS`; the
+        first is the worst of all draws. Draws are not interpolated.
+    """
+
+    shares: FloatArray
+    mean: float
+    levels: tuple[float, ...]
+    quantiles: tuple[float, ...]
+
+    @property
+    def worst(self) -> float:
+        """Least share of all draws."""
+        return self.quantiles[0]
+
+    @classmethod
+    def of(cls, shares: FloatArray) -> "Spread":
+        """Distribution of one share for each draw."""
+        quantiles = np.quantile(shares, LEVELS, method="inverted_cdf")
+        return cls(frozen(shares.copy()), float(shares.mean()), LEVELS, tuple(quantiles.tolist()))
+
+    def summary(self) -> dict[str, Any]:
+        """Figures without the draws, ready for JSON."""
+        quantiles = {f"{level:g}": q for level, q in zip(self.levels, self.quantiles, strict=True)}
+        return {"mean": self.mean, "worst": self.worst, "quantiles": quantiles}
+
+
+@dataclass(frozen=True, eq=False)
+class CameraTolerance:
+    """What hangs on one camera.
+
+    Attributes
+    ----------
+    without : float
+        Share that the others cover, all as planned.
+    alone : Spread
+        Shares when only this camera is mounted with an error.
+    own_faces : int
+        Scored faces that the network covers, and does not without this camera.
+    """
+
+    without: float
+    alone: Spread
+    own_faces: int
+
+
+@dataclass(frozen=True, eq=False)
+class Tolerance:
+    """Coverage of a network under errors of installation.
+
+    Attributes
+    ----------
+    error : InstallationError
+    draws, seed, evaluations : int
+        Draws N, and poses that were measured: k (N + 1).
+    nominal : float
+        Share that the network covers as planned.
+    together : Spread
+        Shares when every camera has an error of its own.
+    cameras : tuple of CameraTolerance
+        One for each.
+    face_chance : (F,) float64
+        Part of the draws in which all cameras together cover the face.
+    """
+
+    error: InstallationError
+    draws: int
+    seed: int
+    evaluations: int
+    nominal: float
+    together: Spread
+    cameras: tuple[CameraTolerance, ...]
+    face_chance: FloatArray
+
+    @property
+    def critical(self) -> int:
+        """Camera without which least is covered: the first of equals; -1 where there is none."""
+        if not self.cameras:
+            return -1
+        return int(np.argmin([camera.without for camera in self.cameras]))
+
+    @property
+    def most_sensitive(self) -> int:
+        """Camera whose own error costs most on average: the first of equals; -1 for none."""
+        if not self.cameras:
+            return -1
+        return int(np.argmin([camera.alone.mean for camera in self.cameras]))
+
+    def summary(self) -> dict[str, Any]:
+        """Figures without draws and faces, ready for JSON."""
+        return {
+            "position_mm": self.error.position_mm,
+            "angle_deg": self.error.angle_deg,
+            "distribution": self.error.distribution,
+            "draws": self.draws,
+            "seed": self.seed,
+            "nominal": self.nominal,
+            "together": self.together.summary(),
+            "critical": self.critical,
+            "most_sensitive": self.most_sensitive,
+            "cameras": [
+                {"without": each.without, "own_faces": each.own_faces} | each.alone.summary()
+                for each in self.cameras
+            ],
+        }
+
+
+@typed
+def tolerance(
+    objective: Objective,
+    poses: ArrayLike,
+    error: InstallationError,
+    *,
+    draws: int = 200,
+    seed: int = 0,
+) -> Tolerance:
+    """Coverage of a network when its cameras are mounted with errors.
+
+    Where cameras may stand plays no part: an error does not ask.
+
+    Parameters
+    ----------
+    objective : Objective
+        What a network is worth.
+    poses : (k, 4, 4) array_like
+        world_from_camera, as planned.
+    error : InstallationError
+        How far each camera may be off; each has its own error.
+    draws : int
+        Disturbed networks N, 1 or more; with 200 the worst is a share that 99 % of installations
+        exceed, at a confidence of 87 %.
+    seed : int
+        The same seed gives the same draws.
+
+    Raises
+    ------
+    ConfigError
+        For a number of draws that is none.
+    PoseError
+        For a pose that is no rigid motion.
+    """
+    check_seed(seed)
+    if draws < 1:
+        raise ConfigError(f"draws must be a whole number, 1 or more, got {draws}")
+    planned = valid_poses(poses)
+    eyes = planned[:, :3, 3]
+    covers = objective.covers(planned)
+    covered = objective.covered(covers, eyes)
+    disturbed = disturbed_poses(planned, error, draws, np.random.default_rng(seed))
+
+    together = np.empty(draws, np.int64)
+    alone = np.empty((len(planned), draws), np.int64)
+    times = np.zeros(covers.shape[1], np.int64)
+    others = [np.arange(len(planned)) != row for row in range(len(planned))]
+    step = max(1, PAIRS_AT_ONCE // max(1, covers.size))
+    for begin in range(0, draws, step):
+        part = slice(begin, min(begin + step, draws))
+        network = disturbed[part]
+        seen = objective.covers(network.reshape(-1, 4, 4))
+        seen = seen.reshape(*network.shape[:2], covers.shape[1])
+        covered_now = objective.covered(seen, network[:, :, :3, 3])
+        together[part] = objective.worth(covered_now)
+        times += covered_now.sum(axis=0)
+        for row, rest in enumerate(others):
+            with_one = objective.covered_with(
+                covers[rest], eyes[rest], seen[:, row], network[:, row, :3, 3]
+            )
+            alone[row, part] = objective.worth(with_one)
+
+    cameras = []
+    for row, rest in enumerate(others):
+        left = objective.covered(covers[rest], eyes[rest])
+        cameras.append(
+            CameraTolerance(
+                without=float(objective.share(objective.worth(left))),
+                alone=Spread.of(objective.share(alone[row])),
+                own_faces=int((covered & ~left & (objective.quanta > 0)).sum()),
+            )
+        )
+    return Tolerance(
+        error=error,
+        draws=draws,
+        seed=seed,
+        evaluations=len(planned) * (draws + 1),
+        nominal=float(objective.share(objective.worth(covered))),
+        together=Spread.of(objective.share(together)),
+        cameras=tuple(cameras),
+        face_chance=frozen(times / draws),
+    )
+
+
+def disturbed_poses(
+    poses: FloatArray, error: InstallationError, draws: int, rng: np.random.Generator
+) -> FloatArray:
+    """(N, k, 4, 4) poses with errors: displaced in the world, turned about the camera centre."""
+    displacement, turn = error.draw((draws, len(poses)), rng)
+    out = np.tile(poses, (draws, 1, 1, 1))
+    out[..., :3, 3] += displacement
+    out[..., :3, :3] = out[..., :3, :3] @ rotations(turn)
+    return out
+
+
+def rotations(vectors: FloatArray) -> FloatArray:
+    """(..., 3, 3) rotations by rotation vectors (..., 3), radians: Rodrigues' formula.
+
+    R = I + sin(a) K + (1 - cos(a)) K^2 for the angle a and the cross-product matrix K of the axis.
+    """
+    angle = np.linalg.norm(vectors, axis=-1, keepdims=True)[..., None]
+    cross = np.zeros((*vectors.shape[:-1], 3, 3))
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    cross[..., 0, 1], cross[..., 0, 2], cross[..., 1, 2] = -z, y, -x
+    cross -= np.swapaxes(cross, -1, -2)
+    # sinc: sin(pi t) / (pi t), 1 at 0
+    half = np.sinc(angle / (2 * np.pi))
+    out: FloatArray = np.eye(3) + np.sinc(angle / np.pi) * cross + half**2 / 2 * (cross @ cross)
+    return out

@@ -1,0 +1,1 @@
+"""Selection of cameras from a visibility matrix."""

@@ -1,0 +1,217 @@
+"""The loops of `bounds`, compiled by numba: one subgradient method for each goal.
+
+A call takes a number of steps and can be followed by another that goes on from there, so that the
+caller can look at the clock between them. What is carried over are the prices, the best ones so
+far, and four numbers, `progress`: best bound, scale of the steps, steps without a better bound, and
+whether the search has ended.
+"""
+
+import numpy as np
+
+from rastercov._jit import compiled
+
+PATIENCE = 15
+"""Steps without a better bound after which they are halved."""
+BEST, SCALE, WAITED, ENDED = range(4)
+"""Places in `progress`."""
+
+
+@compiled
+def cheapest_share(indptr, face, costs, prices):
+    """Put into `prices`, (F,), the least of cost / faces over the candidates of each face."""
+    prices[:] = np.inf
+    for c in range(len(costs)):
+        share = costs[c] / max(1, indptr[c + 1] - indptr[c])
+        for j in range(indptr[c], indptr[c + 1]):
+            prices[face[j]] = min(prices[face[j]], share)
+
+
+@compiled
+def _earn(indptr, face, prices, earned):
+    """Put the sum of the prices of its faces into `earned` for each candidate."""
+    for c in range(len(earned)):
+        total = 0.0
+        for j in range(indptr[c], indptr[c + 1]):
+            total += prices[face[j]]
+        earned[c] = total
+
+
+@compiled
+def _take(indptr, face, amounts, cover):
+    """Put how often each face is covered into `cover`, (F,), by so much of each candidate."""
+    cover[:] = 0.0
+    for c in range(len(amounts)):
+        if amounts[c] > 0:
+            for j in range(indptr[c], indptr[c + 1]):
+                cover[face[j]] += amounts[c]
+
+
+@compiled
+def best_weight(
+    indptr, face, views, weights, costs, cameras, budget, u, best_u, progress, reached, steps
+):  # fmt: skip
+    """Steps towards an upper bound of the weight that so many cameras within a budget can cover.
+
+        L(u) = sum_f max(0, w_f - views_f u_f) + max_x sum_c x_c sum_{f in c} u_f
+
+    Parameters
+    ----------
+    indptr, face
+        Faces of each candidate.
+    views, weights : (F,) float64
+        Weights sum to 1.
+    costs : (C,) float64
+    cameras, budget : int, float
+        Limits; the budget may be inf.
+    u, best_u : (F,) float64
+        In and out: prices, at most weights / views, and those of the best bound.
+    progress : (4,) float64
+        In and out; inf, 1, 0, 0 to start from.
+    reached : float
+        Weight of a selection.
+    steps : int
+    """
+    n, m = len(indptr) - 1, len(weights)
+    earned, amounts, cover = np.empty(n), np.empty(n), np.empty(m)
+    slope = np.empty(m)
+    best, scale, waited = progress[BEST], progress[SCALE], progress[WAITED]
+    for _ in range(steps):
+        _earn(indptr, face, u, earned)
+        # The most valuable so many; with a budget, also the most valuable for their cost, the last
+        # of them in part. Both bound what is within both limits.
+        amounts[:] = 0.0
+        order = np.argsort(-earned)
+        income = 0.0
+        for c in order[:cameras]:
+            amounts[c] = 1.0
+            income += earned[c]
+        if budget < np.inf:
+            order = np.argsort(-earned / np.maximum(costs, 1e-300))
+            left, by_cost, last = budget, 0.0, 0
+            while last < n and costs[order[last]] <= left:
+                left -= costs[order[last]]
+                by_cost += earned[order[last]]
+                last += 1
+            if last < n:
+                by_cost += earned[order[last]] * left / costs[order[last]]
+            if by_cost < income:
+                income = by_cost
+                amounts[:] = 0.0
+                for c in order[:last]:
+                    amounts[c] = 1.0
+                if last < n:
+                    amounts[order[last]] = left / costs[order[last]]
+        _take(indptr, face, amounts, cover)
+        value, norm = income, 0.0
+        for f in range(m):
+            spare = weights[f] - views[f] * u[f]
+            value += max(0.0, spare)
+            slope[f] = cover[f] - (views[f] if spare > 0 else 0.0)
+            # At a limit of the prices, a step beyond it does not count.
+            if (u[f] <= 0 and slope[f] > 0) or (spare <= 0 and slope[f] < 0):
+                slope[f] = 0.0
+            norm += slope[f] * slope[f]
+        if value < best - 1e-12:
+            best, waited = value, 0
+            best_u[:] = u
+        else:
+            waited += 1
+            if waited >= PATIENCE:
+                scale, waited = scale / 2, 0
+                u[:] = best_u
+                continue
+        if norm == 0 or best <= reached * (1 + 1e-12) or scale < 1e-4:
+            progress[ENDED] = 1.0
+            break
+        length = scale * max(value - reached, 1e-9) / norm
+        for f in range(m):
+            u[f] = min(max(u[f] - length * slope[f], 0.0), weights[f] / views[f])
+    progress[BEST], progress[SCALE], progress[WAITED] = best, scale, waited
+
+
+@compiled
+def least_cost(
+    indptr, face, views, weights, costs, kind, least, least_total, u, best_u, progress, cost, steps
+):  # fmt: skip
+    """Steps towards a lower bound of the cost of covering so much weight.
+
+        L(u) = min_x sum_c x_c (cost_c - sum_{f in c} u_f) + min_z sum_f views_f u_f z_f
+
+    with z in [0, 1] covering `least` of each kind and `least_total` in all: the cheapest faces for
+    their weight first, kind by kind, then of all that is left.
+
+    Parameters
+    ----------
+    indptr, face
+        Faces of each candidate.
+    views, weights : (F,) float64
+    costs : (C,) float64
+    kind : (F,) int32
+    least : (G,) float64
+        Weight to cover of each kind.
+    least_total : float
+        Weight to cover in all.
+    u, best_u : (F,) float64
+        In and out: prices, and those of the best bound.
+    progress : (4,) float64
+        In and out; 0, 1, 0, 0 to start from.
+    cost : float
+        Of a selection.
+    steps : int
+    """
+    n, m = len(indptr) - 1, len(weights)
+    earned, amounts, cover = np.empty(n), np.empty(n), np.empty(m)
+    slope, z = np.empty(m), np.ones(m)
+    all_of_it = least_total >= weights.sum()
+    best, scale, waited = progress[BEST], progress[SCALE], progress[WAITED]
+    for _ in range(steps):
+        _earn(indptr, face, u, earned)
+        value = 0.0
+        for c in range(n):
+            amounts[c] = 1.0 if earned[c] > costs[c] else 0.0
+            value += min(0.0, costs[c] - earned[c])
+        if not all_of_it:
+            _cheapest(views * u / weights, weights, kind, least, least_total, z)
+        _take(indptr, face, amounts, cover)
+        norm = 0.0
+        for f in range(m):
+            value += views[f] * u[f] * z[f]
+            slope[f] = views[f] * z[f] - cover[f]
+            if u[f] <= 0 and slope[f] < 0:
+                slope[f] = 0.0
+            norm += slope[f] * slope[f]
+        if value > best + 1e-12:
+            best, waited = value, 0
+            best_u[:] = u
+        else:
+            waited += 1
+            if waited >= PATIENCE:
+                scale, waited = scale / 2, 0
+                u[:] = best_u
+                continue
+        if norm == 0 or best >= cost * (1 - 1e-12) or scale < 1e-4:
+            progress[ENDED] = 1.0
+            break
+        length = scale * max(1.02 * cost - value, 1e-9) / norm
+        for f in range(m):
+            u[f] = max(u[f] + length * slope[f], 0.0)
+    progress[BEST], progress[SCALE], progress[WAITED] = best, scale, waited
+
+
+@compiled
+def _cheapest(price, weights, kind, least, least_total, z):
+    """Put into `z` the parts of faces that make up the required weights at the least price."""
+    order = np.argsort(price)
+    missing, total = least.copy(), least_total
+    z[:] = 0.0
+    for f in order:
+        part = min(weights[f], max(0.0, missing[kind[f]]))
+        missing[kind[f]] -= part
+        total -= part
+        z[f] = part / weights[f]
+    for f in order:
+        if total <= 0:
+            break
+        part = min(weights[f] * (1 - z[f]), total)
+        total -= part
+        z[f] += part / weights[f]

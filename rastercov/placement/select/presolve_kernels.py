@@ -1,0 +1,102 @@
+"""The loops of merging, compiled by numba: pairs by face, hashes of sets, parts of a problem."""
+
+import numpy as np
+
+from rastercov._jit import compiled
+
+
+@compiled
+def by_face(indptr, face, n_faces):
+    """The same pairs by face: where those of each face begin and end, and their candidates."""
+    starts = np.zeros(n_faces + 1, np.int64)
+    for j in range(len(face)):
+        starts[face[j] + 1] += 1
+    for f in range(n_faces):
+        starts[f + 1] += starts[f]
+    at = starts[:-1].copy()
+    candidates = np.empty(len(face), np.int32)
+    for c in range(len(indptr) - 1):
+        for j in range(indptr[c], indptr[c + 1]):
+            candidates[at[face[j]]] = c
+            at[face[j]] += 1
+    return starts, candidates
+
+
+@compiled
+def mixed(number):
+    """64 bits that look random, a function of the number (splitmix64)."""
+    z = np.uint64(number) + np.uint64(0x9E3779B97F4A7C15)
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return z ^ (z >> np.uint64(31))
+
+
+@compiled
+def hash_sets(indptr, member, counted, key):
+    """(C, 2) uint64 sums of two hashes over the counted members of each set, and (C,) how many.
+
+    Sums, so that the order of the members does not matter; two sets with the same 128 bits are
+    the same set, except once in 10^38 pairs.
+
+    Parameters
+    ----------
+    indptr, member
+        The sets.
+    counted : (F,) bool
+        Members that make a difference.
+    key : (F,) uint64
+        What stands for each member.
+    """
+    n = len(indptr) - 1
+    hashes, sizes = np.zeros((n, 2), np.uint64), np.zeros(n, np.int64)
+    for c in range(n):
+        for j in range(indptr[c], indptr[c + 1]):
+            m = member[j]
+            if counted[m]:
+                first = mixed(key[m])
+                hashes[c, 0] += first
+                hashes[c, 1] += mixed(first ^ np.uint64(0x5851F42D4C957F2D))
+                sizes[c] += 1
+    return hashes, sizes
+
+
+@compiled
+def hash_owners(indptr, member, key, n_members):
+    """(F, 2) uint64 as of `hash_sets`, of the sets that each member is in.
+
+    Parameters
+    ----------
+    indptr, member
+        The sets.
+    key : (C,) int64
+        What stands for each set; those with -1 do not count.
+    n_members : int
+    """
+    hashes = np.zeros((n_members, 2), np.uint64)
+    for c in range(len(indptr) - 1):
+        if key[c] >= 0:
+            first = mixed(np.uint64(key[c]))
+            second = mixed(first ^ np.uint64(0x5851F42D4C957F2D))
+            for j in range(indptr[c], indptr[c + 1]):
+                hashes[member[j], 0] += first
+                hashes[member[j], 1] += second
+    return hashes
+
+
+@compiled
+def subset(indptr, face, candidates, new_face):
+    """The pairs of some candidates and faces; `new_face` is -1 for faces that are left out."""
+    starts = np.zeros(len(candidates) + 1, np.int64)
+    for i in range(len(candidates)):
+        kept = 0
+        for j in range(indptr[candidates[i]], indptr[candidates[i] + 1]):
+            kept += new_face[face[j]] >= 0
+        starts[i + 1] = starts[i] + kept
+    faces = np.empty(starts[-1], np.int32)
+    at = 0
+    for c in candidates:
+        for j in range(indptr[c], indptr[c + 1]):
+            if new_face[face[j]] >= 0:
+                faces[at] = new_face[face[j]]
+                at += 1
+    return starts, faces

@@ -1,0 +1,399 @@
+"""What to select: which candidate covers which face, what a face needs, and what is wanted.
+
+A `Problem` is the plain value that every `select_*` takes. It comes from a visibility matrix
+(`problem_of`), from a 0/1 array (`problem_of_matrix`) or from a set-covering file
+(`set_cover_file`), and knows nothing of meshes or cameras.
+
+Shares are of weight: faces count by number or by area. They are compared in whole numbers
+(`Problem.quanta`), so that no order of summation makes a requirement hold or fail.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov._typed import check_fields, typed
+from rastercov.errors import ConfigError
+from rastercov.mesh import Mesh
+from rastercov.placement.matrix import VisibilityMatrix
+from rastercov.placement.select import selection_kernels as kernels
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+
+WHOLE = 1 << 40
+"""Total of `Problem.quanta`, unless the weights are whole numbers of a smaller sum."""
+SLACK = 1e-9
+"""Part of the whole by which a share may fall short: 0.98 is not a binary fraction."""
+
+
+@dataclass(frozen=True)
+class FewestCameras:
+    """Reach a coverage with the fewest cameras, or at the least cost.
+
+    Attributes
+    ----------
+    coverage : float
+        Share of the weight of all faces to cover, [0, 1].
+    groups : mapping of str to float
+        Share to cover of the weight of single groups, by name.
+    of_reachable : bool
+        Whether shares are of what all candidates together cover, not of everything.
+    """
+
+    coverage: float = 1.0
+    groups: Mapping[str, float] = field(default_factory=dict)
+    of_reachable: bool = False
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        for name, share in {"coverage": self.coverage, **self.groups}.items():
+            if not 0 <= share <= 1:
+                raise ConfigError(f"the share to cover of {name} must be 0 to 1, got {share!r}")
+
+
+@dataclass(frozen=True)
+class BestCoverage:
+    """Cover the most with so many cameras, or within a budget.
+
+    Attributes
+    ----------
+    cameras : int, optional
+        Cameras at most.
+    budget : float, optional
+        Cost of all cameras at most.
+    """
+
+    cameras: int | None = None
+    budget: float | None = None
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        if self.cameras is None and self.budget is None:
+            raise ConfigError("best coverage needs a number of cameras or a budget; give one")
+        if self.cameras is not None and (isinstance(self.cameras, bool) or self.cameras < 0):
+            raise ConfigError(f"cameras must be 0 or more, got {self.cameras!r}")
+        if self.budget is not None and not 0 <= self.budget < math.inf:
+            raise ConfigError(f"budget must be 0 or more, and finite, got {self.budget!r}")
+
+
+Goal = FewestCameras | BestCoverage
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Problem:
+    """Which candidates cover which faces, in compressed rows, and what is wanted of them.
+
+    A face is covered when at least `views` of the chosen cameras cover it and, where `min_angle`
+    is more than 0, the rays to two of these differ by that angle.
+
+    Attributes
+    ----------
+    indptr : (C + 1,) int64
+        Candidate c covers the faces `face[indptr[c]:indptr[c + 1]]`.
+    face : (N,) int32
+        No face twice for one candidate.
+    weights : (F,) float64
+        What covering each face counts for; 0 leaves it out.
+    views : (F,) int64
+        Cameras that must cover it, 1 or more.
+    costs : (C,) float64
+        Of each camera, 0 or more.
+    goal : FewestCameras or BestCoverage
+    groups : tuple of str
+    face_group : (F,) int32
+        Index into `groups`.
+    mean_coverage : (C,) float64
+        Mean coverage over all faces, for `select_thesis`.
+    min_angle : float
+        Radians, [0, pi].
+    eyes, centroids : (C, 3), (F, 3) float64, optional
+        Camera centres and centroids of faces, metres; needed for `min_angle`.
+    """
+
+    indptr: IntArray
+    face: NDArray[np.int32]
+    weights: FloatArray
+    views: IntArray
+    costs: FloatArray
+    goal: Goal
+    groups: tuple[str, ...]
+    face_group: NDArray[np.int32]
+    mean_coverage: FloatArray
+    min_angle: float = 0.0
+    eyes: FloatArray | None = None
+    centroids: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        _check(self)
+        goal = self.goal
+        if isinstance(goal, BestCoverage):
+            return
+        if unknown := sorted(set(goal.groups) - set(self.groups)):
+            raise ConfigError(
+                f"there is no group {unknown[0]!r}; groups are {', '.join(self.groups)}"
+            )
+        _, least, total = self.required
+        reached = self.by_group(self.reachable)
+        if reached.sum() < total:
+            raise ConfigError(
+                f"coverage {goal.coverage:g} cannot be reached: all {self.n_candidates} candidates "
+                f"together cover {self.share(self.reachable):.6g}; ask for less, of_reachable, or "
+                "add candidates"
+            )
+        if short := [name for name, a, b in zip(self.groups, reached, least, strict=True) if a < b]:
+            raise ConfigError(
+                f"group {short[0]!r}: coverage {goal.groups[short[0]]:g} cannot be reached by all "
+                f"{self.n_candidates} candidates together; ask for less, or add candidates"
+            )
+
+    @property
+    def n_candidates(self) -> int:
+        """Number of candidates C."""
+        return len(self.indptr) - 1
+
+    @property
+    def n_faces(self) -> int:
+        """Number of faces F."""
+        return len(self.weights)
+
+    @property
+    def min_cosine(self) -> float:
+        """Cosine of two rays at or below which they differ by `min_angle`; 2 where any two do."""
+        return math.cos(self.min_angle) + 1e-12 if self.min_angle > 0 else 2.0
+
+    @cached_property
+    def quanta(self) -> IntArray:
+        """(F,) weights in whole numbers: their own, or parts of `WHOLE`."""
+        total = float(self.weights.sum())
+        if total < WHOLE and bool((self.weights == np.floor(self.weights)).all()):
+            return self.weights.astype(np.int64)
+        return np.rint(self.weights / total * WHOLE).astype(np.int64)
+
+    @cached_property
+    def reachable(self) -> BoolArray:
+        """(F,) faces that are covered when every candidate is chosen."""
+        return self.covered_by(np.arange(self.n_candidates))[1]
+
+    @cached_property
+    def required(self) -> tuple[IntArray, IntArray, int]:
+        """Quanta of each group, to cover of each group, and to cover in all, for a `FewestCameras`.
+
+        Two arrays (G,) and a number; all to cover is 0 for `BestCoverage`.
+        """
+        goal = self.goal
+        nothing = np.zeros(len(self.groups), np.int64)
+        if isinstance(goal, BestCoverage):
+            return self.by_group(np.ones(self.n_faces, bool)), nothing, 0
+        counted = self.reachable if goal.of_reachable else np.ones(self.n_faces, bool)
+        whole = self.by_group(counted)
+        shares = np.array([goal.groups.get(name, 0.0) for name in self.groups])
+        least = np.ceil((shares - SLACK).clip(0) * whole).astype(np.int64)
+        return whole, least, math.ceil(max(0.0, goal.coverage - SLACK) * int(whole.sum()))
+
+    def by_group(self, faces: BoolArray) -> IntArray:
+        """(G,) quanta of the faces of each group."""
+        totals = np.zeros(len(self.groups), np.int64)
+        np.add.at(totals, self.face_group[faces], self.quanta[faces])
+        return totals
+
+    def share(self, faces: BoolArray) -> float:
+        """Part of the weight of all faces, [0, 1]; 1 where there is no weight."""
+        total = int(self.quanta.sum())
+        return int(self.quanta[faces].sum()) / total if total else 1.0
+
+    def covered_by(self, chosen: ArrayLike) -> tuple[IntArray, BoolArray]:
+        """(F,) cameras among the chosen that cover each face, and whether it is covered."""
+        cameras = np.asarray(chosen, np.int64)
+        views = np.zeros(self.n_faces, np.int64)
+        for camera in cameras:  # microseconds each
+            views[self.face[self.indptr[camera] : self.indptr[camera + 1]]] += 1
+        covered: BoolArray = views >= self.views
+        if self.min_angle > 0:
+            eyes, centroids = self.eyes, self.centroids
+            covered &= kernels.spread_faces(
+                self.indptr, self.face, cameras, views, eyes, centroids, self.min_cosine
+            )
+        return views, covered
+
+    def is_met(self, covered: BoolArray) -> bool:
+        """Whether covering these faces reaches what `FewestCameras` asks for."""
+        _, least, total = self.required
+        reached = self.by_group(covered)
+        return bool((reached >= least).all() and reached.sum() >= total)
+
+
+@typed
+def problem_of(
+    matrix: VisibilityMatrix,
+    mesh: Mesh,
+    goal: Goal,
+    *,
+    weight_by: str = "area",
+    views: int | Mapping[str, int] | None = None,
+    min_angle_deg: float = 0.0,
+    costs: ArrayLike | None = None,
+    min_coverage: float | None = None,
+) -> Problem:
+    """Selection problem of a visibility matrix.
+
+    Parameters
+    ----------
+    matrix, mesh
+        What the candidates see, and of what.
+    goal : FewestCameras or BestCoverage
+        What is wanted.
+    weight_by : {"area", "count"}
+        What shares are of; only faces that are scored count.
+    views : int or mapping of str to int, optional
+        Cameras that must cover a face, for all or by group (1 for groups that are not named);
+        `matrix.task.views` unless given.
+    min_angle_deg : float
+        Angle that the rays to two of them must reach, degrees; 0 for any.
+    costs : (C,) array_like, optional
+        Of each candidate; 1 unless given.
+    min_coverage : float, optional
+        A camera covers a face at this coverage, and more than 0; as in the matrix unless given.
+        0 is the thesis' Table 6.1.
+    """
+    if matrix.n_faces != mesh.n_faces:
+        raise ConfigError(
+            f"the matrix is of a mesh of {matrix.n_faces} faces, got one of {mesh.n_faces}"
+        )
+    if weight_by not in ("area", "count"):
+        raise ConfigError(f"weight_by must be area or count, got {weight_by!r}")
+    names = tuple(group.name for group in mesh.groups)
+    if views is None:
+        views = matrix.task.views
+    if isinstance(views, Mapping):
+        if unknown := sorted(set(views) - set(names)):
+            raise ConfigError(f"there is no group {unknown[0]!r}; groups are {', '.join(names)}")
+        of_group = np.array([views.get(name, 1) for name in names])
+        needed = of_group[mesh.face_group]
+    else:
+        needed = np.full(mesh.n_faces, views)
+    covers = matrix.covered if min_coverage is None else matrix.coverage >= np.float64(min_coverage)
+    indptr, face = matrix.indptr, matrix.face
+    if not covers.all():
+        # Row by row, microseconds each: sums over all pairs would take more memory than they do.
+        counts = [np.count_nonzero(covers[a:b]) for a, b in pairwise(indptr)]
+        indptr, face = np.concatenate(([0], np.cumsum(counts, dtype=np.int64))), face[covers]
+    weights = mesh.areas if weight_by == "area" else np.ones(mesh.n_faces)
+    return Problem(
+        indptr=indptr,
+        face=face,
+        weights=np.where(mesh.task_mask, weights, 0.0),
+        views=needed,
+        costs=np.ones(matrix.n_poses) if costs is None else np.asarray(costs, np.float64),
+        goal=goal,
+        groups=names,
+        face_group=mesh.face_group,
+        mean_coverage=matrix.mean_coverage,
+        min_angle=math.radians(min_angle_deg),
+        eyes=matrix.poses[:, :3, 3].copy(),
+        centroids=mesh.centroids,
+    )
+
+
+@typed
+def problem_of_matrix(
+    covers: ArrayLike,
+    goal: Goal | None = None,
+    *,
+    weights: ArrayLike | None = None,
+    views: ArrayLike = 1,
+    costs: ArrayLike | None = None,
+    groups: Sequence[str] = ("all",),
+    face_group: ArrayLike = 0,
+    min_angle_deg: float = 0.0,
+    eyes: ArrayLike | None = None,
+    centroids: ArrayLike | None = None,
+) -> Problem:
+    """Selection problem of a plain array: any set cover.
+
+    Parameters
+    ----------
+    covers : (C, F) array_like
+        Whether candidate c covers face f; rows are candidates, as everywhere.
+    goal : FewestCameras or BestCoverage, optional
+        Every face, by the fewest candidates, unless given.
+    weights : (F,) array_like, optional
+        1 unless given.
+    views, face_group : int or (F,) array_like
+    costs : (C,) array_like, optional
+        1 unless given.
+    groups, min_angle_deg, eyes, centroids
+        As in `Problem`; the angle is in degrees here.
+    """
+    array = np.asarray(covers)
+    if array.ndim != 2 or not ((array == 0) | (array == 1)).all():
+        raise ConfigError(
+            f"covers must be an array (C, F) of 0 and 1, got shape {array.shape} of {array.dtype}"
+        )
+    n_candidates, n_faces = array.shape
+    candidate, face = np.nonzero(array)
+    counts = np.bincount(candidate, minlength=n_candidates)
+    return Problem(
+        indptr=np.concatenate(([0], np.cumsum(counts))),
+        face=face.astype(np.int32),
+        weights=np.ones(n_faces) if weights is None else np.asarray(weights, np.float64),
+        views=_of_each(views, n_faces, "views"),
+        costs=np.ones(n_candidates) if costs is None else np.asarray(costs, np.float64),
+        goal=FewestCameras() if goal is None else goal,
+        groups=tuple(groups),
+        face_group=_of_each(face_group, n_faces, "face_group").astype(np.int32),
+        mean_coverage=counts / max(1, n_faces),
+        min_angle=math.radians(min_angle_deg),
+        eyes=None if eyes is None else np.asarray(eyes, np.float64),
+        centroids=None if centroids is None else np.asarray(centroids, np.float64),
+    )
+
+
+def _of_each(value: ArrayLike, count: int, name: str) -> IntArray:
+    numbers = np.asarray(value)
+    if numbers.shape not in ((), (count,)) or not np.issubdtype(numbers.dtype, np.integer):
+        raise ConfigError(
+            f"{name} must be a whole number or {count} of them, "
+            f"got {numbers.dtype} of shape {numbers.shape}"
+        )
+    return np.broadcast_to(numbers, count).astype(np.int64)
+
+
+def _check(problem: Problem) -> None:
+    """ConfigError when the arrays of a problem do not fit together."""
+    n_candidates, n_faces = problem.n_candidates, problem.n_faces
+    shapes: dict[str, tuple[Any, tuple[int, ...]]] = {
+        "views": (problem.views, (n_faces,)),
+        "costs": (problem.costs, (n_candidates,)),
+        "face_group": (problem.face_group, (n_faces,)),
+        "mean_coverage": (problem.mean_coverage, (n_candidates,)),
+    }
+    if not 0 <= problem.min_angle <= math.pi:
+        raise ConfigError(
+            f"the angle must be 0 to 180 degrees, got {math.degrees(problem.min_angle):g}"
+        )
+    if problem.min_angle > 0:
+        if problem.eyes is None or problem.centroids is None:
+            raise ConfigError("an angle between views needs eyes and centroids; give both")
+        shapes["eyes"] = (problem.eyes, (n_candidates, 3))
+        shapes["centroids"] = (problem.centroids, (n_faces, 3))
+    for name, (array, shape) in shapes.items():
+        if array.shape != shape:
+            raise ConfigError(f"{name} must have shape {shape}, got {array.shape}")
+    for name, values in (("weights", problem.weights), ("costs", problem.costs)):
+        if not (np.isfinite(values) & (values >= 0)).all():
+            raise ConfigError(f"{name} must be 0 or more, and finite")
+    if (problem.views < 1).any():
+        raise ConfigError(f"views must be 1 or more, got {problem.views.min()}")
+    within = (problem.face_group >= 0) & (problem.face_group < len(problem.groups))
+    if not within.all() or len(set(problem.groups)) < len(problem.groups):
+        raise ConfigError("face_group must index into groups, whose names must be unique")
+    if len(problem.face) and not 0 <= problem.face.min() <= problem.face.max() < n_faces:
+        raise ConfigError(f"face must lie in 0 ... {n_faces - 1}")

@@ -1,0 +1,365 @@
+"""The loops of selection, compiled by numba: what adding or removing one camera changes.
+
+Every candidate's gain, what choosing it next would add, is kept up to date: when a face changes
+its state, the gains of exactly the candidates that cover it change. So the first pass over all
+pairs is the only one, and a later step costs what it touches. Gains are whole numbers: they come
+back to the same value when a camera is added and removed, whatever the order of summation.
+
+The progress of a face is min(cameras that cover it, `views`), and one more for rays that differ by
+the angle asked for, where one is; at `need` it is covered. Progress p is worth
+
+    step * p, and `bonus` more at p = need.
+"""
+
+import numpy as np
+
+from rastercov._jit import compiled
+
+
+@compiled
+def _cosine(eyes, a, b, centroids, f):
+    """Cosine of the angle at a face between the rays to two cameras."""
+    ax, bx = eyes[a, 0] - centroids[f, 0], eyes[b, 0] - centroids[f, 0]
+    ay, by = eyes[a, 1] - centroids[f, 1], eyes[b, 1] - centroids[f, 1]
+    az, bz = eyes[a, 2] - centroids[f, 2], eyes[b, 2] - centroids[f, 2]
+    length = np.sqrt((ax * ax + ay * ay + az * az) * (bx * bx + by * by + bz * bz))
+    return (ax * bx + ay * by + az * bz) / length if length > 0 else 1.0
+
+
+@compiled
+def spread_faces(indptr, face, chosen, views, eyes, centroids, min_cosine):
+    """(F,) whether two of the chosen cameras see the face along rays with a cosine at most so much.
+
+    Parameters
+    ----------
+    indptr, face
+        Faces of each candidate.
+    chosen : (K,) int64
+    views : (F,) int64
+        Chosen cameras that cover each face.
+    eyes, centroids : (C, 3), (F, 3) float64
+    min_cosine : float
+    """
+    starts = np.zeros(len(views) + 1, np.int64)
+    for f in range(len(views)):
+        starts[f + 1] = starts[f] + views[f]
+    at = starts[:-1].copy()
+    seen = np.empty(starts[-1], np.int64)
+    for c in chosen:
+        for j in range(indptr[c], indptr[c + 1]):
+            seen[at[face[j]]] = c
+            at[face[j]] += 1
+    # If all rays lie within half the angle of the first, no two differ by the whole.
+    half = np.cos(np.arccos(min(max(min_cosine, -1.0), 1.0)) / 2)
+    spread = np.zeros(len(views), np.bool_)
+    for f in range(len(views)):
+        if starts[f + 1] - starts[f] < 2:
+            continue
+        lowest = 1.0
+        for i in range(starts[f] + 1, starts[f + 1]):
+            lowest = min(lowest, _cosine(eyes, seen[starts[f]], seen[i], centroids, f))
+        spread[f] = lowest <= min_cosine
+        if spread[f] or lowest > half + 1e-9:
+            continue
+        for i in range(starts[f] + 1, starts[f + 1]):
+            for j in range(i + 1, starts[f + 1]):
+                if _cosine(eyes, seen[i], seen[j], centroids, f) <= min_cosine:
+                    spread[f] = True
+                    break
+            if spread[f]:
+                break
+    return spread
+
+
+@compiled
+def spread_with(
+    c, indptr, face, eyes, centroids, min_cosine, last, before, camera, n_seen, is_spread
+):  # fmt: skip
+    """Add a camera to those that see each face; how many pairs of camera and face there are now.
+
+    Parameters
+    ----------
+    c : int
+    indptr, face
+        Faces of each candidate.
+    eyes, centroids, min_cosine
+        As for `spread_faces`.
+    last : (F,) int64
+        In and out: the pair of the last camera that sees each face, -1 for none.
+    before, camera : (N,) int64
+        In and out: of each pair, the pair before it of the same face, and its camera.
+    n_seen : int
+        Pairs so far.
+    is_spread : (F,) bool
+        In and out: whether two cameras of a face differ.
+    """
+    for j in range(indptr[c], indptr[c + 1]):
+        f = face[j]
+        if is_spread[f]:
+            continue
+        pair = last[f]
+        while pair >= 0:
+            if _cosine(eyes, c, camera[pair], centroids, f) <= min_cosine:
+                is_spread[f] = True
+                break
+            pair = before[pair]
+        before[n_seen], camera[n_seen] = last[f], c
+        last[f] = n_seen
+        n_seen += 1
+    return n_seen
+
+
+@compiled
+def change(
+    c, sign, indptr, face, starts, candidates, views, need, step, bonus, kind, quanta, count, gain,
+    done, total,
+):  # fmt: skip
+    """Add (sign 1) or remove (-1) a camera, where rays may run as they like; the work it took.
+
+    Parameters
+    ----------
+    c, sign : int
+    indptr, face, starts, candidates
+        The pairs, by candidate and by face.
+    views, need : (F,) int32
+        Both the same here.
+    step, bonus : (F,) int64
+        See this file.
+    kind : (F,) int32
+        Requirement that the face counts towards.
+    quanta : (F,) int64
+        Weight.
+    count : (F,) int32
+        In and out: cameras that cover each face.
+    gain : (C, G) int64
+        In and out: what each candidate would add, by requirement.
+    done : (G,) int64
+        In and out: weight of the covered faces.
+    total : (1,) int64
+        In and out: worth of the progress of all faces.
+    """
+    work = 0
+    for j in range(indptr[c], indptr[c + 1]):
+        f = face[j]
+        old, wanted = count[f], need[f]
+        count[f] = old + sign
+        low = min(old, old + sign)  # the step between low and low + 1 is taken, or taken back
+        if low >= wanted:
+            continue
+        worth = step[f] + (bonus[f] if low + 1 == wanted else 0)
+        total[0] += sign * worth
+        if low + 1 == wanted:
+            done[kind[f]] += sign * quanta[f]
+        # What one more camera adds was that of the step up from `old`, is that from `old + sign`.
+        before = worth if sign > 0 else _worth(old, wanted, step[f], bonus[f])
+        after = worth if sign < 0 else _worth(old + 1, wanted, step[f], bonus[f])
+        if after != before:
+            work += starts[f + 1] - starts[f]
+            for i in range(starts[f], starts[f + 1]):
+                gain[candidates[i], kind[f]] += after - before
+    return work + indptr[c + 1] - indptr[c]
+
+
+@compiled
+def _worth(progress, need, step, bonus):
+    """What the step up from a progress adds."""
+    if progress >= need:
+        return 0
+    return step + bonus if progress + 1 == need else step
+
+
+@compiled
+def change_spread(
+    c, sign, indptr, face, starts, candidates, views, need, step, bonus, kind, quanta, count, gain,
+    done, total, eyes, centroids, min_cosine, seen, is_spread,
+):  # fmt: skip
+    """As `change`, where the rays to two cameras of a face must differ.
+
+    Parameters
+    ----------
+    eyes, centroids, min_cosine
+        As for `spread_faces`.
+    seen : (F, K) int32
+        In and out: the cameras that cover each face, the first `count` of them.
+    is_spread : (F,) bool
+        In and out: whether two of these differ.
+    """
+    work = indptr[c + 1] - indptr[c]
+    for j in range(indptr[c], indptr[c + 1]):
+        f = face[j]
+        n, before = count[f], min(count[f], views[f]) + is_spread[f]
+        was_spread = is_spread[f]
+        if sign > 0:
+            seen[f, n] = c
+            if not was_spread:
+                for i in range(n):
+                    if _cosine(eyes, c, seen[f, i], centroids, f) <= min_cosine:
+                        is_spread[f] = True
+                        break
+        else:
+            i = 0
+            while seen[f, i] != c:
+                i += 1
+            for i2 in range(i, n - 1):
+                seen[f, i2] = seen[f, i2 + 1]
+            if was_spread:
+                is_spread[f] = _is_spread(seen, n - 1, eyes, centroids, f, min_cosine)
+        count[f] = n + sign
+        after = min(count[f], views[f]) + is_spread[f]
+        if before == need[f] and after == need[f]:
+            continue
+        if before == need[f] or after == need[f]:
+            total[0] += sign * bonus[f]
+            done[kind[f]] += sign * quanta[f]
+        total[0] += (after - before) * step[f]
+        # With the list one shorter on one side, the gains before are those without its last camera.
+        work += (starts[f + 1] - starts[f]) * (n + 1)
+        for i in range(starts[f], starts[f + 1]):
+            other = candidates[i]
+            closest_of_rest, closest_to_c = 2.0, 2.0
+            for i2 in range(n + (sign > 0)):
+                camera = seen[f, i2] if i2 < count[f] else c
+                cosine = _cosine(eyes, other, camera, centroids, f)
+                if camera == c:
+                    closest_to_c = cosine
+                else:
+                    closest_of_rest = min(closest_of_rest, cosine)
+            far_of_rest = closest_of_rest <= min_cosine
+            far_of_all = far_of_rest or closest_to_c <= min_cosine
+            far_before = far_of_rest if sign > 0 else far_of_all
+            far_after = far_of_all if sign > 0 else far_of_rest
+            gain[other, kind[f]] += _worth_of_one(
+                n + sign, views[f], is_spread[f], far_after, need[f], step[f], bonus[f]
+            ) - _worth_of_one(n, views[f], was_spread, far_before, need[f], step[f], bonus[f])
+    return work
+
+
+@compiled
+def _is_spread(seen, n, eyes, centroids, f, min_cosine):
+    for i in range(n):
+        for j in range(i + 1, n):
+            if _cosine(eyes, seen[f, i], seen[f, j], centroids, f) <= min_cosine:
+                return True
+    return False
+
+
+@compiled
+def _worth_of_one(n, views, is_spread, is_far, need, step, bonus):
+    """What one more camera adds to a face with n, when its ray is far from one of theirs."""
+    progress = min(n, views) + is_spread
+    after = min(n + 1, views) + (is_spread or is_far)
+    return (after - progress) * step + (bonus if progress < need and after == need else 0)
+
+
+@compiled
+def next_camera(gain, room, total_room, costs, rank, barred, most_cost, by_cost):
+    """Candidate with the greatest gain, by cost if asked; the first in rank of equals; -1 for none.
+
+    Parameters
+    ----------
+    gain : (C, G) int64
+    room : (G,) int64
+        What still counts of each requirement's gain.
+    total_room : int
+        What still counts of all gains together.
+    costs : (C,) float64
+    rank : (C,) int64
+    barred : (C,) uint8
+        Candidates that are not to be had.
+    most_cost : float
+        Candidates that cost more are not, either.
+    by_cost : bool
+    """
+    best, best_score = -1, 0.0
+    for c in range(len(gain)):
+        if barred[c] or costs[c] > most_cost:
+            continue
+        worth, total = 0, 0
+        for g in range(len(room)):
+            worth += min(gain[c, g], room[g])
+            total += gain[c, g]
+        worth += min(total, total_room)
+        if worth <= 0:
+            continue
+        score = worth / max(costs[c], 1e-12) if by_cost else float(worth)
+        if score > best_score or (score == best_score and best >= 0 and rank[c] < rank[best]):
+            best, best_score = c, score
+    return best
+
+
+@compiled
+def first_gains(indptr, face, need, step, bonus, kind, gain):
+    """Put what each candidate would add to nothing into `gain`, (C, G)."""
+    for c in range(len(indptr) - 1):
+        for j in range(indptr[c], indptr[c + 1]):
+            f = face[j]
+            gain[c, kind[f]] += _worth(0, need[f], step[f], bonus[f])
+
+
+@compiled
+def missing_directions(starts, candidates, is_chosen, views, eyes, centroids, min_cosine):
+    """Cameras of which a face needs one more, where all chosen ones see it from one direction.
+
+    Parameters
+    ----------
+    starts, candidates
+        Candidates of each face.
+    is_chosen : (C,) bool
+    views : (F,) int64
+        Cameras that a face needs; faces with fewer chosen ones are passed over.
+    eyes, centroids, min_cosine
+        As for `spread_faces`.
+
+    Returns
+    -------
+    (F + 1,) int64, (N,) int32
+        Where those of each face begin and end, and the candidates: all that cover it but a largest
+        set, around the chosen ones, of which no two differ by the angle.
+    """
+    n_faces = len(starts) - 1
+    ends = np.zeros(n_faces + 1, np.int64)
+    found = np.empty(len(candidates), np.int32)
+    close = np.empty(len(is_chosen), np.int32)
+    n_found = 0
+    for f in range(n_faces):
+        n = 0
+        for i in range(starts[f], starts[f + 1]):
+            if is_chosen[candidates[i]]:
+                close[n] = candidates[i]
+                n += 1
+        is_open = n >= views[f]
+        for i in range(n):
+            for j in range(i + 1, n):
+                if _cosine(eyes, close[i], close[j], centroids, f) <= min_cosine:
+                    is_open = False
+        if is_open:
+            for i in range(starts[f], starts[f + 1]):
+                c, fits = candidates[i], True
+                for j in range(n):
+                    if c == close[j] or _cosine(eyes, c, close[j], centroids, f) <= min_cosine:
+                        fits = False
+                        break
+                if fits:
+                    close[n] = c
+                    n += 1
+            for i in range(starts[f], starts[f + 1]):
+                c, is_close = candidates[i], False
+                for j in range(n):
+                    if c == close[j]:
+                        is_close = True
+                        break
+                if not is_close:
+                    found[n_found] = c
+                    n_found += 1
+        ends[f + 1] = n_found
+    return ends, found
+
+
+@compiled
+def open_weights(indptr, face, is_open, quanta, weight):
+    """Put the weight of the open faces of each candidate into `weight`, (C, 1)."""
+    for c in range(len(indptr) - 1):
+        weight[c, 0] = 0
+        for j in range(indptr[c], indptr[c + 1]):
+            if is_open[face[j]]:
+                weight[c, 0] += quanta[face[j]]

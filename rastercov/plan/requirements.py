@@ -1,0 +1,169 @@
+"""What a plan asks for, requirement by requirement, and whether a network meets it.
+
+Shares are counted as in `Problem`, in whole numbers. A share that is measured is between two
+numbers where visibility has a bound: `low` counts what is certainly covered, `high` what may be.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.mesh import Mesh
+from rastercov.placement.select.problem import SLACK, BestCoverage, FewestCameras, Goal
+from rastercov.plan.sections import FewestSelection, SelectionSection, TaskSection
+
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+
+HOLDS, FAILS, UNDECIDED = "holds", "fails", "undecided"
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """A share to reach, and what was reached.
+
+    Attributes
+    ----------
+    group : str or None
+        None for the whole task.
+    limit : float
+        Share that is wanted, [0, 1].
+    low, share, high : float
+        Share that is certainly covered, as measured, and may be covered at most.
+    status : {"holds", "fails", "undecided"}
+        undecided: the limit lies between the two.
+    faces, uncovered : int
+        Faces, and those that are not covered as measured.
+    of_reachable : bool
+        Whether shares are of the faces that some candidates cover, not of all.
+    """
+
+    group: str | None
+    limit: float
+    low: float
+    share: float
+    high: float
+    status: str
+    faces: int
+    uncovered: int
+    of_reachable: bool = False
+
+    @property
+    def name(self) -> str:
+        """The group, or "all"."""
+        return "all" if self.group is None else f"group {self.group}"
+
+    @property
+    def short_by(self) -> float:
+        """By how much the share falls short of the limit, 0 where it does not."""
+        return max(0.0, self.limit - self.share) if self.status != HOLDS else 0.0
+
+    def words(self) -> str:
+        """The requirement and its outcome in one line."""
+        of = " of what all candidates cover" if self.of_reachable else ""
+        text = f"{self.name}: {percent(self.share)} covered{of}, {percent(self.limit)} wanted"
+        if self.status == FAILS:
+            points = percent(self.short_by).removesuffix(" %")
+            return f"{text}: {points} points short, {self.uncovered} faces uncovered"
+        if self.status == UNDECIDED:
+            return (
+                f"{text}: not decided, the bound of visibility allows {percent(self.low)} to "
+                f"{percent(self.high)}"
+            )
+        return text
+
+
+OF = {"area": "the area", "count": "the faces"}
+"""What shares are of, by `weight_by`."""
+
+
+def percent(share: float) -> str:
+    """A share in percent, never rounded up to 100 nor down to 0."""
+    for digits in (1, 2, 3, 6):
+        text = f"{100 * share:.{digits}f}"
+        if (float(text) < 100 or share >= 1) and (float(text) > 0 or share <= 0):
+            break
+    return f"{text} %"
+
+
+def goal_of(selection: SelectionSection) -> Goal:
+    """What `problem_of` takes for the goal of a plan."""
+    if isinstance(selection, FewestSelection):
+        return FewestCameras(selection.coverage, selection.groups, selection.of_reachable)
+    return BestCoverage(selection.cameras, selection.budget)
+
+
+def judge(
+    mesh: Mesh,
+    quanta: IntArray,
+    limits: Mapping[str | None, float],
+    covered: BoolArray,
+    certain: BoolArray | None = None,
+    possible: BoolArray | None = None,
+    reachable: BoolArray | None = None,
+) -> list[Requirement]:
+    """Each requirement with what was reached of it.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    quanta : (F,) int64
+        Weights as of `Problem` or `Objective`.
+    limits : mapping of group name or None to share
+        None is the whole task.
+    covered, certain, possible : (F,) bool
+        Faces covered as measured, certainly, and at most; the same unless given.
+    reachable : (F,) bool, optional
+        Faces that the shares are of; all that are scored unless given.
+    """
+    certain = covered if certain is None else certain
+    possible = covered if possible is None else possible
+    names = [group.name for group in mesh.groups]
+    found = []
+    for group, limit in limits.items():
+        faces = mesh.task_mask if reachable is None else mesh.task_mask & reachable
+        if group is not None:
+            faces = faces & (mesh.face_group == names.index(group))
+        whole = int(quanta[faces].sum())
+        needed = math.ceil(max(0.0, limit - SLACK) * whole)
+        low, share, high = (
+            int(quanta[faces & part].sum()) for part in (certain, covered, possible)
+        )
+        status = HOLDS if low >= needed else UNDECIDED if high >= needed else FAILS
+        shares = [part / whole if whole else 1.0 for part in (low, share, high)]
+        found.append(
+            Requirement(
+                group=group,
+                limit=limit,
+                low=shares[0],
+                share=shares[1],
+                high=shares[2],
+                status=status,
+                faces=int(faces.sum()),
+                uncovered=int((faces & ~covered).sum()),
+                of_reachable=reachable is not None,
+            )
+        )
+    return found
+
+
+def limits_of(selection: SelectionSection | None) -> dict[str | None, float]:
+    """Shares that a plan asks for: of all, and of groups; none for the best coverage."""
+    if not isinstance(selection, FewestSelection):
+        return {}
+    limits: dict[str | None, float] = {None: selection.coverage}
+    limits.update(selection.groups)
+    return limits
+
+
+def counting(task: TaskSection) -> dict[str, Any]:
+    """How a plan's task counts, as `problem_of` and `Objective.of` take it."""
+    return {
+        "weight_by": task.weight_by,
+        "views": task.views,
+        "min_angle_deg": task.min_angle_deg,
+    }

@@ -1,0 +1,315 @@
+"""What a plan file may say: its sections, their entries and the limits of each.
+
+Serves `plan`, which reads the file. Only limits that need no mesh are here; every field carries the
+words that `docs/plan.schema.json` shows in an editor.
+"""
+
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import AfterValidator, Field, ValidationInfo, model_validator
+
+from rastercov.camera import PRESETS, Camera
+from rastercov.mesh.formats import METRES, READERS, metres_per
+from rastercov.plan.entry import (
+    Count,
+    Entry,
+    File,
+    Limits,
+    Name,
+    NotNegative,
+    Number,
+    Pair,
+    Positive,
+    Share,
+    Triple,
+    among,
+    both_or_none,
+    only_one,
+)
+from rastercov.plan.generators import CandidateEntry
+from rastercov.shapes import NAMES
+
+
+def _unit(unit: str | float) -> str | float:
+    metres_per(unit)
+    return unit
+
+
+BuiltIn = Annotated[
+    str, AfterValidator(among(NAMES)), Field(json_schema_extra={"enum": list(NAMES)})
+]
+Preset = Annotated[
+    str, AfterValidator(among(PRESETS)), Field(json_schema_extra={"enum": list(PRESETS)})
+]
+
+
+class MeshEntry(Entry):
+    """A mesh of the scene: a file or a built-in part, and what it is for."""
+
+    path: File | None = Field(default=None, description=f"Mesh file: {', '.join(READERS)}.")
+    built_in: BuiltIn | None = Field(default=None, description="Built-in part, instead of a file.")
+    unit: Annotated[str | float, AfterValidator(_unit)] = Field(
+        default="m", description=f"Unit of the file: {', '.join(METRES)}, or metres per unit."
+    )
+    role: Literal["task", "occluder"] = Field(
+        default="task", description="To be seen, or in the way and not scored."
+    )
+    groups: list[Name] = Field(
+        default=[],
+        description="Groups that have this role; the others have the other one. All if empty.",
+    )
+    two_sided: bool | list[Name] = Field(
+        default=False,
+        description="Whether either side counts as covered, for all groups or those named.",
+    )
+    drop_invalid: bool = Field(default=False, description="Drop faces that are not finite.")
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        only_one(self, ("path", "built_in"))
+        if self.built_in and self.unit != "m":
+            raise ValueError(f"built-in parts are in metres; leave out unit, got {self.unit!r}")
+        return self
+
+
+class CameraSection(Entry):
+    """The camera: a preset, a file, or the entries of a camera file, which also change a preset."""
+
+    file: File | None = Field(
+        default=None, description="Camera file (.toml, .json), and nothing else."
+    )
+    preset: Preset | None = Field(
+        default=None, description="Camera of the thesis; other entries change it."
+    )
+    width: int | None = Field(default=None, description="Pixels.")
+    height: int | None = Field(default=None, description="Pixels.")
+    fx: Number | None = Field(default=None, description="Focal length over pixel width, px.")
+    fy: Number | None = Field(default=None, description="Focal length over pixel height, px.")
+    cx: Number | None = Field(
+        default=None, description="Principal point, px; the middle if left out."
+    )
+    cy: Number | None = Field(
+        default=None, description="Principal point, px; the middle if left out."
+    )
+    near: Number | None = Field(
+        default=None, description="Surfaces nearer than this are not seen, m."
+    )
+    focal_length: Number | None = Field(default=None, description="Metres; instead of fx and fy.")
+    pixel_size: Number | list[Number] | None = Field(
+        default=None, description="Metres, one or two."
+    )
+    principal_point: Pair | None = Field(
+        default=None, description="Metres from the top-left corner."
+    )
+    f_number: Number | None = Field(default=None, description="f/N; with focus_distance.")
+    aperture: Number | None = Field(default=None, description="Metres; instead of f_number.")
+    focus_distance: Number | None = Field(
+        default=None, description="Depth of the plane in focus, m."
+    )
+    max_blur: Number | None = Field(default=None, description="Largest blur circle, px.")
+    focus_range: list[float] | None = Field(
+        default=None, description="[near, far] depths in focus, m; instead of an aperture."
+    )
+
+    @model_validator(mode="after")
+    def _check(self, info: ValidationInfo) -> Self:
+        self.build(Path((info.context or {}).get("folder", ".")))
+        return self
+
+    def build(self, folder: Path) -> Camera:
+        """The camera; CameraError where the entries do not make one."""
+        entries = self.model_dump(exclude_none=True)
+        if self.file is None:
+            return Camera.from_dict(entries)
+        if len(entries) > 1:
+            others = ", ".join(sorted(entries.keys() - {"file"}))
+            raise ValueError(f"file stands alone, got {others} too; put them into the file")
+        return Camera.load(folder / self.file)
+
+
+class TaskSection(Entry):
+    """What it takes for a face to be covered."""
+
+    min_pixels: Positive = Field(default=1.0, description="R_min: pixels that give resolution 1.")
+    min_visibility: Share = Field(
+        default=0.0, description="V_min: a face less visible counts as hidden."
+    )
+    max_blur: Positive | None = Field(
+        default=None, description="Largest blur circle, px; the camera's."
+    )
+    max_incidence_deg: Annotated[float, Field(gt=0, le=90)] = Field(
+        default=90.0, description="Largest angle between normal and ray."
+    )
+    min_pixel_density: NotNegative = Field(
+        default=0.0, description="Least pixels a metre on the surface, along its worst direction."
+    )
+    min_coverage: Share = Field(
+        default=0.5, description="A camera covers a face from this coverage on, and above 0."
+    )
+    focus_rule: Literal["vertices", "centroid"] = Field(
+        default="vertices", description="What of a face must be in focus."
+    )
+    cap_resolution: bool = Field(
+        default=True, description="Whether resolution counts up to 1 only."
+    )
+    views: Count | dict[str, Count] = Field(
+        default=1,
+        description="Cameras that must cover a face; or a table by group, 1 for the others.",
+    )
+    min_angle_deg: Annotated[float, Field(ge=0, le=180)] = Field(
+        default=0.0, description="Angle that the rays to two of the cameras must differ by."
+    )
+    weight_by: Literal["area", "count"] = Field(default="area", description="What shares are of.")
+    method: Literal["certified", "exact", "sampled"] = Field(
+        default="certified", description="How occlusion is found."
+    )
+    supersample: Count = Field(
+        default=1, description="S: S x S samples a pixel, for method sampled."
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.supersample > 1 and self.method != "sampled":
+            raise ValueError(f"supersample is for method sampled, got method {self.method}")
+        return self
+
+
+class KeepOut(Entry):
+    """A volume without cameras: a box (low, high) or a sphere (centre, radius)."""
+
+    name: Name = Field(description="What the report calls it.")
+    low: Triple | None = Field(default=None, description="Corner of a box, m.")
+    high: Triple | None = Field(default=None, description="The opposite corner.")
+    centre: Triple | None = Field(default=None, description="Of a sphere, m.")
+    radius: Positive | None = Field(default=None, description="Of a sphere, m.")
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        both_or_none(self)
+        if (self.centre is None) != (self.radius is None):
+            raise ValueError("centre and radius come together; give both or neither")
+        if (self.low is None) == (self.centre is None):
+            raise ValueError("wanted low and high, or centre and radius; give one of the two")
+        return self
+
+
+class Space(Entry):
+    """A box where cameras may stand; flat ones are walls and ceilings."""
+
+    name: Name = Field(default="space", description="For people.")
+    low: Triple = Field(description="Corner, m.")
+    high: Triple = Field(description="The opposite corner.")
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        both_or_none(self)
+        return self
+
+
+class Constraints(Entry):
+    """Where cameras may stand."""
+
+    stand_off: Limits | None = Field(
+        default=None, description="[least, greatest] distance to the nearest task face, m."
+    )
+    clearance: NotNegative = Field(default=0.0, description="Least distance from any surface, m.")
+    keep_out: list[KeepOut] = Field(default=[], description="Volumes without cameras.")
+    spaces: list[Space] = Field(
+        default=[], description="Boxes where cameras may stand; anywhere if empty."
+    )
+
+
+class Optimise(Entry):
+    """A search over free poses that starts from the selected cameras."""
+
+    method: Literal["pso", "ga", "de", "random"] = Field(
+        default="pso", description="How it searches."
+    )
+    budget: Count = Field(default=5_000, description="Poses to measure.")
+    population: Annotated[int, Field(ge=4)] = Field(
+        default=24, description="Networks in a generation."
+    )
+
+
+class ToleranceSection(Entry):
+    """What installation errors cost."""
+
+    position_mm: NotNegative = Field(default=0.0, description="Error of the camera centre, mm.")
+    angle_deg: NotNegative = Field(default=0.0, description="Error of the direction, degrees.")
+    distribution: Literal["normal", "uniform"] = Field(
+        default="normal", description="Of the errors."
+    )
+    draws: Count = Field(default=200, description="Installations to draw.")
+
+
+class SelectionBase(Entry):
+    """What every goal takes."""
+
+    method: Literal["greedy", "integer"] = Field(
+        default="greedy", description="Greedy with exchanges, or HiGHS started from it."
+    )
+    time_limit: Positive = Field(default=60.0, description="Of method integer, seconds.")
+    refine: bool = Field(
+        default=False, description="Move the selected cameras until no move gains."
+    )
+    optimise: Optimise | None = Field(
+        default=None, description="Search free poses, before refining."
+    )
+    tolerance: ToleranceSection | None = Field(
+        default=None, description="Installation errors to try."
+    )
+    seed: Annotated[int, Field(ge=0)] = Field(
+        default=0, description="Of everything that is random."
+    )
+
+
+class FewestSelection(SelectionBase):
+    """The fewest, or cheapest, cameras that reach a coverage."""
+
+    goal: Literal["fewest_cameras"]
+    coverage: Share = Field(default=1.0, description="Share of the task to cover.")
+    groups: dict[str, Share] = Field(default={}, description="Share to cover of single groups.")
+    of_reachable: bool = Field(
+        default=False, description="Whether shares are of what all candidates together cover."
+    )
+
+
+class BestSelection(SelectionBase):
+    """The best coverage with so many cameras, or within a budget."""
+
+    goal: Literal["best_coverage"]
+    cameras: Count | None = Field(default=None, description="Cameras at most.")
+    budget: NotNegative | None = Field(default=None, description="Cost of all cameras at most.")
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.cameras is None and self.budget is None:
+            raise ValueError("wanted cameras, budget or both, got neither; give one")
+        return self
+
+
+SelectionSection = Annotated[FewestSelection | BestSelection, Field(discriminator="goal")]
+
+
+class Outputs(Entry):
+    """What is written where."""
+
+    folder: Name | None = Field(default=None, description="The plan file's name without .toml.")
+    page: bool = Field(default=True, description="Whether to write the page with pictures.")
+
+
+class PlanModel(Entry):
+    """A camera-placement plan for `rastercov place` and `rastercov check`."""
+
+    meshes: Annotated[list[MeshEntry], Field(min_length=1)] = Field(
+        description="The scene: what is to be seen and what is in the way."
+    )
+    camera: CameraSection = Field(description="The camera that all poses share.")
+    task: TaskSection = Field(
+        default=TaskSection(), description="What it takes for a face to be covered."
+    )
+    candidates: list[CandidateEntry] = Field(default=[], description="Poses to choose from.")
+    constraints: Constraints = Field(default=Constraints(), description="Where cameras may stand.")
+    selection: SelectionSection | None = Field(default=None, description="What is wanted.")
+    outputs: Outputs = Field(default=Outputs(), description="What is written where.")

@@ -1,0 +1,457 @@
+"""Headless OpenGL core contexts: an EGL device, EGL without a surface, or OSMesa.
+
+First in the engine: `open_context` makes a context that needs no window system and hands it to
+moderngl; the OpenGL rasteriser draws with it. Each kind is a small ctypes loader with glcontext's
+interface (`load`, `__enter__`, `__exit__`, `release`), because glcontext itself asks for no reset
+notification, does not check all that EGL returns, and knows neither OSMesa nor bare EGL.
+
+Rules kept here. A context belongs to the thread and process that opened it. EGL displays belong to
+the whole process and are never terminated: another library may be using the same one. What a device
+promised, hardware or software, is compared with the renderer that came.
+
+Khronos Group. EGL 1.5 Specification. 2014. EGL_EXT_platform_device, EGL_MESA_platform_surfaceless,
+EGL_EXT_create_context_robustness. Mesa project. OSMesa interface (GL/osmesa.h).
+"""
+
+import ctypes
+import os
+import sys
+import threading
+import warnings
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from contextlib import suppress
+from functools import cache
+from typing import Any, cast
+
+import moderngl
+
+from rastercov._closing import Unique
+from rastercov.errors import DeviceError
+from rastercov.raster.gl.devices import (
+    ContextInfo,
+    DeviceInfo,
+    candidates,
+    describe_context,
+    is_software_wanted,
+    list_devices,
+    why_no_hardware,
+)
+from rastercov.raster.gl.libraries import (
+    EGL_EXTENSIONS,
+    Egl,
+    egl_library,
+    install_line,
+    int_array,
+    osmesa_library,
+)
+
+__all__ = ["ContextInfo", "DeviceInfo", "HeadlessContext", "list_devices", "open_context"]
+
+GL_VERSIONS = ((4, 5), (4, 3), (3, 3))  # asked for in this order
+EGL_NONE, EGL_OPENGL_API = 0x3038, 0x30A2
+EGL_PLATFORM_DEVICE_EXT, EGL_PLATFORM_SURFACELESS_MESA = 0x313F, 0x31DD
+EGL_CONTEXT_MAJOR_VERSION, EGL_CONTEXT_MINOR_VERSION = 0x3098, 0x30FB
+EGL_CONTEXT_OPENGL_PROFILE_MASK, EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT = 0x30FD, 1
+EGL_CONTEXT_OPENGL_ROBUST_ACCESS_EXT = 0x30BF
+EGL_CONTEXT_OPENGL_RESET_NOTIFICATION_STRATEGY = 0x31BD  # EGL 1.5 and EGL_KHR_create_context
+EGL_CONTEXT_OPENGL_RESET_NOTIFICATION_STRATEGY_EXT = 0x3138  # Mesa takes it for OpenGL ES only
+EGL_LOSE_CONTEXT_ON_RESET = 0x31BF
+OSMESA_FORMAT, OSMESA_PROFILE, OSMESA_CORE_PROFILE = 0x22, 0x33, 0x34
+OSMESA_CONTEXT_MAJOR_VERSION, OSMESA_CONTEXT_MINOR_VERSION = 0x36, 0x37
+GL_RGBA, GL_UNSIGNED_BYTE = 0x1908, 0x1401
+
+
+# --- loaders: one native context each -------------------------------------------------------------
+
+
+class _Thread(threading.local):
+    """The loaders of each thread, the current one last: EGL and OSMesa do not know each other."""
+
+    def __init__(self) -> None:
+        self.loaders: list[_Loader] = []
+
+
+_thread = _Thread()
+
+
+class _Loader(ABC):
+    """A native context with glcontext's interface; subclasses talk to EGL or OSMesa."""
+
+    def __init__(self) -> None:
+        self.pid = os.getpid()
+        self.thread = threading.get_ident()
+        self.thread_name = threading.current_thread().name
+        self.released = False
+
+    @abstractmethod
+    def load(self, name: str) -> int:
+        """Address of an OpenGL function, 0 when it is absent."""
+
+    @abstractmethod
+    def _is_current(self) -> bool: ...
+    @abstractmethod
+    def _bind(self) -> None: ...
+    @abstractmethod
+    def _destroy(self) -> None: ...
+
+    def check_owner(self) -> None:
+        """Raise DeviceError in another process or thread, or after the release."""
+        if self.released:
+            raise DeviceError("OpenGL context used after its release; open a new one")
+        if os.getpid() != self.pid:
+            raise DeviceError(
+                f"OpenGL context of process {self.pid} used in process {os.getpid()}, a fork of it;"
+                " start processes with multiprocessing's 'spawn' and open a context in each"
+            )
+        if threading.get_ident() != self.thread:
+            thread = threading.current_thread()
+            raise DeviceError(
+                f"OpenGL context of thread {self.thread_name!r} ({self.thread}) used in thread "
+                f"{thread.name!r} ({thread.ident}); open one context in each thread"
+            )
+
+    def make_current(self) -> None:
+        """Bind the context to its thread, unless it is bound already."""
+        self.check_owner()
+        if _thread.loaders[-1:] != [self] or not self._is_current():
+            self._bind()
+            _thread.loaders = [*(other for other in _thread.loaders if other is not self), self]
+
+    def release(self) -> None:
+        """Destroy the context; in a forked child, which shares it, only forget it."""
+        if self.released:
+            return
+        if os.getpid() == self.pid:
+            self.check_owner()
+            self._destroy()
+            _thread.loaders = [other for other in _thread.loaders if other is not self]
+            if _thread.loaders:
+                with suppress(DeviceError):  # its own next use will tell
+                    _thread.loaders[-1]._bind()
+        self.released = True
+
+    def __enter__(self) -> None:
+        self.make_current()
+
+    def __exit__(self, *_: object) -> None:
+        """Stay current: the thread owns the context."""
+        return
+
+
+class _EglLoader(_Loader):
+    """A context on an EGL device or on EGL without a surface."""
+
+    def __init__(self, device: DeviceInfo) -> None:
+        super().__init__()
+        self.egl = egl_library()
+        self.display = _display(self.egl, device)
+        if not self.egl.eglBindAPI(EGL_OPENGL_API):
+            raise DeviceError(f"EGL offers no desktop OpenGL: eglBindAPI gave {self.egl.error()}")
+        self.handle = self._create()
+        try:
+            self.make_current()
+            if not self.load("glGetString"):
+                raise DeviceError(f"no OpenGL library: wanted libGL.so.1; {install_line('egl')}")
+        except DeviceError:
+            self.release()
+            raise
+
+    def _create(self) -> int:
+        egl = self.egl
+        extensions = egl.words(egl.eglQueryString(self.display, EGL_EXTENSIONS))
+        for extension in "EGL_KHR_surfaceless_context", "EGL_KHR_no_config_context":
+            if extension not in extensions:
+                raise DeviceError(f"the EGL driver lacks {extension}; a newer driver is needed")
+        wishes: list[tuple[int, ...]] = [()]
+        if "EGL_EXT_create_context_robustness" in extensions:
+            robust = (EGL_CONTEXT_OPENGL_ROBUST_ACCESS_EXT, 1)
+            strategies = (
+                EGL_CONTEXT_OPENGL_RESET_NOTIFICATION_STRATEGY,
+                EGL_CONTEXT_OPENGL_RESET_NOTIFICATION_STRATEGY_EXT,
+            )
+            wishes = [(*robust, name, EGL_LOSE_CONTEXT_ON_RESET) for name in strategies]
+            wishes += [robust, ()]
+        for major, minor in GL_VERSIONS:
+            version = (EGL_CONTEXT_MAJOR_VERSION, major, EGL_CONTEXT_MINOR_VERSION, minor)
+            profile = (EGL_CONTEXT_OPENGL_PROFILE_MASK, EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT)
+            for wish in wishes:
+                attributes = int_array(*version, *profile, *wish, EGL_NONE)
+                if handle := egl.eglCreateContext(self.display, None, None, attributes):
+                    return int(handle)
+        raise DeviceError(f"no OpenGL 3.3 core context: eglCreateContext gave {egl.error()}")
+
+    def load(self, name: str) -> int:
+        return self.egl.address(name)
+
+    def _is_current(self) -> bool:
+        return bool(self.egl.eglGetCurrentContext() == self.handle)
+
+    def _bind(self) -> None:
+        self.egl.eglBindAPI(EGL_OPENGL_API)  # per thread; another library may want OpenGL ES
+        # Unbind first: Mesa skips a context it believes current, even where OSMesa took its place.
+        self.egl.eglMakeCurrent(self.display, None, None, None)
+        if not self.egl.eglMakeCurrent(self.display, None, None, self.handle):
+            raise DeviceError(f"cannot make the context current: {self.egl.error()}")
+
+    def _destroy(self) -> None:
+        if self._is_current():
+            self.egl.eglMakeCurrent(self.display, None, None, None)
+        self.egl.eglDestroyContext(self.display, self.handle)
+
+
+def _display(egl: Egl, device: DeviceInfo) -> int:
+    """EGL display of a device, initialised; EGL gives one device the same display each time."""
+    if egl.eglGetPlatformDisplayEXT is None:
+        raise DeviceError("EGL lacks EGL_EXT_platform_base; a newer EGL library is needed")
+    if device.kind == "egl-device":
+        assert device.index is not None
+        native: int | None = egl.devices()[device.index]
+        platform = EGL_PLATFORM_DEVICE_EXT
+    else:
+        native, platform = None, EGL_PLATFORM_SURFACELESS_MESA
+    display = egl.eglGetPlatformDisplayEXT(platform, native, None)
+    driver = f"is its driver installed? ({install_line('egl')})"
+    if not display:
+        raise DeviceError(f"no EGL display: eglGetPlatformDisplayEXT gave {egl.error()}; {driver}")
+    if not egl.eglInitialize(display, None, None):
+        raise DeviceError(f"cannot initialise the EGL display: {egl.error()}; {driver}")
+    return int(display)
+
+
+class _OSMesaLoader(_Loader):
+    """A context that draws into memory, without EGL."""
+
+    def __init__(self, device: DeviceInfo) -> None:
+        super().__init__()
+        self.osmesa = osmesa_library()
+        self.buffer = ctypes.create_string_buffer(16 * 16 * 4)  # OSMesa insists on one
+        for major, minor in GL_VERSIONS:
+            version = (OSMESA_CONTEXT_MAJOR_VERSION, major, OSMESA_CONTEXT_MINOR_VERSION, minor)
+            layout = (OSMESA_FORMAT, GL_RGBA, OSMESA_PROFILE, OSMESA_CORE_PROFILE)
+            handle = self.osmesa.OSMesaCreateContextAttribs(int_array(*layout, *version, 0), None)
+            if handle:
+                break
+        else:
+            raise DeviceError("no OpenGL 3.3 core context: OSMesaCreateContextAttribs refused")
+        self.handle = int(handle)
+        try:
+            self.make_current()
+        except DeviceError:
+            self.release()
+            raise
+
+    def load(self, name: str) -> int:
+        return self.osmesa.OSMesaGetProcAddress(name.encode()) or 0
+
+    def _is_current(self) -> bool:
+        return bool(self.osmesa.OSMesaGetCurrentContext() == self.handle)
+
+    def _bind(self) -> None:
+        if not self.osmesa.OSMesaMakeCurrent(self.handle, self.buffer, GL_UNSIGNED_BYTE, 16, 16):
+            raise DeviceError("cannot make the OSMesa context current")
+
+    def _destroy(self) -> None:
+        if self._is_current():
+            self.osmesa.OSMesaMakeCurrent(None, None, 0, 0, 0)
+        self.osmesa.OSMesaDestroyContext(self.handle)
+
+
+# --- the context handed out -----------------------------------------------------------------------
+
+
+@cache
+def _address(number: int) -> int:
+    """The number itself, one object for all equal ones."""
+    return number
+
+
+_EMPTY = ctypes.create_string_buffer(1)
+_NO_NAME = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_uint, ctypes.c_uint)(
+    lambda _token, _index: ctypes.addressof(_EMPTY)
+)
+"""Stands in for glGetStringi where moderngl asks for the names of extensions."""
+
+
+class _Lender:
+    """Addresses and names for moderngl, which never gives back what it asks for.
+
+    moderngl 5.13 keeps a reference to the address of each of 670 functions and to the name of each
+    of 220 extensions, 38 KiB a context, for as long as the process lives. So the same address is
+    always the same object, and names are empty, of which Python has one; moderngl gets the set of
+    names afterwards.
+    """
+
+    def __init__(self, loader: _Loader) -> None:
+        self._loader = loader
+
+    def load(self, name: str) -> int:
+        """Address of an OpenGL function, 0 when it is absent."""
+        if name == "glGetStringi":
+            return _address(ctypes.cast(_NO_NAME, ctypes.c_void_p).value or 0)
+        return _address(self._loader.load(name))
+
+    def release(self) -> None:
+        """Destroy the context."""
+        self._loader.release()
+
+    def __enter__(self) -> None:
+        self._loader.make_current()
+
+    def __exit__(self, *_: object) -> None:
+        """Stay current: the thread owns the context."""
+        return
+
+
+class HeadlessContext(Unique):
+    """An OpenGL core context without a window, and the moderngl context on it.
+
+    Made by `open_context`. Belongs to one thread of one process; leave it by `release` or `with`.
+
+    Attributes
+    ----------
+    info : ContextInfo
+        Renderer, version, limits and features.
+    """
+
+    def __init__(self, device: DeviceInfo) -> None:
+        self._functions: dict[tuple[Any, ...], Any] = {}
+        loader = _OSMesaLoader if device.kind == "osmesa" else _EglLoader
+        self._loader: _Loader = loader(device)
+        try:
+            self.info = describe_context(self.function, device)
+            # `standalone` is moderngl's word for: there is no default framebuffer to look at.
+            lender = cast("Any", _Lender(self._loader))
+            self._gl = moderngl.create_context(context=lender, standalone=True)
+            self._gl.extensions.clear()  # see `_Lender`
+            self._gl.extensions.update(self.info.extensions)
+            self._gl.gc_mode = "context_gc"
+            self._pixel = self._gl.renderbuffer((1, 1))
+            self._parking_frame = self._gl.framebuffer([self._pixel])
+        except BaseException:
+            self._loader.release()
+            raise
+
+    @property
+    def gl(self) -> moderngl.Context:
+        """The moderngl context (gc_mode "context_gc"), current; DeviceError away from its owner."""
+        self._loader.make_current()
+        return self._gl
+
+    @property
+    def parking_frame(self) -> moderngl.Framebuffer:
+        """A framebuffer of a pixel, to be bound before the one in use is released."""
+        return self._parking_frame
+
+    def check_owner(self) -> None:
+        """Raise DeviceError in another thread or a forked child, and after the release."""
+        self._loader.check_owner()
+
+    def make_current(self) -> None:
+        """Bind the context to its thread; needed where one thread has several contexts."""
+        self._loader.make_current()
+
+    def load(self, name: str) -> int:
+        """Address of an OpenGL function, 0 when it is absent.
+
+        Drivers may give an address for any name that begins with gl: look at `info` first.
+        """
+        self._loader.check_owner()
+        return self._loader.load(name)
+
+    def function(self, name: str, restype: Any, *argtypes: Any) -> Callable[..., Any]:
+        """OpenGL function as a ctypes callable, cached; DeviceError when it is absent."""
+        self._loader.check_owner()
+        key = (name, restype, *argtypes)
+        if key not in self._functions:
+            if not (address := self._loader.load(name)):
+                raise DeviceError(f"this OpenGL driver has no function {name}")
+            self._functions[key] = ctypes.CFUNCTYPE(restype, *argtypes)(address)
+        return cast("Callable[..., Any]", self._functions[key])
+
+    def reset_status(self) -> int:
+        """glGetGraphicsResetStatus: 0 when the context is alive or the driver cannot tell."""
+        has_status = self.info.has_reset_notification
+        return self.function("glGetGraphicsResetStatus", ctypes.c_uint)() if has_status else 0
+
+    def release(self) -> None:
+        """Destroy both contexts; again, or in a forked child, it does nothing."""
+        if self._loader.released:
+            return
+        if os.getpid() == self._loader.pid:
+            self.check_owner()
+            with suppress(DeviceError):  # a lost context may refuse to become current
+                self.make_current()
+                # Before the context: one that has live objects is never freed by moderngl.
+                self._parking_frame.release()
+                self._pixel.release()
+                self._gl.release()
+        self._functions.clear()
+        self._loader.release()
+
+    def __enter__(self) -> "HeadlessContext":
+        self.make_current()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.release()
+
+    def __del__(self) -> None:
+        loader = getattr(self, "_loader", None)
+        if loader is None or loader.released or loader.pid != os.getpid() or sys.is_finalizing():
+            return
+        warnings.warn("OpenGL context was not released", ResourceWarning, source=self, stacklevel=2)
+        if threading.get_ident() == loader.thread:
+            self.release()
+
+
+# --- choosing a device ----------------------------------------------------------------------------
+
+_opened_in: int | None = None  # the process that first opened a context
+
+
+def open_context(device: str | int = "auto", *, require_hardware: bool = False) -> HeadlessContext:
+    """Open a headless OpenGL core context, current in the calling thread.
+
+    Parameters
+    ----------
+    device : str or int
+        "auto": the first EGL device that really draws in hardware, else surfaceless EGL, else
+        OSMesa. "egl": the first EGL device, hardware first. "egl:0" or 0: that EGL device.
+        "surfaceless": EGL on the CPU. "osmesa": OSMesa.
+    require_hardware : bool
+        Refuse a renderer that runs on the CPU.
+
+    Raises
+    ------
+    DeviceError
+        No such device, no library, a driver that refuses, a renderer of the wrong sort, or a
+        process forked from one that had opened a context.
+    """
+    global _opened_in
+    if _opened_in not in (None, os.getpid()):
+        raise DeviceError(
+            f"process {os.getpid()} is a fork of {_opened_in}, which had opened an OpenGL context;"
+            " start processes with multiprocessing's 'spawn'"
+        )
+    devices, failures = candidates(device)
+    for candidate in devices:
+        _opened_in = os.getpid()
+        try:
+            context = HeadlessContext(candidate)
+        except DeviceError as error:
+            hint = "; LIBGL_ALWAYS_SOFTWARE is set" if is_software_wanted() else ""
+            failures.append(f"{candidate}: {error}{'' if candidate.is_software else hint}")
+            continue
+        got, promised = context.info.is_software, candidate.is_software
+        if got == promised and not (require_hardware and got):
+            return context
+        context.release()
+        promise = "software" if promised else "hardware"
+        failures.append(f"{candidate}: promised {promise} and gave {context.info.renderer}")
+        if require_hardware and candidate.is_software:
+            break  # hardware stands first, so what follows is software too
+    if require_hardware:
+        failures += why_no_hardware(list_devices())
+    wanted = "hardware OpenGL" if require_hardware else "OpenGL"
+    raise DeviceError(f"no {wanted} context for device {device!r}: {'; '.join(failures)}")

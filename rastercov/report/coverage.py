@@ -1,0 +1,287 @@
+"""One run of the main job: evaluate poses batch by batch and leave a report in a folder.
+
+coverage.parquet   every figure of every pair of pose and face in view
+summary.json       figures of the network, and what made them
+network.glb        the mesh coloured by the best coverage of any camera
+contact_sheet.png  the poses side by side
+pose_*.png         the mesh as one camera has it, grey by coverage
+faces_*.png        the face index image of the same pose
+
+A run that fails leaves the report that was there before; one that ends replaces all of it. For one
+that is killed see `report_folder`.
+"""
+
+import hashlib
+import platform
+import re
+import time
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from PIL import Image
+
+from rastercov.camera import Camera
+from rastercov.coverage import Coverage, Task, evaluate_batches
+from rastercov._interrupts import interrupts_held
+from rastercov.mesh import Mesh
+from rastercov.network import Network
+from rastercov.report.images import (
+    contact_sheet,
+    coverage_picture,
+    coverage_pixels,
+    face_index_picture,
+    pose_title,
+    save_picture,
+)
+from rastercov.pose import check_poses, valid_poses
+from rastercov.raster.contract import Rasterizer, RasterizerInfo, open_rasterizer
+from rastercov.report.figures import CoverageTable, write_coloured_mesh, write_json
+from rastercov.report.folder import ReportFolder, ReportKind
+from rastercov.observer import Observer, open_observer
+
+PICTURE_SIDE = 1280
+"""Pictures are drawn at the camera's size, or smaller where it exceeds this many pixels."""
+EVALUATION = ReportKind(
+    "evaluate",
+    re.compile(
+        r"coverage\.parquet|summary\.json|network\.glb|contact_sheet\.png|(pose|faces)_\d+\.png"
+    ),
+    last="summary.json",
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """How to run: `open_rasterizer`'s choices, and what to leave behind.
+
+    Attributes
+    ----------
+    method, supersample : str, int
+        As for `evaluate`.
+    device : str
+        What draws, and counts where the method is "sampled": "auto" and "cpu" as backends of
+        `open_rasterizer`, or a device of `GLRasterizer`.
+    pictures : int
+        Poses to draw, spread evenly over the run; 0 for none.
+    skip_bad_poses : bool
+        Leave out poses that are no rigid motion.
+    """
+
+    method: str = "certified"
+    supersample: int = 1
+    device: str = "auto"
+    pictures: int = 12
+    skip_bad_poses: bool = False
+
+    def open(self, mesh: Mesh, camera: Camera) -> Observer:
+        """Observer for these options."""
+        chosen = self._device() if self.method == "sampled" else {}
+        return open_observer(mesh, camera, self.method, supersample=self.supersample, **chosen)
+
+    def open_rasterizer(self, mesh: Mesh, camera: Camera) -> Rasterizer:
+        """Rasteriser that draws pictures for these options."""
+        return open_rasterizer(mesh, camera, **self._device())
+
+    def _device(self) -> dict[str, Any]:
+        if self.device in ("auto", "cpu"):
+            return {"backend": self.device}
+        return {"backend": "gl", "device": self.device}
+
+
+def run(
+    mesh: Mesh,
+    camera: Camera,
+    poses: ArrayLike,
+    task: Task,
+    out: Path,
+    options: Options,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> dict[str, Any]:
+    """Evaluate every pose and write the report.
+
+    An interrupt (Ctrl-C) ends the run after the batches that are done; what they gave is written
+    all the same, and the summary says `"interrupted": true`. A batch counts in every file or none;
+    before the first is done, the interrupt is raised and nothing is written. One that comes while
+    pictures are drawn leaves out the rest of them, and the summary says the same.
+
+    Parameters
+    ----------
+    mesh, camera, poses, task
+        As for `evaluate`.
+    out : Path
+        Folder for the report, made when it is missing; see `ReportFolder` for what it may hold.
+    options : Options
+        How to run.
+    progress : callable
+        Called with the poses done and the poses in all.
+
+    Returns
+    -------
+    dict
+        What `summary.json` holds.
+
+    Raises
+    ------
+    PoseError
+        For a pose that is no rigid motion, unless such are to be left out.
+    ConfigError
+        When the folder cannot be used; before the work begins.
+    """
+    matrices, faults = check_poses(poses)
+    if faults and not options.skip_bad_poses:
+        valid_poses(poses)  # raises, before a device is opened
+    with ReportFolder(out, EVALUATION) as folder:
+        return _run(folder, mesh, camera, matrices, faults, task, options, progress)
+
+
+def _run(
+    folder: ReportFolder,
+    mesh: Mesh,
+    camera: Camera,
+    matrices: NDArray[np.float64],
+    faults: Mapping[int, str],
+    task: Task,
+    options: Options,
+    progress: Callable[[int, int], None],
+) -> dict[str, Any]:
+    total = len(matrices) - len(faults)
+    network = Network(mesh, task)
+    valid = np.array([row for row in range(len(matrices)) if row not in faults], np.int64)
+    chosen = valid[np.unique(np.linspace(0, total - 1, min(options.pictures, total)).astype(int))]
+    drawn: dict[int, tuple[NDArray[np.float64], str]] = {}
+    if len(chosen) and options.device not in ("auto", "cpu"):
+        options.open_rasterizer(mesh, camera).close()  # a device that fails does so before the work
+    interrupted = False
+    with ExitStack() as opened:
+        observer = opened.enter_context(options.open(mesh, camera))
+        header = describe(mesh, camera, matrices, task, options, observer.info)
+        table = opened.enter_context(CoverageTable(folder.file("coverage.parquet"), header))
+        started = time.perf_counter()
+        batches = evaluate_batches(observer, matrices, task, skip_bad_poses=options.skip_bad_poses)
+        try:
+            progress(0, total)
+            for batch in batches:
+                with interrupts_held():
+                    table.add(batch)
+                    network.add(batch)
+                    _keep(batch, chosen, drawn)
+                progress(len(network.pose_ids), total)
+        except KeyboardInterrupt:
+            if not network.pose_ids:
+                raise
+            interrupted = True
+        seconds = time.perf_counter() - started
+        try:
+            with interrupts_held():
+                opened.close()
+        except KeyboardInterrupt:
+            interrupted = True
+    if drawn:
+        interrupted |= _draw(mesh, camera, matrices, folder, options, drawn)
+    done = len(network.pose_ids)
+    summary = network.summary() | {
+        "interrupted": interrupted,
+        "skipped_poses": {str(row): text for row, text in faults.items()},
+        "seconds": seconds,
+        "poses_per_second": done / seconds if done else 0.0,
+        "run": header,
+        "warnings": list(mesh.warnings),
+        "per_pose": [
+            {"pose": pose, "covered_faces": covered, "mean_coverage": mean}
+            for pose, covered, mean in zip(
+                network.pose_ids, network.covered_faces, network.mean_coverage, strict=True
+            )
+        ],
+    }
+    with interrupts_held():
+        write_coloured_mesh(folder.file("network.glb"), mesh, network.best)
+        write_json(folder.file("summary.json"), summary)
+        folder.publish()
+    return summary
+
+
+def describe(
+    mesh: Mesh,
+    camera: Camera,
+    poses: NDArray[np.float64],
+    task: Task,
+    options: Options,
+    info: RasterizerInfo,
+) -> dict[str, Any]:
+    """What made a result: inputs with their hashes, thresholds, device and versions.
+
+    "mesh" has the files as they were, "scene" the faces in metres and what they are for.
+    """
+    groups = [asdict(group) for group in mesh.groups]
+    return {
+        "mesh": [asdict(source) for source in mesh.sources] or [{"name": "arrays"}],
+        "scene": {
+            "sha256": _sha256(mesh.vertices, mesh.faces, mesh.face_group),
+            "n_faces": mesh.n_faces,
+            "groups": groups,
+        },
+        "poses": {"sha256": _sha256(poses), "n_poses": len(poses)},
+        "camera": {k: v for k, v in asdict(camera).items() if v not in (None, ())},
+        "task": asdict(task),
+        "options": asdict(options),
+        "measured_by": asdict(info),
+        "versions": {
+            "python": platform.python_version(),
+            **{name: version(name) for name in ("rastercov", "moderngl", "numpy")},
+        },
+    }
+
+
+def _sha256(*arrays: NDArray[Any]) -> str:
+    total = hashlib.sha256()
+    for array in arrays:
+        total.update(f"{array.dtype.str} {array.shape}".encode())
+        total.update(np.ascontiguousarray(array).data)
+    return total.hexdigest()
+
+
+def _keep(
+    batch: Coverage, chosen: NDArray[np.int64], drawn: dict[int, tuple[NDArray[np.float64], str]]
+) -> None:
+    """Set aside the coverage and the title of the poses to draw."""
+    for row in np.flatnonzero(np.isin(batch.pose_ids, chosen)).tolist():
+        drawn[int(batch.pose_ids[row])] = batch.coverage[row].copy(), pose_title(batch, row)
+
+
+def _draw(
+    mesh: Mesh,
+    camera: Camera,
+    poses: NDArray[np.float64],
+    folder: ReportFolder,
+    options: Options,
+    drawn: dict[int, tuple[NDArray[np.float64], str]],
+) -> bool:
+    """Pictures of the chosen poses, and those of them on one sheet; whether it was interrupted."""
+    digits = len(str(max(drawn)))
+    pictures: list[Image.Image] = []
+    titles: list[str] = []
+    interrupted = False
+    small = camera.resized(min(1.0, PICTURE_SIDE / max(camera.width, camera.height)))
+    try:
+        with options.open_rasterizer(mesh, small) as rasterizer:
+            for pose, (values, title) in drawn.items():
+                buffer = rasterizer.render(poses[pose])
+                picture = coverage_picture(buffer, values, mesh, small, poses[pose], title)
+                pixels = coverage_pixels(buffer, values, mesh, poses[pose])
+                faces = face_index_picture(buffer)
+                with interrupts_held():
+                    save_picture(picture, folder.file(f"pose_{pose:0{digits}d}.png"))
+                    save_picture(faces, folder.file(f"faces_{pose:0{digits}d}.png"))
+                    pictures.append(Image.fromarray(pixels))
+                    titles.append(title)
+    except KeyboardInterrupt:
+        interrupted = True
+    if pictures:
+        save_picture(contact_sheet(pictures, titles), folder.file("contact_sheet.png"))
+    return interrupted

@@ -1,0 +1,346 @@
+"""Pictures of one pose for people: coverage in grey, face index, depth; and sheets of them.
+
+Last link of the chain, beside `report`: from plain values to `PIL.Image`; `save_picture` writes it.
+In a picture of coverage brighter is better, as in the figures of the source; whatever is not
+coverage (background, occluders, faces seen from behind) has a hue, so that no grey is mistaken.
+
+E. S. Eissa. Image Space Coverage Model. 2020, figures 4.2 to 4.6.
+M. Roberts. The Unreasonable Effectiveness of Quasirandom Sequences. 2018 (colours of indices).
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from rastercov.camera import Camera
+from rastercov.coverage import Coverage, Reason
+from rastercov.errors import ConfigError
+from rastercov.mesh import Mesh
+from rastercov.raster.contract import VisibilityBuffer
+from rastercov.report.figures import writing
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+Pixels = NDArray[np.uint8]
+Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
+
+BACKGROUND = (160, 190, 219)
+OCCLUDER = (176, 140, 90)
+BEHIND, BEHIND_STRIPE = (132, 96, 140), (158, 122, 166)
+PAPER, INK = (255, 255, 255), (24, 28, 34)
+DARKEST, GREY_SPAN, HEADLIGHT = 14, 205, 30
+"""Grey of a face: DARKEST + GREY_SPAN * coverage + HEADLIGHT * cosine of incidence."""
+LEAST_WIDTH = 320
+"""Narrower images are enlarged, a whole number of times, to make room for words."""
+
+
+def coverage_picture(
+    buffer: VisibilityBuffer,
+    values: ArrayLike,
+    mesh: Mesh,
+    camera: Camera,
+    pose: ArrayLike,
+    title: str = "",
+) -> Image.Image:
+    """Picture of one pose, brighter where coverage is higher, with its scale below.
+
+    Parameters
+    ----------
+    buffer : VisibilityBuffer
+        (H, W) image of `mesh` by `camera` from `pose`.
+    values : (F,) array_like
+        Coverage of each face; beyond [0, 1] it is shown as the nearer end, NaN as 0.
+    mesh, camera
+        What was drawn, and by what.
+    pose : (4, 4) array_like
+        world_from_camera; the light for the form of the part comes from there too.
+    title : str
+        One line above; see `pose_title`.
+
+    Returns
+    -------
+    PIL.Image.Image
+        RGB; the image itself stands one pixel for one below the title, see `coverage_pixels`.
+        Images narrower than `LEAST_WIDTH` are enlarged without smoothing.
+    """
+    if buffer.face.shape != (camera.height, camera.width):
+        raise ConfigError(
+            f"the image must be {camera.height} x {camera.width} as the camera's, "
+            f"got {buffer.face.shape[0]} x {buffer.face.shape[1]}; render it with this camera"
+        )
+    pixels = coverage_pixels(buffer, values, mesh, pose)
+    drawn = np.unique(buffer.face)
+    drawn = drawn[drawn >= 0]
+    behind = mesh.task_mask[drawn] & ~faces_eye(mesh, pose)[0][drawn]
+    keys = [Key("coverage", _scale_pixels(_grey(np.linspace(0, 1, 256))), "0", "1")]
+    if behind.any():
+        swatch = np.where(_stripes((24, 24), 3)[..., None], BEHIND_STRIPE, BEHIND)
+        keys.append(Key("seen from behind", swatch.astype(np.uint8)))
+    if not mesh.task_mask[drawn].all():
+        keys.append(Key("occluder", np.full((24, 24, 3), OCCLUDER, np.uint8)))
+    return framed(pixels, title, keys)
+
+
+def coverage_pixels(
+    buffer: VisibilityBuffer, values: ArrayLike, mesh: Mesh, pose: ArrayLike
+) -> Pixels:
+    """Pixels of `coverage_picture` without its frame, (H, W, 3).
+
+    The grey of a face is fixed by its coverage but for a head-light of at most 15 % of the scale,
+    which keeps the form readable: whatever the shading, of two faces the one whose coverage is
+    0.15 higher is brighter. Lines between faces fade out where faces are small.
+    """
+    levels = np.clip(np.nan_to_num(np.asarray(values, np.float64)), 0.0, 1.0)
+    if levels.shape != (mesh.n_faces,):
+        raise ConfigError(f"values must have shape ({mesh.n_faces},), got {levels.shape}")
+    is_front, cosine = faces_eye(mesh, pose)
+    # One more row for the background, where the index -1 finds it.
+    palette = np.empty((mesh.n_faces + 1, 3), np.uint8)
+    palette[:-1] = _grey(levels, cosine)[:, None]
+    light = 0.8 + 0.2 * cosine[:, None]
+    behind = mesh.task_mask & ~is_front
+    palette[:-1][behind] = (light * BEHIND)[behind]
+    palette[:-1][~mesh.task_mask] = (light * OCCLUDER)[~mesh.task_mask]
+    palette[-1] = BACKGROUND
+    pixels = palette[buffer.face]
+    if behind.any():
+        height, width = buffer.face.shape
+        striped = np.append(behind, False)[buffer.face]
+        striped &= _stripes((height, width), max(3, round(width / 240)))
+        palette[:-1][behind] = (light * BEHIND_STRIPE)[behind]
+        pixels[striped] = palette[buffer.face[striped]]
+    draw_lines(pixels, buffer.face, mesh.n_faces)
+    return pixels
+
+
+def pose_title(coverage: Coverage, row: int) -> str:
+    """Title of the picture of one pose: its id, and the share of the task it covers."""
+    mesh = coverage.mesh
+    task, covers = mesh.task_mask, coverage.reason[row] == Reason.COVERED
+    by_count = 100 * (covers & task).sum() / max(1, task.sum())
+    by_area = 100 * mesh.areas[covers & task].sum() / max(mesh.areas[task].sum(), 1e-300)
+    return (
+        f"pose {coverage.pose_ids[row]}: covers {by_count:.1f} % of {task.sum()} faces, "
+        f"{by_area:.1f} % of area"
+    )
+
+
+def face_index_picture(buffer: VisibilityBuffer) -> Image.Image:
+    """Picture with a colour for each face, the same in every picture, on black; (H, W) RGB.
+
+    Faces whose indices are near each other, as neighbours on a surface tend to be, have colours
+    far apart: at least 28 of 255 in some channel for indices less than 100 apart.
+    """
+    palette = np.zeros((int(buffer.face.max(initial=-1)) + 2, 3), np.uint8)
+    palette[:-1] = index_colours(np.arange(len(palette) - 1))
+    return Image.fromarray(palette[buffer.face])
+
+
+def index_colours(indices: ArrayLike) -> Pixels:
+    """Colours of face indices, (N,) -> (N, 3), all channels 40 or more.
+
+    Red, green and blue follow the additive sequence of the generalised golden ratio in three
+    dimensions, x^4 = x + 1: points near in sequence are far apart in at least one of them.
+    """
+    steps = 1.2207440846057596 ** -np.arange(1.0, 4.0)
+    return (40 + 215.99 * (np.asarray(indices)[:, None] * steps % 1.0)).astype(np.uint8)
+
+
+def depth_picture(buffer: VisibilityBuffer, title: str = "") -> Image.Image:
+    """Picture of depth, near bright and far dark, with its scale in metres; RGB.
+
+    Grey is linear in camera z from the nearest to the furthest surface of this image, in 8 bits:
+    for a person. The numbers themselves are `buffer.depth`.
+    """
+    seen = np.isfinite(buffer.depth)
+    depths = buffer.depth[seen].astype(np.float64)
+    near, far = (depths.min(), depths.max()) if depths.size else (0.0, 0.0)
+    pixels = np.full((*buffer.depth.shape, 3), BACKGROUND, np.uint8)
+    keys = []
+    if depths.size:
+        share = (depths - near) / max(far - near, np.finfo(np.float64).tiny)
+        pixels[seen] = _grey(1 - share)[:, None]
+        digits = int(np.clip(2 - np.floor(np.log10(max(far - near, near * 1e-6, 1e-9))), 0, 9))
+        ramp = _scale_pixels(_grey(np.linspace(1, 0, 256)))
+        keys = [Key("depth", ramp, f"{near:.{digits}f} m", f"{far:.{digits}f} m")]
+    return framed(pixels, title, keys)
+
+
+def contact_sheet(
+    pictures: Sequence[Image.Image],
+    captions: Sequence[str],
+    columns: int | None = None,
+    thumbnail_width: int = 320,
+) -> Image.Image:
+    """Pictures side by side in reading order, each above its caption; RGB.
+
+    Parameters
+    ----------
+    pictures : sequence of N PIL.Image.Image
+        At least one, of any size.
+    captions : sequence of N str
+        One line each, cut to fit.
+    columns : int, optional
+        Pictures in a row; about as many as rows by default.
+    thumbnail_width : int
+        Width that each is scaled to, pixels, >= 32.
+    """
+    if not pictures or len(pictures) != len(captions):
+        raise ConfigError(
+            f"a sheet takes one caption a picture and at least one picture, got {len(pictures)} "
+            f"pictures, {len(captions)} captions"
+        )
+    wanted = int(np.ceil(np.sqrt(len(pictures)))) if columns is None else columns
+    columns = min(len(pictures), wanted)
+    if columns < 1 or thumbnail_width < 32:
+        raise ConfigError(
+            f"a sheet takes 1 column or more and thumbnails of 32 pixels or more, got {columns} "
+            f"and {thumbnail_width}"
+        )
+    thumbnails = []
+    for picture in pictures:
+        height = max(1, round(picture.height * thumbnail_width / picture.width))
+        way = Image.Resampling.LANCZOS if picture.width > thumbnail_width else 0
+        thumbnails.append(picture.convert("RGB").resize((thumbnail_width, height), way))
+    font = letters(thumbnail_width)
+    gap, line = max(4, thumbnail_width // 40), round(line_height(font) * 1.4)
+    starts = range(0, len(thumbnails), columns)
+    heights = [max(t.height for t in thumbnails[at : at + columns]) + line + gap for at in starts]
+    sheet = Image.new("RGB", (columns * (thumbnail_width + gap) + gap, sum(heights) + gap), PAPER)
+    draw = ImageDraw.Draw(sheet)
+    for index, (thumbnail, caption) in enumerate(zip(thumbnails, captions, strict=True)):
+        row, column = divmod(index, columns)
+        left, top = gap + column * (thumbnail_width + gap), gap + sum(heights[:row])
+        sheet.paste(thumbnail, (left, top))
+        middle = (left, top + thumbnail.height + line // 2)
+        draw.text(middle, cut(caption, font, thumbnail_width), INK, font, anchor="lm")
+    return sheet
+
+
+def save_picture(image: Image.Image, path: str | Path) -> None:
+    """Write a picture as `.png`; it appears there only when it is whole."""
+    if Path(path).suffix.lower() != ".png":
+        raise ConfigError(f"{path}: a picture is saved as .png")
+    with writing(Path(path)) as part:
+        image.save(part, format="PNG")
+
+
+class Key:
+    """An entry of the legend: a swatch or a scale, what it means, and the ends of the scale."""
+
+    def __init__(self, name: str, pixels: Pixels, low: str = "", high: str = "") -> None:
+        self.name, self.low, self.high = name, low, high
+        self.image = Image.fromarray(pixels)
+
+
+def faces_eye(mesh: Mesh, pose: ArrayLike) -> tuple[NDArray[np.bool_], FloatArray]:
+    """Whether each face is seen from a side that counts, and how squarely, |cos| in [0, 1]."""
+    ray = np.asarray(pose, np.float64)[:3, 3] - mesh.centroids
+    reach = np.sqrt(np.einsum("fi,fi->f", ray, ray))
+    along = np.einsum("fi,fi->f", mesh.normals, ray)
+    cosine = np.divide(along, reach, out=np.zeros_like(reach), where=reach > 0)
+    return (cosine >= 0) | mesh.two_sided_mask, np.minimum(np.abs(cosine), 1.0)
+
+
+def _grey(levels: FloatArray, cosine: FloatArray | float = 1.0) -> Pixels:
+    return np.rint(DARKEST + GREY_SPAN * levels + HEADLIGHT * cosine).astype(np.uint8)
+
+
+def _scale_pixels(greys: Pixels) -> Pixels:
+    return np.broadcast_to(greys[:, None], (24, len(greys), 3)).copy()
+
+
+def _stripes(shape: tuple[int, int], width: int) -> NDArray[np.bool_]:
+    """Diagonal stripes, `width` pixels each."""
+    rows, columns = np.ogrid[: shape[0], : shape[1]]
+    stripes: NDArray[np.bool_] = (rows + columns) // width % 2 == 1
+    return stripes
+
+
+def draw_lines(pixels: Pixels, face: NDArray[np.int32], n_faces: int) -> None:
+    """Lines on the last pixel of a face before its right or lower neighbour, in place.
+
+    A face must own about 60 pixels here for a line to begin to show, and 600 for all of it, or
+    the lines would be the picture. Faces too dark for a darker line get a lighter one.
+    """
+    owned = np.bincount(face.ravel() + 1, minlength=n_faces + 1)[1:]
+    strength = np.clip((np.sqrt(owned) - 8) / 16, 0, 1).astype(np.float32)
+    for step in ((0, 1), (1, 0)):
+        here = face[: face.shape[0] - step[0], : face.shape[1] - step[1]]
+        next_ = face[step[0] :, step[1] :]
+        rows, columns = np.nonzero((here != next_) & (here >= 0) & (next_ >= 0))
+        shown = np.minimum(strength[here[rows, columns]], strength[next_[rows, columns]])
+        visible = shown > 0
+        rows, columns, shown = rows[visible], columns[visible], shown[visible, None]
+        colour = pixels[rows, columns].astype(np.float32)
+        is_dark = colour.mean(axis=1, keepdims=True) < 56
+        line = np.where(is_dark, colour + 26, 0.62 * colour)
+        pixels[rows, columns] = (colour + shown * (line - colour)).astype(np.uint8)
+
+
+def framed(pixels: Pixels, title: str, keys: Sequence[Key]) -> Image.Image:
+    """The image with its title above and its legend below, as tall as they need."""
+    height, width = pixels.shape[:2]
+    zoom = max(1, min(-(-LEAST_WIDTH // width), 4096 // height))
+    image = Image.fromarray(pixels)
+    if zoom > 1:
+        image = image.resize((width * zoom, height * zoom), Image.Resampling.NEAREST)
+    frame = max(LEAST_WIDTH, image.width)
+    font = letters(frame)
+    line = line_height(font)
+    bar, margin = round(line * 1.7), round(line * 0.6)
+    title = cut(title, font, frame - 2 * margin)
+    top = bar if title else 0
+
+    # Entries stand in a row and go on in the next where they do not fit.
+    places, left, row = [], margin, 0
+    for key in keys:
+        scale = (8 if key.high else 1) * line
+        words = (word for word in (key.low, key.high, key.name) if word)
+        room = scale + sum(font.getlength(word) + line * 0.5 for word in words)
+        if left > margin and left + room > frame - margin:
+            left, row = margin, row + 1
+        places.append((left, row, scale))
+        left += round(room + line)
+    bottom = (row + 1) * bar if keys else 0
+
+    canvas = Image.new("RGB", (frame, top + image.height + bottom), PAPER)
+    canvas.paste(image, ((frame - image.width) // 2, top))
+    draw = ImageDraw.Draw(canvas)
+    draw.text((margin, top / 2), title, INK, font, anchor="lm")
+    for key, (left, row, scale) in zip(keys, places, strict=True):
+        middle = top + image.height + bar * row + bar // 2
+        x = float(left)
+        for word in (key.low, None, key.high, key.name):
+            if word is None:
+                box = (round(x), middle - line // 2, round(x) + scale, middle - line // 2 + line)
+                canvas.paste(key.image.resize((scale, line)), box)
+                draw.rectangle(box, outline=INK)
+                x += scale + line * 0.5
+            elif word:
+                draw.text((x, middle), word, INK, font, anchor="lm")
+                x += font.getlength(word) + line * 0.5
+    return canvas
+
+
+def letters(width: int) -> Font:
+    """Letters that suit an image of that width."""
+    return ImageFont.load_default(float(np.clip(width / 50, 12, 72)))
+
+
+def line_height(font: Font) -> int:
+    """Height of a line, pixels."""
+    return int(np.ceil(font.getbbox("Ag")[3]))
+
+
+def cut(text: str, font: Font, width: float) -> str:
+    """One line of text, cut to fit."""
+    text = " ".join(text.split())[:400]
+    if font.getlength(text) <= width:
+        return text
+    while text and font.getlength(text + "...") > width:
+        text = text[:-1]
+    return text + "..."

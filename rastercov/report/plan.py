@@ -1,0 +1,262 @@
+"""What `rastercov place` leaves and prints: poses, `plan.json`, the page, tables.
+
+poses.json   the cameras, as `rastercov evaluate --poses` reads them
+plan.json    all figures, and what made them; everything that takes time is under "seconds"
+page.html    the same for people, with pictures
+matrix/      what each candidate sees; a run that was ended, or its plan changed, goes on from here
+
+The first three take the place of earlier ones together, when all is done or Ctrl-C ends it. Where
+there are no earlier ones, what there is is kept before each step that follows the selection, and
+`plan.json` names the step under "interrupted": should the run be killed in it, that stays true.
+"""
+
+import math
+import re
+from dataclasses import asdict
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+from rich.text import Text
+
+from rastercov._interrupts import interrupts_held
+from rastercov.placement.select.problem import BestCoverage
+from rastercov.plan.requirements import OF, percent
+from rastercov.plan.prepare import Prepared, Progress
+from rastercov.plan.run import Placement
+from rastercov.raster.contract import RasterizerInfo
+from rastercov.report.figures import write_json
+from rastercov.report.folder import ReportFolder, ReportKind
+from rastercov.report.coverage import Options, describe
+
+MOST_ROWS = 30
+"""Cameras, and groups, that a table lists."""
+
+
+PLACEMENT = ReportKind("place", re.compile(r"(poses|plan)\.json|page\.html"), last="plan.json")
+
+
+def save(placement: Placement, folder: ReportFolder) -> None:
+    """Put poses, all figures, and the page if one was written, in the place of earlier ones."""
+    with interrupts_held():
+        write_json(folder.file("poses.json"), poses_of(placement))
+        write_json(folder.file("plan.json"), summary(placement))
+        folder.publish()
+
+
+def save_unfinished(placement: Placement, folder: ReportFolder) -> None:
+    """Keep what there is before a step, `placement.interrupted`, unless there is a whole report."""
+    if not folder.has_earlier:
+        save(placement, folder)
+
+
+def poses_of(placement: Placement) -> dict[str, Any]:
+    """A pose file, which says where each camera comes from."""
+    return {
+        "world_from_camera": placement.cameras.poses,
+        "origin": placement.origin,
+        "candidate": placement.selection.chosen,
+    }
+
+
+def summary(placement: Placement) -> dict[str, Any]:
+    """All figures of a placement, ready for JSON; for the same plan the same, but "seconds"."""
+    prepared, cameras = placement.prepared, placement.cameras
+    plan, selection = prepared.plan, dict(placement.selection.summary())
+    seconds: dict[str, Any] = {"steps": placement.steps, "selection": selection.pop("seconds")}
+    moved: dict[str, Any] = {}
+    if placement.optimised is not None:
+        found = placement.optimised
+        seconds["search"] = found.seconds
+        moved["search"] = {
+            "method": found.method,
+            "share": found.share,
+            "evaluations": found.evaluations,
+            "generations": found.generations,
+            "seed": found.seed,
+        }
+    if placement.refined is not None:
+        done = placement.refined
+        seconds["refinement"] = done.seconds
+        moved["refinement"] = {
+            "status": done.status,
+            "share": done.share,
+            "start_share": done.start_share,
+            "moved": done.moved,
+            "evaluations": done.evaluations,
+            "trace": done.trace,
+        }
+    assert plan.selection is not None
+    pairs = {"poses": len(prepared.stock.candidates), "pairs": prepared.pairs}
+    opened = prepared.openings
+    return {
+        "plan": plan.model_dump(),
+        "met": placement.is_met,
+        "interrupted": placement.interrupted or None,
+        "notes": prepared.notes,
+        "requirements": [asdict(each) for each in placement.requirements],
+        "share": cameras.share,
+        "network": cameras.network.summary(),
+        "cameras": _cameras(placement),
+        "candidates": prepared.stock.summary()
+        | {"segments": prepared.segmentation.n_segments if prepared.segmentation else None},
+        "cavities": opened.summary() if opened is not None else None,
+        "matrix": pairs,
+        "goal": asdict(prepared.problem.goal),
+        "selection": selection,
+        "improvement": moved,
+        "tolerance": placement.tolerance.summary() if placement.tolerance else None,
+        "left": placement.leftover.summary() if placement.leftover else None,
+        "seed": plan.selection.seed,
+        "made_from": made_from(prepared),
+        "seconds": seconds,
+    }
+
+
+def made_from(prepared: Prepared) -> dict[str, Any]:
+    """Inputs with their hashes, device and versions."""
+    plan, poses = prepared.plan, prepared.stock.candidates.poses
+    options = Options(method=plan.task.method, supersample=plan.task.supersample, pictures=0)
+    info = RasterizerInfo(**prepared.measured_by)
+    header = describe(prepared.mesh, prepared.camera, poses, prepared.task, options, info)
+    versions = dict(header["versions"])
+    for name in ("pydantic", "highspy", "pymoo"):
+        try:
+            versions[name] = version(name)
+        except PackageNotFoundError:
+            versions[name] = None
+    return header | {"versions": versions}
+
+
+def _cameras(placement: Placement) -> list[dict[str, Any]]:
+    """Where each camera stands and looks, and what the first so many cover."""
+    cameras, costs = placement.cameras, placement.prepared.stock.costs
+    return [
+        {
+            "origin": name,
+            "candidate": int(row),
+            "position": pose[:3, 3],
+            "direction": pose[:3, 2],
+            "cost": costs[row],
+            "covered_faces": faces,
+            "share_so_far": share,
+        }
+        for name, row, pose, faces, share in zip(
+            placement.origin,
+            placement.selection.chosen,
+            cameras.poses,
+            cameras.network.covered_faces,
+            cameras.curve,
+            strict=True,
+        )
+    ]
+
+
+def cameras_table(placement: Placement) -> Table:
+    """The cameras for a terminal of 80 columns, the one that adds most first."""
+    table = Table(title="Cameras", title_justify="left")
+    table.add_column("", justify="right", style="dim")
+    table.add_column("from", overflow="fold")
+    table.add_column("at, m", justify="right")
+    table.add_column("towards", justify="right")
+    table.add_column("adds", justify="right", no_wrap=True)
+    table.add_column("so far", justify="right", no_wrap=True)
+    before = 0.0
+    poses = placement.cameras.poses
+    # Three digits for the coordinate that is furthest from 0.
+    far = float(np.abs(poses[:, :3, 3]).max(initial=1e-9))
+    digits = max(0, 2 - math.floor(math.log10(max(far, 1e-9))))
+    for row, entry in enumerate(_cameras(placement)):
+        share = entry["share_so_far"]
+        if row < MOST_ROWS:
+            table.add_row(
+                str(row),
+                Text(entry["origin"]),
+                " ".join(f"{value:.{digits}f}" for value in entry["position"]),
+                " ".join(f"{value:.2f}" for value in entry["direction"]),
+                percent(share - before) if share > before else "0 %",
+                percent(share),
+            )
+        before = share
+    if len(placement.origin) > MOST_ROWS:
+        table.add_row("", f"... {len(placement.origin) - MOST_ROWS} more")
+    return table
+
+
+def lines(placement: Placement) -> list[str]:
+    """What a person should know of a placement, beside its tables and what is left."""
+    prepared, selection = placement.prepared, placement.selection
+    said = [*prepared.stock.lines(), *prepared.notes, _selected(placement)]
+    of = OF[prepared.plan.task.weight_by]
+    if placement.optimised is not None:
+        said.append(f"search over free poses: {percent(placement.optimised.share)} of {of}")
+    if placement.refined is not None:
+        done = placement.refined
+        said.append(
+            f"refinement moved {int(done.moved.sum())} of {len(done.poses)} cameras: "
+            f"{percent(done.start_share)} -> {percent(done.share)} of {of} ({done.status})"
+        )
+    if placement.tolerance is not None:
+        found = placement.tolerance
+        error = f"{found.error.position_mm:g} mm, {found.error.angle_deg:g} deg"
+        text = (
+            f"installed with errors of {error}: {percent(found.together.mean)} on average, "
+            f"{percent(found.together.worst)} in the worst of {found.draws} draws"
+        )
+        if found.critical >= 0:
+            left = percent(found.cameras[found.critical].without)
+            text += f"; without camera {found.critical} only {left} are left"
+        said.append(text)
+    said += [f"{each.status}: {each.words()}" for each in placement.requirements]
+    if placement.interrupted:
+        said.append(f"interrupted: this is what there was before {placement.interrupted}")
+    elif selection.status == "time_limit":
+        said.append("the time limit ended the integer program; more time may improve it")
+    return said
+
+
+def _selected(placement: Placement) -> str:
+    """What selection found, and how far from the best it may be."""
+    prepared, found = placement.prepared, placement.selection
+    of = OF[prepared.plan.task.weight_by]
+    text = f"{len(found.chosen)} of {len(prepared.stock.candidates)} candidates"
+    text += f" cover {percent(found.share)} of {of}"
+    if (prepared.stock.costs != 1).any():
+        text += f" at a cost of {found.cost:g}"
+    if found.status == "optimal":
+        return f"{text}: proved to be the best selection"
+    if isinstance(prepared.problem.goal, BestCoverage):
+        return f"{text}; no selection covers more than {percent(found.bound)}"
+    what = "costs less than" if (prepared.stock.costs != 1).any() else "takes fewer than"
+    return f"{text}; no selection that does {what} {found.bound:g}"
+
+
+def write_page(placement: Placement, path: Path, progress: Progress) -> None:
+    """Write the page for people."""
+    from rastercov.report.placement import PlanReport
+    from rastercov.report.placement import write_page as write
+
+    prepared = placement.prepared
+    report = PlanReport(
+        mesh=prepared.mesh,
+        camera=prepared.camera,
+        network=placement.cameras.network,
+        poses=placement.cameras.poses,
+        title=f"Placement of cameras: {prepared.plan.name}",
+        selection=placement.selection,
+        goal=prepared.problem.goal,
+        candidates=prepared.stock.candidates,
+        dropped=prepared.stock.dropped,
+        segmentation=prepared.segmentation,
+        leftover=placement.leftover,
+        openings=prepared.openings,
+        tolerance=placement.tolerance,
+        # Rows of poses.json, as everywhere else.
+        camera_names=[str(row) for row in range(len(placement.origin))],
+        sources=placement.origin,
+        made_with=made_from(prepared),
+        notes=lines(placement),
+    )
+    write(path, report, progress)

@@ -1,0 +1,1 @@
+"""Comparison of methods, coverage models and detectors with a reference."""

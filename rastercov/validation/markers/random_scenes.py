@@ -1,0 +1,239 @@
+"""Random scenes of one marker each, and what the camera makes of them.
+
+The draws, each independent of the others:
+
+    distance      1.5 to 20 m, log-uniform; the thesis has 2 to 18 m
+    place         middle of the marker anywhere in the image, uniform
+    tilt, roll    0 to 75 degrees about any axis in the image plane, and 0 to 360 degrees, uniform
+    lens          f/1.4 to f/16, log-uniform; focused at 0.5 m to infinity, uniform in 1/distance
+    in the way    in half of the scenes a grey board, at 0.3 to 0.9 of the distance, tilted up to
+                  45 degrees, its middle within 1.2 times where the boards just touch, as the camera
+                  sees them head-on; as large as the marker's, unless told otherwise
+    noise         of the sensor, see `render.sensor`
+"""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.camera import PRESETS, Camera
+from rastercov.projection import to_image
+from rastercov.validation.markers.detect import detect
+from rastercov.validation.markers.render import SHARP, Box, MarkerRenderer, sensor
+from rastercov.validation.markers.requirement import (
+    DETECTOR,
+    THESIS,
+    PlateFigures,
+    Requirement,
+    blur_of,
+    plate_figures,
+)
+from rastercov.validation.markers.scene import (
+    CELLS,
+    MARGIN,
+    MARKER_SIDE,
+    Plate,
+    PlateScene,
+    plate_pose,
+)
+from rastercov.validation.markers.scoring import OURS, Model, Score, coverages, score
+
+FloatArray = NDArray[np.float64]
+
+BOARD = 1 + 2 * MARGIN / CELLS
+"""Side of a board over that of its marker."""
+SPARE = 16
+"""Pixels drawn around the board and its blur."""
+
+
+@dataclass(frozen=True, eq=False)
+class RandomScene:
+    """One marker, maybe something before it, and a camera focused somewhere."""
+
+    number: int
+    scene: PlateScene
+    camera: Camera
+
+    @property
+    def target(self) -> Plate:
+        """The marker."""
+        return self.scene.plates[0]
+
+
+def random_scene(
+    seed: int, number: int, obstacle: float = MARKER_SIDE
+) -> tuple[RandomScene, np.random.Generator]:
+    """The scene of a seed and a number, and the generator that its noise comes from.
+
+    `obstacle` is the size of the board in the way, as the side of a marker that would fit on it.
+    """
+    rng = np.random.default_rng((seed, number))
+    distance = np.exp(rng.uniform(np.log(1.5), np.log(20.0)))
+    preset = PRESETS["icube-ns4133bu-8mm"]
+    f_number = np.exp(rng.uniform(np.log(1.4), np.log(16.0)))
+    nearness = rng.uniform(1e-3, 2.0)
+    camera = Camera.from_lens(**preset, f_number=float(f_number), focus_distance=1 / nearness)
+    place = rng.uniform(0, 1, 2) * (camera.width, camera.height)
+    slope = (place - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
+    target = Plate(
+        plate_pose(
+            np.append(slope, 1.0) * distance,
+            tilt=np.radians(rng.uniform(0, 75)),
+            tilt_axis=rng.uniform(0, 2 * np.pi),
+            roll=rng.uniform(0, 2 * np.pi),
+        ),
+        marker=int(rng.integers(250)),
+    )
+    plates = [target]
+    if rng.random() < 0.5:
+        depth = distance * rng.uniform(0.3, 0.9)
+        direction, reach = rng.uniform(0, 2 * np.pi), 1.2 * np.sqrt(rng.random())
+        # Both boards, as wide as the camera sees them, reach half their width to either side.
+        offset = reach * BOARD / 2 * (MARKER_SIDE / distance + obstacle / depth)
+        aside = slope + offset * np.array((np.cos(direction), np.sin(direction)))
+        pose = plate_pose(
+            np.append(aside, 1.0) * depth,
+            tilt=np.radians(rng.uniform(0, 45)),
+            tilt_axis=rng.uniform(0, 2 * np.pi),
+            roll=rng.uniform(0, 2 * np.pi),
+        )
+        plates.append(Plate(pose, side=obstacle))
+    return RandomScene(number, PlateScene.of(plates), camera), rng
+
+
+def cut_out(plate: Plate, camera: Camera) -> Box:
+    """The part of the image that holds a board and its blur."""
+    corners = plate.board_corners
+    image = to_image(corners, camera)
+    spare = SPARE + blur_of(camera, corners[:, 2]).max()
+    size = np.array((camera.width, camera.height))
+    low = np.clip(np.floor(image.min(axis=0) - spare), 0, size - 1).astype(int)
+    high = np.clip(np.ceil(image.max(axis=0) + spare), low + 1, size).astype(int)
+    return int(low[0]), int(low[1]), int(high[0] - low[0]), int(high[1] - low[1])
+
+
+def photograph(
+    renderer: MarkerRenderer, case: RandomScene, rng: np.random.Generator
+) -> NDArray[np.uint8]:
+    """The picture of a random scene, cut out around its marker, (H, W)."""
+    box = cut_out(case.target, case.camera)
+    depths = np.concatenate([plate.board_corners[:, 2] for plate in case.scene.plates])
+    images = SHARP if blur_of(case.camera, depths).max() < 1 else 2 * SHARP
+    return sensor(renderer.render(case.scene, case.camera, box=box, images=images), rng)
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What became of one random scene.
+
+    Attributes
+    ----------
+    number : int
+        Of the scene.
+    detected : bool
+        Whether OpenCV found its marker.
+    figures : PlateFigures
+        What the engine says of it.
+    coverage : dict
+        Coverage by (requirement, model).
+    """
+
+    number: int
+    detected: bool
+    figures: PlateFigures
+    coverage: dict[tuple[str, str], float]
+
+    def is_right(self, requirement: Requirement) -> bool:
+        """Whether our model foretold it."""
+        return self.figures.is_met(requirement) == self.detected
+
+
+@dataclass(frozen=True, eq=False)
+class RandomStudy:
+    """All random scenes.
+
+    Attributes
+    ----------
+    seed, obstacle
+        Of the scenes.
+    outcomes : tuple of Outcome
+        In the order of their numbers.
+    scores : tuple of Score
+        Of every model by every requirement.
+    seconds : float
+        What it took.
+    """
+
+    seed: int
+    obstacle: float
+    outcomes: tuple[Outcome, ...]
+    scores: tuple[Score, ...]
+    seconds: float
+
+    def score_of(self, model: str, requirement: Requirement) -> Score:
+        """The score of a model by a requirement."""
+        return next(s for s in self.scores if (s.model, s.requirement) == (model, requirement.name))
+
+    def clear(self, requirement: Requirement) -> tuple[int, int]:
+        """Right predictions of ours among the clear cases, and these."""
+        cases = [o for o in self.outcomes if o.figures.is_clear(requirement)]
+        return sum(o.is_right(requirement) for o in cases), len(cases)
+
+    def wrong(self, requirement: Requirement) -> list[Outcome]:
+        """Where ours is wrong, the clearest first: those are the hardest to excuse."""
+        cases = [o for o in self.outcomes if not o.is_right(requirement)]
+        return sorted(cases, key=lambda o: -abs(o.figures.decisive(requirement)[1]))
+
+
+def run_random(
+    renderer: MarkerRenderer,
+    count: int,
+    seed: int,
+    asked: dict[str, Model],
+    obstacle: float = MARKER_SIDE,
+    requirements: Sequence[Requirement] = (THESIS, DETECTOR),
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> RandomStudy:
+    """Draw, photograph and judge random scenes.
+
+    Parameters
+    ----------
+    renderer : MarkerRenderer
+        Who draws.
+    count, seed : int
+        How many scenes, and which.
+    asked : dict
+        Models by name, see `judges.models`.
+    obstacle : float
+        As for `random_scene`.
+    requirements : sequence of Requirement
+        By which every model is asked.
+    progress : callable
+        Called with the scenes done and the scenes in all.
+    """
+    start = time.perf_counter()
+    outcomes = []
+    for number in range(count):
+        progress(number, count)
+        case, rng = random_scene(seed, number, obstacle)
+        figures = plate_figures(case.scene, case.camera)[0]
+        coverage = {
+            (requirement.name, model): value
+            for requirement in requirements
+            for model, value in coverages(
+                case.scene, case.camera, figures, requirement, asked
+            ).items()
+        }
+        found = detect(photograph(renderer, case, rng))
+        outcomes.append(Outcome(number, case.target.marker in found, figures, coverage))
+    progress(count, count)
+    detected = [outcome.detected for outcome in outcomes]
+    scores = [
+        score(model, requirement, [o.coverage[requirement.name, model] for o in outcomes], detected)
+        for requirement in requirements
+        for model in (OURS, *asked)
+    ]
+    return RandomStudy(seed, obstacle, tuple(outcomes), tuple(scores), time.perf_counter() - start)

@@ -1,0 +1,183 @@
+"""How fast counted figures come right as samples get denser: their error against the spacing.
+
+Part of `compare`. The same partly hidden faces are counted with more samples a pixel and in larger
+images. The error of a count along an edge that crosses the grid at an odd angle is random, so
+that of a fraction falls as the power 1.5 of the samples a side: a face that is n samples wide has
+n^2 of them, of which the n along its edges are in doubt, sqrt(n) / n^2.
+
+D. G. Kendall. On the Number of Lattice Points Inside a Random Oval. 1948.
+"""
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.camera import Camera
+from rastercov.criteria import view_faces
+from rastercov.mesh import Mesh
+from rastercov.observer import Observer, figures
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+SWEEPS = {"supersampling": (1.0, 2.0, 4.0, 8.0), "resolution": (0.5, 1.0, 2.0, 4.0)}
+"""Samples a side of a pixel of the camera: S, or so much of its width and height."""
+MOST_SAMPLES = 1 << 27
+"""Samples of an image; denser levels are left out."""
+N_POSES = 8
+"""Poses that are swept, spread over all."""
+SAMPLES = 16
+"""Samples that a face has at the coarsest level of a sweep, so that it is past the first few."""
+FEWEST = 20
+"""Faces below which no law is fitted."""
+ENOUGH = 200
+"""Faces below which smaller ones are let in, down to 1 sample."""
+GROUPS = 20
+"""Groups of faces that are left out in turn to see how much the slope depends on them."""
+
+
+@dataclass(frozen=True)
+class Convergence:
+    """Errors of the same faces at several densities of samples.
+
+    Attributes
+    ----------
+    method : str
+        Which rasteriser, as `sampled:cpu`.
+    sweep : str
+        Key of `SWEEPS`: whether there were more samples a pixel or more pixels.
+    samples_per_side : tuple of float
+        Samples along a side of a pixel of the camera, L levels.
+    rms : tuple of float
+        Of |value - truth| over the faces, L.
+    seconds_per_pose : tuple of float
+        L.
+    poses, faces : int
+        How many; the faces are partly hidden.
+    least_area : float
+        Of the image of a face, px^2 of the camera.
+    slope, slope_error : float or None
+        Of log rms over log samples_per_side, and its standard error; None where too few faces or
+        levels tell.
+    """
+
+    method: str
+    sweep: str
+    samples_per_side: tuple[float, ...]
+    rms: tuple[float, ...]
+    seconds_per_pose: tuple[float, ...]
+    poses: int
+    faces: int
+    least_area: float
+    slope: float | None
+    slope_error: float | None
+
+
+class Opener(Protocol):
+    """Opens the rasteriser of a candidate for another camera, with another supersample."""
+
+    def __call__(self, mesh: Mesh, camera: Camera, supersample: int | None = None, /) -> Observer:
+        """Open it."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class KnownFaces:
+    """Partly hidden faces of one pose, (N,) each."""
+
+    pose: FloatArray
+    face: IntArray
+    area: FloatArray
+    truth: FloatArray
+
+
+def levels(sweep: str, camera: Camera) -> tuple[float, ...]:
+    """Levels of a sweep that are not too large."""
+    most = math.sqrt(MOST_SAMPLES / (camera.width * camera.height))
+    return tuple(scale for scale in SWEEPS[sweep] if scale <= max(most, SWEEPS[sweep][0]))
+
+
+def converge(
+    name: str,
+    opener: Opener,
+    sweep: str,
+    mesh: Mesh,
+    camera: Camera,
+    known: Sequence[KnownFaces],
+    step: Callable[[], None],
+) -> Convergence:
+    """Errors of counted figures at each level of a sweep, and the power law through them.
+
+    Parameters
+    ----------
+    name : str
+        For `Convergence.method`.
+    opener : callable
+        Opens the rasteriser.
+    sweep : str
+        Key of `SWEEPS`.
+    mesh, camera, known
+        Scene, and what is true of faces in some poses.
+    step : callable
+        Called after each pose of each level.
+    """
+    scales = levels(sweep, camera)
+    least = SAMPLES / scales[0] ** 2
+    while least * scales[0] ** 2 > 1 and sum((k.area >= least).sum() for k in known) < ENOUGH:
+        least /= 4
+    chosen = [np.flatnonzero(k.area >= least) for k in known]
+    square = np.zeros((len(scales), sum(map(len, chosen))))
+    seconds = []
+    for level, scale in enumerate(scales):
+        lens, supersample = camera, round(scale)
+        if sweep == "resolution":
+            lens, supersample = camera.resized(scale), 1
+        spent, done = 0.0, 0
+        with opener(mesh, lens, supersample) as observer:
+            for faces, rows in zip(known, chosen, strict=True):
+                started = time.perf_counter()
+                seen = observer.observe(faces.pose[None])
+                spent += time.perf_counter() - started
+                value = figures(view_faces(mesh, lens, faces.pose), seen, 0)[0]
+                off = value[faces.face[rows]] - faces.truth[rows]
+                square[level, done : done + len(rows)] = off**2
+                done += len(rows)
+                step()
+        seconds.append(spent / max(1, len(known)))
+    rms = np.sqrt(square.mean(axis=1)) if square.size else np.zeros(len(scales))
+    slope, slope_error = _fit(scales, square)
+    return Convergence(
+        method=name,
+        sweep=sweep,
+        samples_per_side=scales,
+        rms=tuple(rms.tolist()),
+        seconds_per_pose=tuple(seconds),
+        poses=len(known),
+        faces=square.shape[1],
+        least_area=least,
+        slope=slope,
+        slope_error=slope_error,
+    )
+
+
+def _fit(scales: Sequence[float], square: FloatArray) -> tuple[float | None, float | None]:
+    """Slope of log rms over log scale by least squares, and its error by leaving out groups."""
+    if len(scales) < 3 or square.shape[1] < FEWEST or (square.mean(axis=1) == 0).any():
+        return None, None
+    groups = np.arange(square.shape[1]) % GROUPS
+    sums = np.stack([square[:, groups == group].sum(axis=1) for group in range(GROUPS)])
+    without = sums.sum(axis=0) - sums
+    if (without <= 0).any():
+        return _slope(scales, square.mean(axis=1)), None
+    slopes = np.array([_slope(scales, rest) for rest in without])
+    error = math.sqrt((GROUPS - 1) * float(slopes.var()))
+    return _slope(scales, square.mean(axis=1)), error
+
+
+def _slope(scales: Sequence[float], square: FloatArray) -> float:
+    return float(np.polyfit(np.log(scales), np.log(square) / 2, 1)[0])

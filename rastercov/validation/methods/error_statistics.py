@@ -1,0 +1,270 @@
+"""Errors of one way to find visibility, added up pose by pose: by face size, by kind of bound.
+
+Part of `compare`. A `Tally` takes the figures of one pose at a time and holds no more than
+histograms, sums and the worst few faces, however many poses and faces there are.
+"""
+
+import heapq
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.observer import Kind
+from rastercov.validation.methods.results import BoundCheck, FaceError, SizeClass
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+
+SIZES = (0.0, 0.1, 1.0, 4.0, 16.0, 64.0, 256.0, 1024.0, 4096.0, math.inf)
+"""Limits of the classes of face size: area of the image inside the image border, px^2."""
+PER_DECADE = 10
+"""Bins of the histograms of errors, a power of ten."""
+DECADES = 18
+"""Powers of ten below the largest error of 1 that are told apart; what is less counts as 0."""
+N_BINS = PER_DECADE * DECADES + 2  # one for 0, one for more than 1
+ROUNDING = 1e-9
+"""Area up to which nothing is told from rounding, px^2."""
+REST = 1e-12
+"""Rounding of a quotient of two areas."""
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """Figures of one pose beside the truth, (N,) each, for faces large enough to be judged."""
+
+    face: IntArray
+    area: FloatArray
+    visible: FloatArray
+    value: FloatArray
+    bound: FloatArray
+    kind: NDArray[np.uint8]
+    visible_pixels: FloatArray
+    truth_error: FloatArray
+
+    @property
+    def truth(self) -> FloatArray:
+        """True visible fraction."""
+        fraction: FloatArray = np.minimum(self.visible / self.area, 1.0)
+        return fraction
+
+    @property
+    def error(self) -> FloatArray:
+        """|value - truth|; 1 for a figure that is no number."""
+        error: FloatArray = np.nan_to_num(np.abs(self.value - self.truth), nan=1.0)
+        return error
+
+    @property
+    def least(self) -> FloatArray:
+        """Area up to which nothing is told from rounding, px^2."""
+        limit: FloatArray = np.maximum(ROUNDING, self.truth_error) + ROUNDING * self.area
+        return limit
+
+    def is_partly_hidden(self) -> BoolArray:
+        """Neither seen whole nor hidden."""
+        partly: BoolArray = (self.visible > self.least) & (self.visible < self.area - self.least)
+        return partly
+
+    def is_missed(self) -> BoolArray:
+        """Seen, but the figure says 0."""
+        missed: BoolArray = (self.value == 0) & (self.visible > self.least)
+        return missed
+
+    def is_phantom(self) -> BoolArray:
+        """Hidden, but the figure says it is seen."""
+        phantom: BoolArray = (self.value * self.area > self.least) & (self.visible <= self.least)
+        return phantom
+
+    def is_held(self) -> BoolArray:
+        """Whether each figure is as good as it says, beyond what the truth itself may be off.
+
+        Of certain figures the visible area must be right too, and certified ones must be 0 or 1.
+        """
+        slack = REST + 2 * self.truth_error / self.area
+        held: BoolArray = np.abs(self.value - self.truth) <= self.bound + slack
+        pixels = np.abs(self.visible_pixels - self.visible)
+        room = (self.bound + REST) * self.area + ROUNDING + self.truth_error
+        held &= (pixels <= room) | (self.kind == Kind.STATISTICAL)
+        held &= (self.value == 0) | (self.value == 1) | (self.kind != Kind.CERTIFIED)
+        return held
+
+
+class Tally:
+    """Sums over poses for one way to find visibility; `n_worst` faces are kept by name."""
+
+    def __init__(self, n_worst: int) -> None:
+        n_classes = len(SIZES) - 1
+        self.n_worst = n_worst
+        self.unjudged = self.missed = self.missed_unsaid = self.phantoms = 0
+        self.missed_area = self.square_pixels = self.greatest_pixels = 0.0
+        self._errors = np.zeros((n_classes, N_BINS), np.int64)
+        self._counts = np.zeros((4, n_classes), np.int64)  # all, partly hidden, held, missed
+        self._sums = np.zeros((4, n_classes))  # error^2, error; partly hidden: error^2, bound
+        self._greatest = np.zeros(n_classes)
+        self._kinds = np.zeros((len(Kind), 4), np.int64)  # all, held; partly hidden: all, held
+        self._ratios = np.zeros((len(Kind), N_BINS), np.int64)
+        self._greatest_ratio = np.full(len(Kind), -1.0)
+        self._worst: list[tuple[float, float, int, int, FaceError]] = []
+        self._missed: list[tuple[float, float, int, int, FaceError]] = []
+
+    def add(self, pose: int, judged: Judged, unjudged: int) -> None:
+        """Take in the figures of one pose, and how many faces were too small to judge."""
+        error, held = judged.error, judged.is_held()
+        partly, missed = judged.is_partly_hidden(), judged.is_missed()
+        self.unjudged += unjudged
+        self.missed += int(missed.sum())
+        self.missed_area += float(judged.visible[missed].sum())
+        self.missed_unsaid += int((missed & ~held).sum())
+        self.phantoms += int(judged.is_phantom().sum())
+        pixels = np.nan_to_num(np.abs(judged.visible_pixels - judged.visible), nan=math.inf)
+        self.square_pixels += float((pixels**2).sum())
+        self.greatest_pixels = max(self.greatest_pixels, float(pixels.max(initial=0.0)))
+
+        size = np.searchsorted(SIZES, judged.area, side="right") - 1
+        n = len(SIZES) - 1
+        bins = size * N_BINS + _bins(error)
+        self._errors += np.bincount(bins, minlength=n * N_BINS).reshape(n, N_BINS)
+        for row, mask in enumerate((np.ones_like(held), partly, held, missed)):
+            self._counts[row] += np.bincount(size[mask], minlength=n)
+        terms = (error**2, error, error**2 * partly, judged.bound * partly)
+        for row, term in enumerate(terms):
+            self._sums[row] += np.bincount(size, term, minlength=n)
+        np.maximum.at(self._greatest, size, error)
+        for kind in Kind:
+            of_kind = judged.kind == kind
+            masks = (of_kind, of_kind & held, of_kind & partly, of_kind & partly & held)
+            self._kinds[kind] += [int(mask.sum()) for mask in masks]
+            counted = of_kind & partly & (judged.bound > 0)
+            with np.errstate(over="ignore"):
+                ratio = error[counted] / judged.bound[counted]
+            self._ratios[kind] += np.bincount(_bins(ratio), minlength=N_BINS)
+            self._greatest_ratio[kind] = max(
+                self._greatest_ratio[kind], float(ratio.max(initial=-1.0))
+            )
+        # A fraction of a face smaller than a pixel counts for less: what matters is its area. Where
+        # the bound is 1 nothing was claimed; such faces show up among the missed.
+        weight = error * np.minimum(judged.area, 1.0)
+        claimed = ~held | ((judged.bound < 1) & (weight > 0))
+        self._keep(self._worst, pose, judged, held, ~held, np.where(claimed, weight, -1.0))
+        self._keep(self._missed, pose, judged, held, missed, np.where(missed, judged.visible, -1.0))
+
+    def _keep(
+        self,
+        kept: list[tuple[float, float, int, int, FaceError]],
+        pose: int,
+        judged: Judged,
+        held: BoolArray,
+        first: BoolArray,
+        weight: FloatArray,
+    ) -> None:
+        """Keep the faces of greatest weight, those of `first` before all others; none below 0."""
+        best = np.lexsort((judged.face, -weight, ~first))[: self.n_worst]
+        for at in best[weight[best] >= 0].tolist():
+            of_face = FaceError(
+                pose=pose,
+                face=int(judged.face[at]),
+                area=float(judged.area[at]),
+                visible=float(judged.visible[at]),
+                truth=float(judged.truth[at]),
+                value=float(judged.value[at]),
+                bound=float(judged.bound[at]),
+                kind=Kind(judged.kind[at]).name.lower(),
+                held=bool(held[at]),
+                visible_pixels=float(judged.visible_pixels[at]),
+            )
+            entry = (float(first[at]), float(weight[at]), -pose, -of_face.face, of_face)
+            heapq.heappush(kept, entry)
+            if len(kept) > self.n_worst:
+                heapq.heappop(kept)
+
+    @property
+    def worst(self) -> tuple[FaceError, ...]:
+        """Broken bounds first, then the greatest errors among figures with a bound below 1."""
+        return tuple(entry[4] for entry in sorted(self._worst, reverse=True))
+
+    @property
+    def missed_faces(self) -> tuple[FaceError, ...]:
+        """Of the faces missed, those of which most is seen."""
+        return tuple(entry[4] for entry in sorted(self._missed, reverse=True))
+
+    def classes(self) -> tuple[SizeClass, ...]:
+        """One for each class of `SIZES` that has a face."""
+        every = range(len(SIZES) - 1)
+        return tuple(self._class(slice(i, i + 1)) for i in every if self._counts[0, i])
+
+    def all_sizes(self) -> SizeClass:
+        """All classes as one."""
+        return self._class(slice(0, len(SIZES) - 1))
+
+    def bounds(self) -> tuple[BoundCheck, ...]:
+        """One for each kind of bound that was met."""
+        checks = []
+        for kind in Kind:
+            if not self._kinds[kind, 0]:
+                continue
+            greatest = float(self._greatest_ratio[kind])
+            known = greatest >= 0
+            median = _quantile(self._ratios[kind], 0.5) if known else None
+            figures, held, partly, partly_held = self._kinds[kind].tolist()
+            checks.append(
+                BoundCheck(
+                    kind=kind.name.lower(),
+                    figures=figures,
+                    held=held,
+                    partly_hidden=partly,
+                    partly_hidden_held=partly_held,
+                    median_ratio=median,
+                    greatest_ratio=greatest if known else None,
+                    ratios=_histogram(self._ratios[kind]),
+                )
+            )
+        return tuple(checks)
+
+    def _class(self, rows: slice) -> SizeClass:
+        n, partly, held, missed = self._counts[:, rows].sum(axis=1).tolist()
+        square, total, square_partly, bound_partly = self._sums[:, rows].sum(axis=1).tolist()
+        errors = self._errors[rows].sum(axis=0)
+        return SizeClass(
+            low=SIZES[rows.start],
+            high=SIZES[rows.stop],
+            figures=n,
+            partly_hidden=partly,
+            rms=math.sqrt(square / max(n, 1)),
+            mean=total / max(n, 1),
+            greatest=float(self._greatest[rows].max()),
+            rms_partly_hidden=math.sqrt(square_partly / max(partly, 1)),
+            mean_bound_partly_hidden=bound_partly / max(partly, 1),
+            median=_quantile(errors, 0.5),
+            percentile_99=_quantile(errors, 0.99),
+            held=held,
+            missed=missed,
+            errors=_histogram(errors),
+        )
+
+
+def upper_end(index: int) -> float:
+    """Largest error in a bin of the histograms; the last one is open."""
+    if index == 0:
+        return 0.0
+    return math.inf if index == N_BINS - 1 else float(10 ** (index / PER_DECADE - DECADES))
+
+
+def _bins(values: FloatArray) -> IntArray:
+    """Bin of each value, 0 for what is less than 10^-DECADES."""
+    with np.errstate(divide="ignore"):
+        place = np.ceil(PER_DECADE * (np.log10(values) + DECADES) - 1e-9)
+    return np.clip(place, 0, N_BINS - 1).astype(np.int64)
+
+
+def _histogram(counts: IntArray) -> tuple[tuple[float, int], ...]:
+    filled = np.flatnonzero(counts).tolist()
+    return tuple((upper_end(index), int(counts[index])) for index in filled)
+
+
+def _quantile(counts: IntArray, share: float) -> float:
+    """Upper end of the bin that holds a quantile; 0 without counts."""
+    if not counts.any():
+        return 0.0
+    return upper_end(int(np.searchsorted(np.cumsum(counts), share * counts.sum())))

@@ -1,0 +1,1 @@
+"""Coverage models compared with each other."""

@@ -1,0 +1,292 @@
+"""Coverage models side by side: what one covers and another does not, and what is seen there.
+
+Beside the chain: every model of `MODELS` gets the same mesh, camera, poses and task, and the engine
+says how much of each face is really visible, with a proof or to rounding. Nothing is called wrong:
+models look at different things. What can be judged is the bivalent test of occlusion that several
+of them use, against the visible part of the face.
+
+E. S. Eissa. Image Space Coverage Model. 2020, section 4.3, does this for one rival and by eye.
+"""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from heapq import nlargest
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov.camera import Camera
+from rastercov.coverage import Coverage, Reason, Task, evaluate_batches
+from rastercov.errors import ConfigError
+from rastercov.mesh import Mesh
+from rastercov.models import MODELS, zhang
+from rastercov.observer import Kind, open_observer
+from rastercov.pose import valid_poses
+from rastercov.report.coverage import Options, describe
+from rastercov.validation.models.results import (
+    Bivalence,
+    Disagreement,
+    FaceValues,
+    ModelComparison,
+    ModelScore,
+)
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+OURS = "image_space"
+"""The model whose coverage the engine computes on the way."""
+POSES_A_BATCH = 16
+"""Most poses evaluated at a time."""
+FACES_KEPT = 24
+"""Faces kept by name: those of which the bivalent test misjudges most."""
+
+
+def compare_models(
+    mesh: Mesh,
+    camera: Camera,
+    poses: ArrayLike,
+    task: Task | None = None,
+    names: Sequence[str] = tuple(MODELS),
+    *,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> ModelComparison:
+    """Coverage of every model, where they disagree, and how much is really seen there.
+
+    Parameters
+    ----------
+    mesh, camera
+        Any scene.
+    poses : (P, 4, 4) array_like
+        world_from_camera.
+    task : Task, optional
+        For all models alike; each takes from it what it knows of.
+    names : sequence of str
+        Which of `MODELS`.
+    progress : callable
+        Called with the poses done and the poses in all.
+
+    Raises
+    ------
+    ConfigError
+        For a model that does not exist or is named twice, or where there are no poses.
+    PoseError
+        For a pose that is no rigid motion.
+    """
+    task = task or Task()
+    matrices = valid_poses(poses)
+    _check(names, len(matrices))
+    tally = _Tally(mesh, task, tuple(names))
+    progress(0, len(matrices))
+    with open_observer(mesh, camera) as observer:
+        # Loops that compile when they first run do it before the clock does.
+        observer.observe(matrices[:1])
+        zhang.visible(mesh, camera, matrices[:1])
+        for start in range(0, len(matrices), POSES_A_BATCH):
+            of_batch = matrices[start : start + POSES_A_BATCH]
+            began = time.perf_counter()
+            batches = list(evaluate_batches(observer, of_batch, task))
+            tally.seconds[OURS] += time.perf_counter() - began
+            values: dict[str, FloatArray] = {}
+            for name in names:
+                if name == OURS:
+                    values[name] = np.concatenate([batch.coverage for batch in batches])
+                    continue
+                began = time.perf_counter()
+                values[name] = MODELS[name](mesh, camera, of_batch, task)
+                tally.seconds[name] += time.perf_counter() - began
+            bivalent = zhang.visible(mesh, camera, of_batch) > 0
+            row = 0
+            for batch in batches:
+                for of_pose in range(len(batch.pose_ids)):
+                    by_name = {name: value[row] for name, value in values.items()}
+                    tally.add(batch, of_pose, start + row, by_name, bivalent[row])
+                    row += 1
+            progress(start + len(of_batch), len(matrices))
+        info = observer.info
+    run = describe(mesh, camera, matrices, task, Options(), info)
+    del run["options"]
+    return tally.result(run)
+
+
+def covers(coverage: FloatArray, task: Task) -> BoolArray:
+    """Whether coverage is enough for the task: `Task.min_coverage`, and not 0."""
+    return (coverage >= task.min_coverage) & (coverage > 0)
+
+
+def _check(names: Sequence[str], n_poses: int) -> None:
+    if unknown := [name for name in names if name not in MODELS]:
+        raise ConfigError(f"there is no model {unknown[0]!r}; there are {', '.join(MODELS)}")
+    if not names:
+        raise ConfigError(f"name at least one model of {', '.join(MODELS)}")
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise ConfigError(f"{twice[0]} is named twice; once is enough")
+    if not n_poses:
+        raise ConfigError("there are no poses, so there is nothing to compare")
+
+
+class _Tally:
+    """Adds up poses; arrays over models, or models x models with who covers first."""
+
+    def __init__(self, mesh: Mesh, task: Task, names: tuple[str, ...]) -> None:
+        self.mesh, self.task, self.names = mesh, task, names
+        self.seconds = dict.fromkeys((*names, OURS), 0.0)
+        n = len(names)
+        # Covered, above 0, between 0 and 1, sum; px^2 seen of and px^2 of what is covered.
+        self._of_model = np.zeros((6, n))
+        # Faces, sum of visibility, hidden, partly, whole, px^2, px^2 seen.
+        self._of_pair = np.zeros((7, n, n))
+        self._bivalent = np.zeros(8)
+        self._misjudged: list[float] = []
+        self._worst: list[tuple[float, FaceValues]] = []
+
+    def add(
+        self,
+        batch: Coverage,
+        row: int,
+        pose: int,
+        values: dict[str, FloatArray],
+        bivalent: BoolArray,
+    ) -> None:
+        """Take in one pose."""
+        chosen = np.flatnonzero(self.mesh.task_mask)
+        visibility = batch.visibility[row, chosen]
+        image = batch.drawn_pixels[row, chosen]
+        seen = visibility * image
+        partly = (visibility > 0) & (visibility < 1)
+        whole = visibility >= 1
+        stack = np.stack([values[name][chosen] for name in self.names])
+        enough = covers(stack, self.task)
+        for model, (value, yes) in enumerate(zip(stack, enough, strict=True)):
+            self._of_model[:, model] += (
+                yes.sum(),
+                (value > 0).sum(),
+                ((value > 0) & (value < 1)).sum(),
+                value.sum(),
+                seen[yes].sum(),
+                image[yes].sum(),
+            )
+            for other in range(len(self.names)):
+                only = yes & ~enough[other]
+                self._of_pair[:, model, other] += (
+                    only.sum(),
+                    visibility[only].sum(),
+                    (only & ~partly & ~whole).sum(),
+                    (only & partly).sum(),
+                    (only & whole).sum(),
+                    image[only].sum(),
+                    seen[only].sum(),
+                )
+        self._judge(batch, row, pose, values, bivalent)
+
+    def _judge(
+        self,
+        batch: Coverage,
+        row: int,
+        pose: int,
+        values: dict[str, FloatArray],
+        bivalent: BoolArray,
+    ) -> None:
+        """The bivalent test of one pose against what is seen."""
+        judged = self.mesh.task_mask & batch.in_view[row] & (batch.drawn_pixels[row] > 0)
+        judged &= batch.reason[row] > Reason.BACK_FACING
+        visibility, bound = batch.visibility[row], batch.visibility_bound[row]
+        image = batch.drawn_pixels[row]
+        # Where a computed fraction is 0 or 1 to rounding it counts as that.
+        some = visibility > bound
+        all_of_it = visibility >= 1 - bound
+        called_hidden = judged & ~bivalent & some
+        called_seen = judged & bivalent & ~all_of_it
+        hidden_part = (1 - visibility) * image
+        self._bivalent += (
+            judged.sum(),
+            (judged & some & ~all_of_it).sum(),
+            called_hidden.sum(),
+            visibility[called_hidden].sum(),
+            (visibility * image)[called_hidden].sum(),
+            called_seen.sum(),
+            visibility[called_seen].sum(),
+            hidden_part[called_seen].sum(),
+        )
+        off = np.where(judged, np.abs(bivalent - visibility) * image, 0.0)
+        self._misjudged.append(float(off.sum()))
+        for face in np.argsort(-off, kind="stable")[:FACES_KEPT].tolist():
+            if called_hidden[face] or called_seen[face]:
+                of_face = FaceValues(
+                    pose=pose,
+                    face=face,
+                    visibility=float(visibility[face]),
+                    bound=float(bound[face]),
+                    kind=Kind(batch.visibility_kind[row, face]).name.lower(),
+                    bivalent=bool(bivalent[face]),
+                    image_pixels=float(image[face]),
+                    coverage={name: float(value[face]) for name, value in values.items()},
+                )
+                self._worst.append((float(off[face]), of_face))
+        self._worst = nlargest(FACES_KEPT, self._worst, key=lambda entry: entry[0])
+
+    def result(self, run: dict[str, Any]) -> ModelComparison:
+        """All of it."""
+        n_poses = len(self._misjudged)
+        n_faces = int(self.mesh.task_mask.sum())
+        pairs = max(1, n_poses * n_faces)
+        scores = []
+        for name, figures in zip(self.names, self._of_model.T, strict=True):
+            covered, above, between, total, seen, image = figures.tolist()
+            scores.append(
+                ModelScore(
+                    name=name,
+                    covered=int(covered),
+                    covered_percent=100 * covered / pairs,
+                    graded_percent=100 * between / max(1, above),
+                    mean=total / pairs,
+                    seen_percent=100 * _ratio(seen, image),
+                    seconds_per_pose=self.seconds[name] / n_poses,
+                )
+            )
+        disagreements = []
+        for a, first in enumerate(self.names):
+            for b, second in enumerate(self.names):
+                count, visibility, hidden, partly, whole, image, seen = self._of_pair[
+                    :, a, b
+                ].tolist()
+                if count:
+                    disagreements.append(
+                        Disagreement(
+                            covers=first,
+                            does_not=second,
+                            faces=int(count),
+                            mean_visibility=visibility / count,
+                            hidden=int(hidden),
+                            partly=int(partly),
+                            whole=int(whole),
+                            image_pixels=image,
+                            visible_pixels=seen,
+                        )
+                    )
+        faces, partly, hidden, of_hidden, lost, seen, of_seen, gained = self._bivalent.tolist()
+        return ModelComparison(
+            models=tuple(scores),
+            disagreements=tuple(disagreements),
+            bivalence=Bivalence(
+                faces=int(faces),
+                partly_hidden=int(partly),
+                called_hidden=int(hidden),
+                called_hidden_visibility=_ratio(of_hidden, hidden),
+                called_hidden_pixels=lost,
+                called_seen=int(seen),
+                called_seen_visibility=_ratio(of_seen, seen),
+                called_seen_pixels=gained,
+            ),
+            worst=tuple(of_face for _, of_face in self._worst),
+            misjudged=tuple(self._misjudged),
+            poses=n_poses,
+            task_faces=n_faces,
+            run=run | {"task": asdict(self.task)},
+        )
+
+
+def _ratio(part: float, whole: float) -> float:
+    return part / whole if whole else 0.0
