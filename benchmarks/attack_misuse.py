@@ -1,6 +1,6 @@
 """Wrong arguments, several at once, and extreme but legal scenes: no traceback, no warning, no NaN.
 
-The calls and values are those of tests/misuse_calls.py; here they are combined at random.
+The calls and values are those of tests/support/misuse_calls.py; here they are combined at random.
 """
 
 import sys
@@ -13,7 +13,7 @@ from rows import Report
 import rastercov as rc
 from rastercov import shapes
 
-sys.path.append(str(Path(__file__).parents[1] / "tests"))
+sys.path.append(str(Path(__file__).parents[1] / "tests" / "support"))
 from misuse_calls import VALUES, calls, is_wish_for_much_work
 
 SPOILED = 4_000

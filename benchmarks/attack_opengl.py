@@ -26,7 +26,7 @@ from rastercov.raster.cpu import CPURasterizer
 from rastercov.raster.gl import PLANS, GLRasterizer
 from rastercov.raster.gl.context import HeadlessContext, open_context
 
-TESTS = Path(__file__).parents[1] / "tests"
+TESTS = Path(__file__).parents[1] / "tests" / "support"
 sys.path.insert(0, str(TESTS))
 from coplanar_scenes import CAMERA, EDGE, GAP, SCENES, views, wrong_samples  # noqa: E402
 

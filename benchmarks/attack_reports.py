@@ -10,7 +10,7 @@ puts another report there, and
 - has a disk of its own on which so many bytes are left (a small tmpfs, as root; else a limit on the
   size of a file);
 - has another plan's run beside it in the same folder;
-- is killed before each of its operations on files (`tests/kill_report.py`).
+- is killed before each of its operations on files (`tests/support/kill_report.py`).
 
 After each, the folder must hold one of the two reports whole, by the hashes in its manifest and by
 what its files say of each other, or lack the file that comes last (`place` may leave one that says
@@ -380,7 +380,7 @@ def at_once(report: Report, command: Command, base: Path, n_pairs: int) -> None:
 def each_operation(report: Report, folder: Path) -> None:
     """Kill the writing of a report before each of its file operations, and what makes up for it."""
     folder.mkdir()
-    script = Path(__file__).parents[1] / "tests" / "kill_report.py"
+    script = Path(__file__).parents[1] / "tests" / "support" / "kill_report.py"
     environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
     done = subprocess.run(
         [sys.executable, script, folder], env=environment, capture_output=True, check=True

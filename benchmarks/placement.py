@@ -42,7 +42,7 @@ from rastercov.placement.select.problem import (
 from rastercov.placement.select.thesis import select_thesis
 from rastercov.placement.set_cover_file import read_set_cover
 
-TESTS = Path(__file__).parents[1] / "tests"
+TESTS = Path(__file__).parents[1] / "tests" / "support"
 sys.path.append(str(TESTS))
 from set_cover_cases import COVERS, FOLDER, OPTIMA, steiner  # noqa: E402 - the tests' instances
 

@@ -21,7 +21,7 @@ try:
 except ImportError:
     rational = Fraction
 
-MESHES = Path(__file__).resolve().parents[2] / "shared" / "meshes"
+MESHES = Path(__file__).resolve().parents[3] / "shared" / "meshes"
 HAIR = 1e-9
 
 

@@ -422,7 +422,7 @@ def test_views_and_weights_go_by_group(mesh, poses):
 
 
 def test_kill_9_loses_nothing_but_the_shard_in_flight(tmp_path):
-    script = Path(__file__).parent / "kill_matrix.py"
+    script = Path(__file__).parents[1] / "support" / "kill_matrix.py"
     command = [sys.executable, str(script), "20", "160", str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

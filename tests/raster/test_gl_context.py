@@ -58,7 +58,7 @@ def no_library(monkeypatch):
 
 def run_python(code, **environment):
     """Run `code` in a fresh process that must end by itself."""
-    root = str(Path(devices.__file__).parents[2])
+    root = str(Path(devices.__file__).parents[3])
     return subprocess.run(
         [sys.executable, "-W", "error", "-c", code],
         env={**os.environ, "PYTHONPATH": root, **environment},
@@ -499,9 +499,9 @@ print(resident_kib() - before)
 def test_a_context_that_was_closed_leaves_less_than_a_page_behind(context, kind):
     if kind == "our-osmesa":
         open_or_skip("osmesa").release()
-    script = Path(__file__).parents[1] / "benchmarks" / "contexts.py"
+    script = Path(__file__).parents[2] / "benchmarks" / "contexts.py"
     command = [sys.executable, str(script), "--kind", kind, "--rounds", "150"]
-    root = str(Path(devices.__file__).parents[2])
+    root = str(Path(devices.__file__).parents[3])
     environment = {**os.environ, "PYTHONPATH": root}
     done = subprocess.run(
         command, env=environment, capture_output=True, text=True, timeout=300, check=False

@@ -22,8 +22,8 @@ from rastercov.placement.shards import locked
 from rastercov.plan import run as plan_run
 from rastercov.pose import read_poses, sphere_of_poses, write_poses
 
-EXAMPLES = Path(__file__).parents[1] / "examples" / "plans"
-MESHES = Path(__file__).parents[2] / "shared" / "meshes"
+EXAMPLES = Path(__file__).parents[2] / "examples" / "plans"
+MESHES = Path(__file__).parents[3] / "shared" / "meshes"
 ENTRY = "import sys; from rastercov.cli import main; sys.argv[0] = 'rastercov'; main()"
 SCENE = """
 [[meshes]]

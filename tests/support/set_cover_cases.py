@@ -7,7 +7,7 @@ import numpy as np
 
 from rastercov.placement.select.problem import BestCoverage, FewestCameras, problem_of_matrix
 
-FOLDER = Path(__file__).parent / "data" / "set_cover"
+FOLDER = Path(__file__).parents[1] / "data" / "set_cover"
 OPTIMA = {"scp41": 429, "scp42": 512, "scp51": 253, "scpa1": 253, "scpe1": 5}
 """Least costs of the problems of OR-Library in `FOLDER`, as published."""
 COVERS = {9: 5, 15: 9, 27: 18, 45: 30}

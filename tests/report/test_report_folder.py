@@ -277,7 +277,7 @@ def test_a_file_system_without_locks_is_written_to(tmp_path, monkeypatch):
 
 def test_a_kill_before_any_operation_leaves_one_whole_report_or_no_last_file(tmp_path):
     """At each of about fifty operations, and at each of those that make up for it."""
-    words = [sys.executable, Path(__file__).with_name("kill_report.py"), tmp_path]
+    words = [sys.executable, Path(__file__).parents[1] / "support" / "kill_report.py", tmp_path]
     environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
     done = subprocess.run(words, env=environment, capture_output=True, text=True, check=True)
     found = json.loads(done.stdout)

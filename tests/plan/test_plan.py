@@ -26,7 +26,7 @@ from rastercov.plan.scene import scene
 from rastercov.plan.sections import PlanModel, TaskSection
 from rastercov.pose import sphere_of_poses, write_poses
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 BASE = '[[meshes]]\nbuilt_in = "box"\n[camera]\npreset = "khepra"\n'
 CAMERA = "[camera]\nwidth = 64\nheight = 48\nfx = 64\nfy = 64\n"
 

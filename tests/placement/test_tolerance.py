@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from test_optimise import CAMERA, MESH, TASK
+from test_search import CAMERA, MESH, TASK
 
 from rastercov.errors import ConfigError
 from rastercov.observer import open_observer

@@ -1,9 +1,9 @@
 """What every command answers on six scenes, to hold later versions against.
 
-`python tests/golden_runs.py` writes the answers to tests/golden/ anew; do it only where a figure
-was wrong or a key was added, and list that in docs/changelog.md. Times, versions and devices are
-replaced by the names of their types. Bits are compared by benchmarks/before_after.py, between two
-checkouts on one machine: the last digits of a product of matrices depend on the processor.
+`python tests/support/golden_runs.py` writes the answers to tests/golden/ anew; do it only where a
+figure was wrong or a key was added, and list that in docs/changelog.md. Times, versions and
+devices are replaced by the names of their types. Bits are compared by benchmarks/before_after.py,
+between two checkouts on one machine: the last digits of a product of matrices depend on the CPU.
 """
 
 import contextlib
@@ -23,7 +23,7 @@ import pyarrow.parquet
 import rastercov as rc
 from rastercov import cli, shapes
 
-GOLDEN = Path(__file__).parent / "golden"
+GOLDEN = Path(__file__).parents[1] / "golden"
 DIGITS = 10
 VOLATILE = {"poses_per_second", "versions", "renderer", "driver", "sha256"}
 """And every key with "seconds" in it."""

@@ -306,7 +306,8 @@ with open_context("surfaceless") as context:
                 t.assert_same(found[0], found[1])
                 t.assert_same_as_cpu(found[0], t.everything(rasterizer, poses))
 """
-    paths = (str(Path(rastercov.__file__).parents[1]), str(Path(__file__).parent))
+    tests = Path(__file__).parents[1]
+    paths = map(str, (Path(rastercov.__file__).parents[1], tests / "raster", tests / "support"))
     environment = {"MESA_EXTENSION_OVERRIDE": f"+{ATOMICS}", "PYTHONPATH": os.pathsep.join(paths)}
     run = subprocess.run(
         [sys.executable, "-c", code],

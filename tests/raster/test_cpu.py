@@ -24,6 +24,7 @@ from rastercov.raster.cpu import MAX_SIDE, CPURasterizer
 from rastercov.raster.cpu import loops as kernels
 from rastercov.raster.cpu import memory as layout
 
+SUPPORT = Path(__file__).parents[1] / "support"
 CAMERA = Camera(width=160, height=120, fx=140, fy=150)
 
 
@@ -356,7 +357,7 @@ def test_no_scene_writes_past_its_scratch_memory():
 
 def test_no_scene_reaches_past_the_scratch_memory(tmp_path):
     checked = {"NUMBA_BOUNDSCHECK": "1", "NUMBA_CACHE_DIR": str(tmp_path)}
-    script = Path(__file__).with_name("hostile_scenes.py")
+    script = SUPPORT / "hostile_scenes.py"
     done = subprocess.run(
         [sys.executable, script, "1500"],
         env=os.environ | checked,
@@ -383,7 +384,7 @@ for _ in range(500):
     assert (both.background >= 0).all()
 """
     checked = {"NUMBA_BOUNDSCHECK": "1", "NUMBA_CACHE_DIR": str(tmp_path)}
-    tests = {"PYTHONPATH": str(Path(__file__).parent)}
+    tests = {"PYTHONPATH": str(SUPPORT)}
     done = subprocess.run(
         [sys.executable, "-c", code],
         env=os.environ | checked | tests,
@@ -408,7 +409,7 @@ np.savez(sys.argv[1], *[n for c in counts for n in (c.visible, c.drawn, c.backgr
         "NUMBA_CPU_NAME": "generic",
         "NUMBA_CPU_FEATURES": "",
         "NUMBA_CACHE_DIR": str(tmp_path),
-        "PYTHONPATH": str(Path(__file__).parent),
+        "PYTHONPATH": os.pathsep.join((str(Path(__file__).parent), str(SUPPORT))),
     }
     done = subprocess.run(
         [sys.executable, "-c", code, tmp_path / "counts.npz"],

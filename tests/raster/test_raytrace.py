@@ -25,7 +25,7 @@ CAMERA = Camera(width=1280, height=1024, fx=1400, fy=1380, cx=655.25, cy=500.5)
 WIDE = Camera(width=1280, height=1024, fx=640, fy=650, cx=630.75, cy=520.25)
 EDGE, GAP = 4e-3, 1e-4
 
-MESHES = Path(__file__).resolve().parents[2] / "shared" / "meshes"
+MESHES = Path(__file__).resolve().parents[3] / "shared" / "meshes"
 
 
 def traced(mesh, camera, pose):

@@ -40,7 +40,7 @@ def soup(rng, n, size=0.6):
 
 def test_no_scene_reaches_past_the_scratch_memory(tmp_path):
     checked = {"NUMBA_BOUNDSCHECK": "1", "NUMBA_CACHE_DIR": str(tmp_path)}
-    script = Path(__file__).with_name("exact_views.py")
+    script = Path(__file__).parents[1] / "support" / "exact_views.py"
     done = subprocess.run(
         [sys.executable, script, "400"],
         env=os.environ | checked,

@@ -20,7 +20,7 @@ from rastercov.mesh import Mesh
 from rastercov.pose import look_at
 from rastercov.reference import rational
 
-MESHES = Path(__file__).resolve().parents[2] / "shared" / "meshes"
+MESHES = Path(__file__).resolve().parents[3] / "shared" / "meshes"
 CAMERA = Camera(width=320, height=240, fx=260, fy=270)
 SEEDS = st.integers(0, 2**32 - 1)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_optimise import CAMERA, KEPT_OUT, MESH, SPACE, TASK, holds
+from test_search import CAMERA, KEPT_OUT, MESH, SPACE, TASK, holds
 
 from rastercov.errors import ConfigError
 from rastercov.observer import open_observer

@@ -21,7 +21,7 @@ from rastercov.mesh import Mesh
 from rastercov.pose import look_at
 from rastercov.reference import polygons, rational, samples
 
-MESHES = Path(__file__).resolve().parents[2] / "shared" / "meshes"
+MESHES = Path(__file__).resolve().parents[3] / "shared" / "meshes"
 AGREE = 1e-7  # px^2
 KNOWN = known_cases()
 

@@ -382,7 +382,7 @@ def test_a_loop_is_compiled_anew_when_a_file_that_it_is_made_of_changes(tmp_path
             [sys.executable, "-c", "import lanepackage.loop"],
             env=os.environ
             | {"PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": str(tmp_path / "cache")},
-            cwd=Path(__file__).parents[1],
+            cwd=Path(__file__).parents[2],
             capture_output=True,
             text=True,
             check=False,

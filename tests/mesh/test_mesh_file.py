@@ -21,7 +21,7 @@ from rastercov.errors import MeshError, ResourceError
 from rastercov.mesh import Group, Mesh
 from rastercov.mesh.formats import load_mesh
 
-MESHES = Path(__file__).resolve().parents[2] / "shared" / "meshes"
+MESHES = Path(__file__).resolve().parents[3] / "shared" / "meshes"
 
 #    3---2      a tetrahedron over the triangle 0 1 2; its faces are wound outwards
 #    |\ /|
