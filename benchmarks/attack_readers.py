@@ -188,7 +188,7 @@ NUMBERS = [
 
 
 def outcome(path: Path, data: bytes) -> tuple[str, bytes, bool]:
-    """What came of loading: "loaded", "refused" or a foreign error; corners; whether noted."""
+    """Outcome of loading: "loaded", "refused" or a foreign error; corners; whether noted."""
     path.write_bytes(data)
     try:
         mesh = load_mesh(path)
@@ -207,7 +207,7 @@ def cuts(name: str, data: bytes) -> Iterator[bytes]:
 
 
 def agrees_with_trimesh(path: Path, data: bytes) -> bool:
-    """Whether trimesh finds as many triangles, of the same total area."""
+    """True if trimesh finds as many triangles, of the same total area."""
     path.write_bytes(data)
     ours, theirs = load_mesh(path), trimesh.load(path, process=False, force="mesh")
     is_equal: bool = np.allclose(ours.areas.sum(), theirs.area, rtol=1e-5)
