@@ -18,6 +18,7 @@ from rastercov._typed import check_fields, typed
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import encloses_volume
+from rastercov.mesh.topology import edge_table
 from rastercov.placement.candidates import clearance_kernels as kernels
 from rastercov.placement.candidates.pool import Candidates
 
@@ -330,18 +331,16 @@ def closed_faces(mesh: Mesh) -> BoolArray:
 
     Faces with a repeated vertex are flaps on an edge, and count for nothing.
     """
-    start, end = mesh.positions, np.roll(mesh.positions, -1, axis=1)
-    whole = (start != end).all(axis=1)
-    face = np.repeat(np.flatnonzero(whole), 3)
-    start, end = start[whole].reshape(-1), end[whole].reshape(-1)
-    key = np.minimum(start, end) * mesh.n_vertices + np.maximum(start, end)
-    _, edge, uses = np.unique(key, return_inverse=True, return_counts=True)
-    balance = np.bincount(edge, np.where(start < end, 1, -1), len(uses))
-    is_bad = (uses != 2) | (balance != 0)
+    table = edge_table(mesh.positions, mesh.n_vertices)
+    is_forward, first = table.is_forward, table.first
+    is_closed = table.n_uses == 2
+    is_closed[is_closed] = is_forward[first[is_closed]] != is_forward[first[is_closed] + 1]
     part = mesh.topology.components()
-    open_parts = np.zeros(int(part.max()) + 1, dtype=bool)
-    open_parts[part[face[is_bad[edge]]]] = True
-    closed: BoolArray = whole & ~open_parts[part]
+    is_open_part = np.zeros(int(part.max()) + 1, dtype=bool)
+    is_open_part[part[table.faces[np.repeat(~is_closed, table.n_uses)]]] = True
+    closed = np.zeros(mesh.n_faces, dtype=bool)
+    closed[table.faces] = True
+    closed &= ~is_open_part[part]
     return closed
 
 
