@@ -1,5 +1,6 @@
 """Which faces of a mesh does each camera see, how well, and where should the cameras go."""
 
+from rastercov import _moved as _moved
 from rastercov.camera import Camera
 from rastercov.coverage import Coverage, Reason, Task, evaluate, evaluate_batches
 from rastercov.errors import (
