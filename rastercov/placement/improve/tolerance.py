@@ -9,9 +9,10 @@ N. Metropolis, S. Ulam. The Monte Carlo Method. 1949.
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from annotated_types import Ge
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov._arguments import check_seed
@@ -27,7 +28,6 @@ IntArray = NDArray[np.int64]
 
 LEVELS = (0.0, 0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)
 """Quantiles that are told; the first is the worst of all draws."""
-DISTRIBUTIONS = ("normal", "uniform")
 PAIRS_AT_ONCE = 1 << 24
 """Pose-face pairs held at a time: 16 MB."""
 
@@ -52,19 +52,15 @@ class InstallationError:
         For values outside their range.
     """
 
-    position_mm: float = 0.0
-    angle_deg: float = 0.0
-    distribution: str = "normal"
+    position_mm: Annotated[float, Ge(0)] = 0.0
+    angle_deg: Annotated[float, Ge(0)] = 0.0
+    distribution: Literal["normal", "uniform"] = "normal"
 
     def __post_init__(self) -> None:
         check_fields(self)
         for name, value in (("position_mm", self.position_mm), ("angle_deg", self.angle_deg)):
             if isinstance(value, bool) or not 0 <= value < np.inf:
                 raise ConfigError(f"{name} must be 0 or more and finite, got {value}")
-        if self.distribution not in DISTRIBUTIONS:
-            raise ConfigError(
-                f"distribution must be {' or '.join(DISTRIBUTIONS)}, got {self.distribution!r}"
-            )
 
     def draw(self, shape: tuple[int, ...], rng: np.random.Generator) -> tuple[FloatArray, ...]:
         """Displacements in metres and rotation vectors in radians, (*shape, 3) each."""

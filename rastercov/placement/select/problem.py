@@ -13,9 +13,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from annotated_types import Ge, Le
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov._typed import check_fields, typed
@@ -48,8 +49,8 @@ class FewestCameras:
         Whether shares are of what all candidates together cover, not of everything.
     """
 
-    coverage: float = 1.0
-    groups: Mapping[str, float] = field(default_factory=dict)
+    coverage: Annotated[float, Ge(0), Le(1)] = 1.0
+    groups: Mapping[str, Annotated[float, Ge(0), Le(1)]] = field(default_factory=dict)
     of_reachable: bool = False
 
     def __post_init__(self) -> None:
@@ -72,7 +73,7 @@ class BestCoverage:
     """
 
     cameras: int | None = None
-    budget: float | None = None
+    budget: Annotated[float, Ge(0)] | None = None
 
     def __post_init__(self) -> None:
         check_fields(self)
