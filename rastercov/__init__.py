@@ -1,5 +1,6 @@
 """Graded per-face visibility and coverage of a mesh by cameras, and camera placement."""
 
+from rastercov import _moved as _moved
 from rastercov.camera import Camera
 from rastercov.coverage import Coverage, evaluate, evaluate_batches
 from rastercov.engine import Engine
