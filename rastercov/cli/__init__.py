@@ -336,20 +336,21 @@ commands.register(app)
 markers.register(app)
 
 
-@app.command()
-def doctor(as_json: AsJson = False) -> None:
+@app.command("doctor")
+def diagnose(as_json: AsJson = False) -> None:
     """List graphics devices, test each, and say what to install.
 
     [bold]Example[/]: rastercov doctor --json
     """
-    from rastercov.cli import doctor as graphics
+    from rastercov.cli import doctor
+    from rastercov.raster.gl.diagnose import examine
 
-    report = graphics.examine()
+    report = examine()
     if as_json:
         print(json.dumps(report, indent=2))
     else:
-        graphics.print_report(report, Console())
-    raise typer.Exit(graphics.exit_code(report))
+        doctor.print_report(report, Console())
+    raise typer.Exit(doctor.exit_code(report))
 
 
 def main() -> None:

@@ -55,7 +55,7 @@ SOFTWARE_RENDERERS = re.compile(
     r"llvmpipe|softpipe|swrast|swiftshader|lavapipe|software rasterizer|basic render", re.IGNORECASE
 )
 
-Kind = Literal["egl-device", "egl-surfaceless", "osmesa"]
+DeviceKind = Literal["egl-device", "egl-surfaceless", "osmesa"]
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class DeviceInfo:
         EGL device extensions, sorted.
     """
 
-    kind: Kind
+    kind: DeviceKind
     index: int | None
     name: str
     is_software: bool
