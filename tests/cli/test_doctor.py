@@ -44,7 +44,9 @@ def flat(text):
 def examined(gl_context):
     """One real examination of this machine."""
     start = time.monotonic()
-    report = diagnose.examine()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("LP_NUM_THREADS", "2")
+        report = diagnose.examine()
     assert time.monotonic() - start < 20  # about 2.5 s on two quiet cores
     return report
 
@@ -136,6 +138,17 @@ def test_cpu_passes_its_self_test_on_every_core(report):
     cores = len(os.sched_getaffinity(0))
     renderer = f"numba {report['versions']['numba']}"
     assert report["cpu"] == {"renderer": renderer, "threads": cores, "self_test": "passed"}
+
+
+def test_every_kind_of_context_and_library_is_reported(report, gl_context):
+    assert set(report["kinds"]) == {"egl-device", "egl-surfaceless", "osmesa"}
+    assert report["kinds"]["egl-surfaceless"] == "available"
+    assert report["libraries"]["EGL"] == "libEGL.so.1"
+    assert report["environment"]["LP_NUM_THREADS"] == "2"
+    row = next(r for r in report["reports"] if r["device"]["kind"] == "egl-surfaceless")
+    found, info = row["context"], gl_context.info
+    assert found["renderer"] == info.renderer
+    assert found["limits"]["max_texture_size"] == info.limits["max_texture_size"]
 
 
 def test_report_survives_json_unchanged(report):
@@ -316,11 +329,21 @@ def test_a_cpu_that_fails_is_answered_with_a_device_that_passes(report):
     assert flat(printed(report)).endswith(f"fails its self-test; pass `--device {label}`")
 
 
-def test_a_driver_that_crashes_on_opening_is_reported(device, bad_driver):
-    bad_driver("kill -SEGV $$", when="open_device")
-    report = diagnose.examine()
+@pytest.mark.parametrize(
+    ("script", "problem"),
+    [
+        ("kill -SEGV $$", "crashed with SIGSEGV"),
+        ("exec sleep 60", "no answer in 0.5 s"),
+        ("echo no libLLVM >&2; exit 7", "ended with code 7: no libLLVM"),
+        ('echo \'{"problem": "refused"}\'; exit 0', "refused"),
+    ],
+)
+def test_a_driver_that_fails_on_opening_is_reported(device, bad_driver, script, problem):
+    bad_driver(script, when="open_device")
+    report = diagnose.examine(timeout_s=0.5 if "sleep" in script else 30)
     (row,) = report["reports"]
-    assert "crashed with SIGSEGV" in row["problem"]
+    assert problem in row["problem"]
+    assert problem in report["kinds"]["egl-surfaceless"]
     assert row["self_test"] is None
     assert report["default"]["device"] == "cpu"
     assert doctor.exit_code(report) == 0
@@ -336,6 +359,10 @@ def test_a_driver_that_crashes_on_opening_is_reported(device, bad_driver):
 def test_without_any_library_the_report_says_what_to_install(no_library):
     report = diagnose.examine()
     assert report["reports"] == []
+    assert set(report["libraries"].values()) == {None}
+    assert libraries.install_line("egl") in report["kinds"]["egl-device"]
+    assert libraries.install_line("egl") in report["kinds"]["egl-surfaceless"]
+    assert libraries.install_line("osmesa") in report["kinds"]["osmesa"]
     assert set(report["install"]) == {"EGL", "OpenGL", "OSMesa"}
     assert report["cpu"]["self_test"] == "passed"
     assert doctor.exit_code(report) == 0
