@@ -16,11 +16,11 @@ CLEAN = ("README.md", "docs", "examples")
 OPENINGS = re.compile(r"(How|What|Where|Which|Who|Whose|Whether|When|Why|That)\b")
 PHRASES = """
     as it were, so (many|much), by so, in the way, what is left, but for, told, asked of,
-    speaks? of, seen? whole, sees whole, seen in part, takes it that, has it that, in its turn, whose turn,
-    knows? nothing, no telling, go(es)? on, went on, see to it, make do, let alone, nobody, lest,
-    stands?(?!-), stood, astray, sift(s|ed|ing)?, canary, stock, strangers, foretells?, foretold,
-    reckon(s|ed)?, outlook, dome, hair, rolled, rivals?, forgives?, wipes?, mends?, nick,
-    shake[ns]?, ought, shall, heed, wherein, thereof, forthwith"""
+    speaks? of, seen? whole, sees whole, seen in part, takes it that, has it that, in its turn,
+    whose turn, knows? nothing, no telling, go(es)? on, went on, see to it, make do, let alone,
+    nobody, lest, stands?(?!-), stood, astray, sift(s|ed|ing)?, canary, stock, strangers,
+    foretells?, foretold, reckon(s|ed)?, outlook, dome, hair, rolled, rivals?, forgives?,
+    wipes?, mends?, nick, shake[ns]?, ought, shall, heed, wherein, thereof, forthwith"""
 WORDS = "|".join(re.split(r",\s+", PHRASES.strip())).replace(" ", r"\s+")
 BANNED = re.compile(rf"\b({WORDS})\b", re.IGNORECASE)
 CODE = re.compile(r"```.*?```|`[^`]*`|\]\([^)]*\)", re.DOTALL)
