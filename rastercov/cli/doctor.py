@@ -5,6 +5,7 @@ them, `exit_code` tells a script. Each OpenGL device opens and is tested in a pr
 because drivers can crash or hang; this process opens none and works without any graphics library.
 """
 
+import json
 import os
 import platform
 import re
@@ -12,6 +13,7 @@ from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
+import typer
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.padding import Padding
@@ -20,6 +22,7 @@ from rich.text import Text
 
 from rastercov import __version__, shaders, shapes
 from rastercov.camera import Camera
+from rastercov.cli.options import AsJson
 from rastercov.errors import DeviceError, RastercovError
 from rastercov.pose import sphere_of_poses
 from rastercov.raster.gl.devices import candidates, is_software_wanted
@@ -203,3 +206,16 @@ def _section(console: Console, title: str, rows: Rows, style: str = "") -> None:
         for row in rows:
             grid.add_row(*(Text(cell, style, overflow="fold") for cell in row))
         console.print(Text(title, "bold"), Padding(grid, (0, 0, 1, 2)), sep="\n")
+
+
+def doctor(as_json: AsJson = False) -> None:
+    """List graphics devices, test each, and say what to install.
+
+    [bold]Example[/]: rastercov doctor --json
+    """
+    report = examine()
+    if as_json:
+        print(json.dumps(report, indent=2))
+    else:
+        print_report(report, Console())
+    raise typer.Exit(exit_code(report))
