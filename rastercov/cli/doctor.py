@@ -1,17 +1,8 @@
-"""What `rastercov doctor` runs: tests the CPU and every device, and says what will be used.
-
-Beside the chain, for the person at its end: `examine` gathers plain values, `print_report` shows
-them, `exit_code` tells a script. Each OpenGL device opens and is tested in a process of its own,
-because drivers can crash or hang; this process opens none and works without any graphics library.
-"""
+"""The command `doctor`: diagnosis of the CPU and of every graphics device."""
 
 import json
-import os
-import platform
 import re
 from collections.abc import Sequence
-from importlib.metadata import PackageNotFoundError, version
-from typing import Any
 
 import typer
 from rich.box import SIMPLE_HEAD
@@ -20,99 +11,19 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from rastercov import __version__, shaders, shapes
-from rastercov.camera import Camera
 from rastercov.cli.options import AsJson
-from rastercov.errors import DeviceError, RastercovError
-from rastercov.pose import sphere_of_poses
-from rastercov.raster.gl.devices import candidates, is_software_wanted
-from rastercov.raster.gl.diagnose import ENVIRONMENT, ask, diagnose, self_test
-from rastercov.raster.gl.libraries import install_line
+from rastercov.raster.gl.diagnose import ENVIRONMENT, PASSED, Report, examine
 
-Report = dict[str, Any]
 Rows = Sequence[tuple[str, ...]]
-PASSED = "passed"
-
-
-def examine(timeout_s: float = 30.0) -> Report:
-    """Everything about the devices of this machine, in values that JSON can hold.
-
-    Parameters
-    ----------
-    timeout_s : float
-        Seconds a device may take to open, and again to pass its self-test.
-
-    Returns
-    -------
-    dict
-        `Diagnosis.to_dict()`, where each of "reports" also has "self_test" ("passed", the line that
-        says what failed, or None where the device does not open), "plan" (what "auto" runs) and
-        "depth"; further "cpu" ("renderer", "threads", "self_test"), "default" ("device", "why"),
-        "install" (a line for each library that OpenGL misses), "shaders" (SHA-256), "versions".
-    """
-    report = diagnose(timeout_s=timeout_s).to_dict()
-    for row in report["reports"]:
-        row |= {"self_test": None, "plan": None, "depth": None}
-        if not row["problem"]:
-            answer = ask(self_test, row["device"]["label"], timeout_s)
-            row |= {"self_test": answer.pop("problem", PASSED)} | answer
-    report["default"] = _default(report["reports"])
-    missing = [library for library, file in report["libraries"].items() if file is None]
-    report["install"] = {
-        library: install_line("osmesa" if library == "OSMesa" else "egl") for library in missing
-    }
-    report["shaders"] = shaders.digest()
-    report["versions"] = {"rastercov": __version__, "Python": platform.python_version()}
-    for package in ("moderngl", "numba", "numpy", "trimesh"):
-        try:
-            report["versions"][package] = version(package)
-        except PackageNotFoundError:
-            report["versions"][package] = "not installed"
-    report["versions"]["OS"] = platform.platform()
-    renderer, threads = f"numba {report['versions']['numba']}", len(os.sched_getaffinity(0))
-    report["cpu"] = {"renderer": renderer, "threads": threads, "self_test": PASSED}
-    try:
-        cpu_self_test()
-    except Exception as error:  # what a compiler raises can have any type
-        kind = "" if isinstance(error, RastercovError) else f"{type(error).__name__}: "
-        report["cpu"]["self_test"] = " ".join(f"{kind}{error}".split())
-    return report
-
-
-def cpu_self_test() -> None:
-    """Count convex meshes on the CPU; DeviceError when a sum, a face or an image does not agree."""
-    from rastercov.raster.cpu import CPURasterizer  # not above: numba may be broken
-
-    camera, poses = Camera(width=61, height=48, fx=60, fy=60), sphere_of_poses((0, 0, 0), 3, 4)
-    for name, mesh in {"box": shapes.box(), "sphere": shapes.sphere(1)}.items():
-        with CPURasterizer(mesh, camera) as rasterizer:
-            counts = rasterizer.count(poses)
-            background = [(rasterizer.render(pose).face < 0).sum() for pose in poses]
-        wrong = counts.visible.sum(axis=1) + background != camera.width * camera.height
-        wrong |= counts.background != background
-        wrong |= ((counts.visible > 0) & (counts.visible != counts.drawn)).any(axis=1)
-        if wrong.any():
-            raise DeviceError(f"{name}: {wrong.sum()} of {len(poses)} poses are counted wrongly")
-
-
-def _default(rows: list[Report]) -> dict[str, str]:
-    """Label of what "auto" opens, a hardware device or "cpu", and why that one."""
-    opens = {row["device"]["label"] for row in rows if not row["problem"]}
-    for device in candidates("auto")[0]:
-        if device.label in opens and not device.is_software:
-            return {"device": device.label, "why": "it is the first that draws in hardware"}
-    forbidden = "LIBGL_ALWAYS_SOFTWARE forbids hardware"
-    why = forbidden if is_software_wanted() else "no hardware device opens"
-    return {"device": "cpu", "why": f"{why}; it is several times as fast as OpenGL in software"}
 
 
 def exit_code(report: Report) -> int:
-    """0 when what is used by default passes its self-test, 1 when it does not."""
+    """0 when the default device passes its self-test, 1 when it fails."""
     return 0 if _passes(_rows(report)[report["default"]["device"]]) else 1
 
 
 def print_report(report: Report, console: Console) -> None:
-    """Print what `examine` found, for a person; the last sentence says what will be used."""
+    """Print the result of `examine`; the last sentence names the default device."""
     rows, install = _rows(report), report["install"]
     *packages, (_, system) = report["versions"].items()
     versions = ", ".join(f"{name} {number}" for name, number in packages)
@@ -124,7 +35,7 @@ def print_report(report: Report, console: Console) -> None:
     if (default := report["default"]["device"]) != "cpu":
         _section(console, f"Limits of {default}", _limits(rows[default]))
     _section(console, "Missing libraries, needed only for OpenGL", list(install.items()))
-    # Without a library its kinds are missing too; a kind that is missing all the same has a reason.
+    # A missing library explains its missing kinds; every other missing kind needs its reason.
     explained = {row["device"]["kind"] for row in report["reports"]}
     without = {"EGL": {"egl-device", "egl-surfaceless"}, "OSMesa": {"osmesa"}}
     explained = explained.union(*(without.get(library, ()) for library in install))
@@ -137,7 +48,7 @@ def print_report(report: Report, console: Console) -> None:
 
 
 def _verdict(report: Report) -> str:
-    """One sentence: what will be used by default."""
+    """Sentence that names the default device and the reason."""
     rows, label = _rows(report), report["default"]["device"]
     row, why = rows[label], report["default"]["why"].partition(";")[0]
     if not _passes(row):
@@ -152,7 +63,7 @@ def _verdict(report: Report) -> str:
 
 
 def _rows(report: Report) -> dict[str, Report]:
-    """What can be chosen, by label: the CPU, told as a device, then the devices."""
+    """Values of `--device`, by label: the CPU in the form of a device, then the devices."""
     device = {"is_software": True, "cuda_index": None}
     about = {"device": device, "context": report["cpu"], "problem": "", "plan": "threads"}
     rows = {row["device"]["label"]: row for row in report["reports"]}
@@ -169,7 +80,7 @@ def _devices(rows: dict[str, Report]) -> Table:
     for label, row in rows.items():
         device, context = row["device"], row["context"] or {}
         cuda = "" if device["cuda_index"] is None else f"\nCUDA {device['cuda_index']}"
-        # GL_VERSION: the version of OpenGL, perhaps a word on the profile, then the driver's own.
+        # GL_VERSION: version of OpenGL, optional profile, then the version of the driver.
         profile = r"^[\d.]+( \(Core Profile\)| Core Profile Context)? ?"
         driver = re.sub(profile, "", context.get("version", "-"))
         opengl = f"{context['gl_version'] / 100:.1f}" if "gl_version" in context else "-"
@@ -200,7 +111,7 @@ def _limits(row: Report) -> Rows:
 
 
 def _section(console: Console, title: str, rows: Rows, style: str = "") -> None:
-    """Title and aligned rows, or nothing when there are none."""
+    """Print a title and aligned rows; nothing without rows."""
     if rows:
         grid = Table.grid(padding=(0, 2))
         for row in rows:

@@ -15,7 +15,7 @@ from rich.console import Console
 from rastercov import open_rasterizer, shaders
 from rastercov.cli import doctor
 from rastercov.errors import DeviceError
-from rastercov.raster import self_test as canary
+from rastercov.raster import self_test
 from rastercov.raster.cpu import CPURasterizer
 from rastercov.raster.gl import PLANS, GLRasterizer, devices, diagnose, libraries
 from rastercov.raster.gl.devices import SURFACELESS, DeviceInfo
@@ -44,7 +44,9 @@ def flat(text):
 def examined(gl_context):
     """One real examination of this machine."""
     start = time.monotonic()
-    report = doctor.examine()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("LP_NUM_THREADS", "2")
+        report = diagnose.examine()
     assert time.monotonic() - start < 20  # about 2.5 s on two quiet cores
     return report
 
@@ -71,7 +73,7 @@ def no_library(monkeypatch):
 def bad_driver(tmp_path, monkeypatch):
     """One device that opens, whose driver then does what a shell script says."""
 
-    def install(script, when="self_test"):
+    def install(script, when="verify_device"):
         python = tmp_path / "python"
         python.write_text(
             f'#!/bin/sh\ncase "$*" in *{when}*) {script};; esac\nexec {sys.executable} "$@"\n'
@@ -118,14 +120,14 @@ def test_every_device_that_opens_passes_its_self_test(report):
 def test_each_row_tells_the_plan_and_depth_that_its_device_runs(report):
     for row in report["reports"]:
         label = row["device"]["label"]
-        with GLRasterizer(canary.MESH, canary.CAMERA, device=label) as rasterizer:
+        with GLRasterizer(self_test.MESH, self_test.CAMERA, device=label) as rasterizer:
             assert rasterizer.info.device.startswith(label)
             assert rasterizer.info.renderer == row["context"]["renderer"]
             assert (rasterizer.info.plan, rasterizer.info.depth) == (row["plan"], row["depth"])
 
 
 def test_the_default_is_what_auto_opens(report):
-    with open_rasterizer(canary.MESH, canary.CAMERA) as rasterizer:
+    with open_rasterizer(self_test.MESH, self_test.CAMERA) as rasterizer:
         assert rasterizer.info.device.split(" ")[0] == report["default"]["device"]
         rows = {row["device"]["label"]: row["context"] for row in report["reports"]}
         row = {"cpu": report["cpu"], **rows}[report["default"]["device"]]
@@ -136,6 +138,17 @@ def test_cpu_passes_its_self_test_on_every_core(report):
     cores = len(os.sched_getaffinity(0))
     renderer = f"numba {report['versions']['numba']}"
     assert report["cpu"] == {"renderer": renderer, "threads": cores, "self_test": "passed"}
+
+
+def test_every_kind_of_context_and_library_is_reported(report, gl_context):
+    assert set(report["kinds"]) == {"egl-device", "egl-surfaceless", "osmesa"}
+    assert report["kinds"]["egl-surfaceless"] == "available"
+    assert report["libraries"]["EGL"] == "libEGL.so.1"
+    assert report["environment"]["LP_NUM_THREADS"] == "2"
+    row = next(r for r in report["reports"] if r["device"]["kind"] == "egl-surfaceless")
+    found, info = row["context"], gl_context.info
+    assert found["renderer"] == info.renderer
+    assert found["limits"]["max_texture_size"] == info.limits["max_texture_size"]
 
 
 def test_report_survives_json_unchanged(report):
@@ -197,7 +210,7 @@ def test_self_test_runs_every_plan_the_device_has(device, monkeypatch):
         start(self, *arguments, **options)
 
     monkeypatch.setattr(GLRasterizer, "__init__", remember)
-    assert diagnose.self_test("surfaceless")["plan"] == "software"
+    assert diagnose.verify_device("surfaceless")["plan"] == "software"
     hardware = ["hardware"] * 3 if device.info.has_batches else []
     compute = ["compute"] * 3 if device.info.has_compute_raster else []
     assert plans == ["software"] * 3 + hardware + compute + ["auto"]
@@ -221,13 +234,13 @@ def test_one_wrong_count_fails_the_self_test(device, monkeypatch, plan, name, sc
 
     monkeypatch.setattr(GLRasterizer, "count", miscount)
     with pytest.raises(DeviceError, match=rf"plan {plan}, {scene}: \d+ of \d+ counts .* got"):
-        diagnose.self_test("surfaceless")
+        diagnose.verify_device("surfaceless")
 
 
 def test_a_wrong_count_is_reported_as_the_line_that_failed(device, monkeypatch):
-    monkeypatch.setattr(canary, "DRAWN", canary.DRAWN + 1)
+    monkeypatch.setattr(self_test, "DRAWN", self_test.DRAWN + 1)
     with pytest.raises(DeviceError, match=r"plan software, known scene: llvmpipe .* wrongly"):
-        diagnose.self_test("surfaceless")
+        diagnose.verify_device("surfaceless")
 
 
 @pytest.mark.parametrize(
@@ -243,7 +256,7 @@ def test_a_wrong_count_is_reported_as_the_line_that_failed(device, monkeypatch):
 )
 def test_a_driver_that_fails_under_test_is_reported(device, bad_driver, script, problem):
     bad_driver(script)
-    report = doctor.examine(timeout_s=12 if "sleep" in script else 30)
+    report = diagnose.examine(timeout_s=12 if "sleep" in script else 30)
     (row,) = report["reports"]
     assert row["problem"] == ""
     assert problem in row["self_test"]
@@ -274,7 +287,7 @@ def test_one_wrong_count_on_the_cpu_fails_its_self_test(monkeypatch, what):
     monkeypatch.setattr(CPURasterizer, "count", miscount)
     monkeypatch.setattr(CPURasterizer, "render", miss)
     with pytest.raises(DeviceError, match=r"^box: \d of 4 poses are counted wrongly$"):
-        doctor.cpu_self_test()
+        diagnose.verify_cpu()
 
 
 @pytest.mark.parametrize(
@@ -290,7 +303,7 @@ def test_a_cpu_that_fails_is_reported_in_one_line(no_library, monkeypatch, error
         raise error
 
     monkeypatch.setattr(CPURasterizer, "__init__", refuse)
-    report = doctor.examine()
+    report = diagnose.examine()
     assert report["cpu"]["self_test"].startswith(line)
     assert "\n" not in report["cpu"]["self_test"]
     assert doctor.exit_code(report) == 1
@@ -301,10 +314,9 @@ def test_a_cpu_that_fails_is_reported_in_one_line(no_library, monkeypatch, error
 
 def test_a_machine_without_numba_is_told_so(no_library, monkeypatch):
     monkeypatch.setitem(sys.modules, "numba", None)
-    for name in ("cpu", "kernels"):
-        monkeypatch.delitem(sys.modules, f"rastercov.raster.{name}")
-    monkeypatch.delattr("rastercov.raster.cpu.loops")
-    report = doctor.examine()
+    for name in [name for name in sys.modules if name.startswith("rastercov.raster.cpu")]:
+        monkeypatch.delitem(sys.modules, name)
+    report = diagnose.examine()
     assert "ModuleNotFoundError: import of numba halted" in report["cpu"]["self_test"]
     assert doctor.exit_code(report) == 1
 
@@ -317,11 +329,21 @@ def test_a_cpu_that_fails_is_answered_with_a_device_that_passes(report):
     assert flat(printed(report)).endswith(f"fails its self-test; pass `--device {label}`")
 
 
-def test_a_driver_that_crashes_on_opening_is_reported(device, bad_driver):
-    bad_driver("kill -SEGV $$", when="describe")
-    report = doctor.examine()
+@pytest.mark.parametrize(
+    ("script", "problem"),
+    [
+        ("kill -SEGV $$", "crashed with SIGSEGV"),
+        ("exec sleep 60", "no answer in 0.5 s"),
+        ("echo no libLLVM >&2; exit 7", "ended with code 7: no libLLVM"),
+        ('echo \'{"problem": "refused"}\'; exit 0', "refused"),
+    ],
+)
+def test_a_driver_that_fails_on_opening_is_reported(device, bad_driver, script, problem):
+    bad_driver(script, when="open_device")
+    report = diagnose.examine(timeout_s=0.5 if "sleep" in script else 30)
     (row,) = report["reports"]
-    assert "crashed with SIGSEGV" in row["problem"]
+    assert problem in row["problem"]
+    assert problem in report["kinds"]["egl-surfaceless"]
     assert row["self_test"] is None
     assert report["default"]["device"] == "cpu"
     assert doctor.exit_code(report) == 0
@@ -335,8 +357,12 @@ def test_a_driver_that_crashes_on_opening_is_reported(device, bad_driver):
 
 
 def test_without_any_library_the_report_says_what_to_install(no_library):
-    report = doctor.examine()
+    report = diagnose.examine()
     assert report["reports"] == []
+    assert set(report["libraries"].values()) == {None}
+    assert libraries.install_line("egl") in report["kinds"]["egl-device"]
+    assert libraries.install_line("egl") in report["kinds"]["egl-surfaceless"]
+    assert libraries.install_line("osmesa") in report["kinds"]["osmesa"]
     assert set(report["install"]) == {"EGL", "OpenGL", "OSMesa"}
     assert report["cpu"]["self_test"] == "passed"
     assert doctor.exit_code(report) == 0
@@ -353,7 +379,7 @@ def test_libraries_without_a_driver_say_what_to_install(device, monkeypatch):
     for module in (devices, diagnose):
         monkeypatch.setattr(module, "list_devices", list)
     monkeypatch.setattr(devices, "egl_devices", list)
-    report = doctor.examine()
+    report = diagnose.examine()
     assert doctor.exit_code(report) == 0
     text = flat(printed(report))
     assert "egl-surfaceless EGL announces none" in text
@@ -407,14 +433,14 @@ def test_default_follows_the_order_of_auto(monkeypatch, setting, opens, default,
         {"device": {"label": label}, "problem": "" if label in opens else "no"}
         for label in ("egl:0", "surfaceless")
     ]
-    found = doctor._default(rows)
+    found = diagnose._default(rows)
     assert found["device"] == default
     assert why in found["why"]
 
 
 def test_a_missing_package_is_named(monkeypatch, no_library):
     def absent(name):
-        raise doctor.PackageNotFoundError(name)
+        raise diagnose.PackageNotFoundError(name)
 
-    monkeypatch.setattr(doctor, "version", absent)
-    assert doctor.examine()["versions"]["moderngl"] == "not installed"
+    monkeypatch.setattr(diagnose, "version", absent)
+    assert diagnose.examine()["versions"]["moderngl"] == "not installed"

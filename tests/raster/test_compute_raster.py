@@ -20,7 +20,7 @@ from rastercov.pose import look_at, sphere_of_poses
 from rastercov.raster.cpu import CPURasterizer
 from rastercov.raster.gl import GLRasterizer, compute
 from rastercov.raster.gl.context import open_context
-from rastercov.raster.gl.resources import Arena
+from rastercov.raster.gl.resources import Resources
 
 CAMERA = Camera(width=160, height=120, fx=150, fy=140, cx=81.3, cy=58.2)
 
@@ -146,15 +146,15 @@ def test_a_queue_that_is_too_small_is_filled_again_with_less(
     poses = np.tile(np.eye(4), (20, 1, 1))
     poses[:, 0, 3] = np.linspace(-1, 1, 20)
     with open_compute(mesh) as found, CPURasterizer(mesh, CAMERA) as expected:
-        before = found._plan._faces_at_once, found._plan._poses_at_once
+        before = found._strategy._faces_at_once, found._strategy._poses_at_once
         counts, truth = found.count(poses), expected.count(poses)
-        assert (found._plan._faces_at_once, found._plan._poses_at_once) < before
+        assert (found._strategy._faces_at_once, found._strategy._poses_at_once) < before
         np.testing.assert_array_equal(counts.visible, truth.visible)
         np.testing.assert_array_equal(counts.drawn, truth.drawn)
     monkeypatch.setattr(compute, "MAX_PIECES", 1 << 18)
     with open_compute(mesh) as whole:
         np.testing.assert_array_equal(whole.count(poses).visible, truth.visible)
-        assert (whole._plan._faces_at_once, whole._plan._poses_at_once) == before
+        assert (whole._strategy._faces_at_once, whole._strategy._poses_at_once) == before
 
 
 def test_large_images_are_filled_whole(open_compute, many_large):
@@ -169,13 +169,13 @@ def test_large_images_are_filled_whole(open_compute, many_large):
 
 
 def test_a_queue_that_is_always_full_is_not_waited_for(open_compute, monkeypatch):
-    read = Arena.read_words
+    read = Resources.read_words
 
     def full(self, buffer, *shape):
         words = read(self, buffer, *shape)
         return np.ones_like(words) if shape == (compute.HEAD_WORDS,) else words
 
-    monkeypatch.setattr(Arena, "read_words", full)
+    monkeypatch.setattr(Resources, "read_words", full)
     with pytest.raises(DeviceError, match=r"has no room for the pieces of 64 faces; its answers"):
         open_compute(shapes.box())
 
@@ -300,7 +300,7 @@ with open_context("surfaceless") as context:
             found = []
             for context.info in (wide, narrow):
                 with GLRasterizer(mesh, t.CAMERA, device=context, plan="compute") as rasterizer:
-                    assert rasterizer._plan._passes == (2 if context.info is narrow else 1)
+                    assert rasterizer._strategy._n_passes == (2 if context.info is narrow else 1)
                     found.append(t.everything(rasterizer, poses))
             with CPURasterizer(mesh, t.CAMERA) as rasterizer:
                 t.assert_same(found[0], found[1])
@@ -366,5 +366,5 @@ def test_storage_blocks_that_hold_little_change_nothing(device, monkeypatch):
     )
     monkeypatch.setattr(device, "info", small)
     with GLRasterizer(mesh, CAMERA, device=device, plan="compute") as rasterizer:
-        assert rasterizer._plan.tile == (160, 78)
+        assert rasterizer._strategy.tile == (160, 78)
         assert_same(everything(rasterizer, poses), expected)

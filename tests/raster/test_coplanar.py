@@ -219,7 +219,7 @@ def test_more_pairs_than_are_looked_at_count_as_overlaps(monkeypatch):
     points = np.dstack((corners, np.ones((60, 3)))).reshape(-1, 3)
     mesh = Mesh(vertices=points, faces=np.arange(180).reshape(-1, 3))
     expected = coplanar_overlaps(mesh)
-    monkeypatch.setattr(coplanar, "MOST_PAIRS", 20)
+    monkeypatch.setattr(coplanar, "MAX_PAIRS", 20)
     again = coplanar_overlaps(Mesh(vertices=points, faces=mesh.faces))
     assert (again | ~expected).all()
 

@@ -9,9 +9,9 @@ from rastercov._checks import SHORTEST as SHORTEST_LENS
 from rastercov.camera import Camera
 from rastercov.errors import CameraError, ConfigError
 from rastercov.pose import look_at
-from rastercov.raster import gl as gl_module
 from rastercov.raster.cpu import CPURasterizer
 from rastercov.raster.gl import GLRasterizer
+from rastercov.raster.gl import rasterizer as gl_module
 from rastercov.reference import samples
 
 EDGE, GAP = 1 / 128, 1e-4
@@ -51,7 +51,7 @@ LENSES = {
     "short": {"fx": 1e-3, "fy": 1e-3},
     "the shortest": {"fx": SHORTEST_LENS, "fy": SHORTEST_LENS},
     "long": {"fx": 3e4, "fy": 3e4},
-    "as long as float32 goes": {"fx": gl_module.LONGEST, "fy": gl_module.LONGEST},
+    "as long as float32 goes": {"fx": gl_module.MAX_FOCAL_LENGTH, "fy": gl_module.MAX_FOCAL_LENGTH},
     "narrow and wide": {"fx": 6e4, "fy": 2.0},
     "shifted": {"fx": 80, "fy": 80, "cx": 500, "cy": -300},
     "shifted far": {"fx": 2e4, "fy": 2e4, "cx": 6e4, "cy": -1e4},

@@ -15,8 +15,9 @@ from pathlib import Path
 import pytest
 
 from rastercov.errors import ConfigError, DeviceError
-from rastercov.raster.gl import devices, diagnose, libraries
-from rastercov.raster.gl.context import DeviceInfo, HeadlessContext, list_devices, open_context
+from rastercov.raster.gl import devices, libraries
+from rastercov.raster.gl.context import HeadlessContext, open_context
+from rastercov.raster.gl.devices import DeviceInfo, list_devices
 
 GPU = DeviceInfo("egl-device", 0, "/dev/dri/card0", is_software=False)
 CPU = DeviceInfo("egl-device", 1, "Mesa software device", is_software=True)
@@ -34,7 +35,7 @@ def context():
     context = open_or_skip("surfaceless")
     with context:
         yield context
-        if not context._loader.released:
+        if not context._native.released:
             assert context.gl.error == "GL_NO_ERROR"
 
 
@@ -454,10 +455,10 @@ def test_egl_and_osmesa_take_turns(context):
 def test_a_forgotten_context_warns_and_is_released(context):
     forgotten = open_context("surfaceless")
     assert isinstance(forgotten, HeadlessContext)
-    loader = forgotten._loader
+    native = forgotten._native
     with pytest.warns(ResourceWarning, match="not released"):
         del forgotten
-    assert loader.released
+    assert native.released
     context.make_current()
 
 
@@ -516,48 +517,3 @@ def test_a_context_that_was_closed_leaves_less_than_a_page_behind(context, kind)
 def test_a_context_cannot_be_copied_or_pickled(context, take):
     with pytest.raises(ConfigError, match=r"^a HeadlessContext cannot be copied or pickled: .*"):
         take(context)
-
-
-# --- diagnosis ------------------------------------------------------------------------------------
-
-
-def test_diagnosis_tries_every_device(context, monkeypatch):
-    monkeypatch.setenv("LP_NUM_THREADS", "2")
-    diagnosis = diagnose.diagnose()
-    assert set(diagnosis.kinds) == {"egl-device", "egl-surfaceless", "osmesa"}
-    assert diagnosis.kinds["egl-surfaceless"] == "available"
-    assert diagnosis.environment["LP_NUM_THREADS"] == "2"
-    assert diagnosis.libraries["EGL"] == "libEGL.so.1"
-    report = next(r for r in diagnosis.reports if r.device.kind == "egl-surfaceless")
-    assert report.context["renderer"] == context.info.renderer
-    assert report.context["limits"]["max_texture_size"] == context.info.limits["max_texture_size"]
-    assert diagnosis.to_dict()["kinds"] == diagnosis.kinds
-
-
-def test_diagnosis_without_libraries_says_what_to_install(no_library):
-    diagnosis = diagnose.diagnose()
-    assert diagnosis.reports == ()
-    assert libraries.install_line("egl") in diagnosis.kinds["egl-device"]
-    assert libraries.install_line("egl") in diagnosis.kinds["egl-surfaceless"]
-    assert libraries.install_line("osmesa") in diagnosis.kinds["osmesa"]
-    assert set(diagnosis.libraries.values()) == {None}
-
-
-@pytest.mark.parametrize(
-    ("script", "problem"),
-    [
-        ("kill -SEGV $$", "crashed with SIGSEGV"),
-        ("exec sleep 60", r"no answer in 0\.5 s"),
-        ("echo no libLLVM >&2; exit 7", "ended with code 7: no libLLVM"),
-        ('echo \'{"problem": "refused"}\'', "refused"),
-    ],
-)
-def test_diagnosis_survives_what_a_driver_does(tmp_path, monkeypatch, script, problem):
-    python = tmp_path / "python"
-    python.write_text(f"#!/bin/sh\n{script}\n")
-    python.chmod(0o755)
-    monkeypatch.setattr(sys, "executable", str(python))
-    monkeypatch.setattr(diagnose, "list_devices", lambda: [CPU])
-    diagnosis = diagnose.diagnose(timeout_s=0.5)
-    assert re.search(problem, diagnosis.reports[0].problem)
-    assert re.search(problem, diagnosis.kinds["egl-device"])

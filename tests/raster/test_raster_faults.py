@@ -23,12 +23,12 @@ from rastercov.errors import ConfigError, DeviceError, PoseError, ResourceError
 from rastercov.mesh import Mesh
 from rastercov.observer import open_observer
 from rastercov.pose import look_at, sphere_of_poses
-from rastercov.raster import gl as gl_module
 from rastercov.raster.contract import open_rasterizer
-from rastercov.raster.gl import GLRasterizer, pipeline
+from rastercov.raster.gl import PLANS, GLRasterizer, pipeline
+from rastercov.raster.gl import rasterizer as rasterizer_module
 from rastercov.raster.gl.compute import Compute
 from rastercov.raster.gl.context import open_context
-from rastercov.raster.gl.resources import Arena
+from rastercov.raster.gl.resources import Resources
 from rastercov.raster.gl.scene import Scene
 
 CAMERA = Camera(width=80, height=60, fx=75, fy=75)
@@ -332,8 +332,8 @@ def one_pixel_off(ids):
 
 @pytest.mark.parametrize("wrong", [np.zeros_like, one_pixel_off, np.ones_like])
 def test_wrong_image_is_caught_at_opening(device, monkeypatch, wrong):
-    read = Arena.read_faces
-    monkeypatch.setattr(Arena, "read_faces", lambda *arguments: wrong(read(*arguments)))
+    read = Resources.read_faces
+    monkeypatch.setattr(Resources, "read_faces", lambda *arguments: wrong(read(*arguments)))
     with pytest.raises(DeviceError, match=r"llvmpipe .* cannot be trusted, see `rastercov doctor`"):
         GLRasterizer(MESH, CAMERA, device=device, plan="software")
 
@@ -347,19 +347,19 @@ def one_count_moved(counters):
     return counters
 
 
-@pytest.mark.parametrize("plan", gl_module.PLANS)
+@pytest.mark.parametrize("plan", PLANS)
 @pytest.mark.parametrize("roll", [0.0, 0.4])
 @pytest.mark.parametrize("wrong", [np.zeros_like, one_count_moved])
 def test_wrong_counters_are_caught_at_opening(device, monkeypatch, wrong, plan, roll):
-    read = Arena.read_words
-    monkeypatch.setattr(Arena, "read_words", lambda *arguments: wrong(read(*arguments)))
+    read = Resources.read_words
+    monkeypatch.setattr(Resources, "read_words", lambda *arguments: wrong(read(*arguments)))
     with pytest.raises(DeviceError, match="cannot be trusted"):
         GLRasterizer(MESH, CAMERA, device=device, plan=plan, roll=roll)
 
 
 def stuck(monkeypatch):
     """From now on images keep what they hold: nothing is cleared, nothing is drawn."""
-    monkeypatch.setattr(Arena, "clear", lambda *_, **__: None)
+    monkeypatch.setattr(Resources, "clear", lambda *_, **__: None)
     monkeypatch.setattr(Compute, "_clear", lambda *_: None)
     blind(monkeypatch)
 
@@ -384,7 +384,7 @@ def no_depth_test(monkeypatch):
 
 @pytest.mark.parametrize("fail", [stuck, blind, no_depth_test])
 def test_device_that_goes_wrong_later_is_caught_within_the_interval(open_gl, monkeypatch, fail):
-    monkeypatch.setattr(gl_module, "CANARY_EVERY", 8)
+    monkeypatch.setattr(rasterizer_module, "SELF_TEST_INTERVAL", 8)
     rasterizer = open_gl(MESH, CAMERA)
     rasterizer.count(POSES)
     fail(monkeypatch)
@@ -395,34 +395,34 @@ def test_device_that_goes_wrong_later_is_caught_within_the_interval(open_gl, mon
 def test_image_left_over_from_the_check_before_is_caught(rasterizer, monkeypatch):
     stuck(monkeypatch)  # on the view checked at opening; the next check wants the other view
     with pytest.raises(DeviceError, match="drew a known scene wrongly"):
-        rasterizer._check_device()
+        rasterizer._run_self_test()
 
 
 def test_counts_that_do_not_add_up_are_refused(open_gl, monkeypatch, plan):
     rasterizer = open_gl(MESH, CAMERA)
-    name = "_count_here" if plan == "software" else "_count_on_device"
-    honest = getattr(rasterizer._plan, name)
+    name = "_count_on_host" if plan == "software" else "_count_on_device"
+    honest = getattr(rasterizer._strategy, name)
 
     def lossy(*arguments):
         seen, empty = honest(*arguments)
         return seen, empty - 1
 
-    monkeypatch.setattr(rasterizer._plan, name, lossy)
+    monkeypatch.setattr(rasterizer._strategy, name, lossy)
     with pytest.raises(DeviceError, match="counted 4799 samples of 4800; its answers cannot"):
         rasterizer.count(POSES)
 
 
 def test_face_that_does_not_exist_is_refused(device, monkeypatch):
-    read = Arena.read_faces
+    read = Resources.read_faces
     with GLRasterizer(MESH, CAMERA, device=device, plan="software") as rasterizer:
-        monkeypatch.setattr(Arena, "read_faces", lambda *arguments: read(*arguments) * 1000)
+        monkeypatch.setattr(Resources, "read_faces", lambda *arguments: read(*arguments) * 1000)
         with pytest.raises(DeviceError, match=r"drew face \d+ of 192"):
             rasterizer.count(POSES)
 
 
 def test_interrupted_counting_leaves_the_next_one_right(rasterizer, monkeypatch):
     expected = rasterizer.count(POSES)
-    steps = ((Arena, "read_words"), (Scene, "draw"), (Compute, "_fill"), (Arena, "poll"))
+    steps = ((Resources, "read_words"), (Scene, "draw"), (Compute, "_fill"), (Resources, "poll"))
     for victim, name in steps:
         for call in range(4):
             honest, calls = getattr(victim, name), []

@@ -1,15 +1,15 @@
-"""The plan "compute": compute shaders fill the triangles, without the graphics pipeline.
+"""Strategy of the plan "compute": compute shaders fill the triangles.
 
-For data-centre GPUs, of which little can draw and all can compute. `shaders/raster.comp.glsl` says
-how triangles are filled; here is what goes to the device and in which order. A batch of poses takes
-these steps, and only counts come back:
+For data-centre GPUs, most of whose units can compute but not rasterise. `shaders/raster.comp.glsl`
+describes the fill; this module orders the passes. A batch of poses takes these steps, and only
+counts are read back:
 
-1. clear the keys, 64 bits a sample: inverse depth, then which face;
-2. project, clip and fill all faces of all poses, larger ones by way of a queue;
-3. without 64-bit atomics once more, to find the faces that have the depths found;
-4. count the faces in the keys; and all of it again, in parts, if the queue was too small.
+1. clear the keys, 64 bits a sample: inverse depth, then face index;
+2. project, clip and fill all faces of all poses, larger ones through a queue;
+3. without 64-bit atomics, a second pass to find the faces that have the depths found;
+4. count the faces in the keys; repeat all steps in parts if the queue was too small.
 
-The numbers are those of the CPU rasteriser, so its near plane is used, not the fitted one.
+Results equal those of the CPU rasteriser, so its near plane is used, not the one fitted to a pose.
 """
 
 from collections.abc import Iterator
@@ -21,85 +21,103 @@ from numpy.typing import NDArray
 from rastercov.camera import Camera
 from rastercov.errors import ResourceError
 from rastercov.mesh import Mesh
-from rastercov.raster import self_test as canary
-from rastercov.raster.gl.resources import Arena
-from rastercov.raster.gl.strategy import FloatArray, Limits, WordArray, side_by_side
+from rastercov.raster import self_test
+from rastercov.raster.gl.resources import Resources
+from rastercov.raster.gl.strategy import (
+    COUNTER_BYTES,
+    DrawLimits,
+    FloatArray,
+    WordArray,
+    face_ranges,
+    without_background,
+    workgroups,
+)
 from rastercov.raster.rules import in_one_order, limits
 from rastercov.raster.sample_grid import Box, SampleGrid
 
 MAX_POSES = 256
-"""Poses in one batch, as far as the limits allow: enough to fill a large device."""
-MAX_FACES = 65535 * 64
-"""Faces of one dispatch, 64 a workgroup."""
+"""Poses in one batch, within the limits of memory: enough to fill a large device."""
+GROUP_FACES = 64
+"""Faces a workgroup, local_size_x of `raster.comp`."""
+MAX_FACES = 65535 * GROUP_FACES
+"""Faces of one dispatch; OpenGL guarantees 65,535 workgroups."""
 SMALL = 64
-"""Samples of the box about a triangle that one invocation fills by itself."""
+"""Largest bounding box, in samples, of a triangle that one invocation fills by itself."""
 ROWS = 32
 """Rows of a larger triangle that one workgroup fills."""
 MAX_PIECES = 1 << 18
-"""Room in the queue of pieces of larger triangles, unless 64 faces can need more."""
-PIECE_BYTES, EMPTY = 72, np.array((0, 1, 1, 0), np.uint32)
+"""Capacity of the queue of pieces of larger triangles, unless `GROUP_FACES` faces can need more."""
+PIECE_BYTES = 72
+"""Bytes of struct `Piece` of `raster.comp`."""
+EMPTY = np.array((0, 1, 1, 0), np.uint32)
+"""Start of an empty queue: workgroups in x, y and z, number of pieces."""
 HEAD_WORDS = 6
-"""Of the queue: `EMPTY`, whether it was too small, and none."""
-FAN = 6
-"""Triangles that a clipped face can have."""
+"""Words before the pieces of the queue: `EMPTY`, whether it was too small, padding."""
+IS_FULL_WORD = 4
+"""Index among them of whether the queue was too small."""
+MAX_FAN = 6
+"""Triangles of a clipped face, at most."""
 FAR_OUT = 1 << 25
 """Steps of 1/256 sample from the tile beyond which triangles are clipped: products of two such
-lengths are whole numbers below 2^53, which a double holds."""
+lengths are integers below 2^53, which a double holds exactly."""
 KEY_BYTES = 8
+VERTEX_BYTES, CORNERS_BYTES, RUN_BYTES = 24, 12, 8
+"""Bytes of a vertex (3 doubles), of a face's corners and of a row's samples inside the image."""
+RECORD_SHAPE = (6, 4)
+"""Struct `Pose` of `raster.comp`: right, down, forward, eye, lens, (near, cull)."""
+RECORD_VALUES = 24
+RECORD_BYTES = 8 * RECORD_VALUES
 COUNTS, RUNS, KEYS, QUEUE, POSES, VERTICES, FACES = range(7)  # bindings of storage buffers
 
 
 class ComputeScene:
-    """A mesh on the device, with vertices from its middle and corners in the order for ties."""
+    """Mesh on the device: vertices relative to its centre, corners in the order for ties."""
 
     def __init__(
-        self, arena: Arena, mesh: Mesh, camera: Camera, grid: SampleGrid, max_faces: int
+        self, resources: Resources, mesh: Mesh, camera: Camera, grid: SampleGrid, max_faces: int
     ) -> None:
         self.mesh, self.camera, self.grid = mesh, camera, grid
         self.centre: FloatArray = mesh.bounds.mean(axis=0)
-        self.vertices = arena.buffer("vertices", mesh.vertices - self.centre)
-        self.faces = arena.buffer("faces", in_one_order(mesh).astype(np.uint32))
-        self.parts = [
-            (first, min(max_faces, mesh.n_faces - first))
-            for first in range(0, mesh.n_faces, max_faces)
-        ]
+        self.vertices = resources.buffer("vertices", mesh.vertices - self.centre)
+        self.faces = resources.buffer("faces", in_one_order(mesh).astype(np.uint32))
+        self.parts = face_ranges(mesh.n_faces, max_faces)
 
 
-class ComputeViews:
-    """Poses of a scene, made ready to be drawn for a grid of samples.
+class ComputePoses:
+    """Storage buffers of the poses of a scene, for a grid of samples.
 
     Attributes
     ----------
     runs : (height, 2) int32
-        Samples of each row inside the image: the first, and the one after the last.
+        First sample of each row inside the image, and the one after its last.
     near, clipped : (P,) float64, (P,) bool
         Near plane, and whether it cuts a surface in view.
     records : (P, 24) float64
-        Entries of the buffer of poses.
+        Entries of the buffer of poses, `RECORD_SHAPE` flattened.
     """
 
     def __init__(self, scene: ComputeScene, poses: FloatArray, grid: SampleGrid) -> None:
         self.runs = np.stack((grid.first, grid.last), axis=1)
         self.near, cull, self.clipped = limits(scene.mesh, scene.camera, poses)
-        fields = np.zeros((len(poses), 6, 4))
+        fields = np.zeros((len(poses), *RECORD_SHAPE))
         fields[:, :4, :3] = grid.axes(poses)[:, :3].transpose(0, 2, 1)
         fields[:, 3, :3] -= scene.centre
         fields[:, 4] = grid.lens
         fields[:, 5, 0], fields[:, 5, 1] = self.near, cull
-        self.records = fields.reshape(-1, 24)
+        self.records = fields.reshape(-1, RECORD_VALUES)
 
 
 class Compute:
-    """`rastercov.raster.gl.strategy.Plan` in compute shaders.
+    """`rastercov.raster.gl.strategy.Strategy` on compute shaders.
 
     Parameters
     ----------
-    arena : Arena
-        Where everything lives; in use.
+    resources : Resources
+        Owner of every OpenGL object; in use.
     mesh, camera, grid
-        The largest scene that will be drawn.
-    limits : Limits
-        As given to the rasteriser; `images` holds counters, too.
+        The largest scene to draw.
+    limits : DrawLimits
+        As given to the rasteriser; `image_budget` covers counters, too.
 
     Raises
     ------
@@ -110,155 +128,167 @@ class Compute:
     depth = "float32 1/z"
 
     def __init__(
-        self, arena: Arena, mesh: Mesh, camera: Camera, grid: SampleGrid, limits: Limits
+        self, resources: Resources, mesh: Mesh, camera: Camera, grid: SampleGrid, limits: DrawLimits
     ) -> None:
-        self._arena = arena
-        known = arena.context.info
-        block = int(known.limits["max_ssbo_bytes"])
-        needed = max(24 * mesh.n_vertices, 12 * mesh.n_faces)
+        self._resources = resources
+        info = resources.context.info
+        block = int(info.limits["max_ssbo_bytes"])
+        needed = max(VERTEX_BYTES * mesh.n_vertices, CORNERS_BYTES * mesh.n_faces)
         if needed > block:
             raise ResourceError(
                 f"plan 'compute' needs the mesh in storage blocks of {needed:,} bytes, "
-                f"{known.renderer} has {block:,}; use another plan or backend 'cpu'"
+                f"{info.renderer} has {block:,}; use another plan or backend 'cpu'"
             )
         wide, high = max(grid.width, camera.width), max(grid.height, camera.height)
-        width = min(limits.tile, wide, block // KEY_BYTES)
-        self.tile = (width, min(limits.tile, high, block // (KEY_BYTES * width)))
-        self._max_faces = min(limits.faces, mesh.n_faces, MAX_FACES, block // 4 - 1)
-        keys = KEY_BYTES * max(self.tile[0] * self.tile[1], canary.WIDTH * canary.HEIGHT)
-        counters = 4 * (max(self._max_faces, canary.MESH.n_faces) + 1)
-        fitting = min(limits.images // (keys + counters), block // max(keys, counters))
+        width = min(limits.max_tile, wide, block // KEY_BYTES)
+        self.tile = (width, min(limits.max_tile, high, block // (KEY_BYTES * width)))
+        counters = block // COUNTER_BYTES
+        self._max_faces = min(limits.max_faces, mesh.n_faces, MAX_FACES, counters - 1)
+        test_samples, test_faces = self_test.WIDTH * self_test.HEIGHT, self_test.MESH.n_faces
+        key_bytes = KEY_BYTES * max(self.tile[0] * self.tile[1], test_samples)
+        most_faces = max(self._max_faces, test_faces)
+        counter_bytes = COUNTER_BYTES * (most_faces + 1)
+        fitting = min(
+            limits.image_budget // (key_bytes + counter_bytes),
+            block // max(key_bytes, counter_bytes),
+        )
         self._layers = max(1, min(MAX_POSES, fitting))
 
-        pieces = 2 * self._layers * max(self._max_faces, canary.MESH.n_faces)
-        least = 64 * FAN * -(-max(self.tile[1], canary.HEIGHT) // ROWS)
-        self._room = max(least, min(MAX_PIECES, pieces))
+        pieces = 2 * self._layers * most_faces
+        tallest = max(self.tile[1], self_test.HEIGHT)
+        least = GROUP_FACES * MAX_FAN * -(-tallest // ROWS)
+        self._capacity = max(least, min(MAX_PIECES, pieces))
         self._faces_at_once, self._poses_at_once = MAX_FACES, MAX_POSES
         defines = {"SMALL": SMALL, "ROWS": ROWS, "FAR_OUT": FAR_OUT}
-        self._passes = 2
-        if known.has_int64_atomics:
-            defines["ATOMIC64"] = self._passes = 1
-        self._filling = arena.compute("raster", 430, **defines)
-        self._filling_pieces = arena.compute("raster", 430, QUEUED=1, **defines)
-        self._counting = arena.compute("count", 430, KEYS=1, ROLLED=1)
-        self._poses = arena.buffer("poses", size=24 * 8 * self._layers)
-        self._keys = arena.buffer("depths and faces", size=keys * self._layers)
-        self._counters = arena.buffer("face counters", size=counters * self._layers)
-        self._queue = arena.buffer("queue", size=4 * HEAD_WORDS + PIECE_BYTES * self._room)
-        self._runs = arena.buffer("rows of samples", size=8 * max(high, canary.HEIGHT))
+        self._n_passes = 2
+        if info.has_int64_atomics:
+            defines["ATOMIC64"] = self._n_passes = 1
+        self._filling = resources.compute("raster", 430, **defines)
+        self._filling_pieces = resources.compute("raster", 430, QUEUED=1, **defines)
+        self._counting = resources.compute("count", 430, KEYS=1, ROLLED=1)
+        self._poses = resources.buffer("poses", size=RECORD_BYTES * self._layers)
+        self._keys = resources.buffer("depths and faces", size=key_bytes * self._layers)
+        self._counters = resources.buffer("face counters", size=counter_bytes * self._layers)
+        queue_bytes = COUNTER_BYTES * HEAD_WORDS + PIECE_BYTES * self._capacity
+        self._queue = resources.buffer("queue", size=queue_bytes)
+        self._runs = resources.buffer(
+            "rows of samples", size=RUN_BYTES * max(high, self_test.HEIGHT)
+        )
 
     def scene(self, mesh: Mesh, camera: Camera, grid: SampleGrid) -> ComputeScene:
-        """Send a mesh to the device."""
-        return ComputeScene(self._arena, mesh, camera, grid, self._max_faces)
+        """Upload a mesh."""
+        return ComputeScene(self._resources, mesh, camera, grid, self._max_faces)
 
-    def views(self, scene: ComputeScene, poses: FloatArray, grid: SampleGrid) -> ComputeViews:
-        """Make poses ready to be drawn."""
-        return ComputeViews(scene, poses, grid)
+    def prepare(self, scene: ComputeScene, poses: FloatArray, grid: SampleGrid) -> ComputePoses:
+        """Compute the storage buffers of the poses."""
+        return ComputePoses(scene, poses, grid)
 
-    def batches(self, views: ComputeViews) -> Iterator[slice]:
-        """Rows of poses to draw together."""
-        n_poses = len(views.records)
+    def batches(self, prepared: ComputePoses) -> Iterator[slice]:
+        """Rows of the poses of each batch."""
+        n_poses = len(prepared.records)
         for start in range(0, n_poses, self._layers):
             yield slice(start, min(start + self._layers, n_poses))
 
-    def begin(self, views: ComputeViews, rows: slice) -> None:
-        """Send the poses of a batch to the device."""
-        self._poses.write(views.records[rows])
-        self._runs.write(views.runs)
+    def begin(self, prepared: ComputePoses, rows: slice) -> None:
+        """Upload the poses of a batch."""
+        self._poses.write(prepared.records[rows])
+        self._runs.write(prepared.runs)
 
     def count(
-        self, scene: ComputeScene, views: ComputeViews, rows: slice, tile: Box, *, drawn: bool
+        self, scene: ComputeScene, prepared: ComputePoses, rows: slice, tile: Box, *, drawn: bool
     ) -> tuple[WordArray, WordArray, WordArray | None]:
         """Draw a batch into a tile: visible samples (B, F), background (B,), drawn samples."""
         n_poses = rows.stop - rows.start
         while True:
-            alone = self._draw(scene, n_poses, tile, drawn=drawn)
-            seen, background = self._count_on_device(scene, tile, n_poses)
-            if self._had_room(scene, n_poses):
-                return seen, background, alone
+            drawn_counts = self._draw(scene, n_poses, tile, drawn=drawn)
+            visible, background = self._count_on_device(scene, tile, n_poses)
+            if self._queue_sufficed(scene, n_poses):
+                return visible, background, drawn_counts
 
     def image(
-        self, scene: ComputeScene, views: ComputeViews, tile: Box
+        self, scene: ComputeScene, prepared: ComputePoses, tile: Box
     ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-        """Draw the first of the views into a tile: faces and depths, as in `VisibilityBuffer`."""
+        """Draw the first pose into a tile: faces and depths, as in `VisibilityBuffer`."""
         while True:
             self._draw(scene, 1, tile, drawn=False)
-            if self._had_room(scene, 1):
+            if self._queue_sufficed(scene, 1):
                 break
-        owner, inverse = np.moveaxis(self._arena.read_words(self._keys, tile[3], tile[2], 2), 2, 0)
+        owner, inverse = np.moveaxis(
+            self._resources.read_words(self._keys, tile[3], tile[2], 2), 2, 0
+        )
         face = np.where(owner == 0, -1, (~owner).view(np.int32) - 1)
         inverse_depth = np.ascontiguousarray(inverse).view(np.float32).astype(np.float64)
         with np.errstate(divide="ignore"):
             depth = (1 / inverse_depth).astype(np.float32)
-        # A face cut at the near plane can own a sample 1/512 of one beyond its rim.
-        return face, np.maximum(depth, np.float32(views.near[0]))
+        # A face cut at the near plane can cover a sample 1/512 sample beyond its edge.
+        return face, np.maximum(depth, np.float32(prepared.near[0]))
 
     def _draw(self, scene: ComputeScene, poses: int, tile: Box, *, drawn: bool) -> WordArray | None:
-        """Find the nearest face at each sample; the samples each face would own alone, if asked."""
+        """Fill the keys; with `drawn`, return the samples that each face covers alone."""
         windows = []
         self._bind(scene)
         self._clear(poses * tile[2] * tile[3])
-        self._arena.zero(self._queue, 4 * HEAD_WORDS)
-        for which_pass in range(self._passes):
-            is_asked = drawn and which_pass == 0
+        self._resources.zero(self._queue, COUNTER_BYTES * HEAD_WORDS)
+        for which_pass in range(self._n_passes):
+            counts_drawn = drawn and which_pass == 0
             for first, n in scene.parts:
                 for program in (self._filling, self._filling_pieces):
                     _set(
-                        program, size=tile[2:], corner=tile[:2], with_drawn=is_asked,
-                        first_face=first, stride=n + 1, capacity=self._room, which_pass=which_pass,
+                        program, size=tile[2:], corner=tile[:2], with_drawn=counts_drawn,
+                        first_face=first, stride=n + 1, capacity=self._capacity,
+                        which_pass=which_pass,
                     )  # fmt: skip
-                if is_asked:
-                    self._arena.zero(self._counters, 4 * poses * (n + 1))
+                if counts_drawn:
+                    self._resources.zero(self._counters, COUNTER_BYTES * poses * (n + 1))
                 for face in range(first, first + n, self._faces_at_once):
                     for pose in range(0, poses, self._poses_at_once):
                         faces = min(self._faces_at_once, first + n - face)
                         self._fill(face, faces, pose, min(self._poses_at_once, poses - pose))
-                if is_asked:
-                    windows.append(self._arena.read_words(self._counters, poses, n + 1))
-        return side_by_side(windows) if drawn else None
+                if counts_drawn:
+                    windows.append(self._resources.read_words(self._counters, poses, n + 1))
+        return without_background(windows) if drawn else None
 
     def _clear(self, n_samples: int) -> None:
-        self._arena.zero(self._keys, KEY_BYTES * n_samples)
+        self._resources.zero(self._keys, KEY_BYTES * n_samples)
 
     def _fill(self, first: int, faces: int, first_pose: int, poses: int) -> None:
-        """Fill the small triangles of some faces, then the pieces of the larger ones."""
+        """Fill the small triangles of a range of faces, then the pieces of the larger ones."""
         _set(self._filling, faces_to_draw=(first, first + faces), first_pose=first_pose)
         self._queue.write(EMPTY)
-        self._filling.run(-(-faces // 64), 1, poses)
-        self._arena.gl.memory_barrier()
+        self._filling.run(-(-faces // GROUP_FACES), 1, poses)
+        self._resources.gl.memory_barrier()
         self._filling_pieces.run_indirect(self._queue)
-        self._arena.gl.memory_barrier()
+        self._resources.gl.memory_barrier()
 
-    def _had_room(self, scene: ComputeScene, poses: int) -> bool:
-        """Whether the queue held all pieces; if not, from now on less is drawn at once.
+    def _queue_sufficed(self, scene: ComputeScene, poses: int) -> bool:
+        """Whether the queue held all pieces; if not, later draws take fewer faces or poses.
 
         Raises
         ------
         DeviceError
-            When it says it had none for what it must have room for.
+            When it was too small for a draw that always fits.
         """
-        if not self._arena.read_words(self._queue, HEAD_WORDS)[4]:
+        if not self._resources.read_words(self._queue, HEAD_WORDS)[IS_FULL_WORD]:
             return True
-        if (faces := min(self._faces_at_once, scene.mesh.n_faces)) > 64:
+        if (faces := min(self._faces_at_once, scene.mesh.n_faces)) > GROUP_FACES:
             self._faces_at_once = faces // 2
         elif (at_once := min(self._poses_at_once, poses)) > 1:
             self._poses_at_once = at_once // 2
         else:
-            raise self._arena.distrust("has no room for the pieces of 64 faces")
+            raise self._resources.untrusted(f"has no room for the pieces of {GROUP_FACES} faces")
         return False
 
     def _count_on_device(
         self, scene: ComputeScene, tile: Box, poses: int
     ) -> tuple[WordArray, WordArray]:
         """Count the keys of a batch, in windows of faces that fit."""
-        columns, lines = -(-tile[2] // 128), -(-tile[3] // 8)  # 8 x 8 invocations, runs of 16
         windows = []
         for first, n in scene.parts:
             _set(self._counting, corner=tile[:2], size=tile[2:], stride=n + 1, first_face=first)
-            self._arena.zero(self._counters, 4 * poses * (n + 1))
-            self._counting.run(columns, lines, poses)
-            windows.append(self._arena.read_words(self._counters, poses, n + 1))
-        return side_by_side(windows), windows[0][:, 0]
+            self._resources.zero(self._counters, COUNTER_BYTES * poses * (n + 1))
+            self._counting.run(*workgroups(tile), poses)
+            windows.append(self._resources.read_words(self._counters, poses, n + 1))
+        return without_background(windows), windows[0][:, 0]
 
     def _bind(self, scene: ComputeScene) -> None:
         for binding, buffer in (
@@ -274,7 +304,7 @@ class Compute:
 
 
 def _set(program: Any, **uniforms: Any) -> None:
-    """Give uniforms their values; a program need not have all of them."""
+    """Set the uniforms that the program has; the compiler removes unused ones."""
     for name, value in uniforms.items():
         if name in program:
             program[name].value = value

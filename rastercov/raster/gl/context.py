@@ -1,13 +1,12 @@
-"""Headless OpenGL core contexts: an EGL device, EGL without a surface, or OSMesa.
+"""Headless OpenGL core contexts on an EGL device, on EGL without a surface, or on OSMesa.
 
-First in the engine: `open_context` makes a context that needs no window system and hands it to
-moderngl; the OpenGL rasteriser draws with it. Each kind is a small ctypes loader with glcontext's
-interface (`load`, `__enter__`, `__exit__`, `release`), because glcontext itself asks for no reset
-notification, does not check all that EGL returns, and knows neither OSMesa nor bare EGL.
+`open_context` opens a context without a window system and gives it to moderngl. ctypes loaders
+replace glcontext, which asks for no reset notification, leaves results of EGL unchecked, and
+supports neither OSMesa nor surfaceless EGL.
 
-Rules kept here. A context belongs to the thread and process that opened it. EGL displays belong to
-the whole process and are never terminated: another library may be using the same one. What a device
-promised, hardware or software, is compared with the renderer that came.
+A context belongs to the thread and process that opened it. EGL displays belong to the whole process
+and are never terminated, because another library may use the same one. A device that announces
+hardware and gives a software renderer, or the reverse, is refused.
 
 Khronos Group. EGL 1.5 Specification. 2014. EGL_EXT_platform_device, EGL_MESA_platform_surfaceless,
 EGL_EXT_create_context_robustness. Mesa project. OSMesa interface (GL/osmesa.h).
@@ -28,15 +27,8 @@ import moderngl
 
 from rastercov._closing import Unique
 from rastercov.errors import DeviceError
-from rastercov.raster.gl.devices import (
-    ContextInfo,
-    DeviceInfo,
-    candidates,
-    describe_context,
-    is_software_wanted,
-    list_devices,
-    why_no_hardware,
-)
+from rastercov.raster.gl import devices
+from rastercov.raster.gl.devices import DeviceInfo
 from rastercov.raster.gl.libraries import (
     EGL_EXTENSIONS,
     Egl,
@@ -46,37 +38,37 @@ from rastercov.raster.gl.libraries import (
     osmesa_library,
 )
 
-__all__ = ["ContextInfo", "DeviceInfo", "HeadlessContext", "list_devices", "open_context"]
-
-GL_VERSIONS = ((4, 5), (4, 3), (3, 3))  # asked for in this order
+GL_VERSIONS = ((4, 5), (4, 3), (3, 3))  # requested in this order
 EGL_NONE, EGL_OPENGL_API = 0x3038, 0x30A2
 EGL_PLATFORM_DEVICE_EXT, EGL_PLATFORM_SURFACELESS_MESA = 0x313F, 0x31DD
 EGL_CONTEXT_MAJOR_VERSION, EGL_CONTEXT_MINOR_VERSION = 0x3098, 0x30FB
 EGL_CONTEXT_OPENGL_PROFILE_MASK, EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT = 0x30FD, 1
 EGL_CONTEXT_OPENGL_ROBUST_ACCESS_EXT = 0x30BF
 EGL_CONTEXT_OPENGL_RESET_NOTIFICATION_STRATEGY = 0x31BD  # EGL 1.5 and EGL_KHR_create_context
-EGL_CONTEXT_OPENGL_RESET_NOTIFICATION_STRATEGY_EXT = 0x3138  # Mesa takes it for OpenGL ES only
+EGL_CONTEXT_OPENGL_RESET_NOTIFICATION_STRATEGY_EXT = 0x3138  # Mesa: OpenGL ES only
 EGL_LOSE_CONTEXT_ON_RESET = 0x31BF
 OSMESA_FORMAT, OSMESA_PROFILE, OSMESA_CORE_PROFILE = 0x22, 0x33, 0x34
 OSMESA_CONTEXT_MAJOR_VERSION, OSMESA_CONTEXT_MINOR_VERSION = 0x36, 0x37
 GL_RGBA, GL_UNSIGNED_BYTE = 0x1908, 0x1401
+OSMESA_SIDE = 16
+"""Side of the framebuffer that OSMesa requires, in pixels."""
 
 
-# --- loaders: one native context each -------------------------------------------------------------
+# --- native contexts ------------------------------------------------------------------------------
 
 
 class _Thread(threading.local):
-    """The loaders of each thread, the current one last: EGL and OSMesa do not know each other."""
+    """Native contexts of a thread, the current one last; EGL and OSMesa ignore each other."""
 
     def __init__(self) -> None:
-        self.loaders: list[_Loader] = []
+        self.contexts: list[_NativeContext] = []
 
 
 _thread = _Thread()
 
 
-class _Loader(ABC):
-    """A native context with glcontext's interface; subclasses talk to EGL or OSMesa."""
+class _NativeContext(ABC):
+    """OpenGL context of EGL or OSMesa, owned by one thread."""
 
     def __init__(self) -> None:
         self.pid = os.getpid()
@@ -90,13 +82,15 @@ class _Loader(ABC):
 
     @abstractmethod
     def _is_current(self) -> bool: ...
+
     @abstractmethod
     def _bind(self) -> None: ...
+
     @abstractmethod
     def _destroy(self) -> None: ...
 
     def check_owner(self) -> None:
-        """Raise DeviceError in another process or thread, or after the release."""
+        """Raise DeviceError in another process or thread, or after `release`."""
         if self.released:
             raise DeviceError("OpenGL context used after its release; open a new one")
         if os.getpid() != self.pid:
@@ -112,35 +106,28 @@ class _Loader(ABC):
             )
 
     def make_current(self) -> None:
-        """Bind the context to its thread, unless it is bound already."""
+        """Bind the context to its thread, unless it is already bound."""
         self.check_owner()
-        if _thread.loaders[-1:] != [self] or not self._is_current():
+        if _thread.contexts[-1:] != [self] or not self._is_current():
             self._bind()
-            _thread.loaders = [*(other for other in _thread.loaders if other is not self), self]
+            _thread.contexts = [*(other for other in _thread.contexts if other is not self), self]
 
     def release(self) -> None:
-        """Destroy the context; in a forked child, which shares it, only forget it."""
+        """Destroy the context; a forked child, which shares it, only forgets it."""
         if self.released:
             return
         if os.getpid() == self.pid:
             self.check_owner()
             self._destroy()
-            _thread.loaders = [other for other in _thread.loaders if other is not self]
-            if _thread.loaders:
-                with suppress(DeviceError):  # its own next use will tell
-                    _thread.loaders[-1]._bind()
+            _thread.contexts = [other for other in _thread.contexts if other is not self]
+            if _thread.contexts:
+                with suppress(DeviceError):  # its next use raises the error again
+                    _thread.contexts[-1]._bind()
         self.released = True
 
-    def __enter__(self) -> None:
-        self.make_current()
 
-    def __exit__(self, *_: object) -> None:
-        """Stay current: the thread owns the context."""
-        return
-
-
-class _EglLoader(_Loader):
-    """A context on an EGL device or on EGL without a surface."""
+class _EglContext(_NativeContext):
+    """Context on an EGL device or on EGL without a surface."""
 
     def __init__(self, device: DeviceInfo) -> None:
         super().__init__()
@@ -158,25 +145,26 @@ class _EglLoader(_Loader):
             raise
 
     def _create(self) -> int:
+        """Handle of a new context: highest version first, then most robustness first."""
         egl = self.egl
         extensions = egl.words(egl.eglQueryString(self.display, EGL_EXTENSIONS))
         for extension in "EGL_KHR_surfaceless_context", "EGL_KHR_no_config_context":
             if extension not in extensions:
                 raise DeviceError(f"the EGL driver lacks {extension}; a newer driver is needed")
-        wishes: list[tuple[int, ...]] = [()]
+        options: list[tuple[int, ...]] = [()]
         if "EGL_EXT_create_context_robustness" in extensions:
             robust = (EGL_CONTEXT_OPENGL_ROBUST_ACCESS_EXT, 1)
             strategies = (
                 EGL_CONTEXT_OPENGL_RESET_NOTIFICATION_STRATEGY,
                 EGL_CONTEXT_OPENGL_RESET_NOTIFICATION_STRATEGY_EXT,
             )
-            wishes = [(*robust, name, EGL_LOSE_CONTEXT_ON_RESET) for name in strategies]
-            wishes += [robust, ()]
+            options = [(*robust, name, EGL_LOSE_CONTEXT_ON_RESET) for name in strategies]
+            options += [robust, ()]
         for major, minor in GL_VERSIONS:
             version = (EGL_CONTEXT_MAJOR_VERSION, major, EGL_CONTEXT_MINOR_VERSION, minor)
             profile = (EGL_CONTEXT_OPENGL_PROFILE_MASK, EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT)
-            for wish in wishes:
-                attributes = int_array(*version, *profile, *wish, EGL_NONE)
+            for option in options:
+                attributes = int_array(*version, *profile, *option, EGL_NONE)
                 if handle := egl.eglCreateContext(self.display, None, None, attributes):
                     return int(handle)
         raise DeviceError(f"no OpenGL 3.3 core context: eglCreateContext gave {egl.error()}")
@@ -188,8 +176,8 @@ class _EglLoader(_Loader):
         return bool(self.egl.eglGetCurrentContext() == self.handle)
 
     def _bind(self) -> None:
-        self.egl.eglBindAPI(EGL_OPENGL_API)  # per thread; another library may want OpenGL ES
-        # Unbind first: Mesa skips a context it believes current, even where OSMesa took its place.
+        self.egl.eglBindAPI(EGL_OPENGL_API)  # per thread; another library may bind OpenGL ES
+        # Unbind first: Mesa skips a context it believes current, even after OSMesa replaced it.
         self.egl.eglMakeCurrent(self.display, None, None, None)
         if not self.egl.eglMakeCurrent(self.display, None, None, self.handle):
             raise DeviceError(f"cannot make the context current: {self.egl.error()}")
@@ -201,7 +189,7 @@ class _EglLoader(_Loader):
 
 
 def _display(egl: Egl, device: DeviceInfo) -> int:
-    """EGL display of a device, initialised; EGL gives one device the same display each time."""
+    """Initialised EGL display of a device; the same one for every context of the device."""
     if egl.eglGetPlatformDisplayEXT is None:
         raise DeviceError("EGL lacks EGL_EXT_platform_base; a newer EGL library is needed")
     if device.kind == "egl-device":
@@ -219,13 +207,13 @@ def _display(egl: Egl, device: DeviceInfo) -> int:
     return int(display)
 
 
-class _OSMesaLoader(_Loader):
-    """A context that draws into memory, without EGL."""
+class _OSMesaContext(_NativeContext):
+    """Context of OSMesa, which draws into memory without EGL."""
 
     def __init__(self, device: DeviceInfo) -> None:
         super().__init__()
         self.osmesa = osmesa_library()
-        self.buffer = ctypes.create_string_buffer(16 * 16 * 4)  # OSMesa insists on one
+        self.buffer = ctypes.create_string_buffer(4 * OSMESA_SIDE**2)
         for major, minor in GL_VERSIONS:
             version = (OSMESA_CONTEXT_MAJOR_VERSION, major, OSMESA_CONTEXT_MINOR_VERSION, minor)
             layout = (OSMESA_FORMAT, GL_RGBA, OSMESA_PROFILE, OSMESA_CORE_PROFILE)
@@ -248,7 +236,8 @@ class _OSMesaLoader(_Loader):
         return bool(self.osmesa.OSMesaGetCurrentContext() == self.handle)
 
     def _bind(self) -> None:
-        if not self.osmesa.OSMesaMakeCurrent(self.handle, self.buffer, GL_UNSIGNED_BYTE, 16, 16):
+        image = (self.buffer, GL_UNSIGNED_BYTE, OSMESA_SIDE, OSMESA_SIDE)
+        if not self.osmesa.OSMesaMakeCurrent(self.handle, *image):
             raise DeviceError("cannot make the OSMesa context current")
 
     def _destroy(self) -> None:
@@ -257,56 +246,51 @@ class _OSMesaLoader(_Loader):
         self.osmesa.OSMesaDestroyContext(self.handle)
 
 
-# --- the context handed out -----------------------------------------------------------------------
+# --- moderngl -------------------------------------------------------------------------------------
 
 
 @cache
-def _address(number: int) -> int:
-    """The number itself, one object for all equal ones."""
+def _same_object(number: int) -> int:
+    """The number itself, as one object for all equal numbers."""
     return number
 
 
 _EMPTY = ctypes.create_string_buffer(1)
-_NO_NAME = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_uint, ctypes.c_uint)(
+_EMPTY_NAME = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_uint, ctypes.c_uint)(
     lambda _token, _index: ctypes.addressof(_EMPTY)
 )
-"""Stands in for glGetStringi where moderngl asks for the names of extensions."""
+"""Replacement of glGetStringi while moderngl lists the names of extensions."""
 
 
-class _Lender:
-    """Addresses and names for moderngl, which never gives back what it asks for.
+class _ModernglContext:
+    """Native context with glcontext's interface, for moderngl.
 
-    moderngl 5.13 keeps a reference to the address of each of 670 functions and to the name of each
-    of 220 extensions, 38 KiB a context, for as long as the process lives. So the same address is
-    always the same object, and names are empty, of which Python has one; moderngl gets the set of
-    names afterwards.
+    moderngl 5.13 never releases the address of each of 670 functions and the name of each of 220
+    extensions, 38 KiB a context. Equal addresses are therefore one object, and names are empty, a
+    single object in Python; `HeadlessContext` sets the names afterwards.
     """
 
-    def __init__(self, loader: _Loader) -> None:
-        self._loader = loader
+    def __init__(self, native: _NativeContext) -> None:
+        self._native = native
+        self.release = native.release
 
     def load(self, name: str) -> int:
         """Address of an OpenGL function, 0 when it is absent."""
         if name == "glGetStringi":
-            return _address(ctypes.cast(_NO_NAME, ctypes.c_void_p).value or 0)
-        return _address(self._loader.load(name))
-
-    def release(self) -> None:
-        """Destroy the context."""
-        self._loader.release()
+            return _same_object(ctypes.cast(_EMPTY_NAME, ctypes.c_void_p).value or 0)
+        return _same_object(self._native.load(name))
 
     def __enter__(self) -> None:
-        self._loader.make_current()
+        self._native.make_current()
 
     def __exit__(self, *_: object) -> None:
-        """Stay current: the thread owns the context."""
-        return
+        """Leave the context current: the thread owns it."""
 
 
 class HeadlessContext(Unique):
-    """An OpenGL core context without a window, and the moderngl context on it.
+    """OpenGL core context without a window, and the moderngl context on it.
 
-    Made by `open_context`. Belongs to one thread of one process; leave it by `release` or `with`.
+    Opened by `open_context`, owned by one thread of one process; close it by `release` or `with`.
 
     Attributes
     ----------
@@ -316,78 +300,78 @@ class HeadlessContext(Unique):
 
     def __init__(self, device: DeviceInfo) -> None:
         self._functions: dict[tuple[Any, ...], Any] = {}
-        loader = _OSMesaLoader if device.kind == "osmesa" else _EglLoader
-        self._loader: _Loader = loader(device)
+        kind = _OSMesaContext if device.kind == "osmesa" else _EglContext
+        self._native: _NativeContext = kind(device)
         try:
-            self.info = describe_context(self.function, device)
-            # `standalone` is moderngl's word for: there is no default framebuffer to look at.
-            lender = cast("Any", _Lender(self._loader))
-            self._gl = moderngl.create_context(context=lender, standalone=True)
-            self._gl.extensions.clear()  # see `_Lender`
+            self.info = devices.describe_context(self.function, device)
+            # `standalone`: there is no default framebuffer to inspect.
+            context = cast("Any", _ModernglContext(self._native))
+            self._gl = moderngl.create_context(context=context, standalone=True)
+            self._gl.extensions.clear()  # see `_ModernglContext`
             self._gl.extensions.update(self.info.extensions)
             self._gl.gc_mode = "context_gc"
             self._pixel = self._gl.renderbuffer((1, 1))
             self._parking_frame = self._gl.framebuffer([self._pixel])
         except BaseException:
-            self._loader.release()
+            self._native.release()
             raise
 
     @property
     def gl(self) -> moderngl.Context:
-        """The moderngl context (gc_mode "context_gc"), current; DeviceError away from its owner."""
-        self._loader.make_current()
+        """Current moderngl context (gc_mode "context_gc"); DeviceError in other threads."""
+        self._native.make_current()
         return self._gl
 
     @property
     def parking_frame(self) -> moderngl.Framebuffer:
-        """A framebuffer of a pixel, to be bound before the one in use is released."""
+        """Framebuffer of one pixel, to bind before the framebuffer in use is released."""
         return self._parking_frame
 
     def check_owner(self) -> None:
-        """Raise DeviceError in another thread or a forked child, and after the release."""
-        self._loader.check_owner()
+        """Raise DeviceError in another thread or a forked child, and after `release`."""
+        self._native.check_owner()
 
     def make_current(self) -> None:
-        """Bind the context to its thread; needed where one thread has several contexts."""
-        self._loader.make_current()
+        """Bind the context to its thread; needed when one thread has several contexts."""
+        self._native.make_current()
 
     def load(self, name: str) -> int:
         """Address of an OpenGL function, 0 when it is absent.
 
-        Drivers may give an address for any name that begins with gl: look at `info` first.
+        Drivers may return an address for any name that begins with gl, so check `info` first.
         """
-        self._loader.check_owner()
-        return self._loader.load(name)
+        self._native.check_owner()
+        return self._native.load(name)
 
     def function(self, name: str, restype: Any, *argtypes: Any) -> Callable[..., Any]:
         """OpenGL function as a ctypes callable, cached; DeviceError when it is absent."""
-        self._loader.check_owner()
+        self._native.check_owner()
         key = (name, restype, *argtypes)
         if key not in self._functions:
-            if not (address := self._loader.load(name)):
+            if not (address := self._native.load(name)):
                 raise DeviceError(f"this OpenGL driver has no function {name}")
             self._functions[key] = ctypes.CFUNCTYPE(restype, *argtypes)(address)
         return cast("Callable[..., Any]", self._functions[key])
 
     def reset_status(self) -> int:
-        """glGetGraphicsResetStatus: 0 when the context is alive or the driver cannot tell."""
+        """glGetGraphicsResetStatus: 0 for a live context and for a driver without the query."""
         has_status = self.info.has_reset_notification
         return self.function("glGetGraphicsResetStatus", ctypes.c_uint)() if has_status else 0
 
     def release(self) -> None:
-        """Destroy both contexts; again, or in a forked child, it does nothing."""
-        if self._loader.released:
+        """Destroy both contexts; no effect when released before, or in a forked child."""
+        if self._native.released:
             return
-        if os.getpid() == self._loader.pid:
+        if os.getpid() == self._native.pid:
             self.check_owner()
             with suppress(DeviceError):  # a lost context may refuse to become current
                 self.make_current()
-                # Before the context: one that has live objects is never freed by moderngl.
+                # First, because moderngl never frees a context with live objects.
                 self._parking_frame.release()
                 self._pixel.release()
                 self._gl.release()
         self._functions.clear()
-        self._loader.release()
+        self._native.release()
 
     def __enter__(self) -> "HeadlessContext":
         self.make_current()
@@ -397,17 +381,17 @@ class HeadlessContext(Unique):
         self.release()
 
     def __del__(self) -> None:
-        loader = getattr(self, "_loader", None)
-        if loader is None or loader.released or loader.pid != os.getpid() or sys.is_finalizing():
+        native = getattr(self, "_native", None)
+        if native is None or native.released or native.pid != os.getpid() or sys.is_finalizing():
             return
         warnings.warn("OpenGL context was not released", ResourceWarning, source=self, stacklevel=2)
-        if threading.get_ident() == loader.thread:
+        if threading.get_ident() == native.thread:
             self.release()
 
 
 # --- choosing a device ----------------------------------------------------------------------------
 
-_opened_in: int | None = None  # the process that first opened a context
+_opened_in: int | None = None  # id of the process that first opened a context
 
 
 def open_context(device: str | int = "auto", *, require_hardware: bool = False) -> HeadlessContext:
@@ -416,8 +400,8 @@ def open_context(device: str | int = "auto", *, require_hardware: bool = False) 
     Parameters
     ----------
     device : str or int
-        "auto": the first EGL device that really draws in hardware, else surfaceless EGL, else
-        OSMesa. "egl": the first EGL device, hardware first. "egl:0" or 0: that EGL device.
+        "auto": the first EGL device with a hardware renderer, else surfaceless EGL, else OSMesa.
+        "egl": the first EGL device, hardware first. "egl:0" or 0: that EGL device.
         "surfaceless": EGL on the CPU. "osmesa": OSMesa.
     require_hardware : bool
         Refuse a renderer that runs on the CPU.
@@ -425,8 +409,8 @@ def open_context(device: str | int = "auto", *, require_hardware: bool = False) 
     Raises
     ------
     DeviceError
-        No such device, no library, a driver that refuses, a renderer of the wrong sort, or a
-        process forked from one that had opened a context.
+        Unknown device, missing library, refusal by the driver, hardware instead of software or
+        the reverse, or a process forked from one that had opened a context.
     """
     global _opened_in
     if _opened_in not in (None, os.getpid()):
@@ -434,24 +418,24 @@ def open_context(device: str | int = "auto", *, require_hardware: bool = False) 
             f"process {os.getpid()} is a fork of {_opened_in}, which had opened an OpenGL context;"
             " start processes with multiprocessing's 'spawn'"
         )
-    devices, failures = candidates(device)
-    for candidate in devices:
+    found, failures = devices.candidates(device)
+    for candidate in found:
         _opened_in = os.getpid()
         try:
             context = HeadlessContext(candidate)
         except DeviceError as error:
-            hint = "; LIBGL_ALWAYS_SOFTWARE is set" if is_software_wanted() else ""
+            hint = "; LIBGL_ALWAYS_SOFTWARE is set" if devices.is_software_wanted() else ""
             failures.append(f"{candidate}: {error}{'' if candidate.is_software else hint}")
             continue
-        got, promised = context.info.is_software, candidate.is_software
-        if got == promised and not (require_hardware and got):
+        is_software = context.info.is_software
+        if is_software == candidate.is_software and not (require_hardware and is_software):
             return context
         context.release()
-        promise = "software" if promised else "hardware"
+        promise = "software" if candidate.is_software else "hardware"
         failures.append(f"{candidate}: promised {promise} and gave {context.info.renderer}")
         if require_hardware and candidate.is_software:
-            break  # hardware stands first, so what follows is software too
+            break  # hardware comes first in the list
     if require_hardware:
-        failures += why_no_hardware(list_devices())
+        failures += devices.why_no_hardware(devices.list_devices())
     wanted = "hardware OpenGL" if require_hardware else "OpenGL"
     raise DeviceError(f"no {wanted} context for device {device!r}: {'; '.join(failures)}")

@@ -1,13 +1,13 @@
-"""Faces that lie on others in one plane: once for a mesh, whatever the camera.
+"""Overlapping coplanar faces of a mesh, found once, for any camera.
 
-Serves the plans that draw with the graphics pipeline. A device interpolates depth from the corners
-of each triangle, so two triangles of one plane differ in its last bits, and chance would decide
-which of them is seen. The faces found here are drawn with a depth of their own, see `scene`: one
-that is found though it lies on no other costs time, one that is missed is left to chance.
+A graphics pipeline interpolates depth from the corners of each triangle, so two triangles of one
+plane differ in the last bits, and rounding would decide which of them is visible. `scene` draws the
+faces found here with a depth computed from their plane. Conservative: a false positive costs time,
+a false negative would be decided by rounding.
 
-Faces are sorted by their planes. Those of one plane are sorted into strips, and in each strip along
-the other direction, so that few pairs remain to be looked at. In numpy, because loading compiled
-loops takes longer than all else that opens a rasteriser.
+Faces are sorted by plane; those of one plane into strips, and those of a strip along the other
+direction, which leaves few pairs to test. Written in numpy: loading compiled loops would take
+longer than the rest of opening a rasteriser.
 """
 
 from weakref import WeakKeyDictionary
@@ -22,33 +22,33 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 
-NEAR = 1e-7
-"""Of the diagonal of the bounding box, between two faces of one plane: from a diagonal away, what
-float32 just tells apart. From a thousand away it is 1e-10 of the depth, which counts as equal."""
-ROUNDING = 4 * float(np.finfo(np.float64).eps)
-"""Of the largest coordinate: what rounding may have moved corners by."""
-TILT = 2e-5
-"""Radians between the normals of two faces of one plane, at most: so much can rounding to
-float32, as in files, tilt a face whose least altitude is a hundredth of the largest coordinate."""
+PLANE_DISTANCE_REL = 1e-7
+"""Largest distance between two faces of one plane, in diagonals of the bounding box: the resolution
+of float32 from one diagonal away. From a thousand away it is 1e-10 of the depth, which counts as
+equal."""
+POSITION_ROUNDING_REL = 4 * float(np.finfo(np.float64).eps)
+"""Rounding error of a corner, relative to the largest coordinate."""
+NORMAL_ANGLE = 2e-5
+"""Largest angle between the normals of two faces of one plane, in radians: rounding to float32, as
+in files, tilts a face by this if its least altitude is 1/100 of the largest coordinate."""
 DIRECTIONS = np.array([(0.36, 0.48, 0.8), (0.8, -0.6, 0.0), (-0.48, 0.64, 0.6)])
-"""Unit vectors along which normals are compared; not those in which meshes are symmetric."""
+"""Unit vectors along which normals are compared; none is an axis of symmetry of common meshes."""
 GRIDS = 4
-"""Grids of cells that planes are sorted into, each shifted by a quarter of a cell. Of planes that
-differ by less than that in each of three numbers, at most three grids part any two."""
-MOST_PAIRS = 1 << 24
-"""Pairs to look at before all faces that are left are taken to overlap: a few seconds."""
+"""Grids of cells for sorting planes, each shifted by a quarter of a cell. Two planes whose three
+numbers differ by less than that are separated by three grids at most."""
+MAX_PAIRS = 1 << 24
+"""Pairs tested before all remaining faces count as overlapping: a few seconds."""
 
 _FOUND: WeakKeyDictionary[Mesh, BoolArray] = WeakKeyDictionary()
 
 
 def coplanar_overlaps(mesh: Mesh) -> BoolArray:
-    """(F,) faces that overlap another face of the same plane, to within `NEAR` and `TILT`.
+    """Faces that overlap another face of the same plane, (F,) bool.
 
-    Not those that merely have the same three corners as another one: they reach the device as the
-    same triangle (`rules.in_one_order`), so their depths are equal however they are computed. Nor
-    those that share an edge or a part of it.
+    Excluded are copies of a face: they reach the device as the same triangle (`rules.in_one_order`)
+    and get equal depths in any case. So are faces that share no more than an edge or a part of one.
 
-    Worked out at the first call: 2.5 s for a million faces, 15 ms for ten thousand.
+    Computed on the first call for a mesh: 2.5 s for a million faces, 15 ms for ten thousand.
     """
     if mesh not in _FOUND:
         same = first_equal_row(np.sort(mesh.positions, axis=1).view(np.uint64))
@@ -59,19 +59,22 @@ def coplanar_overlaps(mesh: Mesh) -> BoolArray:
 
 
 def _overlaps(mesh: Mesh, chosen: IntArray) -> BoolArray:
-    """`coplanar_overlaps` among some faces."""
+    """`coplanar_overlaps` among the chosen faces."""
     found = np.zeros(mesh.n_faces, dtype=bool)
     if len(chosen) < 2:
         return found
     extent = float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
-    reach = NEAR * extent + ROUNDING * float(np.abs(mesh.bounds).max())
+    tolerance = PLANE_DISTANCE_REL * extent + POSITION_ROUNDING_REL * float(
+        np.abs(mesh.bounds).max()
+    )
     normals, first = mesh.normals[chosen], mesh.vertices[mesh.faces[chosen, 0]]
     offsets = np.einsum("fi,fi->f", normals, first - mesh.bounds.mean(axis=0)) / extent
-    # Three numbers of a plane, whichever way its normal points. Where normals are no further apart
-    # than `TILT`, the first two differ by 2 `TILT` at most, the last by `TILT` and the offset.
+    # Three numbers of a plane that do not depend on the sign of its normal. For normals within
+    # NORMAL_ANGLE the first two differ by at most 2 NORMAL_ANGLE, the third by NORMAL_ANGLE and the
+    # difference in offset.
     along = normals @ DIRECTIONS.T
     numbers = np.stack((along[:, 0] ** 2, along[:, 1] ** 2, along[:, 2] * offsets), axis=1)
-    numbers /= GRIDS * (2 * TILT + reach / extent)
+    numbers /= GRIDS * (2 * NORMAL_ANGLE + tolerance / extent)
     cell_before = np.arange(len(chosen))
     for shift in range(GRIDS):
         cells = np.floor(numbers + shift / GRIDS).astype(np.int64) + (1 << 20)
@@ -79,41 +82,40 @@ def _overlaps(mesh: Mesh, chosen: IntArray) -> BoolArray:
         order = np.argsort(keys)
         starts = np.flatnonzero(np.diff(keys[order], prepend=-1))
         before = cell_before[order]
-        # Whose pairs have not been looked at already: not all were in one cell of the first grid.
+        # Cells with new pairs: their faces were not all in one cell of the first grid.
         is_new = np.minimum.reduceat(before, starts) < np.maximum.reduceat(before, starts)
         sizes = np.diff(starts, append=len(order))
         plane = np.repeat(np.arange(len(starts)), sizes)
         if shift == 0:
             cell_before[order] = plane
         pairs = chosen[order[starts[is_new & (sizes == 2)][:, None] + np.arange(2)]]
-        found[pairs[_overlap(mesh, pairs[:, 0], pairs[:, 1], reach)]] = True
+        found[pairs[_overlap(mesh, pairs[:, 0], pairs[:, 1], tolerance)]] = True
         among = (is_new & (sizes > 2))[plane]
-        _mark_overlaps(mesh, chosen[order[among]], plane[among], reach, found)
+        _mark_overlaps(mesh, chosen[order[among]], plane[among], tolerance, found)
     return found
 
 
 def _mark_overlaps(
-    mesh: Mesh, faces: IntArray, plane: IntArray, reach: float, found: BoolArray
+    mesh: Mesh, faces: IntArray, plane: IntArray, tolerance: float, found: BoolArray
 ) -> None:
-    """Set `found` of the faces that overlap another one of the same plane; planes are sorted."""
+    """Set `found` for faces that overlap another face of the same plane; `plane` is sorted."""
     rows, strips, along = _in_strips(mesh, faces, plane)
     order = np.lexsort((along[rows, 0], strips))
     rows, strips = rows[order], strips[order]
     low, high = along[rows].T
     at, ahead, n_pairs = np.arange(len(rows)), 0, 0
     while at.size:
-        # Of each face and the one so many places ahead: while they are in one strip, and overlap
-        # along it.
+        # Pairs of a face and the one `ahead` places later, while both overlap along one strip.
         ahead += 1
         at = at[: np.searchsorted(at, len(rows) - ahead)]
         at = at[(strips[at + ahead] == strips[at]) & (low[at + ahead] < high[at])]
         one, other = faces[rows[at]], faces[rows[at + ahead]]
         is_open = ~(found[one] & found[other])
         one, other = one[is_open], other[is_open]
-        overlapping = _overlap(mesh, one, other, reach)
+        overlapping = _overlap(mesh, one, other, tolerance)
         found[one[overlapping]] = found[other[overlapping]] = True
         n_pairs += at.size
-        if n_pairs > MOST_PAIRS:
+        if n_pairs > MAX_PAIRS:
             found[faces[rows[np.isin(strips, strips[at])]]] = True
             return
 
@@ -121,10 +123,10 @@ def _mark_overlaps(
 def _in_strips(
     mesh: Mesh, faces: IntArray, plane: IntArray
 ) -> tuple[IntArray, IntArray, FloatArray]:
-    """Rows of `faces`, each as often as it reaches a strip; the strips; and reach along them.
+    """Rows of `faces`, one for each strip that a face meets; the strips; extents along them.
 
-    The faces of a plane are between the axes along which they reach farthest: strips run along one,
-    as many as leave about as many faces in each.
+    Strips run along the axis of the largest extent of a plane's faces and divide the second largest
+    into about sqrt(n) parts, so a strip has about as many faces as there are strips.
     """
     if not len(faces):
         return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2))
@@ -144,18 +146,18 @@ def _in_strips(
     scale = n_strips[index] / np.maximum(width[index, second], np.finfo(float).tiny)
     ends = np.floor((across - low[index, second][:, None]) * scale[:, None]).astype(np.int64)
     ends = np.clip(ends, 0, n_strips[index][:, None] - 1)
-    n_reached = ends[:, 1] - ends[:, 0] + 1
-    rows = np.repeat(rows, n_reached)
-    nth = np.arange(len(rows)) - np.repeat(np.cumsum(n_reached) - n_reached, n_reached)
+    n_met = ends[:, 1] - ends[:, 0] + 1
+    rows = np.repeat(rows, n_met)
+    nth = np.arange(len(rows)) - np.repeat(np.cumsum(n_met) - n_met, n_met)
     strips = (np.cumsum(n_strips) - n_strips)[index][rows] + ends[rows, 0] + nth
     return rows, strips, along
 
 
-def _overlap(mesh: Mesh, one: IntArray, other: IntArray, reach: float) -> BoolArray:
-    """Pairs of faces that lie in one plane and on each other, (N,) bool, by separating axes.
+def _overlap(mesh: Mesh, one: IntArray, other: IntArray, tolerance: float) -> BoolArray:
+    """Pairs of faces that lie in one plane and overlap, (N,) bool, by separating axes.
 
-    One lies in the plane of the other when its corners do. Faces that have no more than a border in
-    common are apart along an axis at right angles to an edge.
+    A face lies in the plane of the other when all its corners do. Faces that share no more than a
+    border are separated along an axis perpendicular to an edge.
     """
     overlapping = np.zeros(len(one), dtype=bool)
     rows = np.arange(len(one))
@@ -166,14 +168,14 @@ def _overlap(mesh: Mesh, one: IntArray, other: IntArray, reach: float) -> BoolAr
         if edge < 0:
             heights = np.einsum("fnki,fni->fnk", corners[::-1], normals)
             heights[1] -= np.einsum("ni,ni->n", corners[1, :, 0], normals[1])[:, None]
-            remains = np.abs(heights).max(axis=2).min(axis=0) <= reach
+            remains = np.abs(heights).max(axis=2).min(axis=0) <= tolerance
         else:
             face, end = edge // 3, edge % 3
             axis = np.cross(normals[face], corners[face, :, end] - corners[face, :, end - 1])
             axis /= np.linalg.norm(axis, axis=1, keepdims=True)
             at = np.einsum("fnki,ni->fnk", corners, axis)
             common = at.max(axis=2).min(axis=0) - at.min(axis=2).max(axis=0)
-            remains = common > reach
+            remains = common > tolerance
         rows, corners, normals = rows[remains], corners[:, remains], normals[:, remains]
     overlapping[rows] = True
     return overlapping

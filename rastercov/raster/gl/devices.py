@@ -1,7 +1,7 @@
-"""What there is to draw on: devices before a context exists, and contexts once they do.
+"""Graphics devices of this machine, and the renderers behind opened contexts.
 
-Between `libraries`, which it asks, and `egl`, which opens a context on what `candidates` names and
-lets `describe_context` say what came. Nothing here opens a context.
+`candidates` lists the devices that answer a request, from what `libraries` announces; `context`
+opens them and describes the result by `describe_context`. This module opens no context.
 
 Khronos Group. EGL_EXT_device_enumeration, EGL_EXT_device_query, EGL_EXT_device_drm,
 EGL_NV_device_cuda, EGL_MESA_device_software.
@@ -33,7 +33,7 @@ GL_VENDOR, GL_RENDERER, GL_VERSION, GL_EXTENSIONS = 0x1F00, 0x1F01, 0x1F02, 0x1F
 GL_MAJOR_VERSION, GL_MINOR_VERSION, GL_NUM_EXTENSIONS = 0x821B, 0x821C, 0x821D
 GL_CONTEXT_FLAGS, GL_CONTEXT_FLAG_ROBUST_ACCESS_BIT = 0x821E, 4
 GL_RESET_NOTIFICATION_STRATEGY, GL_LOSE_CONTEXT_ON_RESET = 0x8256, 0x8252
-LIMITS = {  # name: (token, how many numbers)
+LIMITS = {  # name: (token, number of values)
     "max_texture_size": (0x0D33, 1),
     "max_viewport_dims": (0x0D3A, 2),
     "max_array_layers": (0x88FF, 1),
@@ -51,34 +51,36 @@ LIMITS = {  # name: (token, how many numbers)
     "max_compute_shared_bytes": (0x8262, 1),
     "subpixel_bits": (0x0D50, 1),
 }
+MAX_ERRORS = 100
+"""Errors cleared after the queries of `describe_context`."""
 SOFTWARE_RENDERERS = re.compile(
     r"llvmpipe|softpipe|swrast|swiftshader|lavapipe|software rasterizer|basic render", re.IGNORECASE
 )
 
-Kind = Literal["egl-device", "egl-surfaceless", "osmesa"]
+DeviceKind = Literal["egl-device", "egl-surfaceless", "osmesa"]
 
 
 @dataclass(frozen=True)
 class DeviceInfo:
-    """One way to draw on this machine, as it announces itself before any context exists.
+    """Device as announced before any context exists.
 
     Attributes
     ----------
     kind : {"egl-device", "egl-surfaceless", "osmesa"}
-        Which loader opens it.
+        Library and platform that open it.
     index : int or None
-        Place in EGL's device list, which is not CUDA's order; None for the other kinds.
+        Index in EGL's device list, whose order differs from CUDA's; None for the other kinds.
     name : str
-        DRM node, or a description where there is none.
+        DRM node, or a description of a device without one.
     is_software : bool
-        Whether it promises to draw on the CPU.
+        Whether it is announced as a renderer on the CPU.
     cuda_index : int or None
-        The same device's number in CUDA, where the driver tells.
+        Index of the device in CUDA, if the driver reports it.
     extensions : tuple of str
         EGL device extensions, sorted.
     """
 
-    kind: Kind
+    kind: DeviceKind
     index: int | None
     name: str
     is_software: bool
@@ -87,7 +89,7 @@ class DeviceInfo:
 
     @property
     def label(self) -> str:
-        """What `open_context` accepts for this device."""
+        """Name of this device in `open_context`."""
         if self.kind == "egl-device":
             return f"egl:{self.index}"
         return "surfaceless" if self.kind == "egl-surfaceless" else "osmesa"
@@ -98,24 +100,24 @@ class DeviceInfo:
 
 @dataclass(frozen=True)
 class ContextInfo:
-    """What was got: renderer, version, limits and features.
+    """Renderer, version, limits and features of an open context.
 
     Attributes
     ----------
     vendor, renderer, version : str
         GL_VENDOR, GL_RENDERER and GL_VERSION.
     gl_version : int
-        100 * major + 10 * minor, as moderngl counts: 450 is OpenGL 4.5.
+        100 * major + 10 * minor, as in moderngl: 450 is OpenGL 4.5.
     is_software : bool
         Whether the renderer string names a CPU renderer.
     device : DeviceInfo
         The device that was opened.
     limits : dict
-        The names of `LIMITS`; 0 where the context has no such limit.
+        Values by the names of `LIMITS`; 0 for a limit the context does not have.
     extensions : frozenset of str
         OpenGL extensions.
     has_robust_access, has_reset_notification : bool
-        Whether out-of-range accesses are defined, and whether a reset is told.
+        Whether out-of-range accesses are defined, and whether resets are reported.
     """
 
     vendor: str
@@ -130,17 +132,17 @@ class ContextInfo:
     has_reset_notification: bool = False
 
     def has(self, core_since: int, *extensions: str) -> bool:
-        """Whether a feature is there: core from that version on, or by any of the extensions."""
+        """Feature in core since that version, or by any of the extensions."""
         return self.gl_version >= core_since or not self.extensions.isdisjoint(extensions)
 
     @property
     def has_clip_control(self) -> bool:
-        """Depth from 0 to 1, which reversed-Z needs."""
+        """Depth from 0 to 1, needed for reversed depth."""
         return self.has(450, "GL_ARB_clip_control")
 
     @property
     def has_layer_from_vertex_shader(self) -> bool:
-        """Whether a vertex shader may write gl_Layer; no core version has it."""
+        """gl_Layer in vertex shaders, an extension of every core version."""
         names = "GL_ARB_shader_viewport_layer_array", "GL_AMD_vertex_shader_layer"
         return self.has(10_000, *names, "GL_NV_viewport_array2")
 
@@ -151,7 +153,7 @@ class ContextInfo:
 
     @property
     def has_doubles(self) -> bool:
-        """Double precision in all stages, which depths of coplanar faces need."""
+        """Double precision in all stages, needed for depths of coplanar faces."""
         return self.has(400, "GL_ARB_gpu_shader_fp64") and self.has(
             410, "GL_ARB_vertex_attrib_64bit"
         )
@@ -168,12 +170,12 @@ class ContextInfo:
 
     @property
     def has_batches(self) -> bool:
-        """Many poses in one draw, counted on the device: what the plan "hardware" needs."""
+        """Features of plan "hardware": many poses in one draw, counted on the device."""
         return self.has_layer_from_vertex_shader and self.has_compute and self.has_ssbo
 
     @property
     def has_compute_raster(self) -> bool:
-        """What the plan "compute" needs."""
+        """Features of plan "compute"."""
         return self.has_compute and self.has_ssbo
 
     @property
@@ -186,20 +188,20 @@ SURFACELESS = DeviceInfo("egl-surfaceless", None, "EGL without a surface", is_so
 OSMESA = DeviceInfo("osmesa", None, "OSMesa off-screen renderer", is_software=True)
 
 
-# --- what this machine announces ------------------------------------------------------------------
+# --- announced devices ----------------------------------------------------------------------------
 
 
 def describe_device(egl: Egl, index: int, handle: int) -> DeviceInfo:
-    """Ask EGL what device `index` is, without opening it."""
-    ask = egl.eglQueryDeviceStringEXT or (lambda *_: None)
-    extensions = egl.words(ask(handle, EGL_EXTENSIONS))
+    """Description of EGL device `index`, without opening it."""
+    query = egl.eglQueryDeviceStringEXT or (lambda *_: None)
+    extensions = egl.words(query(handle, EGL_EXTENSIONS))
     is_software = "EGL_MESA_device_software" in extensions
-    questions = (
+    strings = (
         ("EGL_EXT_device_drm", EGL_DRM_DEVICE_FILE_EXT),
         ("EGL_EXT_device_drm_render_node", EGL_DRM_RENDER_NODE_FILE_EXT),
         ("EGL_EXT_device_query_name", EGL_RENDERER_EXT),
     )
-    names = [ask(handle, token) for extension, token in questions if extension in extensions]
+    names = [query(handle, token) for extension, token in strings if extension in extensions]
     cuda = ctypes.c_ssize_t(-1)
     if "EGL_NV_device_cuda" not in extensions or not (
         egl.eglQueryDeviceAttribEXT
@@ -218,7 +220,7 @@ def describe_device(egl: Egl, index: int, handle: int) -> DeviceInfo:
 
 
 def egl_devices() -> list[DeviceInfo]:
-    """List the EGL devices in EGL's order, then surfaceless EGL; DeviceError without EGL."""
+    """EGL devices in EGL's order, then surfaceless EGL; DeviceError without EGL."""
     egl = egl_library()
     devices = [describe_device(egl, *numbered) for numbered in enumerate(egl.devices())]
     if "EGL_MESA_platform_surfaceless" in egl.client_extensions:
@@ -227,9 +229,9 @@ def egl_devices() -> list[DeviceInfo]:
 
 
 def list_devices() -> list[DeviceInfo]:
-    """List what this machine announces: EGL devices in EGL's order, surfaceless EGL, OSMesa.
+    """Announced devices: EGL devices in EGL's order, surfaceless EGL, OSMesa.
 
-    Opens none of them and never raises: a library that is missing announces nothing.
+    Opens no device and raises no error; a missing library announces nothing.
     """
     devices = []
     with suppress(DeviceError):
@@ -240,11 +242,11 @@ def list_devices() -> list[DeviceInfo]:
     return devices
 
 
-# --- which devices answer a request ---------------------------------------------------------------
+# --- requests -------------------------------------------------------------------------------------
 
 
 def candidates(device: str | int) -> tuple[list[DeviceInfo], list[str]]:
-    """List the devices to try for this request, best first, and why others are missing."""
+    """Devices to try for a request of `open_context`, best first, and reasons for missing ones."""
     index = _egl_index(device)
     if device == "osmesa":
         return [OSMESA], []
@@ -255,21 +257,21 @@ def candidates(device: str | int) -> tuple[list[DeviceInfo], list[str]]:
         if device != "auto":
             raise
         egl, missing = [], [str(error)]
-    hardware = [known for known in egl if known.index is not None and not known.is_software]
-    software = [known for known in egl if known.index is not None and known.is_software]
-    surfaceless = [known for known in egl if known.index is None]
+    hardware = [d for d in egl if d.index is not None and not d.is_software]
+    software = [d for d in egl if d.index is not None and d.is_software]
+    surfaceless = [d for d in egl if d.index is None]
     if is_software_wanted() and index is None:
         hardware = []
     if device == "auto":
         found = [*hardware, *surfaceless, *software, OSMESA]
     elif device == "surfaceless":
-        found = surfaceless + software  # the same renderer, should EGL prefer hardware here
+        found = surfaceless + software  # same renderer, if surfaceless EGL prefers hardware
     else:
-        found = [known for known in hardware + software if index in (None, known.index)]
+        found = [d for d in hardware + software if index in (None, d.index)]
     if found:
         return found, missing
-    is_listed = any(known.index is not None for known in egl)
-    if not is_listed and (index is None or index >= 0):
+    has_egl_devices = any(d.index is not None for d in egl)
+    if not has_egl_devices and (index is None or index >= 0):
         surface = "; or ask for 'surfaceless'" if surfaceless else ""
         raise DeviceError(
             f"no device {device!r}: EGL announces no device; {install_line('egl')}; in a container"
@@ -281,7 +283,7 @@ def candidates(device: str | int) -> tuple[list[DeviceInfo], list[str]]:
 
 
 def _egl_index(device: str | int) -> int | None:
-    """Index in a request such as 0 or "egl:0", -1 for one that cannot exist, None without one."""
+    """Index in a request such as 0 or "egl:0", -1 for an impossible one, None without one."""
     if isinstance(device, str):
         if device in ("auto", "egl", "surfaceless", "osmesa"):
             return None
@@ -294,12 +296,12 @@ def _egl_index(device: str | int) -> int | None:
 
 
 def is_software_wanted() -> bool:
-    """Whether LIBGL_ALWAYS_SOFTWARE forbids hardware, read as Mesa reads it."""
+    """True when LIBGL_ALWAYS_SOFTWARE forbids hardware, parsed as by Mesa."""
     return os.environ.get("LIBGL_ALWAYS_SOFTWARE", "").lower() in ("1", "y", "yes", "t", "true")
 
 
 def why_no_hardware(devices: list[DeviceInfo]) -> list[str]:
-    """Reasons why no hardware renderer may be had, each with what to do."""
+    """Possible reasons for the lack of a hardware renderer, each with its remedy."""
     reasons = []
     if is_software_wanted():
         reasons.append("LIBGL_ALWAYS_SOFTWARE is set: unset it")
@@ -318,18 +320,18 @@ def why_no_hardware(devices: list[DeviceInfo]) -> list[str]:
     return reasons
 
 
-# --- what a context is ----------------------------------------------------------------------------
+# --- open contexts --------------------------------------------------------------------------------
 
 
 def describe_context(function: Callable[..., Any], device: DeviceInfo) -> ContextInfo:
-    """Ask the current context what it is.
+    """Description of the current context.
 
     Parameters
     ----------
     function : callable
-        `function(name, restype, *argtypes)` gives an OpenGL function.
+        `function(name, restype, *argtypes)` returns an OpenGL function.
     device : DeviceInfo
-        The device it was opened on.
+        Device of the context.
     """
     uint, out = ctypes.c_uint, ctypes.POINTER(ctypes.c_int64)
     get_error = function("glGetError", uint)
@@ -338,7 +340,7 @@ def describe_context(function: Callable[..., Any], device: DeviceInfo) -> Contex
     get_integers = function("glGetInteger64v", None, uint, out)
 
     def integers(token: int, count: int = 1) -> tuple[int, ...]:
-        numbers = (ctypes.c_int64 * 4)()  # stays 0 where the token is unknown
+        numbers = (ctypes.c_int64 * 4)()  # stays 0 for an unknown token
         get_integers(token, numbers)
         return tuple(numbers[:count])
 
@@ -366,7 +368,7 @@ def describe_context(function: Callable[..., Any], device: DeviceInfo) -> Contex
             integers(GL_RESET_NOTIFICATION_STRATEGY)[0] == GL_LOSE_CONTEXT_ON_RESET
         ),
     )
-    for _ in range(100):  # unknown tokens left errors; a lost context leaves them without end
+    for _ in range(MAX_ERRORS):  # left by unknown tokens; a lost context reports them forever
         if not get_error():
             break
     return info

@@ -1,37 +1,45 @@
-"""Which devices of this machine open and count right, and what is missing where they do not.
+"""Diagnosis of this machine for `rastercov doctor`: devices, libraries, settings, self-tests.
 
-Behind `rastercov doctor`, above everything that finds and opens devices. Drivers can crash or hang,
-so `ask` puts each question to a device in a process of its own, with a time limit.
+Drivers can crash or hang, so `ask` puts each question to a device in a child process with a time
+limit. This process opens no device and needs no graphics library.
 """
 
 import json
 import os
+import platform
 import signal
 import subprocess
 import sys
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
 
-from rastercov import shapes
+import rastercov
+from rastercov import shaders, shapes
 from rastercov.camera import Camera
 from rastercov.errors import DeviceError, RastercovError
 from rastercov.pose import sphere_of_poses
-from rastercov.raster import self_test as canary
+from rastercov.raster import self_test
 from rastercov.raster.contract import CountArray
-from rastercov.raster.gl.devices import DeviceInfo, Kind, list_devices, why_no_hardware
-from rastercov.raster.gl.libraries import (
-    egl_library,
-    install_line,
-    library_names,
-    osmesa_library,
+from rastercov.raster.gl.devices import (
+    DeviceInfo,
+    DeviceKind,
+    candidates,
+    is_software_wanted,
+    list_devices,
+    why_no_hardware,
 )
+from rastercov.raster.gl.libraries import egl_library, install_line, library_names, osmesa_library
 
-ENVIRONMENT = {  # variable: what it does
+Report = dict[str, Any]
+PASSED = "passed"
+PACKAGES = ("moderngl", "numba", "numpy", "trimesh")
+ENVIRONMENT = {  # variable: its effect
     "LIBGL_ALWAYS_SOFTWARE": "1 forbids hardware",
     "GALLIUM_DRIVER": "chooses Mesa's driver",
     "EGL_PLATFORM": "chooses EGL's default display, which is not used here",
@@ -45,87 +53,89 @@ ENVIRONMENT = {  # variable: what it does
     "CUDA_VISIBLE_DEVICES": "EGL ignores it",
     "LP_NUM_THREADS": "threads of llvmpipe",
 }
+# Convex meshes under this camera: no face is so edge-on, below 0.007, that rounding its corners
+# could turn it.
+CAMERA = Camera(width=61, height=48, fx=60, fy=60)
+POSES = sphere_of_poses((0, 0, 0), 3, 4)
 
 
-@dataclass(frozen=True)
-class DeviceReport:
-    """What came of opening one device in a process of its own.
-
-    Attributes
-    ----------
-    device : DeviceInfo
-        The device tried.
-    problem : str
-        Why it cannot be used and what to do; empty when it can.
-    context : dict or None
-        The fields of `ContextInfo` and its features, but not the device; None with a problem.
-    """
-
-    device: DeviceInfo
-    problem: str
-    context: dict[str, Any] | None
-
-
-@dataclass(frozen=True)
-class Diagnosis:
-    """Devices, libraries and settings of this machine.
-
-    Attributes
-    ----------
-    kinds : dict
-        For each kind of context "available", or why it is not and what to install.
-    reports : tuple of DeviceReport
-        One for each device of `list_devices`.
-    libraries : dict
-        The file loaded for "EGL", "OpenGL" and "OSMesa"; None for a missing one.
-    environment : dict
-        The variables of `ENVIRONMENT` that are set.
-    hardware_hints : tuple of str
-        Why no hardware renderer may be had; empty when one works.
-    """
-
-    kinds: dict[str, str]
-    reports: tuple[DeviceReport, ...]
-    libraries: dict[str, str | None]
-    environment: dict[str, str]
-    hardware_hints: tuple[str, ...]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Everything as dicts, lists, strings and numbers, for JSON."""
-        plain: dict[str, Any] = json.loads(json.dumps(asdict(self)))
-        for report, row in zip(self.reports, plain["reports"], strict=True):
-            row["device"]["label"] = report.device.label
-        return plain
-
-
-def diagnose(*, timeout_s: float = 30.0) -> Diagnosis:
-    """Try every device, each in a process of its own, and say what is missing.
+def examine(timeout_s: float = 30.0) -> Report:
+    """Devices, libraries and settings of this machine, in values that JSON can hold.
 
     Parameters
     ----------
     timeout_s : float
-        Seconds a device may take to open; a driver that hangs is reported, not waited for.
+        Seconds a device may take to open, and again to pass its self-test; a driver that hangs is
+        reported as hanging.
+
+    Returns
+    -------
+    dict
+        "kinds": for each kind of context "available", or the reason why not and what to install.
+        "reports": a dict for each device of `list_devices` with
+        "device" (fields of `DeviceInfo`, "label"),
+        "problem" (reason why it cannot be used and what to do, or ""),
+        "context" (fields of `ContextInfo` and its features, None with a problem),
+        "self_test" ("passed", the line that says what failed, or None with a problem),
+        "plan" and "depth" (those of `GLRasterizer` under plan "auto").
+        "libraries": the file loaded for "EGL", "OpenGL" and "OSMesa", None for a missing one.
+        "environment": the variables of `ENVIRONMENT` that are set.
+        "hardware_hints": reasons why no hardware renderer works, empty when one does.
+        "default": "device" that backend "auto" opens, and "why".
+        "install": the command that installs each missing library.
+        "shaders": SHA-256. "versions": of packages and the system.
+        "cpu": "renderer", "threads", "self_test" of the CPU rasteriser.
     """
     devices = list_devices()
-    # One after the other: several processes that open one GPU at a time can block each other.
-    reports = tuple(_try_device(device, timeout_s) for device in devices)
-    has_hardware = any(r.context and not r.context["is_software"] for r in reports)
-    return Diagnosis(
-        kinds={kind: _availability(kind, reports) for kind in get_args(Kind)},
-        reports=reports,
-        libraries=library_names(),
-        environment={name: os.environ[name] for name in ENVIRONMENT if name in os.environ},
-        hardware_hints=() if has_hardware else tuple(why_no_hardware(devices)),
-    )
+    # One after the other: processes that open one GPU at the same time can block each other.
+    reports = [_examine_device(device, timeout_s) for device in devices]
+    has_hardware = any(row["context"] and not row["context"]["is_software"] for row in reports)
+    libraries = library_names()
+    versions = {"rastercov": rastercov.__version__, "Python": platform.python_version()}
+    versions |= {package: _version(package) for package in PACKAGES}
+    return {
+        "kinds": {kind: _availability(kind, reports) for kind in get_args(DeviceKind)},
+        "reports": reports,
+        "libraries": libraries,
+        "environment": {name: os.environ[name] for name in ENVIRONMENT if name in os.environ},
+        "hardware_hints": [] if has_hardware else why_no_hardware(devices),
+        "default": _default(reports),
+        "install": {
+            library: install_line("osmesa" if library == "OSMesa" else "egl")
+            for library, file in libraries.items()
+            if file is None
+        },
+        "shaders": shaders.digest(),
+        "versions": versions | {"OS": platform.platform()},
+        "cpu": {
+            "renderer": f"numba {versions['numba']}",
+            "threads": len(os.sched_getaffinity(0)),
+            "self_test": _cpu_result(),
+        },
+    }
 
 
-def _availability(kind: Kind, reports: tuple[DeviceReport, ...]) -> str:
-    """Say "available", or why no device of this kind opens and what to install."""
-    own = [report for report in reports if report.device.kind == kind]
-    if any(not report.problem for report in own):
+def _examine_device(device: DeviceInfo, timeout_s: float) -> Report:
+    """Entry of "reports": open a device, then count known scenes on it."""
+    row: Report = {
+        "device": asdict(device) | {"extensions": list(device.extensions), "label": device.label},
+        "problem": "", "context": None, "self_test": None, "plan": None, "depth": None,
+    }  # fmt: skip
+    answer = ask(open_device, device.label, timeout_s)
+    if "problem" in answer:
+        return row | {"problem": f"{device}: {answer['problem']}"}
+    row["context"] = answer["context"]
+    answer = ask(verify_device, device.label, timeout_s)
+    return row | {"self_test": answer.pop("problem", PASSED)} | answer
+
+
+def _availability(kind: DeviceKind, reports: list[Report]) -> str:
+    """Return "available", or the reason why no device of this kind opens and what to install."""
+    own = [row for row in reports if row["device"]["kind"] == kind]
+    if any(not row["problem"] for row in own):
         return "available"
     if own:
-        return "; ".join(report.problem for report in own)
+        return "; ".join(row["problem"] for row in own)
     try:
         osmesa_library() if kind == "osmesa" else egl_library()
     except DeviceError as error:
@@ -133,20 +143,56 @@ def _availability(kind: Kind, reports: tuple[DeviceReport, ...]) -> str:
     return f"EGL announces none; install the device's driver, or Mesa: {install_line('egl')}"
 
 
-def _try_device(device: DeviceInfo, timeout_s: float) -> DeviceReport:
-    answer = ask(describe, device.label, timeout_s)
-    problem = f"{device}: {answer['problem']}" if "problem" in answer else ""
-    return DeviceReport(device, problem, answer.get("context"))
+def _default(reports: list[Report]) -> dict[str, str]:
+    """Label of the device that backend "auto" opens, or "cpu", and the reason."""
+    opens = {row["device"]["label"] for row in reports if not row["problem"]}
+    for device in candidates("auto")[0]:
+        if device.label in opens and not device.is_software:
+            return {"device": device.label, "why": "it is the first that draws in hardware"}
+    forbidden = "LIBGL_ALWAYS_SOFTWARE forbids hardware"
+    why = forbidden if is_software_wanted() else "no hardware device opens"
+    return {"device": "cpu", "why": f"{why}; it is several times as fast as OpenGL in software"}
 
 
-# --- questions to a device, each answered in a process of its own ---------------------------------
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "not installed"
 
 
-def describe(label: str) -> dict[str, Any]:
-    """Open a device and say what it is, under "context"; for `ask`."""
-    from rastercov.raster.gl.context import (
-        open_context,  # not above: a child reports a broken moderngl
-    )
+# --- self-tests -----------------------------------------------------------------------------------
+
+
+def _cpu_result() -> str:
+    """Result of `verify_cpu` as one line."""
+    try:
+        verify_cpu()
+    except Exception as error:  # a compiler raises exceptions of any type
+        kind = "" if isinstance(error, RastercovError) else f"{type(error).__name__}: "
+        return " ".join(f"{kind}{error}".split())
+    return PASSED
+
+
+def verify_cpu() -> None:
+    """Count convex meshes on the CPU; DeviceError when a sum, a face or an image disagrees."""
+    from rastercov.raster.cpu import CPURasterizer  # not above: numba may be broken
+
+    for name, mesh in {"box": shapes.box(), "sphere": shapes.sphere(1)}.items():
+        with CPURasterizer(mesh, CAMERA) as rasterizer:
+            counts = rasterizer.count(POSES)
+            background = [(rasterizer.render(pose).face < 0).sum() for pose in POSES]
+        wrong = counts.visible.sum(axis=1) + background != CAMERA.width * CAMERA.height
+        wrong |= counts.background != background
+        wrong |= ((counts.visible > 0) & (counts.visible != counts.drawn)).any(axis=1)
+        if wrong.any():
+            raise DeviceError(f"{name}: {wrong.sum()} of {len(POSES)} poses are counted wrongly")
+
+
+def open_device(label: str) -> Report:
+    """Fields and features of a device's `ContextInfo`, under "context"; for `ask`."""
+    # Not above: the child process reports a broken moderngl.
+    from rastercov.raster.gl.context import open_context
 
     with open_context(label) as context:
         names = [name for name in dir(context.info) if name.startswith("has_")]
@@ -157,86 +203,88 @@ def describe(label: str) -> dict[str, Any]:
         return {"context": fields}
 
 
-def self_test(label: str) -> dict[str, Any]:
-    """Plan and depth that "auto" gives one device, once it counted known scenes under every plan.
+def verify_device(label: str) -> Report:
+    """Plan and depth under "auto", after counting known scenes under every plan; for `ask`.
 
-    The canary's counts are known; a convex mesh shows the whole of a face or nothing; samples add
-    up; plan "hardware" must repeat plan "software", as both draw alike, while "compute" projects in
-    double precision. `ask` runs this in a process of its own.
+    The counts of the self-test scene are known. A convex mesh shows the whole of a face or nothing,
+    and samples add up. Plan "hardware" must repeat plan "software", since both use the same
+    pipeline; plan "compute" projects in double precision and may differ from them.
 
     Raises
     ------
     DeviceError
-        Naming the plan, the scene and what was wrong.
+        Names the plan, the scene and the wrong count.
     """
-    from rastercov.raster.gl import GLRasterizer
-    from rastercov.raster.gl.context import open_context  # as in `describe`
+    # Not above, as in `open_device`.
+    from rastercov.raster.gl.context import open_context
+    from rastercov.raster.gl.rasterizer import GLRasterizer
 
-    # No face of these scenes is so edge-on, below 0.007, that rounding its corners could turn it.
-    around = Camera(width=61, height=48, fx=60, fy=60), sphere_of_poses((0, 0, 0), 3, 4)
     scenes = {
-        "known scene": (canary.MESH, canary.CAMERA, canary.POSES),
-        "box": (shapes.box(n=2), *around),
-        "sphere": (shapes.sphere(1), *around),
+        "known scene": (self_test.MESH, self_test.CAMERA, self_test.POSES),
+        "box": (shapes.box(n=2), CAMERA, POSES),
+        "sphere": (shapes.sphere(1), CAMERA, POSES),
     }
-    truth: dict[str, tuple[CountArray, CountArray]] = {
-        "known scene": (canary.VISIBLE, canary.DRAWN)
+    # Expected (visible, drawn) of each scene; those of the convex meshes come from the first plan.
+    of_pipeline: dict[str, tuple[CountArray, CountArray]] = {
+        "known scene": (self_test.VISIBLE, self_test.DRAWN)
     }
-    drawn_alike, computed = truth.copy(), truth.copy()
+    of_compute = of_pipeline.copy()
     with open_context(label) as context:
-        plans = {"software": drawn_alike}
+        plans = {"software": of_pipeline}
         if context.info.has_batches:
-            plans["hardware"] = drawn_alike
+            plans["hardware"] = of_pipeline
         if context.info.has_compute_raster:
-            plans["compute"] = computed
+            plans["compute"] = of_compute
         for plan, name in ((plan, name) for plan in plans for name in scenes):
             mesh, camera, poses = scenes[name]
-            known = plans[plan]
             try:
                 with GLRasterizer(mesh, camera, device=context, plan=plan) as rasterizer:
                     counts = rasterizer.count(poses)
                 assert counts.drawn is not None
-                whole = np.where(counts.visible > 0, counts.drawn, 0)
-                visible, drawn = known.setdefault(name, (whole, counts.drawn))
+                all_or_nothing = np.where(counts.visible > 0, counts.drawn, 0)
+                visible, drawn = plans[plan].setdefault(name, (all_or_nothing, counts.drawn))
                 total = counts.visible.sum(axis=1) + counts.background
-                _compare("visible", counts.visible, visible)
-                _compare("drawn", counts.drawn, drawn)
-                _compare("visible + background", total, camera.width * camera.height)
+                _require_equal("visible", counts.visible, visible)
+                _require_equal("drawn", counts.drawn, drawn)
+                _require_equal("visible + background", total, camera.width * camera.height)
             except RastercovError as error:
                 raise DeviceError(f"plan {plan}, {name}: {error}") from error
-        with GLRasterizer(canary.MESH, canary.CAMERA, device=context) as rasterizer:
+        with GLRasterizer(self_test.MESH, self_test.CAMERA, device=context) as rasterizer:
             return {"plan": rasterizer.info.plan, "depth": rasterizer.info.depth}
 
 
-def _compare(what: str, got: Any, wanted: Any) -> None:
+def _require_equal(name: str, got: Any, wanted: Any) -> None:
     wrong = np.argwhere(got != wanted)
     if wrong.size:
         at = tuple(int(index) for index in wrong[0])
         first = f"wanted {np.broadcast_to(wanted, got.shape)[at]}, got {got[at]} at {at}"
-        raise DeviceError(f"{len(wrong)} of {got.size} counts '{what}' are wrong; {first}")
+        raise DeviceError(f"{len(wrong)} of {got.size} counts '{name}' are wrong; {first}")
 
 
-def ask(question: Callable[[str], dict[str, Any]], label: str, timeout_s: float) -> dict[str, Any]:
-    """Answer of `question(label)` from a new process, or a "problem" when none comes.
+# --- child processes ------------------------------------------------------------------------------
+
+
+def ask(question: Callable[[str], Report], label: str, timeout_s: float) -> Report:
+    """Result of `question(label)` in a child process, or a "problem" when there is none.
 
     Parameters
     ----------
     question : callable
-        A module's function, which returns what JSON can hold.
+        Function of a module, whose result JSON can hold.
     label : str
-        The device, as `open_context` takes it.
+        Device, as `open_context` takes it.
     timeout_s : float
         Seconds until the process is killed.
 
     Returns
     -------
     dict
-        The answer; `{"problem": one line}` after an error, a crash (though it be after the answer,
-        for it would end the user's process as well) or a hang.
+        The result; `{"problem": one line}` after an error, a hang, or a crash, even one after the
+        result was sent: it would end the user's process as well.
     """
     code = f"from {question.__module__} import {question.__name__} as question\n"
     code += f"from {__name__} import _answer; _answer(question, {label!r})"
-    root = str(Path(__file__).parents[2])
+    root = str(Path(rastercov.__file__).parents[1])
     path = os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))
     child = subprocess.Popen(
         [sys.executable, "-P", "-c", code],  # -P: no modules from the working directory
@@ -252,22 +300,22 @@ def ask(question: Callable[[str], dict[str, Any]], label: str, timeout_s: float)
     finally:
         if child.poll() is None:
             child.kill()
-            with suppress(subprocess.TimeoutExpired):  # stuck in the driver, it may not even die
+            with suppress(subprocess.TimeoutExpired):  # a process stuck in the driver survives
                 child.communicate(timeout=1)
-    how = f"ended with code {child.returncode}"
+    ending = f"ended with code {child.returncode}"
     if child.returncode < 0:
-        how = f"crashed with {signal.Signals(-child.returncode).name}"
+        ending = f"crashed with {signal.Signals(-child.returncode).name}"
     elif child.returncode == 0:
         with suppress(IndexError, ValueError):
-            answer: dict[str, Any] = json.loads(output.splitlines()[-1])
+            answer: Report = json.loads(output.splitlines()[-1])
             return answer
-        how += " and no answer"
-    last = errors.decode("utf-8", "replace").strip().splitlines()[-1:]
-    return {"problem": ": ".join([f"its process {how}", *last])}
+        ending += " and no answer"
+    last_line = errors.decode("utf-8", "replace").strip().splitlines()[-1:]
+    return {"problem": ": ".join([f"its process {ending}", *last_line])}
 
 
-def _answer(question: Callable[[str], dict[str, Any]], label: str) -> None:
-    """Print the answer as one line of JSON; runs in the child process."""
+def _answer(question: Callable[[str], Report], label: str) -> None:
+    """Print the result as one line of JSON; runs in the child process."""
     try:
         answer = question(label)
     except RastercovError as error:

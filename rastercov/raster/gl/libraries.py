@@ -1,7 +1,7 @@
-"""The graphics libraries of this machine: which load, what they export, how to install them.
+"""Graphics libraries of this machine: their entry points, and the commands that install them.
 
-At the bottom of the engine: `devices` asks these libraries what there is to draw on, and `egl`
-opens contexts with them. Nothing here knows what a device is or opens a context.
+Bottom of the OpenGL rasteriser: `devices` queries these libraries, `context` opens contexts with
+them.
 
 Khronos Group. EGL 1.5 Specification. 2014. EGL_EXT_platform_base, EGL_EXT_device_enumeration,
 EGL_EXT_device_query. Mesa project. OSMesa interface (GL/osmesa.h).
@@ -9,7 +9,8 @@ EGL_EXT_device_query. Mesa project. OSMesa interface (GL/osmesa.h).
 
 import ctypes
 import re
-from functools import cache
+from collections.abc import Callable
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -36,9 +37,9 @@ def install_line(kind: Literal["egl", "osmesa"], os_release: str | None = None) 
     Parameters
     ----------
     kind : {"egl", "osmesa"}
-        Which libraries.
+        EGL with OpenGL, or OSMesa.
     os_release : str, optional
-        The text of an os-release file; this machine's when None.
+        Text of an os-release file; None reads that of this machine.
     """
     if os_release is None:
         try:
@@ -55,7 +56,7 @@ def install_line(kind: Literal["egl", "osmesa"], os_release: str | None = None) 
 
 
 def find_library(names: tuple[str, ...]) -> ctypes.CDLL | None:
-    """Load the first of these shared libraries that loads; None when none does."""
+    """First of these shared libraries that loads; None when all fail."""
     for name in names:
         try:
             return ctypes.CDLL(name)
@@ -65,12 +66,12 @@ def find_library(names: tuple[str, ...]) -> ctypes.CDLL | None:
 
 
 def int_array(*values: int) -> Any:
-    """C array of ints: how EGL and OSMesa take names and values, with a zero or EGL_NONE last."""
+    """C array of ints: attribute names and values of EGL and OSMesa, with 0 or EGL_NONE last."""
     return (_INT * len(values))(*values)
 
 
 def library_names() -> dict[str, str | None]:
-    """File that loads for "EGL", "OpenGL" and "OSMesa"; None for a missing one."""
+    """File name of the library loaded for "EGL", "OpenGL" and "OSMesa"; None for a missing one."""
     wanted = {"EGL": EGL_LIBRARIES, "OpenGL": GL_LIBRARIES, "OSMesa": OSMESA_LIBRARIES}
     found = {library: find_library(names) for library, names in wanted.items()}
     return {library: None if file is None else file._name for library, file in found.items()}
@@ -83,26 +84,22 @@ def _address(library: ctypes.CDLL | None, name: str) -> int:
 
 
 _INT, _UINT, _VOID, _TEXT = ctypes.c_int, ctypes.c_uint, ctypes.c_void_p, ctypes.c_char_p
-_INTS = ctypes.POINTER(_INT)
-_EGL_SIGNATURES: dict[str, tuple[Any, ...]] = {  # name: (result, *arguments)
+_INT_OUT, _POINTER_OUT = ctypes.POINTER(_INT), ctypes.POINTER(_VOID)
+ENTRY_POINTS: dict[str, tuple[Any, ...]] = {  # name: (result, *arguments)
     "eglGetError": (_INT,),
     "eglGetProcAddress": (_VOID, _TEXT),
     "eglQueryString": (_TEXT, _VOID, _INT),
-    "eglInitialize": (_UINT, _VOID, _INTS, _INTS),
+    "eglInitialize": (_UINT, _VOID, _INT_OUT, _INT_OUT),
     "eglBindAPI": (_UINT, _UINT),
-    "eglCreateContext": (_VOID, _VOID, _VOID, _VOID, _INTS),
+    "eglCreateContext": (_VOID, _VOID, _VOID, _VOID, _INT_OUT),
     "eglDestroyContext": (_UINT, _VOID, _VOID),
     "eglMakeCurrent": (_UINT, _VOID, _VOID, _VOID, _VOID),
     "eglGetCurrentContext": (_VOID,),
-}
-_EGL_EXTENSION_SIGNATURES: dict[str, tuple[Any, ...]] = {
-    "eglGetPlatformDisplayEXT": (_VOID, _UINT, _VOID, _INTS),
-    "eglQueryDevicesEXT": (_UINT, _INT, ctypes.POINTER(_VOID), _INTS),
+    "eglGetPlatformDisplayEXT": (_VOID, _UINT, _VOID, _INT_OUT),
+    "eglQueryDevicesEXT": (_UINT, _INT, _POINTER_OUT, _INT_OUT),
     "eglQueryDeviceStringEXT": (_TEXT, _VOID, _INT),
     "eglQueryDeviceAttribEXT": (_UINT, _VOID, _INT, ctypes.POINTER(ctypes.c_ssize_t)),
-}
-_OSMESA_SIGNATURES: dict[str, tuple[Any, ...]] = {
-    "OSMesaCreateContextAttribs": (_VOID, _INTS, _VOID),
+    "OSMesaCreateContextAttribs": (_VOID, _INT_OUT, _VOID),
     "OSMesaMakeCurrent": (ctypes.c_ubyte, _VOID, _VOID, _UINT, _INT, _INT),
     "OSMesaGetCurrentContext": (_VOID,),
     "OSMesaDestroyContext": (None, _VOID),
@@ -122,30 +119,43 @@ _EGL_ERRORS = {
 }
 
 
-class Egl:
-    """The EGL library: its entry points as attributes, absent extensions None."""
+class Library:
+    """Entry points of a library as attributes, None where absent.
 
-    def __init__(self, library: ctypes.CDLL) -> None:
-        self.gl_library = find_library(GL_LIBRARIES)
-        for name, (result, *arguments) in _EGL_SIGNATURES.items():
-            function = getattr(library, name)  # exported by every EGL since 1.4
-            function.restype, function.argtypes = result, arguments
-            setattr(self, name, function)
-        for name, (result, *arguments) in _EGL_EXTENSION_SIGNATURES.items():
-            pointer = self.address(name)
-            setattr(self, name, ctypes.CFUNCTYPE(result, *arguments)(pointer) if pointer else None)
-        self.client_extensions = self.words(self.eglQueryString(None, EGL_EXTENSIONS))
+    Parameters
+    ----------
+    prefix : str
+        Start of the names in `ENTRY_POINTS`.
+    address : callable
+        Address of a function by name, 0 when it is absent.
+    """
+
+    def __init__(self, prefix: str, address: Callable[[str], int]) -> None:
+        for name, signature in ENTRY_POINTS.items():
+            if name.startswith(prefix):
+                pointer = address(name)
+                setattr(self, name, ctypes.CFUNCTYPE(*signature)(pointer) if pointer else None)
 
     def __getattr__(self, name: str) -> Any:  # the entry points, for type checkers
         raise AttributeError(name)
 
+
+class Egl(Library):
+    """EGL with the OpenGL functions behind it."""
+
+    def __init__(self, library: ctypes.CDLL) -> None:
+        self.gl_library = find_library(GL_LIBRARIES)
+        # EGL exports its core functions; eglGetProcAddress finds those of extensions.
+        super().__init__("egl", lambda name: _address(library, name) or self.address(name))
+        self.client_extensions = self.words(self.eglQueryString(None, EGL_EXTENSIONS))
+
     @staticmethod
     def words(text: bytes | None) -> frozenset[str]:
-        """Extension names in an EGL string, which may be null."""
+        """Extension names in an EGL string, empty for a null pointer."""
         return frozenset((text or b"").decode("ascii", "replace").split())
 
     def error(self) -> str:
-        """Name the last error of this thread."""
+        """Name of the last error in this thread."""
         code = self.eglGetError()
         return _EGL_ERRORS.get(code, f"EGL error {code:#x}")
 
@@ -154,7 +164,7 @@ class Egl:
         return self.eglGetProcAddress(name.encode()) or _address(self.gl_library, name)
 
     def devices(self) -> list[int]:
-        """List handles of the EGL devices, in EGL's order; empty when EGL cannot list them."""
+        """Handles of the EGL devices, in EGL's order; empty when EGL cannot list them."""
         if self.eglQueryDevicesEXT is None:
             return []
         count = _INT(0)
@@ -168,7 +178,7 @@ class Egl:
 
 @cache
 def egl_library() -> Egl:
-    """Load EGL once; DeviceError with the line that installs it."""
+    """EGL, loaded once; DeviceError with the command that installs it."""
     library = find_library(EGL_LIBRARIES)
     if library is None:
         message = f"no EGL: wanted {EGL_LIBRARIES[0]}, found none; "
@@ -177,15 +187,14 @@ def egl_library() -> Egl:
 
 
 @cache
-def osmesa_library() -> ctypes.CDLL:
-    """Load OSMesa once; DeviceError with the line that installs it."""
+def osmesa_library() -> Library:
+    """OSMesa, loaded once; DeviceError with the command that installs it."""
     library = find_library(OSMESA_LIBRARIES)
     if library is None:
         message = f"no OSMesa: wanted {OSMESA_LIBRARIES[0]}, found none; "
         raise DeviceError(message + install_line("osmesa"))
-    for name, (result, *arguments) in _OSMESA_SIGNATURES.items():
-        if not _address(library, name):
+    osmesa = Library("OSMesa", partial(_address, library))
+    for name, function in vars(osmesa).items():
+        if function is None:
             raise DeviceError(f"OSMesa has no {name}: wanted Mesa 12 or newer")
-        function = getattr(library, name)
-        function.restype, function.argtypes = result, arguments
-    return library
+    return osmesa

@@ -1,11 +1,12 @@
-"""Buffers of the device: a mesh, sent once, and the poses it is seen from, sent per batch.
+"""Data of the graphics pipeline on the device: the mesh, uploaded once, and poses, once a batch.
 
-Faces that lie on others in one plane (`coplanar`) go there a second time, with their corners in
-doubles, to be drawn by the program "coplanar": it computes depth as the CPU does, from the plane of
-the face, and so finds equal depths where surfaces are equal. All other faces have the depth that
+Faces that overlap another face of the same plane (`coplanar`) are uploaded a second time, with
+their corners in doubles, and drawn by the program "coplanar". It computes depth as the CPU does,
+from the plane of the face, so equal surfaces get equal depths. All other faces have the depth that
 the device interpolates, which costs less.
 """
 
+import math
 from typing import Any
 
 import moderngl
@@ -15,7 +16,8 @@ from numpy.typing import NDArray
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.projection import box_corners, depth_range, image_boxes
-from rastercov.raster.gl.resources import Arena
+from rastercov.raster.gl.resources import Resources
+from rastercov.raster.gl.strategy import face_ranges
 from rastercov.raster.rules import can_cull, in_one_order
 from rastercov.raster.sample_grid import Box, SampleGrid
 
@@ -24,38 +26,48 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 NEAREST = frozenset(("face", "coplanar"))
-"""Programs that draw the nearest face, each some of the faces; the others draw all."""
+"""Programs that draw the nearest face, each a part of the faces; the others draw all faces."""
 POSITIONS = "3f 3f", "position_high", "position_low"
 PLANES = "3f8 3f8 3f8 3f8 1u 4x", "corner_a", "corner_b", "corner_c", "normal", "number"
 PLANE = np.dtype([("doubles", np.float64, (4, 3)), ("number", np.uint32), ("", np.uint32)])
+"""Layout of `PLANES`: three corners, a normal, face index + 1, padding."""
+RECORD_SHAPE = (6, 4)
+"""Struct `Pose` of `face.vert`, vec4: right, down, forward, eye_high, eye_low, depth."""
+RAYS_SHAPE = (4, 4)
+"""Struct `Rays` of `face.vert`, dvec4: right, down, forward, eye."""
+RECORD_BYTES = math.prod(RECORD_SHAPE) * np.dtype(np.float32).itemsize
+RAYS_BYTES = math.prod(RAYS_SHAPE) * np.dtype(np.float64).itemsize
+INDEX_BYTES = 4
 PIXELS_A_VERTEX = 64
-"""Projecting a vertex costs as much as looking at some ten pixels."""
+"""Projecting a vertex costs as much as reading some ten pixels."""
+EDGE_ON_COSINE = 1e-6
+"""Cosine between the ray to a face and its plane below which rounding decides the side seen."""
 
 
 class Scene:
-    """A mesh on the device, and the camera that looks at it.
+    """Mesh on the device with its camera.
 
-    Positions are taken from the centre of the mesh in float64 and sent as two floats each.
+    Positions are relative to the centre of the mesh and uploaded as sums of two floats.
 
     Parameters
     ----------
-    arena : Arena
-        Where the buffers live.
+    resources : Resources
+        Owner of the buffers.
     programs : dict of str to moderngl.Program
-        What may draw the mesh.
+        Programs that draw the mesh, by fragment shader.
     mesh, camera
         As given to the rasteriser.
     grid : SampleGrid
         Samples to count.
     max_faces : int
-        Most faces of one draw.
+        Largest number of faces of one draw.
     overlapping : (F,) bool
-        Faces to draw with the program "coplanar"; where none is, there need be no such program.
+        Faces to draw with the program "coplanar", which is needed only if there are any.
     """
 
     def __init__(
         self,
-        arena: Arena,
+        resources: Resources,
         programs: dict[str, Any],
         mesh: Mesh,
         camera: Camera,
@@ -65,63 +77,60 @@ class Scene:
     ) -> None:
         self.mesh, self.camera, self.grid = mesh, camera, grid
         self.centre: FloatArray = mesh.bounds.mean(axis=0)
-        # Points that span the mesh. Its vertices give the tighter box in the image, which pays
-        # as long as there are few of them to the pixels that need not be looked at.
-        few = mesh.n_vertices < camera.width * camera.height / PIXELS_A_VERTEX
-        self.outline: FloatArray = mesh.vertices if few else box_corners(mesh.bounds)
+        # Points whose convex hull holds the mesh. Its vertices give the tighter box in the image,
+        # which pays while projecting them costs less than reading the pixels it saves.
+        has_few_vertices = mesh.n_vertices < camera.width * camera.height / PIXELS_A_VERTEX
+        self.outline: FloatArray = mesh.vertices if has_few_vertices else box_corners(mesh.bounds)
         self._programs, self._max_faces = programs, max_faces
-        self.parts = [
-            (first, min(max_faces, mesh.n_faces - first))
-            for first in range(0, mesh.n_faces, max_faces)
-        ]
+        self.parts = face_ranges(mesh.n_faces, max_faces)
         faces = in_one_order(mesh)
         corners, indices = _numbered_by_last_corner(faces, mesh.n_vertices)
         high, low = split_floats(mesh.vertices - self.centre)
         positions = np.concatenate((high, low), axis=1)
-        vertices = arena.buffer("vertices", positions[corners]), *POSITIONS
+        vertices = resources.buffer("vertices", positions[corners]), *POSITIONS
 
         def drawable(program: str, index_buffer: Any, *layout: Any) -> Any:
-            return arena.own(
-                arena.gl.vertex_array(
+            return resources.own(
+                resources.gl.vertex_array(
                     programs[program],
                     layout or (vertices,),
                     index_buffer=index_buffer,
-                    index_element_size=4,
+                    index_element_size=INDEX_BYTES,
                 )
             )
 
-        # Where each row of samples is inside the image, for the shaders that count rolled ones.
-        is_asked = "drawn" in programs and "corner" in programs["drawn"]
-        runs = np.stack((grid.first, grid.last), axis=1) if is_asked else None
-        self.runs = None if runs is None else arena.buffer("rows of samples", runs)
-        all_faces = arena.buffer("faces", indices)
+        # Samples of each row inside the image, for shaders that count a rotated grid.
+        needs_runs = "drawn" in programs and "corner" in programs["drawn"]
+        runs = np.stack((grid.first, grid.last), axis=1) if needs_runs else None
+        self.runs = None if runs is None else resources.buffer("rows of samples", runs)
+        all_faces = resources.buffer("faces", indices)
         self._drawables = {name: drawable(name, all_faces) for name in programs.keys() - NEAREST}
         self.has_overlaps = bool(overlapping.any())
-        plain, chosen = np.flatnonzero(~overlapping), np.flatnonzero(overlapping)
-        self._counts = {"face": len(plain), "coplanar": len(chosen)}
+        plain, coplanar = np.flatnonzero(~overlapping), np.flatnonzero(overlapping)
+        self._counts = {"face": len(plain), "coplanar": len(coplanar)}
         if self.has_overlaps:
-            at, numbered = _numbered_by_last_corner(faces[chosen], mesh.n_vertices)
+            sent, numbered = _numbered_by_last_corner(faces[coplanar], mesh.n_vertices)
             self._drawables["coplanar"] = drawable(
                 "coplanar",
-                arena.buffer("coplanar faces", numbered),
-                (arena.buffer("vertices of coplanar faces", positions[at]), *POSITIONS),
-                (arena.buffer("planes", self._planes_of(faces, chosen, len(at))), *PLANES),
+                resources.buffer("coplanar faces", numbered),
+                (resources.buffer("vertices of coplanar faces", positions[sent]), *POSITIONS),
+                (resources.buffer("planes", self._planes_of(faces, coplanar, len(sent))), *PLANES),
             )
             indices = indices[plain]
-            all_faces = arena.buffer("other faces", indices) if len(plain) else None
+            all_faces = resources.buffer("other faces", indices) if len(plain) else None
         if len(plain):
             self._drawables["face"] = drawable("face", all_faces)
         self.can_draw_front = mesh.can_cull_back_faces and 0 < len(plain) <= max_faces
         if self.can_draw_front:
             self._indices = indices
             self._planes = np.ascontiguousarray(mesh.normals[plain].T)
-            middle = mesh.vertices[mesh.faces[plain, 0]] - self.centre
-            self._offsets = np.einsum("if,fi->f", self._planes, middle)
-            self._front_faces = arena.buffer("front faces", size=indices.nbytes)
+            first_corners = mesh.vertices[mesh.faces[plain, 0]] - self.centre
+            self._offsets = np.einsum("if,fi->f", self._planes, first_corners)
+            self._front_faces = resources.buffer("front faces", size=indices.nbytes)
             self._front_drawable = drawable("face", self._front_faces)
 
     def _planes_of(self, faces: IntArray, chosen: IntArray, n_vertices: int) -> NDArray[np.void]:
-        """Attributes of the last corners of the chosen faces; the vertices after them have none."""
+        """Attributes `PLANES` of the last corners of the chosen faces; 0 for all other vertices."""
         planes = np.zeros(n_vertices, PLANE)
         corners = self.mesh.vertices[faces[chosen]] - self.centre
         sides = corners[:, 1:] - corners[:, :1]
@@ -134,11 +143,12 @@ class Scene:
     def draw(
         self, program: str, tile: Box, grid: SampleGrid, poses: int, part: tuple[int, int]
     ) -> None:
-        """Draw the faces [first, first + n) of `part` into a tile, once a pose.
+        """Draw the faces [first, first + n) of `part` into a tile, one instance a pose.
 
-        Counted among the faces that the program draws: all of them, but for those of `NEAREST`.
+        The range counts the faces of the program: a part of the mesh for programs of `NEAREST`,
+        else all faces.
         """
-        self._aim(program, tile, grid)
+        self._set_projection(program, tile, grid)
         uniforms = self._programs[program]
         for name, value in {
             "first_face": part[0],
@@ -153,21 +163,21 @@ class Scene:
         )
 
     def draw_nearest(self, tile: Box, grid: SampleGrid, poses: int) -> None:
-        """Draw all faces into a tile, once a pose, under the depth test."""
+        """Draw all faces into a tile, one instance a pose, under the depth test."""
         for program in self._counts:
             self._draw_nearest(program, tile, grid, poses)
 
     def draw_front(self, tile: Box, grid: SampleGrid, eye: FloatArray) -> None:
-        """Draw, into a tile and for one pose, the faces that look towards the eye.
+        """Draw the front faces of one pose into a tile.
 
-        The same image as drawing all with culling on, for half the vertices. What is edge-on to
-        within rounding is left to the device to cull.
+        Same image as drawing all faces with culling on, for half the vertices. Faces edge-on to
+        within rounding are drawn, and culled by the device.
         """
-        self._aim("face", tile, grid)
+        self._set_projection("face", tile, grid)
         x, y, z = eye - self.centre
         height = self._planes[0] * x + self._planes[1] * y + self._planes[2] * z - self._offsets
-        looking = np.flatnonzero(height > -1e-6 * np.sqrt(x * x + y * y + z * z))
-        front = self._indices.take(looking, axis=0)  # three times as quick as a mask
+        chosen = np.flatnonzero(height > -EDGE_ON_COSINE * np.sqrt(x * x + y * y + z * z))
+        front = self._indices.take(chosen, axis=0)  # three times as fast as a mask
         self._front_faces.orphan()
         self._front_faces.write(front)
         self._front_drawable.render(moderngl.TRIANGLES, vertices=3 * len(front))
@@ -175,13 +185,11 @@ class Scene:
             self._draw_nearest("coplanar", tile, grid, 1)
 
     def _draw_nearest(self, program: str, tile: Box, grid: SampleGrid, poses: int) -> None:
-        n_faces = self._counts[program]
-        for first in range(0, n_faces, self._max_faces):
-            part = first, min(self._max_faces, n_faces - first)
+        for part in face_ranges(self._counts[program], self._max_faces):
             self.draw(program, tile, grid, poses, part)
 
-    def _aim(self, program: str, tile: Box, grid: SampleGrid) -> None:
-        """Set the way from axes to clip space: x = fx X/Z + cx becomes 2 x/width - 1."""
+    def _set_projection(self, program: str, tile: Box, grid: SampleGrid) -> None:
+        """Set the map from camera axes to clip space: x = fx X/Z + cx becomes 2 x/width - 1."""
         x, y, width, height = tile
         fx, fy, cx, cy = grid.lens.tolist()
         self._programs[program]["image"].value = (
@@ -192,19 +200,19 @@ class Scene:
         )
 
 
-class Views:
-    """Poses of a scene, made ready to be drawn for a grid of samples.
+class PreparedPoses:
+    """Uniform blocks and state of the poses of a scene, for a grid of samples.
 
     Attributes
     ----------
     grid : SampleGrid
         As given.
     near, far : (P,) float64
-        Depth planes fitted to what is in view.
+        Depths of the near and far plane, fitted to the mesh in view.
     clipped : (P,) bool
         Whether the near plane cuts a surface in view.
     can_cull : (P,) bool
-        Of `can_cull`.
+        Whether back faces can be left out.
     boxes : list of (left, top, right, bottom)
         Samples the mesh can reach in each pose.
     eyes : (P, 3) float64
@@ -224,11 +232,11 @@ class Views:
         self.can_cull = can_cull(mesh, poses, self.clipped)
 
         if is_reversed and scene.has_overlaps:
-            # Powers of 2, so that depths in the buffer are those of the CPU but for the exponent,
-            # unless a surface is cut: then it is cut here, and not at what is nearer.
-            whole = 2.0 ** np.floor(np.log2(self.near))
-            self.near = np.where(self.clipped, self.near, whole)
-        self._records = np.zeros((len(poses), 6, 4), np.float32)
+            # Powers of 2, so depths in the buffer have the mantissa of the CPU's. Not where a
+            # surface is cut: it must be cut at the near plane, and a power of 2 is nearer.
+            power = 2.0 ** np.floor(np.log2(self.near))
+            self.near = np.where(self.clipped, self.near, power)
+        self._records = np.zeros((len(poses), *RECORD_SHAPE), np.float32)
         self._records[:, :3, :3] = grid.axes(poses)[:, :3, :3].transpose(0, 2, 1)
         self._records[:, 3, :3], self._records[:, 4, :3] = split_floats(eyes - scene.centre)
         if is_reversed:
@@ -240,10 +248,10 @@ class Views:
         self._rays = self._find_rays(poses, eyes - scene.centre) if scene.has_overlaps else None
 
     def _find_rays(self, poses: FloatArray, eyes: FloatArray) -> FloatArray:
-        """Entries of the uniform block of rays, (P, 4, 4)."""
-        rays = np.zeros((len(poses), 4, 4))
-        # x and y on the canvas at depth 1 to the world; the forward axis is at right angles to both
-        # others, mixed or not.
+        """Entries of the uniform block of rays, (P, *RAYS_SHAPE)."""
+        rays = np.zeros((len(poses), *RAYS_SHAPE))
+        # Map from x and y on the canvas at depth 1 to the world. The forward axis is perpendicular
+        # to the other two, also when these are mixed to rotate the grid.
         axes = self.grid.axes(poses)[:, :3, :3]
         mixed = np.linalg.inv(axes.transpose(0, 2, 1)) if self.grid.is_rolled else axes
         rays[:, :2, :3] = (mixed[:, :, :2] / self.grid.lens[:2]).transpose(0, 2, 1)
@@ -264,7 +272,7 @@ class Views:
         return None if self._rays is None else self._rays[rows]
 
     def depth(self, row: int, values: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Camera z of the depth buffer values of a pose; the farthest value gives inf."""
+        """Camera z of depth buffer values of a pose, in metres; inf for the farthest value."""
         near, far = self.near[row], self.far[row]
         with np.errstate(divide="ignore"):
             if self._is_reversed:
@@ -278,7 +286,7 @@ class Views:
 
 
 def split_floats(values: FloatArray) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Doubles as sums of two floats, good to 48 bits."""
+    """Two floats whose sum is each double, to 48 bits."""
     high = values.astype(np.float32)
     return high, (values - high).astype(np.float32)
 
@@ -286,10 +294,10 @@ def split_floats(values: FloatArray) -> tuple[NDArray[np.float32], NDArray[np.fl
 def _numbered_by_last_corner(
     faces: IntArray, n_vertices: int
 ) -> tuple[IntArray, NDArray[np.uint32]]:
-    """Vertices to send, (N,), and faces that index them, (F, 3): vertex f is f's last corner.
+    """Vertices to upload, (N,), and faces that index them, (F, 3): vertex f is f's last corner.
 
-    The other two corners of a face may be any vertex sent for the same position; the vertices that
-    are nobody's last corner come after the first F.
+    The other two corners of a face may be any vertex uploaded for the same position; vertices that
+    are the last corner of no face follow the first F.
     """
     n_faces = len(faces)
     sent = np.full(n_vertices, -1, np.int64)

@@ -1,7 +1,7 @@
-"""What a plan of the OpenGL rasteriser does for it: draw a scene into a tile and count the faces.
+"""Interface between the OpenGL rasteriser and the two strategies that draw and count.
 
-`gl` keeps the contract, the context and the trust; a plan keeps the programs and the images. There
-are two: `pipeline`, which draws with the graphics pipeline, and `compute`, which does not.
+`rasterizer` owns the contract, the context and the self-test; a strategy owns the programs and the
+images. `pipeline` implements it with the graphics pipeline, `compute` with compute shaders.
 """
 
 from collections.abc import Iterator
@@ -25,63 +25,86 @@ MAX_TILE = 8192
 MAX_FACES_A_DRAW = 1 << 26
 """Keeps the indices of one draw, and its counters, within 32-bit sizes."""
 IMAGE_BUDGET = 512 << 20
-"""Bytes of ids and depth that one batch of poses may take."""
+"""Bytes of face indices and depth in one batch of poses."""
+COUNTER_BYTES = 4
+COUNT_COLUMNS, COUNT_ROWS = 8 * 16, 8
+"""Samples of a workgroup of `count.comp`: 8 x 8 invocations, each a run of 16 samples of a row."""
 
 
 @dataclass(frozen=True)
-class Limits:
-    """Limits below those of the device: samples a side, faces a draw, bytes of images a batch."""
+class DrawLimits:
+    """Limits of a draw, below those of the device.
 
-    tile: int = MAX_TILE
-    faces: int = MAX_FACES_A_DRAW
-    images: int = IMAGE_BUDGET
+    Attributes
+    ----------
+    max_tile : int
+        Samples a side of one image.
+    max_faces : int
+        Faces of one draw.
+    image_budget : int
+        Bytes of images in one batch of poses.
+    """
+
+    max_tile: int = MAX_TILE
+    max_faces: int = MAX_FACES_A_DRAW
+    image_budget: int = IMAGE_BUDGET
 
 
-class Plan(Protocol):
+class Strategy(Protocol):
     """Programs and images on a device, for one mesh and camera.
 
     Attributes
     ----------
     depth : str
-        Depth buffer in use, as in `RasterizerInfo`.
+        Description of the depth buffer, as in `RasterizerInfo`.
     tile : (int, int)
-        Width and height of the largest part of a canvas that is drawn at once.
+        Width and height, in samples, of the largest part of an image that is drawn at once.
     """
 
     depth: str
     tile: tuple[int, int]
 
     def scene(self, mesh: Mesh, camera: Camera, grid: SampleGrid) -> Any:
-        """Send a mesh to the device; the scene has `mesh`, `camera` and `grid`."""
+        """Upload a mesh; the result has `mesh`, `camera` and `grid`."""
         ...
 
-    def views(self, scene: Any, poses: FloatArray, grid: SampleGrid) -> Any:
-        """Make poses ready to be drawn; the views have `clipped`, (P,) bool."""
+    def prepare(self, scene: Any, poses: FloatArray, grid: SampleGrid) -> Any:
+        """Compute the per-pose data of the shaders; the result has `clipped`, (P,) bool."""
         ...
 
-    def batches(self, views: Any) -> Iterator[Any]:
-        """Rows of poses to draw together, as indices or as a slice."""
+    def batches(self, prepared: Any) -> Iterator[Any]:
+        """Rows of the poses of each batch, as indices or as a slice."""
         ...
 
-    def begin(self, views: Any, rows: Any) -> None:
-        """Send the poses of a batch to the device."""
+    def begin(self, prepared: Any, rows: Any) -> None:
+        """Upload the poses of a batch."""
         ...
 
     def count(
-        self, scene: Any, views: Any, rows: Any, tile: Box, *, drawn: bool
+        self, scene: Any, prepared: Any, rows: Any, tile: Box, *, drawn: bool
     ) -> tuple[Counts, Any, Counts | None]:
         """Draw a batch into a tile: visible samples (B, F), background (B,), drawn samples."""
         ...
 
     def image(
-        self, scene: Any, views: Any, tile: Box
+        self, scene: Any, prepared: Any, tile: Box
     ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-        """Draw the first of the views into a tile: faces and depths, as in `VisibilityBuffer`."""
+        """Draw the first pose into a tile: faces and depths, as in `VisibilityBuffer`."""
         ...
 
 
-def side_by_side(windows: list[WordArray]) -> WordArray:
-    """Counters (B, F) of windows of faces, each with one for background before its first."""
+def face_ranges(n_faces: int, max_faces: int) -> list[tuple[int, int]]:
+    """Ranges (first, n) that cover all faces with at most `max_faces` each."""
+    return [(first, min(max_faces, n_faces - first)) for first in range(0, n_faces, max_faces)]
+
+
+def workgroups(tile: Box) -> tuple[int, int]:
+    """Workgroups of `count.comp` in x and y that cover a tile."""
+    return -(-tile[2] // COUNT_COLUMNS), -(-tile[3] // COUNT_ROWS)
+
+
+def without_background(windows: list[WordArray]) -> WordArray:
+    """Counters (B, F) of all faces, from windows of faces that each start with the background."""
     if len(windows) == 1:
-        return windows[0][:, 1:]  # as it is: copies are what the host spends its time on
+        return windows[0][:, 1:]  # a view: copies dominate the host's time
     return np.concatenate([window[:, 1:] for window in windows], axis=1)

@@ -1,0 +1,269 @@
+"""OpenGL rasteriser: the contract of `raster.contract` around one of two strategies, three plans.
+
+- *software*: graphics pipeline, one pose at a time, counted by numpy; see `pipeline`.
+- *hardware*: graphics pipeline, many poses a draw, counted on the GPU.
+- *compute*: compute shaders, many poses at a time, counted on the GPU; see `compute`.
+
+"auto" is "software" on a software device and "hardware" on a hardware device with the features it
+needs; "compute" for a focal length so long that the graphics pipeline would misplace edges.
+
+A device is tested against a scene with known counts at opening and every `SELF_TEST_INTERVAL`
+poses, with the programs, images and buffers in use.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov import shaders
+from rastercov._arguments import flag
+from rastercov._closing import Closing
+from rastercov.camera import Camera
+from rastercov.errors import ConfigError, DeviceError
+from rastercov.mesh import Mesh
+from rastercov.pose import valid_poses
+from rastercov.raster import self_test
+from rastercov.raster.contract import (
+    FaceCounts,
+    RasterizerInfo,
+    VisibilityBuffer,
+    check_counts,
+    check_picture,
+)
+from rastercov.raster.gl.compute import Compute
+from rastercov.raster.gl.context import HeadlessContext, open_context
+from rastercov.raster.gl.pipeline import Pipeline
+from rastercov.raster.gl.resources import Resources
+from rastercov.raster.gl.strategy import (
+    IMAGE_BUDGET,
+    MAX_FACES_A_DRAW,
+    MAX_TILE,
+    DrawLimits,
+    Strategy,
+)
+from rastercov.raster.sample_grid import SampleGrid
+
+PLANS = ("software", "hardware", "compute")
+MAX_FOCAL_LENGTH = 1 << 16
+"""Largest focal length and principal point of the graphics pipeline, in pixels. Its float32 places
+edges to about 2^-23 of that: 1/128 px."""
+SELF_TEST_INTERVAL = 256
+"""Poses between two self-tests of the device."""
+
+
+class GLRasterizer(Closing):
+    """The contract of `rastercov.raster.contract` on OpenGL.
+
+    Parameters
+    ----------
+    mesh, camera, supersample, roll
+        As for `open_rasterizer`.
+    device : str, int or HeadlessContext
+        "auto", "egl:0", "surfaceless" or "osmesa" as for `open_context`; a context that is
+        already open is used and left open.
+    plan : {"auto", "software", "hardware", "compute"}
+        Way to draw and count; "auto" follows the device.
+    require_hardware : bool
+        Refuse a software renderer.
+    max_tile, max_faces_a_draw, image_budget : int
+        Limits below those of the device: samples a side, faces a draw, bytes of images a batch.
+
+    Raises
+    ------
+    ConfigError
+        For an unknown plan, a limit below 1, or a focal length beyond `MAX_FOCAL_LENGTH`.
+    DeviceError
+        When the device cannot be opened, lacks what the plan needs, or fails its self-test.
+    ResourceError
+        When the device has no memory for the images or the mesh.
+    """
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        camera: Camera,
+        *,
+        supersample: int = 1,
+        roll: float = 0.0,
+        device: str | int | HeadlessContext = "auto",
+        plan: str = "auto",
+        require_hardware: bool = False,
+        max_tile: int = MAX_TILE,
+        max_faces_a_draw: int = MAX_FACES_A_DRAW,
+        image_budget: int = IMAGE_BUDGET,
+    ) -> None:
+        if plan not in ("auto", *PLANS):
+            raise ConfigError(f"plan must be auto, {', '.join(PLANS)}, got {plan!r}")
+        limits = (max_tile, max_faces_a_draw, image_budget)
+        if min(limits) < 1:
+            raise ConfigError(
+                f"max_tile, max_faces_a_draw and image_budget must be 1 or more, got {limits}"
+            )
+        self.mesh, self.camera, self.supersample, self.roll = mesh, camera, supersample, roll
+        self._is_open = True
+        self._owns_context = not isinstance(device, HeadlessContext)
+        if isinstance(device, HeadlessContext):
+            if require_hardware and device.info.is_software:
+                raise DeviceError(f"wanted hardware OpenGL, got {device.info.renderer}")
+            self._context = device
+        else:
+            self._context = open_context(device, require_hardware=require_hardware)
+        self._resources = Resources(self._context)
+        try:
+            self._prepare(self._choose(plan), DrawLimits(*limits))
+            self._run_self_test()
+        except BaseException:
+            self.close()
+            raise
+
+    def _choose(self, plan: str) -> str:
+        """Plan to run, "auto" resolved; ConfigError or DeviceError when it cannot run."""
+        known = self._context.info
+        reach = max(self.camera.fx, self.camera.fy, abs(self.camera.cx), abs(self.camera.cy))
+        if plan == "auto" and reach > MAX_FOCAL_LENGTH and known.has_compute_raster:
+            return "compute"
+        if plan != "compute" and reach > MAX_FOCAL_LENGTH:
+            raise ConfigError(
+                f"OpenGL's pipeline takes fx, fy, cx and cy up to {MAX_FOCAL_LENGTH:,} px, "
+                f"got {reach:,g}: float32 would misplace edges; use plan 'compute' or backend 'cpu'"
+            )
+        if plan == "auto":
+            return "hardware" if known.has_batches and not known.is_software else "software"
+        needs = {
+            "hardware": (known.has_batches, "compute shaders and layered drawing"),
+            "compute": (known.has_compute_raster, "compute shaders and storage buffers"),
+        }
+        if plan in needs and not needs[plan][0]:
+            raise DeviceError(
+                f"plan '{plan}' needs {needs[plan][1]}, which "
+                f"{known.renderer} (OpenGL {known.gl_version}) lacks; use plan 'software'"
+            )
+        return plan
+
+    def _prepare(self, plan: str, limits: DrawLimits) -> None:
+        """Compile the programs, allocate the images and upload the mesh."""
+        resources, mesh, camera = self._resources, self.mesh, self.camera
+        grid = SampleGrid(camera, self.supersample, self.roll)
+        resources.use()
+        self._strategy: Strategy
+        if plan == "compute":
+            self._strategy = Compute(resources, mesh, camera, grid, limits)
+        else:
+            is_layered = plan == "hardware"
+            self._strategy = Pipeline(resources, mesh, camera, grid, limits, is_layered=is_layered)
+        self.info = RasterizerInfo(
+            backend="gl",
+            plan=plan,
+            renderer=self._context.info.renderer,
+            driver=self._context.info.version,
+            device=str(self._context.info.device),
+            depth=self._strategy.depth,
+            shaders=shaders.digest(),
+        )
+        self._scene = self._strategy.scene(mesh, camera, grid)
+        # Not rolled, since its counts are known for that grid; the programs are the same.
+        test_grid = SampleGrid(self_test.CAMERA)
+        self._self_test_scene = self._strategy.scene(self_test.MESH, self_test.CAMERA, test_grid)
+        self._pixels = SampleGrid(camera)
+        self._self_test_view = 0
+
+    # --- the contract ---------------------------------------------------------------------------
+
+    def count(self, poses: ArrayLike, *, drawn: bool = True) -> FaceCounts:
+        """Samples of each face in each pose; see `Rasterizer.count`."""
+        matrices, drawn = valid_poses(poses), flag("drawn", drawn)
+        n_bytes = np.dtype(self._scene.grid.count_type).itemsize
+        check_counts(len(matrices), self.mesh.n_faces, n_bytes * (1 + drawn))
+        with self._current():
+            return self._count(self._scene, matrices, drawn)
+
+    def render(self, pose: ArrayLike) -> VisibilityBuffer:
+        """Face index and depth at each pixel centre; see `Rasterizer.render`."""
+        matrices = valid_poses(pose)
+        if len(matrices) != 1:
+            raise ConfigError(f"render takes one pose, got {len(matrices)}")
+        check_picture(self.camera)
+        shape = (self.camera.height, self.camera.width)
+        face, depth = np.empty(shape, np.int32), np.empty(shape, np.float32)
+        with self._current():
+            prepared = self._strategy.prepare(self._scene, matrices, self._pixels)
+            self._strategy.begin(prepared, np.array([0]))
+            for tile in self._pixels.tiles(self._strategy.tile):
+                x, y, width, height = tile
+                part = np.s_[y : y + height, x : x + width]
+                face[part], depth[part] = self._strategy.image(self._scene, prepared, tile)
+        return VisibilityBuffer(face, depth)
+
+    def close(self) -> None:
+        """Release everything on the device; later calls raise `DeviceError`."""
+        if not self._is_open:
+            return
+        self._context.check_owner()
+        self._is_open = False
+        self._context.make_current()
+        self._resources.release()
+        if self._owns_context:
+            self._context.release()
+
+    @contextmanager
+    def _current(self) -> Iterator[None]:
+        """Make the context current, and report the device's errors at the end."""
+        if not self._is_open:
+            raise DeviceError("this rasteriser is closed; open a new one")
+        self._resources.use()
+        yield
+        self._resources.poll("drawing")
+
+    # --- counting -------------------------------------------------------------------------------
+
+    def _count(self, scene: Any, poses: NDArray[np.float64], with_drawn: bool) -> FaceCounts:
+        """Count poses in batches and tiles; run the self-test when it is due."""
+        shape = (len(poses), scene.mesh.n_faces)
+        visible = np.zeros(shape, scene.grid.count_type)
+        drawn = np.zeros(shape, scene.grid.count_type) if with_drawn else None
+        background = np.zeros(len(poses), np.int64)
+        grid, strategy = scene.grid, self._strategy
+        prepared = strategy.prepare(scene, poses, grid)
+        for rows in strategy.batches(prepared):
+            strategy.begin(prepared, rows)
+            for tile in grid.tiles(strategy.tile):
+                counts = strategy.count(scene, prepared, rows, tile, drawn=with_drawn)
+                tile_visible, tile_background, tile_drawn = counts
+                visible[rows] += tile_visible
+                background[rows] += tile_background
+                if drawn is not None:
+                    drawn[rows] += tile_drawn
+            self._resources.poll("drawing")
+            if scene is self._scene:
+                self._poses_since_self_test += len(prepared.clipped[rows])
+                if self._poses_since_self_test >= SELF_TEST_INTERVAL:
+                    self._run_self_test()
+        wrong = np.flatnonzero(visible.sum(axis=1) + background != grid.n_samples)
+        if wrong.size:
+            row = int(wrong[0])
+            raise self._resources.untrusted(
+                f"counted {visible[row].sum() + background[row]} samples of {grid.n_samples}"
+            )
+        scale = grid.supersample
+        return FaceCounts(visible, drawn, background, prepared.clipped, scale, self.info, self.roll)
+
+    # --- self-test ------------------------------------------------------------------------------
+
+    def _run_self_test(self) -> None:
+        """Count a scene with known counts; DeviceError when the device counts it wrongly.
+
+        The two views take turns, so an image left over from the previous test is noticed.
+        """
+        self._poses_since_self_test = 0
+        with self._current():
+            view = self._self_test_view
+            self._self_test_view = 1 - view
+            counts = self._count(self._self_test_scene, self_test.POSES[[view]], with_drawn=True)
+        if not np.array_equal(counts.visible[0], self_test.VISIBLE[view]):
+            raise self._resources.untrusted("drew a known scene wrongly")
+        assert counts.drawn is not None
+        if not np.array_equal(counts.drawn, self_test.DRAWN[[view]]):
+            raise self._resources.untrusted("counted a known scene wrongly")
