@@ -13,7 +13,6 @@ T. Akenine-Möller. Fast 3D Triangle-Box Overlap Testing. 2001, for a plane and 
 import numpy as np
 
 from rastercov._jit import compiled, inlined
-from rastercov.mesh import triangle_tree_kernels
 from rastercov.mesh.triangle_tree_kernels import LEAF
 
 LEAST_AXIS_SQUARED = 1e-200
