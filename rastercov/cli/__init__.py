@@ -204,8 +204,8 @@ def render(
 
     [bold]Example[/]: rastercov render part.stl --unit mm -c camera.toml -p poses.json --pose 3
     """
+    from rastercov._output import write_npz
     from rastercov.report.coverage import Options
-    from rastercov.report.figures import write_npz
     from rastercov.report.folder import ReportFolder, ReportKind
     from rastercov.report.images import (
         coverage_picture,
@@ -288,10 +288,14 @@ def compare(
 
     [bold]Without files[/]: rastercov compare teapot -c khepra -p sphere:4 --method sampled@2
     """
-    from rastercov.report.figures import json_text
+    from rastercov._output import json_text
     from rastercov.report.folder import ReportFolder
-    from rastercov.report.method_words import check_lines, comparison_table
-    from rastercov.report.methods import COMPARISON, write_comparison
+    from rastercov.report.methods import (
+        COMPARISON,
+        check_lines,
+        comparison_table,
+        write_comparison,
+    )
     from rastercov.validation.methods import compare as compared
 
     scene, eye = read_scene(meshes, unit, [], two_sided, drop_invalid), read_camera(camera)
@@ -378,8 +382,9 @@ def _run(
     options: Any,
     as_json: bool,
 ) -> None:
+    from rastercov._output import json_text
     from rastercov.report.coverage import run
-    from rastercov.report.figures import json_text, run_table, summary_table
+    from rastercov.report.tables import run_table, summary_table
 
     faults = check_poses(poses)[1]
     if faults and not options.skip_bad_poses:

@@ -1,14 +1,14 @@
-"""One run of the main job: evaluate poses batch by batch and leave a report in a folder.
+"""Report of an evaluation: measure poses batch by batch and write their figures to a folder.
 
 coverage.parquet   every figure of every pair of pose and face in view
-summary.json       figures of the network, and what made them
+summary.json       figures of the network, and their provenance
 network.glb        the mesh coloured by the best coverage of any camera
 contact_sheet.png  the poses side by side
-pose_*.png         the mesh as one camera has it, grey by coverage
+pose_*.png         the mesh as one camera sees it, grey by coverage
 faces_*.png        the face index image of the same pose
 
-A run that fails leaves the report that was there before; one that ends replaces all of it. For one
-that is killed see `report_folder`.
+A run that fails keeps the earlier report; one that ends replaces all of it. `report.folder`
+describes runs that are killed.
 """
 
 import hashlib
@@ -26,11 +26,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
+from rastercov._interrupts import interrupts_held
+from rastercov._output import write_json
 from rastercov.camera import Camera
 from rastercov.coverage import Coverage, Task, evaluate_batches
-from rastercov._interrupts import interrupts_held
 from rastercov.mesh import Mesh
 from rastercov.network import Network
+from rastercov.observer import Observer, open_observer
+from rastercov.pose import check_poses, valid_poses
+from rastercov.raster.contract import Rasterizer, RasterizerInfo, open_rasterizer
+from rastercov.report.coloured_mesh import write_coloured_mesh
+from rastercov.report.coverage_table import CoverageTable
+from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.images import (
     contact_sheet,
     coverage_picture,
@@ -39,11 +46,6 @@ from rastercov.report.images import (
     pose_title,
     save_picture,
 )
-from rastercov.pose import check_poses, valid_poses
-from rastercov.raster.contract import Rasterizer, RasterizerInfo, open_rasterizer
-from rastercov.report.figures import CoverageTable, write_coloured_mesh, write_json
-from rastercov.report.folder import ReportFolder, ReportKind
-from rastercov.observer import Observer, open_observer
 
 PICTURE_SIDE = 1280
 """Pictures are drawn at the camera's size, or smaller where it exceeds this many pixels."""
@@ -58,14 +60,14 @@ EVALUATION = ReportKind(
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """How to run: `open_rasterizer`'s choices, and what to leave behind.
+    """Choices of a run: method, device and files of the report.
 
     Attributes
     ----------
     method, supersample : str, int
         As for `evaluate`.
     device : str
-        What draws, and counts where the method is "sampled": "auto" and "cpu" as backends of
+        Draws pictures, and counts for the method "sampled": "auto" and "cpu" as backends of
         `open_rasterizer`, or a device of `GLRasterizer`.
     pictures : int
         Poses to draw, spread evenly over the run; 0 for none.
@@ -105,31 +107,31 @@ def run(
 ) -> dict[str, Any]:
     """Evaluate every pose and write the report.
 
-    An interrupt (Ctrl-C) ends the run after the batches that are done; what they gave is written
-    all the same, and the summary says `"interrupted": true`. A batch counts in every file or none;
-    before the first is done, the interrupt is raised and nothing is written. One that comes while
-    pictures are drawn leaves out the rest of them, and the summary says the same.
+    An interrupt (Ctrl-C) ends the run after the current batch; the finished batches are written,
+    and the summary says `"interrupted": true`. A batch counts in every file or none; before the
+    first is done, the interrupt is raised and nothing is written. An interrupt while pictures are
+    drawn leaves out the rest of them, and the summary says the same.
 
     Parameters
     ----------
     mesh, camera, poses, task
         As for `evaluate`.
     out : Path
-        Folder for the report, made when it is missing; see `ReportFolder` for what it may hold.
+        Folder for the report, made when it is missing; see `ReportFolder` for its content.
     options : Options
-        How to run.
+        Choices of the run.
     progress : callable
         Called with the poses done and the poses in all.
 
     Returns
     -------
     dict
-        What `summary.json` holds.
+        Content of `summary.json`.
 
     Raises
     ------
     PoseError
-        For a pose that is no rigid motion, unless such are to be left out.
+        For a pose that is no rigid motion, unless bad poses are skipped.
     ConfigError
         When the folder cannot be used; before the work begins.
     """
@@ -156,7 +158,7 @@ def _run(
     chosen = valid[np.unique(np.linspace(0, total - 1, min(options.pictures, total)).astype(int))]
     drawn: dict[int, tuple[NDArray[np.float64], str]] = {}
     if len(chosen) and options.device not in ("auto", "cpu"):
-        options.open_rasterizer(mesh, camera).close()  # a device that fails does so before the work
+        options.open_rasterizer(mesh, camera).close()  # a broken device fails before the work
     interrupted = False
     with ExitStack() as opened:
         observer = opened.enter_context(options.open(mesh, camera))
@@ -249,7 +251,7 @@ def _sha256(*arrays: NDArray[Any]) -> str:
 def _keep(
     batch: Coverage, chosen: NDArray[np.int64], drawn: dict[int, tuple[NDArray[np.float64], str]]
 ) -> None:
-    """Set aside the coverage and the title of the poses to draw."""
+    """Keep the coverage and the title of the poses to draw."""
     for row in np.flatnonzero(np.isin(batch.pose_ids, chosen)).tolist():
         drawn[int(batch.pose_ids[row])] = batch.coverage[row].copy(), pose_title(batch, row)
 
@@ -262,7 +264,7 @@ def _draw(
     options: Options,
     drawn: dict[int, tuple[NDArray[np.float64], str]],
 ) -> bool:
-    """Pictures of the chosen poses, and those of them on one sheet; whether it was interrupted."""
+    """Draw the chosen poses and a sheet of them; True when interrupted."""
     digits = len(str(max(drawn)))
     pictures: list[Image.Image] = []
     titles: list[str] = []

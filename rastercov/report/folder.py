@@ -35,8 +35,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Self
 
-from rastercov.errors import ConfigError
 from rastercov._interrupts import interrupts_held
+from rastercov._output import named
+from rastercov.errors import ConfigError
 
 STAGING = ".rastercov-report.part"
 """Hidden folder of a run that has not ended: its files, and those it replaces."""
@@ -446,12 +447,3 @@ def _sync(folder: Path) -> None:
             raise
     finally:
         os.close(descriptor)
-
-
-@contextmanager
-def named(path: Path) -> Iterator[None]:
-    """Name a file in the error that its disk gives."""
-    try:
-        yield
-    except OSError as error:
-        raise OSError(error.errno, error.strerror or str(error), str(path)) from error

@@ -6,12 +6,14 @@ import math
 import re
 from contextlib import contextmanager
 from html.parser import HTMLParser
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from matplotlib.colors import to_rgba
 from PIL import Image
 from scenes import joined, sheet, square
 
@@ -24,10 +26,10 @@ from rastercov.observer import Kind, Observation, open_observer, visibility
 from rastercov.pose import look_at, sphere_of_poses
 from rastercov.reference import polygons
 from rastercov.reference.samples import grid_points
-from rastercov.report.canvas import LIGHT, Axis
-from rastercov.report.method_pictures import face_picture
-from rastercov.report.method_plots import plots
+from rastercov.report.face_pictures import face_picture
 from rastercov.report.methods import page, write_comparison
+from rastercov.report.plots import Axis, comparison_plots, image_of
+from rastercov.report.theme import DARK, LIGHT
 from rastercov.validation.methods import contenders as compare_entrants
 from rastercov.validation.methods import convergence as compare_convergence
 from rastercov.validation.methods.closeup import Samples, neighbourhood
@@ -652,18 +654,64 @@ def test_a_face_that_is_not_in_the_image_has_no_picture():
 
 def test_a_comparison_without_errors_still_has_plots():
     found = compare(square(0.1, 1), CAMERA, AHEAD[None], ["certified"], convergence=False)
-    assert set(plots(found, LIGHT)) == {"time"}
+    assert set(comparison_plots(found, LIGHT)) == {"time"}
+
+
+@pytest.mark.parametrize("theme", [LIGHT, DARK])
+def test_plots_have_their_curves_names_and_colours(written, theme):
+    found = written[1]
+    drawn = comparison_plots(found, theme)
+    names = [score.name for score in found.scores]
+    for figure in drawn.values():
+        (axes,) = figure.axes
+        assert figure.get_suptitle()
+        assert (figure.get_figwidth(), figure.dpi) == (5.6, 200)
+        assert figure.get_facecolor() == axes.get_facecolor() == to_rgba(theme.paper)
+        assert axes.get_xlim()[0] < axes.get_xlim()[1]
+    (time,) = drawn["time"].axes
+    assert [text.get_text() for text in time.get_yticklabels()] == [*names, "truth: polygons"]
+    (by_size,) = drawn["error_by_size"].axes
+    solid = [line for line in by_size.lines if line.get_linestyle() == "-"]
+    dashed = [line for line in by_size.lines if line.get_linestyle() == "--"]
+    assert [line.get_label() for line in solid] == names[1:]  # certified has no error
+    assert len(dashed) == len(solid) + 1  # their bounds, and an entry of the legend
+    sizes = found.scores[1].size_classes
+    assert len(solid[0].get_xdata()) == sum(size.partly_hidden >= 5 for size in sizes)
+    assert solid[0].get_ydata().tolist() == pytest.approx(
+        [size.rms_partly_hidden for size in sizes if size.partly_hidden >= 5]
+    )
+    (bounds,) = drawn["bounds"].axes
+    assert [text.get_text() for text in bounds.texts] == [
+        "the bound",
+        "allowed: 0.1 % beyond the bound",
+    ]
+    assert by_size.get_xscale() == by_size.get_yscale() == "log"
+
+
+def test_labels_of_plots_do_not_overlap(written):
+    for name, figure in comparison_plots(written[1], LIGHT).items():
+        image_of(figure)  # sets the places of all texts
+        (axes,) = figure.axes
+        inside = figure.bbox.padded(1)
+        for ticks in (axes.get_xticklabels(), axes.get_yticklabels()):
+            boxes = [tick.get_window_extent() for tick in ticks if tick.get_text()]
+            assert all(not a.overlaps(b) for a, b in pairwise(boxes)), name
+            assert all(inside.contains(*box.min) and inside.contains(*box.max) for box in boxes)
+        for legend in figure.legends:
+            box = legend.get_window_extent()
+            assert inside.contains(*box.min), name
+            assert inside.contains(*box.max), name
+            assert box.y1 < axes.get_tightbbox().y0, name
 
 
 @given(st.floats(-15, 5), st.floats(0.4, 12))
 def test_ticks_lie_on_their_axis(power, decades):
-    axis = Axis("x", 10.0**power, 10.0 ** (power + decades))
+    axis = Axis("x", 10.0**power, 10.0 ** (power + decades), is_log=True)
     ticks = axis.ticks()
-    assert len(ticks) <= 8
-    places = [axis.place(value) for value, _ in ticks]
-    assert places == sorted(places)
-    assert all(-1e-6 <= place <= 1 + 1e-6 for place in places)
-    assert len({words for _, words in ticks}) == len(ticks) >= 1
+    assert 1 <= len(ticks) <= 8
+    assert ticks == sorted(ticks)
+    assert all(axis.low * 0.998 <= value <= axis.high * 1.002 for value in ticks)
+    assert len({axis.text(value) for value in ticks}) == len(ticks)
 
 
 # --- the command ----------------------------------------------------------------------------------
