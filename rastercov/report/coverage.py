@@ -133,7 +133,7 @@ def run(
     PoseError
         For a pose that is no rigid motion, unless bad poses are skipped.
     ConfigError
-        When the folder cannot be used; before the work begins.
+        For a folder that cannot be used, before the work begins.
     """
     matrices, faults = check_poses(poses)
     if faults and not options.skip_bad_poses:
@@ -216,7 +216,7 @@ def describe(
     options: Options,
     info: RasterizerInfo,
 ) -> dict[str, Any]:
-    """What made a result: inputs with their hashes, thresholds, device and versions.
+    """Provenance of a result: inputs with their hashes, thresholds, device and versions.
 
     "mesh" has the files as they were, "scene" the faces in metres and what they are for.
     """

@@ -45,7 +45,7 @@ class CoverageTable:
     Parameters
     ----------
     path : path
-        Where the file appears when the `with` block ends well; otherwise nothing changes there.
+        Of the file, which appears when the `with` block ends well; otherwise nothing changes.
     header : mapping, optional
         Description of the run (inputs with hashes, settings, device), kept as JSON under the key
         "rastercov" of the schema's metadata.

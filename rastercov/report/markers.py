@@ -176,7 +176,7 @@ def write_validation(
     out : Path or ReportFolder
         Folder, made when it is missing; or one that is open.
     found : Validation
-        What to write.
+        Result of the validation.
     renderer : MarkerRenderer
         Draws the failures again.
     failures : int

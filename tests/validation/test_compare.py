@@ -33,10 +33,10 @@ from rastercov.report.theme import DARK, LIGHT
 from rastercov.validation.methods import contenders as compare_entrants
 from rastercov.validation.methods import convergence as compare_convergence
 from rastercov.validation.methods.closeup import Samples, neighbourhood
-from rastercov.validation.methods.comparison import CHANCE, ENOUGH, _often_enough, compare
+from rastercov.validation.methods.comparison import MIN_FACES, SIGNIFICANCE, _often_enough, compare
 from rastercov.validation.methods.contenders import Candidate
 from rastercov.validation.methods.convergence import KnownFaces, converge
-from rastercov.validation.methods.error_statistics import SIZES, Judged, Tally
+from rastercov.validation.methods.error_statistics import SIZES, ErrorStatistics, PoseFigures
 from rastercov.validation.methods.results import MUST_HOLD, FaceError
 
 CAMERA = Camera(width=160, height=120, fx=190, fy=185)
@@ -168,7 +168,7 @@ def test_a_bound_is_judged_by_how_often_it_must_hold(broken, more):
     n = broken + more
     verdict = _often_enough(n - broken, n)
     if n - broken >= MUST_HOLD * n:
-        assert verdict is (True if n >= ENOUGH else None)
+        assert verdict is (True if n >= MIN_FACES else None)
     else:
         assert verdict in (False, None)
     if verdict is False:  # one more that does not hold makes nothing better
@@ -180,7 +180,7 @@ def test_chance_seldom_fails_a_bound_that_holds_just_often_enough():
     for n in (10, 300, 1284, 20_000):
         broken = rng.binomial(n, 1 - MUST_HOLD, 4000)
         failed = np.mean([_often_enough(n - k, n) is False for k in broken.tolist()])
-        assert failed < 3 * CHANCE
+        assert failed < 3 * SIGNIFICANCE
         assert _often_enough(n - round(0.02 * n) - 2, n) is False
 
 
@@ -258,7 +258,7 @@ def test_a_face_between_the_samples_is_missed_and_its_bound_says_so():
 def judged(rows):
     """Figures of a pose from (area, share seen, value, bound, kind) of each face."""
     area, share, value, bound, kind = (np.array(column) for column in zip(*rows, strict=True))
-    return Judged(
+    return PoseFigures(
         face=np.arange(len(rows)),
         area=area,
         visible=area * share,
@@ -279,7 +279,7 @@ ROW = st.tuples(
 @given(st.lists(st.lists(ROW, min_size=1, max_size=12), min_size=1, max_size=4))
 @example([[(4.0, 0.5, 0.9, 0.5, 0)] * 3 + [(4.0, 0.5, 0.51, 0.001, 0)]])
 def test_a_tally_agrees_with_all_figures_side_by_side(poses):
-    tally = Tally(3)
+    tally = ErrorStatistics(3)
     for pose, rows in enumerate(poses):
         tally.add(pose, judged(rows), 0)
     all_rows = judged([row for rows in poses for row in rows])
