@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+from rastercov._output import write_bytes
 from rastercov.coverage import Task
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
@@ -30,7 +31,6 @@ from rastercov.plan.requirements import (
 )
 from rastercov.plan.scene import scene
 from rastercov.pose import read_poses, valid_poses
-from rastercov.report.figures import write_bytes
 
 Limits = Mapping[str | None, float]
 MOST_GROUPS = 5

@@ -17,6 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov._format import percent
+from rastercov._output import named
 from rastercov.camera import Camera
 from rastercov.coverage import Reason, Task, evaluate_batches
 from rastercov.errors import ConfigError
@@ -43,9 +45,8 @@ from rastercov.plan.candidates import (
 )
 from rastercov.plan.file import Plan
 from rastercov.plan.generators import PerCavity
-from rastercov.plan.requirements import OF, counting, goal_of, percent
+from rastercov.plan.requirements import OF, counting, goal_of
 from rastercov.plan.sections import SelectionSection
-from rastercov.report.folder import named
 
 FloatArray = NDArray[np.float64]
 N_DIAGNOSED = 32

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov._format import percent
 from rastercov.mesh import Mesh
 from rastercov.placement.select.problem import SHARE_TOLERANCE, BestCoverage, FewestCameras, Goal
 from rastercov.plan.sections import FewestSelection, SelectionSection, TaskSection
@@ -79,15 +80,6 @@ class Requirement:
 
 OF = {"area": "the area", "count": "the faces"}
 """What shares are of, by `weight_by`."""
-
-
-def percent(share: float) -> str:
-    """A share in percent, never rounded up to 100 nor down to 0."""
-    for digits in (1, 2, 3, 6):
-        text = f"{100 * share:.{digits}f}"
-        if (float(text) < 100 or share >= 1) and (float(text) > 0 or share <= 0):
-            break
-    return f"{text} %"
 
 
 def goal_of(selection: SelectionSection) -> Goal:
