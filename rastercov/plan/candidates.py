@@ -1,7 +1,7 @@
 """Candidate poses of a plan, and where its cameras may stand.
 
 From the entries of a `Plan` to the generators of `candidates` and `mounting`, then through
-`clearance.kept` and `PoseSpace`, which say what was dropped, and why.
+`filter_candidates` and `PoseSpace`, which say what was dropped, and why.
 """
 
 from collections.abc import Iterator, Sequence
@@ -21,7 +21,7 @@ from rastercov.placement.candidates.clearance import (
     KeepOut,
     KeepOutBox,
     KeepOutSphere,
-    kept,
+    filter_candidates,
 )
 from rastercov.placement.candidates.framing import Framing
 from rastercov.placement.candidates.pool import Candidates
@@ -163,7 +163,7 @@ def _filtered(
     for part, cost in parts:
         found += part
         costs.append(np.full(len(part), cost))
-    left, dropped = kept(found, mesh, limits.clearance, keep_outs(plan))
+    left, dropped = filter_candidates(found, mesh, limits.clearance, keep_outs(plan))
     if limits.spaces:
         boxes = [np.array([space.low, space.high]) for space in limits.spaces]
     else:

@@ -19,7 +19,7 @@ from rastercov.errors import ConfigError
 from rastercov.mesh import Group, Mesh
 from rastercov.network import Network
 from rastercov.placement.candidates.cavities import openings
-from rastercov.placement.candidates.clearance import KeepOutBox, kept
+from rastercov.placement.candidates.clearance import KeepOutBox, filter_candidates
 from rastercov.placement.candidates.framing import Framing
 from rastercov.placement.candidates.mounting import on_sphere
 from rastercov.placement.candidates.pool import Candidates, per_segment
@@ -66,7 +66,9 @@ def report():
     segments = segment(mesh, 25, 40)
     made = per_segment(mesh, CAMERA, FRAMING, segmentation=segments)
     made += on_sphere(mesh, CAMERA, FRAMING, count=12)
-    candidates, dropped = kept(made, mesh, 0.1, [KeepOutBox((-9, -9, -9), (9, 9, -1), "floor")])
+    candidates, dropped = filter_candidates(
+        made, mesh, 0.1, [KeepOutBox((-9, -9, -9), (9, 9, -1), "floor")]
+    )
     matrix = build_matrix((mesh, CAMERA), candidates.poses, TASK)
     goal = BestCoverage(cameras=2)
     selection = select_greedy(problem_of(matrix, mesh, goal))

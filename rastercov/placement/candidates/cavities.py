@@ -24,7 +24,7 @@ from rastercov.camera import Camera
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
-from rastercov.placement.candidates.clearance import KeepOut, check_clearance, kept
+from rastercov.placement.candidates.clearance import KeepOut, check_clearance, filter_candidates
 from rastercov.placement.candidates.enclosure import Enclosure
 from rastercov.placement.candidates.framing import DEFAULT, Framing, half_angles, rolled_frames
 from rastercov.placement.candidates.hemicube import Hemicube
@@ -169,7 +169,7 @@ def openings(
     faces : (F,) bool or (N,) int array_like
         Those to bring cameras before, such as those that no candidate sees.
     clearance, keep_out
-        Where cameras can stand, as for `clearance.kept`.
+        Where cameras can stand, as for `filter_candidates`.
     views : int
         Candidates for each face at most, times the rolls of `framing`.
     side, finest : int
@@ -261,7 +261,8 @@ def _judge(
         return
     targets = np.concatenate([np.broadcast_to(s.target, e.shape) for s, e, _ in block])
     poses = look_at(eyes, targets, framing.up)
-    stands = kept(Candidates.of(poses, "cavity"), mesh, clearance, keep_out)[1].kept_mask
+    _, dropped = filter_candidates(Candidates.of(poses, "cavity"), mesh, clearance, keep_out)
+    stands = dropped.kept_mask
     start = 0
     for site, of_site, ray in block:
         rows = start + np.flatnonzero(stands[start : start + len(of_site)])

@@ -104,8 +104,7 @@ def compare_models(
                     row += 1
             progress(start + len(of_batch), len(matrices))
         info = observer.info
-    run = describe(mesh, camera, matrices, task, Options(), info)
-    del run["options"]
+    run = Provenance(mesh, camera, matrices, task, measured_by=info).as_dict()
     return statistics.result(run)
 
 
