@@ -73,12 +73,8 @@ class GLRasterizer(Closing):
 
     Raises
     ------
-    ConfigError
-        For an unknown plan, a limit below 1, or a focal length beyond `MAX_FOCAL_LENGTH`.
-    DeviceError
-        When the device cannot be opened, lacks what the plan needs, or fails its self-test.
-    ResourceError
-        When the device has no memory for the images or the mesh.
+    ConfigError, DeviceError, ResourceError
+        For a bad argument; a device that lacks a feature or fails its self-test; lack of memory.
     """
 
     def __init__(
