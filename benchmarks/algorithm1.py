@@ -1,4 +1,4 @@
-"""How wrong the thesis' Algorithm 1 is on built-in meshes, against exact polygon visibility.
+"""Errors of the thesis' Algorithm 1 on built-in meshes, against exact polygon visibility.
 
 Pairs of face and pose are pooled over poses around the mesh, 1280 x 960 px. Errors are of the
 occlusion (3.13) of front faces of at least 0.1 px^2, with faces seen from behind hiding others as

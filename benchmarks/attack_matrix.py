@@ -45,7 +45,7 @@ def attack(report: Report, effort: float) -> None:
 
 
 def damage(trials: int, seed: int = 0) -> dict[str, str]:
-    """What went wrong with damaged matrices, by the damage."""
+    """Faults of damaged matrices, by the damage."""
     poses = rc.sphere_of_poses((0, 0, 0), 4.2, 11)
     task = rc.Task(min_coverage=0.3, max_incidence_deg=80)
     camera = rc.Camera(width=64, height=64, fx=70, fy=70)

@@ -46,7 +46,7 @@ _calls: dict = {}
 
 
 def spoiled_call(seed: int) -> str:
-    """What is wrong with how a call with one to three wrong arguments ends."""
+    """Fault of a call with one to three wrong arguments, empty if there is none."""
     if not _calls:
         _calls.update(calls())
     rng = np.random.default_rng(seed)
@@ -64,7 +64,7 @@ def spoiled_call(seed: int) -> str:
 
 
 def extreme_scene(seed: int) -> str:
-    """What is wrong with the figures of a scene of any size from any distance."""
+    """Fault of the figures of a scene of any size from any distance, empty if there is none."""
     rng = np.random.default_rng(seed)
     part = [shapes.box((1, 1, 1)), _soup(), shapes.sphere()][rng.integers(3)]
     size = 10.0 ** rng.choice([-300, -160, -100, -30, -9, -3, 0, 3, 9, 20, 29])

@@ -18,7 +18,7 @@ import trimesh
 from rows import Report
 
 from rastercov.errors import RastercovError
-from rastercov.mesh.formats import load_mesh
+from rastercov.mesh import Mesh
 
 N_MUTATED = 100_000
 POINTS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0.5, 0.25, 1], [12, 10, 3]])
@@ -188,10 +188,10 @@ NUMBERS = [
 
 
 def outcome(path: Path, data: bytes) -> tuple[str, bytes, bool]:
-    """What came of loading: "loaded", "refused" or a foreign error; corners; whether noted."""
+    """Outcome of loading: "loaded", "refused" or a foreign error; corners; whether noted."""
     path.write_bytes(data)
     try:
-        mesh = load_mesh(path)
+        mesh = Mesh.load(path)
     except RastercovError as error:
         return ("refused" if str(error).isprintable() else "no line"), b"", False
     except BaseException as error:
@@ -207,9 +207,9 @@ def cuts(name: str, data: bytes) -> Iterator[bytes]:
 
 
 def agrees_with_trimesh(path: Path, data: bytes) -> bool:
-    """Whether trimesh finds as many triangles, of the same total area."""
+    """True if trimesh finds as many triangles, of the same total area."""
     path.write_bytes(data)
-    ours, theirs = load_mesh(path), trimesh.load(path, process=False, force="mesh")
+    ours, theirs = Mesh.load(path), trimesh.load(path, process=False, force="mesh")
     is_equal: bool = np.allclose(ours.areas.sum(), theirs.area, rtol=1e-5)
     return is_equal and ours.n_faces == len(theirs.faces)
 
@@ -277,7 +277,7 @@ def seconds(path: Path, data: bytes, repeats: int) -> float:
     best = np.inf
     for _ in range(repeats):
         start = time.process_time()
-        load_mesh(path)
+        Mesh.load(path)
         best = min(best, time.process_time() - start)
     return best
 

@@ -160,7 +160,7 @@ def _started(words: list[str], folder: Path, errors: Path, limit: int | None = N
 
 
 def _has_ended(process: int) -> bool:
-    """Whether a process has ended; it can still be killed and waited for."""
+    """True if a process has ended; it can still be killed and waited for."""
     return os.waitid(os.P_PID, process, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
 
 
@@ -186,7 +186,7 @@ def content(folder: Path) -> dict[str, bytes]:
 
 
 def state(folder: Path, command: Command, old: dict[str, bytes]) -> str:
-    """What a folder holds.
+    """Contents of a folder.
 
     Returns
     -------

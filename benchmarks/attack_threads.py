@@ -205,7 +205,7 @@ def models(runs: int, tracer: str) -> Iterator[Run]:
 
 
 def closed(runs: int, kind: str) -> Iterator[Run]:
-    """What is closed while five threads use it ends well, or refuses in a line of its own."""
+    """An object closed while five threads use it ends well, or refuses in a line of its own."""
     mesh = shapes.teapot(4)
     poses = _poses(mesh, 8, seed=3)
     with _opened(kind, mesh, 1) as alone:
@@ -290,7 +290,7 @@ PARTS: dict[str, Callable[..., Iterator[Run]]] = {
 
 
 def _in_threads(call: Callable[[int], Iterator[bool]], n: int) -> Run:
-    """What `call(0)` ... `call(n - 1)` find right, each in a thread that begins with the others."""
+    """Number of right answers of `call(0)` ... `call(n - 1)`, in threads that begin together."""
     together = threading.Barrier(n)
     right: list[bool] = []
     errors: list[str] = []
@@ -358,7 +358,7 @@ def _matrix(mesh: rc.Mesh, camera: rc.Camera, poses: Any) -> Answer:
 
 
 def _known(mesh: rc.Mesh) -> Answer:
-    """What a mesh computes at first use, and what it hands on to one with other groups."""
+    """Lazy properties of a mesh at first use, and of its copies with other groups."""
     other = mesh.with_groups(two_sided="all")
     facts = (mesh.is_closed, mesh.is_consistently_wound, mesh.can_cull_back_faces)
     return [other.bounds, mesh.normals, mesh.positions, other.duplicate_mask, np.array(facts)]

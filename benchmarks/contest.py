@@ -36,7 +36,7 @@ class Contestant:
 
     @property
     def is_peer(self) -> bool:
-        """Whether it is somebody else's."""
+        """True for a peer's method."""
         return bool(self.packages)
 
     @property
@@ -135,7 +135,7 @@ class Team:
             os.environ.pop(name, None)
 
     def wait(self) -> str:
-        """What it runs on, once all its processes have opened."""
+        """Device in use, once all its processes have opened."""
         answers = [self._answer(pipe) for pipe in self.pipes]
         for is_open, words in answers:
             if not is_open:

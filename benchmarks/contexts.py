@@ -1,4 +1,4 @@
-"""What stays in memory for each OpenGL context that is opened and closed, and whose it is.
+"""Memory that stays after an OpenGL context is opened and closed, by library.
 
 Four programs, each in a process of its own: EGL or OSMesa alone, by ctypes; moderngl on top of
 that; our contexts; our rasterisers, which draw. After a warm-up, resident memory and what malloc
@@ -131,7 +131,7 @@ def growth(kind: str, rounds: int) -> dict[str, float]:
 
 
 def growth_in_a_process(kind: str, rounds: int) -> dict[str, float] | str:
-    """What `growth` finds in a process of its own, or why it does not run."""
+    """Result of `growth` in a process of its own, or the reason why it does not run."""
     command = [sys.executable, __file__, "--kind", kind, "--rounds", str(rounds)]
     run = subprocess.run(command, capture_output=True, text=True, check=False)
     if run.returncode:

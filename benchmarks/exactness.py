@@ -84,7 +84,7 @@ def _thesis(report: Report, rounds: int) -> None:
 
 
 def _queries(report: Report, rounds: int) -> None:
-    """What decides over patches: half planes for one face of each, or a small raster image."""
+    """Cost of deciding over regions: half planes for one face of each, or a small raster image."""
     small = CAMERA.resized(0.2)
     for name in ("torus", "aeroplane-9856", "teapot-12"):
         mesh = shapes.by_name(name)
@@ -235,7 +235,7 @@ def _certificates(report: Report, figures: int) -> None:
 
 
 def _statistical(report: Report) -> None:
-    """How often the bound of counted figures holds; `sampled_bound.py` has the particulars."""
+    """Share of counted figures whose bound holds; `sampled_bound.py` has the particulars."""
     for kind, make in {"generic meshes": generic, "boxes and bars, frontal": machined}.items():
         held = []
         for mesh, pose in make(np.random.default_rng(2), 8):
@@ -248,7 +248,7 @@ def _statistical(report: Report) -> None:
 
 
 def _starts(report: Report) -> None:
-    """What the compiled loops add to the first start after installation, and to later ones."""
+    """Time that compiled loops add to the first start after installation, and to later ones."""
     with tempfile.TemporaryDirectory() as folder:
         environment = os.environ | {"NUMBA_CACHE_DIR": folder}
         starts = [

@@ -1,4 +1,4 @@
-"""What `throughput` says of our CPU rasteriser alone: cost of `drawn`, later starts, memory."""
+"""Costs of the CPU rasteriser alone: `drawn`, later starts, memory."""
 
 import statistics
 import subprocess
@@ -26,7 +26,7 @@ STARTS = {
 
 
 def cost_of_drawn(report) -> None:
-    """How much longer a pose takes when `drawn` is counted too, in one thread."""
+    """Time of a pose with `drawn` over its time without, in one thread."""
     for scene, n in (("closed", 10_000), ("closed", 100_000), ("closed", 1_000_000),
                      ("open", 10_000), ("interior", 15_000)):  # fmt: skip
         for width, height in ((1280, 1024), (256, 256)):

@@ -32,7 +32,7 @@ CAMERA = rc.Camera(width=128, height=128, fx=154, fy=154)
 BATCH = 500
 PARTS = 50
 STOPS = ((0.3, signal.SIGINT), (0.6, signal.SIGKILL))
-"""When to end a process, as the share of the parts that are there, and how."""
+"""Share of the parts after which a process is ended, and the signal that ends it."""
 WARM_UP = 0.05
 
 

@@ -1,4 +1,4 @@
-"""What a user would take instead: a pose to face counts, by Open3D, trimesh with embreex, or VTK.
+"""Peers: face counts of a pose by Open3D, trimesh with embreex, or VTK.
 
 Each counts what `rastercov.open_rasterizer(...).count(poses, drawn=False)` counts, the way its own
 manual does it, and is given what it can use again: the mesh once, the rays of the camera once.

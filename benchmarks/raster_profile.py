@@ -268,7 +268,8 @@ def _edited(name: str, edits) -> Callable[..., None]:
     edits = (
         ("import numpy as np\n", "import numba\nimport numpy as np\n"),
         (
-            "compiled = compiled_with(lane_kernels, lanes, layout)\n",
+            "from rastercov._jit import compiled, part_of\n",
+            "from rastercov._jit import part_of\n"
             'compiled = numba.njit(nogil=True, error_model="numpy")\n',
         ),
         *edits,

@@ -1,4 +1,4 @@
-"""Whether two images of face indices show the same surface, but for what rounding may decide."""
+"""Comparison of two images of face indices, up to what rounding may decide."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""How often the bound of method "sampled" holds, on generic meshes and on machined parts.
+"""Share of figures of method "sampled" whose bound holds, on generic and machined parts.
 
 For every face that is partly hidden in truth (method "exact", checked against polygon Booleans), in
 view from the front, the visible fraction from samples is compared with the true one: it must be

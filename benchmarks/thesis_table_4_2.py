@@ -244,7 +244,7 @@ def accuracy(report: Report, what: str, entrant, true, judged) -> list[str]:
 
 
 def _entrants(mesh: rc.Mesh, pose: FloatArray, stack: ExitStack, literal: int, say: bool = False):
-    """What answers for a mesh, by name; the stack closes it."""
+    """Contestants for a mesh, by name; the stack closes them."""
 
     def observed(method, **options):
         entrant = Observed(mesh, pose, method, **options)

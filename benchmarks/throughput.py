@@ -83,7 +83,7 @@ class Result:
         return self.n_poses / statistics.median(self.seconds)
 
     def ratio(self, to: "Result", *, rays_for_free: bool = False) -> float:
-        """How many times as fast, the median over rounds."""
+        """Ratio of speeds, the median over rounds."""
         theirs = np.subtract(to.seconds, to.making) if rays_for_free else np.array(to.seconds)
         return float(np.median((theirs / to.n_poses) / (np.array(self.seconds) / self.n_poses)))
 

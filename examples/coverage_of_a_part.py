@@ -1,11 +1,11 @@
-"""From a mesh and camera poses to coverage: which faces are seen, how well, and why not."""
+"""Coverage of a part by 24 cameras: covered share, reasons, partly visible faces."""
 
 import numpy as np
 
 import rastercov as rc
 from rastercov import shapes
 
-# A real part: mesh = rc.Mesh.load("part.stl", unit="mm")
+# From a file: mesh = rc.Mesh.load("part.stl", unit="mm")
 mesh = shapes.teapot(12)
 camera = rc.Camera.from_lens(
     width=1280,
@@ -31,7 +31,7 @@ print(f"{summary['covered']['area_percent']:.1f} % of area")
 for reason, share in summary["not_covered_because"].items():
     print(f"  not covered, {reason}: {share['faces']} faces")
 
-# Every figure is there for every pose and face, (P, F).
+# All figures are (P, F) arrays: one value per pose and face.
 best = int(coverage.coverage.sum(axis=1).argmax())
 seen = coverage.visibility[best] > 0
 partly = seen & (coverage.visibility[best] < 1)

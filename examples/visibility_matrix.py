@@ -1,4 +1,4 @@
-"""The visibility matrix of many candidate poses, a few at a time: food for any optimiser."""
+"""Visibility matrix of 200 candidate poses, computed in batches, and a greedy selection."""
 
 import numpy as np
 
@@ -14,7 +14,7 @@ with rc.open_observer(mesh, camera) as observer:
     for batch in rc.evaluate_batches(observer, poses, rc.Task(min_pixels=4)):
         is_covered[batch.pose_ids] = batch.reason == rc.Reason.COVERED
 
-# Greedy choice: the pose that sees most of what is still unseen.
+# Greedy selection: the pose that covers the most faces not covered so far.
 missing, chosen = np.ones(mesh.n_faces, dtype=bool), []
 while (gain := (is_covered & missing).sum(axis=1)).max() > 0 and len(chosen) < 8:
     chosen.append(int(gain.argmax()))

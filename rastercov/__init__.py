@@ -1,7 +1,9 @@
-"""Which faces of a mesh does each camera see, how well, and where should the cameras go."""
+"""Graded per-face visibility and coverage of a mesh by cameras, and camera placement."""
 
+from rastercov import _moved as _moved
 from rastercov.camera import Camera
-from rastercov.coverage import Coverage, Reason, Task, evaluate, evaluate_batches
+from rastercov.coverage import Coverage, evaluate, evaluate_batches
+from rastercov.engine import Engine
 from rastercov.errors import (
     CameraError,
     ConfigError,
@@ -14,14 +16,15 @@ from rastercov.errors import (
 from rastercov.mesh import Group, Mesh
 from rastercov.network import Network
 from rastercov.observer import Kind, Observation, Observer, Visibility, open_observer, visibility
-from rastercov.pose import look_at, read_poses, sphere_of_poses, write_poses
-from rastercov.raster.contract import (
+from rastercov.pose import Poses, look_at, read_poses, sphere_of_poses, write_poses
+from rastercov.raster import (
     FaceCounts,
     Rasterizer,
     RasterizerInfo,
     VisibilityBuffer,
     open_rasterizer,
 )
+from rastercov.task import Reason, Task
 
 __all__ = [
     "Camera",
@@ -29,6 +32,7 @@ __all__ = [
     "ConfigError",
     "Coverage",
     "DeviceError",
+    "Engine",
     "FaceCounts",
     "Group",
     "Kind",
@@ -38,6 +42,7 @@ __all__ = [
     "Observation",
     "Observer",
     "PoseError",
+    "Poses",
     "RastercovError",
     "Rasterizer",
     "RasterizerInfo",

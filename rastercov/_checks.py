@@ -128,7 +128,7 @@ def finite_number(value: Any) -> float:
 
 
 def is_inf(value: Any) -> bool:
-    """Whether `value` is a float without bound."""
+    """True for positive infinity."""
     return isinstance(value, float | np.floating) and value == math.inf
 
 

@@ -1,4 +1,4 @@
-"""What holds something that must be given back: use it in a `with` block, or close it."""
+"""Base class of context managers that are closed with `close()`."""
 
 from abc import ABC, abstractmethod
 from typing import NoReturn, Self

@@ -1,7 +1,7 @@
 """How loops are compiled: by numba, without a lock, kept on disk; and said so the first time.
 
-numba keeps what it compiled by file, and does not notice when a loop calls into another file that
-has changed. So loops that call each other stand in one file, or name the others to `compiled_with`.
+What is on disk is used only while the file of a loop, and all files of the package that it
+imports, directly or not, have the content that they were compiled from.
 
 numba compiles in one thread of a process at a time, whichever asks; a fork waits until it is done.
 
@@ -14,13 +14,14 @@ import hashlib
 import logging
 import os
 import pickle
+import re
 import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numba
@@ -121,10 +122,8 @@ class _Kept(caching.FunctionCache):
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
-        impl = self._impl
-        self._cache_file = _CheckedFile(
-            self.cache_path, impl.filename_base, impl.locator.get_source_stamp()
-        )
+        digest = _source_digest(Path(function.__code__.co_filename))
+        self._cache_file = _CheckedFile(self.cache_path, self._impl.filename_base, digest)
 
     def load_overload(self, signature: Any, context: Any) -> Any:
         try:
@@ -160,32 +159,60 @@ class _Kept(caching.FunctionCache):
         _say_unkept(f"{self.cache_path}: {error.strerror or error}")
 
 
+_IMPORT = re.compile(
+    r"^from ([\w.]+) import (\([^)]*\)|[^\n]*)|^import ([\w.]+)", flags=re.MULTILINE
+)
+
+
+@cache
+def _read_module(path: Path) -> tuple[bytes, tuple[Path, ...]]:
+    """SHA-256 of a module file, and the files that it imports from its own top-level package.
+
+    Recognised are absolute imports that start in the first column.
+    """
+    source = path.read_bytes()
+    folder = path.parent
+    while (folder / "__init__.py").exists():
+        folder = folder.parent
+    if folder == path.parent:  # in no package
+        return hashlib.sha256(source).digest(), ()
+    package = path.relative_to(folder).parts[0]
+    files = []
+    for parent, names, module in _IMPORT.findall(source.decode()):
+        parts = (parent or module).split(".")
+        if parts[0] != package:
+            continue
+        target = folder.joinpath(*parts)
+        found = [target / f"{name.split()[0]}.py" for name in re.findall(r"\w[\w ]*", names)]
+        if not found or not all(file.exists() for file in found):
+            found += [target.with_suffix(".py"), target / "__init__.py"]
+        files += [file for file in found if file.exists()]
+    return hashlib.sha256(source).digest(), tuple(files)
+
+
+@cache
+def _source_digest(path: Path) -> str:
+    """SHA-256 of a module file and of all that it imports, directly or not, from its package.
+
+    numba itself stamps a loop with its own file only, and would run what is on disk although a
+    function or a constant from another file has changed. Imports of this module are not followed.
+    """
+    digests: dict[Path, bytes] = {}
+    waiting = [path]
+    while waiting:
+        file = waiting.pop()
+        if file not in digests:
+            digests[file], imports = _read_module(file)
+            waiting += imports if file != Path(__file__) else ()
+    return hashlib.sha256(b"".join(digests[file] for file in sorted(digests))).hexdigest()
+
+
 def compiled(function: Callable[..., Any]) -> Any:
     """Compile on first use and keep the result on disk, where there is a disk to keep it on."""
     loop: Any = numba.njit(nogil=True, error_model="numpy")(function)
     with suppress(RuntimeError, OSError):  # nowhere to write: compile in every process
         loop._cache = _Kept(function)
     return loop
-
-
-def compiled_with(*others: ModuleType) -> Callable[[Callable[..., Any]], Any]:
-    """As `compiled`, for loops that are made of what stands in other files too.
-
-    What is on disk is then used only while all of these files are as they were.
-    """
-
-    def decorate(function: Callable[..., Any]) -> Any:
-        loop = compiled(function)
-        cache = getattr(loop._cache, "_cache_file", None)
-        if cache is not None:
-            files = [Path(str(module.__file__)).stat() for module in others]
-            cache._source_stamp = (
-                cache._source_stamp,
-                *((file.st_mtime, file.st_size) for file in files),
-            )
-        return loop
-
-    return decorate
 
 
 def part_of(function: Callable[..., Any]) -> Any:

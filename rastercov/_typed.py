@@ -27,7 +27,7 @@ Result = TypeVar("Result")
 ERRORS: dict[str, type[RastercovError]] = {"Mesh": MeshError, "Camera": CameraError}
 """By the name of the type that is wanted; for all others it is a ConfigError."""
 ARRAY = get_args(ArrayLike) or (ArrayLike,)
-"""What an annotation with ArrayLike has in it: a union up to numpy 2.4, an alias from 2.5 on."""
+"""Members of an annotation with ArrayLike: a union up to numpy 2.4, an alias from 2.5 on."""
 ARRAYS = (np.ndarray, NDArray)
 WORDS = {float: "a number", int: "a whole number", bool: "True or False", str: "a text"}
 

@@ -10,10 +10,11 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from typing_extensions import Doc
 
 from rastercov._arguments import LARGEST_COORDINATE, checked_array
 from rastercov._checks import (
@@ -80,19 +81,21 @@ class Camera:
         For a value that describes no camera.
     """
 
-    width: int
-    height: int
-    fx: float
-    fy: float
-    cx: float = None  # type: ignore[assignment] # None asks for the centre; never None afterwards
-    cy: float = None  # type: ignore[assignment] # the same
-    near: float = 0.0
-    focal_length: float | None = None
-    pixel_size: tuple[float, float] | None = None
-    aperture: float | None = None
-    focus_distance: float | None = None
-    max_blur: float = 1.0
-    focus_range: tuple[float, float] | None = None
+    width: Annotated[int, Doc("Image width, px.")]
+    height: Annotated[int, Doc("Image height, px.")]
+    fx: Annotated[float, Doc("Focal length over pixel width, px.")]
+    fy: Annotated[float, Doc("Focal length over pixel height, px.")]
+    cx: Annotated[float, Doc("Principal point, px; the middle if left out.")] = None  # type: ignore[assignment] # None asks for the centre; never None afterwards
+    cy: Annotated[float, Doc("Principal point, px; the middle if left out.")] = None  # type: ignore[assignment] # None asks for the centre; never None afterwards
+    near: Annotated[float, Doc("Surfaces nearer than this are not seen, m.")] = 0.0
+    focal_length: Annotated[float | None, Doc("Metres; instead of fx and fy.")] = None
+    pixel_size: Annotated[tuple[float, float] | None, Doc("Metres, one or two.")] = None
+    aperture: Annotated[float | None, Doc("Metres; instead of f_number.")] = None
+    focus_distance: Annotated[float | None, Doc("Depth of the plane in focus, m.")] = None
+    max_blur: Annotated[float, Doc("Largest blur circle, px.")] = 1.0
+    focus_range: Annotated[
+        tuple[float, float] | None, Doc("[near, far] depths in focus, m; instead of an aperture.")
+    ] = None
     skew: float = 0.0
     distortion: tuple[float, ...] = ()
 

@@ -1,29 +1,25 @@
-"""Coverage of each face by each camera (3.6), and why a face is not covered.
+"""Coverage of each face by each camera (3.6): all criteria of many poses, batch by batch.
 
-    coverage = field of view * min(1, resolution) * focus * visibility, and ours: * incidence
-               * pixel density, which are 1 within their limits and 0 beyond.
-
-E. S. Eissa. Image Space Coverage Model. 2020, section 3.3.
+E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks. 2020, section 3.3.
 """
 
-import math
 from collections.abc import Iterator
-from dataclasses import dataclass
-from enum import IntEnum
-from typing import Any, Self
+from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._arguments import check_choice, check_kind, check_scene, flag
-from rastercov._checks import finite_number, shown
+from rastercov._arguments import check_kind, check_scene
+from rastercov._checks import shown
 from rastercov.camera import Camera
-from rastercov.criteria import in_focus, view_faces
+from rastercov.criteria import FaceGeometry, face_geometry, in_focus
 from rastercov.errors import ConfigError, ResourceError
 from rastercov.mesh import Mesh
-from rastercov.observer import Observation, Observer, figures, open_observer
-from rastercov.pose import check_poses, valid_poses
+from rastercov.observer import Observation, Observer, open_observer, visible_fraction
+from rastercov.pose import Poses
 from rastercov.raster.contract import RasterizerInfo
+from rastercov.task import Reason, Task  # noqa: F401
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -39,100 +35,9 @@ EVALUATE_BUDGET = 4 << 30
 """Bytes `evaluate` may return; larger runs go through `evaluate_batches`."""
 
 
-class Reason(IntEnum):
-    """Why a camera does not cover a face: the first criterion that fails, in this order."""
-
-    DEGENERATE = 0
-    """The face has no area."""
-    BACK_FACING = 1
-    """The camera is behind it."""
-    OUTSIDE = 2
-    """A vertex is outside the image or before the near plane."""
-    OUT_OF_FOCUS = 3
-    """It is not within the depth of field."""
-    UNSAMPLED = 4
-    """It is in view but so small or thin that no sample falls on it, or that it has no image to
-    within rounding; occlusion is unknown."""
-    TOO_COARSE = 5
-    """Too few pixels, or too few a metre."""
-    OCCLUDED = 6
-    """Too much of it is hidden."""
-    TOO_OBLIQUE = 7
-    """It is seen at too flat an angle."""
-    COVERED = 8
-    """Nothing: it is covered."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Task:
-    """What it takes for a face to be covered.
-
-    Parameters
-    ----------
-    min_pixels : float
-        R_min of (3.8): pixels that give resolution 1.
-    min_visibility : float
-        V_min: a face less visible than this counts as hidden, [0, 1].
-    max_blur : float, optional
-        c of (3.10): largest blur circle in pixels; the camera's own unless given.
-    max_incidence_deg : float
-        Largest angle between normal and ray, degrees, (0, 90].
-    min_pixel_density : float
-        Least pixels a metre on the surface, along its worst direction.
-    min_coverage : float
-        A camera covers a face when coverage is at least this and not 0, [0, 1].
-    views : int
-        Cameras that must cover a face for the network to cover it.
-    focus_rule : {"vertices", "centroid"}
-        Whether all vertices must be in focus (Definition 1) or the centroid (3.12).
-    cap_resolution : bool
-        Whether resolution enters the product as min(1, C_R).
-    """
-
-    min_pixels: float = 1.0
-    min_visibility: float = 0.0
-    max_blur: float | None = None
-    max_incidence_deg: float = 90.0
-    min_pixel_density: float = 0.0
-    min_coverage: float = 0.5
-    views: int = 1
-    focus_rule: str = "vertices"
-    cap_resolution: bool = True
-
-    def __post_init__(self) -> None:
-        limits = {
-            "min_pixels": (0, math.inf, "more than 0"),
-            "min_visibility": (0, 1, "0 to 1"),
-            "max_blur": (0, math.inf, "more than 0"),
-            "max_incidence_deg": (0, 90, "more than 0, up to 90"),
-            "min_pixel_density": (0, math.inf, "0 or more"),
-            "min_coverage": (0, 1, "0 to 1"),
-            "views": (1, math.inf, "a whole number, 1 or more"),
-        }
-        for name, (low, high, words) in limits.items():
-            value = getattr(self, name)
-            if name == "max_blur" and value is None:
-                continue
-            number = finite_number(value)
-            too_low = number < low or (number == 0 and words.startswith("more"))
-            if too_low or not number <= high:
-                raise ConfigError(f"{name} must be {words}, got {shown(value)}")
-            object.__setattr__(self, name, number)
-        if self.views != int(self.views):
-            raise ConfigError(f"views must be a whole number, 1 or more, got {self.views}")
-        object.__setattr__(self, "views", int(self.views))
-        check_choice("focus_rule", self.focus_rule, ("vertices", "centroid"))
-        object.__setattr__(self, "cap_resolution", flag("cap_resolution", self.cap_resolution))
-
-    @classmethod
-    def thesis(cls, **changes: Any) -> Self:
-        """(3.6) to the letter: resolution uncapped, focus of the centroid, any coverage counts."""
-        literal: dict[str, Any] = {
-            "cap_resolution": False,
-            "focus_rule": "centroid",
-            "min_coverage": 0.0,
-        }
-        return cls(**(literal | changes))
+def _figure(dtype: type, unit: str = "") -> dict[str, Any]:
+    """Metadata of a field of `Coverage` that is a (P, F) array."""
+    return {"dtype": dtype, "unit": unit}
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,39 +84,29 @@ class Coverage:
     info: RasterizerInfo
     pose_ids: IntArray
     clipped: BoolArray
-    in_view: BoolArray
-    in_view_fraction: FloatArray
-    projected_area: FloatArray
-    visible_pixels: FloatArray
-    drawn_pixels: FloatArray
-    resolution: FloatArray
-    pixel_density: FloatArray
-    in_focus: BoolArray
-    visibility: FloatArray
-    visibility_bound: FloatArray
-    visibility_kind: NDArray[np.uint8]
-    incidence: FloatArray
-    coverage: FloatArray
-    reason: NDArray[np.uint8]
+    in_view: BoolArray = field(metadata=_figure(np.bool_))
+    in_view_fraction: FloatArray = field(metadata=_figure(np.float64))
+    projected_area: FloatArray = field(metadata=_figure(np.float64, "px^2"))
+    visible_pixels: FloatArray = field(metadata=_figure(np.float64, "px"))
+    drawn_pixels: FloatArray = field(metadata=_figure(np.float64, "px"))
+    resolution: FloatArray = field(metadata=_figure(np.float64))
+    pixel_density: FloatArray = field(metadata=_figure(np.float64, "px/m"))
+    in_focus: BoolArray = field(metadata=_figure(np.bool_))
+    visibility: FloatArray = field(metadata=_figure(np.float64))
+    visibility_bound: FloatArray = field(metadata=_figure(np.float64))
+    visibility_kind: NDArray[np.uint8] = field(metadata=_figure(np.uint8))
+    incidence: FloatArray = field(metadata=_figure(np.float64, "rad"))
+    coverage: FloatArray = field(metadata=_figure(np.float64))
+    reason: NDArray[np.uint8] = field(metadata=_figure(np.uint8))
 
 
-FIGURES = {
-    "in_view": np.bool_,
-    "in_view_fraction": np.float64,
-    "projected_area": np.float64,
-    "visible_pixels": np.float64,
-    "drawn_pixels": np.float64,
-    "resolution": np.float64,
-    "pixel_density": np.float64,
-    "in_focus": np.bool_,
-    "visibility": np.float64,
-    "visibility_bound": np.float64,
-    "visibility_kind": np.uint8,
-    "incidence": np.float64,
-    "coverage": np.float64,
-    "reason": np.uint8,
+FIGURES: dict[str, Any] = {
+    each.name: each.metadata["dtype"] for each in fields(Coverage) if "dtype" in each.metadata
 }
 """The (P, F) arrays of `Coverage` and their types, in the order of a report."""
+UNITS: dict[str, str] = {
+    each.name: each.metadata["unit"] for each in fields(Coverage) if each.metadata.get("unit")
+}
 
 
 def evaluate(
@@ -232,7 +127,7 @@ def evaluate(
     ----------
     mesh, camera
         What is looked at, and by what.
-    poses : (P, 4, 4) array_like
+    poses : (P, 4, 4) array_like, or Poses
         world_from_camera.
     task : Task, optional
         Thresholds; `Task()` unless given.
@@ -249,7 +144,8 @@ def evaluate(
         When the arrays would exceed `EVALUATE_BUDGET`; use `evaluate_batches`.
     """
     check_scene(mesh, camera)
-    shape = (len(_accepted(poses, skip_bad_poses)[1]), mesh.n_faces)
+    accepted = Poses.of(poses, skip_bad=skip_bad_poses)
+    shape = (len(accepted), mesh.n_faces)
     size = shape[0] * shape[1] * sum(np.dtype(kind).itemsize for kind in FIGURES.values())
     if size > EVALUATE_BUDGET:
         raise ResourceError(
@@ -262,7 +158,7 @@ def evaluate(
         whole: dict[str, NDArray[Any]] = {n: np.empty(shape, kind) for n, kind in FIGURES.items()}
         whole |= {"pose_ids": np.empty(shape[0], np.int64), "clipped": np.empty(shape[0], bool)}
         done = 0
-        for batch in evaluate_batches(observer, poses, task, skip_bad_poses=skip_bad_poses):
+        for batch in evaluate_batches(observer, accepted, task):
             for name, array in whole.items():
                 array[done : done + len(batch.pose_ids)] = getattr(batch, name)
             done += len(batch.pose_ids)
@@ -292,7 +188,7 @@ def evaluate_batches(
         arguments are checked at once; each batch is measured when it is asked for. Any number of
         threads may have an iterator each over one observer, but not share an iterator.
     """
-    matrices, pose_ids = _accepted(poses, skip_bad_poses)
+    accepted = Poses.of(poses, skip_bad=skip_bad_poses)
     if not isinstance(getattr(observer, "mesh", None), Mesh) or not hasattr(observer, "observe"):
         raise ConfigError(
             f"observer must be what open_observer gives, got {shown(observer)}; open one"
@@ -300,81 +196,50 @@ def evaluate_batches(
     task = Task() if task is None else task
     check_kind("task", task, Task, "a Task or None", ConfigError)
     step = max(1, min(POSES_A_BATCH, PAIRS_A_BATCH // observer.mesh.n_faces))
-    batches = (pose_ids[at : at + step] for at in range(0, max(1, len(pose_ids)), step))
-    return (_judge(observer, task, matrices[rows], rows) for rows in batches)
+    starts = range(0, max(1, len(accepted)), step)
+    return (_judge(observer, task, accepted[at : at + step]) for at in starts)
 
 
-def _accepted(poses: ArrayLike, skip_bad_poses: bool) -> tuple[FloatArray, IntArray]:
-    """All poses, (P, 4, 4), and the rows to evaluate."""
-    if not flag("skip_bad_poses", skip_bad_poses):
-        matrices = valid_poses(poses)
-        return matrices, np.arange(len(matrices))
-    matrices, faults = check_poses(poses)
-    return matrices, np.delete(np.arange(len(matrices)), list(faults))
-
-
-def _judge(observer: Observer, task: Task, poses: FloatArray, pose_ids: IntArray) -> Coverage:
+def _judge(observer: Observer, task: Task, poses: Poses) -> Coverage:
+    """Coverage of a batch."""
     mesh, camera = observer.mesh, observer.camera
     seen = observer.observe(poses)
     shape = (len(poses), mesh.n_faces)
     values: dict[str, NDArray[Any]] = {n: np.zeros(shape, kind) for n, kind in FIGURES.items()}
     focus_limits = camera.depth_of_field(task.max_blur)
-    for row, pose in enumerate(poses):
-        for name, of_pose in _judge_pose(mesh, camera, task, focus_limits, pose, seen, row).items():
+    for row, pose in enumerate(poses.world_from_camera):
+        geometry = face_geometry(mesh, camera, pose)
+        for name, of_pose in _criteria(mesh, task, focus_limits, geometry, seen, row).items():
             values[name][row] = of_pose
-    return Coverage(mesh, camera, task, observer.info, pose_ids, seen.clipped, **values)
+    return Coverage(mesh, camera, task, observer.info, poses.ids, seen.clipped, **values)
 
 
-def _judge_pose(
+def _criteria(
     mesh: Mesh,
-    camera: Camera,
     task: Task,
     focus_limits: tuple[float, float],
-    pose: FloatArray,
+    geometry: FaceGeometry,
     seen: Observation,
     row: int,
 ) -> dict[str, NDArray[Any]]:
     """Every figure of one pose, by the names of `FIGURES`."""
-    view = view_faces(mesh, camera, pose)
-    visibility, bound, kind = figures(view, seen, row)
+    visibility, bound, kind = visible_fraction(geometry, seen, row)
     drawn = seen.drawn_pixels[row]
     with np.errstate(over="ignore"):  # for the least R_min; sums over faces stay finite
         resolution = np.minimum(drawn / task.min_pixels, _LARGEST_RESOLUTION)
-    focus = in_focus(view.depth, focus_limits, task.focus_rule)
-    enough = resolution if not task.cap_resolution else np.minimum(resolution, 1.0)
-
-    # The product of the criteria, one factor at a time: the reason is the first that brings it
-    # below the threshold.
-    no = np.zeros(mesh.n_faces)
-    factors = (
-        (Reason.DEGENERATE, ~mesh.degenerate_mask),
-        (Reason.BACK_FACING, view.is_front),
-        (Reason.OUTSIDE, view.in_view),
-        (Reason.OUT_OF_FOCUS, focus),
-        (Reason.UNSAMPLED, drawn > 0),
-        (Reason.TOO_COARSE, np.where(view.pixel_density >= task.min_pixel_density, enough, no)),
-        (Reason.OCCLUDED, np.where(visibility >= task.min_visibility, visibility, no)),
-        (Reason.TOO_OBLIQUE, view.incidence <= math.radians(task.max_incidence_deg)),
-    )
-    product = np.ones(mesh.n_faces)
-    reason = np.full(mesh.n_faces, Reason.COVERED, np.uint8)
-    for name, factor in factors:
-        product = product * factor
-        fails = (product < task.min_coverage) | (product == 0)
-        reason[fails & (reason == Reason.COVERED)] = name
-    return {
-        "in_view": view.in_view,
-        "in_view_fraction": view.in_view_fraction,
-        "projected_area": view.projected_area,
+    figures: dict[str, NDArray[Any]] = {
+        "in_view": geometry.in_view,
+        "in_view_fraction": geometry.in_view_fraction,
+        "projected_area": geometry.projected_area,
         "visible_pixels": seen.visible_pixels[row],
         "drawn_pixels": drawn,
         "resolution": resolution,
-        "pixel_density": view.pixel_density,
-        "in_focus": focus,
+        "pixel_density": geometry.pixel_density,
+        "in_focus": in_focus(geometry.depth, focus_limits, task.focus_rule),
         "visibility": visibility,
         "visibility_bound": bound,
         "visibility_kind": kind,
-        "incidence": view.incidence,
-        "coverage": product,
-        "reason": reason,
+        "incidence": geometry.incidence,
     }
+    coverage, reason = task.judge(mesh.degenerate_mask, figures | {"is_front": geometry.is_front})
+    return figures | {"coverage": coverage, "reason": reason}

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
+from rastercov.near_plane import near_limit
 from rastercov.projection import (
     clip_near,
     clip_to_image,
-    near_limit,
     polygon_area,
     to_camera,
     to_image,
@@ -30,7 +30,7 @@ IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
-class ViewOfFaces:
+class FaceGeometry:
     """Geometry of every face as one camera has it; all arrays (F,) unless noted.
 
     Attributes
@@ -65,7 +65,7 @@ class ViewOfFaces:
     incidence: FloatArray
 
 
-def view_faces(mesh: Mesh, camera: Camera, pose: FloatArray) -> ViewOfFaces:
+def face_geometry(mesh: Mesh, camera: Camera, pose: FloatArray) -> FaceGeometry:
     """Geometry of every face for one pose.
 
     Parameters
@@ -123,7 +123,7 @@ def view_faces(mesh: Mesh, camera: Camera, pose: FloatArray) -> ViewOfFaces:
     density = np.zeros(mesh.n_faces)
     counted = np.flatnonzero(is_front & ahead & (fraction > 0))
     density[counted] = _pixel_density(safe, mesh.faces[counted], normals[counted], camera)
-    return ViewOfFaces(
+    return FaceGeometry(
         is_front=is_front,
         in_view=in_view,
         in_view_fraction=np.minimum(fraction, 1.0),
@@ -136,7 +136,7 @@ def view_faces(mesh: Mesh, camera: Camera, pose: FloatArray) -> ViewOfFaces:
 
 
 def in_focus(depth: FloatArray, limits: tuple[float, float], rule: str = "vertices") -> BoolArray:
-    """Whether each face lies within the depth of field, (3.12).
+    """Mask of the faces within the depth of field, (3.12).
 
     Parameters
     ----------
@@ -195,3 +195,7 @@ def _pixel_density(
         # Depth comes last: its square would overflow for a very small mesh.
         worst = np.minimum(worst, det / greatest / w)
     return worst
+
+
+view_faces = face_geometry
+ViewOfFaces = FaceGeometry

@@ -1,4 +1,4 @@
-"""What a network of cameras covers together: by face, by group, by count and by area.
+"""Coverage by a network of cameras: by face, by group, by count and by area.
 
 E. S. Eissa. Image Space Coverage Model. 2020, section 6.4.1 and Table 6.1, where a face counts as
 not covered when its coverage is 0 in every camera.

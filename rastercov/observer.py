@@ -1,4 +1,4 @@
-"""How much of each face a camera sees, (3.13) and (3.14), and how far that figure may be off.
+"""Visible fraction of each face, (3.13) and (3.14), with an error bound.
 
 Every figure is (value, bound, kind): the true visible fraction lies within `bound` of `value`, in
 the sense that `kind` names. There are three methods:
@@ -29,23 +29,24 @@ from typing import Any, Protocol, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._arguments import check_choice, check_scene
+from rastercov._arguments import check_scene
 from rastercov._checks import finite_number, shown
 from rastercov._closing import Closing
 from rastercov._memory import check_memory
 from rastercov._threads import ScratchPool, share_poses, thread_count
 from rastercov.camera import Camera
-from rastercov.criteria import ViewOfFaces, view_faces
+from rastercov.criteria import FaceGeometry, face_geometry
+from rastercov.engine import METHODS, Engine
 from rastercov.errors import ConfigError, DeviceError
 from rastercov.mesh import Mesh
-from rastercov.pose import valid_poses
-from rastercov.raster.contract import FaceCounts, RasterizerInfo, open_rasterizer
-from rastercov.raster.rules import limits
+from rastercov.near_plane import limits
+from rastercov.pose import Poses, valid_poses
+from rastercov.raster import open_rasterizer
+from rastercov.raster.contract import FaceCounts, RasterizerInfo
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-METHODS = ("certified", "exact", "sampled")
 ROLL = 0.4
 """Radians by which the grid of samples is turned against the image: 23 degrees, far from every
 direction that is common in manufactured parts. Along rows of samples errors of counting add up."""
@@ -54,7 +55,7 @@ EPSILON = 2.0**-52
 
 
 class Kind(IntEnum):
-    """What the bound of a figure means."""
+    """Meaning of the bound of a figure."""
 
     STATISTICAL = 0
     """Counted; the bound holds for all but one in a thousand faces that are seen in part."""
@@ -66,7 +67,7 @@ class Kind(IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """What an observer measured, before faces seen from behind are ruled out.
+    """Areas that an observer measured, of faces seen from behind too.
 
     Attributes
     ----------
@@ -92,7 +93,7 @@ class Observation:
 
     @classmethod
     def of_counts(cls, counts: FaceCounts) -> Self:
-        """What a rasteriser counted, `drawn` included."""
+        """Observation of a rasteriser's counts, `drawn` included."""
         kind = np.full(counts.visible.shape, Kind.STATISTICAL, np.uint8)
         areas = counts.visible_pixels, counts.drawn_pixels
         blur = np.broadcast_to(0.0, kind.shape)
@@ -134,12 +135,12 @@ class Observer(Protocol):
     camera: Camera
     info: RasterizerInfo
 
-    def observe(self, poses: ArrayLike) -> Observation:
+    def observe(self, poses: ArrayLike | Poses) -> Observation:
         """Measure every face in each pose.
 
         Parameters
         ----------
-        poses : (P, 4, 4) or (4, 4) array_like
+        poses : (P, 4, 4) or (4, 4) array_like, or Poses
             world_from_camera.
 
         Raises
@@ -151,6 +152,10 @@ class Observer(Protocol):
         DeviceError
             After `close`.
         """
+        ...
+
+    def visibility(self, poses: ArrayLike | Poses) -> Visibility:
+        """Visible fraction of each face in each pose, with a bound; errors as for `observe`."""
         ...
 
     def close(self) -> None:
@@ -168,20 +173,21 @@ class Observer(Protocol):
 def open_observer(
     mesh: Mesh,
     camera: Camera,
-    method: str = "certified",
+    method: str | Engine = "certified",
     *,
     backend: str = "auto",
     supersample: int = 1,
     **options: Any,
 ) -> Observer:
-    """Observer of a mesh through a camera.
+    """Observer of a mesh through a camera; use it in a `with` block.
 
     Parameters
     ----------
     mesh, camera
-        What is looked at, and by what.
-    method : {"certified", "exact", "sampled"}
-        See this module.
+        Scene and camera.
+    method : {"certified", "exact", "sampled"}, or Engine
+        Method, see this module; or an `Engine` or its text form, such as "sampled:cpu@4", which
+        then replaces the other arguments.
     backend, supersample, **options
         As for `open_rasterizer`, for method "sampled". The others take `threads`, and no
         `supersample`: they have no samples.
@@ -192,25 +198,37 @@ def open_observer(
         For a method or an option that does not exist.
     """
     check_scene(mesh, camera)
-    check_choice("method", method, METHODS)
-    if method == "sampled":
+    engine = Engine.of(method)
+    if method not in METHODS:
+        if backend != "auto" or supersample != 1 or options.keys() & {"threads", "device"}:
+            raise ConfigError(
+                f"engine {engine} has its device, samples and threads; leave out the arguments "
+                "backend, device, supersample and threads"
+            )
+        supersample = engine.supersample
+        if engine.method == "sampled":
+            options = engine.rasterizer_options | options
+            backend = options.pop("backend")
+        elif engine.threads is not None:
+            options = options | {"threads": engine.threads}
+    if engine.method == "sampled":
         return _SampledObserver(mesh, camera, backend, supersample, options)
     if finite_number(supersample) != 1:
         raise ConfigError(
-            f"method {method} has no samples, so supersample must be 1, got {shown(supersample)}; "
-            "use method sampled"
+            f"method {engine.method} has no samples, so supersample must be 1, "
+            f"got {shown(supersample)}; use method sampled"
         )
     unknown = options.keys() - {"threads"}
     if unknown:
-        raise ConfigError(f"method {method} takes no option {', '.join(sorted(unknown))}")
-    return _AnalyticObserver(mesh, camera, method, options.get("threads"))
+        raise ConfigError(f"method {engine.method} takes no option {', '.join(sorted(unknown))}")
+    return _AnalyticObserver(mesh, camera, engine.method, options.get("threads"))
 
 
 def visibility(
     mesh: Mesh,
     camera: Camera,
-    poses: ArrayLike,
-    method: str = "certified",
+    poses: ArrayLike | Poses,
+    method: str | Engine = "certified",
     *,
     backend: str = "auto",
     supersample: int = 1,
@@ -221,8 +239,8 @@ def visibility(
     Parameters
     ----------
     mesh, camera
-        What is looked at, and by what.
-    poses : (P, 4, 4) array_like
+        Scene and camera.
+    poses : (P, 4, 4) array_like, or Poses
         world_from_camera.
     method, backend, supersample, **options
         As for `open_observer`.
@@ -233,24 +251,18 @@ def visibility(
         Where the arrays take more memory than is free, before any is taken.
     """
     check_scene(mesh, camera)
-    matrices = valid_poses(poses)
-    observed_and_returned = 25 + 17
-    _check_figures(len(matrices), mesh.n_faces, observed_and_returned)
+    accepted = Poses.of(poses)
+    _check_visibility(len(accepted), mesh.n_faces)
     with open_observer(
         mesh, camera, method, backend=backend, supersample=supersample, **options
     ) as observer:
-        seen = observer.observe(matrices)
-    shape = seen.kind.shape
-    value, bound, kind = np.empty(shape), np.empty(shape), np.empty(shape, np.uint8)
-    for row, pose in enumerate(matrices):  # a millisecond for 10k faces
-        value[row], bound[row], kind[row] = figures(view_faces(mesh, camera, pose), seen, row)
-    return Visibility(value, bound, kind, observer.info)
+        return observer.visibility(accepted)
 
 
-def figures(
-    view: ViewOfFaces, seen: Observation, row: int
+def visible_fraction(
+    geometry: FaceGeometry, seen: Observation, row: int
 ) -> tuple[FloatArray, FloatArray, NDArray[np.uint8]]:
-    """Visible fractions of one pose of an observation: value, bound and kind, (F,) each.
+    """Visible fraction (3.14) of each face in one pose: value, bound and kind, (F,) each.
 
     Where samples were counted, `visible / drawn` is exactly 1 for a face that nothing hides and
     exactly 0 for a hidden one, whatever the resolution: both counts come from the same samples.
@@ -265,11 +277,11 @@ def figures(
     blur, least = seen.blur[row][computed], (drawn - seen.blur[row])[computed]
     bound[computed] = np.divide(blur, least, out=np.ones(len(blur)), where=least > 0) + EPSILON
     counted = (kind == Kind.STATISTICAL) & has_image
-    length = view.perimeter[counted] * np.sqrt(seen.samples)
+    length = geometry.perimeter[counted] * np.sqrt(seen.samples)
     deviation = 3 * 0.27 * np.sqrt(1.25 * length + 1) + length / 20
     bound[counted] = deviation / (drawn[counted] * seen.samples)
     # A face seen from behind is not seen, by definition, and one outside the image neither.
-    nothing = ~view.is_front | ((view.in_view_fraction == 0) & ~view.in_view)
+    nothing = ~geometry.is_front | ((geometry.in_view_fraction == 0) & ~geometry.in_view)
     value[nothing], bound[nothing] = 0.0, 0.0
     return value, np.minimum(bound, 1.0), np.where(nothing, Kind.EXACT, kind).astype(np.uint8)
 
@@ -282,6 +294,21 @@ class _Observer(Closing):
     info: RasterizerInfo
     _is_open = True
 
+    def observe(self, poses: ArrayLike | Poses) -> Observation:
+        raise NotImplementedError
+
+    def visibility(self, poses: ArrayLike | Poses) -> Visibility:
+        """Visible fraction of each face in each pose; see `Observer.visibility`."""
+        accepted = Poses.of(poses)
+        _check_visibility(len(accepted), self.mesh.n_faces)
+        seen = self.observe(accepted)
+        shape = seen.kind.shape
+        value, bound, kind = np.empty(shape), np.empty(shape), np.empty(shape, np.uint8)
+        for row, pose in enumerate(accepted.world_from_camera):  # 1 ms for 10k faces
+            geometry = face_geometry(self.mesh, self.camera, pose)
+            value[row], bound[row], kind[row] = visible_fraction(geometry, seen, row)
+        return Visibility(value, bound, kind, self.info)
+
     def _check_open(self) -> None:
         if not self._is_open:
             raise DeviceError("this observer is closed; open a new one")
@@ -290,6 +317,11 @@ class _Observer(Closing):
         """Raise `ResourceError` where an `Observation` of so many poses takes too much memory."""
         areas_and_kind = 3 * 8 + 1
         _check_figures(n_poses, self.mesh.n_faces, areas_and_kind)
+
+
+def _check_visibility(n_poses: int, n_faces: int) -> None:
+    """Raise `ResourceError` where an `Observation` and a `Visibility` take too much memory."""
+    _check_figures(n_poses, n_faces, 25 + 17)
 
 
 def _check_figures(n_poses: int, n_faces: int, bytes_a_pair: int) -> None:
@@ -309,7 +341,7 @@ class _SampledObserver(_Observer):
         )
         self.mesh, self.camera, self.info = mesh, camera, self._rasterizer.info
 
-    def observe(self, poses: ArrayLike) -> Observation:
+    def observe(self, poses: ArrayLike | Poses) -> Observation:
         self._check_open()
         if isinstance(poses, np.ndarray) and poses.ndim == 3:  # few lists are as long as that
             self._check_memory(len(poses))
@@ -343,7 +375,7 @@ class _AnalyticObserver(_Observer):
         make = partial(view_type, surface_of(mesh), camera)
         self._scratch: ScratchPool[analytic.View] = ScratchPool(make, self._threads)
 
-    def observe(self, poses: ArrayLike) -> Observation:
+    def observe(self, poses: ArrayLike | Poses) -> Observation:
         self._check_open()
         matrices = valid_poses(poses)
         n_poses, n_faces = len(matrices), self.mesh.n_faces
@@ -370,3 +402,6 @@ class _AnalyticObserver(_Observer):
     def close(self) -> None:
         self._is_open = False
         self._scratch.close()
+
+
+figures = visible_fraction

@@ -5,13 +5,14 @@ thesis' frame (6.8-6.11), X left and Y up, is ours turned by 180 degrees about Z
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._arguments import LARGEST_COORDINATE, MOST_POSES, checked_array, owned
+from rastercov._arguments import LARGEST_COORDINATE, MOST_POSES, checked_array, flag, owned
 from rastercov._checks import finite_number, shown
 from rastercov._files import (
     LARGEST_ARRAY,
@@ -187,14 +188,68 @@ def check_poses(poses: ArrayLike) -> tuple[FloatArray, dict[int, str]]:
     return out, faults
 
 
-def valid_poses(poses: ArrayLike) -> FloatArray:
+def valid_poses(poses: "ArrayLike | Poses") -> FloatArray:
     """Poses as `check_poses` returns them; any fault is a `PoseError` that names its rows."""
-    out, faults = check_poses(poses)
-    if faults:
-        row, text = min(faults.items())
-        others = f" (and {len(faults) - 1} more poses)" if len(faults) > 1 else ""
-        raise PoseError(f"pose {row} {text}{others}", tuple(sorted(faults)))
-    return out
+    return Poses.of(poses).world_from_camera
+
+
+@dataclass(frozen=True, eq=False)
+class Poses:
+    """Camera poses that were checked, once: every function that takes poses takes them as they are.
+
+    Attributes
+    ----------
+    world_from_camera : (P, 4, 4) float64
+        Rigid motions.
+    ids : (P,) int64
+        Row of each pose in the input.
+    given : (N, 4, 4) float64
+        All rows of the input, those that were rejected as they came.
+    rejected : dict of int to str
+        Rows that were left out, and the fault of each.
+    """
+
+    world_from_camera: FloatArray
+    ids: NDArray[np.int64]
+    given: FloatArray
+    rejected: Mapping[int, str] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, poses: "ArrayLike | Poses", *, skip_bad: bool = False) -> "Poses":
+        """Check poses.
+
+        Parameters
+        ----------
+        poses : (P, 4, 4) or (4, 4) array_like, or Poses
+            world_from_camera; `Poses` are returned as they are.
+        skip_bad : bool
+            Leave out poses that are no rigid motion instead of raising.
+
+        Raises
+        ------
+        PoseError
+            For a pose that is no rigid motion, naming its rows.
+        """
+        skip_bad = flag("skip_bad_poses", skip_bad)
+        if isinstance(poses, Poses):
+            return poses
+        matrices, faults = check_poses(poses)
+        if faults and not skip_bad:
+            row, text = min(faults.items())
+            others = f" (and {len(faults) - 1} more poses)" if len(faults) > 1 else ""
+            raise PoseError(f"pose {row} {text}{others}", tuple(sorted(faults)))
+        ids = np.delete(np.arange(len(matrices)), list(faults))
+        return cls(matrices[ids] if faults else matrices, ids, matrices, faults)
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def __getitem__(self, rows: "slice | NDArray[Any]") -> "Poses":
+        """Some of the poses, by their rows among the accepted ones."""
+        return Poses(self.world_from_camera[rows], self.ids[rows], self.given)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> FloatArray:
+        return np.array(self.world_from_camera, dtype, copy=copy)
 
 
 def inverse(poses: FloatArray) -> FloatArray:

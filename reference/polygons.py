@@ -314,7 +314,7 @@ def _intersection_of_pair(images: Images, i: int, j: int) -> BaseGeometry:
 def _minus(
     images: Images, whole: BaseGeometry, pieces: Geometries, faces: Sequence[int]
 ) -> BaseGeometry:
-    """What is left of a polygon without pieces of it; errors name `faces`, that of `whole` first.
+    """Difference of a polygon and pieces of it; errors name `faces`, that of `whole` first.
 
     GEOS gives the union and the difference, so their areas must add up to the whole.
     """

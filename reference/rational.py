@@ -282,7 +282,7 @@ def _part(polygon: Polygon, line: Vector, values: list[Any]) -> Polygon:
 
 
 def clipped(polygon: Polygon | None, half_planes: Iterable[Vector]) -> Polygon | None:
-    """What all half-planes have in common with the polygon; None when that has no area."""
+    """Intersection of a polygon with all half-planes; None when that has no area."""
     for line in half_planes:
         if polygon is None:
             break

@@ -32,7 +32,7 @@ TIE = 1e-10
 
 @dataclass(frozen=True, eq=False)
 class SampledView:
-    """What the samples of one pose meet; arrays (...) have the shape of the samples.
+    """Surfaces that the samples of one pose meet; arrays (...) have the shape of the samples.
 
     Attributes
     ----------

@@ -25,8 +25,8 @@ def test_skips_are_counted_by_reason():
 
 
 def test_a_run_ends_with_its_skips(tmp_path):
-    for name in ("conftest.py", "notices.py"):
-        (tmp_path / name).write_text((ROOT / "tests" / name).read_text())
+    for name in ("conftest.py", "support/notices.py"):
+        (tmp_path / Path(name).name).write_text((ROOT / "tests" / name).read_text())
     (tmp_path / "test_some.py").write_text(
         "import pytest\n"
         "@pytest.mark.parametrize('n', range(4))\n"

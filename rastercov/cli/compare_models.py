@@ -1,4 +1,4 @@
-"""What `rastercov compare --models` does with a scene, a camera and poses."""
+"""The option `compare --models`: coverage models compared with each other."""
 
 from pathlib import Path
 

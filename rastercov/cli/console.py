@@ -1,4 +1,4 @@
-"""What a command shows a person: warnings, errors in one line, progress; and its exit code.
+"""Terminal output of a command: warnings, errors in one line, progress; and its exit code.
 
 Results go to standard output; warnings, errors and progress to standard error.
 """

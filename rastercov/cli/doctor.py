@@ -1,15 +1,18 @@
-"""Output of the command `doctor`: the diagnosis of the CPU and of every graphics device."""
+"""The command `doctor`: diagnosis of the CPU and of every graphics device."""
 
+import json
 import re
 from collections.abc import Sequence
 
+import typer
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from rastercov.raster.gl.diagnose import ENVIRONMENT, PASSED, Report
+from rastercov.cli.options import AsJson
+from rastercov.raster.gl.diagnose import ENVIRONMENT, PASSED, Report, examine
 
 Rows = Sequence[tuple[str, ...]]
 
@@ -114,3 +117,16 @@ def _section(console: Console, title: str, rows: Rows, style: str = "") -> None:
         for row in rows:
             grid.add_row(*(Text(cell, style, overflow="fold") for cell in row))
         console.print(Text(title, "bold"), Padding(grid, (0, 0, 1, 2)), sep="\n")
+
+
+def doctor(as_json: AsJson = False) -> None:
+    """List graphics devices, test each, and say what to install.
+
+    [bold]Example[/]: rastercov doctor --json
+    """
+    report = examine()
+    if as_json:
+        print(json.dumps(report, indent=2))
+    else:
+        print_report(report, Console())
+    raise typer.Exit(exit_code(report))

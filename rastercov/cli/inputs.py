@@ -1,4 +1,4 @@
-"""What the command line names, as values: a scene, a camera, poses.
+"""Values that the command line names: a scene, a camera, poses.
 
 Between `cli` and the chain: files and built-in meshes, presets, poses on a sphere.
 """
@@ -56,7 +56,7 @@ def read_scene(
 
 
 def _is_file(name: str | Path) -> bool:
-    """Whether there is a file of that name, and not a folder; no name is too long to ask."""
+    """True for a file of that name, and no folder; False for a name too long."""
     try:
         return Path(name).is_file()
     except OSError:

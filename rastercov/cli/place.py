@@ -1,7 +1,4 @@
-"""The commands `place` and `check`: a plan file carried out, and a rig held against it.
-
-Registered by `cli`; what they need loads when they run.
-"""
+"""The commands `place` and `check`: cameras for a plan file, and a rig compared with one."""
 
 import json
 import sys
@@ -15,18 +12,12 @@ import typer
 from rich.console import Console
 
 from rastercov.cli.console import out_option, progress_bar, say, warn
+from rastercov.cli.options import AsJson
 
 if TYPE_CHECKING:
     from rastercov.plan.file import Plan
 
 PlanFile = Annotated[Path, typer.Argument(help="Plan file (.toml).", show_default=False)]
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for machines.")]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the commands to the application."""
-    app.command()(place)
-    app.command()(check)
 
 
 def _print_schema(wanted: bool) -> None:

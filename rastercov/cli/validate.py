@@ -1,4 +1,4 @@
-"""The command `validate markers`. Registered by `cli`; what it needs loads when it runs."""
+"""The command `validate markers`: predictions compared with a marker detector."""
 
 from pathlib import Path
 from typing import Annotated
@@ -7,20 +7,17 @@ import typer
 from rich.console import Console
 
 from rastercov.cli.console import out_option, progress_bar
+from rastercov.cli.options import AsJson
+
+app = typer.Typer(help="Hold the model against what a real task makes of pictures.")
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command to the application."""
-    group = typer.Typer(help="Hold the model against what a real task makes of pictures.")
-    group.callback()(_group)
-    group.command()(markers)
-    app.add_typer(group, name="validate")
-
-
+@app.callback()
 def _group() -> None:
     """Hold the model against what a real task makes of pictures."""
 
 
+@app.command()
 def markers(
     out: Annotated[Path, out_option("Folder for the page.")] = Path("markers"),
     scenes: Annotated[
@@ -35,7 +32,7 @@ def markers(
     device: Annotated[
         str, typer.Option(help="OpenGL device: auto, egl:0, surfaceless, osmesa.")
     ] = "auto",
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON for machines.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Foretell which ArUco markers OpenCV finds in pictures; 1 when under 98 % are right.
 

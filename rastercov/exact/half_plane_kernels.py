@@ -17,11 +17,8 @@ I. Sutherland, G. Hodgman. Reentrant Polygon Clipping. 1974, for the cuts.
 
 import numpy as np
 
-from rastercov import _double_double as double_double
 from rastercov._double_double import add, exact_sum, minor, multiply
-from rastercov._jit import compiled_with, inlined
-
-compiled = compiled_with(double_double)
+from rastercov._jit import compiled, inlined
 
 TIE = 1e-10
 """Relative difference of 1/z up to which two surfaces count as one: the lower index is in front."""

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from rastercov._once import Once
 from rastercov.mesh import Mesh
 from rastercov.mesh.contacts import Contacts
+from rastercov.mesh.topology import edge_table
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -100,24 +101,16 @@ def _edges(
     A face with a repeated vertex has an edge of no length: one with `MANY` faces, whatever meets
     there, so that no answer spreads along it.
     """
-    start, end = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
-    key = np.minimum(start, end).astype(np.int64) * n_vertices + np.maximum(start, end)
-    order = np.argsort(key, kind="stable")
-    key = key[order]
-    is_first = np.ones(len(key), dtype=bool)
-    is_first[1:] = key[1:] != key[:-1]
-    first = np.flatnonzero(is_first)
-    n_faces = np.diff(first, append=len(key))
-    face_edges = np.empty(len(key), np.int32)
-    face_edges[order] = np.cumsum(is_first) - 1
-    low, high = key[first] // n_vertices, key[first] % n_vertices
-    shared = first[n_faces >= 2]
-    edge_faces = np.full((len(first), 2), -1, np.int32)
-    edge_faces[:, 0] = order[first] // 3
-    edge_faces[n_faces >= 2, 1] = order[shared + 1] // 3
-    turn = np.ones(len(first), np.int8)
-    is_forward = (start < end)[order]
-    turn[n_faces >= 2] = np.where(is_forward[shared] != is_forward[shared + 1], 1, -1)
-    turn[(n_faces > 2) | (low == high)] = MANY
-    edge_vertices = np.stack((low, high), axis=1).astype(np.int32)
+    table = edge_table(faces, n_vertices, with_collapsed=True)
+    n_uses, is_forward = table.n_uses, table.is_forward
+    face_edges = np.empty(faces.size, np.int32)
+    face_edges[table.uses] = np.repeat(np.arange(len(n_uses)), n_uses)
+    edge_vertices = table.vertices.astype(np.int32)
+    shared = table.first[n_uses >= 2]
+    edge_faces = np.full((len(n_uses), 2), -1, np.int32)
+    edge_faces[:, 0] = table.uses[table.first] // 3
+    edge_faces[n_uses >= 2, 1] = table.uses[shared + 1] // 3
+    turn = np.ones(len(n_uses), np.int8)
+    turn[n_uses >= 2] = np.where(is_forward[shared] != is_forward[shared + 1], 1, -1)
+    turn[(n_uses > 2) | (edge_vertices[:, 0] == edge_vertices[:, 1])] = MANY
     return face_edges.reshape(-1, 3), edge_vertices, edge_faces, turn

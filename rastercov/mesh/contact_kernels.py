@@ -1,14 +1,10 @@
-"""The loops that find which faces touch, compiled by numba.
+"""Compiled loops that find faces in contact, over the boxes of a `triangle_tree`.
 
-They stand in one file because numba keeps what it compiled by file: a loop that calls into another
-file would not notice a change there.
+Conservative: a false positive costs time, a false negative would break the certificate.
 
-The faces stand in the order of a Morton curve. A complete binary tree over that order holds their
-boxes: node n has children 2n and 2n + 1, its last row are the leaves, of `LEAF` faces each. It is
-walked without a stack: after a node and all below it comes the sibling on its right, or on the
-right of its nearest ancestor that has one. Each leaf looks only at those to its right.
+The tree is traversed without a stack: a node and its descendants are followed by its right sibling,
+or by that of its nearest ancestor with one. Each leaf is compared only with leaves to its right.
 
-G. M. Morton. A Computer Oriented Geodetic Data Base. 1966, for the curve.
 S. Gottschalk, M. C. Lin, D. Manocha. OBBTree: A Hierarchical Structure for Rapid Interference
 Detection. 1996, for separating axes.
 T. Akenine-Möller. Fast 3D Triangle-Box Overlap Testing. 2001, for a plane and a box.
@@ -16,94 +12,20 @@ T. Akenine-Möller. Fast 3D Triangle-Box Overlap Testing. 2001, for a plane and 
 
 import numpy as np
 
-from rastercov._jit import compiled, inlined
+from rastercov._jit import compiled, compiled_with, inlined
+from rastercov.mesh import triangle_tree_kernels
+from rastercov.mesh.triangle_tree_kernels import LEAF
 
-LEAF = 4
-"""Faces of a leaf."""
-CURVE_BITS = 21
-"""Bits of a position along each axis: three of them fill a key."""
-SHORTEST_AXIS = 1e-200
-"""Square of the length below which a separating axis is not tried."""
-BOX_MARGIN = 2.0**-24
-"""Added to boxes on each side: twice what float32 rounds off a number about 1/2."""
-LONG_WALK = 256
-"""Steps along the tree after which the planes of a leaf's faces are looked at, too."""
-
-
-@compiled
-def spread(value):
-    """Move bit i of a whole number below 2^21 to bit 3 i."""
-    v = np.uint64(value)
-    v = (v | (v << np.uint64(32))) & np.uint64(0x001F00000000FFFF)
-    v = (v | (v << np.uint64(16))) & np.uint64(0x001F0000FF0000FF)
-    v = (v | (v << np.uint64(8))) & np.uint64(0x100F00F00F00F00F)
-    v = (v | (v << np.uint64(4))) & np.uint64(0x10C30C30C30C30C3)
-    return (v | (v << np.uint64(2))) & np.uint64(0x1249249249249249)
-
-
-@compiled
-def order_keys(placed, faces, keys):
-    """Sort key of each face: where the middle of its box stands on a Morton curve.
-
-    Parameters
-    ----------
-    placed : (V, 3) float64
-        Vertices in a box of diagonal 1 about the origin, turned as suits the boxes.
-    faces : (N, 3) int32
-    keys : (N,) uint64
-        Out.
-    """
-    cells = float(1 << CURVE_BITS)
-    for f in range(faces.shape[0]):
-        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-        key = np.uint64(0)
-        for k in range(3):
-            p, q, r = placed[a, k], placed[b, k], placed[c, k]
-            low, high = min(p, min(q, r)), max(p, max(q, r))
-            cell = min(max((0.5 * (low + high) + 0.5) * cells, 0.0), cells - 1.0)
-            key |= spread(np.int64(cell)) << np.uint64(k)
-        keys[f] = key
-
-
-@compiled
-def grow_boxes(placed, faces, boxes, nodes, done):
-    """Boxes of the faces, of the leaves, and of the tree above them.
-
-    Parameters
-    ----------
-    placed, faces
-        As for `order_keys`, the faces in the order of their keys.
-    boxes : (N, 6) float32
-        Out: lowest coordinates, and highest ones negated; not rounded inwards.
-    nodes : (2 L, 6) float32
-        Out: the tree; L leaves, a power of two with L >= 2 and L * LEAF >= N. Node 0 is not used,
-        empty leaves have boxes that overlap nothing.
-    done : (2 L,) bool
-        Out: nodes without an unmarked face, which are the empty ones.
-    """
-    leaves = nodes.shape[0] // 2
-    nodes[:] = np.inf
-    done[:] = True
-    for f in range(faces.shape[0]):
-        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-        for k in range(3):
-            p, q, r = placed[a, k], placed[b, k], placed[c, k]
-            boxes[f, k] = min(p, min(q, r)) - BOX_MARGIN
-            boxes[f, 3 + k] = -max(p, max(q, r)) - BOX_MARGIN
-        leaf = leaves + f // LEAF
-        done[leaf] = False
-        for k in range(6):
-            nodes[leaf, k] = min(nodes[leaf, k], boxes[f, k])
-    for n in range(leaves - 1, 0, -1):
-        done[n] = done[2 * n] and done[2 * n + 1]
-        for k in range(6):
-            nodes[n, k] = min(nodes[2 * n, k], nodes[2 * n + 1, k])
+LEAST_AXIS_SQUARED = 1e-200
+"""Squared length below which a separating axis is not tried."""
+STEPS_BEFORE_SLABS = 256
+"""Steps through the tree after which boxes are tested against the planes of a leaf's faces, too."""
 
 
 @compiled
 def overlap(boxes, i, others, j, reach):
-    """Whether two boxes are within `reach` of each other along every axis."""
-    f, g = np.uint64(i), np.uint64(j)  # unsigned: no test for counting from the end
+    """True if two boxes are within `reach` of each other along every axis."""
+    f, g = np.uint64(i), np.uint64(j)  # unsigned: no code for negative indices
     x = max(boxes[f, 0] + others[g, 3], others[g, 0] + boxes[f, 3])
     y = max(boxes[f, 1] + others[g, 4], others[g, 1] + boxes[f, 4])
     z = max(boxes[f, 2] + others[g, 5], others[g, 2] + boxes[f, 5])
@@ -118,7 +40,7 @@ def dot(points, i, j):
 
 @compiled
 def set_cross(points, i, j, k):
-    """Row k becomes the cross product of rows i and j."""
+    """Set row k to the cross product of rows i and j."""
     points[k, 0] = points[i, 1] * points[j, 2] - points[i, 2] * points[j, 1]
     points[k, 1] = points[i, 2] * points[j, 0] - points[i, 0] * points[j, 2]
     points[k, 2] = points[i, 0] * points[j, 1] - points[i, 1] * points[j, 0]
@@ -126,9 +48,9 @@ def set_cross(points, i, j, k):
 
 @compiled
 def is_gap(points, axis, reach):
-    """Whether rows 0 to 2 lie more than `reach` from rows 3 to 5 along the axis in a row."""
+    """True if rows 0-2 are more than `reach` away from rows 3-5 along the axis in row `axis`."""
     length = dot(points, axis, axis)
-    if not length > SHORTEST_AXIS:
+    if not length > LEAST_AXIS_SQUARED:
         return False
     a, b, c = dot(points, 0, axis), dot(points, 1, axis), dot(points, 2, axis)
     p, q, r = dot(points, 3, axis), dot(points, 4, axis), dot(points, 5, axis)
@@ -138,18 +60,18 @@ def is_gap(points, axis, reach):
 
 @compiled
 def are_apart(points, reach):
-    """Whether an axis shows that two triangles are more than `reach` apart.
+    """True if a separating axis proves that two triangles are more than `reach` apart.
 
-    True is right for any axis, however it was rounded. False may be wrong by what no axis sees of
-    the distance between two corners.
+    True is correct for any axis, whatever its rounding. False may be wrong where the nearest points
+    are two corners: the axes tried underestimate that distance.
 
     Parameters
     ----------
     points : (15, 3) float64
-        Rows 0 to 5 are the corners of the one and of the other, a segment is a triangle that
-        repeats a corner. The rest is scratch: edges, normals, and an axis.
+        Rows 0-2 and 3-5 are the corners of the triangles; a segment is a triangle that repeats a
+        corner. The other rows are scratch: edges, normals, and an axis.
     """
-    for k in range(3):  # not an axis that must be tried, but the best first guess
+    for k in range(3):  # between the centroids: not a necessary axis, but the best first guess
         one = points[0, k] + points[1, k] + points[2, k]
         points[14, k] = points[3, k] + points[4, k] + points[5, k] - one
     if is_gap(points, 14, reach):
@@ -163,7 +85,7 @@ def are_apart(points, reach):
         set_cross(points, 6 + 3 * side, 7 + 3 * side, normal)
         if is_gap(points, normal, reach):
             return True
-        for edge in range(6, 12):  # in the plane of the one, across the edges of both
+        for edge in range(6, 12):  # in the plane of one triangle, across the edges of both
             set_cross(points, normal, edge, 14)
             if is_gap(points, 14, reach):
                 return True
@@ -177,23 +99,23 @@ def are_apart(points, reach):
 
 @compiled
 def fan_touches(points, reach):
-    """Whether two triangles with one common corner meet elsewhere, too.
+    """True if two triangles with one common corner also meet elsewhere.
 
-    What they have in common is convex and holds that corner, so it ends on the edge that the one
-    or the other has opposite the corner.
+    Their intersection is convex and contains that corner, so it ends on the edge of one of them
+    opposite the corner.
 
     Parameters
     ----------
     points : (15, 3) float64
-        Corners from the common one, which is 0 and the first of each. Overwritten.
+        Corners relative to the common one, which is row 0 and row 3. Overwritten.
     """
-    # At once, where a plane through the corner has one triangle on either side:
+    # Quick answer, if a plane through the corner separates the triangles:
     for k in range(3):
         points[14, k] = points[4, k] + points[5, k] - points[1, k] - points[2, k]
     length = dot(points, 14, 14)
     above = min(dot(points, 4, 14), dot(points, 5, 14))
     below = max(dot(points, 1, 14), dot(points, 2, 14))
-    if length > SHORTEST_AXIS and min(above, -below) > reach * np.sqrt(length):
+    if length > LEAST_AXIS_SQUARED and min(above, -below) > reach * np.sqrt(length):
         return False
     points[3] = points[4]
     if not are_apart(points, reach):
@@ -205,21 +127,21 @@ def fan_touches(points, reach):
 
 @compiled
 def fold_touches(points, reach):
-    """Whether two triangles with a common edge are folded onto each other.
+    """True if two triangles with a common edge are folded onto each other.
 
-    Seen along the edge they are two segments from one point. The gap between the triangles is
+    Projected along the edge they are two segments from one point. The gap between the triangles is
     widest at the lower apex.
 
     Parameters
     ----------
     points : (15, 3) float64
-        Corners from the start of the edge, which is 0; rows 1, 2 and 5 are its end and both apexes.
+        Corners relative to the start of the edge; row 1 is its end, rows 2 and 5 are the apexes.
         Overwritten.
     """
     length = dot(points, 1, 1)
-    if not length > SHORTEST_AXIS:
+    if not length > LEAST_AXIS_SQUARED:
         return True
-    for apex in (2, 5):  # from here on as seen along the edge
+    for apex in (2, 5):  # projected along the edge
         along = dot(points, apex, 1) / length
         for k in range(3):
             points[apex, k] -= along * points[1, k]
@@ -234,16 +156,16 @@ def fold_touches(points, reach):
 
 @compiled
 def touch(vertices, scale, faces, t, m, reach, points):
-    """Whether two faces come within `reach` of each other, other than where they are joined.
+    """True if two faces come within `reach` of each other, except where they are joined.
 
     Parameters
     ----------
     vertices : (V, 3) float64
-        As they were given: the rounding of a shift would bend short edges.
+        Original coordinates: the rounding of a shift would bend short edges.
     scale : float
-        Inverse of their bounding box' diagonal.
+        Inverse of the diagonal of their bounding box.
     faces : (N, 3) int32
-        Equal indices for vertices on the same point; three different ones a face.
+        Equal indices for vertices at the same point; three different indices a face.
     t, m : int
         Their rows in `faces`.
     reach : float
@@ -260,7 +182,7 @@ def touch(vertices, scale, faces, t, m, reach, points):
                 at_m += j
     if shared == 3:
         return True
-    # The first corner is one that both have; a second one comes next, so the apex is last.
+    # Start at a common corner, followed by the second common corner, if any: the apex is last.
     first_t, first_m = at_t, at_m
     if shared == 2:
         first_t, first_m = (4 - at_t) % 3, (4 - at_m) % 3  # after the apex, which is 3 - at
@@ -279,7 +201,7 @@ def touch(vertices, scale, faces, t, m, reach, points):
 
 @compiled
 def set_slab(placed, faces, f, points, slabs, i):
-    """Row i of `slabs`: the normal of a face, its length, and the face's interval along it."""
+    """Set row i of `slabs`: the normal of a face, its length, and the face's interval along it."""
     for k in range(3):
         for j in range(3):
             points[j, k] = placed[faces[f, j], k]
@@ -287,18 +209,18 @@ def set_slab(placed, faces, f, points, slabs, i):
         points[4, k] = points[2, k] - points[0, k]
     set_cross(points, 3, 4, 5)
     length = dot(points, 5, 5)
-    if not length > SHORTEST_AXIS:
+    if not length > LEAST_AXIS_SQUARED:
         points[5] = 0.0
     slabs[i, :3] = points[5]
     slabs[i, 3] = np.sqrt(length)
-    # An interval, not a value: rounding may have turned the normal of a needle.
+    # An interval, not a value: rounding may have rotated the normal of a needle.
     p, q, r = dot(points, 0, 5), dot(points, 1, 5), dot(points, 2, 5)
     slabs[i, 4], slabs[i, 5] = min(p, min(q, r)), max(p, max(q, r))
 
 
 @compiled
 def slab_misses(slabs, i, boxes, j, reach):
-    """Whether a box lies more than `reach` above or below a face."""
+    """True if a box is more than `reach` above or below the plane of a face."""
     middle, radius = 0.0, 0.0
     for k in range(3):
         middle += slabs[i, k] * 0.5 * (boxes[j, k] - boxes[j, 3 + k])
@@ -307,9 +229,9 @@ def slab_misses(slabs, i, boxes, j, reach):
     return gap > reach * slabs[i, 3]
 
 
-@compiled
+@compiled_with(triangle_tree_kernels)
 def mark(f, marks, done, leaf):
-    """Mark a face, and note each node in which it was the last unmarked one."""
+    """Mark a face, and set `done` of each node where it was the last unmarked one."""
     marks[f] = True
     start = (leaf - done.shape[0] // 2) * LEAF
     for other in range(start, min(start + LEAF, marks.shape[0])):
@@ -321,28 +243,33 @@ def mark(f, marks, done, leaf):
         done[leaf] = True
 
 
-@compiled
+@compiled_with(triangle_tree_kernels)
 def mark_contacts(
     vertices, scale, placed, faces, labels, boxes, nodes, done, reach, first, last, budget, marks
 ):
-    """Mark the faces in contact, of pairs whose earlier leaf is in a range.
+    """Mark the faces in contact, for pairs whose first leaf is in a range.
 
-    Threads may work on other ranges meanwhile: marks that they see late cost them some work.
+    Other threads may work on other ranges: a mark seen late costs time, nothing else.
 
     Parameters
     ----------
     vertices, scale, reach
-        As for `touch`.
-    placed, faces, boxes, nodes, done
-        As for `grow_boxes`.
+        See `touch`.
+    placed, faces, boxes, nodes
+        A `TriangleTree` in a scene of diagonal 1: points, faces, boxes, nodes.
     labels : (N,) or (0,) int32
-        Faces with different labels are not in contact, whatever they do; none for no labels.
+        Faces with different labels are never in contact; empty for no labels.
+    done : (2 L,) bool
+        Nodes without an unmarked face; updated.
     first, last, budget : int
-        The range, and the steps along the tree after which to return early.
+        Range of leaves, and the number of steps through the tree after which to return early.
     marks : (N,) bool
-        Out: true for what is in contact; others stay as they are.
+        Out: True for faces in contact; others are not changed.
 
-    Returns the leaf to go on from, `last` when all is done.
+    Returns
+    -------
+    int
+        Leaf to continue from; `last` when the range is finished.
     """
     leaves = nodes.shape[0] // 2
     n = faces.shape[0]
@@ -357,7 +284,7 @@ def mark_contacts(
         steps = 0
         while node != 1:
             steps += 1
-            if steps == LONG_WALK:  # a large face among small ones, or a box at a slant
+            if steps == STEPS_BEFORE_SLABS:  # a large face among small ones, or a slanted face
                 for t in range(start, end):
                     set_slab(placed, faces, t, points, slabs, t - start)
             while overlap(nodes, here, nodes, node, reach) and not (done[here] and done[node]):
@@ -368,7 +295,9 @@ def mark_contacts(
                 for t in range(start, end):
                     if not overlap(boxes, t, nodes, node, reach):
                         continue
-                    if steps >= LONG_WALK and slab_misses(slabs, t - start, nodes, node, reach):
+                    if steps >= STEPS_BEFORE_SLABS and slab_misses(
+                        slabs, t - start, nodes, node, reach
+                    ):
                         continue
                     for m in range(max(other, t + 1), other_end):
                         if (

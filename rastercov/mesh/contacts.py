@@ -1,9 +1,9 @@
-"""Faces that touch or cut another face: once for a mesh, whatever the camera.
+"""Faces that touch or cut another face, independent of the camera.
 
-Serves the certificate, where one point of a face speaks for the whole face only if no other face
-cuts it or lies on it, and `Mesh.can_cull_back_faces`, because a closed surface that cuts itself can
-show its back. Conservative: a false positive costs time, a false negative would break both. Boxes
-in a tree find the pairs, separating axes decide over each; `contact_kernels` has both.
+The certificate needs them: one point of a face represents the whole face only if no other face cuts
+it or lies on it. So does `Mesh.can_cull_back_faces`, because a closed surface that cuts itself can
+show its back. Conservative: a false positive costs time, a false negative would break both. A tree
+of boxes finds the pairs, separating axes decide each; see `contact_kernels`.
 """
 
 import math
@@ -21,31 +21,34 @@ from rastercov._once import Once
 from rastercov.mesh import contact_kernels as kernels
 from rastercov.mesh.arrays import blocks, normals_and_areas
 from rastercov.mesh.topology import first_equal_row
+from rastercov.mesh.triangle_tree import LEAF, TriangleTree
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-LEAST_TOLERANCE = 1e-12
-"""Of the bounding box' diagonal: 200 times what rounding does to a distance."""
-SLACK = 1.01
-"""Covers that rounding where the tolerance is the least."""
+LEAST_TOLERANCE_REL = 1e-12
+"""Least tolerance in diagonals of the bounding box: 200 times the rounding of a distance."""
+ROUNDING_FACTOR = 1.01
+"""Factor on the tolerance that covers that rounding where the tolerance is the least."""
+BOX_MARGIN = 2.0**-24
+"""Margin of the float32 boxes in diagonals: twice the rounding of a number of magnitude 1/2."""
 STEPS_A_CALL = 20_000
-"""Steps along the tree before a compiled loop returns: a few milliseconds, or a second when many
+"""Steps through the tree before a compiled loop returns: a few milliseconds, or a second if many
 faces meet in one place."""
 LEAVES_A_TURN = 2048
-"""Leaves that a thread takes at a time."""
-SAMPLE = 4096
-"""Faces, at most, on which two frames for the boxes are compared."""
+"""Leaves of a chunk, the unit of work of a thread."""
+FRAME_SAMPLES = 4096
+"""Greatest number of faces on which two frames for the boxes are compared."""
 CONTACT = 1e-8
-"""Of the diagonal of the bounding box: faces that come closer than this are in contact."""
+"""Contact distance in diagonals of the bounding box."""
 REACH = 30.0
-"""Diagonals from which `CONTACT` is too little: from farther away, surfaces that are farther apart
-than that are still at equal depth to within `analytic_kernels.TIE`."""
+"""Camera distance in diagonals up to which `CONTACT` suffices: from farther away, surfaces farther
+apart than that are still at equal depth to within the tie tolerance of the exact methods."""
 
 
 @dataclass(frozen=True, eq=False)
 class Contacts:
-    """Faces of a mesh in contact with another, worked out when first asked for.
+    """Faces of a mesh in contact with another face, computed at the first query.
 
     Parameters
     ----------
@@ -56,9 +59,9 @@ class Contacts:
     degenerate_mask : (F,) bool
         Faces without area, which touch nothing.
     diagonal : float
-        Of the bounding box, metres.
+        Diagonal of the bounding box, metres.
     components : callable
-        Gives the (F,) number of each face's edge-connected component.
+        Returns the (F,) number of each face's edge-connected component.
     """
 
     vertices: FloatArray
@@ -72,7 +75,7 @@ class Contacts:
 
     @property
     def reach(self) -> float:
-        """Distance of cameras up to which one answer holds for all, metres."""
+        """Distance of cameras up to which one answer is valid for all, metres."""
         return REACH * self.diagonal
 
     def faces_for(self, distance: float = 0.0) -> NDArray[np.bool_]:
@@ -108,21 +111,21 @@ def touching_faces(
     labels: NDArray[np.integer[Any]] | None = None,
     threads: int | None = None,
 ) -> NDArray[np.bool_]:
-    """Faces that another face comes within `tolerance` of, other than where the two are joined.
+    """Faces with another face within `tolerance`, except where the two are joined.
 
-    Two faces are joined at the corners that lie on the same point, whatever their indices:
+    Two faces are joined at corners with the same position, whatever their indices. Depending on the
+    number of common corners they touch:
 
-    - none: they touch when their distance is at most `tolerance`;
-    - one: when the edge opposite to it in one face is within `tolerance` of the other face;
-    - two: when the gap between them, at the height of the lower apex over the common edge, is at
-      most `tolerance`, as when they are folded onto each other;
+    - none: if their distance is at most `tolerance`;
+    - one: if the edge opposite to it in one face is within `tolerance` of the other face;
+    - two: if the gap between them, at the height of the lower apex over the common edge, is at most
+      `tolerance`, as when they are folded onto each other;
     - three: always.
 
-    No touching face is missed, and none that meets another anywhere but in their joint: what two
-    triangles have in common is convex, so it reaches one of the places above. Rounding hides none:
-    it is below 5e-15 of the bounding box' diagonal, and `tolerance` is raised to 1e-12 of that at
-    least, and by 1 %. A face may be marked at a larger distance, where two corners are nearest to
-    each other: the separating axes, which do not look from corner to corner, see less than that.
+    No contact outside a joint is missed: the intersection of two triangles is convex, so it reaches
+    one of the places above. Rounding, below 5e-15 of the bounding box' diagonal, hides none:
+    `tolerance` is raised to at least 1e-12 of the diagonal, and by 1 %. A face may be marked at a
+    larger distance if two corners are the nearest points: the separating axes underestimate that.
 
     Parameters
     ----------
@@ -133,11 +136,11 @@ def touching_faces(
     tolerance : float
         In the units of the vertices; at least 0.
     degenerate_mask : (F,) bool, optional
-        Faces without area, as `Mesh.degenerate_mask`: they touch nothing. Computed when not given.
+        Faces without area, as `Mesh.degenerate_mask`: they touch nothing. Computed by default.
     labels : (F,) int, optional
         Only faces with the same label can touch.
     threads : int, optional
-        Loops that run side by side; one for each core unless given. The answer is the same.
+        Number of threads, one a core by default; without influence on the result.
 
     Returns
     -------
@@ -158,22 +161,20 @@ def touching_faces(
     if len(chosen) < 2:
         return touching
     vertices = np.ascontiguousarray(vertices, dtype=np.float64) + 0.0  # -0.0 + 0.0 is 0.0
-    whole = np.int32 if len(vertices) < 2**31 else np.int64
-    position: NDArray[Any] = first_equal_row(vertices.view(np.uint64)).astype(whole)
+    dtype = np.int32 if len(vertices) < 2**31 else np.int64
+    position: NDArray[Any] = first_equal_row(vertices.view(np.uint64)).astype(dtype)
     corners = _corners(position, faces, chosen)
     low, high = _bounds(vertices, corners)
-    extent = math.hypot(*(high - low))  # whose squares may under- and overflow
+    extent = math.hypot(*(high - low))  # its squares may under- and overflow
     scale = 1 / max(extent, 1e-300)  # the inverse of a smaller number can be infinite
-    reach = SLACK * max(float(tolerance), LEAST_TOLERANCE * extent) * scale
+    reach = ROUNDING_FACTOR * max(float(tolerance), LEAST_TOLERANCE_REL * extent) * scale
     placed = (np.clip(vertices, low, high) - (low + high) / 2) * scale
     placed = placed @ _frame(placed, corners)
-    keys = np.empty(len(corners), np.uint64)
-    kernels.order_keys(placed, corners, keys)
-    chosen = chosen[np.argsort(keys)]
-    del keys, corners  # large, and no longer in order
-    corners = _corners(position, faces, chosen)
+    tree = TriangleTree.over(placed, corners, margin=BOX_MARGIN, dtype=np.float32)
+    del corners  # large, and in another order
+    chosen = chosen[tree.order]
     names = np.empty(0, np.int32) if labels is None else labels[chosen].astype(np.int32)
-    marks = _marks(vertices, scale, placed, corners, names, reach, threads)
+    marks = _marks(vertices, scale, tree, names, reach, threads)
     touching[chosen[marks]] = True
     return touching
 
@@ -181,7 +182,7 @@ def touching_faces(
 def _corners(
     position: NDArray[Any], faces: NDArray[np.integer[Any]], chosen: IntArray
 ) -> NDArray[np.int32]:
-    """(N, 3) vertices of the chosen faces, the same one for all at the same point."""
+    """(N, 3) vertices of the chosen faces, with one index for all vertices at the same point."""
     corners = np.empty((len(chosen), 3), position.dtype)
     for block in blocks(len(chosen)):
         corners[block] = position[faces[chosen[block]]]
@@ -197,22 +198,22 @@ def _bounds(vertices: FloatArray, corners: NDArray[np.int32]) -> tuple[FloatArra
 
 
 def _frame(placed: FloatArray, corners: NDArray[np.int32]) -> FloatArray:
-    """(3, 3) rotation that makes boxes small: none, or one along the directions of the edges.
+    """(3, 3) rotation that makes boxes small: the identity, or the main directions of the edges.
 
-    A needle across the axes has a box that overlaps those of all needles beside it; a part whose
-    needles run alike, like a cylinder, is turned until they run along an axis.
+    The box of a needle across the axes overlaps those of all needles beside it. A part of parallel
+    needles, such as a cylinder, is rotated until they are parallel to an axis.
     """
-    points = placed[corners[:: -(-len(corners) // SAMPLE)]]
+    points = placed[corners[:: -(-len(corners) // FRAME_SAMPLES)]]
     edges = (np.roll(points, -1, axis=1) - points).reshape(-1, 3)
     length = np.linalg.norm(edges, axis=1)
     weighted = edges / np.sqrt(np.where(length > 0, length, 1))[:, None]
     turned = np.linalg.eigh(weighted.T @ weighted)[1]
-    still = np.eye(3)
-    return turned if _box_area(points @ turned) < 0.5 * _box_area(points) else still
+    is_better = _box_area(points @ turned) < 0.5 * _box_area(points)
+    return turned if is_better else np.eye(3)
 
 
 def _box_area(points: FloatArray) -> float:
-    """Surface of the boxes of (N, 3, 3) triangles."""
+    """Half the surface area of the boxes of (N, 3, 3) triangles."""
     x, y, z = np.ptp(points, axis=1).T
     return float((x * y + y * z + z * x).sum())
 
@@ -220,18 +221,14 @@ def _box_area(points: FloatArray) -> float:
 def _marks(
     vertices: FloatArray,
     scale: float,
-    placed: FloatArray,
-    corners: NDArray[np.int32],
+    tree: TriangleTree,
     labels: NDArray[np.int32],
     reach: float,
     threads: int | None,
 ) -> NDArray[np.bool_]:
-    """(N,) which of the faces touch; they come in the order of their keys."""
-    last = -(-len(corners) // kernels.LEAF)
-    n_nodes = 2 << max((last - 1).bit_length(), 1)
-    boxes, nodes = np.empty((len(corners), 6), np.float32), np.empty((n_nodes, 6), np.float32)
-    done, marks = np.empty(n_nodes, dtype=bool), np.zeros(len(corners), dtype=bool)
-    kernels.grow_boxes(placed, corners, boxes, nodes, done)
+    """(N,) faces in contact, in the order of the tree."""
+    last = -(-len(tree.faces) // LEAF)
+    done, marks = tree.nodes[:, 0] == np.inf, np.zeros(len(tree.faces), dtype=bool)
     turns = [(start, min(start + LEAVES_A_TURN, last)) for start in range(0, last, LEAVES_A_TURN)]
     stopped = threading.Event()
 
@@ -244,11 +241,11 @@ def _marks(
                     return
                 while start < end and not stopped.is_set():
                     start = kernels.mark_contacts(
-                        vertices, scale, placed, corners, labels, boxes, nodes, done, reach, start,
-                        end, STEPS_A_CALL, marks,
+                        vertices, scale, tree.points, tree.faces, labels, tree.boxes, tree.nodes,
+                        done, reach, start, end, STEPS_A_CALL, marks,
                     )  # fmt: skip
         finally:
-            turns.clear()  # empty already, unless something went wrong: then all stop
+            turns.clear()  # empty already, except after an error: then all stop
 
     n_threads = min(threads or len(os.sched_getaffinity(0)), len(turns))
     if n_threads == 1:
@@ -258,6 +255,6 @@ def _marks(
             try:
                 list(pool.map(work, range(n_threads)))
             finally:
-                turns.clear()  # an interrupt comes here, and ends the threads after their call
+                turns.clear()  # after an interrupt, the threads end after their current call
                 stopped.set()
     return marks

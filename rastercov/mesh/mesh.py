@@ -6,15 +6,15 @@ judged on positions, because files repeat vertices along seams.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
-from os import PathLike
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._arguments import members
+from rastercov._arguments import check_kind, members
+from rastercov._files import StrPath
 from rastercov.errors import MeshError
 from rastercov.mesh.arrays import (
     blocks,
@@ -27,6 +27,7 @@ from rastercov.mesh.arrays import (
     normals_and_areas,
     some,
 )
+from rastercov.mesh.formats import LARGEST_FILE, metres_per, read_files
 from rastercov.mesh.groups import Group, checked_labels, flagged, group_list
 from rastercov.mesh.topology import Topology, first_equal_row
 
@@ -34,6 +35,9 @@ if TYPE_CHECKING:
     from rastercov.mesh.contacts import Contacts
 
 __all__ = ["Group", "Mesh", "MeshSource"]
+
+TRIMESH_GROUPS = "rastercov_groups"
+"""Key of the groups in the metadata of a `trimesh.Trimesh`."""
 
 
 @dataclass(frozen=True)
@@ -130,18 +134,117 @@ class Mesh:
     @classmethod
     def load(
         cls,
-        path: str | PathLike[str] | Sequence[str | PathLike[str]],
+        path: StrPath | Sequence[StrPath],
         unit: str | float = "m",
         *,
         occluders: Iterable[str] = (),
         two_sided: Iterable[str] = (),
         drop_invalid: bool = False,
+        max_bytes: int = LARGEST_FILE,
+        memory_budget: int | None = None,
     ) -> "Mesh":
-        """Mesh of one file, or of several as one scene; see `rastercov.mesh.formats.load_mesh`."""
-        from rastercov.mesh.formats import load_mesh  # mesh_file needs Mesh, so import it late
+        """Mesh of one file, or of several as one scene.
 
-        mesh = load_mesh(path, unit, drop_invalid=drop_invalid)
+        Parameters
+        ----------
+        path : path or sequence of paths
+            STL, OBJ, PLY, OFF or GLB files; regular files (or links to them) on this machine.
+        unit : str or float
+            Unit of the coordinates: m, mm, cm, um, in, ft, or metres per unit.
+        occluders, two_sided : group names
+            Flags of the groups, see `with_groups`.
+        drop_invalid : bool
+            Drop faces whose coordinates are not finite, with a warning; `source_face` numbers the
+            remaining ones.
+        max_bytes : int
+            Size of the largest file that is read.
+        memory_budget : int, optional
+            Bytes that reading a file may need, checked by an estimate before memory is allocated.
+            8 GiB by default, but no more than 2^20 triangles need, or one triangle a byte of the
+            file: only instances and shared data can ask for more than that.
+
+        Returns
+        -------
+        Mesh
+            Faces in the order of the files. Groups are the named groups, objects or nodes of the
+            file (as "stem/name" if there are several files), otherwise the file's stem.
+            `source_face` counts the polygons of each file from 0.
+
+        Raises
+        ------
+        MeshError
+            The file is unusable; the message has its name, the fault, and the line or byte.
+        ResourceError
+            Too many faces for the budget.
+        """
+        content = read_files(
+            path, metres_per(unit), drop_invalid=drop_invalid, max_bytes=max_bytes,
+            memory_budget=memory_budget,
+        )  # fmt: skip
+        mesh = cls(
+            vertices=content.vertices,
+            faces=content.faces,
+            groups=[Group(name) for name in content.group_names],
+            face_group=content.face_group,
+            source_face=content.source_face,
+            sources=[MeshSource(*file) for file in content.files],
+            notes=content.notes,
+        )
         return mesh.with_groups(occluders=occluders, two_sided=two_sided)
+
+    @classmethod
+    def from_trimesh(cls, tri: Any, *, name: str = "mesh", unit: str | float = "m") -> "Mesh":
+        """Mesh of a `trimesh.Trimesh`, as for formats that `load` does not read.
+
+        The constructor checks the arrays; the guards of `load` have not seen the file. Groups and
+        source faces that `to_trimesh` stored are kept, all other attributes are ignored.
+
+        Parameters
+        ----------
+        tri : trimesh.Trimesh
+            Not a Scene. `tri.units` is not looked at.
+        name : str
+            Name of the group, unless groups are stored.
+        unit : str or float
+            Unit of the coordinates, as for `load`.
+
+        Raises
+        ------
+        MeshError
+            Not a Trimesh, or its arrays are no mesh.
+        """
+        import trimesh
+
+        wanted = "a trimesh.Trimesh (of a Scene, pass scene.to_mesh())"
+        check_kind("tri", tri, trimesh.Trimesh, wanted, MeshError)
+        stored, labels = tri.metadata.get(TRIMESH_GROUPS), tri.face_attributes.get("face_group")
+        has_groups = stored is not None and labels is not None
+        return cls(
+            vertices=np.asarray(tri.vertices) * metres_per(unit),
+            faces=np.asarray(tri.faces),
+            groups=[Group(**each) for each in stored] if has_groups else [Group(name)],
+            face_group=labels if has_groups else None,
+            source_face=tri.face_attributes.get("source_face"),
+        )
+
+    def to_trimesh(self) -> Any:
+        """`trimesh.Trimesh` of the same vertices and faces, in metres, in the same order.
+
+        `face_attributes` has `face_group` and `source_face`, `metadata` the groups, from which
+        `from_trimesh` restores them.
+        """
+        import trimesh
+
+        return trimesh.Trimesh(
+            vertices=self.vertices.copy(),
+            faces=self.faces.copy(),
+            process=False,
+            face_attributes={
+                "face_group": self.face_group.copy(),
+                "source_face": self.source_face.copy(),
+            },
+            metadata={TRIMESH_GROUPS: [asdict(group) for group in self.groups]},
+        )
 
     def with_groups(
         self, occluders: Iterable[str] | None = None, two_sided: Iterable[str] | None = None

@@ -1,7 +1,6 @@
-"""How faces meet: equal rows, edges, and edge-connected components.
+"""Mesh topology: equal rows, the edge table, edge-connected components.
 
-Serves `mesh`: integers in, counts out, whole arrays at a time. Equal rows and edges are found by
-sorting, components by hooking roots together and jumping along pointers.
+Equal rows and edges are found by sorting, components by hooking and pointer jumping.
 
 Source: Y. Shiloach, U. Vishkin. An O(log n) Parallel Connectivity Algorithm. 1982.
 """
@@ -28,7 +27,7 @@ def first_equal_row(rows: NDArray[np.uint64]) -> NDArray[np.int64]:
     Returns
     -------
     (N,) int64
-        At most the row's own index, which it is for a row that has no earlier twin.
+        The row's own index where no earlier row is equal.
     """
     digest = np.zeros(len(rows), dtype=np.uint64)
     for column, multiplier in zip(rows.T, ODD_MULTIPLIERS, strict=False):
@@ -56,46 +55,90 @@ def _equals_previous(rows: NDArray[np.uint64], order: NDArray[np.int64]) -> NDAr
     return equals
 
 
-def _sorted_edges(
-    faces: NDArray[np.int64], n_vertices: int
-) -> tuple[NDArray[np.uint64], NDArray[Any], NDArray[np.bool_]]:
-    """Edges in order, each with its face, and whether the face runs along it upwards.
+@dataclass(frozen=True, eq=False)
+class EdgeTable:
+    """Edges of faces, sorted by their lower and then their higher vertex, each with its uses.
 
-    Equal keys are equal edges. Faces with a repeated vertex are left out.
+    Use number h is the edge of face h // 3 from corner h % 3 to the next corner.
+
+    Attributes
+    ----------
+    key : (E,) uint64
+        Lower vertex times `n_vertices` plus higher vertex.
+    n_vertices : int
+    first : (E,) int64
+        Row of the first use of each edge in `uses`.
+    n_uses : (E,) int64
+        Uses of each edge, at least 1.
+    uses : (U,) uint32 or uint64
+        Uses of the first edge, then of the second, and so on; faces ascend within an edge.
+    is_forward : (U,) bool
+        True where the face runs along the edge from the lower to the higher vertex.
     """
-    n_bits = len(faces).bit_length()
+
+    key: NDArray[np.uint64]
+    n_vertices: int
+    first: NDArray[np.int64]
+    n_uses: NDArray[np.int64]
+    uses: NDArray[Any]
+    is_forward: NDArray[np.bool_]
+
+    @property
+    def vertices(self) -> NDArray[np.uint64]:
+        """(E, 2) lower and higher vertex of each edge."""
+        return np.stack(np.divmod(self.key, np.uint64(self.n_vertices)), axis=1)
+
+    @property
+    def faces(self) -> NDArray[np.int64]:
+        """(U,) face of each use."""
+        return (self.uses // 3).astype(np.int64)
+
+
+def edge_table(
+    faces: NDArray[np.integer[Any]], n_vertices: int, *, with_collapsed: bool = False
+) -> EdgeTable:
+    """Table of the edges of `faces`, (F, 3) indices below `n_vertices`.
+
+    A collapsed face, which repeats a vertex, is left out unless `with_collapsed`; then its edge of
+    length zero is in the table, too.
+    """
+    n_bits = (6 * len(faces)).bit_length()  # of 2 use + is_forward
     key = np.empty(3 * len(faces), np.uint64)
-    # 2 face + is forward
-    code: NDArray[Any] = np.empty(len(key), np.uint32 if n_bits < 32 else np.uint64)
+    code: NDArray[Any] = np.empty(len(key), np.uint32 if n_bits <= 32 else np.uint64)
     n = 0
     for block in blocks(len(faces)):
-        start = faces[block]
-        index = 2 * np.arange(block.start, block.start + len(start))[:, None]
+        start = faces[block].astype(np.int64, copy=False)
+        index = np.arange(6 * block.start, 6 * (block.start + len(start)), 2).reshape(-1, 3)
         end = start[:, [1, 2, 0]]
         has_edges = (start != end).all(axis=1)
-        start, end, index = start[has_edges], end[has_edges], index[has_edges]
+        if not (with_collapsed or has_edges.all()):
+            start, end, index = start[has_edges], end[has_edges], index[has_edges]
         part = slice(n, n + start.size)
         key[part] = (np.minimum(start, end) * n_vertices + np.maximum(start, end)).ravel()
         code[part] = (index + (start < end)).ravel()
         n = part.stop
     key, code = key[:n], code[:n]
-    if (n_vertices**2).bit_length() + n_bits + 1 <= 64:  # in one number, which sorts quicker
-        key <<= np.uint64(n_bits + 1)
+    if (n_vertices**2).bit_length() + n_bits <= 64:  # in one number, which sorts faster
+        key <<= np.uint64(n_bits)
         key |= code
         key.sort()
-        np.bitwise_and(key, np.uint64(2 ** (n_bits + 1) - 1), out=code, casting="unsafe")
-        key >>= np.uint64(n_bits + 1)
+        np.bitwise_and(key, np.uint64(2**n_bits - 1), out=code, casting="unsafe")
+        key >>= np.uint64(n_bits)
     else:
         order = np.argsort(key, kind="stable")
         key, code = key[order], code[order]
     is_forward = np.bitwise_and(code, 1, out=np.empty(n, bool), casting="unsafe")
     code >>= 1
-    return key, code, is_forward
+    is_first = np.ones(n, dtype=bool)
+    is_first[1:] = key[1:] != key[:-1]
+    first = np.flatnonzero(is_first)
+    n_uses = np.diff(first, append=n)
+    return EdgeTable(key[first], n_vertices, first, n_uses, code, is_forward)
 
 
 @dataclass(frozen=True)
 class Topology:
-    """Edges of a mesh, counted by how many faces they have.
+    """Counts of a mesh's edges by their number of faces, and its face adjacency.
 
     Attributes
     ----------
@@ -106,7 +149,7 @@ class Topology:
     n_inconsistent_edges : int
         Edges with two faces that run along them in the same direction.
     neighbours : (N, 2) int64
-        Pairs of faces that share an edge, enough of them to connect all that meet there.
+        Pairs of faces that share an edge; at an edge of n faces, n - 1 pairs that connect them.
     """
 
     n_faces: int
@@ -120,46 +163,39 @@ class Topology:
     def of(cls, faces: NDArray[np.int64], n_vertices: int) -> Self:
         """Topology of `faces`, (F, 3) indices below `n_vertices`.
 
-        A face with a repeated vertex is a flap on an edge that its neighbours share, so it does
-        not count; one without area between three points closes a T-junction, so it does.
+        A face with a repeated vertex does not count: its neighbours share an edge without it. A
+        face without area between three points counts: it closes a T-junction.
         """
-        key, face, is_forward = _sorted_edges(faces, n_vertices)
-        is_first = np.ones(len(key), dtype=bool)
-        is_first[1:] = key[1:] != key[:-1]
-        del key  # large, like all that is deleted here: half of what meshes need at most
-        first = np.flatnonzero(is_first)
-        n_uses = np.diff(first, append=len(face))
-        n_boundary, n_nonmanifold = int((n_uses == 1).sum()), int((n_uses > 2).sum())
-        shared = first[n_uses == 2]
-        del first, n_uses
-        n_shared = len(shared)
-        n_inconsistent = int((is_forward[shared] == is_forward[shared + 1]).sum())
-        del shared, is_forward
-        later = np.flatnonzero(~is_first)
+        table = edge_table(faces, n_vertices)
+        n_uses = table.n_uses
+        shared = table.first[n_uses == 2]
+        is_later = np.ones(len(table.uses), dtype=bool)
+        is_later[table.first] = False
+        later = np.flatnonzero(is_later)
         neighbours = np.empty((len(later), 2), np.int64)
-        neighbours[:, 1] = face[later]
+        neighbours[:, 1] = table.uses[later] // 3
         later -= 1
-        neighbours[:, 0] = face[later]
+        neighbours[:, 0] = table.uses[later] // 3
+        is_forward = table.is_forward
         return cls(
             n_faces=len(faces),
-            n_boundary_edges=n_boundary,
-            n_shared_edges=n_shared,
-            n_nonmanifold_edges=n_nonmanifold,
-            n_inconsistent_edges=n_inconsistent,
+            n_boundary_edges=int((n_uses == 1).sum()),
+            n_shared_edges=len(shared),
+            n_nonmanifold_edges=int((n_uses > 2).sum()),
+            n_inconsistent_edges=int((is_forward[shared] == is_forward[shared + 1]).sum()),
             neighbours=frozen(neighbours),
         )
 
     @property
     def is_closed(self) -> bool:
-        """Whether there are edges, each with exactly two faces."""
+        """True if there are edges, each with exactly two faces."""
         return self.n_shared_edges > 0 and not (self.n_boundary_edges or self.n_nonmanifold_edges)
 
     def components(self) -> NDArray[np.int64]:
         """(F,) number of each face's edge-connected component, from 0 in order of first face."""
-        # Half the memory, unless faces are too many.
-        whole = np.int32 if self.n_faces < 2**31 else np.int64
-        root = np.arange(self.n_faces, dtype=whole)
-        left, right = self.neighbours.T.astype(whole)
+        dtype = np.int32 if self.n_faces < 2**31 else np.int64  # int32 halves the memory
+        root = np.arange(self.n_faces, dtype=dtype)
+        left, right = self.neighbours.T.astype(dtype)
         while True:  # about log F rounds: each joins every root that has a lower neighbour
             a, b = root[left], root[right]
             apart = a != b

@@ -3,20 +3,16 @@
     coverage(mesh, camera, poses, task, *, parameters) -> (P, F) float64
 
 One file per row of Tables 2.1 and 3.1 of E. S. Eissa. Image Space Coverage Model. 2020, each headed
-by its equations, its paper and its caveats. Beside the chain: nothing in it imports them.
-docs/models.md compares what they look at.
+by its equations, its paper and its caveats. A new model is a new file with a function decorated by
+`base.coverage_model`, and a row of `MODELS`. docs/models.md compares the criteria of the models.
 """
 
-from collections.abc import Callable
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any
 
 from rastercov.models import alarcon, image_space, mavrinac, scott, tarabanis, zhang
+from rastercov.models.base import CoverageModel
 
-CoverageModel = Callable[..., NDArray[np.float64]]
-
-MODELS: dict[str, CoverageModel] = {
+MODELS: dict[str, CoverageModel[Any]] = {
     "tarabanis": tarabanis.coverage,
     "scott": scott.coverage,
     "mavrinac": mavrinac.coverage,

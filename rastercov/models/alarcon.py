@@ -18,21 +18,21 @@ Inspection. Proc. IEEE Int. Conf. on Robotics and Automation, 2014.
 
 Caveats
 -------
-- We had the formula at second hand, with S^2 under the distance: a length over an area, whose value
-  hangs on the unit of length. In metres it is 0 for all of a small part, in millimetres 1. S^2 is
-  also how the Schatten class of order 2 is written, and its norm has the right dimension; so the
-  default is q = 1, p = 2. `norm_power=2` is the other reading.
-- The thesis (2.2.4.1) tells of a Euclidean and a Frobenius norm between poses. The tensors of
-  Adolphus, by the same author, weigh the one distance by the other and have no upper limit. Three
-  sources, three formulas; this one is in [0, 1].
+- Our source for the formula is secondary and has S^2 under the distance: a length over an area,
+  whose value depends on the unit of length. In metres it is 0 for all of a small part, in
+  millimetres 1. S^2 is also a notation of the Schatten class of order 2, whose norm has the right
+  dimension; the defaults are therefore q = 1, p = 2. `norm_power=2` is the other reading.
+- The thesis (2.2.4.1) mentions a Euclidean and a Frobenius norm between poses. The tensors of
+  Adolphus, by the same author, weight one distance by the other and have no upper limit. The three
+  sources give three formulas; this one is in [0, 1].
 - Tables 2.1 and 3.1 mark occlusion as "self only", and Definition 3 calls a face self-occluding
-  when it faces away. Here the segment of the centroid is traced, too, against all faces.
-- d_r looks along the optical axis, so that a face seen from the front off the axis can have 0. A
-  face seen from behind is not covered whatever it says.
-- The frustum ends where the depth of field does. Where that is open, it ends where the part does,
-  nearest and farthest vertex: then the ideal distance is that of the middle of the part.
-- What the tables call resolution is the distance: nearer than the ideal is as bad as farther. R_min
-  and the density of a task have no part in it.
+  when it faces away. Here the segment of the centroid is also traced against all faces.
+- d_r is measured along the optical axis, so a face seen from the front but off the axis can have 0.
+  A face seen from behind is not covered whatever d_r is.
+- The frustum ends at the limits of the depth of field. Where these are infinite, it ends at the
+  nearest and farthest vertex: then the ideal distance is that of the centre of the part.
+- The distance takes the place of the resolution of the tables: nearer than the ideal is as bad as
+  farther. R_min and the density of a task have no effect.
 """
 
 import math
@@ -43,10 +43,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.camera import Camera
 from rastercov.coverage import Task
-from rastercov.criteria import in_focus, view_faces
+from rastercov.criteria import view_faces
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
-from rastercov.models.base import check_number, each_pose, seen_normals
+from rastercov.models.base import (
+    check_number,
+    coverage_model,
+    each_pose,
+    in_view_and_focus,
+    seen_normals,
+)
 from rastercov.models.line_of_sight import LineOfSight, check_tracer
 from rastercov.projection import to_camera
 
@@ -55,19 +61,19 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class AlarconParameters:
-    """What the model asks beyond a task.
+    """Frustum, norm and tracer of the model.
 
     Parameters
     ----------
     depth_range : (float, float), optional
-        z_n and z_f of the frustum, metres; the depth of field, and the part where that is open,
-        unless given.
+        z_n and z_f of the frustum, metres; unless given, the depth of field, and the extent of the
+        part where that has no limit.
     schatten_order : float
         p of the norm, 1 or more; inf is the longest axis.
     norm_power : float
-        q, the power of the norm that the distance is divided by.
+        q, exponent of the norm by which the distance is divided.
     tracer : {"auto", "embree", "own"}
-        Who traces the segments, see `LineOfSight`.
+        Implementation that traces the segments, see `LineOfSight`.
 
     Raises
     ------
@@ -92,37 +98,23 @@ class AlarconParameters:
         check_tracer(self.tracer)
 
 
+@coverage_model(AlarconParameters())
 def coverage(
-    mesh: Mesh,
-    camera: Camera,
-    poses: ArrayLike,
-    task: Task | None = None,
-    *,
-    parameters: AlarconParameters = AlarconParameters(),
+    mesh: Mesh, camera: Camera, poses: ArrayLike, task: Task, parameters: AlarconParameters
 ) -> FloatArray:
     """Coverage of each face in each pose, (P, F) in [0, 1].
 
-    Parameters
-    ----------
-    mesh, camera
-        What is looked at, and by what.
-    poses : (P, 4, 4) array_like
-        world_from_camera.
-    task : Task, optional
-        Its `max_blur` and `focus_rule` count here.
-    parameters : AlarconParameters
-        What a task does not say.
+    Depends on `max_blur` and `focus_rule` of the task.
     """
-    task = task or Task()
     limits = camera.depth_of_field(task.max_blur)
-    sight = LineOfSight(mesh, parameters.tracer)
+    tracer = LineOfSight(mesh, parameters.tracer)
 
     def strength(pose: FloatArray, near: float) -> FloatArray:
         view = view_faces(mesh, camera, pose)
-        seen = view.is_front & view.in_view & in_focus(view.depth, limits, task.focus_rule)
+        seen = in_view_and_focus(camera, task, view)
         if not seen.any():
             return np.zeros(mesh.n_faces)
-        z_n, z_f = parameters.depth_range or _part_of(limits, view.depth, near)
+        z_n, z_f = parameters.depth_range or _depths_in_focus(limits, view.depth, near)
         centre, tensor = frustum(camera, z_n, z_f)
         size = schatten_norm(tensor, parameters.schatten_order) ** parameters.norm_power
         away = np.linalg.norm(to_camera(mesh.centroids, pose) - centre, axis=1)
@@ -133,7 +125,7 @@ def coverage(
         d_r = np.maximum(0.0, 1 - turned / math.sqrt(2))
         graded = np.where(seen, np.sqrt(d_e * d_r), 0.0)
         wanted = np.flatnonzero(graded > 0)
-        graded[wanted[sight.hidden(mesh.centroids[wanted], pose, near)]] = 0.0
+        graded[wanted[tracer.hidden(mesh.centroids[wanted], pose, near)]] = 0.0
         return graded
 
     return each_pose(mesh, camera, poses, strength)
@@ -169,7 +161,9 @@ def schatten_norm(tensor: FloatArray, order: float) -> float:
     return float(np.linalg.norm(values, order))
 
 
-def _part_of(limits: tuple[float, float], depth: FloatArray, near: float) -> tuple[float, float]:
-    """Depths where the depth of field ends, or the part where it does so first."""
+def _depths_in_focus(
+    limits: tuple[float, float], depth: FloatArray, near: float
+) -> tuple[float, float]:
+    """Depth of field (z_n, z_f), clipped to the nearest and farthest vertex ahead, metres."""
     ahead = depth[depth >= near]
     return max(limits[0], float(ahead.min())), min(limits[1], float(ahead.max()))

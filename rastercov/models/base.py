@@ -1,13 +1,14 @@
-"""What the models of this package have in common: the requirement on resolution, and checks.
+"""Common parts of the coverage models: the signature, the loop over poses, the required density.
 
-Every model answers (P, F) for the same `Task`, so that they can be laid side by side. Where a model
-asks for a quantity that a task does not have, a density of pixels above all, it is worked out here
-from what the task does have.
+Every model answers (P, F) for the same `Task`, so that models can be compared. A quantity that a
+model needs and a task does not have, such as a density of pixels, is derived here from the task.
 """
 
 import math
 from collections.abc import Callable
-from typing import Any
+from dataclasses import dataclass
+from inspect import cleandoc
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,12 +17,101 @@ from rastercov._checks import shown
 from rastercov._memory import check_memory
 from rastercov.camera import Camera
 from rastercov.coverage import Task
+from rastercov.criteria import ViewOfFaces, in_focus
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.pose import valid_poses
 from rastercov.projection import near_limit
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+P = TypeVar("P")
+P_contra = TypeVar("P_contra", contravariant=True)
+
+
+class CoverageModel(Protocol[P_contra]):
+    """Signature of all models."""
+
+    def __call__(
+        self,
+        mesh: Mesh,
+        camera: Camera,
+        poses: ArrayLike,
+        task: Task | None = None,
+        *,
+        parameters: P_contra = ...,
+    ) -> FloatArray:
+        """Coverage of each face in each pose, (P, F)."""
+        ...
+
+
+def coverage_model(
+    defaults: P,
+) -> Callable[[Callable[[Mesh, Camera, ArrayLike, Task, P], FloatArray]], CoverageModel[P]]:
+    """Decorator that gives `answers(mesh, camera, poses, task, parameters)` the public signature.
+
+    Parameters
+    ----------
+    defaults : dataclass
+        Parameters of the model unless a call gives others.
+    """
+
+    def decorate(
+        answers: Callable[[Mesh, Camera, ArrayLike, Task, P], FloatArray],
+    ) -> CoverageModel[P]:
+        def coverage(
+            mesh: Mesh,
+            camera: Camera,
+            poses: ArrayLike,
+            task: Task | None = None,
+            *,
+            parameters: P = defaults,
+        ) -> FloatArray:
+            return answers(mesh, camera, poses, task or Task(), parameters)
+
+        coverage.__doc__ = f"""{cleandoc(answers.__doc__ or "")}
+
+Parameters
+----------
+mesh : Mesh
+camera : Camera
+poses : (P, 4, 4) array_like
+    world_from_camera.
+task : Task, optional
+    Thresholds; `Task()` unless given.
+parameters : {type(defaults).__name__}
+    Quantities that a task does not have.
+
+Raises
+------
+PoseError
+    For a pose that is no rigid motion.
+ResourceError
+    Where the result takes more memory than is free.
+"""
+        for name in ("__module__", "__name__", "__qualname__"):
+            setattr(coverage, name, getattr(answers, name))
+        return coverage
+
+    return decorate
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResolutionParameters:
+    """Parameters of a model that divides a pixel density by a required one.
+
+    Parameters
+    ----------
+    required_density : float, optional
+        R_req, pixels a metre; by `required_density` from the task unless given.
+    """
+
+    required_density: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.required_density is not None:
+            words = "0 or more pixels a metre, or None for the task's"
+            check_number("required_density", self.required_density, 0.0, 1e300, words)
 
 
 def each_pose(
@@ -38,7 +128,7 @@ def each_pose(
     PoseError
         For a pose that is no rigid motion.
     ResourceError
-        Where the array takes more memory than is free, before any is taken.
+        Where the array takes more memory than is free, before any is allocated.
     """
     matrices = valid_poses(poses)
     of_pose = shape or (mesh.n_faces,)
@@ -58,7 +148,7 @@ def required_density(mesh: Mesh, task: Task, density: float | None = None) -> Fl
     """Pixels a metre that give a face resolution 1, (F,); inf for faces without area.
 
     The density at which a face seen head-on gets the R_min pixels of (3.8), sqrt(R_min / area), and
-    at least `Task.min_pixel_density`; or the one given, for all faces.
+    at least `Task.min_pixel_density`; or the given `density` for all faces.
     """
     if density is not None:
         return np.full(mesh.n_faces, density)
@@ -74,8 +164,15 @@ def share_of(density: FloatArray, required: FloatArray) -> FloatArray:
     return np.minimum(share, 1.0)
 
 
+def in_view_and_focus(camera: Camera, task: Task, view: ViewOfFaces) -> BoolArray:
+    """(F,) front faces in the image (3.7) and within the depth of field (3.10)-(3.12)."""
+    limits = camera.depth_of_field(task.max_blur)
+    focused: BoolArray = in_focus(view.depth, limits, task.focus_rule)
+    return view.is_front & view.in_view & focused
+
+
 def seen_normals(mesh: Mesh, pose: FloatArray) -> FloatArray:
-    """Normals in camera axes, (F, 3); of two-sided groups that of the side that is seen."""
+    """Normals in camera axes, (F, 3); for two-sided groups the normal of the side that is seen."""
     ray = pose[:3, 3] - mesh.centroids
     is_back = mesh.two_sided_mask & (np.einsum("fi,fi->f", mesh.normals, ray) < 0)
     normals: FloatArray = np.where(is_back, -1.0, 1.0)[:, None] * (mesh.normals @ pose[:3, :3])
@@ -85,12 +182,12 @@ def seen_normals(mesh: Mesh, pose: FloatArray) -> FloatArray:
 def ramp(value: FloatArray, acceptable: ArrayLike, ideal: ArrayLike) -> FloatArray:
     """1 up to the ideal value, 0 from the acceptable one on, linear between; lower is better.
 
-    Equal limits make a step, at which the value itself still counts as 1.
+    Equal limits make a step; a value equal to the limits is 1.
     """
     limit, best = np.broadcast_arrays(np.asarray(acceptable, np.float64), ideal)
     with np.errstate(invalid="ignore", divide="ignore"):
         between = np.clip((limit - value) / (limit - best), 0.0, 1.0)
-    # From a finite ideal to no limit at all the line is flat.
+    # Between a finite ideal value and no limit at all the line is flat.
     between = np.where(np.isinf(limit) & (limit > 0), 1.0, between)
     graded: FloatArray = np.where(value <= best, 1.0, np.where(value >= limit, 0.0, between))
     return graded
@@ -101,9 +198,3 @@ def check_number(name: str, value: Any, low: float, high: float, words: str) -> 
     is_number = isinstance(value, int | float | np.integer | np.floating)
     if isinstance(value, bool) or not is_number or not low <= value <= high or math.isnan(value):
         raise ConfigError(f"{name} must be {words}, got {shown(value)}")
-
-
-def check_density(name: str, value: float | None) -> None:
-    """Raise `ConfigError` unless the value is None or a density of pixels."""
-    if value is not None:
-        check_number(name, value, 0.0, 1e300, "0 or more pixels a metre, or None for the task's")

@@ -3,15 +3,16 @@
     C = C_FOV C_R C_F C_V                                                                     (3.6)
 
 with C_FOV (3.7), C_R = min(1, projected area / R_min) (3.8), C_F (3.12), and C_V the visible part
-of the face's image (3.13), (3.14), computed with a proof or to rounding; see `coverage` for the
-criteria that we added, and docs/equations.md for where we depart from the source.
+of the face's image (3.13), (3.14), computed with a proof or to rounding. `rastercov.coverage` has
+the criteria that we added, docs/equations.md the departures from the source.
 
 E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks. MASc thesis,
 University of Windsor, 2020, section 3.3.
 
 Caveats
 -------
-- The one model here without a value per vertex or centroid: what is hidden of a face is an area.
+- The only model here that measures the hidden area of a face instead of testing vertices or
+  centroids.
 - With `Task(cap_resolution=False)`, as `Task.thesis()` has it, coverage can exceed 1.
 """
 
@@ -24,6 +25,7 @@ from rastercov.camera import Camera
 from rastercov.coverage import Task, evaluate_batches
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
+from rastercov.models.base import coverage_model
 from rastercov.observer import METHODS, open_observer
 
 FloatArray = NDArray[np.float64]
@@ -31,12 +33,12 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class ImageSpaceParameters:
-    """What the model asks beyond a task.
+    """Method of the model.
 
     Parameters
     ----------
     method : {"certified", "exact", "sampled"}
-        How visibility is found, see `open_observer`.
+        Method that measures visibility, see `open_observer`.
     """
 
     method: str = "certified"
@@ -46,26 +48,13 @@ class ImageSpaceParameters:
             raise ConfigError(f"method must be one of {', '.join(METHODS)}, got {self.method!r}")
 
 
+@coverage_model(ImageSpaceParameters())
 def coverage(
-    mesh: Mesh,
-    camera: Camera,
-    poses: ArrayLike,
-    task: Task | None = None,
-    *,
-    parameters: ImageSpaceParameters = ImageSpaceParameters(),
+    mesh: Mesh, camera: Camera, poses: ArrayLike, task: Task, parameters: ImageSpaceParameters
 ) -> FloatArray:
-    """Coverage of each face in each pose, (P, F) in [0, 1] where resolution is capped.
+    """Coverage of each face in each pose, (P, F), in [0, 1] where resolution is capped.
 
-    Parameters
-    ----------
-    mesh, camera
-        What is looked at, and by what.
-    poses : (P, 4, 4) array_like
-        world_from_camera.
-    task : Task, optional
-        All of it counts here.
-    parameters : ImageSpaceParameters
-        What a task does not say.
+    Depends on all of the task.
     """
     with open_observer(mesh, camera, parameters.method) as observer:
         batches = evaluate_batches(observer, poses, task)

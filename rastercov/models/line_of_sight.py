@@ -1,16 +1,15 @@
-"""Bivalent occlusion: whether the segment from a point to the camera centre meets another face.
+"""Bivalent occlusion: a point is hidden if the segment to the camera centre meets another face.
 
-Serves the models that decide by points: `zhang`, `mavrinac`, `alarcon`. Their papers leave open
-what happens where the point itself lies on faces, as every vertex does. Here the segment begins
-`MARGIN` before the point, so that faces which only touch it there hide nothing: neither those that
-share a vertex, nor one that the point rests on, nor a second copy of its own. It ends where the
-near plane of `projection.near_limit` cuts surfaces away, as for the engine. All faces hide,
-occluders and back faces included, but not those without area or seen edge-on.
+The models that sample points use it: `zhang`, `mavrinac`, `alarcon`. Their papers leave open the
+case of a point on a face, as every vertex is. Here the segment begins at distance `MARGIN` from the
+point, so faces that only touch it there hide nothing: neither faces that share a vertex, nor a face
+on which the point lies, nor a copy of its own face. The segment ends at the near plane of
+`projection.near_limit`, as for the engine. All faces hide, including occluders and back faces,
+except faces without area or seen edge-on.
 
-Two tracers answer: Embree (package embreex, float32) and loops of our own (float64, about five
-times slower). They may differ where a segment passes within `TOLERANCE` of an edge of a face, or
-begins that near to the plane of one: on the parts in `rastercov.shapes` at one vertex in a hundred
-thousand.
+There are two tracers: Embree (package embreex, float32) and our own triangle tree (float64, about
+five times slower). They may differ if a segment passes within `TOLERANCE` of an edge of a face, or
+begins as near to its plane: on the meshes in `rastercov.shapes`, one vertex in 100,000.
 
 I. Wald et al. Embree: A Kernel Framework for Efficient CPU Ray Tracing. 2014.
 """
@@ -21,40 +20,42 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.errors import ConfigError
-from rastercov.mesh import Mesh, contact_kernels
-from rastercov.models import line_of_sight_kernels as kernels
+from rastercov.mesh import Mesh
+from rastercov.mesh.triangle_tree import TriangleTree
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 MARGIN = 1e-4
-"""Of the mesh's diagonal: what is nearer to the point than this, towards the camera, hides nothing.
-A tenth of that and float32, in which Embree works, takes ten times as many faces that are seen at a
-grazing angle for hidden by themselves."""
+"""Distance from the point, in diagonals of the mesh, up to which a surface hides nothing. With a
+tenth of it Embree, in float32, reports ten times as many faces at grazing angles as hidden by
+themselves."""
 TOLERANCE = 1e-6
-"""Of the mesh's diagonal: how near to an edge or a plane the tracers may disagree."""
+"""Distance from an edge or a plane, in diagonals, within which the tracers may disagree."""
+BOX_MARGIN = 2.0**-24
+"""Margin of the boxes of our tree, in diagonals."""
 TRACERS = ("auto", "embree", "own")
 
 
 class Tracer(Protocol):
-    """Finds the segments that meet a face; the scene measures 1 about the origin."""
+    """Finder of segments that meet a face, in a scene of diagonal 1 about the origin."""
 
     name: str
 
     def meets(self, origins: FloatArray, directions: FloatArray, reaches: FloatArray) -> BoolArray:
-        """Whether each of N segments meets a face: (N, 3), (N, 3) unit vectors, (N,) lengths."""
+        """(N,) segments that meet a face: start (N, 3), unit vector (N, 3), length (N,)."""
         ...
 
 
 class LineOfSight:
-    """Which points of a scene its own faces hide from a camera centre.
+    """Occlusion of points by the faces of a mesh, as seen from a camera centre.
 
     Parameters
     ----------
     mesh : Mesh
-        The faces that hide.
+        Its faces hide.
     tracer : {"auto", "embree", "own"}
-        "auto" is Embree where embreex is installed, our own loops elsewhere.
+        "auto" is Embree if embreex is installed, our own tree otherwise.
 
     Raises
     ------
@@ -76,7 +77,7 @@ class LineOfSight:
         return placed
 
     def hidden(self, points: FloatArray, pose: FloatArray, near: float) -> BoolArray:
-        """Whether a face stands between each point and the camera centre.
+        """Points with a face between them and the camera centre.
 
         Parameters
         ----------
@@ -85,7 +86,7 @@ class LineOfSight:
         pose : (4, 4) float64
             world_from_camera.
         near : float
-            Depth of the near plane, metres; points before it are not hidden.
+            Depth of the near plane, metres; points in front of it are not hidden.
 
         Returns
         -------
@@ -155,28 +156,15 @@ class EmbreeTracer:
 
 
 class OwnTracer:
-    """Segments by compiled loops over a tree of boxes, in float64."""
+    """Segments by the triangle tree, in float64; `corners` (T, 3, 3) are its triangles."""
 
     name = "own"
 
     def __init__(self, corners: FloatArray) -> None:
-        points = np.ascontiguousarray(corners.reshape(-1, 3))
+        points = corners.reshape(-1, 3)
         faces = np.arange(len(points)).reshape(-1, 3)
-        keys = np.empty(len(faces), np.uint64)
-        contact_kernels.order_keys(points, faces, keys)
-        order = np.argsort(keys, kind="stable")
-        self._corners = np.ascontiguousarray(corners[order])
-        last = -(-len(faces) // contact_kernels.LEAF)
-        n_nodes = 2 << max((last - 1).bit_length(), 1)
-        boxes, self._nodes = np.empty((len(faces), 6)), np.empty((n_nodes, 6))
-        contact_kernels.grow_boxes(
-            points, faces[order], boxes, self._nodes, np.empty(n_nodes, dtype=bool)
-        )
+        self._tree = TriangleTree.over(points, faces, margin=BOX_MARGIN)
 
     def meets(self, origins: FloatArray, directions: FloatArray, reaches: FloatArray) -> BoolArray:
         """See `Tracer.meets`."""
-        found = np.empty(len(origins), dtype=bool)
-        kernels.mark_hidden(
-            origins, directions, reaches, self._corners, self._nodes, contact_kernels.LEAF, found
-        )
-        return found
+        return self._tree.hit_segments(origins, directions, reaches)

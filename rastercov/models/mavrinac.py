@@ -23,20 +23,22 @@ Computer Vision 101(1), 205-226, 2013.
 
 Caveats
 -------
-- Table 2.1 of the thesis says that field of view alone is graded, Table 3.1 that resolution alone
-  is. His own software, Adolphus, grades these two, focus and the angle; so does this file.
-- Adolphus ramps focus linearly in depth between the depths where the blur circle has its two
+- Table 2.1 of the thesis marks field of view alone as graded, Table 3.1 resolution alone. His own
+  software, Adolphus, grades these two, focus and the angle; so does this file.
+- The focus ramp of Adolphus is linear in depth between the depths where the blur circle has its two
   limits; here it is linear in the blur circle itself. They agree at the limits.
-- Until 11 December 2012 Adolphus took 2 atan(w / 2) for the half angle of view whose tangent is w,
+- Until 11 December 2012 Adolphus used 2 atan(w / 2) for the half angle of view whose tangent is w,
   which is wider than a pinhole's, and compared its sine with x / z (a border within the image's),
-  since January 2012 its tangent (one beyond it). Since then it takes atan(w), and its border is the
+  since January 2012 its tangent (one beyond it). Since then it uses atan(w), and its border is the
   image's, as here.
-- A face is scored as his task models are, by the mean over its points: with one hidden vertex of
-  three it keeps two thirds, where Zhang gives 0. Its points are its vertices with its own normal.
-- Resolution looks at the depth alone; how a face is turned is the angle's matter. Adolphus has an
-  upper limit on resolution, too, for what is too near; a task has none, so it is left out.
-- By default what is ideal is as strict as can be where a task is silent: head-on, without blur; and
-  a step for the border and for resolution, where no such thing exists.
+- The strength of a face is the mean over its points, as in his task models: with one hidden vertex
+  of three it keeps two thirds, where Zhang gives 0. The points are the vertices of the face with
+  the normal of the face.
+- Resolution depends on the depth alone; the orientation of a face enters by the angle. Adolphus
+  also has an upper limit on resolution, for surfaces that are too near; a task has none, so it is
+  left out.
+- Where a task gives no ideal value, the default is the strictest one: head-on, without blur; and a
+  step for the border and for resolution, which have no strictest value.
 """
 
 import math
@@ -50,7 +52,14 @@ from rastercov.coverage import Task
 from rastercov.criteria import view_faces
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
-from rastercov.models.base import check_number, each_pose, ramp, required_density, seen_normals
+from rastercov.models.base import (
+    check_number,
+    coverage_model,
+    each_pose,
+    ramp,
+    required_density,
+    seen_normals,
+)
 from rastercov.models.line_of_sight import LineOfSight, check_tracer
 from rastercov.projection import to_camera, to_image
 
@@ -66,31 +75,32 @@ LIMITS = {
     "ideal_incidence_deg": (90.0, "0 to 90"),
     "acceptable_incidence_deg": (90.0, "0 to 90, or None"),
 }
-"""Greatest value of each parameter, all from 0, and both in words."""
+"""Greatest value of each parameter (the least is 0), and the range in words."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class MavrinacParameters:
-    """What the model asks beyond a task.
+    """Ideal and acceptable limits of the ramps, and the tracer of the model.
 
     Parameters
     ----------
     padding : float
         Distance from the border at which field of view is 1, px; 0 makes a step.
     ideal_mm_per_px, acceptable_mm_per_px : float, optional
-        Length on the surface that a pixel sees. What is acceptable is the task's, see
-        `shared.required_density`, unless given; what is ideal the same as acceptable.
+        Length on the surface that one pixel covers. The acceptable one follows from the task unless
+        given, see `base.required_density`; the ideal one equals the acceptable one unless given.
     ideal_blur, acceptable_blur : float
-        Diameter of the blur circle, px; what is acceptable is the task's, or the camera's.
+        Diameter of the blur circle, px; the acceptable one is the task's, or the camera's, unless
+        given.
     ideal_incidence_deg, acceptable_incidence_deg : float
-        View angle, degrees; what is acceptable is the task's `max_incidence_deg`.
+        View angle, degrees; the acceptable one is the task's `max_incidence_deg` unless given.
     tracer : {"auto", "embree", "own"}
-        Who traces the segments, see `LineOfSight`.
+        Implementation that traces the segments, see `LineOfSight`.
 
     Raises
     ------
     ConfigError
-        For a value outside its range, or an ideal one that is worse than the acceptable one.
+        For a value outside its range, or an ideal value worse than the acceptable one.
     """
 
     padding: float = 0.0
@@ -117,58 +127,34 @@ class MavrinacParameters:
         check_tracer(self.tracer)
 
 
+@coverage_model(MavrinacParameters())
 def coverage(
-    mesh: Mesh,
-    camera: Camera,
-    poses: ArrayLike,
-    task: Task | None = None,
-    *,
-    parameters: MavrinacParameters = MavrinacParameters(),
+    mesh: Mesh, camera: Camera, poses: ArrayLike, task: Task, parameters: MavrinacParameters
 ) -> FloatArray:
     """Coverage of each face in each pose, (P, F) in [0, 1].
 
-    Parameters
-    ----------
-    mesh, camera
-        What is looked at, and by what.
-    poses : (P, 4, 4) array_like
-        world_from_camera.
-    task : Task, optional
-        Its `min_pixels`, `min_pixel_density`, `max_blur` and `max_incidence_deg` count here.
-    parameters : MavrinacParameters
-        What a task does not say.
+    Depends on `min_pixels`, `min_pixel_density`, `max_blur` and `max_incidence_deg` of the task.
     """
     points = strength_of_points(mesh, camera, poses, task, parameters=parameters)
     mean: FloatArray = points.mean(axis=2)
     return mean
 
 
+@coverage_model(MavrinacParameters())
 def network_coverage(
-    mesh: Mesh,
-    camera: Camera,
-    poses: ArrayLike,
-    task: Task | None = None,
-    *,
-    parameters: MavrinacParameters = MavrinacParameters(),
+    mesh: Mesh, camera: Camera, poses: ArrayLike, task: Task, parameters: MavrinacParameters
 ) -> FloatArray:
-    """Coverage of each face by all poses together, (F,): `Task.views`-ocular, point by point.
-
-    Parameters
-    ----------
-    mesh, camera, poses, task, parameters
-        As for `coverage`.
-    """
-    task = task or Task()
+    """Coverage of each face by all poses together, (F,): `Task.views`-ocular, point by point."""
     points = strength_of_points(mesh, camera, poses, task, parameters=parameters)
     mean: FloatArray = k_ocular(points, task.views).mean(axis=1)
     return mean
 
 
 def k_ocular(strength: ArrayLike, k: int) -> FloatArray:
-    """Strength by the best k cameras, the weakest of which counts: (P, ...) -> (...).
+    """Strength of the weakest of the best k cameras: (P, ...) -> (...).
 
-    The greatest over subsets of k cameras of the least over each subset is the k-th greatest value.
-    0 where there are fewer than k cameras.
+    The maximum over subsets of k cameras of the minimum over each subset is the k-th greatest
+    value. 0 where there are fewer than k cameras.
 
     Parameters
     ----------
@@ -187,22 +173,11 @@ def k_ocular(strength: ArrayLike, k: int) -> FloatArray:
     return kth
 
 
+@coverage_model(MavrinacParameters())
 def strength_of_points(
-    mesh: Mesh,
-    camera: Camera,
-    poses: ArrayLike,
-    task: Task | None = None,
-    *,
-    parameters: MavrinacParameters = MavrinacParameters(),
+    mesh: Mesh, camera: Camera, poses: ArrayLike, task: Task, parameters: MavrinacParameters
 ) -> FloatArray:
-    """C(p) of the three vertices of each face, in the order of `mesh.faces`, (P, F, 3).
-
-    Parameters
-    ----------
-    mesh, camera, poses, task, parameters
-        As for `coverage`.
-    """
-    task = task or Task()
+    """C(p) of the three vertices of each face, in the order of `mesh.faces`, (P, F, 3)."""
     with np.errstate(divide="ignore"):
         coarsest = (1e3 / required_density(mesh, task))[:, None]
     if parameters.acceptable_mm_per_px is not None:
@@ -213,7 +188,7 @@ def strength_of_points(
     blurriest = _first(parameters.acceptable_blur, task.max_blur, camera.max_blur)
     flattest = _first(parameters.acceptable_incidence_deg, task.max_incidence_deg)
     steepest = min(parameters.ideal_incidence_deg, flattest)
-    sight = LineOfSight(mesh, parameters.tracer)
+    tracer = LineOfSight(mesh, parameters.tracer)
 
     def strength(pose: FloatArray, near: float) -> FloatArray:
         points = to_camera(mesh.vertices, pose)
@@ -232,10 +207,10 @@ def strength_of_points(
         graded *= ramp(-cosine, -_cos(flattest), -_cos(steepest))
         graded[~view.is_front] = 0.0
 
-        # Only what is covered so far can be hidden: most segments need not be traced.
+        # Only faces covered so far can be hidden: most segments need not be traced.
         wanted = np.unique(mesh.faces[graded > 0])
         hidden = np.zeros(mesh.n_vertices, dtype=bool)
-        hidden[wanted] = sight.hidden(mesh.vertices[wanted], pose, near)
+        hidden[wanted] = tracer.hidden(mesh.vertices[wanted], pose, near)
         graded[hidden[mesh.faces]] = 0.0
         return graded
 
@@ -243,10 +218,10 @@ def strength_of_points(
 
 
 def blur_circle(camera: Camera, depth: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Diameter of the blur circle in px at each depth, and whether it is in focus at all.
+    """Diameter of the blur circle in px at each depth, and the mask of depths in focus.
 
     A f |z - z_s| / (z (z_s - f)) over the smaller side of a pixel; 0 for a camera without a lens.
-    A camera that gives its depth of field itself is in focus there and nowhere else.
+    A camera with a `focus_range` is in focus within that range only.
     """
     if camera.aperture is None or camera.focus_distance is None:
         z_n, z_f = camera.depth_of_field()
@@ -274,10 +249,10 @@ def _cosine(corners: FloatArray, normals: FloatArray) -> FloatArray:
 
 
 def _cos(angle_deg: float) -> float:
-    """Cosine that is exactly 0 at 90 degrees."""
+    """Cosine of an angle, exactly 0 at 90 degrees."""
     return math.sin(math.radians(90.0 - angle_deg))
 
 
 def _first(*values: float | None) -> float:
-    """First value that is given."""
+    """First value that is not None."""
     return next(value for value in values if value is not None)

@@ -5,8 +5,8 @@
     C = V min(1, R / R_req)
 
 with o the camera centre, v the optical axis, u the direction of the edge, and w the length of the
-edge in the image, in pixels. Reckoned here as the distance of its end points in the image, which is
-the same. R_req is what the task asks for, see `shared.required_density`.
+edge in the image, in pixels, computed here as the distance of its end points in the image, which is
+equal. R_req follows from the task, see `base.required_density`.
 
 K. A. Tarabanis, R. Y. Tsai, P. K. Allen. The MVP Sensor Planning System for Robotic Vision Tasks.
 IEEE Transactions on Robotics and Automation 11(1), 72-85, 1995.
@@ -16,13 +16,13 @@ K. A. Tarabanis, P. K. Allen, R. Y. Tsai. A Survey of Sensor Planning in Compute
 Caveats
 -------
 - The tables of the thesis (2.1, 3.1) mark field of view and resolution only, and this file follows
-  them. The MVP system itself plans for focus and for occlusion, too; so the tables understate it.
-- In its papers resolution is a constraint, met or not, on edges that somebody chose. It is graded
-  here, because the tables say so, and asked of all three edges of a face.
+  them. The MVP system itself also plans for focus and for occlusion; the tables understate it.
+- In the papers resolution is a binary constraint on edges that the user chooses. It is graded here,
+  as in the tables, and applied to all three edges of a face.
 - The field of view is the pyramid of the smaller angle of view (thesis, 2.2.4.1), so a face at the
   long sides of the image is outside. With a principal point off the centre it is the widest such
   pyramid within the image.
-- A face seen from behind is not covered: ours; the tables mark no criterion that would say so.
+- A face seen from behind is not covered. This is our addition; the tables mark no such criterion.
 """
 
 from dataclasses import dataclass
@@ -34,50 +34,32 @@ from rastercov.camera import Camera
 from rastercov.coverage import Task
 from rastercov.criteria import view_faces
 from rastercov.mesh import Mesh
-from rastercov.models.base import check_density, each_pose, required_density, share_of
+from rastercov.models.base import (
+    ResolutionParameters,
+    coverage_model,
+    each_pose,
+    required_density,
+    share_of,
+)
 from rastercov.projection import to_camera, to_image
 
 FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
-class TarabanisParameters:
-    """What the model asks beyond a task.
-
-    Parameters
-    ----------
-    required_density : float, optional
-        R_req, pixels a metre along an edge; the task's unless given.
-    """
-
-    required_density: float | None = None
-
-    def __post_init__(self) -> None:
-        check_density("required_density", self.required_density)
+class TarabanisParameters(ResolutionParameters):
+    """R_req of the model, asked of the worst edge of a face."""
 
 
+@coverage_model(TarabanisParameters())
 def coverage(
-    mesh: Mesh,
-    camera: Camera,
-    poses: ArrayLike,
-    task: Task | None = None,
-    *,
-    parameters: TarabanisParameters = TarabanisParameters(),
+    mesh: Mesh, camera: Camera, poses: ArrayLike, task: Task, parameters: TarabanisParameters
 ) -> FloatArray:
     """Coverage of each face in each pose, (P, F) in [0, 1].
 
-    Parameters
-    ----------
-    mesh, camera
-        What is looked at, and by what.
-    poses : (P, 4, 4) array_like
-        world_from_camera.
-    task : Task, optional
-        Its `min_pixels` and `min_pixel_density` count here.
-    parameters : TarabanisParameters
-        What a task does not say.
+    Depends on `min_pixels` and `min_pixel_density` of the task.
     """
-    required = required_density(mesh, task or Task(), parameters.required_density)
+    required = required_density(mesh, task, parameters.required_density)
     slope = min(
         min(camera.cx, camera.width - camera.cx) / camera.fx,
         min(camera.cy, camera.height - camera.cy) / camera.fy,

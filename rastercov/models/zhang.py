@@ -8,7 +8,7 @@
 
 with z the depth of a vertex, theta the angle between the normal and the reversed optical axis, f
 the focal length and rho the larger side of a pixel: R is in pixels per length. R_req is in pixels a
-metre, see `shared.required_density`.
+metre, see `base.required_density`.
 
 X. Zhang et al. Coverage optimization of visual sensor networks for observing 3-D objects: survey
 and comparison. International Journal of Intelligent Robotics and Applications, 2019. doi
@@ -19,18 +19,17 @@ Recursive Convex Optimization Approach. IEEE/ASME Transactions on Mechatronics 2
 
 Caveats
 -------
-- The bivalent test says what its words say: a face of which a speck hides one vertex is hidden, a
-  face whose middle is hidden but no vertex is seen whole. Figures 4.2 to 4.6 of the thesis are
-  about this.
-- The papers leave open what a segment does at the vertex it starts from, where all the faces around
-  it meet it. They hide nothing here: see `occlusion`. Read to the letter every face of a mesh would
-  be hidden by its neighbours.
-- The angle is taken to the optical axis, as the thesis reports (2.2.4.2, 2.2.4.4). Away from the
-  middle of the image that is not the angle at which the face is seen; a face seen from behind is
-  not covered whatever it says.
-- Resolution is what Zhang et al. maximise, in pixels per length, without a limit. To compare it
-  with the others it is divided by what the task asks for and capped at 1, as (3.8) is.
-- There is no separate limit on the angle: `Task.max_incidence_deg` has no part in it.
+- The test is bivalent: a face with one hidden vertex is hidden, and a face whose centre is hidden
+  but none of its vertices is fully visible. Figures 4.2 to 4.6 of the thesis show such faces.
+- The papers do not define the intersection of a segment with the faces that share its start vertex.
+  These faces hide nothing here, see `line_of_sight`. Taken literally, every face of a mesh would be
+  hidden by its neighbours.
+- The angle is measured to the optical axis, as the thesis reports (2.2.4.2, 2.2.4.4). Away from the
+  centre of the image it differs from the angle of incidence; a face seen from behind is not covered
+  whatever this angle is.
+- Zhang et al. maximise resolution in pixels per length, without a limit. For comparison with the
+  other models it is divided by the required density and capped at 1, as in (3.8).
+- There is no separate limit on the angle: `Task.max_incidence_deg` has no effect.
 """
 
 from dataclasses import dataclass
@@ -40,11 +39,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.camera import Camera
 from rastercov.coverage import Task
-from rastercov.criteria import ViewOfFaces, in_focus, view_faces
+from rastercov.criteria import ViewOfFaces, view_faces
 from rastercov.mesh import Mesh
 from rastercov.models.base import (
-    check_density,
+    ResolutionParameters,
+    coverage_model,
     each_pose,
+    in_view_and_focus,
     required_density,
     seen_normals,
     share_of,
@@ -56,56 +57,37 @@ BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, kw_only=True)
-class ZhangParameters:
-    """What the model asks beyond a task.
+class ZhangParameters(ResolutionParameters):
+    """R_req of the model, and the tracer of its segments.
 
     Parameters
     ----------
-    required_density : float, optional
-        R_req, pixels a metre; the task's unless given.
     tracer : {"auto", "embree", "own"}
-        Who traces the segments, see `LineOfSight`.
+        Implementation that traces the segments, see `LineOfSight`.
     """
 
-    required_density: float | None = None
     tracer: str = "auto"
 
     def __post_init__(self) -> None:
-        check_density("required_density", self.required_density)
+        super().__post_init__()
         check_tracer(self.tracer)
 
 
+@coverage_model(ZhangParameters())
 def coverage(
-    mesh: Mesh,
-    camera: Camera,
-    poses: ArrayLike,
-    task: Task | None = None,
-    *,
-    parameters: ZhangParameters = ZhangParameters(),
+    mesh: Mesh, camera: Camera, poses: ArrayLike, task: Task, parameters: ZhangParameters
 ) -> FloatArray:
     """Coverage of each face in each pose, (P, F) in [0, 1].
 
-    Parameters
-    ----------
-    mesh, camera
-        What is looked at, and by what.
-    poses : (P, 4, 4) array_like
-        world_from_camera.
-    task : Task, optional
-        Its `min_pixels`, `min_pixel_density`, `max_blur` and `focus_rule` count here.
-    parameters : ZhangParameters
-        What a task does not say.
+    Depends on `min_pixels`, `min_pixel_density`, `max_blur` and `focus_rule` of the task.
     """
-    task = task or Task()
     required = required_density(mesh, task, parameters.required_density)
-    limits = camera.depth_of_field(task.max_blur)
-    sight = LineOfSight(mesh, parameters.tracer)
+    tracer = LineOfSight(mesh, parameters.tracer)
 
     def strength(pose: FloatArray, near: float) -> FloatArray:
         view = view_faces(mesh, camera, pose)
-        seen = view.is_front & view.in_view & in_focus(view.depth, limits, task.focus_rule)
         graded = share_of(_resolution(mesh, camera, pose, view), required)
-        return graded * _unhidden(mesh, sight, pose, near, seen)
+        return graded * _unhidden(mesh, tracer, pose, near, in_view_and_focus(camera, task, view))
 
     return each_pose(mesh, camera, poses, strength)
 
@@ -121,12 +103,12 @@ def visible(
 
     Without field of view, focus and resolution; 0 where a vertex lies before the near plane.
     """
-    sight = LineOfSight(mesh, parameters.tracer)
+    tracer = LineOfSight(mesh, parameters.tracer)
 
     def strength(pose: FloatArray, near: float) -> FloatArray:
         view = view_faces(mesh, camera, pose)
         ahead = view.is_front & (view.depth >= near).all(axis=1)
-        return _unhidden(mesh, sight, pose, near, ahead)
+        return _unhidden(mesh, tracer, pose, near, ahead)
 
     return each_pose(mesh, camera, poses, strength)
 
@@ -142,11 +124,11 @@ def _resolution(mesh: Mesh, camera: Camera, pose: FloatArray, view: ViewOfFaces)
 
 
 def _unhidden(
-    mesh: Mesh, sight: LineOfSight, pose: FloatArray, near: float, chosen: BoolArray
+    mesh: Mesh, tracer: LineOfSight, pose: FloatArray, near: float, chosen: BoolArray
 ) -> FloatArray:
     """1 for chosen faces none of whose vertices are hidden, 0 for all others, (F,)."""
     wanted = np.unique(mesh.faces[chosen])
     hidden = np.zeros(mesh.n_vertices, dtype=bool)
-    hidden[wanted] = sight.hidden(mesh.vertices[wanted], pose, near)
+    hidden[wanted] = tracer.hidden(mesh.vertices[wanted], pose, near)
     unhidden: FloatArray = (chosen & ~np.any(hidden[mesh.faces], axis=1)).astype(np.float64)
     return unhidden

@@ -1,1 +1,110 @@
-"""Where the cameras go: from a mesh to candidate poses, and from many poses to a few."""
+"""Camera placement: from a mesh to candidate poses, and from many poses to a few.
+
+    segment -> per_segment, on_walls, ... -> kept -> build_matrix -> problem_of -> select_greedy
+    -> optimise, refine -> tolerance, what_is_left -> openings
+
+All names that a program needs; the pages of a plan are in `rastercov.report`.
+"""
+
+from rastercov.placement.candidates.cavities import Access, Openings, openings, per_cavity
+from rastercov.placement.candidates.clearance import (
+    KeepOut,
+    KeepOutBox,
+    KeepOutSphere,
+    NearestSurface,
+    in_solid,
+    kept,
+)
+from rastercov.placement.candidates.framing import Framing
+from rastercov.placement.candidates.mounting import (
+    along,
+    at_middle,
+    at_nearest_surface,
+    at_point,
+    on_box,
+    on_ceiling,
+    on_hemisphere,
+    on_sphere,
+    on_walls,
+)
+from rastercov.placement.candidates.pool import (
+    Candidates,
+    from_poses,
+    per_convex_region,
+    per_face,
+    per_segment,
+)
+from rastercov.placement.candidates.segments import Segmentation, segment
+from rastercov.placement.explain.candidate_visibility import Sight
+from rastercov.placement.explain.uncovered import Leftover, what_is_left
+from rastercov.placement.improve.objective import Objective
+from rastercov.placement.improve.pose_space import Place, PoseSpace
+from rastercov.placement.improve.refine import Refined, refine
+from rastercov.placement.improve.search import Optimised, optimise
+from rastercov.placement.improve.tolerance import InstallationError, Tolerance, tolerance
+from rastercov.placement.matrix import VisibilityMatrix, build_matrix
+from rastercov.placement.select.greedy import select_greedy
+from rastercov.placement.select.integer import select_integer
+from rastercov.placement.select.problem import (
+    BestCoverage,
+    FewestCameras,
+    Problem,
+    problem_of,
+    problem_of_matrix,
+)
+from rastercov.placement.select.selection import Selection
+from rastercov.placement.select.thesis import select_thesis
+
+__all__ = [
+    "Access",
+    "BestCoverage",
+    "Candidates",
+    "FewestCameras",
+    "Framing",
+    "InstallationError",
+    "KeepOut",
+    "KeepOutBox",
+    "KeepOutSphere",
+    "Leftover",
+    "NearestSurface",
+    "Objective",
+    "Openings",
+    "Optimised",
+    "Place",
+    "PoseSpace",
+    "Problem",
+    "Refined",
+    "Segmentation",
+    "Selection",
+    "Sight",
+    "Tolerance",
+    "VisibilityMatrix",
+    "along",
+    "at_middle",
+    "at_nearest_surface",
+    "at_point",
+    "build_matrix",
+    "from_poses",
+    "in_solid",
+    "kept",
+    "on_box",
+    "on_ceiling",
+    "on_hemisphere",
+    "on_sphere",
+    "on_walls",
+    "openings",
+    "optimise",
+    "per_cavity",
+    "per_convex_region",
+    "per_face",
+    "per_segment",
+    "problem_of",
+    "problem_of_matrix",
+    "refine",
+    "segment",
+    "select_greedy",
+    "select_integer",
+    "select_thesis",
+    "tolerance",
+    "what_is_left",
+]

@@ -24,8 +24,6 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov._typed import typed
@@ -40,13 +38,13 @@ from rastercov.placement.shards import (
     claim,
     describe,
     locked,
+    log_warning,
     open_shard,
     read_header,
     read_poses,
     schema_of,
     shards_of,
     store,
-    warned,
 )
 from rastercov.pose import valid_poses
 
@@ -176,7 +174,7 @@ def build_matrix(
     *,
     poses_a_shard: int | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
-    note: Note = warned,
+    note: Note = log_warning,
 ) -> VisibilityMatrix:
     """Visibility matrix of the poses, measured a few at a time.
 
@@ -307,6 +305,9 @@ def _write_shard(
     done: int,
 ) -> int:
     """Measure the poses of a shard and write it; the number of its pairs."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
     schema, sink, n_pairs = schema_of(shard, header), pa.BufferOutputStream(), 0
     with pq.ParquetWriter(sink, schema, compression="zstd", write_page_checksum=True) as writer:
         for start in range(rows.start, rows.stop, POSES_A_BATCH):

@@ -17,23 +17,27 @@ import fcntl
 import hashlib
 import io
 import json
+import logging
 import os
 import secrets
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from rastercov.coverage import Task
 from rastercov.errors import ConfigError
 from rastercov.observer import Observer
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
 
 FloatArray = NDArray[np.float64]
 
@@ -43,14 +47,6 @@ FORMAT = 2
 HEADER, POSES = "header.json", "poses.npy"
 PAIRS, SUMS = "pairs", "sha256"
 """Folders of the shards, and of the checksums of all files."""
-SCHEMA = pa.schema(
-    [
-        pa.field("pose", pa.int32(), False),
-        pa.field("face", pa.int32(), False),
-        pa.field("coverage", pa.float32(), False),
-        pa.field("covered", pa.bool_(), False),
-    ]
-)
 WORDS = {
     "format": "in another file format",
     "rastercov": "by another version of rastercov",
@@ -73,11 +69,9 @@ class DamagedError(ConfigError):
         super().__init__(f"{path}: damaged, {why}")
 
 
-def warned(line: str) -> None:
-    """One line on standard error."""
-    from rastercov.cli.console import warn  # loads Typer and Rich, which only a warning needs
-
-    warn([line])
+def log_warning(line: str) -> None:
+    """Log one line on the channel of the library; without logging set up, on standard error."""
+    logging.getLogger("rastercov").warning("warning: %s", line)
 
 
 def describe(
@@ -274,12 +268,26 @@ def shards_of(n_poses: int, poses_a_shard: int) -> Iterator[tuple[str, slice]]:
         yield f"{PAIRS}/pairs-{number:0{digits}d}.parquet", rows
 
 
-def schema_of(shard: str, header: dict[str, Any]) -> pa.Schema:
-    """Schema of a shard; its metadata say which shard of which matrix it is."""
-    return SCHEMA.with_metadata({"rastercov": json.dumps({**header, "shard": shard})})
+@cache
+def pair_schema() -> "pa.Schema":
+    """Columns of a shard, one row a pose-face pair; loads pyarrow, which takes 0.15 s."""
+    import pyarrow as pa
+
+    types = {
+        "pose": pa.int32(),
+        "face": pa.int32(),
+        "coverage": pa.float32(),
+        "covered": pa.bool_(),
+    }
+    return pa.schema([pa.field(name, kind, False) for name, kind in types.items()])
 
 
-def open_shard(folder: Path, shard: str, header: dict[str, Any]) -> pq.ParquetFile | None:
+def schema_of(shard: str, header: dict[str, Any]) -> "pa.Schema":
+    """Schema of a shard; its metadata name the shard and hold the header of its matrix."""
+    return pair_schema().with_metadata({"rastercov": json.dumps({**header, "shard": shard})})
+
+
+def open_shard(folder: Path, shard: str, header: dict[str, Any]) -> "pq.ParquetFile | None":
     """A shard whose every byte is what was written, None where it is missing.
 
     Raises
@@ -295,7 +303,10 @@ def open_shard(folder: Path, shard: str, header: dict[str, Any]) -> pq.ParquetFi
     return found
 
 
-def _opened(folder: Path, shard: str) -> pq.ParquetFile | None:
+def _opened(folder: Path, shard: str) -> "pq.ParquetFile | None":
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
     data = contents(folder, shard)
     if data is None:
         return None
@@ -305,10 +316,10 @@ def _opened(folder: Path, shard: str) -> pq.ParquetFile | None:
         raise DamagedError(folder / shard, "this is no Parquet file") from None
 
 
-def _written_with(shard: pq.ParquetFile) -> dict[str, Any]:
+def _written_with(shard: "pq.ParquetFile") -> dict[str, Any]:
     """Metadata that `schema_of` put into a shard; empty for a table of other columns."""
     schema = shard.schema_arrow
-    if not schema.equals(SCHEMA) or not schema.metadata:
+    if not schema.equals(pair_schema()) or not schema.metadata:
         return {}
     entries: dict[str, Any] = json.loads(schema.metadata.get(b"rastercov", b"{}"))
     return entries

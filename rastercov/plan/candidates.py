@@ -50,7 +50,7 @@ FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Stock:
+class CandidatePool:
     """Candidates of a plan where cameras can stand, and what became of the others.
 
     Attributes
@@ -110,7 +110,7 @@ def segmentation_of(plan: Plan, mesh: Mesh) -> Segmentation | None:
     return None
 
 
-def stock(plan: Plan, mesh: Mesh, camera: Camera) -> Stock:
+def candidate_pool(plan: Plan, mesh: Mesh, camera: Camera) -> CandidatePool:
     """Candidates of all entries but `per_cavity`, which needs to know what these see.
 
     Raises
@@ -129,12 +129,14 @@ def stock(plan: Plan, mesh: Mesh, camera: Camera) -> Stock:
             lines.append(f"candidates[{row}]: {error}")
     if lines:
         raise PlanError(plan.name, lines)
-    return _settled(plan, mesh, parts, [])
+    return _filtered(plan, mesh, parts, [])
 
 
-def stock_with(plan: Plan, mesh: Mesh, before: Stock, found: Candidates, cost: float) -> Stock:
-    """The same stock, and further candidates at a cost each."""
-    fresh = _settled(plan, mesh, [(found, cost)], before.boxes)
+def extended_pool(
+    plan: Plan, mesh: Mesh, before: CandidatePool, found: Candidates, cost: float
+) -> CandidatePool:
+    """The same pool, and further candidates at a cost each."""
+    fresh = _filtered(plan, mesh, [(found, cost)], before.boxes)
     return replace(
         fresh,
         candidates=before.candidates + fresh.candidates,
@@ -148,9 +150,9 @@ def stock_with(plan: Plan, mesh: Mesh, before: Stock, found: Candidates, cost: f
     )
 
 
-def _settled(
+def _filtered(
     plan: Plan, mesh: Mesh, parts: Sequence[tuple[Candidates, float]], known: Sequence[FloatArray]
-) -> Stock:
+) -> CandidatePool:
     """Candidates that may stay where they are, under the constraints of the plan.
 
     Without spaces of its own, a plan allows `known` boxes and those around its candidates.
@@ -180,7 +182,7 @@ def _settled(
         if each != Place.ALLOWED and (place == each).any()
     }
     allowed = place == Place.ALLOWED
-    return Stock(
+    return CandidatePool(
         candidates=left.take(allowed),
         costs=np.concatenate(costs)[dropped.kept_mask][allowed],
         made=found.counts(),

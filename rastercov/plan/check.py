@@ -183,10 +183,10 @@ def check(
                 for name in unknown
             ],
         )
-    task = plan.thresholds(views)
+    task = plan.build_task(views)
     counted = counting(plan.task) | ({"views": views} if views else {})
     method, supersample = plan.task.method, plan.task.supersample
-    with open_observer(mesh, plan.lens, method, supersample=supersample) as observer:
+    with open_observer(mesh, plan.build_camera(), method, supersample=supersample) as observer:
         objective = Objective.of(observer, task, **counted)
         with step("coverage") as progress:
             cameras = measured(objective, poses, progress)
@@ -196,14 +196,14 @@ def check(
             )
     every = judge(
         mesh,
-        objective.quanta,
+        objective.integer_weights,
         {name: limits.get(name, 0.0) for name in scored},
         cameras.covered,
         cameras.certain,
         cameras.possible,
     )
     found = judge(
-        mesh, objective.quanta, limits, cameras.covered, cameras.certain, cameras.possible
+        mesh, objective.integer_weights, limits, cameras.covered, cameras.certain, cameras.possible
     )
     return Checked(
         plan=plan,

@@ -1,14 +1,18 @@
-"""What the entries of a plan file are made of: numbers with limits, files, directions, boxes.
+"""Types of the entries of a plan file: numbers with limits, files, directions, boxes.
 
-Serves `model` and `generators`. Lengths are metres, files are relative to the plan.
+`fields_of` makes entries of the fields of a dataclass, so that a threshold and its limits are
+declared once. Lengths are metres, files are relative to the plan.
 """
 
 import math
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import MISSING, fields
 from pathlib import Path
-from typing import Annotated, Any
+from types import NoneType
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInfo
+from annotated_types import Le
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInfo, create_model
 
 
 class Entry(BaseModel):
@@ -17,8 +21,54 @@ class Entry(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
+def fields_of(
+    source: type,
+    words: Mapping[str, str],
+    *,
+    base: type[Entry] = Entry,
+    hints: Mapping[str, Any] | None = None,
+    is_optional: bool = False,
+) -> Any:
+    """Entry with fields of a dataclass: their types, limits, defaults.
+
+    Parameters
+    ----------
+    source : type
+        Dataclass; `Annotated` metadata of its fields are limits.
+    words : mapping of str to str
+        Fields to take, in this order, and the description of each in the schema.
+    base : type
+        Entry to add them to.
+    hints : mapping of str to annotation, optional
+        Annotations that take the place of the dataclass's own.
+    is_optional : bool
+        None is the default of every field, and allowed.
+    """
+    types = get_type_hints(source, include_extras=True) | dict(hints or {})
+    given: dict[str, Any] = {}
+    for field in (each for each in fields(source) if each.name in words):
+        made = field.default_factory
+        default = field.default if made is MISSING else made()
+        hint = _finite(types[field.name])
+        if is_optional:
+            default, hint = None, hint | None
+        given[field.name] = (hint, Field(default=default, description=words[field.name]))
+    columns = {name: given[name] for name in words}
+    return create_model(f"{source.__name__}Fields", __base__=base, **columns)
+
+
+def _finite(hint: Any) -> Any:
+    """Annotation of a number without infinity and NaN, unless an upper limit excludes both."""
+    if NoneType in get_args(hint):
+        return _finite(next(each for each in get_args(hint) if each is not NoneType)) | None
+    kind, *limits = get_args(hint) if get_origin(hint) is Annotated else (hint,)
+    if kind is float and not any(isinstance(limit, Le) for limit in limits):
+        return Annotated[hint, Field(allow_inf_nan=False)]
+    return hint
+
+
 def _file(name: str, info: ValidationInfo) -> str:
-    """`name`, when it names a file beside the plan."""
+    """`name`; ValueError unless it is a file, relative to the plan."""
     path = Path((info.context or {}).get("folder", "."), name)
     try:
         found = path.is_file()
@@ -30,14 +80,14 @@ def _file(name: str, info: ValidationInfo) -> str:
 
 
 def ascending(pair: list[float]) -> list[float]:
-    """`pair`, when its first number is not above its second."""
+    """`pair`; ValueError where its first number is above its second."""
     if not pair[0] <= pair[1]:
         raise ValueError(f"wanted [least, greatest] with least <= greatest, got {pair}")
     return pair
 
 
 def a_direction(triple: list[float]) -> list[float]:
-    """`triple`, when it is not zero."""
+    """`triple`; ValueError where it is zero."""
     if not any(triple):
         raise ValueError("wanted a direction, got [0, 0, 0]")
     return triple
@@ -62,7 +112,7 @@ def both_or_none(entry: Any) -> None:
 
 
 def among(names: Collection[str]) -> Callable[[str], str]:
-    """What lets one of these names pass, and no other string."""
+    """Validator that refuses every string but these names."""
 
     def check(name: str) -> str:
         if name not in names:

@@ -1,4 +1,4 @@
-"""A plan file read and judged: `plan.toml` in, a `Plan` out, or every error in it at once.
+"""Plan files: read `plan.toml` and check it; all its errors are raised at once.
 
 plan.toml -> `read_plan` -> `scene` (mesh, candidates) -> `run` (place), `check`
 """
@@ -16,7 +16,7 @@ from rastercov.plan.sections import PlanModel
 
 
 class Plan(PlanModel):
-    """What a plan file says; entries as in `model`."""
+    """A plan file; entries as in `sections`."""
 
     _path: Path = PrivateAttr(default=Path("plan.toml"))
 
@@ -35,15 +35,14 @@ class Plan(PlanModel):
         """Folder that relative paths start from."""
         return self._path.parent
 
-    @property
-    def lens(self) -> Camera:
+    def build_camera(self) -> Camera:
         """The camera of all poses."""
         return self.camera.build(self.folder)
 
-    def thresholds(self, views: int | None = None) -> Task:
-        """The task; with `views` cameras a face for all groups where that is given."""
+    def build_task(self, views: int | None = None) -> Task:
+        """The task; `views` cameras a face for all groups where that is given."""
         own = self.task.model_dump(include=set(Task.__dataclass_fields__))
-        # A table by group is for whoever counts views; a camera covers a face all the same.
+        # A table by group matters for counting views only, not for what one camera covers.
         by_group = isinstance(self.task.views, dict)
         own["views"] = views or (1 if by_group else self.task.views)
         return Task(**own)

@@ -34,12 +34,12 @@ from rastercov.placement.select.problem import (
 )
 from rastercov.placement.shards import describe, locked, read_header
 from rastercov.plan.candidates import (
-    Stock,
+    CandidatePool,
+    candidate_pool,
+    extended_pool,
     framing_of,
     keep_outs,
     segmentation_of,
-    stock,
-    stock_with,
 )
 from rastercov.plan.file import Plan
 from rastercov.plan.generators import PerCavity
@@ -48,11 +48,11 @@ from rastercov.plan.sections import SelectionSection
 from rastercov.report.folder import named
 
 FloatArray = NDArray[np.float64]
-SOME = 32
+N_DIAGNOSED = 32
 """Candidates that are asked why none of them covers anything."""
 OF_A_MATRIX = ("pairs/pairs-*.parquet", "poses.npy", "header.json", "sha256/*.sha256")
 """Files of the folder of a visibility matrix, see `shards`; in an order that a kill may cut off."""
-NEARLY = 0.99
+FALLBACK_SHARE = 0.99
 """Of what can be covered, where a plan asks for more: the last faces take many cameras."""
 Progress = Callable[[int, int], None]
 Step = Callable[[str], Any]
@@ -91,7 +91,7 @@ class Prepared:
     ----------
     plan, mesh, camera, task
         What is asked.
-    stock : Stock
+    pool : CandidatePool
         Candidates, and what was dropped.
     segmentation : Segmentation or None
         What they were made for, where the plan asks for segments.
@@ -111,7 +111,7 @@ class Prepared:
     mesh: Mesh
     camera: Camera
     task: Task
-    stock: Stock
+    pool: CandidatePool
     segmentation: Segmentation | None
     openings: Openings | None
     pairs: int
@@ -132,7 +132,7 @@ def prepare(
     mesh, camera = observer.mesh, observer.camera
     with clock("candidates"):
         segmentation = segmentation_of(plan, mesh)
-        found = stock(plan, mesh, camera)
+        found = candidate_pool(plan, mesh, camera)
     goal: Goal = BestCoverage(cameras=0)
     notes: list[str] = []
     used: list[Path] = []
@@ -156,7 +156,7 @@ def prepare(
                 progress=progress,
             )
             before = len(found.candidates)
-            found = stock_with(plan, mesh, found, opened.candidates, entry.cost)
+            found = extended_pool(plan, mesh, found, opened.candidates, entry.cost)
             further = found.candidates.poses[before:]
         with clock("visibility matrix of cavities") as progress:
             more = _measured(observer, further, task, folder, used, progress)
@@ -181,14 +181,14 @@ def prepare(
     try:
         problem = replace(problem, goal=goal_of(selection))
     except ConfigError as error:
-        notes.append(f"{error}; these cover {percent(NEARLY)} of what can be covered")
-        problem = replace(problem, goal=FewestCameras(NEARLY, of_reachable=True))
+        notes.append(f"{error}; these cover {percent(FALLBACK_SHARE)} of what can be covered")
+        problem = replace(problem, goal=FewestCameras(FALLBACK_SHARE, of_reachable=True))
     return Prepared(
         plan=plan,
         mesh=mesh,
         camera=camera,
         task=task,
-        stock=found,
+        pool=found,
         segmentation=segmentation,
         openings=opened,
         pairs=len(matrix.face),
@@ -200,7 +200,7 @@ def prepare(
 
 def _why_nothing(observer: Observer, poses: FloatArray, task: Task) -> str:
     """Why candidates that cover nothing do so, by some of them."""
-    some = poses[np.unique(np.linspace(0, len(poses) - 1, SOME).astype(np.int64))]
+    some = poses[np.unique(np.linspace(0, len(poses) - 1, N_DIAGNOSED).astype(np.int64))]
     counts = np.zeros(len(Reason), np.int64)
     for batch in evaluate_batches(observer, some, task):
         counts += np.bincount(batch.reason[:, batch.mesh.task_mask].ravel(), minlength=len(Reason))

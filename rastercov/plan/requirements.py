@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.mesh import Mesh
-from rastercov.placement.select.problem import SLACK, BestCoverage, FewestCameras, Goal
+from rastercov.placement.select.problem import SHARE_TOLERANCE, BestCoverage, FewestCameras, Goal
 from rastercov.plan.sections import FewestSelection, SelectionSection, TaskSection
 
 BoolArray = NDArray[np.bool_]
@@ -99,7 +99,7 @@ def goal_of(selection: SelectionSection) -> Goal:
 
 def judge(
     mesh: Mesh,
-    quanta: IntArray,
+    integer_weights: IntArray,
     limits: Mapping[str | None, float],
     covered: BoolArray,
     certain: BoolArray | None = None,
@@ -111,7 +111,7 @@ def judge(
     Parameters
     ----------
     mesh : Mesh
-    quanta : (F,) int64
+    integer_weights : (F,) int64
         Weights as of `Problem` or `Objective`.
     limits : mapping of group name or None to share
         None is the whole task.
@@ -128,10 +128,10 @@ def judge(
         faces = mesh.task_mask if reachable is None else mesh.task_mask & reachable
         if group is not None:
             faces = faces & (mesh.face_group == names.index(group))
-        whole = int(quanta[faces].sum())
-        needed = math.ceil(max(0.0, limit - SLACK) * whole)
+        whole = int(integer_weights[faces].sum())
+        needed = math.ceil(max(0.0, limit - SHARE_TOLERANCE) * whole)
         low, share, high = (
-            int(quanta[faces & part].sum()) for part in (certain, covered, possible)
+            int(integer_weights[faces & part].sum()) for part in (certain, covered, possible)
         )
         status = HOLDS if low >= needed else UNDECIDED if high >= needed else FAILS
         shares = [part / whole if whole else 1.0 for part in (low, share, high)]

@@ -115,14 +115,14 @@ def place(
         raise PlanError(plan.name, missing)
     clock = Clock(step)
     with clock("scene"):
-        mesh, camera, task = scene(plan), plan.lens, plan.thresholds()
+        mesh, camera, task = scene(plan), plan.build_camera(), plan.build_task()
     method, supersample = plan.task.method, plan.task.supersample
     with open_observer(mesh, camera, method, supersample=supersample) as observer:
         prepared = prepare(plan, selection, observer, task, folder / "matrix", clock)
         with clock("selection"):
             chosen = _select(prepared.problem, selection)
         objective = Objective.of(observer, task, **counting(plan.task))
-        left, rows = prepared.stock.candidates, chosen.chosen
+        left, rows = prepared.pool.candidates, chosen.chosen
         cameras = measured(objective, left.poses[rows])
         placement = Placement(
             prepared=prepared,
@@ -169,7 +169,7 @@ def _watched(objective: Objective, progress: Progress, total: int) -> Objective:
     return Watched(
         objective.observer,
         objective.task,
-        objective.quanta,
+        objective.integer_weights,
         objective.need,
         objective.min_cosine,
         watch,
@@ -187,7 +187,7 @@ def _required(prepared: Prepared, covered: BoolArray) -> tuple[Requirement, ...]
     is_partial = isinstance(selection, FewestSelection) and selection.of_reachable
     reachable = problem.reachable if is_partial else None
     limits = limits_of(selection)
-    found = judge(prepared.mesh, problem.quanta, limits, covered, reachable=reachable)
+    found = judge(prepared.mesh, problem.integer_weights, limits, covered, reachable=reachable)
     return tuple(found)
 
 
@@ -218,13 +218,13 @@ def _optimise(placement: Placement, objective: Objective, progress: Progress) ->
         return placement
     found = optimise(
         _watched(objective, progress, budget),
-        prepared.stock.space,
+        prepared.pool.space,
         len(start),
         selection.optimise.method,
         budget=max(budget, len(start)),
         population=selection.optimise.population,
         seed=selection.seed,
-        candidates=prepared.stock.candidates.poses,
+        candidates=prepared.pool.candidates.poses,
         start=start,
     )
     return replace(_moved(placement, objective, found.poses, "searched"), optimised=found)
@@ -235,7 +235,7 @@ def _refine(placement: Placement, objective: Objective, progress: Progress) -> P
     assert selection is not None
     found = refine(
         _watched(objective, progress, 0),
-        placement.prepared.stock.space,
+        placement.prepared.pool.space,
         placement.cameras.poses,
         seed=selection.seed,
     )
@@ -260,7 +260,7 @@ def _look_at_the_rest(placement: Placement, objective: Objective, progress: Prog
         objective.observer,
         placement.cameras.poses,
         objective.task,
-        candidates=placement.prepared.stock.candidates.poses,
+        candidates=placement.prepared.pool.candidates.poses,
         covered=placement.cameras.covered,
         progress=progress,
     )

@@ -39,7 +39,7 @@ def scene(plan: Plan) -> Mesh:
         known = [group.name for group in parts[-1].groups]
         two_sided = entry.two_sided if isinstance(entry.two_sided, list) else []
         for field, names in (("groups", entry.groups), ("two_sided", two_sided)):
-            lines += _strangers(f"meshes[{row}].{field}", names, known)
+            lines += _unknown_names(f"meshes[{row}].{field}", names, known)
     if lines:
         raise PlanError(plan.name, lines)
     mesh = parts[0] if len(parts) == 1 else _joined(plan, parts)
@@ -112,19 +112,19 @@ def _with_roles(plan: Plan, mesh: Mesh, names: Sequence[Sequence[str]]) -> Mesh:
 def _unknown_groups(plan: Plan, known: Sequence[str]) -> Iterator[str]:
     """A line for every group that a plan speaks of and no mesh has."""
     if isinstance(plan.task.views, dict):
-        yield from _strangers("task.views", plan.task.views, known)
+        yield from _unknown_names("task.views", plan.task.views, known)
     if isinstance(plan.selection, FewestSelection):
-        yield from _strangers("selection.groups", plan.selection.groups, known)
+        yield from _unknown_names("selection.groups", plan.selection.groups, known)
     for row, entry in enumerate(plan.candidates):
         if isinstance(entry, PerFace):
-            yield from _strangers(f"candidates[{row}].groups", entry.groups, known)
+            yield from _unknown_names(f"candidates[{row}].groups", entry.groups, known)
         if isinstance(entry, Mounted):
             for place, aim in enumerate(entry.aim):
                 at = f"candidates[{row}].aim[{place}].nearest"
-                yield from _strangers(at, aim.nearest or [], known)
+                yield from _unknown_names(at, aim.nearest or [], known)
 
 
-def _strangers(path: str, names: Any, known: Sequence[str]) -> Iterator[str]:
+def _unknown_names(path: str, names: Any, known: Sequence[str]) -> Iterator[str]:
     for name in names:
         if name not in known:
             yield f"{path}: there is no group {name!r}; groups are {', '.join(known)}"

@@ -1,16 +1,21 @@
-"""What a plan file may say: its sections, their entries and the limits of each.
+"""Sections of a plan file, their entries and the limits of each.
 
-Serves `plan`, which reads the file. Only limits that need no mesh are here; every field carries the
-words that `docs/plan.schema.json` shows in an editor.
+Fields that belong to a dataclass of the package, such as `Task`, are taken from it. Limits that
+need the mesh are checked later; every field carries the description that an editor shows from
+`docs/plan.schema.json`.
 """
 
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
+from annotated_types import Gt, Le
 from pydantic import AfterValidator, Field, ValidationInfo, model_validator
 
 from rastercov.camera import PRESETS, Camera
+from rastercov.coverage import Task
 from rastercov.mesh.formats import METRES, READERS, metres_per
+from rastercov.placement.improve.tolerance import InstallationError
+from rastercov.placement.select.problem import BestCoverage, FewestCameras
 from rastercov.plan.entry import (
     Count,
     Entry,
@@ -25,6 +30,7 @@ from rastercov.plan.entry import (
     Triple,
     among,
     both_or_none,
+    fields_of,
     only_one,
 )
 from rastercov.plan.generators import CandidateEntry
@@ -73,7 +79,23 @@ class MeshEntry(Entry):
         return self
 
 
-class CameraSection(Entry):
+CAMERA = {
+    "width": "Pixels.",
+    "height": "Pixels.",
+    "fx": "Focal length over pixel width, px.",
+    "fy": "Focal length over pixel height, px.",
+    "cx": "Principal point, px; the middle if left out.",
+    "cy": "Principal point, px; the middle if left out.",
+    "near": "Surfaces nearer than this are not seen, m.",
+    "focal_length": "Metres; instead of fx and fy.",
+    "aperture": "Metres; instead of f_number.",
+    "focus_distance": "Depth of the plane in focus, m.",
+    "max_blur": "Largest blur circle, px.",
+}
+"""Entries of a camera file that are single numbers."""
+
+
+class CameraSection(fields_of(Camera, CAMERA, is_optional=True)):  # type: ignore[misc]
     """The camera: a preset, a file, or the entries of a camera file, which also change a preset."""
 
     file: File | None = Field(
@@ -82,20 +104,6 @@ class CameraSection(Entry):
     preset: Preset | None = Field(
         default=None, description="Camera of the thesis; other entries change it."
     )
-    width: int | None = Field(default=None, description="Pixels.")
-    height: int | None = Field(default=None, description="Pixels.")
-    fx: Number | None = Field(default=None, description="Focal length over pixel width, px.")
-    fy: Number | None = Field(default=None, description="Focal length over pixel height, px.")
-    cx: Number | None = Field(
-        default=None, description="Principal point, px; the middle if left out."
-    )
-    cy: Number | None = Field(
-        default=None, description="Principal point, px; the middle if left out."
-    )
-    near: Number | None = Field(
-        default=None, description="Surfaces nearer than this are not seen, m."
-    )
-    focal_length: Number | None = Field(default=None, description="Metres; instead of fx and fy.")
     pixel_size: Number | list[Number] | None = Field(
         default=None, description="Metres, one or two."
     )
@@ -103,11 +111,6 @@ class CameraSection(Entry):
         default=None, description="Metres from the top-left corner."
     )
     f_number: Number | None = Field(default=None, description="f/N; with focus_distance.")
-    aperture: Number | None = Field(default=None, description="Metres; instead of f_number.")
-    focus_distance: Number | None = Field(
-        default=None, description="Depth of the plane in focus, m."
-    )
-    max_blur: Number | None = Field(default=None, description="Largest blur circle, px.")
     focus_range: list[float] | None = Field(
         default=None, description="[near, far] depths in focus, m; instead of an aperture."
     )
@@ -128,31 +131,32 @@ class CameraSection(Entry):
         return Camera.load(folder / self.file)
 
 
-class TaskSection(Entry):
+TASK = {
+    "min_pixels": "R_min: pixels that give resolution 1.",
+    "min_visibility": "V_min: a face less visible counts as hidden.",
+    "max_blur": "Largest blur circle, px; the camera's.",
+    "max_incidence_deg": "Largest angle between normal and ray.",
+    "min_pixel_density": "Least pixels a metre on the surface, along its worst direction.",
+    "min_coverage": "A camera covers a face from this coverage on, and above 0.",
+    "focus_rule": "What of a face must be in focus.",
+    "cap_resolution": "Whether resolution counts up to 1 only.",
+}
+"""Fields of `Task` that are entries as they are."""
+TASK_LIMITS = {
+    "min_pixels": Positive,
+    "min_visibility": Share,
+    "max_blur": Positive | None,
+    "max_incidence_deg": Annotated[float, Gt(0), Le(90)],
+    "min_pixel_density": NotNegative,
+    "min_coverage": Share,
+    "focus_rule": Literal["vertices", "centroid"],
+}
+"""Annotations of `Task`, until its fields carry their limits."""
+
+
+class TaskSection(fields_of(Task, TASK, hints=TASK_LIMITS)):  # type: ignore[misc]
     """What it takes for a face to be covered."""
 
-    min_pixels: Positive = Field(default=1.0, description="R_min: pixels that give resolution 1.")
-    min_visibility: Share = Field(
-        default=0.0, description="V_min: a face less visible counts as hidden."
-    )
-    max_blur: Positive | None = Field(
-        default=None, description="Largest blur circle, px; the camera's."
-    )
-    max_incidence_deg: Annotated[float, Field(gt=0, le=90)] = Field(
-        default=90.0, description="Largest angle between normal and ray."
-    )
-    min_pixel_density: NotNegative = Field(
-        default=0.0, description="Least pixels a metre on the surface, along its worst direction."
-    )
-    min_coverage: Share = Field(
-        default=0.5, description="A camera covers a face from this coverage on, and above 0."
-    )
-    focus_rule: Literal["vertices", "centroid"] = Field(
-        default="vertices", description="What of a face must be in focus."
-    )
-    cap_resolution: bool = Field(
-        default=True, description="Whether resolution counts up to 1 only."
-    )
     views: Count | dict[str, Count] = Field(
         default=1,
         description="Cameras that must cover a face; or a table by group, 1 for the others.",
@@ -232,14 +236,16 @@ class Optimise(Entry):
     )
 
 
-class ToleranceSection(Entry):
+TOLERANCE = {
+    "position_mm": "Error of the camera centre, mm.",
+    "angle_deg": "Error of the direction, degrees.",
+    "distribution": "Of the errors.",
+}
+
+
+class ToleranceSection(fields_of(InstallationError, TOLERANCE)):  # type: ignore[misc]
     """What installation errors cost."""
 
-    position_mm: NotNegative = Field(default=0.0, description="Error of the camera centre, mm.")
-    angle_deg: NotNegative = Field(default=0.0, description="Error of the direction, degrees.")
-    distribution: Literal["normal", "uniform"] = Field(
-        default="normal", description="Of the errors."
-    )
     draws: Count = Field(default=200, description="Installations to draw.")
 
 
@@ -264,23 +270,27 @@ class SelectionBase(Entry):
     )
 
 
-class FewestSelection(SelectionBase):
+FEWEST = {
+    "coverage": "Share of the task to cover.",
+    "groups": "Share to cover of single groups.",
+    "of_reachable": "Whether shares are of what all candidates together cover.",
+}
+
+
+class FewestSelection(fields_of(FewestCameras, FEWEST, base=SelectionBase)):  # type: ignore[misc]
     """The fewest, or cheapest, cameras that reach a coverage."""
 
     goal: Literal["fewest_cameras"]
-    coverage: Share = Field(default=1.0, description="Share of the task to cover.")
-    groups: dict[str, Share] = Field(default={}, description="Share to cover of single groups.")
-    of_reachable: bool = Field(
-        default=False, description="Whether shares are of what all candidates together cover."
-    )
 
 
-class BestSelection(SelectionBase):
+BEST = {"budget": "Cost of all cameras at most."}
+
+
+class BestSelection(fields_of(BestCoverage, BEST, base=SelectionBase)):  # type: ignore[misc]
     """The best coverage with so many cameras, or within a budget."""
 
     goal: Literal["best_coverage"]
     cameras: Count | None = Field(default=None, description="Cameras at most.")
-    budget: NotNegative | None = Field(default=None, description="Cost of all cameras at most.")
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -1,4 +1,4 @@
-"""What every rasteriser promises, and how to open one.
+"""Contract of every rasteriser, and the results it returns.
 
 A rasteriser takes a mesh and a camera once and many poses after that. It answers with counts per
 face (`FaceCounts`), or for one pose with the image they were counted on (`VisibilityBuffer`).
@@ -12,18 +12,15 @@ A CPU rasteriser may be used from several threads at once. An OpenGL rasteriser 
 thread that opened it, and raises `DeviceError` in any other.
 """
 
-import math
 from dataclasses import dataclass
-from typing import Any, Protocol, Self
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._arguments import check_choice, check_scene
-from rastercov._checks import finite_number, shown
 from rastercov._memory import check_memory
 from rastercov.camera import Camera
-from rastercov.errors import ConfigError, DeviceError, ResourceError
+from rastercov.errors import ConfigError, ResourceError
 from rastercov.mesh import Mesh
 
 CountArray = NDArray[np.int32] | NDArray[np.int64]
@@ -36,7 +33,7 @@ MAX_RENDERED = 1 << 31
 
 @dataclass(frozen=True)
 class RasterizerInfo:
-    """What made a result: kept with it, because drivers differ.
+    """Device that measured a result: kept with it, because drivers differ.
 
     Attributes
     ----------
@@ -206,75 +203,9 @@ def check_picture(camera: Camera) -> None:
     check_memory(f"{camera.width:,} x {camera.height:,} pixels", n_bytes, remedy)
 
 
-def open_rasterizer(
-    mesh: Mesh,
-    camera: Camera,
-    backend: str = "auto",
-    *,
-    supersample: int = 1,
-    roll: float = 0.0,
-    **options: Any,
-) -> Rasterizer:
-    """Rasteriser for a mesh and a camera; use it in a `with` block.
+def __getattr__(name):
+    if name != "open_rasterizer":
+        raise AttributeError(name)
+    from rastercov.raster import open_rasterizer
 
-    Parameters
-    ----------
-    mesh : Mesh
-        The faces, occluders included; it is sent to the device once.
-    camera : Camera
-        Image size and intrinsics.
-    backend : {"auto", "cpu", "gl"}
-        "cpu" needs no graphics library. "auto" takes a hardware OpenGL device when one opens, and
-        the CPU otherwise: it is several times as fast as OpenGL in software.
-    supersample : int
-        S; the samples are a regular S x S grid in each pixel.
-    roll : float
-        Radians by which the rows of samples that `count` counts are turned about the image centre
-        against those of pixels, from u towards v; there are still S^2 of them in a px^2, in the
-        same image. Turned by an odd angle, counts are nearer to areas where edges run along the
-        rows and columns of pixels, as those of manufactured parts do.
-    **options
-        Passed on: `threads` to `rastercov.raster.cpu.CPURasterizer`; `device`, `plan` and more to
-        `rastercov.raster.gl.GLRasterizer`, which "auto" then means.
-
-    Raises
-    ------
-    ConfigError
-        For an unknown backend, a supersample that is not 1 to 64, or a roll that is no angle.
-    DeviceError
-        When the device cannot be opened or fails its self-test.
-    """
-    check_scene(mesh, camera)
-    if finite_number(supersample) not in range(1, MAX_SUPERSAMPLE + 1):
-        raise ConfigError(
-            f"supersample must be a whole number 1 to {MAX_SUPERSAMPLE}, got {shown(supersample)}"
-        )
-    if math.isnan(finite_number(roll)):
-        raise ConfigError(f"roll must be an angle in radians, got {shown(roll)}")
-    common: dict[str, Any] = {"supersample": int(supersample), "roll": float(roll)}
-    check_choice("backend", backend, ("auto", "cpu", "gl"))
-    if backend == "auto":
-        if not options and (hardware := _open_hardware(mesh, camera, common)):
-            return hardware
-        backend = "gl" if options.keys() - {"threads"} else "cpu"
-    if backend == "cpu":
-        from rastercov.raster.cpu import CPURasterizer  # compiles, or loads what was compiled
-
-        return CPURasterizer(mesh, camera, **common, **options)
-    from rastercov.raster.gl import GLRasterizer  # imports OpenGL only when it is wanted
-
-    return GLRasterizer(mesh, camera, **common, **options)
-
-
-def _open_hardware(mesh: Mesh, camera: Camera, common: dict[str, Any]) -> Rasterizer | None:
-    """Rasteriser on a hardware device, None when none is announced or none works."""
-    from rastercov.raster.gl.devices import list_devices
-
-    if all(device.is_software for device in list_devices()):
-        return None
-    from rastercov.raster.gl import GLRasterizer
-
-    try:
-        return GLRasterizer(mesh, camera, require_hardware=True, **common)
-    except DeviceError:
-        return None
+    return open_rasterizer

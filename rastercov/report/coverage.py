@@ -11,14 +11,11 @@ A run that fails leaves the report that was there before; one that ends replaces
 that is killed see `report_folder`.
 """
 
-import hashlib
-import platform
 import re
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -26,11 +23,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
+from rastercov._interrupts import interrupts_held
 from rastercov.camera import Camera
 from rastercov.coverage import Coverage, Task, evaluate_batches
-from rastercov._interrupts import interrupts_held
 from rastercov.mesh import Mesh
 from rastercov.network import Network
+from rastercov.observer import Observer, open_observer
+from rastercov.pose import Poses
+from rastercov.provenance import Provenance
+from rastercov.raster.contract import Rasterizer, open_rasterizer
+from rastercov.report.figures import CoverageTable, write_coloured_mesh, write_json
+from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.images import (
     contact_sheet,
     coverage_picture,
@@ -39,11 +42,6 @@ from rastercov.report.images import (
     pose_title,
     save_picture,
 )
-from rastercov.pose import check_poses, valid_poses
-from rastercov.raster.contract import Rasterizer, RasterizerInfo, open_rasterizer
-from rastercov.report.figures import CoverageTable, write_coloured_mesh, write_json
-from rastercov.report.folder import ReportFolder, ReportKind
-from rastercov.observer import Observer, open_observer
 
 PICTURE_SIDE = 1280
 """Pictures are drawn at the camera's size, or smaller where it exceeds this many pixels."""
@@ -97,7 +95,7 @@ class Options:
 def run(
     mesh: Mesh,
     camera: Camera,
-    poses: ArrayLike,
+    poses: ArrayLike | Poses,
     task: Task,
     out: Path,
     options: Options,
@@ -133,37 +131,36 @@ def run(
     ConfigError
         When the folder cannot be used; before the work begins.
     """
-    matrices, faults = check_poses(poses)
-    if faults and not options.skip_bad_poses:
-        valid_poses(poses)  # raises, before a device is opened
+    accepted = Poses.of(poses, skip_bad=options.skip_bad_poses)
     with ReportFolder(out, EVALUATION) as folder:
-        return _run(folder, mesh, camera, matrices, faults, task, options, progress)
+        return _run(folder, mesh, camera, accepted, task, options, progress)
 
 
 def _run(
     folder: ReportFolder,
     mesh: Mesh,
     camera: Camera,
-    matrices: NDArray[np.float64],
-    faults: Mapping[int, str],
+    poses: Poses,
     task: Task,
     options: Options,
     progress: Callable[[int, int], None],
 ) -> dict[str, Any]:
-    total = len(matrices) - len(faults)
+    total = len(poses)
     network = Network(mesh, task)
-    valid = np.array([row for row in range(len(matrices)) if row not in faults], np.int64)
-    chosen = valid[np.unique(np.linspace(0, total - 1, min(options.pictures, total)).astype(int))]
+    evenly = np.linspace(0, total - 1, min(options.pictures, total)).astype(int)
+    chosen = poses.ids[np.unique(evenly)]
     drawn: dict[int, tuple[NDArray[np.float64], str]] = {}
     if len(chosen) and options.device not in ("auto", "cpu"):
         options.open_rasterizer(mesh, camera).close()  # a device that fails does so before the work
     interrupted = False
     with ExitStack() as opened:
         observer = opened.enter_context(options.open(mesh, camera))
-        header = describe(mesh, camera, matrices, task, options, observer.info)
+        header = Provenance(
+            mesh, camera, poses.given, task, asdict(options), observer.info
+        ).as_dict()
         table = opened.enter_context(CoverageTable(folder.file("coverage.parquet"), header))
         started = time.perf_counter()
-        batches = evaluate_batches(observer, matrices, task, skip_bad_poses=options.skip_bad_poses)
+        batches = evaluate_batches(observer, poses, task)
         try:
             progress(0, total)
             for batch in batches:
@@ -183,11 +180,11 @@ def _run(
         except KeyboardInterrupt:
             interrupted = True
     if drawn:
-        interrupted |= _draw(mesh, camera, matrices, folder, options, drawn)
+        interrupted |= _draw(mesh, camera, poses, folder, options, drawn)
     done = len(network.pose_ids)
     summary = network.summary() | {
         "interrupted": interrupted,
-        "skipped_poses": {str(row): text for row, text in faults.items()},
+        "skipped_poses": {str(row): text for row, text in poses.rejected.items()},
         "seconds": seconds,
         "poses_per_second": done / seconds if done else 0.0,
         "run": header,
@@ -206,46 +203,6 @@ def _run(
     return summary
 
 
-def describe(
-    mesh: Mesh,
-    camera: Camera,
-    poses: NDArray[np.float64],
-    task: Task,
-    options: Options,
-    info: RasterizerInfo,
-) -> dict[str, Any]:
-    """What made a result: inputs with their hashes, thresholds, device and versions.
-
-    "mesh" has the files as they were, "scene" the faces in metres and what they are for.
-    """
-    groups = [asdict(group) for group in mesh.groups]
-    return {
-        "mesh": [asdict(source) for source in mesh.sources] or [{"name": "arrays"}],
-        "scene": {
-            "sha256": _sha256(mesh.vertices, mesh.faces, mesh.face_group),
-            "n_faces": mesh.n_faces,
-            "groups": groups,
-        },
-        "poses": {"sha256": _sha256(poses), "n_poses": len(poses)},
-        "camera": {k: v for k, v in asdict(camera).items() if v not in (None, ())},
-        "task": asdict(task),
-        "options": asdict(options),
-        "measured_by": asdict(info),
-        "versions": {
-            "python": platform.python_version(),
-            **{name: version(name) for name in ("rastercov", "moderngl", "numpy")},
-        },
-    }
-
-
-def _sha256(*arrays: NDArray[Any]) -> str:
-    total = hashlib.sha256()
-    for array in arrays:
-        total.update(f"{array.dtype.str} {array.shape}".encode())
-        total.update(np.ascontiguousarray(array).data)
-    return total.hexdigest()
-
-
 def _keep(
     batch: Coverage, chosen: NDArray[np.int64], drawn: dict[int, tuple[NDArray[np.float64], str]]
 ) -> None:
@@ -257,7 +214,7 @@ def _keep(
 def _draw(
     mesh: Mesh,
     camera: Camera,
-    poses: NDArray[np.float64],
+    poses: Poses,
     folder: ReportFolder,
     options: Options,
     drawn: dict[int, tuple[NDArray[np.float64], str]],
@@ -271,9 +228,10 @@ def _draw(
     try:
         with options.open_rasterizer(mesh, small) as rasterizer:
             for pose, (values, title) in drawn.items():
-                buffer = rasterizer.render(poses[pose])
-                picture = coverage_picture(buffer, values, mesh, small, poses[pose], title)
-                pixels = coverage_pixels(buffer, values, mesh, poses[pose])
+                matrix = poses.given[pose]
+                buffer = rasterizer.render(poses[poses.ids == pose])
+                picture = coverage_picture(buffer, values, mesh, small, matrix, title)
+                pixels = coverage_pixels(buffer, values, mesh, matrix)
                 faces = face_index_picture(buffer)
                 with interrupts_held():
                     save_picture(picture, folder.file(f"pose_{pose:0{digits}d}.png"))
@@ -285,3 +243,7 @@ def _draw(
     if pictures:
         save_picture(contact_sheet(pictures, titles), folder.file("contact_sheet.png"))
     return interrupted
+
+
+def describe(mesh, camera, poses, task, options, info):  # noqa: D103
+    return Provenance(mesh, camera, poses, task, asdict(options), info).as_dict()

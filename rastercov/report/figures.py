@@ -25,23 +25,16 @@ from PIL import Image
 from rich.table import Table
 from rich.text import Text
 
-from rastercov.coverage import FIGURES, Coverage, Reason
+from rastercov.coverage import FIGURES, UNITS, Coverage, Reason
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
-from rastercov.report.folder import named
 from rastercov.observer import Kind
+from rastercov.report.folder import named
 
 CODES = {"visibility_kind": Kind, "reason": Reason}
 """Figures that are written by name."""
 ROWS_A_GROUP = 1 << 18
 """Rows of a Parquet row group: about 13 MB of columns."""
-UNITS = {
-    "projected_area": "px^2",
-    "visible_pixels": "px",
-    "drawn_pixels": "px",
-    "pixel_density": "px/m",
-    "incidence": "rad",
-}
 CONTROL_POINTS = ((62, 18, 96), (57, 82, 140), (32, 144, 140), (116, 203, 83), (253, 231, 37))
 """Dark violet over teal to yellow, sRGB: lightness rises evenly, so that it reads in grey too."""
 UNSEEN, HIDING = (232, 33, 45), (146, 160, 178)

@@ -23,13 +23,13 @@ from rich.text import Text
 
 from rastercov._interrupts import interrupts_held
 from rastercov.placement.select.problem import BestCoverage
-from rastercov.plan.requirements import OF, percent
 from rastercov.plan.prepare import Prepared, Progress
+from rastercov.plan.requirements import OF, percent
 from rastercov.plan.run import Placement
 from rastercov.raster.contract import RasterizerInfo
+from rastercov.report.coverage import Options, describe
 from rastercov.report.figures import write_json
 from rastercov.report.folder import ReportFolder, ReportKind
-from rastercov.report.coverage import Options, describe
 
 MOST_ROWS = 30
 """Cameras, and groups, that a table lists."""
@@ -89,7 +89,7 @@ def summary(placement: Placement) -> dict[str, Any]:
             "trace": done.trace,
         }
     assert plan.selection is not None
-    pairs = {"poses": len(prepared.stock.candidates), "pairs": prepared.pairs}
+    pairs = {"poses": len(prepared.pool.candidates), "pairs": prepared.pairs}
     opened = prepared.openings
     return {
         "plan": plan.model_dump(),
@@ -100,7 +100,7 @@ def summary(placement: Placement) -> dict[str, Any]:
         "share": cameras.share,
         "network": cameras.network.summary(),
         "cameras": _cameras(placement),
-        "candidates": prepared.stock.summary()
+        "candidates": prepared.pool.summary()
         | {"segments": prepared.segmentation.n_segments if prepared.segmentation else None},
         "cavities": opened.summary() if opened is not None else None,
         "matrix": pairs,
@@ -117,7 +117,7 @@ def summary(placement: Placement) -> dict[str, Any]:
 
 def made_from(prepared: Prepared) -> dict[str, Any]:
     """Inputs with their hashes, device and versions."""
-    plan, poses = prepared.plan, prepared.stock.candidates.poses
+    plan, poses = prepared.plan, prepared.pool.candidates.poses
     options = Options(method=plan.task.method, supersample=plan.task.supersample, pictures=0)
     info = RasterizerInfo(**prepared.measured_by)
     header = describe(prepared.mesh, prepared.camera, poses, prepared.task, options, info)
@@ -132,7 +132,7 @@ def made_from(prepared: Prepared) -> dict[str, Any]:
 
 def _cameras(placement: Placement) -> list[dict[str, Any]]:
     """Where each camera stands and looks, and what the first so many cover."""
-    cameras, costs = placement.cameras, placement.prepared.stock.costs
+    cameras, costs = placement.cameras, placement.prepared.pool.costs
     return [
         {
             "origin": name,
@@ -188,7 +188,7 @@ def cameras_table(placement: Placement) -> Table:
 def lines(placement: Placement) -> list[str]:
     """What a person should know of a placement, beside its tables and what is left."""
     prepared, selection = placement.prepared, placement.selection
-    said = [*prepared.stock.lines(), *prepared.notes, _selected(placement)]
+    said = [*prepared.pool.lines(), *prepared.notes, _selected(placement)]
     of = OF[prepared.plan.task.weight_by]
     if placement.optimised is not None:
         said.append(f"search over free poses: {percent(placement.optimised.share)} of {of}")
@@ -221,15 +221,15 @@ def _selected(placement: Placement) -> str:
     """What selection found, and how far from the best it may be."""
     prepared, found = placement.prepared, placement.selection
     of = OF[prepared.plan.task.weight_by]
-    text = f"{len(found.chosen)} of {len(prepared.stock.candidates)} candidates"
+    text = f"{len(found.chosen)} of {len(prepared.pool.candidates)} candidates"
     text += f" cover {percent(found.share)} of {of}"
-    if (prepared.stock.costs != 1).any():
+    if (prepared.pool.costs != 1).any():
         text += f" at a cost of {found.cost:g}"
     if found.status == "optimal":
         return f"{text}: proved to be the best selection"
     if isinstance(prepared.problem.goal, BestCoverage):
         return f"{text}; no selection covers more than {percent(found.bound)}"
-    what = "costs less than" if (prepared.stock.costs != 1).any() else "takes fewer than"
+    what = "costs less than" if (prepared.pool.costs != 1).any() else "takes fewer than"
     return f"{text}; no selection that does {what} {found.bound:g}"
 
 
@@ -247,8 +247,8 @@ def write_page(placement: Placement, path: Path, progress: Progress) -> None:
         title=f"Placement of cameras: {prepared.plan.name}",
         selection=placement.selection,
         goal=prepared.problem.goal,
-        candidates=prepared.stock.candidates,
-        dropped=prepared.stock.dropped,
+        candidates=prepared.pool.candidates,
+        dropped=prepared.pool.dropped,
         segmentation=prepared.segmentation,
         leftover=placement.leftover,
         openings=prepared.openings,

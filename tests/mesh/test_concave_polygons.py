@@ -7,8 +7,8 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from rastercov.mesh import Mesh
 from rastercov.mesh.ear_clipping import cut_concave
-from rastercov.mesh.formats import load_mesh
 
 
 def fan(n: int, first: int = 0) -> np.ndarray:
@@ -273,7 +273,7 @@ def test_files_with_concave_polygons_load_right_and_without_a_note(name, tmp_pat
         ],
     }[name]  # fmt: skip
     (tmp_path / name).write_text("\n".join(text) + "\n")
-    mesh = load_mesh(tmp_path / name)
+    mesh = Mesh.load(tmp_path / name)
     np.testing.assert_array_equal(mesh.source_face, [0, 1, 1, 2])
     np.testing.assert_array_equal(mesh.faces[[0, 3]], [[0, 2, 1], [0, 1, 3]])
     assert mesh.areas[1:3].sum() == pytest.approx(0.4)
@@ -284,7 +284,7 @@ def test_files_with_concave_polygons_load_right_and_without_a_note(name, tmp_pat
 def test_dropping_a_corner_leaves_polygons_that_are_cut_right(tmp_path):
     text = "v 0 0 0\nv 4 0 0\nv 4 4 0\nv nan 0 0\nv 2 1 0\nv 0 4 0\nf 1 2 3 4 5 6\nf 1 2 3\n"
     (tmp_path / "a.obj").write_text(text)
-    mesh = load_mesh(tmp_path / "a.obj", drop_invalid=True)
+    mesh = Mesh.load(tmp_path / "a.obj", drop_invalid=True)
     np.testing.assert_array_equal(mesh.source_face, [0, 0, 1])
     assert (mesh.normals[:, 2] > 0).all()
 

@@ -19,7 +19,6 @@ from hypothesis import strategies as st
 
 from rastercov.errors import MeshError, ResourceError
 from rastercov.mesh import Group, Mesh
-from rastercov.mesh.formats import load_mesh
 
 MESHES = Path(__file__).resolve().parents[3] / "shared" / "meshes"
 
@@ -133,7 +132,7 @@ def load(tmp_path):
     def write_and_load(name: str, data: bytes, **options) -> Mesh:
         path = tmp_path / name
         path.write_bytes(data)
-        return load_mesh(path, **options)
+        return Mesh.load(path, **options)
 
     return write_and_load
 
@@ -165,7 +164,7 @@ def test_trimesh_reads_the_same(name, tmp_path):
     path = tmp_path / name
     path.write_bytes(VALID[name])
     theirs = trimesh.load(path, process=False, force="mesh")
-    np.testing.assert_allclose(triangles(load_mesh(path)), theirs.triangles, atol=1e-7)
+    np.testing.assert_allclose(triangles(Mesh.load(path)), theirs.triangles, atol=1e-7)
 
 
 def test_glb_scene_agrees_with_trimesh(tmp_path):
@@ -178,7 +177,7 @@ def test_glb_scene_agrees_with_trimesh(tmp_path):
     scene.add_geometry(trimesh.creation.icosphere(2), node_name="second", parent_node_name="first")
     path = tmp_path / "scene.glb"
     path.write_bytes(scene.export(file_type="glb"))
-    mesh, theirs = load_mesh(path), scene.to_mesh()
+    mesh, theirs = Mesh.load(path), scene.to_mesh()
     assert {group.name for group in mesh.groups} == {"first", "second"}
     assert mesh.n_faces == len(theirs.faces)
     np.testing.assert_allclose(mesh.bounds, theirs.bounds, atol=1e-6)
@@ -256,19 +255,19 @@ def test_several_files_are_one_scene_in_order(tmp_path):
 
 def test_same_file_twice_makes_two_groups(tmp_path):
     (tmp_path / "a.stl").write_bytes(VALID["binary.stl"])
-    mesh = load_mesh([tmp_path / "a.stl"] * 3)
+    mesh = Mesh.load([tmp_path / "a.stl"] * 3)
     assert [group.name for group in mesh.groups] == ["a", "a #2", "a #3"]
 
 
 def test_no_path_is_refused():
     with pytest.raises(MeshError, match="at least one mesh file wanted"):
-        load_mesh([])
+        Mesh.load([])
 
 
 @pytest.mark.parametrize("path", [3, [None], [b"a.stl"]])
 def test_what_is_no_path_is_refused(path):
     with pytest.raises((MeshError, TypeError), match=r"path|iterable"):
-        load_mesh(path)
+        Mesh.load(path)
 
 
 def test_unknown_occluder_lists_the_groups(tmp_path):
@@ -835,7 +834,7 @@ def test_images_and_material_libraries_are_never_opened(load, opened, tmp_path):
 @pytest.mark.parametrize("make", [str, Path])
 def test_urls_are_refused_without_a_network_call(url, make, opened):
     with pytest.raises(MeshError, match="got a URL; download it first"):
-        load_mesh(make(url))
+        Mesh.load(make(url))
     assert not opened
 
 
@@ -854,13 +853,13 @@ def test_pipe_device_and_folder_are_refused_at_once(tmp_path):
     (tmp_path / "folder.stl").mkdir()
     for name in ("pipe.stl", "zero.stl", "folder.stl"):
         with pytest.raises(MeshError, match=f"{name}: a regular file wanted"):
-            load_mesh(tmp_path / name)
+            Mesh.load(tmp_path / name)
 
 
 def test_link_to_a_regular_file_is_followed(tmp_path):
     (tmp_path / "a.stl").write_bytes(VALID["binary.stl"])
     (tmp_path / "link.stl").symlink_to("a.stl")
-    mesh = load_mesh(tmp_path / "link.stl")
+    mesh = Mesh.load(tmp_path / "link.stl")
     assert mesh.sources[0].name == "link.stl"
     assert mesh.n_faces == 4
 
@@ -868,7 +867,7 @@ def test_link_to_a_regular_file_is_followed(tmp_path):
 @pytest.mark.parametrize("name", ["missing.stl", "no/folder.stl", "zero\0byte.stl"])
 def test_missing_files_are_named(name, tmp_path):
     with pytest.raises(MeshError, match=r"\.stl: a readable file wanted, got: .*; check the path"):
-        load_mesh(tmp_path / name)
+        Mesh.load(tmp_path / name)
 
 
 def test_size_is_capped_before_reading(tmp_path, opened):
@@ -876,7 +875,7 @@ def test_size_is_capped_before_reading(tmp_path, opened):
         file.truncate(3 << 30)  # a hole: takes no room
     del opened[:]
     with pytest.raises(MeshError, match="at most 2147483648 bytes wanted, got 3221225472"):
-        load_mesh(tmp_path / "big.stl")
+        Mesh.load(tmp_path / "big.stl")
     assert not opened
 
 
@@ -894,7 +893,7 @@ def test_file_that_changes_while_it_is_read_is_refused(change, tmp_path, monkeyp
     grown = os.stat_result([*before[:6], before.st_size + change, *before[7:]])
     monkeypatch.setattr(Path, "stat", lambda *a, **k: grown)
     with pytest.raises(MeshError, match="the file changed while it was read"):
-        load_mesh(path)
+        Mesh.load(path)
 
 
 # ---- memory
@@ -914,7 +913,7 @@ def test_budget_is_checked_before_anything_is_allocated(tmp_path):
         file.truncate(84 + 50 * n)
     tracemalloc.start()
     with pytest.raises(ResourceError, match="1000000 triangles need about 300000000 bytes"):
-        load_mesh(tmp_path / "a.stl", memory_budget=100_000_000)
+        Mesh.load(tmp_path / "a.stl", memory_budget=100_000_000)
     assert tracemalloc.get_traced_memory()[1] < 84 + 50 * n + (1 << 20)
     tracemalloc.stop()
 
@@ -976,7 +975,7 @@ def test_corrupt_files_load_whole_or_raise_mesh_error(name, data, tmp_path):
     path.write_bytes(content)
     message = ""
     try:
-        mesh = load_mesh(path)
+        mesh = Mesh.load(path)
     except MeshError as error:
         message = str(error)
     if message:
@@ -999,7 +998,7 @@ def test_random_bytes_never_raise_anything_else(extension, content, tmp_path):
     path = tmp_path / f"a.{extension}"
     path.write_bytes(start + content)
     with contextlib.suppress(MeshError):
-        load_mesh(path)
+        Mesh.load(path)
 
 
 @pytest.mark.parametrize("name", VALID)
@@ -1021,7 +1020,7 @@ def test_random_meshes_come_back_face_for_face(name, seed, tmp_path):
     }[name]()
     path = tmp_path / name
     path.write_bytes(content)
-    np.testing.assert_array_equal(triangles(load_mesh(path)), points[faces])
+    np.testing.assert_array_equal(triangles(Mesh.load(path)), points[faces])
 
 
 REAL = {
@@ -1039,7 +1038,7 @@ REAL = {
 @pytest.mark.parametrize("name", REAL)
 def test_real_meshes_have_their_published_counts(name):
     n_faces, n_boundary_edges = REAL[name]
-    mesh = load_mesh(MESHES / name)
+    mesh = Mesh.load(MESHES / name)
     assert mesh.n_faces == n_faces
     if n_boundary_edges is not None:
         assert mesh.n_boundary_edges == n_boundary_edges

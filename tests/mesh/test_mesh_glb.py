@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rastercov.errors import MeshError, ResourceError
-from rastercov.mesh.formats import load_mesh
+from rastercov.mesh import Mesh
 
 #    3---2      a tetrahedron over the triangle 0 1 2; its faces are wound outwards
 #    |\ /|
@@ -95,7 +95,7 @@ def load(tmp_path):
     def write_and_load(glb: Builder | bytes, **options):
         path = tmp_path / "a.glb"
         path.write_bytes(glb if isinstance(glb, bytes) else glb.data())
-        return load_mesh(path, **options)
+        return Mesh.load(path, **options)
 
     return write_and_load
 

@@ -7,7 +7,7 @@ import pytest
 from test_mesh_file import FACES, POINTS, VALID, ascii_stl, obj, off, ply
 
 from rastercov.errors import MeshError, ResourceError
-from rastercov.mesh.formats import load_mesh
+from rastercov.mesh import Mesh
 
 TRIANGLE = b"v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 CUT = "the file ends inside a line"
@@ -18,7 +18,7 @@ def load(tmp_path):
     def write_and_load(name: str, data: bytes, **options):
         path = tmp_path / name
         path.write_bytes(data)
-        return load_mesh(path, **options)
+        return Mesh.load(path, **options)
 
     return write_and_load
 

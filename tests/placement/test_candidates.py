@@ -12,8 +12,7 @@ from rastercov import shapes
 from rastercov.criteria import view_faces
 from rastercov.errors import ConfigError, PoseError
 from rastercov.mesh import Group, Mesh
-from rastercov.placement.candidates import clearance as clearance_module
-from rastercov.placement.candidates import clearance_kernels
+from rastercov.mesh.triangle_tree import TriangleTree
 from rastercov.placement.candidates.clearance import (
     Fate,
     KeepOutBox,
@@ -514,10 +513,8 @@ def test_no_ray_slips_through_where_faces_meet(axis):
     ticks = np.arange(-3, 4) / 4 + 0.0
     points = np.stack(np.meshgrid(ticks, ticks, ticks, indexing="ij"), axis=-1).reshape(-1, 3)
     points = points[(np.abs(points) != 0.5).all(axis=1)]
-    vertices, turns = np.roll(box.vertices, axis, axis=1), np.empty(len(points), np.int64)
-    order, nodes = clearance_module._tree(vertices[box.faces])
-    clearance_kernels.winding(points, vertices, box.faces[order], nodes, turns)
-    assert np.array_equal(turns, (np.abs(points) < 0.5).all(axis=1))
+    tree = TriangleTree.over(np.roll(box.vertices, axis, axis=1), box.faces)
+    assert np.array_equal(tree.winding_numbers(points), (np.abs(points) < 0.5).all(axis=1))
 
 
 def test_a_cavity_is_air_and_a_part_in_it_is_not():

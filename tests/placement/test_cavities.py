@@ -17,7 +17,7 @@ from rastercov.mesh import Group, Mesh
 from rastercov.placement.candidates.cavities import Access, openings, per_cavity
 from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere, kept
 from rastercov.placement.candidates.framing import Framing
-from rastercov.placement.candidates.hemicube import Dome, face_frames
+from rastercov.placement.candidates.hemicube import Hemicube, face_frames
 from rastercov.placement.candidates.pool import per_face
 
 CAMERA = rc.Camera(width=320, height=240, fx=450, fy=450, cx=160, cy=120)
@@ -48,13 +48,13 @@ def outer_poses(count, centre, radius, seed=0):
 
 @pytest.mark.parametrize("side", [2, 8, 30])
 def test_the_pixels_of_a_dome_are_the_half_space(side):
-    with Dome(shapes.box(), side) as dome:
-        assert len(dome.directions) == 3 * side**2
-        assert np.linalg.norm(dome.directions, axis=1) == pytest.approx(1)
-        assert (dome.directions[:, 2] > 0).all()
-        assert dome.solid_angles.sum() == pytest.approx(2 * np.pi)
+    with Hemicube(shapes.box(), side) as hemicube:
+        assert len(hemicube.directions) == 3 * side**2
+        assert np.linalg.norm(hemicube.directions, axis=1) == pytest.approx(1)
+        assert (hemicube.directions[:, 2] > 0).all()
+        assert hemicube.solid_angles.sum() == pytest.approx(2 * np.pi)
         # The mean of the cosine over the half space is 1/2, that of each horizontal axis 0.
-        mean = dome.solid_angles @ dome.directions / (2 * np.pi)
+        mean = hemicube.solid_angles @ hemicube.directions / (2 * np.pi)
         assert mean == pytest.approx([0, 0, 0.5], abs=1 / side**2)
 
 
@@ -65,9 +65,9 @@ def test_the_pixels_of_a_dome_are_the_half_space(side):
 def test_a_cone_as_wide_as_can_be_missed_holds_a_direction(direction, side):
     towards = np.array(direction) / np.linalg.norm(direction)
     towards[2] = abs(towards[2])
-    with Dome(shapes.box(), side) as dome:
-        nearest = np.arccos(np.clip(dome.directions @ towards, -1, 1)).min()
-        assert nearest <= dome.missed
+    with Hemicube(shapes.box(), side) as hemicube:
+        nearest = np.arccos(np.clip(hemicube.directions @ towards, -1, 1)).min()
+        assert nearest <= hemicube.missed
 
 
 @given(seed=st.integers(0, 1000))
@@ -78,9 +78,9 @@ def test_a_ray_ends_where_the_wall_of_a_room_is(seed):
     room = Mesh(vertices=room.vertices, faces=room.faces[:, ::-1])
     point = np.array([*rng.uniform(-0.9, 0.9, 2), -2.0])
     frame = face_frames(np.array([[0.0, 0.0, 1.0]]))[0]
-    with Dome(room, 8) as dome:
-        free = dome.look_out(point, frame)
-        rays = dome.directions @ frame.T
+    with Hemicube(room, 8) as hemicube:
+        free = hemicube.look_out(point, frame)
+        rays = hemicube.directions @ frame.T
     walls = np.array([1.0, 1.5, 2.0])
     with np.errstate(divide="ignore"):
         expected = ((np.sign(rays) * walls - point) / rays).min(axis=1)

@@ -248,7 +248,7 @@ def test_no_damage_to_a_matrix_is_believed_and_all_of_it_is_mended(mesh, poses, 
 
 
 def test_only_the_damaged_shard_is_measured_again_and_somebody_is_told(
-    mesh, poses, tmp_path, capsys
+    mesh, poses, tmp_path, caplog
 ):
     matrix = build_matrix((mesh, CAMERA), poses, TASK, tmp_path, poses_a_shard=4)
     whole = contents_of(tmp_path)
@@ -263,13 +263,13 @@ def test_only_the_damaged_shard_is_measured_again_and_somebody_is_told(
     assert seen[0] == N_POSES - 4
     same(again, matrix)
     assert contents_of(tmp_path) == whole
-    lines = capsys.readouterr().err.splitlines()
-    assert lines == [
+    assert [record.getMessage() for record in caplog.records] == [
         f"warning: {shard}: damaged, its checksum is not the one recorded; "
         "its poses are measured again"
     ]
+    caplog.clear()
     build_matrix((mesh, CAMERA), poses, TASK, tmp_path)
-    assert capsys.readouterr().err == ""
+    assert not caplog.records
 
 
 @pytest.mark.parametrize("name", ["header.json", "poses.npy"])

@@ -137,7 +137,7 @@ class Facing(Objective):
 
 
 def test_searching_beats_drawing_at_random(objective):
-    facing = Facing(objective.observer, TASK, objective.quanta, objective.need)
+    facing = Facing(objective.observer, TASK, objective.integer_weights, objective.need)
     free = replace(SPACE, boxes=None, keep_out=())
     shares = {
         method: [

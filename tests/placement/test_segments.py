@@ -12,7 +12,7 @@ from rastercov import shapes
 from rastercov.errors import ConfigError
 from rastercov.mesh import Group, Mesh
 from rastercov.placement.candidates import segment_kernels as kernels
-from rastercov.placement.candidates.segments import SLACK_DEG, segment
+from rastercov.placement.candidates.segments import ANGLE_TOLERANCE_DEG, segment
 
 angles = st.floats(0.5, 85)
 lattice = st.tuples(st.integers(-40, 40), st.integers(-40, 40))
@@ -37,7 +37,7 @@ def neighbours_of(mesh):
 
 def grown_by_comparing_all(mesh, alpha_deg):
     """(6.1) and (6.2) word by word: every normal of the segment is compared."""
-    least, neighbours = np.cos(np.radians(alpha_deg + SLACK_DEG)), neighbours_of(mesh)
+    least, neighbours = np.cos(np.radians(alpha_deg + ANGLE_TOLERANCE_DEG)), neighbours_of(mesh)
     labels, count = np.full(mesh.n_faces, -1), 0
     for seed in range(mesh.n_faces):
         if labels[seed] >= 0:
@@ -227,7 +227,9 @@ def test_a_leader_takes_all_within_beta_of_its_own_average(mesh, alpha, beta):
     owner = np.full(grown.n_segments, -1)
     for leader in range(grown.n_segments):
         if owner[leader] < 0:
-            near = degrees_between(grown.normals, grown.normals[leader]) <= beta + SLACK_DEG
+            near = (
+                degrees_between(grown.normals, grown.normals[leader]) <= beta + ANGLE_TOLERANCE_DEG
+            )
             owner[near & (owner < 0)] = leader
     assert same_parts(segment(mesh, alpha, beta).labels, owner[grown.labels])
 
@@ -240,7 +242,7 @@ def test_the_closest_are_merged_until_none_are_within_beta(mesh, alpha, beta):
         means = averages(mesh, labels)
         cosines = means @ means.T - 3 * np.eye(len(means))
         one, other = sorted(divmod(int(cosines.argmax()), len(means)))
-        if cosines[one, other] < np.cos(np.radians(beta + SLACK_DEG)):
+        if cosines[one, other] < np.cos(np.radians(beta + ANGLE_TOLERANCE_DEG)):
             break
         labels[labels == other] = one
         labels[labels > other] -= 1

@@ -14,12 +14,12 @@ from set_cover_cases import COVERS, FOLDER, OPTIMA, hard_for_the_clock, steiner
 
 from rastercov.errors import ConfigError, ResourceError
 from rastercov.placement.select import integer as integer_module
-from rastercov.placement.select import lagrange as bounds
-from rastercov.placement.select.cover_state import Tally
+from rastercov.placement.select import lagrange
+from rastercov.placement.select.cover_state import CoverState
 from rastercov.placement.select.deadline import NEVER, Deadline, TimeUpError
 from rastercov.placement.select.greedy import EFFORT, construct, improve, select_greedy
 from rastercov.placement.select.integer import select_integer
-from rastercov.placement.select.presolve import merge
+from rastercov.placement.select.presolve import presolve
 from rastercov.placement.select.problem import (
     BestCoverage,
     FewestCameras,
@@ -161,14 +161,14 @@ def test_no_selection_passes_a_bound_and_every_one_is_what_it_says(problem):
 
 @given(problems(max_views=3))
 def test_lagrange_bounds_hold_before_they_are_trimmed(problem):
-    merged = merge(problem)
+    reduced = presolve(problem)
     best = best_by_trying_all(problem)
-    tally = construct(merged)
+    state = construct(reduced)
     if isinstance(problem.goal, FewestCameras):
-        assert bounds.least_cost(merged, tally.cost) <= best + 1e-6
+        assert lagrange.least_cost(reduced, state.cost) <= best + 1e-6
     else:
-        weight = bounds.best_weight(merged, tally.covered)
-        assert weight >= (best - 1e-6) * problem.quanta.sum()
+        weight = lagrange.best_weight(reduced, state.covered)
+        assert weight >= (best - 1e-6) * problem.integer_weights.sum()
 
 
 @given(
@@ -177,22 +177,22 @@ def test_lagrange_bounds_hold_before_they_are_trimmed(problem):
     st.booleans(),
 )
 def test_a_gain_is_what_adding_the_camera_adds(problem, cameras, finish):
-    merged = merge(problem)
-    tally = Tally(merged, finish=finish)
+    reduced = presolve(problem)
+    state = CoverState(reduced, finish=finish)
     for camera in cameras:  # named twice, a camera comes and goes
-        if camera < merged.n_candidates:
-            (tally.remove if camera in tally.chosen else tally.add)(camera)
-    covered = problem.covered_by(merged.candidates[sorted(tally.chosen)])[1]
+        if camera < reduced.n_candidates:
+            (state.remove if camera in state.chosen else state.add)(camera)
+    covered = problem.covered_by(reduced.candidates[sorted(state.chosen)])[1]
     counted = covered & problem.reachable
-    assert tally.covered == problem.quanta[counted].sum()
-    for camera in set(range(merged.n_candidates)) - tally.chosen:
-        before, promised = tally.worth, int(tally.gain[camera].sum())
-        gains = tally.gain.copy()
-        tally.add(camera)
-        assert tally.worth - before == promised
-        tally.remove(camera)
-        assert tally.worth == before
-        np.testing.assert_array_equal(tally.gain, gains)
+    assert state.covered == problem.integer_weights[counted].sum()
+    for camera in set(range(reduced.n_candidates)) - state.chosen:
+        before, promised = state.worth, int(state.gain[camera].sum())
+        gains = state.gain.copy()
+        state.add(camera)
+        assert state.worth - before == promised
+        state.remove(camera)
+        assert state.worth == before
+        np.testing.assert_array_equal(state.gain, gains)
 
 
 @given(problems())
@@ -231,7 +231,7 @@ def test_the_order_of_the_candidates_changes_nothing(problem, random):
         eyes=problem.eyes[order],
         centroids=problem.centroids,
     )
-    counted = dense[:, (problem.quanta > 0) & problem.reachable]
+    counted = dense[:, (problem.integer_weights > 0) & problem.reachable]
     for name in ("plain", "greedy", "integer"):
         one, other = SELECTORS[name](problem), SELECTORS[name](shuffled)
         assert one.objective == pytest.approx(other.objective), name
@@ -256,7 +256,7 @@ def test_merging_equal_candidates_and_faces_changes_nothing(problem, times):
         groups=problem.groups,
         face_group=np.tile(problem.face_group, times),
     )
-    assert merge(repeated).n_faces == merge(problem).n_faces
+    assert presolve(repeated).n_faces == presolve(problem).n_faces
     one, other = select_integer(problem), select_integer(repeated)
     assert one.objective == pytest.approx(other.objective)
     most = int(problem.views.max())
@@ -269,8 +269,8 @@ def test_merging_equal_candidates_and_faces_changes_nothing(problem, times):
         groups=problem.groups,
         face_group=problem.face_group,
     )
-    merged = merge(copied)
-    assert merged.n_candidates <= most * len(np.unique(dense, axis=0))
+    reduced = presolve(copied)
+    assert reduced.n_candidates <= most * len(np.unique(dense, axis=0))
     if copied.n_candidates <= 12:
         best = best_by_trying_all(copied)
         assert select_integer(copied).objective == pytest.approx(best, abs=1e-6)
@@ -464,12 +464,12 @@ def test_what_the_solver_proves_in_time_is_proved_in_time(loaded):
 
 @pytest.mark.parametrize("goal", [FewestCameras(), BestCoverage(20), BestCoverage(budget=12.5)])
 def test_a_bound_is_the_same_however_often_the_clock_is_looked_at(monkeypatch, goal):
-    merged = merge(problem_of_matrix(steiner(45), goal))
-    tally = construct(merged)
-    whole = bound_of(merged, tally)
-    monkeypatch.setattr(bounds, "PAIRS_A_LOOK", 1)
-    assert bound_of(merged, tally) == whole
-    early = bound_of(merged, tally, Deadline(0.0))
+    reduced = presolve(problem_of_matrix(steiner(45), goal))
+    state = construct(reduced)
+    whole = bound_of(reduced, state)
+    monkeypatch.setattr(lagrange, "PAIRS_A_LOOK", 1)
+    assert bound_of(reduced, state) == whole
+    early = bound_of(reduced, state, Deadline(0.0))
     if isinstance(goal, BestCoverage):
         assert whole <= early <= 1.0
     else:
@@ -490,16 +490,18 @@ class Looks(Deadline):
 
 @pytest.mark.parametrize("goal", [FewestCameras(), BestCoverage(10)])
 def test_improvement_ended_at_any_moment_leaves_a_whole_selection(goal):
-    merged = merge(problem_of_matrix(steiner(27), goal))
+    reduced = presolve(problem_of_matrix(steiner(27), goal))
     is_best = isinstance(goal, BestCoverage)
-    plain, previous = construct(merged), -math.inf
+    plain, previous = construct(reduced), -math.inf
     for looks in range(0, 400, 7):
-        after = improve(merged, construct(merged), 1.0 if is_best else 0.0, EFFORT, 0, Looks(looks))
+        after = improve(
+            reduced, construct(reduced), 1.0 if is_best else 0.0, EFFORT, 0, Looks(looks)
+        )
         value = after.covered if is_best else -after.cost
         assert value >= max(previous, plain.covered if is_best else -plain.cost)
         assert is_best or after.is_met
         previous = value
-        fresh = Tally(merged, finish=is_best)
+        fresh = CoverState(reduced, finish=is_best)
         fresh.become(after.chosen)
         for name in ("count", "gain", "done", "barred"):
             np.testing.assert_array_equal(getattr(after, name), getattr(fresh, name))
@@ -526,7 +528,7 @@ def test_cameras_are_in_the_order_of_what_each_adds(problem, data):
         for other in left:
             faces = problem.face[problem.indptr[other] : problem.indptr[other + 1]]
             faces = faces[count[faces] < problem.views[faces]]
-            gains.append((problem.quanta / problem.views)[faces].sum())
+            gains.append((problem.integer_weights / problem.views)[faces].sum())
         assert left.pop(int(np.argmax(gains))) == camera
         count[problem.face[problem.indptr[camera] : problem.indptr[camera + 1]]] += 1
         covered = problem.covered_by(order[: place + 1])[1]

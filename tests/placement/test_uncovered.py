@@ -190,7 +190,7 @@ def test_candidates_are_counted_as_in_a_matrix_of_them():
 def test_no_more_than_two_batches_of_candidates_are_held_at_a_time(monkeypatch):
     mesh, poses = shapes.torus(10, 8), around(300, 5, 4.0)
     batches, alive = [], []
-    add = sight.Sights.add
+    add = sight.CandidateBounds.add
 
     def watched(self, batch):
         batches.append(weakref.ref(batch))
@@ -198,7 +198,7 @@ def test_no_more_than_two_batches_of_candidates_are_held_at_a_time(monkeypatch):
         add(self, batch)
 
     monkeypatch.setattr(sight, "POSES_A_STEP", 20)
-    monkeypatch.setattr(sight.Sights, "add", watched)
+    monkeypatch.setattr(sight.CandidateBounds, "add", watched)
     found = what_is_left((mesh, CAMERA), poses[:1], candidates=poses)
     assert found.left.any()
     assert len(batches) == 15

@@ -17,7 +17,7 @@ from rastercov.placement.improve.objective import Objective
 from rastercov.plan import entry as plan_entry
 from rastercov.plan import generators as plan_generators
 from rastercov.plan import sections as plan_model
-from rastercov.plan.candidates import framing_of, stock
+from rastercov.plan.candidates import candidate_pool, framing_of
 from rastercov.plan.errors import PlanError
 from rastercov.plan.file import Plan, read_plan, schema
 from rastercov.plan.network import certain_and_possible, measured
@@ -66,8 +66,8 @@ def write_obj(path, mesh, names):
 
 def test_the_least_plan_has_a_mesh_and_a_camera():
     plan = plan_of(BASE)
-    assert plan.lens == rc.Camera.preset("khepra")
-    assert plan.thresholds() == rc.Task()
+    assert plan.build_camera() == rc.Camera.preset("khepra")
+    assert plan.build_task() == rc.Task()
     assert plan.folder == Path()
     assert scene(plan).n_faces == 12
 
@@ -229,8 +229,8 @@ def test_files_are_relative_to_the_plan():
     plan = plan_of(text, "deep/plan.toml")
     mesh = scene(plan)
     assert np.ptp(mesh.bounds, axis=0) == pytest.approx([1e-3] * 3)
-    assert plan.lens.width == 64
-    assert len(stock(plan, mesh, plan.lens).candidates) == 4
+    assert plan.build_camera().width == 64
+    assert len(candidate_pool(plan, mesh, plan.build_camera()).candidates) == 4
 
 
 def test_the_task_section_holds_what_a_task_does_with_the_same_defaults():
@@ -378,7 +378,7 @@ def test_an_entry_makes_the_candidates_of_its_generator(generator):
         BASE + f'[[candidates]]\ngenerator = "{generator}"\ncost = 2.5\nrolls_deg = [0, 90]\n{own}'
     )
     mesh = scene(plan)
-    made = stock(plan, mesh, plan.lens)
+    made = candidate_pool(plan, mesh, plan.build_camera())
     assert made.made == {source: 2 * count}
     assert (made.costs == 2.5).all()
     assert made.space.allows(made.candidates.poses[:, :3, 3]).all()
@@ -400,7 +400,7 @@ def test_candidates_are_dropped_with_their_reasons():
         '[[constraints.keep_out]]\nname = "table"\nlow = [-9, -9, -9]\nhigh = [9, 9, -1]\n'
         "[[constraints.spaces]]\nlow = [-9, -9, -9]\nhigh = [1.5, 9, 9]\n"
     )
-    made = stock(plan, scene(plan), plan.lens)
+    made = candidate_pool(plan, scene(plan), plan.build_camera())
     told = made.summary()
     assert told["made"] == {"sphere": 120}
     assert told["dropped"]["in_solid"] == 30
@@ -421,13 +421,13 @@ def test_mounts_stay_on_their_walls_unless_the_plan_says_where_cameras_may_stand
     entry = '[[candidates]]\ngenerator = "on_walls"\nspacing = 2\ninset = 0.25\n'
     base = BASE.replace("box", "room")
     plan = plan_of(base + entry)
-    space = stock(plan, scene(plan), plan.lens).space
+    space = candidate_pool(plan, scene(plan), plan.build_camera()).space
     on_wall, in_air = [2.75, 1.0, 1.0], [0.5, 0.5, 2.5]
     assert space.allows([on_wall, in_air]).tolist() == [True, False]
     plan = plan_of(
         base + entry + "[[constraints.spaces]]\nlow = [-3, -2.5, 0]\nhigh = [3, 2.5, 2.8]\n"
     )
-    space = stock(plan, scene(plan), plan.lens).space
+    space = candidate_pool(plan, scene(plan), plan.build_camera()).space
     assert space.allows([on_wall, in_air]).tolist() == [True, True]
 
 
@@ -435,7 +435,7 @@ def test_an_entry_that_can_make_nothing_is_named():
     text = BASE + '[[candidates]]\ngenerator = "per_face"\nstand_off = [90, 99]\n'
     plan = plan_of(text)
     with pytest.raises(PlanError, match=r"candidates\[0\]: the stand-off"):
-        stock(plan, scene(plan), plan.lens)
+        candidate_pool(plan, scene(plan), plan.build_camera())
 
 
 # --- requirements and bounds ----------------------------------------------------------------------
@@ -458,8 +458,8 @@ def test_a_requirement_holds_fails_or_is_not_decided(rows, limit):
     mesh = shapes.box()
     a, b, c = np.array(rows).T
     certain, covered, possible = a & b & c, a & b, a
-    quanta = np.ones(12, np.int64)
-    (found,) = judge(mesh, quanta, {None: limit}, covered, certain, possible)
+    integer_weights = np.ones(12, np.int64)
+    (found,) = judge(mesh, integer_weights, {None: limit}, covered, certain, possible)
     assert found.low <= found.share <= found.high
     assert found.uncovered == 12 - covered.sum()
     wanted = "holds" if found.low >= limit - 1e-9 else "fails"

@@ -346,9 +346,9 @@ LOOP = """
 from numba.extending import intrinsic
 from numba.core import types
 from lanepackage import formula
-from rastercov._jit import compiled_with
+from rastercov._jit import compiled
 
-@compiled_with(formula)
+@compiled
 def loop(number):
     return formula.changed(number) + 1
 

@@ -1,4 +1,4 @@
-"""What every command answers on six scenes, to hold later versions against.
+"""Answers of every command on six scenes, compared with those of later versions.
 
 `python tests/support/golden_runs.py` writes the answers to tests/golden/ anew; do it only where a
 figure was wrong or a key was added, and list that in docs/changelog.md. Times, versions and
@@ -158,7 +158,7 @@ def bow_tie() -> str:
 
 
 def of_file(path: Path) -> object:
-    """What must not change of a file: figures of JSON, columns of a table, arrays."""
+    """Content of a file that must not change: figures of JSON, columns of a table, arrays."""
     if path.suffix == ".json":
         return settled(json.loads(path.read_text()))
     if path.suffix == ".parquet":

@@ -40,7 +40,7 @@ def only_open(folder):
 
 
 def killed(number, work, *arguments):
-    """Whether `work` was ended, in a process that ends before its file operation `number`."""
+    """True if `work` was ended, in a process that ends before its file operation `number`."""
     process = os.fork()
     if process:
         return os.waitpid(process, 0)[1] != 0

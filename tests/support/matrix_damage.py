@@ -143,7 +143,7 @@ KINDS = (
 
 
 def verdict(folder, whole, matrix, build_arguments):
-    """What is wrong with a damaged folder: "" where everything is as it must be.
+    """Fault of a damaged folder, empty if everything is as it must be.
 
     Reading it gives the right matrix or one `ConfigError`; building it again gives the right
     matrix, and every file as it was before the damage.

@@ -163,7 +163,7 @@ class Call:
         return replace(self, arguments=self.arguments | values)
 
     def fault(self):
-        """What is wrong with how the call ends, empty when nothing is.
+        """Fault of a call, empty if there is none.
 
         It must return, or raise one of our errors with one printable line, and warn of nothing.
         """

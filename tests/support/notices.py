@@ -1,4 +1,4 @@
-"""What a process said besides the notice that it compiles, which depends on what ran before it."""
+"""Output of a process without the notice that it compiles, which depends on earlier runs."""
 
 NOTICE = "rastercov: compiling"
 

@@ -1,91 +1,83 @@
-"""Mesh files: what is opened, what is believed, and how several become one scene.
+"""Mesh files: the formats, the guards of size and memory, units, and the joining of several files.
 
-First step into the chain, before `mesh`. A path is looked at before it is opened (a regular file,
-of a known format, not too large), its bytes are read once and hashed, and one reader turns them
-into polygons. Each reader has to walk its whole file to check it, so meshes are built from that
-walk and not parsed a second time by a library.
+A path is checked before it is opened (a regular file, of a known format, not too large), its bytes
+are read once and hashed, and one reader turns them into polygons. A reader has to parse the whole
+file to check it, so its result is used and no library parses the file a second time.
+
+A new format is a module of this package with a function `read(data, budget) -> Polygons`, and its
+name in `FORMATS`.
 """
 
 import hashlib
 import os
 import re
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rastercov._arguments import members
 from rastercov._checks import finite_number, shown
 from rastercov._files import StrPath, UnreadableError, file_bytes
 from rastercov.errors import MeshError, ResourceError
-from rastercov.mesh import Group, Mesh, MeshSource
 from rastercov.mesh.arrays import check_coordinates, some, unusable_points
 from rastercov.mesh.ear_clipping import cut_concave
-from rastercov.mesh.formats.glb import read_glb
-from rastercov.mesh.formats.ply import read_ply
-from rastercov.mesh.formats.polygons import (
-    PEAK_BYTES_PER_FACE,
-    Polygons,
-    read_obj,
-    read_off,
-    read_stl,
-)
+from rastercov.mesh.formats.polygons import PEAK_BYTES_PER_FACE, Polygons
 
 Reader = Callable[[bytes, int], Polygons]
 
+FORMATS = ("glb", "obj", "off", "ply", "stl")
 READERS: dict[str, Reader] = {
-    ".glb": read_glb,
-    ".obj": read_obj,
-    ".off": read_off,
-    ".ply": read_ply,
-    ".stl": read_stl,
+    f".{name}": import_module(f"{__name__}.{name}").read for name in FORMATS
 }
 METRES = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "µm": 1e-6, "μm": 1e-6}  # two Unicode mus
 METRES |= {"in": 0.0254, "inch": 0.0254, "ft": 0.3048}
 LARGEST_FILE = 2 << 30
 MEMORY_BUDGET = 8 << 30
-FREE_FACES = 1 << 20  # that a short file may be multiplied into without memory_budget
+FREE_FACES = 1 << 20
+"""Faces that a short file may be multiplied into without `memory_budget`."""
 LONGEST_NAME = 200
 
 
-def load_mesh(
-    path: StrPath | Sequence[StrPath],
-    unit: str | float = "m",
-    *,
-    drop_invalid: bool = False,
-    max_bytes: int = LARGEST_FILE,
-    memory_budget: int | None = None,
-) -> Mesh:
-    """Mesh of one file, or of several as one scene.
+@dataclass(frozen=True)
+class MeshFiles:
+    """Content of one or several files: the arguments of `Mesh`.
 
-    Parameters
+    Attributes
     ----------
-    path : path or sequence of paths
-        STL, OBJ, PLY, OFF or GLB files; regular files (or links to them) on this machine.
-    unit : str or float
-        Unit of the coordinates: m, mm, cm, um, in, ft, or metres per unit.
-    drop_invalid : bool
-        Drop faces whose coordinates are not finite, with a warning; `source_face` has the rest.
-    max_bytes : int
-        Largest file that is read.
-    memory_budget : int, optional
-        Bytes that reading a file may need; an estimate is held against it before memory is taken.
-        8 GiB by default, but no more than 2^20 triangles need, or one a byte of the file: only
-        instances and shared data can ask for more than that.
+    vertices : (V, 3) float64
+        Metres.
+    faces, source_face, face_group : (F, 3), (F,), (F,) int64
+    group_names : list of str
+        Unique.
+    files : list of (str, str, int)
+        Name without folders, SHA-256 and face count of each file.
+    notes : list of str
+    """
 
-    Returns
-    -------
-    Mesh
-        Faces in the order of the files. Groups are the groups, objects or nodes that have names in
-        the file (as "stem/name" if there are several files), otherwise the file's stem.
-        `source_face` counts the polygons of each file from 0.
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int64]
+    source_face: NDArray[np.int64]
+    face_group: NDArray[np.int64]
+    group_names: list[str]
+    files: list[tuple[str, str, int]]
+    notes: list[str]
 
-    Raises
-    ------
-    MeshError
-        Not a file that can be used; the message names it, what is wrong, and where.
-    ResourceError
-        Too many faces for the budget.
+
+def read_files(
+    path: StrPath | Sequence[StrPath],
+    scale: float,
+    *,
+    drop_invalid: bool,
+    max_bytes: int,
+    memory_budget: int | None,
+) -> MeshFiles:
+    """Content of one file, or of several as one scene; see `Mesh.load`.
+
+    `scale` is the unit of the coordinates in metres.
     """
     paths = (
         [path]
@@ -96,34 +88,35 @@ def load_mesh(
     )
     if not paths:
         raise MeshError("at least one mesh file wanted, got none; pass a path")
-    scale = metres_per(unit)
     parts: list[Polygons] = []
-    sources: list[MeshSource] = []
+    files: list[tuple[str, str, int]] = []
     names: list[str] = []
     notes: list[str] = []
     for one in paths:
         shown = _clean(str(one))
         try:
-            with np.errstate(all="ignore"):  # what overflows is caught as a coordinate
-                polygons, source = _load_one(one, scale, drop_invalid, max_bytes, memory_budget)
+            with np.errstate(all="ignore"):  # an overflow is caught as an invalid coordinate
+                polygons, digest = _read_file(one, scale, drop_invalid, max_bytes, memory_budget)
         except (MeshError, ResourceError) as error:
             raise type(error)(f"{shown}: {error}") from error
         parts.append(polygons)
-        sources.append(source)
+        files.append((_clean(Path(one).name), digest, len(polygons.faces)))
         stem = _clean(Path(one).stem) or "mesh"
-        for name in polygons.names:
+        for name in polygons.group_names:
             full = stem if name is None else f"{stem}/{name}" if len(paths) > 1 else name
             names.append(full[:LONGEST_NAME])
         notes += [f"{shown}: {note}" for note in polygons.notes]
     n_vertices = np.cumsum([0] + [len(part.vertices) for part in parts])
-    n_names = np.cumsum([0] + [len(part.names) for part in parts])
-    return Mesh(
+    n_groups = np.cumsum([0] + [len(part.group_names) for part in parts])
+    return MeshFiles(
         vertices=np.concatenate([part.vertices for part in parts]),
         faces=np.concatenate([p.faces + n for p, n in zip(parts, n_vertices, strict=False)]),
-        groups=[Group(name) for name in _unique(names)],
-        face_group=np.concatenate([p.label + n for p, n in zip(parts, n_names, strict=False)]),
         source_face=np.concatenate([part.source_face for part in parts]),
-        sources=sources,
+        face_group=np.concatenate(
+            [p.face_group + n for p, n in zip(parts, n_groups, strict=False)]
+        ),
+        group_names=_unique(names),
+        files=files,
         notes=notes,
     )
 
@@ -140,10 +133,10 @@ def metres_per(unit: str | float) -> float:
     )
 
 
-def _load_one(
+def _read_file(
     path: StrPath, scale: float, drop_invalid: bool, max_bytes: int, memory_budget: int | None
-) -> tuple[Polygons, MeshSource]:
-    """Polygons of one file, in metres and checked, and its hash."""
+) -> tuple[Polygons, str]:
+    """Checked polygons of one file, in metres, and the SHA-256 of its bytes."""
     reader, data = _reader_and_bytes(path, max_bytes)
     if not data:
         raise MeshError("no triangles: the file is empty; export it again")
@@ -151,18 +144,17 @@ def _load_one(
         memory_budget = min(MEMORY_BUDGET, PEAK_BYTES_PER_FACE * max(FREE_FACES, len(data)))
     polygons = reader(data, memory_budget)
     _check_indices(polygons)
-    polygons.vertices *= scale
+    np.multiply(polygons.vertices, scale, out=polygons.vertices)
     if drop_invalid:
-        _drop_invalid(polygons)
+        polygons = _without_invalid(polygons)
     check_coordinates(polygons.vertices, polygons.faces)
-    polygons.notes += cut_concave(polygons.vertices, polygons.faces, polygons.source_face)
-    _tidy_groups(polygons)
-    digest = hashlib.sha256(data).hexdigest()
-    return polygons, MeshSource(_clean(Path(path).name), digest, len(polygons.faces))
+    notes = cut_concave(polygons.vertices, polygons.faces, polygons.source_face)
+    polygons = _with_tidy_groups(replace(polygons, notes=[*polygons.notes, *notes]))
+    return polygons, hashlib.sha256(data).hexdigest()
 
 
 def _reader_and_bytes(path: StrPath, max_bytes: int) -> tuple[Reader, bytes]:
-    """Reader for the file's format, and the bytes of the file, read once."""
+    """Reader of the file's format, and the bytes of the file, read once."""
     if not isinstance(path, (str, os.PathLike)):
         raise MeshError(f"a path wanted, got {type(path).__name__}; pass a string or a Path")
     if re.match(r"[A-Za-z][A-Za-z0-9+.-]+:/", str(path)):
@@ -196,40 +188,44 @@ def _check_indices(polygons: Polygons) -> None:
         )
 
 
-def _drop_invalid(polygons: Polygons) -> None:
-    """Remove unusable vertices and the faces that need them."""
+def _without_invalid(polygons: Polygons) -> Polygons:
+    """Polygons without unusable vertices and the faces on them."""
     unusable = unusable_points(polygons.vertices)
     if not unusable.any():
-        return
+        return polygons
     is_bad = np.any(unusable[polygons.faces], axis=1)
     if is_bad.all():
         raise MeshError("no triangles left: no face has finite coordinates; export the mesh again")
-    polygons.notes.append(f"faces {some(is_bad)} dropped: their coordinates are not finite")
     number = np.cumsum(~unusable) - 1
-    polygons.vertices = polygons.vertices[~unusable]
-    polygons.faces = number[polygons.faces[~is_bad]]
-    polygons.source_face = polygons.source_face[~is_bad]
-    polygons.label = polygons.label[~is_bad]
+    dropped = f"faces {some(is_bad)} dropped: their coordinates are not finite"
+    return replace(
+        polygons,
+        vertices=polygons.vertices[~unusable],
+        faces=number[polygons.faces[~is_bad]],
+        source_face=polygons.source_face[~is_bad],
+        face_group=polygons.face_group[~is_bad],
+        notes=[*polygons.notes, dropped],
+    )
 
 
-def _tidy_groups(polygons: Polygons) -> None:
-    """Drop groups without faces, and clean the names of the others."""
-    used, label = np.unique(polygons.label, return_inverse=True)
-    names = [polygons.names[i] for i in used]
-    polygons.names = [None if name is None else _clean(name) or None for name in names]
-    polygons.label = label
+def _with_tidy_groups(polygons: Polygons) -> Polygons:
+    """Polygons without empty groups, and with printable names of the others."""
+    used, face_group = np.unique(polygons.face_group, return_inverse=True)
+    names = [polygons.group_names[i] for i in used]
+    names = [None if name is None else _clean(name) or None for name in names]
+    return replace(polygons, face_group=face_group, group_names=names)
 
 
 def _clean(name: str) -> str:
-    """Printable part of `name`, not too long: names end up in terminals, tables and pictures."""
+    """Printable part of `name`, shortened: names are shown in terminals, tables and images."""
     return "".join(c for c in name if c.isprintable()).strip()[:LONGEST_NAME]
 
 
 def _unique(names: list[str]) -> list[str]:
     """Names in order, repeated ones with " #2", " #3" ... appended."""
     taken: set[str] = set()
-    # How often names with this beginning came: a counter keeps many nodes fast, and so does one for
-    # all names that are cut off to the same beginning.
+    # Repetitions by the start of a name: a counter keeps many equal names linear, also those that
+    # are equal only after they were shortened.
     repeats: dict[str, int] = {}
     for i, name in enumerate(names):
         unique, beginning = name, name[: LONGEST_NAME - 12]

@@ -1,7 +1,7 @@
-"""PLY: from the bytes of a file, text or binary, to its polygons.
+"""PLY files, text and binary.
 
-Serves `mesh_file`, under the rules of `mesh_formats`. Every element of the header is read or
-stepped over in the file's order; vertices and faces may have any other properties.
+Every element of the header is read or skipped in the file's order; vertices and faces may have any
+other properties.
 
 Source: G. Turk. The PLY Polygon File Format. 1994.
 """
@@ -21,9 +21,8 @@ from rastercov.mesh.formats.polygons import (
     check_budget,
     check_count,
     fan_polygons,
-    trailing_lines,
 )
-from rastercov.mesh.formats.text import BYTE_ORDER_MARK, CUT_NOTE, Lines
+from rastercov.mesh.formats.text import BYTE_ORDER_MARK, CUT_NOTE, Lines, trailing_lines
 
 TYPES = {
     "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4",
@@ -37,7 +36,7 @@ LIST_NAMES = ("vertex_indices", "vertex_index")
 
 @dataclass
 class Property:
-    """One property of an element; `count_type` is "" unless it is a list."""
+    """Property of an element; `count_type` is "" unless it is a list."""
 
     name: str
     type: str
@@ -46,7 +45,7 @@ class Property:
 
 @dataclass
 class Element:
-    """One element of the header."""
+    """Element of the header."""
 
     name: str
     count: int
@@ -54,11 +53,11 @@ class Element:
 
     @property
     def lists(self) -> list[int]:
-        """Places of the properties that are lists."""
+        """Indices of the properties that are lists."""
         return [i for i, p in enumerate(self.properties) if p.count_type]
 
     def index(self, names: tuple[str, ...], kinds: str, is_list: bool) -> int:
-        """Place of the property with one of `names`; MeshError if it is not there."""
+        """Index of the property with one of `names`; MeshError if there is none."""
         for i, p in enumerate(self.properties):
             if p.name in names and p.type[0] in kinds and bool(p.count_type) == is_list:
                 return i
@@ -69,18 +68,18 @@ class Element:
 
 
 class Column(NamedTuple):
-    """Values of one property, row after row; how many each row has is filled in for lists."""
+    """Values of one property in all rows; `counts` has the values of each row of a list."""
 
     values: NDArray[Any]
     counts: NDArray[np.int64]
 
 
 Columns = dict[tuple[str, int], Column]
-"""Columns by the name of their element and the place of the property."""
+"""Columns by the name of their element and the index of their property."""
 
 
-def read_ply(data: bytes, budget: int) -> Polygons:
-    """Polygons of a PLY file, and the triangles of its strips, as polygons of their own."""
+def read(data: bytes, budget: int) -> Polygons:
+    """Polygons of a PLY file; each triangle of a strip is a polygon."""
     data = data.removeprefix(BYTE_ORDER_MARK)
     end = re.search(rb"[\r\n]end_header[ \t]*(\r\n|\r|\n)", data[: 1 << 20])
     if not data.startswith(b"ply") or end is None:
@@ -129,7 +128,7 @@ def _faces(lists: Column, budget: int) -> Column:
 
 
 def _strips(lists: Column, budget: int) -> Column:
-    """Corners of triangles; -1 ends a strip within its list, every other triangle is turned."""
+    """Corners of triangles; -1 ends a strip within its list, odd triangles are reversed."""
     check_budget(len(lists.values), budget)
     corners = np.asarray(lists.values, np.int64)
     i = np.arange(len(corners))
@@ -156,7 +155,7 @@ SURFACES = {"face": _faces, "tristrips": _strips}
 
 
 def _header(lines: Lines) -> tuple[str, dict[str, Element]]:
-    """Byte order ("" is text) and elements by name, in the file's order."""
+    """Byte order ("" for text) and elements by name, in the file's order."""
     order, elements, current = None, {}, Element("", 0, [])
     lines.next("'ply'")
     for words in lines:
@@ -185,7 +184,7 @@ def _header(lines: Lines) -> tuple[str, dict[str, Element]]:
 def _text(
     lines: Lines, elements: dict[str, Element], wanted: list[tuple[str, int]], budget: int
 ) -> tuple[Columns, list[str]]:
-    """Wanted columns of a body in text, and notes. A walk over the rows: about 2 µs each."""
+    """Wanted columns of a body in text, and notes. A Python loop over the rows: 2 µs a row."""
     columns: Columns = {}
     is_cut = False
     for element in elements.values():
@@ -193,7 +192,7 @@ def _text(
             continue
         kept = [i for name, i in wanted if name == element.name]
         names = f"values for {' '.join(p.name for p in element.properties)}"
-        # Coordinates are floats here even if the file calls them integers, of 32 bits at most.
+        # Coordinates are read as floats even if declared as integers, which have 32 bits at most.
         values: list[array[Any]] = [
             array("q" if element.properties[i].count_type else "d") for i in kept
         ]
@@ -224,7 +223,7 @@ def _text(
 def _split(
     lines: Lines, properties: list[Property], words: list[bytes], names: str
 ) -> list[list[bytes]]:
-    """Words of each property of a row with lists, which must be all of them."""
+    """Words of each property of a row with lists; MeshError for missing or extra words."""
     row, at = [], 0
     for p in properties:
         n = 1
@@ -263,13 +262,13 @@ def _binary(
 def _binary_rows(
     data: bytes, offset: int, order: str, element: Element, kept: list[int], budget: int
 ) -> tuple[list[Column], int]:
-    """Columns `kept` of a binary element that begins at `offset`, and where it ends."""
+    """Columns `kept` of a binary element that begins at `offset`, and the offset of its end."""
     if not element.count or not element.properties:
         return [Column(np.empty(0), np.empty(0, np.int64)) for _ in kept], offset
     lengths, after_first = _row_lengths(data, offset, order, element)
     end = offset + (after_first - offset) * element.count
     if end <= len(data):
-        # Every row as long as the first: one look at the counts proves it.
+        # If every row has the lengths of the first one, which the counts prove, no loop is needed.
         fields: list[tuple[str, str, tuple[int, ...]]] = []
         for i, (p, n) in enumerate(zip(element.properties, lengths, strict=True)):
             if p.count_type:
@@ -281,7 +280,7 @@ def _binary_rows(
             return [
                 Column(rows[f"v{i}"].reshape(-1), np.full(element.count, lengths[i])) for i in kept
             ], end
-    # Rows of several lengths. A walk over them: about 3 µs each.
+    # Rows of several lengths: a Python loop over the rows, 3 µs a row.
     pieces = {i: bytearray() for i in kept}
     counts = {i: array("q") for i in kept}
     n_corners = 0
@@ -304,7 +303,7 @@ def _binary_rows(
 
 
 def _row_lengths(data: bytes, offset: int, order: str, element: Element) -> tuple[list[int], int]:
-    """Number of values of each property in the row at `offset`, and where that row ends."""
+    """Number of values of each property in the row at `offset`, and the offset of its end."""
     lengths = []
     for p in element.properties:
         n = 1

@@ -1,8 +1,7 @@
-"""Lines, words and numbers of mesh files in text.
+"""Lines, words and numbers of mesh files in text: OBJ, OFF, ASCII STL and text PLY.
 
-Serves the readers of OBJ, OFF, ASCII STL and text PLY. A number is what these formats mean by it:
-ASCII digits, a sign, a point, an exponent; Python would take "1_0" for ten, too. A row is read
-whole or not at all, so that words that do not belong to it are an error and nothing is passed over.
+Numbers consist of ASCII digits, a sign, a point, an exponent; Python's "1_0" for ten is refused. A
+line is read completely, so an unexpected word is an error and is never skipped.
 """
 
 import io
@@ -13,14 +12,14 @@ from collections.abc import Container, Iterator, Sequence
 from rastercov.errors import MeshError, ResourceError
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"  # UTF-8; Windows programs write it before the first word
-BYTES_PER_CHARACTER = 40  # memory that the words of a line take: 37 measured, one digit a word
+BYTES_PER_CHARACTER = 40  # memory of a line's words: 37 measured with one digit a word
 JOINT = b"\v"  # separates words, as spaces do, and marks each place where two lines are joined
-FREE_CHARACTERS = 1 << 16  # of a line, whatever the budget
+FREE_CHARACTERS = 1 << 16  # length of a line that is accepted under any budget
 CUT_NOTE = "the file ends inside a line; its last number may be cut, and lines may be missing"
 
 
 class Lines:
-    """Lines of a text with their numbers, split into words; blank ones are left out.
+    """Iterator over the lines of a text, split into words; blank lines are left out.
 
     A line ends with a line feed, a carriage return or both.
 
@@ -30,18 +29,18 @@ class Lines:
     budget : int
         Bytes that the words of one line may take.
     comment : bytes
-        What begins a comment, if there are comments.
+        Start of a comment; empty if the format has none.
     joins : bool
-        Whether a backslash at the end of a line continues it.
+        True if a backslash at the end of a line continues it.
     number : int
-        Lines that went before.
+        Number of lines before the text.
 
     Attributes
     ----------
     number : int
-        Of the line that was given last, and its last one if it was continued.
+        Number of the latest line; of its last part, if it was continued.
     ends_inside_line : bool
-        Whether the last line of the text has no end, or is continued into nothing.
+        True if the last line has no line end, or ends with a backslash.
     """
 
     def __init__(
@@ -56,7 +55,7 @@ class Lines:
         data = data.removeprefix(BYTE_ORDER_MARK)
         if b"\r" in data:
             data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-        # Words like 1_0 are rare and cost a second look at every number.
+        # Words like 1_0 are rare, and their test costs time at every number.
         self._has_underscores = b"_" in data
         self.number = number
         self.ends_inside_line = not data.endswith(b"\n")
@@ -75,7 +74,7 @@ class Lines:
 
     @property
     def is_cut(self) -> bool:
-        """True when the file ends inside the line that was given last."""
+        """True when the file ends inside the latest line."""
         return self.number == self._cut_line
 
     def _words(self, data: bytes, longest: int, comment: bytes) -> Iterator[list[bytes]]:
@@ -103,7 +102,7 @@ class Lines:
         raise MeshError(f"{wanted} wanted after line {self.number}, the file ends; it is truncated")
 
     def take(self, n: int, what: str) -> Iterator[list[bytes]]:
-        """Words of the next n lines, one `what` each; MeshError if there are fewer."""
+        """Words of the next n lines, one `what` a line; MeshError if there are fewer."""
         i = 0
         while i < n:
             for words in self._lines:
@@ -114,12 +113,12 @@ class Lines:
                 self.next(f"{what} {i} of {n}")
 
     def error(self, wanted: str, words: Sequence[bytes]) -> MeshError:
-        """Error that says what this line should have held."""
+        """Error that names the expected and the actual content of the latest line."""
         text = b" ".join(words[:60])[:60].decode("ascii", "replace")
         return MeshError(f"line {self.number}: {wanted} wanted, got {text!r}; correct the line")
 
     def floats(self, words: Sequence[bytes], wanted: str) -> list[float]:
-        """Numbers, nan and inf among them."""
+        """Numbers, including nan and inf."""
         try:
             if self._has_underscores and b"_" in b"".join(words):
                 raise ValueError
@@ -128,7 +127,7 @@ class Lines:
             raise self.error(wanted, words) from None
 
     def integers(self, words: Sequence[bytes], wanted: str) -> list[int]:
-        """Whole numbers of 64 bits."""
+        """Integers of 64 bits."""
         try:
             if self._has_underscores and b"_" in b"".join(words):
                 raise ValueError
@@ -139,9 +138,15 @@ class Lines:
         return values
 
     def point(self, words: Sequence[bytes], n_more: Container[int] = ()) -> list[float]:
-        """Three coordinates, after which `n_more` other numbers may stand."""
+        """Three coordinates, optionally followed by `n_more` other numbers."""
         if len(words) == 3:
             return self.floats(words, "three coordinates")
         if len(words) - 3 not in n_more:
             raise self.error("three coordinates", words)
         return self.floats(words, "three coordinates and other numbers")[:3]
+
+
+def trailing_lines(lines: Lines) -> list[str]:
+    """A note if lines are left over."""
+    last = lines.number
+    return [f"lines after line {last} were not read"] if any(True for _ in lines) else []

@@ -1,7 +1,7 @@
 """Candidates for faces that no other candidate sees: cameras along the directions open at them.
 
 Beside `candidates`, for what `leftover` finds. From the centroid of each face, and from three more
-points where that finds nothing, one looks out in all directions (`dome`). A direction is open where
+points where that finds nothing, one looks out in all directions (`hemicube`). A direction is open where
 nothing stands in the way for as far as a camera needs; cameras are placed along the best of these,
 as near as the face fits into the image and the camera stands clear. A face without an open
 direction, or without a place, is declared out of reach: with proof where there is one
@@ -27,8 +27,8 @@ from rastercov.mesh.arrays import frozen
 from rastercov.placement.candidates.clearance import KeepOut, check_clearance, kept
 from rastercov.placement.candidates.enclosure import Enclosure
 from rastercov.placement.candidates.framing import DEFAULT, Framing, half_angles, rolled_frames
-from rastercov.placement.candidates.hemicube import Dome
-from rastercov.placement.candidates.open_directions import APART_DEG, Outlook, far_apart
+from rastercov.placement.candidates.hemicube import Hemicube
+from rastercov.placement.candidates.open_directions import APART_DEG, OpenDirections, far_apart
 from rastercov.placement.candidates.pool import Candidates, face_rows
 from rastercov.pose import look_at
 
@@ -195,7 +195,7 @@ def openings(
     owner = np.concatenate((np.arange(len(rows)), np.flatnonzero(two_sided)))
     sign = np.repeat([1.0, -1.0], [len(rows), int(two_sided.sum())])
     n_sites = len(owner)
-    sites = [Outlook(mesh, int(rows[o]), s) for o, s in zip(owner, sign, strict=True)]
+    sites = [OpenDirections(mesh, int(rows[o]), s) for o, s in zip(owner, sign, strict=True)]
 
     check_clearance(clearance)
     enclosure = Enclosure(mesh)
@@ -207,10 +207,10 @@ def openings(
     for level in levels:
         if not waiting:
             break
-        with Dome(mesh, level[0]) as dome:
-            closed: list[Outlook] = []
+        with Hemicube(mesh, level[0]) as hemicube:
+            closed: list[OpenDirections] = []
             for site in waiting:
-                site.look_out(dome, level[1], camera, framing, clearance)
+                site.look_out(hemicube, level[1], camera, framing, clearance)
                 if site.rays is None and level != levels[-1]:
                     closed.append(site)
                 else:
@@ -223,7 +223,7 @@ def openings(
 
 
 def _stand(
-    sites: Sequence[Outlook],
+    sites: Sequence[OpenDirections],
     mesh: Mesh,
     framing: Framing,
     clearance: float,
@@ -233,7 +233,7 @@ def _stand(
     """Give each site the poses at which a camera can stand, the first rays first."""
     open_sites = [site for site in sites if site.rays is not None]
     for first in (True, False):
-        block: list[tuple[Outlook, FloatArray, IntArray]] = []
+        block: list[tuple[OpenDirections, FloatArray, IntArray]] = []
         size = 0
         for site in (s for s in open_sites if not s.poses):
             part = slice(0, site.n_first) if first else slice(site.n_first, None)
@@ -248,7 +248,7 @@ def _stand(
 
 
 def _judge(
-    block: Sequence[tuple[Outlook, FloatArray, IntArray]],
+    block: Sequence[tuple[OpenDirections, FloatArray, IntArray]],
     mesh: Mesh,
     framing: Framing,
     clearance: float,
@@ -273,10 +273,10 @@ def _judge(
 
 
 def _gathered(
-    rows: IntArray, owner: IntArray, sites: Sequence[Outlook], framing: Framing, least: float
+    rows: IntArray, owner: IntArray, sites: Sequence[OpenDirections], framing: Framing, least: float
 ) -> Openings:
     """Openings of the faces, each by its better side."""
-    best: list[Outlook | None] = [None] * len(rows)
+    best: list[OpenDirections | None] = [None] * len(rows)
     poses: list[list[FloatArray]] = [[] for _ in rows]
     for row, site in zip(owner.tolist(), sites, strict=True):
         other = best[row]
@@ -304,7 +304,7 @@ def _gathered(
     )
 
 
-def _access(site: Outlook) -> Access:
+def _access(site: OpenDirections) -> Access:
     if site.proof:
         return Access.ENCLOSED
     if site.rays is None:

@@ -18,7 +18,8 @@ from rastercov._typed import check_fields, typed
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import encloses_volume
-from rastercov.placement.candidates import clearance_kernels as kernels
+from rastercov.mesh.topology import edge_table
+from rastercov.mesh.triangle_tree import TriangleTree
 from rastercov.placement.candidates.pool import Candidates
 
 FloatArray = NDArray[np.float64]
@@ -240,9 +241,8 @@ class NearestSurface:
     mesh: Mesh
     faces: BoolArray | None = None
     _rows: IntArray = field(init=False, repr=False)
-    _corners: FloatArray = field(init=False, repr=False)
-    _nodes: FloatArray = field(init=False, repr=False)
-    _middle: FloatArray = field(init=False, repr=False)
+    _tree: TriangleTree = field(init=False, repr=False)
+    _centre: FloatArray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         chosen = ~self.mesh.degenerate_mask
@@ -251,20 +251,16 @@ class NearestSurface:
         rows = np.flatnonzero(chosen)
         if not len(rows):
             raise ConfigError("no face with an area is there to be near to; choose other faces")
-        middle = self.mesh.bounds.mean(axis=0)
-        corners = self.mesh.vertices[self.mesh.faces[rows]] - middle
-        order, nodes = _tree(corners)
-        values = {"_rows": rows[order], "_corners": corners[order], "_nodes": nodes}
-        for name, value in (values | {"_middle": middle}).items():
-            object.__setattr__(self, name, np.ascontiguousarray(value))
+        centre = self.mesh.bounds.mean(axis=0)
+        tree = TriangleTree.over(self.mesh.vertices - centre, self.mesh.faces[rows])
+        for name, value in {"_rows": rows, "_tree": tree, "_centre": centre}.items():
+            object.__setattr__(self, name, value)
 
     def query(self, points: ArrayLike) -> Nearest:
-        """Nearest point of the surface to each of (N, 3) finite points."""
-        wanted = np.ascontiguousarray(np.asarray(points, np.float64).reshape(-1, 3) - self._middle)
-        squared, row = np.empty(len(wanted)), np.empty(len(wanted), np.int64)
-        where = np.empty((len(wanted), 3))
-        kernels.nearest(wanted, self._corners, self._nodes, squared, row, where)
-        return Nearest(np.sqrt(squared), self._rows[row], where + self._middle)
+        """Nearest point of the surface for each of (N, 3) finite points."""
+        wanted = np.ascontiguousarray(np.asarray(points, np.float64).reshape(-1, 3) - self._centre)
+        distance, row, where = self._tree.nearest(wanted)
+        return Nearest(distance, self._rows[row], where + self._centre)
 
 
 def check_clearance(clearance: float) -> None:
@@ -316,13 +312,11 @@ def _winding(mesh: Mesh, rows: IntArray, points: FloatArray) -> IntArray:
     points = points @ SLANT
     faces = mesh.positions[rows]
     turns = np.empty((3, len(points)), np.int64)
-    for axis in range(3):
-        turned = np.ascontiguousarray(np.roll(vertices, axis, axis=1))
-        order, nodes = _tree(turned[faces])
-        ray = np.ascontiguousarray(np.roll(points, axis, axis=1))
-        kernels.winding(ray, turned, np.ascontiguousarray(faces[order]), nodes, turns[axis])
-    middle: IntArray = np.sort(turns, axis=0)[1]
-    return middle
+    for axis in range(3):  # a ray along each axis of the frame
+        tree = TriangleTree.over(np.roll(vertices, axis, axis=1), faces)
+        turns[axis] = tree.winding_numbers(np.ascontiguousarray(np.roll(points, axis, axis=1)))
+    median: IntArray = np.sort(turns, axis=0)[1]
+    return median
 
 
 def closed_faces(mesh: Mesh) -> BoolArray:
@@ -330,52 +324,14 @@ def closed_faces(mesh: Mesh) -> BoolArray:
 
     Faces with a repeated vertex are flaps on an edge, and count for nothing.
     """
-    start, end = mesh.positions, np.roll(mesh.positions, -1, axis=1)
-    whole = (start != end).all(axis=1)
-    face = np.repeat(np.flatnonzero(whole), 3)
-    start, end = start[whole].reshape(-1), end[whole].reshape(-1)
-    key = np.minimum(start, end) * mesh.n_vertices + np.maximum(start, end)
-    _, edge, uses = np.unique(key, return_inverse=True, return_counts=True)
-    balance = np.bincount(edge, np.where(start < end, 1, -1), len(uses))
-    is_bad = (uses != 2) | (balance != 0)
+    table = edge_table(mesh.positions, mesh.n_vertices)
+    is_forward, first = table.is_forward, table.first
+    is_closed = table.n_uses == 2
+    is_closed[is_closed] = is_forward[first[is_closed]] != is_forward[first[is_closed] + 1]
     part = mesh.topology.components()
-    open_parts = np.zeros(int(part.max()) + 1, dtype=bool)
-    open_parts[part[face[is_bad[edge]]]] = True
-    closed: BoolArray = whole & ~open_parts[part]
+    is_open_part = np.zeros(int(part.max()) + 1, dtype=bool)
+    is_open_part[part[table.faces[np.repeat(~is_closed, table.n_uses)]]] = True
+    closed = np.zeros(mesh.n_faces, dtype=bool)
+    closed[table.faces] = True
+    closed &= ~is_open_part[part]
     return closed
-
-
-def _tree(corners: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Order of triangles along a Morton curve, and the boxes over them, see the kernels."""
-    low, high = corners.min(axis=1), corners.max(axis=1)
-    centre = (low + high) / 2
-    size = max(float(np.ptp(centre, axis=0).max()), np.finfo(np.float64).tiny)
-    cell = ((centre - centre.min(axis=0)) / size * (2**20 - 1)).astype(np.uint64)
-    key = np.zeros(len(cell), np.uint64)
-    for axis in range(3):
-        key |= _spread(cell[:, axis]) << np.uint64(axis)
-    order = np.argsort(key, kind="stable")
-    n_leaves = 1 << max(0, -(-len(corners) // kernels.LEAF) - 1).bit_length()
-    boxes = np.full((n_leaves * kernels.LEAF, 6), np.inf)
-    boxes[: len(order), :3], boxes[: len(order), 3:] = low[order], -high[order]
-    nodes = np.full((2 * n_leaves, 6), np.inf)
-    nodes[n_leaves:] = boxes.reshape(n_leaves, kernels.LEAF, 6).min(axis=1)
-    row = n_leaves // 2
-    while row:  # one row of the tree at a time
-        nodes[row : 2 * row] = nodes[2 * row : 4 * row].reshape(row, 2, 6).min(axis=1)
-        row //= 2
-    nodes[:, 3:] *= -1
-    return order, nodes
-
-
-def _spread(value: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """Move bit i of whole numbers below 2^20 to bit 3 i."""
-    for shift, mask in (
-        (32, 0x001F00000000FFFF),
-        (16, 0x001F0000FF0000FF),
-        (8, 0x100F00F00F00F00F),
-        (4, 0x10C30C30C30C30C3),
-        (2, 0x1249249249249249),
-    ):
-        value = (value | (value << np.uint64(shift))) & np.uint64(mask)
-    return value

@@ -26,17 +26,17 @@ from rastercov.placement.candidates.clearance import (
     closed_faces,
     in_solid,
 )
-from rastercov.placement.candidates.hemicube import HAIR
+from rastercov.placement.candidates.hemicube import LIFT_REL
 from rastercov.projection import box_corners
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 
-RIM = 1e-3
+RIM_WIDTH_REL = 1e-3
 """Part of a face by which it is drawn in, so that it keeps clear of its neighbours: the proof is
 for all of the face but a rim of this width."""
-WHOLE = 1e-6
+WINDING_TOLERANCE = 1e-6
 """By how much a number of turns may miss a whole one."""
 
 
@@ -46,7 +46,7 @@ class Enclosure:
     def __init__(self, mesh: Mesh) -> None:
         self.mesh = mesh
         self._middle = mesh.bounds.mean(axis=0)
-        self._hair = HAIR * float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+        self._lift = LIFT_REL * float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
         rows = np.flatnonzero(closed_faces(mesh))
         self._corners = mesh.vertices[mesh.faces[rows]] - self._middle
         self._low, self._high = self._corners.min(axis=1), self._corners.max(axis=1)
@@ -78,14 +78,14 @@ class Enclosure:
             return ""
         corners = self.mesh.vertices[self.mesh.faces[face]] - self._middle
         centre = corners.mean(axis=0)
-        raised = centre + (1 - RIM) * (corners - centre) + self._hair * normal
+        raised = centre + (1 - RIM_WIDTH_REL) * (corners - centre) + self._lift * normal
         if self._is_crossed(raised):
             return ""
         at = raised.mean(axis=0)
         if in_solid(self.mesh, at + self._middle)[0]:
             return "matter lies on it"
         turns = np.bincount(self._part, _solid_angles(self._corners - at)) / (4 * np.pi)
-        whole = np.abs(turns - np.rint(turns)) <= WHOLE
+        whole = np.abs(turns - np.rint(turns)) <= WINDING_TOLERANCE
         for part in np.flatnonzero(whole & (np.rint(turns) != 0)):
             members = self._part == part
             box = np.stack((self._low[members].min(axis=0), self._high[members].max(axis=0)))

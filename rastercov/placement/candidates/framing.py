@@ -21,7 +21,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 FITS = ("extent", "vertices")
-HAIR = 1e-9
+FRAMING_MARGIN_REL = 1e-9
 """Relative; by so much further in lies what must be in view and focus, in spite of rounding."""
 
 
@@ -188,8 +188,11 @@ def fit_vertices(
     Where not all can be in focus the nearest are.
     """
     z_n, z_f = camera.depth_of_field(framing.max_blur)
-    z_n = max(z_n, camera.near) * (1 + HAIR)
-    offset, depth = np.abs(seen[..., :2]) * (framing.margin * (1 + HAIR)), seen[..., 2]
+    z_n = max(z_n, camera.near) * (1 + FRAMING_MARGIN_REL)
+    offset, depth = (
+        np.abs(seen[..., :2]) * (framing.margin * (1 + FRAMING_MARGIN_REL)),
+        seen[..., 2],
+    )
     need = np.maximum((offset / tangents).max(axis=-1), z_n) - depth
     distance = np.maximum.reduceat(need.max(axis=1), starts)
     beyond = np.maximum.reduceat(depth.max(axis=1), starts)

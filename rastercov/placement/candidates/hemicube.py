@@ -26,11 +26,11 @@ from rastercov.raster.contract import open_rasterizer
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-HAIR = 1e-6
+LIFT_REL = 1e-6
 """Of the mesh's diagonal: so far above its face the rasteriser stands."""
 
 
-class Dome(Closing):
+class Hemicube(Closing):
     """The directions above a face, and how far one can go in each; use it in a `with` block.
 
     Attributes
@@ -50,7 +50,7 @@ class Dome(Closing):
         upper = Camera(width=side, height=side // 2, fx=half, fy=half, cx=half, cy=half)
         self.side = side
         self.missed = 2 * math.asin(math.sqrt(2) / (2 * side))
-        self._hair = HAIR * float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+        self._lift = LIFT_REL * float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
         self._whole, self._upper = (open_rasterizer(mesh, c, "cpu") for c in (whole, upper))
         self._axes = _five_axes()
         step = (np.arange(side) + 0.5 - half) / half
@@ -77,7 +77,7 @@ class Dome(Closing):
             Its axes as columns, the third its normal.
         """
         pose = np.eye(4)
-        pose[:3, 3] = point + self._hair * frame[:, 2]
+        pose[:3, 3] = point + self._lift * frame[:, 2]
         depths = []
         for number, axes in enumerate(self._axes):
             pose[:3, :3] = frame @ axes

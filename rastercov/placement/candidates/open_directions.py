@@ -1,6 +1,6 @@
 """What one side of a face looks out on, and along which rays a camera may be brought before it.
 
-Serves `cavities`: one face and one dome in, a few rays out that are worth trying, with the
+Serves `cavities`: one face and one hemicube in, a few rays out that are worth trying, with the
 distances between which nothing is in the way and the whole face is in view.
 """
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.placement.candidates.framing import Framing, fit_vertices, half_angles, rolled_frames
-from rastercov.placement.candidates.hemicube import Dome, face_frames
+from rastercov.placement.candidates.hemicube import Hemicube, face_frames
 from rastercov.pose import look_at
 
 FloatArray = NDArray[np.float64]
@@ -30,7 +30,7 @@ FARTHEST = 2.0
 """Of the mesh's diagonal: how far to go where nothing limits the distance."""
 
 
-class Outlook:
+class OpenDirections:
     """One side of a face, and what is found before it.
 
     Attributes
@@ -63,7 +63,7 @@ class Outlook:
 
     def look_out(
         self,
-        dome: Dome,
+        hemicube: Hemicube,
         n_points: int,
         camera: Camera,
         framing: Framing,
@@ -74,26 +74,26 @@ class Outlook:
         frame = face_frames(self.normal[None])[0]
         inset = self.target + INSET * (self.corners - self.target)
         origins = np.concatenate((self.target[None], inset))[:n_points]
-        free = np.stack([dome.look_out(point, frame) for point in origins])
+        free = np.stack([hemicube.look_out(point, frame) for point in origins])
         is_open = free > self.limits[0]
-        self.n_points, self.n_directions = n_points, len(dome.directions)
-        self.missed_deg = math.degrees(2 * dome.missed)
-        self.open_share = float((is_open @ dome.solid_angles).max() / (2 * np.pi))
+        self.n_points, self.n_directions = n_points, len(hemicube.directions)
+        self.missed_deg = math.degrees(2 * hemicube.missed)
+        self.open_share = float((is_open @ hemicube.solid_angles).max() / (2 * np.pi))
         if not is_open.any():
             return
         # Wide openings, seen from all of the face and squarely, come first.
         share = is_open.mean(axis=0)
-        wide = sum(dome.blurred(share, max(1, dome.side // n)) for n in (32, 8))
-        score = share * wide * dome.directions[:, 2]
+        wide = sum(hemicube.blurred(share, max(1, hemicube.side // n)) for n in (32, 8))
+        score = share * wide * hemicube.directions[:, 2]
         order = np.argsort(-score, kind="stable")
         order = order[share[order] > 0]
-        chosen = far_apart(dome.directions, order, math.radians(APART_DEG), FIRST_RAYS)
+        chosen = far_apart(hemicube.directions, order, math.radians(APART_DEG), FIRST_RAYS)
         more = order[:: max(1, len(order) // MORE_RAYS)]
         picks = np.concatenate((chosen, more))
         point = is_open[:, picks].argmax(axis=0)
         self.rays = np.empty((len(picks), 8))
         self.rays[:, :3] = origins[point]
-        self.rays[:, 3:6] = dome.directions[picks] @ frame.T
+        self.rays[:, 3:6] = hemicube.directions[picks] @ frame.T
         self.rays[:, 6] = self._nearest(camera, framing, self.limits[0], self.rays[:, 3:6])
         top = np.minimum(self.limits[1], np.maximum(self.reach, 2 * self.rays[:, 6]))
         self.rays[:, 7] = np.minimum(top, free[point, picks] - clearance)

@@ -29,9 +29,9 @@ from rastercov.pose import read_poses, valid_poses
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-FOLDED = -1 + 1e-9
+FOLDED_COSINE = -1 + 1e-9
 """Cosine between the normals of two faces that lie back to back: an edge of a sheet, no corner."""
-CONVEX_SLACK = 1e-6
+CONVEX_SINE_TOLERANCE = 1e-6
 """Sine of the angle by which an edge of a convex corner may be hollow: rounding of a file."""
 
 
@@ -255,9 +255,9 @@ def convex_corners(mesh: Mesh, least_bend_deg: float) -> IntArray:
     normal = mesh.normals[face]
     across = mesh.vertices[apex[other]] - mesh.vertices[start[one]]
     across /= np.linalg.norm(across, axis=1, keepdims=True)
-    is_good &= np.einsum("ni,ni->n", normal[one], across) <= CONVEX_SLACK
+    is_good &= np.einsum("ni,ni->n", normal[one], across) <= CONVEX_SINE_TOLERANCE
     bend = np.einsum("ni,ni->n", normal[one], normal[other])
-    is_good &= bend > FOLDED
+    is_good &= bend > FOLDED_COSINE
     is_bent = bend <= np.cos(np.radians(least_bend_deg))
     is_corner, is_bad = np.zeros((2, mesh.n_vertices), dtype=bool)
     for ends in (start[one], end[one]):

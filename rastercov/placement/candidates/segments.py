@@ -28,7 +28,7 @@ IntArray = NDArray[np.int64]
 Links = list[set[int]] | None
 """Which segments share an edge; None where it does not matter."""
 
-SLACK_DEG = 5e-5
+ANGLE_TOLERANCE_DEG = 5e-5
 """Angles up to this much over a limit pass: the thesis' program rounds to 4 decimals, and normals
 of a file in single precision are no better."""
 
@@ -147,7 +147,7 @@ def _angle(name: str, value: float) -> float:
 
 def _least_cosine(angle_deg: float) -> float:
     """Cosine of an angle and the slack; never 0, which is that of a right angle."""
-    return max(float(np.cos(np.radians(angle_deg + SLACK_DEG))), 1e-9)
+    return max(float(np.cos(np.radians(angle_deg + ANGLE_TOLERANCE_DEG))), 1e-9)
 
 
 def _grown(mesh: Mesh, alpha_deg: float) -> tuple[IntArray, IntArray]:

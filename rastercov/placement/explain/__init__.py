@@ -1,1 +1,1 @@
-"""Reasons why faces stay uncovered."""
+"""Explanation of uncovered faces: reasons, blocking groups, candidates that see them."""

@@ -1,9 +1,9 @@
-"""Which groups of faces stand between a camera and a face, by the part of its image they hide.
+"""Blocking groups: the share of a face's image that each group of faces hides from a camera.
 
-Serves `leftover`. The face is looked at from where the camera stands, through a window that just
-holds it, by a rasteriser; what is drawn at the samples of the face, and is not the face, is in
-front. The exact method tells how much of a face is hidden, but not by what: that would take a run
-for every pair of groups. One window of 64 x 64 samples takes about 0.1 ms, and ranks groups.
+Serves `uncovered`. A rasteriser renders the face from the camera centre through a window that just
+holds it; other faces drawn at the samples of the face are in front of it. The exact method measures
+the hidden area but not the occluder, which would take one run for every pair of groups. One window
+of 64 x 64 samples takes about 0.1 ms and ranks the groups.
 """
 
 import math
@@ -25,22 +25,23 @@ SIDE = 64
 """Samples along each side of a window; a face spans a half of it or more."""
 WIDEST = 8
 """Tangent of half the widest window, as a power of two."""
-HAIR = 1 / 128
-"""Samples this near to an edge of the face, in spacings, may belong to its neighbours."""
+EDGE_MARGIN_REL = 1 / 128
+"""Distance to an edge of the face, in sample spacings, within which samples are ignored: they may
+belong to its neighbours."""
 
 
 def in_front(mesh: Mesh, eyes: FloatArray, faces: IntArray) -> FloatArray:
-    """(N, G) part of each face's image that each group hides from an eye.
+    """(N, G) share of each face's image that each group hides from a camera centre.
 
-    The image is that of a camera that looks straight at the centroid. The near limit of the real
-    one plays no part: what is before it is in the way, too.
+    The image is that of a camera aimed at the centroid. The near limit of the real camera does not
+    apply: surfaces nearer than that block too.
 
     Parameters
     ----------
     mesh : Mesh
-        All of it may be in the way.
+        All its faces may block.
     eyes : (N, 3) float64
-        Where each face is looked at from, in front of its plane or behind it.
+        Camera centre for each face, on either side of its plane.
     faces : (N,) int64
 
     Returns
@@ -83,5 +84,5 @@ def _samples_within(corners: FloatArray) -> BoolArray:
     for (px, py), (qx, qy) in zip(corners, following, strict=True):
         length = math.hypot(qx - px, qy - py)
         along = (qx - px) * (centre[:, None] - py) - (qy - py) * (centre[None] - px)
-        inside &= turn * along > HAIR * length
+        inside &= turn * along > EDGE_MARGIN_REL * length
     return inside

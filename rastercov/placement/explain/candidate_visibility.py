@@ -1,7 +1,6 @@
-"""What all candidates together see of some faces, and what of that is proved.
+"""Bounds of the greatest visible fraction of each face over all candidates.
 
-Serves `leftover`. Figures of visibility have bounds, so that over all candidates the greatest
-visible fraction of a face lies between two numbers. Memory goes with faces, not with candidates.
+Serves `uncovered`. Memory is proportional to the number of faces, not of candidates.
 """
 
 from collections.abc import Iterator
@@ -20,29 +19,29 @@ BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 
 SEEN_NOTHING = 1e-6
-"""Part of a face's image up to which it counts as not seen: the bound of computed figures is 1e-9
-for images of 1 px^2 or more, and in proportion for smaller ones."""
+"""Visible fraction up to which a face counts as not seen: the bound of computed fractions is 1e-9
+for images of 1 px^2 or more, and inversely proportional to the area of smaller ones."""
 EDGE_ON = 1e-6
-"""Square pixels: a computed image no larger than this is that of a face seen from its edge, which
-shows nothing."""
+"""Square pixels: an image of at most this area is that of a face seen edge-on, which shows
+nothing."""
 POSES_A_STEP = 1024
-"""Candidates looked through at a time."""
+"""Candidates processed at a time."""
 
 
 class Sight(IntEnum):
-    """What is proved about all candidates and a face."""
+    """Proved statement on all candidates and a face."""
 
     NONE = 0
-    """None of them sees it: of its image at most `SEEN_NOTHING` is in view in any, or it has no
-    more than `EDGE_ON`."""
+    """No candidate sees it: in each, at most `SEEN_NOTHING` of its image is visible, or its image is
+    at most `EDGE_ON`."""
     UNKNOWN = 1
-    """The bounds allow neither claim, or there were no candidates."""
+    """The bounds prove neither, or there are no candidates."""
     SOME = 2
-    """One of them sees some of it."""
+    """A candidate sees a part of it."""
 
 
-class Sights:
-    """What candidates see of some faces, added up batch by batch; arrays are (F,).
+class CandidateBounds:
+    """Bounds of the visible fraction of some faces, updated batch by batch; arrays are (F,).
 
     Attributes
     ----------
@@ -58,7 +57,7 @@ class Sights:
         self.covering: IntArray = np.zeros(n_faces, np.int64)
 
     def add(self, batch: Coverage) -> None:
-        """Take in the next candidates."""
+        """Add a batch of candidates."""
         if not len(batch.pose_ids):
             return
         value, bound = (a[:, self.faces] for a in (batch.visibility, batch.visibility_bound))
@@ -71,7 +70,7 @@ class Sights:
         self.covering[self.faces] += (batch.reason[:, self.faces] == Reason.COVERED).sum(axis=0)
 
     def claims(self, n_candidates: int) -> NDArray[np.uint8]:
-        """(F,) `Sight` of the faces, of so many candidates."""
+        """(F,) `Sight` of the faces, for a number of candidates."""
         claim = np.full(len(self.low), Sight.UNKNOWN, np.uint8)
         if n_candidates:
             claim[self.chosen & (self.high <= SEEN_NOTHING)] = Sight.NONE
@@ -82,15 +81,16 @@ class Sights:
 def batches_in_view(
     observer: Observer, poses: FloatArray, task: Task, chosen: BoolArray
 ) -> Iterator[tuple[Coverage, int]]:
-    """Batches of candidates that have one of some faces in view, and how many are looked through.
+    """Batches of candidates with one of the chosen faces in view, and the number processed so far.
 
-    All others see nothing of these faces, by definition: they look at their backs, or past them.
+    The other candidates see none of these faces, by definition: they are behind them, or the faces
+    are outside their images.
     """
     if not chosen.any():
         return
     mesh = observer.mesh
     used, corners = np.unique(mesh.faces[chosen], return_inverse=True)
-    # The bounds of a part are smaller and its near limit nearer: it misses nothing.
+    # The bounds of a part are smaller and its near limit nearer: conservative.
     part = Mesh(
         vertices=mesh.vertices[used],
         faces=corners.reshape(-1, 3),

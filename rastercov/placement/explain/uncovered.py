@@ -1,9 +1,9 @@
-"""What a network leaves uncovered, why, what is in the way, and whether any candidate could help.
+"""Uncovered faces of a network: reason, blocking group, and whether a candidate could cover them.
 
-After selection: a network in, and for each face that it does not cover the camera that comes
-nearest to it, the reason why that is not enough, and what is proved about the candidates: that one
-covers the face, that one sees some of it, or that none sees any. Faces of the last kind are for
-`cavities`.
+After selection. For each face that the network does not cover: the camera that comes nearest to
+covering it, the criterion that fails there, and a proved statement on the candidates: one covers
+the face, one sees a part of it, or none sees any of it. `cavities` makes candidates for faces of
+the last kind.
 
 E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks. 2020, section 7.3.
 """
@@ -25,7 +25,7 @@ from rastercov.mesh.arrays import frozen
 from rastercov.network import Network, share_of_faces
 from rastercov.observer import Observer, open_observer
 from rastercov.placement.explain.blockers import in_front
-from rastercov.placement.explain.candidate_visibility import Sight, Sights, batches_in_view
+from rastercov.placement.explain.candidate_visibility import CandidateBounds, Sight, batches_in_view
 from rastercov.pose import valid_poses
 
 FloatArray = NDArray[np.float64]
@@ -46,44 +46,44 @@ WORDS = {
     "too_few_views": "are covered by too few cameras",
     "no_cameras": "have no camera",
 }
-"""What is wrong with faces, by the name of the reason."""
+"""Words on uncovered faces by the name of the reason."""
 
 
 @dataclass(frozen=True, eq=False)
 class Leftover:
-    """The faces that a network does not cover; arrays are (F,), and tell of these faces only.
+    """Faces that a network does not cover; arrays are (F,) and valid for these faces only.
 
     Attributes
     ----------
     mesh, task
-        What is looked at, and what it takes for a face to be covered.
+        Mesh and thresholds.
     n_cameras, n_candidates : int
-        Of the network, and how many poses were asked whether they could help.
+        Cameras of the network, and candidate poses examined.
     left : bool
         Task faces that are not covered.
     reason : uint8
-        `Reason` of the camera that comes nearest to covering the face, `COVERED` where too few
-        cameras cover it, or such whose views are too much alike.
+        `Reason` of the camera that comes nearest to covering the face; `COVERED` where too few
+        cameras cover it, or from directions that differ too little.
     nearest_camera : int64
-        That camera; -1 for none. It fails at the last criterion of all, in the order of `Reason`;
-        of such cameras it is the one that shows most of the face, if that is what is wanting
-        (field of view, resolution, visibility), and else the one that looks at it most squarely.
+        That camera; -1 for none. It fails at the latest criterion in the order of `Reason`; ties go
+        to the largest share of the face where that is the failing quantity (field of view,
+        resolution, visibility), and else to the smallest angle of incidence.
     views : int64
         Cameras of the network that cover the face.
     n_covering : int64
-        Candidates that cover it.
+        Candidates that cover the face.
     sight : uint8
         `Sight`.
     seen_at_least, seen_at_most : float64
         Bounds of the greatest visible fraction in any candidate.
     occluder : int32
         Where the reason is `OCCLUDED`: the group that hides most of the face's image in the nearest
-        camera; -1 where that is unknown.
+        camera; -1 where it is unknown.
     occluder_share : float64
-        Part of the image that this group hides; sampled, see `occluders`.
+        Share of the image that this group hides; sampled, see `blockers`.
     hidden_area : (G, G) float64
-        Area of left faces of one group, row, that another, column, hides in the nearest camera,
-        square metres.
+        Area of uncovered faces of the row's group that the column's group hides in the nearest
+        camera, square metres.
     """
 
     mesh: Mesh
@@ -103,7 +103,7 @@ class Leftover:
     hidden_area: FloatArray
 
     def reason_names(self) -> NDArray[np.str_]:
-        """(F,) reason of each left face as in the summary of a network, "" for all others."""
+        """(F,) reason of each uncovered face as in the summary of a network, "" for all others."""
         names = [r.name.lower() if r != Reason.COVERED else "too_few_views" for r in Reason]
         if not self.n_cameras:
             names = ["no_cameras"] * len(names)
@@ -111,7 +111,7 @@ class Leftover:
         return named
 
     def summary(self) -> dict[str, Any]:
-        """Figures in all and by group, by count and by area; ready for JSON."""
+        """Figures in total and by group, by count and by area; ready for JSON."""
         mesh, task_faces = self.mesh, self.mesh.task_mask
         parts = {
             "could_be_covered": self.n_covering > 0,
@@ -156,12 +156,12 @@ class Leftover:
         }
 
     def lines(self) -> list[str]:
-        """Sentences for a person, the greatest first."""
-        told = self.summary()
-        if not told["left"]["faces"]:
+        """Sentences for people, the largest share first."""
+        summary = self.summary()
+        if not summary["left"]["faces"]:
             return ["Every face is covered."]
-        lines = [f"{_amount(told['left'])} are not covered."]
-        reasons = sorted(told["reasons"].items(), key=lambda item: -item[1]["faces"])
+        lines = [f"{_amount(summary['left'])} are not covered."]
+        reasons = sorted(summary["reasons"].items(), key=lambda item: -item[1]["faces"])
         lines += [f"  {_amount(share)} {WORDS[name]}" for name, share in reasons]
         if self.n_candidates:
             lines.append(f"Of these, with {self.n_candidates:,} candidates:")
@@ -171,9 +171,9 @@ class Leftover:
                 ("seen_by_no_candidate", "are seen by none: proved"),
                 ("unknown", "may be seen by one: not decided"),
             ):
-                if told[name]["faces"]:
-                    lines.append(f"  {_amount(told[name])} {words}")
-        for group in told["groups"]:
+                if summary[name]["faces"]:
+                    lines.append(f"  {_amount(summary[name])} {words}")
+        for group in summary["groups"]:
             if group["hidden_by"]:
                 first = [
                     f"{'itself' if name == group['name'] else name} ({area:.3g} m²)"
@@ -193,28 +193,28 @@ def what_is_left(
     covered: ArrayLike | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Leftover:
-    """What a network leaves uncovered, and why.
+    """Uncovered faces of a network, with reasons.
 
-    Candidates are measured again, because a visibility matrix does not hold faces that are seen and
-    not covered, nor bounds; but only those that have a left face in their image and before them.
-    Memory goes with faces, not with candidates.
+    Candidates are measured again, because a visibility matrix holds neither bounds nor faces that
+    are seen but not covered; only those with an uncovered front face in their image are. Memory is
+    proportional to the number of faces, not of candidates.
 
     Parameters
     ----------
     view : Observer or (Mesh, Camera)
-        An open observer, or what to open one for with method "certified". Sampled figures prove
-        nothing: with them no face is said to be seen by none.
+        An open observer, or the arguments to open one with method "certified". Sampled figures
+        prove nothing: with them no face is reported as seen by no candidate.
     poses : (K, 4, 4) array_like
         world_from_camera of the network; it may be empty.
     task : Task, optional
         Thresholds; `Task()` unless given.
     candidates : (C, 4, 4) array_like, optional
-        Poses that might have helped.
+        Further poses to examine.
     covered : (F,) bool array_like, optional
         Faces that count as covered, such as `Selection.covered` where views must differ by an
         angle; those that `task.views` cameras cover unless given.
     progress : callable
-        Called with the poses done and the poses in all.
+        Called with the poses done and the total.
 
     Raises
     ------
@@ -240,7 +240,7 @@ def what_is_left(
                 f"covered must be a mask of {mesh.n_faces} faces, got {done.dtype} {done.shape}"
             )
         left = mesh.task_mask & ~done
-        sight = Sights(mesh.n_faces, left)
+        sight = CandidateBounds(mesh.n_faces, left)
         for batch, through in batches_in_view(observer, others, task, left):
             sight.add(batch)
             progress(len(network_poses) + through, total)
@@ -266,7 +266,7 @@ def what_is_left(
 
 
 def _occluders(mesh: Mesh, hidden: IntArray, shares: FloatArray) -> dict[str, Any]:
-    """Fields of `Leftover` that follow from what groups hide of each hidden face, (N, G)."""
+    """Fields of `Leftover` from the shares of each hidden face that groups hide, (N, G)."""
     occluder = np.full(mesh.n_faces, -1, np.int32)
     share = np.zeros(mesh.n_faces)
     area = np.zeros((len(mesh.groups), len(mesh.groups)))
@@ -284,7 +284,7 @@ def _occluders(mesh: Mesh, hidden: IntArray, shares: FloatArray) -> dict[str, An
 
 
 class _Nearest:
-    """The camera that comes nearest to covering each face, added up batch by batch."""
+    """Camera that comes nearest to covering each face, updated batch by batch."""
 
     def __init__(self, n_faces: int) -> None:
         self.rank = np.full(n_faces, -1.0)
@@ -302,7 +302,7 @@ class _Nearest:
         }
         for reason, figure in shown.items():
             second = np.where(batch.reason == reason, figure, second)
-        # The criterion that fails comes first; what comes second never outweighs it.
+        # The failing criterion decides; the second figure only breaks ties.
         rank = batch.reason + 0.9 * second
         leader = rank.argmax(axis=0)
         best = np.take_along_axis(rank, leader[None], axis=0)[0]

@@ -1,7 +1,7 @@
-"""What a network of cameras is worth while poses are still free: the share that it covers.
+"""Objective of pose optimisation: the share of the task's weight that a network covers.
 
-Serves `optimise`, `refine` and `tolerance`. It counts as a `Problem` does, in whole numbers, but
-of poses that are measured when they come up, as many at once as there are.
+Serves `search`, `refine` and `tolerance`. Weights are integers as in `Problem`; poses are measured
+on demand, in batches.
 """
 
 import math
@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.coverage import Reason, Task, evaluate_batches
 from rastercov.errors import ConfigError
 from rastercov.observer import Observer
-from rastercov.placement.select.problem import WHOLE
+from rastercov.placement.select.problem import TOTAL_WEIGHT
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -34,18 +34,18 @@ class Objective:
     observer : Observer
         Open, for the mesh and the camera.
     task : Task
-        What it takes for a camera to cover a face.
-    quanta : (F,) int64
-        Weight of each face in whole numbers; 0 for faces that are not scored.
+        Thresholds at which a camera covers a face.
+    integer_weights : (F,) int64
+        Integer weight of each face; 0 for faces that are not scored.
     need : (F,) int64
         Cameras that must cover it.
     min_cosine : float
-        Cosine of two rays at or below which they differ enough; 2 where any two do.
+        Largest cosine of two rays that differ enough; 2 where any two do.
     """
 
     observer: Observer
     task: Task
-    quanta: IntArray
+    integer_weights: IntArray
     need: IntArray
     min_cosine: float = 2.0
 
@@ -76,26 +76,26 @@ class Objective:
         if not 0 <= min_angle_deg <= 180:
             raise ConfigError(f"min_angle_deg must be 0 to 180, got {min_angle_deg}")
         if weight_by == "count":
-            quanta = mesh.task_mask.astype(np.int64)
+            integer_weights = mesh.task_mask.astype(np.int64)
         else:
             areas = np.where(mesh.task_mask, mesh.areas, 0.0)
             total = max(float(areas.sum()), np.finfo(np.float64).tiny)
-            quanta = np.rint(areas / total * WHOLE).astype(np.int64)
+            integer_weights = np.rint(areas / total * TOTAL_WEIGHT).astype(np.int64)
         cosine = math.cos(math.radians(min_angle_deg)) + 1e-12 if min_angle_deg > 0 else 2.0
-        return cls(observer, task, quanta, need.astype(np.int64), cosine)
+        return cls(observer, task, integer_weights, need.astype(np.int64), cosine)
 
     def covers(self, poses: FloatArray) -> BoolArray:
-        """(P, F) whether each pose covers each face, all measured in one go."""
-        covers = np.zeros((len(poses), len(self.quanta)), np.bool_)
+        """(P, F) faces that each pose covers, measured in one batch."""
+        covers = np.zeros((len(poses), len(self.integer_weights)), np.bool_)
         if len(poses):
             for batch in evaluate_batches(self.observer, poses, self.task):
                 covers[batch.pose_ids] = batch.reason == Reason.COVERED
         return covers
 
     def covered(self, covers: BoolArray, eyes: FloatArray) -> BoolArray:
-        """(F,) faces that a network covers, of what its cameras cover, (k, F), and their centres.
+        """(F,) faces that a network covers, from the faces of its cameras, (k, F), and centres.
 
-        Leading axes of both, (..., k, F) and (..., k, 3), are networks side by side.
+        Leading axes of both, (..., k, F) and (..., k, 3), are independent networks.
         """
         covered: BoolArray = covers.sum(axis=-2) >= self.need
         if self.min_cosine <= 1:
@@ -106,7 +106,7 @@ class Objective:
     def covered_with(
         self, rest: BoolArray, rest_eyes: FloatArray, trials: BoolArray, trial_eyes: FloatArray
     ) -> BoolArray:
-        """(M, F) faces that the rest, (k - 1, F), covers with each of M further cameras, (M, F)."""
+        """(M, F) faces covered by the rest, (k - 1, F), with each of M trial cameras, (M, F)."""
         covered: BoolArray = rest.sum(axis=0) + trials >= self.need
         if self.min_cosine <= 1:
             spread = np.tile(self._is_spread(rest, rest_eyes), (len(trials), 1))
@@ -118,12 +118,12 @@ class Objective:
         return covered
 
     def worth(self, covered: BoolArray) -> IntArray:
-        """Quanta of the covered faces, (..., F) -> (...)."""
-        return np.asarray(covered @ self.quanta)
+        """Integer weight of the covered faces, (..., F) -> (...)."""
+        return np.asarray(covered @ self.integer_weights)
 
     def share(self, worth: ArrayLike) -> FloatArray:
-        """Part of the whole weight that quanta are, [0, 1]; 1 where there is no weight."""
-        total = int(self.quanta.sum())
+        """Integer weight as a share of the total, [0, 1]; 1 where there is no weight."""
+        total = int(self.integer_weights.sum())
         return np.asarray(worth) / total if total else np.ones(np.shape(worth))
 
     def share_of(self, poses: FloatArray) -> float:
@@ -139,7 +139,7 @@ class Objective:
         return rays
 
     def _is_spread(self, covers: BoolArray, eyes: FloatArray) -> BoolArray:
-        """(F,) faces to which two of the cameras that cover them look from directions apart."""
+        """(F,) faces to which two of the cameras that cover them have rays that differ enough."""
         spread = np.zeros(covers.shape[1], np.bool_)
         rays = self._rays(eyes)
         for one in range(len(covers)):

@@ -1,7 +1,7 @@
-"""Where the cameras of a network may stand and look, for everything that moves them.
+"""Constraints on the positions and directions of cameras that are moved continuously.
 
-Serves `optimise` and `refine`: `mounting` and `clearance` say the same of a finite list of
-candidates. A pose is a camera centre, a direction and a roll against `up`.
+Serves `search` and `refine`; `mounting` and `clearance` apply the same constraints to a finite list
+of candidates. A pose is a camera centre, a direction and a roll relative to `up`.
 """
 
 from collections.abc import Sequence
@@ -22,14 +22,14 @@ from rastercov.pose import look_at, valid_poses
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-HAIR = 1e-9
-"""Of the mesh's diagonal: by so much a camera on the border of a box may miss it, as rounding."""
+POSITION_TOLERANCE_REL = 1e-9
+"""Position tolerance relative to the mesh's diagonal, for cameras on the border of a box."""
 TRIES = 4
-"""How often a place is pushed to where cameras may stand before another is taken."""
+"""Greatest number of projections of a position onto the allowed space."""
 
 
 class Place(IntEnum):
-    """Whether a camera may stand somewhere: the first of these that applies, the highest first."""
+    """Constraint that a position violates: of several, the one with the highest number."""
 
     ALLOWED = 0
     TOO_FAR = 1
@@ -46,12 +46,12 @@ class Place(IntEnum):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PoseSpace:
-    """Where cameras may stand, and which way they may be turned.
+    """Allowed positions and directions of cameras.
 
     Attributes
     ----------
     mesh : Mesh
-        What is looked at; all its faces are surfaces, as for `clearance.kept`.
+        The scene; all its faces are surfaces, as for `clearance.kept`.
     boxes : (2, 3) or (B, 2, 3) array_like, optional
         Lowest and highest corners of the boxes that hold the camera centres, metres; a box may be
         flat, as a wall is. By default one: that of the task faces, larger by the greatest stand-off
@@ -64,11 +64,11 @@ class PoseSpace:
         Volumes without cameras.
     aim : (2, 3) array_like, optional
         Box of the points that optimisers aim cameras at; that of the task faces by default. It does
-        not limit how `refine` turns them.
+        not limit the rotations of `refine`.
     up : (float, float, float)
-        Direction that roll is counted from.
+        Direction of zero roll.
     is_roll_free : bool
-        Whether cameras may be rolled. Otherwise each keeps its own.
+        True where cameras may be rolled. Otherwise each keeps its roll.
 
     Raises
     ------
@@ -108,7 +108,7 @@ class PoseSpace:
 
     @cached_property
     def hull(self) -> FloatArray:
-        """(2, 3) the box around all boxes."""
+        """(2, 3) bounding box of all boxes."""
         boxes = np.asarray(self.boxes)
         return frozen(np.stack((boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0))))
 
@@ -127,18 +127,18 @@ class PoseSpace:
         for volume in self.keep_out:
             place[volume.contains(points)] = Place.KEPT_OUT
         place[in_solid(self.mesh, points)] = Place.IN_SOLID
-        slack = HAIR * np.linalg.norm(np.ptp(self.mesh.bounds, axis=0))
+        slack = POSITION_TOLERANCE_REL * np.linalg.norm(np.ptp(self.mesh.bounds, axis=0))
         missed = np.abs(points - self.clipped(points)).max(axis=1)
         place[~(missed <= slack)] = Place.OUTSIDE
         return place
 
     def allows(self, eyes: ArrayLike) -> BoolArray:
-        """(N,) whether a camera may stand at each of (N, 3) places."""
+        """(N,) mask of the allowed positions among (N, 3)."""
         allowed: BoolArray = self.judge(eyes) == Place.ALLOWED
         return allowed
 
     def require(self, poses: FloatArray, what: str) -> None:
-        """ConfigError that names the first of (N, 4, 4) poses that may not be where it is."""
+        """Raise ConfigError that names the first of (N, 4, 4) poses at a forbidden position."""
         place = self.judge(poses[:, :3, 3])
         bad = np.flatnonzero(place != Place.ALLOWED)
         if len(bad):
@@ -154,7 +154,7 @@ class PoseSpace:
         return self._task.query(eyes).distance
 
     def clipped(self, eyes: FloatArray) -> FloatArray:
-        """(N, 3) the nearest point in a box to each of (N, 3) points."""
+        """(N, 3) nearest point within a box to each of (N, 3) points."""
         best = np.array(eyes, np.float64)
         least = np.full(len(best), np.inf)
         for low, high in np.asarray(self.boxes):
@@ -165,10 +165,11 @@ class PoseSpace:
         return best
 
     def settled(self, eyes: ArrayLike) -> tuple[FloatArray, BoolArray]:
-        """Places near (N, 3) given ones, (N, 3), and whether a camera may stand there.
+        """Allowed positions near (N, 3) given ones, (N, 3), and the mask of those found.
 
-        Out of solids and within the stand-off along the line to the nearest surface, then back into
-        the boxes, a few times over; what is allowed stays. Keep-out volumes are not evaded.
+        Alternating projections: out of solids and into the stand-off along the line to the nearest
+        surface, then into the boxes. Allowed positions are not moved. Keep-out volumes are not
+        evaded.
         """
         points = self.clipped(np.asarray(eyes, np.float64).reshape(-1, 3))
         place = self.judge(points)
@@ -181,12 +182,12 @@ class PoseSpace:
         return points, place == Place.ALLOWED
 
     def somewhere(self, count: int, rng: np.random.Generator) -> FloatArray:
-        """(count, 3) places where cameras may stand, at random.
+        """(count, 3) random allowed positions.
 
         Raises
         ------
         ConfigError
-            When next to none of the places tried is allowed.
+            When almost no position tried is allowed.
         """
         found: list[FloatArray] = []
         low, high = self.hull
@@ -201,7 +202,7 @@ class PoseSpace:
         )
 
     def composed(self, eyes: FloatArray, forwards: FloatArray, rolls: FloatArray) -> FloatArray:
-        """(N, 4, 4) poses of centres, directions (N, 3) and rolls (N,), radians from `up`."""
+        """(N, 4, 4) poses from centres, directions (N, 3) and rolls (N,), radians from `up`."""
         poses = look_at(np.zeros(3), forwards, self.up)
         turns = np.tile(np.eye(3), (len(poses), 1, 1))
         turns[:, 0, 0] = turns[:, 1, 1] = np.cos(rolls)
@@ -211,7 +212,7 @@ class PoseSpace:
         return poses
 
     def decomposed(self, poses: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Centres (N, 3), directions (N, 3) and rolls (N,) of poses; `composed` makes them."""
+        """Centres (N, 3), directions (N, 3) and rolls (N,) of poses: the inverse of `composed`."""
         matrices = valid_poses(poses)
         level = look_at(np.zeros(3), matrices[:, :3, 2], self.up)[:, :3, :3]
         across = np.einsum("nij,ni->nj", level, matrices[:, :3, 0])
@@ -244,8 +245,10 @@ class PoseSpace:
             wanted = np.where(crowded, max(self.clearance, least), wanted)
         outward = points - point
         outward[place == Place.IN_SOLID] *= -1
-        # A little more, so that rounding does not undo it.
-        wanted = wanted + np.sign(wanted - distance) * HAIR * np.maximum(1.0, wanted)
+        # A margin above rounding, so that the constraint holds afterwards.
+        wanted = wanted + np.sign(wanted - distance) * POSITION_TOLERANCE_REL * np.maximum(
+            1.0, wanted
+        )
         scale = np.where(distance > 0, wanted / np.where(distance > 0, distance, 1.0), 0.0)
         moved: FloatArray = point + outward * scale[:, None]
         return np.where((distance > 0)[:, None], moved, points)

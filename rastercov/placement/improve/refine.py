@@ -1,11 +1,10 @@
-"""A network polished pose by pose: each camera moves while that makes the network cover more.
+"""Refinement of a network by a compass search over the pose of one camera at a time.
 
-After selection, which chooses among poses somebody thought of. A compass search: every camera tries
-small moves against the others, which stay; what gains most is taken; where nothing gains the steps
-are halved. Moves at random are among them, because a count of covered faces has flat places where
-no move along an axis gains. All trials of all cameras are one batch. The share never falls, and the
-search ends where no move of one camera, at any step, gains: a local optimum of those moves, and no
-more.
+After selection, which is limited to given poses. Every camera tries small moves while the others
+are fixed; the move with the largest gain is made; where no move gains, the step is halved. Random
+moves are among them, because a count of covered faces has plateaus where no move along an axis
+gains. All trials of all cameras are one batch. The share never falls, and the search ends where no
+move of one camera at any step gains: a local optimum with respect to those moves only.
 
 R. Hooke, T. A. Jeeves. "Direct Search" Solution of Numerical and Statistical Problems. 1961.
 T. G. Kolda, R. M. Lewis, V. Torczon. Optimization by Direct Search. 2003.
@@ -34,15 +33,15 @@ LOCAL_OPTIMUM = "local optimum"
 BUDGET_SPENT = "budget spent"
 EVERYTHING = "everything covered"
 STEP = 0.25
-"""First step as part of the distance from the camera to the nearest task face."""
+"""First step relative to the distance from the camera to the nearest task face."""
 TURN_DEG = 16.0
 HALVINGS = 5
 RANDOM_MOVES = 24
-"""Moves of a camera at each step that combine all axes, besides the 18 or 20 along them."""
+"""Random moves of a camera at each step that combine all axes, besides the 18 or 20 along them."""
 
 
 EXCHANGE = -1
-"""In place of a level: exchange for a candidate."""
+"""Level number of the exchange for a candidate."""
 Trials = tuple[FloatArray, NDArray[np.uint8]]
 """Poses, (M, 4, 4), and the faces they cover, packed, (M, F / 8)."""
 
@@ -56,16 +55,16 @@ class Refined:
     poses : (k, 4, 4) float64
         world_from_camera, in the order of the start.
     share, start_share : float
-        Part of the weight that it covers now, and that it covered at the start; never less.
+        Share of the weight covered at the end and at the start; never less than at the start.
     trace : (N,) float64
-        The share at the start and after each move that was made.
+        Share at the start and after each move.
     trace_evaluations : (N,) int64
         Poses measured until then.
     moved : (k,) bool
-        Cameras that are not where they were.
+        Cameras whose pose changed.
     status : {"local optimum", "everything covered", "budget spent"}
-        No move of one camera that was tried gains, at any of the steps, nor its exchange for a
-        candidate; nothing is left to gain; or the search was stopped first.
+        No move of one camera gains at any step, nor its exchange for a candidate; all of the weight
+        is covered; or the budget ended the search.
     evaluations : int
         Poses that were measured.
     seconds : float
@@ -83,7 +82,7 @@ class Refined:
 
     @property
     def is_local_optimum(self) -> bool:
-        """Whether it is certain that no move that was tried gains."""
+        """True where every move was tried and none gains."""
         return self.status != BUDGET_SPENT
 
 
@@ -100,38 +99,38 @@ def refine(
     budget: int = 50_000,
     seed: int = 0,
 ) -> Refined:
-    """The network with its cameras moved until no move gains; never worse than the start.
+    """Move the cameras of a network until no move gains; never worse than the start.
 
-    A camera moves along its own axes, turns about them, and moves sideways while it keeps what is
-    in the middle of its image there. The same start gives the same network.
+    A camera is translated along its axes, rotated about them, and translated sideways with the
+    rotation that keeps the centre of its image. The result is deterministic.
 
     Parameters
     ----------
     objective : Objective
-        What a network is worth.
+        Objective of the search.
     space : PoseSpace
-        Where cameras may stand; whether they may roll.
+        Constraints on positions and roll.
     poses : (k, 4, 4) array_like
-        Where to start: the poses of a selection, of a search, or of a rig.
+        Start: the poses of a selection, of a search, or of a rig.
     step : float or (k,) floats, optional
         First step of each camera, metres; a quarter of its distance to the nearest task face by
         default.
     turn_deg : float
         First turn, degrees, (0, 90].
     halvings : int
-        How often steps and turns are halved.
+        Number of times that steps and turns are halved.
     candidates : (C, 4, 4) array_like, optional
-        Poses that any camera may be exchanged for where no move gains. Those where no camera may
-        stand are left out.
+        Poses for which any camera may be exchanged where no move gains. Those at forbidden
+        positions are left out.
     budget : int
-        Poses to measure at most.
+        Greatest number of poses to measure.
     seed : int
-        Of the moves at random. The same start and seed give the same network.
+        Seed of the random moves. The same start and seed give the same network.
 
     Raises
     ------
     ConfigError
-        For a camera that stands where none may, or a value outside its range.
+        For a camera at a forbidden position, or a value outside its range.
     """
     began = time.perf_counter()
     start = valid_poses(poses)
@@ -166,7 +165,7 @@ def _descend(
     halvings: int,
     candidates: ArrayLike | None,
 ) -> str:
-    """Move cameras until no level gains any more; how it ended."""
+    """Move cameras until no level gains; the status."""
     last = halvings
     if candidates is not None and len(search.poses):
         poses = valid_poses(candidates)
@@ -174,7 +173,7 @@ def _descend(
             return BUDGET_SPENT
         last += 1
     level = fails = 0
-    # Every level in turn, until all have failed since the last gain.
+    # All levels in turn, until every one has failed since the last gain.
     while search.has_room and fails <= last and len(search.poses):
         scale = 0.5**level
         if level <= halvings and not search.sharpen(level, steps * scale, turn * scale):
@@ -188,7 +187,7 @@ def _descend(
 
 
 class _Search:
-    """A network, what it covers, and the trials that were measured around each camera."""
+    """A network, the faces it covers, and the measured trials around each camera."""
 
     def __init__(
         self, objective: Objective, space: PoseSpace, start: FloatArray, budget: int, seed: int
@@ -206,11 +205,11 @@ class _Search:
 
     @property
     def has_room(self) -> bool:
-        """Whether there is something left to gain."""
-        return self.worth < int(self.objective.quanta.sum())
+        """True while some weight is uncovered."""
+        return self.worth < int(self.objective.integer_weights.sum())
 
     def sharpen(self, level: int, steps: FloatArray, turn: float) -> bool:
-        """Measure the trials of a level that are not known; whether the budget was enough."""
+        """Measure the unknown trials of a level; False where the budget does not suffice."""
         missing = [row for row in range(len(self.poses)) if level not in self._trials[row]]
         moves = []
         for row in missing:
@@ -231,7 +230,7 @@ class _Search:
         return True
 
     def exchange(self, candidates: FloatArray) -> bool:
-        """Measure what cameras may be exchanged for; whether the budget was enough."""
+        """Measure the candidates for exchange; False where the budget does not suffice."""
         if self.evaluations + len(candidates) > self.budget:
             return False
         covers = self.objective.covers(candidates)
@@ -240,7 +239,7 @@ class _Search:
         return True
 
     def improve(self, level: int) -> bool:
-        """Move cameras to the trials that gain most, each once at most; whether any has moved."""
+        """Move cameras to the trials that gain most, each at most once; True where any moved."""
         waiting = set(range(len(self.poses)))
         while waiting:
             gains = {row: self._best(row, level) for row in sorted(waiting)}
@@ -258,7 +257,7 @@ class _Search:
         return trials
 
     def _best(self, row: int, level: int) -> tuple[int, int]:
-        """What the network is worth with the best trial of a camera, and which that is."""
+        """Weight covered with the best trial of a camera, and the index of that trial."""
         poses, packed = self._of(row, level)
         if not len(poses):
             return -1, -1
@@ -286,12 +285,12 @@ class _Search:
 def _moves(
     space: PoseSpace, pose: FloatArray, step: float, turn: float, rng: np.random.Generator
 ) -> FloatArray:
-    """(M, 4, 4) poses one move away from a pose, where a camera may stand."""
+    """(M, 4, 4) poses one move away from a pose, at allowed positions."""
     eyes, forwards, rolls = space.decomposed(pose)
     eye, forward, roll = eyes[0], forwards[0], float(rolls[0])
     right, down = pose[:3, 0], pose[:3, 1]
     tangent = np.tan(turn)
-    reach = step / tangent  # at this depth a turn makes up for a step aside
+    reach = step / tangent  # depth at which a turn compensates a sideways step
     to: list[FloatArray] = []
     looks: list[FloatArray] = []
     for sign, axis in product((1.0, -1.0), (right, down, forward)):
@@ -320,7 +319,7 @@ def _moves(
     shifted = (places != eye).any(axis=1)
     places[shifted] = space.clipped(places[shifted])
     allowed = (directions != 0).any(axis=1)
-    allowed[shifted] &= space.allows(places[shifted])  # where the camera stands it may stand
+    allowed[shifted] &= space.allows(places[shifted])  # its present position is allowed
     return space.composed(places[allowed], directions[allowed], np.array(turns)[allowed])
 
 

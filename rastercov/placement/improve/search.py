@@ -1,8 +1,8 @@
-"""Networks found by searching over poses: particle swarm, genetic and differential evolution.
+"""Population search over the poses of a network: particle swarm, genetic, differential evolution.
 
-The way most of the literature places cameras, kept for comparison and for mounting spaces that no
-list of candidates fits. All cameras of a network are the variables of one problem, and a whole
-generation of networks is measured as one batch of poses. The algorithms are those of pymoo.
+The usual method of the literature, for comparison and for mounting spaces that a list of candidates
+does not represent. The poses of all cameras are the variables of one problem, and a generation of
+networks is measured as one batch of poses. The algorithms are those of pymoo.
 
 J. Kennedy, R. Eberhart. Particle Swarm Optimization. 1995.
 R. Storn, K. Price. Differential Evolution. 1997.
@@ -30,12 +30,12 @@ IntArray = NDArray[np.int64]
 
 METHODS = ("random", "pso", "ga", "de")
 KNOWN_PLACES = 256
-"""Places where cameras may stand that are looked up for those that may not stay where they are."""
+"""Allowed positions that replace forbidden ones, the nearest each."""
 
 
 @dataclass(frozen=True, eq=False)
 class Optimised:
-    """The best network that a search met.
+    """Best network of a search.
 
     Attributes
     ----------
@@ -44,14 +44,13 @@ class Optimised:
     poses : (k, 4, 4) float64
         world_from_camera.
     share : float
-        Part of the weight that it covers, [0, 1].
+        Share of the weight that it covers, [0, 1].
     trace : (N,) float64
-        Best share after each network that was measured; network n took the pose evaluations up to
-        k (n + 1).
+        Best share after each measured network; after network n, k (n + 1) poses were evaluated.
     evaluations : int
         Poses that were measured: k N.
     generations : int
-        Batches they came in.
+        Number of batches.
     seed : int
     seconds : float
     """
@@ -79,19 +78,19 @@ def optimise(
     candidates: ArrayLike | None = None,
     start: ArrayLike | None = None,
 ) -> Optimised:
-    """Best network of so many cameras that a search within a budget meets.
+    """Best network of a number of cameras found by a search within a budget.
 
-    Every method measures exactly `budget // cameras` networks, so that they can be compared, and
-    the same first ones. Each camera has six variables, its place in the boxes and the point of
-    `space.aim` that it looks at, and its roll where that is free. One that may not stand where the
-    variables put it is moved to where it may.
+    For comparison every method measures exactly `budget // cameras` networks and starts from the
+    same ones. Each camera has six variables, its position in the boxes and its target in
+    `space.aim`, and its roll where that is free. A camera at a forbidden position is moved to an
+    allowed one.
 
     Parameters
     ----------
     objective : Objective
-        What a network is worth.
+        Objective of the search.
     space : PoseSpace
-        Where cameras may stand and look.
+        Constraints on positions and directions.
     cameras : int
         Cameras k of the network, 1 or more.
     method : {"random", "pso", "ga", "de"}
@@ -103,15 +102,15 @@ def optimise(
     seed : int
         The same seed gives the same network.
     candidates : (C, 4, 4) array_like, optional
-        Poses of which the first networks are made, k at random each. Those where no camera may
-        stand are left out.
+        Poses for the first networks, k at random each. Those at forbidden positions are left
+        out.
     start : (k, 4, 4) or (S, k, 4, 4) array_like, optional
         Networks among the first; the result is no worse than any of them.
 
     Raises
     ------
     ConfigError
-        For a value outside its range, a start where no camera may stand, or without pymoo.
+        For a value outside its range, a start at a forbidden position, or without pymoo.
     """
     began = time.perf_counter()
     networks = _checked(cameras, method, budget, population)
@@ -155,7 +154,7 @@ def optimise(
 
 
 class _Code:
-    """Networks as rows of numbers in [0, 1], and back."""
+    """Encoding of networks as rows of numbers in [0, 1]."""
 
     def __init__(self, space: PoseSpace, cameras: int, known: FloatArray) -> None:
         self.space, self.cameras, self.known = space, cameras, known
@@ -165,7 +164,7 @@ class _Code:
         self._exact: dict[bytes, FloatArray] = {}
 
     def poses(self, variables: FloatArray) -> FloatArray:
-        """(N, k, 4, 4) poses of (N, variables); every camera stands where it may."""
+        """(N, k, 4, 4) poses of (N, variables), all at allowed positions."""
         values = variables.reshape(-1, self.a_camera)
         hull, aim = self.space.hull, self.aim
         eyes, allowed = self.space.settled(hull[0] + values[:, :3] * (hull[1] - hull[0]))
@@ -184,7 +183,7 @@ class _Code:
         return poses
 
     def remember(self, poses: FloatArray) -> FloatArray:
-        """(variables,) nearest numbers of a network, which from now on stand for exactly it."""
+        """(variables,) nearest encoding of a network, which `poses` decodes to exactly that network."""
         eyes, forwards, rolls = self.space.decomposed(poses)
         hull, aim = self.space.hull, self.aim
         targets = np.clip(eyes + _depths(eyes, forwards, aim)[:, None] * forwards, aim[0], aim[1])
@@ -197,7 +196,7 @@ class _Code:
 
 
 def _depths(eyes: FloatArray, forwards: FloatArray, box: FloatArray) -> FloatArray:
-    """(N,) depth of the middle of where axes cross the box, or of where they pass its middle."""
+    """(N,) depth of the midpoint of each axis within the box; where it misses, nearest its centre."""
     with np.errstate(divide="ignore", invalid="ignore"):
         ends = (box[:, None] - eyes) / forwards
     ends = np.sort(np.where(np.isnan(ends), 0.0, ends), axis=0)
@@ -209,7 +208,7 @@ def _depths(eyes: FloatArray, forwards: FloatArray, box: FloatArray) -> FloatArr
 
 
 def _parts(points: FloatArray, box: FloatArray) -> FloatArray:
-    """Where points lie between the corners of a box, [0, 1]; half-way where it is flat."""
+    """Relative position of points in a box, [0, 1]; 0.5 along axes where it is flat."""
     size = box[1] - box[0]
     parts = (points - box[0]) / np.where(size > 0, size, 1.0)
     within: FloatArray = np.clip(np.where(size > 0, parts, 0.5), 0.0, 1.0)
@@ -224,7 +223,7 @@ def _given(
     population: int,
     rng: np.random.Generator,
 ) -> list[FloatArray]:
-    """Networks to begin with: those of the caller, then some of the candidates."""
+    """Initial networks: those of the caller, then random sets of candidates."""
     networks: list[FloatArray] = []
     if start is not None:
         array = np.asarray(start, np.float64)
@@ -263,7 +262,7 @@ def _random(first: FloatArray, rng: np.random.Generator) -> tuple[Ask, Tell]:
 
 
 def _pymoo(method: str, first: FloatArray, seed: int) -> tuple[Ask, Tell]:
-    """What gives the next generation of an algorithm of pymoo, and what tells it the shares."""
+    """Functions `ask` and `tell` of an algorithm of pymoo: next generation, and its shares."""
     try:
         from pymoo.algorithms.soo.nonconvex.de import DE
         from pymoo.algorithms.soo.nonconvex.ga import GA
@@ -286,7 +285,7 @@ def _pymoo(method: str, first: FloatArray, seed: int) -> tuple[Ask, Tell]:
 
     def tell(shares: FloatArray) -> None:
         generation = asked.pop()
-        known = StaticProblem(problem, F=-shares[:, None])  # pymoo looks for the least
+        known = StaticProblem(problem, F=-shares[:, None])  # pymoo minimises
         algorithm.evaluator.eval(known, generation, skip_already_evaluated=False)
         algorithm.tell(infills=generation)
 
@@ -294,7 +293,7 @@ def _pymoo(method: str, first: FloatArray, seed: int) -> tuple[Ask, Tell]:
 
 
 def _checked(cameras: int, method: str, budget: int, population: int) -> int:
-    """Networks to measure; ConfigError for a value outside its range."""
+    """Number of networks to measure; ConfigError for a value outside its range."""
     if method not in METHODS:
         raise ConfigError(f"method must be {', '.join(METHODS)}, got {method!r}")
     least = {"cameras": (cameras, 1), "population": (population, 4), "budget": (budget, cameras)}

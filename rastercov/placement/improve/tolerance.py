@@ -1,17 +1,17 @@
-"""How much of a network's coverage is left when its cameras are not mounted as planned.
+"""Coverage of a network under installation errors.
 
-Last of placement: a plan in, its distribution under errors of installation out. Errors are drawn
-at random (Monte Carlo) and all disturbed poses are measured in batches. Each draw is used twice,
-for all cameras together and for each camera alone among others that stand as planned, so that the
-second costs nothing. Which camera is critical is told by leaving each one out.
+Errors are drawn at random (Monte Carlo) and all disturbed poses are measured in batches. Each draw
+is used twice, for all cameras together and for each camera alone among others at their planned
+poses, so that the second use costs nothing. Leaving out each camera shows which one is critical.
 
 N. Metropolis, S. Ulam. The Monte Carlo Method. 1949.
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from annotated_types import Ge
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov._arguments import check_seed
@@ -26,22 +26,21 @@ BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 
 LEVELS = (0.0, 0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)
-"""Quantiles that are told; the first is the worst of all draws."""
-DISTRIBUTIONS = ("normal", "uniform")
+"""Reported quantiles; the first is the worst of all draws."""
 PAIRS_AT_ONCE = 1 << 24
 """Pose-face pairs held at a time: 16 MB."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class InstallationError:
-    """How far a camera may stand and be turned from where it is planned.
+    """Distribution of the deviation of a camera from its planned pose.
 
     Attributes
     ----------
     position_mm : float
-        Of the camera centre, millimetres.
+        Error of the camera centre, millimetres.
     angle_deg : float
-        Of the turn about an axis of any direction, degrees.
+        Error of the rotation, about an axis of random direction, degrees.
     distribution : {"normal", "uniform"}
         normal: standard deviation along, and about, each of the three axes. uniform: the greatest
         error; displacement and rotation vector lie anywhere in a ball of that radius.
@@ -52,19 +51,15 @@ class InstallationError:
         For values outside their range.
     """
 
-    position_mm: float = 0.0
-    angle_deg: float = 0.0
-    distribution: str = "normal"
+    position_mm: Annotated[float, Ge(0)] = 0.0
+    angle_deg: Annotated[float, Ge(0)] = 0.0
+    distribution: Literal["normal", "uniform"] = "normal"
 
     def __post_init__(self) -> None:
         check_fields(self)
         for name, value in (("position_mm", self.position_mm), ("angle_deg", self.angle_deg)):
             if isinstance(value, bool) or not 0 <= value < np.inf:
                 raise ConfigError(f"{name} must be 0 or more and finite, got {value}")
-        if self.distribution not in DISTRIBUTIONS:
-            raise ConfigError(
-                f"distribution must be {' or '.join(DISTRIBUTIONS)}, got {self.distribution!r}"
-            )
 
     def draw(self, shape: tuple[int, ...], rng: np.random.Generator) -> tuple[FloatArray, ...]:
         """Displacements in metres and rotation vectors in radians, (*shape, 3) each."""
@@ -89,8 +84,8 @@ class Spread:
         In the order of the draws.
     mean : float
     levels, quantiles : tuple of float
-        The share that so large a part of the draws does not exceed, for each of `LEVELS`; the
-        first is the worst of all draws. Draws are not interpolated.
+        Quantiles of the shares at the `LEVELS`; the first is the worst of all draws. Draws are not
+        interpolated.
     """
 
     shares: FloatArray
@@ -117,16 +112,16 @@ class Spread:
 
 @dataclass(frozen=True, eq=False)
 class CameraTolerance:
-    """What hangs on one camera.
+    """Dependence of the coverage on one camera.
 
     Attributes
     ----------
     without : float
-        Share that the others cover, all as planned.
+        Share that the other cameras cover at their planned poses.
     alone : Spread
         Shares when only this camera is mounted with an error.
     own_faces : int
-        Scored faces that the network covers, and does not without this camera.
+        Task faces that the network covers only with this camera.
     """
 
     without: float
@@ -148,9 +143,9 @@ class Tolerance:
     together : Spread
         Shares when every camera has an error of its own.
     cameras : tuple of CameraTolerance
-        One for each.
+        One for each camera.
     face_chance : (F,) float64
-        Part of the draws in which all cameras together cover the face.
+        Share of the draws in which the network covers the face.
     """
 
     error: InstallationError
@@ -164,7 +159,7 @@ class Tolerance:
 
     @property
     def critical(self) -> int:
-        """Camera without which least is covered: the first of equals; -1 where there is none."""
+        """Camera whose removal costs most, the first of equals; -1 where there is none."""
         if not self.cameras:
             return -1
         return int(np.argmin([camera.without for camera in self.cameras]))
@@ -206,26 +201,26 @@ def tolerance(
 ) -> Tolerance:
     """Coverage of a network when its cameras are mounted with errors.
 
-    Where cameras may stand plays no part: an error does not ask.
+    Mounting constraints are not applied to disturbed poses.
 
     Parameters
     ----------
     objective : Objective
-        What a network is worth.
+        Objective that counts covered faces.
     poses : (k, 4, 4) array_like
         world_from_camera, as planned.
     error : InstallationError
-        How far each camera may be off; each has its own error.
+        Distribution of the errors; each camera has its own.
     draws : int
-        Disturbed networks N, 1 or more; with 200 the worst is a share that 99 % of installations
-        exceed, at a confidence of 87 %.
+        Disturbed networks N, 1 or more; with 200, 99 % of installations exceed the worst share, at a
+        confidence of 87 %.
     seed : int
         The same seed gives the same draws.
 
     Raises
     ------
     ConfigError
-        For a number of draws that is none.
+        For a number of draws below 1.
     PoseError
         For a pose that is no rigid motion.
     """
@@ -264,7 +259,7 @@ def tolerance(
             CameraTolerance(
                 without=float(objective.share(objective.worth(left))),
                 alone=Spread.of(objective.share(alone[row])),
-                own_faces=int((covered & ~left & (objective.quanta > 0)).sum()),
+                own_faces=int((covered & ~left & (objective.integer_weights > 0)).sum()),
             )
         )
     return Tolerance(

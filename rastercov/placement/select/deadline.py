@@ -1,4 +1,4 @@
-"""The time by which a search has to end, passed down to the loops that look at it."""
+"""Deadline of a search, passed down to the loops that check it."""
 
 import math
 import time
@@ -7,7 +7,7 @@ from typing import Self
 
 
 class TimeUpError(Exception):
-    """The time is up; never leaves the search that it ends."""
+    """A deadline has passed; caught by the search that it ends."""
 
 
 @dataclass(frozen=True)
@@ -24,16 +24,16 @@ class Deadline:
 
     @classmethod
     def after(cls, seconds: float) -> Self:
-        """The moment so many seconds from now."""
+        """Deadline a number of seconds from now."""
         return cls(time.perf_counter() + seconds)
 
     def sooner(self, share: float) -> Self:
-        """The moment when a part of the time that is left has passed."""
+        """Deadline after a share of the remaining time."""
         late = (1 - share) * max(0.0, self.left)
         return type(self)(self.at - late) if late < math.inf else self
 
     def earlier(self, seconds: float) -> Self:
-        """The moment so many seconds before."""
+        """Deadline a number of seconds before this one."""
         return type(self)(self.at - seconds)
 
     @property
@@ -43,11 +43,11 @@ class Deadline:
 
     @property
     def is_over(self) -> bool:
-        """True when it has passed."""
+        """True once it has passed."""
         return self.left <= 0
 
     def check(self) -> None:
-        """TimeUpError once it has passed."""
+        """Raise TimeUpError once it has passed."""
         if self.is_over:
             raise TimeUpError
 

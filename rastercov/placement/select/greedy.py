@@ -1,9 +1,9 @@
-"""Greedy selection with marginal gains, then improvement by swaps and by small destructions.
+"""Greedy selection by marginal gains, then local search by swaps and by removal and repair.
 
-The gain of every candidate is kept up to date while cameras come and go (`selection_kernels`), so
-what lazy evaluation saves is never computed. Where one view a face is enough, coverage is
-submodular and the first pass alone reaches 1 - 1/e of the best coverage, or the logarithmic factor
-of set cover. Everything after it only improves on it.
+The gains of all candidates are updated incrementally (`selection_kernels`), which makes lazy
+evaluation unnecessary. Where one view a face is enough, coverage is submodular and the first pass
+alone reaches 1 - 1/e of the best coverage, or the logarithmic factor of set cover. The local search
+only improves on it.
 
 G. L. Nemhauser, L. A. Wolsey, M. L. Fisher. An analysis of approximations for maximizing
 submodular set functions. 1978.
@@ -19,210 +19,217 @@ import numpy as np
 
 from rastercov._arguments import check_seed
 from rastercov._typed import typed
-from rastercov.placement.select.cover_state import Tally
+from rastercov.placement.select.cover_state import CoverState
 from rastercov.placement.select.deadline import NEVER, Deadline, TimeUpError
-from rastercov.placement.select.presolve import Merged, merge
+from rastercov.placement.select.presolve import ReducedProblem, presolve
 from rastercov.placement.select.problem import BestCoverage, Problem
 from rastercov.placement.select.selection import PROVED, Selection, bound_of, finish
 
 EFFORT = 200_000_000
-"""Elementary updates of the improvement: half a second."""
+"""Elementary updates of the local search: half a second."""
 MOST_KICKS = 3000
-LOSS = 0.02
-"""Part of the value that may be lost at once at first; ever less, none at the end."""
+FIRST_LOSS = 0.02
+"""Relative loss accepted in one step at the start; it decreases to 0 at the end."""
 
 
 @typed
 def select_greedy(problem: Problem, *, effort: int = EFFORT, seed: int = 0) -> Selection:
-    """Good selection in about a second, and how far from the best it can be at most.
+    """Good selection in about a second, with a bound on its distance from the optimum.
 
     Parameters
     ----------
     problem : Problem
-        What covers what, and what is wanted.
+        Candidates, faces and goal.
     effort : int
-        Elementary updates to spend on improvement, 0 for the plain greedy rule. The same effort
-        gives the same selection on any machine.
+        Elementary updates of the local search, 0 for the plain greedy rule. The same effort gives
+        the same selection on any machine.
     seed : int
-        Of the cameras that are given up at random.
+        Seed of the cameras removed at random.
     """
     check_seed(seed)
     started = time.perf_counter()
-    merged = merge(problem)
-    tally = construct(merged)
-    bound = bound_of(merged, tally)
+    reduced = presolve(problem)
+    state = construct(reduced)
+    bound = bound_of(reduced, state)
     if effort > 0:
-        tally = improve(merged, tally, bound, effort, seed)
-    chosen = merged.candidates[tally.ranked()]
-    return finish("greedy", merged, chosen, bound, time.perf_counter() - started)
+        state = improve(reduced, state, bound, effort, seed)
+    chosen = reduced.candidates[state.ranked()]
+    return finish("greedy", reduced, chosen, bound, time.perf_counter() - started)
 
 
-def construct(merged: Merged) -> Tally:
-    """The cameras that the greedy rule chooses, one at a time."""
-    tally = Tally(merged)
-    goal = merged.problem.goal
-    complete(tally, goal)
+def construct(reduced: ReducedProblem) -> CoverState:
+    """Cover built by the greedy rule, one camera at a time."""
+    state = CoverState(reduced)
+    goal = reduced.problem.goal
+    complete(state, goal)
     if not isinstance(goal, BestCoverage):
-        _prune(tally)
+        _prune(state)
     elif goal.budget is not None:
-        # By cost alone, many cheap cameras may keep out one that is better than all of them.
-        other = Tally(merged)
+        # By gain per cost alone, many cheap cameras may exclude one that is better than all.
+        other = CoverState(reduced)
         while goal.cameras is None or len(other.chosen) < goal.cameras:
             if (camera := other.next_best(_left(other, goal))) < 0:
                 break
             other.add(camera)
-        return other if other.covered > tally.covered else tally
-    return tally
+        return other if other.covered > state.covered else state
+    return state
 
 
-def complete(tally: Tally, goal: object, deadline: Deadline = NEVER) -> None:
-    """Add the cameras that the greedy rule adds to those that are chosen."""
-    while (camera := _next(tally, goal)) >= 0:
+def complete(state: CoverState, goal: object, deadline: Deadline = NEVER) -> None:
+    """Add cameras by the greedy rule until the goal is met or nothing is gained."""
+    while (camera := _next(state, goal)) >= 0:
         deadline.check()
-        tally.add(camera)
+        state.add(camera)
 
 
 def improve(
-    merged: Merged,
-    tally: Tally,
+    reduced: ReducedProblem,
+    state: CoverState,
     bound: float,
     effort: int,
     seed: int,
     deadline: Deadline = NEVER,
-) -> Tally:
-    """The best selection met while cameras are swapped, and given up and replaced, again and again.
+) -> CoverState:
+    """Best selection of a local search that swaps cameras, and removes and replaces some.
 
     Parameters
     ----------
-    merged, tally : Merged, Tally
-        The problem, and a selection to start from.
+    reduced, state : ReducedProblem, CoverState
+        The problem, and the selection to start from.
     bound : float
-        As `bound_of` gives it; the search ends when it is reached.
+        As of `bound_of`; the search ends when it is reached.
     effort, seed : int
         As for `select_greedy`.
     deadline : Deadline
-        Ends the search, too; looked at between two changes of the selection.
+        Also ends the search; checked between two changes of the selection.
     """
-    goal = merged.problem.goal
+    goal = reduced.problem.goal
     if isinstance(goal, BestCoverage):
-        start, tally = tally.chosen, Tally(merged, finish=True)
-        tally.become(start)
-        with suppress(TimeUpError):  # each swap that is done is for the better
-            _swap(tally, goal, deadline)
-    best = set(tally.chosen)
-    tally.work = 0
+        start, state = state.chosen, CoverState(reduced, finish=True)
+        state.become(start)
+        with suppress(TimeUpError):  # every completed swap is an improvement
+            _swap(state, goal, deadline)
+    best = set(state.chosen)
+    state.work = 0
     with suppress(TimeUpError):
-        for better in _kicked(merged, tally, bound, effort, seed, deadline):
+        for better in _kicked(reduced, state, bound, effort, seed, deadline):
             best = better
-    tally.barred[:] = 0
-    tally.barred[list(tally.chosen)] = 1
-    tally.become(best)
-    return tally
+    state.barred[:] = 0
+    state.barred[list(state.chosen)] = 1
+    state.become(best)
+    return state
 
 
 def _kicked(
-    merged: Merged, tally: Tally, bound: float, effort: int, seed: int, deadline: Deadline
+    reduced: ReducedProblem,
+    state: CoverState,
+    bound: float,
+    effort: int,
+    seed: int,
+    deadline: Deadline,
 ) -> Iterator[set[int]]:
-    """Ever better selections that are met on the way of `improve`."""
-    goal = merged.problem.goal
+    """Selections of `improve`, each better than the one before."""
+    goal = reduced.problem.goal
     rng = np.random.default_rng(seed)
-    current = set(tally.chosen)
-    best_value = value = _value(tally, goal)
+    current = set(state.chosen)
+    best_value = value = _value(state, goal)
     most_lost = 4 if isinstance(goal, BestCoverage) else 8
     for kick in range(MOST_KICKS):
-        if tally.work > effort or not current or _reaches(merged, tally, best_value, bound):
+        if state.work > effort or not current or _reaches(reduced, state, best_value, bound):
             return
         deadline.check()
-        ranked = tally.ranked()
+        ranked = state.ranked()
         n_lost = int(rng.integers(1, min(most_lost, len(ranked)) + 1))
         lost = [ranked[place] for place in rng.choice(len(ranked), n_lost, replace=False)]
         for camera in lost:
-            tally.remove(camera)
-        # Half of the time what is given up stays away until all is replaced; else for one turn.
-        tally.barred[lost] = 1
+            state.remove(camera)
+        # Half of the time the removed cameras are excluded until all are replaced, else for one step.
+        state.barred[lost] = 1
         if rng.integers(2):
-            camera = _next(tally, goal)
+            camera = _next(state, goal)
             if camera >= 0:
-                tally.add(camera)
+                state.add(camera)
         else:
-            complete(tally, goal, deadline)
-        tally.barred[[camera for camera in lost if camera not in tally.chosen]] = 0
-        complete(tally, goal, deadline)
+            complete(state, goal, deadline)
+        state.barred[[camera for camera in lost if camera not in state.chosen]] = 0
+        complete(state, goal, deadline)
         if isinstance(goal, BestCoverage):
-            _swap(tally, goal, deadline)
+            _swap(state, goal, deadline)
         else:
-            _prune(tally, deadline)
-        new_value = _value(tally, goal)
-        # A little worse will do at first, so that the search leaves what no swap improves.
-        left = 1 - max(tally.work / effort, kick / MOST_KICKS)
-        patience = LOSS * abs(value[0]) * max(0.0, left)
+            _prune(state, deadline)
+        new_value = _value(state, goal)
+        # Slightly worse selections are accepted at first, to leave local optima of swaps.
+        left = 1 - max(state.work / effort, kick / MOST_KICKS)
+        patience = FIRST_LOSS * abs(value[0]) * max(0.0, left)
         if new_value[0] < value[0] - patience:
-            tally.become(current)
+            state.become(current)
             continue
-        current, value = set(tally.chosen), new_value
+        current, value = set(state.chosen), new_value
         if value > best_value:
             best_value = value
             yield current
 
 
-def _value(tally: Tally, goal: object) -> tuple[float, float]:
-    """What is to be made as great as possible."""
+def _value(state: CoverState, goal: object) -> tuple[float, float]:
+    """Value to maximise; the second number breaks ties."""
     if isinstance(goal, BestCoverage):
-        return tally.covered, tally.worth
-    return -tally.cost, 0
+        return state.covered, state.worth
+    return -state.cost, 0
 
 
-def _reaches(merged: Merged, tally: Tally, value: tuple[float, float], bound: float) -> bool:
-    """Whether nothing is left to gain."""
-    if isinstance(merged.problem.goal, BestCoverage):
-        return value[0] >= bound * int(merged.problem.quanta.sum()) * (1 - PROVED)
+def _reaches(
+    reduced: ReducedProblem, state: CoverState, value: tuple[float, float], bound: float
+) -> bool:
+    """True where the value reaches the bound."""
+    if isinstance(reduced.problem.goal, BestCoverage):
+        return value[0] >= bound * int(reduced.problem.integer_weights.sum()) * (1 - PROVED)
     return -value[0] <= bound * (1 + PROVED)
 
 
-def _next(tally: Tally, goal: object) -> int:
+def _next(state: CoverState, goal: object) -> int:
     """Camera that the greedy rule adds; -1 where the goal allows, or asks for, no more."""
     if not isinstance(goal, BestCoverage):
-        if tally.is_met:
+        if state.is_met:
             return -1
-        camera = tally.next_needed()
-        return camera if camera >= 0 else tally.next_first_half()
-    if goal.cameras is not None and len(tally.chosen) >= goal.cameras:
+        camera = state.next_needed()
+        return camera if camera >= 0 else state.next_first_half()
+    if goal.cameras is not None and len(state.chosen) >= goal.cameras:
         return -1
-    most_cost = _left(tally, goal)
-    camera = tally.next_best(most_cost, by_cost=goal.budget is not None)
-    return camera if camera >= 0 else tally.next_first_half(most_cost)
+    most_cost = _left(state, goal)
+    camera = state.next_best(most_cost, by_cost=goal.budget is not None)
+    return camera if camera >= 0 else state.next_first_half(most_cost)
 
 
-def _left(tally: Tally, goal: BestCoverage) -> float:
-    """Budget that is not spent."""
-    return np.inf if goal.budget is None else goal.budget * (1 + 1e-12) - tally.cost
+def _left(state: CoverState, goal: BestCoverage) -> float:
+    """Remaining budget."""
+    return np.inf if goal.budget is None else goal.budget * (1 + 1e-12) - state.cost
 
 
-def _swap(tally: Tally, goal: BestCoverage, deadline: Deadline) -> None:
-    """Replace single cameras while that gains anything."""
+def _swap(state: CoverState, goal: BestCoverage, deadline: Deadline) -> None:
+    """Replace single cameras until no replacement gains."""
     gains = True
     while gains:
         gains = False
-        for camera in tally.ranked():
+        for camera in state.ranked():
             deadline.check()
-            before = tally.worth
-            tally.remove(camera)
-            other = tally.next_best(_left(tally, goal))
+            before = state.worth
+            state.remove(camera)
+            other = state.next_best(_left(state, goal))
             if other < 0:
-                tally.add(camera)
+                state.add(camera)
                 continue
-            tally.add(other)
-            if tally.worth > before:
+            state.add(other)
+            if state.worth > before:
                 gains = True
             elif other != camera:
-                tally.remove(other)
-                tally.add(camera)
+                state.remove(other)
+                state.add(camera)
 
 
-def _prune(tally: Tally, deadline: Deadline = NEVER) -> None:
-    """Give up cameras that the requirements do not need, the dearest first."""
-    for camera in sorted(tally.ranked(), key=lambda camera: -float(tally.merged.costs[camera])):
+def _prune(state: CoverState, deadline: Deadline = NEVER) -> None:
+    """Remove cameras that the requirements do not need, the most expensive first."""
+    for camera in sorted(state.ranked(), key=lambda camera: -float(state.reduced.costs[camera])):
         deadline.check()
-        tally.remove(camera)
-        if not tally.is_met:
-            tally.add(camera)
+        state.remove(camera)
+        if not state.is_met:
+            state.add(camera)

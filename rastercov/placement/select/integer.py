@@ -1,4 +1,4 @@
-"""The best selection there is, by integer programming with HiGHS, started from the greedy one.
+"""Optimal selection by integer programming with HiGHS, started from the greedy selection.
 
 With x_c = 1 for a chosen camera and z_f = 1 for a covered face,
 
@@ -7,14 +7,14 @@ With x_c = 1 for a chosen camera and z_f = 1 for a covered face,
                                                           sum cost_c x_c <= budget
     both            sum over c that cover f of x_c  >=  views_f z_f
 
-Where rays must differ, a face may not be covered by cameras that all see it from about the same
-direction: for any set Q of cameras whose rays at f are pairwise closer than the angle,
+Where rays must differ, cameras that all see a face from about the same direction do not cover it:
+for any set Q of cameras whose rays at f are pairwise closer than the angle,
 
     sum over c that cover f, not in Q, of x_c  >=  z_f.
 
-There are too many such sets to write down, so those that an answer runs into are added and the
-program is solved again, until none is left; the bound holds all the while, because leaving some out
-only makes the program easier.
+There are too many such sets to enumerate. Those that a solution violates are added and the program
+is solved again, until none is violated; the bound holds throughout, because the program without
+some of the constraints is a relaxation.
 
 Q. Huangfu, J. A. J. Hall. Parallelizing the dual revised simplex method. 2018 (HiGHS).
 """
@@ -32,12 +32,12 @@ from numpy.typing import NDArray
 from rastercov._typed import typed
 from rastercov.errors import ConfigError, ResourceError
 from rastercov.placement.select import selection_kernels as kernels
-from rastercov.placement.select.cover_state import Tally
+from rastercov.placement.select.cover_state import CoverState
 from rastercov.placement.select.deadline import Deadline, TimeUpError
 from rastercov.placement.select.greedy import EFFORT, complete, construct, improve
-from rastercov.placement.select.lagrange import SAFETY, rounded_up
-from rastercov.placement.select.presolve import Merged, merge
-from rastercov.placement.select.problem import WHOLE, BestCoverage, Problem
+from rastercov.placement.select.lagrange import BOUND_SAFETY_REL, rounded_up
+from rastercov.placement.select.presolve import ReducedProblem, presolve
+from rastercov.placement.select.problem import TOTAL_WEIGHT, BestCoverage, Problem
 from rastercov.placement.select.selection import (
     PROVED,
     Selection,
@@ -51,110 +51,110 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 MOST_PAIRS = 20_000_000
-"""Pairs of candidate and face that fit into memory with what HiGHS makes of them: 4 GB."""
+"""Greatest number of candidate-face pairs; HiGHS takes 4 GB for them."""
 POLL = 0.1
-"""Seconds between two looks for an interrupt."""
+"""Seconds between two checks for an interrupt."""
 START_SHARE = 0.15
-"""Part of the time for the bound and the improvement of the greedy start; HiGHS has the rest."""
+"""Share of the time for the bound and the local search of the greedy start; HiGHS has the rest."""
 RESERVE = 0.03
-"""Part of the time in which HiGHS stops."""
-LAST = 0.25
-"""Part of the time for putting the selection in order, at most."""
+"""Share of the time reserved for HiGHS to stop."""
+FINISH_SHARE = 0.25
+"""Greatest share of the time for ordering the selection."""
 GRACE = 0.1
-"""Seconds after the limit until HiGHS is left behind when it has not stopped."""
+"""Seconds after the limit until a solver that has not stopped is abandoned."""
 AT_EXIT = 10.0
-"""Seconds that Python waits at its end for a solver that was left behind."""
-SETUP = 3e-7
-"""Seconds a pair to make a program and to start HiGHS on it: 0.6 s for two million pairs."""
+"""Seconds that Python waits at exit for an abandoned solver."""
+SETUP_SECONDS_A_PAIR = 3e-7
+"""Seconds a pair to build a program and to start HiGHS on it: 0.6 s for two million pairs."""
 PAIRS_A_LOOK = 5_000_000
-"""Pairs of candidates compared between two looks at the clock when directions are separated."""
+"""Pairs of candidates compared between two checks of the clock when directions are separated."""
 
 
 @typed
 def select_integer(
     problem: Problem, *, time_limit: float = 60.0, threads: int | None = None, seed: int = 0
 ) -> Selection:
-    """Best selection, or the best found in the time and what is proved about it.
+    """Optimal selection, or the best one found in the time, with its bound.
 
-    An interrupt (Ctrl-C) ends the search and gives what was found, with status "interrupted".
+    An interrupt (Ctrl-C) ends the search and returns the best so far, with status "interrupted".
 
     Parameters
     ----------
     problem : Problem
-        What covers what, and what is wanted.
+        Candidates, faces and goal.
     time_limit : float
-        Seconds from the call, more than 0; kept to a tenth and 0.2 s. Of it, the greedy start has
-        15 % for its bound and its improvement, HiGHS the rest; a limit that is longer than what
-        both need changes nothing. HiGHS does not look at its clock in parts of its presolve: where
-        it goes on beyond the limit it is left behind, and ends by itself when it comes to look.
-        No limit shortens what every selection needs: merging, the greedy rule and the order of the
+        Seconds from the call, more than 0; exceeded by at most a tenth and 0.2 s. The bound and the
+        local search of the greedy start have 15 % of it, HiGHS the rest; a longer limit than both
+        need changes nothing. HiGHS does not check its clock in parts of its presolve: where it
+        continues beyond the limit it is abandoned, and ends at its next check. The limit does not
+        include the steps of every selection: presolve, the greedy rule and the order of the
         cameras, 0.1 s for a million pairs or for 1000 cameras of 10,000 candidates; nor loading the
         compiled loops in a new process, or compiling them once after installation.
     threads : int, optional
-        Of HiGHS; its own choice unless given.
+        Threads of HiGHS; its own choice unless given.
     seed : int
-        Of the greedy start.
+        Seed of the greedy start.
 
     Raises
     ------
     ConfigError
-        When highspy is not installed, or for a time limit that is none.
+        When highspy is not installed, or for a time limit that is not positive.
     ResourceError
         For more pairs than `MOST_PAIRS`.
     """
     if not time_limit > 0:
         raise ConfigError(f"time_limit must be more than 0 seconds, got {time_limit!r}")
     started, deadline = time.perf_counter(), Deadline.after(time_limit)
-    merged = merge(problem)
-    if len(merged.face) > MOST_PAIRS:
+    reduced = presolve(problem)
+    if len(reduced.face) > MOST_PAIRS:
         raise ResourceError(
-            f"{len(merged.face)} pairs of candidate and face are more than the {MOST_PAIRS} that "
+            f"{len(reduced.face)} pairs of candidate and face are more than the {MOST_PAIRS} that "
             "an integer program is made of; use select_greedy, which has a bound, too"
         )
     before = time.perf_counter()
-    tally = construct(merged)
-    # To put the selection in order at the end takes about as long as to choose it by this rule.
-    deadline = deadline.earlier(min(time.perf_counter() - before, LAST * time_limit))
+    state = construct(reduced)
+    # Ordering the selection at the end takes about as long as the greedy rule.
+    deadline = deadline.earlier(min(time.perf_counter() - before, FINISH_SHARE * time_limit))
     share = deadline.sooner(START_SHARE)
-    bound = bound_of(merged, tally, share.sooner(0.5))
-    tally = improve(merged, tally, bound, EFFORT, seed, share)
-    search = _Search(merged, tally, bound)
+    bound = bound_of(reduced, state, share.sooner(0.5))
+    state = improve(reduced, state, bound, EFFORT, seed, share)
+    search = _Search(reduced, state, bound)
     status = "feasible"
-    if not search.is_proved and merged.n_candidates:
+    if not search.is_proved and reduced.n_candidates:
         status = search.run(deadline, threads)
-    chosen = merged.candidates[sorted(search.best)]
+    chosen = reduced.candidates[sorted(search.best)]
     seconds = time.perf_counter() - started
-    return finish("integer", merged, chosen, search.bound, seconds, status)
+    return finish("integer", reduced, chosen, search.bound, seconds, status)
 
 
 class _Search:
-    """The best selection and the best bound so far, of a merged problem."""
+    """Best selection and best bound so far of a reduced problem."""
 
-    def __init__(self, merged: Merged, tally: Tally, bound: float) -> None:
-        self.merged, self.tally, self.bound = merged, tally, bound
-        self.is_best_coverage = isinstance(merged.problem.goal, BestCoverage)
-        self.best, self.value = set(tally.chosen), self._value()
+    def __init__(self, reduced: ReducedProblem, state: CoverState, bound: float) -> None:
+        self.reduced, self.state, self.bound = reduced, state, bound
+        self.is_best_coverage = isinstance(reduced.problem.goal, BestCoverage)
+        self.best, self.value = set(state.chosen), self._value()
 
     @property
     def is_proved(self) -> bool:
-        """Whether nothing is better."""
+        """True where the gap is within the tolerance."""
         return relative_gap(self.value, self.bound) <= PROVED
 
     def run(self, deadline: Deadline, threads: int | None) -> str:
-        """Solve until the best is proved, the time is up, or someone interrupts; the status."""
+        """Solve until the optimum is proved, the time is up or an interrupt comes; the status."""
         try:
             return self._run(deadline, threads)
         except TimeUpError:
             return "time_limit"
 
     def _run(self, deadline: Deadline, threads: int | None) -> str:
-        setup = SETUP * len(self.merged.face)
-        program = _Program(self.merged, threads) if deadline.left > setup else None
+        setup = SETUP_SECONDS_A_PAIR * len(self.reduced.face)
+        program = _Program(self.reduced, threads) if deadline.left > setup else None
         while True:
             if program is None or deadline.left <= setup:
                 return "time_limit"
             chosen, bound, ended = program.solve(deadline, self.best)
-            if ended == "infeasible":  # cannot be, and says nothing about what is best
+            if ended == "infeasible":  # impossible by construction; proves nothing
                 return "feasible"
             self._take_bound(bound)
             if chosen is not None:
@@ -165,36 +165,36 @@ class _Search:
                 return "feasible"
 
     def _take(self, chosen: set[int]) -> None:
-        """Keep a selection, completed where it falls short, if it is better than the best."""
-        self.tally.become(chosen)
-        complete(self.tally, self.merged.problem.goal)
-        if not (self.is_best_coverage or self.tally.is_met):
+        """Complete a selection by the greedy rule, and keep it if it is the best."""
+        self.state.become(chosen)
+        complete(self.state, self.reduced.problem.goal)
+        if not (self.is_best_coverage or self.state.is_met):
             return
         value = self._value()
         if (value > self.value) if self.is_best_coverage else (value < self.value):
-            self.best, self.value = set(self.tally.chosen), value
+            self.best, self.value = set(self.state.chosen), value
 
     def _take_bound(self, bound: float) -> None:
-        if not np.isfinite(bound):  # stopped before there was one
+        if not np.isfinite(bound):  # stopped before the first bound
             return
         if not self.is_best_coverage:
-            bound = rounded_up(bound - SAFETY * abs(bound), self.merged.costs)
+            bound = rounded_up(bound - BOUND_SAFETY_REL * abs(bound), self.reduced.costs)
             self.bound = max(self.bound, bound)
             return
-        quanta = self.merged.quanta
-        weight = bound * (1 + SAFETY) * float(quanta.sum())
-        if int(quanta.sum()) < WHOLE // 2:  # the weights' own whole numbers
+        integer_weights = self.reduced.integer_weights
+        weight = bound * (1 + BOUND_SAFETY_REL) * float(integer_weights.sum())
+        if int(integer_weights.sum()) < TOTAL_WEIGHT // 2:  # the weights are integers themselves
             weight = np.floor(weight + 1e-4)
-        self.bound = min(self.bound, share_of(self.merged.problem, weight))
+        self.bound = min(self.bound, share_of(self.reduced.problem, weight))
 
     def _value(self) -> float:
         if self.is_best_coverage:
-            return share_of(self.merged.problem, self.tally.covered)
-        return self.tally.cost
+            return share_of(self.reduced.problem, self.state.covered)
+        return self.state.cost
 
 
 class _Seen:
-    """Solution and bound that HiGHS has reported so far, for when it has to be left behind."""
+    """Latest solution and bound that HiGHS has reported, for when it has to be abandoned."""
 
     def __init__(self, n_candidates: int, is_best_coverage: bool) -> None:
         self.n_candidates = n_candidates
@@ -202,11 +202,11 @@ class _Seen:
         self.chosen: set[int] | None = None
 
     def progress(self, event: Any) -> None:
-        """Take the bound."""
+        """Record the bound."""
         self.bound = float(event.data_out.mip_dual_bound)
 
     def improvement(self, event: Any) -> None:
-        """Take a better solution."""
+        """Record a better solution."""
         values = np.array(event.data_out.mip_solution)[: self.n_candidates]
         self.chosen = set(np.flatnonzero(values > 0.5).tolist())
 
@@ -214,51 +214,51 @@ class _Seen:
 class _Program:
     """The integer program in HiGHS: columns are candidates, then faces that may stay uncovered."""
 
-    def __init__(self, merged: Merged, threads: int | None) -> None:
+    def __init__(self, reduced: ReducedProblem, threads: int | None) -> None:
         try:
             import highspy
         except ImportError:
             raise ConfigError(
                 "select_integer needs highspy; pip install 'rastercov[place]', or use select_greedy"
             ) from None
-        self.highspy, self.merged = highspy, merged
-        self.is_best_coverage = isinstance(merged.problem.goal, BestCoverage)
-        optional = np.flatnonzero(~merged.is_mandatory)
-        self.column_of_face = np.full(merged.n_faces, -1, np.int64)
-        self.column_of_face[optional] = merged.n_candidates + np.arange(len(optional))
-        self.n_columns = merged.n_candidates + len(optional)
-        self.views = merged.views.astype(np.int64)
-        if merged.is_spread:
+        self.highspy, self.reduced = highspy, reduced
+        self.is_best_coverage = isinstance(reduced.problem.goal, BestCoverage)
+        optional = np.flatnonzero(~reduced.is_mandatory)
+        self.column_of_face = np.full(reduced.n_faces, -1, np.int64)
+        self.column_of_face[optional] = reduced.n_candidates + np.arange(len(optional))
+        self.n_columns = reduced.n_candidates + len(optional)
+        self.views = reduced.views.astype(np.int64)
+        if reduced.is_spread:
             self.views = np.maximum(self.views, 2)
-        # Faces that take about as many comparisons as are made between two looks at the clock.
-        work = np.cumsum(np.diff(merged.starts).astype(np.float64) ** 2) // PAIRS_A_LOOK
-        ends = [*(np.flatnonzero(np.diff(work) > 0) + 1).tolist(), merged.n_faces]
+        # Slices of faces with about PAIRS_A_LOOK comparisons each.
+        work = np.cumsum(np.diff(reduced.starts).astype(np.float64) ** 2) // PAIRS_A_LOOK
+        ends = [*(np.flatnonzero(np.diff(work) > 0) + 1).tolist(), reduced.n_faces]
         self.parts = [slice(a, b) for a, b in pairwise([0, *ends])]
-        # Weights as parts of the whole, on average 1 a face: solvers like numbers near 1.
-        total = max(1, int(merged.quanta.sum()))
-        self.weights = merged.quanta.astype(np.float64) * (merged.n_faces / total)
+        # Weights scaled to a mean of 1, the range in which solvers are accurate.
+        total = max(1, int(reduced.integer_weights.sum()))
+        self.weights = reduced.integer_weights.astype(np.float64) * (reduced.n_faces / total)
         self.solver = highspy.Highs()
-        # highspy keeps its locks in the class; a solver that was left behind would keep them.
+        # highspy keeps its locks in the class; an abandoned solver would hold them for ever.
         vars(self.solver).update(_Highs__solver_stopped=RLock(), _Highs__solver_started=Lock())
         options: dict[str, Any] = {"output_flag": False, "mip_rel_gap": 0.0, "random_seed": 0}
         if threads is not None:
             options["threads"] = threads
-        # Where objectives are whole numbers, a gap below one of them is none.
+        # Where objectives are integers, a gap below 1 is no gap.
         if self.is_best_coverage:
-            unit = self.weights.sum() / total if total < WHOLE // 2 else 0.0
+            unit = self.weights.sum() / total if total < TOTAL_WEIGHT // 2 else 0.0
         else:
-            unit = 1.0 if bool((merged.costs == np.floor(merged.costs)).all()) else 0.0
+            unit = 1.0 if bool((reduced.costs == np.floor(reduced.costs)).all()) else 0.0
         options["mip_abs_gap"] = max(0.999 * unit, 1e-7)
         for name, value in options.items():
             self.solver.setOptionValue(name, value)
         self._pass_model(optional)
         self.solver.HandleUserInterrupt = True
-        self.seen = _Seen(self.merged.n_candidates, self.is_best_coverage)
+        self.seen = _Seen(self.reduced.n_candidates, self.is_best_coverage)
         self.solver.cbMipInterrupt += self.seen.progress
         self.solver.cbMipImprovingSolution += self.seen.improvement
 
     def solve(self, deadline: Deadline, start: set[int]) -> tuple[set[int] | None, float, str]:
-        """The chosen candidates, if any were found, the bound, and how it ended."""
+        """Chosen candidates, None where none were found; the bound; the status."""
         solver = self.solver
         solution = self.highspy.HighsSolution()
         solution.col_value = self._columns_of(start)
@@ -275,7 +275,7 @@ class _Program:
                 if deadline.is_over:
                     solver.cancelSolve()
                 if deadline.left < -GRACE:
-                    atexit.register(thread.join, AT_EXIT)  # its callbacks need a Python that runs
+                    atexit.register(thread.join, AT_EXIT)  # its callbacks need a live interpreter
                     return self.seen.chosen, self._bound(self.seen.bound), "time_limit"
             except KeyboardInterrupt:
                 interrupted = True
@@ -288,31 +288,31 @@ class _Program:
         info = solver.getInfo()
         chosen = None
         if info.primal_solution_status == 2:  # feasible
-            values = np.array(solver.getSolution().col_value[: self.merged.n_candidates])
+            values = np.array(solver.getSolution().col_value[: self.reduced.n_candidates])
             chosen = set(np.flatnonzero(values > 0.5).tolist())
         bound = self._bound(info.mip_dual_bound)
         return chosen, bound, "interrupted" if interrupted else ended
 
     def _bound(self, objective: float) -> float:
         """Bound of the cost, or of the share of the weight."""
-        return objective / max(1, self.merged.n_faces) if self.is_best_coverage else objective
+        return objective / max(1, self.reduced.n_faces) if self.is_best_coverage else objective
 
     def forbid(self, chosen: set[int], deadline: Deadline) -> int:
-        """Rows that the faces lack which only look covered by these cameras; how many.
+        """Add the constraints that these cameras violate, one a face; their number.
 
-        TimeUpError when the deadline passes before all faces are looked at.
+        Raises TimeUpError when the deadline passes before all faces are checked.
         """
-        merged = self.merged
-        if not merged.is_spread:
+        reduced = self.reduced
+        if not reduced.is_spread:
             return 0
-        is_chosen = np.zeros(merged.n_candidates, bool)
+        is_chosen = np.zeros(reduced.n_candidates, bool)
         is_chosen[list(chosen)] = True
         n_found = 0
         for part in self.parts:
             deadline.check()
             starts, columns = kernels.missing_directions(
-                merged.starts[part.start : part.stop + 1], merged.covering, is_chosen,
-                self.views[part], merged.eyes, merged.centroids[part], merged.min_cosine,
+                reduced.starts[part.start : part.stop + 1], reduced.covering, is_chosen,
+                self.views[part], reduced.eyes, reduced.centroids[part], reduced.min_cosine,
             )  # fmt: skip
             for face in np.flatnonzero(np.diff(starts) > 0):  # a call each, microseconds
                 row = columns[starts[face] : starts[face + 1]].astype(np.int32)
@@ -326,10 +326,10 @@ class _Program:
 
     def _columns_of(self, chosen: set[int]) -> FloatArray:
         """Values of all columns for a selection."""
-        merged = self.merged
-        tally = Tally(merged)
-        tally.become(chosen)
-        covered = tally.covered_faces
+        reduced = self.reduced
+        state = CoverState(reduced)
+        state.become(chosen)
+        covered = state.covered_faces
         values = np.zeros(self.n_columns)
         values[list(chosen)] = 1.0
         optional = self.column_of_face >= 0
@@ -337,26 +337,26 @@ class _Program:
         return values
 
     def _pass_model(self, optional: IntArray) -> None:
-        """Give HiGHS the program, row by row: faces, then the limits of the goal."""
-        highspy, merged = self.highspy, self.merged
-        goal, n_candidates = merged.problem.goal, merged.n_candidates
+        """Pass the program to HiGHS, row by row: faces, then the limits of the goal."""
+        highspy, reduced = self.highspy, self.reduced
+        goal, n_candidates = reduced.problem.goal, reduced.n_candidates
         cameras = np.arange(n_candidates)
         column_of = self.column_of_face
         is_optional = (column_of >= 0).astype(np.int64)
 
-        # One row a face: its candidates, and -views in the column that says it is covered.
-        lengths = np.diff(merged.starts) + is_optional
+        # One row a face: its candidates, and -views in its column z.
+        lengths = np.diff(reduced.starts) + is_optional
         ends = np.cumsum(lengths)
         index = np.empty(int(lengths.sum()), np.int64)
         value = np.ones(len(index))
         own = ends[optional] - 1
         of_pairs = np.ones(len(index), bool)
         of_pairs[own] = False
-        index[of_pairs] = merged.covering
+        index[of_pairs] = reduced.covering
         index[own], value[own] = column_of[optional], -self.views[optional]
         rows = [(index, value)]
         lower = [np.where(is_optional, 0.0, self.views)]
-        upper = [np.full(merged.n_faces, highspy.kHighsInf)]
+        upper = [np.full(reduced.n_faces, highspy.kHighsInf)]
         n_entries = [lengths]
 
         def add_row(columns: IntArray, values: FloatArray, low: float, high: float) -> None:
@@ -371,28 +371,28 @@ class _Program:
             if goal.cameras is not None:
                 add_row(cameras, np.ones(n_candidates), -inf, float(goal.cameras))
             if goal.budget is not None:
-                add_row(cameras, merged.costs, -inf, goal.budget)
+                add_row(cameras, reduced.costs, -inf, goal.budget)
         else:
-            cost[:n_candidates] = merged.costs
-            scale = merged.n_faces / max(1, int(merged.quanta.sum()))
-            for kind in (None, *range(1, len(merged.least))):
-                of_kind = optional if kind is None else optional[merged.kind[optional] == kind]
+            cost[:n_candidates] = reduced.costs
+            scale = reduced.n_faces / max(1, int(reduced.integer_weights.sum()))
+            for kind in (None, *range(1, len(reduced.least))):
+                of_kind = optional if kind is None else optional[reduced.kind[optional] == kind]
                 certain = column_of < 0
                 if kind is not None:
-                    certain &= merged.kind == kind
-                least = merged.least_total if kind is None else int(merged.least[kind])
-                missing = least - int(merged.quanta[certain].sum())
+                    certain &= reduced.kind == kind
+                least = reduced.least_total if kind is None else int(reduced.least[kind])
+                missing = least - int(reduced.integer_weights[certain].sum())
                 if missing > 0:
                     add_row(column_of[of_kind], self.weights[of_kind], missing * scale, inf)
 
-        # With one view a face, z is whole by itself where x is.
+        # With one view a face, z is an integer wherever x is.
         integer, continuous = highspy.HighsVarType.kInteger, highspy.HighsVarType.kContinuous
         is_whole = np.ones(self.n_columns, bool)
-        is_whole[n_candidates:] = (self.views[optional] > 1) | merged.is_spread
+        is_whole[n_candidates:] = (self.views[optional] > 1) | reduced.is_spread
         counts = np.concatenate(n_entries)
         columns = np.concatenate([row[0] for row in rows]).astype(np.int32)
         sense = highspy.ObjSense.kMaximize if self.is_best_coverage else highspy.ObjSense.kMinimize
-        self.solver.passModel(  # arrays as they are: lists of millions of numbers take seconds
+        self.solver.passModel(  # arrays, because lists of millions of numbers take seconds
             self.n_columns, len(counts), len(columns), int(highspy.MatrixFormat.kRowwise),
             int(sense), 0.0, cost, np.zeros(self.n_columns), np.ones(self.n_columns),
             np.concatenate(lower), np.concatenate(upper),

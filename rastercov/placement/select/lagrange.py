@@ -1,12 +1,13 @@
-"""What no selection can do better than, proved by Lagrange multipliers in about a second.
+"""Lagrangian bound: an objective that no selection can exceed, found in about a second.
 
-Give a face f a price u_f for every camera that it lacks. With the constraints
+Each face f has a price u_f for every camera that it lacks. With the constraints
 
     sum of x_c over the cameras that cover f  >=  views_f z_f
 
-priced instead of kept, cameras and faces fall apart and each is decided alone; the value of that
-is a bound for any prices, and subgradient steps look for good ones. At its best it is the bound of
-the linear program. An angle between views is left out, which can only loosen a bound.
+priced instead of enforced, the problem separates and each camera and face is decided alone. Its
+value is a bound for any prices; a subgradient method improves the prices. The best possible one is
+the bound of the linear program. An angle between views is left out, which can only loosen the
+bound.
 
 J. E. Beasley. A Lagrangian heuristic for set-covering problems. 1990.
 M. L. Fisher. The Lagrangian relaxation method for solving integer programming problems. 1981.
@@ -20,108 +21,108 @@ from numpy.typing import NDArray
 
 from rastercov.placement.select import lagrange_kernels as kernels
 from rastercov.placement.select.deadline import NEVER, Deadline
-from rastercov.placement.select.presolve import Merged
+from rastercov.placement.select.presolve import ReducedProblem
 from rastercov.placement.select.problem import BestCoverage, FewestCameras
 
 FloatArray = NDArray[np.float64]
 
 EFFORT = 300_000_000
-"""Pairs looked at, about a second; at least `FEWEST_STEPS` steps however many pairs there are."""
+"""Pairs to process, about a second; `FEWEST_STEPS` steps at least, for any number of pairs."""
 FEWEST_STEPS, MOST_STEPS = 40, 1000
 PAIRS_A_LOOK = 5_000_000
-"""Pairs looked at between two looks at the clock, 20 ms; at least those of a step."""
-SAFETY = 1e-9
-"""Part of a bound that rounding in its sum may have taken."""
+"""Pairs processed between two checks of the clock, 20 ms; at least those of a step."""
+BOUND_SAFETY_REL = 1e-9
+"""Relative rounding error of the sum of a bound."""
 
 
 def best_weight(
-    merged: Merged, reached: int, effort: int = EFFORT, deadline: Deadline = NEVER
+    reduced: ReducedProblem, reached: int, effort: int = EFFORT, deadline: Deadline = NEVER
 ) -> int:
-    """Weight in whole numbers that no selection within the goal's limits can exceed.
+    """Upper bound of the integer weight of any selection within the limits of the goal.
 
     Parameters
     ----------
-    merged : Merged
+    reduced : ReducedProblem
         Of a problem whose goal is `BestCoverage`.
     reached : int
-        Weight of a selection, for the length of the steps.
+        Weight of a known selection; sets the length of the steps.
     effort : int
-        Pairs to look at.
+        Pairs to process.
     deadline : Deadline
-        Ends the search for better prices, but not before its first steps.
+        Ends the search for better prices, after its first steps.
     """
-    goal = merged.problem.goal
+    goal = reduced.problem.goal
     assert isinstance(goal, BestCoverage)
-    whole = int(merged.quanta.sum())
-    cameras = merged.n_candidates if goal.cameras is None else goal.cameras
-    cameras = min(cameras, merged.n_candidates)
-    budget = math.inf if goal.budget is None else goal.budget * (1 + SAFETY)
+    whole = int(reduced.integer_weights.sum())
+    cameras = reduced.n_candidates if goal.cameras is None else goal.cameras
+    cameras = min(cameras, reduced.n_candidates)
+    budget = math.inf if goal.budget is None else goal.budget * (1 + BOUND_SAFETY_REL)
     if not whole or not cameras:
         return 0
-    views = _views(merged)
-    weights = merged.quanta / whole
-    prices = np.minimum(_first_prices(merged, weights / views), weights / views)
+    views = _views(reduced)
+    weights = reduced.integer_weights / whole
+    prices = np.minimum(_first_prices(reduced, weights / views), weights / views)
     best_prices = prices.copy()
 
     def search(progress: FloatArray, steps: int) -> None:
         kernels.best_weight(
-            merged.indptr, merged.face, views, weights, merged.costs, cameras, budget,
+            reduced.indptr, reduced.face, views, weights, reduced.costs, cameras, budget,
             prices, best_prices, progress, reached / whole, steps,
         )  # fmt: skip
 
-    top = _searched(search, math.inf, merged, effort, deadline)
-    return min(whole, math.floor(top * (1 + SAFETY) * whole + SAFETY))
+    top = _searched(search, math.inf, reduced, effort, deadline)
+    return min(whole, math.floor(top * (1 + BOUND_SAFETY_REL) * whole + BOUND_SAFETY_REL))
 
 
 def least_cost(
-    merged: Merged, cost: float, effort: int = EFFORT, deadline: Deadline = NEVER
+    reduced: ReducedProblem, cost: float, effort: int = EFFORT, deadline: Deadline = NEVER
 ) -> float:
-    """Cost below which no selection meets the requirements.
+    """Lower bound of the cost of any selection that meets the requirements.
 
     Parameters
     ----------
-    merged : Merged
+    reduced : ReducedProblem
         Of a problem whose goal is `FewestCameras`.
     cost : float
-        Of a selection that does, for the length of the steps.
+        Cost of a known selection that does; sets the length of the steps.
     effort, deadline
         As for `best_weight`.
     """
-    assert isinstance(merged.problem.goal, FewestCameras)
-    if merged.least_total <= 0 and not (merged.least > 0).any():
+    assert isinstance(reduced.problem.goal, FewestCameras)
+    if reduced.least_total <= 0 and not (reduced.least > 0).any():
         return 0.0
-    views = _views(merged)
-    prices = np.empty(merged.n_faces)
-    kernels.cheapest_share(merged.indptr, merged.face, merged.costs, prices)
+    views = _views(reduced)
+    prices = np.empty(reduced.n_faces)
+    kernels.cheapest_share(reduced.indptr, reduced.face, reduced.costs, prices)
     best_prices = prices.copy()
-    weights, least = merged.quanta.astype(np.float64), merged.least.astype(np.float64)
+    weights, least = reduced.integer_weights.astype(np.float64), reduced.least.astype(np.float64)
 
     def search(progress: FloatArray, steps: int) -> None:
         kernels.least_cost(
-            merged.indptr, merged.face, views, weights, merged.costs, merged.kind, least,
-            float(merged.least_total), prices, best_prices, progress, cost, steps,
+            reduced.indptr, reduced.face, views, weights, reduced.costs, reduced.kind, least,
+            float(reduced.least_total), prices, best_prices, progress, cost, steps,
         )  # fmt: skip
 
-    bottom = _searched(search, 0.0, merged, effort, deadline)
-    return rounded_up(bottom - SAFETY * abs(bottom), merged.costs)
+    bottom = _searched(search, 0.0, reduced, effort, deadline)
+    return rounded_up(bottom - BOUND_SAFETY_REL * abs(bottom), reduced.costs)
 
 
 def rounded_up(cost: float, costs: FloatArray) -> float:
-    """A lower bound of a sum of costs: the next whole number where they are whole, at least 0."""
+    """Lower bound of a sum of costs, rounded up to an integer where all costs are; at least 0."""
     if len(costs) and bool((costs == np.floor(costs)).all()):
         cost = math.ceil(cost - 1e-6)
     return max(0.0, float(cost))
 
 
-def _views(merged: Merged) -> FloatArray:
-    """(F,) cameras that a face needs; where rays must differ, two at least."""
-    views = merged.views.astype(np.float64)
-    return np.maximum(views, 2.0) if merged.is_spread else views
+def _views(reduced: ReducedProblem) -> FloatArray:
+    """(F,) cameras that a face needs, two at least where rays must differ."""
+    views = reduced.views.astype(np.float64)
+    return np.maximum(views, 2.0) if reduced.is_spread else views
 
 
-def _first_prices(merged: Merged, most: FloatArray) -> FloatArray:
-    """Prices to start from: lower for faces that many candidates cover."""
-    degree = np.diff(merged.starts) / max(1.0, float(np.diff(merged.starts).mean()))
+def _first_prices(reduced: ReducedProblem, most: FloatArray) -> FloatArray:
+    """Initial prices, lower for faces that many candidates cover."""
+    degree = np.diff(reduced.starts) / max(1.0, float(np.diff(reduced.starts).mean()))
     prices: FloatArray = most / (1 + degree)
     return prices
 
@@ -129,12 +130,12 @@ def _first_prices(merged: Merged, most: FloatArray) -> FloatArray:
 def _searched(
     search: Callable[[FloatArray, int], None],
     start: float,
-    merged: Merged,
+    reduced: ReducedProblem,
     effort: int,
     deadline: Deadline,
 ) -> float:
-    """The best bound that a search finds in its steps, or before the deadline."""
-    pairs = max(1, 2 * len(merged.face))  # of a step
+    """Best bound of a search within its steps and the deadline."""
+    pairs = max(1, 2 * len(reduced.face))  # of a step
     left = int(np.clip(effort // pairs, FEWEST_STEPS, MOST_STEPS))
     progress = np.array([start, 1.0, 0.0, 0.0])
     at_once = max(1, PAIRS_A_LOOK // pairs)

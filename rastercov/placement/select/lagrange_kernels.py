@@ -1,9 +1,8 @@
-"""The loops of `bounds`, compiled by numba: one subgradient method for each goal.
+"""Compiled loops of `lagrange`: one subgradient method for each goal.
 
-A call takes a number of steps and can be followed by another that goes on from there, so that the
-caller can look at the clock between them. What is carried over are the prices, the best ones so
-far, and four numbers, `progress`: best bound, scale of the steps, steps without a better bound, and
-whether the search has ended.
+A call makes a number of steps; the next call continues from there, so the caller can check the
+clock between them. The state is the prices, the best prices so far, and `progress`: best bound,
+scale of the steps, steps without a better bound, and 1 once the search has ended.
 """
 
 import numpy as np
@@ -11,14 +10,14 @@ import numpy as np
 from rastercov._jit import compiled
 
 PATIENCE = 15
-"""Steps without a better bound after which they are halved."""
+"""Steps without a better bound after which the step length is halved."""
 BEST, SCALE, WAITED, ENDED = range(4)
-"""Places in `progress`."""
+"""Indices into `progress`."""
 
 
 @compiled
 def cheapest_share(indptr, face, costs, prices):
-    """Put into `prices`, (F,), the least of cost / faces over the candidates of each face."""
+    """Write the least cost / faces over the candidates of each face into `prices`, (F,)."""
     prices[:] = np.inf
     for c in range(len(costs)):
         share = costs[c] / max(1, indptr[c + 1] - indptr[c])
@@ -28,7 +27,7 @@ def cheapest_share(indptr, face, costs, prices):
 
 @compiled
 def _earn(indptr, face, prices, earned):
-    """Put the sum of the prices of its faces into `earned` for each candidate."""
+    """Write the sum of the prices of the faces of each candidate into `earned`, (C,)."""
     for c in range(len(earned)):
         total = 0.0
         for j in range(indptr[c], indptr[c + 1]):
@@ -38,7 +37,7 @@ def _earn(indptr, face, prices, earned):
 
 @compiled
 def _take(indptr, face, amounts, cover):
-    """Put how often each face is covered into `cover`, (F,), by so much of each candidate."""
+    """Write the cover of each face by fractions `amounts` of the candidates into `cover`, (F,)."""
     cover[:] = 0.0
     for c in range(len(amounts)):
         if amounts[c] > 0:
@@ -50,7 +49,7 @@ def _take(indptr, face, amounts, cover):
 def best_weight(
     indptr, face, views, weights, costs, cameras, budget, u, best_u, progress, reached, steps
 ):  # fmt: skip
-    """Steps towards an upper bound of the weight that so many cameras within a budget can cover.
+    """Subgradient steps towards an upper bound of the weight covered by a number of cameras.
 
         L(u) = sum_f max(0, w_f - views_f u_f) + max_x sum_c x_c sum_{f in c} u_f
 
@@ -77,8 +76,8 @@ def best_weight(
     best, scale, waited = progress[BEST], progress[SCALE], progress[WAITED]
     for _ in range(steps):
         _earn(indptr, face, u, earned)
-        # The most valuable so many; with a budget, also the most valuable for their cost, the last
-        # of them in part. Both bound what is within both limits.
+        # The `cameras` most valuable candidates; with a budget, also the most valuable by cost, the
+        # last one in part. Each is a bound under both limits.
         amounts[:] = 0.0
         order = np.argsort(-earned)
         income = 0.0
@@ -107,7 +106,7 @@ def best_weight(
             spare = weights[f] - views[f] * u[f]
             value += max(0.0, spare)
             slope[f] = cover[f] - (views[f] if spare > 0 else 0.0)
-            # At a limit of the prices, a step beyond it does not count.
+            # A price at its limit cannot move beyond it.
             if (u[f] <= 0 and slope[f] > 0) or (spare <= 0 and slope[f] < 0):
                 slope[f] = 0.0
             norm += slope[f] * slope[f]
@@ -133,12 +132,12 @@ def best_weight(
 def least_cost(
     indptr, face, views, weights, costs, kind, least, least_total, u, best_u, progress, cost, steps
 ):  # fmt: skip
-    """Steps towards a lower bound of the cost of covering so much weight.
+    """Subgradient steps towards a lower bound of the cost of covering the required weight.
 
         L(u) = min_x sum_c x_c (cost_c - sum_{f in c} u_f) + min_z sum_f views_f u_f z_f
 
-    with z in [0, 1] covering `least` of each kind and `least_total` in all: the cheapest faces for
-    their weight first, kind by kind, then of all that is left.
+    with z in [0, 1] covering `least` of each kind and `least_total` in total: the faces of least
+    price by weight first, kind by kind, then from all remaining faces.
 
     Parameters
     ----------
@@ -150,7 +149,7 @@ def least_cost(
     least : (G,) float64
         Weight to cover of each kind.
     least_total : float
-        Weight to cover in all.
+        Total weight to cover.
     u, best_u : (F,) float64
         In and out: prices, and those of the best bound.
     progress : (4,) float64
@@ -200,7 +199,7 @@ def least_cost(
 
 @compiled
 def _cheapest(price, weights, kind, least, least_total, z):
-    """Put into `z` the parts of faces that make up the required weights at the least price."""
+    """Write the fractions of faces that give the required weights at the least price into `z`."""
     order = np.argsort(price)
     missing, total = least.copy(), least_total
     z[:] = 0.0

@@ -1,12 +1,11 @@
-"""A problem without what makes no difference: faces that cannot be covered, equal candidates.
+"""Presolve: remove faces that cannot be covered, merge equal candidates and equal faces.
 
-Candidates that cover the same faces are merged: where a face needs k views, the k cheapest of them
-stay. Faces that the same candidates cover are merged into one with the weight of all. Where an
-angle between views is asked for, rays matter, so faces stay apart and only candidates at the same
-place are equal.
+Of candidates that cover the same faces, the k cheapest remain where a face needs k views. Faces
+that the same candidates cover become one face with their total weight. Where an angle between views
+is required, faces are not merged, and candidates are equal only at the same position.
 
-What is left is ranked by what the candidates cover, not by their numbers, and the rank breaks
-ties: shuffling the candidates of a problem changes no answer.
+The remaining candidates are ranked by the faces they cover, not by their numbers, and the rank
+breaks ties: shuffling the candidates of a problem does not change the result.
 """
 
 from dataclasses import dataclass
@@ -23,36 +22,36 @@ IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
-class Merged:
-    """A problem with C candidates and F faces left; each face can be covered.
+class ReducedProblem:
+    """A problem after presolve, with C candidates and F faces; each face can be covered.
 
     Attributes
     ----------
     problem : Problem
-        Where it came from.
+        Original problem.
     candidates : (C,) int64
         Their rows in the problem, ascending.
     indptr, face : (C + 1,) int64, (N,) int32
         Faces of each candidate.
     starts, covering : (F + 1,) int64, (N,) int32
         Candidates of each face.
-    quanta : (F,) int64
-        Weight in whole numbers.
+    integer_weights : (F,) int64
+        Integer weight of each face.
     views, need : (F,) int32
-        Cameras that must cover the face; one more step where rays must differ.
+        Cameras that must cover the face; `need` has one step more where rays must differ.
     kind : (F,) int32
-        Which requirement it counts towards: 0 for none but the total.
+        Requirement that the face counts towards: 0 for the total only.
     least : (G,) int64
         Weight to cover of each kind; 0 for kind 0.
     least_total : int
-        Weight to cover in all.
+        Total weight to cover.
     costs : (C,) float64
     rank : (C,) int64
-        Order of the candidates that depends on what they cover only.
+        Order of the candidates, which depends only on the faces they cover.
     eyes, centroids : (C, 3), (F, 3) float64
-        Empty where no angle is asked for.
+        Empty where no angle is required.
     min_cosine : float
-        2 where no angle is asked for.
+        2 where no angle is required.
     """
 
     problem: Problem
@@ -61,7 +60,7 @@ class Merged:
     face: NDArray[np.int32]
     starts: IntArray
     covering: NDArray[np.int32]
-    quanta: IntArray
+    integer_weights: IntArray
     views: NDArray[np.int32]
     need: NDArray[np.int32]
     kind: NDArray[np.int32]
@@ -75,42 +74,42 @@ class Merged:
 
     @property
     def n_candidates(self) -> int:
-        """Candidates that are left."""
+        """Number of candidates C."""
         return len(self.candidates)
 
     @property
     def n_faces(self) -> int:
-        """Faces that are left."""
-        return len(self.quanta)
+        """Number of faces F."""
+        return len(self.integer_weights)
 
     @property
     def is_spread(self) -> bool:
-        """Whether rays to two cameras of a face must differ by an angle."""
+        """True where the rays to two cameras of a face must differ by an angle."""
         return self.min_cosine <= 1.0 + 1e-12
 
     @property
     def is_mandatory(self) -> BoolArray:
         """(F,) faces without which the requirements cannot be met."""
         whole = np.zeros(len(self.least), np.int64)
-        np.add.at(whole, self.kind, self.quanta)
+        np.add.at(whole, self.kind, self.integer_weights)
         wanted = (self.least >= whole) & (self.least > 0)
         needed: BoolArray = wanted[self.kind] | (self.least_total >= whole.sum() > 0)
         return needed
 
 
-def merge(problem: Problem) -> Merged:
-    """The problem with equal candidates and equal faces merged.
+def presolve(problem: Problem) -> ReducedProblem:
+    """Reduced problem with equal candidates and equal faces merged.
 
-    Gives the same answers as the problem: the best selection of one is as good as that of the
-    other, and any selection from what is left covers the same faces in both.
+    Equivalent to the problem: the optima are equal, and a selection from the remaining candidates
+    covers the same faces in both.
     """
     spread = problem.min_angle > 0
-    counted = problem.reachable & (problem.quanta > 0)
+    counted = problem.reachable & (problem.integer_weights > 0)
     kind, least, least_total = _kinds(problem)
     hashes, sizes = kernels.hash_sets(
         problem.indptr, problem.face, counted, np.arange(problem.n_faces, dtype=np.uint64)
     )
-    if spread:  # where a camera stands is part of what it is
+    if spread:  # candidates at different positions are different
         hashes = hashes + kernels.hash_sets(
             np.arange(0, 3 * problem.n_candidates + 1, 3),
             np.arange(3 * problem.n_candidates),
@@ -125,9 +124,9 @@ def merge(problem: Problem) -> Merged:
     rank_of[order] = np.arange(len(order))
     candidates = np.sort(order)
 
-    kept, quanta = np.flatnonzero(counted), problem.quanta
+    kept, integer_weights = np.flatnonzero(counted), problem.integer_weights
     if not spread and len(kept):
-        kept, quanta = _merge_faces(problem, kept, kind, rank_of)
+        kept, integer_weights = _merge_faces(problem, kept, kind, rank_of)
     new_face = np.full(problem.n_faces, -1, np.int32)
     new_face[kept] = np.arange(len(kept))
     indptr, face = problem.indptr, problem.face
@@ -136,14 +135,14 @@ def merge(problem: Problem) -> Merged:
     starts, covering = kernels.by_face(indptr, face, len(kept))
     views = problem.views[kept].astype(np.int32)
     empty = np.empty((0, 3))
-    return Merged(
+    return ReducedProblem(
         problem=problem,
         candidates=candidates,
         indptr=indptr,
         face=face,
         starts=starts,
         covering=covering,
-        quanta=quanta[kept],
+        integer_weights=integer_weights[kept],
         views=views,
         need=views + np.int32(spread),
         kind=kind[kept],
@@ -158,7 +157,7 @@ def merge(problem: Problem) -> Merged:
 
 
 def _kinds(problem: Problem) -> tuple[NDArray[np.int32], IntArray, int]:
-    """(F,) kind of each face, (G,) weight to cover of each kind, and in all."""
+    """(F,) kind of each face, (G,) weight to cover of each kind, and the total to cover."""
     _, least, total = problem.required
     named = np.flatnonzero(least > 0)
     kind_of_group = np.zeros(len(problem.groups), np.int32)
@@ -171,7 +170,7 @@ def _kinds(problem: Problem) -> tuple[NDArray[np.int32], IntArray, int]:
 def _merge_faces(
     problem: Problem, kept: IntArray, kind: NDArray[np.int32], rank_of: IntArray
 ) -> tuple[IntArray, IntArray]:
-    """The first face of each set of equal ones, and (F,) weights in which it stands for all."""
+    """First face of each set of equal ones, and (F,) weights with the sum of each set there."""
     hashes = kernels.hash_owners(problem.indptr, problem.face, rank_of, problem.n_faces)
     rows = kept[
         np.lexsort((kept, problem.views[kept], kind[kept], hashes[kept, 1], hashes[kept, 0]))
@@ -180,14 +179,16 @@ def _merge_faces(
         (hashes[rows], kind[rows].astype(np.uint64), problem.views[rows].astype(np.uint64))
     )
     is_first = _place_in_run(keys) == 0
-    quanta = np.zeros(problem.n_faces, np.int64)
+    integer_weights = np.zeros(problem.n_faces, np.int64)
     first = rows[is_first]
-    quanta[first] = np.add.reduceat(problem.quanta[rows], np.flatnonzero(is_first))
-    return np.sort(first), quanta
+    integer_weights[first] = np.add.reduceat(
+        problem.integer_weights[rows], np.flatnonzero(is_first)
+    )
+    return np.sort(first), integer_weights
 
 
 def _place_in_run(keys: NDArray[np.uint64]) -> IntArray:
-    """(N,) how many rows just before each are equal to it."""
+    """(N,) number of equal rows directly before each row."""
     if not len(keys):
         return np.zeros(0, np.int64)
     starts = np.concatenate(([True], (keys[1:] != keys[:-1]).any(axis=1)))

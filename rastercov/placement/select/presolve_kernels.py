@@ -1,4 +1,4 @@
-"""The loops of merging, compiled by numba: pairs by face, hashes of sets, parts of a problem."""
+"""Compiled loops of presolve: pairs by face, hashes of sets, subsets of a problem."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from rastercov._jit import compiled
 
 @compiled
 def by_face(indptr, face, n_faces):
-    """The same pairs by face: where those of each face begin and end, and their candidates."""
+    """Transposed pairs: row limits by face, (F + 1,), and the candidate of each pair, (N,)."""
     starts = np.zeros(n_faces + 1, np.int64)
     for j in range(len(face)):
         starts[face[j] + 1] += 1
@@ -24,7 +24,7 @@ def by_face(indptr, face, n_faces):
 
 @compiled
 def mixed(number):
-    """64 bits that look random, a function of the number (splitmix64)."""
+    """Hash of a number to 64 bits (splitmix64)."""
     z = np.uint64(number) + np.uint64(0x9E3779B97F4A7C15)
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
@@ -33,19 +33,19 @@ def mixed(number):
 
 @compiled
 def hash_sets(indptr, member, counted, key):
-    """(C, 2) uint64 sums of two hashes over the counted members of each set, and (C,) how many.
+    """(C, 2) uint64 sums of two hashes over the counted members of each set, and their number, (C,).
 
-    Sums, so that the order of the members does not matter; two sets with the same 128 bits are
-    the same set, except once in 10^38 pairs.
+    A sum does not depend on the order of the members. Two different sets have the same 128 bits once
+    in 10^38 pairs.
 
     Parameters
     ----------
     indptr, member
         The sets.
     counted : (F,) bool
-        Members that make a difference.
+        Members that enter the hash.
     key : (F,) uint64
-        What stands for each member.
+        Key of each member.
     """
     n = len(indptr) - 1
     hashes, sizes = np.zeros((n, 2), np.uint64), np.zeros(n, np.int64)
@@ -62,14 +62,14 @@ def hash_sets(indptr, member, counted, key):
 
 @compiled
 def hash_owners(indptr, member, key, n_members):
-    """(F, 2) uint64 as of `hash_sets`, of the sets that each member is in.
+    """(F, 2) uint64 hashes, as in `hash_sets`, of the sets that hold each member.
 
     Parameters
     ----------
     indptr, member
         The sets.
     key : (C,) int64
-        What stands for each set; those with -1 do not count.
+        Key of each set; sets with -1 are ignored.
     n_members : int
     """
     hashes = np.zeros((n_members, 2), np.uint64)

@@ -1,11 +1,10 @@
-"""What to select: which candidate covers which face, what a face needs, and what is wanted.
+"""Selection problem: candidates, the faces they cover, the needs of a face, and the goal.
 
 A `Problem` is the plain value that every `select_*` takes. It comes from a visibility matrix
-(`problem_of`), from a 0/1 array (`problem_of_matrix`) or from a set-covering file
-(`set_cover_file`), and knows nothing of meshes or cameras.
+(`problem_of`) or from a 0/1 array (`problem_of_matrix`), and holds no mesh and no camera.
 
-Shares are of weight: faces count by number or by area. They are compared in whole numbers
-(`Problem.quanta`), so that no order of summation makes a requirement hold or fail.
+Shares are of weight: faces count by number or by area. They are compared in integers
+(`Problem.integer_weights`), so that no requirement depends on the order of summation.
 """
 
 import math
@@ -13,9 +12,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from annotated_types import Ge, Le
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov._typed import check_fields, typed
@@ -28,10 +28,10 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 
-WHOLE = 1 << 40
-"""Total of `Problem.quanta`, unless the weights are whole numbers of a smaller sum."""
-SLACK = 1e-9
-"""Part of the whole by which a share may fall short: 0.98 is not a binary fraction."""
+TOTAL_WEIGHT = 1 << 40
+"""Total of `Problem.integer_weights`, unless the weights are integers with a smaller sum."""
+SHARE_TOLERANCE = 1e-9
+"""Absolute tolerance of a required share: 0.98 is not a binary fraction."""
 
 
 @dataclass(frozen=True)
@@ -45,11 +45,11 @@ class FewestCameras:
     groups : mapping of str to float
         Share to cover of the weight of single groups, by name.
     of_reachable : bool
-        Whether shares are of what all candidates together cover, not of everything.
+        True where shares are of the weight that all candidates together cover, not of the total.
     """
 
-    coverage: float = 1.0
-    groups: Mapping[str, float] = field(default_factory=dict)
+    coverage: Annotated[float, Ge(0), Le(1)] = 1.0
+    groups: Mapping[str, Annotated[float, Ge(0), Le(1)]] = field(default_factory=dict)
     of_reachable: bool = False
 
     def __post_init__(self) -> None:
@@ -61,18 +61,18 @@ class FewestCameras:
 
 @dataclass(frozen=True)
 class BestCoverage:
-    """Cover the most with so many cameras, or within a budget.
+    """Cover the most with a number of cameras, or within a budget.
 
     Attributes
     ----------
     cameras : int, optional
-        Cameras at most.
+        Greatest number of cameras.
     budget : float, optional
-        Cost of all cameras at most.
+        Greatest total cost.
     """
 
     cameras: int | None = None
-    budget: float | None = None
+    budget: Annotated[float, Ge(0)] | None = None
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -89,7 +89,7 @@ Goal = FewestCameras | BestCoverage
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Problem:
-    """Which candidates cover which faces, in compressed rows, and what is wanted of them.
+    """Faces that each candidate covers, in compressed rows, and the goal of the selection.
 
     A face is covered when at least `views` of the chosen cameras cover it and, where `min_angle`
     is more than 0, the rays to two of these differ by that angle.
@@ -101,11 +101,11 @@ class Problem:
     face : (N,) int32
         No face twice for one candidate.
     weights : (F,) float64
-        What covering each face counts for; 0 leaves it out.
+        Weight of each face; 0 leaves it out.
     views : (F,) int64
-        Cameras that must cover it, 1 or more.
+        Cameras that must cover the face, 1 or more.
     costs : (C,) float64
-        Of each camera, 0 or more.
+        Cost of each candidate, 0 or more.
     goal : FewestCameras or BestCoverage
     groups : tuple of str
     face_group : (F,) int32
@@ -166,27 +166,27 @@ class Problem:
 
     @property
     def min_cosine(self) -> float:
-        """Cosine of two rays at or below which they differ by `min_angle`; 2 where any two do."""
+        """Largest cosine of two rays that differ by `min_angle`; 2 where any two do."""
         return math.cos(self.min_angle) + 1e-12 if self.min_angle > 0 else 2.0
 
     @cached_property
-    def quanta(self) -> IntArray:
-        """(F,) weights in whole numbers: their own, or parts of `WHOLE`."""
+    def integer_weights(self) -> IntArray:
+        """(F,) weights as integers: their own values, or parts of `TOTAL_WEIGHT`."""
         total = float(self.weights.sum())
-        if total < WHOLE and bool((self.weights == np.floor(self.weights)).all()):
+        if total < TOTAL_WEIGHT and bool((self.weights == np.floor(self.weights)).all()):
             return self.weights.astype(np.int64)
-        return np.rint(self.weights / total * WHOLE).astype(np.int64)
+        return np.rint(self.weights / total * TOTAL_WEIGHT).astype(np.int64)
 
     @cached_property
     def reachable(self) -> BoolArray:
-        """(F,) faces that are covered when every candidate is chosen."""
+        """(F,) faces that all candidates together cover."""
         return self.covered_by(np.arange(self.n_candidates))[1]
 
     @cached_property
     def required(self) -> tuple[IntArray, IntArray, int]:
-        """Quanta of each group, to cover of each group, and to cover in all, for a `FewestCameras`.
+        """Integer weight of each group, (G,), required weight of each group, (G,), and in total.
 
-        Two arrays (G,) and a number; all to cover is 0 for `BestCoverage`.
+        The required weights are 0 for `BestCoverage`.
         """
         goal = self.goal
         nothing = np.zeros(len(self.groups), np.int64)
@@ -195,22 +195,22 @@ class Problem:
         counted = self.reachable if goal.of_reachable else np.ones(self.n_faces, bool)
         whole = self.by_group(counted)
         shares = np.array([goal.groups.get(name, 0.0) for name in self.groups])
-        least = np.ceil((shares - SLACK).clip(0) * whole).astype(np.int64)
-        return whole, least, math.ceil(max(0.0, goal.coverage - SLACK) * int(whole.sum()))
+        least = np.ceil((shares - SHARE_TOLERANCE).clip(0) * whole).astype(np.int64)
+        return whole, least, math.ceil(max(0.0, goal.coverage - SHARE_TOLERANCE) * int(whole.sum()))
 
     def by_group(self, faces: BoolArray) -> IntArray:
-        """(G,) quanta of the faces of each group."""
+        """(G,) integer weight of the given faces of each group."""
         totals = np.zeros(len(self.groups), np.int64)
-        np.add.at(totals, self.face_group[faces], self.quanta[faces])
+        np.add.at(totals, self.face_group[faces], self.integer_weights[faces])
         return totals
 
     def share(self, faces: BoolArray) -> float:
-        """Part of the weight of all faces, [0, 1]; 1 where there is no weight."""
-        total = int(self.quanta.sum())
-        return int(self.quanta[faces].sum()) / total if total else 1.0
+        """Share of the total weight, [0, 1]; 1 where there is no weight."""
+        total = int(self.integer_weights.sum())
+        return int(self.integer_weights[faces].sum()) / total if total else 1.0
 
     def covered_by(self, chosen: ArrayLike) -> tuple[IntArray, BoolArray]:
-        """(F,) cameras among the chosen that cover each face, and whether it is covered."""
+        """(F,) number of chosen cameras that cover each face, and (F,) faces that are covered."""
         cameras = np.asarray(chosen, np.int64)
         views = np.zeros(self.n_faces, np.int64)
         for camera in cameras:  # microseconds each
@@ -224,7 +224,7 @@ class Problem:
         return views, covered
 
     def is_met(self, covered: BoolArray) -> bool:
-        """Whether covering these faces reaches what `FewestCameras` asks for."""
+        """True where these faces meet the requirements of `FewestCameras`."""
         _, least, total = self.required
         reached = self.by_group(covered)
         return bool((reached >= least).all() and reached.sum() >= total)
@@ -247,20 +247,20 @@ def problem_of(
     Parameters
     ----------
     matrix, mesh
-        What the candidates see, and of what.
+        Visibility matrix, and the mesh it was made for.
     goal : FewestCameras or BestCoverage
-        What is wanted.
+        Goal of the selection.
     weight_by : {"area", "count"}
-        What shares are of; only faces that are scored count.
+        Weight of a face; only task faces count.
     views : int or mapping of str to int, optional
-        Cameras that must cover a face, for all or by group (1 for groups that are not named);
+        Cameras that must cover a face, for all or by group (1 for other groups);
         `matrix.task.views` unless given.
     min_angle_deg : float
-        Angle that the rays to two of them must reach, degrees; 0 for any.
+        Least angle between the rays to two of them, degrees; 0 for any.
     costs : (C,) array_like, optional
         Of each candidate; 1 unless given.
     min_coverage : float, optional
-        A camera covers a face at this coverage, and more than 0; as in the matrix unless given.
+        Least coverage, above 0, at which a camera covers a face; as in the matrix unless given.
         0 is the thesis' Table 6.1.
     """
     if matrix.n_faces != mesh.n_faces:
@@ -282,7 +282,7 @@ def problem_of(
     covers = matrix.covered if min_coverage is None else matrix.coverage >= np.float64(min_coverage)
     indptr, face = matrix.indptr, matrix.face
     if not covers.all():
-        # Row by row, microseconds each: sums over all pairs would take more memory than they do.
+        # Row by row, microseconds each: sums over all pairs would take more memory than the pairs.
         counts = [np.count_nonzero(covers[a:b]) for a, b in pairwise(indptr)]
         indptr, face = np.concatenate(([0], np.cumsum(counts, dtype=np.int64))), face[covers]
     weights = mesh.areas if weight_by == "area" else np.ones(mesh.n_faces)
@@ -321,7 +321,7 @@ def problem_of_matrix(
     Parameters
     ----------
     covers : (C, F) array_like
-        Whether candidate c covers face f; rows are candidates, as everywhere.
+        1 where candidate c covers face f.
     goal : FewestCameras or BestCoverage, optional
         Every face, by the fewest candidates, unless given.
     weights : (F,) array_like, optional
@@ -367,7 +367,7 @@ def _of_each(value: ArrayLike, count: int, name: str) -> IntArray:
 
 
 def _check(problem: Problem) -> None:
-    """ConfigError when the arrays of a problem do not fit together."""
+    """Raise ConfigError when the arrays of a problem are inconsistent."""
     n_candidates, n_faces = problem.n_candidates, problem.n_faces
     shapes: dict[str, tuple[Any, tuple[int, ...]]] = {
         "views": (problem.views, (n_faces,)),

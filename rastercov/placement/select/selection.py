@@ -1,4 +1,4 @@
-"""What a selection is, whatever made it: the cameras, what they cover, and how good that is."""
+"""Result of every selection method: cameras, covered faces, bound and gap."""
 
 import heapq
 import math
@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.placement.select import lagrange as bounds
+from rastercov.placement.select import lagrange
 from rastercov.placement.select import selection_kernels as kernels
-from rastercov.placement.select.cover_state import Tally
+from rastercov.placement.select.cover_state import CoverState
 from rastercov.placement.select.deadline import NEVER, Deadline
-from rastercov.placement.select.presolve import Merged
+from rastercov.placement.select.presolve import ReducedProblem
 from rastercov.placement.select.problem import BestCoverage, Problem
 
 FloatArray = NDArray[np.float64]
@@ -20,42 +20,42 @@ BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 
 PROVED = 1e-6
-"""Relative gap up to which a selection counts as the best there is: the tolerance of HiGHS."""
+"""Relative gap up to which a selection counts as optimal: the tolerance of HiGHS."""
 ROUNDING = 1e-9
-"""Relative error of a sum of weights, with room."""
+"""Relative error of a sum of weights, with a margin."""
 
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """Chosen cameras, and a bound that no others can pass.
+    """Chosen cameras, and a bound on the objective of any other choice.
 
     Attributes
     ----------
     method : str
-        What chose them: "greedy", "integer" or "thesis".
+        "greedy", "integer" or "thesis".
     chosen : (K,) int64
-        Candidates, such that each adds the most to those before it.
+        Candidates, in greedy order: each adds the most to those before it.
     curve : (K,) float64
-        Share of the weight that the first so many cover.
+        Share of the weight covered by the first 1, 2, ..., K cameras.
     views : (F,) int64
         Chosen cameras that cover each face.
     covered : (F,) bool
-        Faces that are covered: by enough of them, and from directions that differ enough.
+        Faces covered by the required number of cameras, from directions that differ as required.
     share : float
         Part of the weight that is covered, [0, 1].
     cost : float
-        Of the chosen cameras.
+        Total cost of the chosen cameras.
     objective : float
         `cost` for `FewestCameras`, `share` for `BestCoverage`.
     bound : float
         No selection has a lower cost, or a greater share, than this.
     gap : float
-        Relative distance of the two; 0 for the best there is.
+        Relative distance of objective and bound; 0 for the optimum.
     seconds : float
         Time taken.
     status : {"optimal", "feasible", "time_limit", "interrupted"}
-        Whether it is proved to be the best, is what a heuristic found, or what an exact method
-        had when it was stopped.
+        Proved to be the optimum; found by a heuristic; or the best of an exact method when it was
+        stopped.
     """
 
     method: str
@@ -89,43 +89,43 @@ class Selection:
         }
 
 
-def bound_of(merged: Merged, tally: Tally, deadline: Deadline = NEVER) -> float:
-    """Bound by Lagrange multipliers: of the cost, or of the share.
+def bound_of(reduced: ReducedProblem, state: CoverState, deadline: Deadline = NEVER) -> float:
+    """Lagrangian bound of the cost, or of the share.
 
     Parameters
     ----------
-    merged : Merged
+    reduced : ReducedProblem
         The problem.
-    tally : Tally
+    state : CoverState
         A selection that meets its requirements.
     deadline : Deadline
-        As for `bounds.best_weight`.
+        As for `lagrange.best_weight`.
     """
-    if isinstance(merged.problem.goal, BestCoverage):
-        weight = bounds.best_weight(merged, tally.covered, deadline=deadline)
-        return share_of(merged.problem, weight)
-    return bounds.least_cost(merged, tally.cost, deadline=deadline)
+    if isinstance(reduced.problem.goal, BestCoverage):
+        weight = lagrange.best_weight(reduced, state.covered, deadline=deadline)
+        return share_of(reduced.problem, weight)
+    return lagrange.least_cost(reduced, state.cost, deadline=deadline)
 
 
 def share_of(problem: Problem, weight: float) -> float:
-    """Part of the whole that a weight in whole numbers is."""
-    total = int(problem.quanta.sum())
+    """Integer weight as a share of the total."""
+    total = int(problem.integer_weights.sum())
     return weight / total if total else 1.0
 
 
 def finish(
     method: str,
-    merged: Merged,
+    reduced: ReducedProblem,
     chosen: IntArray,
     bound: float,
     seconds: float,
     status: str = "feasible",
 ) -> Selection:
-    """Selection of the chosen candidates of the problem, judged there and not in the merged one.
+    """Selection of candidates, evaluated in the original problem and not in the reduced one.
 
-    `status` becomes "optimal" where the bound says so.
+    `status` becomes "optimal" where the bound proves it.
     """
-    problem = merged.problem
+    problem = reduced.problem
     order, curve = in_order(problem, chosen)
     views, covered = problem.covered_by(order)
     share, cost = problem.share(covered), float(np.sort(problem.costs[order]).sum())
@@ -151,27 +151,27 @@ def finish(
 
 
 def relative_gap(objective: float, bound: float) -> float:
-    """|objective - bound| as a part of the objective; 0 for equal ones, inf where it is 0."""
+    """|objective - bound| / |objective|; 0 where both are equal, inf where the objective is 0."""
     if objective == bound:
         return 0.0
     return abs(objective - bound) / abs(objective) if objective else math.inf
 
 
 def in_order(problem: Problem, chosen: IntArray) -> tuple[IntArray, FloatArray]:
-    """The chosen candidates, the one that adds most always next, and the shares they add up to."""
+    """Chosen candidates in greedy order, and the cumulative shares they cover."""
     order: list[int] = []
     curve: list[float] = []
-    # Progress per face, so that with several views a face the first camera counts, too.
+    # Progress per face, so that the first of several required cameras counts too.
     count = np.zeros(problem.n_faces, np.int64)
-    part = problem.quanta / problem.views
+    part = problem.integer_weights / problem.views
     spread = _Spread(problem, np.asarray(chosen, np.int64))
 
     def gain(camera: int) -> float:
         faces = problem.face[problem.indptr[camera] : problem.indptr[camera + 1]]
         return float(part[faces[count[faces] < problem.views[faces]]].sum())
 
-    # Gains only fall as cameras are added, so only those are looked at again that were greater than
-    # the greatest is now: few each time. Equal gains go by number, and 0 stays 0.
+    # Lazy evaluation: gains only fall as cameras are added, so only gains above the current maximum
+    # are computed again. Ties go by number, and 0 stays 0.
     rounding = 0.0 if bool((part == np.floor(part)).all()) else ROUNDING
     stale = [(-gain(camera), camera) for camera in map(int, chosen)]
     heapq.heapify(stale)
@@ -194,7 +194,7 @@ def in_order(problem: Problem, chosen: IntArray) -> tuple[IntArray, FloatArray]:
 
 
 class _Spread:
-    """Faces whose rays to two of the cameras so far differ by the angle of a problem."""
+    """Incremental test for rays to two cameras of a face that differ by the required angle."""
 
     def __init__(self, problem: Problem, chosen: IntArray) -> None:
         self.problem = problem
@@ -207,7 +207,7 @@ class _Spread:
             self.n_seen = 0
 
     def after(self, camera: int) -> BoolArray:
-        """(F,) whether they do once a camera has been added."""
+        """(F,) faces that pass the test once a camera has been added."""
         problem = self.problem
         if problem.min_angle > 0:
             self.n_seen = kernels.spread_with(

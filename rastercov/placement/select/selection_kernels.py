@@ -1,19 +1,30 @@
-"""The loops of selection, compiled by numba: what adding or removing one camera changes.
+"""Compiled loops of selection: incremental gains while single cameras are added and removed.
 
-Every candidate's gain, what choosing it next would add, is kept up to date: when a face changes
-its state, the gains of exactly the candidates that cover it change. So the first pass over all
-pairs is the only one, and a later step costs what it touches. Gains are whole numbers: they come
-back to the same value when a camera is added and removed, whatever the order of summation.
+The gain of a candidate is the worth that choosing it next would add. When a face changes its state,
+the gains of exactly the candidates that cover it change. There is one pass over all pairs, at the
+start; a later step costs only the pairs it touches. Gains are integers: adding and removing a
+camera restores them exactly, in any order of summation.
 
-The progress of a face is min(cameras that cover it, `views`), and one more for rays that differ by
-the angle asked for, where one is; at `need` it is covered. Progress p is worth
+The progress of a face is min(cameras that cover it, `views`), plus one where an angle is required
+and two of their rays differ by it; at `need` the face is covered. Progress p is worth
 
     step * p, and `bonus` more at p = need.
 """
 
+from collections import namedtuple
+
 import numpy as np
 
 from rastercov._jit import compiled
+
+Pairs = namedtuple("Pairs", "indptr face starts candidates")
+"""Pairs by candidate, (C + 1,) and (N,), and by face, (F + 1,) and (N,)."""
+FaceValues = namedtuple("FaceValues", "views need step bonus kind integer_weights")
+"""Of each face, (F,): cameras it needs, steps until it is covered, worth of a step, bonus of the
+last one, requirement that it counts towards, weight."""
+State = namedtuple("State", "count gain done total")
+"""Cameras that cover each face, (F,); gain of each candidate by requirement, (C, G); weight of the
+covered faces by requirement, (G,); worth of the progress of all faces, (1,)."""
 
 
 @compiled
@@ -28,7 +39,7 @@ def _cosine(eyes, a, b, centroids, f):
 
 @compiled
 def spread_faces(indptr, face, chosen, views, eyes, centroids, min_cosine):
-    """(F,) whether two of the chosen cameras see the face along rays with a cosine at most so much.
+    """(F,) faces to which two of the chosen cameras have rays with a cosine of at most `min_cosine`.
 
     Parameters
     ----------
@@ -49,7 +60,7 @@ def spread_faces(indptr, face, chosen, views, eyes, centroids, min_cosine):
         for j in range(indptr[c], indptr[c + 1]):
             seen[at[face[j]]] = c
             at[face[j]] += 1
-    # If all rays lie within half the angle of the first, no two differ by the whole.
+    # If all rays lie within half the angle of the first, no two differ by the whole angle.
     half = np.cos(np.arccos(min(max(min_cosine, -1.0), 1.0)) / 2)
     spread = np.zeros(len(views), np.bool_)
     for f in range(len(views)):
@@ -75,7 +86,7 @@ def spread_faces(indptr, face, chosen, views, eyes, centroids, min_cosine):
 def spread_with(
     c, indptr, face, eyes, centroids, min_cosine, last, before, camera, n_seen, is_spread
 ):  # fmt: skip
-    """Add a camera to those that see each face; how many pairs of camera and face there are now.
+    """Add a camera to the lists of the faces it covers; number of pairs of camera and face.
 
     Parameters
     ----------
@@ -91,7 +102,7 @@ def spread_with(
     n_seen : int
         Pairs so far.
     is_spread : (F,) bool
-        In and out: whether two cameras of a face differ.
+        In and out: True where the rays to two cameras of a face differ by the angle.
     """
     for j in range(indptr[c], indptr[c + 1]):
         f = face[j]
@@ -110,47 +121,34 @@ def spread_with(
 
 
 @compiled
-def change(
-    c, sign, indptr, face, starts, candidates, views, need, step, bonus, kind, quanta, count, gain,
-    done, total,
-):  # fmt: skip
-    """Add (sign 1) or remove (-1) a camera, where rays may run as they like; the work it took.
+def change(c, sign, pairs, values, state):
+    """Add (sign 1) or remove (-1) a camera, where any two rays will do; the work it took.
 
     Parameters
     ----------
     c, sign : int
-    indptr, face, starts, candidates
-        The pairs, by candidate and by face.
-    views, need : (F,) int32
-        Both the same here.
-    step, bonus : (F,) int64
-        See this file.
-    kind : (F,) int32
-        Requirement that the face counts towards.
-    quanta : (F,) int64
-        Weight.
-    count : (F,) int32
-        In and out: cameras that cover each face.
-    gain : (C, G) int64
-        In and out: what each candidate would add, by requirement.
-    done : (G,) int64
-        In and out: weight of the covered faces.
-    total : (1,) int64
-        In and out: worth of the progress of all faces.
+    pairs : Pairs
+    values : FaceValues
+        `views` and `need` are equal here.
+    state : State
+        In and out.
     """
+    indptr, face, starts, candidates = pairs
+    _, need, step, bonus, kind, integer_weights = values
+    count, gain, done, total = state
     work = 0
     for j in range(indptr[c], indptr[c + 1]):
         f = face[j]
         old, wanted = count[f], need[f]
         count[f] = old + sign
-        low = min(old, old + sign)  # the step between low and low + 1 is taken, or taken back
+        low = min(old, old + sign)  # the step from low to low + 1 is made or undone
         if low >= wanted:
             continue
         worth = step[f] + (bonus[f] if low + 1 == wanted else 0)
         total[0] += sign * worth
         if low + 1 == wanted:
-            done[kind[f]] += sign * quanta[f]
-        # What one more camera adds was that of the step up from `old`, is that from `old + sign`.
+            done[kind[f]] += sign * integer_weights[f]
+        # The gain of one more camera changes from the step above `old` to that above `old + sign`.
         before = worth if sign > 0 else _worth(old, wanted, step[f], bonus[f])
         after = worth if sign < 0 else _worth(old + 1, wanted, step[f], bonus[f])
         if after != before:
@@ -162,28 +160,30 @@ def change(
 
 @compiled
 def _worth(progress, need, step, bonus):
-    """What the step up from a progress adds."""
+    """Worth of the step above a progress."""
     if progress >= need:
         return 0
     return step + bonus if progress + 1 == need else step
 
 
 @compiled
-def change_spread(
-    c, sign, indptr, face, starts, candidates, views, need, step, bonus, kind, quanta, count, gain,
-    done, total, eyes, centroids, min_cosine, seen, is_spread,
-):  # fmt: skip
-    """As `change`, where the rays to two cameras of a face must differ.
+def change_spread(c, sign, pairs, values, state, eyes, centroids, min_cosine, seen, is_spread):
+    """Add or remove a camera as `change` does, where the rays to two cameras of a face must differ.
 
     Parameters
     ----------
+    c, sign, pairs, values, state
+        As for `change`.
     eyes, centroids, min_cosine
         As for `spread_faces`.
     seen : (F, K) int32
         In and out: the cameras that cover each face, the first `count` of them.
     is_spread : (F,) bool
-        In and out: whether two of these differ.
+        In and out: True where the rays to two of these differ by the angle.
     """
+    indptr, face, starts, candidates = pairs
+    views, need, step, bonus, kind, integer_weights = values
+    count, gain, done, total = state
     work = indptr[c + 1] - indptr[c]
     for j in range(indptr[c], indptr[c + 1]):
         f = face[j]
@@ -210,9 +210,9 @@ def change_spread(
             continue
         if before == need[f] or after == need[f]:
             total[0] += sign * bonus[f]
-            done[kind[f]] += sign * quanta[f]
+            done[kind[f]] += sign * integer_weights[f]
         total[0] += (after - before) * step[f]
-        # With the list one shorter on one side, the gains before are those without its last camera.
+        # The list is one camera longer on one side: gains of the other side leave that camera out.
         work += (starts[f + 1] - starts[f]) * (n + 1)
         for i in range(starts[f], starts[f + 1]):
             other = candidates[i]
@@ -245,7 +245,7 @@ def _is_spread(seen, n, eyes, centroids, f, min_cosine):
 
 @compiled
 def _worth_of_one(n, views, is_spread, is_far, need, step, bonus):
-    """What one more camera adds to a face with n, when its ray is far from one of theirs."""
+    """Gain of one more camera at a face with n; is_far: its ray differs from one of theirs."""
     progress = min(n, views) + is_spread
     after = min(n + 1, views) + (is_spread or is_far)
     return (after - progress) * step + (bonus if progress < need and after == need else 0)
@@ -253,21 +253,21 @@ def _worth_of_one(n, views, is_spread, is_far, need, step, bonus):
 
 @compiled
 def next_camera(gain, room, total_room, costs, rank, barred, most_cost, by_cost):
-    """Candidate with the greatest gain, by cost if asked; the first in rank of equals; -1 for none.
+    """Candidate with the greatest gain, or gain by cost; ties by rank; -1 for none.
 
     Parameters
     ----------
     gain : (C, G) int64
     room : (G,) int64
-        What still counts of each requirement's gain.
+        Upper limit of the gain that counts, by requirement.
     total_room : int
-        What still counts of all gains together.
+        Upper limit of the gain that counts in total.
     costs : (C,) float64
     rank : (C,) int64
     barred : (C,) uint8
-        Candidates that are not to be had.
+        Candidates that are excluded.
     most_cost : float
-        Candidates that cost more are not, either.
+        Candidates that cost more are excluded too.
     by_cost : bool
     """
     best, best_score = -1, 0.0
@@ -289,7 +289,7 @@ def next_camera(gain, room, total_room, costs, rank, barred, most_cost, by_cost)
 
 @compiled
 def first_gains(indptr, face, need, step, bonus, kind, gain):
-    """Put what each candidate would add to nothing into `gain`, (C, G)."""
+    """Write the gain of each candidate as the first camera into `gain`, (C, G)."""
     for c in range(len(indptr) - 1):
         for j in range(indptr[c], indptr[c + 1]):
             f = face[j]
@@ -298,7 +298,7 @@ def first_gains(indptr, face, need, step, bonus, kind, gain):
 
 @compiled
 def missing_directions(starts, candidates, is_chosen, views, eyes, centroids, min_cosine):
-    """Cameras of which a face needs one more, where all chosen ones see it from one direction.
+    """Candidates of which a face needs one, where all chosen cameras see it from one direction.
 
     Parameters
     ----------
@@ -306,15 +306,15 @@ def missing_directions(starts, candidates, is_chosen, views, eyes, centroids, mi
         Candidates of each face.
     is_chosen : (C,) bool
     views : (F,) int64
-        Cameras that a face needs; faces with fewer chosen ones are passed over.
+        Cameras that a face needs; faces with fewer chosen ones are skipped.
     eyes, centroids, min_cosine
         As for `spread_faces`.
 
     Returns
     -------
     (F + 1,) int64, (N,) int32
-        Where those of each face begin and end, and the candidates: all that cover it but a largest
-        set, around the chosen ones, of which no two differ by the angle.
+        Row limits by face, and the candidates: all that cover it, except a maximal set around the
+        chosen ones of which no two differ by the angle.
     """
     n_faces = len(starts) - 1
     ends = np.zeros(n_faces + 1, np.int64)
@@ -356,10 +356,10 @@ def missing_directions(starts, candidates, is_chosen, views, eyes, centroids, mi
 
 
 @compiled
-def open_weights(indptr, face, is_open, quanta, weight):
-    """Put the weight of the open faces of each candidate into `weight`, (C, 1)."""
+def open_weights(indptr, face, is_open, integer_weights, weight):
+    """Write the total weight of the open faces of each candidate into `weight`, (C, 1)."""
     for c in range(len(indptr) - 1):
         weight[c, 0] = 0
         for j in range(indptr[c], indptr[c + 1]):
             if is_open[face[j]]:
-                weight[c, 0] += quanta[face[j]]
+                weight[c, 0] += integer_weights[face[j]]

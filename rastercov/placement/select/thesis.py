@@ -1,7 +1,7 @@
-"""The thesis' own selection: the candidates with the greatest mean coverage, one after another.
+"""Selection rule of the thesis: candidates in descending order of mean coverage.
 
-It does not ask what the cameras before have covered already, so it chooses near copies of the best
-one. It is here as the row to beat.
+The rule ignores the coverage of the cameras chosen before, so it chooses near copies of the best
+one. It is the baseline of the comparison.
 
 E. S. Eissa. Image Space Coverage Model. 2020, section 6.4.
 """
@@ -10,23 +10,22 @@ import time
 
 import numpy as np
 
-from rastercov.placement.select.cover_state import Tally
-from rastercov.placement.select.presolve import merge
+from rastercov.placement.select.cover_state import CoverState
+from rastercov.placement.select.presolve import presolve
 from rastercov.placement.select.problem import BestCoverage, Problem
 from rastercov.placement.select.selection import Selection, bound_of, finish
 
 
 def select_thesis(problem: Problem) -> Selection:
-    """The first candidates by mean coverage: as many as allowed, or until enough is covered.
+    """Candidates in order of mean coverage, up to the allowed number or the required coverage.
 
     Parameters
     ----------
     problem : Problem
-        What covers what, and what is wanted. Of equal candidates, the first in the list comes
-        first; one that the budget cannot pay for is passed over.
+        Candidates, faces and goal. Ties go by position; a candidate beyond the budget is skipped.
     """
     started = time.perf_counter()
-    goal, merged = problem.goal, merge(problem)
+    goal, reduced = problem.goal, presolve(problem)
     chosen: list[int] = []
     cost = 0.0
     for camera in np.argsort(-problem.mean_coverage, kind="stable"):
@@ -39,10 +38,10 @@ def select_thesis(problem: Problem) -> Selection:
             break
         chosen.append(int(camera))
         cost += float(problem.costs[camera])
-    tally = Tally(merged)
-    tally.become(np.flatnonzero(np.isin(merged.candidates, chosen)).tolist())
+    state = CoverState(reduced)
+    state.become(np.flatnonzero(np.isin(reduced.candidates, chosen)).tolist())
     if not isinstance(goal, BestCoverage):
-        # Steps towards the bound are sized by a selection that meets the requirements.
-        tally.become(range(merged.n_candidates))
-    bound = bound_of(merged, tally)
-    return finish("thesis", merged, np.array(chosen), bound, time.perf_counter() - started)
+        # The step length of the bound needs a selection that meets the requirements.
+        state.become(range(reduced.n_candidates))
+    bound = bound_of(reduced, state)
+    return finish("thesis", reduced, np.array(chosen), bound, time.perf_counter() - started)

@@ -2,16 +2,13 @@
 
 import numpy as np
 
-from rastercov._jit import compiled_with, inlined
-from rastercov.raster.cpu import memory as layout
+from rastercov._jit import compiled, inlined
 from rastercov.raster.cpu.memory import FACES, LANES, LINE_BITS, VERTICES
 
 VERTEX_STEP = 8
 """Vertices of a cluster are filled up to a multiple of this, with the last one again."""
 BOUNDS = 11
 """Figures that bound a cluster, see `Clusters.bounds`."""
-
-compiled = compiled_with(layout)
 
 
 @compiled

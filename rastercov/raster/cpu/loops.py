@@ -21,10 +21,7 @@ What is done to sixteen at once stands in `lane_kernels`, how things lie in memo
 
 import numpy as np
 
-from rastercov._jit import compiled_with, part_of
-from rastercov.raster.cpu import memory as layout
-from rastercov.raster.cpu import simd as lanes
-from rastercov.raster.cpu import stages as lane_kernels
+from rastercov._jit import compiled, part_of
 from rastercov.raster.cpu.memory import (
     AHEAD,
     ALL_LANES,
@@ -93,8 +90,6 @@ from rastercov.raster.cpu.stages import (
     tiny_owners,
     write_lanes,
 )  # fmt: skip
-
-compiled = compiled_with(lane_kernels, lanes, layout)
 
 
 @part_of

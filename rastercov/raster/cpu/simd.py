@@ -4,8 +4,6 @@ numba turns loops into vector code only where they are long and simple. The loop
 are neither, so `loops` writes those of their formulas that matter over `Lanes`,
 from which an `@intrinsic` makes LLVM's vectors. They run on every processor: where its vectors are
 shorter, LLVM takes several.
-
-Loops that are made with it name it to `rastercov._jit.compiled_with`.
 """
 
 from collections.abc import Sequence

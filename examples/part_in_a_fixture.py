@@ -1,4 +1,4 @@
-"""A part in a fixture: the fixture hides faces, but is not scored itself."""
+"""Coverage of a part in a fixture that hides faces and is not scored."""
 
 import numpy as np
 

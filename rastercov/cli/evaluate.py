@@ -1,0 +1,130 @@
+"""The command `evaluate`: coverage of every pose, and a report."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from numpy.typing import NDArray
+from rich.console import Console
+
+from rastercov.camera import Camera
+from rastercov.cli.console import progress_bar, warn
+from rastercov.cli.inputs import read_camera, read_scene, read_view_points
+from rastercov.cli.options import (
+    AsJson,
+    CameraOption,
+    Device,
+    DropInvalid,
+    Meshes,
+    Occluders,
+    Out,
+    PosesOption,
+    TwoSided,
+    Unit,
+    with_task,
+)
+from rastercov.errors import PoseError
+from rastercov.mesh import Mesh
+from rastercov.pose import Poses
+from rastercov.task import Task
+
+FloatArray = NDArray[np.float64]
+
+MOST_WARNINGS = 5
+"""Rejected poses that are named one by one."""
+
+Method = Annotated[
+    str, typer.Option(help="How occlusion is found: certified, exact (slower) or sampled.")
+]
+Supersample = Annotated[int, typer.Option(help="S: S x S samples a pixel, for --method sampled.")]
+Pictures = Annotated[int, typer.Option(min=0, help="Poses to draw, spread over the run.")]
+
+
+@with_task
+def evaluate(
+    meshes: Meshes,
+    camera: CameraOption,
+    poses: PosesOption,
+    out: Out = Path("report"),
+    unit: Unit = "m",
+    occluder: Occluders = [],  # noqa: B006 - typer copies it
+    two_sided: TwoSided = [],  # noqa: B006 - the same
+    drop_invalid: DropInvalid = False,
+    task: Task = Task(),  # noqa: B008 - becomes options
+    skip_bad_poses: Annotated[
+        bool, typer.Option("--skip-bad-poses", help="Leave out poses that are no rigid motion.")
+    ] = False,
+    pictures: Pictures = 12,
+    method: Method = "certified",
+    supersample: Supersample = 1,
+    device: Device = "auto",
+    as_json: AsJson = False,
+) -> None:
+    """Evaluate every pose and leave a report: a table, figures, pictures, a coloured mesh.
+
+    [bold]Example[/]: rastercov evaluate part.stl --unit mm -c camera.toml -p poses.json -o report/
+
+    [bold]Without files[/]: rastercov evaluate teapot -c khepra -p sphere:40 -o report/
+    """
+    from rastercov.report.coverage import (
+        Options,  # pyarrow and pictures load only when they are wanted
+    )
+
+    scene = read_scene(meshes, unit, occluder, two_sided, drop_invalid)
+    eye = read_camera(camera)
+    options = Options(
+        method=method,
+        supersample=supersample,
+        device=device,
+        pictures=pictures,
+        skip_bad_poses=skip_bad_poses,
+    )
+    run_and_print(scene, eye, read_view_points(poses, scene, eye), task, out, options, as_json)
+
+
+def run_and_print(
+    mesh: Mesh,
+    camera: Camera,
+    poses: FloatArray,
+    task: Task,
+    out: Path,
+    options: Any,
+    as_json: bool,
+) -> None:
+    """Evaluate all poses, leave the report, and print a summary or the JSON."""
+    from rastercov.report.coverage import run
+    from rastercov.report.figures import json_text, run_table, summary_table
+
+    try:
+        accepted = Poses.of(poses, skip_bad=options.skip_bad_poses)
+    except PoseError as error:
+        remedy = "; correct it or pass --skip-bad-poses" if error.pose_ids else ""
+        raise PoseError(f"{error}{remedy}", error.pose_ids) from None
+    warn(mesh.warnings)
+    skipped = sorted(accepted.rejected.items())
+    warn(f"pose {row} left out: it {text}" for row, text in skipped[:MOST_WARNINGS])
+    if skipped[MOST_WARNINGS:]:
+        warn([f"{len(skipped) - MOST_WARNINGS} more poses left out, see summary.json"])
+    if not len(accepted):
+        warn(["there are no poses, so nothing is covered"])
+    with progress_bar() as progress:
+        summary = run(mesh, camera, accepted, task, out, options, progress)
+    if any(summary["visibility_figures"].values()) and summary["largest_image_pixels"] < 1:
+        across = float(np.ptp(mesh.bounds, axis=0).max())
+        warn([f"less than a pixel in every image: {across:.2g} m across; see --unit"])
+    if as_json:
+        print(json_text(summary))
+    else:
+        console = Console()
+        console.print(summary_table(summary))
+        console.print(run_table(summary))
+        sheet = out / "contact_sheet.png"
+        print(sheet if sheet.exists() else out / "network.glb")
+    if summary["interrupted"]:
+        done, total = summary["poses"], len(accepted)
+        if done < total:
+            warn([f"the report holds the {done} of {total} poses that were done"])
+        else:
+            warn([f"the report holds all {total} poses; pictures may be missing"])
+        raise KeyboardInterrupt

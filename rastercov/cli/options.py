@@ -1,0 +1,112 @@
+"""Arguments and options that several commands share."""
+
+import functools
+import inspect
+from collections.abc import Callable
+from dataclasses import fields
+from pathlib import Path
+from types import UnionType
+from typing import Annotated, Any, Union, get_args, get_origin
+
+import typer
+from typing_extensions import Doc
+
+from rastercov import shapes
+from rastercov._limits import annotations_of, metadata_of
+from rastercov.camera import PRESETS
+from rastercov.cli.console import out_option
+from rastercov.task import THESIS, Task
+
+Meshes = Annotated[
+    list[Path],
+    typer.Argument(
+        help="Mesh files (STL, OBJ, PLY, OFF, GLB), together one scene; "
+        f"or a built-in mesh: {', '.join(shapes.NAMES)}.",
+        show_default=False,
+    ),
+]
+CameraOption = Annotated[
+    str,
+    typer.Option(
+        "--camera", "-c", help=f"Camera file (.toml, .json) or preset: {', '.join(PRESETS)}."
+    ),
+]
+PosesOption = Annotated[
+    str,
+    typer.Option(
+        "--poses",
+        "-p",
+        help="Pose file (.json, .npy), or sphere:N for N poses around the mesh that look at it "
+        "from where it fills the image.",
+    ),
+]
+Out = Annotated[Path, out_option("Folder for the report.")]
+Unit = Annotated[str, typer.Option(help="Unit of the mesh files: m, mm, cm, um, in, ft.")]
+Occluders = Annotated[
+    list[str],
+    typer.Option("--occluder", help="Mesh file, or group, that hides but is not scored."),
+]
+TwoSided = Annotated[
+    list[str], typer.Option(help="Group that counts from either side; 'all' for every group.")
+]
+DropInvalid = Annotated[bool, typer.Option(help="Drop faces that are not finite, with a warning.")]
+Device = Annotated[str, typer.Option(help="auto, cpu, or OpenGL: egl:0, surfaceless, osmesa.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for machines.")]
+
+
+def with_task(command: Callable[..., None]) -> Callable[..., None]:
+    """Replace the parameter `task` of a command by an option for each documented field of `Task`.
+
+    With `--thesis` the fields that `Task.thesis` sets keep its values.
+    """
+    hints = annotations_of(Task)
+    docs = {
+        name: doc.documentation
+        for name, hint in hints.items()
+        for doc in metadata_of(hint)
+        if isinstance(doc, Doc)
+    }
+    defaults = {field.name: field.default for field in fields(Task)}
+    thresholds = [
+        inspect.Parameter(
+            name,
+            inspect.Parameter.POSITIONAL_OR_KEYWORD,
+            default=defaults[name],
+            annotation=Annotated[_plain(hints[name]), typer.Option(help=text)],
+        )
+        for name, text in docs.items()
+    ]
+    thesis = inspect.Parameter(
+        "thesis",
+        inspect.Parameter.POSITIONAL_OR_KEYWORD,
+        default=False,
+        annotation=Annotated[
+            bool, typer.Option("--thesis", help="(3.6) to the letter; any coverage counts.")
+        ],
+    )
+
+    @functools.wraps(command)
+    def with_options(thesis: bool, **given: Any) -> None:
+        values = {name: given.pop(name) for name in docs}
+        if thesis:
+            task = Task.thesis(**{k: v for k, v in values.items() if k not in THESIS})
+        else:
+            task = Task(**values)
+        command(task=task, **given)
+
+    signature = inspect.signature(command)
+    parameters: list[inspect.Parameter] = []
+    for parameter in signature.parameters.values():
+        parameters += [*thresholds, thesis] if parameter.name == "task" else [parameter]
+    with_options.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+    with_options.__annotations__ = {each.name: each.annotation for each in parameters}
+    return with_options
+
+
+def _plain(hint: Any) -> Any:
+    """Annotation without metadata."""
+    if get_origin(hint) is Annotated:
+        return get_args(hint)[0]
+    if get_origin(hint) in (Union, UnionType):
+        return Union[tuple(_plain(member) for member in get_args(hint))]  # noqa: UP007
+    return hint

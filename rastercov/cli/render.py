@@ -1,0 +1,84 @@
+"""The command `render`: a picture, the face index and the depth of one pose."""
+
+import json
+import re
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from rastercov.cli.console import out_option, warn
+from rastercov.cli.inputs import read_camera, read_scene, read_view_points
+from rastercov.cli.options import (
+    AsJson,
+    CameraOption,
+    Device,
+    DropInvalid,
+    Meshes,
+    PosesOption,
+    Unit,
+)
+from rastercov.errors import PoseError
+
+
+def render(
+    meshes: Meshes,
+    camera: CameraOption,
+    poses: PosesOption,
+    pose: Annotated[int, typer.Option(min=0, help="Row of the pose file.")] = 0,
+    out: Annotated[Path, out_option("Folder for the files.")] = Path("render"),
+    unit: Unit = "m",
+    drop_invalid: DropInvalid = False,
+    device: Device = "auto",
+    as_json: AsJson = False,
+) -> None:
+    """Draw one pose: a picture, the face index and the depth of every pixel (PNG and NPZ).
+
+    [bold]Example[/]: rastercov render part.stl --unit mm -c camera.toml -p poses.json --pose 3
+    """
+    from rastercov.report.coverage import Options
+    from rastercov.report.figures import write_npz
+    from rastercov.report.folder import ReportFolder, ReportKind
+    from rastercov.report.images import (
+        coverage_picture,
+        depth_picture,
+        face_index_picture,
+        save_picture,
+    )
+
+    scene, eye = read_scene(meshes, unit, [], [], drop_invalid), read_camera(camera)
+    matrices = read_view_points(poses, scene, eye)
+    if pose >= len(matrices):
+        raise PoseError(f"--pose {pose} is not there: {poses} has {len(matrices)} poses, from 0")
+    warn(scene.warnings)
+    names = ("picture.png", "faces.png", "depth.png", "buffers.npz")
+    files_of_it = re.compile("|".join(map(re.escape, names)))
+    with ReportFolder(out, ReportKind("render", files_of_it, last=names[-1])) as folder:
+        with Options(device=device).open_rasterizer(scene, eye) as rasterizer:
+            buffer = rasterizer.render(matrices[pose])
+            info = rasterizer.info
+        seen = np.unique(buffer.face[buffer.face >= 0])
+        shown = np.zeros(scene.n_faces)
+        shown[seen] = 1.0
+        title = f"pose {pose}: {len(seen)} of {scene.n_faces} faces have a pixel"
+        picture = coverage_picture(buffer, shown, scene, eye, matrices[pose], title)
+        save_picture(picture, folder.file("picture.png"))
+        save_picture(face_index_picture(buffer), folder.file("faces.png"))
+        save_picture(depth_picture(buffer), folder.file("depth.png"))
+        write_npz(folder.file("buffers.npz"), face=buffer.face, depth=buffer.depth)
+        folder.publish()
+    files = [str(out / name) for name in names]
+    result = {
+        "pose": pose,
+        "faces": scene.n_faces,
+        "faces_with_a_pixel": len(seen),
+        "pixels_covered": int((buffer.face >= 0).sum()),
+        "renderer": info.renderer,
+        "files": files,
+    }
+    if as_json:
+        print(json.dumps(result, indent=2))
+    else:
+        print(f"{title} ({info.renderer})")
+        print("\n".join(files))

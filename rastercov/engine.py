@@ -1,0 +1,117 @@
+"""Choice of the engine that measures visibility: method, device, samples and threads.
+
+The text form is METHOD[:DEVICE][@S], such as `certified`, `sampled:cpu` or `sampled:egl:0@4`. It is
+accepted wherever `method` is: in Python, on the command line and in plan files.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Self
+
+from rastercov._arguments import check_kind
+from rastercov._checks import finite_number, shown
+from rastercov._threads import thread_count
+from rastercov.errors import ConfigError
+from rastercov.raster.contract import MAX_SUPERSAMPLE
+
+METHODS = ("certified", "exact", "sampled")
+BACKENDS = ("auto", "cpu", "gl")
+
+
+@dataclass(frozen=True)
+class Engine:
+    """Method of visibility and the device that computes it.
+
+    Parameters
+    ----------
+    method : {"certified", "exact", "sampled"}
+        See `rastercov.open_observer`.
+    device : str
+        For method "sampled" and for pictures: "auto", "cpu", "gl", or an OpenGL device by its name
+        (`rastercov doctor` lists them).
+    supersample : int
+        S: S x S samples a pixel, for method "sampled".
+    threads : int, optional
+        Threads on the CPU; one a core unless given.
+
+    Raises
+    ------
+    ConfigError
+        For a method that does not exist, or samples of a method that has none.
+    """
+
+    method: str = "certified"
+    device: str = "auto"
+    supersample: int = 1
+    threads: int | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.method, str) or self.method not in METHODS:
+            raise ConfigError(
+                f"method must be {', '.join(METHODS[:-1])} or {METHODS[-1]}, "
+                f"got {shown(self.method)}"
+            )
+        check_kind("device", self.device, str, "a text", ConfigError)
+        scale = finite_number(self.supersample)
+        if self.method == "sampled":
+            if scale not in range(1, MAX_SUPERSAMPLE + 1):
+                raise ConfigError(
+                    f"supersample must be a whole number 1 to {MAX_SUPERSAMPLE}, "
+                    f"got {shown(self.supersample)}"
+                )
+        elif scale != 1:
+            raise ConfigError(
+                f"method {self.method} has no samples, so supersample must be 1, "
+                f"got {shown(self.supersample)}; use method sampled"
+            )
+        object.__setattr__(self, "supersample", int(scale))
+        if self.threads is not None:
+            object.__setattr__(self, "threads", thread_count(self.threads))
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """Engine of METHOD[:DEVICE][@S].
+
+        Raises
+        ------
+        ConfigError
+            For a method that does not exist, or one without samples that is given a device or S.
+        """
+        rest, at, scale = text.partition("@")
+        method, colon, device = rest.partition(":")
+        if method not in METHODS:
+            raise ConfigError(
+                f"method must be {', '.join(METHODS[:-1])} or {METHODS[-1]}, got {text!r}; "
+                "sampled takes a device and samples a side, as in sampled:cpu@4"
+            )
+        if method != "sampled" and (at or colon):
+            raise ConfigError(
+                f"{method} has no samples: it takes no device and no @S, got {text!r}"
+            )
+        if colon and not device:
+            raise ConfigError(f"a device is wanted after the colon, such as sampled:cpu: {text!r}")
+        if at and not (scale.isdecimal() and 1 <= int(scale[:9]) <= MAX_SUPERSAMPLE):
+            raise ConfigError(
+                f"samples a side must be a whole number 1 to {MAX_SUPERSAMPLE}, got {text!r}"
+            )
+        return cls(method, device or "auto", int(scale) if at else 1)
+
+    @classmethod
+    def of(cls, method: "str | Engine") -> "Engine":
+        """Engine of a value of the argument `method`: itself, a method, or its text form."""
+        if isinstance(method, Engine):
+            return method
+        if isinstance(method, str) and (":" in method or "@" in method):
+            return cls.parse(method)
+        return cls(method)
+
+    def __str__(self) -> str:
+        device = f":{self.device}" if self.device != "auto" else ""
+        return self.method + device + (f"@{self.supersample}" if self.supersample > 1 else "")
+
+    @property
+    def rasterizer_options(self) -> dict[str, Any]:
+        """Keyword arguments of `open_rasterizer` for the device and the threads."""
+        options: dict[str, Any] = {} if self.threads is None else {"threads": self.threads}
+        if self.device in BACKENDS:
+            return options | {"backend": self.device}
+        return options | {"backend": "gl", "device": self.device}

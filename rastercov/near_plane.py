@@ -1,0 +1,201 @@
+"""Near plane: its depth, what it cuts away, and when back faces may be culled.
+
+Surfaces nearer than `near_limit` are cut away by every method. Where nothing in view is cut and the
+camera is outside a closed mesh, faces seen from behind cannot be the nearest surface.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.camera import Camera
+from rastercov.mesh import Mesh
+from rastercov.projection import box_corners, clip_near, clip_polygons, to_camera
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+
+NEAR_TO_FAR = 1e-6
+"""Least depth that is seen, relative to the farthest depth, whatever `Camera.near` is."""
+LEAST_DEPTH = 1e-150
+"""Metres: positive even where every vertex is at the camera centre."""
+
+
+def limits(
+    mesh: Mesh, camera: Camera, poses: FloatArray
+) -> tuple[FloatArray, NDArray[np.bool_], NDArray[np.bool_]]:
+    """Near plane, whether back faces can be left out, and whether a surface is cut; (P,) each."""
+    clipped = near_cuts(mesh.vertices, mesh.faces, mesh.bounds, camera, poses)
+    return near_limit(camera, mesh.bounds, poses), can_cull(mesh, poses, clipped), clipped
+
+
+def near_limit(camera: Camera, bounds: FloatArray, poses: FloatArray) -> FloatArray:
+    """Depth of the near plane of each pose, metres: surfaces nearer than it are cut away.
+
+    Parameters
+    ----------
+    camera : Camera
+        Whose `near` is a lower limit.
+    bounds : (2, 3) float64
+        Least and greatest coordinates of the mesh.
+    poses : (P, 4, 4) float64
+        world_from_camera.
+
+    Returns
+    -------
+    (P,) float64
+        max(camera.near, 1e-6 times the distance to the farthest corner of `bounds`).
+    """
+    reach = np.abs(bounds[None] - poses[:, None, :3, 3]).max(axis=1)
+    farthest = np.sqrt((reach**2).sum(axis=1))
+    limit: FloatArray = np.maximum(max(camera.near, LEAST_DEPTH), NEAR_TO_FAR * farthest)
+    return limit
+
+
+def near_cuts(
+    vertices: FloatArray, faces: IntArray, bounds: FloatArray, camera: Camera, poses: FloatArray
+) -> BoolArray:
+    """Poses in which the near plane cuts away a surface in view, (P,) bool.
+
+    Only faces within reach of the eye can: the depth of a point in view is never less than its
+    distance times the cosine of the widest view ray. So their bounding boxes decide nearly always.
+
+    Parameters
+    ----------
+    vertices, faces, bounds, camera, poses
+        As for `depth_range`.
+    """
+    limit = near_limit(camera, bounds, poses)
+    widest = np.hypot(
+        max(camera.cx, camera.width - camera.cx) / camera.fx,
+        max(camera.cy, camera.height - camera.cy) / camera.fy,
+    )
+    reach = (limit * np.sqrt(1 + widest**2))[:, None]
+    eyes = poses[:, :3, 3]
+    close = ((eyes > bounds[0] - reach) & (eyes < bounds[1] + reach)).all(axis=1)
+    cut = np.zeros(len(poses), dtype=bool)
+    if close.any():
+        # Whole rows of corners: ten times as fast as three numbers of each face.
+        corners = vertices.T[:, np.ascontiguousarray(faces.T)]
+        low, high = corners.min(axis=1), corners.max(axis=1)
+    for row in np.flatnonzero(close):
+        x, y, z = eyes[row]
+        r = reach[row, 0]
+        maybe = (low[0] - r < x) & (x < high[0] + r) & (low[1] - r < y) & (y < high[1] + r)
+        maybe &= (low[2] - r < z) & (z < high[2] + r)
+        if maybe.any():
+            local = to_camera(vertices[faces[maybe]], poses[row])
+            cut[row] = nearest_depth_in_view(local, camera, 0.0) < limit[row]
+    return cut
+
+
+def can_cull(mesh: Mesh, poses: FloatArray, clipped: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Poses in which culling back faces cannot change the nearest surface, (P,) bool.
+
+    The mesh is closed and outward, and the camera is outside it with nothing cut open; and no two
+    of its surfaces are so close together that they count as one from where the camera is. Outside
+    is beyond the bounding box by more than `NEAR_TO_FAR` of the farthest distance: a camera that is
+    mounted on a face looks through it, for the near plane cuts it away, which `clipped` cannot tell
+    where the face is edge-on to rounding.
+    """
+    eyes = poses[:, :3, 3]
+    reach = np.abs(mesh.bounds[None] - eyes[:, None]).max(axis=1)
+    distance = np.sqrt((reach**2).sum(axis=1))
+    margin = NEAR_TO_FAR * distance[:, None]
+    is_beyond = (eyes < mesh.bounds[0] - margin) | (eyes > mesh.bounds[1] + margin)
+    allowed: NDArray[np.bool_] = is_beyond.any(axis=1) & ~clipped
+    if not (allowed.any() and mesh.can_cull_back_faces):
+        return np.zeros(len(poses), bool)
+    for row in np.flatnonzero(allowed & (distance > mesh.contacts.reach)):
+        allowed[row] = not mesh.contacts.faces_within_components(distance[row]).any()
+    return allowed
+
+
+def depth_range(
+    vertices: FloatArray, faces: IntArray, bounds: FloatArray, camera: Camera, poses: FloatArray
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Near and far planes that fit the surfaces in view, and whether any of them was cut.
+
+    A depth buffer resolves in proportion to far/near, so near is set as far out as the surfaces in
+    view allow: by the corners of the bounding box where that is enough, else by the vertices, else
+    by what the viewing pyramid cuts from the faces.
+
+    Parameters
+    ----------
+    vertices : (V, 3) float64
+        World points, metres.
+    faces : (F, 3) int
+        Their triangles.
+    bounds : (2, 3) float64
+        Bounding box of the vertices.
+    camera : Camera
+        Image border and near limit.
+    poses : (P, 4, 4) float64
+        world_from_camera.
+
+    Returns
+    -------
+    near, far : (P,) float64
+        Depths in metres, 0 < near < far.
+    clipped : (P,) bool
+        True where a surface in view lies nearer than `near_limit` and is cut there.
+    """
+    limit = near_limit(camera, bounds, poses)
+    forward = poses[:, :3, 2]
+    depth = (box_corners(bounds) - poses[:, None, :3, 3]) @ forward[:, :, None]
+    nearest, farthest = depth.min(axis=(1, 2)), depth.max(axis=(1, 2))
+    for row in np.flatnonzero((nearest < 0.01 * farthest) | (nearest < limit)):
+        local = to_camera(vertices, poses[row])
+        nearest[row], farthest[row] = local[:, 2].min(), local[:, 2].max()
+        if nearest[row] < 0.01 * farthest[row] or nearest[row] < limit[row]:
+            nearest[row] = nearest_depth_in_view(local[faces], camera, limit[row])
+    # A hair nearer, so that rounding on the device cannot cut what is exactly at the plane.
+    near = np.clip(nearest * (1 - 1e-5), limit, np.maximum(farthest / 2, limit))
+    clipped = near_cuts(vertices, faces, bounds, camera, poses)
+    return near, np.maximum(farthest * (1 + 1e-5), near * 2), clipped
+
+
+def nearest_depth_in_view(corners: FloatArray, camera: Camera, near: float) -> float:
+    """Least depth of any surface inside the viewing pyramid beyond `near`, metres.
+
+    On each face the least depth lies on a corner of what the pyramid cuts from it: a vertex, an
+    edge through a side of the pyramid, or the face where an edge of the pyramid pierces it.
+    Clipping finds all three at once; faces that cannot beat the nearest vertex are left out first.
+
+    Parameters
+    ----------
+    corners : (F, 3, 3) float64
+        Faces in camera axes.
+    camera : Camera
+        Its image border makes the pyramid.
+    near : float
+        Depth below which nothing counts, metres.
+
+    Returns
+    -------
+    float
+        inf when nothing is in view.
+    """
+    sides = np.array(
+        [
+            (camera.fx, 0, camera.cx),
+            (-camera.fx, 0, camera.width - camera.cx),
+            (0, camera.fy, camera.cy),
+            (0, -camera.fy, camera.height - camera.cy),
+        ]
+    )
+    # Corners as rows, (3, F): numpy is quick along long rows and slow along rows of three.
+    x, y, z = np.ascontiguousarray(corners.transpose(2, 1, 0))
+    seen = z >= near
+    rival = seen[0] | seen[1] | seen[2]
+    for a, b, c in sides:
+        inside = a * x + b * y + c * z >= 0
+        seen &= inside
+        rival &= inside[0] | inside[1] | inside[2]
+    nearest = float(z[seen].min(initial=np.inf))
+    rival &= np.minimum(np.minimum(z[0], z[1]), z[2]) < nearest
+    polygons, counts = clip_near(corners[rival], near)
+    for side in sides:
+        polygons, counts = clip_polygons(polygons, counts, polygons @ side)
+    depths = np.where(counts[:, None] > 0, polygons[..., 2], np.inf)
+    return min(nearest, float(depths.min(initial=np.inf)))

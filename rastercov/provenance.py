@@ -1,0 +1,76 @@
+"""Provenance of a result: inputs with their hashes, thresholds, device and versions."""
+
+import hashlib
+import platform
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.camera import Camera
+from rastercov.mesh import Mesh
+from rastercov.raster.contract import RasterizerInfo
+from rastercov.task import Task
+
+
+@dataclass(frozen=True, eq=False)
+class Provenance:
+    """Inputs of a result, and the device that measured it.
+
+    Attributes
+    ----------
+    mesh, camera : Mesh, Camera
+    poses : (P, 4, 4) float64
+        world_from_camera, those that were rejected included.
+    task : Task or None
+        Thresholds, where the result has any.
+    options : mapping or None
+        Options of the run, ready for JSON.
+    measured_by : RasterizerInfo or None
+    """
+
+    mesh: Mesh
+    camera: Camera
+    poses: NDArray[np.float64]
+    task: Task | None = None
+    options: Mapping[str, Any] | None = None
+    measured_by: RasterizerInfo | None = None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Entries ready for JSON; "mesh" has the files as read, "scene" the faces in metres."""
+        mesh = self.mesh
+        optional = {
+            "task": asdict(self.task) if self.task else None,
+            "options": dict(self.options) if self.options is not None else None,
+            "measured_by": asdict(self.measured_by) if self.measured_by else None,
+        }
+        return {
+            "mesh": [asdict(source) for source in mesh.sources] or [{"name": "arrays"}],
+            "scene": {
+                "sha256": sha256(mesh.vertices, mesh.faces, mesh.face_group),
+                "n_faces": mesh.n_faces,
+                "groups": [asdict(group) for group in mesh.groups],
+            },
+            "poses": {"sha256": sha256(self.poses), "n_poses": len(self.poses)},
+            "camera": {k: v for k, v in asdict(self.camera).items() if v not in (None, ())},
+            **{name: entry for name, entry in optional.items() if entry is not None},
+            "versions": {
+                "python": platform.python_version(),
+                **{name: version(name) for name in ("rastercov", "moderngl", "numpy")},
+            },
+        }
+
+
+def sha256(*parts: NDArray[Any] | str) -> str:
+    """SHA-256 of arrays, their dtypes and shapes, and texts."""
+    total = hashlib.sha256()
+    for part in parts:
+        if isinstance(part, str):
+            total.update(part.encode())
+        else:
+            total.update(f"{part.dtype.str} {part.shape}".encode())
+            total.update(np.ascontiguousarray(part).data)
+    return total.hexdigest()

@@ -1,0 +1,148 @@
+"""Thresholds of coverage, and the decision whether a camera covers a face, (3.6).
+
+    coverage = field of view * min(1, resolution) * focus * visibility, and ours: * incidence
+               * pixel density, which are 1 within their limits and 0 beyond.
+
+E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks. 2020, section 3.3.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from annotated_types import Ge, Gt, Le
+from numpy.typing import NDArray
+from typing_extensions import Doc
+
+from rastercov._limits import check_limits
+
+FloatArray = NDArray[np.float64]
+
+
+class Reason(IntEnum):
+    """First criterion that a face fails, in this order."""
+
+    DEGENERATE = 0
+    """The face has no area."""
+    BACK_FACING = 1
+    """The camera is behind it."""
+    OUTSIDE = 2
+    """A vertex is outside the image or before the near plane."""
+    OUT_OF_FOCUS = 3
+    """It is not within the depth of field."""
+    UNSAMPLED = 4
+    """It is in view but so small or thin that no sample falls on it, or that it has no image to
+    within rounding; occlusion is unknown."""
+    TOO_COARSE = 5
+    """Too few pixels, or too few a metre."""
+    OCCLUDED = 6
+    """Too much of it is hidden."""
+    TOO_OBLIQUE = 7
+    """Its angle of incidence is too large."""
+    COVERED = 8
+    """Every criterion holds."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Task:
+    """Thresholds that a face must meet to be covered.
+
+    Each is declared here alone: fields with a `Doc` are options of the command line, and all are
+    keys of the [task] section of plan files and of the task in every report.
+
+    Parameters
+    ----------
+    min_pixels : float
+        R_min of (3.8): pixels that give resolution 1.
+    min_visibility : float
+        V_min: a face less visible than this counts as hidden, [0, 1].
+    max_blur : float, optional
+        c of (3.10): largest blur circle in pixels; the camera's own unless given.
+    max_incidence_deg : float
+        Largest angle between normal and ray, degrees, (0, 90].
+    min_pixel_density : float
+        Least pixels a metre on the surface, along its worst direction.
+    min_coverage : float
+        A camera covers a face when coverage is at least this and not 0, [0, 1].
+    views : int
+        Cameras that must cover a face for the network to cover it (k of k-coverage).
+    focus_rule : {"vertices", "centroid"}
+        Whether all vertices must be in focus (Definition 1) or the centroid (3.12).
+    cap_resolution : bool
+        Whether resolution enters the product as min(1, C_R).
+
+    Raises
+    ------
+    ConfigError
+        For a value outside its limits.
+    """
+
+    min_pixels: Annotated[float, Gt(0), Doc("R_min: pixels for full resolution.")] = 1.0
+    min_visibility: Annotated[float, Ge(0), Le(1), Doc("V_min: less visible counts as hidden.")] = (
+        0.0
+    )
+    max_blur: (
+        Annotated[float, Gt(0), Doc("Largest blur circle, px; the camera's unless given.")] | None
+    ) = None
+    max_incidence_deg: Annotated[float, Gt(0), Le(90), Doc("Flattest angle of view.")] = 90.0
+    min_pixel_density: Annotated[float, Ge(0), Doc("Least px per metre.")] = 0.0
+    min_coverage: Annotated[float, Ge(0), Le(1), Doc("Coverage that counts as covered.")] = 0.5
+    views: Annotated[int, Ge(1), Doc("Cameras that must cover a face.")] = 1
+    focus_rule: Literal["vertices", "centroid"] = "vertices"
+    cap_resolution: bool = True
+
+    def __post_init__(self) -> None:
+        check_limits(self)
+
+    @classmethod
+    def thesis(cls, **changes: Any) -> Self:
+        """(3.6) to the letter: resolution uncapped, focus of the centroid, any coverage counts."""
+        return cls(**(THESIS | changes))
+
+    def judge(
+        self, is_degenerate: NDArray[np.bool_], figures: Mapping[str, NDArray[Any]]
+    ) -> tuple[FloatArray, NDArray[np.uint8]]:
+        """Coverage (3.6) of each face by one camera, and the first criterion that it fails.
+
+        Parameters
+        ----------
+        is_degenerate : (F,) bool
+            Faces without area.
+        figures : dict of (F,) arrays
+            The criteria of one pose by the names of `Coverage`, and "is_front".
+
+        Returns
+        -------
+        coverage : (F,) float64
+        reason : (F,) uint8
+            `Reason`.
+        """
+        resolution, visibility = figures["resolution"], figures["visibility"]
+        enough = np.minimum(resolution, 1.0) if self.cap_resolution else resolution
+        is_dense = figures["pixel_density"] >= self.min_pixel_density
+        is_visible = visibility >= self.min_visibility
+        # One factor at a time: the reason is the first that brings the product below the threshold.
+        factors = (
+            (Reason.DEGENERATE, ~is_degenerate),
+            (Reason.BACK_FACING, figures["is_front"]),
+            (Reason.OUTSIDE, figures["in_view"]),
+            (Reason.OUT_OF_FOCUS, figures["in_focus"]),
+            (Reason.UNSAMPLED, figures["drawn_pixels"] > 0),
+            (Reason.TOO_COARSE, np.where(is_dense, enough, 0.0)),
+            (Reason.OCCLUDED, np.where(is_visible, visibility, 0.0)),
+            (Reason.TOO_OBLIQUE, figures["incidence"] <= math.radians(self.max_incidence_deg)),
+        )
+        product = np.ones(len(visibility))
+        reason = np.full(len(visibility), Reason.COVERED, np.uint8)
+        for name, factor in factors:
+            product = product * factor
+            fails = (product < self.min_coverage) | (product == 0)
+            reason[fails & (reason == Reason.COVERED)] = name
+        return product, reason
+
+
+THESIS: dict[str, Any] = {"cap_resolution": False, "focus_rule": "centroid", "min_coverage": 0.0}
+"""Values of `Task.thesis`."""

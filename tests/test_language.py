@@ -1,0 +1,85 @@
+"""Prose of docstrings, comments and pages: plain technical English.
+
+A docstring opens with a noun phrase or a verb, and no text has a banned word.
+"""
+
+import ast
+import re
+import tokenize
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+CLEAN = ("README.md", "docs", "examples")
+"""Files and folders that are checked; the changelog is not, because it keeps old entries."""
+OPENINGS = re.compile(r"(How|What|Where|Which|Who|Whose|Whether|When|Why|That)\b")
+PHRASES = """
+    as it were, so (many|much), by so, in the way, what is left, but for, told, asked of,
+    speaks? of, seen? whole, sees whole, seen in part, takes it that, has it that, in its turn,
+    whose turn, knows? nothing, no telling, go(es)? on, went on, see to it, make do, let alone,
+    nobody, lest, stands?(?!-), stood, astray, sift(s|ed|ing)?, canary, stock, strangers,
+    foretells?, foretold, reckon(s|ed)?, outlook, dome, hair, rolled, rivals?, forgives?,
+    wipes?, mends?, nick, shake[ns]?, ought, shall, heed, wherein, thereof, forthwith"""
+WORDS = "|".join(re.split(r",\s+", PHRASES.strip())).replace(" ", r"\s+")
+BANNED = re.compile(rf"\b({WORDS})\b", re.IGNORECASE)
+CODE = re.compile(r"```.*?```|`[^`]*`|\]\([^)]*\)", re.DOTALL)
+
+
+def prose_of(source):
+    """Line and text of each docstring (also of assigned names) and each comment."""
+    for node in ast.walk(ast.parse(source)):
+        match node:
+            case ast.Expr(value=ast.Constant(value=str(text))):
+                yield node.lineno, text
+    lines = iter(source.splitlines(keepends=True))
+    for token in tokenize.generate_tokens(lambda: next(lines, "")):
+        if token.type == tokenize.COMMENT:
+            yield token.start[0], token.string
+
+
+def faults(source, suffix=".py"):
+    """Banned openings and words as (line, words); code in backquotes is not prose."""
+    for line, text in prose_of(source) if suffix == ".py" else [(1, source)]:
+        if opening := suffix == ".py" and OPENINGS.match(text):
+            yield line, opening[0]
+        prose = CODE.sub(lambda code: "\n" * code[0].count("\n"), text)
+        for hit in BANNED.finditer(prose):
+            yield line + prose.count("\n", 0, hit.start()), " ".join(hit[0].split())
+
+
+def files():
+    for path in (ROOT / name for name in CLEAN):
+        yield from [path] if path.is_file() else path.rglob("*.py")
+        yield from set(path.rglob("*.md")) - {ROOT / "docs" / "changelog.md"}
+
+
+def test_prose_is_plain():
+    found = [
+        f"{path.relative_to(ROOT)}:{line}: {words}"
+        for path in sorted(files())
+        for line, words in faults(path.read_text(encoding="utf-8"), path.suffix)
+    ]
+    assert found == []
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('"""How a face is clipped."""', "How"),
+        ('def f():\n    """Whether it is closed."""', "Whether"),
+        ('N = 1\n"""What rounding may do."""', "What"),
+        ("x = 1  # So many faces", "So many"),
+        ('"""Faces that are in\nthe way."""', "in the way"),
+    ],
+)
+def test_a_banned_opening_or_word_is_found(text, words):
+    assert [found for _, found in faults(text)] == [words]
+
+
+def test_code_and_longer_words_are_not_banned():
+    assert (
+        list(faults('"""Stand-off of `so_many` faces, `what is left`; understand, shifted."""'))
+        == []
+    )
+    assert list(faults("Stocks: ```\nthe canary\n``` and\n\na stand-off", ".md")) == []

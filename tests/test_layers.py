@@ -1,0 +1,70 @@
+"""Imports go one way: a module imports only modules of its own layer or of earlier ones."""
+
+import ast
+from pathlib import Path
+
+import rastercov
+
+ROOT = Path(rastercov.__file__).parent
+LAYERS = (
+    "errors _files _jit _once _interrupts _closing _memory _checks _threads _double_double",
+    "_arguments _limits _typed",
+    "camera pose mesh projection shapes",
+    "near_plane criteria",
+    "exact raster",
+    "engine observer task",
+    "coverage network provenance",
+    "models placement",
+    "plan validation",
+    "report",
+    "cli",
+)
+LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names.split()}
+BEFORE = {("_arguments", "camera"), ("_arguments", "mesh")}
+"""`check_scene` asks for a Mesh and a Camera, which check their own arguments with that module."""
+
+
+def modules():
+    for path in sorted(ROOT.rglob("*.py")):
+        parts = path.relative_to(ROOT).with_suffix("").parts
+        if parts[0] not in ("reference", "shaders", "__init__", "__main__", "_moved"):
+            yield path, parts[: -1 if parts[-1] == "__init__" else None]
+
+
+def imports(path):
+    """Names of modules of the package that a file imports, at the top or in a function."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("rastercov"):
+            base = node.module.split(".")[1:]
+            for name in node.names:
+                whole = ROOT.joinpath(*base, name.name)
+                is_module = whole.is_dir() or whole.with_suffix(".py").exists()
+                yield tuple([*base, name.name] if is_module else base)
+
+
+def test_no_import_goes_up():
+    up = {
+        (parts[0], found[0])
+        for path, parts in modules()
+        for found in imports(path)
+        if found and LEVEL.get(found[0], -1) > LEVEL[parts[0]]
+    }
+    assert up - BEFORE == set()
+
+
+def test_no_two_modules_import_each_other():
+    graph = {parts: set(imports(path)) - {parts} for path, parts in modules()}
+    open_, done = [], set()
+
+    def visit(node):
+        assert node not in open_, " -> ".join(map(".".join, [*open_[open_.index(node) :], node]))
+        if node not in done:
+            open_.append(node)
+            for following in sorted(graph.get(node, ())):
+                if (node[0], following[0] if following else "") not in BEFORE:
+                    visit(following)
+            open_.pop()
+            done.add(node)
+
+    for node in sorted(graph):
+        visit(node)

@@ -1,0 +1,198 @@
+"""Values that are checked once and then taken as they are: `Poses`, `Engine`, limits of `Task`."""
+
+import dataclasses
+import inspect
+import shlex
+from typing import Annotated
+
+import numpy as np
+import pytest
+from annotated_types import Ge, Gt, Le
+from hypothesis import given
+from hypothesis import strategies as st
+from typing_extensions import Doc
+
+import rastercov as rc
+from rastercov import cli, shapes
+from rastercov import pose as pose_module
+from rastercov._limits import check_limits
+from rastercov.cli import options
+from rastercov.coverage import FIGURES
+from rastercov.engine import METHODS, Engine
+from rastercov.errors import ConfigError, PoseError
+from rastercov.pose import Poses, sphere_of_poses
+from rastercov.provenance import Provenance
+
+CAMERA = rc.Camera(width=64, height=48, fx=60, fy=60)
+MESH = shapes.box()
+
+
+def bad_row():
+    poses = sphere_of_poses((0, 0, 0), 3, 4)
+    poses[2, 0, 0] += 0.5
+    return poses
+
+
+# --- Poses ----------------------------------------------------------------------------------------
+
+
+def test_poses_name_the_rows_that_were_accepted_and_rejected():
+    accepted = Poses.of(bad_row(), skip_bad=True)
+    assert accepted.ids.tolist() == [0, 1, 3]
+    assert list(accepted.rejected) == [2]
+    assert len(accepted) == len(accepted.world_from_camera) == 3
+    assert len(accepted.given) == 4
+    with pytest.raises(PoseError, match="pose 2 is not a rotation"):
+        Poses.of(bad_row())
+
+
+def test_poses_are_taken_as_they_are():
+    accepted = Poses.of(sphere_of_poses((0, 0, 0), 3, 4))
+    assert Poses.of(accepted) is accepted
+
+
+def test_some_of_the_poses_keep_their_ids():
+    accepted = Poses.of(bad_row(), skip_bad=True)[1:]
+    assert accepted.ids.tolist() == [1, 3]
+    assert np.array_equal(np.asarray(accepted), bad_row()[[1, 3]])
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_poses_give_the_answers_of_their_arrays(method):
+    poses = sphere_of_poses((0, 0, 0), 3, 3)
+    accepted = Poses.of(poses)
+    by_array, by_value = (rc.evaluate(MESH, CAMERA, p, method=method) for p in (poses, accepted))
+    for name in FIGURES:
+        assert np.array_equal(getattr(by_array, name), getattr(by_value, name))
+    with rc.open_observer(MESH, CAMERA, method) as observer:
+        found = observer.visibility(accepted)
+    assert np.array_equal(found.value, rc.visibility(MESH, CAMERA, poses, method).value)
+
+
+@pytest.mark.parametrize("method", ["certified", "sampled"])
+def test_a_run_checks_its_poses_once(method, tmp_path, monkeypatch):
+    calls = []
+    check = pose_module.check_poses
+    monkeypatch.setattr(pose_module, "check_poses", lambda p: calls.append(len(p)) or check(p))
+    line = f"evaluate box -c khepra -p sphere:4 --pictures 2 --method {method} --device cpu"
+    assert cli.command([*shlex.split(line), "--json", "-o", str(tmp_path / "out")]) == 0
+    assert calls == [4]
+
+
+# --- Engine ---------------------------------------------------------------------------------------
+
+ENGINES = st.one_of(
+    st.builds(Engine, st.sampled_from(("certified", "exact"))),
+    st.builds(
+        Engine,
+        st.just("sampled"),
+        st.sampled_from(("auto", "cpu", "gl", "egl:0", "surfaceless")),
+        st.integers(1, 64),
+    ),
+)
+
+
+@given(ENGINES)
+def test_an_engine_is_read_back_from_its_text(engine):
+    assert Engine.parse(str(engine)) == engine == Engine.of(str(engine)) == Engine.of(engine)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("ray", "method must be certified, exact or sampled, got 'ray'"),
+        ("exact:cpu", "exact has no samples"),
+        ("certified@2", "certified has no samples"),
+        ("sampled:", "a device is wanted after the colon"),
+        ("sampled@0", "samples a side must be a whole number 1 to 64"),
+        ("sampled@65", "samples a side must be a whole number 1 to 64"),
+        ("sampled@x", "samples a side must be a whole number 1 to 64"),
+    ],
+)
+def test_what_is_no_engine_is_refused(text, words):
+    with pytest.raises(ConfigError, match=words):
+        Engine.of(text)
+
+
+def test_an_engine_is_taken_where_a_method_is():
+    poses = sphere_of_poses((0, 0, 0), 3, 2)
+    expected = rc.visibility(MESH, CAMERA, poses, "sampled", backend="cpu", supersample=3)
+    for engine in ("sampled:cpu@3", Engine("sampled", "cpu", 3), Engine("sampled", "cpu", 3, 1)):
+        found = rc.visibility(MESH, CAMERA, poses, engine)
+        assert np.array_equal(found.value, expected.value)
+    with pytest.raises(ConfigError, match="leave out the arguments backend"):
+        rc.open_observer(MESH, CAMERA, "sampled:cpu", supersample=2)
+    with pytest.raises(ConfigError, match="method exact has no samples"):
+        Engine("exact", supersample=2)
+
+
+# --- limits of fields -----------------------------------------------------------------------------
+
+
+@dataclasses.dataclass(frozen=True)
+class Limited:
+    share: Annotated[float, Ge(0), Le(1)] = 0.5
+    angle: Annotated[float, Gt(0), Le(90)] = 45.0
+    count: Annotated[int, Ge(1)] = 1
+    maybe: Annotated[float, Gt(0), Doc("Optional.")] | None = None
+    is_on: bool = False
+
+    def __post_init__(self):
+        check_limits(self)
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"share": 1.1}, "share must be 0 to 1, got 1.1"),
+        ({"share": float("nan")}, "share must be 0 to 1"),
+        ({"angle": 0}, "angle must be more than 0, up to 90, got 0"),
+        ({"count": 0}, "count must be a whole number, 1 or more, got 0"),
+        ({"count": 1.5}, "count must be a whole number, 1 or more, got 1.5"),
+        ({"maybe": 0}, "maybe must be more than 0, got 0"),
+        ({"maybe": "1"}, "maybe must be more than 0, got '1'"),
+        ({"is_on": 1}, "is_on must be True or False"),
+    ],
+)
+def test_a_value_outside_its_limits_is_refused_in_their_words(values, words):
+    with pytest.raises(ConfigError, match=words):
+        Limited(**values)
+
+
+def test_values_become_plain_numbers():
+    limited = Limited(share=np.float32(0.25), count=np.int64(3), maybe=2)
+    assert (limited.share, limited.count, limited.maybe) == (0.25, 3, 2.0)
+    assert [type(v) for v in (limited.share, limited.count, limited.maybe)] == [float, int, float]
+
+
+def test_a_new_threshold_is_an_option_of_the_command_line(monkeypatch):
+    @dataclasses.dataclass(frozen=True, kw_only=True)
+    class Stricter(rc.Task):
+        max_distance: Annotated[float, Gt(0), Doc("Farthest camera, m.")] = 9.0
+
+    monkeypatch.setattr(options, "Task", Stricter)
+    found = []
+
+    def command(task: rc.Task) -> None:
+        found.append(task)
+
+    wrapped = options.with_task(command)
+    assert "max_distance" in inspect.signature(wrapped).parameters
+    defaults = {n: p.default for n, p in inspect.signature(wrapped).parameters.items()}
+    wrapped(**(defaults | {"max_distance": 3.0}))
+    assert found == [Stricter(max_distance=3.0)]
+    wrapped(**(defaults | {"thesis": True, "min_pixels": 7.0}))
+    assert found[1] == Stricter.thesis(min_pixels=7.0)
+
+
+def test_provenance_depends_on_every_input():
+    poses = sphere_of_poses((0, 0, 0), 3, 2)
+    first = Provenance(MESH, CAMERA, poses, rc.Task()).as_dict()
+    assert first == Provenance(MESH, CAMERA, poses.copy(), rc.Task()).as_dict()
+    others = (
+        Provenance(shapes.sphere(), CAMERA, poses, rc.Task()),
+        Provenance(MESH, CAMERA.resized(0.5), poses, rc.Task()),
+        Provenance(MESH, CAMERA, poses[:1], rc.Task()),
+        Provenance(MESH, CAMERA, poses, rc.Task(views=2)),
+    )
+    assert all(other.as_dict() != first for other in others)
