@@ -239,9 +239,9 @@ void enqueue(Piece p) {
 }
 
 // Plane of 1/z of a face from its corners in space: change a sample to the right, change a sample
-// down, and value at the centre of the first sample of the canvas. Used for clipped faces, whose
-// corners at the near plane can be so much nearer than the part in view that a plane through them
-// loses half of its digits.
+// down, and value at the centre of the first sample of the canvas. Used for clipped faces: their
+// corners at the near plane can be far nearer than the part in view, and a plane through them would
+// lose half of its digits.
 dvec3 plane_in_image(Pose pose, dvec3 a, dvec3 b, dvec3 c) {
     dvec3 to_b = b - a, to_c = c - a;
     precise dvec3 normal = to_b.yzx * to_c.zxy - to_b.zxy * to_c.yzx;

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from rastercov.camera import Camera
 from rastercov.errors import ResourceError
 from rastercov.mesh import Mesh
+from rastercov.near_plane import limits
 from rastercov.raster import self_test
 from rastercov.raster.gl.resources import Resources
 from rastercov.raster.gl.strategy import (
@@ -32,8 +33,8 @@ from rastercov.raster.gl.strategy import (
     without_background,
     workgroups,
 )
-from rastercov.raster.rules import in_one_order, limits
 from rastercov.raster.sample_grid import Box, SampleGrid
+from rastercov.raster.tie_order import in_one_order
 
 MAX_POSES = 256  # poses in one batch, within the limits of memory: enough to fill a large device
 GROUP_FACES = 64  # faces of a workgroup, local_size_x of raster.comp
@@ -233,7 +234,7 @@ class Compute:
         self._resources.gl.memory_barrier()
 
     def _queue_sufficed(self, scene: ComputeScene, poses: int) -> bool:
-        """Whether the queue held all pieces; if not, later draws take fewer faces or poses.
+        """True when the queue held all pieces; if not, later draws take fewer faces or poses.
 
         Raises
         ------

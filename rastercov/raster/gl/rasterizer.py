@@ -160,7 +160,7 @@ class GLRasterizer(Closing):
             shaders=shaders.digest(),
         )
         self._scene = self._strategy.scene(mesh, camera, grid)
-        # Not rolled, since its counts are known for that grid; the programs are the same.
+        # Not rotated, since its counts are known for that grid; the programs are the same.
         test_grid = SampleGrid(self_test.CAMERA)
         self._self_test_scene = self._strategy.scene(self_test.MESH, self_test.CAMERA, test_grid)
         self._pixels = SampleGrid(camera)

@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
-from rastercov.projection import box_corners, depth_range, image_boxes
+from rastercov.near_plane import can_cull, depth_range
+from rastercov.projection import box_corners, image_boxes
 from rastercov.raster.gl.resources import Resources
 from rastercov.raster.gl.strategy import FloatArray, IntArray, face_ranges
-from rastercov.raster.rules import can_cull, in_one_order
 from rastercov.raster.sample_grid import Box, SampleGrid
+from rastercov.raster.tie_order import in_one_order
 
 BoolArray = NDArray[np.bool_]
 
