@@ -12,8 +12,7 @@ T. Akenine-Möller. Fast 3D Triangle-Box Overlap Testing. 2001, for a plane and 
 
 import numpy as np
 
-from rastercov._jit import compiled, compiled_with, inlined
-from rastercov.mesh import triangle_tree_kernels
+from rastercov._jit import compiled, inlined
 from rastercov.mesh.triangle_tree_kernels import LEAF
 
 LEAST_AXIS_SQUARED = 1e-200
@@ -229,7 +228,7 @@ def slab_misses(slabs, i, boxes, j, reach):
     return gap > reach * slabs[i, 3]
 
 
-@compiled_with(triangle_tree_kernels)
+@compiled
 def mark(f, marks, done, leaf):
     """Mark a face, and set `done` of each node where it was the last unmarked one."""
     marks[f] = True
@@ -243,7 +242,7 @@ def mark(f, marks, done, leaf):
         done[leaf] = True
 
 
-@compiled_with(triangle_tree_kernels)
+@compiled
 def mark_contacts(
     vertices, scale, placed, faces, labels, boxes, nodes, done, reach, first, last, budget, marks
 ):
