@@ -1,4 +1,4 @@
-// The triangle-ID buffer for faces that lie on others in one plane, with the depth of that plane.
+// Triangle-ID buffer of overlapping coplanar faces, with the depth of their plane.
 
 #extension GL_ARB_gpu_shader_fp64 : require
 
@@ -8,7 +8,8 @@ flat in vec2 reach;
 
 layout(location = 0) out uint face;
 
-// Between what the buffer is cleared to, which does not count as nearer, and the near plane.
+// Depth range between the cleared value, excluded because it must lose the depth test, and the near
+// plane.
 #ifdef REVERSED
 const float LEAST = 1.17549435e-38, GREATEST = 1.0;
 #else
@@ -19,6 +20,6 @@ void main() {
     face = id;
     precise double depth = plane.z + plane.y * double(gl_FragCoord.y);
     depth += plane.x * double(gl_FragCoord.x);
-    // Rounding lets a sample lie a hair beyond the corners; its depth does not.
+    // A sample can lie beyond the corners by rounding; its depth must not.
     gl_FragDepth = clamp(clamp(float(depth), reach.x, reach.y), LEAST, GREATEST);
 }

@@ -1,9 +1,9 @@
-// Counts the samples of each face in a batch of triangle-ID images, or, for KEYS, of what
-// raster.comp leaves.
+// Counts the samples of each face in a batch of triangle-ID images, or with KEYS in the keys of
+// raster.comp.
 //
-// An invocation walks a horizontal run of pixels and adds up equal neighbours before it touches a
-// counter: faces are wider than a pixel more often than not, and background always is. In a ROLLED
-// grid each row of samples is inside the image from its first sample up to its last.
+// An invocation reads a horizontal run of samples and adds each group of equal neighbours to its
+// counter at once, since most faces and the background are wider than a sample. In a ROLLED grid,
+// rotated against the image, `runs` bounds the samples of each row that lie inside the image.
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
@@ -14,16 +14,16 @@ layout(std430, binding = 2) readonly buffer Keys { uvec2 keys[]; };  // ~(index 
 #else
 uniform usampler2DArray faces;
 #endif
-uniform uvec2 size;      // samples in use, the rest of the image is left alone
+uniform uvec2 size;      // samples in use; the rest of the image is ignored
 uniform uint stride;     // counters a layer: slot 0 is background, then one a face
-uniform uint first_face; // the window of faces that this dispatch counts
+uniform uint first_face; // first face of the window that this dispatch counts
 
 #ifdef ROLLED
-layout(std430, binding = 1) readonly buffer Runs { ivec2 runs[]; };
-uniform ivec2 corner;    // of these images on the canvas of samples
+layout(std430, binding = 1) readonly buffer Runs { ivec2 runs[]; };  // first, one after the last
+uniform ivec2 corner;    // top-left of these images on the canvas of samples
 #endif
 
-const uint RUN = 16u;
+const uint RUN = 16u;  // samples of an invocation
 
 uint face_at(uint x, uint y, uint layer) {
 #ifdef KEYS

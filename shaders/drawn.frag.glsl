@@ -1,9 +1,9 @@
-// Counts every sample of every face, hidden or not: drawn with the depth test off. In a ROLLED grid
-// each row of samples is inside the image from its first sample up to its last.
+// Counts every sample of every face, hidden ones included; drawn without depth test. In a ROLLED
+// grid, rotated against the image, `runs` bounds the samples of each row that lie inside the image.
 
 layout(std430, binding = 0) buffer Counts { uint counts[]; };
 
-uniform uint first_face;  // the window of faces that this draw counts
+uniform uint first_face;  // first face of the window that this draw counts
 uniform uint stride;      // counters a layer: slot 0 is background, then one a face
 
 flat in uint id;
@@ -16,7 +16,7 @@ const int layer = 0;
 
 #ifdef ROLLED
 layout(std430, binding = 1) readonly buffer Runs { ivec2 runs[]; };
-uniform ivec2 corner;     // of this image on the canvas of samples
+uniform ivec2 corner;     // top-left of this image on the canvas of samples
 #endif
 
 void main() {

@@ -1,4 +1,4 @@
-// The triangle-ID buffer: face index + 1, so that 0 is background.
+// Triangle-ID buffer: face index + 1; 0 is background.
 
 flat in uint id;
 

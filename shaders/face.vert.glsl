@@ -1,11 +1,11 @@
-// Vertices of the mesh to clip space, one pose an instance.
+// Transforms the vertices of the mesh to clip space, one pose an instance.
 //
-// Positions come as two floats each, high + low, and so does the eye. Their difference is taken
-// before anything is rounded to one float, so a part at 10^7 m projects as it does at the origin.
+// Positions and the eye (camera centre) are sums of two floats, high + low. They are subtracted
+// before rounding to one float, so a part at 10^7 m projects as at the origin.
 //
-// With COPLANAR, for the faces that lie on others in one plane: their depth is not interpolated but
-// comes from the plane, as on the CPU. In double precision 1/z is affine in the image, and on two
-// faces of one plane it rounds to the same float.
+// COPLANAR is for overlapping coplanar faces, whose depth is computed from their plane, as on the
+// CPU, instead of interpolated. In double precision 1/z is affine in the image, and on two faces of
+// one plane it rounds to the same float.
 
 #ifdef COPLANAR
 #extension GL_ARB_gpu_shader_fp64 : require
@@ -17,7 +17,7 @@
 #endif
 
 struct Pose {
-    vec4 right, down, forward;  // rows of camera_from_world; the first two mixed to roll the samples
+    vec4 right, down, forward;  // camera axes; right and down mixed to rotate the grid
     vec4 eye_high, eye_low;
     vec4 depth;                 // clip z = depth.x * z + depth.y
 };
@@ -30,29 +30,29 @@ uniform vec4 image;  // clip x = image.x * x + image.z * z, clip y = image.y * y
 in vec3 position_high;
 in vec3 position_low;
 
-// A face has the same corners whichever program draws it, so that edges stay watertight.
+// Every program places the corners of a face alike, so edges stay watertight.
 invariant gl_Position;
 
 #ifdef COPLANAR
-// Through the point (x, y) of the canvas passes the ray x right + y down + ahead, at depth 1.
+// The ray through the point (x, y) of the canvas is x right + y down + ahead at depth 1.
 struct Rays {
     dvec4 right, down, forward;  // depth in the buffer is right.w / z + down.w
-    dvec4 eye;                   // from the middle of the mesh
+    dvec4 eye;                   // relative to the centre of the mesh
 };
 
 layout(std140) uniform AllRays { Rays rays[MAX_POSES]; };
 
-uniform ivec2 corner;   // of this image on the canvas
+uniform ivec2 corner;   // top-left of this image on the canvas
 uniform dvec2 middle;   // cx, cy in samples
 
-in uint number;         // face index + 1, of the face whose last corner this is
-in dvec3 corner_a;      // and its corners,
+in uint number;         // index + 1 of the face whose last corner this is,
+in dvec3 corner_a;      // its corners
 in dvec3 corner_b;
 in dvec3 corner_c;
-in dvec3 normal;        // and a normal
+in dvec3 normal;        // and its normal, of any length
 
 flat out dvec3 plane;   // depth in the buffer = plane.x x + plane.y y + plane.z
-flat out vec2 reach;    // that of its farthest and of its nearest corner, or the other way about
+flat out vec2 reach;    // least and greatest depth in the buffer of its corners
 
 #ifdef REVERSED
 const float NEAREST = 1.0;
@@ -61,8 +61,8 @@ const float NEAREST = 0.0;
 #endif
 #endif
 
-// Face index + 1. A face takes it from its last corner, and the vertex of that number is the last
-// corner of no other face. (gl_PrimitiveID would do, but Mesa takes primitives apart to number them.)
+// Face index + 1, taken from the last corner of a face: vertex f is the last corner of face f alone.
+// gl_PrimitiveID would be simpler, but Mesa splits primitives to number them.
 flat out uint id;
 
 #ifdef LAYERED
@@ -75,15 +75,16 @@ void find_plane() {
     dvec3 a = corner_a - ray.eye.xyz, b = corner_b - ray.eye.xyz, c = corner_c - ray.eye.xyz;
     dvec3 z = dvec3(dot(ray.forward.xyz, a), dot(ray.forward.xyz, b), dot(ray.forward.xyz, c));
     double nearest = min(z.x, min(z.y, z.z)), farthest = max(z.x, max(z.y, z.z));
-    // What reaches behind the eye has no nearest corner, and is cut at the near plane.
+    // A face that reaches behind the eye has no nearest corner; it is cut at the near plane.
     float first = nearest > 0.0lf ? float(ray.right.w / nearest + ray.down.w) : NEAREST;
     float last = float(ray.right.w / max(farthest, nearest) + ray.down.w);
     reach = vec2(min(first, last), max(first, last));
 
-    precise double height = dot(normal, a);  // of the plane, from the eye
+    precise double height = dot(normal, a);  // offset of the plane from the eye
     precise double x = dot(normal, ray.right.xyz), y = dot(normal, ray.down.xyz);
     precise double ahead = dot(normal, ray.forward.xyz) - middle.x * x - middle.y * y;
-    // An eye in the plane sees its edge, which rounding may give a sample: as far as it goes.
+    // From an eye in the plane the face is a line, and may cover a sample by rounding: scale 0 gives
+    // it the farthest depth, clamped to that of its corners.
     double scale = height == 0.0lf ? 0.0lf : ray.right.w / height;
     plane = scale * dvec3(x, y, ahead + double(corner.x) * x + double(corner.y) * y);
     plane.z += ray.down.w;
@@ -96,7 +97,7 @@ void main() {
     float x = dot(pose.right.xyz, from_eye);
     float y = dot(pose.down.xyz, from_eye);
     float z = dot(pose.forward.xyz, from_eye);
-    // Image rows run down, and so do the rows of our framebuffers: no flip anywhere.
+    // Rows of images and of our framebuffers both run down, so nothing is flipped.
     gl_Position = vec4(image.x * x + image.z * z,
                        image.y * y + image.w * z,
                        pose.depth.x * z + pose.depth.y,

@@ -1,6 +1,6 @@
-// What a plate reflects: its marker's cells, the white around them, or one even grey.
+// Reflectance of a plate: the cells of its marker, the white border, or a plain grey.
 
-uniform usampler2D cells;  // a marker a row: its cells, row by row, 1 is white
+uniform usampler2D cells;  // one row a marker: its cells, row by row, 1 is white
 uniform float black, white, grey;
 
 in vec2 cell;

@@ -1,4 +1,4 @@
-// Adds up the images of an atlas, pixel by pixel.
+// Sum of the images of an atlas at each pixel.
 
 uniform sampler2D images;
 uniform ivec2 size;

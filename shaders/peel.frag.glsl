@@ -1,7 +1,7 @@
-// One layer of faces by index, for devices without storage buffers: at each pixel the lowest index
-// above the one of the layer before. Faces are drawn in the order of their index, all at one depth,
-// so the depth test lets only the first one through. Repeating this until nothing is left meets
-// every sample of every face once. Images start at the highest id, so that what is done stays done.
+// Peels one layer of faces, for devices without storage buffers: at each sample the lowest face
+// index above that of the previous layer. Faces are drawn in order of index at one depth, so only
+// the first one passes the depth test. Repeated until a layer is empty, this draws every sample of
+// every face once. Images are cleared to the highest id, so a finished sample stays finished.
 
 uniform usampler2DArray before;
 

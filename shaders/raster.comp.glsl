@@ -1,23 +1,24 @@
-// Fills triangles into depth and triangle IDs without the graphics pipeline, a batch of poses at a
-// time: compute units are all that most of a data-centre GPU has.
+// Fills triangles into depth and triangle IDs without the graphics pipeline, for a batch of poses:
+// most units of a data-centre GPU can only compute.
 //
-// Without QUEUED, an invocation takes one face of one pose (z), projects it, clips what reaches
-// behind the camera or far outside the image, and fills it by itself if it is small; pieces of
-// larger ones go to a queue. With QUEUED, a workgroup takes one piece after the other from there,
-// 8 x 8 samples at a time. A queue that has no room for all says so, and all of it is done again
-// with fewer faces at a time. (Invocations do not fill large triangles by themselves: it would take
-// a GPU long, and Mesa's llvmpipe silently ends the loops of an invocation after 65,535 turns.)
+// Without QUEUED, an invocation takes one face of one pose (z), projects it, clips faces that reach
+// behind the camera or far outside the image, and fills small triangles by itself; pieces of larger
+// ones go to a queue. With QUEUED, a workgroup takes pieces from the queue, 8 x 8 samples at a time.
+// A queue that overflows reports it, and the draw is repeated with fewer faces at a time. (An
+// invocation does not fill a large triangle by itself because it would take a GPU long, and because
+// Mesa's llvmpipe silently ends the loops of an invocation after 65,535 iterations.)
 //
-// Numbers are those of the CPU rasteriser: corners are projected in double precision and rounded to
-// 1/256 sample; edges are crossed in whole numbers, which doubles hold up to 2^53, so a sample on an
-// edge belongs to one of the two triangles; 1/z is affine in the image, rounded to a float.
+// The arithmetic is that of the CPU rasteriser: corners are projected in double precision and
+// rounded to 1/256 sample; edge crossings are computed in integers, exact in doubles up to 2^53, so a
+// sample on an edge belongs to exactly one of the two triangles; 1/z is affine in the image, rounded
+// to a float.
 //
-// The nearest face at a sample, of several the lowest, is the greatest of 64 bits: the float 1/z,
-// then the complement of index + 1. Where atomics have 32 bits (no ATOMIC64) the scene is drawn
-// twice: pass 0 finds the depth, pass 1 the face among those that have it. A maximum does not depend
-// on the order of what it is taken of, so neither does the image.
+// The nearest face at a sample, the lowest index of equally near ones, is the maximum of a 64-bit
+// key: the float 1/z, then the complement of index + 1. With 32-bit atomics (no ATOMIC64) the scene
+// is drawn twice: pass 0 finds the depth, pass 1 the face among those at that depth. A maximum does
+// not depend on the order of its operands, so neither does the image.
 //
-// `precise` wherever two triangles, two programs or two passes must find the same bits.
+// `precise` is used wherever two triangles, two programs or two passes must compute the same bits.
 //
 // J. Pineda. A Parallel Algorithm for Polygon Rasterization. 1988. S. Laine, T. Karras.
 // High-Performance Software Rasterization on GPUs. 2011.
@@ -30,41 +31,41 @@
 layout(local_size_x = 64) in;
 
 struct Pose {
-    dvec4 right, down, forward;  // camera axes; the first two mixed to roll the samples
-    dvec4 eye;                   // from the middle of the mesh
+    dvec4 right, down, forward;  // camera axes; right and down mixed to rotate the sample grid
+    dvec4 eye;                   // camera centre, relative to the centre of the mesh
     dvec4 lens;                  // fx, fy, cx, cy in samples
     double near;
-    double cull;                 // not 0 where back faces can be left out
+    double cull;                 // nonzero if back faces can be left out
 };
 
-// Some rows of a triangle. Corners are in steps of 1/256 sample from the corner of the tile.
+// Range of rows of a triangle. Corners are in steps of 1/256 sample from the corner of the tile.
 struct Piece {
     ivec2 a, b, c;               // from top to bottom
-    int top, bottom;             // rows from the first up to the last, from the top of the tile
-    uint face, pose;             // index + 1, and place in the batch
-    float least, greatest;       // 1/z of the corners; both 0 for what is only counted, not seen
+    int top, bottom;             // first row and one after the last, from the top of the tile
+    uint face, pose;             // face index + 1, pose index in the batch
+    float least, greatest;       // 1/z of the corners; both 0 for a piece that is counted but not drawn
     double origin, right, down;  // 1/z = origin + right x + down y at sample (x, y) of the canvas
 };
 
 layout(std430, binding = 0) buffer Counts { uint counts[]; };
-layout(std430, binding = 1) readonly buffer Runs { ivec2 runs[]; };  // of each row in the image
+layout(std430, binding = 1) readonly buffer Runs { ivec2 runs[]; };  // of each row inside the image
 #ifdef ATOMIC64
 layout(std430, binding = 2) buffer Keys { uint64_t keys[]; };
 #else
-layout(std430, binding = 2) buffer Keys { uint keys[]; };  // ~(index + 1), then 1/z, a sample
+layout(std430, binding = 2) buffer Keys { uint keys[]; };  // two a sample: ~(index + 1), 1/z
 #endif
 layout(std430, binding = 3) coherent buffer Queue {
-    uint groups_x, groups_y, groups_z;  // workgroups to take the pieces
+    uint groups_x, groups_y, groups_z;  // workgroups of the QUEUED dispatch
     uint n_pieces;
-    uint is_full;                       // some pieces found no room
+    uint is_full;                       // 1 after an overflow
     Piece pieces[];
 };
 
 uniform ivec2 size;       // samples of the tile
-uniform ivec2 corner;     // of the tile on the canvas
-uniform bool with_drawn;  // count the samples each face would own alone
-uniform uint first_face;  // the window of faces that `counts` has room for
-uniform uint capacity;    // pieces there is room for
+uniform ivec2 corner;     // top-left of the tile on the canvas
+uniform bool with_drawn;  // count the samples that each face covers alone
+uniform uint first_face;  // first face of the window that `counts` holds
+uniform uint capacity;    // pieces that the queue holds
 uniform uint stride;      // counters a pose: slot 0 is background, then one a face
 #ifndef ATOMIC64
 uniform uint which_pass;
@@ -75,7 +76,7 @@ const double STEPS = 256.0lf;
 const double NO_PLANE = 1e300lf;
 
 void keep_nearest(uint sample_, float depth, uint face) {
-    uint bits = floatBitsToUint(depth);  // ordered as the floats are: none is negative
+    uint bits = floatBitsToUint(depth);  // same order as the floats, since none is negative
 #ifdef ATOMIC64
     atomicMax(keys[sample_], packUint2x32(uvec2(~face, bits)));
 #else
@@ -87,8 +88,8 @@ void keep_nearest(uint sample_, float depth, uint face) {
 #endif
 }
 
-// Where an edge from a down to b crosses a row: floor((base + slope row) / divisor) is the first
-// sample at its right or on it, ceil((X - 128) / 256) with X the place of the crossing in steps.
+// Crossing of an edge from a down to b with rows: floor((base + slope row) / divisor) is the first
+// sample on the edge or right of it, ceil((X - 128) / 256) with X the crossing in steps.
 struct Edge {
     double base, slope, divisor, inverse;
 };
@@ -105,13 +106,13 @@ Edge edge(ivec2 a, ivec2 b) {
 
 int crossing(Edge e, int row) {
     double numerator = e.base + e.slope * double(row);
-    double quotient = floor(numerator * e.inverse);  // to within one; the remainder says which way
+    double quotient = floor(numerator * e.inverse);  // exact to within 1, corrected by the remainder
     double rest = numerator - quotient * e.divisor;
     return int(quotient) + (rest < 0.0lf ? -1 : rest >= e.divisor ? 1 : 0);
 }
 
-// Fills every stride-th sample of every stride-th row of a piece, from the first; returns how many
-// samples inside the image its rows have.
+// Fills every stride-th sample of every stride-th row of a piece, from the first; returns the number
+// of samples inside the image in these rows.
 uint fill(Piece p, ivec2 first, ivec2 stride_) {
     Edge whole = edge(p.a, p.c), upper = edge(p.a, p.b), lower = edge(p.b, p.c);
     bool whole_is_left = double(p.b.x - p.a.x) * double(p.c.y - p.a.y)
@@ -131,7 +132,7 @@ uint fill(Piece p, ivec2 first, ivec2 stride_) {
         uint row_start = (p.pose * uint(size.y) + uint(row)) * uint(size.x);
         for (int x = begin + first.x; x < end; x += stride_.x) {
             precise double depth = start + p.right * double(x + corner.x);
-            // Rounding lets a sample lie a hair beyond the corners; its depth does not.
+            // A sample can lie beyond the corners by rounding; its depth must not.
             keep_nearest(row_start + uint(x), clamp(float(depth), p.least, p.greatest), p.face);
         }
     }
@@ -162,7 +163,7 @@ layout(std430, binding = 4) readonly buffer Poses { Pose poses[]; };
 layout(std430, binding = 5) readonly buffer Vertices { double vertices[]; };
 layout(std430, binding = 6) readonly buffer Faces { uint faces[]; };
 
-uniform uvec2 faces_to_draw;  // from the first up to the last
+uniform uvec2 faces_to_draw;  // first, and one after the last
 uniform uint first_pose;
 
 dvec3 in_camera(Pose pose, uint corner_of_face) {
@@ -176,7 +177,7 @@ dvec3 in_camera(Pose pose, uint corner_of_face) {
     return dvec3(right, down, ahead);
 }
 
-// Steps from the corner of the canvas, and 1/z.
+// Position in steps from the corner of the canvas, and 1/z.
 dvec3 in_image(Pose pose, dvec3 p) {
     precise double w = 1.0lf / p.z;
     precise double u = (pose.lens.x * p.x * w + pose.lens.z) * STEPS;
@@ -189,8 +190,8 @@ bool is_near_image(dvec3 at) {
     return max(from.x, from.y) <= double(FAR_OUT);
 }
 
-// Keeps the part of a convex polygon where plane . p >= offset; returns its corner count. A cut is
-// reckoned from the corner inside to the one outside, so two faces cut their edge at one point.
+// Clips a convex polygon to plane . p >= offset; returns its corner count. A cut is computed from
+// the corner inside towards the one outside, so two faces cut their common edge at the same point.
 int clip(inout dvec3 polygon[8], int n, dvec3 plane, double offset) {
     dvec3 kept[8];
     int n_kept = 0;
@@ -222,7 +223,7 @@ void swap_if_lower(inout ivec2 a, inout ivec2 b) {
 
 void enqueue(Piece p) {
     uint n = uint(p.bottom - p.top + ROWS - 1) / uint(ROWS);
-    // Nothing is added to a queue that is full, so that the number of pieces cannot overflow.
+    // Nothing is added to a full queue, so the number of pieces cannot overflow.
     uint end = n_pieces < capacity ? atomicAdd(n_pieces, n) + n : capacity + 1u;
     if (end > capacity) {
         is_full = 1u;
@@ -237,10 +238,10 @@ void enqueue(Piece p) {
     }
 }
 
-// The plane of 1/z of a face with corners in space: how it grows to the right and down, a sample
-// each, and what it is at the middle of the first sample of the canvas. For faces that are cut: of
-// what is left of them, the corners at the near plane can be so much nearer than what is in view that
-// a plane through these has lost half of its digits.
+// Plane of 1/z of a face from its corners in space: change a sample to the right, change a sample
+// down, and value at the centre of the first sample of the canvas. Used for clipped faces: their
+// corners at the near plane can be far nearer than the part in view, and a plane through them would
+// lose half of its digits.
 dvec3 plane_in_image(Pose pose, dvec3 a, dvec3 b, dvec3 c) {
     dvec3 to_b = b - a, to_c = c - a;
     precise dvec3 normal = to_b.yzx * to_c.zxy - to_b.zxy * to_c.yzx;
@@ -252,7 +253,7 @@ dvec3 plane_in_image(Pose pose, dvec3 a, dvec3 b, dvec3 c) {
     return dvec3(right, down, origin);
 }
 
-// `plane` is that of a face that was cut, else NO_PLANE.
+// Draws one triangle. `plane` is the plane of 1/z of a clipped face, else NO_PLANE.
 void draw(dvec3 a, dvec3 b, dvec3 c, uint face, uint pose, bool can_cull, dvec3 plane) {
     dvec2 ra = floor(a.xy + 0.5lf), rb = floor(b.xy + 0.5lf), rc = floor(c.xy + 0.5lf);
     dvec2 ab = rb - ra, ac = rc - ra;
@@ -270,8 +271,8 @@ void draw(dvec3 a, dvec3 b, dvec3 c, uint face, uint pose, bool can_cull, dvec3 
     p.b = ivec2(rb) - 256 * corner;
     p.c = ivec2(rc) - 256 * corner;
     ivec2 low = min(p.a, min(p.b, p.c)), high = max(p.a, max(p.b, p.c));
-    low = max((low + HALF - 1) >> 8, 0);  // samples from the first up to the last
-    high = min((high + HALF - 1) >> 8, size);
+    low = max((low + HALF - 1) >> 8, 0);  // first sample
+    high = min((high + HALF - 1) >> 8, size);  // one after the last
     if (low.x >= high.x || low.y >= high.y) return;
     swap_if_lower(p.a, p.b);
     swap_if_lower(p.a, p.c);
@@ -281,7 +282,7 @@ void draw(dvec3 a, dvec3 b, dvec3 c, uint face, uint pose, bool can_cull, dvec3 
     p.face = face;
     p.pose = pose;
 
-    // From the corners as they are; as rounded where the triangle is too thin for that.
+    // Plane of 1/z from the unrounded corners; from the rounded ones if the triangle is too thin.
     dvec2 from = a.xy, ab_here = b.xy - a.xy, ac_here = c.xy - a.xy;
     double area = ab_here.x * ac_here.y - ac_here.x * ab_here.y;
     bool is_thin = abs(area - rounded) > 0.25lf * abs(rounded);
@@ -333,7 +334,7 @@ void main() {
         plane = plane_in_image(pose, in_space[0], in_space[1], in_space[2]);
         for (int i = 0; i < 3; ++i) polygon[i] = in_space[i];
         n = clip(polygon, n, dvec3(0.0lf, 0.0lf, 1.0lf), pose.near);
-        // |u|, |v| <= reach from the corner of the tile: +-(f x + c z) <= reach z.
+        // |u|, |v| <= reach from the corner of the tile, as +-(f x + c z) <= reach z.
         double reach = 0.99lf * double(FAR_OUT) / STEPS;
         dvec2 middle = pose.lens.zw - dvec2(corner);
         for (int border = 0; border < 4; ++border) {

@@ -10,6 +10,7 @@ import re
 import subprocess
 import sys
 import threading
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -121,8 +122,6 @@ def test_functions_are_reached_by_name_once(context):
     get_error = context.function("glGetError", ctypes.c_uint)
     assert get_error() == 0
     assert context.function("glGetError", ctypes.c_uint) is get_error
-    assert context.load("glClear") != 0
-    assert context.load("no such function") == 0
     with pytest.raises(DeviceError, match="no function no such function"):
         context.function("no such function", None)
 
@@ -396,7 +395,8 @@ def test_a_context_of_its_own_works_in_another_thread(context):
 def test_use_after_release_is_an_error(context):
     context.release()
     context.release()
-    for attempt in (lambda: context.gl, context.check_owner, lambda: context.load("glClear")):
+    clear = partial(context.function, "glClear", None)
+    for attempt in (lambda: context.gl, context.check_owner, clear):
         with pytest.raises(DeviceError, match="after its release"):
             attempt()
 

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from rastercov.camera import Camera
 from rastercov.errors import ResourceError
 from rastercov.mesh import Mesh
+from rastercov.near_plane import limits
 from rastercov.raster import self_test
 from rastercov.raster.gl.resources import Resources
 from rastercov.raster.gl.strategy import (
@@ -32,41 +33,26 @@ from rastercov.raster.gl.strategy import (
     without_background,
     workgroups,
 )
-from rastercov.raster.rules import in_one_order, limits
 from rastercov.raster.sample_grid import Box, SampleGrid
+from rastercov.raster.tie_order import in_one_order
 
-MAX_POSES = 256
-"""Poses in one batch, within the limits of memory: enough to fill a large device."""
-GROUP_FACES = 64
-"""Faces a workgroup, local_size_x of `raster.comp`."""
-MAX_FACES = 65535 * GROUP_FACES
-"""Faces of one dispatch; OpenGL guarantees 65,535 workgroups."""
-SMALL = 64
-"""Largest bounding box, in samples, of a triangle that one invocation fills by itself."""
-ROWS = 32
-"""Rows of a larger triangle that one workgroup fills."""
+MAX_POSES = 256  # poses in one batch, within the limits of memory: enough to fill a large device
+GROUP_FACES = 64  # faces of a workgroup, local_size_x of raster.comp
+MAX_FACES = 65535 * GROUP_FACES  # faces of one dispatch; OpenGL guarantees 65,535 workgroups
+SMALL = 64  # samples of the largest bounding box of a triangle that one invocation fills
+ROWS = 32  # rows of a larger triangle that one workgroup fills
+MAX_FAN = 6  # most triangles of a clipped face
 MAX_PIECES = 1 << 18
 """Capacity of the queue of pieces of larger triangles, unless `GROUP_FACES` faces can need more."""
-PIECE_BYTES = 72
-"""Bytes of struct `Piece` of `raster.comp`."""
-EMPTY = np.array((0, 1, 1, 0), np.uint32)
-"""Start of an empty queue: workgroups in x, y and z, number of pieces."""
-HEAD_WORDS = 6
-"""Words before the pieces of the queue: `EMPTY`, whether it was too small, padding."""
-IS_FULL_WORD = 4
-"""Index among them of whether the queue was too small."""
-MAX_FAN = 6
-"""Triangles of a clipped face, at most."""
+EMPTY = np.array((0, 1, 1, 0), np.uint32)  # start of the queue: workgroups x, y, z, pieces
+HEAD_WORDS, IS_FULL = 6, 4  # words before the pieces, and which of them is set by an overflow
 FAR_OUT = 1 << 25
 """Steps of 1/256 sample from the tile beyond which triangles are clipped: products of two such
 lengths are integers below 2^53, which a double holds exactly."""
-KEY_BYTES = 8
-VERTEX_BYTES, CORNERS_BYTES, RUN_BYTES = 24, 12, 8
-"""Bytes of a vertex (3 doubles), of a face's corners and of a row's samples inside the image."""
-RECORD_SHAPE = (6, 4)
-"""Struct `Pose` of `raster.comp`: right, down, forward, eye, lens, (near, cull)."""
-RECORD_VALUES = 24
-RECORD_BYTES = 8 * RECORD_VALUES
+KEY_BYTES, PIECE_BYTES, VERTEX_BYTES, CORNERS_BYTES, RUN_BYTES = 8, 72, 24, 12, 8
+"""Bytes of a sample's key, a struct `Piece`, a vertex (3 doubles), a face, a row of samples."""
+RECORD_SHAPE = (6, 4)  # struct Pose of raster.comp: right, down, forward, eye, lens, (near, cull)
+RECORD_BYTES = 8 * 6 * 4
 COUNTS, RUNS, KEYS, QUEUE, POSES, VERTICES, FACES = range(7)  # bindings of storage buffers
 
 
@@ -104,25 +90,14 @@ class ComputePoses:
         fields[:, 3, :3] -= scene.centre
         fields[:, 4] = grid.lens
         fields[:, 5, 0], fields[:, 5, 1] = self.near, cull
-        self.records = fields.reshape(-1, RECORD_VALUES)
+        self.records = fields.reshape(len(poses), -1)
 
 
 class Compute:
     """`rastercov.raster.gl.strategy.Strategy` on compute shaders.
 
-    Parameters
-    ----------
-    resources : Resources
-        Owner of every OpenGL object; in use.
-    mesh, camera, grid
-        The largest scene to draw.
-    limits : DrawLimits
-        As given to the rasteriser; `image_budget` covers counters, too.
-
-    Raises
-    ------
-    ResourceError
-        When the device has no storage block for the mesh.
+    `DrawLimits.image_budget` covers counters, too. ResourceError when the device has no storage
+    block for the mesh.
     """
 
     depth = "float32 1/z"
@@ -148,10 +123,8 @@ class Compute:
         key_bytes = KEY_BYTES * max(self.tile[0] * self.tile[1], test_samples)
         most_faces = max(self._max_faces, test_faces)
         counter_bytes = COUNTER_BYTES * (most_faces + 1)
-        fitting = min(
-            limits.image_budget // (key_bytes + counter_bytes),
-            block // max(key_bytes, counter_bytes),
-        )
+        in_budget = limits.image_budget // (key_bytes + counter_bytes)
+        fitting = min(in_budget, block // max(key_bytes, counter_bytes))
         self._layers = max(1, min(MAX_POSES, fitting))
 
         pieces = 2 * self._layers * most_faces
@@ -261,14 +234,14 @@ class Compute:
         self._resources.gl.memory_barrier()
 
     def _queue_sufficed(self, scene: ComputeScene, poses: int) -> bool:
-        """Whether the queue held all pieces; if not, later draws take fewer faces or poses.
+        """True when the queue held all pieces; if not, later draws take fewer faces or poses.
 
         Raises
         ------
         DeviceError
             When it was too small for a draw that always fits.
         """
-        if not self._resources.read_words(self._queue, HEAD_WORDS)[IS_FULL_WORD]:
+        if not self._resources.read_words(self._queue, HEAD_WORDS)[IS_FULL]:
             return True
         if (faces := min(self._faces_at_once, scene.mesh.n_faces)) > GROUP_FACES:
             self._faces_at_once = faces // 2

@@ -50,8 +50,7 @@ EGL_LOSE_CONTEXT_ON_RESET = 0x31BF
 OSMESA_FORMAT, OSMESA_PROFILE, OSMESA_CORE_PROFILE = 0x22, 0x33, 0x34
 OSMESA_CONTEXT_MAJOR_VERSION, OSMESA_CONTEXT_MINOR_VERSION = 0x36, 0x37
 GL_RGBA, GL_UNSIGNED_BYTE = 0x1908, 0x1401
-OSMESA_SIDE = 16
-"""Side of the framebuffer that OSMesa requires, in pixels."""
+OSMESA_SIDE = 16  # pixels a side of the framebuffer that OSMesa requires
 
 
 # --- native contexts ------------------------------------------------------------------------------
@@ -70,15 +69,26 @@ _thread = _Thread()
 class _NativeContext(ABC):
     """OpenGL context of EGL or OSMesa, owned by one thread."""
 
-    def __init__(self) -> None:
+    def __init__(self, device: DeviceInfo) -> None:
         self.pid = os.getpid()
         self.thread = threading.get_ident()
         self.thread_name = threading.current_thread().name
         self.released = False
+        self.handle = self._create(device)
+        try:
+            self.make_current()
+            if not self.load("glGetString"):
+                raise DeviceError(f"no OpenGL library: wanted libGL.so.1; {install_line('egl')}")
+        except DeviceError:
+            self.release()
+            raise
 
     @abstractmethod
     def load(self, name: str) -> int:
         """Address of an OpenGL function, 0 when it is absent."""
+
+    @abstractmethod
+    def _create(self, device: DeviceInfo) -> int: ...
 
     @abstractmethod
     def _is_current(self) -> bool: ...
@@ -129,24 +139,12 @@ class _NativeContext(ABC):
 class _EglContext(_NativeContext):
     """Context on an EGL device or on EGL without a surface."""
 
-    def __init__(self, device: DeviceInfo) -> None:
-        super().__init__()
-        self.egl = egl_library()
-        self.display = _display(self.egl, device)
-        if not self.egl.eglBindAPI(EGL_OPENGL_API):
-            raise DeviceError(f"EGL offers no desktop OpenGL: eglBindAPI gave {self.egl.error()}")
-        self.handle = self._create()
-        try:
-            self.make_current()
-            if not self.load("glGetString"):
-                raise DeviceError(f"no OpenGL library: wanted libGL.so.1; {install_line('egl')}")
-        except DeviceError:
-            self.release()
-            raise
-
-    def _create(self) -> int:
+    def _create(self, device: DeviceInfo) -> int:
         """Handle of a new context: highest version first, then most robustness first."""
-        egl = self.egl
+        self.egl = egl = egl_library()
+        self.display = _display(egl, device)
+        if not egl.eglBindAPI(EGL_OPENGL_API):
+            raise DeviceError(f"EGL offers no desktop OpenGL: eglBindAPI gave {egl.error()}")
         extensions = egl.words(egl.eglQueryString(self.display, EGL_EXTENSIONS))
         for extension in "EGL_KHR_surfaceless_context", "EGL_KHR_no_config_context":
             if extension not in extensions:
@@ -210,24 +208,16 @@ def _display(egl: Egl, device: DeviceInfo) -> int:
 class _OSMesaContext(_NativeContext):
     """Context of OSMesa, which draws into memory without EGL."""
 
-    def __init__(self, device: DeviceInfo) -> None:
-        super().__init__()
+    def _create(self, device: DeviceInfo) -> int:
         self.osmesa = osmesa_library()
         self.buffer = ctypes.create_string_buffer(4 * OSMESA_SIDE**2)
         for major, minor in GL_VERSIONS:
             version = (OSMESA_CONTEXT_MAJOR_VERSION, major, OSMESA_CONTEXT_MINOR_VERSION, minor)
             layout = (OSMESA_FORMAT, GL_RGBA, OSMESA_PROFILE, OSMESA_CORE_PROFILE)
-            handle = self.osmesa.OSMesaCreateContextAttribs(int_array(*layout, *version, 0), None)
-            if handle:
-                break
-        else:
-            raise DeviceError("no OpenGL 3.3 core context: OSMesaCreateContextAttribs refused")
-        self.handle = int(handle)
-        try:
-            self.make_current()
-        except DeviceError:
-            self.release()
-            raise
+            attributes = int_array(*layout, *version, 0)
+            if handle := self.osmesa.OSMesaCreateContextAttribs(attributes, None):
+                return int(handle)
+        raise DeviceError("no OpenGL 3.3 core context: OSMesaCreateContextAttribs refused")
 
     def load(self, name: str) -> int:
         return self.osmesa.OSMesaGetProcAddress(name.encode()) or 0
@@ -296,6 +286,8 @@ class HeadlessContext(Unique):
     ----------
     info : ContextInfo
         Renderer, version, limits and features.
+    parking_frame : moderngl.Framebuffer
+        Framebuffer of one pixel, to bind before the framebuffer in use is released.
     """
 
     def __init__(self, device: DeviceInfo) -> None:
@@ -311,7 +303,7 @@ class HeadlessContext(Unique):
             self._gl.extensions.update(self.info.extensions)
             self._gl.gc_mode = "context_gc"
             self._pixel = self._gl.renderbuffer((1, 1))
-            self._parking_frame = self._gl.framebuffer([self._pixel])
+            self.parking_frame = self._gl.framebuffer([self._pixel])
         except BaseException:
             self._native.release()
             raise
@@ -322,11 +314,6 @@ class HeadlessContext(Unique):
         self._native.make_current()
         return self._gl
 
-    @property
-    def parking_frame(self) -> moderngl.Framebuffer:
-        """Framebuffer of one pixel, to bind before the framebuffer in use is released."""
-        return self._parking_frame
-
     def check_owner(self) -> None:
         """Raise DeviceError in another thread or a forked child, and after `release`."""
         self._native.check_owner()
@@ -335,16 +322,11 @@ class HeadlessContext(Unique):
         """Bind the context to its thread; needed when one thread has several contexts."""
         self._native.make_current()
 
-    def load(self, name: str) -> int:
-        """Address of an OpenGL function, 0 when it is absent.
+    def function(self, name: str, restype: Any, *argtypes: Any) -> Callable[..., Any]:
+        """OpenGL function as a ctypes callable, cached; DeviceError when it is absent.
 
         Drivers may return an address for any name that begins with gl, so check `info` first.
         """
-        self._native.check_owner()
-        return self._native.load(name)
-
-    def function(self, name: str, restype: Any, *argtypes: Any) -> Callable[..., Any]:
-        """OpenGL function as a ctypes callable, cached; DeviceError when it is absent."""
         self._native.check_owner()
         key = (name, restype, *argtypes)
         if key not in self._functions:
@@ -367,7 +349,7 @@ class HeadlessContext(Unique):
             with suppress(DeviceError):  # a lost context may refuse to become current
                 self.make_current()
                 # First, because moderngl never frees a context with live objects.
-                self._parking_frame.release()
+                self.parking_frame.release()
                 self._pixel.release()
                 self._gl.release()
         self._functions.clear()

@@ -43,10 +43,8 @@ from rastercov.raster.sample_grid import Box, SampleGrid
 MAX_POSES = 128
 """Poses in one uniform block: 128 records of 96 bytes, or 128 rays of 128 bytes, fit the 16 KiB
 that every device grants."""
-POSES_BINDING, RAYS_BINDING = 0, 1
-"""Bindings of uniform blocks."""
-COUNTS_BINDING, RUNS_BINDING = 0, 1
-"""Bindings of storage buffers."""
+POSES_BINDING, RAYS_BINDING = 0, 1  # uniform blocks
+COUNTS_BINDING, RUNS_BINDING = 0, 1  # storage buffers
 NO_LAYER = 0xFFFFFFFF
 
 
@@ -55,12 +53,8 @@ class Pipeline:
 
     Parameters
     ----------
-    resources : Resources
-        Owner of every OpenGL object; in use.
-    mesh, camera, grid
-        The largest scene to draw.
-    limits : DrawLimits
-        As given to the rasteriser.
+    resources, mesh, camera, grid, limits
+        As for `Strategy`.
     is_layered : bool
         Plan "hardware" rather than "software".
     """
@@ -85,8 +79,8 @@ class Pipeline:
         layers = 1
         if is_layered:
             image = SAMPLE_BYTES * self.tile[0] * self.tile[1]
-            layers = min(MAX_POSES, device["max_array_layers"], limits.image_budget // image)
-            layers = max(1, layers)
+            in_budget = limits.image_budget // image
+            layers = max(1, min(MAX_POSES, device["max_array_layers"], in_budget))
         self._max_faces = min(limits.max_faces, mesh.n_faces)
         if info.has_ssbo:
             # A counter a face and one for background must fit one storage block, for each layer.

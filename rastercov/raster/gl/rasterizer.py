@@ -73,12 +73,8 @@ class GLRasterizer(Closing):
 
     Raises
     ------
-    ConfigError
-        For an unknown plan, a limit below 1, or a focal length beyond `MAX_FOCAL_LENGTH`.
-    DeviceError
-        When the device cannot be opened, lacks what the plan needs, or fails its self-test.
-    ResourceError
-        When the device has no memory for the images or the mesh.
+    ConfigError, DeviceError, ResourceError
+        For a bad argument; a device that lacks a feature or fails its self-test; lack of memory.
     """
 
     def __init__(
@@ -164,7 +160,7 @@ class GLRasterizer(Closing):
             shaders=shaders.digest(),
         )
         self._scene = self._strategy.scene(mesh, camera, grid)
-        # Not rolled, since its counts are known for that grid; the programs are the same.
+        # Not rotated, since its counts are known for that grid; the programs are the same.
         test_grid = SampleGrid(self_test.CAMERA)
         self._self_test_scene = self._strategy.scene(self_test.MESH, self_test.CAMERA, test_grid)
         self._pixels = SampleGrid(camera)

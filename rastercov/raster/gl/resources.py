@@ -83,20 +83,7 @@ class Resources:
         return thing
 
     def make(self, what: str, size: int, create: Any) -> Any:
-        """Return the object that `create()` allocates.
-
-        Parameters
-        ----------
-        what, size : str, int
-            Description and bytes of the allocation, for the error.
-        create : callable
-            Allocates the object.
-
-        Raises
-        ------
-        ResourceError
-            When the device refuses.
-        """
+        """Result of `create()`; ResourceError with `what` and its `size` in bytes if it fails."""
         asked = f"{what} ({size / 2**20:,.1f} MiB)"
         try:
             thing = create()
@@ -110,11 +97,10 @@ class Resources:
 
     def buffer(self, what: str, data: NDArray[Any] | None = None, size: int = 0) -> Any:
         """Buffer with the given contents, or of `size` bytes."""
-        if data is not None:
-            contents = np.ascontiguousarray(data)
-            size = contents.nbytes
-            return self.own(self.make(what, size, lambda: self.gl.buffer(contents)))
-        return self.own(self.make(what, size, lambda: self.gl.buffer(reserve=size, dynamic=True)))
+        if data is None:
+            return self.own(self.make(what, size, lambda: self.gl.buffer(None, size, dynamic=True)))
+        contents = np.ascontiguousarray(data)
+        return self.own(self.make(what, contents.nbytes, lambda: self.gl.buffer(contents)))
 
     def program(self, fragment: str, version: int, **defines: int) -> Any:
         """Program of `face.vert` and the named fragment shader."""

@@ -6,7 +6,6 @@ from the plane of the face, so equal surfaces get equal depths. All other faces 
 the device interpolates, which costs less.
 """
 
-import math
 from typing import Any
 
 import moderngl
@@ -15,14 +14,13 @@ from numpy.typing import NDArray
 
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
-from rastercov.projection import box_corners, depth_range, image_boxes
+from rastercov.near_plane import can_cull, depth_range
+from rastercov.projection import box_corners, image_boxes
 from rastercov.raster.gl.resources import Resources
-from rastercov.raster.gl.strategy import face_ranges
-from rastercov.raster.rules import can_cull, in_one_order
+from rastercov.raster.gl.strategy import FloatArray, IntArray, face_ranges
 from rastercov.raster.sample_grid import Box, SampleGrid
+from rastercov.raster.tie_order import in_one_order
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 NEAREST = frozenset(("face", "coplanar"))
@@ -31,17 +29,14 @@ POSITIONS = "3f 3f", "position_high", "position_low"
 PLANES = "3f8 3f8 3f8 3f8 1u 4x", "corner_a", "corner_b", "corner_c", "normal", "number"
 PLANE = np.dtype([("doubles", np.float64, (4, 3)), ("number", np.uint32), ("", np.uint32)])
 """Layout of `PLANES`: three corners, a normal, face index + 1, padding."""
-RECORD_SHAPE = (6, 4)
-"""Struct `Pose` of `face.vert`, vec4: right, down, forward, eye_high, eye_low, depth."""
-RAYS_SHAPE = (4, 4)
-"""Struct `Rays` of `face.vert`, dvec4: right, down, forward, eye."""
-RECORD_BYTES = math.prod(RECORD_SHAPE) * np.dtype(np.float32).itemsize
-RAYS_BYTES = math.prod(RAYS_SHAPE) * np.dtype(np.float64).itemsize
+RECORD_SHAPE = (6, 4)  # struct Pose of face.vert: right, down, forward, eye_high, eye_low, depth
+RAYS_SHAPE = (4, 4)  # struct Rays of face.vert: right, down, forward, eye
+RECORD_BYTES, RAYS_BYTES = 4 * 6 * 4, 8 * 4 * 4  # floats, doubles
 INDEX_BYTES = 4
-PIXELS_A_VERTEX = 64
-"""Projecting a vertex costs as much as reading some ten pixels."""
-EDGE_ON_COSINE = 1e-6
-"""Cosine between the ray to a face and its plane below which rounding decides the side seen."""
+PIXELS_A_VERTEX = 64  # projecting a vertex costs as much as reading some ten pixels
+EDGE_ON_HEIGHT_REL = 1e-6
+"""Height of the eye over the plane of a face, in distances of the eye from the centre of the mesh,
+within which rounding decides the side seen."""
 
 
 class Scene:
@@ -176,7 +171,7 @@ class Scene:
         self._set_projection("face", tile, grid)
         x, y, z = eye - self.centre
         height = self._planes[0] * x + self._planes[1] * y + self._planes[2] * z - self._offsets
-        chosen = np.flatnonzero(height > -EDGE_ON_COSINE * np.sqrt(x * x + y * y + z * z))
+        chosen = np.flatnonzero(height > -EDGE_ON_HEIGHT_REL * np.sqrt(x * x + y * y + z * z))
         front = self._indices.take(chosen, axis=0)  # three times as fast as a mask
         self._front_faces.orphan()
         self._front_faces.write(front)

@@ -33,17 +33,7 @@ COUNT_COLUMNS, COUNT_ROWS = 8 * 16, 8
 
 @dataclass(frozen=True)
 class DrawLimits:
-    """Limits of a draw, below those of the device.
-
-    Attributes
-    ----------
-    max_tile : int
-        Samples a side of one image.
-    max_faces : int
-        Faces of one draw.
-    image_budget : int
-        Bytes of images in one batch of poses.
-    """
+    """Limits below those of the device: samples a side, faces a draw, bytes of images a batch."""
 
     max_tile: int = MAX_TILE
     max_faces: int = MAX_FACES_A_DRAW
@@ -52,6 +42,9 @@ class DrawLimits:
 
 class Strategy(Protocol):
     """Programs and images on a device, for one mesh and camera.
+
+    Constructed from `Resources` in use, the mesh, camera and grid of the largest scene to draw, and
+    `DrawLimits`.
 
     Attributes
     ----------
