@@ -79,7 +79,7 @@ def test_a_ray_ends_where_the_wall_of_a_room_is(seed):
     point = np.array([*rng.uniform(-0.9, 0.9, 2), -2.0])
     frame = face_frames(np.array([[0.0, 0.0, 1.0]]))[0]
     with Hemicube(room, 8) as hemicube:
-        free = hemicube.look_out(point, frame)
+        free = hemicube.free_distances(point, frame)
         rays = hemicube.directions @ frame.T
     walls = np.array([1.0, 1.5, 2.0])
     with np.errstate(divide="ignore"):

@@ -23,6 +23,7 @@ from rastercov.mesh import Mesh
 from rastercov.models import MODELS, zhang
 from rastercov.observer import Kind, open_observer
 from rastercov.pose import valid_poses
+from rastercov.provenance import Provenance
 from rastercov.validation.models.results import (
     Bivalence,
     Disagreement,
