@@ -11,7 +11,7 @@ from rows import Report
 
 import rastercov as rc
 from rastercov import shapes
-from rastercov.observer import Kind
+from rastercov.observation import BoundKind
 from rastercov.reference import rational
 
 SCENES, VIEWS = 5_000, 12
@@ -67,7 +67,7 @@ def compare(seed: int, score: Score) -> list[str]:
             visible = rational.visible_area(mesh, camera, pose, faces)
             area = rational.image_area(mesh, camera, pose, faces)
             off = np.abs(seen.visible_pixels[row, faces] - visible)
-            certified = seen.kind[row, faces] == Kind.CERTIFIED
+            certified = seen.kind[row, faces] == BoundKind.CERTIFIED
             whole = seen.visible_pixels[row, faces] > 0
             doubt = np.abs(visible - np.where(whole, area, 0.0))
             wrong = certified & (doubt > LEAST_SEEN + 1e-12 * area)

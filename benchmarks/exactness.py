@@ -23,13 +23,13 @@ from tracer import Tracer, need_open3d
 
 import rastercov as rc
 from rastercov import shapes
+from rastercov._observers import ROLL
 from rastercov.cli.inputs import read_view_points
-from rastercov.criteria import view_faces
+from rastercov.criteria import face_geometry
 from rastercov.exact.certificate import CertifiedView
 from rastercov.exact.half_planes import View
 from rastercov.exact.surface import surface_of
-from rastercov.observer import ROLL
-from rastercov.projection import near_limit
+from rastercov.near_plane import near_limit
 from rastercov.reference import rational
 
 CAMERA = rc.Camera(width=1280, height=960, fx=1200, fy=1200)
@@ -163,7 +163,7 @@ def _race(report: Report, rounds: int) -> None:
             rays = np.bincount(ids[ids >= 0], minlength=mesh.n_faces)
             # Counting a shape's pixels is off by 0.27 times the root of its perimeter, more where
             # its sides run along their rows.
-            perimeter = view_faces(mesh, camera, poses[0]).perimeter
+            perimeter = face_geometry(mesh, camera, poses[0]).perimeter
             off = np.abs(rays - seen.visible_pixels[0]) > 4 * 0.27 * np.sqrt(2 * perimeter + 1)
             report.check(f"{what}: both see the same", off.mean() < 0.005)
             ours, theirs, casting = [], [], []

@@ -35,9 +35,9 @@ from rows import Report, arguments
 
 import rastercov as rc
 from rastercov._jit import compiled
+from rastercov.near_plane import limits
 from rastercov.raster.cpu import MAX_BAND, _Scene, _View
 from rastercov.raster.cpu import loops as kernels
-from rastercov.raster.rules import limits
 from rastercov.raster.sample_grid import SampleGrid
 
 CELLS = (

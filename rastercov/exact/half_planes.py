@@ -27,8 +27,8 @@ from rastercov.errors import ConfigError
 from rastercov.exact import half_plane_kernels as kernels
 from rastercov.exact.surface import Surface, surface_of
 from rastercov.mesh import Mesh
+from rastercov.near_plane import limits
 from rastercov.pose import valid_poses
-from rastercov.raster.rules import limits
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -31,9 +31,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.coverage import Task
 from rastercov.errors import ConfigError
 from rastercov.observer import Observer
+from rastercov.task import Task
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -12,7 +12,7 @@ import rastercov as rc
 from rastercov import shapes
 from rastercov.exact.certificate import CertifiedView
 from rastercov.exact.half_planes import View
-from rastercov.observer import Kind
+from rastercov.observation import BoundKind
 from rastercov.reference import rational
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -66,7 +66,7 @@ def test_certified_and_exact_agree_from_the_middle_of_a_face_of_a_torus():
     certified, exact = (
         rc.visibility(mesh, CAMERA, np.array(poses), method) for method in ("certified", "exact")
     )
-    assert (certified.kind == Kind.CERTIFIED).sum() > 1000
+    assert (certified.kind == BoundKind.CERTIFIED).sum() > 1000
     apart = np.abs(certified.value - exact.value)
     assert (apart <= certified.bound + exact.bound + 1e-9).all()
 

@@ -11,7 +11,7 @@ from scenes import joined
 import rastercov as rc
 from rastercov import shapes
 from rastercov.exact.half_planes import View
-from rastercov.raster.rules import can_cull
+from rastercov.near_plane import can_cull
 from rastercov.reference import rational
 
 CAMERA = rc.Camera(width=320, height=320, fx=300, fy=300)

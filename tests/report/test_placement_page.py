@@ -14,7 +14,7 @@ from scenes import joined
 import rastercov as rc
 from rastercov import shapes
 from rastercov._format import percent
-from rastercov.coverage import Task, evaluate_batches
+from rastercov.coverage import evaluate_batches
 from rastercov.errors import ConfigError
 from rastercov.mesh import Group, Mesh
 from rastercov.network import Network
@@ -36,6 +36,7 @@ from rastercov.report import plots, theme
 from rastercov.report.panorama import DIRECTIONS, best_directions, look, paint
 from rastercov.report.placement import PlanReport, page, write_page
 from rastercov.report.theme import DARK, LIGHT
+from rastercov.task import Task
 
 CAMERA = rc.Camera(width=320, height=240, fx=300, fy=300, cx=160, cy=120)
 TASK = Task(min_pixels=20)

@@ -9,8 +9,8 @@ from rastercov.camera import Camera
 from rastercov.exact.certificate import CertifiedView
 from rastercov.exact.half_planes import View
 from rastercov.exact.surface import surface_of
+from rastercov.near_plane import near_limit
 from rastercov.pose import look_at
-from rastercov.projection import near_limit
 from rastercov.reference import rational
 
 PATHS = (View, CertifiedView)

@@ -19,10 +19,11 @@ from scenes import joined, sheet, square
 
 from rastercov import cli, shapes
 from rastercov.camera import Camera
-from rastercov.criteria import view_faces
+from rastercov.criteria import face_geometry
 from rastercov.errors import ConfigError, PoseError
 from rastercov.mesh import Mesh
-from rastercov.observer import Kind, Observation, open_observer, visibility
+from rastercov.observation import BoundKind, Observation
+from rastercov.observer import open_observer, visibility
 from rastercov.pose import look_at, sphere_of_poses
 from rastercov.reference import polygons
 from rastercov.reference.samples import grid_points
@@ -83,7 +84,7 @@ def altered(monkeypatch, method, alter):
 
 
 def flip_a_certified_face(seen):
-    face = np.flatnonzero((seen.kind[0] == Kind.CERTIFIED) & (seen.visible_pixels[0] > 1))[0]
+    face = np.flatnonzero((seen.kind[0] == BoundKind.CERTIFIED) & (seen.visible_pixels[0] > 1))[0]
     seen.visible_pixels[0, face] = 0
     return seen
 
@@ -95,12 +96,12 @@ def half_of_everything(seen):
 
 
 def a_millionth_less(seen):
-    seen.visible_pixels[seen.kind == Kind.EXACT] *= 1 - 1e-6
+    seen.visible_pixels[seen.kind == BoundKind.EXACT] *= 1 - 1e-6
     return seen
 
 
 def everything_certified(seen):
-    seen.kind[:] = Kind.CERTIFIED
+    seen.kind[:] = BoundKind.CERTIFIED
     return seen
 
 
@@ -196,7 +197,7 @@ def test_figures_are_those_of_an_independent_reckoning(tmp_path):
     figures = visibility(TEAPOT, CAMERA, poses, "sampled")
     rows = []
     for i, pose in enumerate(poses):
-        view = view_faces(TEAPOT, CAMERA, pose)
+        view = face_geometry(TEAPOT, CAMERA, pose)
         area = polygons.image_area(TEAPOT, CAMERA, pose)
         seen = polygons.visible_area(TEAPOT, CAMERA, pose)
         for face in range(TEAPOT.n_faces):
@@ -237,7 +238,7 @@ def test_figures_are_those_of_an_independent_reckoning(tmp_path):
 def test_faces_seen_in_part_at_the_border_of_the_image_are_compared():
     found = compare(OVERLAP, CAMERA, AHEAD[None], ["sampled@4"], "rational", convergence=False)
     truth = compare(OVERLAP, CAMERA, AHEAD[None], ["certified"], "rational", convergence=False)
-    view = view_faces(OVERLAP, CAMERA, AHEAD)
+    view = face_geometry(OVERLAP, CAMERA, AHEAD)
     assert (view.in_view_fraction[:2] < 1).all()
     assert found.scores[0].all_sizes.figures == truth.scores[0].all_sizes.figures == 4
     assert found.scores[0].all_sizes.partly_hidden == 2
@@ -307,7 +308,7 @@ def test_a_tally_agrees_with_all_figures_side_by_side(poses):
 @given(st.floats(1e-6, 1e6), FRACTION, FRACTION, st.floats(0, 1))
 @example(4.0, 0.5, 0.5 + 2e-9, 0.0)
 def test_a_figure_is_held_when_its_error_is_within_its_bound(area, share, value, bound):
-    of_face = judged([(area, share, value, bound, Kind.STATISTICAL)])
+    of_face = judged([(area, share, value, bound, BoundKind.STATISTICAL)])
     error = abs(value - share)
     if error < bound * (1 - 1e-9):
         assert of_face.is_held()[0]
@@ -615,7 +616,7 @@ def test_samples_in_a_picture_stand_where_they_are_counted(supersample, roll):
 
 def test_the_neighbourhood_of_a_face_holds_all_that_hides_it():
     pose = around(4)[1]
-    front = np.flatnonzero(view_faces(TEAPOT, CAMERA, pose).is_front)
+    front = np.flatnonzero(face_geometry(TEAPOT, CAMERA, pose).is_front)
     truth = polygons.visible_area(TEAPOT, CAMERA, pose, front)
     area = polygons.image_area(TEAPOT, CAMERA, pose, front)
     for face, seen, whole in zip(front[::7].tolist(), truth[::7], area[::7], strict=True):

@@ -41,6 +41,7 @@ from rastercov._threads import ScratchPool, share_poses, thread_count
 from rastercov.camera import Camera
 from rastercov.errors import ConfigError, DeviceError, ResourceError
 from rastercov.mesh import Mesh
+from rastercov.near_plane import limits
 from rastercov.pose import valid_poses
 from rastercov.raster import self_test
 from rastercov.raster.contract import (
@@ -63,8 +64,8 @@ from rastercov.raster.cpu.memory import (
     aligned_zeros,
     make_scratch,
 )
-from rastercov.raster.rules import in_one_order, limits
 from rastercov.raster.sample_grid import SampleGrid
+from rastercov.raster.tie_order import in_one_order
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
