@@ -90,7 +90,7 @@ def describe(
         "poses": _sha256(poses),
         "task": asdict(task),
         "measured_by": asdict(observer.info),
-        "samples": observer.observe(np.empty((0, 4, 4))).samples,
+        "samples": observer.observe(np.empty((0, 4, 4))).samples_per_pixel,
         "poses_a_shard": poses_a_shard or max(1, PAIRS_A_SHARD // mesh.n_faces),
         "n_poses": len(poses),
         "n_faces": mesh.n_faces,

@@ -189,7 +189,7 @@ class AnalyticReference:
 
     def areas(self, row: int, faces: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Visible area and area of the image of faces in a pose of the batch, and their error."""
-        seen, error = self._observation, self._observation.blur[row][faces]
+        seen, error = self._observation, self._observation.area_error[row][faces]
         self.error = max(self.error, float(error.max(initial=0.0)))
         return seen.visible_pixels[row][faces], seen.drawn_pixels[row][faces], error
 
