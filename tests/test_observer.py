@@ -267,7 +267,7 @@ def test_method_sampled_passes_its_options_on():
     with open_observer(mesh, CAMERA, "sampled", backend="cpu", supersample=3) as observer:
         seen = observer.observe(AHEAD)
         assert observer.info.backend == "cpu"
-    assert seen.samples == 9
+    assert seen.samples_per_pixel == 9
     assert np.abs(seen.drawn_pixels - 5000).max() < 50
 
 

@@ -120,7 +120,7 @@ def test_bounds_inside_a_room_are_small_on_every_face_larger_than_a_pixel():
         seen = observer.observe(rc.look_at(eyes, targets))
     large = seen.drawn_pixels > 1
     assert large.sum() > 3000
-    assert (seen.blur[large] / seen.drawn_pixels[large]).max() < 1e-6
+    assert (seen.area_error[large] / seen.drawn_pixels[large]).max() < 1e-6
 
 
 @pytest.mark.parametrize("height", [0.0, 5e-324, 1e-300, 1e-17, 1e-12, 1e-8, 1e-5])
@@ -134,7 +134,7 @@ def test_a_camera_on_the_outside_of_a_solid_looks_through_the_face_it_is_on(heig
     for method in ("certified", "exact"):
         with rc.open_observer(mesh, CAMERA, method) as observer:
             seen = observer.observe(pose)
-        assert (np.abs(seen.visible_pixels[0] - visible) <= seen.blur[0] + 1e-9).all()
+        assert (np.abs(seen.visible_pixels[0] - visible) <= seen.area_error[0] + 1e-9).all()
     with rc.open_rasterizer(mesh, CAMERA, "cpu") as rasterizer:
         assert np.abs(rasterizer.count(pose).visible[0] - visible).max() < 2000
 

@@ -61,7 +61,7 @@ class Altered:
     def observe(self, poses):
         seen = self._observer.observe(poses)
         arrays = (seen.visible_pixels.copy(), seen.drawn_pixels.copy(), seen.kind.copy())
-        return self._alter(Observation(*arrays, seen.blur, seen.clipped, seen.samples))
+        return self._alter(Observation(*arrays, seen.area_error, seen.clipped, seen.samples_per_pixel))
 
     def close(self):
         self._observer.close()
@@ -146,7 +146,7 @@ def test_certain_figures_that_are_wrong_fail(monkeypatch, lie, against):
 
 def test_a_statistical_bound_that_is_too_small_fails(monkeypatch):
     def boast(seen):
-        return dataclasses.replace(seen, samples=seen.samples * 10_000)
+        return dataclasses.replace(seen, samples_per_pixel=seen.samples_per_pixel * 10_000)
 
     honest = compare(TEAPOT, CAMERA, around(12), ["sampled"], convergence=False)
     altered(monkeypatch, "sampled", boast)
