@@ -339,9 +339,9 @@ class _AnalyticObserver(_Observer):
             shaders="",
         )
         self._threads = thread_count(threads)
-        view_type = contour.CertifiedView if method == "certified" else analytic.View
+        view_type = contour.CertificateSolver if method == "certified" else analytic.HalfPlaneSolver
         make = partial(view_type, surface_of(mesh), camera)
-        self._scratch: ScratchPool[analytic.View] = ScratchPool(make, self._threads)
+        self._scratch: ScratchPool[analytic.HalfPlaneSolver] = ScratchPool(make, self._threads)
 
     def observe(self, poses: ArrayLike) -> Observation:
         self._check_open()
@@ -355,9 +355,9 @@ class _AnalyticObserver(_Observer):
         def worker(view: Any) -> Any:
             def work(turn: slice) -> None:
                 for row in range(n_poses)[turn]:
-                    view.look(matrices[row], near[row], front_only[row])
-                    view.measure_all()
-                    visible[row], area[row], blur[row] = view.visible, view.area, view.blur
+                    view.set_pose(matrices[row], near[row], front_only[row])
+                    view.solve_all()
+                    visible[row], area[row], blur[row] = view.visible, view.area, view.area_error
                     kind[row][view.is_certified] = Kind.CERTIFIED
 
             return work

@@ -26,11 +26,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
+from rastercov._interrupts import interrupts_held
 from rastercov.camera import Camera
 from rastercov.coverage import Coverage, Task, evaluate_batches
-from rastercov._interrupts import interrupts_held
 from rastercov.mesh import Mesh
 from rastercov.network import Network
+from rastercov.observer import Observer, open_observer
+from rastercov.pose import check_poses, valid_poses
+from rastercov.raster.contract import Rasterizer, RasterizerInfo, open_rasterizer
+from rastercov.report.figures import CoverageTable, write_coloured_mesh, write_json
+from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.images import (
     contact_sheet,
     coverage_picture,
@@ -39,11 +44,6 @@ from rastercov.report.images import (
     pose_title,
     save_picture,
 )
-from rastercov.pose import check_poses, valid_poses
-from rastercov.raster.contract import Rasterizer, RasterizerInfo, open_rasterizer
-from rastercov.report.figures import CoverageTable, write_coloured_mesh, write_json
-from rastercov.report.folder import ReportFolder, ReportKind
-from rastercov.observer import Observer, open_observer
 
 PICTURE_SIDE = 1280
 """Pictures are drawn at the camera's size, or smaller where it exceeds this many pixels."""

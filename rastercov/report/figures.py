@@ -28,8 +28,8 @@ from rich.text import Text
 from rastercov.coverage import FIGURES, Coverage, Reason
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
-from rastercov.report.folder import named
 from rastercov.observer import Kind
+from rastercov.report.folder import named
 
 CODES = {"visibility_kind": Kind, "reason": Reason}
 """Figures that are written by name."""

@@ -35,8 +35,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Self
 
-from rastercov.errors import ConfigError
 from rastercov._interrupts import interrupts_held
+from rastercov.errors import ConfigError
 
 STAGING = ".rastercov-report.part"
 """Hidden folder of a run that has not ended: its files, and those it replaces."""

@@ -6,9 +6,9 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from rastercov.validation.markers.experiments import Experiment, Row
-from rastercov.validation.markers.scoring import Score
 from rastercov.validation.markers.random_scenes import Outcome, RandomStudy
 from rastercov.validation.markers.requirement import CLEAR, Requirement
+from rastercov.validation.markers.scoring import Score
 
 ROW_HEADINGS = (
     "marker",

@@ -21,19 +21,15 @@ from typing import Any
 from PIL import Image
 
 from rastercov.report.canvas import DARK, LIGHT
+from rastercov.report.figures import write_bytes, write_json, write_text
+from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.html import document, picture, png, table
-from rastercov.validation.markers.detect import opencv
-from rastercov.validation.markers.experiments import Experiment
-from rastercov.validation.markers.scoring import OURS
 from rastercov.report.marker_pictures import (
     calibration_plot,
     experiment_picture,
     marker_picture,
     sheet,
 )
-from rastercov.validation.markers.random_scenes import RandomStudy, photograph, random_scene
-from rastercov.validation.markers.render import MarkerRenderer
-from rastercov.validation.markers.requirement import DETECTOR, THESIS, Requirement
 from rastercov.report.marker_words import (
     CALIBRATION_HEADINGS,
     ROW_HEADINGS,
@@ -48,8 +44,12 @@ from rastercov.report.marker_words import (
     score_words,
     short_words,
 )
-from rastercov.report.figures import write_bytes, write_json, write_text
-from rastercov.report.folder import ReportFolder, ReportKind
+from rastercov.validation.markers.detect import opencv
+from rastercov.validation.markers.experiments import Experiment
+from rastercov.validation.markers.random_scenes import RandomStudy, photograph, random_scene
+from rastercov.validation.markers.render import MarkerRenderer
+from rastercov.validation.markers.requirement import DETECTOR, THESIS, Requirement
+from rastercov.validation.markers.scoring import OURS
 
 VALIDATION = ReportKind(
     "markers",

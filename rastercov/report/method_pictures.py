@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from rastercov.camera import Camera
+from rastercov.mesh import Mesh
 from rastercov.validation.methods.closeup import Box, Neighbourhood, Samples, neighbourhood, square
 from rastercov.validation.methods.results import FaceError
-from rastercov.mesh import Mesh
 
 FloatArray = NDArray[np.float64]
 

@@ -10,8 +10,8 @@ from PIL import Image, ImageFont
 
 from rastercov.report.canvas import FINE, WIDTH, Axis, Canvas, Curve, Theme, line_plot
 from rastercov.validation.methods.convergence import Convergence
-from rastercov.validation.methods.results import MUST_HOLD, Comparison, Score
 from rastercov.validation.methods.error_statistics import ROUNDING
+from rastercov.validation.methods.results import MUST_HOLD, Comparison, Score
 
 FLOOR = 1e-6
 """Errors below which a curve is only named, where others are above."""

@@ -18,11 +18,16 @@ from pathlib import Path
 from numpy.typing import ArrayLike
 from PIL import Image
 
+from rastercov._interrupts import interrupts_held
 from rastercov.camera import Camera
+from rastercov.mesh import Mesh
+from rastercov.pose import valid_poses
 from rastercov.report.canvas import DARK, LIGHT
+from rastercov.report.figures import write_bytes, write_json, write_text
+from rastercov.report.folder import ReportFolder, ReportKind
+from rastercov.report.html import document, picture, png, table, uri
 from rastercov.report.method_pictures import face_picture, fraction
 from rastercov.report.method_plots import file_name, plots
-from rastercov.validation.methods.results import Comparison, FaceError, Score
 from rastercov.report.method_words import (
     KIND_HEADINGS,
     SCORE_HEADINGS,
@@ -32,12 +37,7 @@ from rastercov.report.method_words import (
     score_words,
     size_row,
 )
-from rastercov.report.html import document, picture, png, table, uri
-from rastercov._interrupts import interrupts_held
-from rastercov.mesh import Mesh
-from rastercov.pose import valid_poses
-from rastercov.report.figures import write_bytes, write_json, write_text
-from rastercov.report.folder import ReportFolder, ReportKind
+from rastercov.validation.methods.results import Comparison, FaceError, Score
 
 COMPARISON = ReportKind(
     "compare",

@@ -14,9 +14,9 @@ from PIL import Image, ImageDraw
 
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
-from rastercov.report.images import Key, contact_sheet, coverage_picture, coverage_pixels, framed
 from rastercov.projection import image_boxes
 from rastercov.raster.contract import VisibilityBuffer, open_rasterizer
+from rastercov.report.images import Key, contact_sheet, coverage_picture, coverage_pixels, framed
 
 FloatArray = NDArray[np.float64]
 Box = tuple[float, float, float, float]

@@ -21,12 +21,15 @@ from PIL import Image
 from rich.table import Table
 
 from rastercov.camera import Camera
-from rastercov.report.method_words import milliseconds, number
 from rastercov.coverage import Task
-from rastercov.report.html import document, picture, table
 from rastercov.mesh import Mesh
 from rastercov.models import MODELS, zhang
-from rastercov.validation.models.comparison import OURS, covers
+from rastercov.observer import visibility
+from rastercov.pose import valid_poses
+from rastercov.report.figures import write_bytes, write_json, write_text
+from rastercov.report.folder import ReportFolder, ReportKind
+from rastercov.report.html import document, picture, table
+from rastercov.report.method_words import milliseconds, number
 from rastercov.report.model_pictures import (
     SMALL,
     look_at_part,
@@ -34,11 +37,8 @@ from rastercov.report.model_pictures import (
     models_sheet,
     occlusion_sheet,
 )
+from rastercov.validation.models.comparison import OURS, covers
 from rastercov.validation.models.results import FaceValues, ModelComparison
-from rastercov.pose import valid_poses
-from rastercov.report.figures import write_bytes, write_json, write_text
-from rastercov.report.folder import ReportFolder, ReportKind
-from rastercov.observer import visibility
 
 MODEL_COMPARISON = ReportKind(
     "models",

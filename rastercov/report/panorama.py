@@ -14,10 +14,10 @@ from PIL import Image, ImageDraw
 
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
-from rastercov.report.images import draw_lines, faces_eye
 from rastercov.pose import look_at
 from rastercov.projection import to_camera, to_image
 from rastercov.raster.contract import VisibilityBuffer, open_rasterizer
+from rastercov.report.images import draw_lines, faces_eye
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -12,13 +12,13 @@ from typing import Any
 
 from PIL import Image
 
-from rastercov.report.canvas import DARK, LIGHT
-from rastercov.report.html import document, picture, png
-from rastercov.report import placement_sections as sections
 from rastercov.report import placement_pictures as pictures
 from rastercov.report import placement_plots as plots
-from rastercov.report.placement_report import PlanReport
+from rastercov.report import placement_sections as sections
+from rastercov.report.canvas import DARK, LIGHT
 from rastercov.report.figures import write_text
+from rastercov.report.html import document, picture, png
+from rastercov.report.placement_report import PlanReport
 
 __all__ = ["PlanReport", "page", "write_page"]
 

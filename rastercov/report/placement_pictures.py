@@ -15,8 +15,11 @@ from PIL import Image, ImageDraw
 from rastercov.camera import Camera
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
-from rastercov.report.images import INK, OCCLUDER, PAPER, Key, framed, index_colours, letters
+from rastercov.placement.candidates.segments import Segmentation
 from rastercov.placement.explain.uncovered import WORDS, Leftover
+from rastercov.plan.requirements import percent
+from rastercov.report.figures import colour_rows, coverage_colours
+from rastercov.report.images import INK, OCCLUDER, PAPER, Key, framed, index_colours, letters
 from rastercov.report.panorama import (
     DIRECTIONS,
     FINE,
@@ -30,9 +33,6 @@ from rastercov.report.panorama import (
     smooth,
     telling_directions,
 )
-from rastercov.placement.candidates.segments import Segmentation
-from rastercov.plan.requirements import percent
-from rastercov.report.figures import colour_rows, coverage_colours
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

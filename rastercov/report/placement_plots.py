@@ -7,12 +7,12 @@ from collections.abc import Sequence
 
 from PIL import Image, ImageFont
 
-from rastercov.report.canvas import FINE, WIDTH, Canvas, Curve, LinearAxis, Theme, line_plot
 from rastercov.network import Network, share_of_faces
-from rastercov.report.images import cut
 from rastercov.placement.select.problem import BestCoverage, FewestCameras, Goal
 from rastercov.placement.select.selection import Selection
 from rastercov.plan.requirements import percent
+from rastercov.report.canvas import FINE, WIDTH, Canvas, Curve, LinearAxis, Theme, line_plot
+from rastercov.report.images import cut
 
 BAR, ROW = 16.0, 30.0
 """Height of a bar and of its row."""

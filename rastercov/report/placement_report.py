@@ -11,14 +11,14 @@ from rastercov.camera import Camera
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.network import Network
-from rastercov.placement.candidates.pool import Candidates
 from rastercov.placement.candidates.cavities import Openings
 from rastercov.placement.candidates.clearance import Dropped
-from rastercov.placement.explain.uncovered import Leftover
-from rastercov.placement.select.problem import Goal
+from rastercov.placement.candidates.pool import Candidates
 from rastercov.placement.candidates.segments import Segmentation
-from rastercov.placement.select.selection import Selection
+from rastercov.placement.explain.uncovered import Leftover
 from rastercov.placement.improve.tolerance import Tolerance
+from rastercov.placement.select.problem import Goal
+from rastercov.placement.select.selection import Selection
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

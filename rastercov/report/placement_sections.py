@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from rastercov.report.html import table
 from rastercov.placement.candidates.cavities import Access
 from rastercov.placement.explain.uncovered import WORDS
-from rastercov.report.placement_report import PlanReport
 from rastercov.placement.select.problem import BestCoverage
 from rastercov.plan.requirements import percent
+from rastercov.report.html import table
+from rastercov.report.placement_report import PlanReport
 
 MOST_SENTENCES = 12
 """Faces out of reach that are told one by one."""

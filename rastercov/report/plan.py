@@ -23,13 +23,13 @@ from rich.text import Text
 
 from rastercov._interrupts import interrupts_held
 from rastercov.placement.select.problem import BestCoverage
-from rastercov.plan.requirements import OF, percent
 from rastercov.plan.prepare import Prepared, Progress
+from rastercov.plan.requirements import OF, percent
 from rastercov.plan.run import Placement
 from rastercov.raster.contract import RasterizerInfo
+from rastercov.report.coverage import Options, describe
 from rastercov.report.figures import write_json
 from rastercov.report.folder import ReportFolder, ReportKind
-from rastercov.report.coverage import Options, describe
 
 MOST_ROWS = 30
 """Cameras, and groups, that a table lists."""
