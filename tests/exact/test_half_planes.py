@@ -59,7 +59,7 @@ def test_faces_cut_in_space_make_room_for_themselves(path):
     assert view.n_clipped > 100
     assert len(view.projected.clipped.polygons) >= view.n_clipped
     again = path(surface_of(mesh), CAMERA)
-    again._make_room_for_cuts(1000)
+    again._make_room_for_clipped(1000)
     see_again(again, mesh, CAMERA, AHEAD)
     assert np.array_equal(view.visible, again.visible)
 
