@@ -16,8 +16,8 @@ from scenes import joined, square
 from rastercov import shapes
 from rastercov.camera import Camera
 from rastercov.criteria import face_geometry
-from rastercov.exact.certificate import CertifiedView
-from rastercov.exact.half_planes import View
+from rastercov.exact.certificate import CertificateSolver
+from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.mesh import Mesh
 from rastercov.observation import BoundKind, visible_fraction
 from rastercov.observer import open_observer, visibility
@@ -435,11 +435,11 @@ def test_views_hold_no_memory_of_other_poses(path):
         assert np.array_equal(view.visible, fresh.visible)
         assert np.array_equal(view.area, fresh.area)
         assert np.array_equal(view.is_certified, fresh.is_certified)
-    view.measure_all()  # once more changes nothing
+    view.solve_all()  # once more changes nothing
     assert np.array_equal(view.visible, fresh.visible)
 
 
 def test_paths_share_everything_but_the_certificate():
-    assert issubclass(CertifiedView, View)
-    view = look(shapes.box(), CAMERA, look_at((3, 2, 2), (0, 0, 0))[0], View)
+    assert issubclass(CertificateSolver, HalfPlaneSolver)
+    view = look(shapes.box(), CAMERA, look_at((3, 2, 2), (0, 0, 0))[0], HalfPlaneSolver)
     assert not view.is_certified.any()
