@@ -244,7 +244,7 @@ def _total(parts: Any, kind: type) -> Any:
 
 
 class _Worker:
-    """Scratch memory of one thread."""
+    """Scratch memory of one thread, and its calls of the compiled loops."""
 
     def __init__(self, scene: _Scene, grid: SampleGrid) -> None:
         self.scene, self.grid = scene, grid
@@ -305,7 +305,7 @@ class _Worker:
     def render(
         self, pose: FloatArray, near: FloatArray, cull: NDArray[np.bool_]
     ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-        """Face and depth at each sample of one pose, (1, 4, 4)."""
+        """Face index and depth in metres at each sample of one pose, (1, 4, 4)."""
         shape = self.grid.height, self.grid.width
         face, depth = np.full(shape, -1, np.int32), np.full(shape, np.inf, np.float32)
         visible = np.empty((1, self.scene.mesh.n_faces), np.int32)
