@@ -28,8 +28,9 @@ from rastercov.pose import look_at, sphere_of_poses
 from rastercov.reference import polygons
 from rastercov.reference.samples import grid_points
 from rastercov.report.face_pictures import face_picture
+from rastercov.report.method_plots import comparison_plots
 from rastercov.report.methods import page, write_comparison
-from rastercov.report.plots import Axis, comparison_plots, image_of
+from rastercov.report.plots import Axis, image_of
 from rastercov.report.theme import DARK, LIGHT
 from rastercov.validation.methods import contenders as compare_entrants
 from rastercov.validation.methods import convergence as compare_convergence
