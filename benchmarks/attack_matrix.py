@@ -18,11 +18,17 @@ from rastercov import shapes
 from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.integer import select_integer
 from rastercov.placement.select.problem import BestCoverage, Problem, problem_of_matrix
-from rastercov.placement.set_cover_file import read_set_cover
 
 sys.path.append(str(Path(__file__).parents[1] / "tests" / "support"))
 from matrix_damage import campaign
-from set_cover_cases import FOLDER, OPTIMA, hard_for_the_clock, random_cover, steiner
+from set_cover_cases import (
+    FOLDER,
+    OPTIMA,
+    hard_for_the_clock,
+    random_cover,
+    read_set_cover,
+    steiner,
+)
 
 TRIALS = 3000
 """Damaged folders of the whole campaign, of eleven kinds of damage."""

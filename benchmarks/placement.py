@@ -40,11 +40,16 @@ from rastercov.placement.select.problem import (
     problem_of_matrix,
 )
 from rastercov.placement.select.thesis import select_thesis
-from rastercov.placement.set_cover_file import read_set_cover
 
 TESTS = Path(__file__).parents[1] / "tests" / "support"
 sys.path.append(str(TESTS))
-from set_cover_cases import COVERS, FOLDER, OPTIMA, steiner  # noqa: E402 - the tests' instances
+from set_cover_cases import (  # noqa: E402 - the tests' instances
+    COVERS,
+    FOLDER,
+    OPTIMA,
+    read_set_cover,
+    steiner,
+)
 
 PARTS = ("methods", "published", "best", "large", "kills")
 

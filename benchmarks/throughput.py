@@ -32,7 +32,8 @@ from peers import what_is_missing
 from rows import Report, arguments
 from same_faces import wrong_pixels
 
-from rastercov.report.canvas import LIGHT, Axis, Curve, line_plot
+from rastercov.report.plots import Axis, Curve, image_of, line_plot
+from rastercov.report.theme import LIGHT
 
 FACES = (1_000, 10_000, 100_000, 1_000_000)
 SIZES = ((128, 128), (256, 256), (512, 512), (1280, 1024), (2048, 2048))
@@ -244,14 +245,14 @@ def _write(out: Path, header, report, measured, field_of) -> None:
             if points:
                 curves.append(Curve(contestant.name, points, LIGHT.series[i], contestant.is_peer))
         speeds = [y for curve in curves for _, y in curve.points]
-        picture = line_plot(
+        figure = line_plot(
             f"Face counts of {SCENES[scene]}, {width} x {height}",
-            Axis("faces", here[0][0] / 1.3, here[-1][0] * 1.3),
-            Axis("poses a second", min(speeds) / 2, max(speeds) * 2),
+            Axis("faces", here[0][0] / 1.3, here[-1][0] * 1.3, is_log=True),
+            Axis("poses a second", min(speeds) / 2, max(speeds) * 2, is_log=True),
             curves,
             LIGHT,
         )
-        picture.save(out / f"{scene}_{width}x{height}.png", optimize=True)
+        image_of(figure).save(out / f"{scene}_{width}x{height}.png", optimize=True)
 
 
 SCENES = {

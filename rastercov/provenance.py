@@ -4,7 +4,7 @@ import hashlib
 import platform
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 import numpy as np
@@ -30,6 +30,8 @@ class Provenance:
     options : mapping or None
         Options of the run, ready for JSON.
     measured_by : RasterizerInfo or None
+    packages : tuple of str
+        Packages whose versions are recorded; None for one that is not installed.
     """
 
     mesh: Mesh
@@ -38,6 +40,7 @@ class Provenance:
     task: Task | None = None
     options: Mapping[str, Any] | None = None
     measured_by: RasterizerInfo | None = None
+    packages: tuple[str, ...] = ("rastercov", "moderngl", "numpy")
 
     def as_dict(self) -> dict[str, Any]:
         """Entries ready for JSON; "mesh" has the files as read, "scene" the faces in metres."""
@@ -59,7 +62,7 @@ class Provenance:
             **{name: entry for name, entry in optional.items() if entry is not None},
             "versions": {
                 "python": platform.python_version(),
-                **{name: version(name) for name in ("rastercov", "moderngl", "numpy")},
+                **{name: _version(name) for name in self.packages},
             },
         }
 
@@ -74,3 +77,10 @@ def sha256(*parts: NDArray[Any] | str) -> str:
             total.update(f"{part.dtype.str} {part.shape}".encode())
             total.update(np.ascontiguousarray(part).data)
     return total.hexdigest()
+
+
+def _version(name: str) -> str | None:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return None

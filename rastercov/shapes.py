@@ -1,11 +1,10 @@
-"""Built-in parts: what the demo, the tests and the benchmarks look at when nobody brings a mesh.
+"""Built-in meshes for the demo, the tests and the benchmarks.
 
-Source of meshes at the head of the chain. Every function returns the same `Mesh` for the same
-arguments; z is up, lengths are metres, and faces are wound counter-clockwise seen from outside.
-The teapot is M. Newell. The Utilization of Procedure Models in Digital Image Synthesis. 1975; the
-aeroplane stands in for the one in E. S. Eissa. Image Space Coverage Model for Deployment of
-Multi-Camera Networks. 2020, which is not public. `rastercov/data/README.md` says where the stored
-numbers come from.
+Every function returns the same `Mesh` for the same arguments; z is up, lengths are metres, faces
+are wound counter-clockwise seen from outside. The teapot is M. Newell. The Utilization of Procedure
+Models in Digital Image Synthesis. 1975. The aeroplane replaces the one in E. S. Eissa. Image Space
+Coverage Model for Deployment of Multi-Camera Networks. 2020, which is not public.
+`rastercov/data/README.md` documents the origin of the stored numbers.
 """
 
 import json
@@ -52,8 +51,8 @@ def teapot(n: int = 10, *, keep_degenerate: bool = False) -> Mesh:
     data = json.loads((DATA / "teapot.json").read_text(encoding="utf-8"))
     control = np.rint(np.array(data["points"]) * POINTS_PER_UNIT).astype(np.int64)
     patches = control[np.array(data["patches"]).reshape(32, 4, 4)]
-    # Bernstein polynomials at k/n, times n^3, are integers: so is each point times n^6, below 2^63
-    # for n <= 128, and points that two patches share are equal without any tolerance.
+    # Bernstein polynomials at k/n, times n^3, are integers, and so is each point times n^6, below
+    # 2^63 for n <= 128: points that two patches share are equal without a tolerance.
     k = np.arange(n + 1)
     weights = np.stack([comb(3, i) * k**i * (n - k) ** (3 - i) for i in range(4)], axis=1)
     lattice = np.einsum("ui,vj,pijx->puvx", weights, weights, patches)
@@ -68,7 +67,7 @@ def aeroplane(n_faces: int = 1970) -> Mesh:
     """Twin-engined airliner: 30 m long, 29 m span, nose at +x, left wing at +y.
 
     One closed surface of genus 0 with the face counts of the thesis' aeroplanes, not their shape.
-    The engines hang below and before the wings, where they hide part of the fuselage.
+    The engines are below and in front of the wings, where they hide part of the fuselage.
 
     Parameters
     ----------
@@ -148,14 +147,14 @@ def icosahedron(
     ----------
     noise : float
         Standard deviation of the Gaussian added to each vertex coordinate, as a fraction of the
-        small faces' edge length; the tilt it gives the faces does not depend on `subdivisions`.
+        small faces' edge length; the tilt of the faces does not depend on `subdivisions`.
         Above about 0.2 the surface crosses itself.
     subdivisions : int
         Times that each face is split into four, 0 ... 9.
     seed : int
-        Of the noise.
+        Seed of the noise.
     edge_length : float
-        Metres, of the icosahedron itself.
+        Edge length of the icosahedron, metres.
 
     Returns
     -------
@@ -202,10 +201,10 @@ def box(
 
 
 def room(n: int = 8) -> Mesh:
-    """Interior for cameras inside: a 6 x 5 x 2.8 m room, seen from within, and three crates.
+    """Interior: a 6 x 5 x 2.8 m room, seen from inside, with three crates.
 
-    The crates stand 0.1 m above the floor, as on pallets, so that no two faces coincide. The
-    origin is the middle of the floor.
+    The crates are 0.1 m above the floor, so that no two faces coincide. The origin is the centre of
+    the floor.
 
     Parameters
     ----------
@@ -216,7 +215,7 @@ def room(n: int = 8) -> Mesh:
     -------
     Mesh
         Groups "room" (12 n^2 faces, facing inward) and "crates" (outward). Closed; the room is a
-        cavity, so its back faces are never culled and the mesh says that a part is inside out.
+        cavity, so back faces are never culled and `warnings` reports a component as inside out.
     """
     shell = box((6.0, 5.0, 2.8), n, (0.0, 0.0, 1.4))
     m = (n + 1) // 2
@@ -254,9 +253,9 @@ def tessellated_plane(
         Extent along x and y, metres.
     jitter : float
         Inner vertices move by up to this fraction of a cell along x and y, 0 <= jitter < 0.25, so
-        that no face loses its area or turns over. The rectangle's outline stays exact.
+        that no face degenerates or flips. The outline of the rectangle is exact.
     seed : int
-        Of the jitter.
+        Seed of the jitter.
 
     Returns
     -------

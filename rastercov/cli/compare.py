@@ -58,10 +58,14 @@ def compare(
 
     [bold]Without files[/]: rastercov compare teapot -c khepra -p sphere:4 --method sampled@2
     """
-    from rastercov.report.figures import json_text
+    from rastercov._output import json_text
     from rastercov.report.folder import ReportFolder
-    from rastercov.report.method_words import check_lines, comparison_table
-    from rastercov.report.methods import COMPARISON, write_comparison
+    from rastercov.report.methods import (
+        COMPARISON,
+        check_lines,
+        comparison_table,
+        write_comparison,
+    )
     from rastercov.validation.methods import compare as compared
 
     scene, eye = read_scene(meshes, unit, [], two_sided, drop_invalid), read_camera(camera)

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
 
+from rastercov._output import json_text
 from rastercov.camera import Camera
 from rastercov.cli.console import progress_bar, warn
 from rastercov.mesh import Mesh
-from rastercov.report.figures import json_text
 from rastercov.report.folder import ReportFolder
 from rastercov.report.models import (
     MODEL_COMPARISON,

@@ -67,9 +67,7 @@ def evaluate(
 
     [bold]Without files[/]: rastercov evaluate teapot -c khepra -p sphere:40 -o report/
     """
-    from rastercov.report.coverage import (
-        Options,  # pyarrow and pictures load only when they are wanted
-    )
+    from rastercov.report.coverage import Options  # loads pyarrow
 
     scene = read_scene(meshes, unit, occluder, two_sided, drop_invalid)
     eye = read_camera(camera)
@@ -93,8 +91,9 @@ def run_and_print(
     as_json: bool,
 ) -> None:
     """Evaluate all poses, leave the report, and print a summary or the JSON."""
+    from rastercov._output import json_text
     from rastercov.report.coverage import run
-    from rastercov.report.figures import json_text, run_table, summary_table
+    from rastercov.report.tables import run_table, summary_table
 
     try:
         accepted = Poses.of(poses, skip_bad=options.skip_bad_poses)

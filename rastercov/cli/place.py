@@ -53,9 +53,9 @@ def place(
     [bold]Example[/]: rastercov place examples/plans/inspect_part.toml --out plan/
     """
     asked = _plan(plan)
+    from rastercov._output import json_text
     from rastercov.plan.run import place as run
     from rastercov.report import plan as report
-    from rastercov.report.figures import json_text
     from rastercov.report.folder import ReportFolder
 
     folder = out or asked.folder / (asked.outputs.folder or asked.path.stem)
@@ -77,7 +77,7 @@ def place(
     if as_json:
         print(json_text(report.summary(placed)))
     else:
-        from rastercov.report.figures import summary_table
+        from rastercov.report.tables import summary_table
 
         console = Console()
         console.print(report.cameras_table(placed))

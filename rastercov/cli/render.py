@@ -37,8 +37,8 @@ def render(
 
     [bold]Example[/]: rastercov render part.stl --unit mm -c camera.toml -p poses.json --pose 3
     """
+    from rastercov._output import write_npz
     from rastercov.report.coverage import Options
-    from rastercov.report.figures import write_npz
     from rastercov.report.folder import ReportFolder, ReportKind
     from rastercov.report.images import (
         coverage_picture,

@@ -44,10 +44,16 @@ def markers(
 
     [bold]In seconds[/]: rastercov validate markers --scenes 0
     """
-    from rastercov.report.figures import json_text
+    from rastercov._output import json_text
     from rastercov.report.folder import ReportFolder
-    from rastercov.report.marker_words import experiment_table, score_table
-    from rastercov.report.markers import REQUIREMENTS, VALIDATION, Validation, write_validation
+    from rastercov.report.markers import (
+        REQUIREMENTS,
+        VALIDATION,
+        Validation,
+        experiment_table,
+        score_table,
+        write_validation,
+    )
     from rastercov.report.markers import as_json as figures
     from rastercov.validation.markers.detect import patterns
     from rastercov.validation.markers.experiments import run_experiments

@@ -1,7 +1,6 @@
-"""Raw arrays in, trustworthy ones out: what `Mesh` checks, and how it computes on many faces.
+"""Checks of a mesh's arrays, and computations over its faces.
 
-Serves `mesh`. Every function here sees whole arrays; `blocks` keeps the temporaries of a long one
-small.
+Every function takes whole arrays; `blocks` bounds the size of temporaries.
 """
 
 from collections.abc import Iterator
@@ -13,27 +12,27 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov._arguments import LARGEST_COORDINATE, checked_array, owned
 from rastercov.errors import MeshError, ResourceError
 
-MOST_FACES = 2**31 - 1  # a pixel holds face index + 1
-BLOCK = 1 << 17  # faces handled at once, so that temporaries stay in cache
-# sin of an angle between two edges below which rounding alone decides the normal
-SMALLEST_SINE = 8 * float(np.finfo(np.float64).eps)
+MOST_FACES = 2**31 - 1  # a pixel stores face index + 1
+BLOCK = 1 << 17  # faces processed at once, so that temporaries fit in the cache
+LEAST_SINE = 8 * float(np.finfo(np.float64).eps)
+"""Sine of the angle between two edges below which the normal is only rounding."""
 
 
 def some(mask: NDArray[np.bool_]) -> str:
-    """Where `mask` holds, in words: the first few indices and how many there are."""
+    """Text with the first few indices where `mask` is True, and their number."""
     found = np.flatnonzero(mask)
     more = ", ..." if len(found) > 5 else ""
     return f"[{', '.join(map(str, found[:5]))}{more}], {len(found)} in all"
 
 
 def unusable_points(vertices: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(V,) points with a coordinate that is not finite or too large to compute with."""
+    """(V,) points with a coordinate that is not finite or exceeds `LARGEST_COORDINATE`."""
     unusable: NDArray[np.bool_] = ~np.all(np.abs(vertices) <= LARGEST_COORDINATE, axis=1)
     return unusable
 
 
 def check_coordinates(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> None:
-    """Raise MeshError when a vertex is unusable, and say which faces need it."""
+    """Raise MeshError if a vertex is unusable, with the faces that use it."""
     unusable = unusable_points(vertices)
     if unusable.any():
         raise MeshError(
@@ -72,7 +71,7 @@ def checked_faces(faces: ArrayLike) -> NDArray[np.int64]:
 
 
 def face_labels(name: str, values: ArrayLike, n_faces: int) -> NDArray[np.int64]:
-    """(F,) int64 copy of one label a face, or of one for all, or MeshError."""
+    """(F,) int64 copy of one label per face, or of one label for all faces, or MeshError."""
     labels = checked_array(name, values, "iu", "integers", MeshError)
     if labels.shape not in ((), (n_faces,)):
         raise MeshError(
@@ -95,7 +94,7 @@ def blocks(n: int) -> Iterator[slice]:
 def normals_and_areas(
     vertices: NDArray[np.float64], faces: NDArray[np.integer[Any]]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(F, 3) unit normals by the right-hand rule and (F,) areas; 0 where rounding hides them."""
+    """(F, 3) unit normals by the right-hand rule, (F,) areas; 0 where they are only rounding."""
     normals, areas = np.zeros((len(faces), 3)), np.zeros(len(faces))
     for block in blocks(len(faces)):
         p, q, r = np.moveaxis(vertices[faces[block]], 1, 0)
@@ -104,7 +103,7 @@ def normals_and_areas(
         sides /= np.where(size > 0, size, 1)[:, None]
         cross = np.cross(sides[0], sides[1])
         length = np.linalg.norm(cross, axis=1)
-        is_flat = length <= SMALLEST_SINE * np.linalg.norm(sides, axis=2).prod(axis=0)
+        is_flat = length <= LEAST_SINE * np.linalg.norm(sides, axis=2).prod(axis=0)
         normals[block] = np.where(is_flat, 0, cross.T / np.where(is_flat, 1, length)).T
         areas[block] = np.where(is_flat, 0, length * size**2 / 2)
     return normals, areas
@@ -113,9 +112,9 @@ def normals_and_areas(
 def encloses_volume(
     vertices: NDArray[np.float64], faces: NDArray[np.int64], part: NDArray[np.int64]
 ) -> NDArray[np.bool_]:
-    """(C,) whether the signed volume of each part of a closed mesh is positive, beyond rounding.
+    """(C,) True for parts of a closed mesh with a signed volume greater than rounding.
 
-    Each part is measured from its own centre, or a far offset would drown its volume.
+    The volume of a part is computed about its own centre: an offset would cancel its digits.
     """
     n_parts = int(part.max()) + 1
     low, n_of = vertices[faces[0, 0]], 3 * np.bincount(part, minlength=n_parts)[:, None]

@@ -1,9 +1,9 @@
-"""Triangles of polygons that are not convex.
+"""Triangulation of concave polygons.
 
-Serves `mesh_file`. Readers cut every polygon into a fan about its first corner, which is right for
-convex polygons and for some others. This module finds the fans that fold over and cuts those
-polygons again, by their ears, in the plane that fits them best. The number of triangles, n - 2,
-the winding and the order of the polygons stay.
+Readers triangulate every polygon as a fan about its first corner, which is correct for convex
+polygons and for some others. This module finds the fans that fold over and triangulates those
+polygons again, by ear clipping in their best-fitting plane. The number of triangles, n - 2, the
+winding and the order of the polygons are unchanged.
 
 Source: G. H. Meisters. Polygons Have Ears. 1975.
 """
@@ -11,20 +11,20 @@ Source: G. H. Meisters. Polygons Have Ears. 1975.
 import numpy as np
 from numpy.typing import NDArray
 
-FOLD_TOLERANCE_REL = 1e-9  # part of a triangle's area that may be wound against its polygon
+FOLD_TOLERANCE_REL = 1e-9  # share of a triangle's area that may be wound against its polygon
 WHOLE_TURN = 2 * np.pi * (1 + 1e-9)
-FLATNESS_TOLERANCE_REL = 0.01  # of the size; a fan is another surface than the other fans, then
+FLATNESS_TOLERANCE_REL = 0.01  # of the size; beyond it the surface depends on the triangulation
 
 
 def cut_concave(
     vertices: NDArray[np.float64], faces: NDArray[np.int64], source_face: NDArray[np.int64]
 ) -> list[str]:
-    """Cut, in place, the fans in `faces` that fold over into triangles that do not.
+    """Replace, in place, the fans in `faces` that fold over by triangles that do not.
 
-    Triangles that follow each other, share their first corner and an edge and come from one
-    polygon are a fan. Seen along its normal (Newell's: the sum of the cross products of its fan), a
-    polygon that does not cross itself is covered exactly once. One that does keeps its fan, unless
-    its ears can be cut without folding over.
+    A fan consists of consecutive triangles of one polygon that share their first corner and an
+    edge. Seen along its normal (Newell's: the sum of the cross products of its fan), a polygon that
+    does not cross itself is covered exactly once. A polygon that crosses itself keeps its fan,
+    unless ear clipping gives triangles that do not fold over.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ def cut_concave(
     -------
     list of str
         Notes on polygons that are not flat, that cross or touch themselves, or that keep their fan
-        because the search for ears among very many corners was given up.
+        because the search for ears exceeded its limit of steps.
     """
     is_first = np.ones(len(faces), dtype=bool)
     is_first[1:] = source_face[1:] != source_face[:-1]
@@ -69,7 +69,7 @@ def cut_concave(
 
     is_folded = np.einsum("ij,ij->i", cross, normal[polygon]) < -FOLD_TOLERANCE_REL * area
     is_crossing = is_without_plane & (total > 0)
-    # Seen from its first corner a polygon that does not cross itself never winds all around.
+    # A polygon that does not cross itself subtends less than a whole turn at its first corner.
     long = np.flatnonzero(n_triangles[polygon] > 2)
     angle = np.arctan2(area[long], np.einsum("ij,ij->i", sides[long, 0], sides[long, 1]))
     winds = np.bincount(polygon[long], angle, len(start)) > WHOLE_TURN
@@ -78,7 +78,7 @@ def cut_concave(
     folded = np.flatnonzero(is_folded & ~is_crossing)
     is_given_up = np.zeros(len(start), bool)
     if len(folded):
-        # Compiling takes seconds, and few files need it.
+        # Imported late: compiling takes seconds, and few files need it.
         from rastercov.mesh.ear_kernels import SIMPLE, TOO_INTRICATE
 
         verdict = _cut(vertices, faces, start[folded], n_triangles[folded], normal[folded])
@@ -116,7 +116,7 @@ def _cut(
     n_triangles: NDArray[np.int64],
     normal: NDArray[np.float64],
 ) -> NDArray[np.int64]:
-    """Cut the fans that begin at rows `start` by their ears; the verdict on each polygon."""
+    """Triangulate the fans that begin at rows `start` by ear clipping; verdict of each polygon."""
     from rastercov.mesh.ear_kernels import SIMPLE, UNPROVEN, cut_polygons
 
     n_corners = n_triangles + 2
@@ -168,14 +168,14 @@ def _in_plane(
 def _along_curve(
     xy: NDArray[np.float64], polygon: NDArray[np.int64], starts: NDArray[np.int64]
 ) -> NDArray[np.int64]:
-    """(N,) place of each corner of a polygon along a Morton curve over the ranks of x and y.
+    """(N,) position of each corner of a polygon along a Morton curve over the ranks of x and y.
 
-    Ranks, because corners may crowd together by any factor.
+    Ranks, because distances between corners may differ by any factor.
     """
     key = np.zeros(len(xy), np.uint64)
     for axis in range(2):
         rank = _rank(xy[:, axis], polygon, starts).astype(np.uint64)
-        for shift, mask in (  # spread the bits, to every other place
+        for shift, mask in (  # bit i to bit 2 i
             (16, 0x0000FFFF0000FFFF),
             (8, 0x00FF00FF00FF00FF),
             (4, 0x0F0F0F0F0F0F0F0F),

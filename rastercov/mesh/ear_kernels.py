@@ -1,15 +1,15 @@
-"""The loops that cut polygons into triangles, compiled by numba.
+"""Compiled loops of ear clipping.
 
-An ear is a convex corner whose triangle holds no other corner. Cutting off one ear after the other
-leaves n - 2 triangles; after each cut only the two neighbours have to be tried again, so 3 n
-corners are tried in all. Only corners that are not convex can lie in an ear's triangle. They stand
-in a complete binary tree of boxes, in the order of a Morton curve: node k has the children 2 k and
-2 k + 1, leaf `size + i` holds the i-th corner of that order.
+An ear is a convex corner whose triangle contains no other corner. Removing one ear after the other
+leaves n - 2 triangles; each removal makes it necessary to test its two neighbours again, so 3 n
+corners are tested in all. Only concave corners can lie in an ear's triangle. They are kept in a
+complete binary tree of boxes, in the order of a Morton curve: node k has the children 2 k and
+2 k + 1, leaf `size + i` has corner i of that order.
 
-The winding numbers of the triangles add up to the polygon's. So if none is wound backwards, the
-polygon winds around no point backwards; and if the same holds of the polygon's complement in a
-frame, it winds around no point more than once. Both together prove that the triangles cover the
-polygon exactly once, and that it does not cross itself.
+The winding number of the polygon is the sum of those of its triangles. If no triangle is wound
+backwards, it is nowhere negative; if the same is true of the polygon's complement in a frame, it
+is nowhere greater than one. Together they prove that the triangles cover the polygon exactly once
+and that it does not cross itself.
 
 Sources: G. H. Meisters. Polygons Have Ears. 1975. D. Eberly. Triangulation by Ear Clipping. 2002.
 G. M. Morton. A Computer Oriented Geodetic Data Base. 1966.
@@ -20,12 +20,12 @@ import numpy as np
 from rastercov._jit import compiled, part_of
 
 ROUNDING = 32 * float(np.finfo(np.float64).eps)
-"""Error of a coordinate in the polygon's plane; coordinates lie within ±1 or so."""
+"""Error of a coordinate in the polygon's plane; coordinates are within about ±1."""
 MOST_STEPS, FREE_STEPS = 1 << 11, 1 << 24
-"""Nodes of the tree visited for one corner of a polygon on average, and for any polygon; polygons
-that ask for more are given up."""
+"""Most nodes of the tree visited, per corner of a polygon on average, and for any polygon; polygons
+that need more keep their fan."""
 SIMPLE, CROSSING, TOO_INTRICATE, UNPROVEN = 0, 1, 2, 3
-STRICT, TOUCHING, FLAT, ANY = 0, 1, 2, 3  # what is accepted as an ear, in turn
+STRICT, TOUCHING, FLAT, ANY = 0, 1, 2, 3  # criteria for an ear, tried in this order
 
 
 @part_of
@@ -39,7 +39,7 @@ def turn(ax, ay, bx, by, cx, cy):
 
 @part_of
 def skip(node):
-    """Next node of a walk that leaves out what is below `node`; 1 at the end."""
+    """Next node of a traversal that skips the descendants of `node`; 1 at the end."""
     node += 1
     while node % 2 == 0:
         node //= 2
@@ -48,7 +48,7 @@ def skip(node):
 
 @compiled
 def join_boxes(box, node):
-    """Box of a node from those of its two children."""
+    """Set the box of a node to the union of those of its children."""
     left, right = box[2 * node], box[2 * node + 1]
     box[node, 0] = min(left[0], right[0])
     box[node, 1] = min(left[1], right[1])
@@ -58,7 +58,7 @@ def join_boxes(box, node):
 
 @compiled
 def enters(xy, before, after, q, o, p, r):
-    """True when an edge at corner q, which lies on p, leads between the sides p o and p r."""
+    """True if an edge at corner q, which lies on p, points between the sides p o and p r."""
     px, py = xy[p, 0], xy[p, 1]
     for k in (before[q], after[q]):
         x, y = xy[k, 0], xy[k, 1]
@@ -72,10 +72,10 @@ def enters(xy, before, after, q, o, p, r):
 
 @compiled
 def is_empty(xy, box, corner, before, after, a, b, c, level):
-    """True when no corner of the tree lies in the triangle a b c; and the steps taken.
+    """True if no corner of the tree lies in the triangle a b c; and the number of steps.
 
-    The border belongs to the triangle where `level` is STRICT. A corner on one of its points lies
-    in it if an edge goes on from there into the triangle.
+    The border belongs to the triangle if `level` is STRICT. A corner at one of its points lies in
+    it if an edge continues from there into the triangle.
     """
     size = len(box) // 2
     ax, ay, bx, by, cx, cy = xy[a, 0], xy[a, 1], xy[b, 0], xy[b, 1], xy[c, 0], xy[c, 1]
@@ -87,7 +87,7 @@ def is_empty(xy, box, corner, before, after, a, b, c, level):
         at = box[node]
         if at[0] <= high_x and at[1] <= high_y and at[2] >= low_x and at[3] >= low_y:
             if node < size:
-                # outside one of the edges lies all of the box if its nearest point does
+                # the box is outside an edge if its nearest point is
                 is_outside = False
                 for px, py, qx, qy in ((ax, ay, bx, by), (bx, by, cx, cy), (cx, cy, ax, ay)):
                     x = at[0] if qy - py > 0 else at[2]
@@ -122,7 +122,7 @@ def is_empty(xy, box, corner, before, after, a, b, c, level):
 
 @compiled
 def clip_ears(xy, leaf, box, triangles, most_steps):
-    """Fill the (n - 2, 3) triangles of one polygon; CROSSING if one of them is wound backwards."""
+    """Fill the (n - 2, 3) triangles of a polygon; CROSSING if one of them is wound backwards."""
     n, size = len(xy), len(box) // 2
     before, after = np.arange(-1, n - 1), np.arange(1, n + 1)
     before[0], after[n - 1] = n - 1, 0
@@ -192,9 +192,9 @@ def clip_ears(xy, leaf, box, triangles, most_steps):
 
 @compiled
 def complement(xy, leaf):
-    """Corners of a frame around a polygon and of the polygon itself, backwards; and their leaves.
+    """Corners of a frame around a polygon and of the reversed polygon; and their leaves.
 
-    A cut from the frame to the leftmost corner, there and back, makes one polygon of them, of n + 7
+    A cut from the frame to the leftmost corner and back joins them into one polygon of n + 7
     corners.
     """
     n, leftmost = len(xy), 0
@@ -220,12 +220,11 @@ def complement(xy, leaf):
 
 @compiled
 def cut_polygons(xy, leaf, starts, triangles, verdicts):
-    """Cut every polygon; see `rastercov.mesh.ear_clipping.cut_concave`.
+    """Triangulate every polygon; see `rastercov.mesh.ear_clipping.cut_concave`.
 
-    Polygon p has the corners starts[p] ... starts[p + 1] - 1, and its triangles, in numbers of its
-    own corners, begin at row starts[p] - 2 p. UNPROVEN are those of which no triangle is wound
-    backwards, but one of the complement is: polygons that lie over themselves, and some that touch
-    themselves.
+    Polygon p has the corners starts[p] ... starts[p + 1] - 1; its triangles, as indices into its
+    own corners, begin at row starts[p] - 2 p. A polygon is UNPROVEN if none of its triangles is
+    wound backwards, but one of its complement is: it overlaps or touches itself.
     """
     for p in range(len(starts) - 1):
         low, high = starts[p], starts[p + 1]

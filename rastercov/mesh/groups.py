@@ -1,7 +1,4 @@
-"""Groups of faces: which are the task, which only hide others, which count from either side.
-
-Serves `mesh`, which gives every face the index of one group.
-"""
+"""Groups of faces: names, and the flags for occluders and two-sided faces."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -39,7 +36,7 @@ class Group:
 
 
 def group_list(groups: Iterable[Group]) -> tuple[Group, ...]:
-    """All groups of a mesh, or MeshError for anything else than `Group` values."""
+    """Groups of a mesh, or MeshError for values that are no `Group`."""
     return members("groups", groups, Group, 'Group values such as [Group("part")]', MeshError)
 
 
@@ -64,7 +61,7 @@ def checked_labels(
 def flagged(
     groups: Sequence[Group], occluders: Iterable[str] | None, two_sided: Iterable[str] | None
 ) -> tuple[Group, ...]:
-    """Groups where exactly the named ones have a flag; None leaves that flag as it is."""
+    """Groups with a flag set on exactly the named ones; None keeps that flag."""
     known = {group.name for group in groups}
     hiding = _names("occluders", occluders)
     is_all = isinstance(two_sided, str) and two_sided == "all"

@@ -1,8 +1,7 @@
-"""The part to be seen: faces, what they are for, and what is wrong with them.
+"""Triangle mesh: checked arrays, groups of faces, derived geometry, diagnosis.
 
-First link of the chain (mesh, camera, poses -> rasteriser): a `Mesh` is a value that is checked
-once, here, and never changes, so that everything downstream may trust its arrays. Topology is
-judged on positions, because files repeat vertices along seams.
+A `Mesh` is checked once, at construction, and never changes, so all other modules may trust its
+arrays. Topology is computed on positions, because files repeat vertices along seams.
 """
 
 from collections.abc import Iterable, Sequence
@@ -42,7 +41,7 @@ TRIMESH_GROUPS = "rastercov_groups"
 
 @dataclass(frozen=True)
 class MeshSource:
-    """A file that a mesh was read from: its name without folders, its hash, its face count."""
+    """Source file of a mesh: name without folders, hash, face count."""
 
     name: str
     sha256: str
@@ -51,10 +50,10 @@ class MeshSource:
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
 class Mesh:
-    """Triangles in space, in groups; a frozen value with read-only arrays.
+    """Triangle mesh with groups of faces; a frozen value with read-only arrays.
 
-    Any number of threads may share one. What is computed at first use may be computed in several
-    of them at once, with the same result.
+    Threads may share a mesh. A derived property is computed at its first use, possibly in several
+    threads at once, with the same result.
 
     Parameters
     ----------
@@ -67,16 +66,16 @@ class Mesh:
     face_group : (F,) int, optional
         Index into `groups`; needed when there are several.
     source_face : (F,) int, optional
-        Polygon of the file that each face came from; 0 ... F-1 by default.
+        Polygon of the file from which each face was cut; 0 ... F-1 by default.
     sources : sequence of MeshSource, optional
-        The files behind the arrays.
+        Files from which the arrays were read.
     notes : sequence of str, optional
-        What reading the files had to put up with; repeated at the head of `warnings`.
+        Oddities of the files; they come first in `warnings`.
 
     Raises
     ------
     MeshError
-        The arrays are no mesh; the message names the first faces at fault.
+        The arrays are no mesh; the message names the first invalid faces.
     ResourceError
         2^31 faces or more.
     """
@@ -128,7 +127,7 @@ class Mesh:
         names = ", ".join(group.name for group in self.groups)
         return f"Mesh({self.n_faces} faces, {self.n_vertices} vertices; {names})"
 
-    def __reduce__(self) -> tuple[Any, ...]:  # arrays come back from a pickle read-only, too
+    def __reduce__(self) -> tuple[Any, ...]:  # arrays from a pickle must be read-only, too
         return Mesh, tuple(getattr(self, name) for name in self.__dataclass_fields__)
 
     @classmethod
@@ -249,14 +248,14 @@ class Mesh:
     def with_groups(
         self, occluders: Iterable[str] | None = None, two_sided: Iterable[str] | None = None
     ) -> Self:
-        """Give the same faces, with other flags on the groups.
+        """Return a mesh of the same faces with other group flags.
 
         Parameters
         ----------
         occluders : group names, optional
-            Exactly these hide without being scored; None leaves the flags as they are.
+            Exactly these hide without being scored; None keeps the flags.
         two_sided : group names or "all", optional
-            Exactly these are covered from either side; None leaves the flags as they are.
+            Exactly these are covered from either side; None keeps the flags.
 
         Returns
         -------
@@ -266,9 +265,9 @@ class Mesh:
         groups = flagged(self.groups, occluders, two_sided)
         other = object.__new__(type(self))
         depends_on_groups = {"task_mask", "two_sided_mask"}
-        # Copied in one step: another thread may be adding what it has computed.
-        known = vars(self).copy()
-        other.__dict__.update({k: v for k, v in known.items() if k not in depends_on_groups})
+        # Copied in one step: another thread may be adding a cached property.
+        cached = vars(self).copy()
+        other.__dict__.update({k: v for k, v in cached.items() if k not in depends_on_groups})
         object.__setattr__(other, "groups", groups)
         return other
 
@@ -332,7 +331,7 @@ class Mesh:
 
     @cached_property
     def positions(self) -> NDArray[np.int64]:
-        """(F, 3) like `faces`, but equal for vertices that lie on the same point."""
+        """(F, 3) like `faces`, with equal indices for vertices at the same point."""
         same = first_equal_row((self.vertices + 0.0).view(np.uint64))  # -0.0 + 0.0 is 0.0
         return frozen(same[self.faces])
 
@@ -344,7 +343,7 @@ class Mesh:
 
     @cached_property
     def topology(self) -> Topology:
-        """How the faces meet along their edges."""
+        """Edge counts and adjacency of the faces."""
         return Topology.of(self.positions, self.n_vertices)
 
     @property
@@ -359,27 +358,27 @@ class Mesh:
 
     @property
     def is_closed(self) -> bool:
-        """Whether every edge has exactly two faces; faces with repeated vertices do not count."""
+        """True if every edge has exactly two faces; faces with repeated vertices do not count."""
         return self.topology.is_closed
 
     @property
     def is_consistently_wound(self) -> bool:
-        """Whether the two faces of every shared edge run along it in opposite directions."""
+        """True if the two faces of every shared edge traverse it in opposite directions."""
         return self.topology.n_inconsistent_edges == 0
 
     @cached_property
     def can_cull_back_faces(self) -> bool:
-        """Whether a face seen from behind can never be the nearest surface from outside.
+        """True if a back face is never the nearest surface for a camera outside.
 
-        True when the mesh is closed, consistently wound, and each edge-connected component encloses
-        positive volume and neither cuts nor touches itself. False when in doubt, as for a cavity.
-        Not looked for: a camera inside the part.
+        This holds if the mesh is closed, consistently wound, and each edge-connected component
+        encloses positive volume and neither cuts nor touches itself. False when in doubt, as for a
+        cavity. A camera inside the part is not considered.
 
-        The proof goes by winding numbers. A connected closed surface that does not meet itself
-        parts space into an outside, of winding number 0, and an inside, of 1 where its volume is
-        positive. So the winding number of the whole mesh, the sum over its components, is nowhere
-        negative, though components may cut each other. A ray gains 1 at a front and loses 1 at a
-        back; from outside, at 0, the first surface that it meets is therefore a front.
+        Proof by winding numbers. A connected closed surface that does not meet itself divides space
+        into an outside with winding number 0 and an inside with 1 if its volume is positive. The
+        winding number of the whole mesh, the sum over its components, is therefore nowhere
+        negative, though components may cut each other. Along a ray it increases by 1 at a front and
+        decreases by 1 at a back; from outside, at 0, the first surface is therefore a front.
         """
         return self._is_closed_outward and not self.self_contact_mask.any()
 
@@ -400,7 +399,7 @@ class Mesh:
 
     @property
     def self_contact_mask(self) -> NDArray[np.bool_]:
-        """(F,) faces that touch or cut another one of their own edge-connected component."""
+        """(F,) faces that touch or cut another face of their own edge-connected component."""
         return self.contacts.faces_within_components()
 
     @cached_property
@@ -413,7 +412,7 @@ class Mesh:
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
-        """One line for each thing that a person should know before trusting the results."""
+        """One line for each fault or oddity that may affect the results."""
         topology = self.topology
         found = list(self.notes)
         if topology.n_boundary_edges:

@@ -7,7 +7,7 @@ angle between the normal and the ray from p to the camera centre:
     C_R = ramp of z / f from acceptable to ideal                             mm per px
     C_F = ramp of A f |z - z_s| / (z (z_s - f)) from acceptable to ideal     px of blur circle
     C_D = (cos theta - cos acceptable) / (cos ideal - cos acceptable)
-    C(p) = C_V C_R C_F C_D, and 0 where a face stands between p and the camera centre
+    C(p) = C_V C_R C_F C_D, and 0 where a face is between p and the camera centre
     C = mean of C(p) over the three vertices
     k-ocular: max over subsets of k cameras of min over cameras of the subset of C(p)
 

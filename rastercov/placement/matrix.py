@@ -1,19 +1,18 @@
-"""The visibility matrix: what each candidate pose sees of each face, sparse, on disk and off.
+"""Visibility matrix: coverage of each face by each candidate pose, sparse, in memory or on disk.
 
     poses -> `evaluate_batches` -> shards -> `VisibilityMatrix` -> `problem_of` -> `select_*`
 
 Only pairs with coverage > 0 are kept, of faces that are scored. On disk a matrix is a folder:
 
-header.json     what it was made from, with hashes: mesh, camera, poses, task, method, version
+header.json     inputs with hashes: mesh, camera, poses, task, method, version
 poses.npy       (C, 4, 4) the candidates
 pairs/*.parquet shards of consecutive poses, columns pose, face, coverage, covered
 sha256/*.sha256 the checksum of each of these files
 
-`pandas.read_parquet(folder / "pairs")` and `polars.read_parquet(folder / "pairs")` read it as it
-is. A shard is written beside its place, flushed to the disk and renamed, so a run that is killed
-loses at most the shard it was at; started again with the same inputs it goes on from there. A file
-that is damaged, exchanged or deleted is made again by such a run, bit for bit, and refused where a
-folder is only read.
+`pandas.read_parquet(folder / "pairs")` and `polars.read_parquet(folder / "pairs")` read the pairs.
+A shard is written to a temporary file, flushed to the disk and renamed, so a killed run loses at
+most its current shard; run again with the same inputs it continues from there. Such a run makes a
+damaged, exchanged or deleted file again, bit for bit; where a folder is only read it is refused.
 """
 
 from collections.abc import Callable
@@ -66,15 +65,15 @@ class VisibilityMatrix:
     n_faces, n_task_faces : int
         Faces F of the mesh, and how many of them are scored.
     task : Task
-        What it takes for a face to be covered.
+        Thresholds of coverage.
     indptr : (C + 1,) int64
-        Where the pairs of each pose begin and end.
+        Row limits of the pairs of each pose.
     face : (N,) int32
     coverage : (N,) float32
-        (3.6), more than 0; rounded such that comparing it with `task.min_coverage` tells exactly
-        which pairs are covered.
+        (3.6), more than 0; rounded such that a comparison with `task.min_coverage` gives exactly
+        the covered pairs.
     header : dict
-        What the matrix was made from.
+        Inputs of the matrix.
     """
 
     poses: FloatArray
@@ -100,7 +99,7 @@ class VisibilityMatrix:
     @property
     def mean_coverage(self) -> FloatArray:
         """(C,) mean coverage of each pose over the faces that are scored."""
-        # Pose by pose, 10 us each: what `reduceat` makes of a pose without pairs is not 0.
+        # Pose by pose, 10 us each: `reduceat` does not give 0 for a pose without pairs.
         sums = [
             float(self.coverage[start:end].sum(dtype=np.float64))
             for start, end in pairwise(self.indptr)
@@ -114,7 +113,7 @@ class VisibilityMatrix:
         Raises
         ------
         ConfigError
-            When there is none, when it is not complete, or when a file of it is damaged.
+            When there is none, when it is incomplete, or when one of its files is damaged.
         """
         folder = Path(folder)
         try:
@@ -136,7 +135,7 @@ class VisibilityMatrix:
 
     @classmethod
     def _read(cls, folder: Path, header: dict[str, Any], n_pairs: int) -> Self:
-        """Matrix of a folder that is complete, with so many pairs."""
+        """Matrix of a complete folder with `n_pairs` pairs."""
         poses = read_poses(folder, header)
         if poses is None:
             raise DamagedError(folder / "poses.npy", "it is missing")
@@ -176,26 +175,26 @@ def build_matrix(
     progress: Callable[[int, int], None] = lambda done, total: None,
     note: Note = log_warning,
 ) -> VisibilityMatrix:
-    """Visibility matrix of the poses, measured a few at a time.
+    """Visibility matrix of the poses, measured in batches.
 
     Parameters
     ----------
     view : Observer or (Mesh, Camera)
-        An open observer, or what to open one for with method "certified".
+        An open observer, or the arguments to open one with method "certified".
     poses : (C, 4, 4) array_like
         world_from_camera of the candidates.
     task : Task, optional
         Thresholds; `Task()` unless given.
     folder : path, optional
-        Where to keep the shards; made when it is missing. A run that was ended, however, goes on
-        from its shards; a matrix that is complete is only read; files of it that are damaged are
-        made again. Without a folder all is in memory.
+        Folder of the shards; made when it is missing. An interrupted run continues from its shards;
+        a complete matrix is only read; damaged files are made again. Without a folder the matrix is
+        in memory.
     poses_a_shard : int, optional
-        Poses of each file; as many as make `PAIRS_A_SHARD` pairs unless given.
+        Poses of each file; the number that gives `PAIRS_A_SHARD` pairs unless given.
     progress : callable
-        Called with the poses done and the poses in all.
+        Called with the poses done and the total.
     note : callable
-        Called with a line on each file that is damaged; a warning on standard error unless given.
+        Called with a line on each damaged file; logs it as a warning unless given.
 
     Raises
     ------
@@ -228,7 +227,7 @@ def build_matrix(
 def _rows_in(
     folder: Path, shard: str, header: dict[str, Any], note: Note | None = None
 ) -> int | None:
-    """Pairs in a shard, None where it is missing, or damaged and somebody is told."""
+    """Pairs in a shard, None where it is missing, or damaged and `note` is given."""
     try:
         file = open_shard(folder, shard, header)
     except DamagedError as error:
@@ -272,17 +271,17 @@ def _in_memory(
 def _pairs(
     batch: Coverage,
 ) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32], BoolArray]:
-    """Row in the batch, face, coverage and whether covered, of all pairs with coverage > 0."""
+    """Row in the batch, face, coverage and covered mask of all pairs with coverage > 0."""
     pose, face = np.nonzero((batch.coverage > 0) & batch.mesh.task_mask)
     short, covered = shortened(batch.coverage[pose, face], batch.task.min_coverage)
     return pose, face.astype(np.int32), short, covered
 
 
 def shortened(coverage: FloatArray, least: float) -> tuple[NDArray[np.float32], BoolArray]:
-    """Coverage in float32, and whether it is at least so much; both say the same of it.
+    """Coverage in float32, and the mask of values of at least `least`; both are consistent.
 
-    Rounding carries no value across the threshold, nor down to 0. Thresholds other than 0 are
-    1e-30 or more: float32 ends not far below.
+    No value is rounded across the threshold, nor down to 0. Thresholds other than 0 are 1e-30 or
+    more, which is near the least float32.
     """
     covered: BoolArray = coverage >= least
     short = coverage.astype(np.float32)

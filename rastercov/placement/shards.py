@@ -1,16 +1,16 @@
-"""The folder of a visibility matrix: its files, their checksums, and whose turn it is to write.
+"""On-disk layout of a visibility matrix: header, poses, Parquet shards, checksums, writer lock.
 
-Serves `matrix`. Nothing appears under its name before it is whole and on the disk, and nothing is
-believed that is not what was written. Two checks tell:
+Serves `matrix`. A file appears under its name only when it is complete and on the disk. Two checks
+detect every change:
 
-- each file has its SHA-256 in `sha256/`, in a file of the form that `sha256sum -c` reads. It is
-  taken of the bytes that are then decoded, so that no decoder meets damaged ones;
-- each shard holds the header of its matrix and its own name, so that one of another matrix, or of
-  other poses of the same matrix, is not taken for the one that belongs there.
+- each file has its SHA-256 in `sha256/`, in the format of `sha256sum -c`. It is computed from the
+  bytes that are then decoded, so that no decoder reads damaged ones;
+- each shard holds the header of its matrix and its own name, so that a shard of another matrix, or
+  of other poses of the same matrix, is refused.
 
-The checksum is written before its file: a run that is killed between the two leaves a file that is
-missing, or one that is made again. Pages of shards have the checksums of Parquet besides, for other
-readers (`page_checksum_verification` of pyarrow); those leave out headers, statistics and footer.
+The checksum is written before its file: a run killed between the two leaves a missing file, or one
+that is made again. Pages of shards also have the checksums of Parquet, for other readers
+(`page_checksum_verification` of pyarrow); those exclude headers, statistics and footer.
 """
 
 import fcntl
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 PAIRS_A_SHARD = 1 << 22
-"""Pose-face pairs, seen or not, that a shard stands for: several seconds of work."""
+"""Pose-face pairs, seen or not, of one shard: several seconds of work."""
 FORMAT = 2
 HEADER, POSES = "header.json", "poses.npy"
 PAIRS, SUMS = "pairs", "sha256"
@@ -58,12 +58,12 @@ WORDS = {
     "samples": "with another supersample",
     "poses_a_shard": "with another poses_a_shard",
 }
-"""What to say when an entry of the header is not what it was."""
+"""Words on a header that differs in an entry."""
 Note = Callable[[str], None]
 
 
 class DamagedError(ConfigError):
-    """A file of a matrix that is not what was written; the message names it and says why."""
+    """A file of a matrix has changed since it was written; the message names file and reason."""
 
     def __init__(self, path: Path, why: str) -> None:
         super().__init__(f"{path}: damaged, {why}")
@@ -77,7 +77,7 @@ def log_warning(line: str) -> None:
 def describe(
     observer: Observer, poses: FloatArray, task: Task, poses_a_shard: int | None
 ) -> dict[str, Any]:
-    """What a matrix depends on, ready for JSON: its header."""
+    """Header of a matrix: all that it depends on, ready for JSON."""
     mesh, camera = observer.mesh, observer.camera
     groups = json.dumps([asdict(group) for group in mesh.groups])
     if poses_a_shard is not None and (isinstance(poses_a_shard, bool) or poses_a_shard < 1):
@@ -111,7 +111,7 @@ def _sha256(*parts: NDArray[Any] | str) -> str:
 
 @contextmanager
 def locked(folder: Path) -> Iterator[Path]:
-    """The folder, made when it is missing, for this process alone; a killed one leaves no lock."""
+    """Lock the folder for this process, and make it when it is missing; a kill leaves no lock."""
     parts = (folder, folder / PAIRS, folder / SUMS)
     try:
         for part in parts:
@@ -143,10 +143,10 @@ def claim(
     shard_size_given: bool,
     note: Note,
 ) -> dict[str, Any]:
-    """The header of the folder: the one that is there, when it says the same, or this one.
+    """Header of the folder: the present one where it agrees with `header`, or `header`.
 
-    A header that is damaged or missing is made again from those in whole shards, and poses from
-    `poses`; `note` is called with a line on each. Shards beyond the last one are removed.
+    A damaged or missing header is restored from an undamaged shard, and the poses from `poses`;
+    `note` is called with a line on each. Shards beyond the last one are removed.
     """
     kept = None
     try:
@@ -185,7 +185,7 @@ def claim(
 
 
 def _difference(kept: dict[str, Any], header: dict[str, Any], shard_size_given: bool) -> str | None:
-    """Words on the first entry that two headers do not share, None where they say the same."""
+    """Words on the first entry in which two headers differ, None where they agree."""
     for name, words in WORDS.items():
         if name == "poses_a_shard" and not shard_size_given:
             continue
@@ -202,14 +202,14 @@ def _made(folder: Path, words: str) -> str:
 
 
 def read_header(folder: Path) -> dict[str, Any] | None:
-    """The header of a folder, None where there is none.
+    """Header of a folder, None where there is none.
 
     Raises
     ------
     DamagedError
         As for `contents`.
     ConfigError
-        When it is of another format, or no header at all.
+        When it is of another format, or not a header.
     """
     path = folder / HEADER
     try:
@@ -217,7 +217,7 @@ def read_header(folder: Path) -> dict[str, Any] | None:
         if data is None:
             return None
     except DamagedError:
-        # Without any checksum the folder is not of this format, or has lost them all.
+        # Without any checksum the folder is of another format, or has lost all of them.
         if _has_sums(folder) or _loaded(path)["format"] == FORMAT:
             raise
     header = _loaded(path)
@@ -288,7 +288,7 @@ def schema_of(shard: str, header: dict[str, Any]) -> "pa.Schema":
 
 
 def open_shard(folder: Path, shard: str, header: dict[str, Any]) -> "pq.ParquetFile | None":
-    """A shard whose every byte is what was written, None where it is missing.
+    """A verified shard, None where it is missing.
 
     Raises
     ------
@@ -326,7 +326,7 @@ def _written_with(shard: "pq.ParquetFile") -> dict[str, Any]:
 
 
 def _header_in(folder: Path, name: str) -> dict[str, Any] | None:
-    """The header of its matrix that a whole shard holds, None for any other file."""
+    """Header of the matrix from an undamaged shard, None for any other file."""
     try:
         found = _opened(folder, f"{PAIRS}/{name}")
     except DamagedError:
@@ -341,7 +341,7 @@ def contents(folder: Path, name: str) -> bytes | None:
     Raises
     ------
     DamagedError
-        When they cannot be read, or are not those of which the checksum was taken.
+        When they cannot be read, or do not match the checksum.
     """
     try:
         data = (folder / name).read_bytes()
@@ -369,12 +369,12 @@ def _sum_file(folder: Path, name: str) -> Path:
 
 
 def _sum_line(name: str, data: bytes | memoryview) -> bytes:
-    """Line that `sha256sum` prints for a file when called in the folder of the matrix."""
+    """Line of `sha256sum` for a file, relative to the folder of the matrix."""
     return f"{hashlib.sha256(data).hexdigest()}  {name}\n".encode()
 
 
 def _write(path: Path, data: bytes | memoryview) -> None:
-    """Write a file that appears under its name when it is whole and on the disk."""
+    """Write a file atomically: it appears under its name when it is complete and on the disk."""
     part = path.with_name(f".{secrets.token_hex(6)}.part")
     try:
         with part.open("wb") as file:
@@ -386,6 +386,6 @@ def _write(path: Path, data: bytes | memoryview) -> None:
         part.unlink(missing_ok=True)
     folder = os.open(path.parent, os.O_RDONLY)
     try:
-        os.fsync(folder)  # the new name, too
+        os.fsync(folder)  # makes the new name durable
     finally:
         os.close(folder)

@@ -1,1 +1,1 @@
-"""A plan file and what is done with it: `rastercov place` and `rastercov check`."""
+"""Plan files and their execution: `rastercov place` and `rastercov check`."""

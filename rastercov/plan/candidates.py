@@ -1,7 +1,7 @@
-"""Candidate poses of a plan, and where its cameras may stand.
+"""Candidate pool of a plan: poses of all its entries that satisfy its constraints.
 
-From the entries of a `Plan` to the generators of `candidates` and `mounting`, then through
-`clearance.kept` and `PoseSpace`, which say what was dropped, and why.
+The entries of a `Plan` call the generators of `pool` and `mounting`; `filter_candidates` and
+`PoseSpace` drop candidates, with reasons.
 """
 
 from collections.abc import Iterator, Sequence
@@ -21,7 +21,7 @@ from rastercov.placement.candidates.clearance import (
     KeepOut,
     KeepOutBox,
     KeepOutSphere,
-    kept,
+    filter_candidates,
 )
 from rastercov.placement.candidates.framing import Framing
 from rastercov.placement.candidates.pool import Candidates
@@ -51,21 +51,21 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class CandidatePool:
-    """Candidates of a plan where cameras can stand, and what became of the others.
+    """Candidates of a plan at allowed positions, and reasons for the dropped ones.
 
     Attributes
     ----------
     candidates : Candidates
     costs : (C,) float64
-        Of each.
+        Cost of each candidate.
     made : dict of str to int
-        Candidates of each source before any was dropped.
+        Candidates of each source before the filter.
     dropped : Dropped
-        What is in the way of those that were dropped first.
+        Reasons of the candidates dropped by clearance and keep-out volumes.
     misplaced : dict of str to int
-        Of the others, those that are beyond the limits of the plan, by the name of `Place`.
+        Counts of the others that violate limits of the plan, by the name of `Place`.
     space : PoseSpace
-        Where cameras may stand, for everything that moves them.
+        Constraints for optimisation and refinement.
     boxes : tuple of (2, 3) float64
         Its boxes.
     """
@@ -79,7 +79,7 @@ class CandidatePool:
     boxes: tuple[FloatArray, ...]
 
     def lines(self) -> list[str]:
-        """What was made and dropped, for people."""
+        """Counts of candidates made and dropped, for people."""
         total = sum(self.made.values())
         made = ", ".join(f"{count} {source}" for source, count in self.made.items())
         words = {"too_far": "further than the stand-off", "too_near": "nearer than the stand-off"}
@@ -111,12 +111,12 @@ def segmentation_of(plan: Plan, mesh: Mesh) -> Segmentation | None:
 
 
 def candidate_pool(plan: Plan, mesh: Mesh, camera: Camera) -> CandidatePool:
-    """Candidates of all entries but `per_cavity`, which needs to know what these see.
+    """Candidates of all entries but `per_cavity`, which depends on the visibility of the others.
 
     Raises
     ------
     PlanError
-        With a line for every entry that can make no candidates.
+        With a line for every entry that fails.
     """
     parts: list[tuple[Candidates, float]] = []
     lines: list[str] = []
@@ -135,7 +135,7 @@ def candidate_pool(plan: Plan, mesh: Mesh, camera: Camera) -> CandidatePool:
 def extended_pool(
     plan: Plan, mesh: Mesh, before: CandidatePool, found: Candidates, cost: float
 ) -> CandidatePool:
-    """The same pool, and further candidates at a cost each."""
+    """The pool with further candidates at the same cost each."""
     fresh = _filtered(plan, mesh, [(found, cost)], before.boxes)
     return replace(
         fresh,
@@ -153,7 +153,7 @@ def extended_pool(
 def _filtered(
     plan: Plan, mesh: Mesh, parts: Sequence[tuple[Candidates, float]], known: Sequence[FloatArray]
 ) -> CandidatePool:
-    """Candidates that may stay where they are, under the constraints of the plan.
+    """Pool of the candidates that satisfy the constraints of the plan.
 
     Without spaces of its own, a plan allows `known` boxes and those around its candidates.
     """
@@ -163,7 +163,7 @@ def _filtered(
     for part, cost in parts:
         found += part
         costs.append(np.full(len(part), cost))
-    left, dropped = kept(found, mesh, limits.clearance, keep_outs(plan))
+    left, dropped = filter_candidates(found, mesh, limits.clearance, keep_outs(plan))
     if limits.spaces:
         boxes = [np.array([space.low, space.high]) for space in limits.spaces]
     else:
@@ -194,7 +194,7 @@ def _filtered(
 
 
 def keep_outs(plan: Plan) -> list[KeepOut]:
-    """Volumes without cameras."""
+    """Keep-out volumes of a plan."""
     volumes: list[KeepOut] = []
     for entry in plan.constraints.keep_out:
         if entry.centre is not None:
@@ -208,7 +208,7 @@ def keep_outs(plan: Plan) -> list[KeepOut]:
 
 
 def framing_of(plan: Plan, entry: Any) -> Framing:
-    """How the candidates of an entry frame what they were made for.
+    """Framing of the candidates of an entry.
 
     An entry without a stand-off of its own has that of the constraints.
     """
@@ -277,9 +277,9 @@ def _segmented(mesh: Mesh, entry: PerSegment) -> Segmentation:
 
 
 def _boxes(part: Candidates) -> Iterator[FloatArray]:
-    """(2, 3) boxes where the cameras of an entry may stand, where the plan does not say.
+    """(2, 3) boxes of the allowed positions of an entry, where the plan has no spaces.
 
-    Mounts stay on the sides of their box; others may move within the box around all of them.
+    Mounted cameras stay on the sides of their box; others may move within their bounding box.
     """
     eyes = part.poses[:, :3, 3]
     mounts = {"walls": mounting.WALLS, "ceiling": mounting.CEILING, "box": mounting.SIDES}

@@ -1,7 +1,7 @@
-"""`rastercov check`: a rig of cameras held against what a plan asks for, in CI for instance.
+"""Check of a camera rig against the requirements of a plan, `rastercov check`.
 
-Everything is measured with its bound: a requirement holds when what is certainly covered reaches
-it, fails when what may be covered does not, and is undecided in between, which does not pass.
+Coverage is measured with bounds: a requirement holds when the certainly covered share reaches it,
+fails when the possibly covered share does not, and is undecided, which does not pass, in between.
 """
 
 import re
@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+from rastercov._output import write_bytes
 from rastercov.coverage import Task
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
@@ -30,29 +31,28 @@ from rastercov.plan.requirements import (
 )
 from rastercov.plan.scene import scene
 from rastercov.pose import read_poses, valid_poses
-from rastercov.report.figures import write_bytes
 
 Limits = Mapping[str | None, float]
 MOST_GROUPS = 5
-"""Groups with the most uncovered that are named."""
+"""Number of groups named, those with the most uncovered weight."""
 
 
 @dataclass(frozen=True, eq=False)
 class Checked:
-    """A rig and what became of each requirement.
+    """A rig and the status of each requirement.
 
     Attributes
     ----------
     plan, poses_file
-        What was held against what.
+        The plan and the file of the rig.
     mesh : Mesh
     task : Task
     views : int or dict of str to int
         Cameras that a face needs.
     requirements : tuple of Requirement
     groups : tuple of Requirement
-        Share covered of every group that is scored, whether or not something is asked of it (its
-        limit is 0 then); the least covered first.
+        Share covered of every task group, with limit 0 where nothing is required of it; the least
+        covered first.
     cameras : Measured
     leftover : Leftover
     """
@@ -69,25 +69,25 @@ class Checked:
 
     @property
     def is_met(self) -> bool:
-        """Whether every requirement holds."""
+        """True where every requirement holds."""
         return all(each.status == HOLDS for each in self.requirements)
 
     def lines(self) -> list[str]:
-        """The outcome for people: each requirement, then why it fails, then where."""
+        """The outcome for people: each requirement with the reasons why it fails."""
         said = [f"{each.status}: {each.words()}" for each in self.requirements]
         said += [f"  {line}" for each in self.requirements for line in self.reasons(each)]
         return said
 
     def reasons(self, requirement: Requirement) -> list[str]:
-        """Why a requirement does not hold: what is uncovered most, and the reason; else nothing."""
+        """Reasons why a requirement does not hold, by group, the most uncovered first."""
         if requirement.status == HOLDS:
             return []
-        told = {entry["name"]: entry for entry in self.leftover.summary()["groups"]}
-        wanted = [requirement.group] if requirement.group else list(told)
+        by_name = {entry["name"]: entry for entry in self.leftover.summary()["groups"]}
+        wanted = [requirement.group] if requirement.group else list(by_name)
         wanted.sort(key=lambda name: -self._uncovered(name))
         lines = []
         for name in wanted[:MOST_GROUPS]:
-            entry = told[name]
+            entry = by_name[name]
             if not entry["left"]["faces"]:
                 continue
             why = ", ".join(
@@ -103,7 +103,7 @@ class Checked:
         return lines
 
     def _uncovered(self, name: str) -> float:
-        """Weight of the faces of a group that are not covered."""
+        """Weight of the uncovered faces of a group."""
         mesh, names = self.mesh, [group.name for group in self.mesh.groups]
         members = self.leftover.left & (mesh.face_group == names.index(name))
         by_area = self.plan.task.weight_by == "area"
@@ -113,12 +113,12 @@ class Checked:
 def limits(
     plan: Plan, min_coverage: float | None, groups: Sequence[str]
 ) -> dict[str | None, float]:
-    """Shares to hold a rig to: those of the plan, and in their place those of the command.
+    """Required shares: those of the plan, replaced by those of the command line.
 
     Raises
     ------
     ConfigError
-        For a group that is no NAME=SHARE, or when nothing is asked at all.
+        For a group that is not NAME=SHARE, or when nothing is required.
     """
     found = limits_of(plan.selection)
     if min_coverage is not None:
@@ -147,12 +147,12 @@ def check(
     views: int | None = None,
     step: Step = quiet,
 ) -> Checked:
-    """A rig held against the mesh, camera and task of a plan.
+    """Check a rig against the mesh, camera and task of a plan.
 
     Parameters
     ----------
     plan : Plan
-        Its candidates and constraints play no part.
+        Its candidates and constraints are not used.
     poses_file : Path
         The rig, as `read_poses` takes it.
     limits : mapping of group name or None to share
@@ -165,11 +165,11 @@ def check(
     Raises
     ------
     PlanError
-        For a plan that its meshes do not fit.
+        For a plan that does not fit its meshes.
     PoseError
-        For a file or a row that holds no pose.
+        For a file that cannot be read, or a row that is not a pose.
     ConfigError
-        For a limit of a group that is not there, or is an occluder.
+        For a limit of an unknown group, or of an occluder.
     """
     poses = valid_poses(read_poses(poses_file))
     with step("scene"):
@@ -269,7 +269,7 @@ def write_junit(path: Path, checked: Checked) -> None:
 
 
 def refuse_junit(path: Path) -> None:
-    """Refuse to replace a file that is not an outcome of an earlier check, such as an input."""
+    """Refuse to replace a file that is not the output of an earlier check, such as an input."""
     if path.is_dir() or not path.parent.is_dir():
         fault = "is a folder" if path.is_dir() else "its folder does not exist"
         raise ConfigError(f"{path}: {fault}; name a file in an existing folder")
@@ -285,5 +285,5 @@ def refuse_junit(path: Path) -> None:
 
 
 def _xml(text: str) -> str:
-    """`text` without what XML 1.0 has no way to hold."""
+    """`text` without characters that XML 1.0 cannot represent."""
     return "".join(c if c in "\n\t" or c.isprintable() else "?" for c in text)

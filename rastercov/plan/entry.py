@@ -9,10 +9,12 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import MISSING, fields
 from pathlib import Path
 from types import NoneType
-from typing import Annotated, Any, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
 
 from annotated_types import Le
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInfo, create_model
+
+Value = TypeVar("Value")
 
 
 class Entry(BaseModel):
@@ -55,6 +57,12 @@ def fields_of(
         given[field.name] = (hint, Field(default=default, description=words[field.name]))
     columns = {name: given[name] for name in words}
     return create_model(f"{source.__name__}Fields", __base__=base, **columns)
+
+
+def value_of(entry: BaseModel, kind: type[Value]) -> Value:
+    """Dataclass value from the fields of an entry that have its names."""
+    names = [field.name for field in fields(kind)]  # type: ignore[arg-type] # a dataclass
+    return kind(**{name: getattr(entry, name) for name in names})
 
 
 def _finite(hint: Any) -> Any:
@@ -140,5 +148,5 @@ Limits = Annotated[
 
 
 def no_limit(pair: list[float] | None) -> tuple[float, float]:
-    """Limits as a pair, [0, inf] where none are given."""
+    """Limits as a pair; (0, inf) for None."""
     return (0.0, math.inf) if pair is None else (pair[0], pair[1])

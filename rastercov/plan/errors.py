@@ -1,7 +1,6 @@
-"""What is wrong with a plan file, in words: every error at once, a line each with its path.
+"""Error lines of a plan file: all errors of pydantic at once, a line each with its path.
 
-Serves `plan`; in come the errors of pydantic and the table that was read, out go lines like
-`task.min_pixels: wanted a number above 0, got -3`.
+For example `task.min_pixels: wanted a number above 0, got -3`.
 """
 
 import difflib
@@ -35,7 +34,7 @@ WORDS = {
     "too_long": "{max_length} at most",
     "string_too_short": "a text that is not empty",
 }
-"""What was wanted, by pydantic's name of the error."""
+"""Words for the expected value, by the error type of pydantic."""
 
 
 class PlanError(ConfigError):
@@ -44,7 +43,7 @@ class PlanError(ConfigError):
     Attributes
     ----------
     lines : tuple of str
-        One for each thing that is wrong, with the name of the file and the path in it.
+        One for each error, with the name of the file and the path in it.
     """
 
     def __init__(self, name: str, lines: Sequence[str]) -> None:
@@ -54,7 +53,7 @@ class PlanError(ConfigError):
 
 
 def lines_of(error: ValidationError, table: Mapping[str, Any], model: type[BaseModel]) -> list[str]:
-    """What pydantic found wrong with a table, a line for each path."""
+    """Errors of pydantic as lines, one for each path."""
     wanted: dict[str, list[str]] = {}
     lines: dict[str, str] = {}
     for each in error.errors(include_url=False):
@@ -84,7 +83,7 @@ def lines_of(error: ValidationError, table: Mapping[str, Any], model: type[BaseM
 
 
 def _path(location: tuple[int | str, ...], table: Any, kind: str) -> str:
-    """Where an error is, as a person would point at it; without the names of union members."""
+    """Path of an error in the table, without the names of union members."""
     path, here = "", table
     for place, part in enumerate(location):
         is_last = place == len(location) - 1
@@ -103,7 +102,7 @@ def _joined(path: str, part: str) -> str:
 
 
 def _meant(location: tuple[int | str, ...], model: type[BaseModel]) -> str:
-    """What is there instead of an unknown entry, and which of it was probably meant."""
+    """Known entries beside an unknown one, and the most similar name."""
     names = sorted(_entries(location[:-1], model.model_json_schema()))
     if not names:
         return ""
@@ -130,7 +129,7 @@ def _entries(location: tuple[int | str, ...], schema: dict[str, Any]) -> set[str
 
 
 def _resolved(here: dict[str, Any], schema: dict[str, Any]) -> dict[str, Any]:
-    """The definition that a part of a schema stands for."""
+    """Definition to which a part of a schema refers."""
     members = [m for m in here.get("anyOf", []) if m.get("type") != "null"]
     if len(members) == 1:
         here = members[0]

@@ -1,7 +1,6 @@
-"""Where candidate poses come from: the `[[candidates]]` entries of a plan file.
+"""Generators of candidate poses: the `[[candidates]]` entries of a plan file.
 
-Part of `model`; each entry is a generator of `candidates`, `mounting` or `cavities` with its
-arguments.
+Each entry names a generator of `pool`, `mounting` or `cavities` and holds its arguments.
 """
 
 from typing import Annotated, Literal, Self

@@ -1,8 +1,8 @@
-"""What a network of cameras covers, measured once, for `place` and `check`.
+"""Coverage of a network, measured once, with its bounds, for `place` and `check`.
 
-Each figure of visibility has a bound, and so has coverage: beside what is covered as measured
-stands what is covered for certain and what may be covered at most. The bound is that of visibility
-alone; where pixels are counted (method sampled) resolution has an error, too, which no bound tells.
+Visibility has an error bound, and so has coverage: faces are covered as measured, certainly, or
+possibly. The bound is that of visibility alone; where pixels are counted (method sampled),
+resolution has an error without a bound too.
 """
 
 import math
@@ -36,7 +36,7 @@ class PlanNetwork(Network):
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """A network of K cameras and what it covers.
+    """A network of K cameras and the faces it covers.
 
     Attributes
     ----------
@@ -45,11 +45,11 @@ class Measured:
     covers : (K, F) bool
         Faces that each camera covers, as measured.
     covered, certain, possible : (F,) bool
-        Faces that the network covers as measured, certainly, and at most.
+        Faces that the network covers as measured, certainly, and possibly.
     curve : (K,) float64
-        Share that the first so many cameras cover.
+        Share covered by the first 1, 2, ..., K cameras.
     share : float
-        That of all of them.
+        Share covered by all cameras.
     """
 
     poses: FloatArray
@@ -67,16 +67,16 @@ def measured(
     poses: FloatArray,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Measured:
-    """What a network covers, with its bounds.
+    """Coverage of a network, with its bounds.
 
     Parameters
     ----------
     objective : Objective
-        How coverage is counted, and an open observer.
+        Weights and an open observer.
     poses : (K, 4, 4) float64
         world_from_camera; K may be 0.
     progress : callable
-        Called with the poses done and the poses in all.
+        Called with the poses done and the total.
     """
     mesh = objective.observer.mesh
     network = PlanNetwork(mesh, objective.task)
@@ -105,10 +105,10 @@ def measured(
 
 
 def certain_and_possible(batch: Coverage) -> BoolArray:
-    """(2, P, F) pairs that are covered at the lower, and at the upper end of their visibility.
+    """(2, P, F) pairs covered at the lower and at the upper bound of their visibility.
 
-    A pair that fails before occlusion is asked for, or for its angle, fails at either end. One
-    without a sample is judged by the area that its image is computed to have.
+    A pair that fails a criterion before occlusion, or for its angle, fails at both. A pair without
+    a sample is judged by the computed area of its image.
     """
     task = batch.task
     drawn = np.where(batch.reason == Reason.UNSAMPLED, batch.projected_area, batch.drawn_pixels)
@@ -127,6 +127,6 @@ def certain_and_possible(batch: Coverage) -> BoolArray:
     for row, (asked, visibility) in enumerate(ends):
         product = np.where(visibility >= task.min_visibility, visibility, 0.0) * enough
         found[row] = asked & (product >= task.min_coverage) & (product > 0)
-    # As measured lies between the two, whatever rounding did to the products.
+    # The measured result is between the two, in spite of rounding of the products.
     found[1] |= covered
     return found

@@ -1,7 +1,7 @@
-"""All that a selection is made from: the candidates of a plan, and what they see.
+"""Candidates of a plan and their visibility matrix: the input of selection.
 
-Pairs of the visibility matrix are on the disk as they come, so that a run that was ended goes on
-from there. A matrix lies in a folder named after all that it depends on.
+The visibility matrix is written to the disk as it is measured, so that an interrupted run can
+continue. Its folder is named by a hash of all that it depends on.
 """
 
 import hashlib
@@ -17,6 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov._format import percent
+from rastercov._output import named
 from rastercov.camera import Camera
 from rastercov.coverage import Reason, Task, evaluate_batches
 from rastercov.errors import ConfigError
@@ -43,30 +45,29 @@ from rastercov.plan.candidates import (
 )
 from rastercov.plan.file import Plan
 from rastercov.plan.generators import PerCavity
-from rastercov.plan.requirements import OF, counting, goal_of, percent
+from rastercov.plan.requirements import OF, counting, goal_of
 from rastercov.plan.sections import SelectionSection
-from rastercov.report.folder import named
 
 FloatArray = NDArray[np.float64]
 N_DIAGNOSED = 32
-"""Candidates that are asked why none of them covers anything."""
+"""Number of candidates examined for the reason why none covers a face."""
 OF_A_MATRIX = ("pairs/pairs-*.parquet", "poses.npy", "header.json", "sha256/*.sha256")
-"""Files of the folder of a visibility matrix, see `shards`; in an order that a kill may cut off."""
+"""Files of a visibility matrix, see `shards`, in an order of removal that is safe to interrupt."""
 FALLBACK_SHARE = 0.99
-"""Of what can be covered, where a plan asks for more: the last faces take many cameras."""
+"""Share of the reachable weight to cover where a plan requires more than is reachable."""
 Progress = Callable[[int, int], None]
 Step = Callable[[str], Any]
-"""Context manager of the name of a step, which gives its `Progress`."""
+"""Context manager by the name of a step, which yields its `Progress`."""
 
 
 @contextmanager
 def quiet(name: str) -> Iterator[Progress]:
-    """A step that nobody watches."""
+    """Step without progress display."""
     yield lambda done, total: None
 
 
 class Clock:
-    """Steps with the time that they take."""
+    """Timer of the steps."""
 
     def __init__(self, step: Step) -> None:
         self.step = step
@@ -74,7 +75,7 @@ class Clock:
 
     @contextmanager
     def __call__(self, name: str) -> Iterator[Progress]:
-        """Time a step, also one that fails."""
+        """Time a step, even one that fails."""
         started = time.perf_counter()
         try:
             with self.step(name) as progress:
@@ -85,26 +86,26 @@ class Clock:
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """All that a selection is made from.
+    """Input of a selection.
 
     Attributes
     ----------
     plan, mesh, camera, task
-        What is asked.
+        Plan and its values.
     pool : CandidatePool
-        Candidates, and what was dropped.
+        Candidates, and counts of dropped ones.
     segmentation : Segmentation or None
-        What they were made for, where the plan asks for segments.
+        Segments of the candidates, where the plan has such an entry.
     openings : Openings or None
-        What was found out about faces that no other candidate covers.
+        Accessibility of the faces that no other candidate covers.
     pairs : int
-        Of candidates and faces that they cover to some degree, in the visibility matrix.
+        Candidate-face pairs in the visibility matrix.
     measured_by : dict
-        What measured them.
+        Method and device of the visibility matrix.
     problem : Problem
-        With the plan's goal, or the nearest to it that can be reached.
+        With the goal of the plan, or the nearest one that can be reached.
     notes : tuple of str
-        What a person should know.
+        Notes for people.
     """
 
     plan: Plan
@@ -128,7 +129,7 @@ def prepare(
     folder: Path,
     clock: Clock,
 ) -> Prepared:
-    """Candidates and what they see; those into cavities too, where the plan asks for them."""
+    """Candidates and their visibility matrix, with those into cavities where the plan has them."""
     mesh, camera = observer.mesh, observer.camera
     with clock("candidates"):
         segmentation = segmentation_of(plan, mesh)
@@ -175,7 +176,7 @@ def prepare(
             "allow more, or add some"
         )
     _forget(folder, used)
-    # The matrix ends here: what a selection needs of it is in the problem, and memory counts.
+    # The matrix is freed here: the problem holds all that selection needs.
     if not problem.reachable.any():
         notes.append(_why_nothing(observer, found.candidates.poses, task))
     try:
@@ -199,7 +200,7 @@ def prepare(
 
 
 def _why_nothing(observer: Observer, poses: FloatArray, task: Task) -> str:
-    """Why candidates that cover nothing do so, by some of them."""
+    """Reasons why the candidates cover nothing, from a sample of them."""
     some = poses[np.unique(np.linspace(0, len(poses) - 1, N_DIAGNOSED).astype(np.int64))]
     counts = np.zeros(len(Reason), np.int64)
     for batch in evaluate_batches(observer, some, task):
@@ -227,7 +228,7 @@ def _measured(
     used: list[Path],
     progress: Progress,
 ) -> VisibilityMatrix:
-    """Matrix of the poses, in a folder named after all that it depends on."""
+    """Matrix of the poses, in a folder named by a hash of all that it depends on."""
     header = json.dumps(describe(observer, poses, task, None), sort_keys=True)
     used.append(folder / hashlib.sha256(header.encode()).hexdigest()[:16])
     with named(used[-1]):
@@ -235,9 +236,9 @@ def _measured(
 
 
 def _forget(folder: Path, used: list[Path]) -> None:
-    """Remove matrices of earlier plans; they are made again when they are wanted.
+    """Remove the matrices of earlier plans.
 
-    Only files that a matrix is made of, and no matrix that another process is writing to.
+    Only files of a matrix are removed, and no matrix that another process is writing.
     """
     for old in folder.iterdir():
         if old in used or not re.fullmatch("[0-9a-f]{16}", old.name):
@@ -252,7 +253,7 @@ def _forget(folder: Path, used: list[Path]) -> None:
                 for path in [*old.iterdir(), old]:
                     if path.is_dir() and not any(path.iterdir()):
                         path.rmdir()
-        except (ConfigError, OSError):  # none of ours, or in use, or not to be removed
+        except (ConfigError, OSError):  # not a matrix, in use, or write-protected
             continue
 
 

@@ -1,7 +1,7 @@
-"""What a plan asks for, requirement by requirement, and whether a network meets it.
+"""Requirements of a plan, and their status for a network.
 
-Shares are counted as in `Problem`, in whole numbers. A share that is measured is between two
-numbers where visibility has a bound: `low` counts what is certainly covered, `high` what may be.
+Shares are counted in integers, as in `Problem`. A measured share has bounds because visibility has:
+`low` counts the certainly covered faces, `high` the possibly covered ones.
 """
 
 import math
@@ -12,8 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov._format import percent
 from rastercov.mesh import Mesh
 from rastercov.placement.select.problem import SHARE_TOLERANCE, BestCoverage, FewestCameras, Goal
+from rastercov.plan.entry import value_of
 from rastercov.plan.sections import FewestSelection, SelectionSection, TaskSection
 
 BoolArray = NDArray[np.bool_]
@@ -24,22 +26,22 @@ HOLDS, FAILS, UNDECIDED = "holds", "fails", "undecided"
 
 @dataclass(frozen=True)
 class Requirement:
-    """A share to reach, and what was reached.
+    """A required share, and the share reached.
 
     Attributes
     ----------
     group : str or None
         None for the whole task.
     limit : float
-        Share that is wanted, [0, 1].
+        Required share, [0, 1].
     low, share, high : float
-        Share that is certainly covered, as measured, and may be covered at most.
+        Share certainly covered, covered as measured, and possibly covered.
     status : {"holds", "fails", "undecided"}
-        undecided: the limit lies between the two.
+        undecided: the limit is between `low` and `high`.
     faces, uncovered : int
-        Faces, and those that are not covered as measured.
+        Faces, and faces that are not covered as measured.
     of_reachable : bool
-        Whether shares are of the faces that some candidates cover, not of all.
+        True where shares are of the faces that some candidate covers, not of all.
     """
 
     group: str | None
@@ -59,7 +61,7 @@ class Requirement:
 
     @property
     def short_by(self) -> float:
-        """By how much the share falls short of the limit, 0 where it does not."""
+        """Difference of limit and share; 0 where the requirement holds."""
         return max(0.0, self.limit - self.share) if self.status != HOLDS else 0.0
 
     def words(self) -> str:
@@ -78,23 +80,14 @@ class Requirement:
 
 
 OF = {"area": "the area", "count": "the faces"}
-"""What shares are of, by `weight_by`."""
-
-
-def percent(share: float) -> str:
-    """A share in percent, never rounded up to 100 nor down to 0."""
-    for digits in (1, 2, 3, 6):
-        text = f"{100 * share:.{digits}f}"
-        if (float(text) < 100 or share >= 1) and (float(text) > 0 or share <= 0):
-            break
-    return f"{text} %"
+"""Words for the whole of a share, by `weight_by`."""
 
 
 def goal_of(selection: SelectionSection) -> Goal:
-    """What `problem_of` takes for the goal of a plan."""
+    """Goal of a plan, as `problem_of` takes it."""
     if isinstance(selection, FewestSelection):
-        return FewestCameras(selection.coverage, selection.groups, selection.of_reachable)
-    return BestCoverage(selection.cameras, selection.budget)
+        return value_of(selection, FewestCameras)
+    return value_of(selection, BestCoverage)
 
 
 def judge(
@@ -106,7 +99,7 @@ def judge(
     possible: BoolArray | None = None,
     reachable: BoolArray | None = None,
 ) -> list[Requirement]:
-    """Each requirement with what was reached of it.
+    """Evaluate each required share.
 
     Parameters
     ----------
@@ -116,7 +109,7 @@ def judge(
     limits : mapping of group name or None to share
         None is the whole task.
     covered, certain, possible : (F,) bool
-        Faces covered as measured, certainly, and at most; the same unless given.
+        Faces covered as measured, certainly and possibly; the same unless given.
     reachable : (F,) bool, optional
         Faces that the shares are of; all that are scored unless given.
     """
@@ -152,7 +145,7 @@ def judge(
 
 
 def limits_of(selection: SelectionSection | None) -> dict[str | None, float]:
-    """Shares that a plan asks for: of all, and of groups; none for the best coverage."""
+    """Required shares of a plan, of all (None) and of groups; none for the best coverage."""
     if not isinstance(selection, FewestSelection):
         return {}
     limits: dict[str | None, float] = {None: selection.coverage}
@@ -161,7 +154,7 @@ def limits_of(selection: SelectionSection | None) -> dict[str | None, float]:
 
 
 def counting(task: TaskSection) -> dict[str, Any]:
-    """How a plan's task counts, as `problem_of` and `Objective.of` take it."""
+    """Arguments of `problem_of` and `Objective.of` from the task of a plan."""
     return {
         "weight_by": task.weight_by,
         "views": task.views,

@@ -1,8 +1,8 @@
-"""`rastercov place`: a plan carried out, step by step.
+"""Execution of a plan, `rastercov place`.
 
     plan -> scene -> candidates -> matrix -> selection -> search, refinement -> what is left
 
-A selection is saved before anything tries to improve it.
+The selection is saved before any step that may improve it.
 """
 
 from collections.abc import Callable, Iterator
@@ -22,6 +22,7 @@ from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.integer import select_integer
 from rastercov.placement.select.problem import Problem
 from rastercov.placement.select.selection import Selection
+from rastercov.plan.entry import value_of
 from rastercov.plan.errors import PlanError
 from rastercov.plan.file import Plan
 from rastercov.plan.network import Measured, measured
@@ -36,26 +37,26 @@ BoolArray = NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """A network of cameras, and what is known about it.
+    """A network of cameras with its results.
 
     Attributes
     ----------
     prepared : Prepared
-        What it was made from.
+        Candidates, visibility and problem.
     selection : Selection
-        The candidates that were chosen.
+        Chosen candidates.
     cameras : Measured
-        The network: that selection, or what became of it.
+        The network: the selection, or its refinement.
     origin : tuple of str
-        Where each camera comes from.
+        Source of each camera.
     requirements : tuple of Requirement
-        What the plan asks for, and what was reached.
+        Required shares and the shares reached.
     optimised, refined, tolerance, leftover
-        None unless asked for, and done.
+        None unless requested and done.
     steps : dict of str to float
         Seconds of each step.
     interrupted : str
-        The step that Ctrl-C ended, if it did.
+        Step that Ctrl-C ended, or "".
     """
 
     prepared: Prepared
@@ -72,7 +73,7 @@ class Placement:
 
     @property
     def is_met(self) -> bool:
-        """Whether everything that the plan asks for was reached."""
+        """True where every requirement holds."""
         return all(each.status == HOLDS for each in self.requirements)
 
 
@@ -82,29 +83,29 @@ def place(
     step: Step = quiet,
     save: Callable[[Placement], None] = lambda placement: None,
 ) -> Placement:
-    """Carry a plan out.
+    """Carry out a plan.
 
-    An interrupt (Ctrl-C) before there is a selection is raised; the matrix keeps what is done.
-    Later it ends the run with what there is, and `Placement.interrupted` says so.
+    An interrupt (Ctrl-C) before the selection is raised; finished shards of the matrix are kept.
+    Later it ends the run with the results so far, and `Placement.interrupted` names the step.
 
-    The folder is for one run at a time; whoever calls this holds its lock (`ReportFolder`).
+    The folder is for one run at a time; the caller holds its lock (`ReportFolder`).
 
     Parameters
     ----------
     plan : Plan
         With candidates and a selection.
     folder : Path
-        Where the matrix is kept; made when it is missing.
+        Folder of the matrix; made when it is missing.
     step : callable
-        Called with the name of each step; a context manager that gives its progress.
+        Called with the name of each step; a context manager that yields its progress.
     save : callable
-        Called with what there is before each step that follows the selection, with the name of the
-        step as `Placement.interrupted`: should the run be killed in it, that is what was saved.
+        Called with the results so far before each step after the selection, with the name of the
+        step as `Placement.interrupted`: the saved state is then right if the run is killed.
 
     Raises
     ------
     PlanError
-        For a plan without candidates or selection, or one that its meshes do not fit.
+        For a plan without candidates or selection, or one that does not fit its meshes.
     ConfigError
         When no candidate is left.
     """
@@ -147,7 +148,7 @@ def place(
 
 @dataclass(frozen=True, eq=False)
 class Watched(Objective):
-    """An objective that tells how many poses it has measured."""
+    """Objective that reports the number of poses measured."""
 
     watch: Callable[[int], None] = lambda count: None
 
@@ -199,14 +200,14 @@ Work = Callable[[Placement, Objective, Progress], Placement]
 
 
 def _later_steps(selection: SelectionSection) -> Iterator[tuple[str, Work]]:
-    """Name and work of each step after selection that the plan asks for."""
+    """Name and function of each step after selection that the plan requests."""
     if selection.optimise is not None:
         yield "search", _optimise
     if selection.refine:
         yield "refinement", _refine
     if selection.tolerance is not None:
         yield "tolerance", _tolerate
-    yield "what is left", _look_at_the_rest
+    yield "what is left", _explain_uncovered
 
 
 def _optimise(placement: Placement, objective: Objective, progress: Progress) -> Placement:
@@ -247,15 +248,13 @@ def _tolerate(placement: Placement, objective: Objective, progress: Progress) ->
     assert selection is not None
     assert selection.tolerance is not None
     asked, poses = selection.tolerance, placement.cameras.poses
-    error = InstallationError(
-        position_mm=asked.position_mm, angle_deg=asked.angle_deg, distribution=asked.distribution
-    )
+    error = value_of(asked, InstallationError)
     watched = _watched(objective, progress, len(poses) * (asked.draws + 1))
     found = tolerance(watched, poses, error, draws=asked.draws, seed=selection.seed)
     return replace(placement, tolerance=found)
 
 
-def _look_at_the_rest(placement: Placement, objective: Objective, progress: Progress) -> Placement:
+def _explain_uncovered(placement: Placement, objective: Objective, progress: Progress) -> Placement:
     leftover = what_is_left(
         objective.observer,
         placement.cameras.poses,
@@ -268,7 +267,7 @@ def _look_at_the_rest(placement: Placement, objective: Objective, progress: Prog
 
 
 def _moved(placement: Placement, objective: Objective, poses: FloatArray, how: str) -> Placement:
-    """The placement with its cameras where they are now."""
+    """The placement with its cameras at new poses."""
     before = placement.cameras.poses
     origin = [
         name if (old == new).all() else f"{name}, {how}"

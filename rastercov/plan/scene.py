@@ -1,7 +1,7 @@
-"""The scene of a plan: its meshes as one, with the roles of their groups.
+"""Scene of a plan: its meshes joined, with the roles of their groups.
 
-What only shows with the meshes at hand, such as a group that is not there, is found here, and told
-as all errors of a plan are.
+Errors that need the meshes, such as an unknown group, are found here and reported like all errors
+of a plan.
 """
 
 from collections.abc import Iterator, Sequence
@@ -26,7 +26,7 @@ def scene(plan: Plan) -> Mesh:
     Raises
     ------
     PlanError
-        With a line for each file that is no mesh and each group that is not there.
+        With a line for each file that is not a mesh and each unknown group.
     """
     parts: list[Mesh] = []
     lines: list[str] = []
@@ -93,7 +93,7 @@ def _free(name: str, taken: Sequence[str]) -> str:
 def _with_roles(plan: Plan, mesh: Mesh, names: Sequence[Sequence[str]]) -> Mesh:
     """The mesh with each group an occluder, or two-sided, as the entry of its file says.
 
-    Entries speak of groups by the names that the file has for them.
+    Entries use the group names of the file.
     """
     hiding: list[str] = []
     two_sided: list[str] = []
@@ -110,7 +110,7 @@ def _with_roles(plan: Plan, mesh: Mesh, names: Sequence[Sequence[str]]) -> Mesh:
 
 
 def _unknown_groups(plan: Plan, known: Sequence[str]) -> Iterator[str]:
-    """A line for every group that a plan speaks of and no mesh has."""
+    """A line for every group of a plan that no mesh has."""
     if isinstance(plan.task.views, dict):
         yield from _unknown_names("task.views", plan.task.views, known)
     if isinstance(plan.selection, FewestSelection):

@@ -1,14 +1,14 @@
-"""One run of the main job: evaluate poses batch by batch and leave a report in a folder.
+"""Report of an evaluation: measure poses batch by batch and write their figures to a folder.
 
 coverage.parquet   every figure of every pair of pose and face in view
-summary.json       figures of the network, and what made them
+summary.json       figures of the network, and their provenance
 network.glb        the mesh coloured by the best coverage of any camera
 contact_sheet.png  the poses side by side
-pose_*.png         the mesh as one camera has it, grey by coverage
+pose_*.png         the mesh as one camera sees it, grey by coverage
 faces_*.png        the face index image of the same pose
 
-A run that fails leaves the report that was there before; one that ends replaces all of it. For one
-that is killed see `report_folder`.
+A run that fails keeps the earlier report; one that ends replaces all of it. `report.folder`
+describes runs that are killed.
 """
 
 import re
@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
 from rastercov._interrupts import interrupts_held
+from rastercov._output import write_json
 from rastercov.camera import Camera
 from rastercov.coverage import Coverage, Task, evaluate_batches
 from rastercov.mesh import Mesh
@@ -32,7 +33,8 @@ from rastercov.observer import Observer, open_observer
 from rastercov.pose import Poses
 from rastercov.provenance import Provenance
 from rastercov.raster.contract import Rasterizer, open_rasterizer
-from rastercov.report.figures import CoverageTable, write_coloured_mesh, write_json
+from rastercov.report.coloured_mesh import write_coloured_mesh
+from rastercov.report.coverage_table import CoverageTable
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.images import (
     contact_sheet,
@@ -56,14 +58,14 @@ EVALUATION = ReportKind(
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """How to run: `open_rasterizer`'s choices, and what to leave behind.
+    """Choices of a run: method, device and files of the report.
 
     Attributes
     ----------
     method, supersample : str, int
         As for `evaluate`.
     device : str
-        What draws, and counts where the method is "sampled": "auto" and "cpu" as backends of
+        Draws pictures, and counts for the method "sampled": "auto" and "cpu" as backends of
         `open_rasterizer`, or a device of `GLRasterizer`.
     pictures : int
         Poses to draw, spread evenly over the run; 0 for none.
@@ -103,33 +105,33 @@ def run(
 ) -> dict[str, Any]:
     """Evaluate every pose and write the report.
 
-    An interrupt (Ctrl-C) ends the run after the batches that are done; what they gave is written
-    all the same, and the summary says `"interrupted": true`. A batch counts in every file or none;
-    before the first is done, the interrupt is raised and nothing is written. One that comes while
-    pictures are drawn leaves out the rest of them, and the summary says the same.
+    An interrupt (Ctrl-C) ends the run after the current batch; the finished batches are written,
+    and the summary says `"interrupted": true`. A batch counts in every file or none; before the
+    first is done, the interrupt is raised and nothing is written. An interrupt while pictures are
+    drawn leaves out the rest of them, and the summary says the same.
 
     Parameters
     ----------
     mesh, camera, poses, task
         As for `evaluate`.
     out : Path
-        Folder for the report, made when it is missing; see `ReportFolder` for what it may hold.
+        Folder for the report, made when it is missing; see `ReportFolder` for its content.
     options : Options
-        How to run.
+        Choices of the run.
     progress : callable
         Called with the poses done and the poses in all.
 
     Returns
     -------
     dict
-        What `summary.json` holds.
+        Content of `summary.json`.
 
     Raises
     ------
     PoseError
-        For a pose that is no rigid motion, unless such are to be left out.
+        For a pose that is no rigid motion, unless bad poses are skipped.
     ConfigError
-        When the folder cannot be used; before the work begins.
+        For a folder that cannot be used, before the work begins.
     """
     accepted = Poses.of(poses, skip_bad=options.skip_bad_poses)
     with ReportFolder(out, EVALUATION) as folder:
@@ -151,7 +153,7 @@ def _run(
     chosen = poses.ids[np.unique(evenly)]
     drawn: dict[int, tuple[NDArray[np.float64], str]] = {}
     if len(chosen) and options.device not in ("auto", "cpu"):
-        options.open_rasterizer(mesh, camera).close()  # a device that fails does so before the work
+        options.open_rasterizer(mesh, camera).close()  # a broken device fails before the work
     interrupted = False
     with ExitStack() as opened:
         observer = opened.enter_context(options.open(mesh, camera))
@@ -206,7 +208,7 @@ def _run(
 def _keep(
     batch: Coverage, chosen: NDArray[np.int64], drawn: dict[int, tuple[NDArray[np.float64], str]]
 ) -> None:
-    """Set aside the coverage and the title of the poses to draw."""
+    """Keep the coverage and the title of the poses to draw."""
     for row in np.flatnonzero(np.isin(batch.pose_ids, chosen)).tolist():
         drawn[int(batch.pose_ids[row])] = batch.coverage[row].copy(), pose_title(batch, row)
 
@@ -219,7 +221,7 @@ def _draw(
     options: Options,
     drawn: dict[int, tuple[NDArray[np.float64], str]],
 ) -> bool:
-    """Pictures of the chosen poses, and those of them on one sheet; whether it was interrupted."""
+    """Draw the chosen poses and a sheet of them; True when interrupted."""
     digits = len(str(max(drawn)))
     pictures: list[Image.Image] = []
     titles: list[str] = []
@@ -243,7 +245,3 @@ def _draw(
     if pictures:
         save_picture(contact_sheet(pictures, titles), folder.file("contact_sheet.png"))
     return interrupted
-
-
-def describe(mesh, camera, poses, task, options, info):  # noqa: D103
-    return Provenance(mesh, camera, poses, task, asdict(options), info).as_dict()

@@ -1,6 +1,6 @@
-"""The folder of a report: one command at a time, only our own files, swapped in whole.
+"""Folder of a report: one command at a time, own files only, replaced as a whole.
 
-Every command that leaves files in a folder does it through `ReportFolder`:
+Every command that writes files to a folder does it through `ReportFolder`:
 
 1. The folder is locked until the command ends. A second one is refused, and changes nothing.
 2. A file that a report of this kind could replace, and that no manifest names as ours, is refused
@@ -36,10 +36,11 @@ from pathlib import Path
 from typing import Any, Self
 
 from rastercov._interrupts import interrupts_held
+from rastercov._output import named
 from rastercov.errors import ConfigError
 
 STAGING = ".rastercov-report.part"
-"""Hidden folder of a run that has not ended: its files, and those it replaces."""
+"""Hidden folder of a running command: its files, and those it replaces."""
 NEW, OLD = "new", "old"
 """Within it: files to come, and files that go. The manifest to come joins them to begin a swap."""
 FORMAT = 1
@@ -93,21 +94,20 @@ class ReportFolder:
     path : path
         Made when it is missing, and removed again when the block leaves nothing in it.
     kind : ReportKind
-        What is to be written.
+        Kind of the report.
 
     Attributes
     ----------
     has_earlier : bool
-        Whether a report of this kind was there when the block began.
+        True when a report of this kind was there when the block began.
 
     Raises
     ------
     ConfigError
-        When the folder cannot be used: it is no folder, another process is writing to it, or it
-        holds files that a report could replace and that are not of an earlier one as it was
-        written.
+        For a folder that cannot be used: a file, one in use by another process, or one with files
+        that a report could replace and that are not of an unchanged earlier one.
     OSError
-        When the disk fails; it names the file of the report.
+        For a disk error, with the name of the file of the report.
     """
 
     def __init__(self, path: str | Path, kind: ReportKind) -> None:
@@ -171,7 +171,7 @@ class ReportFolder:
             When a file has come to the place of one of them, or one of the earlier report has been
             changed, since the block began. The new report is in a folder of its own then.
         OSError
-            When the disk fails. Nothing has changed then.
+            For a disk error. Nothing has changed then.
         """
         with interrupts_held():
             files: Files = {}
@@ -192,7 +192,7 @@ class ReportFolder:
                 with named(manifest):
                     journal.replace(manifest)
             except BaseException:
-                with suppress(OSError):  # what cannot be undone, the next command goes on with
+                with suppress(OSError):  # the next command continues a swap that cannot be undone
                     for source, target in reversed(done):
                         if not os.path.lexists(source):
                             target.rename(source)
@@ -205,7 +205,7 @@ class ReportFolder:
             self._clean()
 
     def _begin_swap(self, journal: Path, files: Files) -> None:
-        """Put on record, and on the disk, that the new report is the one that stays."""
+        """Record on the disk that the new report replaces the old one."""
         self._old.mkdir(exist_ok=True)
         part = journal.with_suffix(".part")
         with part.open("wb") as file:
@@ -217,7 +217,7 @@ class ReportFolder:
         _sync(self._staging)
 
     def _moves(self, last: str, new: Files, old: Files) -> list[tuple[Path, Path]]:
-        """Renames that a swap takes, from wherever it is: the earlier report out, the new one in.
+        """Remaining renames of a swap: the earlier report out, the new one in.
 
         The last file of a report goes first and comes last.
         """
@@ -236,7 +236,7 @@ class ReportFolder:
         ]
 
     def _finish_swap(self) -> None:
-        """End the swap of a run that was killed in it."""
+        """Complete the swap of a killed run."""
         for journal in self._staging.glob(".rastercov-*.json"):
             manifest = self.path / journal.name
             try:
@@ -272,7 +272,7 @@ class ReportFolder:
             journal.replace(manifest)
 
     def _clean(self) -> None:
-        """Delete what runs have left in the hidden folder, unless it is a swap to be ended."""
+        """Delete files of killed runs in the hidden folder, except those of an unfinished swap."""
         if any(self._staging.glob(".rastercov-*.json")):
             return
         for folder, names in ((self._new, "*"), (self._old, "*"), (self._staging, "*.part")):
@@ -355,7 +355,7 @@ def _locked(path: Path) -> Iterator[None]:
         with suppress(FileNotFoundError):
             if os.path.samestat(os.fstat(descriptor), path.stat()):
                 break
-        os.close(descriptor)  # the same: a folder that is no longer there
+        os.close(descriptor)  # the folder has been removed since
     try:
         yield
     finally:
@@ -415,7 +415,7 @@ def _manifest(kind: ReportKind, files: Files) -> bytes:
 
 
 def _is(path: Path, of_file: _File | None) -> bool:
-    """True when a file is as it was written."""
+    """True when a file is unchanged since it was written."""
     if of_file is None or not stat.S_ISREG(path.lstat().st_mode):
         return False
     if path.stat().st_size != of_file.bytes:
@@ -425,19 +425,19 @@ def _is(path: Path, of_file: _File | None) -> bool:
 
 
 def _digest(file: Any) -> _File:
-    """Of a file that is open at its start."""
+    """Size and hash of a file that is open at its start."""
     sha256 = hashlib.file_digest(file, "sha256").hexdigest()
     return _File(file.tell(), sha256)
 
 
 def _signature(path: Path) -> tuple[int, ...]:
-    """Changes whenever the content of a file does."""
+    """Values that change with the content of a file."""
     about = path.lstat()
     return about.st_ino, about.st_size, about.st_mtime_ns, about.st_ctime_ns
 
 
 def _sync(folder: Path) -> None:
-    """Wait until the names in a folder are on the disk, where its file system can tell."""
+    """Flush the names in a folder to the disk, where its file system supports that."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(descriptor)
@@ -446,12 +446,3 @@ def _sync(folder: Path) -> None:
             raise
     finally:
         os.close(descriptor)
-
-
-@contextmanager
-def named(path: Path) -> Iterator[None]:
-    """Name a file in the error that its disk gives."""
-    try:
-        yield
-    except OSError as error:
-        raise OSError(error.errno, error.strerror or str(error), str(path)) from error

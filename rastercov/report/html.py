@@ -1,91 +1,92 @@
-"""What pages for people have in common: one style, tables, pictures within the page itself.
+"""HTML pages of reports by jinja2, with all pictures inline.
 
-A page needs nothing else: no script, no request. It follows the light or dark theme of its reader,
-and fits a phone and a desk.
+A page needs nothing else: no script, no request. It follows the light or dark theme of its reader
+and fits a phone and a desk. Text is escaped by default. jinja2 is imported with the first page.
 """
 
 import base64
-import io
-from collections.abc import Sequence
-from html import escape
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from PIL import Image
+from rastercov._format import number, percent, plural
+from rastercov._interrupts import interrupts_held
+from rastercov._output import write_bytes, write_json, write_text
+from rastercov.report.folder import ReportFolder
+from rastercov.report.theme import DARK, LIGHT
 
-STYLE = """
-:root { color-scheme: light dark; --paper: #fff; --ink: #1b2129; --soft: #5b6673; --line: #dfe4ea;
-  --card: #f6f8fa; --good: #0b7a55; --bad: #b8172a; }
-@media (prefers-color-scheme: dark) { :root { --paper: #0f1318; --ink: #e6eaef; --soft: #9aa6b3;
-  --line: #2c343d; --card: #171c22; --good: #3ccb9d; --bad: #ff6b78; } }
-* { box-sizing: border-box; }
-body { margin: 0 auto; padding: 1rem; max-width: 76rem; background: var(--paper);
-  color: var(--ink); font: 16px/1.5 system-ui, sans-serif; }
-h1 { font-size: 1.5rem; line-height: 1.25; margin: .5rem 0; }
-h2 { font-size: 1.2rem; margin: 2.2rem 0 .4rem; }
-h3 { font-size: 1rem; margin: 1.4rem 0 .3rem; }
-p { margin: .4rem 0 .8rem; max-width: 46rem; }
-.soft, figcaption, summary { color: var(--soft); }
-.verdict { border-left: .4rem solid var(--good); background: var(--card); padding: .7rem 1rem;
-  border-radius: .3rem; }
-.verdict.bad { border-color: var(--bad); }
-.verdict strong { font-size: 1.15rem; }
-.verdict ul { margin: .4rem 0 0; padding-left: 0; list-style: none; }
-.yes { color: var(--good); } .no { color: var(--bad); font-weight: 600; }
-.wide { overflow-x: auto; }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: .92rem; }
-th, td { text-align: right; padding: .3rem .7rem; border-bottom: 1px solid var(--line);
-  white-space: nowrap; }
-th { font-weight: 600; color: var(--soft); vertical-align: bottom; white-space: normal; }
-th:first-child, td:first-child { text-align: left; }
-.grid { display: grid; gap: 1rem;
-  grid-template-columns: repeat(auto-fill, minmax(min(100%, 26rem), 1fr)); }
-.faces { grid-template-columns: repeat(auto-fill, minmax(min(100%, 20rem), 1fr)); }
-figure { margin: 0; }
-figure + .wide, .grid + .wide, .wide + .wide { margin-top: 1rem; }
-img { width: 100%; height: auto; display: block; border: 1px solid var(--line);
-  border-radius: .3rem; }
-figcaption { font-size: .88rem; padding-top: .3rem; }
-summary { cursor: pointer; padding: .4rem 0; }
-"""
+if TYPE_CHECKING:
+    from jinja2 import Environment
 
 
-def document(title: str, body: Sequence[str]) -> str:
-    """The whole page of some parts."""
-    return (
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{escape(title)}</title>\n"
-        f"<style>{STYLE}</style>\n</head>\n<body>\n" + "\n".join(body) + "\n</body>\n</html>\n"
-    )
+@dataclass(frozen=True)
+class Picture:
+    """An image of a page as PNG, its description, and its twin for the dark theme."""
+
+    alt: str
+    light: bytes
+    dark: bytes | None = None
 
 
-def table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table that scrolls by itself where it is wider than the page."""
-    head = "".join(f"<th>{escape(words)}</th>" for words in headings)
-    lines = ("".join(f"<td>{escape(words)}</td>" for words in row) for row in rows)
-    body = "".join(f"<tr>{line}</tr>" for line in lines)
-    return f'<div class="wide"><table><tr>{head}</tr>{body}</table></div>'
+def rendered(template: str, **values: Any) -> str:
+    """HTML of a template in `templates` with some values."""
+    return _environment().get_template(template).render(values)
 
 
-def picture(words: str, light: bytes, dark: bytes | None = None) -> str:
-    """An image in PNG, told in words, with its twin for the dark theme."""
-    image = f'<img alt="{escape(words)}" src="{uri(light)}">'
-    if dark is None:
-        return image
-    source = f'<source srcset="{uri(dark)}" media="(prefers-color-scheme: dark)">'
-    return f"<picture>{source}{image}</picture>"
+def publish(
+    folder: ReportFolder, page: str, data: Any, pictures: Mapping[str, Picture] | None = None
+) -> Path:
+    """Write the pictures, the page and the JSON of a report, and publish them with signals held.
 
+    Parameters
+    ----------
+    folder : ReportFolder
+        Open; its last file, such as compare.json, names the page, such as compare.html.
+    page, data
+        HTML, and content of the JSON file.
+    pictures : mapping, optional
+        By the names of their files without ".png".
 
-def uri(data: bytes) -> str:
-    """Address of a picture that is in the page itself."""
-    return "data:image/png;base64," + base64.b64encode(data).decode("ascii")
-
-
-def png(image: Image.Image, choice: Image.Quantize) -> bytes:
-    """A picture as PNG, in the 255 colours that suit it: half the size.
-
-    The median cut keeps the soft edges of lines, the octree small areas of a colour of their own.
+    Returns
+    -------
+    Path
+        Of the page.
     """
-    file = io.BytesIO()
-    few = image.quantize(255, choice, dither=Image.Dither.NONE)
-    few.save(file, format="PNG", optimize=True)
-    return file.getvalue()
+    name = Path(folder.kind.last).stem
+    with interrupts_held():
+        for stem, picture in (pictures or {}).items():
+            write_bytes(folder.file(f"{stem}.png"), picture.light)
+        write_text(folder.file(f"{name}.html"), page)
+        write_json(folder.file(f"{name}.json"), data)
+        folder.publish()
+    return folder.path / f"{name}.html"
+
+
+@cache
+def _environment() -> "Environment":
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        autoescape=True,
+        keep_trailing_newline=True,
+        loader=PackageLoader("rastercov.report"),
+        lstrip_blocks=True,
+        trim_blocks=True,
+        undefined=StrictUndefined,
+    )
+    environment.filters |= {
+        "count": "{:,}".format,
+        "number": number,
+        "percent": percent,
+        "plural": plural,
+        "uri": _uri,
+    }
+    environment.globals |= {"light": LIGHT, "dark": DARK}
+    return environment
+
+
+def _uri(data: bytes) -> str:
+    """Address of a PNG that is in the page itself."""
+    return "data:image/png;base64," + base64.b64encode(data).decode("ascii")

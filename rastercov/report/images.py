@@ -1,13 +1,13 @@
-"""Pictures of one pose for people: coverage in grey, face index, depth; and sheets of them.
+"""Pictures of one pose (coverage, face index, depth), and what all pictures share.
 
-Last link of the chain, beside `report`: from plain values to `PIL.Image`; `save_picture` writes it.
-In a picture of coverage brighter is better, as in the figures of the source; whatever is not
-coverage (background, occluders, faces seen from behind) has a hue, so that no grey is mistaken.
+Shared are the frame with title and legend, the contact sheet, stripes, fonts and PNG encoding. In
+a picture of coverage brighter is better, as in the figures of the source; background, occluders
+and back faces have a hue, so that every grey is a coverage.
 
 E. S. Eissa. Image Space Coverage Model. 2020, figures 4.2 to 4.6.
-M. Roberts. The Unreasonable Effectiveness of Quasirandom Sequences. 2018 (colours of indices).
 """
 
+import io
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -15,26 +15,32 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from rastercov._output import writing
 from rastercov.camera import Camera
 from rastercov.coverage import Coverage, Reason
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.raster.contract import VisibilityBuffer
-from rastercov.report.figures import writing
+from rastercov.report.theme import (
+    BACKGROUND,
+    BEHIND,
+    BEHIND_STRIPE,
+    DARKEST,
+    GREY_SPAN,
+    HEADLIGHT,
+    INK,
+    OCCLUDER,
+    PAPER,
+    Pixels,
+    index_colours,
+)
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-Pixels = NDArray[np.uint8]
 Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
 
-BACKGROUND = (160, 190, 219)
-OCCLUDER = (176, 140, 90)
-BEHIND, BEHIND_STRIPE = (132, 96, 140), (158, 122, 166)
-PAPER, INK = (255, 255, 255), (24, 28, 34)
-DARKEST, GREY_SPAN, HEADLIGHT = 14, 205, 30
-"""Grey of a face: DARKEST + GREY_SPAN * coverage + HEADLIGHT * cosine of incidence."""
 LEAST_WIDTH = 320
-"""Narrower images are enlarged, a whole number of times, to make room for words."""
+"""Narrower images are enlarged by a whole factor, to make room for text."""
 
 
 def coverage_picture(
@@ -54,16 +60,16 @@ def coverage_picture(
     values : (F,) array_like
         Coverage of each face; beyond [0, 1] it is shown as the nearer end, NaN as 0.
     mesh, camera
-        What was drawn, and by what.
+        Of the image.
     pose : (4, 4) array_like
-        world_from_camera; the light for the form of the part comes from there too.
+        world_from_camera; the head-light that shows the form of the part is there too.
     title : str
         One line above; see `pose_title`.
 
     Returns
     -------
     PIL.Image.Image
-        RGB; the image itself stands one pixel for one below the title, see `coverage_pixels`.
+        RGB; the image is at its own size below the title, see `coverage_pixels`.
         Images narrower than `LEAST_WIDTH` are enlarged without smoothing.
     """
     if buffer.face.shape != (camera.height, camera.width):
@@ -74,10 +80,10 @@ def coverage_picture(
     pixels = coverage_pixels(buffer, values, mesh, pose)
     drawn = np.unique(buffer.face)
     drawn = drawn[drawn >= 0]
-    behind = mesh.task_mask[drawn] & ~faces_eye(mesh, pose)[0][drawn]
+    behind = mesh.task_mask[drawn] & ~facing(mesh, pose)[0][drawn]
     keys = [Key("coverage", _scale_pixels(_grey(np.linspace(0, 1, 256))), "0", "1")]
     if behind.any():
-        swatch = np.where(_stripes((24, 24), 3)[..., None], BEHIND_STRIPE, BEHIND)
+        swatch = np.where(stripes((24, 24), 3)[..., None], BEHIND_STRIPE, BEHIND)
         keys.append(Key("seen from behind", swatch.astype(np.uint8)))
     if not mesh.task_mask[drawn].all():
         keys.append(Key("occluder", np.full((24, 24, 3), OCCLUDER, np.uint8)))
@@ -89,14 +95,14 @@ def coverage_pixels(
 ) -> Pixels:
     """Pixels of `coverage_picture` without its frame, (H, W, 3).
 
-    The grey of a face is fixed by its coverage but for a head-light of at most 15 % of the scale,
-    which keeps the form readable: whatever the shading, of two faces the one whose coverage is
-    0.15 higher is brighter. Lines between faces fade out where faces are small.
+    The grey of a face is fixed by its coverage except for a head-light of at most 15 % of the
+    scale, which keeps the form readable: of two faces the one whose coverage is 0.15 higher is
+    brighter in any shading. Lines between faces fade out where faces are small.
     """
     levels = np.clip(np.nan_to_num(np.asarray(values, np.float64)), 0.0, 1.0)
     if levels.shape != (mesh.n_faces,):
         raise ConfigError(f"values must have shape ({mesh.n_faces},), got {levels.shape}")
-    is_front, cosine = faces_eye(mesh, pose)
+    is_front, cosine = facing(mesh, pose)
     # One more row for the background, where the index -1 finds it.
     palette = np.empty((mesh.n_faces + 1, 3), np.uint8)
     palette[:-1] = _grey(levels, cosine)[:, None]
@@ -109,7 +115,7 @@ def coverage_pixels(
     if behind.any():
         height, width = buffer.face.shape
         striped = np.append(behind, False)[buffer.face]
-        striped &= _stripes((height, width), max(3, round(width / 240)))
+        striped &= stripes((height, width), max(3, round(width / 240)))
         palette[:-1][behind] = (light * BEHIND_STRIPE)[behind]
         pixels[striped] = palette[buffer.face[striped]]
     draw_lines(pixels, buffer.face, mesh.n_faces)
@@ -139,21 +145,11 @@ def face_index_picture(buffer: VisibilityBuffer) -> Image.Image:
     return Image.fromarray(palette[buffer.face])
 
 
-def index_colours(indices: ArrayLike) -> Pixels:
-    """Colours of face indices, (N,) -> (N, 3), all channels 40 or more.
-
-    Red, green and blue follow the additive sequence of the generalised golden ratio in three
-    dimensions, x^4 = x + 1: points near in sequence are far apart in at least one of them.
-    """
-    steps = 1.2207440846057596 ** -np.arange(1.0, 4.0)
-    return (40 + 215.99 * (np.asarray(indices)[:, None] * steps % 1.0)).astype(np.uint8)
-
-
 def depth_picture(buffer: VisibilityBuffer, title: str = "") -> Image.Image:
     """Picture of depth, near bright and far dark, with its scale in metres; RGB.
 
-    Grey is linear in camera z from the nearest to the furthest surface of this image, in 8 bits:
-    for a person. The numbers themselves are `buffer.depth`.
+    Grey is linear in camera z from the nearest to the furthest surface of this image, in 8 bits.
+    The exact depths are in `buffer.depth`.
     """
     seen = np.isfinite(buffer.depth)
     depths = buffer.depth[seen].astype(np.float64)
@@ -205,7 +201,7 @@ def contact_sheet(
         height = max(1, round(picture.height * thumbnail_width / picture.width))
         way = Image.Resampling.LANCZOS if picture.width > thumbnail_width else 0
         thumbnails.append(picture.convert("RGB").resize((thumbnail_width, height), way))
-    font = letters(thumbnail_width)
+    font = font_for(thumbnail_width)
     gap, line = max(4, thumbnail_width // 40), round(line_height(font) * 1.4)
     starts = range(0, len(thumbnails), columns)
     heights = [max(t.height for t in thumbnails[at : at + columns]) + line + gap for at in starts]
@@ -228,16 +224,30 @@ def save_picture(image: Image.Image, path: str | Path) -> None:
         image.save(part, format="PNG")
 
 
+def png(image: Image.Image, choice: Image.Quantize | None = None) -> bytes:
+    """Content of a PNG file.
+
+    A choice reduces the picture to 255 colours, which halves its size: the median cut keeps the
+    soft edges of lines, the octree small areas of a colour of their own. Without one all colours
+    are kept.
+    """
+    file = io.BytesIO()
+    if choice is not None:
+        image = image.quantize(255, choice, dither=Image.Dither.NONE)
+    image.save(file, format="PNG", optimize=True)
+    return file.getvalue()
+
+
 class Key:
-    """An entry of the legend: a swatch or a scale, what it means, and the ends of the scale."""
+    """Entry of a legend: a swatch or a scale, its meaning, and the ends of the scale."""
 
     def __init__(self, name: str, pixels: Pixels, low: str = "", high: str = "") -> None:
         self.name, self.low, self.high = name, low, high
         self.image = Image.fromarray(pixels)
 
 
-def faces_eye(mesh: Mesh, pose: ArrayLike) -> tuple[NDArray[np.bool_], FloatArray]:
-    """Whether each face is seen from a side that counts, and how squarely, |cos| in [0, 1]."""
+def facing(mesh: Mesh, pose: ArrayLike) -> tuple[NDArray[np.bool_], FloatArray]:
+    """Mask of faces that show the camera a valid side, and |cos| of their incidence in [0, 1]."""
     ray = np.asarray(pose, np.float64)[:3, 3] - mesh.centroids
     reach = np.sqrt(np.einsum("fi,fi->f", ray, ray))
     along = np.einsum("fi,fi->f", mesh.normals, ray)
@@ -253,18 +263,18 @@ def _scale_pixels(greys: Pixels) -> Pixels:
     return np.broadcast_to(greys[:, None], (24, len(greys), 3)).copy()
 
 
-def _stripes(shape: tuple[int, int], width: int) -> NDArray[np.bool_]:
-    """Diagonal stripes, `width` pixels each."""
+def stripes(shape: tuple[int, int], width: int, period: int = 2) -> NDArray[np.bool_]:
+    """Mask of diagonal stripes: `width` pixels each, one in `period` of them set."""
     rows, columns = np.ogrid[: shape[0], : shape[1]]
-    stripes: NDArray[np.bool_] = (rows + columns) // width % 2 == 1
-    return stripes
+    mask: NDArray[np.bool_] = (rows + columns) // width % period == 1
+    return mask
 
 
 def draw_lines(pixels: Pixels, face: NDArray[np.int32], n_faces: int) -> None:
     """Lines on the last pixel of a face before its right or lower neighbour, in place.
 
-    A face must own about 60 pixels here for a line to begin to show, and 600 for all of it, or
-    the lines would be the picture. Faces too dark for a darker line get a lighter one.
+    Lines start at faces of about 60 pixels and have full strength from 600, so that they do not
+    dominate the picture. Faces too dark for a darker line get a lighter one.
     """
     owned = np.bincount(face.ravel() + 1, minlength=n_faces + 1)[1:]
     strength = np.clip((np.sqrt(owned) - 8) / 16, 0, 1).astype(np.float32)
@@ -282,25 +292,25 @@ def draw_lines(pixels: Pixels, face: NDArray[np.int32], n_faces: int) -> None:
 
 
 def framed(pixels: Pixels, title: str, keys: Sequence[Key]) -> Image.Image:
-    """The image with its title above and its legend below, as tall as they need."""
+    """Frame an image with its title above and its legend below."""
     height, width = pixels.shape[:2]
     zoom = max(1, min(-(-LEAST_WIDTH // width), 4096 // height))
     image = Image.fromarray(pixels)
     if zoom > 1:
         image = image.resize((width * zoom, height * zoom), Image.Resampling.NEAREST)
     frame = max(LEAST_WIDTH, image.width)
-    font = letters(frame)
+    font = font_for(frame)
     line = line_height(font)
     bar, margin = round(line * 1.7), round(line * 0.6)
     title = cut(title, font, frame - 2 * margin)
     top = bar if title else 0
 
-    # Entries stand in a row and go on in the next where they do not fit.
+    # Entries that do not fit in a row go on in the next.
     places, left, row = [], margin, 0
     for key in keys:
         scale = (8 if key.high else 1) * line
-        words = (word for word in (key.low, key.high, key.name) if word)
-        room = scale + sum(font.getlength(word) + line * 0.5 for word in words)
+        texts = (text for text in (key.low, key.high, key.name) if text)
+        room = scale + sum(font.getlength(text) + line * 0.5 for text in texts)
         if left > margin and left + room > frame - margin:
             left, row = margin, row + 1
         places.append((left, row, scale))
@@ -326,8 +336,8 @@ def framed(pixels: Pixels, title: str, keys: Sequence[Key]) -> Image.Image:
     return canvas
 
 
-def letters(width: int) -> Font:
-    """Letters that suit an image of that width."""
+def font_for(width: int) -> Font:
+    """Font whose size suits an image of a width in pixels."""
     return ImageFont.load_default(float(np.clip(width / 50, 12, 72)))
 
 

@@ -1,18 +1,12 @@
-"""Pictures of the marker validation: what was photographed and found, where the model is wrong."""
-
-from collections.abc import Sequence
+"""Pictures of the marker validation: photographs of experiments and of single markers."""
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from rastercov.report.canvas import Curve, LinearAxis, Theme, line_plot
+from rastercov.report.theme import DETECTED, INK, PAPER, UNDETECTED
 from rastercov.validation.markers.experiments import Experiment
-from rastercov.validation.markers.scoring import Score
 
-FOUND, LOST, PAPER, INK = "#19c37d", "#ff5d6c", "#ffffff", "#1b2129"
-FEWEST = 8
-"""Markers in a class of coverage that a plot shows."""
 TILE = 240
 """Side of a picture of one marker, px."""
 
@@ -24,11 +18,11 @@ def experiment_picture(experiment: Experiment) -> Image.Image:
     font = ImageFont.load_default(26.0)
     for number, corners in experiment.found.items():
         points = [(float(x), float(y)) for x, y in corners]
-        draw.line([*points, points[0], points[1]], FOUND, 3, "curve")
+        draw.line([*points, points[0], points[1]], DETECTED, 3, "curve")
         x, y = float(np.mean(corners[:, 0])), float(np.min(corners[:, 1])) - 22
         box = draw.textbbox((x, y), str(number), font, anchor="mm")
         draw.rectangle((box[0] - 5, box[1] - 4, box[2] + 5, box[3] + 4), INK)
-        draw.text((x, y), str(number), FOUND, font, anchor="mm")
+        draw.text((x, y), str(number), DETECTED, font, anchor="mm")
     return image.resize((960, 768), Image.Resampling.BOX)
 
 
@@ -38,44 +32,7 @@ def marker_picture(photograph: NDArray[np.uint8], detected: bool) -> Image.Image
     scale = (TILE - 12) / max(image.size)
     way = Image.Resampling.NEAREST if scale > 1 else Image.Resampling.BOX
     size = (max(1, round(image.width * scale)), max(1, round(image.height * scale)))
-    tile = Image.new("RGB", (TILE, TILE), FOUND if detected else LOST)
+    tile = Image.new("RGB", (TILE, TILE), DETECTED if detected else UNDETECTED)
     tile.paste(PAPER, (6, 6, TILE - 6, TILE - 6))
     tile.paste(image.resize(size, way), ((TILE - size[0]) // 2, (TILE - size[1]) // 2))
     return tile
-
-
-def sheet(tiles: Sequence[tuple[Image.Image, str]], columns: int = 6) -> Image.Image:
-    """Tiles side by side, each over a line of words."""
-    rows = -(-max(1, len(tiles)) // columns)
-    step, drop = TILE + 10, TILE + 34
-    image = Image.new("RGB", (columns * step + 10, rows * drop + 10), PAPER)
-    draw = ImageDraw.Draw(image)
-    font = ImageFont.load_default(14.0)
-    for index, (tile, words) in enumerate(tiles):
-        x, y = 10 + index % columns * step, 10 + index // columns * drop
-        image.paste(tile, (x, y))
-        draw.text((x, y + TILE + 4), words, INK, font)
-    return image
-
-
-def calibration_plot(scores: Sequence[Score], theme: Theme) -> Image.Image:
-    """Share of markers found over predicted coverage, curves of up to six models, ours on top.
-
-    Classes with fewer than `FEWEST` markers are left out.
-    """
-    curves = []
-    for colour, score in zip((0, 1, 2, 3, 4, 6), scores, strict=False):
-        points = [
-            ((low + min(high, 1.0)) / 2, found)
-            for low, high, found, count in score.calibration
-            if count >= FEWEST
-        ]
-        if len(points) > 1:
-            curves.append(Curve(score.model, points, theme.series[colour]))
-    return line_plot(
-        f"Coverage and detection, {scores[0].requirement} requirement",
-        LinearAxis("predicted coverage", 0.0, 1.0),
-        LinearAxis("markers found", 0.0, 1.0, is_percent=True),
-        curves[::-1],
-        theme,
-    )

@@ -1,82 +1,85 @@
-"""The marker validation for people: one HTML page that needs nothing else, JSON, pictures.
+"""Report of the marker validation: page, JSON, pictures, and tables for a terminal.
 
 markers.html       verdict, the four tables beside the printed ones, random scenes, failures
 markers.json       every figure
-experiment_*.png   the photographs, with what was found
-wrong_*.png        random scenes that the model foretold wrongly, by each requirement
+experiment_*.png   the photographs with the markers found
+wrong_*.png        random scenes that the model predicts wrongly, by requirement
 calibration_*.png  coverage against detection
 
-They take the place of those of an earlier run together, when all are whole.
+They replace those of an earlier run together, when all are whole.
 """
 
 import platform
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-from html import escape
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from PIL import Image
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
 
-from rastercov.report.canvas import DARK, LIGHT
-from rastercov.report.figures import write_bytes, write_json, write_text
+from rastercov.report import plots
 from rastercov.report.folder import ReportFolder, ReportKind
-from rastercov.report.html import document, picture, png, table
-from rastercov.report.marker_pictures import (
-    calibration_plot,
-    experiment_picture,
-    marker_picture,
-    sheet,
-)
-from rastercov.report.marker_words import (
-    CALIBRATION_HEADINGS,
-    ROW_HEADINGS,
-    SCORE_HEADINGS,
-    TALLY_HEADINGS,
-    calibration_words,
-    clear_line,
-    experiment_line,
-    failure_tally,
-    failure_words,
-    row_words,
-    score_words,
-    short_words,
-)
+from rastercov.report.html import Picture, publish, rendered
+from rastercov.report.images import contact_sheet, png
+from rastercov.report.marker_pictures import TILE, experiment_picture, marker_picture
+from rastercov.report.theme import DARK, LIGHT
 from rastercov.validation.markers.detect import opencv
-from rastercov.validation.markers.experiments import Experiment
-from rastercov.validation.markers.random_scenes import RandomStudy, photograph, random_scene
+from rastercov.validation.markers.experiments import Experiment, Row
+from rastercov.validation.markers.random_scenes import (
+    Outcome,
+    RandomStudy,
+    photograph,
+    random_scene,
+)
 from rastercov.validation.markers.render import MarkerRenderer
-from rastercov.validation.markers.requirement import DETECTOR, THESIS, Requirement
-from rastercov.validation.markers.scoring import OURS
+from rastercov.validation.markers.requirement import CLEAR, DETECTOR, THESIS, Requirement
+from rastercov.validation.markers.scoring import OURS, Score
 
 VALIDATION = ReportKind(
     "markers",
     re.compile(r"markers\.(json|html)|(experiment|wrong|calibration)_\w+\.png"),
     last="markers.json",
 )
-MUST_BE_RIGHT = 0.98
-"""Share of random scenes that the model must foretell by the detector's requirement."""
+MIN_ACCURACY = 0.98
+"""Share of random scenes that the model must predict rightly by the detector's requirement."""
 REQUIREMENTS = (THESIS, DETECTOR)
 CLEAR_CASE = (
     "A clear case is one that no small change would alter: 10 % of resolution or focus, 3 px at "
     "the border, 5 % of area."
 )
+FAR_FROM_THRESHOLD = 0.5
+"""Slack from which on a criterion does not explain a wrong prediction."""
+ROW_HEADINGS = (
+    *("marker", "where", "printed", "ours", "predicted, Table 5.1", "predicted, detector"),
+    *("found, printed", "found, OpenCV", "verdict"),
+)
+SCORE_HEADINGS = (
+    *("model", "right", "found as predicted", "false alarms", "missed", "lost as predicted"),
+    *("right at its best threshold", "that threshold"),
+)
+CALIBRATION_HEADINGS = ("coverage", "markers", "found")
+TALLY_HEADINGS = (
+    *("nearest to its threshold", "predicted, not found", "found, not predicted"),
+    "of these clear",
+)
 
 
 @dataclass(frozen=True, eq=False)
 class Validation:
-    """Everything that was found out.
+    """All results of the marker validation.
 
     Attributes
     ----------
     experiments : list of Experiment
         The four of the thesis.
     study : RandomStudy or None
-        Random scenes, unless none were wanted.
+        Random scenes, if any.
     renderer : str
-        What drew.
+        Name of the OpenGL renderer.
     """
 
     experiments: list[Experiment]
@@ -85,19 +88,19 @@ class Validation:
 
     @property
     def passed(self) -> bool:
-        """Whether the model is right often enough by the detector's requirement."""
+        """True when the model is right often enough by the detector's requirement."""
         rows = [row for experiment in self.experiments for row in experiment.rows]
         right = sum(row.predicted_by_detector == row.detected for row in rows)
-        if right < MUST_BE_RIGHT * len(rows):
+        if right < MIN_ACCURACY * len(rows):
             return False
-        return self.study is None or self.accuracy(DETECTOR) >= MUST_BE_RIGHT
+        return self.study is None or self.accuracy(DETECTOR) >= MIN_ACCURACY
 
     def accuracy(self, requirement: Requirement) -> float:
         """Share of right predictions of ours in random scenes; 1 without any."""
         return self.study.score_of(OURS, requirement).accuracy if self.study else 1.0
 
     def lines(self) -> list[str]:
-        """The verdict, a line a check."""
+        """The verdict, one line a check."""
         lines = [experiment_line(experiment) for experiment in self.experiments]
         if self.study:
             for requirement in REQUIREMENTS:
@@ -108,7 +111,7 @@ class Validation:
                 )
                 lines.append(clear_line(self.study, requirement))
         verdict = "holds" if self.passed else "FAILS"
-        lines.append(f"{verdict}: {100 * MUST_BE_RIGHT:g} % right by the detector requirement")
+        lines.append(f"{verdict}: {100 * MIN_ACCURACY:g} % right by the detector requirement")
         return lines
 
 
@@ -116,7 +119,7 @@ def as_json(found: Validation) -> dict[str, Any]:
     """All figures of a validation."""
     data: dict[str, Any] = {
         "passed": found.passed,
-        "must_be_right": MUST_BE_RIGHT,
+        "must_be_right": MIN_ACCURACY,
         "requirements": [asdict(requirement) for requirement in REQUIREMENTS],
         "experiments": [
             {
@@ -166,138 +169,230 @@ def write_validation(
     failures: int,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Path:
-    """Write the page, the JSON and the pictures; gives the path of the page.
+    """Write the page, the JSON and the pictures; returns the path of the page.
 
     Parameters
     ----------
     out : Path or ReportFolder
         Folder, made when it is missing; or one that is open.
     found : Validation
-        What to tell.
+        Result of the validation.
     renderer : MarkerRenderer
-        Draws the scenes that went wrong once more.
+        Draws the failures again.
     failures : int
-        How many of them to show, by each requirement.
+        Wrong predictions to show by each requirement, the clearest first.
     progress : callable
         Called with the pictures drawn and the pictures in all.
     """
     with ReportFolder.opened(out, VALIDATION) as folder:
-        drawn: dict[str, bytes] = {}
-        for experiment in found.experiments:
-            drawn[_name(experiment)] = png(
-                experiment_picture(experiment), Image.Quantize.FASTOCTREE
+        pictures = {
+            _file_of(experiment): Picture(
+                f"{experiment.title}: the photograph, what was found in green",
+                png(experiment_picture(experiment), Image.Quantize.FASTOCTREE),
             )
-        wrong: dict[str, list[tuple[bytes, str]]] = {}
-        for requirement in REQUIREMENTS if found.study else ():
-            assert found.study is not None
-            _draw_plots(drawn, found.study, requirement)
-            shown = found.study.wrong(requirement)[:failures]
+            for experiment in found.experiments
+        }
+        wrong: dict[str, list[Picture]] = {}
+        study = found.study
+        for requirement in REQUIREMENTS if study else ():
+            assert study is not None
+            scores = _scores_by(study, requirement)
+            name = f"calibration_{requirement.name}"
+            plot = [plots.calibration_plot(scores, theme) for theme in (LIGHT, DARK)]
+            pictures[name] = plots.picture_of(f"Plot: {name}", *plot)
+            shown = study.wrong(requirement)[:failures]
             tiles = []
             for done, outcome in enumerate(shown):
                 progress(done, len(shown))
-                case, rng = random_scene(found.study.seed, outcome.number, found.study.obstacle)
+                case, rng = random_scene(study.seed, outcome.number, study.obstacle)
                 tiles.append(marker_picture(photograph(renderer, case, rng), outcome.detected))
-            captions = [short_words(outcome, requirement) for outcome in shown]
-            drawn[f"wrong_{requirement.name}"] = png(
-                sheet(list(zip(tiles, captions, strict=True))), Image.Quantize.FASTOCTREE
-            )
+            progress(len(shown), len(shown))
+            if tiles:
+                captions = [_short_failure(outcome, requirement) for outcome in shown]
+                sheet = contact_sheet(tiles, captions, 6, TILE)
+                name = f"wrong_{requirement.name}"
+                pictures[name] = Picture("Wrong predictions", png(sheet, Image.Quantize.FASTOCTREE))
             wrong[requirement.name] = [
-                (png(tile, Image.Quantize.FASTOCTREE), failure_words(outcome, requirement))
+                Picture(failure_text(outcome, requirement), png(tile, Image.Quantize.FASTOCTREE))
                 for tile, outcome in zip(tiles, shown, strict=True)
             ]
-        for name, data in drawn.items():
-            if not name.startswith("dark_"):
-                write_bytes(folder.file(f"{name}.png"), data)
-        write_text(folder.file("markers.html"), page(found, drawn, wrong))
-        write_json(folder.file("markers.json"), as_json(found))
-        folder.publish()
-        return folder.path / "markers.html"
+        return publish(folder, page(found, pictures, wrong), as_json(found), pictures)
 
 
-def _draw_plots(drawn: dict[str, bytes], study: RandomStudy, requirement: Requirement) -> None:
-    scores = [s for s in study.scores if s.requirement == requirement.name]
-    for theme, prefix in ((LIGHT, ""), (DARK, "dark_")):
-        plot = calibration_plot(scores, theme)
-        drawn[f"{prefix}calibration_{requirement.name}"] = png(plot, Image.Quantize.MEDIANCUT)
-
-
-def _name(experiment: Experiment) -> str:
+def _file_of(experiment: Experiment) -> str:
     return f"experiment_{experiment.name.replace(' ', '_')}"
 
 
-def page(
-    found: Validation, drawn: dict[str, bytes], wrong: dict[str, list[tuple[bytes, str]]]
-) -> str:
-    """HTML of a validation, with PNG by name and the failures with their words."""
-    style = "verdict" if found.passed else "verdict bad"
-    lines = "".join(f"<li>{escape(line)}</li>" for line in found.lines())
-    words = "Passed" if found.passed else "Failed"
-    body = [
-        "<h1>Does the coverage model foretell what a detector finds?</h1>",
-        "<p>ArUco markers of 0.30 m before an iCube NS4133BU with an 8 mm lens, drawn by OpenGL "
-        "with the depth of field of the real aperture and the noise of a sensor, and looked for "
-        "by OpenCV. The model says beforehand which will be found.</p>",
-        f'<div class="{style}"><strong>{words}</strong><ul>{lines}</ul></div>',
-        f"<p>{escape(_requirements())}</p>",
-    ]
-    for experiment in found.experiments:
-        words_of = f"{experiment.title}: the photograph, what was found in green"
-        image = picture(words_of, drawn[_name(experiment)])
-        body += [
-            f"<h2>{escape(experiment.title)}</h2>",
-            f"<p>{escape(experiment_line(experiment))}.</p>",
-            f"<figure>{image}</figure>",
-            table(ROW_HEADINGS, [row_words(row) for row in experiment.rows]),
-        ]
-    if found.study:
-        body += _random(found.study, drawn, wrong)
-    body.append(
-        f'<h2>How it was made</h2><p class="soft">Drawn by {escape(found.renderer)}, detected by '
-        f"OpenCV {escape(opencv().__version__)}. All figures are in markers.json.</p>"
+def page(found: Validation, pictures: dict[str, Picture], wrong: dict[str, list[Picture]]) -> str:
+    """HTML of a validation, with pictures by name and wrong predictions by requirement."""
+    answer = "Passed" if found.passed else "Failed"
+    study = found.study
+    return rendered(
+        "markers.html",
+        title=f"rastercov validate markers: {answer.lower()}",
+        heading="Does the coverage model foretell what a detector finds?",
+        answer=answer,
+        found=found,
+        detector=DETECTOR,
+        experiments=[
+            (each.title, experiment_line(each), pictures[_file_of(each)], map(row_of, each.rows))
+            for each in found.experiments
+        ],
+        row_headings=ROW_HEADINGS,
+        n_found=sum(outcome.detected for outcome in study.outcomes) if study else 0,
+        requirements=[_requirement(study, each, pictures, wrong) for each in REQUIREMENTS if study],
+        clear_case=CLEAR_CASE,
+        score_headings=SCORE_HEADINGS,
+        calibration_headings=CALIBRATION_HEADINGS,
+        tally_headings=TALLY_HEADINGS,
+        opencv=opencv().__version__,
     )
-    return document(f"rastercov validate markers: {words.lower()}", body)
 
 
-def _requirements() -> str:
+def _requirement(
+    study: RandomStudy,
+    requirement: Requirement,
+    pictures: dict[str, Picture],
+    wrong: dict[str, list[Picture]],
+) -> dict[str, Any]:
+    """Section of the page about random scenes by one requirement."""
+    return {
+        "name": requirement.name,
+        "clear": clear_line(study, requirement).capitalize(),
+        "scores": [score_row(score) for score in _scores_by(study, requirement)],
+        "plot": pictures[f"calibration_{requirement.name}"],
+        "calibration": calibration_rows(study.score_of(OURS, requirement)),
+        "tally": failure_tally(study, requirement),
+        "wrong": wrong[requirement.name],
+    }
+
+
+def _scores_by(study: RandomStudy, requirement: Requirement) -> list[Score]:
+    return [score for score in study.scores if score.requirement == requirement.name]
+
+
+def row_of(row: Row) -> tuple[str, ...]:
+    """A marker under `ROW_HEADINGS`."""
     return (
-        "Two requirements. Thesis: Table 5.1 to the letter, 1024 px a marker, blur up to 5.755 px, "
-        "all of it visible. Detector: the same in the measures of OpenCV's detector, a contour of "
-        f"{DETECTOR.min_contour:g} steps, {DETECTOR.min_cell:g} px a cell, blur up to "
-        f"{DETECTOR.max_blur_cells:g} cells, {DETECTOR.min_border:g} px from the border, "
-        f"{100 * DETECTOR.min_visibility:g} % visible."
+        str(row.marker),
+        row.setting,
+        row.printed,
+        row.ours,
+        _yes(row.predicted),
+        _yes(row.predicted_by_detector),
+        _yes(row.printed_detected),
+        _yes(row.detected),
+        "right" if row.predicted == row.detected else "wrong",
     )
 
 
-def _random(
-    study: RandomStudy, drawn: dict[str, bytes], wrong: dict[str, list[tuple[bytes, str]]]
-) -> list[str]:
-    found = sum(outcome.detected for outcome in study.outcomes)
-    parts = [
-        "<h2>Random scenes</h2>",
-        f"<p>{len(study.outcomes):,} scenes of seed {study.seed}: distance, place, tilt, roll, "
-        f"lens and something in the way at random; {found:,} markers were found. Took "
-        f"{study.seconds:.0f} s.</p>",
-    ]
-    for requirement in REQUIREMENTS:
-        scores = [s for s in study.scores if s.requirement == requirement.name]
-        ours = study.score_of(OURS, requirement)
-        name = f"calibration_{requirement.name}"
-        plot = picture(f"Plot: {name}", drawn[name], drawn[f"dark_{name}"])
-        parts += [
-            f"<h3>By the {requirement.name} requirement</h3>",
-            f"<p>{escape(clear_line(study, requirement).capitalize())}. {CLEAR_CASE}</p>",
-            table(SCORE_HEADINGS, [score_words(s) for s in scores]),
-            f'<div class="grid"><figure>{plot}</figure>'
-            f"<div>{table(CALIBRATION_HEADINGS, calibration_words(ours))}</div></div>",
-            "<p>Wrong predictions of ours, by the criterion nearest to its threshold:</p>"
-            + table(TALLY_HEADINGS, failure_tally(study, requirement)),
-        ]
-        figures = [
-            f"<figure>{picture(words, data)}<figcaption>{escape(words)}</figcaption></figure>"
-            for data, words in wrong[requirement.name]
-        ]
-        parts.append(
-            f"<details><summary>The {len(figures)} clearest failures</summary>"
-            f'<div class="grid faces">{"".join(figures)}</div></details>'
-        )
-    return parts
+def score_row(score: Score) -> tuple[str, ...]:
+    """A model under `SCORE_HEADINGS`."""
+    return (
+        score.model,
+        f"{100 * score.accuracy:.2f} %",
+        f"{score.hits:,}",
+        f"{score.false_alarms:,}",
+        f"{score.misses:,}",
+        f"{score.rejections:,}",
+        f"{100 * score.best_accuracy:.2f} %",
+        f"{score.best_threshold:.3g}",
+    )
+
+
+def calibration_rows(score: Score) -> list[tuple[str, str, str]]:
+    """Classes of coverage under `CALIBRATION_HEADINGS`."""
+    rows = []
+    for low, high, found, count in score.calibration:
+        limits = "0" if high < 1e-6 else "1" if high > 1 else f"{max(0.0, low):.3g} to {high:.3g}"
+        rows.append((limits, f"{count:,}", f"{100 * found:.1f} %"))
+    return rows
+
+
+def experiment_line(experiment: Experiment) -> str:
+    """Result of an experiment, in one line."""
+    count = len(experiment.rows)
+    return (
+        f"{experiment.title}: {experiment.right} of {count} as the model predicts, "
+        f"{experiment.as_printed} of {count} found as printed"
+    )
+
+
+def clear_line(study: RandomStudy, requirement: Requirement) -> str:
+    """Accuracy of the model in clear cases, in one line."""
+    right, count = study.clear(requirement)
+    share = f"{100 * right / count:.2f} %" if count else "none"
+    return (
+        f"clear cases by the {requirement.name} requirement: {right:,} of {count:,} right, {share}"
+    )
+
+
+def failure_text(outcome: Outcome, requirement: Requirement) -> str:
+    """A wrong prediction and the criterion that is nearest to its threshold."""
+    figures = outcome.figures
+    name, slack = figures.decisive(requirement)
+    limit = requirement.blur_limit(figures.pixels)
+    detail = {
+        "visibility": f"{100 * figures.visibility:.1f} % visible",
+        "focus": f"blur {figures.blur:.1f} px, limit {limit:.1f}",
+        "resolution": f"{figures.pixels:.0f} px, contour {figures.contour:.0f}, "
+        f"cell {figures.cell:.1f} px",
+        "field of view": f"{figures.border:.1f} px from the border",
+        "back": "seen from behind",
+    }[name]
+    happened = f"Scene {outcome.number}: {'found' if outcome.detected else 'not found'}"
+    if slack >= FAR_FROM_THRESHOLD:
+        return f"{happened}; nothing is near its threshold; {detail}"
+    clear = "clearly " if abs(slack) >= CLEAR else "narrowly "
+    return f"{happened}; {clear}{'fails' if slack < 0 else 'meets'} {name}: {detail}"
+
+
+def _short_failure(outcome: Outcome, requirement: Requirement) -> str:
+    """`failure_text` in a few words, with the slack of the criterion."""
+    name, slack = outcome.figures.decisive(requirement)
+    name = "nothing near" if slack >= FAR_FROM_THRESHOLD else f"{name} {slack:+.2f}"
+    return f"{outcome.number}: {'found' if outcome.detected else 'lost'}, {name}"
+
+
+def failure_tally(study: RandomStudy, requirement: Requirement) -> list[tuple[str, ...]]:
+    """Wrong predictions by the criterion nearest to its threshold, under `TALLY_HEADINGS`."""
+    tally: dict[str, list[int]] = {}
+    for outcome in study.wrong(requirement):
+        name, slack = outcome.figures.decisive(requirement)
+        name = "none" if slack >= FAR_FROM_THRESHOLD else name
+        counts = tally.setdefault(name, [0, 0, 0])
+        counts[outcome.detected] += 1
+        counts[2] += outcome.figures.is_clear(requirement)
+    return [(name, *map(str, counts)) for name, counts in sorted(tally.items())]
+
+
+def experiment_table(experiment: Experiment) -> Table:
+    """An experiment for a terminal: printed figures and ours, predictions, markers found."""
+    title = experiment_line(experiment)
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    headings = ("#", "where", experiment.criterion, "ours", "5.1", "det.", "print")
+    for name in (*headings, "here", "model"):
+        table.add_column(name)
+    for row in experiment.rows:
+        table.add_row(*row_of(row), style="" if row.predicted == row.detected else "red")
+    return table
+
+
+def score_table(scores: Sequence[Score]) -> Table:
+    """Models by one requirement, for a terminal.
+
+    Hits were predicted and found, false only predicted, missed only found; "best %" is the
+    accuracy at the threshold that is best for these very scenes.
+    """
+    title = f"By the {scores[0].requirement} requirement"
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD)
+    table.add_column("model", no_wrap=True)
+    for name in ("right %", "hits", "false", "missed", "neither", "best %"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for score in scores:
+        table.add_row(*(text.removesuffix(" %") for text in score_row(score)[:-1]))
+    return table
+
+
+def _yes(value: bool) -> str:
+    return "yes" if value else "no"

@@ -1,8 +1,8 @@
-"""Pictures of one pose as models have it: in the grey scale of the thesis, side by side.
+"""Pictures of one pose by several models, side by side in the grey scale of the thesis.
 
-Part of `page`. White is covered, black is not, as in figures 4.2 to 4.6 of E. S. Eissa. Image Space
-Coverage Model. 2020. Where bivalent and graded occlusion differ, a third picture has the difference
-in two hues; and the place where they differ most is shown larger.
+White is covered and black is not, as in figures 4.2 to 4.6 of E. S. Eissa. Image Space Coverage
+Model. 2020. A third picture shows the difference of bivalent and graded occlusion in two hues; the
+region where they differ most is enlarged.
 """
 
 from collections.abc import Sequence
@@ -17,6 +17,7 @@ from rastercov.mesh import Mesh
 from rastercov.projection import image_boxes
 from rastercov.raster.contract import VisibilityBuffer, open_rasterizer
 from rastercov.report.images import Key, contact_sheet, coverage_picture, coverage_pixels, framed
+from rastercov.report.theme import ENLARGED, FALSELY_SEEN, MISSED
 
 FloatArray = NDArray[np.float64]
 Box = tuple[float, float, float, float]
@@ -26,23 +27,19 @@ WIDTH = 720
 """Pixels of a picture in a sheet of two or three."""
 SMALL = 560
 """The same in a sheet of all models."""
-TALLEST = 1.0
-"""Height of a picture, at most, by its width."""
+MAX_ASPECT = 1.0
+"""Largest height of a picture, relative to its width."""
 MARGIN = 0.03
-"""Around the part, of its width in the image."""
+"""Margin around the part, relative to its size in the image."""
 DETAIL = 0.28
-"""Side of the enlarged place, of the picture's."""
-LEAST_SHOWN = 0.01
+"""Side of the enlarged region, relative to the picture."""
+MIN_DIFFERENCE = 0.01
 """Difference below which a face keeps its grey."""
-LOST, FALSE = (232, 92, 16), (24, 88, 214)
-"""Colours of what is seen but called hidden, and of what is hidden but called seen."""
-FRAME = (240, 190, 0)
-"""Colour around the place that is enlarged."""
 
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """A part of one pose's image, drawn at some size: its camera and its nearest faces."""
+    """A part of one pose's image at some size: its camera and its nearest faces."""
 
     mesh: Mesh
     camera: Camera
@@ -51,12 +48,12 @@ class Look:
 
 
 def look_at_part(mesh: Mesh, camera: Camera, pose: FloatArray, width: int = WIDTH) -> Look:
-    """The part of the image that the mesh takes up, `width` pixels wide."""
+    """The part of the image that holds the mesh, `width` pixels wide."""
     return _look(mesh, camera, pose, _box_of(mesh, camera, pose), width)
 
 
 def look_closer(mesh: Mesh, camera: Camera, pose: FloatArray, weights: FloatArray) -> Look:
-    """The place where most weight lies, (F,) by face, enlarged."""
+    """The region of the image with the largest sum of weights (F,), enlarged."""
     whole = _box_of(mesh, camera, pose)
     look = _look(mesh, camera, pose, whole, WIDTH)
     height, width = look.buffer.face.shape
@@ -82,9 +79,9 @@ def occlusion_sheet(
     Parameters
     ----------
     whole, closer : Look
-        Of one pose: all of it, and a place of it.
+        All of one pose, and a region of it.
     bivalent, graded : (F,) float64
-        What each says is visible of a face.
+        Visible fraction of each face.
     """
     pictures, captions = [], []
     for look, more in zip((whole, closer), ("", ", enlarged"), strict=True):
@@ -100,27 +97,27 @@ def occlusion_sheet(
 
 
 def difference_picture(look: Look, bivalent: FloatArray, graded: FloatArray) -> Image.Image:
-    """The look in soft grey, with colour on faces that bivalent and graded occlusion differ on.
+    """The look in soft grey, with colour on faces whose bivalent and graded occlusion differ.
 
-    The colour is stronger the more they differ.
+    The strength of the colour grows with the difference.
     """
     mesh = look.mesh
     pixels = coverage_pixels(look.buffer, graded, mesh, look.pose).astype(np.float64)
     off = np.append(np.where(mesh.task_mask, graded - bivalent, 0.0), 0.0)[look.buffer.face]
     pixels = 0.55 * pixels + 0.45 * 205
-    for sign, colour in ((1, LOST), (-1, FALSE)):
-        rows = sign * off > LEAST_SHOWN
+    for sign, colour in ((1, MISSED), (-1, FALSELY_SEEN)):
+        rows = sign * off > MIN_DIFFERENCE
         strength = 0.35 + 0.65 * np.abs(off[rows])[:, None]
         pixels[rows] = (1 - strength) * pixels[rows] + strength * np.array(colour)
     keys = [
-        Key("seen, but called hidden", _swatch(LOST), "0", "1"),
-        Key("hidden, but called seen", _swatch(FALSE), "0", "1"),
+        Key("seen, but called hidden", _swatch(MISSED), "0", "1"),
+        Key("hidden, but called seen", _swatch(FALSELY_SEEN), "0", "1"),
     ]
     return framed(pixels.astype(np.uint8), "", keys)
 
 
 def models_sheet(look: Look, values: dict[str, FloatArray], captions: Sequence[str]) -> Image.Image:
-    """Coverage by every model, in one look."""
+    """Coverage by every model, side by side."""
     pictures = [
         coverage_picture(look.buffer, of_model, look.mesh, look.camera, look.pose)
         for of_model in values.values()
@@ -134,19 +131,19 @@ def _sheet(pictures: Sequence[Image.Image], captions: Sequence[str]) -> Image.Im
 
 
 def _with_frame(picture: Image.Image, look: Look, closer: Look) -> Image.Image:
-    """The picture of a look, with a frame around the place that is enlarged in another."""
-    if picture.width != look.camera.width:  # a narrow one, enlarged by itself
+    """Picture of a look with a frame around the region that another look enlarges."""
+    if picture.width != look.camera.width:  # a narrow one, which `framed` has enlarged
         return picture
     zoom = look.camera.fx / closer.camera.fx
     left = look.camera.cx - closer.camera.cx * zoom
     top = look.camera.cy - closer.camera.cy * zoom
     box = (left, top, left + closer.camera.width * zoom, top + closer.camera.height * zoom)
-    ImageDraw.Draw(picture).rectangle(box, outline=FRAME, width=3)
+    ImageDraw.Draw(picture).rectangle(box, outline=ENLARGED, width=3)
     return picture
 
 
 def _box_of(mesh: Mesh, camera: Camera, pose: FloatArray) -> Box:
-    """Where the mesh is in the image, with a margin; all of it where that is not known."""
+    """Bounding box of the mesh in the image with a margin; the image where there is none."""
     left, top, right, bottom = image_boxes(mesh.vertices, camera, pose[None])[0].tolist()
     if right <= left or bottom <= top:
         return 0.0, 0.0, float(camera.width), float(camera.height)
@@ -160,9 +157,9 @@ def _box_of(mesh: Mesh, camera: Camera, pose: FloatArray) -> Box:
 
 
 def _look(mesh: Mesh, camera: Camera, pose: FloatArray, box: Box, width: int) -> Look:
-    """A part of the image, `width` pixels wide or `TALLEST * width` high."""
+    """Draw a part of the image, `width` pixels wide or `MAX_ASPECT * width` high."""
     across, down = box[2] - box[0], box[3] - box[1]
-    scale = min(width / across, TALLEST * width / down)
+    scale = min(width / across, MAX_ASPECT * width / down)
     cut = replace(
         camera,
         width=max(1, round(across * scale)),
@@ -177,7 +174,7 @@ def _look(mesh: Mesh, camera: Camera, pose: FloatArray, box: Box, width: int) ->
 
 
 def _swatch(colour: tuple[int, int, int]) -> NDArray[np.uint8]:
-    """The colour, from what a small difference has to a whole one."""
+    """Ramp of a colour from its strength at a small difference to that at 1."""
     strength = np.linspace(0.35, 1.0, 256)[:, None]
     line = (1 - strength) * 205 + strength * np.array(colour)
     return np.broadcast_to(line.astype(np.uint8), (24, 256, 3)).copy()

@@ -1,8 +1,7 @@
-"""A part from outside, its faces in given colours: the ground of every picture of a placement.
+"""Exterior views of a mesh with its faces in given colours, for pictures of a placement.
 
-Serves `pictures`. A view is chosen, the mesh drawn by the CPU rasteriser, and lines and marks in
-space are put over it. Where a mesh is a room, whose walls turn their backs on who stands outside,
-these walls are left away, as in a doll's house.
+The mesh is drawn by the CPU rasteriser; lines and marks in space are drawn over it. Walls of a room
+that face away from the outside viewer are omitted, as in a doll's house.
 """
 
 from collections.abc import Sequence
@@ -17,22 +16,20 @@ from rastercov.mesh import Mesh
 from rastercov.pose import look_at
 from rastercov.projection import to_camera, to_image
 from rastercov.raster.contract import VisibilityBuffer, open_rasterizer
-from rastercov.report.images import draw_lines, faces_eye
+from rastercov.report.images import draw_lines, facing, stripes
+from rastercov.report.theme import EXTERIOR, Colour, Pixels
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
-Pixels = NDArray[np.uint8]
-Colour = tuple[int, int, int]
 
-GROUND = (246, 248, 250)
 WIDTH, HEIGHT = 720, 560
-"""Pixels of one view, before it is made smooth."""
+"""Pixels of one view."""
 FINE = 2
-"""Pixels drawn along each of these."""
+"""Oversampling: pixels drawn along one of those."""
 MARGIN = 0.05
-"""Of the picture, left free on each side."""
-FAR = 4.0
-"""From how many radii one looks at a scene."""
+"""Margin on each side, relative to the picture."""
+DISTANCE = 4.0
+"""Distance of the viewer, in radii of the scene."""
 DIRECTIONS = np.array(
     [
         *[(1, -1.5, 1), (-1, 1.5, 1), (-1.5, -1, 1), (1.5, 1, 1)],
@@ -40,25 +37,25 @@ DIRECTIONS = np.array(
         *[(0, -0.1, 2), (0, -0.1, -2), (1, 0, 0.1), (-1, 0, 0.1), (0, 1, 0.1), (0, -1, 0.1)],
     ]
 )
-"""Where one may look from; the first two are taken where none is better."""
-HIDDEN = 0.6
-"""Strength of what shows through the part."""
+"""Directions from the scene to the viewer; the first two are the default."""
+THROUGH = 0.6
+"""Opacity of faces that show through the part."""
 PIECES = 96
-"""Of a line, each seen or hidden."""
+"""Pieces of a line, each visible or hidden."""
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A mesh as one looks at it: the camera and pose of the picture, and what was drawn.
+    """An exterior view of a mesh: camera, pose, and the drawn faces.
 
     Attributes
     ----------
     mesh, camera, pose
-        What is drawn; the mesh without the backs of walls that stand in the way.
+        Of the view; the whole mesh.
     rows : (F',) int64
-        Faces of the whole mesh that are drawn.
+        Faces that are drawn: without the back faces of a room's walls.
     buffer : VisibilityBuffer
-        `face` counts in the whole mesh.
+        `face` has indices of the whole mesh.
     """
 
     mesh: Mesh
@@ -69,13 +66,13 @@ class Scene:
 
 
 def look(mesh: Mesh, direction: ArrayLike, more: ArrayLike = (), scale: float = FINE) -> Scene:
-    """Look at a mesh from a direction, so that it and more points just fit into the picture.
+    """View a mesh from a direction, so that it and more points just fit into the picture.
 
     Parameters
     ----------
     mesh : Mesh
     direction : (3,) array_like
-        From the middle of all to the eye; any length.
+        From the centre of the scene to the viewer; any length.
     more : (N, 3) array_like
         Points that must be in the picture too.
     scale : float
@@ -86,7 +83,7 @@ def look(mesh: Mesh, direction: ArrayLike, more: ArrayLike = (), scale: float = 
     low, high = points.min(axis=0), points.max(axis=0)
     middle, radius = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 1e-12)
     towards = np.asarray(direction, np.float64)
-    eye = middle + FAR * radius * towards / np.linalg.norm(towards)
+    eye = middle + DISTANCE * radius * towards / np.linalg.norm(towards)
     pose = look_at(eye, middle)[0]
     seen = to_camera(points, pose)
     slopes = seen[:, :2] / seen[:, 2:]
@@ -98,7 +95,7 @@ def look(mesh: Mesh, direction: ArrayLike, more: ArrayLike = (), scale: float = 
     camera = Camera(width=width, height=height, fx=focal, fy=focal, cx=float(cx), cy=float(cy))
     rows = np.arange(mesh.n_faces)
     buffer = _drawn(mesh, camera, pose, rows)
-    # The cosine says from which side; who sees mostly backs looks into a room through its walls.
+    # A view of mostly back faces looks into a room through its walls.
     ray = pose[:3, 3] - mesh.centroids
     is_back = (np.einsum("fi,fi->f", mesh.normals, ray) < 0) & ~mesh.two_sided_mask
     counts = np.bincount(buffer.face[buffer.face >= 0], minlength=mesh.n_faces)
@@ -108,10 +105,10 @@ def look(mesh: Mesh, direction: ArrayLike, more: ArrayLike = (), scale: float = 
     return Scene(mesh, camera, pose, rows, buffer)
 
 
-def telling_directions(mesh: Mesh, faces: BoolArray, count: int = 2) -> FloatArray:
-    """(count, 3) of `DIRECTIONS` from which most of some faces is seen, one after the other.
+def best_directions(mesh: Mesh, faces: BoolArray, count: int = 2) -> FloatArray:
+    """(count, 3) of `DIRECTIONS` that show most of some faces, chosen greedily.
 
-    Each after the first is the one that shows most of what those before it do not.
+    Each direction adds most to the visible pixels of those before it.
     """
     if not faces.any():
         return DIRECTIONS[:count].copy()
@@ -130,37 +127,34 @@ def telling_directions(mesh: Mesh, faces: BoolArray, count: int = 2) -> FloatArr
 
 
 def paint(scene: Scene, colours: Pixels, through: BoolArray | None = None) -> Pixels:
-    """Pixels of a scene, (H, W, 3), lit from the eye.
+    """Pixels of a scene, (H, W, 3), lit from the viewer.
 
     Parameters
     ----------
     scene : Scene
     colours : (F, 3) uint8
     through : (F,) bool, optional
-        Faces that show through the part where it hides them, faintly and striped.
+        Faces that show through the part that hides them, faintly and striped.
     """
     mesh, buffer = scene.mesh, scene.buffer
-    _, cosine = faces_eye(mesh, scene.pose)
+    _, cosine = facing(mesh, scene.pose)
     palette = np.empty((mesh.n_faces + 1, 3), np.uint8)
     palette[:-1] = colours * (0.6 + 0.4 * cosine[:, None])
-    palette[-1] = GROUND
+    palette[-1] = EXTERIOR
     pixels = palette[buffer.face]
     draw_lines(pixels, buffer.face, mesh.n_faces)
     if through is not None and through.any():
         behind = _drawn(mesh, scene.camera, scene.pose, np.flatnonzero(through)).face
         covered = np.append(through, False)[buffer.face]
-        height, width = behind.shape
-        rows, columns = np.ogrid[:height, :width]
-        striped = (rows + columns) // (3 * FINE) % 2 == 0
-        shown = (behind >= 0) & ~covered & striped
-        mixed = HIDDEN * colours[behind[shown]] + (1 - HIDDEN) * pixels[shown]
+        shown = (behind >= 0) & ~covered & stripes(behind.shape, 3 * FINE)
+        mixed = THROUGH * colours[behind[shown]] + (1 - THROUGH) * pixels[shown]
         pixels[shown] = mixed.astype(np.uint8)
     return pixels
 
 
 @dataclass(frozen=True)
 class Line:
-    """A line in space from `start` to `end`, in a colour, so many pixels wide."""
+    """A line in space, its colour and its width in pixels."""
 
     start: tuple[float, float, float]
     end: tuple[float, float, float]
@@ -173,9 +167,9 @@ def draw_in_space(image: Image.Image, scene: Scene, lines: Sequence[Line]) -> No
     draw = ImageDraw.Draw(image)
     depth = scene.buffer.depth
     slack = 1e-3 * float(np.linalg.norm(np.ptp(scene.mesh.bounds, axis=0)))
-    share = np.linspace(0, 1, PIECES + 1)[:, None]
+    steps = np.linspace(0, 1, PIECES + 1)[:, None]
     for line in lines:
-        points = np.asarray(line.start) + share * (np.asarray(line.end) - np.asarray(line.start))
+        points = np.asarray(line.start) + steps * (np.asarray(line.end) - np.asarray(line.start))
         seen = to_camera(points, scene.pose)
         image_points = to_image(seen, scene.camera)
         column, row = np.clip(image_points, 0, (depth.shape[1] - 1, depth.shape[0] - 1)).T
@@ -197,7 +191,7 @@ def draw_in_space(image: Image.Image, scene: Scene, lines: Sequence[Line]) -> No
 def fill_in_space(
     image: Image.Image, scene: Scene, polygon: ArrayLike, colour: Colour, strength: float = 0.28
 ) -> None:
-    """Fill a flat polygon (N, 3) with a thin colour, unless the part hides its middle."""
+    """Fill a flat polygon (N, 3) with a faint colour, unless the part hides its centre."""
     points = np.asarray(polygon, np.float64)
     middle = points.mean(axis=0, keepdims=True)
     column, row = np.clip(place_in_image(scene, middle)[0], 0, np.array(image.size) - 1).astype(int)
@@ -210,21 +204,21 @@ def fill_in_space(
 
 
 def place_in_image(scene: Scene, points: ArrayLike) -> FloatArray:
-    """(N, 2) where points (N, 3) are in the picture of a scene, px."""
+    """(N, 2) positions of points (N, 3) in the picture of a scene, px."""
     return to_image(
         to_camera(np.asarray(points, np.float64).reshape(-1, 3), scene.pose), scene.camera
     )
 
 
 def smooth(image: Image.Image) -> Image.Image:
-    """The picture at the size it is shown."""
-    return image.resize((WIDTH, HEIGHT), Image.Resampling.BOX)
+    """The picture at its final size."""
+    return image.reduce(FINE)
 
 
 def _drawn(
     mesh: Mesh, camera: Camera, pose: FloatArray, rows: NDArray[np.int64]
 ) -> VisibilityBuffer:
-    """Image of some faces of a mesh, with their rows in it."""
+    """Image of some faces of a mesh, with indices of the whole mesh."""
     part = mesh
     if len(rows) < mesh.n_faces:
         part = Mesh(vertices=mesh.vertices, faces=mesh.faces[rows])

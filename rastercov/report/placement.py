@@ -1,35 +1,148 @@
-"""A placement for people: one HTML page that needs nothing else, with figures, bounds, pictures.
+"""Page of a placement: figures, bounds and pictures of a camera network, all inline.
 
-Last of placement: everything that is known about a network in, one file out. What is not given has
-no section, so that a check of a network that somebody else made has a page, too. The words and
-tables of each section are in `page_sections`.
+Unknown parts have no section, so that a check of any network has a page, too.
 """
 
-from collections.abc import Callable
-from html import escape
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from PIL import Image
 
+from rastercov._format import length, percent, signed
+from rastercov._output import write_text
+from rastercov.camera import Camera
+from rastercov.errors import ConfigError
+from rastercov.mesh import Mesh
+from rastercov.network import Network
+from rastercov.placement.candidates.cavities import Access, Openings
+from rastercov.placement.candidates.clearance import Dropped
+from rastercov.placement.candidates.pool import Candidates
+from rastercov.placement.candidates.segments import Segmentation
+from rastercov.placement.explain.uncovered import WORDS, Leftover
+from rastercov.placement.improve.tolerance import Tolerance
+from rastercov.placement.select.problem import BestCoverage, Goal
+from rastercov.placement.select.selection import Selection
 from rastercov.report import placement_pictures as pictures
-from rastercov.report import placement_plots as plots
-from rastercov.report import placement_sections as sections
-from rastercov.report.canvas import DARK, LIGHT
-from rastercov.report.figures import write_text
-from rastercov.report.html import document, picture, png
-from rastercov.report.placement_report import PlanReport
+from rastercov.report import plots
+from rastercov.report.html import Picture, rendered
+from rastercov.report.images import png
+from rastercov.report.theme import DARK, LIGHT, Theme
 
 __all__ = ["PlanReport", "page", "write_page"]
 
-Draw = Callable[[], Image.Image]
 Progress = Callable[[int, int], None]
+
+MAX_SENTENCES = 12
+"""Faces out of reach that have a sentence of their own."""
+ACCESS = {
+    Access.ENCLOSED: "cannot be seen: proved",
+    Access.CLOSED: "have no open direction",
+    Access.NO_ROOM: "are open, but leave no place for a camera",
+    Access.REACHED: "have got candidates of their own",
+}
+STATUS = {
+    "optimal": "proved to be the best there is",
+    "feasible": "found by a heuristic",
+    "time_limit": "the best when time was up",
+    "interrupted": "the best when it was interrupted",
+}
+CANDIDATE_ANSWERS = {
+    "could_be_covered": "one could cover them",
+    "seen_never_covered": "one sees them, none covers them",
+    "seen_by_no_candidate": "none sees them (proved)",
+    "unknown": "not decided",
+}
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PlanReport:
+    """Content of a placement page; None and empty for unknown parts.
+
+    Attributes
+    ----------
+    mesh, camera : Mesh, Camera
+    network : Network
+        Of all cameras, in the order of `poses`.
+    poses : (K, 4, 4) float64
+        world_from_camera.
+    title : str
+    selection, goal : Selection, Goal, optional
+        Result of the selection and its goal; both or none.
+    candidates : Candidates, optional
+        All candidates; `selection.chosen` has rows of them.
+    dropped : Dropped, optional
+        Candidates that were rejected before the selection.
+    segmentation, leftover, openings, tolerance : optional
+        Results of the steps of the same name.
+    camera_names : sequence of K str
+        1, 2, ... unless given.
+    sources : sequence of K str
+        Source of each pose; taken from `candidates` unless given.
+    made_with : mapping
+        Versions, hashes, command, for the end of the page.
+    notes : sequence of str
+        Sentences for the top of the page.
+    """
+
+    mesh: Mesh
+    camera: Camera
+    network: Network
+    poses: NDArray[np.float64]
+    title: str = "Placement of cameras"
+    selection: Selection | None = None
+    goal: Goal | None = None
+    candidates: Candidates | None = None
+    dropped: Dropped | None = None
+    segmentation: Segmentation | None = None
+    leftover: Leftover | None = None
+    openings: Openings | None = None
+    tolerance: Tolerance | None = None
+    camera_names: Sequence[str] = ()
+    sources: Sequence[str] = ()
+    made_with: Mapping[str, Any] = field(default_factory=dict)
+    notes: Sequence[str] = ()
+
+    def __post_init__(self) -> None:
+        count = len(self.network.pose_ids)
+        if len(self.poses) != count:
+            raise ConfigError(
+                f"the network has {count} cameras, got {len(self.poses)} poses; add each to it"
+            )
+        for name in ("camera_names", "sources"):
+            if len(getattr(self, name)) not in (0, count):
+                raise ConfigError(
+                    f"{name} must be {count} words, one a camera, got {len(getattr(self, name))}"
+                )
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the cameras."""
+        return list(self.camera_names) or [str(row + 1) for row in range(len(self.poses))]
+
+    @property
+    def origins(self) -> list[str]:
+        """Source of each pose, "" where it is unknown."""
+        if self.sources:
+            return list(self.sources)
+        if self.candidates is None or self.selection is None:
+            return [""] * len(self.poses)
+        chosen = self.candidates.take(self.selection.chosen)
+        if len(chosen) != len(self.poses):
+            return [""] * len(self.poses)
+        return [
+            f"{source} {index}" if index >= 0 else str(source)
+            for source, index in zip(chosen.source, chosen.index, strict=True)
+        ]
 
 
 def write_page(
     path: str | Path, report: PlanReport, progress: Progress = lambda done, total: None
 ) -> Path:
-    """Write the page of a report, and give its path; it appears there only when it is whole.
+    """Write the page of a report and return its path; it appears there only when it is whole.
 
     Parameters
     ----------
@@ -45,25 +158,44 @@ def write_page(
 
 def page(report: PlanReport, progress: Progress = lambda done, total: None) -> str:
     """HTML of a report, pictures inline; arguments as for `write_page`."""
-    drawn = _drawn(report, progress)
-    body = [
-        f"<h1>{escape(report.title)}</h1>",
-        sections.scene(report),
-        sections.verdict(report),
-        *sections.cameras(report, drawn),
-        *sections.coverage(report, drawn),
-        *sections.leftover(report, drawn),
-        *sections.selection(report, drawn),
-        *sections.tolerance(report),
-        *sections.colophon(report),
-    ]
-    return document(report.title, body)
+    mesh, summary = report.mesh, report.network.summary()
+    covered, figures = summary["covered"], summary["visibility_figures"]
+    left = report.leftover.summary() if report.leftover else None
+    noun = "camera covers" if len(report.poses) == 1 else "cameras cover"
+    return rendered(
+        "placement.html",
+        title=report.title,
+        heading=report.title,
+        report=report,
+        summary=summary,
+        drawn=_drawn(report, progress),
+        names=", ".join(source.name for source in mesh.sources),
+        n_task=int(mesh.task_mask.sum()),
+        n_occluders=int((~mesh.task_mask).sum()),
+        extent=" x ".join(f"{side:.3g}" for side in np.ptp(mesh.bounds, axis=0)),
+        wants=_thresholds(report),
+        answer=f"{len(report.poses)} {noun} {percent(covered['area_percent'] / 100)} of the area",
+        lines=_lines(report, summary),
+        cameras=_cameras(report),
+        groups=_groups(summary),
+        n_certain=figures["certified"] + figures["exact"],
+        clipped=[report.names[row] for row in summary["near_clipped_poses"]],
+        left=left,
+        share_headings=["faces", "of all faces", "of the area"],
+        **(_uncovered(left) if left else {}),
+        openings=_openings(report.openings),
+        selection=_selection(report),
+        made_by=_made_by(report.candidates),
+        dropped=_dropped(report.dropped),
+        tolerance=_tolerance(report),
+        made_with=_flat(report.made_with),
+    )
 
 
-def _drawn(report: PlanReport, progress: Progress) -> dict[str, str]:
-    """The pictures of a report as elements of a page, by name."""
+def _drawn(report: PlanReport, progress: Progress) -> dict[str, Picture]:
+    """Pictures and plots of a report, by name."""
     mesh, network = report.mesh, report.network
-    parts: dict[str, tuple[str, Draw]] = {
+    parts: dict[str, tuple[str, Callable[[], Image.Image]]] = {
         "network": (
             "The cameras around the part, from two sides",
             lambda: pictures.network_picture(
@@ -85,7 +217,7 @@ def _drawn(report: PlanReport, progress: Progress) -> dict[str, str]:
             "The segments of the part",
             lambda: pictures.segments_picture(mesh, segments),
         )
-    charts: dict[str, tuple[str, Callable[[Any], Image.Image]]] = {
+    charts: dict[str, tuple[str, Callable[[Theme], Any]]] = {
         "groups": ("Covered part of each group", lambda theme: plots.group_bars(network, theme)),
         "overlap": (
             "Part of the area by number of cameras",
@@ -98,13 +230,200 @@ def _drawn(report: PlanReport, progress: Progress) -> dict[str, str]:
             lambda theme: plots.coverage_curve(found, goal, theme),
         )
     total = len(parts) + len(charts)
-    drawn: dict[str, str] = {}
-    for name, (words, draw) in parts.items():
+    drawn: dict[str, Picture] = {}
+    for name, (alt, draw) in parts.items():
         progress(len(drawn), total)
-        drawn[name] = picture(words, png(draw(), Image.Quantize.FASTOCTREE))
-    for name, (words, chart) in charts.items():
+        drawn[name] = Picture(alt, png(draw(), Image.Quantize.FASTOCTREE))
+    for name, (alt, chart) in charts.items():
         progress(len(drawn), total)
-        light, dark = (png(chart(theme), Image.Quantize.MEDIANCUT) for theme in (LIGHT, DARK))
-        drawn[name] = picture(words, light, dark)
+        drawn[name] = plots.picture_of(alt, chart(LIGHT), chart(DARK))
     progress(total, total)
     return drawn
+
+
+def _thresholds(report: PlanReport) -> list[str]:
+    """Thresholds of the task that a covered face must meet."""
+    task = report.network.task
+    wants = [f"{task.min_pixels:g} px or more"]
+    if task.min_visibility:
+        wants.append(f"{percent(task.min_visibility)} visible")
+    if task.max_incidence_deg < 90:
+        wants.append(f"seen within {task.max_incidence_deg:g}° of its normal")
+    if task.min_pixel_density:
+        wants.append(f"{task.min_pixel_density:g} px/m")
+    return wants
+
+
+def _lines(report: PlanReport, summary: Mapping[str, Any]) -> list[str]:
+    """Lines below the answer, with the notes of the report."""
+    covered, zero = summary["covered"], summary["zero_in_every_camera"]
+    lines = [
+        f"{covered['faces']:,} of {summary['task_faces']:,} faces "
+        f"({percent(covered['percent'] / 100)}) are covered; "
+        f"{percent(zero['percent'] / 100)} have coverage 0 in every camera",
+        *report.notes,
+    ]
+    if found := report.tolerance:
+        lines.append(
+            f"installed with errors, the worst of {found.draws} draws covers "
+            f"{percent(found.together.worst)}"
+        )
+    return lines
+
+
+def _cameras(report: PlanReport) -> dict[str, Any]:
+    """Table of positions, directions and figures of the cameras."""
+    network, origins, tolerance = report.network, report.origins, report.tolerance
+    headings = ["camera", *(["from"] if any(origins) else []), "x, m", "y, m", "z, m"]
+    headings += ["looks along", "covers, faces", "mean coverage"]
+    headings += ["covered without it", "its own faces"] if tolerance else []
+    rows = []
+    for row, (name, pose) in enumerate(zip(report.names, report.poses, strict=True)):
+        line = [name, *([origins[row]] if any(origins) else [])]
+        line += [length(value) for value in pose[:3, 3]]
+        line += [", ".join(signed(value) for value in pose[:3, 2])]
+        line += [f"{network.covered_faces[row]:,}", f"{network.mean_coverage[row]:.3f}"]
+        if tolerance:
+            camera = tolerance.cameras[row]
+            line += [percent(camera.without), f"{camera.own_faces:,}"]
+        rows.append(line)
+    return {"headings": headings, "rows": rows}
+
+
+def _groups(summary: Mapping[str, Any]) -> list[list[str]]:
+    """Table of coverage by task group."""
+    return [
+        [
+            group["name"],
+            f"{group['faces']:,}",
+            percent(group["covered"]["percent"] / 100),
+            percent(group["covered"]["area_percent"] / 100),
+            f"{group['faces'] - group['covered']['faces']:,}",
+            f"{group['zero_in_every_camera']['faces']:,}",
+        ]
+        for group in summary["groups"]
+        if group["role"] != "occluder"
+    ]
+
+
+def _uncovered(left: Mapping[str, Any]) -> dict[str, Any]:
+    """Tables of uncovered faces: reasons, answers of other candidates, occluders."""
+    reasons = sorted(left["reasons"].items(), key=lambda item: -item[1]["faces"])
+    return {
+        "reasons": [[WORDS[name], *_share(share)] for name, share in reasons]
+        + [["all that is left", *_share(left["left"])]],
+        "candidate_rows": [
+            [text, *_share(left[name])]
+            for name, text in CANDIDATE_ANSWERS.items()
+            if left.get(name, {}).get("faces")
+        ],
+        "occluders": [
+            [group["name"], "itself" if name == group["name"] else name, f"{area:.3g} m²"]
+            for group in left["groups"]
+            for name, area in group["hidden_by"].items()
+        ],
+    }
+
+
+def _openings(found: Openings | None) -> dict[str, Any] | None:
+    """Access to faces in cavities, with sentences about those out of reach."""
+    if found is None or not len(found.face):
+        return None
+    counts = {access: found.summary()[access.name.lower()] for access in ACCESS}
+    shut = np.flatnonzero(found.access != Access.REACHED)
+    sentences = [found.words(row) for row in shut[:MAX_SENTENCES].tolist()]
+    if len(shut) > MAX_SENTENCES:
+        sentences.append(f"And {len(shut) - MAX_SENTENCES:,} more.")
+    return {
+        "rows": [
+            [text, f"{counts[access]:,}"] for access, text in ACCESS.items() if counts[access]
+        ],
+        "out_of_reach": sentences,
+    }
+
+
+def _selection(report: PlanReport) -> list[list[str]] | None:
+    """Result of the selection with its bound."""
+    found, goal = report.selection, report.goal
+    if found is None or goal is None:
+        return None
+    is_best = isinstance(goal, BestCoverage)
+    bound = percent if is_best else "{:g}".format
+    return [
+        ["method", found.method],
+        ["cameras", str(len(found.chosen))],
+        ["share" if is_best else "cost", bound(found.objective)],
+        [f"no other {'covers more' if is_best else 'costs less'} than", bound(found.bound)],
+        ["gap", f"{100 * found.gap:.2g} %"],
+        ["which is", STATUS.get(found.status, found.status)],
+        ["time", f"{found.seconds:.2g} s"],
+    ]
+
+
+def _made_by(candidates: Candidates | None) -> list[list[str]]:
+    """Counts of candidates by source."""
+    counts = candidates.counts() if candidates is not None else {}
+    return [[source, f"{n:,}"] for source, n in counts.items()]
+
+
+def _dropped(found: Dropped | None) -> dict[str, Any] | None:
+    """Counts of rejected candidates by reason."""
+    if found is None:
+        return None
+    summary = found.summary()
+    reasons = {
+        "inside a solid": summary["in_solid"],
+        **{f"in keep-out {name}": n for name, n in summary["kept_out"].items()},
+        f"nearer than {summary['clearance']:g} m to a surface": summary["too_near"],
+    }
+    rows = [[text, f"{n:,}"] for text, n in reasons.items() if n]
+    rows.append(["dropped in all", f"{summary['candidates'] - summary['kept']:,}"])
+    return {"total": summary["candidates"], "rows": rows}
+
+
+def _tolerance(report: PlanReport) -> dict[str, Any] | None:
+    """Coverage under errors of installation: of all cameras, and of each alone."""
+    found = report.tolerance
+    if found is None:
+        return None
+    quantiles = zip(found.together.levels, found.together.quantiles, strict=True)
+    return {
+        "together": [
+            ["as planned", percent(found.nominal)],
+            ["mean", percent(found.together.mean)],
+            *(
+                [
+                    "worst" if level == 0 else f"{100 * (1 - level):g} % of draws reach",
+                    percent(share),
+                ]
+                for level, share in quantiles
+                if level <= 0.5
+            ),
+        ],
+        "each": [
+            [name, percent(one.alone.mean), percent(one.alone.worst), percent(one.without)]
+            for name, one in zip(report.names, found.cameras, strict=True)
+        ],
+    }
+
+
+def _flat(data: Mapping[str, Any], before: str = "") -> list[tuple[str, str]]:
+    """Values of nested mappings as text, with their joined names."""
+    facts: list[tuple[str, str]] = []
+    for name, value in data.items():
+        if isinstance(value, Mapping):
+            facts += _flat(value, f"{before}{name}, ")
+        elif isinstance(value, list | tuple) and value and isinstance(value[0], Mapping):
+            for row, part in enumerate(value, start=1):
+                facts += _flat(part, f"{before}{name} {row}, ")
+        else:
+            facts.append((f"{before}{name}", str(value)))
+    return facts
+
+
+def _share(share: Mapping[str, Any]) -> list[str]:
+    return [
+        f"{share['faces']:,}",
+        percent(share["percent"] / 100),
+        percent(share["area_percent"] / 100),
+    ]

@@ -1,6 +1,6 @@
-"""Pictures of a placement: segments, cameras around the part, coverage, what is left and why.
+"""Pictures of a placement: segments, cameras around the part, coverage, uncovered faces.
 
-Each shows the part from two sides, in colours that its legend explains. See `plots` for figures.
+Each shows the part from two sides, in colours that its legend explains.
 
 E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks. 2020, figures 6.2
 to 6.11.
@@ -12,62 +12,52 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw
 
+from rastercov._format import percent
 from rastercov.camera import Camera
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.placement.candidates.segments import Segmentation
 from rastercov.placement.explain.uncovered import WORDS, Leftover
-from rastercov.plan.requirements import percent
-from rastercov.report.figures import colour_rows, coverage_colours
-from rastercov.report.images import INK, OCCLUDER, PAPER, Key, framed, index_colours, letters
+from rastercov.report.images import Key, font_for, framed, stripes
 from rastercov.report.panorama import (
     DIRECTIONS,
     FINE,
     Line,
     Scene,
+    best_directions,
     draw_in_space,
     fill_in_space,
     look,
     paint,
     place_in_image,
     smooth,
-    telling_directions,
+)
+from rastercov.report.theme import (
+    COVERED,
+    INK,
+    OCCLUDER,
+    PAPER,
+    REASONS,
+    UNCOVERED,
+    Colour,
+    Pixels,
+    camera_colours,
+    colour_rows,
+    coverage_colours,
+    index_colours,
 )
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
-Pixels = NDArray[np.uint8]
-Colour = tuple[int, int, int]
 
-COVERED = (214, 220, 226)
-REASONS: dict[str, Colour] = {
-    "occluded": (214, 39, 40),
-    "outside": (0, 114, 178),
-    "back_facing": (136, 84, 164),
-    "too_coarse": (240, 160, 0),
-    "out_of_focus": (86, 180, 233),
-    "too_oblique": (0, 158, 115),
-    "too_few_views": (230, 120, 180),
-    "unsampled": (120, 94, 60),
-    "degenerate": (84, 96, 100),
-    "no_cameras": (30, 34, 40),
-}
-"""Colours of faces that are left, by the name of the reason."""
-CAMERAS: tuple[Colour, ...] = (
-    (0, 114, 178), (230, 126, 0), (0, 158, 115), (204, 80, 150), (86, 160, 220), (150, 110, 0),
-    (213, 48, 40), (110, 80, 170), (120, 180, 40), (0, 150, 160), (180, 100, 70), (90, 100, 115),
-)  # fmt: skip
-"""Colours of the first cameras; beyond them those of indices."""
-NOBODY = (52, 56, 62)
-"""Colour of faces that no camera covers."""
 ALL_SIDES = DIRECTIONS[[0, 5]]
-"""From one corner and the opposite one: every side of a box is in one of two pictures."""
+"""Two opposite corners: every side of a box is in one of the two pictures."""
 FRUSTUM = 0.16
-"""Depth of a drawn frustum, of half the diagonal of all that is shown."""
+"""Depth of a drawn frustum, relative to half the diagonal of the scene."""
 
 
 def segments_picture(mesh: Mesh, segmentation: Segmentation) -> Image.Image:
-    """The part with each segment in a colour of its own; figures 6.2 to 6.9."""
+    """The part with one colour a segment; figures 6.2 to 6.9."""
     if len(segmentation.labels) != mesh.n_faces:
         raise ConfigError(
             f"the segmentation has {len(segmentation.labels)} faces, the mesh {mesh.n_faces}; "
@@ -95,20 +85,20 @@ def coverage_picture(mesh: Mesh, best: ArrayLike) -> Image.Image:
 
 
 def leftover_picture(leftover: Leftover) -> Image.Image:
-    """The faces that no camera covers, by reason, from where most of them are seen."""
+    """Faces that no camera covers, by reason, from the directions that show most of them."""
     mesh = leftover.mesh
     names, colours = leftover.reason_names(), _neutral(mesh)
-    told = leftover.summary()
-    share = told["left"]
+    summary = leftover.summary()
+    share = summary["left"]
     keys = [_key("covered", COVERED)]
-    for name, of_reason in sorted(told["reasons"].items(), key=lambda item: -item[1]["faces"]):
+    for name, of_reason in sorted(summary["reasons"].items(), key=lambda item: -item[1]["faces"]):
         colours[names == name] = REASONS[name]
         keys.append(_key(f"{of_reason['faces']:,} faces {WORDS[name]}", REASONS[name]))
     keys += _occluder_key(mesh, OCCLUDER)
     title = (
         f"Not covered: {share['faces']:,} faces, {percent(share['area_percent'] / 100)} of the area"
     )
-    directions = telling_directions(mesh, leftover.left)
+    directions = best_directions(mesh, leftover.left)
     return _two_sides(mesh, colours, title, keys, directions, leftover.left)
 
 
@@ -119,18 +109,18 @@ def network_picture(
     best_pose: ArrayLike | None = None,
     names: Sequence[str] = (),
 ) -> Image.Image:
-    """The cameras around the part as pyramids of sight, figures 6.10 and 6.11.
+    """The cameras around the part as view pyramids, figures 6.10 and 6.11.
 
     Parameters
     ----------
     mesh, camera
-        The part, and what looks at it.
+        The part and the camera of all poses.
     poses : (K, 4, 4) array_like
         world_from_camera.
     best_pose : (F,) int array_like, optional
-        Camera that covers each face best, whose colour it gets; -1 for none.
+        Camera that covers each face best and gives its colour; -1 for none.
     names : sequence of K str, optional
-        What to write at the cameras; 1, 2, ... unless given.
+        Labels of the cameras; 1, 2, ... unless given.
     """
     matrices = np.asarray(poses, np.float64).reshape(-1, 4, 4)
     count = len(matrices)
@@ -141,13 +131,13 @@ def network_picture(
         best = np.asarray(best_pose)
         lit = mesh.task_mask & (best >= 0)
         colours[lit] = of_camera[best[lit]]
-        colours[mesh.task_mask & (best < 0)] = NOBODY
+        colours[mesh.task_mask & (best < 0)] = UNCOVERED
         swatch = np.repeat(np.repeat(of_camera[None, :4], 24, axis=0), 6, axis=1)
         keys = (
             [Key("each face in the colour of the camera that has it best", swatch)] if count else []
         )
         if (mesh.task_mask & (best < 0)).any():
-            keys.append(_key("covered by none", NOBODY))
+            keys.append(_key("covered by none", UNCOVERED))
     keys += _occluder_key(mesh, OCCLUDER)
     corners = np.concatenate((mesh.bounds, matrices[:, :3, 3]))
     reach = FRUSTUM * float(np.linalg.norm(np.ptp(corners, axis=0))) / 2
@@ -163,15 +153,8 @@ def network_picture(
             draw_in_space(image, scene, _edges(pyramid, tuple(colour)))
         _write(image, scene, matrices[:, :3, 3], titles, of_camera)
         images.append(smooth(image))
-    word = "camera" if count == 1 else "cameras"
-    return framed(_beside(images), f"{count} {word}, seen from two sides", keys)
-
-
-def camera_colours(count: int) -> Pixels:
-    """(K, 3) colours of cameras, easy to tell apart while there are few."""
-    colours = index_colours(np.arange(count))
-    colours[: len(CAMERAS)] = np.array(CAMERAS, np.uint8)[:count]
-    return colours
+    noun = "camera" if count == 1 else "cameras"
+    return framed(_beside(images), f"{count} {noun}, seen from two sides", keys)
 
 
 def _two_sides(
@@ -182,7 +165,7 @@ def _two_sides(
     directions: FloatArray,
     through: BoolArray | None = None,
 ) -> Image.Image:
-    """Two views side by side, with title and legend."""
+    """Two views side by side, with title and legend; faces of `through` show through the part."""
     scenes = [look(mesh, direction) for direction in directions]
     hidden = np.zeros(mesh.n_faces, np.bool_)
     if through is not None:
@@ -196,7 +179,7 @@ def _two_sides(
 
 
 def _beside(images: Sequence[Image.Image]) -> Pixels:
-    """Pixels of pictures of one height, side by side."""
+    """Pixels of pictures of equal height, side by side."""
     gap = np.full((images[0].height, 6, 3), PAPER, np.uint8)
     parts = [np.asarray(images[0])]
     for image in images[1:]:
@@ -205,7 +188,7 @@ def _beside(images: Sequence[Image.Image]) -> Pixels:
 
 
 def _neutral(mesh: Mesh) -> Pixels:
-    """(F, 3) the task in light grey, occluders in their own colour."""
+    """(F, 3) colours: the task in light grey, occluders in theirs."""
     colours = np.empty((mesh.n_faces, 3), np.uint8)
     colours[:] = COVERED
     colours[~mesh.task_mask] = OCCLUDER
@@ -216,8 +199,7 @@ def _key(name: str, colour: ArrayLike, stripe: ArrayLike | None = None) -> Key:
     swatch = np.empty((24, 24, 3), np.uint8)
     swatch[:] = np.asarray(colour)
     if stripe is not None:
-        rows, columns = np.ogrid[:24, :24]
-        swatch[(rows + columns) // 6 % 2 == 0] = np.asarray(stripe)
+        swatch[stripes((24, 24), 6)] = np.asarray(stripe)
     return Key(name, swatch)
 
 
@@ -226,18 +208,18 @@ def _occluder_key(mesh: Mesh, colour: ArrayLike) -> list[Key]:
 
 
 def _pyramid(camera: Camera, pose: FloatArray, reach: float) -> FloatArray:
-    """(5, 3) the eye, and the corners of the image at some depth before it."""
+    """(5, 3) camera centre and the corners of its image; the edges are `reach` long."""
     u = np.array([0, camera.width, camera.width, 0]) - camera.cx
     v = np.array([0, 0, camera.height, camera.height]) - camera.cy
     rays = np.stack((u / camera.fx, v / camera.fy, np.ones(4)), axis=1)
-    # As long for every camera, whatever its field of view.
+    # The same length for every field of view.
     rays *= reach / np.linalg.norm(rays, axis=1).max()
     corners: FloatArray = rays @ pose[:3, :3].T + pose[:3, 3]
     return np.concatenate((pose[None, :3, 3], corners))
 
 
 def _edges(pyramid: FloatArray, colour: Colour) -> list[Line]:
-    """The eight edges of a pyramid of sight, the upper one of its base twice as wide."""
+    """The eight edges of a view pyramid; the upper edge of its base is the widest."""
     points = [tuple(point) for point in pyramid.tolist()]
     lines = [Line(points[0], corner, colour, 1.6) for corner in points[1:]]
     for row in range(4):
@@ -248,9 +230,9 @@ def _edges(pyramid: FloatArray, colour: Colour) -> list[Line]:
 def _write(
     image: Image.Image, scene: Scene, eyes: FloatArray, names: Sequence[str], colours: Pixels
 ) -> None:
-    """Write a name at each camera, in its colour on a plate of paper."""
+    """Label each camera in a box with a border of its colour."""
     draw = ImageDraw.Draw(image)
-    font = letters(round(FINE * (850 if len(names) <= 30 else 500)))
+    font = font_for(round(FINE * (850 if len(names) <= 30 else 500)))
     for (x, y), name, colour in zip(place_in_image(scene, eyes), names, colours, strict=True):
         left, top, right, bottom = draw.textbbox((x, y), name, font, anchor="mm")
         plate = (left - 3 * FINE, top - 2 * FINE, right + 3 * FINE, bottom + 2 * FINE)

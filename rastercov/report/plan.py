@@ -1,19 +1,18 @@
-"""What `rastercov place` leaves and prints: poses, `plan.json`, the page, tables.
+"""Report of `rastercov place`: poses, `plan.json`, the page, tables for a terminal.
 
 poses.json   the cameras, as `rastercov evaluate --poses` reads them
-plan.json    all figures, and what made them; everything that takes time is under "seconds"
-page.html    the same for people, with pictures
-matrix/      what each candidate sees; a run that was ended, or its plan changed, goes on from here
+plan.json    all figures and their provenance; all times are under "seconds"
+page.html    the same with pictures
+matrix/      visibility matrix of the candidates, used again by later runs, even of a changed plan
 
-The first three take the place of earlier ones together, when all is done or Ctrl-C ends it. Where
-there are no earlier ones, what there is is kept before each step that follows the selection, and
-`plan.json` names the step under "interrupted": should the run be killed in it, that stays true.
+The first three replace earlier ones together, at the end or at Ctrl-C. Without earlier ones the
+intermediate result is saved before each step after the selection, and `plan.json` names that step
+under "interrupted", which is still correct when the run is killed in it.
 """
 
 import math
 import re
 from dataclasses import asdict
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -21,25 +20,27 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
+from rastercov._format import percent
 from rastercov._interrupts import interrupts_held
+from rastercov._output import write_json
 from rastercov.placement.select.problem import BestCoverage
 from rastercov.plan.prepare import Prepared, Progress
-from rastercov.plan.requirements import OF, percent
+from rastercov.plan.requirements import OF
 from rastercov.plan.run import Placement
+from rastercov.provenance import Provenance
 from rastercov.raster.contract import RasterizerInfo
-from rastercov.report.coverage import Options, describe
-from rastercov.report.figures import write_json
+from rastercov.report.coverage import Options
 from rastercov.report.folder import ReportFolder, ReportKind
 
-MOST_ROWS = 30
-"""Cameras, and groups, that a table lists."""
+MAX_ROWS = 30
+"""Cameras that a table lists."""
 
 
 PLACEMENT = ReportKind("place", re.compile(r"(poses|plan)\.json|page\.html"), last="plan.json")
 
 
 def save(placement: Placement, folder: ReportFolder) -> None:
-    """Put poses, all figures, and the page if one was written, in the place of earlier ones."""
+    """Replace the earlier report by poses, all figures, and the page if one was written."""
     with interrupts_held():
         write_json(folder.file("poses.json"), poses_of(placement))
         write_json(folder.file("plan.json"), summary(placement))
@@ -47,13 +48,13 @@ def save(placement: Placement, folder: ReportFolder) -> None:
 
 
 def save_unfinished(placement: Placement, folder: ReportFolder) -> None:
-    """Keep what there is before a step, `placement.interrupted`, unless there is a whole report."""
+    """Save the result before the step `placement.interrupted`, unless there is a whole report."""
     if not folder.has_earlier:
         save(placement, folder)
 
 
 def poses_of(placement: Placement) -> dict[str, Any]:
-    """A pose file, which says where each camera comes from."""
+    """Content of the pose file, with the origin of each camera."""
     return {
         "world_from_camera": placement.cameras.poses,
         "origin": placement.origin,
@@ -62,7 +63,7 @@ def poses_of(placement: Placement) -> dict[str, Any]:
 
 
 def summary(placement: Placement) -> dict[str, Any]:
-    """All figures of a placement, ready for JSON; for the same plan the same, but "seconds"."""
+    """All figures of a placement, ready for JSON; reproducible except for "seconds"."""
     prepared, cameras = placement.prepared, placement.cameras
     plan, selection = prepared.plan, dict(placement.selection.summary())
     seconds: dict[str, Any] = {"steps": placement.steps, "selection": selection.pop("seconds")}
@@ -119,19 +120,19 @@ def made_from(prepared: Prepared) -> dict[str, Any]:
     """Inputs with their hashes, device and versions."""
     plan, poses = prepared.plan, prepared.pool.candidates.poses
     options = Options(method=plan.task.method, supersample=plan.task.supersample, pictures=0)
-    info = RasterizerInfo(**prepared.measured_by)
-    header = describe(prepared.mesh, prepared.camera, poses, prepared.task, options, info)
-    versions = dict(header["versions"])
-    for name in ("pydantic", "highspy", "pymoo"):
-        try:
-            versions[name] = version(name)
-        except PackageNotFoundError:
-            versions[name] = None
-    return header | {"versions": versions}
+    return Provenance(
+        prepared.mesh,
+        prepared.camera,
+        poses,
+        prepared.task,
+        asdict(options),
+        RasterizerInfo(**prepared.measured_by),
+        ("rastercov", "moderngl", "numpy", "pydantic", "highspy", "pymoo"),
+    ).as_dict()
 
 
 def _cameras(placement: Placement) -> list[dict[str, Any]]:
-    """Where each camera stands and looks, and what the first so many cover."""
+    """Position, direction, cost and coverage of each camera, and the share covered so far."""
     cameras, costs = placement.cameras, placement.prepared.pool.costs
     return [
         {
@@ -155,7 +156,7 @@ def _cameras(placement: Placement) -> list[dict[str, Any]]:
 
 
 def cameras_table(placement: Placement) -> Table:
-    """The cameras for a terminal of 80 columns, the one that adds most first."""
+    """The cameras for a terminal of 80 columns, the largest gain first."""
     table = Table(title="Cameras", title_justify="left")
     table.add_column("", justify="right", style="dim")
     table.add_column("from", overflow="fold")
@@ -170,7 +171,7 @@ def cameras_table(placement: Placement) -> Table:
     digits = max(0, 2 - math.floor(math.log10(max(far, 1e-9))))
     for row, entry in enumerate(_cameras(placement)):
         share = entry["share_so_far"]
-        if row < MOST_ROWS:
+        if row < MAX_ROWS:
             table.add_row(
                 str(row),
                 Text(entry["origin"]),
@@ -180,13 +181,13 @@ def cameras_table(placement: Placement) -> Table:
                 percent(share),
             )
         before = share
-    if len(placement.origin) > MOST_ROWS:
-        table.add_row("", f"... {len(placement.origin) - MOST_ROWS} more")
+    if len(placement.origin) > MAX_ROWS:
+        table.add_row("", f"... {len(placement.origin) - MAX_ROWS} more")
     return table
 
 
 def lines(placement: Placement) -> list[str]:
-    """What a person should know of a placement, beside its tables and what is left."""
+    """Sentences about a placement that no table has."""
     prepared, selection = placement.prepared, placement.selection
     said = [*prepared.pool.lines(), *prepared.notes, _selected(placement)]
     of = OF[prepared.plan.task.weight_by]
@@ -218,7 +219,7 @@ def lines(placement: Placement) -> list[str]:
 
 
 def _selected(placement: Placement) -> str:
-    """What selection found, and how far from the best it may be."""
+    """Result of the selection and its distance from the best."""
     prepared, found = placement.prepared, placement.selection
     of = OF[prepared.plan.task.weight_by]
     text = f"{len(found.chosen)} of {len(prepared.pool.candidates)} candidates"
@@ -234,9 +235,9 @@ def _selected(placement: Placement) -> str:
 
 
 def write_page(placement: Placement, path: Path, progress: Progress) -> None:
-    """Write the page for people."""
+    """Write the page."""
     from rastercov.report.placement import PlanReport
-    from rastercov.report.placement import write_page as write
+    from rastercov.report.placement import write_page as write  # with the first page only
 
     prepared = placement.prepared
     report = PlanReport(

@@ -27,14 +27,14 @@ from rastercov.observer import visibility
 from rastercov.pose import look_at, sphere_of_poses
 from rastercov.report.images import coverage_pixels
 from rastercov.report.model_pictures import (
-    LOST,
     difference_picture,
     look_at_part,
     look_closer,
     models_sheet,
     occlusion_sheet,
 )
-from rastercov.report.models import LOOKS_AT, page, write_model_comparison
+from rastercov.report.models import CRITERIA, page, write_model_comparison
+from rastercov.report.theme import MISSED
 from rastercov.validation.models.comparison import compare_models, covers
 
 CAMERA = Camera(width=400, height=300, fx=200, fy=200)
@@ -835,7 +835,7 @@ def test_bivalent_is_black_where_graded_is_grey_and_the_difference_has_a_colour(
     # At 1, the colour itself; on faces that do not differ, a grey.
     coloured = difference_picture(whole, np.array([0.0, 1, 1]), np.array([1.0, 1, 1]))
     pixels = np.asarray(coloured)[: whole.camera.height, : whole.camera.width]
-    assert np.abs(pixels[face] - np.array(LOST)).max() <= 1
+    assert np.abs(pixels[face] - np.array(MISSED)).max() <= 1
     others = pixels[whole.buffer.face > 0]
     assert np.ptp(others, axis=1).max() == 0
 
@@ -925,7 +925,7 @@ def test_a_share_is_never_rounded_up_to_all(found):
 
 
 def test_what_models_look_at_is_told_for_all_of_them():
-    assert list(LOOKS_AT) == list(MODELS)
+    assert list(CRITERIA) == list(MODELS)
 
 
 def run(capsys, line):

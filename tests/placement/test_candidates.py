@@ -14,10 +14,11 @@ from rastercov.errors import ConfigError, PoseError
 from rastercov.mesh import Group, Mesh
 from rastercov.mesh.triangle_tree import TriangleTree
 from rastercov.placement.candidates.clearance import (
-    Fate,
     KeepOutBox,
     KeepOutSphere,
     NearestSurface,
+    Rejection,
+    filter_candidates,
     in_solid,
     kept,
 )
@@ -407,7 +408,7 @@ def test_walls_and_ceiling_of_a_room():
     assert np.ptp(eyes_of(ceiling), axis=0)[:2] == pytest.approx((5.6, 4.6))
     both = walls + ceiling
     assert both.counts() == {"walls": len(walls), "ceiling": len(ceiling)}
-    assert len(kept(both, room, 0.15)[0]) == len(both)
+    assert len(filter_candidates(both, room, 0.15)[0]) == len(both)
 
 
 @pytest.mark.parametrize(
@@ -572,10 +573,14 @@ def test_the_report_says_what_was_dropped_and_why():
         (1.55, 0, 0),
     ]
     volumes = (KeepOutBox((-0.1, -0.1, -1), (0.1, 0.1, 1), "hub"), KeepOutSphere((0, 0, 0), 0.95))
-    left, dropped = kept(standing_at(points), torus, 0.1, volumes)
-    assert dropped.fate.tolist() == [
-        Fate.IN_SOLID, Fate.KEPT_OUT, Fate.KEPT_OUT, Fate.KEPT, Fate.KEPT, Fate.TOO_NEAR, Fate.KEPT
-    ]  # fmt: skip
+    left, dropped = filter_candidates(standing_at(points), torus, 0.1, volumes)
+    solid, kept_out, none, near = (
+        Rejection.IN_SOLID,
+        Rejection.KEPT_OUT,
+        Rejection.NONE,
+        Rejection.TOO_NEAR,
+    )
+    assert dropped.rejection.tolist() == [solid, kept_out, kept_out, none, none, near, none]
     np.testing.assert_array_equal(eyes_of(left), np.array(points)[[3, 4, 6]])
     assert dropped.summary() == {
         "candidates": 7,
@@ -589,14 +594,16 @@ def test_the_report_says_what_was_dropped_and_why():
         "4 of 7 candidates dropped: 1 in a solid, 2 in keep-out hub, "
         "1 nearer than 0.1 m to a surface"
     )
-    everything, none = kept(standing_at(points[3:5]), torus)
+    everything, none = filter_candidates(standing_at(points[3:5]), torus)
     assert len(everything) == 2
     assert str(none) == "0 of 2 candidates dropped"
 
 
 def test_clearance_counts_occluders_and_open_sheets_from_both_sides():
     wall = sheet((-1, -1), (1, 1), 0.0).with_groups(occluders=["mesh"])
-    _, dropped = kept(standing_at([(0, 0, 0.2), (0, 0, -0.2), (0, 0, 0.4), (1.2, 0, 0)]), wall, 0.3)
+    _, dropped = filter_candidates(
+        standing_at([(0, 0, 0.2), (0, 0, -0.2), (0, 0, 0.4), (1.2, 0, 0)]), wall, 0.3
+    )
     assert dropped.kept_mask.tolist() == [False, False, True, False]
 
 
@@ -607,13 +614,22 @@ def test_a_keep_out_volume_may_be_anything_that_contains_points():
         def contains(self, points):
             return points[:, 2] > 1
 
-    _, dropped = kept(standing_at([(5, 0, 0.5), (5, 0, 1.5)]), shapes.box(), 0, [Above()])
+    _, dropped = filter_candidates(
+        standing_at([(5, 0, 0.5), (5, 0, 1.5)]), shapes.box(), 0, [Above()]
+    )
     assert dropped.summary()["kept_out"] == {"above": 1}
+
+
+def test_the_old_name_warns_and_gives_the_same():
+    box = shapes.box()
+    with pytest.warns(DeprecationWarning, match="filter_candidates"):
+        _, dropped = kept(standing_at([(0, 0, 0.1), (3, 0, 0)]), box, clearance=0.1)
+    assert dropped.kept_mask.tolist() == [False, True]
 
 
 def test_no_candidates_are_no_error():
     none = standing_at(np.zeros((1, 3))).take([])
-    left, dropped = kept(none, shapes.box(), 0.1, [KeepOutSphere((0, 0, 0), 1)])
+    left, dropped = filter_candidates(none, shapes.box(), 0.1, [KeepOutSphere((0, 0, 0), 1)])
     assert len(left) == dropped.summary()["candidates"] == 0
     nothing = shapes.box().with_groups(occluders=["mesh"])
     assert len(per_segment(nothing, CAMERA, segmentation=segment(nothing, 15, 25))) == 0
@@ -623,8 +639,14 @@ def test_no_candidates_are_no_error():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: kept(standing_at([(0, 0, 0)]), NOISY, -1), "clearance must be 0 m or more"),
-        (lambda: kept(standing_at([(0, 0, 0)]), NOISY, np.inf), "clearance must be 0 m or more"),
+        (
+            lambda: filter_candidates(standing_at([(0, 0, 0)]), NOISY, -1),
+            "clearance must be 0 m or more",
+        ),
+        (
+            lambda: filter_candidates(standing_at([(0, 0, 0)]), NOISY, np.inf),
+            "clearance must be 0 m or more",
+        ),
         (lambda: KeepOutBox((0, 0, 1), (1, 1, 0)), "a keep-out box needs low <= high"),
         (lambda: KeepOutSphere((0, 0, 0), 0), "a keep-out sphere needs a centre and a radius > 0"),
         (

@@ -15,7 +15,7 @@ from rastercov.coverage import Reason
 from rastercov.errors import ConfigError
 from rastercov.mesh import Group, Mesh
 from rastercov.placement.candidates.cavities import Access, openings, per_cavity
-from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere, kept
+from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere, filter_candidates
 from rastercov.placement.candidates.framing import Framing
 from rastercov.placement.candidates.hemicube import Hemicube, face_frames
 from rastercov.placement.candidates.pool import per_face
@@ -79,7 +79,7 @@ def test_a_ray_ends_where_the_wall_of_a_room_is(seed):
     point = np.array([*rng.uniform(-0.9, 0.9, 2), -2.0])
     frame = face_frames(np.array([[0.0, 0.0, 1.0]]))[0]
     with Hemicube(room, 8) as hemicube:
-        free = hemicube.look_out(point, frame)
+        free = hemicube.free_distances(point, frame)
         rays = hemicube.directions @ frame.T
     walls = np.array([1.0, 1.5, 2.0])
     with np.errstate(divide="ignore"):
@@ -199,7 +199,7 @@ def test_nothing_is_proved_of_a_cavity_in_which_a_camera_may_stand(limits):
     found = openings(mesh, CAMERA, framing, faces=inner(mesh), **limits)
     assert (found.access != Access.ENCLOSED).all()
     assert (found.access == Access.REACHED).any()
-    assert kept(found.candidates, mesh, **limits)[1].kept_mask.all()
+    assert filter_candidates(found.candidates, mesh, **limits)[1].kept_mask.all()
 
 
 def test_a_face_on_which_matter_lies_is_out_of_reach_and_its_uncovered_neighbour_is_not():
@@ -249,7 +249,7 @@ def test_every_place_is_clear_within_the_stand_off_and_out_of_keep_out_volumes()
     found = openings(mesh, CAMERA, framing, faces=inner(mesh), clearance=0.3, keep_out=[volume])
     poses, index = found.candidates.poses, found.candidates.index
     assert len(poses) > 20
-    assert len(kept(found.candidates, mesh, 0.3, [volume])[0]) == len(poses)
+    assert len(filter_candidates(found.candidates, mesh, 0.3, [volume])[0]) == len(poses)
     away = np.linalg.norm(poses[:, :3, 3] - mesh.centroids[index], axis=1)
     assert ((away >= 5 - 1e-6) & (away <= 12 + 1e-6)).all()
     # Each view comes once for each roll.

@@ -10,7 +10,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from set_cover_cases import COVERS, FOLDER, OPTIMA, hard_for_the_clock, steiner
+from set_cover_cases import (
+    COVERS,
+    FOLDER,
+    OPTIMA,
+    hard_for_the_clock,
+    read_set_cover,
+    steiner,
+)
 
 from rastercov.errors import ConfigError, ResourceError
 from rastercov.placement.select import integer as integer_module
@@ -27,7 +34,6 @@ from rastercov.placement.select.problem import (
 )
 from rastercov.placement.select.selection import bound_of, in_order
 from rastercov.placement.select.thesis import select_thesis
-from rastercov.placement.set_cover_file import read_set_cover
 
 QUICK = 200_000
 """Effort of the greedy search in tests."""

@@ -13,8 +13,8 @@ from rastercov.mesh import Mesh
 from rastercov.pose import look_at
 from rastercov.raster.cpu import CPURasterizer
 from rastercov.raster.cpu.cluster_kernels import VERTEX_STEP
-from rastercov.raster.cpu.clusters import in_clusters
-from rastercov.raster.cpu.memory import FACES, LANES, LINE_BITS, VERTICES
+from rastercov.raster.cpu.clusters import group_faces
+from rastercov.raster.cpu.memory import ALTITUDE, FACES, LANES, LINE_BITS, RADIUS, VERTICES
 
 
 def soup(rng, n, scale=1.0, offset=0.0):
@@ -82,7 +82,7 @@ SOUPS = st.tuples(
 
 def made(vertices, faces, is_wound):
     vertices, faces = np.array(vertices, np.float64), np.array(faces, np.int32)
-    return vertices, faces, in_clusters(vertices, faces, is_wound)
+    return vertices, faces, group_faces(vertices, faces, is_wound)
 
 
 def taken_apart(clusters):
@@ -133,7 +133,7 @@ def assert_bounds_hold(clusters):
     """Sphere, cone, planes and altitudes, to rounding."""
     assert np.isfinite(clusters.bounds).all()
     n = len(clusters.face_starts) - 1
-    assert clusters.bounds.shape[1] >= -(-n // LANES) * LANES  # sixteen are read at once
+    assert clusters.bounds.shape[1] >= -(-n // LANES) * LANES  # whole vectors are read
     assert not clusters.bounds[:, n:].any()
     for k, points, corners, _ in taken_apart(clusters):
         *centre, radius = clusters.bounds[:4, k]
@@ -325,9 +325,9 @@ def counts_agree(mesh, camera, poses, **options):
         found = rasterizer.count(poses, drawn=False)
         drawn = rasterizer.count(poses)
         bounds = rasterizer._scene.clusters.bounds
-        bounds[10] = 0  # nothing is turned away
+        bounds[ALTITUDE] = 0  # nothing is turned away
         culled = rasterizer.count(poses, drawn=False)
-        bounds[3] = 1e200  # nothing is outside
+        bounds[RADIUS] = 1e200  # nothing is outside
         expected = rasterizer.count(poses, drawn=False)
         expected_drawn = rasterizer.count(poses)
     for counts in (found, drawn, culled, expected_drawn):

@@ -17,12 +17,16 @@ from rastercov.camera import Camera
 from rastercov.errors import ConfigError, DeviceError, ResourceError
 from rastercov.mesh import Mesh
 from rastercov.pose import look_at, sphere_of_poses
-from rastercov.raster import cpu
-from rastercov.raster import self_test as canary
+from rastercov.raster import cpu, self_test
 from rastercov.raster.contract import open_rasterizer
 from rastercov.raster.cpu import MAX_SIDE, CPURasterizer
 from rastercov.raster.cpu import loops as kernels
-from rastercov.raster.cpu import memory as layout
+from rastercov.raster.cpu.memory import (
+    GUARD_BAND,
+    HALF_SAMPLE,
+    STEPS,
+    aligned_zeros,
+)
 
 SUPPORT = Path(__file__).parents[1] / "support"
 CAMERA = Camera(width=160, height=120, fx=140, fy=150)
@@ -145,7 +149,7 @@ def test_a_large_pose_is_shared_out(monkeypatch):
     count_poses = kernels.count_poses
 
     def noted(*args):
-        taken.append(args[6].tolist())
+        taken.append(args[2].tolist())
         return count_poses(*args)
 
     mesh, poses = SCENES["torus"]
@@ -196,7 +200,7 @@ def reordered(counts, rows=slice(None), faces=slice(None)):
 
 # --- which face a sample belongs to ---------------------------------------------------------------
 
-QUARTER = kernels.STEPS // 4
+QUARTER = STEPS // 4
 IMAGES = [(1, 1), (3, 17), (21, 15), (64, 4), (90, 70), (333, 2), (301, 222)]
 CORNERS = st.tuples(st.integers(-8, 8), st.integers(-8, 8), st.sampled_from((0, 0.25, 0.5)))
 TRIANGLES = st.tuples(
@@ -212,7 +216,7 @@ def owned(corners, width, height):
     turn = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])
     if turn < 0:
         b, c = c, b
-    y, x = np.indices((height, width)) * kernels.STEPS + kernels.HALF
+    y, x = np.indices((height, width)) * STEPS + HALF_SAMPLE
     inside = np.full((height, width), turn != 0)
     for (px, py), (qx, qy) in ((a, b), (b, c), (c, a)):
         across, down = py - qy, qx - px
@@ -322,36 +326,33 @@ def test_of_coincident_faces_the_lowest_index_owns_every_sample_wherever_they_st
 def test_no_scene_writes_past_its_scratch_memory():
     # What is reached by pointers has no bounds to check, so what stands beside it is looked at.
     rng = np.random.default_rng(11)
-    room, beside = kernels.ROOM, 64
     fences = []
 
-    def fenced(array):
-        whole = layout.aligned_zeros(len(array) + 2 * beside, array.dtype)
+    def fenced(array, beside=64):
+        whole = aligned_zeros(array.size + 2 * beside, array.dtype)
         whole[:] = 77
+        whole[beside:-beside] = array.ravel()
         fences.extend((whole[:beside], whole[-beside:]))
-        return whole[beside:-beside]
+        return whole[beside:-beside].reshape(array.shape)
 
-    def fenced_rows(array):
-        whole = layout.aligned_zeros((len(array), 2 * room), array.dtype)
-        whole[:] = 77
-        whole[:, :room] = array
-        fences.append(whole[:, room:])
-        return whole
+    def all_fenced(record):
+        is_array = {name: isinstance(array, np.ndarray) for name, array in record._asdict().items()}
+        return record._replace(
+            **{name: fenced(getattr(record, name)) for name in record._fields if is_array[name]}
+        )
 
     for _ in range(250):
         mesh, camera, poses, scale = scene(rng)
         fences.clear()
         roll = rng.choice((0, rng.uniform(-2, 2)))
         with CPURasterizer(mesh, camera, threads=1, supersample=scale, roll=roll) as rasterizer:
-            (view,) = rasterizer._scratch.take(1)
-            for name in ("marks", "depth", "owner", "seen"):
-                setattr(view, name, fenced(getattr(view, name)))
-            rows, others = view.scratch[:4], view.scratch[4:]
-            view.scratch = (*(fenced_rows(array) for array in rows), *others)
-            rasterizer._scratch.give_back([view])
+            (worker,) = rasterizer._scratch.take(1)
+            worker.buffers = all_fenced(worker.buffers)
+            worker.scratch = all_fenced(worker.scratch)
+            rasterizer._scratch.give_back([worker])
             rasterizer.count(poses)
             rasterizer.count(poses, drawn=False)
-            assert rasterizer._scratch.take(1) == [view]
+            assert rasterizer._scratch.take(1) == [worker]
         assert all((fence == 77).all() for fence in fences)
 
 
@@ -427,7 +428,7 @@ np.savez(sys.argv[1], *[n for c in counts for n in (c.visible, c.drawn, c.backgr
 
 
 def test_a_compiler_that_errs_is_not_trusted(monkeypatch):
-    monkeypatch.setattr(canary, "VISIBLE", canary.VISIBLE + 1)
+    monkeypatch.setattr(self_test, "VISIBLE", self_test.VISIBLE + 1)
     with pytest.raises(DeviceError, match="cannot be trusted"):
         CPURasterizer(shapes.box(), CAMERA)
 
@@ -467,7 +468,7 @@ def test_limits_are_refused_before_anything_is_allocated():
     large = Camera(width=131072, height=131072, fx=1, fy=1)
     with pytest.raises(ResourceError, match="1,048,576 samples, got 1,202,"):
         CPURasterizer(shapes.box(), large, supersample=7, roll=0.4)
-    assert MAX_SIDE * kernels.STEPS <= kernels.FAR_OUT
+    assert MAX_SIDE * STEPS <= GUARD_BAND
     for threads in (0, -1, True):
         with pytest.raises(ConfigError, match="threads"):
             CPURasterizer(shapes.box(), CAMERA, threads=threads)

@@ -15,28 +15,30 @@ from numba import njit
 from numba.core import types
 from numba.extending import intrinsic
 
-from rastercov.raster.cpu.loops import make_scratch
-from rastercov.raster.cpu.memory import LANES
+from rastercov.raster.cpu.memory import LANES, make_scratch
 from rastercov.raster.cpu.simd import (
     DOUBLE,
     LONG,
     SINGLE,
     WORD,
-    constants,
-    from_bits,
+    Scalar,
     gather,
     load,
-    looked_up,
-    spread,
 )  # fmt: skip
-from rastercov.raster.cpu.stages import (
+from rastercov.raster.cpu.simd_kernel import (
+    append_set_bits,
     count_bits,
-    list_lanes,
     lowest_bit,
-    own_lanes,
-    owned_by,
     pointer,
+    simd,
 )  # fmt: skip
+from rastercov.raster.cpu.stage_depth import samples_of_face, write_face
+
+
+def scalar(vector, number):
+    """A 64-bit constant."""
+    return Scalar(vector.builder, LONG(number))
+
 
 KINDS = {np.int32: WORD, np.int64: LONG, np.float32: SINGLE, np.float64: DOUBLE}
 WHOLE, BROKEN = (np.int32, np.int64), (np.float32, np.float64)
@@ -55,10 +57,10 @@ def by_lanes(formulas, n_inputs):
             lanes = [load(builder, array, LANES) for array in taken]
             for k, formula in enumerate(formulas):
                 made, out = formula(*lanes), builder.extract_value(args[1], k)
-                if hasattr(made, "store"):
+                if not isinstance(made, Scalar):
                     made.store(out)
                 else:
-                    builder.store(made, out)
+                    builder.store(made.value, out)
             return context.get_dummy_value()
 
         return types.void(inputs, outputs), generate
@@ -118,24 +120,24 @@ COMMON = {
     "a equals b": (lambda a, b: a.equals(b).bits(), lambda a, b: a == b),
     "where": (lambda a, b: a.where(b > a, b * 2), lambda a, b: np.where(b > a, a, b * 2)),
     "where else 5": (lambda a, b: a.where(a <= b, 5), lambda a, b: np.where(a <= b, a, 5)),
-    "least": (lambda a, b: a.least(b), lambda a, b: np.where(a < b, a, b)),
-    "greatest": (lambda a, b: a.greatest(b), lambda a, b: np.where(a > b, a, b)),
-    "least 1": (lambda a, b: a.least(1), lambda a, b: np.where(a < 1, a, 1)),
+    "minimum": (lambda a, b: a.minimum(b), lambda a, b: np.where(a < b, a, b)),
+    "maximum": (lambda a, b: a.maximum(b), lambda a, b: np.where(a > b, a, b)),
+    "minimum 1": (lambda a, b: a.minimum(1), lambda a, b: np.where(a < 1, a, 1)),
     "like": (lambda a, b: a.like(9), lambda a, b: np.full_like(a, 9)),
     "masks": (
         lambda a, b: (((a < b) | (a < 0)) & ~(b < 3)).bits(),
         lambda a, b: ((a < b) | (a < 0)) & ~(b < 3),
     ),
     "mask of bits": (
-        lambda a, b: a.where(from_bits(a.builder, LONG(0x1A2C5), LANES), b),
+        lambda a, b: a.where(scalar(a, 0x1A2C5).as_mask(LANES), b),
         lambda a, b: np.where(0xA2C5 >> np.arange(LANES) & 1, a, b),
     ),
-    "spread": (
-        lambda a, b: spread(a.builder, a.builder.extract_element(a.value, WORD(3)), LANES),
+    "broadcast": (
+        lambda a, b: a.lane(3).broadcast(LANES),
         lambda a, b: np.full_like(a, a[3]),
     ),
     "constants": (
-        lambda a, b: a + constants(a.builder, a.kind, range(LANES)),
+        lambda a, b: a + range(LANES),
         lambda a, b: a + np.arange(LANES, dtype=a.dtype),
     ),
 }
@@ -147,15 +149,15 @@ OF_WHOLE = {
     "a | b": (lambda a, b: a | b,) * 2,
     "a & 0xFFFF": (lambda a, b: a & 0xFFFF,) * 2,
     "~a": (lambda a, b: ~a,) * 2,
-    "with sign of": (lambda a, b: a.with_sign_of(b), lambda a, b: a << 1 | (b < 0)),
+    "append sign": (lambda a, b: a.append_sign(b), lambda a, b: a << 1 | (b < 0)),
     "to word": (lambda a, b: a.to(WORD), lambda a, b: a.astype(np.int32)),
     "to long": (lambda a, b: a.to(LONG), lambda a, b: a.astype(np.int64)),
     "to single": (lambda a, b: a.to(SINGLE), lambda a, b: a.astype(np.float32)),
     "to double": (lambda a, b: a.to(DOUBLE), lambda a, b: a.astype(np.float64)),
-    "least of lanes": (lambda a, b: a.reduced("least"), lambda a, b: a.min()),
-    "greatest of lanes": (lambda a, b: a.reduced("greatest"), lambda a, b: a.max()),
-    "each": (
-        lambda a, b: a.builder.sub(a.each()[1], b.each()[15]),
+    "minimum of lanes": (lambda a, b: a.reduce("minimum"), lambda a, b: a.min()),
+    "maximum of lanes": (lambda a, b: a.reduce("maximum"), lambda a, b: a.max()),
+    "lane": (
+        lambda a, b: a.lane(1).to(LONG) - b.lane(15).to(LONG),
         lambda a, b: a.astype(np.int64)[1] - b.astype(np.int64)[15],
     ),
 }
@@ -164,8 +166,8 @@ OF_BROKEN = {
     "a / 3": (lambda a, b: a / 3,) * 2,
     "a * b + a": (lambda a, b: a * b + a,) * 2,  # rounded twice
     "floor": (lambda a, b: a.floor(), lambda a, b: np.floor(a)),
-    "root": (lambda a, b: a.root(), lambda a, b: np.sqrt(a)),
-    "magnitude": (lambda a, b: a.magnitude(), lambda a, b: np.abs(a)),
+    "sqrt": (lambda a, b: a.sqrt(), lambda a, b: np.sqrt(a)),
+    "absolute": (lambda a, b: a.absolute(), lambda a, b: np.abs(a)),
     "to single": (lambda a, b: a.to(SINGLE), lambda a, b: a.astype(np.float32)),
     "to double": (lambda a, b: a.to(DOUBLE), lambda a, b: a.astype(np.float64)),
 }
@@ -222,10 +224,10 @@ def whole_loop():
     return by_lanes([lambda a: a.to(WORD), lambda a: a.to(LONG)], 1)
 
 
-def test_octets_are_widened_without_a_sign():
-    octets = np.arange(256, dtype=np.uint8).reshape(16, 16)
-    loop, found = by_lanes([lambda a: a.widened(WORD)], 1), np.zeros(LANES, np.int32)
-    for row in octets:
+def test_bytes_are_extended_without_a_sign():
+    numbers = np.arange(256, dtype=np.uint8).reshape(16, 16)
+    loop, found = by_lanes([lambda a: a.zero_extended(WORD)], 1), np.zeros(LANES, np.int32)
+    for row in numbers:
         loop((row,), (found,))
         assert np.array_equal(found, row)
 
@@ -233,16 +235,10 @@ def test_octets_are_widened_without_a_sign():
 def look_up(kind, n):
     """A loop that looks up lanes in an array of n, and gathers them."""
 
-    @intrinsic
-    def both_ways(typing, array, index, found, gathered):
-        def generate(context, builder, signature, args):
-            array, index, found, gathered = args
-            lanes = load(builder, index, LANES)
-            looked_up(context, array, n, lanes).store(found)
-            gather(builder, array, lanes.each()).store(gathered)
-            return context.get_dummy_value()
-
-        return types.void(array, index, found, gathered), generate
+    @simd(returns=types.void)
+    def both_ways(array, index, found, gathered):
+        found[0] = array.lookup(n, index[0])
+        gathered[0] = gather(array.pointer, index[0])
 
     @njit
     def loop(array, index, found, gathered):
@@ -265,7 +261,7 @@ def test_lanes_are_looked_up_and_gathered_alike(kind, n):
 
 
 def test_every_mask_is_made_of_bits_and_back():
-    loop = by_lanes([lambda a, bits: from_mask(a, bits).bits()], 2)
+    loop = by_lanes([lambda a, bits: from_mask(bits).bits()], 2)
     a, bits, found = np.zeros(LANES, np.int32), np.zeros(LANES, np.int64), np.zeros(1, np.int64)
     for mask in range(1 << LANES):
         bits[0] = mask - (mask << 17)  # what is above does not matter
@@ -273,30 +269,30 @@ def test_every_mask_is_made_of_bits_and_back():
         assert found[0] == mask
 
 
-def from_mask(lanes, bits):
-    return from_bits(lanes.builder, bits.builder.extract_element(bits.value, WORD(0)), LANES)
+def from_mask(bits):
+    return bits.lane(0).as_mask(LANES)
 
 
 # --- bits and lists of lanes ----------------------------------------------------------------------
 
 
 @njit
-def list_all(octets, starts, listed):
+def list_all(bit_indices, starts, listed):
     """Lists of all masks; how long they are then."""
     lengths = np.empty(len(listed), np.int64)
     for mask in range(len(listed)):
-        lengths[mask] = list_lanes(
-            pointer(octets), mask, 3 * mask, pointer(listed[mask]), starts[mask]
+        lengths[mask] = append_set_bits(
+            pointer(bit_indices), mask, 3 * mask, pointer(listed[mask]), starts[mask]
         )
     return lengths
 
 
 def test_every_mask_is_listed_in_order_behind_what_was_there():
     n_masks, room = 1 << LANES, 3 * LANES
-    octets = make_scratch()[4]
+    bit_indices = make_scratch().bit_indices
     starts = np.random.default_rng(0).integers(0, 8, n_masks)
     listed = np.full((n_masks, room), -1, np.int32)
-    lengths = list_all(octets, starts, listed)
+    lengths = list_all(bit_indices, starts, listed)
     is_set = np.arange(n_masks)[:, None] >> np.arange(LANES) & 1 > 0
     assert np.array_equal(lengths, starts + is_set.sum(axis=1))
     column = np.arange(room)
@@ -326,8 +322,8 @@ def test_a_lone_bit_is_the_lowest(bit):
 
 @njit
 def give(owner, at, bits, face):
-    own_lanes(pointer(owner), at, bits, face)
-    return owned_by(pointer(owner), at, face)
+    write_face(pointer(owner), at, bits, face)
+    return samples_of_face(pointer(owner), at, face)
 
 
 @given(arrays(np.int32, 48, elements=st.integers(0, 3)), st.integers(0, 32), st.integers(0, 65535))

@@ -23,7 +23,7 @@ from rastercov.errors import ConfigError, DeviceError, PoseError
 from rastercov.mesh import Mesh
 from rastercov.pose import sphere_of_poses
 from rastercov.report.coverage import EVALUATION, Options, run
-from rastercov.report.figures import CoverageTable
+from rastercov.report.coverage_table import CoverageTable
 from rastercov.report.folder import ReportFolder
 from rastercov.report.images import coverage_picture
 
@@ -384,7 +384,7 @@ def test_a_folder_in_use_is_refused_before_a_device_is_opened(tmp_path, monkeypa
 def test_memory_does_not_grow_with_the_batches(tmp_path, small_batches, monkeypatch):
     """Of Python and numpy, beyond what the summary holds for each pose."""
     mesh = shapes.sphere(2)  # all figures of a pose: 26 kB
-    monkeypatch.setattr("rastercov.report.figures.ROWS_A_GROUP", 1000)
+    monkeypatch.setattr("rastercov.report.coverage_table.ROWS_A_GROUP", 1000)
 
     def peak(count):
         poses = around(count)

@@ -1,22 +1,25 @@
 """The page of a placement: nothing from outside, every figure told, pictures that show it."""
 
 import re
+import subprocess
+import sys
 from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
 import pytest
-from PIL import Image
+from matplotlib.colors import to_rgba
 from scenes import joined
 
 import rastercov as rc
 from rastercov import shapes
+from rastercov._format import percent
 from rastercov.coverage import Task, evaluate_batches
 from rastercov.errors import ConfigError
 from rastercov.mesh import Group, Mesh
 from rastercov.network import Network
 from rastercov.placement.candidates.cavities import openings
-from rastercov.placement.candidates.clearance import KeepOutBox, kept
+from rastercov.placement.candidates.clearance import KeepOutBox, filter_candidates
 from rastercov.placement.candidates.framing import Framing
 from rastercov.placement.candidates.mounting import on_sphere
 from rastercov.placement.candidates.pool import Candidates, per_segment
@@ -29,10 +32,10 @@ from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.problem import BestCoverage, FewestCameras, problem_of
 from rastercov.report import placement as page_module
 from rastercov.report import placement_pictures as pictures
-from rastercov.report import placement_plots as plots
-from rastercov.report.canvas import DARK, LIGHT, LinearAxis
-from rastercov.report.panorama import DIRECTIONS, look, paint, telling_directions
+from rastercov.report import plots, theme
+from rastercov.report.panorama import DIRECTIONS, best_directions, look, paint
 from rastercov.report.placement import PlanReport, page, write_page
+from rastercov.report.theme import DARK, LIGHT
 
 CAMERA = rc.Camera(width=320, height=240, fx=300, fy=300, cx=160, cy=120)
 TASK = Task(min_pixels=20)
@@ -63,7 +66,9 @@ def report():
     segments = segment(mesh, 25, 40)
     made = per_segment(mesh, CAMERA, FRAMING, segmentation=segments)
     made += on_sphere(mesh, CAMERA, FRAMING, count=12)
-    candidates, dropped = kept(made, mesh, 0.1, [KeepOutBox((-9, -9, -9), (9, 9, -1), "floor")])
+    candidates, dropped = filter_candidates(
+        made, mesh, 0.1, [KeepOutBox((-9, -9, -9), (9, 9, -1), "floor")]
+    )
     matrix = build_matrix((mesh, CAMERA), candidates.poses, TASK)
     goal = BestCoverage(cameras=2)
     selection = select_greedy(problem_of(matrix, mesh, goal))
@@ -240,16 +245,16 @@ def test_faces_that_are_left_have_the_colour_of_their_reason(report):
     mesh = report.mesh
     nothing = what_is_left((mesh, CAMERA), report.poses[:0])
     image = pixels_of(pictures.leftover_picture(nothing))
-    assert share_of_hue(image, pictures.REASONS["no_cameras"]) > 0.1
+    assert share_of_hue(image, theme.REASONS["no_cameras"]) > 0.1
     behind = what_is_left((mesh, CAMERA), rc.look_at([0, 0, 4.0], [0, 0, 9.0]))
     image = pixels_of(pictures.leftover_picture(behind))
-    assert share_of_hue(image, pictures.REASONS["outside"]) > 0.03
-    assert share_of_hue(image, pictures.REASONS["back_facing"]) > 0.03
+    assert share_of_hue(image, theme.REASONS["outside"]) > 0.03
+    assert share_of_hue(image, theme.REASONS["back_facing"]) > 0.03
 
 
 def test_every_reason_has_a_colour_and_words_and_colours_differ():
-    colours = np.array(list(pictures.REASONS.values()))
-    assert pictures.REASONS.keys() == pictures.WORDS.keys()
+    colours = np.array(list(theme.REASONS.values()))
+    assert theme.REASONS.keys() == pictures.WORDS.keys()
     apart = np.abs(colours[:, None] - colours[None]).max(axis=2) + 999 * np.eye(len(colours))
     assert apart.min() > 30
 
@@ -276,7 +281,7 @@ def test_segments_have_colours_of_their_own():
     shades = {tuple(pixel) for pixel in middle.reshape(-1, 3)[::7].tolist()}
     # Three sides in each picture; flat sides have one shade within some rounding.
     tones = np.array(sorted(shades))
-    counted = [share_of_hue(middle, tone) for tone in pictures.index_colours(np.arange(6))]
+    counted = [share_of_hue(middle, tone) for tone in theme.index_colours(np.arange(6))]
     assert len(tones) > 6
     assert all(share > 0.01 for share in counted)
     with pytest.raises(ConfigError, match="segment this mesh"):
@@ -288,7 +293,7 @@ def test_each_camera_is_drawn_in_its_colour_inside_the_picture(report):
         pictures.network_picture(report.mesh, CAMERA, report.poses, report.network.best_pose)
     )
     bare = pixels_of(pictures.network_picture(report.mesh, CAMERA, report.poses[:0]))
-    for colour in pictures.camera_colours(2):
+    for colour in theme.camera_colours(2):
         assert share_of_hue(image[60:], colour) > share_of_hue(bare[60:], colour) + 0.001
     for direction in DIRECTIONS[:2]:
         eyes = report.poses[:, :3, 3]
@@ -298,7 +303,7 @@ def test_each_camera_is_drawn_in_its_colour_inside_the_picture(report):
 
 
 def test_colours_of_cameras_are_told_apart():
-    colours = pictures.camera_colours(40).astype(int)
+    colours = theme.camera_colours(40).astype(int)
     assert len({tuple(colour) for colour in colours.tolist()}) == 40
     first = colours[:12]
     apart = np.abs(first[:, None] - first[None]).sum(axis=2) + 999 * np.eye(12)
@@ -335,7 +340,7 @@ def test_one_looks_into_a_room_through_its_walls_and_not_into_a_box():
 def test_one_looks_from_where_the_faces_in_question_are_seen(axis, sign):
     mesh = shapes.box()
     faces = mesh.normals[:, axis] * sign > 0.9
-    towards = telling_directions(mesh, faces)[0]
+    towards = best_directions(mesh, faces)[0]
     assert towards[axis] * sign > 0
     buffer = look(mesh, towards).buffer
     assert faces[np.unique(buffer.face[buffer.face >= 0])].any()
@@ -351,62 +356,64 @@ def test_paint_gives_a_face_its_colour_lit_by_the_eye():
     assert np.median(share) > 0.6
 
 
-@pytest.mark.parametrize("theme", [LIGHT, DARK])
-def test_bars_are_as_long_as_their_shares(theme):
+@pytest.mark.parametrize("colours", [LIGHT, DARK])
+def test_bars_are_as_long_as_their_shares(colours):
     mesh = shapes.room(4)
     network = network_of(mesh, rc.look_at([[2.5, 2, 2.5]], [0, 0, 0.5]))
-    image = plots.group_bars(network, theme)
-    colour = [int(theme.series[0][i : i + 2], 16) for i in (1, 3, 5)]
-    ground = [int(theme.grid[i : i + 2], 16) for i in (1, 3, 5)]
-    close = [np.abs(pixels_of(image) - c).max(axis=2) < 4 for c in (colour, ground)]
-    bar, rest = (mask.sum(axis=1) for mask in close)
-    drawn = sorted(set(np.round((bar / np.maximum(bar + rest, 1))[bar > 0], 2)))
-    shares = sorted(group["covered"]["area_percent"] / 100 for group in network.summary()["groups"])
-    assert shares[0] > 0.02
-    assert drawn[0] == pytest.approx(shares[0], abs=0.02)
-    assert drawn[-1] == pytest.approx(shares[-1], abs=0.02)
+    (axes,) = plots.group_bars(network, colours).axes
+    groups = {group["name"]: group["covered"] for group in network.summary()["groups"]}
+    tracks, bars = axes.patches[: len(groups)], axes.patches[len(groups) :]
+    names = [label.get_text() for label in axes.get_yticklabels()]
+    assert sorted(names) == sorted(groups)
+    assert [bar.get_width() for bar in tracks] == [1.0] * len(groups)
+    for name, bar, text in zip(names, bars, axes.texts, strict=True):
+        share = groups[name]["area_percent"] / 100
+        assert bar.get_width() == pytest.approx(share)
+        assert bar.get_facecolor() == to_rgba(colours.series[0])
+        assert text.get_text() == f"{percent(share)} of the area"
 
 
 def test_views_of_faces_make_up_the_whole_area():
     mesh = shapes.sphere(2)
     poses = rc.look_at([[4, 0, 0], [0, 4, 0], [0, 0, 4.0]], [0, 0, 0])
     network = network_of(mesh, poses)
-    seen = []
-    bars = plots._bars
-    try:
-        plots._bars = lambda title, rows, *rest: seen.extend(rows) or bars(title, rows, *rest)
-        plots.overlap_histogram(network, LIGHT)
-    finally:
-        plots._bars = bars
-    assert sum(share for _, share, _ in seen) == pytest.approx(1)
-    assert seen[0][0] == "0 cameras"
+    shares = plots.overlap_shares(network)
+    assert sum(share for _, share, _ in shares) == pytest.approx(1)
+    assert shares[0][0] == "0 cameras"
     areas = mesh.areas
-    assert seen[1][1] == pytest.approx(areas[network.views == 1].sum() / areas.sum())
+    assert shares[1][1] == pytest.approx(areas[network.views == 1].sum() / areas.sum())
+    (axes,) = plots.overlap_histogram(network, LIGHT).axes
+    assert [bar.get_width() for bar in axes.patches[len(shares) :]] == pytest.approx(
+        [share for _, share, _ in shares]
+    )
 
 
 @pytest.mark.parametrize("goal", [BestCoverage(cameras=3), FewestCameras(0.9, of_reachable=True)])
 def test_the_curve_is_drawn_for_either_goal(report, goal):
     matrix = build_matrix((report.mesh, CAMERA), report.candidates.poses, TASK)
     found = select_greedy(problem_of(matrix, report.mesh, goal))
-    image = plots.coverage_curve(found, goal, LIGHT)
-    assert isinstance(image, Image.Image)
-    colour = [int(LIGHT.series[0][i : i + 2], 16) for i in (1, 3, 5)]
-    is_line = np.abs(pixels_of(image) - colour).max(axis=2) < 12
-    rows = np.flatnonzero(is_line[150:].any(axis=1))
-    assert np.ptp(rows) > 0.8 * found.share * 500  # it rises as far as the share
+    (axes,) = plots.coverage_curve(found, goal, LIGHT).axes
+    curve = axes.lines[0]
+    assert curve.get_xdata().tolist() == list(range(len(found.chosen) + 1))
+    assert curve.get_ydata().tolist() == [0.0, *found.curve.tolist()]
+    assert axes.get_xlim()[1] >= len(found.chosen)
+    assert axes.get_ylim() == (0, 1.04)
+    is_best = isinstance(goal, BestCoverage)
+    assert ("none covers more than" in axes.texts[0].get_text()) == is_best
 
 
 def test_an_empty_selection_has_a_curve(report):
     matrix = build_matrix((report.mesh, CAMERA), report.candidates.poses, TASK)
     goal = BestCoverage(cameras=0)
-    plots.coverage_curve(select_greedy(problem_of(matrix, report.mesh, goal)), goal, LIGHT)
+    found = select_greedy(problem_of(matrix, report.mesh, goal))
+    assert len(plots.coverage_curve(found, goal, LIGHT).axes[0].lines[0].get_xdata()) == 1
 
 
 @pytest.mark.parametrize(
     ("low", "high", "whole"), [(0, 1.04, False), (0, 1, True), (0, 7, True), (0, 250, True)]
 )
 def test_ticks_of_an_even_axis_are_even_and_within_it(low, high, whole):
-    values = [value for value, _ in LinearAxis("n", low, high, is_whole=whole).ticks()]
+    values = plots.Axis("n", low, high, is_whole=whole).ticks()
     steps = np.diff(values)
     assert values[0] == low
     assert 2 <= len(values) <= 12
@@ -414,6 +421,37 @@ def test_ticks_of_an_even_axis_are_even_and_within_it(low, high, whole):
     assert values[-1] <= high * (1 + 1e-9)
     if whole:
         assert all(float(value).is_integer() for value in values)
+
+
+def test_names_of_any_language_and_with_markup_are_drawn_in_one_size():
+    bars = [("a $x^2$ 部件 \n two", 0.5, "50.0 %"), ("n" * 99, 1.5, "all"), ("", -1, "none")]
+    figure = plots.bar_plot("Bars", bars, LIGHT, "a note", good_from=1)
+    image = plots.image_of(figure)
+    assert image.size == (1120, round(200 * figure.get_figheight()))
+    assert image.mode == "RGB"
+    (axes,) = figure.axes
+    names = [label.get_text() for label in axes.get_yticklabels()]
+    assert names == [r"a \$x^2\$ □□ two", "n" * 27 + "…", ""]
+    assert [bar.get_width() for bar in axes.patches[3:]] == [0.5, 1.0, 0.0]
+    assert axes.patches[3].get_facecolor() == to_rgba(LIGHT.series[1])
+
+
+def test_only_a_page_imports_its_libraries(tmp_path):
+    code = """
+import sys
+import rastercov.cli, rastercov.validation.methods, rastercov.report.methods
+import rastercov.report.plan, rastercov.report.models, rastercov.report.placement
+from rastercov.cli import command
+assert command(["demo", "--shape", "box", "--poses", "2", "--device", "cpu", "--json"]) == 0
+print(sorted({"jinja2", "matplotlib"} & sys.modules.keys()), file=sys.stderr)
+from rastercov.report import plots, theme
+plots.image_of(plots.bar_plot("t", [("a", 0.5, "b")], theme.LIGHT))
+assert "matplotlib.pyplot" not in sys.modules
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    assert done.stderr.splitlines()[-1] == "[]"
 
 
 def test_coverage_is_red_where_it_is_nothing():

@@ -11,7 +11,7 @@ import trimesh
 from PIL import Image
 from rich.console import Console
 
-from rastercov import shapes
+from rastercov import _output, shapes
 from rastercov.camera import Camera
 from rastercov.coverage import FIGURES, Coverage, Reason, Task, evaluate, evaluate_batches
 from rastercov.errors import ConfigError
@@ -20,8 +20,9 @@ from rastercov.network import Network
 from rastercov.observer import METHODS, Kind, open_observer
 from rastercov.pose import look_at
 from rastercov.raster.contract import RasterizerInfo, VisibilityBuffer
-from rastercov.report import figures as report
+from rastercov.report import coverage_table, tables, theme
 from rastercov.report import images as pictures
+from rastercov.report.coloured_mesh import write_coloured_mesh
 
 INFO = RasterizerInfo("gl", "software", "renderer", "driver", "device", "float32", "hash")
 CAMERA = Camera(width=480, height=360, fx=400, fy=400, cx=240, cy=180)
@@ -74,7 +75,7 @@ def made_up(mesh=STRIP, poses=3, seed=0, pose_ids=None, task=None, **figures):
 def test_table_holds_every_figure_of_the_pairs_in_view_and_no_others(tmp_path):
     coverage = made_up(pose_ids=[4, 7, 9])
     coverage.in_view_fraction[coverage.in_view_fraction < 0.5] = 0.0
-    with report.CoverageTable(tmp_path / "pairs.parquet") as table:
+    with coverage_table.CoverageTable(tmp_path / "pairs.parquet") as table:
         table.add(coverage)
     pose, face = np.nonzero(coverage.in_view_fraction)
     read = pq.read_table(tmp_path / "pairs.parquet")
@@ -95,7 +96,7 @@ def test_table_holds_every_figure_of_the_pairs_in_view_and_no_others(tmp_path):
 
 
 def test_table_types(tmp_path):
-    with report.CoverageTable(tmp_path / "pairs.parquet"):
+    with coverage_table.CoverageTable(tmp_path / "pairs.parquet"):
         pass
     schema = pq.read_schema(tmp_path / "pairs.parquet")
     assert schema.names == ["pose", "face", "group", *FIGURES]
@@ -111,7 +112,7 @@ def test_table_types(tmp_path):
 def test_table_without_a_pair_in_view_is_valid_and_has_no_rows(tmp_path):
     coverage = made_up()
     coverage.in_view_fraction[:] = 0
-    with report.CoverageTable(tmp_path / "pairs.parquet") as table:
+    with coverage_table.CoverageTable(tmp_path / "pairs.parquet") as table:
         table.add(coverage)
         table.add(made_up(poses=0))
     assert pq.read_table(tmp_path / "pairs.parquet").num_rows == table.n_rows == 0
@@ -119,7 +120,7 @@ def test_table_without_a_pair_in_view_is_valid_and_has_no_rows(tmp_path):
 
 def test_table_carries_the_header(tmp_path):
     header = {"mesh": [{"name": "Flügel", "sha256": "ab"}], "far": np.inf, "n": np.int64(3)}
-    with report.CoverageTable(tmp_path / "pairs.parquet", header):
+    with coverage_table.CoverageTable(tmp_path / "pairs.parquet", header):
         pass
     stored = json.loads(pq.read_schema(tmp_path / "pairs.parquet").metadata[b"rastercov"])
     assert stored == {"mesh": [{"name": "Flügel", "sha256": "ab"}], "far": None, "n": 3}
@@ -129,7 +130,7 @@ def test_stored_bound_covers_the_rounding_of_the_stored_visibility(tmp_path):
     exact = np.array([[0.1, 1 / 3, 0.0, 1.0, 0.7, 1e-9]])
     bound = np.array([[0.0, 1e-9, 0.0, 0.0, 0.1, 1e-9]])
     coverage = made_up(poses=1, visibility=exact, visibility_bound=bound)
-    with report.CoverageTable(tmp_path / "pairs.parquet") as table:
+    with coverage_table.CoverageTable(tmp_path / "pairs.parquet") as table:
         table.add(coverage)
     read = pq.read_table(tmp_path / "pairs.parquet")
     value, stored = (read[n].to_numpy().astype(float) for n in ("visibility", "visibility_bound"))
@@ -139,16 +140,16 @@ def test_stored_bound_covers_the_rounding_of_the_stored_visibility(tmp_path):
 
 def test_figures_beyond_float32_are_stored_as_infinite(tmp_path):
     coverage = made_up(projected_area=np.full((3, 6), 1e39))
-    with report.CoverageTable(tmp_path / "pairs.parquet") as table:
+    with coverage_table.CoverageTable(tmp_path / "pairs.parquet") as table:
         table.add(coverage)
     assert np.isinf(pq.read_table(tmp_path / "pairs.parquet")["projected_area"].to_numpy()).all()
 
 
 def test_table_writes_as_it_goes_and_holds_no_more_than_a_row_group(tmp_path, monkeypatch):
-    monkeypatch.setattr(report, "ROWS_A_GROUP", 1000)
+    monkeypatch.setattr(coverage_table, "ROWS_A_GROUP", 1000)
     batch = made_up(poses=100, in_view_fraction=np.ones((100, 6)))
     held = []
-    with report.CoverageTable(tmp_path / "pairs.parquet") as table:
+    with coverage_table.CoverageTable(tmp_path / "pairs.parquet") as table:
         for _ in range(50):
             table.add(batch)
             held.append((len(table._pending), table._pending.nbytes))
@@ -170,7 +171,7 @@ def test_table_writes_as_it_goes_and_holds_no_more_than_a_row_group(tmp_path, mo
 def test_memory_of_arrow_does_not_grow_with_the_run(tmp_path):
     batch = made_up(shapes.torus(50, 25), poses=200)
     sizes = []
-    with report.CoverageTable(tmp_path / "pairs.parquet") as table:
+    with coverage_table.CoverageTable(tmp_path / "pairs.parquet") as table:
         for _ in range(12):
             table.add(batch)
             sizes.append(pa.total_allocated_bytes())
@@ -184,7 +185,7 @@ def test_an_error_inside_the_block_changes_nothing_on_disk(tmp_path, before):
         path.write_bytes(before)
 
     def run():
-        with report.CoverageTable(path) as table:
+        with coverage_table.CoverageTable(path) as table:
             table.add(made_up())
             raise KeyboardInterrupt
 
@@ -198,7 +199,7 @@ def test_a_full_disk_leaves_nothing_behind(tmp_path, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(pq.ParquetWriter, "write_table", fail)
-    table = report.CoverageTable(tmp_path / "pairs.parquet").__enter__()
+    table = coverage_table.CoverageTable(tmp_path / "pairs.parquet").__enter__()
     table.add(made_up())
     with pytest.raises(OSError, match="No space"):
         table.__exit__(None, None, None)
@@ -206,7 +207,7 @@ def test_a_full_disk_leaves_nothing_behind(tmp_path, monkeypatch):
 
 
 def test_rows_outside_the_block_are_refused(tmp_path):
-    table = report.CoverageTable(tmp_path / "pairs.parquet")
+    table = coverage_table.CoverageTable(tmp_path / "pairs.parquet")
     with pytest.raises(ConfigError, match="with block"):
         table.add(made_up())
     with table:
@@ -222,7 +223,7 @@ def test_table_of_a_real_run_agrees_with_its_network(method, tmp_path):
     network = Network(mesh, Task())
     with (
         open_observer(mesh, CAMERA, method) as observer,
-        report.CoverageTable(tmp_path / "pairs.parquet") as table,
+        coverage_table.CoverageTable(tmp_path / "pairs.parquet") as table,
     ):
         for batch in evaluate_batches(observer, poses):
             table.add(batch)
@@ -247,7 +248,7 @@ def test_json_has_plain_types_and_null_for_what_is_not_finite(tmp_path):
         "flag": np.bool_(True), "array": np.array([[1.0, np.nan]]), 3: (1, None),
         "path": Path("a"), "thing": Thing(np.inf), "reason": Reason.COVERED, "word": "größer",
     }  # fmt: skip
-    report.write_json(tmp_path / "a.json", data)
+    _output.write_json(tmp_path / "a.json", data)
     text = (tmp_path / "a.json").read_text(encoding="utf-8")
     assert "größer" in text
     assert json.loads(text, parse_constant=pytest.fail) == {
@@ -258,12 +259,12 @@ def test_json_has_plain_types_and_null_for_what_is_not_finite(tmp_path):
 
 
 def test_json_takes_file_names_that_are_not_unicode(tmp_path):
-    report.write_json(tmp_path / "a.json", {"name": "part\udcff.stl"})
+    _output.write_json(tmp_path / "a.json", {"name": "part\udcff.stl"})
     assert json.loads((tmp_path / "a.json").read_bytes()) == {"name": "part\udcff.stl"}
 
 
 def test_arrays_come_back(tmp_path):
-    report.write_npz(tmp_path / "a.npz", face=np.arange(3), depth=np.ones((2, 2)))
+    _output.write_npz(tmp_path / "a.npz", face=np.arange(3), depth=np.ones((2, 2)))
     with np.load(tmp_path / "a.npz") as read:
         assert {name: read[name].tolist() for name in read} == {
             "face": [0, 1, 2],
@@ -274,23 +275,23 @@ def test_arrays_come_back(tmp_path):
 
 def test_what_cannot_be_written_changes_nothing(tmp_path):
     path = tmp_path / "a.json"
-    report.write_json(path, 1)
+    _output.write_json(path, 1)
     with pytest.raises(TypeError):
-        report.write_json(path, object())
+        _output.write_json(path, object())
     assert (path.read_text(), [p.name for p in tmp_path.iterdir()]) == ("1\n", ["a.json"])
 
 
 def test_files_go_where_a_file_can_be(tmp_path):
     with pytest.raises(ConfigError, match="folder does not exist"):
-        report.write_json(tmp_path / "no" / "a.json", 1)
+        _output.write_json(tmp_path / "no" / "a.json", 1)
     with pytest.raises(ConfigError, match="is a folder"):
-        report.write_json(tmp_path, 1)
+        _output.write_json(tmp_path, 1)
     with pytest.raises(ConfigError, match=r"as \.png"):
         pictures.save_picture(Image.new("RGB", (1, 1)), tmp_path / "a.jpg")
     with pytest.raises(ConfigError, match=r"as \.glb or \.ply"):
-        report.write_coloured_mesh(tmp_path / "a.obj", STRIP, np.zeros(6))
+        write_coloured_mesh(tmp_path / "a.obj", STRIP, np.zeros(6))
     with pytest.raises(ConfigError, match="values must have shape"):
-        report.write_coloured_mesh(tmp_path / "a.glb", STRIP, np.zeros(5))
+        write_coloured_mesh(tmp_path / "a.glb", STRIP, np.zeros(5))
     assert list(tmp_path.iterdir()) == []
 
 
@@ -304,12 +305,19 @@ def test_picture_comes_back(tmp_path):
 
 VALUES = np.array([0.0, 0.25, 0.5, 1.0, 0.9, 0.0])
 EXPECTED = np.array(
-    [report.UNSEEN, (57, 82, 140), (32, 144, 140), (253, 231, 37), report.HIDING, report.HIDING]
+    [
+        theme.ZERO_COVERAGE,
+        (57, 82, 140),
+        (32, 144, 140),
+        (253, 231, 37),
+        theme.OCCLUDER_3D,
+        theme.OCCLUDER_3D,
+    ]
 )
 
 
 def test_ply_has_each_face_in_the_colour_of_its_coverage(tmp_path):
-    report.write_coloured_mesh(tmp_path / "a.ply", STRIP, VALUES)
+    write_coloured_mesh(tmp_path / "a.ply", STRIP, VALUES)
     read = trimesh.load_mesh(tmp_path / "a.ply", process=False)
     assert len(read.faces) == STRIP.n_faces
     colours = read.visual.vertex_colors[read.faces][..., :3].astype(int)
@@ -319,7 +327,7 @@ def test_ply_has_each_face_in_the_colour_of_its_coverage(tmp_path):
 
 
 def test_glb_has_each_face_in_the_colour_of_its_coverage_and_a_node_a_group(tmp_path):
-    report.write_coloured_mesh(tmp_path / "a.glb", STRIP, VALUES)
+    write_coloured_mesh(tmp_path / "a.glb", STRIP, VALUES)
     scene = trimesh.load_scene(tmp_path / "a.glb", process=False)
     assert set(scene.graph.nodes_geometry) == {"left", "middle [bold]", "right"}
     for name, faces in (("left", [0, 1]), ("middle [bold]", [2, 3]), ("right", [4, 5])):
@@ -335,7 +343,7 @@ def test_glb_stands_upright_and_keeps_the_shape_of_a_part_far_away(tmp_path):
     offset = (1e7, -2e7, 3e7)
     part = shapes.teapot(3)
     far = Mesh(part.vertices + offset, part.faces, groups=[Group("world")])
-    report.write_coloured_mesh(tmp_path / "a.glb", far, np.ones(far.n_faces))
+    write_coloured_mesh(tmp_path / "a.glb", far, np.ones(far.n_faces))
     read = Mesh.load(tmp_path / "a.glb")
     x, y, z = far.vertices[far.faces].reshape(-1, 3).T
     corners = read.vertices[read.faces].reshape(-1, 3)
@@ -344,7 +352,7 @@ def test_glb_stands_upright_and_keeps_the_shape_of_a_part_far_away(tmp_path):
 
 
 def test_scale_of_the_coloured_mesh_grows_lighter_evenly():
-    linear = (report.coverage_colours()[2:] / 255.0) ** 2.2
+    linear = (theme.coverage_colours()[2:] / 255.0) ** 2.2
     luminance = linear @ (0.2126, 0.7152, 0.0722)
     lightness = np.cbrt(luminance)
     steps = np.diff(lightness[::23])
@@ -373,16 +381,16 @@ def test_brighter_is_better_covered():
 @pytest.mark.parametrize("values", [np.linspace(0, 1, 20), np.array([0.3, 0.45])])
 def test_shading_never_outweighs_a_difference_of_coverage(values):
     better, worse = pictures._grey(values[1:], 0.0), pictures._grey(values[:-1], 1.0)
-    apart = np.diff(values) > pictures.HEADLIGHT / pictures.GREY_SPAN
+    apart = np.diff(values) > theme.HEADLIGHT / theme.GREY_SPAN
     assert (better[apart] >= worse[apart]).all()
-    assert pictures.HEADLIGHT <= 0.15 * pictures.GREY_SPAN
+    assert theme.HEADLIGHT <= 0.15 * theme.GREY_SPAN
 
 
 def test_background_occluders_and_backs_are_coloured_and_nothing_else_is():
     buffer = strip_buffer()
     seen = pictures.coverage_pixels(buffer, np.ones(6), STRIP, FROM_ABOVE)
     background = buffer.face < 0
-    assert (seen[background] == pictures.BACKGROUND).all()
+    assert (seen[background] == theme.BACKGROUND).all()
     is_grey = np.ptp(seen.astype(int), axis=2) == 0
     is_task = np.isin(buffer.face, [0, 1, 2, 3])
     np.testing.assert_array_equal(is_grey, is_task)
@@ -438,9 +446,9 @@ def test_picture_of_nothing_but_background():
     face = np.full((360, 480), -1, np.int32)
     buffer = VisibilityBuffer(face, np.full(face.shape, np.inf, np.float32))
     pixels = pictures.coverage_pixels(buffer, np.ones(6), STRIP, FROM_ABOVE)
-    assert (pixels == pictures.BACKGROUND).all()
+    assert (pixels == theme.BACKGROUND).all()
     assert (np.asarray(pictures.face_index_picture(buffer)) == 0).all()
-    assert (np.asarray(pictures.depth_picture(buffer)) == pictures.BACKGROUND).all()
+    assert (np.asarray(pictures.depth_picture(buffer)) == theme.BACKGROUND).all()
 
 
 def test_picture_refuses_what_does_not_belong_together():
@@ -465,13 +473,11 @@ def test_index_picture_has_one_colour_a_face_on_black():
     assert (pixels[buffer.face < 0] == 0).all()
     colours = {index: np.unique(pixels[buffer.face == index], axis=0) for index in range(6)}
     assert all(len(colour) == 1 for colour in colours.values())
-    np.testing.assert_array_equal(
-        np.vstack(list(colours.values())), pictures.index_colours(range(6))
-    )
+    np.testing.assert_array_equal(np.vstack(list(colours.values())), theme.index_colours(range(6)))
 
 
 def test_index_colours_of_neighbours_differ_and_none_is_dark():
-    colours = pictures.index_colours(np.arange(30_000)).astype(int)
+    colours = theme.index_colours(np.arange(30_000)).astype(int)
     assert colours.min() >= 40
     for apart in range(1, 100):
         difference = np.abs(colours[apart:] - colours[:-apart]).max(axis=1)
@@ -483,7 +489,7 @@ def test_near_is_bright_in_the_depth_picture():
     depth[:, :40] = np.inf
     buffer = VisibilityBuffer(np.where(np.isinf(depth), -1, 0).astype(np.int32), depth)
     pixels = np.asarray(pictures.depth_picture(buffer))[:360]
-    assert (pixels[:, :40] == pictures.BACKGROUND).all()
+    assert (pixels[:, :40] == theme.BACKGROUND).all()
     grey = pixels[:, 40:, 0].astype(int)
     assert (np.ptp(pixels[:, 40:].astype(int), axis=2) == 0).all()
     assert (np.diff(grey, axis=1) <= 0).all()
@@ -549,7 +555,7 @@ def test_summary_names_groups_percentages_and_reasons_in_80_columns():
     reason = np.full((2, 6), Reason.COVERED, np.uint8)
     reason[:, 0] = Reason.OCCLUDED
     network.add(made_up(poses=2, reason=reason, task=network.task))
-    text = printed(report.summary_table(network.summary()))
+    text = printed(tables.summary_table(network.summary()))
     lines = text.splitlines()
     assert max(map(len, lines)) <= 80
     (left,) = [line for line in lines if "left" in line]
@@ -573,7 +579,7 @@ def test_summary_of_many_groups_with_long_names_fits():
     )
     summary = Network(mesh, Task()).summary()
     summary["task_faces"] = 1_234_567
-    text = printed(report.summary_table(summary))
+    text = printed(tables.summary_table(summary))
     assert "30 more" in text
     assert max(map(len, text.splitlines())) <= 80
     assert "1234567" in text
@@ -585,11 +591,11 @@ def test_run_table_names_what_ran_and_what_came_out():
         "poses_per_second": 70.04,
         "run": {"measured_by": {"renderer": "[bold]Mesa[/]"}},
     }
-    text = printed(report.run_table(summary))
+    text = printed(tables.run_table(summary))
     for wanted in ("1,234", "70.0", "[bold]Mesa[/]", "0.0 % of the faces"):
         assert wanted in text
 
 
 def test_tables_of_an_empty_network():
     network = Network(STRIP, Task())
-    assert "0 cameras" in printed(report.summary_table(network.summary()))
+    assert "0 cameras" in printed(tables.summary_table(network.summary()))

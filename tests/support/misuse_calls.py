@@ -15,7 +15,12 @@ import numpy as np
 import rastercov as rc
 from rastercov import shapes
 from rastercov.placement.candidates.cavities import openings
-from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere, in_solid, kept
+from rastercov.placement.candidates.clearance import (
+    KeepOutBox,
+    KeepOutSphere,
+    filter_candidates,
+    in_solid,
+)
 from rastercov.placement.candidates.framing import Framing
 from rastercov.placement.candidates.mounting import (
     along,
@@ -309,8 +314,8 @@ def calls():
         Call("KeepOutBox", KeepOutBox, {"low": (0, 0, 0), "high": (1, 1, 1), "name": "table"}),
         Call("KeepOutSphere", KeepOutSphere, {"centre": (0, 0, 0), "radius": 1.0, "name": "ball"}),
         Call(
-            "kept",
-            kept,
+            "filter_candidates",
+            filter_candidates,
             {"candidates": candidates, "mesh": MESH, "clearance": 0.05, "keep_out": ()},
         ),
         Call("in_solid", in_solid, {"mesh": MESH, "points": [(0, 0, 0)]}),

@@ -6,12 +6,14 @@ import math
 import re
 from contextlib import contextmanager
 from html.parser import HTMLParser
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from matplotlib.colors import to_rgba
 from PIL import Image
 from scenes import joined, sheet, square
 
@@ -24,17 +26,17 @@ from rastercov.observer import Kind, Observation, open_observer, visibility
 from rastercov.pose import look_at, sphere_of_poses
 from rastercov.reference import polygons
 from rastercov.reference.samples import grid_points
-from rastercov.report.canvas import LIGHT, Axis
-from rastercov.report.method_pictures import face_picture
-from rastercov.report.method_plots import plots
+from rastercov.report.face_pictures import face_picture
 from rastercov.report.methods import page, write_comparison
+from rastercov.report.plots import Axis, comparison_plots, image_of
+from rastercov.report.theme import DARK, LIGHT
 from rastercov.validation.methods import contenders as compare_entrants
 from rastercov.validation.methods import convergence as compare_convergence
 from rastercov.validation.methods.closeup import Samples, neighbourhood
-from rastercov.validation.methods.comparison import CHANCE, ENOUGH, _often_enough, compare
+from rastercov.validation.methods.comparison import MIN_FACES, SIGNIFICANCE, _often_enough, compare
 from rastercov.validation.methods.contenders import Candidate
 from rastercov.validation.methods.convergence import KnownFaces, converge
-from rastercov.validation.methods.error_statistics import SIZES, Judged, Tally
+from rastercov.validation.methods.error_statistics import SIZES, ErrorStatistics, PoseFigures
 from rastercov.validation.methods.results import MUST_HOLD, FaceError
 
 CAMERA = Camera(width=160, height=120, fx=190, fy=185)
@@ -166,7 +168,7 @@ def test_a_bound_is_judged_by_how_often_it_must_hold(broken, more):
     n = broken + more
     verdict = _often_enough(n - broken, n)
     if n - broken >= MUST_HOLD * n:
-        assert verdict is (True if n >= ENOUGH else None)
+        assert verdict is (True if n >= MIN_FACES else None)
     else:
         assert verdict in (False, None)
     if verdict is False:  # one more that does not hold makes nothing better
@@ -178,7 +180,7 @@ def test_chance_seldom_fails_a_bound_that_holds_just_often_enough():
     for n in (10, 300, 1284, 20_000):
         broken = rng.binomial(n, 1 - MUST_HOLD, 4000)
         failed = np.mean([_often_enough(n - k, n) is False for k in broken.tolist()])
-        assert failed < 3 * CHANCE
+        assert failed < 3 * SIGNIFICANCE
         assert _often_enough(n - round(0.02 * n) - 2, n) is False
 
 
@@ -256,7 +258,7 @@ def test_a_face_between_the_samples_is_missed_and_its_bound_says_so():
 def judged(rows):
     """Figures of a pose from (area, share seen, value, bound, kind) of each face."""
     area, share, value, bound, kind = (np.array(column) for column in zip(*rows, strict=True))
-    return Judged(
+    return PoseFigures(
         face=np.arange(len(rows)),
         area=area,
         visible=area * share,
@@ -277,7 +279,7 @@ ROW = st.tuples(
 @given(st.lists(st.lists(ROW, min_size=1, max_size=12), min_size=1, max_size=4))
 @example([[(4.0, 0.5, 0.9, 0.5, 0)] * 3 + [(4.0, 0.5, 0.51, 0.001, 0)]])
 def test_a_tally_agrees_with_all_figures_side_by_side(poses):
-    tally = Tally(3)
+    tally = ErrorStatistics(3)
     for pose, rows in enumerate(poses):
         tally.add(pose, judged(rows), 0)
     all_rows = judged([row for rows in poses for row in rows])
@@ -652,18 +654,64 @@ def test_a_face_that_is_not_in_the_image_has_no_picture():
 
 def test_a_comparison_without_errors_still_has_plots():
     found = compare(square(0.1, 1), CAMERA, AHEAD[None], ["certified"], convergence=False)
-    assert set(plots(found, LIGHT)) == {"time"}
+    assert set(comparison_plots(found, LIGHT)) == {"time"}
+
+
+@pytest.mark.parametrize("theme", [LIGHT, DARK])
+def test_plots_have_their_curves_names_and_colours(written, theme):
+    found = written[1]
+    drawn = comparison_plots(found, theme)
+    names = [score.name for score in found.scores]
+    for figure in drawn.values():
+        (axes,) = figure.axes
+        assert figure.get_suptitle()
+        assert (figure.get_figwidth(), figure.dpi) == (5.6, 200)
+        assert figure.get_facecolor() == axes.get_facecolor() == to_rgba(theme.paper)
+        assert axes.get_xlim()[0] < axes.get_xlim()[1]
+    (time,) = drawn["time"].axes
+    assert [text.get_text() for text in time.get_yticklabels()] == [*names, "truth: polygons"]
+    (by_size,) = drawn["error_by_size"].axes
+    solid = [line for line in by_size.lines if line.get_linestyle() == "-"]
+    dashed = [line for line in by_size.lines if line.get_linestyle() == "--"]
+    assert [line.get_label() for line in solid] == names[1:]  # certified has no error
+    assert len(dashed) == len(solid) + 1  # their bounds, and an entry of the legend
+    sizes = found.scores[1].size_classes
+    assert len(solid[0].get_xdata()) == sum(size.partly_hidden >= 5 for size in sizes)
+    assert solid[0].get_ydata().tolist() == pytest.approx(
+        [size.rms_partly_hidden for size in sizes if size.partly_hidden >= 5]
+    )
+    (bounds,) = drawn["bounds"].axes
+    assert [text.get_text() for text in bounds.texts] == [
+        "the bound",
+        "allowed: 0.1 % beyond the bound",
+    ]
+    assert by_size.get_xscale() == by_size.get_yscale() == "log"
+
+
+def test_labels_of_plots_do_not_overlap(written):
+    for name, figure in comparison_plots(written[1], LIGHT).items():
+        image_of(figure)  # sets the places of all texts
+        (axes,) = figure.axes
+        inside = figure.bbox.padded(1)
+        for ticks in (axes.get_xticklabels(), axes.get_yticklabels()):
+            boxes = [tick.get_window_extent() for tick in ticks if tick.get_text()]
+            assert all(not a.overlaps(b) for a, b in pairwise(boxes)), name
+            assert all(inside.contains(*box.min) and inside.contains(*box.max) for box in boxes)
+        for legend in figure.legends:
+            box = legend.get_window_extent()
+            assert inside.contains(*box.min), name
+            assert inside.contains(*box.max), name
+            assert box.y1 < axes.get_tightbbox().y0, name
 
 
 @given(st.floats(-15, 5), st.floats(0.4, 12))
 def test_ticks_lie_on_their_axis(power, decades):
-    axis = Axis("x", 10.0**power, 10.0 ** (power + decades))
+    axis = Axis("x", 10.0**power, 10.0 ** (power + decades), is_log=True)
     ticks = axis.ticks()
-    assert len(ticks) <= 8
-    places = [axis.place(value) for value, _ in ticks]
-    assert places == sorted(places)
-    assert all(-1e-6 <= place <= 1 + 1e-6 for place in places)
-    assert len({words for _, words in ticks}) == len(ticks) >= 1
+    assert 1 <= len(ticks) <= 8
+    assert ticks == sorted(ticks)
+    assert all(axis.low * 0.998 <= value <= axis.high * 1.002 for value in ticks)
+    assert len({axis.text(value) for value in ticks}) == len(ticks)
 
 
 # --- the command ----------------------------------------------------------------------------------

@@ -1,10 +1,10 @@
-"""Candidates for faces that no other candidate sees: cameras along the directions open at them.
+"""Candidates for faces that no other candidate sees, along the directions that are open there.
 
-Beside `candidates`, for what `leftover` finds. From the centroid of each face, and from three more
-points where that finds nothing, one looks out in all directions (`hemicube`). A direction is open where
-nothing stands in the way for as far as a camera needs; cameras are placed along the best of these,
-as near as the face fits into the image and the camera stands clear. A face without an open
-direction, or without a place, is declared out of reach: with proof where there is one
+Serves faces that `uncovered` finds. From the centroid of each face, and from three more points
+where that finds nothing, a hemicube measures the free distance in all directions. A direction is
+open where nothing blocks it up to the least distance of a camera; cameras are placed along the best
+open directions, at the nearest allowed distance at which the face is in view. A face without an
+open direction, or without an allowed position, is reported as out of reach: proved where possible
 (`enclosure`), and else with the width of an opening that cannot have been missed.
 
 E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks. 2020, section 7.3.
@@ -24,7 +24,7 @@ from rastercov.camera import Camera
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
-from rastercov.placement.candidates.clearance import KeepOut, check_clearance, kept
+from rastercov.placement.candidates.clearance import KeepOut, check_clearance, filter_candidates
 from rastercov.placement.candidates.enclosure import Enclosure
 from rastercov.placement.candidates.framing import DEFAULT, Framing, half_angles, rolled_frames
 from rastercov.placement.candidates.hemicube import Hemicube
@@ -40,44 +40,43 @@ PLACES_AT_ONCE = 20_000
 
 
 class Access(IntEnum):
-    """Whether a camera can be brought before a face."""
+    """Accessibility of a face for cameras."""
 
     ENCLOSED = 0
-    """Proved: who sees it stands in matter, or in a closed space that the limits exclude."""
+    """Proved: a camera that sees it is inside a solid, or in a closed space that limits exclude."""
     CLOSED = 1
-    """No direction is open among those that were looked along."""
+    """No sampled direction is open."""
     NO_ROOM = 2
-    """Directions are open, but on none a place was found where a camera can stand."""
+    """Directions are open, but no allowed position was found on them."""
     REACHED = 3
     """Candidates were made."""
 
 
 @dataclass(frozen=True, eq=False)
 class Openings:
-    """What was found before each of N faces; a face that is two-sided counts with its better side.
+    """Accessibility of N faces; a two-sided face counts with its better side.
 
     Attributes
     ----------
     face : (N,) int64
-        The faces; those without area are left out.
+        The faces; faces without area are left out.
     access : (N,) uint8
         `Access`.
     points, directions : (N,) int64
-        Points of the face that one looked out from, 0 where there is a proof, and directions from
-        each.
+        Sampled points of the face, 0 where there is a proof, and directions from each.
     open_share : (N,) float64
-        Part of the half space before the face that is open, from the point where most is.
+        Open share of the half space in front of the face, at the point where it is largest.
     missed_deg : (N,) float64
-        Full angle of a cone of open directions that cannot have been missed at these points.
+        Full angle of a cone of open directions that cannot be missed at these points, degrees.
     least : float
-        Least distance from a camera to the face, metres: so far a direction must be free. Proofs
-        and findings are about cameras that keep it from this very face.
+        Least distance from a camera to the face, metres: an open direction is free up to it. All
+        results are for cameras at this distance or more.
     places : (N,) int64
-        Places for a camera that were tried.
+        Number of positions tried.
     proof : tuple of str
-        What proves that the face is out of reach, "" where nothing does.
+        Reason why the face is out of reach, "" without a proof.
     candidates : Candidates
-        Where cameras can stand; source "cavity", `index` is the face.
+        Candidates at allowed positions; source "cavity", `index` is the face.
     """
 
     face: IntArray
@@ -155,33 +154,32 @@ def openings(
     finest: int = 256,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Openings:
-    """Where cameras can stand that look at each face from where it is open.
+    """Candidates for each face along its open directions, and its accessibility.
 
-    The distance is that of `fit="vertices"` or the next of `STEPS` larger ones at which the camera
-    stands clear; `Framing.stand_off` and the depth of field limit it, from the camera centre to the
-    centroid of the face. A direction is open where a camera could stand at the least of these
-    distances with nothing between. Views of one face differ by 15 degrees or more.
+    The distance is that of `fit="vertices"` or the next of `STEPS` larger ones at an allowed
+    position; `Framing.stand_off` and the depth of field limit it, from the camera centre to the
+    centroid of the face. A direction is open where nothing blocks it up to the least of these
+    distances. Views of one face differ by 15 degrees or more.
 
     Parameters
     ----------
     mesh, camera, framing
         As for every generator.
     faces : (F,) bool or (N,) int array_like
-        Those to bring cameras before, such as those that no candidate sees.
+        Faces to see, such as those that no candidate sees.
     clearance, keep_out
-        Where cameras can stand, as for `clearance.kept`.
+        Constraints on positions, as for `filter_candidates`.
     views : int
-        Candidates for each face at most, times the rolls of `framing`.
+        Greatest number of candidates a face, times the rolls of `framing`.
     side, finest : int
-        Directions along each side of a half cube, even: for all faces, and for those that seem
-        closed.
+        Pixels along each side of a hemicube, even: for all faces, and for those that seem closed.
     progress : callable
-        Called with the faces done and the faces in all.
+        Called with the faces done and the total.
 
     Raises
     ------
     ConfigError
-        For a number that makes no sense, or limits that exclude each other.
+        For a value outside its range, or limits that exclude each other.
     """
     rows = face_rows(mesh, faces)
     rows = rows[~mesh.degenerate_mask[rows]]
@@ -210,7 +208,7 @@ def openings(
         with Hemicube(mesh, level[0]) as hemicube:
             closed: list[OpenDirections] = []
             for site in waiting:
-                site.look_out(hemicube, level[1], camera, framing, clearance)
+                site.search(hemicube, level[1], camera, framing, clearance)
                 if site.rays is None and level != levels[-1]:
                     closed.append(site)
                 else:
@@ -218,11 +216,11 @@ def openings(
                     progress(done, n_sites)
             waiting = closed
     progress(n_sites, n_sites)
-    _stand(sites, mesh, framing, clearance, keep_out, views)
+    _place(sites, mesh, framing, clearance, keep_out, views)
     return _gathered(rows, owner, sites, framing, least)
 
 
-def _stand(
+def _place(
     sites: Sequence[OpenDirections],
     mesh: Mesh,
     framing: Framing,
@@ -230,7 +228,7 @@ def _stand(
     keep_out: Sequence[KeepOut],
     views: int,
 ) -> None:
-    """Give each site the poses at which a camera can stand, the first rays first."""
+    """Find allowed poses for each site, on the first rays before the others."""
     open_sites = [site for site in sites if site.rays is not None]
     for first in (True, False):
         block: list[tuple[OpenDirections, FloatArray, IntArray]] = []
@@ -255,16 +253,17 @@ def _judge(
     keep_out: Sequence[KeepOut],
     views: int,
 ) -> None:
-    """Keep the nearest place on each ray where a camera can stand, for sites of one block."""
+    """Keep the nearest allowed position on each ray, for the sites of one block."""
     eyes = np.concatenate([eyes for _, eyes, _ in block]) if block else np.zeros((0, 3))
     if not len(eyes):
         return
     targets = np.concatenate([np.broadcast_to(s.target, e.shape) for s, e, _ in block])
     poses = look_at(eyes, targets, framing.up)
-    stands = kept(Candidates.of(poses, "cavity"), mesh, clearance, keep_out)[1].kept_mask
+    _, dropped = filter_candidates(Candidates.of(poses, "cavity"), mesh, clearance, keep_out)
+    is_allowed = dropped.kept_mask
     start = 0
     for site, of_site, ray in block:
-        rows = start + np.flatnonzero(stands[start : start + len(of_site)])
+        rows = start + np.flatnonzero(is_allowed[start : start + len(of_site)])
         start += len(of_site)
         _, nearest = np.unique(ray[rows - (start - len(of_site))], return_index=True)
         good = poses[rows[nearest]]
@@ -275,7 +274,7 @@ def _judge(
 def _gathered(
     rows: IntArray, owner: IntArray, sites: Sequence[OpenDirections], framing: Framing, least: float
 ) -> Openings:
-    """Openings of the faces, each by its better side."""
+    """Openings of the faces, each with its better side."""
     best: list[OpenDirections | None] = [None] * len(rows)
     poses: list[list[FloatArray]] = [[] for _ in rows]
     for row, site in zip(owner.tolist(), sites, strict=True):

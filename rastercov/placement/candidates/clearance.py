@@ -1,10 +1,11 @@
-"""Where a camera can stand: not in a solid, not too near a surface, not where it is kept out.
+"""Positions where a camera can be mounted: outside solids and keep-out volumes, clear of surfaces.
 
-Serves placement: `kept` goes between the generators of candidates and everything that costs time
-for each of them. A tree of boxes finds nearest surfaces; what encloses a point is counted along
-three rays.
+`filter_candidates` is applied to the output of the candidate generators, before any step that costs
+time for each candidate. A tree of boxes finds nearest surfaces and counts the crossings of rays,
+which give winding numbers.
 """
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
@@ -26,10 +27,10 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
-ROOM_SLACK = 0.01
-"""Of the mesh's diagonal: how far things may stick out of a room."""
-SLANT = np.linalg.qr(np.array([[2.0, 0.3, 0.5], [0.1, 3.0, 0.7], [0.4, 0.2, 5.0]]))[0]
-"""Frame in which rays run along the axes: aligned with nothing that people build."""
+ROOM_TOLERANCE_REL = 0.01
+"""Length, in diagonals of the mesh, by which parts may extend beyond the walls of a room."""
+RAY_FRAME = np.linalg.qr(np.array([[2.0, 0.3, 0.5], [0.1, 3.0, 0.7], [0.4, 0.2, 5.0]]))[0]
+"""(3, 3) rotation to the frame of the rays, whose axes are parallel to no usual surface."""
 
 
 class KeepOut(Protocol):
@@ -37,11 +38,11 @@ class KeepOut(Protocol):
 
     @property
     def name(self) -> str:
-        """What it is called in the report."""
+        """Name in the report."""
         ...
 
     def contains(self, points: FloatArray) -> BoolArray:
-        """Whether each of (N, 3) points lies in it, border included."""
+        """(N,) True for each of (N, 3) points in the volume or on its border."""
         ...
 
 
@@ -63,7 +64,7 @@ class KeepOutBox:
             )
 
     def contains(self, points: FloatArray) -> BoolArray:
-        """Whether each of (N, 3) points lies in it, border included."""
+        """(N,) True for each of (N, 3) points in the volume or on its border."""
         low, high = np.asarray(self.low), np.asarray(self.high)
         beyond: FloatArray = np.maximum(low - points, points - high)
         inside: BoolArray = beyond.max(axis=1) <= 0
@@ -88,17 +89,17 @@ class KeepOutSphere:
             )
 
     def contains(self, points: FloatArray) -> BoolArray:
-        """Whether each of (N, 3) points lies in it, border included."""
-        with np.errstate(over="ignore"):  # inf: everything lies in it
+        """(N,) True for each of (N, 3) points in the volume or on its border."""
+        with np.errstate(over="ignore"):  # inf: the sphere contains all points
             reach = np.float64(self.radius) ** 2
         inside: BoolArray = ((points - self.centre) ** 2).sum(axis=1) <= reach
         return inside
 
 
-class Fate(IntEnum):
-    """What became of a candidate: the first of these that applies, the highest first."""
+class Rejection(IntEnum):
+    """Reason to drop a candidate; the highest of those that apply."""
 
-    KEPT = 0
+    NONE = 0
     TOO_NEAR = 1
     """Nearer than the clearance to a surface."""
     KEPT_OUT = 2
@@ -109,43 +110,43 @@ class Fate(IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class Dropped:
-    """Which candidates were dropped, and why.
+    """Dropped candidates and the reasons.
 
     Attributes
     ----------
-    fate : (C,) uint8
-        `Fate` of each candidate that came in.
+    rejection : (C,) uint8
+        `Rejection` of each candidate before filtering.
     volume : (C,) int64
-        The first keep-out volume it lies in, -1 where in none.
+        First keep-out volume that contains the candidate, -1 for none.
     volumes : tuple of str
         Names of the keep-out volumes.
     clearance : float
-        What was asked for, metres.
+        Required clearance, metres.
     """
 
-    fate: NDArray[np.uint8]
+    rejection: NDArray[np.uint8]
     volume: IntArray
     volumes: tuple[str, ...]
     clearance: float
 
     @property
     def kept_mask(self) -> BoolArray:
-        """(C,) the candidates that are left."""
-        mask: BoolArray = self.fate == Fate.KEPT
+        """(C,) candidates that were kept."""
+        mask: BoolArray = self.rejection == Rejection.NONE
         return mask
 
     def summary(self) -> dict[str, Any]:
         """Counts, ready for JSON."""
-        out = self.volume[self.fate == Fate.KEPT_OUT]
+        out = self.volume[self.rejection == Rejection.KEPT_OUT]
         counts = dict.fromkeys(self.volumes, 0)
         for row in out.tolist():
             counts[self.volumes[row]] += 1
         return {
-            "candidates": len(self.fate),
+            "candidates": len(self.rejection),
             "kept": int(self.kept_mask.sum()),
-            "in_solid": int((self.fate == Fate.IN_SOLID).sum()),
+            "in_solid": int((self.rejection == Rejection.IN_SOLID).sum()),
             "kept_out": counts,
-            "too_near": int((self.fate == Fate.TOO_NEAR).sum()),
+            "too_near": int((self.rejection == Rejection.TOO_NEAR).sum()),
             "clearance": self.clearance,
         }
 
@@ -155,66 +156,73 @@ class Dropped:
         reasons += [f"{n} in keep-out {name}" for name, n in counts["kept_out"].items() if n]
         if counts["too_near"]:
             reasons.append(f"{counts['too_near']} nearer than {self.clearance:g} m to a surface")
-        n_dropped = len(self.fate) - counts["kept"]
+        n_dropped = len(self.rejection) - counts["kept"]
         why = f": {', '.join(reasons)}" if reasons else ""
-        return f"{n_dropped} of {len(self.fate)} candidates dropped{why}"
+        return f"{n_dropped} of {len(self.rejection)} candidates dropped{why}"
 
 
 @typed
-def kept(
+def filter_candidates(
     candidates: Candidates,
     mesh: Mesh,
     clearance: float = 0.0,
     keep_out: Sequence[KeepOut] = (),
 ) -> tuple[Candidates, Dropped]:
-    """Candidates where a camera can stand, in their order, and what became of the others.
+    """Candidates at positions where a camera can be mounted, in their order, and the dropped ones.
 
-    Only the camera centre is looked at; what stands between it and the part is no matter here.
+    Only the camera centre is tested; occlusion is not.
 
     Parameters
     ----------
     candidates : Candidates
         Poses of any sources.
     mesh : Mesh
-        All its faces are surfaces, occluders included. Parts of it that are closed and consistently
-        wound are solid: matter is where they enclose a point more often than not, counting those
-        that face inward as -1. Where one of those holds the whole mesh, it is a room, and what
-        lies beyond it is matter, too. So a cavity in a part is air, as is a room's inside but not
-        a crate in it. Parts that are open enclose nothing.
+        All its faces are surfaces, including occluders. Closed and consistently wound components
+        are solid: a point is in matter where their winding numbers have a positive sum; a component
+        that faces inward contributes -1. If such a component contains the whole mesh, it is a room,
+        and everything outside it is matter, too. So a cavity in a part is air, and the inside of a
+        room is air except for crates in it. Open components enclose nothing.
     clearance : float
-        Least distance from any surface, metres; 0 or more.
+        Least distance to any surface, metres; 0 or more.
     keep_out : sequence of KeepOut
-        `KeepOutBox`, `KeepOutSphere`, or whatever else has a name and `contains`.
+        `KeepOutBox`, `KeepOutSphere`, or any object with a name and `contains`.
 
     Returns
     -------
     candidates : Candidates
-        Those that are left.
+        The kept candidates.
     dropped : Dropped
-        What became of each, with a summary.
+        Reason for each candidate, with a summary.
 
     Raises
     ------
     ConfigError
-        For a clearance that is negative or not finite.
+        The clearance is negative or not finite.
     """
     check_clearance(clearance)
     eyes = np.ascontiguousarray(candidates.poses[:, :3, 3])
-    fate = np.full(len(eyes), Fate.KEPT, np.uint8)
+    rejection = np.full(len(eyes), Rejection.NONE, np.uint8)
     if clearance > 0 and len(eyes):
-        fate[NearestSurface(mesh).query(eyes).distance < clearance] = Fate.TOO_NEAR
+        rejection[NearestSurface(mesh).query(eyes).distance < clearance] = Rejection.TOO_NEAR
     volume = np.full(len(eyes), -1, np.int64)
     for row in reversed(range(len(keep_out))):
         volume[keep_out[row].contains(eyes)] = row
-    fate[volume >= 0] = Fate.KEPT_OUT
-    fate[in_solid(mesh, eyes)] = Fate.IN_SOLID
-    dropped = Dropped(fate, volume, tuple(each.name for each in keep_out), float(clearance))
+    rejection[volume >= 0] = Rejection.KEPT_OUT
+    rejection[in_solid(mesh, eyes)] = Rejection.IN_SOLID
+    dropped = Dropped(rejection, volume, tuple(each.name for each in keep_out), float(clearance))
     return candidates.take(dropped.kept_mask), dropped
+
+
+def kept(*arguments: Any, **options: Any) -> tuple[Candidates, Dropped]:
+    """Deprecated name of `filter_candidates`."""
+    warnings.warn("kept() is now filter_candidates()", DeprecationWarning, stacklevel=2)
+    filtered: tuple[Candidates, Dropped] = filter_candidates(*arguments, **options)
+    return filtered
 
 
 @dataclass(frozen=True, eq=False)
 class Nearest:
-    """Where a surface is nearest: (N,) `distance` in metres, (N,) `face`, (N, 3) `point`."""
+    """Nearest points of a surface: (N,) `distance` in metres, (N,) `face`, (N, 3) `point`."""
 
     distance: FloatArray
     face: IntArray
@@ -223,19 +231,19 @@ class Nearest:
 
 @dataclass(frozen=True, eq=False)
 class NearestSurface:
-    """Finds the nearest point of a surface, a few microseconds each.
+    """Search for nearest points of a surface, a few microseconds a query.
 
     Parameters
     ----------
     mesh : Mesh
         The surface; faces without area are left out.
     faces : (F,) bool, optional
-        Which of its faces count; all by default.
+        Mask of the faces to search; all by default.
 
     Raises
     ------
     ConfigError
-        When no face with an area is left.
+        No face with an area is left.
     """
 
     mesh: Mesh
@@ -264,17 +272,17 @@ class NearestSurface:
 
 
 def check_clearance(clearance: float) -> None:
-    """Raise ConfigError for a least distance from surfaces that is negative or not finite."""
+    """Raise ConfigError for a clearance that is negative or not finite."""
     if not 0 <= clearance < np.inf:
         raise ConfigError(f"clearance must be 0 m or more and finite, got {clearance}")
 
 
 @typed
 def in_solid(mesh: Mesh, points: ArrayLike) -> BoolArray:
-    """Whether each of (N, 3) points lies in matter; see `kept` for what that is.
+    """(N,) True for each of (N, 3) points in matter, as defined by `filter_candidates`.
 
-    Three rays each count what encloses the point, and two of them decide. On a surface itself
-    either answer may come out.
+    The winding number is the median of those along three rays. The answer is arbitrary for a point
+    on a surface.
     """
     wanted = finite_points(
         "points", points, (*np.shape(points)[:-1], 3), "finite and of shape (N, 3)"
@@ -289,9 +297,9 @@ def in_solid(mesh: Mesh, points: ArrayLike) -> BoolArray:
 
 
 def _is_room(mesh: Mesh, rows: IntArray) -> bool:
-    """Whether a closed part that faces inward, of those with faces in `rows`, holds the mesh.
+    """True if a closed component that faces inward, with faces in `rows`, contains the mesh.
 
-    Not one in a two-sided group, whose winding means nothing.
+    A component in a two-sided group does not count: its winding is undefined.
     """
     _, part = np.unique(mesh.topology.components()[rows], return_inverse=True)
     order = np.argsort(part, kind="stable")
@@ -299,7 +307,7 @@ def _is_room(mesh: Mesh, rows: IntArray) -> bool:
     corners = mesh.vertices[mesh.faces[rows[order]]]
     low = np.minimum.reduceat(corners.min(axis=1), starts)
     high = np.maximum.reduceat(corners.max(axis=1), starts)
-    slack = ROOM_SLACK * np.linalg.norm(np.ptp(mesh.bounds, axis=0))
+    slack = ROOM_TOLERANCE_REL * np.linalg.norm(np.ptp(mesh.bounds, axis=0))
     holds = (np.maximum(low - mesh.bounds[0], mesh.bounds[1] - high) <= slack).all(axis=1)
     inward = encloses_volume(mesh.vertices, mesh.faces[rows, ::-1], part.astype(np.int64))
     two_sided = np.logical_or.reduceat(mesh.two_sided_mask[rows[order]], starts)
@@ -307,9 +315,9 @@ def _is_room(mesh: Mesh, rows: IntArray) -> bool:
 
 
 def _winding(mesh: Mesh, rows: IntArray, points: FloatArray) -> IntArray:
-    """How often the faces in `rows` enclose each point, given from the middle of the mesh."""
-    vertices = (mesh.vertices - mesh.bounds.mean(axis=0)) @ SLANT
-    points = points @ SLANT
+    """Winding numbers of the faces in `rows` about points relative to the centre of the mesh."""
+    vertices = (mesh.vertices - mesh.bounds.mean(axis=0)) @ RAY_FRAME
+    points = points @ RAY_FRAME
     faces = mesh.positions[rows]
     turns = np.empty((3, len(points)), np.int64)
     for axis in range(3):  # a ray along each axis of the frame
@@ -320,9 +328,9 @@ def _winding(mesh: Mesh, rows: IntArray, points: FloatArray) -> IntArray:
 
 
 def closed_faces(mesh: Mesh) -> BoolArray:
-    """(F,) faces of components whose every edge has two faces that run along it both ways.
+    """(F,) faces of components where every edge has two faces that traverse it in opposite senses.
 
-    Faces with a repeated vertex are flaps on an edge, and count for nothing.
+    Faces with a repeated vertex do not count.
     """
     table = edge_table(mesh.positions, mesh.n_vertices)
     is_forward, first = table.is_forward, table.first

@@ -1,14 +1,13 @@
-"""Proof that no camera within its limits can see a face: it looks into matter or a shut space.
+"""Proof that no camera within its limits can see a face: it faces solid or an enclosed space.
 
-Serves `cavities`. A surface that is closed parts space into regions by how often it winds around
-a point,
+Serves `cavities`. A closed surface divides space into regions of equal winding number
 
     w(p) = sum over its faces of their solid angle at p / 4 pi,
 
-and who sees a point is in the same region, because no surface is between. So where the region
-before a face is matter, or is bounded and lies in a box that the limits of a camera exclude, the
-face is out of reach, with no sampling in the argument. What it takes for granted is that the
-number is the same all over the face: that no closed surface crosses it, which is tested.
+and a camera that sees a point is in the region of that point, because no surface is between them.
+Where the region in front of a face is solid, or is bounded and within a box that the limits of a
+camera exclude, the face is out of reach; no sampling is involved. The argument requires the same
+winding number all over the face, that is, that no closed surface crosses it; this is tested.
 
 A. Van Oosterom, J. Strackee. The Solid Angle of a Plane Triangle. 1983.
 """
@@ -34,14 +33,13 @@ BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 
 RIM_WIDTH_REL = 1e-3
-"""Part of a face by which it is drawn in, so that it keeps clear of its neighbours: the proof is
-for all of the face but a rim of this width."""
+"""Relative width of the rim of a face that is left out of the proof, to exclude its neighbours."""
 WINDING_TOLERANCE = 1e-6
-"""By how much a number of turns may miss a whole one."""
+"""Tolerance of an integer winding number."""
 
 
 class Enclosure:
-    """The closed surfaces of a mesh, to ask what shuts a face in."""
+    """Closed surfaces of a mesh, for proofs that a face is enclosed."""
 
     def __init__(self, mesh: Mesh) -> None:
         self.mesh = mesh
@@ -60,7 +58,7 @@ class Enclosure:
         clearance: float,
         keep_out: Sequence[KeepOut],
     ) -> str:
-        """Why no camera can see a face from the side that a normal points to; "" for no proof.
+        """Reason why no camera can see a face from the side of a normal; "" without a proof.
 
         Parameters
         ----------
@@ -101,7 +99,7 @@ class Enclosure:
         clearance: float,
         keep_out: Sequence[KeepOut],
     ) -> str:
-        """Why no camera can stand in a closed space that a box, (2, 3), holds."""
+        """Reason why no camera can stand in a closed space within a box, (2, 3); "" for none."""
         ends = box_corners(box)
         deep = float(np.linalg.norm(ends - target, axis=1).max())
         if least > deep:
@@ -122,7 +120,7 @@ class Enclosure:
         return ""
 
     def _is_crossed(self, triangle: FloatArray) -> bool:
-        """Whether a face of the closed surfaces cuts a triangle, (3, 3)."""
+        """True where a face of the closed surfaces cuts a triangle, (3, 3)."""
         near = (self._low <= triangle.max(axis=0)) & (self._high >= triangle.min(axis=0))
         others = self._corners[near.all(axis=1)]
         if not len(others):
@@ -142,7 +140,7 @@ def _solid_angles(corners: FloatArray) -> FloatArray:
 
 
 def _edges_pierce(ones: FloatArray, others: FloatArray) -> BoolArray:
-    """(N,) whether an edge of each triangle (N, 3, 3) passes through its partner's inside."""
+    """(N,) mask of triangles (N, 3, 3) with an edge through the interior of their partner."""
     origin, along = others[:, 0], others[:, 1:] - others[:, :1]
     normal = np.cross(along[:, 0], along[:, 1])
     pierces = np.zeros(len(ones), np.bool_)

@@ -1,6 +1,6 @@
-"""How a view frames what it looks at: stand-off, roll and up, (6.5)-(6.11).
+"""Framing of a target by a view: stand-off, roll and up, (6.5)-(6.11).
 
-Serves the generators of candidates: groups of faces in, camera axes and centres out.
+Serves the generators of candidates: from groups of faces, camera axes and centres.
 
 E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks. 2020, section
 6.3.2.
@@ -22,27 +22,27 @@ IntArray = NDArray[np.int64]
 
 FITS = ("extent", "vertices")
 FRAMING_MARGIN_REL = 1e-9
-"""Relative; by so much further in lies what must be in view and focus, in spite of rounding."""
+"""Relative margin that keeps targets inside the image and the depth of field after rounding."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Framing:
-    """How a candidate frames what it was made for.
+    """Framing of the target of a candidate.
 
     Attributes
     ----------
     stand_off : (float, float)
         Least and greatest distance from the camera centre to its target, metres. A camera without
-        depth of field has no least distance of its own, and would go as near to a small face as
+        depth of field has no least distance of its own, and is placed as near to a small face as
         its field of view allows.
     fit : {"extent", "vertices"}
-        extent: (6.7), from the width and height of what is framed, as if it were flat and its
-        middle were the target. vertices: as near as all its vertices are in view, and beyond the
-        near limit of the depth of field.
+        extent: (6.7), from the width and height of the target, as if it were flat and centred.
+        vertices: the nearest distance at which all vertices are in view and beyond the near limit
+        of the depth of field.
     margin : float
-        How many times larger than what is framed the image is, each way; > 0.
+        Size of the image relative to the target, along both axes; > 0.
     rolls_deg : tuple of float
-        One candidate for each: the camera turned about its axis, clockwise seen from behind it.
+        Rotations about the optical axis, clockwise seen from behind; one candidate for each.
     up : (float, float, float)
         Up of (6.10); where the view is parallel to it, `look_at` takes another axis.
     max_blur : float, optional
@@ -100,7 +100,7 @@ def square_views(
     faces, group : (N,) int64
         Members of each group; a face may be in several, and no group is empty.
     weights : (N,) float64, optional
-        How much each member counts in the averages; all the same by default, as in the thesis.
+        Weight of each member in the averages; all equal by default, as in the thesis.
     """
     least, greatest = framing.limits(camera)
     tangents = half_angles(camera)
@@ -112,7 +112,7 @@ def square_views(
     starts = np.searchsorted(group, np.arange(n_groups))
     weight = np.ones((len(group), 1)) if weights is None else weights[order, None]
     total = np.add.reduceat(weight, starts)
-    # From the middle of the mesh, so that far offsets cost no precision.
+    # Relative to the centre of the mesh, because a far offset costs precision.
     middle = mesh.bounds.mean(axis=0)
     target = np.add.reduceat(weight * (mesh.centroids[faces] - middle), starts) / total
     normal = np.add.reduceat(weight * mesh.normals[faces], starts)
@@ -133,8 +133,8 @@ def square_views(
 def rolled_frames(rotations: FloatArray, rolls_deg: ArrayLike) -> FloatArray:
     """Camera axes turned about the view: (N, 3, 3) and (R,) -> (N, R, 3, 3).
 
-    The x axis turns towards the y axis: the camera clockwise seen from behind, the image against
-    the clock.
+    The x axis turns towards the y axis: the camera turns clockwise seen from behind, the image
+    anticlockwise.
     """
     angle = np.radians(np.asarray(rolls_deg, np.float64))
     turns = np.zeros((len(angle), 3, 3))
@@ -148,7 +148,7 @@ def rolled_frames(rotations: FloatArray, rolls_deg: ArrayLike) -> FloatArray:
 def half_angles(camera: Camera) -> tuple[float, float]:
     """Tangents of the angles from the optical axis to the nearer border, across and down.
 
-    Those of half the fields of view where the axis is in the middle.
+    Where the axis is in the middle of the image these are the halves of the fields of view.
     """
     across = min(camera.cx, camera.width - camera.cx) / camera.fx
     down = min(camera.cy, camera.height - camera.cy) / camera.fy
@@ -158,6 +158,20 @@ def half_angles(camera: Camera) -> tuple[float, float]:
             f"{camera.width} x {camera.height} px; a camera cannot be aimed by an axis it lacks"
         )
     return across, down
+
+
+def enclosing_distance(
+    mesh: Mesh, camera: Camera, centre: FloatArray, margin: float = 1.0
+) -> tuple[float, float]:
+    """Radius of the ball about `centre` that holds the mesh, and its viewing distance, metres.
+
+    At this distance the ball touches the borders of the narrower field of view, where that is
+    `margin` times smaller than the image.
+    """
+    used = mesh.vertices[np.unique(mesh.faces)]
+    radius = float(np.linalg.norm(used - centre, axis=1).max())
+    angle = np.arctan(min(half_angles(camera)) / margin)
+    return radius, float(radius / np.sin(angle))
 
 
 def _fit_extent(
@@ -185,7 +199,7 @@ def fit_vertices(
     """(G,) distance from which all of (N, 3, 3) corners, from the target, are in view and focus.
 
     A vertex x across and z beyond the target is in view from d where |x| <= (d + z) tan(angle).
-    Where not all can be in focus the nearest are.
+    Where not all can be in focus, the nearest ones are.
     """
     z_n, z_f = camera.depth_of_field(framing.max_blur)
     z_n = max(z_n, camera.near) * (1 + FRAMING_MARGIN_REL)

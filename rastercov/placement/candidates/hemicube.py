@@ -1,13 +1,13 @@
-"""What stands before a face in every direction: how far each ray from it runs free.
+"""Hemicube over a point of a face: free distance in every direction of the half space.
 
-Serves `cavities`. A rasteriser stands on the face and looks along its normal and to four sides:
-the upper half of a cube of images, whose pixel centres are the directions. On a face of the cube
+Serves `cavities`. A rasteriser at the point renders along the normal and to four sides: the upper
+half of a cube of images, whose pixel centres are the directions. On a face of the cube
 samples are 2 / N apart and no point is farther than sqrt(2) / N from one, so that a cone whose
 half angle is
 
     rho = 2 asin(sqrt(2) / (2 N))
 
-or more, about a direction above the horizon, holds a sample: an opening that wide is not missed.
+or more, about a direction above the horizon, holds a sample: no opening of that width is missed.
 
 M. F. Cohen, D. P. Greenberg. The Hemi-Cube: A Radiosity Solution for Complex Environments. 1985.
 """
@@ -27,26 +27,26 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 LIFT_REL = 1e-6
-"""Of the mesh's diagonal: so far above its face the rasteriser stands."""
+"""Height of the camera above its face, relative to the mesh's diagonal."""
 
 
 class Hemicube(Closing):
-    """The directions above a face, and how far one can go in each; use it in a `with` block.
+    """Rasterisers of the five images; use it in a `with` block.
 
     Attributes
     ----------
     directions : (D, 3) float64
         Unit vectors in the axes of a face, z along its normal; D = 3 N^2.
     solid_angles : (D,) float64
-        Of the pixel of each, steradians; together 2 pi.
+        Solid angle of the pixel of each, steradians; their sum is 2 pi.
     missed : float
-        Half angle of a cone that is sure to hold a direction, radians.
+        Half angle of a cone that certainly holds a direction, radians.
     """
 
     def __init__(self, mesh: Mesh, side: int) -> None:
         half = side / 2
         whole = Camera(width=side, height=side, fx=half, fy=half, cx=half, cy=half)
-        # Rows of an image go down, and a horizon between two of them halves the pixels exactly.
+        # The horizon lies between two rows of pixels and halves the image exactly.
         upper = Camera(width=side, height=side // 2, fx=half, fy=half, cx=half, cy=half)
         self.side = side
         self.missed = 2 * math.asin(math.sqrt(2) / (2 * side))
@@ -66,13 +66,13 @@ class Hemicube(Closing):
         self.solid_angles = half**-2 / self._stretch**3
         self.solid_angles *= 2 * math.pi / self.solid_angles.sum()
 
-    def look_out(self, point: FloatArray, frame: FloatArray) -> FloatArray:
+    def free_distances(self, point: FloatArray, frame: FloatArray) -> FloatArray:
         """(D,) metres to the first surface in each direction, inf where there is none.
 
         Parameters
         ----------
         point : (3,) float64
-            On a face.
+            Point on a face.
         frame : (3, 3) float64
             Its axes as columns, the third its normal.
         """

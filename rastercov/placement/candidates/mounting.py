@@ -1,8 +1,7 @@
-"""Camera poses where cameras can be mounted: around a part, on walls, under a ceiling.
+"""Candidate poses at mounting positions: around a part, on walls, under a ceiling.
 
-Serves placement beside `candidates`, whose generators follow the surface instead; users have
-mounting space, not free space. Positions lie on a sphere or on a grid on the sides of a box, and
-for those a rule says where the camera looks.
+The generators of `pool` follow the surface of the part; these follow the space where cameras can be
+mounted. Positions are on a sphere, or on a grid on the sides of a box with a rule for the aim.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,14 +16,19 @@ from rastercov.camera import Camera
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.placement.candidates.clearance import NearestSurface
-from rastercov.placement.candidates.framing import DEFAULT, Framing, half_angles, rolled_frames
+from rastercov.placement.candidates.framing import (
+    DEFAULT,
+    Framing,
+    enclosing_distance,
+    rolled_frames,
+)
 from rastercov.placement.candidates.pool import Candidates
 from rastercov.pose import look_at
 
 FloatArray = NDArray[np.float64]
 
 Aim = Callable[[Mesh, FloatArray], FloatArray]
-"""Rule for where to look: a mesh and (N, 3) camera centres in, (N, 3) targets out, metres."""
+"""Rule of aim: from a mesh and (N, 3) camera centres, (N, 3) targets, metres."""
 SIDES = ("-x", "+x", "-y", "+y", "-z", "+z")
 WALLS, CEILING = SIDES[:4], SIDES[5:]
 MOST_POSITIONS = 10_000_000
@@ -39,7 +43,7 @@ def at_point(point: ArrayLike) -> Aim:
 
 @typed
 def along(direction: ArrayLike) -> Aim:
-    """Look in one direction, (3,), whatever is there."""
+    """Look in one direction, (3,), at every position."""
     step = _triple("direction", direction)
     length = np.linalg.norm(step)
     if not length > 0:
@@ -56,7 +60,7 @@ def at_middle() -> Aim:
 def at_nearest_surface(groups: str | Sequence[str] | None = None) -> Aim:
     """Look at the nearest point of the task faces, or of the groups of these names.
 
-    A camera on the wall of a room has that wall nearest to it: name the groups to look at.
+    For a camera on the wall of a room that wall is the nearest surface: name the groups to look at.
     """
     names = [groups] if isinstance(groups, str) else groups
 
@@ -91,8 +95,8 @@ def on_sphere(
     centre : (3,) array_like, optional
         Metres; the middle of the bounding box by default.
     distances : float or sequence of float, optional
-        Radii of the spheres, metres. By default one: from where all of the part is in view and
-        beyond the near limit of the depth of field, then clipped to the limits of the stand-off.
+        Radii of the spheres, metres. By default one, at which all of the part is in view and beyond
+        the near limit of the depth of field, clipped to the limits of the stand-off.
 
     Returns
     -------
@@ -117,7 +121,7 @@ def on_hemisphere(
     centre: ArrayLike | None = None,
     distances: float | Sequence[float] | None = None,
 ) -> Candidates:
-    """Views of the part from above, where `Framing.up` is up; otherwise as `on_sphere`."""
+    """Views of the part from above with respect to `Framing.up`; otherwise as `on_sphere`."""
     return _around(mesh, camera, framing, count, centre, distances, 1.0, "hemisphere")
 
 
@@ -141,11 +145,11 @@ def on_box(
     spacing : float
         Largest distance between neighbours along an edge, metres; > 0.
     aim : Aim, optional
-        Where to look; `at_middle()` by default. A position that is its own target is left out.
+        Rule of aim; `at_middle()` by default. A position that is its own target is left out.
     bounds : (2, 3) array_like, optional
         Lowest and highest corner, metres; the mesh's bounding box by default.
     outward : float
-        Metres by which the box is enlarged on all sides; negative to stand inside it.
+        Distance by which the box is enlarged on all sides, metres; negative for positions inside.
     sides : sequence of {"-x", "+x", "-y", "+y", "-z", "+z"}
         Sides to use, by their outward direction.
     source : str
@@ -154,20 +158,20 @@ def on_box(
     Returns
     -------
     Candidates
-        Side by side in the order given. Of `framing`, rolls and up matter; a mount stands where it
-        stands, so that the stand-off does not.
+        Side by side in the order given. Only rolls and up of `framing` apply, because the positions
+        are fixed.
 
     Raises
     ------
     ConfigError
-        For a box without an inside, a side that is none, or a spacing outside its range.
+        For an empty box, an unknown side, or a spacing outside its range.
     """
     if not 0 < spacing < np.inf:
         raise ConfigError(f"spacing must be positive and finite, got {spacing}; give metres")
     low, high = _box(mesh, bounds, outward)
     if unknown := [side for side in sides if side not in SIDES]:
         raise ConfigError(f"sides must be among {', '.join(SIDES)}, got {', '.join(unknown)}")
-    # A spacing that gives more along one axis is refused below; the least one divides to inf.
+    # Larger counts along one axis are refused below; a tiny spacing divides to inf.
     with np.errstate(over="ignore"):
         wanted = np.ceil((high - low) / spacing * (1 - 1e-12))
     steps = np.minimum(wanted, MOST_POSITIONS).astype(np.int64)
@@ -271,11 +275,10 @@ def _around(
 
 
 def _whole_in_view(mesh: Mesh, camera: Camera, framing: Framing, centre: FloatArray) -> float:
-    """Distance from which the ball about `centre` that holds the mesh is in view and focus."""
+    """Distance at which the ball about `centre` that holds the mesh is in view and in focus."""
     least, greatest = framing.limits(camera)
-    radius = float(np.linalg.norm(mesh.vertices[np.unique(mesh.faces)] - centre, axis=1).max())
-    angle = np.arctan(min(half_angles(camera)) / framing.margin)
-    return float(np.clip(max(radius / np.sin(angle), least + radius), least, greatest))
+    radius, distance = enclosing_distance(mesh, camera, centre, framing.margin)
+    return float(np.clip(max(distance, least + radius), least, greatest))
 
 
 def _upright(framing: Framing) -> FloatArray:
@@ -290,7 +293,7 @@ def _upright(framing: Framing) -> FloatArray:
 
 
 def _aimed(mesh: Mesh, framing: Framing, eyes: FloatArray, aim: Aim, source: str) -> Candidates:
-    """Views from `eyes` by a rule, each with every roll; none from where the target itself is."""
+    """Views from `eyes` by a rule, each with every roll; positions at their target are left out."""
     targets = np.asarray(aim(mesh, eyes), np.float64) if len(eyes) else eyes
     seeing = (targets != eyes).any(axis=1)
     eyes, targets = eyes[seeing], targets[seeing]
@@ -303,7 +306,7 @@ def _aimed(mesh: Mesh, framing: Framing, eyes: FloatArray, aim: Aim, source: str
 
 
 def _box(mesh: Mesh, bounds: ArrayLike | None, outward: float) -> tuple[FloatArray, FloatArray]:
-    """Lowest and highest corner of a box after it was enlarged."""
+    """Lowest and highest corner of the enlarged box."""
     box = finite_points(
         "bounds", mesh.bounds if bounds is None else bounds, (2, 3), "two finite corners, (2, 3)"
     )

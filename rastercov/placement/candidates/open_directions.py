@@ -1,7 +1,7 @@
-"""What one side of a face looks out on, and along which rays a camera may be brought before it.
+"""Open directions of one side of a face, and the rays along which a camera may see it.
 
-Serves `cavities`: one face and one hemicube in, a few rays out that are worth trying, with the
-distances between which nothing is in the way and the whole face is in view.
+Serves `cavities`. From a face and a hemicube, a few promising rays, each with the interval of
+distances within which nothing blocks it and the whole face is in view.
 """
 
 import math
@@ -19,33 +19,33 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 INSET = 0.5
-"""Where, on the way from the centroid to a corner, three more points of a face are."""
+"""Relative position of three more points of a face, from the centroid towards each corner."""
 STEPS = 8
-"""Distances tried along a direction, from the nearest that frames the face."""
+"""Number of distances tried along a direction, from the nearest that frames the face."""
 APART_DEG = 15.0
 """Least angle between two views of a face."""
 FIRST_RAYS, MORE_RAYS = 8, 256
-"""Directions tried for a face, and if a camera can stand on none of them."""
+"""Directions tried for a face, and further ones where no position on those is allowed."""
 FARTHEST = 2.0
-"""Of the mesh's diagonal: how far to go where nothing limits the distance."""
+"""Greatest distance relative to the mesh's diagonal, where nothing else limits it."""
 
 
 class OpenDirections:
-    """One side of a face, and what is found before it.
+    """Search for open directions in front of one side of a face.
 
     Attributes
     ----------
     proof : str
-        Why no camera can see it, "" where that is not proved.
+        Reason why no camera can see it, "" without a proof.
     n_points, n_directions, open_share, missed_deg, n_places
         As in `Openings`.
     rays : (M, 8) float64 or None
         Origin, direction, nearest and farthest distance; the best first. None where no direction
         is open.
     n_first : int
-        How many of them to try before the others.
+        Number of rays to try first.
     poses : list of (4, 4) float64
-        Where a camera can stand.
+        Poses at allowed positions.
     """
 
     def __init__(self, mesh: Mesh, face: int, sign: float) -> None:
@@ -61,7 +61,7 @@ class OpenDirections:
         self.n_first = 0
         self.poses: list[FloatArray] = []
 
-    def look_out(
+    def search(
         self,
         hemicube: Hemicube,
         n_points: int,
@@ -69,19 +69,19 @@ class OpenDirections:
         framing: Framing,
         clearance: float,
     ) -> None:
-        """Find the directions open at the first points, and put the rays worth trying in order."""
+        """Find the directions open at the first `n_points` points, and rank the rays to try."""
         self.limits = framing.limits(camera)
         frame = face_frames(self.normal[None])[0]
         inset = self.target + INSET * (self.corners - self.target)
         origins = np.concatenate((self.target[None], inset))[:n_points]
-        free = np.stack([hemicube.look_out(point, frame) for point in origins])
+        free = np.stack([hemicube.free_distances(point, frame) for point in origins])
         is_open = free > self.limits[0]
         self.n_points, self.n_directions = n_points, len(hemicube.directions)
         self.missed_deg = math.degrees(2 * hemicube.missed)
         self.open_share = float((is_open @ hemicube.solid_angles).max() / (2 * np.pi))
         if not is_open.any():
             return
-        # Wide openings, seen from all of the face and squarely, come first.
+        # Rank: open from all points of the face, within a wide opening, close to the normal.
         share = is_open.mean(axis=0)
         wide = sum(hemicube.blurred(share, max(1, hemicube.side // n)) for n in (32, 8))
         score = share * wide * hemicube.directions[:, 2]
@@ -102,7 +102,7 @@ class OpenDirections:
     def _nearest(
         self, camera: Camera, framing: Framing, least: float, directions: FloatArray
     ) -> FloatArray:
-        """(M,) distance from which the whole face is in view, whatever the roll."""
+        """(M,) distance from which the whole face is in view for every roll."""
         upright = look_at(directions, np.zeros(3), framing.up)[:, :3, :3]
         frames = rolled_frames(upright, framing.rolls_deg)
         starts = np.arange(len(directions))
@@ -117,7 +117,7 @@ class OpenDirections:
         return farthest
 
     def eyes(self, rays: slice) -> tuple[FloatArray, IntArray]:
-        """(N, 3) places along some of the rays, nearest first, and the ray of each."""
+        """(N, 3) positions along some of the rays, nearest first, and the ray of each."""
         if self.rays is None:
             return np.zeros((0, 3)), np.zeros(0, np.int64)
         chosen = self.rays[rays]
@@ -127,15 +127,16 @@ class OpenDirections:
         eyes = (chosen[fits, None, :3] + distance[..., None] * chosen[fits, None, 3:6]).reshape(
             -1, 3
         )
-        # Rays may begin off the centroid, which the limits are for.
+        # Rays may start off the centroid, to which the limits refer.
         away = np.linalg.norm(eyes - self.target, axis=1)
-        hair = 1e-9 * away
-        within = (away >= self.limits[0] - hair) & (away <= self.limits[1] + hair)
+        tolerance = 1e-9 * away
+        within = away >= self.limits[0] - tolerance
+        within &= away <= self.limits[1] + tolerance
         return eyes[within], np.repeat(fits, STEPS)[within]
 
 
 def far_apart(directions: FloatArray, order: IntArray, angle: float, most: int) -> IntArray:
-    """The first of an order, each an angle apart from those before it."""
+    """First directions of an order, each at least `angle` apart from those before it."""
     chosen: list[int] = []
     left = order
     while len(left) and len(chosen) < most:

@@ -1,8 +1,7 @@
-"""Camera poses worth trying, most of them square to some part of the surface, (6.4)-(6.11).
+"""Candidate poses, most of them square to a part of the surface, (6.4)-(6.11).
 
-Second link of placement: a mesh and a camera in, poses out that say where they come from. Every
-generator, here and in `mounting`, is called as `generator(mesh, camera, framing, ...)` and returns
-`Candidates`; those of several are added up with `+`.
+Every generator, here and in `mounting`, is called as `generator(mesh, camera, framing, ...)` and
+returns `Candidates`, poses with their sources; those of several generators are added with `+`.
 
 E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks. 2020, section
 6.3.2.
@@ -30,14 +29,14 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 FOLDED_COSINE = -1 + 1e-9
-"""Cosine between the normals of two faces that lie back to back: an edge of a sheet, no corner."""
+"""Cosine between the normals of two faces back to back: the edge of a sheet, not of a corner."""
 CONVEX_SINE_TOLERANCE = 1e-6
-"""Sine of the angle by which an edge of a convex corner may be hollow: rounding of a file."""
+"""Sine of the angle by which an edge of a convex corner may be concave: rounding of a file."""
 
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """Poses and where they come from; a frozen value with read-only arrays.
+    """Poses and their sources; a frozen value with read-only arrays.
 
     Attributes
     ----------
@@ -46,8 +45,7 @@ class Candidates:
     source_code : (C,) int16
         Row in `sources`.
     index : (C,) int64
-        Segment, face, vertex or row of the pose file that each was made for; -1 where there is no
-        such thing.
+        Segment, face, vertex or row of the pose file that each was made for; -1 for none.
     sources : tuple of str
         Names of the generators.
     """
@@ -90,9 +88,9 @@ class Candidates:
         return np.array(self.sources, dtype=np.str_)[self.source_code]
 
     def take(self, chosen: ArrayLike) -> "Candidates":
-        """Those that a mask or rows choose, in their order."""
+        """Candidates that a mask or rows choose, in their order."""
         rows = np.atleast_1d(np.asarray(chosen))
-        rows = rows if rows.size else rows.astype(np.int64)  # an empty list is of floats
+        rows = rows if rows.size else rows.astype(np.int64)  # an empty list has dtype float64
         parts = (self.poses[rows], self.source_code[rows], self.index[rows])
         poses, codes, index = (frozen(part) for part in parts)
         return Candidates(poses, codes, index, self.sources)
@@ -113,10 +111,10 @@ def per_segment(
 
         d = max(z_n, W/2 cot(HFOV/2), H/2 cot(VFOV/2))
 
-    for the segment's extent W x H along the axes of the image, then no more than z_f. The thesis
-    adds the direction to itself instead of to T_S (6.6), and looks at the width only, which is
-    the largest side of a box along the axes of the world (6.7). An optical axis that is not in the
-    middle of the image counts with the nearer border.
+    for the segment's extent W x H along the axes of the image, limited to z_f. The thesis adds the
+    direction to itself instead of to T_S (6.6), and uses the width only, which is the largest side
+    of a box along the axes of the world (6.7). Where the optical axis is off the middle of the
+    image, the nearer border counts.
 
     Returns
     -------
@@ -148,9 +146,9 @@ def per_face(
     Parameters
     ----------
     faces : (F,) bool or (N,) int, optional
-        Which faces; all task faces by default. Those without area are left out.
+        Faces to use; all task faces by default. Faces without area are left out.
 
-    A camera without depth of field stands very near to a small face unless `framing` has a least
+    A camera without depth of field is placed very near to a small face unless `framing` has a least
     stand-off.
 
     Returns
@@ -168,13 +166,14 @@ def per_face(
 def per_convex_region(
     mesh: Mesh, camera: Camera, framing: Framing = DEFAULT, *, least_bend_deg: float = 10.0
 ) -> Candidates:
-    """Views that are the average of those of the faces around a convex corner, as Alarcon.
+    """Average of the views of the faces around a convex corner, after Alarcon.
 
     His region is a pyramid whose sides are seen together from above its tip. Here it is the faces
-    around a vertex where the surface is convex: no edge at the vertex is hollow, and one is bent by
-    `least_bend_deg` or more, so that a finely divided smooth surface gives few. Target and normal
-    are averaged as for a segment, but weighted by the faces' angles at the vertex, so that it does
-    not matter how a side is divided; the mean of pose matrices would be no pose.
+    around a vertex where the surface is convex: no edge at the vertex is concave, and one is bent
+    by `least_bend_deg` or more, so that a finely divided smooth surface gives few. Target and
+    normal are averaged as for a segment, but weighted by the angles of the faces at the vertex,
+    which makes the result independent of how a side is divided. The mean of pose matrices would not
+    be a pose.
 
     Parameters
     ----------
@@ -218,7 +217,7 @@ def from_poses(
     Raises
     ------
     PoseError
-        For a file or a row that holds no pose.
+        For a file that cannot be read, or a row that is not a pose.
     """
     if isinstance(poses, (str, Path)):
         poses = read_poses(poses)
@@ -242,7 +241,7 @@ def face_rows(mesh: Mesh, faces: ArrayLike) -> IntArray:
 
 
 def convex_corners(mesh: Mesh, least_bend_deg: float) -> IntArray:
-    """Vertices where the surface is closed, consistently wound and convex, bent at some edge."""
+    """Vertices at which the surface is closed, consistently wound, convex and bent at an edge."""
     start, end = mesh.positions, np.roll(mesh.positions, -1, axis=1)
     face = np.repeat(np.flatnonzero(~mesh.degenerate_mask), 3)
     start, end = (side[~mesh.degenerate_mask].reshape(-1) for side in (start, end))

@@ -1,13 +1,13 @@
-"""The loop that grows segments over a mesh, compiled by numba.
+"""Compiled loop that grows segments over a mesh.
 
-A face joins when its normal is within an angle of every normal of the segment. Those within less
-than 90 degrees of a direction form a convex set on the sphere, so if the corners of the spherical
-convex hull of the segment's normals are in it, all are: the loop looks at the corners only. Seen
-from the first normal on its tangent plane (the gnomonic projection) great circles are lines, and
-the hull is that of points in a plane. Their coordinates are whole numbers there, in units of 2^-24
-of the radius that the angle has on that plane, and the hull of those is exact. The answer is off by
-the rounding to them at most, 6e-8 tan(angle) radians: finer units would only make corners of what
-is a line or a flat arc.
+A face joins when its normal is within an angle of every normal of the segment. The directions
+within less than 90 degrees of a direction form a convex set on the sphere, so it contains all
+normals of the segment if it contains the corners of their spherical convex hull: only those are
+tested. Projected from the centre on the tangent plane at the first normal (gnomonic projection)
+great circles are lines, and the hull is that of points in a plane. Their coordinates are integers,
+in units of 2^-24 of the radius of the angle on that plane, and their hull is exact. The error is
+the rounding to integers, at most 6e-8 tan(angle) radians; finer units would turn points on a line
+or a flat arc into corners.
 
 E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks. 2020, (6.1), (6.2).
 A. M. Andrew. Another Efficient Algorithm for Convex Hulls in Two Dimensions. 1979.
@@ -21,10 +21,10 @@ from rastercov._jit import compiled
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-TASK, CONDUCTS, BARS = 0, 1, 2
-"""What a face is to growing: to be labelled, to be passed through, or in the way."""
+TASK, PASSED, BARRIER = 0, 1, 2
+"""Role of a face in growing: labelled, passed through, or a barrier."""
 UNITS = float(2**24)
-"""Units to the radius. With 2^28 or less, cross products of differences fit 64 bits."""
+"""Grid units per radius. Up to 2^28, cross products of differences fit 64 bits."""
 
 
 @compiled
@@ -37,7 +37,7 @@ def turn(hull: IntArray, i: int, j: int, x: int, y: int) -> int:
 
 @compiled
 def holds(hull: IntArray, count: int, x: int, y: int) -> bool:
-    """Whether a point lies in a hull that has an area, border included."""
+    """True where a point lies in a hull with an area, border included."""
     if count < 3:
         return False
     for i in range(count):  # noqa: SIM110 - numba compiles no generators
@@ -91,34 +91,34 @@ def grow_segments(
     radius: float,
     labels: IntArray,
 ) -> int:
-    """Number of segments grown, each from the first face that none has, over shared edges.
+    """Grow segments over shared edges, each from the first unlabelled face; their number.
 
     Parameters
     ----------
     normals : (F, 3) float64
         Unit normals.
     role : (F,) uint8
-        `TASK`, `CONDUCTS` or `BARS`.
+        `TASK`, `PASSED` or `BARRIER`.
     starts : (F + 1,) int64
-        Where each face's row of `neighbours` begins.
+        Start of the row of each face in `neighbours`.
     neighbours : (N,) int64
         Faces across the edges of each face.
     least_cosine, radius : float
         Cosine of the largest angle, > 0, and its tangent, > 0.
     labels : (F,) int64
-        Out: segment of each face, -1 for those that bar; a face that conducts has the first
-        segment that passed through it.
+        Out: segment of each face, -1 for barriers; a passed face has the first segment that passed
+        through it.
     """
     n_faces = len(role)
     queue = np.empty(n_faces, np.int64)
-    refused = np.full(n_faces, -1, np.int64)  # the last segment that did not take a face
+    refused = np.full(n_faces, -1, np.int64)  # last segment that rejected each face
     hull = np.empty((n_faces + 3, 3), np.int64)
     labels[:] = -1
     n_segments = 0
     for seed in range(n_faces):
         if role[seed] != TASK or labels[seed] >= 0:
             continue
-        # Two axes across the first normal n, for the plane that touches the sphere there.
+        # Two axes of the tangent plane at the first normal n.
         n = normals[seed]
         small = np.argmin(np.abs(n))
         u = -n[small] * n
@@ -135,7 +135,7 @@ def grow_segments(
             begin += 1
             for at in range(starts[face], starts[face + 1]):
                 other = neighbours[at]
-                if role[other] == BARS or labels[other] >= 0 or refused[other] == n_segments:
+                if role[other] == BARRIER or labels[other] >= 0 or refused[other] == n_segments:
                     continue
                 if role[other] == TASK:
                     m = normals[other]

@@ -1,11 +1,11 @@
-"""Parts of a surface that face one way, (6.1)-(6.3): what one camera each may be able to see.
+"""Segmentation of a surface by normals, (6.1)-(6.3): one segment for each candidate view.
 
-First link of placement: a mesh in, a label for each face out. Segments grow from face to
-neighbouring face while all normals of a segment stay within alpha of one another; then segments
-whose average normals are within beta of one another are merged, neighbours or not.
+From a mesh, a label for each face. Segments grow from face to neighbouring face while all normals
+of a segment are within alpha of one another; then segments whose average normals are within beta of
+one another are merged, neighbours or not.
 
 E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks. 2020, section
-6.3.1; where it leaves open in which order things happen, his program (Khepra, 2020) decides.
+6.3.1; the order of the steps, which it does not define, is that of his program (Khepra, 2020).
 """
 
 import heapq
@@ -26,11 +26,11 @@ from rastercov.placement.candidates import segment_kernels as kernels
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 Links = list[set[int]] | None
-"""Which segments share an edge; None where it does not matter."""
+"""Segments that share an edge with each segment; None where any two may be merged."""
 
 ANGLE_TOLERANCE_DEG = 5e-5
-"""Angles up to this much over a limit pass: the thesis' program rounds to 4 decimals, and normals
-of a file in single precision are no better."""
+"""Tolerance of angle limits: the thesis' program rounds to 4 decimals, and normals of a file in
+single precision are no more accurate."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,8 +43,7 @@ class Segmentation:
         Segment of each face, numbered from 0 in the order of their first faces; -1 for faces
         without area and for occluders.
     normals : (S, 3) float64
-        Unit average normals, (6.5): every face counts the same, as in the thesis, whatever its
-        area.
+        Unit average normals, (6.5), with equal weights for all faces, as in the thesis.
     centroids : (S, 3) float64
         Average of the corners of all faces, T_S of (6.4), metres.
     areas : (S,) float64
@@ -54,7 +53,7 @@ class Segmentation:
     alpha_deg : float
         Largest angle between two normals while a segment grew.
     beta_deg : float or None
-        Largest angle between average normals that were merged, None where none were.
+        Largest angle between average normals that were merged, None without merging.
     """
 
     labels: IntArray
@@ -86,34 +85,34 @@ def segment(
     it. The test is exact to 6e-8 tan(alpha) radians, see `segment_kernels`, and looks at the convex
     hull of the normals only. Faces without area are passed through.
 
-    Merging, (6.3): segments whose average normals are within beta are merged. That is no rule yet:
-    with A near B and B near C, who is merged? Two readings:
+    Merging, (6.3): segments whose average normals are within beta are merged. For A near B and B
+    near C the thesis defines no order; there are two readings:
 
     leader
-        As the thesis' program does. Segment by segment in their order, each that is still there
-        takes all others within beta of *its own* average, which stays what it was. The number
-        depends on the order of the faces; two segments may end up closer than beta.
+        As in the thesis' program. In order, each remaining segment absorbs all others within beta
+        of *its own* average, which is not updated. The number depends on the order of the faces;
+        two segments may end up closer than beta.
     closest
-        The two that are closest are merged until none are within beta, with the average of all
-        faces of either. Depends much less on the order; about a tenth fewer segments.
+        The two closest segments are merged until none are within beta, with the average over the
+        faces of both. Depends much less on the order; about a tenth fewer segments.
 
     Parameters
     ----------
     mesh : Mesh
-        Task faces are labelled; occluders stop the growth. Vertices that lie on the same point
-        are one. Groups do not matter, nor whether they are two-sided: a face's normal is its own.
+        Task faces are labelled; occluders stop the growth. Vertices at the same point are one.
+        Groups have no effect, nor whether they are two-sided.
     alpha_deg, beta_deg : float
-        Degrees, 0 <= angle < 90. Without beta (None) nothing is merged.
+        Degrees, 0 <= angle < 90. With beta None nothing is merged.
     adjacent : bool
         Merge only segments that share an edge, directly or through others that are merged with
-        them. The thesis does not ask for it, and one camera may see several patches that face it.
+        them. Not in the thesis: one camera may see several separate patches.
     merge : {"leader", "closest"}
         See above.
 
     Returns
     -------
     Segmentation
-        The same for the same arguments, always.
+        Deterministic.
 
     Raises
     ------
@@ -146,15 +145,15 @@ def _angle(name: str, value: float) -> float:
 
 
 def _least_cosine(angle_deg: float) -> float:
-    """Cosine of an angle and the slack; never 0, which is that of a right angle."""
+    """Cosine of an angle with its tolerance; above 0, the cosine of a right angle."""
     return max(float(np.cos(np.radians(angle_deg + ANGLE_TOLERANCE_DEG))), 1e-9)
 
 
 def _grown(mesh: Mesh, alpha_deg: float) -> tuple[IntArray, IntArray]:
-    """Segment of each face, and the same with the faces without area that growth passed."""
+    """Segment of each face, and the same including the faces without area that growth passed."""
     role = np.full(mesh.n_faces, kernels.TASK, np.uint8)
-    role[mesh.degenerate_mask] = kernels.CONDUCTS
-    role[~mesh.task_mask] = kernels.BARS
+    role[mesh.degenerate_mask] = kernels.PASSED
+    role[~mesh.task_mask] = kernels.BARRIER
     pairs = mesh.topology.neighbours
     rows = np.concatenate((pairs, pairs[:, ::-1]))
     rows = rows[np.lexsort((rows[:, 1], rows[:, 0]))]
@@ -196,7 +195,7 @@ def _by_leader(sums: FloatArray, least_cosine: float, links: Links) -> IntArray:
 
 
 def _connected(start: int, allowed: set[int], links: list[set[int]]) -> list[int]:
-    """Those of `allowed` that links join to `start` without leaving it."""
+    """Members of `allowed` that are connected to `start` by links within `allowed`."""
     found, waiting = [start], [start]
     allowed.discard(start)
     while waiting:
@@ -208,10 +207,10 @@ def _connected(start: int, allowed: set[int], links: list[set[int]]) -> list[int
 
 
 def _by_closest(sums: FloatArray, least_cosine: float, links: Links) -> IntArray:
-    """Lowest segment that each one ends up with; three steps of 10 to 100 us a segment.
+    """Lowest segment of the set of each segment; three steps of 10 to 100 us a segment.
 
-    A heap holds the closest partner of each segment, as it was when that was last looked up. The
-    later looked up of the two closest segments then knew the other one, so that they come first.
+    A heap holds the closest partner of each segment at the time of its last query. Of the two
+    closest segments, the one queried later had the other as its partner, so they come first.
     """
     sums, units = sums.copy(), _units(sums)
     owner = np.arange(len(units))
@@ -242,7 +241,7 @@ def _by_closest(sums: FloatArray, least_cosine: float, links: Links) -> IntArray
         owner[owner == gone] = kept
         sums[kept] += sums[gone]
         units[kept] = sums[kept] / np.linalg.norm(sums[kept])
-        units[gone] = 0.0  # a right angle to all: merged with none
+        units[gone] = 0.0  # a right angle to all: never merged again
         version[kept] += 1
         version[gone] += 1
         if links:
@@ -275,7 +274,7 @@ def _sums(labels: IntArray, values: FloatArray, count: int) -> FloatArray:
 
 
 def _renumbered(labels: IntArray) -> IntArray:
-    """The same segments without gaps in their numbers; both steps keep the lowest of a segment."""
+    """Labels without gaps, in the same order; both steps keep the lowest label of a segment."""
     chosen = labels >= 0
     out = np.full(len(labels), -1, np.int64)
     out[chosen] = np.unique(labels[chosen], return_inverse=True)[1]
@@ -286,7 +285,7 @@ def _described(mesh: Mesh, labels: IntArray, alpha: float, beta: float | None) -
     count = int(labels.max(initial=-1)) + 1
     chosen = labels >= 0
     sizes = np.bincount(labels[chosen], minlength=count).astype(np.int64)
-    # From the middle of the mesh, so that far offsets cost no precision.
+    # Relative to the centre of the mesh, because a far offset costs precision.
     middle = mesh.bounds.mean(axis=0)
     centroids = middle + _sums(labels, mesh.centroids - middle, count) / sizes[:, None]
     return Segmentation(

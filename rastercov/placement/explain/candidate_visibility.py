@@ -20,7 +20,7 @@ IntArray = NDArray[np.int64]
 
 SEEN_NOTHING = 1e-6
 """Visible fraction up to which a face counts as not seen: the bound of computed fractions is 1e-9
-for images of 1 px^2 or more, and inversely proportional to the area of smaller ones."""
+for images of 1 px^2 or more, and 1e-9 / area for smaller ones."""
 EDGE_ON = 1e-6
 """Square pixels: an image of at most this area is that of a face seen edge-on, which shows
 nothing."""
@@ -32,7 +32,7 @@ class Sight(IntEnum):
     """Proved statement on all candidates and a face."""
 
     NONE = 0
-    """No candidate sees it: in each, at most `SEEN_NOTHING` of its image is visible, or its image is
+    """No candidate sees it: at most `SEEN_NOTHING` of its image is visible in each, or the image is
     at most `EDGE_ON`."""
     UNKNOWN = 1
     """The bounds prove neither, or there are no candidates."""

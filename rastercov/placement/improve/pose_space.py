@@ -51,7 +51,7 @@ class PoseSpace:
     Attributes
     ----------
     mesh : Mesh
-        The scene; all its faces are surfaces, as for `clearance.kept`.
+        The scene; all its faces are surfaces, as for `filter_candidates`.
     boxes : (2, 3) or (B, 2, 3) array_like, optional
         Lowest and highest corners of the boxes that hold the camera centres, metres; a box may be
         flat, as a wall is. By default one: that of the task faces, larger by the greatest stand-off

@@ -183,7 +183,7 @@ class _Code:
         return poses
 
     def remember(self, poses: FloatArray) -> FloatArray:
-        """(variables,) nearest encoding of a network, which `poses` decodes to exactly that network."""
+        """(variables,) nearest encoding of a network, which `poses` decodes exactly."""
         eyes, forwards, rolls = self.space.decomposed(poses)
         hull, aim = self.space.hull, self.aim
         targets = np.clip(eyes + _depths(eyes, forwards, aim)[:, None] * forwards, aim[0], aim[1])
@@ -196,7 +196,7 @@ class _Code:
 
 
 def _depths(eyes: FloatArray, forwards: FloatArray, box: FloatArray) -> FloatArray:
-    """(N,) depth of the midpoint of each axis within the box; where it misses, nearest its centre."""
+    """(N,) depth of the midpoint of each axis in the box, or nearest to its centre if it misses."""
     with np.errstate(divide="ignore", invalid="ignore"):
         ends = (box[:, None] - eyes) / forwards
     ends = np.sort(np.where(np.isnan(ends), 0.0, ends), axis=0)

@@ -212,8 +212,8 @@ def tolerance(
     error : InstallationError
         Distribution of the errors; each camera has its own.
     draws : int
-        Disturbed networks N, 1 or more; with 200, 99 % of installations exceed the worst share, at a
-        confidence of 87 %.
+        Disturbed networks N, 1 or more; with 200, 99 % of installations exceed the worst share, at
+        a confidence of 87 %.
     seed : int
         The same seed gives the same draws.
 

@@ -86,7 +86,7 @@ class CoverState:
 
     @property
     def is_met(self) -> bool:
-        """Whether the requirements of `FewestCameras` hold."""
+        """True where the requirements of `FewestCameras` hold."""
         return bool((self.done >= self.reduced.least).all()) and (
             self.covered >= self.reduced.least_total
         )

@@ -143,7 +143,7 @@ def _kicked(
         lost = [ranked[place] for place in rng.choice(len(ranked), n_lost, replace=False)]
         for camera in lost:
             state.remove(camera)
-        # Half of the time the removed cameras are excluded until all are replaced, else for one step.
+        # Removed cameras are excluded for one step, or half of the time until all are replaced.
         state.barred[lost] = 1
         if rng.integers(2):
             camera = _next(state, goal)
@@ -187,7 +187,7 @@ def _reaches(
 
 
 def _next(state: CoverState, goal: object) -> int:
-    """Camera that the greedy rule adds; -1 where the goal allows, or asks for, no more."""
+    """Next camera of the greedy rule; -1 where the goal is met or allows no more."""
     if not isinstance(goal, BestCoverage):
         if state.is_met:
             return -1

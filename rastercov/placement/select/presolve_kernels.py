@@ -33,10 +33,10 @@ def mixed(number):
 
 @compiled
 def hash_sets(indptr, member, counted, key):
-    """(C, 2) uint64 sums of two hashes over the counted members of each set, and their number, (C,).
+    """Sums of two hashes over the counted members of each set, (C, 2) uint64, and sizes, (C,).
 
-    A sum does not depend on the order of the members. Two different sets have the same 128 bits once
-    in 10^38 pairs.
+    A sum does not depend on the order of the members. Two different sets have the same 128 bits
+    once in 10^38 pairs.
 
     Parameters
     ----------

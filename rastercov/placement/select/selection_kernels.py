@@ -39,7 +39,7 @@ def _cosine(eyes, a, b, centroids, f):
 
 @compiled
 def spread_faces(indptr, face, chosen, views, eyes, centroids, min_cosine):
-    """(F,) faces to which two of the chosen cameras have rays with a cosine of at most `min_cosine`.
+    """(F,) faces to which two of the chosen cameras have rays with a cosine up to `min_cosine`.
 
     Parameters
     ----------

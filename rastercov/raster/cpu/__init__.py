@@ -1,8 +1,29 @@
-"""The CPU rasteriser: the contract of `rastercov.raster.contract` without a graphics library.
+"""CPU rasteriser: the contract of `rastercov.raster.contract` without a graphics library.
 
-Each pose is independent and runs in one thread, start to end, through the compiled loops of
-`kernels`, which hold no lock; many poses run side by side. Every thread has its own scratch memory,
-so results do not depend on their number, nor on other threads that use the same rasteriser.
+A pose runs in one thread from start to end; many poses run side by side. Compiled loops hold no
+lock, and every thread has its own scratch memory, so results depend neither on the number of
+threads nor on other threads that use the same rasteriser.
+
+    stage             reads                            writes                      file
+    ----------------  -------------------------------  --------------------------  --------------
+    group (once)      mesh                             Clusters: <= 64 faces each  clusters
+    for each pose:
+    1 cull clusters   Clusters.bounds, pose            bits of clusters to draw    stage_cull
+    for each band of rows, for each cluster in it:
+    2 project         Clusters.points, pose            Vertices: x, y, 1/z         stage_vertices
+    3 cull and bin    Vertices, Clusters.corners       Bins: faces by path         stage_cull
+      clip            faces in Bins.clipped            triangles in a fan          clipping
+    4 set up          a vector of faces in Bins        Setup: edges, planes        stage_setup
+    5 cover           Setup                            coverage masks of blocks    stage_cover
+    6 depth test      masks, planes                    Image: 1/z, face; Counts    stage_depth
+
+`loops` has the loops over poses, bands and clusters, `fill` those over faces and blocks; `memory`
+defines the records, `simd` and `simd_kernel` the notation of the stages.
+`rastercov.reference.raster_stages` has each stage in numpy.
+
+Positions are integers of 1/256 sample, and edge functions are exact. A sample on a left or upper
+edge is inside and one on a right or lower edge outside, so every sample belongs to exactly one of
+two triangles that share an edge.
 """
 
 from collections.abc import Callable
@@ -21,7 +42,7 @@ from rastercov.camera import Camera
 from rastercov.errors import ConfigError, DeviceError, ResourceError
 from rastercov.mesh import Mesh
 from rastercov.pose import valid_poses
-from rastercov.raster import self_test as canary
+from rastercov.raster import self_test
 from rastercov.raster.contract import (
     FaceCounts,
     RasterizerInfo,
@@ -29,9 +50,19 @@ from rastercov.raster.contract import (
     check_counts,
     check_picture,
 )
-from rastercov.raster.cpu import loops as kernels
-from rastercov.raster.cpu import memory as layout
-from rastercov.raster.cpu.clusters import in_clusters
+from rastercov.raster.cpu import loops
+from rastercov.raster.cpu.clusters import group_faces
+from rastercov.raster.cpu.memory import (
+    LANES,
+    SIDE,
+    STRIP_BITS,
+    Buffers,
+    Canvas,
+    Output,
+    Poses,
+    aligned_zeros,
+    make_scratch,
+)
 from rastercov.raster.rules import in_one_order, limits
 from rastercov.raster.sample_grid import SampleGrid
 
@@ -40,29 +71,29 @@ IntArray = NDArray[np.int64]
 WordArray = NDArray[np.int32]
 
 MAX_SIDE = 1 << 20
-"""Largest image side in samples: edges are walked in 64-bit whole numbers of 1/256 sample."""
+"""Largest image side in samples: edge functions are 64-bit integers of 1/256 sample."""
 
 MAX_BAND = 1 << 17
-"""Most samples of an image that are kept at a time."""
+"""Most samples of an image that are in memory at a time."""
 
-MOST_A_PART = 1 << 30
+MAX_PART = 1 << 30
 """Most samples of an image that are counted in 32 bits."""
 
 LARGE_POSE = 1 << 18
-"""Faces, and eighths of samples, of a pose that is worth more than one thread."""
+"""Faces, plus an eighth of the samples, from which on a pose is shared by threads."""
 
 
 class CPURasterizer(Closing):
-    """The contract of `rastercov.raster.contract` in numba.
+    """Rasteriser compiled by numba.
 
-    Any number of threads may use one rasteriser at once, and a forked process may go on with it.
+    Any number of threads may use one rasteriser at once, and so may a forked process.
 
     Parameters
     ----------
     mesh, camera, supersample, roll
         As for `open_rasterizer`.
     threads : int, optional
-        Poses counted side by side; one for each core unless given.
+        Number of threads, by default one for each core.
     """
 
     def __init__(
@@ -93,9 +124,9 @@ class CPURasterizer(Closing):
             shaders="",
         )
         self._is_open = True
-        announce_compilation(kernels.count_poses)
+        announce_compilation(loops.count_poses)
         self._scene = _Scene(mesh)
-        self._scratch = ScratchPool(partial(_View, self._scene, self._grid), self._threads)
+        self._scratch = ScratchPool(partial(_Worker, self._scene, self._grid), self._threads)
         self._check()
 
     def count(self, poses: ArrayLike, *, drawn: bool = True) -> FaceCounts:
@@ -112,16 +143,13 @@ class CPURasterizer(Closing):
             raise ConfigError(f"render takes one pose, got {len(matrices)}")
         check_picture(self.camera)
         near, cull, _ = limits(self.mesh, self.camera, matrices)
-        view = _View(self._scene, SampleGrid(self.camera))
-        face, depth = view.render(matrices, near, cull)
+        worker = _Worker(self._scene, SampleGrid(self.camera))
+        face, depth = worker.render(matrices, near, cull)
         # A face cut at the near plane can own a sample 1/512 of one beyond its rim.
         return VisibilityBuffer(face, np.maximum(depth, np.float32(near[0]), out=depth))
 
     def close(self) -> None:
-        """End its use: later calls raise `DeviceError`, calls in other threads end as ever.
-
-        It holds nothing but memory.
-        """
+        """Release its memory: later calls raise `DeviceError`, calls in other threads complete."""
         self._is_open = False
         self._scratch.close()
 
@@ -131,33 +159,33 @@ class CPURasterizer(Closing):
 
     def _count(
         self,
-        scratch: "ScratchPool[_View]",
+        scratch: "ScratchPool[_Worker]",
         scene: "_Scene",
         camera: Camera,
         grid: SampleGrid,
         poses: FloatArray,
         with_drawn: bool,
     ) -> FaceCounts:
-        # A few large poses are shared out by bands of their rows, each into counts of its own.
+        # A few large poses are split into parts, bands of rows, each with its own counts.
         is_large = scene.mesh.n_faces + grid.n_samples // 8 >= LARGE_POSE
         n_parts = -(-self._threads // max(1, len(poses))) if is_large else 1
-        n_parts = max(n_parts, -(-grid.n_samples // MOST_A_PART))
+        n_parts = max(n_parts, -(-grid.n_samples // MAX_PART))
         n_turns = n_parts * len(poses)
         sums = np.dtype(grid.count_type).itemsize if n_parts > 1 else 0
         check_counts(len(poses), scene.mesh.n_faces, (4 * n_parts + sums) * (1 + with_drawn))
-        # The threads clear their rows, while these are about to be used.
+        # Not cleared here: each thread clears its rows while they are in its cache.
         shape = (n_parts, len(poses), scene.mesh.n_faces)
         visible = np.empty(shape, np.int32)
         drawn = np.empty(shape, np.int32) if with_drawn else None
         filled = np.empty(shape[:2], np.int64)
         near, cull, clipped = limits(scene.mesh, camera, poses)
 
-        def worker(view: _View) -> Callable[[slice], None]:
+        def work_of(worker: _Worker) -> Callable[[slice], None]:
             def work(turn: slice) -> None:
-                while turn.start < turn.stop:  # as many poses of one part as there are
+                while turn.start < turn.stop:  # all poses of one part that are in the turn
                     part, start = divmod(turn.start, len(poses))
                     stop = min(len(poses), start + turn.stop - turn.start)
-                    view.count(
+                    worker.count(
                         poses[start:stop], near[start:stop], cull[start:stop], (part, n_parts),
                         visible[part, start:stop],
                         None if drawn is None else drawn[part, start:stop],
@@ -168,9 +196,9 @@ class CPURasterizer(Closing):
             return work
 
         n_threads = max(1, min(self._threads, n_turns))
-        views = scratch.take(n_threads)
-        share_poses(n_turns, [worker(view) for view in views])
-        scratch.give_back(views)
+        workers = scratch.take(n_threads)
+        share_poses(n_turns, [work_of(worker) for worker in workers])
+        scratch.give_back(workers)
         return FaceCounts(
             _total(visible, grid.count_type),
             None if drawn is None else _total(drawn, grid.count_type),
@@ -182,14 +210,16 @@ class CPURasterizer(Closing):
         )
 
     def _check(self) -> None:
-        """Count a scene whose counts are known: a compiler that errs is not trusted."""
-        scene = _Scene(canary.MESH)
-        grid = SampleGrid(canary.CAMERA)
-        scratch = ScratchPool(partial(_View, scene, grid), 0)
-        counts = self._count(scratch, scene, canary.CAMERA, grid, canary.POSES, with_drawn=True)
+        """Count the self-test scene; DeviceError where a miscompiled loop counts it wrongly."""
+        scene = _Scene(self_test.MESH)
+        grid = SampleGrid(self_test.CAMERA)
+        scratch = ScratchPool(partial(_Worker, scene, grid), 0)
+        counts = self._count(
+            scratch, scene, self_test.CAMERA, grid, self_test.POSES, with_drawn=True
+        )
         assert counts.drawn is not None
-        right = np.array_equal(counts.visible, canary.VISIBLE)
-        if not right or not np.array_equal(counts.drawn, canary.DRAWN):
+        is_equal = np.array_equal(counts.visible, self_test.VISIBLE)
+        if not is_equal or not np.array_equal(counts.drawn, self_test.DRAWN):
             raise DeviceError(
                 f"{self.info.renderer} counted a known scene wrongly; its answers cannot be "
                 "trusted: remove the numba cache or use gl"
@@ -197,14 +227,14 @@ class CPURasterizer(Closing):
 
 
 class _Scene:
-    """A mesh as the loops want it: vertices from the middle, corners in the order for ties."""
+    """Mesh in clusters: vertices relative to its centre, corners in the order for ties."""
 
     def __init__(self, mesh: Mesh) -> None:
         self.mesh = mesh
         self.centre: FloatArray = mesh.bounds.mean(axis=0)
         vertices = np.ascontiguousarray(mesh.vertices - self.centre)
         faces = np.ascontiguousarray(in_one_order(mesh), dtype=np.int32)
-        self.clusters = in_clusters(vertices, faces, mesh.can_cull_back_faces)
+        self.clusters = group_faces(vertices, faces, mesh.can_cull_back_faces)
 
 
 def _total(parts: Any, kind: type) -> Any:
@@ -212,40 +242,49 @@ def _total(parts: Any, kind: type) -> Any:
     return parts[0] if len(parts) == 1 else parts.sum(axis=0, dtype=kind)
 
 
-class _View:
+class _Worker:
     """Scratch memory of one thread."""
 
     def __init__(self, scene: _Scene, grid: SampleGrid) -> None:
         self.scene, self.grid = scene, grid
-        self.size = np.array((grid.width, grid.height), np.int64)
-        side, patch = layout.SIDE, layout.SIDE << layout.PATCH_BITS
-        n_patches = -(-grid.width // patch)
-        n_block_rows = -(-grid.height // side)
-        self.block_rows = min(n_block_rows, max(1, MAX_BAND // (n_patches * patch * side)))
-        self.columns = n_patches << layout.PATCH_BITS
-        self.marks = np.zeros(self.block_rows * n_patches, np.uint8)
-        n_samples = self.marks.size * patch * side
-        self.depth = layout.aligned_zeros(n_samples, np.float32)
-        self.owner = layout.aligned_zeros(n_samples, np.int32)
+        strip = SIDE << STRIP_BITS
+        n_strips = -(-grid.width // strip)
+        n_block_rows = -(-grid.height // SIDE)
+        self.block_rows = min(n_block_rows, max(1, MAX_BAND // (n_strips * strip * SIDE)))
+        self.columns = n_strips << STRIP_BITS
+        n_marks = self.block_rows * n_strips
         n_clusters = scene.clusters.bounds.shape[1]
-        self.kept = np.empty(n_clusters // layout.LANES, np.int64)
-        self.middles = layout.aligned_zeros((2, n_clusters), np.float64)
-        self.seen = np.empty(n_clusters + layout.LANES, np.int32)
-        self.scratch = kernels.make_scratch()
+        self.buffers = Buffers(
+            marks=np.zeros(n_marks, np.uint8),
+            depth=aligned_zeros(n_marks * strip * SIDE, np.float32),
+            face=aligned_zeros(n_marks * strip * SIDE, np.int32),
+            n_marks=n_marks,
+            kept=np.empty(n_clusters // LANES, np.int64),
+            centres=aligned_zeros((2, n_clusters), np.float64),
+            seen=np.empty(n_clusters + LANES, np.int32),
+        )
+        self.scratch = make_scratch()
         self.no_drawn = np.zeros((1, 1), np.int32)
-        firsts, lasts = np.zeros((2, n_block_rows, side), np.int32)
+        firsts, lasts = np.zeros((2, n_block_rows, SIDE), np.int32)
         firsts.ravel()[: grid.height], lasts.ravel()[: grid.height] = grid.first, grid.last
-        inner = -(-firsts.max(axis=1) // side), lasts.min(axis=1) // side
-        self.inner = np.stack(inner, axis=1).astype(np.int64)
-        magnified = np.linalg.svd(np.diag(grid.lens[:2]) @ grid.mix, compute_uv=False)
-        self.focal = np.sort(magnified)
+        inner = -(-firsts.max(axis=1) // SIDE), lasts.min(axis=1) // SIDE
+        magnification = np.linalg.svd(np.diag(grid.lens[:2]) @ grid.mix, compute_uv=False)
+        self.canvas = Canvas(
+            magnification=np.sort(magnification),
+            intrinsics=grid.lens,
+            size=np.array((grid.width, grid.height), np.int64),
+            inner=np.stack(inner, axis=1).astype(np.int64),
+            first=grid.first,
+            last=grid.last,
+            is_rolled=grid.is_rolled,
+        )
 
     def bands(self, part: int, n_parts: int) -> IntArray:
-        """First rows and rows after the last of the bands of a part of the image, (B, 2)."""
-        ends = len(self.inner) * np.arange(part, part + 2) // n_parts
+        """First row of each band of a part of the image, and the row after its last, (B, 2)."""
+        ends = len(self.canvas.inner) * np.arange(part, part + 2) // n_parts
         tops = np.arange(ends[0], ends[1], self.block_rows)
         bottoms = np.minimum(tops + self.block_rows, ends[1])
-        rows = layout.SIDE * np.stack((tops, bottoms), axis=1)
+        rows = SIDE * np.stack((tops, bottoms), axis=1)
         bands: IntArray = np.minimum(rows, self.grid.height)
         return bands
 
@@ -259,7 +298,7 @@ class _View:
         drawn: WordArray | None,
         filled: IntArray,
     ) -> None:
-        """Count one part of so many of these poses into rows of `visible`, `drawn`, `filled`."""
+        """Count one part of the poses into the rows of `visible`, `drawn`, `filled`."""
         self._count(poses, near, cull, self.bands(*part), visible, drawn, filled)
 
     def render(
@@ -271,9 +310,7 @@ class _View:
         visible = np.empty((1, self.scene.mesh.n_faces), np.int32)
         for band in self.bands(0, 1):
             self._count(pose, near, cull, band[None], visible, None, np.empty(1, np.int64))
-            kernels.read_band(
-                band[0], band[1], self.columns, self.marks, self.depth, self.owner, face, depth
-            )
+            loops.read_band(band[0], band[1], self.columns, self.buffers, face, depth)
         return face, depth
 
     def _count(
@@ -286,12 +323,11 @@ class _View:
         drawn: WordArray | None,
         filled: IntArray,
     ) -> None:
-        scene, grid = self.scene, self.grid
-        moved = grid.axes(poses).copy()
-        moved[:, :3, 3] -= scene.centre
-        kernels.count_poses(
-            moved, near, cull, self.focal, grid.lens, self.size, bands, scene.clusters.arrays,
-            self.inner, grid.first, grid.last, grid.is_rolled, self.marks, self.depth, self.owner,
-            visible, self.no_drawn if drawn is None else drawn, filled, drawn is not None,
-            self.kept, self.middles, self.seen, self.scratch,
+        moved = self.grid.axes(poses).copy()
+        moved[:, :3, 3] -= self.scene.centre
+        with_drawn = drawn is not None
+        output = Output(visible, drawn if with_drawn else self.no_drawn, filled, with_drawn)
+        loops.count_poses(
+            Poses(moved, near, cull), self.canvas, bands, self.scene.clusters, self.buffers, output,
+            self.scratch,
         )  # fmt: skip

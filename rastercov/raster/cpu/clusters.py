@@ -10,7 +10,7 @@ where they lie until few enough are left.
 A. Kubisch. Introduction to Turing Mesh Shaders. 2018, for the form.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,8 +25,7 @@ SMALLEST = 1e-290
 """Metres: faces of a mesh that is smaller are not told apart by where they lie."""
 
 
-@dataclass(frozen=True)
-class Clusters:
+class Clusters(NamedTuple):
     """A mesh in clusters.
 
     Attributes
@@ -47,6 +46,8 @@ class Clusters:
         of all its faces, cosine and sine of the cone's half angle; the least distance of a face's
         plane from the centre, along the face's normal; and the least altitude of a face, 0 where
         the normals fit no cone.
+    n, stride : int
+        K, and columns of `bounds`.
     """
 
     points: FloatArray
@@ -57,17 +58,11 @@ class Clusters:
     face_starts: WordArray
     line_starts: WordArray
     bounds: FloatArray
-
-    @property
-    def arrays(self) -> tuple[FloatArray | WordArray, ...]:
-        """All of them, for the loops."""
-        return (
-            self.points, self.corners, self.faces, self.lines, self.vertex_starts,
-            self.face_starts, self.line_starts, self.bounds,
-        )  # fmt: skip
+    n: int
+    stride: int
 
 
-def in_clusters(vertices: FloatArray, faces: WordArray, is_wound: bool) -> Clusters:
+def group_faces(vertices: FloatArray, faces: WordArray, is_wound: bool) -> Clusters:
     """Vertices (V, 3) float64 and faces (F, 3) int32 in clusters.
 
     With `is_wound` false the order of a face's corners says nothing about its outside.
@@ -101,5 +96,5 @@ def in_clusters(vertices: FloatArray, faces: WordArray, is_wound: bool) -> Clust
     kernels.place(vertices, faces, order, starts, n, marks, vertex_starts, points)
     kernels.bound(vertices, faces, order, starts, n, vertex_starts, points, bounds)
     return Clusters(
-        points, corners, face_of, lines, vertex_starts, face_starts, line_starts, bounds
+        points, corners, face_of, lines, vertex_starts, face_starts, line_starts, bounds, n, width
     )

@@ -1,7 +1,7 @@
-"""How the CPU rasteriser lays out what it works on; for `lane_kernels` and `kernels`.
+"""Data layout of the CPU rasteriser: constants, and the records that its stages read and write.
 
-Small numbers of things live in small arrays, in rows of sixteen that the constants name, so that
-they stay in the nearest cache.
+Scratch arrays are short and hold rows of `LANES` values, which the row constants name, so that they
+stay in the level-1 cache.
 """
 
 import math
@@ -11,94 +11,158 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-BITS = 8
-STEPS = 1 << BITS
-HALF = STEPS // 2
-"""Sub-sample steps, as many as graphics devices have. Shifts divide: `//` would test for zero."""
-FAR_OUT = 1 << 29
-"""Steps from the origin beyond which a vertex is clipped: edges then fit 64 bits with room."""
-CLIPPED, BEHIND = 2**31 - 1, 2**31 - 2
-"""Steps of a vertex that is, and of one that is because it lies before the near plane."""
+STEP_BITS = 8
+STEPS = 1 << STEP_BITS
+HALF_SAMPLE = STEPS // 2
+"""Fixed-point steps in a sample, as many as graphics devices have, and in half a sample. Shifts
+divide by it: `//` would test for zero."""
+GUARD_BAND = 1 << 29
+"""Steps from the image origin beyond which a vertex is clipped: edge functions then fit 64 bits."""
+NEEDS_CLIPPING, BEHIND = 2**31 - 1, 2**31 - 2
+"""Image position of a vertex beyond the guard band, and of one before the near plane."""
 CLIP_CORNERS = 8
-"""A triangle cut by five planes has at most this many corners."""
+"""Most corners of a triangle that is cut by five planes."""
 LARGE = 100 * STEPS
 """Steps across a triangle beyond which 32 bits do not hold its edge functions."""
 
 SIDE_BITS = 2
 SIDE = 1 << SIDE_BITS
-"""Samples across a block; and blocks across a group of them."""
+"""Samples along the side of a block, and blocks along the side of a tile."""
 LANES, ALL_LANES = SIDE * SIDE, 0xFFFF
-"""Samples of a block, blocks of a group, or faces at once."""
+"""Values in a vector: the samples of a block, the blocks of a tile, or as many faces."""
 FOURFOLD = 1 << 3 * LANES | 1 << 2 * LANES | 1 << LANES | 1
-"""Times bits of sixteen: four times the same."""
+"""Multiplier that repeats a mask of `LANES` bits four times in a 64-bit word."""
 LANE_X, LANE_Y = [k % SIDE for k in range(LANES)], [k // SIDE for k in range(LANES)]
-PATCH_BITS = 4
+"""Column and row of each lane in a block or tile."""
+STRIP_BITS = 4
 """Blocks in a row that are cleared together, as a power of 2."""
 
 FACES, VERTICES = 64, 64
-"""Of a cluster, at most. Corners of clipped faces follow its vertices."""
-SAMPLES_A_CLUSTER = 128
-"""Samples of an image for each cluster below which all of it is cleared at once."""
-FEW = 4
-"""Triangles from which on it pays to take sixteen together."""
-AHEAD = 2
-"""Clusters between the one that is drawn and the one whose vertices and faces are fetched."""
+"""Most faces and vertices of a cluster. Corners of clipped faces follow its vertices."""
+BUFFER_SIZE = 256
+"""Values of each scratch array of a cluster; a byte can number as many vertices."""
+CLEAR_ALL_SAMPLES = 128
+"""Samples of an image for each cluster below which the whole image is cleared at once."""
+MIN_VECTOR_FACES = 4
+"""Faces of a vector from which on the 2 x 2-block path is faster than the tile path."""
+PREFETCH_DISTANCE = 2
+"""Clusters between the one that is drawn and the one whose vertices and faces are prefetched."""
 CACHE_LINE = 64
-"""Bytes that are fetched together; where it is more, some are asked for twice."""
+"""Bytes of a cache line; where lines are longer, some are prefetched twice."""
 LINE_BITS = 4
-"""Counts in them, as a power of 2."""
-ROOM = 256
-"""Vertices that a byte can tell apart; and enough for all else that a cluster wants."""
-E, ACROSS, DOWN, CORNER, INNER = 0, 3, 6, 9, 12
-EDGE_ROWS = 15
-"""Rows of `edges`, for each of three edge functions, in units of `STEPS`: its value at the first
-sample of the first block that a triangle reaches, its step to the next sample and to the next row.
-Then those of one triangle: its values at the first samples of sixteen blocks, and what it gains
-from there to the other samples of a block."""
-FIRST_X, LAST_X, FIRST_Y, LAST_Y, FACE, OWNED = 0, 1, 2, 3, 4, 5
-WHOLE_ROWS = 6
-"""Rows of `whole`: the samples that the triangle reaches, its face, and which samples it owns where
-it reaches at most 2 x 2."""
-ORIGIN, SLOPE_X, SLOPE_Y = 0, 1, 2
-EXACT_ROWS = 3
-"""Rows of `exact`: 1/z at the first sample of the image, its steps to the next sample and row."""
-STEP_X, STEP_Y, LEAST, GREATEST = 0, 1, 2, 3
-PLANE_ROWS = 4
-"""Rows of `plane`: the steps again, and 1/z of the farthest and of the nearest corner."""
-EYE, LENS, NEAR, WIDEST = 9, 12, 16, 17
-VIEW = 18
-"""Figures of a pose: world_from_camera (9), eye (3), fx, fy, cx, cy in samples, the depth below
-which a vertex is cut off, and the most that a length parallel to the image, over its depth, is
-magnified to, in samples."""
+"""Face counts in a cache line, as a power of 2."""
 
-Shape = namedtuple("Shape", "points corners faces")
-"""A mesh in clusters: pointers, as in all of these, to what `clusters` made."""
-Placed = namedtuple("Placed", "u v w x y")
-"""Vertices of a cluster in the image: exact steps, 1/z, and whole steps."""
+EDGE, EDGE_DX, EDGE_DY, TILE_EDGE, BLOCK_EDGE = 0, 3, 6, 9, 12
+EDGE_ROWS = 15
+"""Rows of `edges`, three each (one an edge function, in units of `STEPS`). Of each triangle of a
+vector: the value at the first sample of its first block, the step to the next column, and to the
+next row. Of one triangle: the values at the first samples of the blocks of a tile, and the
+differences between the samples of a block and its first sample."""
+FIRST_X, LAST_X, FIRST_Y, LAST_Y, FACE, COVERAGE = 0, 1, 2, 3, 4, 5
+BOUNDS_ROWS = 6
+"""Rows of `Setup.bounds`: the samples that a triangle reaches, its face index, and its coverage
+mask where it reaches at most 2 x 2 samples."""
+ORIGIN, SLOPE_X, SLOPE_Y = 0, 1, 2
+PLANE64_ROWS = 3
+"""Rows of `Setup.plane64`: 1/z at the first sample of the image, its steps to the next column and
+row."""
+STEP_X, STEP_Y, LEAST, GREATEST = 0, 1, 2, 3
+PLANE32_ROWS = 4
+"""Rows of `Setup.plane32`: the steps of 1/z again, and its least and greatest value at a corner."""
+EYE, INTRINSICS, NEAR, MAGNIFICATION = 9, 12, 16, 17
+CAMERA_VALUES = 18
+"""Values of a camera: rotation world_from_camera (9, by rows), camera centre (3), fx, fy, cx, cy in
+samples, depth of the near plane in metres, and the greatest magnification of a length parallel to
+the image over its depth, in samples."""
+LEFT, RIGHT, TOP, BOTTOM, FORWARD = range(5)
+PLANE, NORMAL_LENGTH, FRUSTUM_PLANES = 4, 3, 5
+"""Values of a plane of a frustum: the inward normal (3) of a side or the camera axis, and its
+length."""
+CENTRE, RADIUS, CONE_AXIS, CONE_COS, CONE_SIN, PLANE_OFFSET, ALTITUDE = 0, 3, 4, 7, 8, 9, 10
+BOUNDS_OF_CLUSTER = 11
+"""Rows of `Clusters.bounds`."""
+
+Mesh = namedtuple("Mesh", "points corners faces lines")
+"""Pointers to the arrays of `Clusters` that are read for each face or vertex."""
+Cluster = namedtuple(
+    "Cluster", "first_vertex end_vertex first_slot end_slot first_line end_line is_safe"
+)
+"""Ranges of one cluster in `Mesh`; `is_safe` is not 0 where no vertex can need clipping."""
+Vertices = namedtuple("Vertices", "u v w x y")
+"""Pointers to the projected vertices of a cluster: u, v in steps, not rounded; 1/z; u, v rounded to
+whole steps, or `NEEDS_CLIPPING` or `BEHIND`."""
+Bins = namedtuple(
+    "Bins", "samples_2x2 larger hidden_samples_2x2 hidden_larger wide clipped coverage_2x2"
+)
+"""Pointers to lists of face slots, see `cull_and_bin`, and to the coverage mask of each slot."""
+BinSizes = namedtuple("BinSizes", Bins._fields[:-1])
+"""Lengths of the lists of `Bins`."""
+Faces = namedtuple("Faces", "mesh first_slot vertices coverage_2x2")
+"""Faces in slots: `Mesh`, the index of slot 0 there, `Vertices`, and the masks of `Bins`."""
+Setup = namedtuple("Setup", "edges bounds plane64 plane32 sample depth masks")
+"""Pointers to the set-up of a vector of triangles, in rows: edge functions, sample bounds, plane of
+1/z in float64, and in float32. Then one row for each of 2 x 2 samples or blocks of each triangle,
+or one for the blocks of a tile: memory index and 1/z of the first sample, and coverage mask."""
+Plane = namedtuple("Plane", "origin slope_x slope_y")
+"""Plane of 1/z of a face: rows of `Setup.plane64`."""
+Workspace = namedtuple("Workspace", "camera frustum vertices bins setup setup_64_bit bit_indices")
+"""Pointers to the scratch arrays of one thread, by stage."""
+
 Window = namedtuple(
     "Window", "right top bottom hides_back columns height full_x full_y inner first last"
 )
-"""What of the image is drawn: its last column, the first and the last row; whether faces that turn
-their back are hidden; blocks in a row of memory, rows of the image; columns and rows of blocks
-before which all blocks are inside (0 where samples are rolled), for each row of blocks the first
-one inside and the one after the last, and for each row of samples likewise."""
-Batch = namedtuple("Batch", "whole exact plane sample here masks")
-"""Sixteen triangles: rows of what the constants above name. Then rows for 2 x 2 samples or blocks
-of each, or for sixteen blocks of one: where in memory, 1/z at the first sample, and which of a
-block's samples a triangle owns."""
-Lists = namedtuple("Lists", "tiny small tiny_hidden hidden large clipped owned")
-"""Faces of a cluster, see `sift`."""
-Image = namedtuple("Image", "depth owner")
-"""Blocks of samples: 1/z, 0 where nothing is; and the face."""
+"""Band of the image that is drawn: last column, first row, last row; 1 where back faces are hidden;
+blocks in a row of memory; rows of the image; columns and rows of blocks below which every block is
+wholly inside the image (0 where samples are rolled); for each row of blocks the first one that is
+wholly inside, and the one after the last; for each row of samples the first one inside, and the one
+after the last."""
+Image = namedtuple("Image", "depth face marks is_clear")
+"""Pointers to blocks of samples: 1/z, 0 where empty, and the index of the nearest face; to marks of
+strips that are cleared; and whether all are."""
 Counts = namedtuple("Counts", "visible drawn with_drawn")
-"""Samples of each face to add to; `drawn` only where asked for."""
+"""Pointers to the samples of each face, added to; `drawn` only `with_drawn`."""
+Target = namedtuple("Target", "window image counts")
+"""`Window`, `Image` and `Counts` that a band is drawn to."""
+
+Poses = namedtuple("Poses", "world_from_camera near cull")
+Canvas = namedtuple("Canvas", "magnification intrinsics size inner first last is_rolled")
+Buffers = namedtuple("Buffers", "marks depth face n_marks kept centres seen")
+Output = namedtuple("Output", "visible drawn filled with_drawn")
+"""Arguments of `count_poses`, which documents them."""
+Scratch = namedtuple(
+    "Scratch",
+    (
+        *(*Vertices._fields, *Bins._fields, *Setup._fields),
+        *("edges_64_bit", "fan_corners", "fan_faces", "identity"),
+        *("camera", "frustum", "bit_indices", "polygon", "polygon_out"),
+    ),
+)
+"""Scratch arrays of `count_poses` that are as long for any image and mesh."""
 
 
 def aligned_zeros(shape: int | tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
-    """Zeros that start with a cache line, so that sixteen words never lie in two."""
+    """Zeros that start at a cache line, so that no aligned vector crosses into a second one."""
     size = np.dtype(dtype).itemsize
     n_bytes = math.prod(np.atleast_1d(shape).tolist()) * size
-    octets = np.zeros(n_bytes + CACHE_LINE, np.uint8)
-    start = -octets.ctypes.data % CACHE_LINE
-    zeros: NDArray[Any] = octets[start : start + n_bytes].view(dtype).reshape(shape)
+    memory = np.zeros(n_bytes + CACHE_LINE, np.uint8)
+    start = -memory.ctypes.data % CACHE_LINE
+    zeros: NDArray[Any] = memory[start : start + n_bytes].view(dtype).reshape(shape)
     return zeros
+
+
+def make_scratch() -> Scratch:
+    """Scratch arrays of one thread."""
+    dtypes = dict.fromkeys(("u", "v", "w", "plane64", "camera"), np.float64)
+    dtypes |= dict.fromkeys(("plane32", "depth"), np.float32) | {"edges_64_bit": np.int64}
+    arrays = {
+        name: aligned_zeros(BUFFER_SIZE, dtypes.get(name, np.int32)) for name in Scratch._fields
+    }
+    # For each byte the indices of its set bits, in order: stream compaction without a branch.
+    bit_indices = [sorted(range(8), key=lambda k: not bits >> k & 1) for bits in range(256)]
+    return Scratch(**arrays)._replace(
+        identity=np.arange(LANES, dtype=np.int32),
+        bit_indices=np.array(bit_indices, np.uint8).ravel(),
+        polygon=np.zeros(3 * CLIP_CORNERS),
+        polygon_out=np.zeros(3 * CLIP_CORNERS),
+        frustum=np.zeros(FRUSTUM_PLANES * PLANE),
+    )

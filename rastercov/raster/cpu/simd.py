@@ -1,9 +1,9 @@
-"""Many numbers at once: formulas over short vectors, from which LLVM makes vector code.
+"""Vector and scalar values over LLVM: operators from which LLVM generates SIMD instructions.
 
-numba turns loops into vector code only where they are long and simple. The loops of a rasteriser
-are neither, so `loops` writes those of their formulas that matter over `Lanes`,
-from which an `@intrinsic` makes LLVM's vectors. They run on every processor: where its vectors are
-shorter, LLVM takes several.
+numba vectorises long and simple loops only, and the loops of a rasteriser are neither. So its
+stages are written over `Vector`, inside functions that `simd_kernel.simd` makes callable from
+compiled loops. Vectors of any length run on every processor: LLVM splits those longer than its
+registers.
 """
 
 from collections.abc import Sequence
@@ -12,12 +12,15 @@ from typing import Any
 from llvmlite import ir
 from numba.core import cgutils
 
-WORD, LONG = ir.IntType(32), ir.IntType(64)
+MASK, WORD, LONG = ir.IntType(1), ir.IntType(32), ir.IntType(64)
 SINGLE, DOUBLE = ir.FloatType(), ir.DoubleType()
 
 
-class Lanes:
-    """One value for each lane, with the operators of its type; a number stands for all lanes."""
+class Value:
+    """Operators shared by vectors and scalars. Operands take the type of the other one.
+
+    A number is a constant in every lane, a sequence one constant a lane; a scalar is broadcast.
+    """
 
     def __init__(self, builder: Any, value: Any) -> None:
         self.builder, self.value = builder, value
@@ -25,246 +28,279 @@ class Lanes:
     @property
     def kind(self) -> Any:
         """Type of one lane."""
+        return self.value.type
+
+    @property
+    def is_float(self) -> bool:
+        """Lanes are float32 or float64; otherwise integers or masks."""
+        return self.kind in (SINGLE, DOUBLE)
+
+    def _type_of(self, kind: Any) -> Any:
+        """LLVM type of this shape with lanes of another type."""
+        return kind
+
+    def _new(self, value: Any) -> Any:
+        return type(self)(self.builder, value)
+
+    def like(self, other: Any) -> Any:
+        """`other` in the type of these lanes."""
+        raise NotImplementedError
+
+    def _operate(self, other: Any, on_integers: str, on_floats: str) -> Any:
+        if isinstance(self, Scalar) and isinstance(other, (Vector, Sequence)):
+            return self.broadcast(len(other))._operate(other, on_integers, on_floats)
+        operation = getattr(self.builder, on_floats if self.is_float else on_integers)
+        return self._new(operation(self.value, self.like(other).value))
+
+    def __add__(self, other: Any) -> Any:
+        return self._operate(other, "add", "fadd")
+
+    def __sub__(self, other: Any) -> Any:
+        return self._operate(other, "sub", "fsub")
+
+    def __mul__(self, other: Any) -> Any:
+        return self._operate(other, "mul", "fmul")
+
+    def __truediv__(self, other: Any) -> Any:
+        return self._operate(other, "sdiv", "fdiv")
+
+    def __rshift__(self, other: Any) -> Any:
+        return self._operate(other, "ashr", "")
+
+    def __lshift__(self, other: Any) -> Any:
+        return self._operate(other, "shl", "")
+
+    def __and__(self, other: Any) -> Any:
+        return self._operate(other, "and_", "")
+
+    def __or__(self, other: Any) -> Any:
+        return self._operate(other, "or_", "")
+
+    def __invert__(self) -> Any:
+        return self._new(self.builder.not_(self.value))
+
+    def __neg__(self) -> Any:
+        return self.like(0) - self
+
+    def _compare(self, sign: str, other: Any) -> Any:
+        compare = self.builder.fcmp_ordered if self.is_float else self.builder.icmp_signed
+        return self._new(compare(sign, self.value, self.like(other).value))
+
+    def __lt__(self, other: Any) -> Any:
+        return self._compare("<", other)
+
+    def __le__(self, other: Any) -> Any:
+        return self._compare("<=", other)
+
+    def __gt__(self, other: Any) -> Any:
+        return self._compare(">", other)
+
+    def __ge__(self, other: Any) -> Any:
+        return self._compare(">=", other)
+
+    def equals(self, other: Any) -> Any:
+        """Mask of equal lanes."""
+        return self._compare("==", other)
+
+    def where(self, mask: "Value", other: Any) -> Any:
+        """Lanes of this value where the mask is set, of `other` elsewhere."""
+        return self._new(self.builder.select(mask.value, self.value, self.like(other).value))
+
+    def minimum(self, other: Any) -> Any:
+        """Lesser of both lanes; of `other` where one is NaN."""
+        return self.where(self < other, other)
+
+    def maximum(self, other: Any) -> Any:
+        """Greater of both lanes; of `other` where one is NaN."""
+        return self.where(self > other, other)
+
+    def to(self, kind: Any) -> Any:
+        """Lanes converted to another type: floats to integers by truncation, masks to 0 and 1."""
+        if kind == self.kind:
+            return self
+        from_float, to_float = self.is_float, kind in (SINGLE, DOUBLE)
+        if from_float and to_float:
+            change = self.builder.fptrunc if kind == SINGLE else self.builder.fpext
+        elif from_float or to_float:
+            change = self.builder.fptosi if from_float else self.builder.sitofp
+        elif self.kind == MASK:
+            change = self.builder.zext
+        else:
+            change = self.builder.trunc if kind.width < self.kind.width else self.builder.sext
+        return self._new(change(self.value, self._type_of(kind)))
+
+
+class Scalar(Value):
+    """One value."""
+
+    def like(self, other: Any) -> "Scalar":
+        """`other` in the type of this value."""
+        if isinstance(other, Scalar):
+            return other.to(self.kind)
+        return Scalar(self.builder, self.kind(float(other) if self.is_float else other))
+
+    def broadcast(self, n: int) -> "Vector":
+        """Vector of n lanes of this value."""
+        vector = ir.VectorType(self.kind, n)
+        undefined = ir.Constant(vector, ir.Undefined)
+        one = self.builder.insert_element(undefined, self.value, WORD(0))
+        zeros = ir.Constant(ir.VectorType(WORD, n), [0] * n)
+        return Vector(self.builder, self.builder.shuffle_vector(one, one, zeros))
+
+    def as_mask(self, n: int) -> "Vector":
+        """Mask of n lanes from the lowest n bits, lane 0 lowest."""
+        bits = self.builder.trunc(self.value, ir.IntType(n))
+        return Vector(self.builder, self.builder.bitcast(bits, ir.VectorType(MASK, n)))
+
+    def count_bits(self) -> "Scalar":
+        """Number of bits that are set."""
+        return Scalar(self.builder, self.builder.ctpop(self.value))
+
+
+class Vector(Value):
+    """A value in each lane."""
+
+    @property
+    def kind(self) -> Any:
+        """Type of one lane."""
         return self.value.type.element
+
+    def _type_of(self, kind: Any) -> Any:
+        return ir.VectorType(kind, len(self))
 
     def __len__(self) -> int:
         return int(self.value.type.count)
 
-    @property
-    def _is_float(self) -> bool:
-        return self.kind in (SINGLE, DOUBLE)
-
-    def like(self, other: Any) -> "Lanes":
-        """A number in all lanes, in the type of these."""
-        if isinstance(other, Lanes):
+    def like(self, other: Any) -> "Vector":
+        """`other` in the type and number of these lanes."""
+        if isinstance(other, Vector):
             return other
-        number = float(other) if self._is_float else other
-        return Lanes(self.builder, ir.Constant(self.value.type, [number] * len(self)))
+        if isinstance(other, Scalar):
+            return other.to(self.kind).broadcast(len(self))
+        numbers = other if isinstance(other, Sequence) else [other] * len(self)
+        numbers = [float(number) if self.is_float else number for number in numbers]
+        return Vector(self.builder, ir.Constant(self.value.type, numbers))
 
-    def _do(self, other: Any, whole: str, broken: str) -> "Lanes":
-        operation = getattr(self.builder, broken if self._is_float else whole)
-        return Lanes(self.builder, operation(self.value, self.like(other).value))
-
-    def __add__(self, other: Any) -> "Lanes":
-        return self._do(other, "add", "fadd")
-
-    def __sub__(self, other: Any) -> "Lanes":
-        return self._do(other, "sub", "fsub")
-
-    def __mul__(self, other: Any) -> "Lanes":
-        return self._do(other, "mul", "fmul")
-
-    def __truediv__(self, other: Any) -> "Lanes":
-        return self._do(other, "sdiv", "fdiv")
-
-    def __rshift__(self, other: int) -> "Lanes":
-        return self._do(other, "ashr", "")
-
-    def __lshift__(self, other: Any) -> "Lanes":
-        return self._do(other, "shl", "")
-
-    def __and__(self, other: Any) -> "Lanes":
-        return self._do(other, "and_", "")
-
-    def __or__(self, other: Any) -> "Lanes":
-        return self._do(other, "or_", "")
-
-    def __invert__(self) -> "Lanes":
-        return Lanes(self.builder, self.builder.not_(self.value))
-
-    def _compare(self, sign: str, other: Any) -> "Lanes":
-        compare = self.builder.fcmp_ordered if self._is_float else self.builder.icmp_signed
-        return Lanes(self.builder, compare(sign, self.value, self.like(other).value))
-
-    def __lt__(self, other: Any) -> "Lanes":
-        return self._compare("<", other)
-
-    def __le__(self, other: Any) -> "Lanes":
-        return self._compare("<=", other)
-
-    def __gt__(self, other: Any) -> "Lanes":
-        return self._compare(">", other)
-
-    def __ge__(self, other: Any) -> "Lanes":
-        return self._compare(">=", other)
-
-    def equals(self, other: Any) -> "Lanes":
-        """Where both are the same."""
-        return self._compare("==", other)
-
-    def where(self, mask: "Lanes", other: Any) -> "Lanes":
-        """These values where the mask is set, the other ones elsewhere."""
-        return Lanes(
-            self.builder, self.builder.select(mask.value, self.value, self.like(other).value)
-        )
-
-    def least(self, other: Any) -> "Lanes":
-        """The lesser of both."""
-        return self.where(self < other, other)
-
-    def greatest(self, other: Any) -> "Lanes":
-        """The greater of both."""
-        return self.where(self > other, other)
-
-    def to(self, kind: Any) -> "Lanes":
-        """The same numbers in another type; to whole numbers by cutting off."""
-        if kind == self.kind:
-            return self
-        vector = ir.VectorType(kind, len(self))
-        if not self._is_float and kind in (SINGLE, DOUBLE):
-            change = self.builder.sitofp
-        elif self._is_float and kind not in (SINGLE, DOUBLE):
-            change = self.builder.fptosi
-        elif self._is_float:
-            change = self.builder.fptrunc if kind == SINGLE else self.builder.fpext
-        else:
-            change = self.builder.sext if kind == LONG else self.builder.trunc
-        return Lanes(self.builder, change(self.value, vector))
-
-    def _call(self, operation: str) -> "Lanes":
-        """An operation of LLVM on one vector of numbers."""
+    def _call(self, operation: str) -> "Vector":
+        """Result of an LLVM operation on one vector of floats."""
         vector = self.value.type
         name = f"llvm.{operation}.v{len(self)}f{32 if self.kind == SINGLE else 64}"
-        known = self.builder.module.globals.get(name)
-        function = known or ir.Function(
-            self.builder.module, ir.FunctionType(vector, [vector]), name
-        )
-        return Lanes(self.builder, self.builder.call(function, [self.value]))
+        kind = ir.FunctionType(vector, [vector])
+        function = cgutils.get_or_insert_function(self.builder.module, kind, name)
+        return Vector(self.builder, self.builder.call(function, [self.value]))
 
-    def widened(self, kind: Any) -> "Lanes":
-        """Whole numbers without a sign in a longer type."""
-        vector = ir.VectorType(kind, len(self))
-        return Lanes(self.builder, self.builder.zext(self.value, vector))
+    def floor(self) -> "Vector":
+        """Greatest integer not above."""
+        return self._call("floor")
 
-    def with_sign_of(self, other: "Lanes") -> "Lanes":
-        """Whole numbers moved up by a bit, with a lowest bit that is set where others are < 0."""
+    def sqrt(self) -> "Vector":
+        """Square root."""
+        return self._call("sqrt")
+
+    def absolute(self) -> "Vector":
+        """Absolute value."""
+        return self._call("fabs")
+
+    def zero_extended(self, kind: Any) -> "Vector":
+        """Unsigned integers in a longer type."""
+        return Vector(self.builder, self.builder.zext(self.value, self._type_of(kind)))
+
+    def append_sign(self, other: "Vector") -> "Vector":
+        """Integers 2 a + (b < 0), in one instruction."""
         vector = self.value.type
         kind = ir.FunctionType(vector, [vector] * 3)
         name = f"llvm.fshl.v{len(self)}i{self.kind.width}"
         move = cgutils.get_or_insert_function(self.builder.module, kind, name)
         arguments = [self.value, other.value, self.like(1).value]
-        return Lanes(self.builder, self.builder.call(move, arguments))
+        return Vector(self.builder, self.builder.call(move, arguments))
 
-    def floor(self) -> "Lanes":
-        """Rounded down."""
-        return self._call("floor")
+    def lane(self, k: int) -> Scalar:
+        """Value of lane k."""
+        return Scalar(self.builder, self.builder.extract_element(self.value, WORD(k)))
 
-    def root(self) -> "Lanes":
-        """The square root."""
-        return self._call("sqrt")
-
-    def magnitude(self) -> "Lanes":
-        """Without the sign."""
-        return self._call("fabs")
-
-    def each(self) -> list[Any]:
-        """The values of whole numbers, as 64 bits."""
-        values = (self.builder.extract_element(self.value, WORD(k)) for k in range(len(self)))
-        return [self.builder.sext(value, LONG) for value in values]
-
-    def reduced(self, to: str) -> Any:
-        """One value of all lanes: the `least`, the `greatest`, or by `__add__` their sum."""
-        values = self
-        n = len(self)
+    def reduce(self, operation: str) -> Scalar:
+        """`minimum`, `maximum` or sum (`__add__`) of all lanes, by halves."""
+        values, n = self, len(self)
         while n > 1:
             n //= 2
-            halves = []
-            for start in (0, n):
-                picked = ir.Constant(ir.VectorType(WORD, n), list(range(start, start + n)))
-                half = self.builder.shuffle_vector(values.value, values.value, picked)
-                halves.append(Lanes(self.builder, half))
-            values = getattr(halves[0], to)(halves[1])
-        return self.builder.extract_element(values.value, WORD(0))
+            halves = [values.lanes(start, n) for start in (0, n)]
+            values = getattr(halves[0], operation)(halves[1])
+        return values.lane(0)
 
-    def bits(self) -> Any:
-        """A mask as a 64-bit whole number, lane 0 lowest."""
-        as_bits = self.builder.bitcast(self.value, ir.IntType(len(self)))
-        return self.builder.zext(as_bits, LONG)
+    def lanes(self, start: int, n: int) -> "Vector":
+        """Vector of n lanes from `start` on."""
+        picked = ir.Constant(ir.VectorType(WORD, n), list(range(start, start + n)))
+        return Vector(self.builder, self.builder.shuffle_vector(self.value, self.value, picked))
+
+    def bits(self) -> Scalar:
+        """Bits of a mask as a 64-bit integer, lane 0 lowest."""
+        bits = self.builder.bitcast(self.value, ir.IntType(len(self)))
+        return Scalar(self.builder, self.builder.zext(bits, LONG))
 
     def store(self, pointer: Any) -> None:
-        """Write all lanes from a pointer on."""
+        """Write all lanes from an LLVM pointer on."""
         where = self.builder.bitcast(pointer, self.value.type.as_pointer())
         self.builder.store(self.value, where, align=4)
 
 
-def load(builder: Any, pointer: Any, n: int) -> Lanes:
-    """Lanes from a pointer on."""
+def pack(*masks: Vector) -> Scalar:
+    """Bits of masks side by side in a 64-bit integer, those of the first one lowest."""
+    packed = masks[0].bits()
+    for k, mask in enumerate(masks[1:], 1):
+        packed = packed | mask.bits() << k * len(mask)
+    return packed
+
+
+def load(builder: Any, pointer: Any, n: int) -> Vector:
+    """Vector of n lanes from an LLVM pointer on."""
     vector = ir.VectorType(pointer.type.pointee, n)
-    return Lanes(builder, builder.load(builder.bitcast(pointer, vector.as_pointer()), align=4))
+    return Vector(builder, builder.load(builder.bitcast(pointer, vector.as_pointer()), align=4))
 
 
-def spread(builder: Any, value: Any, n: int) -> Lanes:
-    """The same value in all lanes."""
-    vector = ir.VectorType(value.type, n)
-    one = builder.insert_element(ir.Constant(vector, ir.Undefined), value, WORD(0))
-    zeros = ir.Constant(ir.VectorType(WORD, n), [0] * n)
-    return Lanes(builder, builder.shuffle_vector(one, one, zeros))
+def gather(pointer: Any, index: Vector) -> Vector:
+    """Elements of the array at an LLVM pointer, one load a lane."""
+    builder = index.builder
+    gathered = ir.Constant(ir.VectorType(pointer.type.pointee, len(index)), ir.Undefined)
+    for k in range(len(index)):
+        value = builder.load(builder.gep(pointer, [index.lane(k).to(LONG).value]))
+        gathered = builder.insert_element(gathered, value, WORD(k))
+    return Vector(builder, gathered)
 
 
-def constants(builder: Any, kind: Any, numbers: Sequence[float]) -> Lanes:
-    """Constants, one for each lane."""
-    return Lanes(builder, ir.Constant(ir.VectorType(kind, len(numbers)), list(numbers)))
+def lookup(context: Any, array: Any, n: int, index: Vector) -> Vector:
+    """Elements of an array of n words or doubles at `LANES` indices.
 
-
-def gather(builder: Any, pointer: Any, indices: Sequence[Any]) -> Lanes:
-    """What stands at these indices."""
-    gathered = ir.Constant(ir.VectorType(pointer.type.pointee, len(indices)), ir.Undefined)
-    for lane, index in enumerate(indices):
-        value = builder.load(builder.gep(pointer, [index]))
-        gathered = builder.insert_element(gathered, value, WORD(lane))
-    return Lanes(builder, gathered)
-
-
-def from_bits(builder: Any, bits: Any, n: int) -> Lanes:
-    """Mask of a 64-bit whole number, lane 0 lowest."""
-    as_bits = builder.trunc(bits, ir.IntType(n))
-    return Lanes(builder, builder.bitcast(as_bits, ir.VectorType(ir.IntType(1), n)))
-
-
-def prefetch(builder: Any, pointer: Any, is_written: bool = False) -> None:
-    """Ask for the cache line that a pointer points into, before it is needed."""
-    octets = ir.IntType(8).as_pointer()
-    kind = ir.FunctionType(ir.VoidType(), [octets, WORD, WORD, WORD])
-    fetch = builder.module.declare_intrinsic("llvm.prefetch", [octets], kind)
-    where = builder.bitcast(pointer, octets)
-    builder.call(fetch, [where, WORD(int(is_written)), WORD(3), WORD(1)])
-
-
-def looked_up(context: Any, array: Any, n: int, index: Lanes) -> Lanes:
-    """What stands at sixteen indices of an array of n words or doubles.
-
-    A processor with long registers has up to 64 from these, two at once; others fetch each.
+    With AVX-512, arrays of at most eight registers are held in them and permuted two registers an
+    instruction; elsewhere each lane is loaded.
     """
     builder, kind = index.builder, array.type.pointee
     width = 512 // (32 if kind == WORD else 64)
     parts = range(0, n, 2 * width)
     if len(parts) > 4 or "+avx512f" not in context.codegen().magic_tuple()[2]:
-        return gather(builder, array, index.each())
+        return gather(array, index)
     pairs = [
         [load(builder, builder.gep(array, [LONG(at)]), width) for at in (part, part + width)]
         for part in parts
     ]
-    found = []
-    for start in range(0, len(index), width):
-        lanes = ir.Constant(ir.VectorType(WORD, width), list(range(start, start + width)))
-        some = Lanes(builder, builder.shuffle_vector(index.value, index.value, lanes))
-        some = some.to(WORD if kind == WORD else LONG)
-        found.append(_permuted(pairs, some))
+    found = [
+        _permuted(pairs, index.lanes(start, width).to(WORD if kind == WORD else LONG))
+        for start in range(0, len(index), width)
+    ]
     while len(found) > 1:
-        lanes = ir.Constant(ir.VectorType(WORD, 16), list(range(16)))
-        found = [Lanes(builder, builder.shuffle_vector(found[0].value, found[1].value, lanes))]
+        picked = ir.Constant(ir.VectorType(WORD, 16), list(range(16)))
+        found = [Vector(builder, builder.shuffle_vector(found[0].value, found[1].value, picked))]
     return found[0]
 
 
-def _permuted(pairs: Sequence[Sequence[Lanes]], index: Lanes) -> Lanes:
-    """What stands at these indices of 2^n pairs of registers, one after the other."""
+def _permuted(pairs: Sequence[Sequence[Vector]], index: Vector) -> Vector:
+    """Elements at these indices of 2^n consecutive pairs of registers."""
     builder, low = index.builder, pairs[0][0]
     name = f"llvm.x86.avx512.vpermi2var.{'d' if low.kind == WORD else 'pd'}.512"
     vector = low.value.type
     kind = ir.FunctionType(vector, [vector, index.value.type, vector])
     permute = cgutils.get_or_insert_function(builder.module, kind, name)
     found = [
-        Lanes(builder, builder.call(permute, [one.value, index.value, other.value]))
+        Vector(builder, builder.call(permute, [one.value, index.value, other.value]))
         for one, other in pairs
     ]
     bit = 2 * len(index)

@@ -1,7 +1,7 @@
-"""Marker validation: whether the model foretells what a detector finds in pictures.
+"""Marker validation: predictions of the model against detections of OpenCV in pictures.
 
     plates -> mesh -> engine  -> predicted
            -> picture -> OpenCV -> found
 
-Beside the chain: nothing in it imports this. docs/markers.md has the results.
+docs/markers.md has the results.
 """

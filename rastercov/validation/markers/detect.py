@@ -1,7 +1,6 @@
-"""What OpenCV makes of a picture: which markers it finds, and where.
+"""Marker detection by OpenCV: grey image -> marker numbers and corners.
 
-Third link of the marker validation: grey image -> marker numbers and corners. OpenCV comes with the
-extra `markers`.
+OpenCV comes with the extra `markers`.
 
 S. Garrido-Jurado et al. Automatic generation and detection of highly reliable fiducial markers
 under occlusion. Pattern Recognition 47(6), 2280-2292, 2014.
@@ -25,7 +24,7 @@ MIN_PERIMETER = 128.0
 
 @cache
 def opencv() -> Any:
-    """The module cv2, or DeviceError that says what to install."""
+    """The module cv2; DeviceError with the package to install where it is missing."""
     try:
         import cv2
     except ImportError as error:
@@ -69,17 +68,17 @@ def detect(
     image : (H, W) uint8
         A whole picture or a part of it.
     min_perimeter : float
-        Least number of contour points; OpenCV takes it as a share of the image's longer side.
+        Least number of contour points; OpenCV's parameter is relative to the image's longer side.
     subpixel : bool
         Refine corners; OpenCV's default leaves them on whole pixels.
     **parameters
-        Of cv2.aruco.DetectorParameters, all others of which keep their defaults.
+        Attributes of cv2.aruco.DetectorParameters; the others keep their defaults.
     """
     cv2 = opencv()
     settings = cv2.aruco.DetectorParameters()
     longer = max(image.shape)
     settings.minMarkerPerimeterRate = min_perimeter / longer
-    # A marker that fills the picture must not be lost because the picture is a small part.
+    # A marker may fill a picture that is a small part of an image.
     settings.maxMarkerPerimeterRate = max(4.0, 4 * 1280 / longer)
     if subpixel:
         settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX

@@ -1,12 +1,12 @@
-"""The four experiments of the thesis, each beside its printed table.
+"""The four experiments of the thesis, compared with their printed tables.
 
     field of view   15 markers at 4 m: five in the image, five across its border, five outside
     resolution      one at each of 4, 5, ... 18 m, seen sharply
     focus           2 to 18 m at f/0.25, focused at 4 m
     visibility      one before the other, hiding 25, 50, 75 or 100 % of it
 
-The thesis leaves out where its camera was focused: 4 m gives the column of its table, and anything
-beyond 3.82 to 4.09 m does not.
+The thesis does not give its focus distance: 4 m reproduces its table; distances outside 3.82 to
+4.09 m do not.
 
 E. S. Eissa. Image Space Coverage Model. 2020, section 5.2, Tables 5.3 to 5.5.
 """
@@ -47,7 +47,7 @@ HIDDEN = {
     **{1: (0, 0.25), 3: (2, 0.5), 5: (4, 0.75), 7: (6, 0.25)},
     **{8: (9, 0.75), 10: (11, 0.25), 12: (13, 1.0)},
 }
-"""Which marker hides how much of which, Table 5.5."""
+"""Occluding marker and hidden share by marker, Table 5.5."""
 PRINTED_PIXELS = (
     *(13389, 8281, 5776, 4225, 3136, 2500, 2116, 1764),
     *(1482, 1296, 961, 900, 841, 784, 676),
@@ -75,15 +75,15 @@ class Row:
     marker : int
         Its number.
     setting : str
-        Where it is.
+        Its position.
     printed, ours : str
-        Figures of the thesis' table, and the engine's.
+        Figures of the thesis' table, and of the engine.
     printed_coverage, coverage : float
         The criterion of the experiment.
     predicted, predicted_by_detector : bool
-        Whether the model expects it to be found: by Table 5.1, and by `requirement.DETECTOR`.
+        Detection predicted by Table 5.1, and by `requirement.DETECTOR`.
     printed_detected, detected : bool
-        Whether it was, in the thesis, and here.
+        Detection in the thesis, and here.
     """
 
     marker: int
@@ -105,7 +105,7 @@ class Experiment:
     Attributes
     ----------
     name, title : str
-        What it is called.
+        Short and full name.
     criterion : str
         Heading of the figures.
     rows : tuple of Row
@@ -115,7 +115,7 @@ class Experiment:
     found : dict
         Corners of the markers found in it, by number.
     seconds : float
-        What it took.
+        Duration.
     """
 
     name: str
@@ -128,12 +128,12 @@ class Experiment:
 
     @property
     def right(self) -> int:
-        """Markers that the model foretells, by Table 5.1."""
+        """Markers that the model predicts rightly by Table 5.1."""
         return sum(row.predicted == row.detected for row in self.rows)
 
     @property
     def as_printed(self) -> int:
-        """Markers found here and there, or neither here nor there."""
+        """Markers with the same result here and in the thesis."""
         return sum(row.printed_detected == row.detected for row in self.rows)
 
 
@@ -228,8 +228,8 @@ def visibility(renderer: MarkerRenderer, seed: int = 0) -> Experiment:
         x, y = _aside(camera, place, behind)
         plates[marker] = Plate(plate_pose((x, y, behind)), marker)
         if occluder >= 0:
-            # The right edge of the board in front ends the hidden part of the marker behind it;
-            # where all of it is hidden, one stands in the middle before the other.
+            # The right edge of the front board ends the hidden part of the marker behind it;
+            # where all of it is hidden, the boards are concentric.
             half_board = MARKER_SIDE * (0.5 + MARGIN / CELLS)
             edge = (x + MARKER_SIDE * (part - 0.5)) * before / behind
             left = edge - half_board if part < 1 else x * before / behind
@@ -261,7 +261,7 @@ def _run(
     seed: int,
     min_perimeter: float = MIN_PERIMETER,
 ) -> Experiment:
-    """Predict, draw, detect."""
+    """Predict, draw and detect the markers of one experiment."""
     start = time.perf_counter()
     scene = PlateScene.of(plates)
     figures = plate_figures(scene, camera)
@@ -282,7 +282,7 @@ def _run(
 
 
 def _relaxed(requirement: Requirement, min_perimeter: float) -> Requirement:
-    """The requirement for another P_min: R_min is the square of its fourth part."""
+    """The requirement for another P_min: R_min is (P_min / 4)^2."""
     share = min_perimeter / MIN_PERIMETER
     contour = requirement.min_contour and requirement.min_contour - MIN_PERIMETER + min_perimeter
     return replace(requirement, min_pixels=requirement.min_pixels * share**2, min_contour=contour)
@@ -291,7 +291,7 @@ def _relaxed(requirement: Requirement, min_perimeter: float) -> Requirement:
 def _plates(
     camera: Camera, places: Sequence[tuple[float, float]], depths: Sequence[float]
 ) -> list[Plate]:
-    """Markers 0, 1, ... that face the camera, their middles at some pixels and depths."""
+    """Markers 0, 1, ... that face the camera, with centres at some pixels and depths."""
     return [
         Plate(plate_pose((*_aside(camera, place, depth), depth)), marker)
         for marker, (place, depth) in enumerate(zip(places, depths, strict=True))
@@ -299,6 +299,6 @@ def _plates(
 
 
 def _aside(camera: Camera, place: tuple[float, float], depth: float) -> tuple[float, float]:
-    """Where a pixel is at some depth, metres."""
+    """Camera x and y of a pixel at some depth, metres."""
     u, v = place
     return (u - camera.cx) / camera.fx * depth, (v - camera.cy) / camera.fy * depth

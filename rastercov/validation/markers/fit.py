@@ -1,10 +1,9 @@
-"""How the thresholds of `requirement.DETECTOR` were found: on scenes of their own.
+"""Fit of the thresholds of `requirement.DETECTOR` on scenes of their own.
 
     python -m rastercov.validation.markers.fit  # 2,000 scenes of seed 1, which no validation uses
 
-Every combination of a few round values is tried on the figures of those scenes; the one that
-foretells most of them is taken. What follows from the detector's own settings is not fitted: its
-contour and its distance from the border.
+The combination of a few round values that predicts most of those scenes is taken. Contour length
+and border distance are not fitted: they follow from the detector's settings.
 """
 
 from collections.abc import Sequence
@@ -23,7 +22,7 @@ VISIBILITIES = (0.95, 0.96, 0.97, 0.98, 0.985, 0.99, 0.995, 1.0)
 
 
 def fitted(outcomes: Sequence[Outcome]) -> tuple[Requirement, int]:
-    """The requirement that foretells most of some scenes, and how many; the first of equals."""
+    """The requirement that predicts most of some scenes, and their number; the first of equals."""
     best, most = DETECTOR, -1
     for cell, blur, visible in product(CELLS_WIDE, BLURS, VISIBILITIES):
         tried = replace(DETECTOR, min_cell=cell, max_blur_cells=blur, min_visibility=visible)

@@ -1,4 +1,4 @@
-"""Random scenes of one marker each, and what the camera makes of them.
+"""Random scenes of one marker each, their photographs and detections.
 
 The draws, each independent of the others:
 
@@ -6,9 +6,9 @@ The draws, each independent of the others:
     place         middle of the marker anywhere in the image, uniform
     tilt, roll    0 to 75 degrees about any axis in the image plane, and 0 to 360 degrees, uniform
     lens          f/1.4 to f/16, log-uniform; focused at 0.5 m to infinity, uniform in 1/distance
-    in the way    in half of the scenes a grey board, at 0.3 to 0.9 of the distance, tilted up to
+    obstacle      in half of the scenes a grey board, at 0.3 to 0.9 of the distance, tilted up to
                   45 degrees, its middle within 1.2 times where the boards just touch, as the camera
-                  sees them head-on; as large as the marker's, unless told otherwise
+                  sees them head-on; as large as the marker's by default
     noise         of the sensor, see `render.sensor`
 """
 
@@ -51,7 +51,7 @@ SPARE = 16
 
 @dataclass(frozen=True, eq=False)
 class RandomScene:
-    """One marker, maybe something before it, and a camera focused somewhere."""
+    """One marker, an obstacle in half of the scenes, and a camera with a random focus."""
 
     number: int
     scene: PlateScene
@@ -66,9 +66,9 @@ class RandomScene:
 def random_scene(
     seed: int, number: int, obstacle: float = MARKER_SIDE
 ) -> tuple[RandomScene, np.random.Generator]:
-    """The scene of a seed and a number, and the generator that its noise comes from.
+    """The scene of a seed and a number, and the generator of its noise.
 
-    `obstacle` is the size of the board in the way, as the side of a marker that would fit on it.
+    `obstacle` is the size of the occluding board, as the side of a marker that would fit on it.
     """
     rng = np.random.default_rng((seed, number))
     distance = np.exp(rng.uniform(np.log(1.5), np.log(20.0)))
@@ -91,7 +91,7 @@ def random_scene(
     if rng.random() < 0.5:
         depth = distance * rng.uniform(0.3, 0.9)
         direction, reach = rng.uniform(0, 2 * np.pi), 1.2 * np.sqrt(rng.random())
-        # Both boards, as wide as the camera sees them, reach half their width to either side.
+        # Both boards, at their apparent width, extend half of it to either side.
         offset = reach * BOARD / 2 * (MARKER_SIDE / distance + obstacle / depth)
         aside = slope + offset * np.array((np.cos(direction), np.sin(direction)))
         pose = plate_pose(
@@ -105,7 +105,7 @@ def random_scene(
 
 
 def cut_out(plate: Plate, camera: Camera) -> Box:
-    """The part of the image that holds a board and its blur."""
+    """Box of the image around a board and its blur."""
     corners = plate.board_corners
     image = to_image(corners, camera)
     spare = SPARE + blur_of(camera, corners[:, 2]).max()
@@ -118,7 +118,7 @@ def cut_out(plate: Plate, camera: Camera) -> Box:
 def photograph(
     renderer: MarkerRenderer, case: RandomScene, rng: np.random.Generator
 ) -> NDArray[np.uint8]:
-    """The picture of a random scene, cut out around its marker, (H, W)."""
+    """Picture of a random scene, cropped to its marker, (H, W)."""
     box = cut_out(case.target, case.camera)
     depths = np.concatenate([plate.board_corners[:, 2] for plate in case.scene.plates])
     images = SHARP if blur_of(case.camera, depths).max() < 1 else 2 * SHARP
@@ -127,16 +127,16 @@ def photograph(
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What became of one random scene.
+    """Prediction and detection of one random scene.
 
     Attributes
     ----------
     number : int
         Of the scene.
     detected : bool
-        Whether OpenCV found its marker.
+        True when OpenCV found its marker.
     figures : PlateFigures
-        What the engine says of it.
+        Figures of the engine.
     coverage : dict
         Coverage by (requirement, model).
     """
@@ -147,7 +147,7 @@ class Outcome:
     coverage: dict[tuple[str, str], float]
 
     def is_right(self, requirement: Requirement) -> bool:
-        """Whether our model foretold it."""
+        """True when our model predicted the detection."""
         return self.figures.is_met(requirement) == self.detected
 
 
@@ -164,7 +164,7 @@ class RandomStudy:
     scores : tuple of Score
         Of every model by every requirement.
     seconds : float
-        What it took.
+        Duration.
     """
 
     seed: int
@@ -178,12 +178,12 @@ class RandomStudy:
         return next(s for s in self.scores if (s.model, s.requirement) == (model, requirement.name))
 
     def clear(self, requirement: Requirement) -> tuple[int, int]:
-        """Right predictions of ours among the clear cases, and these."""
+        """Number of right predictions of ours among the clear cases, and of all clear cases."""
         cases = [o for o in self.outcomes if o.figures.is_clear(requirement)]
         return sum(o.is_right(requirement) for o in cases), len(cases)
 
     def wrong(self, requirement: Requirement) -> list[Outcome]:
-        """Where ours is wrong, the clearest first: those are the hardest to excuse."""
+        """Wrong predictions of ours, the clearest first."""
         cases = [o for o in self.outcomes if not o.is_right(requirement)]
         return sorted(cases, key=lambda o: -abs(o.figures.decisive(requirement)[1]))
 
@@ -197,20 +197,20 @@ def run_random(
     requirements: Sequence[Requirement] = (THESIS, DETECTOR),
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> RandomStudy:
-    """Draw, photograph and judge random scenes.
+    """Draw, photograph and score random scenes.
 
     Parameters
     ----------
     renderer : MarkerRenderer
-        Who draws.
+        Draws the scenes.
     count, seed : int
-        How many scenes, and which.
+        Number of scenes, and their seed.
     asked : dict
-        Models by name, see `judges.models`.
+        Models by name, see `scoring.models`.
     obstacle : float
         As for `random_scene`.
     requirements : sequence of Requirement
-        By which every model is asked.
+        Thresholds for every model.
     progress : callable
         Called with the scenes done and the scenes in all.
     """

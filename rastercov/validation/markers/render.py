@@ -1,9 +1,8 @@
-"""Pictures of plates by headless OpenGL: what a camera with a lens and a sensor gets.
+"""Pictures of plates by headless OpenGL, with the depth of field of a lens and sensor noise.
 
-Second link of the marker validation: scene, camera -> grey image. Depth of field is no blur filter:
-each of many points of the lens sees the scene in a perspective of its own, in which the plane in
-focus stays put, and their images are added up, each shifted by another part of a pixel, which also
-smooths edges. Many such images are drawn at once, side by side in one atlas.
+Depth of field is no blur filter: the images from many points of the lens are added up. Each has its
+own perspective, in which the plane in focus is fixed, and its own shift by a part of a pixel, which
+also smooths edges. Many such images are drawn at once, side by side in one atlas.
 
 P. Haeberli, K. Akeley. The Accumulation Buffer: Hardware Support for High-Quality Rendering. 1990.
 """
@@ -64,7 +63,7 @@ class MarkerRenderer(Closing):
 
     @property
     def renderer(self) -> str:
-        """Name of what draws."""
+        """Name of the OpenGL renderer."""
         return self._context.info.renderer
 
     def _allocate(self, patterns: NDArray[np.uint8]) -> None:
@@ -106,7 +105,7 @@ class MarkerRenderer(Closing):
         Parameters
         ----------
         scene, camera
-            What is seen, and by what; its aperture and focus distance blur it.
+            Plates and camera; its aperture and focus distance blur the image.
         pose : (4, 4) float64, optional
             world_from_camera; the scene's own camera unless given.
         box : (left, top, width, height), optional
@@ -116,7 +115,7 @@ class MarkerRenderer(Closing):
         sharp : bool
             Draw as a pinhole, whatever the lens.
         wall : float
-            Reflectance of what is behind everything.
+            Reflectance of the background.
         """
         left, top, width, height = box or (0, 0, camera.width, camera.height)
         if not (0 < width <= ATLAS and 0 < height <= ATLAS):
@@ -131,7 +130,7 @@ class MarkerRenderer(Closing):
             "camera": (camera.fx, camera.fy, camera.cx - left, camera.cy - top),
             "lens": lens_uniform(camera) if has_lens else (0.0, 0.0, 0.0),
             "size": (width, height),
-            # Within the depths that are drawn whether they begin at -1 or at 0.
+            # Within the clip range for depths from -1 and from 0.
             "near": 0.4 * float(corners[..., 2].min()),
         }
         columns, rows = ATLAS // width, ATLAS // height
@@ -149,7 +148,7 @@ class MarkerRenderer(Closing):
 
     def _vertices(self, gl: moderngl.Context, corners: FloatArray, scene: PlateScene) -> Any:
         first, second, third = np.moveaxis(corners, 1, 0)
-        # From behind, a plate is an even grey.
+        # The back of a plate is uniform grey.
         is_front = (np.cross(second - first, third - first) * first).sum(axis=1) < 0
         row = np.dtype([("position", "f4", 3), ("place", "f4", 2), ("marker", "i4")])
         table = np.empty(corners.shape[:2], row)
@@ -206,7 +205,7 @@ class MarkerRenderer(Closing):
         return np.frombuffer(data, "f4").reshape(height, width).astype(np.float64)
 
     def close(self) -> None:
-        """Release everything; again it does nothing."""
+        """Release all OpenGL objects; a second call does nothing."""
         self._stack.close()
 
 
@@ -243,7 +242,7 @@ def ray_bundles(count: int) -> FloatArray:
     angle = np.nan_to_num(angle)
     radius = np.where(is_wide, a, b) / 2
     lens = np.stack((radius * np.cos(angle), radius * np.sin(angle)), axis=1)
-    # About its own mean, or edges would all move by a few hundredths of a pixel.
+    # Relative to their mean; edges would move by a few hundredths of a pixel otherwise.
     shift = points[:, 2:] - points[:, 2:].mean(axis=0)
     return np.concatenate((lens, shift), axis=1)
 
@@ -258,11 +257,11 @@ def sensor(
     light : (H, W) float64
         Reflected light, 0 to 1.
     rng : Generator
-        Where the noise comes from.
+        Source of the noise.
     read_noise : float
         Standard deviation of the read-out, grey levels.
     full_well : float
-        Electrons that make grey level 255: their number fluctuates by its root.
+        Electrons at grey level 255; their standard deviation is the root of their number.
     """
     level = FULL_SCALE * light
     spread = np.sqrt(read_noise**2 + level * 255 / full_well)

@@ -1,4 +1,4 @@
-"""What it takes to find a marker, and what the image space model says of a plate.
+"""Requirements for the detection of a marker, and figures of the image space model.
 
 A marker is two faces. Its figures are those of the thesis' tables, for the marker as a whole:
 
@@ -29,7 +29,7 @@ FloatArray = NDArray[np.float64]
 CLEAR = 0.1
 """Least slack of a clear case, see `PlateFigures.slack`."""
 ROUNDING = 1e-9
-"""How far below its threshold a coverage may lie and count as there."""
+"""Tolerance of coverage below its threshold."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +39,7 @@ class Requirement:
     Parameters
     ----------
     name : str
-        How tables call it.
+        In tables.
     min_pixels : float
         R_min of a whole marker, px.
     min_contour : float
@@ -67,15 +67,15 @@ class Requirement:
 
     @property
     def threshold(self) -> float:
-        """Least coverage of a marker that will be found."""
+        """Least coverage of a marker whose detection is predicted."""
         return self.min_visibility - ROUNDING
 
     def blur_limit(self, pixels: float) -> float:
-        """Largest blur circle for a marker of so many pixels, px."""
+        """Largest blur circle for a marker by its area in pixels, px."""
         return max(min(self.max_blur, self.max_blur_cells * math.sqrt(pixels) / CELLS), 1e-6)
 
     def task(self, pixels: float) -> Task:
-        """The same for the faces of a marker of so many pixels, by which models are asked."""
+        """Task for the faces of a marker by its area in pixels, the input of every model."""
         limit = self.blur_limit(pixels)
         side = max(math.sqrt(self.min_pixels), self.min_contour / 4)
         return Task(
@@ -100,25 +100,25 @@ DETECTOR = Requirement(
 
 Its perimeter counts the pixels of a contour, 4 (n - 1) for a square of n, so 128 of them take a
 contour of length 132, and it drops what comes within 3 px of the border: that is in its settings.
-It reads cells, so blur matters against the side of a cell; and it forgives a nick at a corner. How
-much of either, and how narrow a cell may be, was found on scenes of their own, see `fit`.
+It reads cells, so blur counts relative to the side of a cell; and it tolerates a nick at a corner.
+Both limits and the least width of a cell were fitted on scenes of their own, see `fit`.
 """
 
 
 @dataclass(frozen=True)
 class PlateFigures:
-    """What the engine says of one marker.
+    """Figures of the engine for one marker.
 
     Attributes
     ----------
     is_front : bool
-        Whether it is seen from the front.
+        True when its front faces the camera.
     in_view : bool
         C_FOV.
     border : float
         Least distance of its corners from the border of the image, px; negative outside.
     pixels, visible_pixels : float
-        Area of its image within the picture, and what of it is seen, px^2.
+        Area of its image inside the picture, and its visible part, px^2.
     contour : float
         Length of its outline as a detector counts it, px.
     cell : float
@@ -126,7 +126,7 @@ class PlateFigures:
     blur : float
         Greatest diameter of the blur circle at its corners, px.
     visibility, visibility_bound : float
-        C_V, and how far it may be off.
+        C_V and its error bound.
     """
 
     is_front: bool
@@ -162,14 +162,14 @@ class PlateFigures:
         return min(1.0, self.resolution(requirement)) * self.visibility
 
     def is_met(self, requirement: Requirement) -> bool:
-        """Whether the model predicts that the marker is found."""
+        """True when the model predicts a detection."""
         return self.coverage(requirement) >= requirement.threshold
 
     def slack(self, requirement: Requirement) -> dict[str, float]:
-        """How far each criterion is from its threshold; negative where it fails.
+        """Distance of each criterion from its threshold; negative where it fails.
 
-        Relative for resolution and focus, in 30 px for the border, in halves for visibility; 1 and
-        more, or -1 and less, is as far as can be. 0.1 is a clear case: 10 %, 3 px or 5 % of area.
+        The unit is a factor e for resolution and focus, 30 px for the border, a half for
+        visibility. 0.1 is a clear case: 10 %, 3 px or 5 % of area.
         """
         limit = requirement.blur_limit(self.pixels)
         short = self.visibility - requirement.min_visibility
@@ -178,16 +178,16 @@ class PlateFigures:
             "field of view": (self.border - requirement.min_border) / 30,
             "resolution": math.log(max(self.resolution(requirement), 1e-9)),
             "focus": math.log(limit / self.blur) if self.blur > 0 else 1.0,
-            # Wholly visible is as clear as it gets, whatever the threshold.
+            # A wholly visible marker is a clear case for any threshold.
             "visibility": 1.0 if self.visibility >= 1 - ROUNDING else min(2 * short, 0.0999),
         }
 
     def decisive(self, requirement: Requirement) -> tuple[str, float]:
-        """The criterion with the least slack, and that."""
+        """The criterion with the least slack, and its slack."""
         return min(self.slack(requirement).items(), key=lambda item: item[1])
 
     def is_clear(self, requirement: Requirement) -> bool:
-        """Whether no small change would alter the prediction."""
+        """True when no small change would alter the prediction."""
         return abs(self.decisive(requirement)[1]) >= CLEAR
 
 
@@ -228,7 +228,7 @@ def contour_length(corners: FloatArray) -> float:
 
 
 def blur_of(camera: Camera, depth: FloatArray) -> FloatArray:
-    """Diameter of the blur circle at some depths, px: what (3.10) and (3.11) put a limit to.
+    """Diameter of the blur circle at some depths, px, limited by (3.10) and (3.11).
 
     A f |z - z_s| / (z (z_s - f)) over the smaller side of a pixel; 0 for a camera without a lens.
     """

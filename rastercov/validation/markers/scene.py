@@ -1,11 +1,10 @@
-"""Plates with ArUco markers: where they stand, their faces, and what is printed on them.
+"""Plates with ArUco markers: their poses, faces and print.
 
-First link of the marker validation: plates -> mesh, for the engine, and the same faces with their
-print, for the renderer. A plate is a white board with a marker on it; the white margin around the
-marker, one cell wide, is what a detector needs to see its border.
+Plates become a mesh for the engine, and the same faces with their print for the renderer. A plate
+is a white board with a marker; a detector needs the white margin, one cell wide, around its border.
 
-Axes of a plate are those of a camera that sees it head-on: x right, y down, z away from whoever
-looks at it. Scenes stand in camera axes, so the pose of their camera is the identity.
+Axes of a plate are those of a camera that sees it head-on: x right, y down, z away from the viewer.
+Scenes are in camera axes, so the pose of their camera is the identity.
 
 E. S. Eissa. Image Space Coverage Model. 2020, section 5.2: 0.30 m markers.
 """
@@ -28,21 +27,21 @@ CELLS = 8
 MARGIN = 1.0
 """White around it, in cells."""
 PLAIN, BLANK = -2, -1
-"""What is printed on a face without a marker: an even grey, or nothing on white."""
+"""Print of a face without a marker: uniform grey, or nothing on white."""
 FACES_A_PLATE = 10
 """Two of the marker, eight of the margin."""
 
 
 @dataclass(frozen=True, eq=False)
 class Plate:
-    """A square board, maybe with a marker.
+    """A square board with or without a marker.
 
     Attributes
     ----------
     pose : (4, 4) float64
         camera_from_plate; its origin is the middle of the marker.
     marker : int
-        Index in the dictionary, or `PLAIN` for a grey board that only stands in the way.
+        Index in the dictionary, or `PLAIN` for a grey board that only occludes.
     side : float
         Of the marker, metres.
     """
@@ -81,7 +80,7 @@ class PlateScene:
     place : (F, 3, 2) float64
         Corners of the faces on the plate, in cells from the marker's top-left corner.
     printed : (F,) int64
-        The marker on each face, or `BLANK`, or `PLAIN`.
+        Index of the marker on each face, or `BLANK`, or `PLAIN`.
     """
 
     plates: tuple[Plate, ...]
@@ -141,7 +140,7 @@ def plate_pose(
     tilt_axis: float = 0.0,
     roll: float = 0.0,
 ) -> FloatArray:
-    """camera_from_plate of a plate that faces the camera's image plane, then is turned, (4, 4).
+    """camera_from_plate of a plate that is parallel to the image plane and then turned, (4, 4).
 
     Parameters
     ----------

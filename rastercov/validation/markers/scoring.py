@@ -1,8 +1,8 @@
-"""Models of coverage as judges of markers: what each predicts, and how often it is right.
+"""Coverage models as predictors of marker detection, and their accuracy.
 
-Every model of `rastercov.models` is asked by the same task for the two faces of a marker; the
-marker's coverage is the lesser of theirs, because Definition 1 asks everything of all vertices.
-Ours is asked for the marker as a whole, too, as the thesis' tables have it.
+Every model of `rastercov.models` gets the same task for the two faces of a marker; the marker's
+coverage is the smaller one, because Definition 1 has its conditions at all vertices. Ours is
+evaluated for the marker as a whole, too, as in the thesis' tables.
 """
 
 from collections.abc import Callable, Sequence
@@ -25,17 +25,17 @@ Model = Callable[..., FloatArray]
 OURS = "image_space, marker"
 """Our model, for a marker as a whole."""
 NO_LIMIT = {"alarcon"}
-"""Models that know no requirement: their coverage is 1 only in the ideal pose, so any will do."""
+"""Models without thresholds: coverage is 1 only in the ideal pose, so any above 0 counts."""
 BINS = (0.0, 1e-9, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 0.98, 0.995, 1 - 1e-9, 1.01)
 """Edges of the classes of coverage in a calibration curve: 0, parts, and 1."""
 
 
 def models() -> dict[str, Model]:
-    """The models to ask, by name; imported when they are wanted."""
+    """Models by name; imported on the first call."""
     from rastercov.models import MODELS
     from rastercov.models.mavrinac import MavrinacParameters
 
-    # What a requirement accepts is ideal: ramps become steps at its thresholds.
+    # Ramps become steps at the thresholds of the requirement.
     steps = MavrinacParameters(ideal_blur=1e6, ideal_incidence_deg=90.0)
 
     def mavrinac(mesh: Mesh, camera: Camera, poses: ArrayLike, task: Any) -> FloatArray:
@@ -63,20 +63,20 @@ def coverages(
 
 @dataclass(frozen=True)
 class Score:
-    """How often a model is right.
+    """Accuracy of a model.
 
     Attributes
     ----------
     model : str
-        Which one.
+        Its name.
     requirement : str
-        By which thresholds it was asked.
+        Name of its thresholds.
     threshold : float
-        Coverage from which on it predicts that a marker is found.
+        Coverage from which on it predicts a detection.
     hits, false_alarms, misses, rejections : int
         Predicted and found, predicted only, found only, neither.
     best_threshold, best_accuracy : float
-        The threshold that would have been best on these very scenes, and its accuracy.
+        The best threshold for these very scenes, and its accuracy.
     calibration : tuple of (float, float, float, int)
         Classes of coverage: limits, share of markers found, markers.
     """
@@ -127,10 +127,10 @@ def score(
 
 
 def best_threshold(values: FloatArray, found: BoolArray) -> tuple[float, float]:
-    """The threshold with the most right predictions, and their share; inf predicts nothing."""
+    """Threshold with the most right predictions, and their share; inf predicts no detection."""
     order = np.argsort(-values, kind="stable")
     ranked, hits = values[order], np.cumsum(np.where(found[order], 1, -1))
-    # Equal values stand or fall together: only the last of them may end what is predicted.
+    # Equal values have equal predictions: a threshold lies after the last of them only.
     is_last = np.append(ranked[1:] != ranked[:-1], True)
     gain = np.append(0, hits[is_last])
     at = int(gain.argmax())

@@ -1,4 +1,4 @@
-"""Ways to find visibility, put beside the truth: see `comparison`."""
+"""Visibility methods compared with a reference, see `comparison`."""
 
 from rastercov.validation.methods.comparison import compare
 from rastercov.validation.methods.contenders import Candidate

@@ -1,7 +1,4 @@
-"""What there is to draw around one face: true polygons, and where a rasteriser counts.
-
-Part of `pictures`.
-"""
+"""Close-up of one face: true polygons around it, and positions of samples."""
 
 import math
 from collections.abc import Sequence
@@ -21,20 +18,20 @@ FloatArray = NDArray[np.float64]
 Box = tuple[float, float, float]
 """Square part of the image: left, top, side, px."""
 
-MOST_FACES = 800
-"""Faces in the neighbourhood of which more would be a smear, and slow."""
+MAX_FACES = 800
+"""Largest number of faces that are drawn around one: more are slow and cannot be read."""
 
 
 @dataclass(frozen=True, eq=False)
 class Neighbourhood:
-    """What there is to draw: true polygons of the faces around one face.
+    """True polygons of the faces around one face.
 
     Attributes
     ----------
     image, seen, hidden : Polygon
-        Of the face: all of it inside the image, what is seen, and the rest.
+        Of the face: its part inside the image, the visible part, and the rest.
     others : list of (Polygon, float)
-        What is seen of other faces, and how squarely each is seen, 0 to 1.
+        Visible parts of other faces, and |cos| of their incidence.
     """
 
     image: Any
@@ -44,7 +41,7 @@ class Neighbourhood:
 
 
 def neighbourhood(mesh: Mesh, camera: Camera, pose: FloatArray, face: int) -> Neighbourhood | None:
-    """True polygons around a face, from the faces that overlap its surroundings only."""
+    """True polygons around a face, from the faces that overlap its surroundings."""
     from rastercov.reference.polygons import visible_polygons
 
     near = float(near_limit(camera, mesh.bounds, pose[None])[0])
@@ -67,7 +64,7 @@ def neighbourhood(mesh: Mesh, camera: Camera, pose: FloatArray, face: int) -> Ne
     if place == len(kept) or kept[place] != face:
         return None
     part = Mesh(vertices=mesh.vertices, faces=mesh.faces[kept])
-    asked = np.arange(len(kept)) if len(kept) <= MOST_FACES else np.array([place])
+    asked = np.arange(len(kept)) if len(kept) <= MAX_FACES else np.array([place])
     try:
         alone = Mesh(vertices=mesh.vertices, faces=mesh.faces[[face]])
         outline = visible_polygons(alone, camera, pose, near=near)[0]
@@ -94,7 +91,7 @@ def square(bounds: Sequence[float], room: float) -> Box:
 
 
 class Samples:
-    """Where a rasteriser counts; see `raster.grid`."""
+    """Sample positions of a rasteriser, see `raster.sample_grid`."""
 
     def __init__(self, camera: Camera, supersample: int, roll: float) -> None:
         grid = SampleGrid(camera, supersample, roll)
@@ -107,7 +104,7 @@ class Samples:
         )
 
     def inside(self, box: Box) -> FloatArray:
-        """Those in a square part of the image, (N, 2) px."""
+        """Samples in a square part of the image, (N, 2) px."""
         left, top, side = box
         corners = np.array([(u, v) for u in (left, left + side) for v in (top, top + side)])
         places = self.supersample * (corners - self._size / 2) @ self._turn.T + self._centre

@@ -1,20 +1,17 @@
-"""The comparison harness: ways to find visibility against the truth, and a verdict on their bounds.
+"""Comparison of visibility methods with a reference, and a verdict on their bounds.
 
-Beside the chain: it opens observers and the authority in `rastercov.reference`, gives both the same
-poses, and adds up how far they are apart, pose by pose, so that memory does not grow with poses.
-Compared are the faces in view from the front, those that are partly outside the image included:
-their visible fraction (3.14), with its bound, and the visible area in px^2.
+Observers and the reference get the same poses; errors are added up pose by pose, so that memory
+does not grow with poses. Compared are the visible fraction (3.14) with its bound and the visible
+area in px^2 of all faces in view from the front, including those partly outside the image.
 
-`write_comparison` in `page` makes a page of it.
+`rastercov.report.methods.write_comparison` writes the page.
 """
 
-import hashlib
 import math
 import platform
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import asdict, replace
-from importlib.metadata import version
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -26,7 +23,13 @@ from rastercov.criteria import view_faces
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.pose import valid_poses
-from rastercov.validation.methods.contenders import TRUTHS, Candidate, entered, open_truth
+from rastercov.provenance import Provenance
+from rastercov.validation.methods.contenders import (
+    REFERENCES,
+    Candidate,
+    open_contender,
+    open_reference,
+)
 from rastercov.validation.methods.convergence import N_POSES as SWEPT_POSES
 from rastercov.validation.methods.convergence import (
     SWEEPS,
@@ -42,11 +45,11 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 CANDIDATES = ("certified", "sampled", "sampled@4")
-"""What is compared unless something is asked for."""
-ENOUGH = 1000
-"""Partly hidden faces that it takes to say that a statistical bound holds as often as it must."""
-CHANCE = 0.01
-"""How likely it may be that a good bound is found to hold too rarely."""
+"""Methods that are compared by default."""
+MIN_FACES = 1000
+"""Least number of partly hidden faces for a positive verdict on a statistical bound."""
+SIGNIFICANCE = 0.01
+"""Largest probability that a valid bound fails its check."""
 PAIRS_A_BATCH = 1 << 19
 """Pose-face pairs observed at a time: about 10 MB for each candidate."""
 POSES_A_BATCH = 16
@@ -65,10 +68,10 @@ def compare(
     batch: int = POSES_A_BATCH,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Comparison:
-    """Errors of several ways to find visibility, and whether their bounds hold.
+    """Errors of several visibility methods, and checks of their bounds.
 
-    An interrupt (Ctrl-C) ends it after the pose that is done; the comparison then covers the poses
-    so far. Before the first one is done, the interrupt is raised.
+    An interrupt (Ctrl-C) ends it after the current pose; the comparison then covers the poses so
+    far. Before the first pose is done, the interrupt is raised.
 
     Parameters
     ----------
@@ -77,14 +80,14 @@ def compare(
     poses : (P, 4, 4) array_like
         world_from_camera.
     candidates : sequence of str or Candidate
-        What to compare; strings as for `Candidate.parse`.
+        Methods; strings as for `Candidate.parse`.
     against : {"exact", "polygons", "rational"}
-        The truth: the analytic method; polygon Booleans or exact rational arithmetic, which share
-        nothing with it and take milliseconds a face.
+        The reference: the analytic method; polygon Booleans or exact rational arithmetic, which
+        share no code with it and take milliseconds a face.
     worst : int
-        Faces to keep by name for each candidate.
+        Faces with the greatest errors to keep for each candidate.
     convergence : bool
-        Measure how errors fall with the density of samples, too.
+        Measure errors over the density of samples, too.
     batch : int
         Most poses observed at a time; it changes no result.
     progress : callable
@@ -93,8 +96,8 @@ def compare(
     Raises
     ------
     ConfigError
-        For a candidate or truth that does not exist, a candidate that is the truth or comes twice,
-        or where there is nothing to compare.
+        For an unknown candidate or reference, a candidate that is the reference or comes twice, or
+        an empty comparison.
     PoseError
         For a pose that is no rigid motion.
     """
@@ -111,23 +114,25 @@ def compare(
     known: list[KnownFaces] = []
     found: list[Convergence] = []
     with ExitStack() as stack:
-        truth = stack.enter_context(open_truth(against, mesh, camera))
-        entrants = [stack.enter_context(entered(c, mesh, camera, matrices, worst)) for c in named]
+        reference = stack.enter_context(open_reference(against, mesh, camera))
+        contenders = [
+            stack.enter_context(open_contender(c, mesh, camera, matrices, worst)) for c in named
+        ]
         at_once = max(1, min(batch, PAIRS_A_BATCH // max(1, mesh.n_faces)))
         try:
             progress(0, total)
             for start in range(0, len(matrices), at_once):
                 of_batch = matrices[start : start + at_once]
-                for entrant in entrants:
-                    entrant.look(of_batch)
-                truth.look(of_batch)
+                for contender in contenders:
+                    contender.run(of_batch)
+                reference.run(of_batch)
                 for row, pose in enumerate(of_batch):
                     view = view_faces(mesh, camera, pose)
                     face = np.flatnonzero(view.is_front & (view.in_view_fraction > 0))
-                    visible, area, error = truth.areas(row, face)
+                    visible, area, error = reference.areas(row, face)
                     with interrupts_held():
-                        for entrant in entrants:
-                            entrant.judge(start + row, row, view, face, visible, area, error)
+                        for contender in contenders:
+                            contender.add_pose(start + row, row, view, face, visible, area, error)
                         if start + row in chosen and sweeps:
                             known.append(_partly_hidden(pose, face, visible, area, error))
                         done += 1
@@ -139,18 +144,18 @@ def compare(
     counter = iter(range(done + 1, total + 1))
     try:
         for candidate, sweep in sweeps if not interrupted else ():
-            step = lambda: progress(next(counter), total)  # noqa: E731 - two words
+            step = lambda: progress(next(counter), total)  # noqa: E731 - a name for the call
             found.append(converge(candidate.name, candidate.open, sweep, mesh, camera, known, step))
     except KeyboardInterrupt:
         interrupted = True
-    scores = tuple(entrant.score() for entrant in entrants)
+    scores = tuple(contender.score() for contender in contenders)
     if not any(score.all_sizes.figures for score in scores):
         raise ConfigError("no face is in view from the front in any pose: nothing to compare")
     checks = tuple(check for score in scores for check in _checks(score))
     return Comparison(
         against=against,
-        truth_error=truth.error,
-        truth_seconds_per_pose=truth.seconds / truth.poses,
+        truth_error=reference.error,
+        truth_seconds_per_pose=reference.seconds / reference.poses,
         faces=mesh.n_faces,
         poses=len(matrices),
         poses_done=done,
@@ -159,13 +164,13 @@ def compare(
         scores=scores,
         convergence=tuple(found),
         interrupted=interrupted,
-        run=_describe(mesh, camera, matrices),
+        run=_provenance(mesh, camera, matrices),
     )
 
 
 def _check_arguments(candidates: Sequence[Candidate], against: str, poses: FloatArray) -> None:
-    if against not in TRUTHS:
-        raise ConfigError(f"the truth must be {', '.join(TRUTHS)}, got {against!r}")
+    if against not in REFERENCES:
+        raise ConfigError(f"the truth must be {', '.join(REFERENCES)}, got {against!r}")
     names = [candidate.name for candidate in candidates]
     if not names:
         raise ConfigError("name at least one method to compare")
@@ -188,15 +193,15 @@ def _checks(score: Score) -> Iterator[Check]:
 
 
 def _often_enough(held: int, n: int) -> bool | None:
-    """Whether a bound held for `MUST_HOLD` of n faces; None where chance may have decided."""
+    """True when a bound held for `MUST_HOLD` of n faces; None where the result may be chance."""
     broken, expected = n - held, (1 - MUST_HOLD) * n
     if held >= MUST_HOLD * n:
-        return True if n >= ENOUGH else None
+        return True if n >= MIN_FACES else None
     if broken > expected + 10 * math.sqrt(expected) + 20:
         return False
-    # Poisson: how likely so many or more are broken where the bound is just good enough.
+    # Poisson: probability of this many or more broken bounds at the allowed rate.
     fewer = sum(expected**k / math.factorial(k) for k in range(broken)) * math.exp(-expected)
-    return False if 1 - fewer < CHANCE else None
+    return False if 1 - fewer < SIGNIFICANCE else None
 
 
 def _partly_hidden(
@@ -207,14 +212,8 @@ def _partly_hidden(
     return KnownFaces(pose, face[rows], area[rows], visible[rows] / area[rows])
 
 
-def _describe(mesh: Mesh, camera: Camera, poses: FloatArray) -> dict[str, Any]:
-    return {
-        "mesh": [asdict(source) for source in mesh.sources] or [{"name": "arrays"}],
-        "camera": {k: v for k, v in asdict(camera).items() if v not in (None, ())},
-        "poses": {"sha256": hashlib.sha256(poses.tobytes()).hexdigest(), "n_poses": len(poses)},
-        "machine": {"system": platform.platform(), "processor": platform.machine()},
-        "versions": {
-            "python": platform.python_version(),
-            **{name: version(name) for name in ("rastercov", "numba", "numpy", "shapely")},
-        },
-    }
+def _provenance(mesh: Mesh, camera: Camera, poses: FloatArray) -> dict[str, Any]:
+    packages = ("rastercov", "numba", "numpy", "shapely")
+    entries = Provenance(mesh, camera, poses, packages=packages).as_dict()
+    del entries["scene"]
+    return entries | {"machine": {"system": platform.platform(), "processor": platform.machine()}}

@@ -1,7 +1,4 @@
-"""Who takes part in a comparison: candidates with their observers, and the truth.
-
-Part of `compare`.
-"""
+"""Contenders of a comparison with their observers, and the reference."""
 
 import time
 from collections.abc import Iterator
@@ -25,19 +22,19 @@ from rastercov.observer import (
     open_observer,
 )
 from rastercov.raster.contract import MAX_SUPERSAMPLE
-from rastercov.validation.methods.error_statistics import ROUNDING, Judged, Tally
+from rastercov.validation.methods.error_statistics import ROUNDING, ErrorStatistics, PoseFigures
 from rastercov.validation.methods.results import Score
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-TRUTHS = {"exact": 0.0, "polygons": 1e-7, "rational": 0.0}
-"""What may be the truth, and how far off its areas may be, px^2, unless it says so itself."""
+REFERENCES = {"exact": 0.0, "polygons": 1e-7, "rational": 0.0}
+"""References and the error of their areas, px^2; "exact" gives its own bounds, too."""
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A way to find visibility.
+    """A visibility method and its settings.
 
     Attributes
     ----------
@@ -83,7 +80,7 @@ class Candidate:
 
     @property
     def name(self) -> str:
-        """What `parse` reads."""
+        """Text that `parse` reads."""
         device = f":{self.device}" if self.device != "auto" else ""
         return self.method + device + (f"@{self.supersample}" if self.supersample > 1 else "")
 
@@ -97,25 +94,25 @@ class Candidate:
         return open_observer(mesh, camera, self.method, **options)
 
 
-class Entrant:
-    """A candidate at work: its observer, its tally and its watch."""
+class Contender:
+    """A candidate with its observer, error statistics and time."""
 
     def __init__(
         self, candidate: Candidate, observer: Observer, n_worst: int, open_seconds: float
     ) -> None:
         self.candidate, self.observer, self.open_seconds = candidate, observer, open_seconds
-        self.tally = Tally(n_worst)
+        self.statistics = ErrorStatistics(n_worst)
         self.seconds, self.poses = 0.0, 0
-        self.seen: Observation
+        self.observation: Observation
 
-    def look(self, poses: FloatArray) -> None:
+    def run(self, poses: FloatArray) -> None:
         """Observe a batch of poses."""
         started = time.perf_counter()
-        self.seen = self.observer.observe(poses)
+        self.observation = self.observer.observe(poses)
         self.seconds += time.perf_counter() - started
         self.poses += len(poses)
 
-    def judge(
+    def add_pose(
         self,
         pose: int,
         row: int,
@@ -125,25 +122,25 @@ class Entrant:
         area: FloatArray,
         truth_error: FloatArray,
     ) -> None:
-        """Take in one pose of the batch: `pose` of all, `row` of the batch, and its true areas."""
-        value, bound, kind = figures(view, self.seen, row)
-        is_judged = area > np.maximum(ROUNDING, truth_error)
-        rows = face[is_judged]
-        judged = Judged(
+        """Add one pose with its true areas: `pose` of all poses, `row` of the batch."""
+        value, bound, kind = figures(view, self.observation, row)
+        is_large = area > np.maximum(ROUNDING, truth_error)
+        rows = face[is_large]
+        compared = PoseFigures(
             face=rows,
-            area=area[is_judged],
-            visible=visible[is_judged],
+            area=area[is_large],
+            visible=visible[is_large],
             value=value[rows],
             bound=bound[rows],
             kind=kind[rows],
-            visible_pixels=self.seen.visible_pixels[row][rows],
-            truth_error=truth_error[is_judged],
+            visible_pixels=self.observation.visible_pixels[row][rows],
+            truth_error=truth_error[is_large],
         )
-        self.tally.add(pose, judged, int((~is_judged).sum()))
+        self.statistics.add(pose, compared, int((~is_large).sum()))
 
     def score(self) -> Score:
-        """Give what came out so far."""
-        candidate, tally, classes = self.candidate, self.tally, self.tally.all_sizes()
+        """Result of the poses so far."""
+        candidate, errors, classes = self.candidate, self.statistics, self.statistics.all_sizes()
         is_sampled = candidate.method == "sampled"
         return Score(
             name=candidate.name,
@@ -152,68 +149,68 @@ class Entrant:
             roll=ROLL if is_sampled else None,
             info=asdict(self.observer.info),
             all_sizes=classes,
-            size_classes=tally.classes(),
-            bounds=tally.bounds(),
-            missed=tally.missed,
-            missed_area=tally.missed_area,
-            missed_unsaid=tally.missed_unsaid,
-            phantoms=tally.phantoms,
-            unjudged=tally.unjudged,
-            rms_pixels=float(np.sqrt(tally.square_pixels / max(1, classes.figures))),
-            greatest_pixels=tally.greatest_pixels,
-            worst=tally.worst,
-            missed_faces=tally.missed_faces,
+            size_classes=errors.classes(),
+            bounds=errors.bounds(),
+            missed=errors.missed,
+            missed_area=errors.missed_area,
+            missed_unsaid=errors.missed_unsaid,
+            phantoms=errors.false_positives,
+            unjudged=errors.unjudged,
+            rms_pixels=float(np.sqrt(errors.square_pixels / max(1, classes.figures))),
+            greatest_pixels=errors.greatest_pixels,
+            worst=errors.worst,
+            missed_faces=errors.missed_faces,
             open_seconds=self.open_seconds,
             seconds_per_pose=self.seconds / max(1, self.poses),
         )
 
 
 @contextmanager
-def entered(
+def open_contender(
     candidate: Candidate, mesh: Mesh, camera: Camera, poses: FloatArray, n_worst: int
-) -> Iterator[Entrant]:
-    """A candidate that has observed a pose: what is compiled or kept for later poses is there."""
+) -> Iterator[Contender]:
+    """Open a candidate and observe one pose, so that its kernels are compiled."""
     started = time.perf_counter()
     with candidate.open(mesh, camera) as observer:
         observer.observe(poses[:1])
-        yield Entrant(candidate, observer, n_worst, time.perf_counter() - started)
+        yield Contender(candidate, observer, n_worst, time.perf_counter() - started)
 
 
-class AnalyticTruth:
+class AnalyticReference:
     """Areas by the analytic method, all faces of a batch of poses at once."""
 
     def __init__(self, observer: Observer) -> None:
-        self._observer, self.error = observer, TRUTHS["exact"]
+        self._observer, self.error = observer, REFERENCES["exact"]
         self.seconds, self.poses = 0.0, 0
-        self._seen: Observation
+        self._observation: Observation
 
-    def look(self, poses: FloatArray) -> None:
+    def run(self, poses: FloatArray) -> None:
         """Observe a batch of poses."""
         started = time.perf_counter()
-        self._seen = self._observer.observe(poses)
+        self._observation = self._observer.observe(poses)
         self.seconds += time.perf_counter() - started
         self.poses += len(poses)
 
     def areas(self, row: int, faces: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Visible area and area of the image of faces in a pose of the batch, and their error."""
-        seen, error = self._seen, self._seen.blur[row][faces]
+        seen, error = self._observation, self._observation.blur[row][faces]
         self.error = max(self.error, float(error.max(initial=0.0)))
         return seen.visible_pixels[row][faces], seen.drawn_pixels[row][faces], error
 
 
-class ReferenceTruth:
-    """Areas by the authority, for the faces asked for only."""
+class ReferenceModule:
+    """Areas by a module of `rastercov.reference`, for selected faces only."""
 
     def __init__(self, against: str, mesh: Mesh, camera: Camera) -> None:
         from rastercov.reference import polygons, rational
 
         self._module: Any = polygons if against == "polygons" else rational
         self._scene = mesh, camera
-        self.error = TRUTHS[against]
+        self.error = REFERENCES[against]
         self.seconds, self.poses = 0.0, 0
         self._batch = np.empty((0, 4, 4))
 
-    def look(self, poses: FloatArray) -> None:
+    def run(self, poses: FloatArray) -> None:
         """Observe a batch of poses."""
         self._batch = poses
 
@@ -228,12 +225,12 @@ class ReferenceTruth:
 
 
 @contextmanager
-def open_truth(
+def open_reference(
     against: str, mesh: Mesh, camera: Camera
-) -> Iterator[AnalyticTruth | ReferenceTruth]:
-    """What the candidates are held against."""
+) -> Iterator[AnalyticReference | ReferenceModule]:
+    """Open the reference of a comparison."""
     if against != "exact":
-        yield ReferenceTruth(against, mesh, camera)
+        yield ReferenceModule(against, mesh, camera)
         return
     with open_observer(mesh, camera, "exact") as observer:
-        yield AnalyticTruth(observer)
+        yield AnalyticReference(observer)

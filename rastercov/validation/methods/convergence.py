@@ -1,9 +1,9 @@
-"""How fast counted figures come right as samples get denser: their error against the spacing.
+"""Convergence of counted figures: their error over the density of samples.
 
-Part of `compare`. The same partly hidden faces are counted with more samples a pixel and in larger
-images. The error of a count along an edge that crosses the grid at an odd angle is random, so
-that of a fraction falls as the power 1.5 of the samples a side: a face that is n samples wide has
-n^2 of them, of which the n along its edges are in doubt, sqrt(n) / n^2.
+The same partly hidden faces are counted with more samples a pixel and in larger images. The error
+of a count along an edge at an irrational slope is random, so that of a fraction falls as the power
+1.5 of the samples a side: a face of n samples a side has n^2 of them, of which the n along its
+edges are uncertain, sqrt(n) / n^2.
 
 D. G. Kendall. On the Number of Lattice Points Inside a Random Oval. 1948.
 """
@@ -26,19 +26,19 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 SWEEPS = {"supersampling": (1.0, 2.0, 4.0, 8.0), "resolution": (0.5, 1.0, 2.0, 4.0)}
-"""Samples a side of a pixel of the camera: S, or so much of its width and height."""
-MOST_SAMPLES = 1 << 27
-"""Samples of an image; denser levels are left out."""
+"""Samples a side of a pixel of the camera: S, or the scale of its width and height."""
+MAX_SAMPLES = 1 << 27
+"""Largest number of samples of an image; denser levels are left out."""
 N_POSES = 8
 """Poses that are swept, spread over all."""
-SAMPLES = 16
-"""Samples that a face has at the coarsest level of a sweep, so that it is past the first few."""
-FEWEST = 20
-"""Faces below which no law is fitted."""
-ENOUGH = 200
-"""Faces below which smaller ones are let in, down to 1 sample."""
+MIN_SAMPLES = 16
+"""Samples of a face at the coarsest level of a sweep: the law holds for large numbers only."""
+MIN_FACES = 20
+"""Least number of faces for a fit."""
+WANTED_FACES = 200
+"""Number of faces below which smaller ones are added, down to 1 sample."""
 GROUPS = 20
-"""Groups of faces that are left out in turn to see how much the slope depends on them."""
+"""Groups of faces that are left out in turn for the standard error of the slope."""
 
 
 @dataclass(frozen=True)
@@ -48,9 +48,9 @@ class Convergence:
     Attributes
     ----------
     method : str
-        Which rasteriser, as `sampled:cpu`.
+        Name of the rasteriser, such as `sampled:cpu`.
     sweep : str
-        Key of `SWEEPS`: whether there were more samples a pixel or more pixels.
+        Key of `SWEEPS`: more samples a pixel, or more pixels.
     samples_per_side : tuple of float
         Samples along a side of a pixel of the camera, L levels.
     rms : tuple of float
@@ -58,12 +58,12 @@ class Convergence:
     seconds_per_pose : tuple of float
         L.
     poses, faces : int
-        How many; the faces are partly hidden.
+        Numbers; the faces are partly hidden.
     least_area : float
         Of the image of a face, px^2 of the camera.
     slope, slope_error : float or None
-        Of log rms over log samples_per_side, and its standard error; None where too few faces or
-        levels tell.
+        Of log rms over log samples_per_side, and its standard error; None with too few faces or
+        levels.
     """
 
     method: str
@@ -97,8 +97,8 @@ class KnownFaces:
 
 
 def levels(sweep: str, camera: Camera) -> tuple[float, ...]:
-    """Levels of a sweep that are not too large."""
-    most = math.sqrt(MOST_SAMPLES / (camera.width * camera.height))
+    """Levels of a sweep within `MAX_SAMPLES`."""
+    most = math.sqrt(MAX_SAMPLES / (camera.width * camera.height))
     return tuple(scale for scale in SWEEPS[sweep] if scale <= max(most, SWEEPS[sweep][0]))
 
 
@@ -122,13 +122,13 @@ def converge(
     sweep : str
         Key of `SWEEPS`.
     mesh, camera, known
-        Scene, and what is true of faces in some poses.
+        Scene, and true fractions of faces in some poses.
     step : callable
         Called after each pose of each level.
     """
     scales = levels(sweep, camera)
-    least = SAMPLES / scales[0] ** 2
-    while least * scales[0] ** 2 > 1 and sum((k.area >= least).sum() for k in known) < ENOUGH:
+    least = MIN_SAMPLES / scales[0] ** 2
+    while least * scales[0] ** 2 > 1 and sum((k.area >= least).sum() for k in known) < WANTED_FACES:
         least /= 4
     chosen = [np.flatnonzero(k.area >= least) for k in known]
     square = np.zeros((len(scales), sum(map(len, chosen))))
@@ -167,7 +167,7 @@ def converge(
 
 def _fit(scales: Sequence[float], square: FloatArray) -> tuple[float | None, float | None]:
     """Slope of log rms over log scale by least squares, and its error by leaving out groups."""
-    if len(scales) < 3 or square.shape[1] < FEWEST or (square.mean(axis=1) == 0).any():
+    if len(scales) < 3 or square.shape[1] < MIN_FACES or (square.mean(axis=1) == 0).any():
         return None, None
     groups = np.arange(square.shape[1]) % GROUPS
     sums = np.stack([square[:, groups == group].sum(axis=1) for group in range(GROUPS)])

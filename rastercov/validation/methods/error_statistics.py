@@ -1,7 +1,7 @@
-"""Errors of one way to find visibility, added up pose by pose: by face size, by kind of bound.
+"""Errors of one visibility method, added up pose by pose: by face size, by kind of bound.
 
-Part of `compare`. A `Tally` takes the figures of one pose at a time and holds no more than
-histograms, sums and the worst few faces, however many poses and faces there are.
+`ErrorStatistics` holds histograms, sums and the worst few faces: its memory does not depend on the
+number of poses and faces.
 """
 
 import heapq
@@ -19,21 +19,21 @@ BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 
 SIZES = (0.0, 0.1, 1.0, 4.0, 16.0, 64.0, 256.0, 1024.0, 4096.0, math.inf)
-"""Limits of the classes of face size: area of the image inside the image border, px^2."""
+"""Limits of the size classes: area of a face inside the image, px^2."""
 PER_DECADE = 10
 """Bins of the histograms of errors, a power of ten."""
 DECADES = 18
-"""Powers of ten below the largest error of 1 that are told apart; what is less counts as 0."""
+"""Powers of ten of the histograms below the largest error of 1; smaller errors count as 0."""
 N_BINS = PER_DECADE * DECADES + 2  # one for 0, one for more than 1
 ROUNDING = 1e-9
-"""Area up to which nothing is told from rounding, px^2."""
-REST = 1e-12
+"""Area below which a face cannot be distinguished from rounding, px^2."""
+QUOTIENT_ROUNDING = 1e-12
 """Rounding of a quotient of two areas."""
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
-    """Figures of one pose beside the truth, (N,) each, for faces large enough to be judged."""
+class PoseFigures:
+    """Figures of one pose and their truth, (N,) each, for faces large enough to be compared."""
 
     face: IntArray
     area: FloatArray
@@ -58,46 +58,46 @@ class Judged:
 
     @property
     def least(self) -> FloatArray:
-        """Area up to which nothing is told from rounding, px^2."""
+        """Area that cannot be distinguished from rounding, px^2."""
         limit: FloatArray = np.maximum(ROUNDING, self.truth_error) + ROUNDING * self.area
         return limit
 
     def is_partly_hidden(self) -> BoolArray:
-        """Neither seen whole nor hidden."""
+        """Mask of faces neither wholly visible nor hidden."""
         partly: BoolArray = (self.visible > self.least) & (self.visible < self.area - self.least)
         return partly
 
     def is_missed(self) -> BoolArray:
-        """Seen, but the figure says 0."""
+        """Mask of visible faces whose figure is 0."""
         missed: BoolArray = (self.value == 0) & (self.visible > self.least)
         return missed
 
-    def is_phantom(self) -> BoolArray:
-        """Hidden, but the figure says it is seen."""
-        phantom: BoolArray = (self.value * self.area > self.least) & (self.visible <= self.least)
-        return phantom
+    def is_false_positive(self) -> BoolArray:
+        """Mask of hidden faces whose figure is above 0."""
+        positive: BoolArray = (self.value * self.area > self.least) & (self.visible <= self.least)
+        return positive
 
     def is_held(self) -> BoolArray:
-        """Whether each figure is as good as it says, beyond what the truth itself may be off.
+        """Mask of figures within their bound plus the error of the truth.
 
-        Of certain figures the visible area must be right too, and certified ones must be 0 or 1.
+        The visible area of certain figures must be right too, and certified ones must be 0 or 1.
         """
-        slack = REST + 2 * self.truth_error / self.area
+        slack = QUOTIENT_ROUNDING + 2 * self.truth_error / self.area
         held: BoolArray = np.abs(self.value - self.truth) <= self.bound + slack
         pixels = np.abs(self.visible_pixels - self.visible)
-        room = (self.bound + REST) * self.area + ROUNDING + self.truth_error
+        room = (self.bound + QUOTIENT_ROUNDING) * self.area + ROUNDING + self.truth_error
         held &= (pixels <= room) | (self.kind == Kind.STATISTICAL)
         held &= (self.value == 0) | (self.value == 1) | (self.kind != Kind.CERTIFIED)
         return held
 
 
-class Tally:
-    """Sums over poses for one way to find visibility; `n_worst` faces are kept by name."""
+class ErrorStatistics:
+    """Sums over poses for one method; the `n_worst` faces with the greatest errors are kept."""
 
     def __init__(self, n_worst: int) -> None:
         n_classes = len(SIZES) - 1
         self.n_worst = n_worst
-        self.unjudged = self.missed = self.missed_unsaid = self.phantoms = 0
+        self.unjudged = self.missed = self.missed_unsaid = self.false_positives = 0
         self.missed_area = self.square_pixels = self.greatest_pixels = 0.0
         self._errors = np.zeros((n_classes, N_BINS), np.int64)
         self._counts = np.zeros((4, n_classes), np.int64)  # all, partly hidden, held, missed
@@ -109,70 +109,72 @@ class Tally:
         self._worst: list[tuple[float, float, int, int, FaceError]] = []
         self._missed: list[tuple[float, float, int, int, FaceError]] = []
 
-    def add(self, pose: int, judged: Judged, unjudged: int) -> None:
-        """Take in the figures of one pose, and how many faces were too small to judge."""
-        error, held = judged.error, judged.is_held()
-        partly, missed = judged.is_partly_hidden(), judged.is_missed()
+    def add(self, pose: int, figures: PoseFigures, unjudged: int) -> None:
+        """Add the figures of one pose, and the number of faces too small to compare."""
+        error, held = figures.error, figures.is_held()
+        partly, missed = figures.is_partly_hidden(), figures.is_missed()
         self.unjudged += unjudged
         self.missed += int(missed.sum())
-        self.missed_area += float(judged.visible[missed].sum())
+        self.missed_area += float(figures.visible[missed].sum())
         self.missed_unsaid += int((missed & ~held).sum())
-        self.phantoms += int(judged.is_phantom().sum())
-        pixels = np.nan_to_num(np.abs(judged.visible_pixels - judged.visible), nan=math.inf)
+        self.false_positives += int(figures.is_false_positive().sum())
+        pixels = np.nan_to_num(np.abs(figures.visible_pixels - figures.visible), nan=math.inf)
         self.square_pixels += float((pixels**2).sum())
         self.greatest_pixels = max(self.greatest_pixels, float(pixels.max(initial=0.0)))
 
-        size = np.searchsorted(SIZES, judged.area, side="right") - 1
+        size = np.searchsorted(SIZES, figures.area, side="right") - 1
         n = len(SIZES) - 1
         bins = size * N_BINS + _bins(error)
         self._errors += np.bincount(bins, minlength=n * N_BINS).reshape(n, N_BINS)
         for row, mask in enumerate((np.ones_like(held), partly, held, missed)):
             self._counts[row] += np.bincount(size[mask], minlength=n)
-        terms = (error**2, error, error**2 * partly, judged.bound * partly)
+        terms = (error**2, error, error**2 * partly, figures.bound * partly)
         for row, term in enumerate(terms):
             self._sums[row] += np.bincount(size, term, minlength=n)
         np.maximum.at(self._greatest, size, error)
         for kind in Kind:
-            of_kind = judged.kind == kind
+            of_kind = figures.kind == kind
             masks = (of_kind, of_kind & held, of_kind & partly, of_kind & partly & held)
             self._kinds[kind] += [int(mask.sum()) for mask in masks]
-            counted = of_kind & partly & (judged.bound > 0)
+            counted = of_kind & partly & (figures.bound > 0)
             with np.errstate(over="ignore"):
-                ratio = error[counted] / judged.bound[counted]
+                ratio = error[counted] / figures.bound[counted]
             self._ratios[kind] += np.bincount(_bins(ratio), minlength=N_BINS)
             self._greatest_ratio[kind] = max(
                 self._greatest_ratio[kind], float(ratio.max(initial=-1.0))
             )
-        # A fraction of a face smaller than a pixel counts for less: what matters is its area. Where
-        # the bound is 1 nothing was claimed; such faces show up among the missed.
-        weight = error * np.minimum(judged.area, 1.0)
-        claimed = ~held | ((judged.bound < 1) & (weight > 0))
-        self._keep(self._worst, pose, judged, held, ~held, np.where(claimed, weight, -1.0))
-        self._keep(self._missed, pose, judged, held, missed, np.where(missed, judged.visible, -1.0))
+        # The error of a face smaller than a pixel counts by its area. A bound of 1 claims nothing;
+        # such faces are among the missed ones.
+        weight = error * np.minimum(figures.area, 1.0)
+        claimed = ~held | ((figures.bound < 1) & (weight > 0))
+        self._keep(self._worst, pose, figures, held, ~held, np.where(claimed, weight, -1.0))
+        self._keep(
+            self._missed, pose, figures, held, missed, np.where(missed, figures.visible, -1.0)
+        )
 
     def _keep(
         self,
         kept: list[tuple[float, float, int, int, FaceError]],
         pose: int,
-        judged: Judged,
+        figures: PoseFigures,
         held: BoolArray,
         first: BoolArray,
         weight: FloatArray,
     ) -> None:
         """Keep the faces of greatest weight, those of `first` before all others; none below 0."""
-        best = np.lexsort((judged.face, -weight, ~first))[: self.n_worst]
+        best = np.lexsort((figures.face, -weight, ~first))[: self.n_worst]
         for at in best[weight[best] >= 0].tolist():
             of_face = FaceError(
                 pose=pose,
-                face=int(judged.face[at]),
-                area=float(judged.area[at]),
-                visible=float(judged.visible[at]),
-                truth=float(judged.truth[at]),
-                value=float(judged.value[at]),
-                bound=float(judged.bound[at]),
-                kind=Kind(judged.kind[at]).name.lower(),
+                face=int(figures.face[at]),
+                area=float(figures.area[at]),
+                visible=float(figures.visible[at]),
+                truth=float(figures.truth[at]),
+                value=float(figures.value[at]),
+                bound=float(figures.bound[at]),
+                kind=Kind(figures.kind[at]).name.lower(),
                 held=bool(held[at]),
-                visible_pixels=float(judged.visible_pixels[at]),
+                visible_pixels=float(figures.visible_pixels[at]),
             )
             entry = (float(first[at]), float(weight[at]), -pose, -of_face.face, of_face)
             heapq.heappush(kept, entry)
@@ -186,20 +188,20 @@ class Tally:
 
     @property
     def missed_faces(self) -> tuple[FaceError, ...]:
-        """Of the faces missed, those of which most is seen."""
+        """Missed faces with the largest visible areas."""
         return tuple(entry[4] for entry in sorted(self._missed, reverse=True))
 
     def classes(self) -> tuple[SizeClass, ...]:
-        """One for each class of `SIZES` that has a face."""
+        """Size classes of `SIZES` that have a face."""
         every = range(len(SIZES) - 1)
         return tuple(self._class(slice(i, i + 1)) for i in every if self._counts[0, i])
 
     def all_sizes(self) -> SizeClass:
-        """All classes as one."""
+        """All size classes as one."""
         return self._class(slice(0, len(SIZES) - 1))
 
     def bounds(self) -> tuple[BoundCheck, ...]:
-        """One for each kind of bound that was met."""
+        """Checks of the kinds of bound that occurred."""
         checks = []
         for kind in Kind:
             if not self._kinds[kind, 0]:
@@ -207,11 +209,11 @@ class Tally:
             greatest = float(self._greatest_ratio[kind])
             known = greatest >= 0
             median = _quantile(self._ratios[kind], 0.5) if known else None
-            figures, held, partly, partly_held = self._kinds[kind].tolist()
+            n, held, partly, partly_held = self._kinds[kind].tolist()
             checks.append(
                 BoundCheck(
                     kind=kind.name.lower(),
-                    figures=figures,
+                    figures=n,
                     held=held,
                     partly_hidden=partly,
                     partly_hidden_held=partly_held,
@@ -252,7 +254,7 @@ def upper_end(index: int) -> float:
 
 
 def _bins(values: FloatArray) -> IntArray:
-    """Bin of each value, 0 for what is less than 10^-DECADES."""
+    """Bin of each value, 0 for values below 10^-DECADES."""
     with np.errstate(divide="ignore"):
         place = np.ceil(PER_DECADE * (np.log10(values) + DECADES) - 1e-9)
     return np.clip(place, 0, N_BINS - 1).astype(np.int64)

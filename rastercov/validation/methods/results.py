@@ -1,7 +1,4 @@
-"""What a comparison gives, in plain values: errors by face size, bounds by kind, faces, a verdict.
-
-Part of `compare`.
-"""
+"""Results of a comparison: errors by face size, bounds by kind, faces, a verdict."""
 
 import math
 from dataclasses import dataclass
@@ -22,19 +19,19 @@ class SizeClass:
     low, high : float
         Area of the image of a face, px^2; `high` is not in the class.
     figures, partly_hidden : int
-        Faces over all poses, and those of them that are neither seen whole nor hidden.
+        Faces over all poses, and those neither wholly visible nor hidden.
     rms, mean, greatest : float
         Of |value - truth|, over all.
     rms_partly_hidden, mean_bound_partly_hidden : float
-        The same, and the mean bound, where something is hidden and something seen.
+        RMS error and mean bound of partly hidden faces.
     median, percentile_99 : float
         Of the error over all, to the next tenth of a power of ten.
     held : int
         Figures whose error was within their bound.
     missed : int
-        Faces that are seen, of which the figure says 0.
+        Visible faces whose figure is 0.
     errors : tuple of (float, int)
-        Histogram: errors up to the first number, and more than that of the entry before.
+        Histogram: upper end of a bin, and the number of errors in it.
     """
 
     low: float
@@ -55,7 +52,7 @@ class SizeClass:
 
 @dataclass(frozen=True)
 class BoundCheck:
-    """How often and how tightly the bounds of one kind held.
+    """Validity and tightness of the bounds of one kind.
 
     Attributes
     ----------
@@ -64,7 +61,7 @@ class BoundCheck:
     figures, held : int
         All figures of that kind, and those whose error was within their bound.
     partly_hidden, partly_hidden_held : int
-        The same where something is hidden and something seen.
+        The same for partly hidden faces.
     median_ratio, greatest_ratio : float or None
         Of |error| / bound over partly hidden faces with a bound greater than 0.
     ratios : tuple of (float, int)
@@ -83,22 +80,22 @@ class BoundCheck:
 
 @dataclass(frozen=True)
 class FaceError:
-    """One figure beside the truth; areas in px^2.
+    """One figure and its truth; areas in px^2.
 
     Attributes
     ----------
     pose, face : int
         Row of the poses, row of `mesh.faces`.
     area, visible : float
-        True area of the image of the face inside the image, and of what is seen of it.
+        True area of the face inside the image, and of its visible part.
     truth, value, bound : float
-        True visible fraction, the figure, and how far off it says it may be.
+        True visible fraction, the figure, and its bound.
     kind : str
         Of the bound.
     held : bool
-        Whether the error was within the bound.
+        True when the error was within the bound.
     visible_pixels : float
-        What the method says is seen, px^2.
+        Visible area by the method, px^2.
     """
 
     pose: int
@@ -115,33 +112,33 @@ class FaceError:
 
 @dataclass(frozen=True)
 class Score:
-    """How one candidate did.
+    """Errors, bounds and time of one candidate.
 
     Attributes
     ----------
     name, method, supersample : str, str, int
         The candidate.
     roll : float or None
-        Radians by which its grid of samples is turned; None without samples.
+        Rotation of its sample grid, radians; None without samples.
     info : dict
-        What computed or counted: `RasterizerInfo`.
+        `RasterizerInfo` of its observer.
     all_sizes, size_classes
         Errors of the visible fraction over all faces, and by the size of their images.
     bounds : tuple of BoundCheck
         One for each kind of bound.
     missed, missed_area, missed_unsaid : int, float, int
-        Faces that are seen of which it says 0; what is seen of them, px^2; and of how many the
-        bound does not say so.
+        Visible faces whose figure is 0; their visible area, px^2; and the number of those outside
+        their bound.
     phantoms : int
-        Faces that are hidden of which it says more than 0.
+        False positives: hidden faces whose figure is above 0.
     unjudged : int
-        Faces whose image is too small for the truth to tell anything.
+        Faces whose image is smaller than the error of the truth.
     rms_pixels, greatest_pixels : float
         Error of the visible area, px^2.
     worst, missed_faces : tuple of FaceError
-        Those with the greatest errors, and those missed of which most is seen.
+        Those with the greatest errors, and missed faces with the largest visible areas.
     open_seconds, seconds_per_pose : float
-        To open it and observe one pose, which may compile; and after that.
+        To open it and observe one pose, including compilation; and for each pose after that.
     """
 
     name: str
@@ -167,18 +164,18 @@ class Score:
 
 @dataclass(frozen=True)
 class Check:
-    """One law that a candidate must keep.
+    """Check of the bounds of one kind of a candidate.
 
     Attributes
     ----------
     candidate, kind : str
-        Whose bounds, and of which kind.
+        Name of the candidate, and kind of its bounds.
     held, figures : int
-        Figures within their bound, and figures judged.
+        Figures within their bound, and figures compared.
     must : float
         Share that must hold.
     passed : bool or None
-        None where there were too few figures to tell.
+        None with too few figures for a verdict.
     """
 
     candidate: str
@@ -206,30 +203,30 @@ class Check:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Candidates beside the truth.
+    """Candidates compared with a reference.
 
     Attributes
     ----------
     against : str
-        What was taken as the truth: exact, polygons or rational.
+        The reference: exact, polygons or rational.
     truth_error : float
-        How far off its areas may be, px^2.
+        Error of its areas, px^2.
     truth_seconds_per_pose : float
-        What it took.
+        Time of the reference.
     faces, poses, poses_done : int
-        Of the mesh; asked for; compared before the end or an interrupt.
+        Of the mesh; requested; compared before the end or an interrupt.
     passed : bool
-        Whether no check failed.
+        True when no check failed.
     checks : tuple of Check
-        What was asked of the candidates.
+        Checks of all candidates.
     scores : tuple of Score
         One for each candidate.
     convergence : tuple of Convergence
         Of the rasterisers among them.
     interrupted : bool
-        Whether it ended before it was done.
+        True when it ended early.
     run : dict
-        What made it: mesh, camera, poses, versions.
+        Provenance: mesh, camera, poses, versions.
     """
 
     against: str

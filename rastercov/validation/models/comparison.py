@@ -1,9 +1,8 @@
-"""Coverage models side by side: what one covers and another does not, and what is seen there.
+"""Coverage models side by side: their disagreements, and the visibility of the faces there.
 
-Beside the chain: every model of `MODELS` gets the same mesh, camera, poses and task, and the engine
-says how much of each face is really visible, with a proof or to rounding. Nothing is called wrong:
-models look at different things. What can be judged is the bivalent test of occlusion that several
-of them use, against the visible part of the face.
+Every model of `MODELS` gets the same mesh, camera, poses and task; the engine computes the visible
+fraction of each face, with a proof or to rounding. No model is called wrong, because their criteria
+differ; only the bivalent occlusion test of several models is compared with the visible fraction.
 
 E. S. Eissa. Image Space Coverage Model. 2020, section 4.3, does this for one rival and by eye.
 """
@@ -24,7 +23,7 @@ from rastercov.mesh import Mesh
 from rastercov.models import MODELS, zhang
 from rastercov.observer import Kind, open_observer
 from rastercov.pose import valid_poses
-from rastercov.report.coverage import Options, describe
+from rastercov.provenance import Provenance
 from rastercov.validation.models.results import (
     Bivalence,
     Disagreement,
@@ -37,11 +36,11 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 OURS = "image_space"
-"""The model whose coverage the engine computes on the way."""
+"""The model whose coverage the engine computes together with visibility."""
 POSES_A_BATCH = 16
 """Most poses evaluated at a time."""
 FACES_KEPT = 24
-"""Faces kept by name: those of which the bivalent test misjudges most."""
+"""Number of faces to keep: those with the largest errors of the bivalent test."""
 
 
 def compare_models(
@@ -53,7 +52,7 @@ def compare_models(
     *,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> ModelComparison:
-    """Coverage of every model, where they disagree, and how much is really seen there.
+    """Coverage of every model, their disagreements, and the visibility of the faces there.
 
     Parameters
     ----------
@@ -62,33 +61,33 @@ def compare_models(
     poses : (P, 4, 4) array_like
         world_from_camera.
     task : Task, optional
-        For all models alike; each takes from it what it knows of.
+        For all models; each uses the thresholds that it has.
     names : sequence of str
-        Which of `MODELS`.
+        Names in `MODELS`.
     progress : callable
         Called with the poses done and the poses in all.
 
     Raises
     ------
     ConfigError
-        For a model that does not exist or is named twice, or where there are no poses.
+        For an unknown model or one named twice, or without poses.
     PoseError
         For a pose that is no rigid motion.
     """
     task = task or Task()
     matrices = valid_poses(poses)
     _check(names, len(matrices))
-    tally = _Tally(mesh, task, tuple(names))
+    statistics = _Statistics(mesh, task, tuple(names))
     progress(0, len(matrices))
     with open_observer(mesh, camera) as observer:
-        # Loops that compile when they first run do it before the clock does.
+        # Kernels are compiled before the time is measured.
         observer.observe(matrices[:1])
         zhang.visible(mesh, camera, matrices[:1])
         for start in range(0, len(matrices), POSES_A_BATCH):
             of_batch = matrices[start : start + POSES_A_BATCH]
             began = time.perf_counter()
             batches = list(evaluate_batches(observer, of_batch, task))
-            tally.seconds[OURS] += time.perf_counter() - began
+            statistics.seconds[OURS] += time.perf_counter() - began
             values: dict[str, FloatArray] = {}
             for name in names:
                 if name == OURS:
@@ -96,23 +95,22 @@ def compare_models(
                     continue
                 began = time.perf_counter()
                 values[name] = MODELS[name](mesh, camera, of_batch, task)
-                tally.seconds[name] += time.perf_counter() - began
+                statistics.seconds[name] += time.perf_counter() - began
             bivalent = zhang.visible(mesh, camera, of_batch) > 0
             row = 0
             for batch in batches:
                 for of_pose in range(len(batch.pose_ids)):
                     by_name = {name: value[row] for name, value in values.items()}
-                    tally.add(batch, of_pose, start + row, by_name, bivalent[row])
+                    statistics.add(batch, of_pose, start + row, by_name, bivalent[row])
                     row += 1
             progress(start + len(of_batch), len(matrices))
         info = observer.info
-    run = describe(mesh, camera, matrices, task, Options(), info)
-    del run["options"]
-    return tally.result(run)
+    run = Provenance(mesh, camera, matrices, task, measured_by=info).as_dict()
+    return statistics.result(run)
 
 
 def covers(coverage: FloatArray, task: Task) -> BoolArray:
-    """Whether coverage is enough for the task: `Task.min_coverage`, and not 0."""
+    """Mask of coverage that is enough for the task: `Task.min_coverage`, and above 0."""
     return (coverage >= task.min_coverage) & (coverage > 0)
 
 
@@ -127,16 +125,16 @@ def _check(names: Sequence[str], n_poses: int) -> None:
         raise ConfigError("there are no poses, so there is nothing to compare")
 
 
-class _Tally:
-    """Adds up poses; arrays over models, or models x models with who covers first."""
+class _Statistics:
+    """Sums over poses, by model and by pair of models (covers, does not cover)."""
 
     def __init__(self, mesh: Mesh, task: Task, names: tuple[str, ...]) -> None:
         self.mesh, self.task, self.names = mesh, task, names
         self.seconds = dict.fromkeys((*names, OURS), 0.0)
         n = len(names)
-        # Covered, above 0, between 0 and 1, sum; px^2 seen of and px^2 of what is covered.
+        # Covered, above 0, between 0 and 1, sum; visible px^2 and px^2 of covered faces.
         self._of_model = np.zeros((6, n))
-        # Faces, sum of visibility, hidden, partly, whole, px^2, px^2 seen.
+        # Faces, sum of visibility, hidden, partly, whole, px^2, visible px^2.
         self._of_pair = np.zeros((7, n, n))
         self._bivalent = np.zeros(8)
         self._misjudged: list[float] = []
@@ -150,7 +148,7 @@ class _Tally:
         values: dict[str, FloatArray],
         bivalent: BoolArray,
     ) -> None:
-        """Take in one pose."""
+        """Add one pose."""
         chosen = np.flatnonzero(self.mesh.task_mask)
         visibility = batch.visibility[row, chosen]
         image = batch.drawn_pixels[row, chosen]
@@ -179,9 +177,9 @@ class _Tally:
                     image[only].sum(),
                     seen[only].sum(),
                 )
-        self._judge(batch, row, pose, values, bivalent)
+        self._compare_bivalent(batch, row, pose, values, bivalent)
 
-    def _judge(
+    def _compare_bivalent(
         self,
         batch: Coverage,
         row: int,
@@ -189,20 +187,20 @@ class _Tally:
         values: dict[str, FloatArray],
         bivalent: BoolArray,
     ) -> None:
-        """The bivalent test of one pose against what is seen."""
-        judged = self.mesh.task_mask & batch.in_view[row] & (batch.drawn_pixels[row] > 0)
-        judged &= batch.reason[row] > Reason.BACK_FACING
+        """Compare the bivalent test of one pose with the visible fractions."""
+        counted = self.mesh.task_mask & batch.in_view[row] & (batch.drawn_pixels[row] > 0)
+        counted &= batch.reason[row] > Reason.BACK_FACING
         visibility, bound = batch.visibility[row], batch.visibility_bound[row]
         image = batch.drawn_pixels[row]
-        # Where a computed fraction is 0 or 1 to rounding it counts as that.
+        # A computed fraction that is 0 or 1 to rounding counts as 0 or 1.
         some = visibility > bound
         all_of_it = visibility >= 1 - bound
-        called_hidden = judged & ~bivalent & some
-        called_seen = judged & bivalent & ~all_of_it
+        called_hidden = counted & ~bivalent & some
+        called_seen = counted & bivalent & ~all_of_it
         hidden_part = (1 - visibility) * image
         self._bivalent += (
-            judged.sum(),
-            (judged & some & ~all_of_it).sum(),
+            counted.sum(),
+            (counted & some & ~all_of_it).sum(),
             called_hidden.sum(),
             visibility[called_hidden].sum(),
             (visibility * image)[called_hidden].sum(),
@@ -210,7 +208,7 @@ class _Tally:
             visibility[called_seen].sum(),
             hidden_part[called_seen].sum(),
         )
-        off = np.where(judged, np.abs(bivalent - visibility) * image, 0.0)
+        off = np.where(counted, np.abs(bivalent - visibility) * image, 0.0)
         self._misjudged.append(float(off.sum()))
         for face in np.argsort(-off, kind="stable")[:FACES_KEPT].tolist():
             if called_hidden[face] or called_seen[face]:
@@ -228,7 +226,7 @@ class _Tally:
         self._worst = nlargest(FACES_KEPT, self._worst, key=lambda entry: entry[0])
 
     def result(self, run: dict[str, Any]) -> ModelComparison:
-        """All of it."""
+        """Result of all poses."""
         n_poses = len(self._misjudged)
         n_faces = int(self.mesh.task_mask.sum())
         pairs = max(1, n_poses * n_faces)

@@ -1,7 +1,4 @@
-"""What a comparison of models gives, in plain values: scores, disagreements, faces.
-
-Part of `comparison`.
-"""
+"""Results of a comparison of models: scores, disagreements, faces."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -9,14 +6,14 @@ from typing import Any
 
 @dataclass(frozen=True)
 class ModelScore:
-    """What one model says of the task's faces, over all poses.
+    """Coverage of the task's faces by one model, over all poses.
 
     Attributes
     ----------
     name : str
         In `MODELS`.
     covered, covered_percent : int, float
-        Pairs of pose and face that it covers, and of all pairs.
+        Pairs of pose and face that it covers, and their share of all pairs.
     graded_percent : float
         Of the pairs with coverage above 0, those below 1.
     mean : float
@@ -24,7 +21,7 @@ class ModelScore:
     seen_percent : float
         Visible part of the images of the faces it covers, all together.
     seconds_per_pose : float
-        What it took.
+        Computing time.
     """
 
     name: str
@@ -49,9 +46,9 @@ class Disagreement:
     mean_visibility : float
         Mean visible fraction of these faces.
     hidden, partly, whole : int
-        How many of them are not seen at all, in part, wholly.
+        Numbers of hidden, partly hidden and wholly visible ones.
     image_pixels, visible_pixels : float
-        Area of their images, and of what is seen of them, px^2.
+        Area of their images, and of the visible parts, px^2.
     """
 
     covers: str
@@ -67,24 +64,24 @@ class Disagreement:
 
 @dataclass(frozen=True)
 class Bivalence:
-    """The bivalent test of `zhang.visible` against what is really seen, whatever the task.
+    """The bivalent test of `zhang.visible` compared with the visible area, for any task.
 
-    Over faces in view from the front, wholly inside the image.
+    Faces in view from the front, wholly inside the image, count.
 
     Attributes
     ----------
     faces : int
         Pairs of pose and face.
     partly_hidden : int
-        Those of which a part is seen and a part is not.
+        Pairs with a visible and a hidden part.
     called_hidden : int
-        Those the test calls hidden though something is seen of them.
+        Pairs that the test calls hidden although a part is visible.
     called_hidden_visibility, called_hidden_pixels : float
-        Mean visible fraction of these, and what is seen of them, px^2.
+        Mean visible fraction of these, and their visible area, px^2.
     called_seen : int
-        Those the test calls seen though something of them is hidden.
+        Pairs that the test calls seen although a part is hidden.
     called_seen_visibility, called_seen_pixels : float
-        Mean visible fraction of these, and what is hidden of them, px^2.
+        Mean visible fraction of these, and their hidden area, px^2.
     """
 
     faces: int
@@ -99,16 +96,16 @@ class Bivalence:
 
 @dataclass(frozen=True)
 class FaceValues:
-    """One face in one pose: what every model says, and what is seen.
+    """One face in one pose: visibility, and coverage by every model.
 
     Attributes
     ----------
     pose, face : int
         Row of the poses, row of `mesh.faces`.
     visibility, bound, kind : float, float, str
-        Visible fraction, how far it may be off, and in what sense, see `rastercov.Kind`.
+        Visible fraction, its bound, and the kind of the bound, see `rastercov.Kind`.
     bivalent : bool
-        Whether the bivalent test calls it seen.
+        True when the bivalent test calls it seen.
     image_pixels : float
         Area of its image, px^2.
     coverage : dict
@@ -136,15 +133,15 @@ class ModelComparison:
     disagreements : tuple of Disagreement
         Of every pair of models that disagree about a face, both ways.
     bivalence : Bivalence
-        How the bivalent test did.
+        Errors of the bivalent test.
     worst : tuple of FaceValues
-        Faces of which it misjudges most, by area in the image.
+        Faces with its largest errors by area in the image.
     misjudged : tuple of float
-        For each pose: how much the bivalent test misjudges, px^2.
+        Error of the bivalent test in each pose, px^2.
     poses, task_faces : int
         Compared.
     run : dict
-        What made it: mesh, camera, poses, task, versions.
+        Provenance: mesh, camera, poses, task, versions.
     """
 
     models: tuple[ModelScore, ...]

@@ -1,4 +1,4 @@
-"""Set-covering problems from files, to compare with what others publish."""
+"""Set-covering problems in OR-Library's format, for comparison with published optima."""
 
 import lzma
 from pathlib import Path

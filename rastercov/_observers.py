@@ -1,0 +1,147 @@
+"""Observers of the three methods; opened by `rastercov.observer.open_observer`."""
+
+from functools import partial
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rastercov._closing import Closing
+from rastercov._memory import check_memory
+from rastercov._threads import ScratchPool, share_poses, thread_count
+from rastercov.camera import Camera
+from rastercov.criteria import face_geometry
+from rastercov.errors import DeviceError
+from rastercov.mesh import Mesh
+from rastercov.near_plane import limits
+from rastercov.observation import BoundKind, Observation, Visibility, visible_fraction
+from rastercov.pose import Poses
+from rastercov.raster import open_rasterizer
+from rastercov.raster.contract import RasterizerInfo
+
+ROLL = 0.4
+"""Radians by which the grid of samples is turned against the image: 23 degrees, far from every
+direction that is common in manufactured parts. Along rows of samples errors of counting add up."""
+
+
+class OpenObserver(Closing):
+    """An observer that is open until it is closed."""
+
+    mesh: Mesh
+    camera: Camera
+    info: RasterizerInfo
+    _is_open = True
+
+    def observe(self, poses: ArrayLike | Poses) -> Observation:
+        raise NotImplementedError
+
+    def visibility(self, poses: ArrayLike | Poses) -> Visibility:
+        """Visible fraction of each face in each pose; see `Observer.visibility`."""
+        accepted = Poses.of(poses)
+        check_visibility(len(accepted), self.mesh.n_faces)
+        seen = self.observe(accepted)
+        shape = seen.kind.shape
+        value, bound, kind = np.empty(shape), np.empty(shape), np.empty(shape, np.uint8)
+        for row, pose in enumerate(accepted.world_from_camera):  # 1 ms for 10k faces
+            geometry = face_geometry(self.mesh, self.camera, pose)
+            value[row], bound[row], kind[row] = visible_fraction(geometry, seen, row)
+        return Visibility(value, bound, kind, self.info)
+
+    def _check_open(self) -> None:
+        if not self._is_open:
+            raise DeviceError("this observer is closed; open a new one")
+
+    def _check_memory(self, n_poses: int) -> None:
+        """Raise `ResourceError` where an `Observation` of so many poses takes too much memory."""
+        areas_and_kind = 3 * 8 + 1
+        _check_figures(n_poses, self.mesh.n_faces, areas_and_kind)
+
+
+def check_visibility(n_poses: int, n_faces: int) -> None:
+    """Raise `ResourceError` where an `Observation` and a `Visibility` take too much memory."""
+    _check_figures(n_poses, n_faces, 25 + 17)
+
+
+def _check_figures(n_poses: int, n_faces: int, bytes_a_pair: int) -> None:
+    check_memory(
+        f"figures of {n_poses:,} poses x {n_faces:,} faces",
+        bytes_a_pair * n_poses * n_faces,
+        "observe fewer poses at a time",
+    )
+
+
+class SampledObserver(OpenObserver):
+    """Observer that counts samples of a rasteriser."""
+
+    def __init__(
+        self, mesh: Mesh, camera: Camera, backend: str, supersample: int, options: dict[str, Any]
+    ) -> None:
+        self._rasterizer = open_rasterizer(
+            mesh, camera, backend, supersample=supersample, roll=ROLL, **options
+        )
+        self.mesh, self.camera, self.info = mesh, camera, self._rasterizer.info
+
+    def observe(self, poses: ArrayLike | Poses) -> Observation:
+        self._check_open()
+        accepted = Poses.of(poses)
+        self._check_memory(len(accepted))
+        return Observation.of_counts(self._rasterizer.count(accepted))
+
+    def close(self) -> None:
+        self._rasterizer.close()  # refuses in a thread that may not, and all stays open
+        self._is_open = False
+
+
+class ExactObserver(OpenObserver):
+    """Observer that computes areas by half planes, all of them or where no proof decides."""
+
+    def __init__(self, mesh: Mesh, camera: Camera, method: str, threads: int | None) -> None:
+        # These compile, or load what was compiled.
+        from rastercov.exact import certificate as contour
+        from rastercov.exact import half_planes as analytic
+        from rastercov.exact.surface import surface_of
+
+        contour.compile_once()
+        self.mesh, self.camera = mesh, camera
+        self.info = RasterizerInfo(
+            backend="analytic",
+            plan=method,
+            renderer=f"{method}, numba {version('numba')}",
+            driver="",
+            device="cpu",
+            depth="float64",
+            shaders="",
+        )
+        self._threads = thread_count(threads)
+        view_type = contour.CertifiedView if method == "certified" else analytic.View
+        make = partial(view_type, surface_of(mesh), camera)
+        self._scratch: ScratchPool[analytic.View] = ScratchPool(make, self._threads)
+
+    def observe(self, poses: ArrayLike | Poses) -> Observation:
+        self._check_open()
+        matrices = Poses.of(poses).world_from_camera
+        n_poses, n_faces = len(matrices), self.mesh.n_faces
+        self._check_memory(n_poses)
+        near, front_only, clipped = limits(self.mesh, self.camera, matrices)
+        visible, area, error = np.empty((3, n_poses, n_faces))
+        kind = np.full((n_poses, n_faces), BoundKind.EXACT, np.uint8)
+
+        def worker(view: Any) -> Any:
+            def work(turn: slice) -> None:
+                for row in range(n_poses)[turn]:
+                    view.look(matrices[row], near[row], front_only[row])
+                    view.measure_all()
+                    visible[row], area[row], error[row] = view.visible, view.area, view.blur
+                    kind[row][view.is_certified] = BoundKind.CERTIFIED
+
+            return work
+
+        views = self._scratch.take(max(1, min(self._threads, n_poses)))
+        share_poses(n_poses, [worker(view) for view in views])
+        self._scratch.give_back(views)
+        return Observation(visible, area, kind, error, clipped)
+
+    def close(self) -> None:
+        self._is_open = False
+        self._scratch.close()

@@ -1,0 +1,107 @@
+"""Output files, written beside their place and renamed, so that each appears only when whole.
+
+An error of the disk is an `OSError` that names the file. `rastercov.report.folder` does the same
+for all files of a report together.
+"""
+
+import dataclasses
+import json
+import math
+import os
+import secrets
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.errors import ConfigError
+
+
+def write_json(path: str | Path, data: Any) -> None:
+    """Write data as JSON: numpy values as plain ones, numbers that are not finite as null."""
+    write_bytes(path, json_bytes(data, indent=2) + b"\n")
+
+
+def json_text(data: Any) -> str:
+    """Text that `write_json` writes, in ASCII, which any terminal or pipe takes."""
+    return json.dumps(_plain(data), indent=2, allow_nan=False)
+
+
+def json_bytes(data: Any, indent: int | None = None) -> bytes:
+    """Content that `write_json` writes, without the line end."""
+    text = json.dumps(_plain(data), indent=indent, ensure_ascii=False, allow_nan=False)
+    # File names need not be Unicode; an undecodable byte becomes \udcXX, which is valid JSON.
+    return text.encode("utf-8", errors="backslashreplace")
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write text as UTF-8, including file names that are not Unicode."""
+    write_bytes(path, text.encode("utf-8", errors="backslashreplace"))
+
+
+def write_bytes(path: str | Path, data: bytes) -> None:
+    """Write a file whose content is known."""
+    with writing(Path(path)) as part:
+        part.write_bytes(data)
+
+
+def write_npz(path: str | Path, **arrays: NDArray[Any]) -> None:
+    """Write arrays by their names as compressed `.npz`."""
+    with writing(Path(path)) as part, part.open("wb") as file:
+        np.savez_compressed(file, **arrays)  # type: ignore[arg-type] # numpy's own flag is typed
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[Path]:
+    """Yield as `replacing` does; an error of the disk names `path`. For blocks that only write."""
+    with named(path), replacing(path) as part:
+        yield part
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Yield a name beside `path` to write to; it replaces `path` if the block ends well.
+
+    A link stays, and the file that it leads to is replaced. A pipe or a device such as /dev/null
+    is written to directly.
+    """
+    if path.is_dir() or not path.parent.is_dir():
+        fault = "is a folder" if path.is_dir() else "its folder does not exist"
+        raise ConfigError(f"{path}: {fault}; name a file in an existing folder")
+    if path.exists() and not path.is_file():
+        yield path
+        return
+    path = path.resolve()
+    part = path.with_name(f".{secrets.token_hex(6)}.part")
+    try:
+        yield part
+        os.replace(part, path)  # noqa: PTH105 - the atomic one by name
+    finally:
+        part.unlink(missing_ok=True)
+
+
+@contextmanager
+def named(path: Path) -> Iterator[None]:
+    """Raise errors of the disk again with the name of a file."""
+    try:
+        yield
+    except OSError as error:
+        raise OSError(error.errno, error.strerror or str(error), str(path)) from error
+
+
+def _plain(data: Any) -> Any:
+    """The same data in types that JSON has."""
+    if isinstance(data, np.ndarray | np.generic):
+        data = data.tolist()
+    if isinstance(data, float):
+        return data if math.isfinite(data) else None
+    if isinstance(data, Mapping):
+        return {str(key): _plain(value) for key, value in data.items()}
+    if isinstance(data, list | tuple):
+        return [_plain(value) for value in data]
+    if dataclasses.is_dataclass(data) and not isinstance(data, type):
+        return {f.name: _plain(getattr(data, f.name)) for f in dataclasses.fields(data)}
+    return str(data) if isinstance(data, Path) else data

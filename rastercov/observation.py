@@ -1,0 +1,143 @@
+"""Areas of each face in the image, visible fractions (3.14) and their bounds.
+
+Every fraction is (value, bound, kind): the true one lies within `bound` of `value`, in the sense
+that `kind` names. Where samples were counted the bound is statistical,
+
+    b = min(1, (3 * 0.27 * sqrt(1.25 L + 1) + L / 20) / N),
+
+with N the samples the face would own alone and L its perimeter in sample spacings: the classical
+error of counting lattice points in a shape, and a term for edges along a row of samples, whose
+error grows with their length.
+
+D. G. Kendall. On the Number of Lattice Points Inside a Random Oval. 1948, for the square-root law.
+"""
+
+import warnings
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Self, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.criteria import FaceGeometry
+from rastercov.raster.contract import FaceCounts, RasterizerInfo
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+Value = TypeVar("Value")
+
+EPSILON = 2.0**-52
+"""Rounding of a quotient."""
+
+
+class BoundKind(IntEnum):
+    """Meaning of the bound of a figure."""
+
+    STATISTICAL = 0
+    """Counted; the bound holds for all but one in a thousand faces that are seen in part."""
+    CERTIFIED = 1
+    """Proved to be exactly 0 or 1."""
+    EXACT = 2
+    """Computed; the bound is rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """Areas that an observer measured, of faces seen from behind too.
+
+    Attributes
+    ----------
+    visible_pixels, drawn_pixels : (P, F) float64
+        px^2 of the face's image inside the image border: what is seen of it, from either side, and
+        what would be were it alone.
+    kind : (P, F) uint8
+        `BoundKind` of each visible fraction.
+    clipped : (P,) bool
+        Whether the near plane cut away a surface in view.
+    samples_per_pixel : int
+        Samples a px^2 where they were counted.
+    area_error : (P, F) float64
+        Bound of the errors of both areas together where they were computed, px^2.
+    """
+
+    visible_pixels: FloatArray
+    drawn_pixels: FloatArray
+    kind: NDArray[np.uint8]
+    area_error: FloatArray
+    clipped: BoolArray
+    samples_per_pixel: int = 1
+
+    @classmethod
+    def of_counts(cls, counts: FaceCounts) -> Self:
+        """Observation of a rasteriser's counts, `drawn` included."""
+        kind = np.full(counts.visible.shape, BoundKind.STATISTICAL, np.uint8)
+        areas = counts.visible_pixels, counts.drawn_pixels
+        area_error = np.broadcast_to(0.0, kind.shape)
+        return cls(*areas, kind, area_error, counts.clipped, counts.supersample**2)
+
+    @property
+    def blur(self) -> FloatArray:
+        """Former name of `area_error`."""
+        return _renamed("blur", "area_error", self.area_error)
+
+    @property
+    def samples(self) -> int:
+        """Former name of `samples_per_pixel`."""
+        return _renamed("samples", "samples_per_pixel", self.samples_per_pixel)
+
+
+@dataclass(frozen=True, eq=False)
+class Visibility:
+    """Visible fraction of each face in each pose.
+
+    Attributes
+    ----------
+    value : (P, F) float64
+        1 - occlusion, in [0, 1]; of the part inside the image. 0 for faces seen from behind, and
+        for faces whose image rounds to nothing or owns no sample (`bound` is 1 there: nothing is
+        known).
+    bound : (P, F) float64
+        Largest error of `value`.
+    kind : (P, F) uint8
+        `BoundKind` of each figure.
+    info : RasterizerInfo
+        What computed or counted.
+    """
+
+    value: FloatArray
+    bound: FloatArray
+    kind: NDArray[np.uint8]
+    info: RasterizerInfo
+
+
+def visible_fraction(
+    geometry: FaceGeometry, seen: Observation, row: int
+) -> tuple[FloatArray, FloatArray, NDArray[np.uint8]]:
+    """Visible fraction (3.14) of each face in one pose: value, bound and kind, (F,) each.
+
+    Where samples were counted, `visible / drawn` is exactly 1 for a face that nothing hides and
+    exactly 0 for a hidden one, whatever the resolution: both counts come from the same samples.
+    """
+    drawn, kind = seen.drawn_pixels[row], seen.kind[row]
+    has_image = drawn > 0
+    value = np.divide(seen.visible_pixels[row], drawn, out=np.zeros(len(drawn)), where=has_image)
+    # Nothing is known of a face whose image rounds to nothing, or that owns no sample.
+    bound = np.where(has_image, 0.0, 1.0)
+    computed = (kind == BoundKind.EXACT) & has_image
+    # |v/d - v'/d'| <= (|v - v'| + |d - d'|) / d, with d the true area
+    error, least = seen.area_error[row][computed], (drawn - seen.area_error[row])[computed]
+    bound[computed] = np.divide(error, least, out=np.ones(len(error)), where=least > 0) + EPSILON
+    counted = (kind == BoundKind.STATISTICAL) & has_image
+    length = geometry.perimeter[counted] * np.sqrt(seen.samples_per_pixel)
+    deviation = 3 * 0.27 * np.sqrt(1.25 * length + 1) + length / 20
+    bound[counted] = deviation / (drawn[counted] * seen.samples_per_pixel)
+    # A face seen from behind is not seen, by definition, and one outside the image neither.
+    nothing = ~geometry.is_front | ((geometry.in_view_fraction == 0) & ~geometry.in_view)
+    value[nothing], bound[nothing] = 0.0, 0.0
+    return value, np.minimum(bound, 1.0), np.where(nothing, BoundKind.EXACT, kind).astype(np.uint8)
+
+
+def _renamed(old: str, new: str, value: Value) -> Value:
+    warnings.warn(f"Observation.{old} is now {new}", DeprecationWarning, stacklevel=3)
+    return value

@@ -1,0 +1,80 @@
+"""Stage 6 of the CPU rasteriser: depth tests, and the face index of each sample."""
+
+from numba.core import types
+
+from rastercov.raster.cpu.memory import (
+    FIRST_X,
+    FIRST_Y,
+    GREATEST,
+    LANE_X,
+    LANE_Y,
+    LANES,
+    LEAST,
+    LINE_BITS,
+    SIDE,
+    SIDE_BITS,
+    STEP_X,
+    STEP_Y,
+)
+from rastercov.raster.cpu.simd import SINGLE, WORD, pack
+from rastercov.raster.cpu.simd_kernel import loop, simd
+from rastercov.raster.cpu.stage_cover import block_starts, plane_rows
+
+
+@simd(returns=types.void)
+def depth_of_samples(k, window, setup):
+    """Write memory index and 1/z of sample k of the 2 x 2 samples of a vector of triangles.
+
+    To row k of `setup.sample` and `setup.depth`.
+    """
+    x = setup.bounds[FIRST_X] + (k.to(WORD) & 1)
+    y = setup.bounds[FIRST_Y] + (k.to(WORD) >> 1)
+    in_x, in_y = x & (SIDE - 1), y & (SIDE - 1)
+    block_x, block_y = x >> SIDE_BITS, y >> SIDE_BITS
+    sample, start = block_starts(block_x, block_y, window, *plane_rows(setup))
+    setup.sample[k] = sample + (in_y << SIDE_BITS) + in_x
+    plane = setup.plane32
+    depth = start + (plane[STEP_X] * in_x.to(SINGLE) + plane[STEP_Y] * in_y.to(SINGLE))
+    setup.depth[k] = depth.maximum(plane[LEAST]).minimum(plane[GREATEST])
+
+
+@simd(returns=types.int64)
+def depth_test(image, at, covered, setup, k, start):
+    """Write the depth of triangle k to the covered samples of a block where it is nearest.
+
+    `start` is 1/z at the first sample of the block, whose memory index is `at`. Returns 3 masks:
+    samples that were written; those of them that were not empty; and samples of equal depth.
+    """
+    plane = setup.plane32
+    step_x, step_y, least, greatest = (
+        plane.lane(row, k) for row in (STEP_X, STEP_Y, LEAST, GREATEST)
+    )
+    depth = start + (step_x * LANE_X + step_y * LANE_Y)
+    depth = depth.maximum(least).minimum(greatest)
+    block = image.depth.at(at)
+    old, active = block[0], covered.as_mask(LANES)
+    wins = (depth > old) & active
+    ties = depth.equals(old) & active
+    block[0] = depth.where(wins, old)
+    return pack(wins, wins & (old > 0), ties)
+
+
+@simd(returns=types.int64)
+def samples_of_face(faces, at, face):
+    """Mask of the samples of a block of which a face is the nearest."""
+    return faces.at(at)[0].equals(face).bits()
+
+
+@simd(returns=types.void)
+def write_face(faces, at, bits, face):
+    """Write a face index to samples of a block."""
+    block = faces.at(at)
+    old = block[0]
+    block[0] = old.like(face).where(bits.as_mask(LANES), old)
+
+
+@simd(returns=types.void)
+def prefetch_counts(counts, lines, begin, end):
+    """Request the cache lines of counts that `lines` lists from `begin` to `end`, for writing."""
+    with loop(begin, end, 1) as at:
+        counts.prefetch(lines.value(at) << LINE_BITS, is_written=True)

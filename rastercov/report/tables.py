@@ -1,0 +1,74 @@
+"""Tables of a network for a terminal of 80 columns."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from rich.table import Table
+from rich.text import Text
+
+
+def summary_table(summary: Mapping[str, Any], rows: int = 20) -> Table:
+    """`Network.summary` for a terminal of 80 columns: groups, the whole task, reasons.
+
+    Groups with the least covered come first, at most `rows` of them. "At zero" are faces whose
+    coverage is 0 in every camera.
+    """
+    poses, views = summary["poses"], summary["required_views"]
+    title = f"Covered by {poses} camera{'' if poses == 1 else 's'}"
+    table = Table(title=title + (f", {views} a face" if views > 1 else ""), title_justify="left")
+    table.add_column("group", no_wrap=True, max_width=19)
+    for name in ("faces", "covered %", "by area %", "uncovered", "at zero"):
+        table.add_column(name, justify="right", no_wrap=True)
+    task = [group for group in summary["groups"] if group["role"] == "task"]
+    occluders = [group for group in summary["groups"] if group["role"] != "task"]
+    task.sort(key=lambda group: float(group["covered"]["percent"]))
+    for group in task[:rows]:
+        table.add_row(Text(group["name"]), *_shares(group, group["faces"]))
+    if task[rows:]:
+        table.add_row(f"... {len(task) - rows} more", style="dim")
+    for group in occluders[:rows]:
+        table.add_row(Text(group["name"]), str(group["faces"]), "occluder", style="dim")
+    if len(task) != 1:
+        table.add_section()
+        table.add_row("all to be seen", *_shares(summary, summary["task_faces"]), style="bold")
+    reasons = summary["not_covered_because"]
+    if reasons:
+        table.add_section()
+        table.add_row("not covered because", style="dim")
+    for name in sorted(reasons, key=lambda name: -int(reasons[name]["faces"])):
+        table.add_row(f"  {name.replace('_', ' ')}", "", "", "", str(reasons[name]["faces"]))
+    return table
+
+
+def run_table(summary: Mapping[str, Any]) -> Table:
+    """Size, speed, device and result of a run, from the summary of `run`."""
+    covered = summary["covered"]
+    table = Table(show_header=False)
+    table.add_column(style="dim", no_wrap=True)
+    table.add_column(overflow="fold")
+    table.add_row("faces", f"{summary['faces']:,}")
+    table.add_row("poses", f"{summary['poses']:,}")
+    table.add_row("poses per second", f"{summary['poses_per_second']:,.1f}")
+    table.add_row("measured by", Text(summary["run"]["measured_by"]["renderer"]))
+    table.add_row("visibility", _kinds(summary))
+    by_area = f"{covered['area_percent']:.1f} % of the area"
+    table.add_row("coverage", f"{covered['percent']:.1f} % of the faces, {by_area}")
+    return table
+
+
+def _kinds(summary: Mapping[str, Any]) -> str:
+    """Counts of visibility figures by kind, and the largest bound."""
+    figures = summary["visibility_figures"]
+    kinds = ", ".join(f"{n:,} {kind}" for kind, n in figures.items() if n)
+    return f"{kinds}; largest bound {summary['largest_visibility_bound']:.2g}" if kinds else "none"
+
+
+def _shares(entry: Mapping[str, Any], n_faces: int) -> tuple[str, ...]:
+    covered = entry["covered"]
+    return (
+        str(n_faces),
+        f"{covered['percent']:.1f}",
+        f"{covered['area_percent']:.1f}",
+        str(n_faces - covered["faces"]),
+        str(entry["zero_in_every_camera"]["faces"]),
+    )

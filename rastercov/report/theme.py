@@ -1,0 +1,147 @@
+"""All colours of reports: pages and plots in a light and a dark theme, pictures, coverage scale.
+
+Colours of pages and plots are CSS strings, those of pictures sRGB triples.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov.errors import ConfigError
+from rastercov.mesh import Mesh
+
+Colour = tuple[int, int, int]
+Pixels = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class Theme:
+    """Colours of a page and of its plots.
+
+    Attributes
+    ----------
+    page, card, paper : str
+        Backgrounds of the page, of boxes on it, and of plots.
+    ink, soft : str
+        Text, and text of less weight.
+    line, grid : str
+        Lines of the page, and of plots.
+    good, bad : str
+        Verdicts.
+    series : tuple of str
+        Curves of a plot, in order.
+    sizes : (str, str)
+        Ends of the ramp for classes of face size.
+    """
+
+    page: str
+    card: str
+    paper: str
+    ink: str
+    soft: str
+    line: str
+    grid: str
+    good: str
+    bad: str
+    series: tuple[str, ...]
+    sizes: tuple[str, str]
+
+
+LIGHT = Theme(
+    page="#ffffff", card="#f6f8fa", paper="#ffffff", ink="#1b2129", soft="#5b6673",
+    line="#dfe4ea", grid="#e3e7ec", good="#0b7a55", bad="#b8172a",
+    series=("#0072b2", "#d55e00", "#009e73", "#b0569a", "#8a6d00", "#4a90c2", "#777777"),
+    sizes=("#f2b36b", "#5b1a6e"),
+)  # fmt: skip
+DARK = Theme(
+    page="#0f1318", card="#171c22", paper="#171c22", ink="#e6eaef", soft="#9aa6b3",
+    line="#2c343d", grid="#2c343d", good="#3ccb9d", bad="#ff6b78",
+    series=("#58a9e8", "#ff9052", "#3ccb9d", "#e59ac9", "#dcc04c", "#9fd0f2", "#aaaaaa"),
+    sizes=("#8a4fa0", "#ffd9a0"),
+)  # fmt: skip
+
+# Pictures of the part. Greys mean coverage; everything else has a hue.
+PAPER, INK = (255, 255, 255), (24, 28, 34)
+BACKGROUND = (160, 190, 219)
+OCCLUDER = (176, 140, 90)
+BEHIND, BEHIND_STRIPE = (132, 96, 140), (158, 122, 166)
+DARKEST, GREY_SPAN, HEADLIGHT = 14, 205, 30
+"""Grey of a face: DARKEST + GREY_SPAN * coverage + HEADLIGHT * cosine of incidence."""
+EXTERIOR = (246, 248, 250)
+"""Background of exterior views."""
+COVERED, UNCOVERED = (214, 220, 226), (52, 56, 62)
+REASONS: dict[str, Colour] = {
+    "occluded": (214, 39, 40),
+    "outside": (0, 114, 178),
+    "back_facing": (136, 84, 164),
+    "too_coarse": (240, 160, 0),
+    "out_of_focus": (86, 180, 233),
+    "too_oblique": (0, 158, 115),
+    "too_few_views": (230, 120, 180),
+    "unsampled": (120, 94, 60),
+    "degenerate": (84, 96, 100),
+    "no_cameras": (30, 34, 40),
+}
+"""Colours of uncovered faces, by the name of the reason."""
+CAMERAS: tuple[Colour, ...] = (
+    (0, 114, 178), (230, 126, 0), (0, 158, 115), (204, 80, 150), (86, 160, 220), (150, 110, 0),
+    (213, 48, 40), (110, 80, 170), (120, 180, 40), (0, 150, 160), (180, 100, 70), (90, 100, 115),
+)  # fmt: skip
+"""Colours of the first cameras; the following ones have those of indices."""
+MISSED, FALSELY_SEEN = (232, 92, 16), (24, 88, 214)
+"""Visible but called hidden by the bivalent test, and hidden but called visible."""
+ENLARGED = (240, 190, 0)
+"""Frame around the enlarged part of a picture."""
+
+# Picture of one face beside the truth.
+SEEN, SEEN_EDGE = (20, 163, 127), (10, 90, 70)
+HIDDEN, HIDDEN_STRIPE = (240, 128, 60), (194, 87, 26)
+BROKEN = (192, 24, 43)
+EMPTY, OUTLINE = (223, 230, 238), (250, 251, 252)
+PIXEL_BORDER, SAMPLE = (49, 69, 92), (109, 121, 135)
+
+DETECTED, UNDETECTED = (25, 195, 125), (255, 93, 108)
+"""Markers of the validation."""
+
+COVERAGE_SCALE = ((62, 18, 96), (57, 82, 140), (32, 144, 140), (116, 203, 83), (253, 231, 37))
+"""Dark violet over teal to yellow: lightness rises evenly, so that it is readable in grey too."""
+ZERO_COVERAGE, OCCLUDER_3D = (232, 33, 45), (146, 160, 178)
+PALETTE = 256
+
+
+def coverage_colours() -> Pixels:
+    """(256, 3) sRGB: coverage 0, occluder, and 254 steps of the scale."""
+    at = np.linspace(0, 1, len(COVERAGE_SCALE))
+    steps = np.linspace(0, 1, PALETTE - 2)
+    scale = np.stack([np.interp(steps, at, c) for c in np.array(COVERAGE_SCALE).T], axis=1)
+    palette: Pixels = np.rint(np.vstack((ZERO_COVERAGE, OCCLUDER_3D, scale))).astype(np.uint8)
+    return palette
+
+
+def colour_rows(mesh: Mesh, values: ArrayLike) -> NDArray[np.int64]:
+    """(F,) row of `coverage_colours` for each face."""
+    levels = np.clip(np.nan_to_num(np.asarray(values, np.float64)), 0.0, 1.0)
+    if levels.shape != (mesh.n_faces,):
+        raise ConfigError(f"values must have shape ({mesh.n_faces},), got {levels.shape}")
+    entry = 2 + np.rint(levels * (PALETTE - 3)).astype(np.int64)
+    return np.where(mesh.task_mask, np.where(levels > 0, entry, 0), 1)
+
+
+def index_colours(indices: ArrayLike) -> Pixels:
+    """Colours of face indices, (N,) -> (N, 3), all channels 40 or more.
+
+    Red, green and blue follow the additive sequence of the generalised golden ratio in three
+    dimensions, x^4 = x + 1: points near in sequence are far apart in at least one of them.
+
+    M. Roberts. The Unreasonable Effectiveness of Quasirandom Sequences. 2018.
+    """
+    steps = 1.2207440846057596 ** -np.arange(1.0, 4.0)
+    return (40 + 215.99 * (np.asarray(indices)[:, None] * steps % 1.0)).astype(np.uint8)
+
+
+def camera_colours(count: int) -> Pixels:
+    """(K, 3) colours of cameras; the first twelve are easy to tell apart."""
+    colours = index_colours(np.arange(count))
+    colours[: len(CAMERAS)] = np.array(CAMERAS, np.uint8)[:count]
+    return colours
