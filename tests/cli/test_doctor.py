@@ -43,6 +43,7 @@ def flat(text):
 @pytest.fixture(scope="module")
 def examined(gl_context):
     """One real examination of this machine."""
+    diagnose.verify_cpu()  # compiles its loops, once after installation
     start = time.monotonic()
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("LP_NUM_THREADS", "2")

@@ -89,13 +89,10 @@ class _NativeContext(ABC):
 
     @abstractmethod
     def _create(self, device: DeviceInfo) -> int: ...
-
     @abstractmethod
     def _is_current(self) -> bool: ...
-
     @abstractmethod
     def _bind(self) -> None: ...
-
     @abstractmethod
     def _destroy(self) -> None: ...
 

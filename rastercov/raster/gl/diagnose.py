@@ -72,12 +72,10 @@ def examine(timeout_s: float = 30.0) -> Report:
     -------
     dict
         "kinds": for each kind of context "available", or the reason why not and what to install.
-        "reports": a dict for each device of `list_devices` with
-        "device" (fields of `DeviceInfo`, "label"),
-        "problem" (reason why it cannot be used and what to do, or ""),
-        "context" (fields of `ContextInfo` and its features, None with a problem),
-        "self_test" ("passed", the line that says what failed, or None with a problem),
-        "plan" and "depth" (those of `GLRasterizer` under plan "auto").
+        "reports": for each of `list_devices` "device" (fields of `DeviceInfo`, "label"), "problem"
+        (reason and remedy, or ""), "context" (fields and features of `ContextInfo`, or None),
+        "self_test" (`PASSED`, the line that says what failed, or None), "plan" and "depth" (those
+        of `GLRasterizer` under plan "auto").
         "libraries": the file loaded for "EGL", "OpenGL" and "OSMesa", None for a missing one.
         "environment": the variables of `ENVIRONMENT` that are set.
         "hardware_hints": reasons why no hardware renderer works, empty when one does.

@@ -120,15 +120,7 @@ _EGL_ERRORS = {
 
 
 class Library:
-    """Entry points of a library as attributes, None where absent.
-
-    Parameters
-    ----------
-    prefix : str
-        Start of the names in `ENTRY_POINTS`.
-    address : callable
-        Address of a function by name, 0 when it is absent.
-    """
+    """Entry points named `prefix`... as attributes, None where `address(name)` is 0."""
 
     def __init__(self, prefix: str, address: Callable[[str], int]) -> None:
         for name, signature in ENTRY_POINTS.items():

@@ -34,7 +34,6 @@ class Target:
     """Stack of triangle-ID images (uint32) with float32 depth, one layer a pose."""
 
     def __init__(self, resources: "Resources", width: int, height: int, layers: int) -> None:
-        self.width, self.height, self.layers = width, height, layers
         what = f"{layers} images of {width} x {height}"
         size = width * height * layers * SAMPLE_BYTES
         gl = resources.gl

@@ -59,31 +59,25 @@ class Strategy(Protocol):
 
     def scene(self, mesh: Mesh, camera: Camera, grid: SampleGrid) -> Any:
         """Upload a mesh; the result has `mesh`, `camera` and `grid`."""
-        ...
 
     def prepare(self, scene: Any, poses: FloatArray, grid: SampleGrid) -> Any:
         """Compute the per-pose data of the shaders; the result has `clipped`, (P,) bool."""
-        ...
 
     def batches(self, prepared: Any) -> Iterator[Any]:
         """Rows of the poses of each batch, as indices or as a slice."""
-        ...
 
     def begin(self, prepared: Any, rows: Any) -> None:
         """Upload the poses of a batch."""
-        ...
 
     def count(
         self, scene: Any, prepared: Any, rows: Any, tile: Box, *, drawn: bool
     ) -> tuple[Counts, Any, Counts | None]:
         """Draw a batch into a tile: visible samples (B, F), background (B,), drawn samples."""
-        ...
 
     def image(
         self, scene: Any, prepared: Any, tile: Box
     ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
         """Draw the first pose into a tile: faces and depths, as in `VisibilityBuffer`."""
-        ...
 
 
 def face_ranges(n_faces: int, max_faces: int) -> list[tuple[int, int]]:
