@@ -113,7 +113,9 @@ class ExactObserver(OpenObserver):
             shaders="",
         )
         self._threads = thread_count(threads)
-        solver_type = certificate.CertificateSolver if method == "certified" else half_planes.HalfPlaneSolver
+        solver_type = (
+            certificate.CertificateSolver if method == "certified" else half_planes.HalfPlaneSolver
+        )
         make = partial(solver_type, surface_of(mesh), camera)
         self._scratch: ScratchPool[half_planes.HalfPlaneSolver] = ScratchPool(make, self._threads)
 
@@ -131,7 +133,11 @@ class ExactObserver(OpenObserver):
                 for row in range(n_poses)[turn]:
                     solver.set_pose(matrices[row], near[row], front_only[row])
                     solver.solve_all()
-                    visible[row], area[row], error[row] = solver.visible, solver.area, solver.area_error
+                    visible[row], area[row], error[row] = (
+                        solver.visible,
+                        solver.area,
+                        solver.area_error,
+                    )
                     kind[row][solver.is_certified] = BoundKind.CERTIFIED
 
             return work

@@ -62,7 +62,9 @@ class Altered:
     def observe(self, poses):
         seen = self._observer.observe(poses)
         arrays = (seen.visible_pixels.copy(), seen.drawn_pixels.copy(), seen.kind.copy())
-        return self._alter(Observation(*arrays, seen.area_error, seen.clipped, seen.samples_per_pixel))
+        return self._alter(
+            Observation(*arrays, seen.area_error, seen.clipped, seen.samples_per_pixel)
+        )
 
     def close(self):
         self._observer.close()
