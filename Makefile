@@ -1,5 +1,6 @@
 # make demo    install everything and run the main job on a built-in mesh
-# make test    install everything and run the tests
+# make test    install everything and run all tests
+# make quick   the same without the slow ones
 # make lint    formatting, style, types
 # make bench   exactness and speed, side by side with a ray tracer
 #
@@ -22,7 +23,7 @@ TEST_ENV := LP_NUM_THREADS=1
 
 # Two pips must not work on one environment.
 .NOTPARALLEL:
-.PHONY: demo test lint bench opengl osmesa clean
+.PHONY: demo test quick lint bench opengl osmesa clean
 
 # The demo counts on the CPU where there is no GPU, so missing OpenGL does not stop it.
 demo: $(VENV)/installed
@@ -30,6 +31,9 @@ demo: $(VENV)/installed
 	$(BIN)/rastercov demo --out report
 
 test: $(VENV)/installed-dev opengl osmesa
+	$(TEST_ENV) $(BIN)/python -m pytest -n 2 --dist worksteal -m ""
+
+quick: $(VENV)/installed-dev opengl osmesa
 	$(TEST_ENV) $(BIN)/python -m pytest -n 2 --dist worksteal
 
 lint: $(VENV)/installed-dev

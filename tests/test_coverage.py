@@ -80,6 +80,7 @@ def factors(found, task):
     }
 
 
+@pytest.mark.slow
 @shared_device
 @given(task=tasks)
 def test_coverage_is_the_product_of_the_criteria(how, task):
@@ -91,6 +92,7 @@ def test_coverage_is_the_product_of_the_criteria(how, task):
         assert (found.coverage <= 1).all()
 
 
+@pytest.mark.slow
 @shared_device
 @given(task=tasks)
 def test_reason_is_the_first_criterion_that_brings_the_product_below_the_threshold(how, task):
@@ -104,6 +106,7 @@ def test_reason_is_the_first_criterion_that_brings_the_product_below_the_thresho
     assert np.array_equal(found.reason, expected)
 
 
+@pytest.mark.slow
 @shared_device
 @given(task=tasks)
 def test_covered_is_coverage_at_the_threshold_and_not_0(how, task):

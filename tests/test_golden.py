@@ -10,6 +10,7 @@ RELATIVE = 1e-8
 """Figures are stored with ten digits; products of matrices differ in the last from CPU to CPU."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", RUNS)
 def test_a_command_answers_as_before(name, monkeypatch):
     if name in NEEDS_CV2:

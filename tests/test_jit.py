@@ -94,6 +94,7 @@ def removed(path):
     path.unlink()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("which", ["index", "data", "both"])
 @pytest.mark.parametrize("damage", [truncated, flipped, emptied, garbled, removed])
 def test_a_damaged_file_is_compiled_anew_and_replaced(module, tmp_path, damage, which):
@@ -108,6 +109,7 @@ def test_a_damaged_file_is_compiled_anew_and_replaced(module, tmp_path, damage, 
     assert run(module, cache) == ((21, 1, 0), "")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["folder", "pipe"])
 def test_what_is_no_file_is_not_read(module, tmp_path, kind):
     cache = tmp_path / "cache"
@@ -167,6 +169,7 @@ def test_no_damage_to_a_file_is_believed(tmp_path_factory, data):
 # --- nowhere to write -----------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_disk_that_fills_up_while_it_is_written_is_one_line(module, tmp_path):
     def small_files():  # as many bytes as the index has, and fewer than the loop
         resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))
@@ -328,6 +331,7 @@ def test_only_programs_print():
     assert printing == ["rastercov/cli/console.py"]
 
 
+@pytest.mark.slow
 def test_what_is_kept_runs_as_what_was_compiled(module, tmp_path):
     cache = tmp_path / "cache"
     for factor in (3, 5):

@@ -142,6 +142,7 @@ def test_the_bound_is_its_formula(see):
         assert ((bound >= 0) & (bound <= 1) & (value >= 0) & (value <= 1)).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [64, 160, 320])
 def test_the_bound_holds_for_nearly_all_partly_hidden_faces(see, size):
     # The truth is the same view with 16 x 16 samples a pixel, whose own error is about a sixtieth

@@ -102,6 +102,7 @@ def test_every_package_is_listed():
     assert code == found  # no folder of code without an __init__.py
 
 
+@pytest.mark.slow
 def test_the_wheel_holds_the_package_and_nothing_else(unzipped):
     names = {name for name in files(unzipped) if ".dist-info/" not in name}
     assert names == expected()
@@ -155,6 +156,7 @@ sys.exit(cli.command(["demo", "--shape", "box", "--poses", "2", "--out", sys.arg
 """
 
 
+@pytest.mark.slow
 def test_the_wheel_works_from_another_folder(unzipped, tmp_path):
     out = tmp_path / "report"
     words = (sys.executable, "-I", "-W", "error", "-c", SCRIPT, str(unzipped), str(ROOT), str(out))

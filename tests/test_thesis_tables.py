@@ -193,6 +193,7 @@ def benchmark(*arguments):
     )
 
 
+@pytest.mark.slow
 def test_the_benchmark_says_what_the_docs_say():
     """On the smallest teapot; a bunny that is not there is skipped with a line."""
     done = benchmark(
@@ -255,6 +256,7 @@ def test_segments_of_figures_are_those_of_the_docs():
         assert counts == [int(n) for n in ours], figure
 
 
+@pytest.mark.slow
 def test_the_program_in_the_docs_draws_figures(tmp_path):
     (program,) = re.findall(r"```python\n(.*?)```", THESIS, re.DOTALL)
     done = subprocess.run(

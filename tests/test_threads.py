@@ -92,6 +92,7 @@ PARTS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", PARTS, ids=" ".join)
 def test_six_threads_get_the_answers_of_one_bit_for_bit(part):
     done = subprocess.run(

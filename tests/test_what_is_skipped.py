@@ -24,6 +24,7 @@ def test_skips_are_counted_by_reason():
     assert reasons_of([]) == []
 
 
+@pytest.mark.slow
 def test_a_run_ends_with_its_skips(tmp_path):
     for name in ("conftest.py", "support/notices.py"):
         (tmp_path / Path(name).name).write_text((ROOT / "tests" / name).read_text())

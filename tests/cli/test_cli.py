@@ -101,6 +101,7 @@ LONG = "evaluate sphere -c camera.toml -p sphere:200000 -o report"
 # --- help -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", COMMANDS)
 def test_each_help_shows_an_example_that_runs(capsys, name):
     code, out, _ = call(capsys, [name, "--help"])
@@ -375,6 +376,7 @@ def test_render_leaves_what_it_names(capsys):
 # --- as a process ---------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_no_terminal_no_escape_codes():
     result = process(QUICK, FORCE_COLOR="")
     assert (result.returncode, result.stderr) == (0, b"")
@@ -382,6 +384,7 @@ def test_no_terminal_no_escape_codes():
     assert b"\x1b" not in process(QUICK, FORCE_COLOR="1").stderr  # colour perhaps, but no bar
 
 
+@pytest.mark.slow
 def test_a_reader_that_goes_away_is_no_error():
     with subprocess.Popen(
         [sys.executable, "-c", ENTRY, *QUICK.split()],
@@ -394,6 +397,7 @@ def test_a_reader_that_goes_away_is_no_error():
     assert {path.name for path in Path("report").iterdir()} >= REPORT
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("unbuffered", ["", "1"])
 @pytest.mark.parametrize("line", [QUICK, QUICK + " --json", "evaluate --help", "--version"])
 def test_a_full_disk_behind_standard_output_is_one_line(line, unbuffered):
@@ -412,11 +416,13 @@ def test_a_full_disk_behind_both_streams_is_still_bad_usage(unbuffered):
     assert result.returncode == 2
 
 
+@pytest.mark.slow
 def test_closed_streams_are_no_error():
     words = f"exec {shlex.quote(sys.executable)} -c {shlex.quote(ENTRY)} {QUICK} >&- 2>&-"
     assert subprocess.run(["bash", "-c", words], check=False).returncode == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("blocks", [0, 1, 4, 8, 9, 12, 20])
 def test_a_full_disk_is_one_line_that_names_the_file_and_the_old_report_stays(capsys, blocks):
     """A limit of so many blocks of 1024 bytes on a file is what a test can set anywhere."""
@@ -522,6 +528,7 @@ def state(folder, old, new):
     return "new"
 
 
+@pytest.mark.slow
 def test_a_run_that_is_killed_leaves_the_old_report_or_the_new_one(capsys):
     """At moments from before its first file to its last; `kill_report.py` has those of the swap."""
     call(capsys, QUICK)
@@ -546,6 +553,7 @@ def test_a_run_that_is_killed_leaves_the_old_report_or_the_new_one(capsys):
     assert not (out / STAGING).exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
 def test_a_terminal_that_cannot_show_a_name_shows_something(encoding):
     for line in ([*QUICK.split(), "-o", "漢"], ["evaluate", "--help"]):
@@ -562,6 +570,7 @@ def test_home_is_not_needed():
     assert process(QUICK, HOME="/proc", XDG_CACHE_HOME="/proc").returncode == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupt_keeps_what_is_done(number):
     out = Path("report")

@@ -107,6 +107,7 @@ def gpu_report(report):
 # --- this machine ---------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_every_device_that_opens_passes_its_self_test(report):
     rows = report["reports"]
     assert rows
@@ -244,6 +245,7 @@ def test_a_wrong_count_is_reported_as_the_line_that_failed(device, monkeypatch):
         diagnose.verify_device("surfaceless")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("script", "problem"),
     [

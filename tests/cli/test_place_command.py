@@ -413,6 +413,7 @@ def test_a_kill_or_an_error_in_a_step_leaves_an_earlier_report_as_it_was(
     assert content("plan") == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step", ["rastercov.plan.run.refine", "rastercov.report.placement.page"])
 def test_an_interrupt_in_a_step_replaces_an_earlier_report_and_names_the_step(
     capsys, monkeypatch, step
@@ -428,6 +429,7 @@ def test_an_interrupt_in_a_step_replaces_an_earlier_report_and_names_the_step(
     assert not Path("plan/page.html").exists()
 
 
+@pytest.mark.slow
 def test_two_runs_into_one_folder_are_one_run_and_a_refusal():
     """Of another plan, too, whose matrix the second would take for an old one."""
     Path("long.toml").write_text(LONG)
@@ -494,6 +496,7 @@ def test_what_is_no_matrix_of_an_earlier_plan_stays(capsys):
     assert Path("out20/matrix/fedcba9876543210").read_text() == "mine"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
 def test_a_run_that_was_ended_goes_on_from_its_shards(number):
     Path("long.toml").write_text(LONG)
@@ -687,6 +690,7 @@ def test_every_example_plan_is_tried_here():
     }
 
 
+@pytest.mark.slow
 def test_the_part_is_seen_from_all_sides(capsys):
     code, out, _ = call(capsys, f"place {EXAMPLES / 'inspect_part.toml'} --out part")
     told = figures("part")
@@ -701,6 +705,7 @@ def test_the_part_is_seen_from_all_sides(capsys):
     assert "nan" not in out.lower()
 
 
+@pytest.mark.slow
 def test_the_room_is_watched_from_its_walls_and_ceiling(capsys):
     code, _, _ = call(capsys, f"place {EXAMPLES / 'watch_room.toml'} --out room")
     told = figures("room")
@@ -713,6 +718,7 @@ def test_the_room_is_watched_from_its_walls_and_ceiling(capsys):
         assert not (x >= 2 and abs(y) <= 0.6)  # over the door
 
 
+@pytest.mark.slow
 def test_the_rig_is_audited(capsys):
     plan, rig = EXAMPLES / "audit_rig.toml", EXAMPLES / "rig.json"
     assert call(capsys, f"check {plan} -p {rig}")[0] == 0

@@ -37,6 +37,7 @@ def agree(mesh, camera, pose):
 # --- zero wrong certificates ----------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", shapes.NAMES)
 def test_no_certificate_is_wrong_on_a_built_in_mesh(name):
     wrong, certified, _ = wrong_certificates(shapes.by_name(name), 105, np.random.default_rng(7))
@@ -112,6 +113,7 @@ def maimed(mesh, rng):
     return Mesh(vertices=points, faces=rng.permutation(faces))
 
 
+@pytest.mark.slow
 @given(seed=SEEDS)
 @settings(max_examples=120)
 def test_no_certificate_is_wrong_on_folded_and_maimed_meshes(seed):
@@ -250,6 +252,7 @@ def test_the_rim_of_a_cut_face_crosses_what_is_behind_it():
     assert view.n_clipped == 1
 
 
+@pytest.mark.slow
 @given(seed=SEEDS)
 @settings(max_examples=80)
 def test_closed_bodies_cut_open_by_the_near_plane_show_what_is_inside(seed):

@@ -280,6 +280,7 @@ def test_random_faces_of_ten_thousand_come_out_as_in_exact_arithmetic(seed):
         assert np.abs(view.visible[targets] - exact).max() <= 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mesh", [shapes.teapot(4), shapes.room(4)], ids=["teapot", "room"])
 def test_an_independent_method_agrees_on_whole_meshes(mesh):
     low, high = mesh.bounds
@@ -329,6 +330,7 @@ def test_samples_count_a_visible_area_within_the_theorem(open_raster, regions, n
     assert checked > 50
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["aeroplane", "sphere", "torus"])
 def test_samples_of_certified_faces_are_all_seen_or_all_hidden(open_raster, name):
     mesh = shapes.by_name(name)

@@ -37,6 +37,7 @@ def soup(rng, n, size=0.6):
 # --- memory ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_no_scene_reaches_past_the_scratch_memory(tmp_path):
     checked = {"NUMBA_BOUNDSCHECK": "1", "NUMBA_CACHE_DIR": str(tmp_path)}
     script = Path(__file__).parents[1] / "support" / "exact_views.py"
@@ -121,6 +122,7 @@ def test_hundreds_of_needles_through_one_place(path):
     assert np.abs(view.visible[targets] - exact).max() <= 1e-9
 
 
+@pytest.mark.slow
 @on_both_paths
 def test_thirty_five_thousand_boxes_on_one_ground(path):
     n = 187

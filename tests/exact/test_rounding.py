@@ -63,6 +63,7 @@ def pierced(rng, angle, depth=(2, 6), thinnest=0.3):
     return Mesh(vertices=tip + np.array([(0, 0, 0), *one, *two]), faces=[(0, 1, 2), (0, 3, 4)])
 
 
+@pytest.mark.slow
 @on_both_paths
 @given(seed=SEEDS)
 def test_areas_of_hostile_scenes_are_within_their_bound(path, seed):

@@ -299,6 +299,7 @@ def test_ten_thousand_corners_take_no_minutes(shape):
     assert time.process_time() - start < 5  # 0.2 s measured; cubic time would be minutes
 
 
+@pytest.mark.slow
 def test_a_polygon_too_intricate_keeps_its_fan_and_is_noted(monkeypatch):
     from rastercov.mesh import ear_kernels
 

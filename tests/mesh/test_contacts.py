@@ -240,6 +240,7 @@ def test_a_pair_touches_where_exact_arithmetic_says(pair, shared, flat):
     assert np.array_equal(touching(pair, faces), exactly_touching(pair, faces))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["teapot", "spheres", "noisy"])
 def test_a_part_that_crosses_itself_does_so_where_exact_arithmetic_says(name):
     ball = shapes.sphere(2)
@@ -604,6 +605,7 @@ for n in [1, 2, 3, 4, 5, 8, 9, 31, 32, 33, 500, *rng.integers(1, 70, 200)]:
 """
 
 
+@pytest.mark.slow
 def test_no_mesh_reaches_past_the_arrays(tmp_path):
     checked = {"NUMBA_BOUNDSCHECK": "1", "NUMBA_CACHE_DIR": str(tmp_path)}
     done = subprocess.run(

@@ -500,6 +500,7 @@ def test_interleaved_and_offset_attributes_are_read(glb, load):
 # ---- a short file does not become a long job
 
 
+@pytest.mark.slow
 def test_instances_do_not_multiply_a_short_file_unasked(load, glb):
     n = 1000
     glb.header["meshes"] = []

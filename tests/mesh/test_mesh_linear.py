@@ -103,6 +103,7 @@ FILES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FILES)
 def test_time_grows_no_faster_than_the_file(name, tmp_path):
     n, make = FILES[name]

@@ -81,6 +81,7 @@ def test_the_diagnosis_names_the_faces_that_cut_each_other():
     assert not any("itself" in line for line in prism(BOW_TIE[:3]).warnings)
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=40)
 def test_prisms_over_any_ring_are_seen_as_fractions_say(seed):

@@ -890,6 +890,7 @@ class Outline(HTMLParser):
         self.words.append(data)
 
 
+@pytest.mark.slow
 def test_the_page_stands_alone_and_names_every_model(tmp_path, found):
     (tmp_path / "notes.txt").write_text("mine")
     path = write_model_comparison(tmp_path / "", found, TEAPOT, EYE, AROUND)
@@ -934,6 +935,7 @@ def run(capsys, line):
     return code, *capsys.readouterr()
 
 
+@pytest.mark.slow
 def test_the_command_compares_models(capsys, tmp_path):
     line = f"compare box -c khepra -p sphere:2 --models -o {tmp_path}"
     code, out, _ = run(capsys, line)

@@ -111,6 +111,7 @@ def test_the_ground_of_a_blind_hole_is_reached_where_views_from_around_miss_it()
     assert found.open_share == pytest.approx(1 / 16 / (2 * np.pi), rel=0.15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", [scenes.blind_hole, scenes.overhang, scenes.bottle])
 def test_a_face_with_candidates_of_its_own_is_covered_by_one(scene):
     mesh = scene()
@@ -128,6 +129,7 @@ def test_under_an_overhang_all_is_reached_from_the_open_sides():
     assert (found.access == Access.REACHED).all()
 
 
+@pytest.mark.slow
 def test_through_a_narrow_neck_only_what_lies_before_it_is_reached():
     mesh = scenes.bottle()
     farther = Framing(stand_off=(8.0, 30.0))  # than the chamber is wide
@@ -183,6 +185,7 @@ def test_a_closed_cavity_is_proved_out_of_reach_where_limits_exclude_it(framing,
     assert "proved" in found.words(0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "limits",
     [
@@ -225,6 +228,7 @@ def test_a_face_that_matter_covers_only_in_part_is_not_called_out_of_reach():
     assert (found.access != Access.ENCLOSED).all()
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 100_000), share=st.floats(0.5, 0.8))
 @settings(max_examples=8)
 def test_no_camera_within_the_limits_sees_a_face_that_is_proved_out_of_reach(seed, share):

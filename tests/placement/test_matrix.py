@@ -421,6 +421,7 @@ def test_views_and_weights_go_by_group(mesh, poses):
         problem_of(matrix, shapes.icosahedron(), goal)
 
 
+@pytest.mark.slow
 def test_kill_9_loses_nothing_but_the_shard_in_flight(tmp_path):
     script = Path(__file__).parents[1] / "support" / "kill_matrix.py"
     command = [sys.executable, str(script), "20", "160", str(tmp_path)]

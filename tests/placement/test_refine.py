@@ -55,6 +55,7 @@ def test_the_same_start_and_seed_give_the_same_network(objective):
     assert (one.poses != other.poses).any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(5))
 def test_from_a_local_optimum_no_move_that_is_tried_gains(objective, seed, monkeypatch):
     start = network(2, seed)

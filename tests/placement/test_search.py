@@ -85,6 +85,7 @@ def test_a_generation_is_one_batch_of_poses(objective, method, monkeypatch):
     assert sizes == [16, 16, 8]
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_network(objective, method):
     state = np.random.get_state()[1].copy()  # noqa: NPY002
     one, two, other = (
@@ -113,6 +114,7 @@ def test_all_methods_begin_with_the_same_networks(objective):
         np.testing.assert_array_equal(trace, traces[0])
 
 
+@pytest.mark.slow
 def test_a_search_is_no_worse_than_its_start(objective, method):
     good = optimise(objective, SPACE, 2, "random", budget=400, population=50, seed=9)
     # Turned about their axes, the poses are none that the variables can express.
@@ -136,6 +138,7 @@ class Facing(Objective):
         return (facing > np.cos(np.radians(50))) & (ahead > np.cos(np.radians(30)))
 
 
+@pytest.mark.slow
 def test_searching_beats_drawing_at_random(objective):
     facing = Facing(objective.observer, TASK, objective.integer_weights, objective.need)
     free = replace(SPACE, boxes=None, keep_out=())

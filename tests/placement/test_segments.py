@@ -220,6 +220,7 @@ def test_occluders_have_no_segment_and_stop_growth():
 # Merging.
 
 
+@pytest.mark.slow
 @given(mesh=bumpy(), alpha=st.floats(3, 40), beta=angles)
 @settings(max_examples=40)
 def test_a_leader_takes_all_within_beta_of_its_own_average(mesh, alpha, beta):
@@ -234,6 +235,7 @@ def test_a_leader_takes_all_within_beta_of_its_own_average(mesh, alpha, beta):
     assert same_parts(segment(mesh, alpha, beta).labels, owner[grown.labels])
 
 
+@pytest.mark.slow
 @given(mesh=bumpy(), alpha=st.floats(3, 40), beta=angles)
 @settings(max_examples=40)
 def test_the_closest_are_merged_until_none_are_within_beta(mesh, alpha, beta):
@@ -249,6 +251,7 @@ def test_the_closest_are_merged_until_none_are_within_beta(mesh, alpha, beta):
     assert same_parts(segment(mesh, alpha, beta, merge="closest").labels, labels)
 
 
+@pytest.mark.slow
 @given(
     mesh=bumpy(), alpha=st.floats(3, 40), beta=angles, merge=st.sampled_from(("leader", "closest"))
 )
@@ -259,6 +262,7 @@ def test_merged_neighbours_hang_together(mesh, alpha, beta, merge):
         assert is_connected(mesh, np.flatnonzero(labels == label))
 
 
+@pytest.mark.slow
 @given(mesh=bumpy(), alpha=st.floats(3, 40), beta=angles)
 @settings(max_examples=30)
 def test_no_two_neighbours_are_left_within_beta_where_the_closest_are_merged(mesh, alpha, beta):

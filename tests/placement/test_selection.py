@@ -129,6 +129,7 @@ def test_the_greedy_rule_reaches_its_guarantee(problem):
     assert select_greedy(problem, effort=0).objective >= (1 - 1 / math.e) * best - 1e-9
 
 
+@pytest.mark.slow
 @given(problems())
 def test_the_integer_program_finds_the_best_there_is(problem):
     selection = select_integer(problem)
@@ -137,6 +138,7 @@ def test_the_integer_program_finds_the_best_there_is(problem):
     assert selection.gap <= 1e-6
 
 
+@pytest.mark.slow
 @given(problems())
 def test_no_selection_passes_a_bound_and_every_one_is_what_it_says(problem):
     best = best_by_trying_all(problem)
@@ -210,6 +212,7 @@ def test_improvement_never_loses(problem):
         assert better.objective >= plain.objective - 1e-9
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(problems())
 def test_the_same_problem_gives_the_same_selection(problem):
@@ -248,6 +251,7 @@ def test_the_order_of_the_candidates_changes_nothing(problem, random):
         assert rows == others, name
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(problems(angles=[0]), st.integers(2, 3))
 def test_merging_equal_candidates_and_faces_changes_nothing(problem, times):
@@ -440,6 +444,7 @@ def loaded():
     select_integer(problem_of_matrix(steiner(9)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", hard_for_the_clock())
 def test_the_time_limit_is_wall_time_from_the_call(loaded, name):
     problem = hard_for_the_clock()[name]

@@ -191,6 +191,7 @@ def test_a_plan_that_is_no_text_or_not_there_is_one_line():
         read_plan(".")
 
 
+@pytest.mark.slow
 @given(
     st.recursive(
         st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),

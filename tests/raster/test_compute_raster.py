@@ -137,6 +137,7 @@ def many_large():
     return Mesh(vertices=points.reshape(-1, 3), faces=np.arange(3000).reshape(-1, 3))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n_faces", [60, 1000])
 def test_a_queue_that_is_too_small_is_filled_again_with_less(
     open_compute, many_large, monkeypatch, n_faces
@@ -220,6 +221,7 @@ def test_counts_repeat_bit_for_bit(open_compute):
             assert_same(everything(rasterizer, poses), first)
 
 
+@pytest.mark.slow
 def test_hostile_scenes_are_filled_as_by_the_cpu(open_compute):
     # Triangles that reach 2^17 samples beyond the image are clipped elsewhere than on the CPU, so
     # there a sample by an edge may go to the other side.
@@ -278,6 +280,7 @@ def test_slivers_seen_edge_on_are_filled_as_by_the_cpu(open_compute):
     assert (depth <= greatest * (1 + 1e-6)).all()
 
 
+@pytest.mark.slow
 def test_atomics_of_32_and_of_64_bits_find_the_same():
     # Mesa can do the latter and only says so when told to, once a process.
     code = """

@@ -47,6 +47,7 @@ def test_a_face_that_is_cut_keeps_its_plane(open_raster, seed, kind):
             assert not len(wrong_samples(mesh, CAMERA, pose, rasterizer.render(pose).face))
 
 
+@pytest.mark.slow
 @settings(
     max_examples=40,
     deadline=None,

@@ -165,6 +165,7 @@ def test_a_large_pose_is_shared_out(monkeypatch):
     assert ends[-1][1] == 91
 
 
+@pytest.mark.slow
 def test_more_samples_than_32_bits_hold():
     mesh = Mesh(vertices=[[-9, -9, 1], [9, -9, 1], [0, 9, 1]], faces=[[0, 1, 2]])
     camera = Camera(width=1024, height=1024, fx=1000, fy=1000)
@@ -322,6 +323,7 @@ def test_of_coincident_faces_the_lowest_index_owns_every_sample_wherever_they_st
 # --- memory, processors, faults -------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_no_scene_writes_past_its_scratch_memory():
     # What is reached by pointers has no bounds to check, so what stands beside it is looked at.
     rng = np.random.default_rng(11)
@@ -355,6 +357,7 @@ def test_no_scene_writes_past_its_scratch_memory():
         assert all((fence == 77).all() for fence in fences)
 
 
+@pytest.mark.slow
 def test_no_scene_reaches_past_the_scratch_memory(tmp_path):
     checked = {"NUMBA_BOUNDSCHECK": "1", "NUMBA_CACHE_DIR": str(tmp_path)}
     script = SUPPORT / "hostile_scenes.py"
@@ -368,6 +371,7 @@ def test_no_scene_reaches_past_the_scratch_memory(tmp_path):
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.slow
 def test_no_scene_reaches_past_the_scratch_memory_when_rolled(tmp_path):
     code = """
 import numpy as np
@@ -480,6 +484,7 @@ def test_auto_is_the_cpu_without_hardware_and_opengl_when_its_options_are_given(
         assert rasterizer.info.backend == "gl"
 
 
+@pytest.mark.slow
 def test_it_runs_without_a_graphics_library_or_a_place_to_keep_compiled_loops(tmp_path):
     # A locator that finds nowhere to write is what a read-only installation gives.
     code = """

@@ -96,6 +96,7 @@ def test_a_lens_too_long_for_float32_is_refused_by_the_graphics_pipeline(device,
         GLRasterizer(MESH, camera, device=device, plan=plan)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "size", [(1, 1), (1, 700), (700, 1), (2, 3), (16385, 1), (1, 17000), (40000, 1)]
 )

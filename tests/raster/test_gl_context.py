@@ -496,6 +496,7 @@ print(resident_kib() - before)
     assert int(done.stdout) < 8 * 1024
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["context", "our-osmesa", "rasteriser"])
 def test_a_context_that_was_closed_leaves_less_than_a_page_behind(context, kind):
     if kind == "our-osmesa":

@@ -37,6 +37,7 @@ def test_osmesa_gives_the_bits_of_egl(osmesa_context, gl_context, plan, scene):
     np.testing.assert_array_equal(counts.drawn, expected.drawn)
 
 
+@pytest.mark.slow
 def test_osmesa_sees_what_the_reference_sees(osmesa_context, plan, scene):
     mesh, poses = scene
     for pose, found in zip(

@@ -115,6 +115,7 @@ def scene(request):
 # --- samples and faces ----------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_image_equals_reference(open_raster, scene):
     mesh, poses = scene
     with open_raster(mesh, CAMERA) as rasterizer:
@@ -134,6 +135,7 @@ def test_image_equals_reference(open_raster, scene):
             assert (found.depth[off] <= np.max(depths, axis=0) * (1 + 1e-5)).all()
 
 
+@pytest.mark.slow
 def test_counts_equal_reference_within_ambiguous_samples(open_raster, scene):
     mesh, poses = scene
     with open_raster(mesh, CAMERA) as rasterizer:
@@ -246,6 +248,7 @@ def test_half_images_stand_side_by_side(open_raster, scene):
     assert_same_image(np.hstack(images[1:]), images[0], mesh, CAMERA, poses[0])
 
 
+@pytest.mark.slow
 def test_faces_below_a_pixel_are_hit_or_missed_as_by_the_reference(open_raster):
     mesh, camera = shapes.sphere(4), Camera(width=24, height=24, fx=30, fy=30)
     pose = look_at((2.1, 1.7, 1.3), (0, 0, 0))
@@ -289,6 +292,7 @@ def assert_rolled_counts(counts, mesh, camera, pose, supersample, roll):
         check(counts.drawn[0, [index]], alone.face, unclear, f"face {index} drawn")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("roll", ROLLS)
 def test_rolled_counts_equal_reference(open_raster, scene, roll):
     mesh, poses = scene
@@ -357,6 +361,7 @@ def test_wide_and_narrow_images_are_counted_whole_when_rolled(open_raster):
         assert abs(n_points / 9 - width * height) <= 0.1 * (width + height)
 
 
+@pytest.mark.slow
 def test_faces_that_are_culled_own_rolled_samples_inside_the_image_alone(open_raster):
     mesh = shapes.torus(20, 10)
     poses = look_at([(2.1, 0.3, 0.9), (0.2, 0.1, 1.9)], (0, 0, 0))  # reaching beyond every side
@@ -376,6 +381,7 @@ def one_row(counts, row):
     return replace(counts, **parts)
 
 
+@pytest.mark.slow
 def test_rolled_samples_measure_what_an_edge_along_rows_of_pixels_hides(open_raster):
     # A cover slides over a square by hundredths of a pixel. Rows of pixels see whole rows go.
     def error(at, roll):
@@ -655,6 +661,7 @@ def test_camera_inside_a_closed_body_sees_its_inner_side(open_raster, mesh, eye)
     assert_same_image(face, samples.render(mesh, CAMERA, pose[0]).face, mesh, CAMERA, pose[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["torus", "aeroplane", "sphere"])
 def test_culling_back_faces_changes_no_clear_sample(open_raster, name):
     mesh = shapes.by_name(name)
@@ -684,6 +691,7 @@ def test_face_through_the_near_plane_is_cut_there(open_raster):
     np.testing.assert_array_equal(counts.visible, counts.drawn)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("near", [0.0, 0.5, 3.7, 4.0, 4.9, 6.0])
 def test_near_plane_cuts_as_in_the_reference(open_raster, near):
     mesh = shapes.torus(20, 10)
@@ -787,6 +795,7 @@ def test_faces_a_draw_change_nothing(open_gl, max_faces):
         np.testing.assert_array_equal(rasterizer.render(poses[0]).face, whole.render(poses[0]).face)
 
 
+@pytest.mark.slow
 def test_tiles_make_the_whole_image(open_gl, scene):
     mesh, poses = scene
     with open_gl(mesh, CAMERA) as whole, open_gl(mesh, CAMERA, max_tile=64) as tiled:
@@ -849,6 +858,7 @@ def hostile(drawn):
     return triangles(*soup)
 
 
+@pytest.mark.slow
 @settings(
     max_examples=150,
     deadline=None,
@@ -875,6 +885,7 @@ def test_any_soup_is_seen_as_by_the_reference(open_raster, drawn):
     assert (counts.visible <= counts.drawn).all()
 
 
+@pytest.mark.slow
 @settings(
     max_examples=80,
     deadline=None,
@@ -894,6 +905,7 @@ def test_any_soup_is_counted_as_by_the_reference_when_rolled(open_raster, drawn,
     assert_rolled_counts(counts, mesh, camera, AHEAD, supersample, roll)
 
 
+@pytest.mark.slow
 @settings(
     max_examples=100,
     deadline=None,

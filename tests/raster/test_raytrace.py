@@ -99,12 +99,14 @@ def outside(mesh, n=3):
     return sphere_of_poses(middle, 1.2 * size, n)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["teapot", "torus", "aeroplane", "aeroplane-9856"])
 def test_built_in_part_is_seen_as_by_rays(open_raster, name):
     mesh = shapes.by_name(name)
     assert_no_differing_pixel(open_raster, mesh, CAMERA, outside(mesh))
 
 
+@pytest.mark.slow
 def test_room_is_seen_as_by_rays_from_inside(open_raster):
     eyes = [(0.2, 0.1, 1.5), (2.4, 2.1, 0.4), (-2.7, 1.3, 2.2)]
     targets = [(1, 1, 1), (-3, 0, 1), (1.6, -1.4, 0.9)]

@@ -196,6 +196,7 @@ def numbers(kind):
     return arrays(kind, LANES, elements=one)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
 @given(data=st.data())
 @settings(max_examples=150)
@@ -366,6 +367,7 @@ def changed(typing, number):
 """
 
 
+@pytest.mark.slow
 def test_a_loop_is_compiled_anew_when_a_file_that_it_is_made_of_changes(tmp_path):
     package = tmp_path / "lanepackage"
     package.mkdir()

@@ -101,6 +101,7 @@ def test_near_takes_the_place_of_the_camera_s(module):
 # --- the references agree ------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @given(seeds, st.booleans())
 @settings(max_examples=120)
 def test_polygons_agree_with_exact_arithmetic(seed, cull):
@@ -116,6 +117,7 @@ def test_polygons_agree_with_exact_arithmetic(seed, cull):
 
 # Scenes on which GEOS without a grid gave a triangle whole, or nothing, for its intersection with
 # one that shares a corner, and said nothing; and one with an image so thin that the grid fails.
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [214, 303, 1013, 1102, 1603, 6774, 7273, 7402, 16532])
 def test_polygons_agree_where_geos_went_wrong(seed):
     case = hostile(seed)
@@ -123,6 +125,7 @@ def test_polygons_agree_where_geos_went_wrong(seed):
     np.testing.assert_allclose(area, np.array(exact(case), float), rtol=0, atol=AGREE)
 
 
+@pytest.mark.slow
 @given(seeds)
 @some
 def test_visible_polygons_lie_side_by_side_within_their_images(seed):
@@ -137,6 +140,7 @@ def test_visible_polygons_lie_side_by_side_within_their_images(seed):
     )
 
 
+@pytest.mark.slow
 def test_a_large_image_is_as_good_for_its_size():
     for seed in range(20):
         case = hostile(seed)
@@ -166,6 +170,7 @@ def test_counted_samples_are_within_the_sampling_bound(seed):
         assert abs(visible[face] - polygon.area) <= sampling_bound(polygon, 1.0) + 1e-6
 
 
+@pytest.mark.slow
 def test_teapot_agrees_from_the_front():
     mesh, camera = shapes.teapot(5), Camera(width=1280, height=960, fx=1400, fy=1400)
     pose = look_at((0.35, 0.25, 0.3), (0, 0, 0.07))[0]
@@ -195,6 +200,7 @@ def test_chosen_faces_of_a_large_mesh_agree(name):
 # --- laws, in exact arithmetic -------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @given(seeds, st.booleans())
 @settings(max_examples=80)
 def test_visible_areas_add_up_to_all_that_is_covered(seed, cull):
@@ -205,6 +211,7 @@ def test_visible_areas_add_up_to_all_that_is_covered(seed, cull):
     assert abs(missing) <= covered / 10**12
 
 
+@pytest.mark.slow
 @given(
     of_kind(*GENERIC, exact_cases.lattice, exact_cases.coplanar_stack, exact_cases.aligned_tilings)
 )
@@ -228,6 +235,7 @@ def quartered(mesh):
     )
 
 
+@pytest.mark.slow
 @given(seeds)
 @some
 def test_parts_of_a_face_show_what_the_face_shows(seed):
@@ -237,6 +245,7 @@ def test_parts_of_a_face_show_what_the_face_shows(seed):
     assert [sum(parts[i : i + 4]) for i in range(0, len(parts), 4)] == exact(case, coarse)
 
 
+@pytest.mark.slow
 @given(of_kind(*GENERIC), seeds)
 @some
 def test_neither_order_nor_first_corner_nor_winding_matters(case, seed):
@@ -249,6 +258,7 @@ def test_neither_order_nor_first_corner_nor_winding_matters(case, seed):
     assert shuffled == [before[i] for i in order]
 
 
+@pytest.mark.slow
 @given(seeds)
 @some
 def test_a_rolled_camera_sees_the_same(seed):
@@ -271,6 +281,7 @@ def test_a_rolled_camera_sees_the_same(seed):
     np.testing.assert_allclose(after, before, rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 @given(seeds, st.sampled_from((0.25, 2, 3)))
 @some
 def test_area_grows_with_the_square_of_the_focal_length(seed, scale):
@@ -286,6 +297,7 @@ def test_area_grows_with_the_square_of_the_focal_length(seed, scale):
         assert after.tolist() == (before * Fraction(scale) ** 2).tolist()
 
 
+@pytest.mark.slow
 @given(seeds, st.integers(-30, 30))
 @some
 def test_size_does_not_show(seed, power):
@@ -300,6 +312,7 @@ def test_size_does_not_show(seed, power):
     assert larger == exact(case, near=near)
 
 
+@pytest.mark.slow
 @given(seeds, seeds)
 @some
 def test_more_faces_never_show_more_of_the_others(seed, other):
@@ -314,6 +327,7 @@ def test_more_faces_never_show_more_of_the_others(seed, other):
     assert all(b <= a for a, b in zip(before, after, strict=False))
 
 
+@pytest.mark.slow
 @given(seeds)
 @some
 def test_visible_is_part_of_the_image_of_a_face(seed):

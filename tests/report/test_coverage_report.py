@@ -382,6 +382,7 @@ def test_a_folder_in_use_is_refused_before_a_device_is_opened(tmp_path, monkeypa
     assert content(tmp_path) == before
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_the_batches(tmp_path, small_batches, monkeypatch):
     """Of Python and numpy, beyond what the summary holds for each pose."""
     mesh = shapes.sphere(2)  # all figures of a pose: 26 kB

@@ -125,6 +125,7 @@ def whole(report):
     return page(report)
 
 
+@pytest.mark.slow
 def test_the_page_is_well_formed_and_asks_for_nothing_from_outside(whole):
     parser = checked(whole)
     assert parser.sources
@@ -212,6 +213,7 @@ def test_each_camera_tells_where_it_comes_from(report):
     assert replace(report, candidates=None).origins == ["", ""]
 
 
+@pytest.mark.slow
 def test_the_file_is_whole_or_what_was_there_before(report, tmp_path, monkeypatch):
     path = tmp_path / "plan.html"
     calls = []
@@ -325,6 +327,7 @@ def test_all_of_the_mesh_is_in_the_picture_from_everywhere(direction):
     assert max(np.ptp(u) / width, np.ptp(v) / height) > 0.85
 
 
+@pytest.mark.slow
 def test_one_looks_into_a_room_through_its_walls_and_not_into_a_box():
     room, box = shapes.room(4), shapes.box()
     for direction in DIRECTIONS:
@@ -468,6 +471,7 @@ def test_coverage_is_red_where_it_is_nothing():
         pictures.coverage_picture(mesh, np.zeros(3))
 
 
+@pytest.mark.slow
 def test_candidates_of_one_source_count_as_such(report):
     counts = Candidates.of(np.tile(np.eye(4), (3, 1, 1)), "x").counts()
     assert counts == {"x": 3}

@@ -171,6 +171,7 @@ def test_table_writes_as_it_goes_and_holds_no_more_than_a_row_group(tmp_path, mo
     )
 
 
+@pytest.mark.slow
 def test_memory_of_arrow_does_not_grow_with_the_run(tmp_path):
     batch = made_up(shapes.torus(50, 25), poses=200)
     sizes = []

@@ -275,6 +275,7 @@ def test_a_file_system_without_locks_is_written_to(tmp_path, monkeypatch):
 # --- when it is ended, or the disk fails ----------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_kill_before_any_operation_leaves_one_whole_report_or_no_last_file(tmp_path):
     """At each of about fifty operations, and at each of those that make up for it."""
     words = [sys.executable, Path(__file__).parents[1] / "support" / "kill_report.py", tmp_path]

@@ -191,6 +191,7 @@ def test_chance_seldom_fails_a_bound_that_holds_just_often_enough():
 # --- the figures ----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_figures_are_those_of_an_independent_reckoning(tmp_path):
     poses = around(5)
     found = compare(TEAPOT, CAMERA, poses, ["sampled"], "polygons", worst=3, convergence=False)
@@ -514,6 +515,7 @@ def written(tmp_path_factory):
     return out, found
 
 
+@pytest.mark.slow
 def test_the_page_stands_alone(written):
     text = (written[0] / "compare.html").read_text(encoding="utf-8")
     reader = Reader()
@@ -577,6 +579,7 @@ def test_names_from_files_are_escaped():
     assert "&lt;script&gt;" in text
 
 
+@pytest.mark.slow
 def test_a_second_comparison_replaces_the_first_and_nothing_else(tmp_path):
     found = compare(TEAPOT, CAMERA, around(1), ["sampled"], convergence=False, worst=3)
     write_comparison(tmp_path, found, TEAPOT, CAMERA, around(1))
@@ -617,6 +620,7 @@ def test_samples_in_a_picture_stand_where_they_are_counted(supersample, roll):
     assert near.max() < 1e-9
 
 
+@pytest.mark.slow
 def test_the_neighbourhood_of_a_face_holds_all_that_hides_it():
     pose = around(4)[1]
     front = np.flatnonzero(face_geometry(TEAPOT, CAMERA, pose).is_front)
@@ -738,6 +742,7 @@ def call(capsys, line):
 QUICK = "compare teapot -c camera.toml -p sphere:2 --no-convergence --faces 1"
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("folder")
 def test_the_command_prints_a_table_and_a_verdict(capsys):
     code, out, _ = call(capsys, QUICK + " -o here --method sampled:cpu@2")
@@ -748,6 +753,7 @@ def test_the_command_prints_a_table_and_a_verdict(capsys):
     assert Path("here/compare.html").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("folder")
 def test_json_is_what_the_file_holds(capsys):
     code, out, _ = call(capsys, QUICK + " --json --method certified --against polygons")
@@ -768,6 +774,7 @@ def test_files_of_nobody_are_refused_before_the_work(capsys, monkeypatch, name):
     assert [path.read_text() for path in Path("compare").iterdir()] == ["mine"]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("folder")
 def test_a_liar_ends_the_command_with_1(capsys, monkeypatch):
     altered(monkeypatch, "certified", flip_a_certified_face)

@@ -57,6 +57,7 @@ def photo(renderer, scene, camera, seed=0, **options):
     return sensor(renderer.render(scene, camera, **options), np.random.default_rng(seed))
 
 
+@pytest.mark.slow
 def test_what_another_renderer_left_behind_changes_nothing(renderer, device):
     scene = PlateScene.of([Plate(plate_pose((0, 0, 4)), 3), Plate(plate_pose((0, 0, 6)), 4)])
     before = renderer.render(scene, ICUBE, sharp=True)
@@ -91,6 +92,7 @@ def test_the_margin_never_covers_the_marker(tilt, axis, roll, depth):
 # --- picture --------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_corners_found_in_the_picture_are_where_the_camera_model_puts_them(renderer):
     rng = np.random.default_rng(5)
     errors = []
@@ -124,6 +126,7 @@ def test_areas_in_the_picture_are_those_of_the_engine(renderer):
     assert missing / (WHITE - BLACK) == pytest.approx(figures.visible_pixels, rel=2e-3)
 
 
+@pytest.mark.slow
 def test_the_print_is_not_mirrored(renderer):
     plate = Plate(plate_pose((0, 0, 1.5), roll=0.0), 11)
     image = renderer.render(PlateScene.of([plate]), ICUBE)
@@ -137,6 +140,7 @@ def test_the_print_is_not_mirrored(renderer):
     assert 11 not in detection.detect(np.ascontiguousarray(grey[:, ::-1]))
 
 
+@pytest.mark.slow
 def test_a_tilted_print_is_in_perspective(renderer):
     """The middle of the plate is not the middle of its image: affine sampling would miss it."""
     pattern = np.zeros((1, CELLS, CELLS), np.uint8)
@@ -152,6 +156,7 @@ def test_a_tilted_print_is_in_perspective(renderer):
     assert abs((u.min() + u.max()) / 2 - ICUBE.cx) > 20
 
 
+@pytest.mark.slow
 def test_a_plate_from_behind_shows_no_marker(renderer):
     plate = Plate(plate_pose((0, 0, 2), tilt=np.pi), 4)
     image = photo(renderer, PlateScene.of([plate]), ICUBE)
@@ -300,6 +305,7 @@ def test_a_contour_of_128_pixels_takes_33(renderer, side, is_found):
     assert plate_figures(scene, ICUBE)[0].is_met(DETECTOR) == is_found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("cells", "is_found"), [(0.9, True), (1.2, True), (1.9, False)])
 def test_blur_matters_against_the_side_of_a_cell(renderer, cells, is_found):
     """The sweep behind DETECTOR.max_blur_cells."""
@@ -411,6 +417,7 @@ def test_the_printed_resolution_is_the_one_of_the_table_not_our_quotient(rendere
         assert row.coverage == pytest.approx(int(row.ours.split()[0]) / 1024, abs=6e-4)
 
 
+@pytest.mark.slow
 def test_visible_areas_are_the_printed_ones(renderer):
     found = visibility(renderer)
     for row in found.rows:
@@ -418,6 +425,7 @@ def test_visible_areas_are_the_printed_ones(renderer):
     assert found.right == found.as_printed == 15
 
 
+@pytest.mark.slow
 def test_the_command_leaves_a_page_that_needs_nothing_else(tmp_path, capsys):
     out = tmp_path / "out"
     arguments = ["validate", "markers", "--scenes", "3", "--device", "surfaceless"]
