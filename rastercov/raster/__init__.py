@@ -1,1 +1,1 @@
-"""The engine: one contract (`contract`), and the rasterisers that keep it."""
+"""Rasterisers: one contract (`contract`), implemented by `cpu` and `gl`."""
