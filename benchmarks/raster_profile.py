@@ -1,6 +1,6 @@
 """Where the CPU rasteriser spends its time, pass by pass, beside what this machine can do.
 
-CPU time of one thread, medians over rounds of several poses. All passes stand in one compiled loop,
+CPU time of one thread, medians over rounds of several poses. All passes are in one compiled loop,
 `count_poses`; so it is compiled once more from its source with a question before each pass, whether
 the passes go on, and the time of a pass is by how much longer the poses take with it. The question
 is answered while the loop runs, so that what comes before it is the same code with the pass and
@@ -141,7 +141,7 @@ def _least(work) -> float:
 
 
 def _seconds(work: Callable[[], object], times: int = 1) -> float:
-    """CPU time of a call, of so many."""
+    """Mean CPU time of a call, in seconds."""
     started = time.thread_time()
     for _ in range(times):
         work()

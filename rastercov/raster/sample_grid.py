@@ -102,7 +102,7 @@ class SampleGrid:
 
     @property
     def count_type(self) -> type[np.int32] | type[np.int64]:
-        """Integer type of counts: int32 where all samples fit, which halves the memory, else int64."""
+        """Integer type of counts: int32 where all samples fit, else int64."""
         return np.int32 if self.n_samples < 1 << 31 else np.int64
 
     @cached_property
@@ -110,7 +110,8 @@ class SampleGrid:
         c, s = self._c, self._s
         x = self._middle[0]
         y = np.arange(self.height) + 0.5 - self._middle[1]
-        # Relative to the centre, u is (c x - s y) / S and v is (s x + c y) / S: |c x - s y| <= S W/2 here,
+        # Relative to the centre, u is (c x - s y) / S and v is (s x + c y) / S; within the image
+        # |c x - s y| <= S W/2
         low, high = (s * y - self._half[0]) / c, (s * y + self._half[0]) / c
         if s:  # and |s x + c y| <= S H/2 here
             with np.errstate(over="ignore"):
@@ -170,7 +171,7 @@ class SampleGrid:
         return int((last - first).sum(dtype=np.int64))
 
     def inside(self, values: NDArray[np.uint32], box: Box) -> NDArray[np.uint32]:
-        """Values (height, width) of a part of the canvas, those inside the image, flattened."""
+        """Values inside the image, flat, of those (height, width) of a part of the canvas."""
         if not self.is_rolled:
             return values.ravel()
         column = np.arange(box[2], dtype=np.int32)

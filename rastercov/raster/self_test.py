@@ -31,7 +31,7 @@ def _corners() -> NDArray[np.float64]:
 
 
 def _poses() -> NDArray[np.float64]:
-    """Two poses, (2, 4, 4); the second shifts surfaces at 1 m by 4 px to the left, at 4 m by 1 px."""
+    """Two poses, (2, 4, 4); the second shifts surfaces at 1 m to the left by 4 px, at 4 m by 1."""
     poses = np.tile(np.eye(4), (2, 1, 1))
     poses[1, 0, 3] = 4 / CAMERA.fx
     return poses
