@@ -11,7 +11,7 @@ from rows import Report
 
 import rastercov as rc
 from rastercov import shapes
-from rastercov.observer import Kind
+from rastercov.observation import BoundKind
 from rastercov.reference import rational
 
 SCENES, VIEWS = 5_000, 12
@@ -67,12 +67,12 @@ def compare(seed: int, score: Score) -> list[str]:
             visible = rational.visible_area(mesh, camera, pose, faces)
             area = rational.image_area(mesh, camera, pose, faces)
             off = np.abs(seen.visible_pixels[row, faces] - visible)
-            certified = seen.kind[row, faces] == Kind.CERTIFIED
+            certified = seen.kind[row, faces] == BoundKind.CERTIFIED
             whole = seen.visible_pixels[row, faces] > 0
             doubt = np.abs(visible - np.where(whole, area, 0.0))
             wrong = certified & (doubt > LEAST_SEEN + 1e-12 * area)
             both = off + np.abs(seen.drawn_pixels[row, faces] - area)
-            bound = seen.blur[row, faces]
+            bound = seen.area_error[row, faces]
             exceeded = ~certified & (both > bound + LEAST_SEEN)
             # Culled: faces that cannot be seen are not drawn either.
             exceeded &= (seen.drawn_pixels[row, faces] > 0) | (visible > bound + LEAST_SEEN)
@@ -85,7 +85,7 @@ def compare(seed: int, score: Score) -> list[str]:
             for f in np.flatnonzero(wrong | exceeded):
                 found.append(
                     f"{kind.__name__} seed {seed} view {row} face {faces[f]} {method}: "
-                    f"off {both[f]:.3g} bound {seen.blur[row, faces[f]]:.3g} "
+                    f"off {both[f]:.3g} bound {seen.area_error[row, faces[f]]:.3g} "
                     f"{'certified' if certified[f] else 'computed'} area {area[f]:.3g} "
                     f"visible {visible[f]:.3g} got {seen.visible_pixels[row, faces[f]]:.3g}"
                 )

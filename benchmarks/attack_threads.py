@@ -339,7 +339,7 @@ def _asked(thing: Any, poses: Any, at: int) -> Answer:
         counts = thing.count(poses[at : at + 1 + at % 4])
         return [counts.visible, counts.drawn, counts.background]
     seen = thing.observe(poses[at : at + 1 + at % 4])
-    return [seen.visible_pixels, seen.drawn_pixels, seen.kind, seen.blur, seen.clipped]
+    return [seen.visible_pixels, seen.drawn_pixels, seen.kind, seen.area_error, seen.clipped]
 
 
 def _figures(found: rc.Visibility) -> Answer:

@@ -23,13 +23,13 @@ from tracer import Tracer, need_open3d
 
 import rastercov as rc
 from rastercov import shapes
+from rastercov._observers import ROLL
 from rastercov.cli.inputs import read_view_points
-from rastercov.criteria import view_faces
-from rastercov.exact.certificate import CertifiedView
-from rastercov.exact.half_planes import View
+from rastercov.criteria import face_geometry
+from rastercov.exact.certificate import CertificateSolver
+from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.exact.surface import surface_of
-from rastercov.observer import ROLL
-from rastercov.projection import near_limit
+from rastercov.near_plane import near_limit
 from rastercov.reference import rational
 
 CAMERA = rc.Camera(width=1280, height=960, fx=1200, fy=1200)
@@ -75,7 +75,9 @@ def _thesis(report: Report, rounds: int) -> None:
     mesh = shapes.teapot(12, keep_degenerate=True)
     for front_only, must, aim in ((False, 0.08, 0.02), (True, 0.010, 0.003)):
         sides = "front faces only" if front_only else "two-sided"
-        certified, exact = (_Run(kind, mesh, front_only, poses=6) for kind in (CertifiedView, View))
+        certified, exact = (
+            _Run(kind, mesh, front_only, poses=6) for kind in (CertificateSolver, HalfPlaneSolver)
+        )
         what = f"teapot, {mesh.n_faces:,} faces, {sides}"
         report.check(f"{what}: certified is exact", _largest_difference(certified, exact) < 1e-9)
         seconds = _medians((certified, exact), rounds)
@@ -88,16 +90,16 @@ def _queries(report: Report, rounds: int) -> None:
     small = CAMERA.resized(0.2)
     for name in ("torus", "aeroplane-9856", "teapot-12"):
         mesh = shapes.by_name(name)
-        run = _Run(CertifiedView, mesh, mesh.can_cull_back_faces, poses=6)
+        run = _Run(CertificateSolver, mesh, mesh.can_cull_back_faces, poses=6)
         views, patches, spent = run.scratch, [], []
         for row in range(len(run.poses)):
             run.view(row)
-            largest = views.largest_of_patches()
+            largest = views.largest_of_regions()
             patches.append(len(largest))
             times = []
             for _ in range(rounds):
                 started = time.process_time()
-                views.measure(largest)
+                views.solve(largest)
                 times.append(time.process_time() - started)
             spent.append(statistics.median(times))
         with rc.open_rasterizer(mesh, small, "cpu", threads=1) as rasterizer:
@@ -129,12 +131,14 @@ def _growth(report: Report) -> None:
 
 def _cost_of_torus(rings: int, sectors: int) -> dict[str, float]:
     mesh = shapes.torus(rings, sectors)
-    _Run(CertifiedView, shapes.torus(8, 8), True, poses=1).view(0)  # load the loops
+    _Run(CertificateSolver, shapes.torus(8, 8), True, poses=1).view(0)  # load the loops
     started = time.process_time()
     surface = surface_of(mesh)
     surface.contacts.faces_for(1.0)
     once = time.process_time() - started
-    certified, exact = (_Run(kind, mesh, True, poses=3) for kind in (CertifiedView, View))
+    certified, exact = (
+        _Run(kind, mesh, True, poses=3) for kind in (CertificateSolver, HalfPlaneSolver)
+    )
     seconds = _medians((certified,), 3)[0]
     live = sum((certified.view(row).state > 0).sum() for row in range(3))
     computed = sum(certified.view(row).n_crossed for row in range(3))
@@ -163,7 +167,7 @@ def _race(report: Report, rounds: int) -> None:
             rays = np.bincount(ids[ids >= 0], minlength=mesh.n_faces)
             # Counting a shape's pixels is off by 0.27 times the root of its perimeter, more where
             # its sides run along their rows.
-            perimeter = view_faces(mesh, camera, poses[0]).perimeter
+            perimeter = face_geometry(mesh, camera, poses[0]).perimeter
             off = np.abs(rays - seen.visible_pixels[0]) > 4 * 0.27 * np.sqrt(2 * perimeter + 1)
             report.check(f"{what}: both see the same", off.mean() < 0.005)
             ours, theirs, casting = [], [], []
@@ -187,7 +191,7 @@ def _fractions(report: Report) -> None:
     worst, held, bounds = 0.0, True, []
     for name in ("torus", "teapot-12", "aeroplane-9856", "room"):
         mesh = shapes.by_name(name)
-        run = _Run(View, mesh, False, poses=2)
+        run = _Run(HalfPlaneSolver, mesh, False, poses=2)
         for row, pose in enumerate(run.poses):
             view = run.view(row)
             partly = np.flatnonzero((view.visible > 0) & (view.visible < view.area))
@@ -196,8 +200,11 @@ def _fractions(report: Report) -> None:
             )
             truth = rational.visible_area(mesh, CAMERA, pose, faces)
             error = np.abs(view.visible[faces] - np.array(truth, dtype=np.float64))
-            worst, held = max(worst, float(error.max())), held and (error <= view.blur[faces]).all()
-            bounds += (view.blur[partly] / view.area[partly])[view.area[partly] > 1].tolist()
+            worst, held = (
+                max(worst, float(error.max())),
+                held and (error <= view.area_error[faces]).all(),
+            )
+            bounds += (view.area_error[partly] / view.area[partly])[view.area[partly] > 1].tolist()
     report.add("largest difference from rational arithmetic", worst, "px^2", 1e-9, at_most=True)
     report.check("every bound of rounding holds", held)
     report.add(
@@ -212,7 +219,7 @@ def _certificates(report: Report, figures: int) -> None:
     done = wrong = 0
     rng = np.random.default_rng(1)
     runs = [
-        (mesh, *(view(surface_of(mesh), CAMERA) for view in (CertifiedView, View)))
+        (mesh, *(view(surface_of(mesh), CAMERA) for view in (CertificateSolver, HalfPlaneSolver)))
         for mesh in map(shapes.by_name, names)
     ]
     while done < figures:
@@ -224,8 +231,8 @@ def _certificates(report: Report, figures: int) -> None:
             pose = rc.look_at(eye, rng.uniform(low, high))
             near = float(near_limit(CAMERA, mesh.bounds, pose)[0])
             for view in (certified, exact):
-                view.look(pose[0], near, False)
-                view.measure_all()
+                view.set_pose(pose[0], near, False)
+                view.solve_all()
             sure = certified.is_certified
             done += int(sure.sum())
             wrong += int((np.abs(certified.visible - exact.visible)[sure] > 1e-9).sum())
@@ -268,16 +275,18 @@ def _starts(report: Report) -> None:
 class _Run:
     """Views of a mesh from a few poses on a sphere."""
 
-    def __init__(self, kind: type[View], mesh: rc.Mesh, front_only: bool, poses: int) -> None:
+    def __init__(
+        self, kind: type[HalfPlaneSolver], mesh: rc.Mesh, front_only: bool, poses: int
+    ) -> None:
         self.scratch = kind(surface_of(mesh), CAMERA)
         self.poses = read_view_points(f"sphere:{poses}", mesh, CAMERA)
         self.near = near_limit(CAMERA, mesh.bounds, self.poses)
         self.front_only = front_only
 
-    def view(self, row: int) -> View:
+    def view(self, row: int) -> HalfPlaneSolver:
         """The view from one pose; the next call takes its place."""
-        self.scratch.look(self.poses[row], float(self.near[row]), self.front_only)
-        self.scratch.measure_all()
+        self.scratch.set_pose(self.poses[row], float(self.near[row]), self.front_only)
+        self.scratch.solve_all()
         return self.scratch
 
     def seconds(self) -> float:

@@ -11,18 +11,19 @@ process to the next, and the other by about as much the other way. "questions" i
 all passes take with them; the further it is from 0, the less figures say about the loop itself.
 
 "empty counts" are the zeros that a pose begins with, and "clear" the depths. "set up" is of small
-faces only: "fill large" and "clip" do all that they do to their faces. "outside" is what `count`
+faces only: "fill wide" and "clip" do all that they do to their faces. "outside" is what `count`
 takes beyond `count_poses`: checking poses, near planes, and the memory of the result. A cluster is
 looked at once in each band of rows that it reaches. Samples are covered by all faces that may not
 be left out, hidden or not.
 
 The simple loops are what passes must do at the least: `project` streams vertices through a 3 x 3
-matrix and a division, `sift` gathers the corners of each face and takes its area, filling compares
-and writes 16 samples at a time.
+matrix and a division, `cull and bin` gathers the corners of each face and takes its area, filling
+compares and writes a vector of samples at a time.
 """
 
 import importlib.util
 import math
+import re
 import tempfile
 import time
 from collections.abc import Callable
@@ -35,9 +36,8 @@ from rows import Report, arguments
 
 import rastercov as rc
 from rastercov._jit import compiled
-from rastercov.raster.cpu import MAX_BAND, _Scene, _View
-from rastercov.raster.cpu import loops as kernels
-from rastercov.raster.rules import limits
+from rastercov.near_plane import limits
+from rastercov.raster.cpu import MAX_BAND, _Scene, _Worker, fill, loops
 from rastercov.raster.sample_grid import SampleGrid
 
 CELLS = (
@@ -62,13 +62,13 @@ def main() -> None:
     args = parser.parse_args()
     report = Report()
     machine(report)
-    loops = stepped(), counted()
+    profiled = stepped(), counted()
     for cell in CELLS:
         mesh = cell.mesh()
         if args.shuffled:
             faces = np.random.default_rng(1).permutation(mesh.faces)
             mesh = rc.Mesh(vertices=mesh.vertices, faces=faces)
-        profile(report, cell, mesh, args.poses, args.rounds, *loops)
+        profile(report, cell, mesh, args.poses, args.rounds, *profiled)
     report.finish(args.json)
 
 
@@ -157,44 +157,46 @@ def _before(marker: str, *lines: str) -> tuple[str, str]:
     return marker, "".join(f"{indent}{line}\n" for line in lines) + marker
 
 
-def _unless_wanted(marker: str) -> tuple[str, str]:
-    """An edit: nothing from the marker on, to the end of the loop, unless the pass is done."""
-    return _before(marker, "if not WANTED:", "    continue")
+def _unless_wanted(marker: str, leave: str) -> tuple[str, str]:
+    """An edit: nothing from the marker on, to the end of the function, unless the pass is done."""
+    return _before(marker, "if not WANTED:", f"    {leave}")
 
 
-SIFT = "                first_slot = np.int64(face_starts[cluster])\n"
-PLACED = "                if box[0] == BEHIND and box[1] == BEHIND:"
-FILL = "                if n_tiny + n_small:\n"
-FEW_TOGETHER = "            filled += fill_few("
-CLEAR_ALL = "            marks[:] = is_clear\n            if is_clear:\n"
+CULL = "        cull_pose(\n"
+LISTED = "    n_samples = buffers.n_marks"
+CLEAR_MARKS = "    for strip in range(buffers.n_marks):\n"
+CLEAR_ALL = "    if is_clear:\n        for sample"
+PROJECTED = "    if low_x == BEHIND and high_x == BEHIND:"
+BIN = "    faces = Faces(mesh, cluster.first_slot, vertices"
+FILL = "    if n.samples_2x2 + n.larger:\n"
+SAMPLES = "        if small:\n            filled"
+FILL_BLOCKS = "            filled += fill_blocks_2x2("
+IN_TILES = "        if in_tiles:\n"
+WIDE = "    if n.wide:\n"
+CLIP = "        filled += fill_any(scratch.identity, n_parts"
 
 PASSES = {
     "empty counts": (),
-    "cull": (_unless_wanted("        frustum(view, size[0], bands[0, 0]"),),
-    "project": (_unless_wanted("            is_clear = len(depth)"),),
+    "cull clusters": (_unless_wanted(CULL, "continue"),),
+    "project": (_unless_wanted(LISTED, "return 0"),),
     "clear": (
-        (
-            CLEAR_ALL,
-            "            if WANTED:\n                marks[:] = is_clear\n"
-            "            if is_clear and WANTED:\n",
-        ),
-        _unless_wanted(PLACED),
+        (CLEAR_MARKS, "    for strip in range(buffers.n_marks if WANTED else 0):\n"),
+        (CLEAR_ALL, "    if is_clear and WANTED:\n        for sample"),
+        _unless_wanted(PROJECTED, "return 0, 0"),
     ),
-    "sift": (_unless_wanted(SIFT),),
-    "set up": (_unless_wanted(FILL),),
+    "cull and bin": (_unless_wanted(BIN, "return 0, 0"),),
+    "set up": (_unless_wanted(FILL, "return 0, 0"),),
     # These are bits, to do without more branches: all are set, or none.
-    "fill tiny": (("        if tiny:\n", "        if tiny & WANTED:\n"),),
-    "fill few": (
-        ("        if count_bits(few) < FEW:\n", "        if count_bits(few & WANTED) < FEW:\n"),
-    ),
-    "fill blocks": (("        if many:\n", "        if many & WANTED:\n"),),
-    "fill large": (("                if n_large:\n", "                if n_large and WANTED:\n"),),
-    "clip": (
+    "fill 2 x 2 samples": ((SAMPLES, "        if small & target.WANTED:\n            filled"),),
+    "fill 2 x 2 blocks": (
         (
-            "                for k in range(n_clipped):\n",
-            "                for k in range(n_clipped if WANTED else 0):\n",
+            "        if count_bits(in_blocks) < ",
+            "        if count_bits(in_blocks & target.WANTED) < ",
         ),
     ),
+    "fill tiles": ((IN_TILES, "        if in_tiles & target.WANTED:\n"),),
+    "fill wide": ((WIDE, "    if n.wide and WANTED:\n"),),
+    "clip": (("        if n_clipped:\n", "        if n_clipped and WANTED:\n"),),
 }
 """The passes in their order, and edits of the source that ask whether each is WANTED."""
 
@@ -212,32 +214,38 @@ WORK = (
     "triangles left by clipping",
 )
 COUNTED = (
-    _before(PLACED, "visible[p, 0] += 1", "visible[p, 1] += end - begin"),
     _before(
-        SIFT,
-        "visible[p, 2] += 1",
-        "for slot in range(face_starts[cluster], face_starts[cluster + 1]):",
-        "    visible[p, 3] += corners[slot] != 0",
+        PROJECTED,
+        "counts.visible[0] += 1",
+        "counts.visible[1] += cluster.end_vertex - cluster.first_vertex",
+    ),
+    _before(
+        BIN,
+        "counts.visible[2] += 1",
+        "for slot in range(cluster.first_slot, cluster.end_slot):",
+        "    counts.visible[3] += mesh.corners[slot] != 0",
     ),
     _before(
         FILL,
-        "visible[p, 4] += n_tiny",
-        "visible[p, 5] += n_small",
-        "visible[p, 6] += n_large",
-        "visible[p, 7] += n_clipped",
+        "counts.visible[4] += n.samples_2x2",
+        "counts.visible[5] += n.larger",
+        "counts.visible[6] += n.wide",
+        "counts.visible[7] += n.clipped",
     ),
-    ("        if tiny:\n", "        if tiny < 0:\n"),
+    (SAMPLES, SAMPLES.replace("small", "small < 0")),
     (
-        FEW_TOGETHER,
-        "            counts.visible[8] += count_bits(few)\n"
-        f"            if few < 0:\n    {FEW_TOGETHER}",
+        FILL_BLOCKS,
+        "            target.counts.visible[8] += count_bits(in_blocks)\n"
+        f"            if in_blocks < 0:\n    {FILL_BLOCKS}",
     ),
-    ("        if many:\n", "        counts.visible[9] += count_bits(many)\n        if many < 0:\n"),
-    ("                if n_large:\n", "                if n_large < 0:\n"),
     (
-        "                    new += fill_large(\n                        one_by_one, n, fan",
-        "                    visible[p, 10] += n\n"
-        "                    new += fill_large(\n                        one_by_one, 0, fan",
+        IN_TILES,
+        "        target.counts.visible[9] += count_bits(in_tiles)\n        if in_tiles < 0:\n",
+    ),
+    (WIDE, "    if n.wide < 0:\n"),
+    (
+        CLIP,
+        "        target.counts.visible[10] += n_parts\n" + CLIP.replace("n_parts", "0"),
     ),
 )
 """Edits that put what there is to do in the place of counts, and fill nothing."""
@@ -262,21 +270,18 @@ def counted() -> Callable[..., None]:
 
 
 def _edited(name: str, edits) -> Callable[..., None]:
-    """`count_poses` from a source in which some places are replaced, each of which stands once."""
-    text = Path(kernels.__file__).read_text()
-    # What is compiled here is not kept.
-    edits = (
-        ("import numpy as np\n", "import numba\nimport numpy as np\n"),
-        (
-            "from rastercov._jit import compiled, part_of\n",
-            "from rastercov._jit import part_of\n"
-            'compiled = numba.njit(nogil=True, error_model="numpy")\n',
-        ),
-        *edits,
+    """`count_poses` from `fill` and `loops`, with each marker, which occurs once, replaced."""
+    text = Path(fill.__file__).read_text() + Path(loops.__file__).read_text()
+    # Not cached on disk.
+    text = text.replace(
+        "from rastercov._jit import compiled, part_of\n",
+        "import numba\nfrom rastercov._jit import part_of\n"
+        'compiled = numba.njit(nogil=True, error_model="numpy")\n',
     )
+    text = re.sub(r"from rastercov\.raster\.cpu\.fill import \([^)]*\)\n", "", text)
     for marker, replacement in edits:
         times = text.count(marker)
-        assert times == 1, f"{marker!r} must stand once in {kernels.__file__}, stands {times} times"
+        assert times == 1, f"{marker!r} must occur once in the loops, occurs {times} times"
         text = text.replace(marker, replacement)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, f"{name}.py")
@@ -303,16 +308,16 @@ def profile(
     poses = cell.poses(mesh, n_poses)
     near, cull, _ = limits(mesh, cell.camera, poses)
     scene, grid = _Scene(mesh), SampleGrid(cell.camera)
-    view = _View(scene, grid)
-    view.no_drawn = np.zeros((1, len(PASSES)), np.int32)
+    worker = _Worker(scene, grid)
+    worker.no_drawn = np.zeros((1, len(PASSES)), np.int32)
     visible, filled = np.empty((n_poses, mesh.n_faces), np.int32), np.empty(n_poses, np.int64)
     given = []
-    with mock.patch.object(kernels, "count_poses", lambda *arguments: given.extend(arguments)):
-        view.count(poses, near, cull, (0, 1), visible, None, filled)
+    with mock.patch.object(loops, "count_poses", lambda *arguments: given.extend(arguments)):
+        worker.count(poses, near, cull, (0, 1), visible, None, filled)
 
     def first_passes(n: int) -> Callable[[], None]:
         def work() -> None:
-            view.no_drawn[0, :n], view.no_drawn[0, n:] = -1, 0
+            worker.no_drawn[0, :n], worker.no_drawn[0, n:] = -1, 0
             steps(*given)
 
         return work
@@ -323,7 +328,7 @@ def profile(
     with rc.open_rasterizer(mesh, cell.camera, "cpu", threads=1) as rasterizer:
         timed = [first_passes(n + 1) for n in range(len(PASSES))]
         timed += [
-            lambda: kernels.count_poses(*given),
+            lambda: loops.count_poses(*given),
             lambda: rasterizer.count(poses, drawn=False),
             lambda: rasterizer.count(poses, drawn=True),
         ]
@@ -357,7 +362,7 @@ def profile(
         if n >= ENOUGH:
             report.add(f"{what}: {name}, each", 1e3 * value / n, f"ns/{unit}")
     samples = _samples_covered(mesh, poses, cull, counts)
-    filling = passes[list(PASSES).index("fill tiny") :].sum()
+    filling = passes[list(PASSES).index("fill 2 x 2 samples") :].sum()
     report.add(f"{what}: filling, each sample covered", 1e3 * filling / samples, "ns/sample")
     report.add(f"{what}: questions", medians[len(PASSES) - 1] - plain, "us/pose")
     report.add(f"{what}: outside", total - plain, "us/pose")

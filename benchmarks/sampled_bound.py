@@ -17,8 +17,9 @@ from rows import Report, arguments
 
 import rastercov as rc
 from rastercov import shapes
-from rastercov.criteria import view_faces
-from rastercov.observer import ROLL, Observation, figures
+from rastercov._observers import ROLL
+from rastercov.criteria import face_geometry
+from rastercov.observation import Observation, visible_fraction
 from rastercov.reference import polygons
 
 CAMERA = rc.Camera(width=320, height=240, fx=310, fy=290, cx=163.7, cy=118.2)
@@ -52,7 +53,7 @@ def main() -> None:
 
 def _check(report: Report, what: str, mesh: rc.Mesh, pose: np.ndarray, true: np.ndarray) -> None:
     """Is the truth that of polygon Booleans, on some faces of the scene."""
-    faces = np.flatnonzero(np.isfinite(true) & view_faces(mesh, CAMERA, pose).is_front)
+    faces = np.flatnonzero(np.isfinite(true) & face_geometry(mesh, CAMERA, pose).is_front)
     faces = faces[:: max(1, len(faces) // FACES_CHECKED)]
     area = polygons.image_area(mesh, CAMERA, pose, faces)
     seen = polygons.visible_area(mesh, CAMERA, pose, faces)
@@ -89,8 +90,8 @@ def compare(
     """Samples drawn, error and bound of each partly hidden face that owns samples, (3, N)."""
     with rc.open_rasterizer(mesh, CAMERA, "cpu", supersample=supersample, roll=roll) as rasterizer:
         counts = rasterizer.count(pose)
-    view = view_faces(mesh, CAMERA, pose)
-    value, bound, _ = figures(view, Observation.of_counts(counts), 0)
+    view = face_geometry(mesh, CAMERA, pose)
+    value, bound, _ = visible_fraction(view, Observation.of_counts(counts), 0)
     chosen = view.is_front & np.isfinite(true) & (counts.drawn[0] > 0)
     return np.stack((counts.drawn[0], np.abs(value - true), bound))[:, chosen]
 

@@ -30,7 +30,7 @@ from rows import Report, arguments
 import rastercov as rc
 from rastercov import shapes
 from rastercov.coverage import evaluate_batches
-from rastercov.criteria import in_focus, view_faces
+from rastercov.criteria import face_geometry, in_focus
 from rastercov.errors import DeviceError
 from rastercov.models import MODELS, zhang
 from rastercov.models.line_of_sight import LineOfSight
@@ -192,13 +192,13 @@ def truth(mesh: rc.Mesh, pose: FloatArray) -> tuple[FloatArray, FloatArray, NDAr
     visible = rational.visible_area(mesh, CAMERA, pose)
     has_image = area > 0
     fraction = np.divide(visible, area, out=np.zeros(mesh.n_faces), where=has_image)
-    fraction[~view_faces(mesh, CAMERA, pose).is_front] = 0.0
+    fraction[~face_geometry(mesh, CAMERA, pose).is_front] = 0.0
     return fraction, without_visibility(mesh, pose, area) * fraction, has_image
 
 
 def without_visibility(mesh, pose, area=None) -> FloatArray:
     """(3.6) without C_V: field of view, capped resolution, focus; of given areas in px^2."""
-    view = view_faces(mesh, CAMERA, pose)
+    view = face_geometry(mesh, CAMERA, pose)
     resolution = (view.projected_area if area is None else area) / TASK.min_pixels
     focus = in_focus(view.depth, CAMERA.depth_of_field(TASK.max_blur), TASK.focus_rule)
     return view.in_view * np.minimum(resolution, 1.0) * focus

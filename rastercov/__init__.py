@@ -15,7 +15,8 @@ from rastercov.errors import (
 )
 from rastercov.mesh import Group, Mesh
 from rastercov.network import Network
-from rastercov.observer import Kind, Observation, Observer, Visibility, open_observer, visibility
+from rastercov.observation import BoundKind, Observation, Visibility
+from rastercov.observer import Observer, open_observer, visibility
 from rastercov.pose import Poses, look_at, read_poses, sphere_of_poses, write_poses
 from rastercov.raster import (
     FaceCounts,
@@ -27,6 +28,7 @@ from rastercov.raster import (
 from rastercov.task import Reason, Task
 
 __all__ = [
+    "BoundKind",
     "Camera",
     "CameraError",
     "ConfigError",
@@ -35,7 +37,6 @@ __all__ = [
     "Engine",
     "FaceCounts",
     "Group",
-    "Kind",
     "Mesh",
     "MeshError",
     "Network",

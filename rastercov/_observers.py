@@ -98,11 +98,10 @@ class ExactObserver(OpenObserver):
 
     def __init__(self, mesh: Mesh, camera: Camera, method: str, threads: int | None) -> None:
         # These compile, or load what was compiled.
-        from rastercov.exact import certificate as contour
-        from rastercov.exact import half_planes as analytic
+        from rastercov.exact import certificate, half_planes
         from rastercov.exact.surface import surface_of
 
-        contour.compile_once()
+        certificate.compile_once()
         self.mesh, self.camera = mesh, camera
         self.info = RasterizerInfo(
             backend="analytic",
@@ -114,9 +113,11 @@ class ExactObserver(OpenObserver):
             shaders="",
         )
         self._threads = thread_count(threads)
-        view_type = contour.CertifiedView if method == "certified" else analytic.View
-        make = partial(view_type, surface_of(mesh), camera)
-        self._scratch: ScratchPool[analytic.View] = ScratchPool(make, self._threads)
+        solver_type = (
+            certificate.CertificateSolver if method == "certified" else half_planes.HalfPlaneSolver
+        )
+        make = partial(solver_type, surface_of(mesh), camera)
+        self._scratch: ScratchPool[half_planes.HalfPlaneSolver] = ScratchPool(make, self._threads)
 
     def observe(self, poses: ArrayLike | Poses) -> Observation:
         self._check_open()
@@ -127,19 +128,23 @@ class ExactObserver(OpenObserver):
         visible, area, error = np.empty((3, n_poses, n_faces))
         kind = np.full((n_poses, n_faces), BoundKind.EXACT, np.uint8)
 
-        def worker(view: Any) -> Any:
+        def worker(solver: Any) -> Any:
             def work(turn: slice) -> None:
                 for row in range(n_poses)[turn]:
-                    view.look(matrices[row], near[row], front_only[row])
-                    view.measure_all()
-                    visible[row], area[row], error[row] = view.visible, view.area, view.blur
-                    kind[row][view.is_certified] = BoundKind.CERTIFIED
+                    solver.set_pose(matrices[row], near[row], front_only[row])
+                    solver.solve_all()
+                    visible[row], area[row], error[row] = (
+                        solver.visible,
+                        solver.area,
+                        solver.area_error,
+                    )
+                    kind[row][solver.is_certified] = BoundKind.CERTIFIED
 
             return work
 
-        views = self._scratch.take(max(1, min(self._threads, n_poses)))
-        share_poses(n_poses, [worker(view) for view in views])
-        self._scratch.give_back(views)
+        solvers = self._scratch.take(max(1, min(self._threads, n_poses)))
+        share_poses(n_poses, [worker(solver) for solver in solvers])
+        self._scratch.give_back(solvers)
         return Observation(visible, area, kind, error, clipped)
 
     def close(self) -> None:

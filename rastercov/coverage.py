@@ -16,10 +16,11 @@ from rastercov.camera import Camera
 from rastercov.criteria import FaceGeometry, face_geometry, in_focus
 from rastercov.errors import ConfigError, ResourceError
 from rastercov.mesh import Mesh
-from rastercov.observer import Observation, Observer, open_observer, visible_fraction
+from rastercov.observation import Observation, visible_fraction
+from rastercov.observer import Observer, open_observer
 from rastercov.pose import Poses
 from rastercov.raster.contract import RasterizerInfo
-from rastercov.task import Reason, Task  # noqa: F401
+from rastercov.task import Task
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

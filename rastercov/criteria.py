@@ -195,7 +195,3 @@ def _pixel_density(
         # Depth comes last: its square would overflow for a very small mesh.
         worst = np.minimum(worst, det / greatest / w)
     return worst
-
-
-view_faces = face_geometry
-ViewOfFaces = FaceGeometry

@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov._arguments import check_kind
-from rastercov.coverage import Coverage, Reason, Task
+from rastercov.coverage import Coverage
 from rastercov.errors import ConfigError, MeshError
 from rastercov.mesh import Mesh
-from rastercov.observer import Kind
+from rastercov.observation import BoundKind
+from rastercov.task import Reason, Task
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -40,8 +41,8 @@ class Network:
     covered_faces, mean_coverage : list
         For each of them: task faces it covers, and mean coverage over task faces.
     kinds : (3,) int64
-        Pairs of pose and task face, any part of which is in view from the front, by the `Kind` of
-        their visibility.
+        Pairs of pose and task face, any part of which is in view from the front, by the
+        `BoundKind` of their visibility.
     largest_bound : float
         Greatest `visibility_bound` of these.
     largest_covered_bound : float
@@ -63,7 +64,7 @@ class Network:
         self.pose_ids: list[int] = []
         self.covered_faces: list[int] = []
         self.mean_coverage: list[float] = []
-        self.kinds: IntArray = np.zeros(len(Kind), np.int64)
+        self.kinds: IntArray = np.zeros(len(BoundKind), np.int64)
         self.largest_bound = 0.0
         self.largest_covered_bound = 0.0
         self.largest_image = 0.0
@@ -97,7 +98,7 @@ class Network:
             coverage.reason[:, task_faces] > Reason.BACK_FACING
         )
         kinds = coverage.visibility_kind[:, task_faces][in_view]
-        self.kinds += np.bincount(kinds, minlength=len(Kind))
+        self.kinds += np.bincount(kinds, minlength=len(BoundKind))
         self.largest_bound = max(self.largest_bound, float(bounds[in_view].max(initial=0.0)))
         covered = bounds[covers[:, task_faces]]
         self.largest_covered_bound = max(
@@ -140,7 +141,7 @@ class Network:
             "mean_best_coverage": float(self.best[task_faces].mean()) if task_faces.any() else 0.0,
             "mean_views": float(self.views[task_faces].mean()) if task_faces.any() else 0.0,
             "visibility_figures": {
-                kind.name.lower(): int(self.kinds[kind]) for kind in reversed(Kind)
+                kind.name.lower(): int(self.kinds[kind]) for kind in reversed(BoundKind)
             },
             "largest_visibility_bound": self.largest_bound,
             "largest_visibility_bound_of_covered": self.largest_covered_bound,

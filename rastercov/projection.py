@@ -168,11 +168,3 @@ def box_corners(bounds: FloatArray) -> FloatArray:
     """The eight corners of a bounding box, (2, 3) -> (8, 3)."""
     which: FloatArray = bounds[(np.arange(8)[:, None] >> np.arange(3)) & 1, np.arange(3)]
     return which
-
-
-def __getattr__(name):
-    if name.startswith("__"):
-        raise AttributeError(name)
-    from rastercov import near_plane
-
-    return getattr(near_plane, name)

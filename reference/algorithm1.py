@@ -38,7 +38,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
-from rastercov.projection import clip_near, near_limit, to_camera, to_image
+from rastercov.near_plane import near_limit
+from rastercov.projection import clip_near, to_camera, to_image
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -30,7 +30,7 @@ from shapely.geometry.base import BaseGeometry
 from rastercov.camera import Camera
 from rastercov.errors import RastercovError
 from rastercov.mesh import Mesh
-from rastercov.projection import near_limit
+from rastercov.near_plane import near_limit
 
 __all__ = ["PolygonError", "image_area", "visible_area", "visible_polygons"]
 

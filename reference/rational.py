@@ -34,7 +34,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
-from rastercov.projection import near_limit
+from rastercov.near_plane import near_limit
 
 try:
     from gmpy2 import gcd, mpq, mpz

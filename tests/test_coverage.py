@@ -13,12 +13,15 @@ from scenes import joined, sheet, square
 from rastercov import coverage as module
 from rastercov import shapes
 from rastercov.camera import Camera
-from rastercov.coverage import FIGURES, Reason, Task, evaluate, evaluate_batches
-from rastercov.criteria import in_focus, view_faces
+from rastercov.coverage import FIGURES, evaluate, evaluate_batches
+from rastercov.criteria import face_geometry, in_focus
+from rastercov.engine import METHODS
 from rastercov.errors import ConfigError, PoseError, ResourceError
 from rastercov.mesh import Group, Mesh
-from rastercov.observer import METHODS, Kind, open_observer
+from rastercov.observation import BoundKind
+from rastercov.observer import open_observer
 from rastercov.pose import look_at, sphere_of_poses
+from rastercov.task import Reason, Task
 
 CAMERA = Camera(width=200, height=200, fx=100, fy=100)
 SMALL = Camera(width=48, height=40, fx=45, fy=42, focus_range=(0.38, 0.48))
@@ -57,7 +60,7 @@ def assert_same(one, other):
 
 def factors(found, task):
     """The criteria in the documented order, from the figures of a Coverage and the geometry."""
-    views = [view_faces(found.mesh, found.camera, pose) for pose in POSES[found.pose_ids]]
+    views = [face_geometry(found.mesh, found.camera, pose) for pose in POSES[found.pose_ids]]
     front = np.array([view.is_front for view in views])
     focus = np.array(
         [in_focus(v.depth, found.camera.depth_of_field(), task.focus_rule) for v in views]
@@ -346,9 +349,9 @@ def test_methods_agree_within_their_bounds():
     assert certified.visibility == pytest.approx(exact.visibility, rel=0, abs=1e-9)
     assert certified.drawn_pixels == pytest.approx(exact.drawn_pixels, rel=0, abs=1e-9)
     held = np.abs(sampled.visibility - exact.visibility) <= sampled.visibility_bound
-    assert held[sampled.visibility_kind == Kind.STATISTICAL].mean() > 0.999
-    assert set(certified.visibility_kind.ravel()) == {Kind.CERTIFIED, Kind.EXACT}
-    assert set(exact.visibility_kind.ravel()) == {Kind.EXACT}
+    assert held[sampled.visibility_kind == BoundKind.STATISTICAL].mean() > 0.999
+    assert set(certified.visibility_kind.ravel()) == {BoundKind.CERTIFIED, BoundKind.EXACT}
+    assert set(exact.visibility_kind.ravel()) == {BoundKind.EXACT}
 
 
 def test_a_run_too_large_to_return_is_refused_before_anything_runs(monkeypatch):

@@ -10,10 +10,11 @@ from scenes import square
 
 from rastercov import shapes
 from rastercov.camera import Camera
-from rastercov.criteria import in_focus, view_faces
+from rastercov.criteria import face_geometry, in_focus
 from rastercov.mesh import Group, Mesh
+from rastercov.near_plane import near_limit
 from rastercov.pose import look_at
-from rastercov.projection import clip_near, near_limit, polygon_area, to_camera, to_image
+from rastercov.projection import clip_near, polygon_area, to_camera, to_image
 
 CAMERA = Camera(width=200, height=200, fx=100, fy=100)
 UNEVEN = Camera(width=640, height=480, fx=500, fy=400, cx=100, cy=350)
@@ -48,7 +49,7 @@ def random_mesh(rng, n=40):
 @pytest.mark.parametrize("z", [0.5, 2.0, 40.0])
 @pytest.mark.parametrize("camera", [CAMERA, UNEVEN])
 def test_area_of_a_frontal_square_is_fx_fy_area_over_depth_squared(camera, z):
-    view = view_faces(square(0.05, z), camera, AHEAD)
+    view = face_geometry(square(0.05, z), camera, AHEAD)
     assert view.projected_area.sum() == pytest.approx(camera.fx * camera.fy * 0.01 / z**2)
     assert view.perimeter[0] == pytest.approx(
         0.1 / z * (camera.fx + camera.fy + math.hypot(camera.fx, camera.fy))
@@ -59,7 +60,7 @@ def test_area_of_a_frontal_square_is_fx_fy_area_over_depth_squared(camera, z):
 def test_area_has_no_sign(rng):
     mesh, pose = random_mesh(rng), random_pose(rng)
     turned = Mesh(vertices=mesh.vertices, faces=mesh.faces[:, ::-1])
-    one, other = (view_faces(m, UNEVEN, pose) for m in (mesh, turned))
+    one, other = (face_geometry(m, UNEVEN, pose) for m in (mesh, turned))
     assert one.projected_area == pytest.approx(other.projected_area)
     assert (one.projected_area >= 0).all()
 
@@ -68,7 +69,7 @@ def test_area_through_the_near_plane_is_of_the_part_beyond_it():
     # Without clipping the corner behind the camera is mirrored, and the area is far too small.
     mesh = triangles((-0.5, 0.25, 3), (0.5, 0.25, 3), (0, 0.25, -1))
     camera = Camera(width=200, height=200, fx=100, fy=100, near=0.125)
-    view = view_faces(mesh, camera, AHEAD)
+    view = face_geometry(mesh, camera, AHEAD)
     assert view.projected_area == pytest.approx([445625 / 18], rel=1e-14)
     assert np.isposinf(view.perimeter).all()
     assert not view.in_view.any()
@@ -76,7 +77,7 @@ def test_area_through_the_near_plane_is_of_the_part_beyond_it():
 
 
 def test_behind_the_camera_there_is_nothing():
-    view = view_faces(square(1, -2), CAMERA, AHEAD)
+    view = face_geometry(square(1, -2), CAMERA, AHEAD)
     for name in ("projected_area", "in_view_fraction", "pixel_density"):
         assert not getattr(view, name).any(), name
     assert not view.in_view.any()
@@ -88,7 +89,7 @@ def test_moving_mesh_and_camera_together_changes_nothing(rng):
     mesh, pose, motion = random_mesh(rng), random_pose(rng), random_pose(rng)
     moved = Mesh(vertices=mesh.vertices @ motion[:3, :3].T + motion[:3, 3], faces=mesh.faces)
     camera = Camera(width=640, height=480, fx=500, fy=400, near=0.1)
-    one, other = view_faces(mesh, camera, pose), view_faces(moved, camera, motion @ pose)
+    one, other = face_geometry(mesh, camera, pose), face_geometry(moved, camera, motion @ pose)
     for name in ("depth", "projected_area", "in_view_fraction", "pixel_density"):
         assert getattr(one, name) == pytest.approx(getattr(other, name), rel=1e-6, abs=1e-8), name
     assert one.incidence == pytest.approx(other.incidence, abs=1e-6)
@@ -103,20 +104,20 @@ def test_moving_mesh_and_camera_together_changes_nothing(rng):
 )
 def test_in_view_is_all_or_nothing_and_the_border_is_inside(centre, inside):
     # Half the image is 2 m wide at 2 m: a square of half 0.5 touches the border at 1.5.
-    view = view_faces(square(0.5, 2, centre), CAMERA, AHEAD)
+    view = face_geometry(square(0.5, 2, centre), CAMERA, AHEAD)
     assert view.in_view.tolist() == [inside, inside]
     assert inside <= (view.in_view_fraction == 1).all()
 
 
 def test_fraction_of_a_square_cut_in_the_middle_is_a_half():
-    view = view_faces(square(1, 1, (1, 0)), CAMERA, AHEAD)
+    view = face_geometry(square(1, 1, (1, 0)), CAMERA, AHEAD)
     assert view.projected_area == pytest.approx([20000, 20000])
     assert view.in_view_fraction == pytest.approx([0.75, 0.25])
     assert not view.in_view.any()
 
 
 def test_fraction_of_a_wall_around_the_image_is_its_share():
-    view = view_faces(square(10, 2), CAMERA, AHEAD)
+    view = face_geometry(square(10, 2), CAMERA, AHEAD)
     assert view.in_view_fraction == pytest.approx([0.04, 0.04])
     assert not view.in_view.any()
 
@@ -127,7 +128,7 @@ def test_fractions_of_two_half_images_add_up_to_the_whole(rng, middle):
     left = Camera(width=middle, height=480, fx=500, fy=400, cx=100, cy=350)
     right = Camera(width=640 - middle, height=480, fx=500, fy=400, cx=100 - middle, cy=350)
     whole, one, other = (
-        view_faces(mesh, camera, pose).in_view_fraction for camera in (UNEVEN, left, right)
+        face_geometry(mesh, camera, pose).in_view_fraction for camera in (UNEVEN, left, right)
     )
     assert one + other == pytest.approx(whole, abs=1e-9)
 
@@ -145,7 +146,7 @@ def test_thesis_table_5_3_field_of_view(place):
     centres, covered = PLATES[place]
     camera = Camera.preset("icube-ns4133bu-8mm")
     for centre in centres:
-        view = view_faces(square(0.15, 4, centre), camera, AHEAD)
+        view = face_geometry(square(0.15, 4, centre), camera, AHEAD)
         shown = view.in_view_fraction @ view.projected_area / view.projected_area.sum()
         assert view.in_view.tolist() == [covered] * 2
         assert (shown == pytest.approx(1), shown == 0) == (covered, place == "outside")
@@ -160,7 +161,7 @@ DISTANCES = np.arange(4, 19)
 
 def plate_pixels(distance):
     camera = Camera.preset("icube-ns4133bu-8mm")
-    return view_faces(square(0.15, float(distance)), camera, AHEAD).projected_area.sum()
+    return face_geometry(square(0.15, float(distance)), camera, AHEAD).projected_area.sum()
 
 
 def test_thesis_table_5_4_resolution():
@@ -198,13 +199,13 @@ def test_front_is_the_sign_of_the_projected_area(rng):
     # Counter-clockwise from outside runs counter-clockwise in the image, where v runs down.
     area = polygon_area(to_image(np.where(polygons == 0, 1, polygons), UNEVEN), counts)
     sure = np.abs(area) > 1e-3
-    assert np.array_equal(view_faces(mesh, UNEVEN, pose).is_front[sure], area[sure] < 0)
+    assert np.array_equal(face_geometry(mesh, UNEVEN, pose).is_front[sure], area[sure] < 0)
 
 
 def test_front_follows_the_ray_and_not_the_optical_axis():
     # Definition 3 calls this face self-occluding: its normal is 79 degrees from the axis.
     mesh = triangles((1.9, -0.3, 4), (2.1, -0.3, 5), (1.96, 0.3, 4.3))
-    view = view_faces(mesh, CAMERA, AHEAD)
+    view = face_geometry(mesh, CAMERA, AHEAD)
     assert np.degrees(np.arccos(mesh.normals[0, 2])) == pytest.approx(78.69, abs=0.01)
     assert view.is_front.all()
     assert view.in_view.all()
@@ -216,7 +217,7 @@ def test_a_two_sided_face_is_seen_at_the_same_angle_from_either_side():
         mesh = tilted(angle).with_groups(two_sided="all")
         turned = Mesh(vertices=mesh.vertices, faces=mesh.faces[:, ::-1], groups=mesh.groups)
         for side in (mesh, turned):
-            view = view_faces(side, CAMERA, AHEAD)
+            view = face_geometry(side, CAMERA, AHEAD)
             assert view.incidence == pytest.approx(angle, abs=1e-6)
             assert view.is_front.all()
 
@@ -224,16 +225,16 @@ def test_a_two_sided_face_is_seen_at_the_same_angle_from_either_side():
 def test_either_side_of_a_two_sided_group_is_front():
     back = square(1, 2).faces[:, ::-1]
     mesh = Mesh(vertices=square(1, 2).vertices, faces=back)
-    assert not view_faces(mesh, CAMERA, AHEAD).is_front.any()
+    assert not face_geometry(mesh, CAMERA, AHEAD).is_front.any()
     sheet = mesh.with_groups(two_sided="all")
-    assert view_faces(sheet, CAMERA, AHEAD).is_front.all()
-    assert view_faces(sheet, CAMERA, AHEAD).pixel_density == pytest.approx([50, 50])
+    assert face_geometry(sheet, CAMERA, AHEAD).is_front.all()
+    assert face_geometry(sheet, CAMERA, AHEAD).pixel_density == pytest.approx([50, 50])
 
 
 def test_edge_on_is_front_from_neither_side():
     mesh = triangles((0, 0, 1), (0, 1, 2), (0, -1, 3))
     for sheet in (mesh, mesh.with_groups(two_sided="all")):
-        view = view_faces(sheet, CAMERA, AHEAD)
+        view = face_geometry(sheet, CAMERA, AHEAD)
         assert not view.is_front.any()
         assert view.incidence == pytest.approx([math.pi / 2])
         assert view.projected_area == [0]
@@ -244,13 +245,13 @@ def test_edge_on_is_front_from_neither_side():
 
 @pytest.mark.parametrize("degrees", [0, 30, 60, 89])
 def test_incidence_is_the_tilt_on_the_axis(degrees):
-    view = view_faces(tilted(math.radians(degrees)), CAMERA, AHEAD)
+    view = face_geometry(tilted(math.radians(degrees)), CAMERA, AHEAD)
     assert np.degrees(view.incidence) == pytest.approx([degrees], abs=1e-5)
 
 
 def test_incidence_is_measured_to_the_camera_centre():
     # A frontal face whose centroid is as far off the axis as it is deep.
-    view = view_faces(triangles((1, 0, 2), (2, 1, 2), (3, -1, 2)), CAMERA, AHEAD)
+    view = face_geometry(triangles((1, 0, 2), (2, 1, 2), (3, -1, 2)), CAMERA, AHEAD)
     assert np.degrees(view.incidence) == pytest.approx([45])
 
 
@@ -258,7 +259,7 @@ def test_incidence_is_measured_to_the_camera_centre():
 def test_incidence_from_behind_is_the_supplement(rng):
     mesh, pose = random_mesh(rng), random_pose(rng)
     turned = Mesh(vertices=mesh.vertices, faces=mesh.faces[:, ::-1])
-    one, other = (view_faces(m, UNEVEN, pose).incidence for m in (mesh, turned))
+    one, other = (face_geometry(m, UNEVEN, pose).incidence for m in (mesh, turned))
     assert one + other == pytest.approx(np.full(mesh.n_faces, math.pi))
 
 
@@ -269,14 +270,14 @@ def test_incidence_from_behind_is_the_supplement(rng):
 @pytest.mark.parametrize("z", [0.5, 2.0])
 def test_density_on_the_axis_is_f_over_z_foreshortened(degrees, z):
     angle = math.radians(degrees)
-    view = view_faces(tilted(angle, z=z), CAMERA, AHEAD)
+    view = face_geometry(tilted(angle, z=z), CAMERA, AHEAD)
     assert view.pixel_density == pytest.approx([100 * math.cos(angle) / z], rel=1e-4)
 
 
 def test_density_is_along_the_worse_side_of_an_oblong_pixel():
     for fx, fy in ((400, 100), (100, 400)):
         camera = Camera(width=200, height=200, fx=fx, fy=fy)
-        view = view_faces(tilted(0.0), camera, AHEAD)
+        view = face_geometry(tilted(0.0), camera, AHEAD)
         assert view.pixel_density == pytest.approx([50], rel=1e-4)
 
 
@@ -296,7 +297,7 @@ def numeric_density(corners, camera, step=1e-6):
 @given(seeds)
 def test_density_is_the_least_singular_value_of_finite_differences(rng):
     mesh = triangles(rng.uniform((-2, -2, 1), (2, 2, 5), size=(60, 3)))
-    view = view_faces(mesh.with_groups(two_sided="all"), UNEVEN, AHEAD)
+    view = face_geometry(mesh.with_groups(two_sided="all"), UNEVEN, AHEAD)
     seen = np.flatnonzero((view.in_view_fraction > 0) & (np.abs(view.incidence - 1.57) > 0.05))
     expected = [numeric_density(mesh.vertices[mesh.faces[face]], UNEVEN) for face in seen]
     assert view.pixel_density[seen] == pytest.approx(expected, rel=1e-5)
@@ -319,7 +320,7 @@ def test_density_does_not_depend_on_tessellation():
     gaps, worst = [], []
     for n in (4, 16, 64):
         mesh = lattice(n)
-        density = view_faces(mesh, CAMERA, AHEAD).pixel_density
+        density = face_geometry(mesh, CAMERA, AHEAD).pixel_density
         tangents = np.linalg.svd(mesh.normals[:1])[2][1:]
         h = 1e-6
         ahead, behind = (
@@ -336,8 +337,8 @@ def test_density_does_not_depend_on_tessellation():
 def test_density_scales_with_the_mesh():
     for scale in (1e-120, 1e-30, 1e20):
         mesh = Mesh(vertices=square(1, 2).vertices * scale, faces=square(1, 2).faces)
-        view = view_faces(mesh, CAMERA, AHEAD)
-        expected = view_faces(square(1, 2), CAMERA, AHEAD).pixel_density / scale
+        view = face_geometry(mesh, CAMERA, AHEAD)
+        expected = face_geometry(square(1, 2), CAMERA, AHEAD).pixel_density / scale
         assert view.pixel_density == pytest.approx(expected)
 
 
@@ -382,7 +383,7 @@ def test_no_face_ever_makes_a_nan(points, is_turned, near, rng):
     faces = rng.integers(0, len(points), size=(20, 3))
     mesh = Mesh(points, faces, [Group("one"), Group("two", False, True)], np.arange(20) % 2)
     camera = Camera(width=200, height=100, fx=100, fy=80, near=near)
-    view = view_faces(mesh, camera, random_pose(rng) if is_turned else AHEAD)
+    view = face_geometry(mesh, camera, random_pose(rng) if is_turned else AHEAD)
     for name, values in vars(view).items():
         if name != "perimeter":
             assert np.isfinite(values).all(), name
@@ -398,7 +399,7 @@ def test_no_face_ever_makes_a_nan(points, is_turned, near, rng):
 
 @pytest.mark.parametrize("point", [(0.0, 0, 0), (0, 0, 1), (0, 0, -1)])
 def test_a_mesh_that_is_a_point_is_nowhere_and_no_nan(point):
-    view = view_faces(triangles((point, point, point)), CAMERA, AHEAD)
+    view = face_geometry(triangles((point, point, point)), CAMERA, AHEAD)
     assert not view.is_front.any()
     assert view.projected_area == [0]
     assert view.in_view_fraction == [0]
@@ -406,7 +407,7 @@ def test_a_mesh_that_is_a_point_is_nowhere_and_no_nan(point):
 
 
 def test_inside_a_closed_surface_nothing_is_front():
-    view = view_faces(shapes.sphere(2), UNEVEN, AHEAD)
+    view = face_geometry(shapes.sphere(2), UNEVEN, AHEAD)
     assert not view.is_front.any()
-    outside = view_faces(shapes.sphere(2), UNEVEN, look_at((0, 0, 50), (0, 0, 0), (0, 1, 0))[0])
+    outside = face_geometry(shapes.sphere(2), UNEVEN, look_at((0, 0, 50), (0, 0, 0), (0, 1, 0))[0])
     assert 0.4 < outside.is_front.mean() < 0.5

@@ -183,7 +183,7 @@ def test_a_disk_that_fills_up_while_it_is_written_is_one_line(module, tmp_path):
 
 
 def test_a_write_that_fails_after_all_is_one_more_line(module, tmp_path):
-    code = "from rastercov import compiled\ncompiled.ROOM = 0\n"
+    code = "from rastercov import _jit\n_jit.ROOM = 0\n"
     module.write_text(code + module.read_text())
 
     def small_files():

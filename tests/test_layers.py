@@ -7,12 +7,14 @@ import rastercov
 
 ROOT = Path(rastercov.__file__).parent
 LAYERS = (
-    "errors _files _jit _once _interrupts _closing _memory _checks _threads _double_double",
-    "_arguments _limits _typed",
+    "errors _files _format _jit _once _interrupts _closing _memory _checks _output _threads",
+    "_double_double _arguments _limits _typed",
     "camera pose mesh projection shapes",
     "near_plane criteria",
-    "exact raster",
-    "engine observer task",
+    "raster",
+    "observation exact engine",
+    "_observers",
+    "observer task",
     "coverage network provenance",
     "models placement",
     "plan validation",

@@ -10,10 +10,11 @@ from hypothesis import strategies as st
 
 from rastercov import shapes
 from rastercov.camera import Camera
-from rastercov.coverage import FIGURES, Coverage, Reason, Task, evaluate
+from rastercov.coverage import FIGURES, Coverage, evaluate
 from rastercov.mesh import Group, Mesh
 from rastercov.network import Network
 from rastercov.pose import look_at, sphere_of_poses
+from rastercov.task import Reason, Task
 
 CAMERA = Camera(width=200, height=200, fx=100, fy=100)
 #  3---2        6   9  12

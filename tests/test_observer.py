@@ -8,10 +8,12 @@ from scenes import joined, sheet, square
 
 from rastercov import shapes
 from rastercov.camera import Camera
-from rastercov.criteria import view_faces
+from rastercov.criteria import face_geometry
+from rastercov.engine import METHODS
 from rastercov.errors import ConfigError, PoseError
 from rastercov.mesh import Mesh
-from rastercov.observer import METHODS, Kind, Observation, figures, open_observer, visibility
+from rastercov.observation import BoundKind, Observation, visible_fraction
+from rastercov.observer import open_observer, visibility
 from rastercov.pose import look_at, sphere_of_poses
 from rastercov.raster.gl import GLRasterizer
 
@@ -30,7 +32,7 @@ def see(device):
         with GLRasterizer(mesh, camera, device=device, supersample=supersample) as rasterizer:
             counts = rasterizer.count(pose)
         seen = Observation.of_counts(counts)
-        return *figures(view_faces(mesh, camera, pose), seen, 0), counts
+        return *visible_fraction(face_geometry(mesh, camera, pose), seen, 0), counts
 
     return see_one
 
@@ -46,7 +48,7 @@ def test_unhidden_is_exactly_1_and_hidden_exactly_0_at_any_resolution(see, size,
     value, _, kind, counts = see(mesh, camera, pose)
     assert (counts.drawn > 0).all()
     assert value.tolist() == [1, 1, 0, 0]
-    assert (kind == Kind.STATISTICAL).all()
+    assert (kind == BoundKind.STATISTICAL).all()
 
 
 @pytest.mark.parametrize("size", [16, 64, 256])
@@ -55,12 +57,12 @@ def test_the_near_side_of_a_sphere_is_exactly_visible(see, size):
     camera = Camera(width=size, height=size, fx=size, fy=size)
     pose = look_at((1.3, 2.2, -2.6), (0, 0, 0))[0]
     value, bound, kind, counts = see(mesh, camera, pose)
-    front = view_faces(mesh, camera, pose).is_front
+    front = face_geometry(mesh, camera, pose).is_front
     seen = front & (counts.drawn[0] > 0)
     assert (value[seen] == 1).all()
     assert (value[~seen] == 0).all()
     assert (bound[front & ~seen] == 1).all()
-    assert (kind[~front] == Kind.EXACT).all()
+    assert (kind[~front] == BoundKind.EXACT).all()
     assert (bound[~front] == 0).all()
 
 
@@ -93,7 +95,7 @@ def test_a_floor_cut_by_a_wall_shows_four_fifths(see):
     floor = Mesh(vertices=corners, faces=[(0, 2, 1), (0, 3, 2)])
     mesh = joined(floor, square(4, 4))
     _, bound, _, counts = see(mesh, CAMERA, ROLLED, 4)
-    area = view_faces(mesh, CAMERA, ROLLED).projected_area[:2]
+    area = face_geometry(mesh, CAMERA, ROLLED).projected_area[:2]
     assert area.sum() == pytest.approx(100 * 100 * (1 / 4 - 1 / 64))
     # In the rolled image the floor leaves the image nowhere, so both triangles are whole.
     shown = counts.visible[0, :2].sum() / counts.drawn[0, :2].sum()
@@ -127,7 +129,7 @@ def test_the_bound_is_its_formula(see):
     camera = Camera(width=80, height=60, fx=70, fy=75)
     for supersample in (1, 3):
         value, bound, kind, counts = see(mesh, camera, pose, supersample)
-        view, drawn = view_faces(mesh, camera, pose), counts.drawn[0]
+        view, drawn = face_geometry(mesh, camera, pose), counts.drawn[0]
         length = view.perimeter * supersample
         expected = (0.81 * np.sqrt(1.25 * length + 1) + length / 20) / np.maximum(drawn, 1)
         judged = view.is_front & (view.in_view_fraction > 0)
@@ -136,7 +138,7 @@ def test_the_bound_is_its_formula(see):
         )
         assert (bound[judged & (drawn == 0)] == 1).all()
         assert (judged & (drawn == 0)).any()
-        assert (kind == np.where(judged, Kind.STATISTICAL, Kind.EXACT)).all()
+        assert (kind == np.where(judged, BoundKind.STATISTICAL, BoundKind.EXACT)).all()
         assert ((bound >= 0) & (bound <= 1) & (value >= 0) & (value <= 1)).all()
 
 
@@ -150,7 +152,7 @@ def test_the_bound_holds_for_nearly_all_partly_hidden_faces(see, size):
     for pose in sphere_of_poses((0, 0, 0.08), 0.45, 5):
         value, bound, kind, _ = see(mesh, camera, pose)
         truth, _, _, fine = see(mesh, camera, pose, 16)
-        partly = (kind == Kind.STATISTICAL) & (truth > 0) & (truth < 1) & (fine.drawn[0] >= 64)
+        partly = (kind == BoundKind.STATISTICAL) & (truth > 0) & (truth < 1) & (fine.drawn[0] >= 64)
         held += np.count_nonzero(np.abs(value - truth)[partly] <= bound[partly])
         partial += np.count_nonzero(partly)
     assert partial > 200
@@ -180,12 +182,12 @@ def test_a_face_in_view_too_small_for_an_area_is_unknown_and_not_hidden(see):
     x = 0.5
     right = np.nextafter(x, 1)
     mesh = Mesh(vertices=[(x, x, 1), (x, right, 1), (right, right, 1)], faces=[(0, 1, 2)])
-    view = view_faces(mesh, CAMERA, AHEAD)
+    view = face_geometry(mesh, CAMERA, AHEAD)
     assert view.is_front.all()
     assert view.in_view.all()
     assert view.projected_area == [0]
     value, bound, kind, _ = see(mesh, CAMERA, AHEAD)
-    assert (value, bound, kind) == ([0], [1], [Kind.STATISTICAL])
+    assert (value, bound, kind) == ([0], [1], [BoundKind.STATISTICAL])
 
 
 # --- the public function --------------------------------------------------------------------------
@@ -193,14 +195,18 @@ def test_a_face_in_view_too_small_for_an_area_is_unknown_and_not_hidden(see):
 
 @pytest.mark.parametrize(
     ("method", "kind"),
-    [("certified", Kind.CERTIFIED), ("exact", Kind.EXACT), ("sampled", Kind.STATISTICAL)],
+    [
+        ("certified", BoundKind.CERTIFIED),
+        ("exact", BoundKind.EXACT),
+        ("sampled", BoundKind.STATISTICAL),
+    ],
 )
 def test_back_faces_and_faces_outside_are_exactly_0(method, kind):
     away = sheet((1, -1), (-1, 1), 2)  # wound the other way
     mesh = joined(square(0.2, 1), away, sheet((9, 0), (10, 1), 2), square(1, -2))
     seen = visibility(mesh, CAMERA, AHEAD, method)
     assert seen.value.tolist() == [[1, 1] + [0] * 6]
-    assert seen.kind.tolist() == [[kind] * 2 + [Kind.EXACT] * 6]
+    assert seen.kind.tolist() == [[kind] * 2 + [BoundKind.EXACT] * 6]
     assert (seen.bound[0, 2:] == 0).all()
     assert seen.value.dtype == seen.bound.dtype == np.float64
     assert seen.kind.dtype == np.uint8
@@ -210,7 +216,7 @@ def test_back_faces_and_faces_outside_are_exactly_0(method, kind):
 def test_certified_figures_have_no_bound_and_computed_ones_have_rounding():
     mesh = joined(square(2, 4), square(0.5, 2), square(0.001, 1, (0.7, 0)))
     seen = visibility(mesh, CAMERA, AHEAD)
-    assert seen.kind.tolist() == [[Kind.EXACT] * 2 + [Kind.CERTIFIED] * 4]
+    assert seen.kind.tolist() == [[BoundKind.EXACT] * 2 + [BoundKind.CERTIFIED] * 4]
     assert (seen.bound[0, 2:] == 0).all()
     for bound in (seen.bound[0, :2], visibility(mesh, CAMERA, AHEAD, "exact").bound[0]):
         assert ((bound > 1e-16) & (bound < 1e-9)).all()
@@ -261,7 +267,7 @@ def test_method_sampled_passes_its_options_on():
     with open_observer(mesh, CAMERA, "sampled", backend="cpu", supersample=3) as observer:
         seen = observer.observe(AHEAD)
         assert observer.info.backend == "cpu"
-    assert seen.samples == 9
+    assert seen.samples_per_pixel == 9
     assert np.abs(seen.drawn_pixels - 5000).max() < 50
 
 

@@ -10,17 +10,14 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from rastercov.camera import Camera
+from rastercov.near_plane import NEAR_TO_FAR, depth_range, near_limit, nearest_depth_in_view
 from rastercov.pose import look_at
 from rastercov.projection import (
-    NEAR_TO_FAR,
     box_corners,
     clip_near,
     clip_polygons,
     clip_to_image,
-    depth_range,
     image_boxes,
-    near_limit,
-    nearest_depth_in_view,
     polygon_area,
     to_camera,
     to_image,

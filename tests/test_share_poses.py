@@ -12,7 +12,7 @@ from rastercov import shapes
 from rastercov._threads import POSES_A_TURN, share_poses, thread_count
 from rastercov.camera import Camera
 from rastercov.errors import ConfigError
-from rastercov.exact.certificate import CertifiedView
+from rastercov.exact.certificate import CertificateSolver
 from rastercov.observer import open_observer
 from rastercov.pose import look_at, sphere_of_poses
 
@@ -151,16 +151,16 @@ def test_observers_of_one_mesh_work_side_by_side():
 def test_an_interrupt_ends_the_work_within_a_turn_and_leaves_the_observer_usable(monkeypatch):
     poses = sphere_of_poses((0, 0, 0), 4, 4000)
     seen = []
-    measure_all = CertifiedView.measure_all
+    solve_all = CertificateSolver.solve_all
 
     def interrupted(view):
         seen.append(1)
         if len(seen) == 40:
             raise KeyboardInterrupt
-        measure_all(view)
+        solve_all(view)
 
     with open_observer(shapes.box(), CAMERA, threads=2) as observer:
-        monkeypatch.setattr(CertifiedView, "measure_all", interrupted)
+        monkeypatch.setattr(CertificateSolver, "solve_all", interrupted)
         with pytest.raises(KeyboardInterrupt):
             observer.observe(poses)
         assert len(seen) < 1000  # of 4000

@@ -219,8 +219,8 @@ def test_a_surface_lives_as_long_as_its_mesh():
 def test_loops_are_compiled_once_however_many_threads_open_observers(monkeypatch):
     started = []
 
-    def aside(code):
-        started.append(code)
+    def aside(function):
+        started.append(function)
         time.sleep(0.05)
         return nullcontext()
 
@@ -287,21 +287,23 @@ def test_idle_scratch_memory_does_not_grow_with_the_threads_that_ever_called(kin
 @pytest.mark.parametrize("kind", ANALYTIC)
 @pytest.mark.parametrize("error", [KeyboardInterrupt, MemoryError])
 def test_scratch_memory_that_an_error_left_half_changed_is_not_used_again(monkeypatch, kind, error):
-    # Faces around the eye make the lists of cut faces grow: an interrupt comes in between, when one
-    # of four arrays has grown.
+    # Faces around the eye make the four arrays of clipped faces grow: an interrupt comes when one
+    # has grown.
     rng = np.random.default_rng(2)
     mesh = rc.Mesh(rng.normal(size=(900, 3)) * 3, np.arange(900).reshape(300, 3))
     expected = ask(OPENERS[kind](mesh, CAMERA, threads=1), np.eye(4))
-    make_room = analytic.View._make_room_for_cuts
+    make_room = analytic.HalfPlaneSolver._make_room_for_clipped
 
     def interrupted(view, n):
         if n > 8:
-            view.polygons = np.empty((n, *view.polygons.shape[1:]))
+            clipped = view.projected.clipped
+            grown = clipped._replace(polygons=np.empty((n, *clipped.polygons.shape[1:])))
+            view.projected = view.projected._replace(clipped=grown)
             raise error
         make_room(view, n)
 
     with OPENERS[kind](mesh, CAMERA, threads=1) as observer:
-        monkeypatch.setattr(analytic.View, "_make_room_for_cuts", interrupted)
+        monkeypatch.setattr(analytic.HalfPlaneSolver, "_make_room_for_clipped", interrupted)
         with pytest.raises(error):
             observer.observe(np.eye(4))
         monkeypatch.undo()
@@ -368,14 +370,14 @@ def test_what_is_closed_refuses_in_one_line_and_closes_again(kind):
 def test_a_call_that_another_thread_is_in_ends_well_when_the_observer_is_closed(monkeypatch, kind):
     expected = ask(OPENERS[kind](MESH, CAMERA, threads=1))
     inside, closed = threading.Event(), threading.Event()
-    look = analytic.View.look
+    set_pose = analytic.HalfPlaneSolver.set_pose
 
     def waiting(view, *args):
         inside.set()
         closed.wait(20)
-        look(view, *args)
+        set_pose(view, *args)
 
-    monkeypatch.setattr(analytic.View, "look", waiting)
+    monkeypatch.setattr(analytic.HalfPlaneSolver, "set_pose", waiting)
     observer = OPENERS[kind](MESH, CAMERA, threads=2)
 
     def work(caller):

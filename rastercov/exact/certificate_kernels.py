@@ -1,58 +1,73 @@
-"""The loops of the certificate, compiled by numba: where visibility cannot change.
+"""The visibility certificate, compiled by numba: regions where visibility cannot change.
 
-They stand in one file because numba keeps what it compiled by file: a loop that calls into another
-file would not notice a change there.
-
-Seen from the camera, the surfaces in front of a point change only across edges that do not have one
-face on either side: contour edges, borders, edges of more than two faces, and the rims where the
-near plane cuts. `find_jumps` finds these edges, `mark_crossed` the faces that one of them crosses
-in the image, at or before the face. What is left falls into patches, faces joined by edges that no
-such edge separates: of a patch all is seen or nothing. `find_patches` gathers them.
+Seen from the camera, the set of surfaces in front of a point changes only across event edges:
+silhouette edges, borders, edges of more than two faces, and the rims where the near plane clips.
+`find_event_edges` finds them, `mark_crossed` the faces that one of them crosses in the image, at or
+before the face. The remaining faces form regions, joined by edges that are no event edges: a region
+is wholly visible or wholly hidden. `find_regions` collects them.
 
 A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of Solids. 1967.
 """
 
 import numpy as np
 
-from rastercov._jit import compiled
+from rastercov._jit import allocation_free, inlined, part_of
+from rastercov.exact.grid_kernels import cell
+from rastercov.exact.polygon_kernels import line_value
+from rastercov.exact.records import (
+    CLIPPED,
+    CONSISTENT,
+    CROSSED,
+    DEPTH_TIE_REL,
+    DOUBTFUL,
+    LIVE,
+    NON_MANIFOLD,
+    PARTLY,
+    SLOPE_U,
+    SLOPE_V,
+    THIN,
+    U_MAX,
+    U_MIN,
+    V_MAX,
+    V_MIN,
+    W_ERROR,
+    W_MAX,
+    W_MIN,
+    U,
+    V,
+    W,
+)
 
-TIE = 1e-10
-"""As in `analytic_kernels`: relative difference of 1/z up to which two surfaces count as one."""
-LIVE, CUT, PARTLY = 1, 2, 4
-"""As in `analytic_kernels`."""
-CROSSED = 8
-"""Bit of a face's state: visibility may change within it."""
-DOUBTFUL, THIN = 16, 32
-"""As in `analytic_kernels`."""
-RIM = 1e-6
+NEAR_PLANE_TOLERANCE_REL = 1e-6
 """Relative difference of 1/z up to which a corner counts as one on the near plane."""
-MANY = 2
-"""`edge_turn` of an edge that has more than two faces: always a jump."""
+START, END = 0, 1
+"""Rows of a segment, which has u, v and w of both ends."""
+NO_VERTEX = -1
+"""End of a segment that is no vertex of the surface."""
 
 
-@compiled
-def find_jumps(edge_faces, edge_turn, side, state, is_jump, jumps):
-    """Edges whose two sides in the image may have different numbers of faces; how many there are.
+@allocation_free
+def find_event_edges(edges, projected, is_event, events):
+    """Find the edges whose two sides in the image may have different numbers of faces.
 
-    So has each edge of a face that is seen edge-on to rounding, and of one that holds the camera
-    centre: which side of it is seen is not known.
+    They include each edge of a face that is seen edge-on up to rounding, and of one that contains
+    the camera centre: the visible side of it is unknown.
 
     Parameters
     ----------
-    edge_faces : (E, 2) int32
-        Faces of each edge, the second -1 where there is none.
-    edge_turn : (E,) int8
-        1 where the two faces run along the edge in opposite directions, -1 where in the same,
-        `MANY` where there are more than two.
-    side : (F,) int8
-        1 for a face seen from the front, -1 from behind, 0 for one that does not count.
-    state : (F,) uint8
-        As `analytic_kernels.set_up` left it.
-    is_jump : (E,) bool
+    edges, projected
+        Edges and Projected.
+    is_event : (E,) bool
         Out.
-    jumps : (E,) int32
-        Out: the indices of the first so many.
+    events : (E,) int32
+        Out: indices of the event edges.
+
+    Returns
+    -------
+    int
+        Number of event edges.
     """
+    edge_faces, kind, side, state = edges.faces, edges.kind, projected.side, projected.state
     n = 0
     for e in range(edge_faces.shape[0]):
         first, second = side[edge_faces[e, 0]], 0
@@ -60,68 +75,62 @@ def find_jumps(edge_faces, edge_turn, side, state, is_jump, jumps):
         if edge_faces[e, 1] >= 0:
             second = side[edge_faces[e, 1]]
             flags |= state[edge_faces[e, 1]]
-        jump = first != second if edge_turn[e] == 1 else first != -second
-        if edge_turn[e] == MANY or flags & DOUBTFUL:
-            jump = True
-        is_jump[e] = jump
-        if jump:
-            jumps[n] = e
+        event = first != second if kind[e] == CONSISTENT else first != -second
+        if kind[e] == NON_MANIFOLD or flags & DOUBTFUL:
+            event = True
+        is_event[e] = event
+        if event:
+            events[n] = e
             n += 1
     return n
 
 
-@compiled
-def mark_unfit(
-    jumps, n_jumps, edge_vertices, faces, state, box, area, in_contact, thinnest, is_at_jump
-):
-    """Mark the live faces that are not to be certified, whether an edge crosses them or not.
+@allocation_free
+def mark_uncertifiable(events, edges, projected, in_contact, thinnest, is_at_event):
+    """Mark the live faces that cannot be certified, whether an edge crosses them or not.
 
-    Those that are cut in space, in contact with another, or as thin as a line; and those that the
-    image border cuts where a jump ends at one of their corners. There the face may be folded onto
-    another one so that inside the image, but not beyond it, both are at one depth.
+    These are faces that are clipped in space, in contact with another, or as thin as a line; and
+    faces across the image border with a corner on an event edge. There the face may be folded onto
+    another one so that inside the image, but not beyond it, both have the same depth.
 
     Parameters
     ----------
-    jumps, n_jumps, edge_vertices, faces
-        As for `mark_crossed`.
-    state, box, area
-        As `analytic_kernels.set_up` left them; `CROSSED` is added to the state.
+    events : (N,) int32
+        Event edges.
+    edges, projected
+        Edges and Projected; `CROSSED` is added to the state.
     in_contact : (F,) bool
         Faces that another one touches or cuts.
     thinnest : float
         Width in pixels below which rounding may decide on which side of a face an edge runs.
-    is_at_jump : (V,) bool
+    is_at_event : (V,) bool
         Scratch.
     """
-    is_at_jump[:] = False
-    for index in range(n_jumps):
-        is_at_jump[edge_vertices[jumps[index], 0]] = True
-        is_at_jump[edge_vertices[jumps[index], 1]] = True
+    faces, state, box, area = projected.faces, projected.state, projected.box, projected.area
+    is_at_event[:] = False
+    for index in range(events.shape[0]):
+        is_at_event[edges.vertices[events[index], 0]] = True
+        is_at_event[edges.vertices[events[index], 1]] = True
     for f in range(state.shape[0]):
         if state[f] & LIVE:
-            sides = box[f, 1] - box[f, 0] + box[f, 3] - box[f, 2]
-            unfit = state[f] & CUT or in_contact[f] or area[f] < thinnest * sides
+            extent = box[f, U_MAX] - box[f, U_MIN] + box[f, V_MAX] - box[f, V_MIN]
+            unfit = state[f] & CLIPPED or in_contact[f] or area[f] < thinnest * extent
             if state[f] & PARTLY and not unfit:
                 unfit = (
-                    is_at_jump[faces[f, 0]] or is_at_jump[faces[f, 1]] or is_at_jump[faces[f, 2]]
+                    is_at_event[faces[f, 0]] or is_at_event[faces[f, 1]] or is_at_event[faces[f, 2]]
                 )
             if unfit:
                 state[f] |= CROSSED
         elif state[f] & THIN:
-            state[f] |= CROSSED  # so that its bound is worked out
+            state[f] |= CROSSED  # so that its area error is computed
 
 
-@compiled
-def cell(position, origin, per_cell, n):
-    """As in `analytic_kernels`."""
-    return min(max(np.int64((position - origin) * per_cell), 0), n - 1)
-
-
-@compiled
+@inlined
 def narrowed(start, end, low, high, first, last):
-    """The part of first ... last where a coordinate that runs from start to end is in low ... high.
+    """Part of the range first ... last where a coordinate is in low ... high.
 
-    Empty, with the first above the last, where there is none.
+    The coordinate runs from `start` at 0 to `end` at 1. The range is empty, with the first above
+    the last, if it is nowhere.
     """
     step = end - start
     if step == 0:
@@ -130,54 +139,54 @@ def narrowed(start, end, low, high, first, last):
     return max(first, min(enters, leaves)), min(last, max(enters, leaves))
 
 
-@compiled
-def crosses(f, a, b, segment, slack, faces, uvw, side, box):
-    """Whether a segment of the image crosses a face at or before its depth.
+@inlined
+def crosses(f, a, b, segment, tolerance, projected):
+    """True if a segment of the image crosses a face at or before its depth.
 
     Parameters
     ----------
     f : int
-        The face, not cut in space.
+        The face, not clipped in space.
     a, b : int
-        Vertices at the two ends, -1 for an end that is none.
-    segment : (6,) float64
-        u, v, 1/z of both ends.
-    slack : float
+        Vertices at the two ends, or `NO_VERTEX`.
+    segment : (2, 3) float64
+        u, v, w of both ends.
+    tolerance : float
         Pixels by which the face is grown.
+    projected : Projected
     """
-    u0, v0, w0 = segment[0], segment[1], segment[2]
-    u1, v1, w1 = segment[3], segment[4], segment[5]
-    second, third = (1, 2) if side[f] < 0 else (2, 1)
+    faces, uvw = projected.faces, projected.uvw
+    u0, v0, w0 = segment[START, U], segment[START, V], segment[START, W]
+    u1, v1, w1 = segment[END, U], segment[END, V], segment[END, W]
+    second, third = (1, 2) if projected.side[f] < 0 else (2, 1)
     i, j, k = faces[f, 0], faces[f, second], faces[f, third]
     du, dv = u1 - u0, v1 - v0
-    reach = slack * (abs(du) + abs(dv))
-    x0, y0 = uvw[i, 0], uvw[i, 1]
-    x1, y1 = uvw[j, 0], uvw[j, 1]
-    x2, y2 = uvw[k, 0], uvw[k, 1]
-    s0 = du * (y0 - v0) - dv * (x0 - u0)
-    s1 = du * (y1 - v0) - dv * (x1 - u0)
-    s2 = du * (y2 - v0) - dv * (x2 - u0)
-    if (s0 > reach and s1 > reach and s2 > reach) or (s0 < -reach and s1 < -reach and s2 < -reach):
+    reach = tolerance * (abs(du) + abs(dv))
+    ui, vi = uvw[i, U], uvw[i, V]
+    uj, vj = uvw[j, U], uvw[j, V]
+    uk, vk = uvw[k, U], uvw[k, V]
+    line = (u0, v0, du, dv, 0.0)
+    si, sj, sk = line_value(line, ui, vi), line_value(line, uj, vj), line_value(line, uk, vk)
+    if (si > reach and sj > reach and sk > reach) or (si < -reach and sj < -reach and sk < -reach):
         return False
     has_a = a >= 0 and a in (i, j, k)
     has_b = b >= 0 and b in (i, j, k)
     if has_a and has_b:  # its own edge
         return False
-    # The part of the segment within the face, which is grown by the slack on each side. A segment
-    # that starts at a corner of the face goes by the two sides there: it is within if its far end
+    # The part of the segment within the face grown by the tolerance. For a segment that starts at a
+    # corner of the face the two sides there are not tested by distance: it is within if its far end
     # is within their wedge.
     first, last = 0.0, 1.0
-    corner = a if has_a else b if has_b else np.int64(-1)
+    corner = a if has_a else b if has_b else np.int64(NO_VERTEX)
     for s in range(3):
         if s == 0:
-            p, q, x, y, dx, dy = i, j, x0, y0, x1 - x0, y1 - y0
+            p, q, up, vp, along_u, along_v = i, j, ui, vi, uj - ui, vj - vi
         elif s == 1:
-            p, q, x, y, dx, dy = j, k, x1, y1, x2 - x1, y2 - y1
+            p, q, up, vp, along_u, along_v = j, k, uj, vj, uk - uj, vk - vj
         else:
-            p, q, x, y, dx, dy = k, i, x2, y2, x0 - x2, y0 - y2
-        margin = slack * (abs(dx) + abs(dy))
-        start = dx * (v0 - y) - dy * (u0 - x) + margin
-        end = dx * (v1 - y) - dy * (u1 - x) + margin
+            p, q, up, vp, along_u, along_v = k, i, uk, vk, ui - uk, vi - vk
+        line = (up, vp, along_u, along_v, tolerance * (abs(along_u) + abs(along_v)))
+        start, end = line_value(line, u0, v0), line_value(line, u1, v1)
         if corner in (p, q):
             if (end if has_a else start) < 0:
                 return False
@@ -190,106 +199,110 @@ def crosses(f, a, b, segment, slack, faces, uvw, side, box):
             last = min(last, start / (start - end))
     if first > last:
         return False
-    # 1/z is affine on both, so its difference is greatest at an end.
-    w = uvw[i, 2]
-    wa, wb = uvw[j, 2] - w, uvw[k, 2] - w
-    ua, va, ub, vb = x1 - x0, y1 - y0, x2 - x0, y2 - y0
+    # w is affine on both, so its difference is greatest at an end.
+    w = uvw[i, W]
+    wa, wb = uvw[j, W] - w, uvw[k, W] - w
+    ua, va, ub, vb = uj - ui, vj - vi, uk - ui, vk - vi
     twice = ua * vb - ub * va
-    gu, gv = (wa * vb - wb * va) / twice, (ua * wb - ub * wa) / twice
-    tie = TIE * box[f, 5]
+    slope_u, slope_v = (wa * vb - wb * va) / twice, (ua * wb - ub * wa) / twice
+    tie = DEPTH_TIE_REL * projected.box[f, W_MAX]
     if not has_a:
         its = w0 + first * (w1 - w0)
-        mine = w + gu * (u0 + first * du - x0) + gv * (v0 + first * dv - y0)
+        mine = w + slope_u * (u0 + first * du - ui) + slope_v * (v0 + first * dv - vi)
         if its >= mine - tie:
             return True
     if not has_b:
         its = w0 + last * (w1 - w0)
-        mine = w + gu * (u0 + last * du - x0) + gv * (v0 + last * dv - y0)
+        mine = w + slope_u * (u0 + last * du - ui) + slope_v * (v0 + last * dv - vi)
         if its >= mine - tie:
             return True
     return False
 
 
-@compiled
-def mark_segment(
-    a, b, segment, slack, faces, uvw, side, state, box, grid, columns, rows, starts, listed, region
-):
+@inlined
+def mark_segment(a, b, segment, tolerance, projected, grid, extent):
     """Mark the live faces that a segment of the image crosses, by the cells it runs through."""
-    u, v, du, dv = segment[0], segment[1], segment[3] - segment[0], segment[4] - segment[1]
-    t0, t1 = narrowed(u, segment[3], region[0] - slack, region[1] + slack, 0.0, 1.0)
-    t0, t1 = narrowed(v, segment[4], region[2] - slack, region[3] + slack, t0, t1)
+    state, box, starts, entries = projected.state, projected.box, grid.starts, grid.entries
+    u, v = segment[START, U], segment[START, V]
+    du, dv = segment[END, U] - u, segment[END, V] - v
+    t0, t1 = narrowed(
+        u, segment[END, U], extent[U_MIN] - tolerance, extent[U_MAX] + tolerance, 0.0, 1.0
+    )
+    t0, t1 = narrowed(
+        v, segment[END, V], extent[V_MIN] - tolerance, extent[V_MAX] + tolerance, t0, t1
+    )
     if t0 > t1:
         return
     ua, ub, va, vb = u + t0 * du, u + t1 * du, v + t0 * dv, v + t1 * dv
-    low_u, high_u = min(ua, ub) - slack, max(ua, ub) + slack
-    low_v, high_v = min(va, vb) - slack, max(va, vb) + slack
-    front = max(segment[2], segment[5])
-    top = cell(low_v, grid[1], grid[3], rows)
-    bottom = cell(high_v, grid[1], grid[3], rows)
+    low_u, high_u = min(ua, ub) - tolerance, max(ua, ub) + tolerance
+    low_v, high_v = min(va, vb) - tolerance, max(va, vb) + tolerance
+    nearest = max(segment[START, W], segment[END, W])
+    top = cell(low_v, grid.top, grid.per_v, grid.rows)
+    bottom = cell(high_v, grid.top, grid.per_v, grid.rows)
     for row in range(top, bottom + 1):
-        # Where the segment runs while it is in this row, a slack wider.
+        # Range of u while the segment is in this row, which is widened by the tolerance.
         left, right = low_u, high_u
         if top < bottom:
-            upper, lower = grid[1] + row / grid[3] - slack, grid[1] + (row + 1) / grid[3] + slack
+            upper = grid.top + row / grid.per_v - tolerance
+            lower = grid.top + (row + 1) / grid.per_v + tolerance
             enters = min(max((upper - va) / (vb - va), 0.0), 1.0)
             leaves = min(max((lower - va) / (vb - va), 0.0), 1.0)
             at, to = ua + enters * (ub - ua), ua + leaves * (ub - ua)
-            left, right = min(at, to) - 2 * slack, max(at, to) + 2 * slack
-        first = cell(left, grid[0], grid[2], columns)
-        last = cell(right, grid[0], grid[2], columns)
-        for c in range(row * columns + first, row * columns + last + 1):
+            left, right = min(at, to) - 2 * tolerance, max(at, to) + 2 * tolerance
+        first = cell(left, grid.left, grid.per_u, grid.columns)
+        last = cell(right, grid.left, grid.per_u, grid.columns)
+        for c in range(row * grid.columns + first, row * grid.columns + last + 1):
             for entry in range(starts[c], starts[c + 1]):
-                f = listed[entry]
+                f = entries[entry]
                 if (
                     state[f] & (LIVE | CROSSED) != LIVE
-                    or box[f, 0] > high_u
-                    or box[f, 1] < low_u
-                    or box[f, 2] > high_v
-                    or box[f, 3] < low_v
-                    or front < box[f, 4] * (1 - 2 * TIE)
+                    or box[f, U_MIN] > high_u
+                    or box[f, U_MAX] < low_u
+                    or box[f, V_MIN] > high_v
+                    or box[f, V_MAX] < low_v
+                    or nearest < box[f, W_MIN] * (1 - 2 * DEPTH_TIE_REL)
                 ):
                     continue
-                if crosses(f, a, b, segment, slack, faces, uvw, side, box):
+                if crosses(f, a, b, segment, tolerance, projected):
                     state[f] |= CROSSED
 
 
-@compiled
-def bring_into_view(a, b, vertices, rotation, eye, lens, near, pyramid, segment, ends):
-    """Image of an edge that reaches before the near plane or far out; False where nothing is left.
+@allocation_free
+def project_clipped(a, b, vertices, camera, segment):
+    """Project an edge that reaches before the near plane or far out; False if nothing is left.
 
     Parameters
     ----------
     a, b : int
         Its vertices.
-    vertices, rotation, eye, lens, near, pyramid
-        As for `analytic_kernels.project`.
-    segment : (6,) float64
-        Out: u, v, 1/z of both ends.
-    ends : (2,) int64
-        Out: a and b, -1 where the end was cut off.
+    vertices : (V, 3) float64
+    camera : Pinhole
+    segment : Segment
+        Out: `ends` are a and b, `NO_VERTEX` for an end that was clipped.
     """
-    p, q = np.empty(3), np.empty(3)
+    p, q, ends, uvw = segment.points[START], segment.points[END], segment.ends, segment.uvw
     for k in range(3):
         p[k] = q[k] = 0.0
         for i in range(3):
-            p[k] += (vertices[a, i] - eye[i]) * rotation[i, k]
-            q[k] += (vertices[b, i] - eye[i]) * rotation[i, k]
+            p[k] += (vertices[a, i] - camera.centre[i]) * camera.rotation[i, k]
+            q[k] += (vertices[b, i] - camera.centre[i]) * camera.rotation[i, k]
+    fx, fy, cx, cy, near = camera.fx, camera.fy, camera.cx, camera.cy, camera.near
     first, last = 0.0, 1.0
     for s in range(5):
         if s == 0:
             start, end = p[2] - near, q[2] - near
         elif s == 1:
-            start = lens[0] * p[0] + (lens[2] - pyramid[0]) * p[2]
-            end = lens[0] * q[0] + (lens[2] - pyramid[0]) * q[2]
+            start = fx * p[0] + (cx - camera.u_min) * p[2]
+            end = fx * q[0] + (cx - camera.u_min) * q[2]
         elif s == 2:
-            start = -lens[0] * p[0] + (pyramid[1] - lens[2]) * p[2]
-            end = -lens[0] * q[0] + (pyramid[1] - lens[2]) * q[2]
+            start = -fx * p[0] + (camera.u_max - cx) * p[2]
+            end = -fx * q[0] + (camera.u_max - cx) * q[2]
         elif s == 3:
-            start = lens[1] * p[1] + (lens[3] - pyramid[2]) * p[2]
-            end = lens[1] * q[1] + (lens[3] - pyramid[2]) * q[2]
+            start = fy * p[1] + (cy - camera.v_min) * p[2]
+            end = fy * q[1] + (cy - camera.v_min) * q[2]
         else:
-            start = -lens[1] * p[1] + (pyramid[3] - lens[3]) * p[2]
-            end = -lens[1] * q[1] + (pyramid[3] - lens[3]) * q[2]
+            start = -fy * p[1] + (camera.v_max - cy) * p[2]
+            end = -fy * q[1] + (camera.v_max - cy) * q[2]
         if start < 0 and end < 0:
             return False
         if start < 0:
@@ -298,139 +311,137 @@ def bring_into_view(a, b, vertices, rotation, eye, lens, near, pyramid, segment,
             last = min(last, start / (start - end))
     if first > last:
         return False
-    ends[0] = a if first == 0 else -1
-    ends[1] = b if last == 1 else -1
+    ends[START] = a if first == 0 else NO_VERTEX
+    ends[END] = b if last == 1 else NO_VERTEX
     for end in range(2):
-        t = first if end == 0 else last
+        t = first if end == START else last
         z = max(p[2] + t * (q[2] - p[2]), near)
-        segment[3 * end] = lens[0] * ((p[0] + t * (q[0] - p[0])) / z) + lens[2]
-        segment[3 * end + 1] = lens[1] * ((p[1] + t * (q[1] - p[1])) / z) + lens[3]
-        segment[3 * end + 2] = 1.0 / z
+        uvw[end, U] = fx * ((p[0] + t * (q[0] - p[0])) / z) + cx
+        uvw[end, V] = fy * ((p[1] + t * (q[1] - p[1])) / z) + cy
+        uvw[end, W] = 1.0 / z
     return True
 
 
-@compiled
+@allocation_free
 def mark_crossed(
-    jumps, n_jumps, edge_vertices, vertices, faces, rotation, eye, lens, near, pyramid, uvw, side,
-    state, box, slot, polygons, n_corners, planes, grid, columns, rows, starts, listed, region,
-    slack, has_cuts,
-):  # fmt: skip
-    """Mark the live faces that a jump crosses, or the rim of a face cut by the near plane.
+    events, edges, vertices, camera, projected, grid, extent, tolerance, has_clipped, segment
+):
+    """Mark the live faces crossed by an event edge or by the rim of a face at the near plane.
 
     Parameters
     ----------
-    jumps, n_jumps
-        As `find_jumps` left them.
-    edge_vertices : (E, 2) int32
-        Vertices of each edge.
-    vertices ... region
-        As for `analytic_kernels`.
-    slack : float
+    events : (N,) int32
+        Event edges.
+    edges, vertices, camera, projected, grid
+        Edges; (V, 3) float64; Pinhole; Projected, with `CROSSED` added to the state; CellGrid.
+    extent : (7,) float64
+        Of `set_up`.
+    tolerance : float
         Pixels within which an edge that passes a face counts as crossing it.
-    has_cuts : bool
-        Whether any face is cut in space.
+    has_clipped : bool
+        Whether any face is clipped in space.
+    segment : Segment
+        Scratch.
     """
-    segment, ends = np.empty(6), np.empty(2, np.int64)
-    for index in range(n_jumps):
-        a, b = edge_vertices[jumps[index], 0], edge_vertices[jumps[index], 1]
-        if uvw[a, 2] > 0 and uvw[b, 2] > 0:
-            ends[0], ends[1] = a, b
+    uvw, state, clipped = projected.uvw, projected.state, projected.clipped
+    uvw_of_ends, ends = segment.uvw, segment.ends
+    for index in range(events.shape[0]):
+        a, b = edges.vertices[events[index], 0], edges.vertices[events[index], 1]
+        if uvw[a, W] > 0 and uvw[b, W] > 0:
+            ends[START], ends[END] = a, b
             for k in range(3):
-                segment[k], segment[3 + k] = uvw[a, k], uvw[b, k]
-        elif not bring_into_view(a, b, vertices, rotation, eye, lens, near, pyramid, segment, ends):
+                uvw_of_ends[START, k], uvw_of_ends[END, k] = uvw[a, k], uvw[b, k]
+        elif not project_clipped(a, b, vertices, camera, segment):
             continue
-        mark_segment(
-            ends[0], ends[1], segment, slack, faces, uvw, side, state, box, grid, columns, rows,
-            starts, listed, region,
-        )  # fmt: skip
-    if not has_cuts:
+        mark_segment(ends[START], ends[END], uvw_of_ends, tolerance, projected, grid, extent)
+    if not has_clipped:
         return
-    rim = (1 - RIM) / near
-    ends[0] = ends[1] = -1
+    polygons, planes = clipped.polygons, clipped.planes
+    rim = (1 - NEAR_PLANE_TOLERANCE_REL) / camera.near
+    ends[START] = ends[END] = NO_VERTEX
     for f in range(state.shape[0]):
-        if not (state[f] & LIVE and state[f] & CUT):
+        if not (state[f] & LIVE and state[f] & CLIPPED):
             continue
-        s = slot[f]
-        for p in range(n_corners[s]):
-            q = p + 1 if p + 1 < n_corners[s] else 0
+        s = projected.clipped_index[f]
+        for p in range(clipped.n_corners[s]):
+            q = p + 1 if p + 1 < clipped.n_corners[s] else 0
             for end in range(2):
-                corner = p if end == 0 else q
-                u, v = polygons[s, corner, 0], polygons[s, corner, 1]
+                corner = p if end == START else q
+                u, v = polygons[s, corner, U], polygons[s, corner, V]
                 w = (
-                    planes[s, 2]
-                    + planes[s, 3] * (u - planes[s, 0])
-                    + planes[s, 4] * (v - planes[s, 1])
+                    planes[s, W]
+                    + planes[s, SLOPE_U] * (u - planes[s, U])
+                    + planes[s, SLOPE_V] * (v - planes[s, V])
                 )
-                # As near as it may be: 1/z of a face that all but holds the camera centre is known
-                # to few digits.
-                w = min(w + planes[s, 5], 1 / near)
-                segment[3 * end], segment[3 * end + 1], segment[3 * end + 2] = u, v, w
-            if segment[2] >= rim and segment[5] >= rim:
+                # As near as it may be: 1/z of a face that almost contains the camera centre is
+                # known to few digits.
+                w = min(w + planes[s, W_ERROR], 1 / camera.near)
+                uvw_of_ends[end, U], uvw_of_ends[end, V], uvw_of_ends[end, W] = u, v, w
+            if uvw_of_ends[START, W] >= rim and uvw_of_ends[END, W] >= rim:
                 mark_segment(
-                    ends[0], ends[1], segment, slack, faces, uvw, side, state, box, grid, columns,
-                    rows, starts, listed, region,
-                )  # fmt: skip
+                    ends[START], ends[END], uvw_of_ends, tolerance, projected, grid, extent
+                )
 
 
-@compiled
-def is_inside(point, size):
-    """Whether a vertex, by its row of `uvw`, lies in the image."""
-    u, v = point[0], point[1]
-    return point[2] > 0 and 0 <= u <= size[0] and 0 <= v <= size[1]
+@part_of
+def is_inside(u, v, w, width, height):
+    """True if a projected vertex lies in the image."""
+    return w > 0 and 0 <= u <= width and 0 <= v <= height
 
 
-@compiled
-def find_patches(
-    face_edges, edge_faces, edge_turn, edge_vertices, is_jump, uvw, size, state, area, patch,
-    queue, targets,
-):  # fmt: skip
-    """Gather what is left into patches; how many faces are crossed, and how many patches there are.
+@allocation_free
+def find_regions(edges, is_event, camera, projected, region, queue, targets):
+    """Collect the uncrossed faces into regions; number of crossed faces, and of regions.
 
     Parameters
     ----------
-    face_edges : (F, 3) int32
-        Edges of each face.
-    edge_faces, edge_turn, edge_vertices, is_jump
-        As for `find_jumps` and `mark_crossed`.
-    uvw, size, state, area
-        As for `analytic_kernels`; `CROSSED` is in the state.
-    patch : (F,) int32
-        Out: number of each face's patch, -1 for faces in none.
+    edges, camera, projected
+        Edges; Pinhole; Projected, with `CROSSED` in the state.
+    is_event : (E,) bool
+        Of `find_event_edges`.
+    region : (F,) int32
+        Out: number of each face's region, -1 for faces in none.
     queue : (F,) int32
         Scratch.
     targets : (F,) int32
-        Out: the crossed faces, and after them the largest face of each patch.
+        Out: the crossed faces, and after them the largest face of each region.
     """
+    uvw, state, area = projected.uvw, projected.state, projected.area
+    ends, edge_faces, of_face, kind = edges.vertices, edges.faces, edges.of_face, edges.kind
+    width, height = camera.width, camera.height
     n_crossed = 0
     for f in range(state.shape[0]):
-        patch[f] = -1
+        region[f] = -1
         if state[f] & CROSSED:
             targets[n_crossed] = f
             n_crossed += 1
     n = 0
     for seed in range(state.shape[0]):
-        if not state[seed] & LIVE or state[seed] & CROSSED or patch[seed] >= 0:
+        if not state[seed] & LIVE or state[seed] & CROSSED or region[seed] >= 0:
             continue
         queue[0], head, tail, largest = seed, 0, 1, seed
-        patch[seed] = n
+        region[seed] = n
         while head < tail:
             f = queue[head]
             head += 1
             if area[f] > area[largest]:
                 largest = f
             for corner in range(3):
-                e = face_edges[f, corner]
-                if is_jump[e] or edge_turn[e] == MANY:
+                e = of_face[f, corner]
+                if is_event[e] or kind[e] == NON_MANIFOLD:
                     continue
                 g = edge_faces[e, 0] if edge_faces[e, 0] != f else edge_faces[e, 1]
-                if g < 0 or patch[g] >= 0 or not state[g] & LIVE or state[g] & CROSSED:
+                if g < 0 or region[g] >= 0 or not state[g] & LIVE or state[g] & CROSSED:
                     continue
                 if state[f] & PARTLY and state[g] & PARTLY:
-                    # What they share may lie outside the image, where nothing is checked.
-                    a, b = edge_vertices[e, 0], edge_vertices[e, 1]
-                    if not (is_inside(uvw[a], size) or is_inside(uvw[b], size)):
+                    # Their common edge may lie outside the image, where nothing is checked.
+                    a, b = ends[e, 0], ends[e, 1]
+                    if not (
+                        is_inside(uvw[a, U], uvw[a, V], uvw[a, W], width, height)
+                        or is_inside(uvw[b, U], uvw[b, V], uvw[b, W], width, height)
+                    ):
                         continue
-                patch[g] = n
+                region[g] = n
                 queue[tail] = g
                 tail += 1
         targets[n_crossed + n] = largest
@@ -438,35 +449,37 @@ def find_patches(
     return n_crossed, n
 
 
-@compiled
-def decide(patch, targets, n_crossed, n_patches, area, visible, doubtful, sure):
-    """Give each face of a patch the answer of its largest; how many faces that leaves in doubt.
+@allocation_free
+def classify_regions(region, largest, area, visible, doubtful, certain):
+    """Classify each face of a region like its largest; number of faces that remain in doubt.
 
     Parameters
     ----------
-    patch, targets, n_crossed, n_patches
-        As `find_patches` left them; faces in doubt leave their patch.
+    region : (F,) int32
+        Of `find_regions`; faces in doubt are taken out of their region.
+    largest : (N,) int32
+        Largest face of each region.
     area : (F,) float64
         px^2 inside the image.
     visible : (F,) float64
-        In: of the targets, px^2. Out: of all live faces that are not in doubt.
+        In: of the largest faces, px^2. Out: of all faces of regions that are not in doubt.
     doubtful : (F,) int32
-        Out: faces of patches whose largest face is neither all visible nor all hidden.
-    sure : float
-        Part of a face up to which its visible area counts as all or nothing.
+        Out: faces of regions whose largest face is neither wholly visible nor wholly hidden.
+    certain : float
+        Tolerance of that decision, relative to the area of the largest face.
     """
     n = 0
-    for f in range(patch.shape[0]):
-        if patch[f] < 0:
+    for f in range(region.shape[0]):
+        if region[f] < 0:
             continue
-        largest = targets[n_crossed + patch[f]]
-        if visible[largest] >= (1 - sure) * area[largest]:
+        t = largest[region[f]]
+        if visible[t] >= (1 - certain) * area[t]:
             visible[f] = area[f]
-        elif visible[largest] <= sure * area[largest]:
+        elif visible[t] <= certain * area[t]:
             visible[f] = 0.0
         else:
-            patch[f] = -1
-            if f != largest:
+            region[f] = -1
+            if f != t:
                 doubtful[n] = f
                 n += 1
     return n

@@ -1,13 +1,13 @@
-r"""Exact visible areas by half planes: what no other face hides of each face's image.
+r"""Exact visible areas by half planes: the part of each face's image that no other face hides.
 
 In the image 1/z is affine on a face, so the part of face T that face M hides is the convex polygon
 T n M n {1/z_M > 1/z_T}, and
 
     visible(T) = T \ U_M T n M n {1/z_M > 1/z_T}.
 
-No order of depth is needed, and faces that overlap in a circle or pierce one another come out
-right. Surfaces at equal depth count as one, of which the face with the lower index is seen. The
-loops are in `analytic_kernels`.
+No depth sorting is needed: faces that overlap cyclically or pierce one another are correct.
+Surfaces at equal depth coincide, and the face with the lower index is visible. The compiled loops
+are in `half_plane_kernels`.
 
 A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of Solids. 1967.
 """
@@ -24,11 +24,28 @@ from rastercov._memory import check_memory
 from rastercov._threads import share_poses, thread_count
 from rastercov.camera import Camera
 from rastercov.errors import ConfigError
-from rastercov.exact import half_plane_kernels as kernels
+from rastercov.exact.grid_kernels import fill_grid
+from rastercov.exact.half_plane_kernels import visible_areas as visible_areas_kernel
+from rastercov.exact.records import (
+    CORNERS,
+    LIVE,
+    PIECE_ROOM,
+    SIDES,
+    STACK_ROOM,
+    THIN,
+    CellGrid,
+    Clipped,
+    Occluders,
+    Pieces,
+    Pinhole,
+    Projected,
+    Work,
+)
+from rastercov.exact.setup_kernels import CLIP_MARGIN, UNIT_ROUNDING, project, set_up
 from rastercov.exact.surface import Surface, surface_of
 from rastercov.mesh import Mesh
+from rastercov.near_plane import limits
 from rastercov.pose import valid_poses
-from rastercov.raster.rules import limits
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -36,11 +53,11 @@ IntArray = NDArray[np.int32]
 
 MOST_CELLS = 1 << 14
 """Columns, or rows, of the grid."""
-LEAST_SIDE = 1e-100
-"""Pixels; of what the grid covers."""
-CELLS_A_FACE = 2
-"""Cells of the grid for each face, unless that makes more entries than this:"""
-ENTRIES_A_FACE = 4
+LEAST_EXTENT = 1e-100
+"""Pixels; width and height that the grid covers at least."""
+CELLS_PER_FACE = 2
+"""Cells of the grid for each face, unless that makes more entries than `ENTRIES_PER_FACE`."""
+ENTRIES_PER_FACE = 4
 
 
 def visible_areas(
@@ -57,32 +74,32 @@ def visible_areas(
     Parameters
     ----------
     mesh, camera
-        What is looked at, and by what.
+        The surface, and the camera that sees it.
     poses : (P, 4, 4) array_like
         world_from_camera.
     faces : (N,) int array_like, optional
-        The faces to measure, all F unless given. All others hide as ever.
+        The faces to measure, by default all F. All other faces hide them nevertheless.
     front_only : bool, optional
-        True leaves out faces seen from behind: they neither hide nor are seen. Unless given, they
+        True leaves out faces seen from behind: they neither hide nor are visible. By default they
         are left out where that changes nothing, which is proved pose by pose: the mesh is closed
         and consistently wound, the camera outside it, and nothing is cut by the near plane.
     threads : int, optional
-        Poses measured side by side; one for each core unless given.
+        Poses measured in parallel; by default one per core.
 
     Returns
     -------
     visible, area, bound : (P, N) float64
-        Of the part inside the image: what is seen of the face, from either side, and what would be
-        were it alone; and the most that rounding may have done to the two together, px^2.
+        px^2 inside the image: the visible area of the face, from either side; its area without
+        any other face; and a bound of the rounding errors of the two together.
 
     Raises
     ------
     PoseError
         For a pose that is no rigid motion.
     ConfigError
-        For a face that is not there.
+        For a face index out of range.
     ResourceError
-        Where the arrays take more memory than is free, before any is taken.
+        If the arrays need more memory than is free, before any is allocated.
     """
     matrices = valid_poses(poses)
     chosen: NDArray[Any] = np.arange(mesh.n_faces) if faces is None else np.asarray(faces)
@@ -97,75 +114,108 @@ def visible_areas(
         3 * 8 * len(matrices) * len(chosen),
         "measure fewer poses at a time",
     )
-    announce_compilation(kernels.visible_areas)
+    announce_compilation(visible_areas_kernel)
     near, can_cull, _ = limits(mesh, camera, matrices)
     cull = can_cull if front_only is None else np.full(len(matrices), front_only)
     visible, area, bound = np.empty((3, len(matrices), len(chosen)))
     chosen = chosen.astype(np.int32)
 
-    def worker(view: View) -> Callable[[slice], None]:
+    def worker(solver: HalfPlaneSolver) -> Callable[[slice], None]:
         def work(turn: slice) -> None:
             for row in range(len(matrices))[turn]:
-                view.look(matrices[row], near[row], cull[row])
-                view.measure(chosen)
-                visible[row], area[row] = view.visible[chosen], view.area[chosen]
-                bound[row] = view.blur[chosen]
+                solver.set_pose(matrices[row], near[row], cull[row])
+                solver.solve(chosen)
+                visible[row], area[row] = solver.visible[chosen], solver.area[chosen]
+                bound[row] = solver.area_error[chosen]
 
         return work
 
     n_threads = max(1, min(thread_count(threads), len(matrices)))
     surface = surface_of(mesh)
-    share_poses(len(matrices), [worker(View(surface, camera)) for _ in range(n_threads)])
+    share_poses(len(matrices), [worker(HalfPlaneSolver(surface, camera)) for _ in range(n_threads)])
     return visible, area, bound
 
 
-class View:
-    """One pose at a time of a surface, and the scratch memory of one thread for it.
+class HalfPlaneSolver:
+    """Exact visible areas of a surface, one pose at a time, with the scratch memory of one thread.
 
     Attributes
     ----------
     area, visible : (F,) float64
-        Image of each face inside the image border, and what is seen of it, px^2.
-    blur : (F,) float64
-        Bound of the error of both together, px^2, where they were measured.
+        Area of each face inside the image, and the visible part of it, px^2.
+    area_error : (F,) float64
+        Bound of the errors of both together, px^2, of the faces that were solved.
     state, side : (F,) uint8, int8
-        See `analytic_kernels.set_up`.
+        See `records.Projected`.
     is_certified : (F,) bool
-        Faces known to be seen whole or not at all.
-    n_cut : int
-        Faces that were cut in space.
-    grain : float
-        The largest number that positions in the image are made from, pixels: rounding goes with it.
-    rounding : (2,) float64
-        Largest error of a position in the image, in pixels, and of 1/z, relative.
+        Faces known to be wholly visible or wholly hidden.
+    n_clipped : int
+        Faces that were clipped in space.
+    coordinate_scale : float
+        Largest number that image positions are computed from, pixels: rounding is relative to it.
     """
 
     def __init__(self, surface: Surface, camera: Camera) -> None:
         self.surface = surface
         n_faces = len(surface.faces)
-        self.size = np.array((camera.width, camera.height), np.float64)
-        self.lens = np.array((camera.fx, camera.fy, camera.cx, camera.cy))
-        # Off the axis, rounding of z moves a point as far as it is out.
-        steep = (self.size**2 / self.lens[:2]).max()
-        self.grain = float(max(*self.size, *np.abs(self.lens), steep))
-        relative = kernels.longest_ray(self.lens, self.size)
-        self.rounding = kernels.RESIDUE * np.array((self.grain, relative / 2))
-        low, high = -kernels.MARGIN * self.size - 1, (1 + kernels.MARGIN) * self.size + 1
-        self.pyramid = np.array((low[0], high[0], low[1], high[1]))
-        self.uvw = np.empty((len(surface.vertices), 3))
+        width, height = float(camera.width), float(camera.height)
+        fx, fy, cx, cy = map(float, (camera.fx, camera.fy, camera.cx, camera.cy))
+        # Off the axis, rounding of z moves a point in proportion to its distance from the axis.
+        steep = max(width * width / fx, height * height / fy)
+        self.coordinate_scale = max(width, height, fx, fy, abs(cx), abs(cy), steep)
+        across, down = max(cx, width - cx), max(cy, height - cy)
+        x, y = 1.5 * across / fx, 1.5 * down / fy
+        longest_ray = math.sqrt(1.0 + x * x + y * y)
+        self.camera = Pinhole(
+            rotation=np.eye(3),
+            centre=np.zeros(3),
+            near=1.0,
+            fx=fx,
+            fy=fy,
+            cx=cx,
+            cy=cy,
+            width=width,
+            height=height,
+            u_min=-CLIP_MARGIN * width - 1,
+            u_max=(1 + CLIP_MARGIN) * width + 1,
+            v_min=-CLIP_MARGIN * height - 1,
+            v_max=(1 + CLIP_MARGIN) * height + 1,
+            longest_ray=longest_ray,
+            pixel_error=UNIT_ROUNDING * self.coordinate_scale,
+            w_error_rel=UNIT_ROUNDING * (longest_ray / 2),
+            border=_border(width, height),
+        )
+        self.area, self.visible, self.area_error = np.empty((3, n_faces))
         self.side, self.state = np.empty(n_faces, np.int8), np.empty(n_faces, np.uint8)
-        self.box = np.empty((n_faces, 6))
-        self.area, self.visible, self.blur = np.empty((3, n_faces))
         self.is_certified: BoolArray = np.zeros(n_faces, np.bool_)
-        self.slot, self._marks = np.empty(n_faces, np.int32), np.empty(n_faces, np.int64)
-        self.region = np.empty(7)
-        self.starts = np.empty(0, np.int64)
-        self.listed = np.empty(4 * n_faces, np.int32)
-        self._make_room_for_cuts(8)
+        self._marks, self._extent = np.empty(n_faces, np.int64), np.empty(7)
+        self.projected = Projected(
+            faces=surface.faces,
+            uvw=np.empty((len(surface.vertices), 3)),
+            side=self.side,
+            state=self.state,
+            box=np.empty((n_faces, 6)),
+            area=self.area,
+            clipped_index=np.empty(n_faces, np.int32),
+            clipped=_room_for_clipped(8),
+        )
+        starts, entries = np.empty(0, np.int64), np.empty(4 * n_faces, np.int32)
+        self.grid = CellGrid(0.0, 0.0, 1.0, 1.0, 1, 1, starts, entries)
         self._make_room_for_pieces(64)
+        self._work = Work(
+            target=np.empty((2 * CORNERS, 2)),
+            own=np.empty((SIDES, 5)),
+            corners=np.empty((CORNERS, 2)),
+            lines=np.empty((SIDES + 1, 5)),
+            spare=np.empty((PIECE_ROOM, 2)),
+            other=np.empty((PIECE_ROOM, 2)),
+            values=np.empty(PIECE_ROOM),
+            parts=_room_for_pieces(STACK_ROOM, 2 * CORNERS),
+            ranges=np.empty((STACK_ROOM, 2), np.int64),
+        )
 
-    def look(self, pose: FloatArray, near: float, front_only: bool) -> None:
-        """Project, keep and list the faces of one pose.
+    def set_pose(self, pose: FloatArray, near: float, front_only: bool) -> None:
+        """Project, set up and list the faces of one pose.
 
         Parameters
         ----------
@@ -174,81 +224,109 @@ class View:
         near : float
             Depth of the near plane, metres.
         front_only : bool
-            Faces seen from behind neither hide nor are seen.
+            Faces seen from behind neither hide nor are visible.
         """
         surface = self.surface
-        self.rotation, self.eye = np.ascontiguousarray(pose[:3, :3]), pose[:3, 3].copy()
-        self.near = near
-        kernels.project(
-            surface.vertices, self.rotation, self.eye, self.lens, near, self.pyramid, self.uvw
+        self.camera = self.camera._replace(
+            rotation=np.ascontiguousarray(pose[:3, :3]), centre=pose[:3, 3].copy(), near=float(near)
         )
+        project(surface.vertices, self.camera, self.projected.uvw)
         while True:
-            n_live, self.n_cut = kernels.set_up(
-                surface.vertices, surface.faces, surface.flat, self.rotation, self.eye, self.lens,
-                near, self.size, front_only, self.rounding[0], self.uvw, self.side, self.state,
-                self.box, self.area, self.blur, self.slot, self.polygons, self.n_corners,
-                self.sides, self.planes, self.region,
+            n_live, self.n_clipped = set_up(
+                surface.vertices, surface.flat, self.camera, front_only, self.projected,
+                self.area_error, self._extent,
             )  # fmt: skip
-            if self.n_cut <= len(self.polygons):
+            if self.n_clipped <= len(self.projected.clipped.polygons):
                 break
-            self._make_room_for_cuts(self.n_cut)
+            self._make_room_for_clipped(self.n_clipped)
         self.visible[:] = 0.0
         self._fill_grid(n_live)
 
-    def measure(self, targets: IntArray) -> None:
-        """Put what is seen of some faces, by their indices, into `visible`, its bound in `blur`."""
+    def solve(self, targets: IntArray) -> None:
+        """Compute `visible` and `area_error` of some faces, given by index."""
         done = 0
         self._marks.fill(-1)
         while True:
-            done = kernels.visible_areas(
-                targets, done, self.surface.faces, self.uvw, self.side, self.state, self.box,
-                self.area, self.slot, self.polygons, self.n_corners, self.sides, self.planes,
-                self.size, self.rounding, self.grid, self.columns, self.rows, self.starts,
-                self.listed, self._marks, self._found, self._found_lines, self._pool, self._pieces,
-                self._n_of, self.visible, self.blur,
+            done = visible_areas_kernel(
+                targets, done, self.camera, self.projected, self.grid, self._marks,
+                self._occluders, self._pieces, self._work, self.visible, self.area_error,
             )  # fmt: skip
             if done == len(targets):
                 break
-            self._make_room_for_pieces(2 * len(self._pieces))
-        np.minimum(self.blur, 2 * self.size.prod(), out=self.blur)  # no area exceeds the image
+            self._make_room_for_pieces(2 * len(self._pieces.corners))
+        # No area exceeds the image.
+        largest = 2 * (self.camera.width * self.camera.height)
+        np.minimum(self.area_error, largest, out=self.area_error)
 
-    def measure_all(self) -> None:
-        """Put what is seen of every face into `visible`."""
-        self.measure(np.flatnonzero(self.state & (kernels.LIVE | kernels.THIN)).astype(np.int32))
+    def solve_all(self) -> None:
+        """Compute `visible` and `area_error` of every face."""
+        self.solve(np.flatnonzero(self.state & (LIVE | THIN)).astype(np.int32))
 
     def _fill_grid(self, n_live: int) -> None:
-        """List the live faces by cells: as many as the entries that large faces make allow."""
-        left, right, top, bottom, *sums = self.region.tolist() if n_live else (0, 1, 0, 1, 0, 0, 0)
-        wide, high = max(right - left, LEAST_SIDE), max(bottom - top, LEAST_SIDE)
-        widths, heights, areas = sums
-        cells = CELLS_A_FACE * n_live + 1.0
+        """List the live faces by grid cells, as many cells as the entries of large faces allow."""
+        extent = self._extent.tolist() if n_live else (0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+        left, right, top, bottom, widths, heights, areas = extent
+        wide, high = max(right - left, LEAST_EXTENT), max(bottom - top, LEAST_EXTENT)
+        cells = CELLS_PER_FACE * n_live + 1.0
         while True:
-            self.columns = int(min(max(1.0, math.sqrt(cells * (wide / high))), MOST_CELLS))
-            self.rows = int(min(max(1.0, cells / self.columns), MOST_CELLS))
-            across, down = self.columns / wide, self.rows / high
-            # A box w wide and h high touches (1 + w across)(1 + h down) cells, on average.
-            entries = n_live + widths * across + heights * down + areas * across * down
-            if entries <= ENTRIES_A_FACE * n_live or self.columns * self.rows == 1:
+            columns = int(min(max(1.0, math.sqrt(cells * (wide / high))), MOST_CELLS))
+            rows = int(min(max(1.0, cells / columns), MOST_CELLS))
+            per_u, per_v = columns / wide, rows / high
+            # A box w wide and h high touches (1 + w per_u)(1 + h per_v) cells, on average.
+            entries = n_live + widths * per_u + heights * per_v + areas * per_u * per_v
+            if entries <= ENTRIES_PER_FACE * n_live or columns * rows == 1:
                 break
             cells /= 2
-        self.grid = np.array((left, top, across, down))
-        if len(self.starts) < self.columns * self.rows + 2:
-            self.starts = np.empty(self.columns * self.rows + 2, np.int64)
-        while True:
-            needed = kernels.fill_grid(
-                self.state, self.box, self.grid, self.columns, self.rows, self.starts, self.listed
-            )
-            if needed <= len(self.listed):
-                return
-            self.listed = np.empty(needed * 5 // 4, np.int32)
+        self._list_by_cells(left, top, per_u, per_v, columns, rows)
 
-    def _make_room_for_cuts(self, n: int) -> None:
-        self.polygons = np.empty((n, kernels.CORNERS, 2))
-        self.n_corners = np.empty(n, np.int32)
-        self.sides, self.planes = np.empty((n, kernels.SIDES, 5)), np.empty((n, 7))
+    def _list_by_cells(
+        self, left: float, top: float, per_u: float, per_v: float, columns: int, rows: int
+    ) -> None:
+        starts, entries = self.grid.starts, self.grid.entries
+        if len(starts) < columns * rows + 2:
+            starts = np.empty(columns * rows + 2, np.int64)
+        while True:
+            self.grid = CellGrid(left, top, per_u, per_v, columns, rows, starts, entries)
+            needed = fill_grid(self.state, self.projected.box, self.grid)
+            if needed <= len(entries):
+                return
+            entries = np.empty(needed * 5 // 4, np.int32)
+
+    def _make_room_for_clipped(self, n: int) -> None:
+        self.projected = self.projected._replace(clipped=_room_for_clipped(n))
 
     def _make_room_for_pieces(self, n: int) -> None:
-        """For n pieces of a face, and as many occluders."""
-        self._pieces, self._n_of = np.empty((n, kernels.WIDTH, 2)), np.empty(n, np.int64)
-        self._found, self._found_lines = np.empty(n, np.int32), np.empty((n, 6))
-        self._pool = np.empty(8 * n, np.int32)
+        """Allocate room for n pieces of a face, and n occluders."""
+        self._pieces = _room_for_pieces(n, PIECE_ROOM)
+        self._occluders = Occluders(
+            faces=np.empty(n, np.int32),
+            order=np.empty(n, np.int64),
+            lines=np.empty((n, 5)),
+            chosen=np.empty(8 * n, np.int32),
+        )
+
+
+def _border(width: float, height: float) -> FloatArray:
+    """(4, 5) sides of the image as lines, clockwise from the top left corner."""
+    return np.array(
+        [
+            (0, 0, width, 0, 0),
+            (width, 0, 0, height, 0),
+            (width, height, -width, 0, 0),
+            (0, height, 0, -height, 0),
+        ],
+        np.float64,
+    )
+
+
+def _room_for_pieces(n: int, corners: int) -> Pieces:
+    return Pieces(np.empty((n, corners, 2)), np.empty(n, np.int64))
+
+
+def _room_for_clipped(n: int) -> Clipped:
+    return Clipped(
+        polygons=np.empty((n, CORNERS, 2)),
+        n_corners=np.empty(n, np.int32),
+        lines=np.empty((n, SIDES, 5)),
+        planes=np.empty((n, 7)),
+    )

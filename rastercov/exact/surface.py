@@ -1,7 +1,6 @@
-"""A mesh as the exact methods want it: welded vertices, edges with their faces, self-contacts.
+"""Surface of a mesh for the exact methods: welded vertices, edges with their faces, contacts.
 
-Serves `analytic` and `contour`: what depends on the mesh alone is worked out once and kept as long
-as the mesh lives.
+It depends on the mesh alone, is built once, and is kept as long as the mesh exists.
 """
 
 from dataclasses import dataclass
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov._once import Once
+from rastercov.exact.records import CONSISTENT, NON_MANIFOLD, REVERSED, Edges
 from rastercov.mesh import Mesh
 from rastercov.mesh.contacts import Contacts
 from rastercov.mesh.topology import edge_table
@@ -19,36 +19,26 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int32]
 
-MANY = 2
-"""`edge_turn` of an edge with more than two faces."""
-
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Faces and edges by position, so that vertices that files repeat along seams are one.
+    """Faces and edges by position: vertices that files repeat along seams are merged.
 
     Attributes
     ----------
     centre : (3,) float64
-        The middle of the bounding box, metres.
+        Centre of the bounding box, metres.
     diagonal : float
-        Of the bounding box, metres.
+        Diagonal of the bounding box, metres.
     vertices : (V, 3) float64
-        Those that faces use, each position once. Not shifted: a difference of two positions is
-        rounded once.
+        Positions that faces use, each once. Not shifted: a difference of two positions is rounded
+        once.
     faces : (F, 3) int32
-        In the order of the mesh.
+        Vertices of each face, in the order of the mesh.
     flat : (F,) bool
         Faces without area.
-    face_edges : (F, 3) int32
-        Edge from each corner to the next.
-    edge_vertices : (E, 2) int32
-        Lower index first.
-    edge_faces : (E, 2) int32
-        Two of its faces; the second is -1 where there is one only.
-    edge_turn : (E,) int8
-        1 for one face, or two that run along the edge in opposite directions; -1 for two that run
-        in the same; `MANY` for more than two.
+    edges : Edges
+        Edges by position, see `records.Edges`.
     contacts : Contacts
         Faces that touch or cut another one.
     """
@@ -58,10 +48,7 @@ class Surface:
     vertices: FloatArray
     faces: IntArray
     flat: BoolArray
-    face_edges: IntArray
-    edge_vertices: IntArray
-    edge_faces: IntArray
-    edge_turn: NDArray[np.int8]
+    edges: Edges
     contacts: Contacts
 
 
@@ -69,7 +56,7 @@ _SURFACES: WeakKeyDictionary[Mesh, Once[Surface]] = WeakKeyDictionary()
 
 
 def surface_of(mesh: Mesh) -> Surface:
-    """Surface of a mesh: worked out at the first call, about 1 s for a million faces."""
+    """Surface of a mesh, built at the first call: about 1 s for a million faces."""
     return _SURFACES.setdefault(mesh, Once()).get(lambda: _build(mesh))
 
 
@@ -78,28 +65,22 @@ def _build(mesh: Mesh) -> Surface:
     is_used[mesh.positions] = True
     row = np.cumsum(is_used) - 1
     faces = row[mesh.positions].astype(np.int32)
-    face_edges, edge_vertices, edge_faces, edge_turn = _edges(faces, int(is_used.sum()))
     return Surface(
         centre=mesh.bounds.mean(axis=0),
         diagonal=float(np.linalg.norm(np.ptp(mesh.bounds, axis=0))),
         vertices=mesh.vertices[is_used],
         faces=faces,
         flat=np.ascontiguousarray(mesh.degenerate_mask),
-        face_edges=face_edges,
-        edge_vertices=edge_vertices,
-        edge_faces=edge_faces,
-        edge_turn=edge_turn,
+        edges=_edges(faces, int(is_used.sum())),
         contacts=mesh.contacts,
     )
 
 
-def _edges(
-    faces: IntArray, n_vertices: int
-) -> tuple[IntArray, IntArray, IntArray, NDArray[np.int8]]:
-    """The four edge arrays of `Surface`, in its order.
+def _edges(faces: IntArray, n_vertices: int) -> Edges:
+    """Build the edges of all faces.
 
-    A face with a repeated vertex has an edge of no length: one with `MANY` faces, whatever meets
-    there, so that no answer spreads along it.
+    A face with a repeated vertex has an edge of no length, which is `NON_MANIFOLD` whatever its
+    number of faces, so that no result spreads along it.
     """
     table = edge_table(faces, n_vertices, with_collapsed=True)
     n_uses, is_forward = table.n_uses, table.is_forward
@@ -110,7 +91,8 @@ def _edges(
     edge_faces = np.full((len(n_uses), 2), -1, np.int32)
     edge_faces[:, 0] = table.uses[table.first] // 3
     edge_faces[n_uses >= 2, 1] = table.uses[shared + 1] // 3
-    turn = np.ones(len(n_uses), np.int8)
-    turn[n_uses >= 2] = np.where(is_forward[shared] != is_forward[shared + 1], 1, -1)
-    turn[(n_uses > 2) | (edge_vertices[:, 0] == edge_vertices[:, 1])] = MANY
-    return face_edges.reshape(-1, 3), edge_vertices, edge_faces, turn
+    kind = np.full(len(n_uses), CONSISTENT, np.int8)
+    is_consistent = is_forward[shared] != is_forward[shared + 1]
+    kind[n_uses >= 2] = np.where(is_consistent, CONSISTENT, REVERSED)
+    kind[(n_uses > 2) | (edge_vertices[:, 0] == edge_vertices[:, 1])] = NON_MANIFOLD
+    return Edges(edge_vertices, edge_faces, kind, face_edges.reshape(-1, 3))

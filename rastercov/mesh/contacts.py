@@ -21,7 +21,7 @@ from rastercov._once import Once
 from rastercov.mesh import contact_kernels as kernels
 from rastercov.mesh.arrays import blocks, normals_and_areas
 from rastercov.mesh.topology import first_equal_row
-from rastercov.mesh.triangle_tree import LEAF, TriangleTree
+from rastercov.mesh.triangle_tree import BOX_MARGIN, LEAF, TriangleTree
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -30,8 +30,6 @@ LEAST_TOLERANCE_REL = 1e-12
 """Least tolerance in diagonals of the bounding box: 200 times the rounding of a distance."""
 ROUNDING_FACTOR = 1.01
 """Factor on the tolerance that covers that rounding where the tolerance is the least."""
-BOX_MARGIN = 2.0**-24
-"""Margin of the float32 boxes in diagonals: twice the rounding of a number of magnitude 1/2."""
 STEPS_A_CALL = 20_000
 """Steps through the tree before a compiled loop returns: a few milliseconds, or a second if many
 faces meet in one place."""

@@ -176,18 +176,18 @@ class Mesh:
         ResourceError
             Too many faces for the budget.
         """
-        content = read_files(
+        scene, files = read_files(
             path, metres_per(unit), drop_invalid=drop_invalid, max_bytes=max_bytes,
             memory_budget=memory_budget,
         )  # fmt: skip
         mesh = cls(
-            vertices=content.vertices,
-            faces=content.faces,
-            groups=[Group(name) for name in content.group_names],
-            face_group=content.face_group,
-            source_face=content.source_face,
-            sources=[MeshSource(*file) for file in content.files],
-            notes=content.notes,
+            vertices=scene.vertices,
+            faces=scene.faces,
+            groups=[Group(str(name)) for name in scene.group_names],
+            face_group=scene.face_group,
+            source_face=scene.source_face,
+            sources=[MeshSource(*file) for file in files],
+            notes=scene.notes,
         )
         return mesh.with_groups(occluders=occluders, two_sided=two_sided)
 

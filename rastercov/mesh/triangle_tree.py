@@ -18,6 +18,8 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 LEAF = kernels.LEAF
+BOX_MARGIN = 2.0**-24
+"""Margin of float32 boxes in a scene of diagonal 1 about the origin: twice the rounding of 1/2."""
 
 
 @dataclass(frozen=True, eq=False)

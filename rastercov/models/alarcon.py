@@ -42,8 +42,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.camera import Camera
-from rastercov.coverage import Task
-from rastercov.criteria import view_faces
+from rastercov.criteria import face_geometry
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.models.base import (
@@ -55,6 +54,7 @@ from rastercov.models.base import (
 )
 from rastercov.models.line_of_sight import LineOfSight, check_tracer
 from rastercov.projection import to_camera
+from rastercov.task import Task
 
 FloatArray = NDArray[np.float64]
 
@@ -110,7 +110,7 @@ def coverage(
     tracer = LineOfSight(mesh, parameters.tracer)
 
     def strength(pose: FloatArray, near: float) -> FloatArray:
-        view = view_faces(mesh, camera, pose)
+        view = face_geometry(mesh, camera, pose)
         seen = in_view_and_focus(camera, task, view)
         if not seen.any():
             return np.zeros(mesh.n_faces)

@@ -16,12 +16,12 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov._checks import shown
 from rastercov._memory import check_memory
 from rastercov.camera import Camera
-from rastercov.coverage import Task
-from rastercov.criteria import ViewOfFaces, in_focus
+from rastercov.criteria import FaceGeometry, in_focus
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
+from rastercov.near_plane import near_limit
 from rastercov.pose import valid_poses
-from rastercov.projection import near_limit
+from rastercov.task import Task
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -164,7 +164,7 @@ def share_of(density: FloatArray, required: FloatArray) -> FloatArray:
     return np.minimum(share, 1.0)
 
 
-def in_view_and_focus(camera: Camera, task: Task, view: ViewOfFaces) -> BoolArray:
+def in_view_and_focus(camera: Camera, task: Task, view: FaceGeometry) -> BoolArray:
     """(F,) front faces in the image (3.7) and within the depth of field (3.10)-(3.12)."""
     limits = camera.depth_of_field(task.max_blur)
     focused: BoolArray = in_focus(view.depth, limits, task.focus_rule)

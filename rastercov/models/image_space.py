@@ -22,11 +22,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.camera import Camera
-from rastercov.coverage import Task, evaluate_batches
+from rastercov.coverage import evaluate_batches
+from rastercov.engine import METHODS
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.models.base import coverage_model
-from rastercov.observer import METHODS, open_observer
+from rastercov.observer import open_observer
+from rastercov.task import Task
 
 FloatArray = NDArray[np.float64]
 

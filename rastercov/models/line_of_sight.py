@@ -19,9 +19,10 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov._arguments import check_choice
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
-from rastercov.mesh.triangle_tree import TriangleTree
+from rastercov.mesh.triangle_tree import BOX_MARGIN, TriangleTree
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -32,8 +33,6 @@ tenth of it Embree, in float32, reports ten times as many faces at grazing angle
 themselves."""
 TOLERANCE = 1e-6
 """Distance from an edge or a plane, in diagonals, within which the tracers may disagree."""
-BOX_MARGIN = 2.0**-24
-"""Margin of the boxes of our tree, in diagonals."""
 TRACERS = ("auto", "embree", "own")
 
 
@@ -112,10 +111,7 @@ class LineOfSight:
 
 def check_tracer(tracer: str) -> None:
     """Raise `ConfigError` for a tracer that does not exist."""
-    if tracer not in TRACERS:
-        raise ConfigError(
-            f"tracer must be {', '.join(TRACERS[:-1])} or {TRACERS[-1]}, got {tracer!r}"
-        )
+    check_choice("tracer", tracer, TRACERS)
 
 
 def _open(tracer: str, corners: FloatArray) -> Tracer:

@@ -48,8 +48,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.camera import Camera
-from rastercov.coverage import Task
-from rastercov.criteria import view_faces
+from rastercov.criteria import face_geometry
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.models.base import (
@@ -62,6 +61,7 @@ from rastercov.models.base import (
 )
 from rastercov.models.line_of_sight import LineOfSight, check_tracer
 from rastercov.projection import to_camera, to_image
+from rastercov.task import Task
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -201,7 +201,7 @@ def strength_of_points(
 
         corners = points[mesh.faces]
         coarseness = 1e3 * depth[mesh.faces] / min(camera.fx, camera.fy)
-        view = view_faces(mesh, camera, pose)
+        view = face_geometry(mesh, camera, pose)
         cosine = _cosine(corners, seen_normals(mesh, pose))
         graded = of_point[mesh.faces] * ramp(coarseness, coarsest, finest)
         graded *= ramp(-cosine, -_cos(flattest), -_cos(steepest))

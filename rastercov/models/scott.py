@@ -29,8 +29,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.camera import Camera
-from rastercov.coverage import Task
-from rastercov.criteria import view_faces
+from rastercov.criteria import face_geometry
 from rastercov.mesh import Mesh
 from rastercov.models.base import (
     ResolutionParameters,
@@ -40,6 +39,7 @@ from rastercov.models.base import (
     required_density,
     share_of,
 )
+from rastercov.task import Task
 
 FloatArray = NDArray[np.float64]
 
@@ -60,7 +60,7 @@ def coverage(
     required = required_density(mesh, task, parameters.required_density)
 
     def strength(pose: FloatArray, near: float) -> FloatArray:
-        view = view_faces(mesh, camera, pose)
+        view = face_geometry(mesh, camera, pose)
         seen = in_view_and_focus(camera, task, view)
         depth = np.where(seen, view.depth.mean(axis=1), 1.0)
         # A face of a two-sided group may be seen from either side.

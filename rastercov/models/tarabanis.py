@@ -31,8 +31,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.camera import Camera
-from rastercov.coverage import Task
-from rastercov.criteria import view_faces
+from rastercov.criteria import face_geometry
 from rastercov.mesh import Mesh
 from rastercov.models.base import (
     ResolutionParameters,
@@ -42,6 +41,7 @@ from rastercov.models.base import (
     share_of,
 )
 from rastercov.projection import to_camera, to_image
+from rastercov.task import Task
 
 FloatArray = NDArray[np.float64]
 
@@ -69,7 +69,7 @@ def coverage(
         points = to_camera(mesh.vertices, pose)
         within = np.abs(points[:, :2]).max(axis=1) <= slope * points[:, 2]
         within &= points[:, 2] >= near
-        seen = view_faces(mesh, camera, pose).is_front & within[mesh.faces].all(axis=1)
+        seen = face_geometry(mesh, camera, pose).is_front & within[mesh.faces].all(axis=1)
         safe = np.where((points[:, 2] >= near)[:, None], points, (0.0, 0.0, 1.0))
         image = to_image(safe, camera)[mesh.faces]
         corners = points[mesh.faces]

@@ -38,8 +38,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.camera import Camera
-from rastercov.coverage import Task
-from rastercov.criteria import ViewOfFaces, view_faces
+from rastercov.criteria import FaceGeometry, face_geometry
 from rastercov.mesh import Mesh
 from rastercov.models.base import (
     ResolutionParameters,
@@ -51,6 +50,7 @@ from rastercov.models.base import (
     share_of,
 )
 from rastercov.models.line_of_sight import LineOfSight, check_tracer
+from rastercov.task import Task
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -85,7 +85,7 @@ def coverage(
     tracer = LineOfSight(mesh, parameters.tracer)
 
     def strength(pose: FloatArray, near: float) -> FloatArray:
-        view = view_faces(mesh, camera, pose)
+        view = face_geometry(mesh, camera, pose)
         graded = share_of(_resolution(mesh, camera, pose, view), required)
         return graded * _unhidden(mesh, tracer, pose, near, in_view_and_focus(camera, task, view))
 
@@ -106,14 +106,14 @@ def visible(
     tracer = LineOfSight(mesh, parameters.tracer)
 
     def strength(pose: FloatArray, near: float) -> FloatArray:
-        view = view_faces(mesh, camera, pose)
+        view = face_geometry(mesh, camera, pose)
         ahead = view.is_front & (view.depth >= near).all(axis=1)
         return _unhidden(mesh, tracer, pose, near, ahead)
 
     return each_pose(mesh, camera, poses, strength)
 
 
-def _resolution(mesh: Mesh, camera: Camera, pose: FloatArray, view: ViewOfFaces) -> FloatArray:
+def _resolution(mesh: Mesh, camera: Camera, pose: FloatArray, view: FaceGeometry) -> FloatArray:
     """R in pixels a metre, (F,); 0 for faces turned away from the optical axis."""
     cosine = -seen_normals(mesh, pose)[:, 2]
     cosine = np.maximum(cosine, 0.0)

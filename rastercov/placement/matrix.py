@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov._typed import typed
 from rastercov.camera import Camera
-from rastercov.coverage import POSES_A_BATCH, Coverage, Task, evaluate_batches
+from rastercov.coverage import POSES_A_BATCH, Coverage, evaluate_batches
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.observer import Observer, open_observer
@@ -46,6 +46,7 @@ from rastercov.placement.shards import (
     store,
 )
 from rastercov.pose import valid_poses
+from rastercov.task import Task
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

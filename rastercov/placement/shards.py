@@ -31,9 +31,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.coverage import Task
 from rastercov.errors import ConfigError
 from rastercov.observer import Observer
+from rastercov.task import Task
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -90,7 +90,7 @@ def describe(
         "poses": _sha256(poses),
         "task": asdict(task),
         "measured_by": asdict(observer.info),
-        "samples": observer.observe(np.empty((0, 4, 4))).samples,
+        "samples": observer.observe(np.empty((0, 4, 4))).samples_per_pixel,
         "poses_a_shard": poses_a_shard or max(1, PAIRS_A_SHARD // mesh.n_faces),
         "n_poses": len(poses),
         "n_faces": mesh.n_faces,

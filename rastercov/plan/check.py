@@ -12,7 +12,6 @@ from typing import Any
 from xml.etree import ElementTree
 
 from rastercov._output import write_bytes
-from rastercov.coverage import Task
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.observer import open_observer
@@ -31,6 +30,7 @@ from rastercov.plan.requirements import (
 )
 from rastercov.plan.scene import scene
 from rastercov.pose import read_poses, valid_poses
+from rastercov.task import Task
 
 Limits = Mapping[str | None, float]
 MOST_GROUPS = 5

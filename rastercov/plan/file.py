@@ -10,9 +10,9 @@ from pydantic import PrivateAttr, ValidationError
 
 from rastercov._files import StrPath, UnparsedError, UnreadableError, printable, read_toml
 from rastercov.camera import Camera
-from rastercov.coverage import Task
 from rastercov.plan.errors import PlanError, lines_of
 from rastercov.plan.sections import PlanModel
+from rastercov.task import Task
 
 
 class Plan(PlanModel):

@@ -12,10 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.coverage import Coverage, Reason, Task, evaluate_batches
+from rastercov.coverage import Coverage, evaluate_batches
 from rastercov.mesh import Mesh
 from rastercov.network import Network
 from rastercov.placement.improve.objective import Objective
+from rastercov.task import Reason, Task
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from rastercov._format import percent
 from rastercov._output import named
 from rastercov.camera import Camera
-from rastercov.coverage import Reason, Task, evaluate_batches
+from rastercov.coverage import evaluate_batches
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.observer import Observer
@@ -47,6 +47,7 @@ from rastercov.plan.file import Plan
 from rastercov.plan.generators import PerCavity
 from rastercov.plan.requirements import OF, counting, goal_of
 from rastercov.plan.sections import SelectionSection
+from rastercov.task import Reason, Task
 
 FloatArray = NDArray[np.float64]
 N_DIAGNOSED = 32

@@ -12,7 +12,6 @@ from annotated_types import Gt, Le
 from pydantic import AfterValidator, Field, ValidationInfo, model_validator
 
 from rastercov.camera import PRESETS, Camera
-from rastercov.coverage import Task
 from rastercov.mesh.formats import METRES, READERS, metres_per
 from rastercov.placement.improve.tolerance import InstallationError
 from rastercov.placement.select.problem import BestCoverage, FewestCameras
@@ -35,6 +34,7 @@ from rastercov.plan.entry import (
 )
 from rastercov.plan.generators import CandidateEntry
 from rastercov.shapes import NAMES
+from rastercov.task import Task
 
 
 def _unit(unit: str | float) -> str | float:

@@ -201,11 +201,3 @@ def check_picture(camera: Camera) -> None:
             f"{camera.height:,}, which take {n_bytes:,} bytes; {remedy}"
         )
     check_memory(f"{camera.width:,} x {camera.height:,} pixels", n_bytes, remedy)
-
-
-def __getattr__(name):
-    if name != "open_rasterizer":
-        raise AttributeError(name)
-    from rastercov.raster import open_rasterizer
-
-    return open_rasterizer

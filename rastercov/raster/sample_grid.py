@@ -1,20 +1,19 @@
-"""Where the samples of a count stand: a square grid over the image, rolled about its centre.
+"""Sample grid of a count: square, over the image, rotated about its centre by the roll.
 
-Counts over a grid miss an area by much more where an edge runs along the rows of the grid than
-where it crosses them at an odd angle, and the edges of manufactured parts run along the rows of the
-image. So the grid can be rolled against the image. With c, s the cosine and sine of the roll and
-W x H the image, a point (u, v) in pixels stands at
+The area error of a count is much larger for edges along the rows of the grid than for edges at an
+odd angle, and the edges of manufactured parts are often along the rows of the image. So the grid
+can be rotated. With c, s the cosine and sine of the roll and W x H the image, a point (u, v) in
+pixels is at
 
     x = S ( c (u - W/2) + s (v - H/2)) + width/2,
     y = S (-s (u - W/2) + c (v - H/2)) + height/2
 
-of a canvas of width x height samples that holds the rolled image, and samples stand at the middles
-of the canvas's unit squares. A row of samples meets the image in one run, because the image is
-convex; samples beyond the runs are drawn like the others and not counted, so no face has to be cut
-at the border of the image.
+of a canvas of width x height samples that contains the rotated image. Samples are at the centres of
+the unit squares of the canvas. The image is convex, so a row of samples crosses it in one run;
+samples outside the runs are drawn but not counted, so no face is clipped at the image border.
 
-Rolling costs the rasterisers nothing else: x = fx' X/Z + cx' and y = fy' Y/Z + cy' hold for camera
-axes X and Y that are mixed beforehand.
+Rasterisers need no other change: x = fx' X/Z + cx' and y = fy' Y/Z + cy' hold for camera axes X and
+Y that are mixed beforehand.
 """
 
 import math
@@ -33,7 +32,7 @@ Box = tuple[int, int, int, int]
 
 
 class SampleGrid:
-    """S^2 samples a pixel in rows that are turned by an angle against those of the image.
+    """S^2 samples a pixel in rows at an angle to those of the image.
 
     Parameters
     ----------
@@ -43,7 +42,7 @@ class SampleGrid:
         S.
     roll : float
         Radians from the image's u axis to the rows of samples, towards its v axis. A square grid
-        repeats every quarter turn, so only the rest of that counts.
+        repeats every quarter turn, so the angle is reduced by that.
 
     Attributes
     ----------
@@ -60,7 +59,7 @@ class SampleGrid:
         self._ratio = camera.fy / camera.fx
         self.is_rolled = angle != 0
         half = scale * camera.width / 2, scale * camera.height / 2
-        # A hair less, so that rounding adds no row to an image that fills its canvas.
+        # Slightly less, so that rounding adds no row to an image that fills its canvas.
         self.width = math.ceil(2 * (c * half[0] + abs(s) * half[1]) - 1e-9)
         self.height = math.ceil(2 * (abs(s) * half[0] + c * half[1]) - 1e-9)
         self._middle = self.width / 2, self.height / 2
@@ -76,24 +75,24 @@ class SampleGrid:
 
     @property
     def _from_corner(self) -> tuple[float, float]:
-        """Where the corner (0, 0) of the image stands on the canvas."""
+        """Position of the corner (0, 0) of the image on the canvas, in samples."""
         c, s, (a, b) = self._c, self._s, self._half
         return self._middle[0] - (c * a + s * b), self._middle[1] - (c * b - s * a)
 
     @property
     def mix(self) -> FloatArray:
-        """How `axes` mixes the first two camera axes, (2, 2)."""
+        """Matrix (2, 2) by which `axes` mixes the first two camera axes."""
         c, s = self._c, self._s
         return np.array(((c, s * self._ratio), (-s / self._ratio, c)))
 
     @property
     def first(self) -> NDArray[np.int32]:
-        """The first sample of each row inside the image, (height,)."""
+        """First sample of each row inside the image, (height,)."""
         return self._runs[0]
 
     @property
     def last(self) -> NDArray[np.int32]:
-        """The sample after the last one of each row inside the image, (height,)."""
+        """Sample after the last one of each row inside the image, (height,)."""
         return self._runs[1]
 
     @cached_property
@@ -103,7 +102,7 @@ class SampleGrid:
 
     @property
     def count_type(self) -> type[np.int32] | type[np.int64]:
-        """A type in which all samples can be counted: half the memory where 32 bits are enough."""
+        """Integer type of counts: int32 where all samples fit, which halves the memory, else int64."""
         return np.int32 if self.n_samples < 1 << 31 else np.int64
 
     @cached_property
@@ -111,7 +110,7 @@ class SampleGrid:
         c, s = self._c, self._s
         x = self._middle[0]
         y = np.arange(self.height) + 0.5 - self._middle[1]
-        # From the middle, u is (c x - s y) / S and v is (s x + c y) / S: |c x - s y| <= S W/2 here,
+        # Relative to the centre, u is (c x - s y) / S and v is (s x + c y) / S: |c x - s y| <= S W/2 here,
         low, high = (s * y - self._half[0]) / c, (s * y + self._half[0]) / c
         if s:  # and |s x + c y| <= S H/2 here
             with np.errstate(over="ignore"):
@@ -123,7 +122,7 @@ class SampleGrid:
         return first, np.maximum(first, last)
 
     def tiles(self, size: tuple[int, int]) -> Iterator[Box]:
-        """Parts of the canvas, none larger than `size`."""
+        """Yield tiles of the canvas of at most `size` (width, height)."""
         for y in range(0, self.height, size[1]):
             for x in range(0, self.width, size[0]):
                 yield x, y, min(size[0], self.width - x), min(size[1], self.height - y)
@@ -143,7 +142,7 @@ class SampleGrid:
         return mixed
 
     def boxes(self, boxes: IntArray) -> IntArray:
-        """Parts of the canvas, (P, 4) left, top, right, bottom, that hold these parts of the image.
+        """Boxes of the canvas, (P, 4) left, top, right, bottom, that contain boxes of the image.
 
         Parameters
         ----------
@@ -164,14 +163,14 @@ class SampleGrid:
         return whole
 
     def n_inside(self, box: Box) -> int:
-        """How many samples of a part of the canvas are inside the image."""
+        """Number of samples of a part of the canvas that are inside the image."""
         if not self.is_rolled:
             return box[2] * box[3]
         first, last = self._of(box)
         return int((last - first).sum(dtype=np.int64))
 
     def inside(self, values: NDArray[np.uint32], box: Box) -> NDArray[np.uint32]:
-        """Of the values (height, width) of a part of the canvas, those inside the image, flat."""
+        """Values (height, width) of a part of the canvas, those inside the image, flattened."""
         if not self.is_rolled:
             return values.ravel()
         column = np.arange(box[2], dtype=np.int32)
@@ -179,7 +178,7 @@ class SampleGrid:
         return values[(column >= first[:, None]) & (column < last[:, None])]
 
     def _of(self, box: Box) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-        """First and last inside the image of each row of a part of the canvas, from its left."""
+        """First and last sample inside the image of each row of a part, from its left edge."""
         left, top, width, height = box
         rows = slice(top, top + height)
         return (self.first[rows] - left).clip(0, width), (self.last[rows] - left).clip(0, width)

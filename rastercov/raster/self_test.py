@@ -1,8 +1,8 @@
-"""A scene with known counts, to catch a device that answers wrongly.
+"""Self-test scene with known counts, for devices and compilers that give wrong results.
 
-Three rectangles of whole pixels, one behind the other, seen from two places. No diagonal passes
-through a pixel centre (odd width, even height), so every rasteriser must give the same counts, and
-parallax makes the two views differ, so that an image left over from the view before is noticed.
+Three rectangles of whole pixels, one behind the other, from two poses. No diagonal passes through a
+pixel centre (odd width, even height), so every rasteriser must give the same counts. Parallax makes
+the two poses differ, so that a stale image is detected.
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ from rastercov.mesh import Mesh
 WIDTH, HEIGHT = 16, 12
 CAMERA = Camera(width=WIDTH, height=HEIGHT, fx=16, fy=16)
 
-# left, top, right, bottom in pixels from the first view, and depth in metres
+# left, top, right, bottom in pixels from the first pose, and depth in metres
 _RECTANGLES = ((3, 3, 8, 7, 1.0), (1, 2, 12, 10, 2.0), (5, 5, 8, 7, 4.0))
 
 
@@ -31,7 +31,7 @@ def _corners() -> NDArray[np.float64]:
 
 
 def _poses() -> NDArray[np.float64]:
-    """Two views; from the second, what is at 1 m stands 4 px further left, at 4 m one."""
+    """Two poses, (2, 4, 4); the second shifts surfaces at 1 m by 4 px to the left, at 4 m by 1 px."""
     poses = np.tile(np.eye(4), (2, 1, 1))
     poses[1, 0, 3] = 4 / CAMERA.fx
     return poses

@@ -26,13 +26,14 @@ from PIL import Image
 from rastercov._interrupts import interrupts_held
 from rastercov._output import write_json
 from rastercov.camera import Camera
-from rastercov.coverage import Coverage, Task, evaluate_batches
+from rastercov.coverage import Coverage, evaluate_batches
 from rastercov.mesh import Mesh
 from rastercov.network import Network
 from rastercov.observer import Observer, open_observer
 from rastercov.pose import Poses
 from rastercov.provenance import Provenance
-from rastercov.raster.contract import Rasterizer, open_rasterizer
+from rastercov.raster import open_rasterizer
+from rastercov.raster.contract import Rasterizer
 from rastercov.report.coloured_mesh import write_coloured_mesh
 from rastercov.report.coverage_table import CoverageTable
 from rastercov.report.folder import ReportFolder, ReportKind
@@ -44,6 +45,7 @@ from rastercov.report.images import (
     pose_title,
     save_picture,
 )
+from rastercov.task import Task
 
 PICTURE_SIDE = 1280
 """Pictures are drawn at the camera's size, or smaller where it exceeds this many pixels."""

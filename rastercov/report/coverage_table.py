@@ -15,11 +15,12 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from rastercov._output import json_bytes, named, replacing
-from rastercov.coverage import FIGURES, UNITS, Coverage, Reason
+from rastercov.coverage import FIGURES, UNITS, Coverage
 from rastercov.errors import ConfigError
-from rastercov.observer import Kind
+from rastercov.observation import BoundKind
+from rastercov.task import Reason
 
-CODES = {"visibility_kind": Kind, "reason": Reason}
+CODES = {"visibility_kind": BoundKind, "reason": Reason}
 """Columns that are written by name."""
 ROWS_A_GROUP = 1 << 18
 """Rows of a Parquet row group: about 13 MB of columns."""

@@ -17,7 +17,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from rastercov._output import writing
 from rastercov.camera import Camera
-from rastercov.coverage import Coverage, Reason
+from rastercov.coverage import Coverage
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.raster.contract import VisibilityBuffer
@@ -34,6 +34,7 @@ from rastercov.report.theme import (
     Pixels,
     index_colours,
 )
+from rastercov.task import Reason
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

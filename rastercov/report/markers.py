@@ -21,11 +21,16 @@ from PIL import Image
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from rastercov.report import plots
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.html import Picture, publish, rendered
 from rastercov.report.images import contact_sheet, png
-from rastercov.report.marker_pictures import TILE, experiment_picture, marker_picture
+from rastercov.report.marker_pictures import (
+    TILE,
+    calibration_plot,
+    experiment_picture,
+    marker_picture,
+)
+from rastercov.report.plots import picture_of
 from rastercov.report.theme import DARK, LIGHT
 from rastercov.validation.markers.detect import opencv
 from rastercov.validation.markers.experiments import Experiment, Row
@@ -198,8 +203,8 @@ def write_validation(
             assert study is not None
             scores = _scores_by(study, requirement)
             name = f"calibration_{requirement.name}"
-            plot = [plots.calibration_plot(scores, theme) for theme in (LIGHT, DARK)]
-            pictures[name] = plots.picture_of(f"Plot: {name}", *plot)
+            plot = [calibration_plot(scores, theme) for theme in (LIGHT, DARK)]
+            pictures[name] = picture_of(f"Plot: {name}", *plot)
             shown = study.wrong(requirement)[:failures]
             tiles = []
             for done, outcome in enumerate(shown):

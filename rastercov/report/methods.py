@@ -24,11 +24,12 @@ from rastercov._format import milliseconds, number, percent_of, plural
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.pose import valid_poses
-from rastercov.report import plots
 from rastercov.report.face_pictures import face_picture, fraction
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.html import Picture, publish, rendered
 from rastercov.report.images import png
+from rastercov.report.method_plots import comparison_plots, file_name
+from rastercov.report.plots import picture_of
 from rastercov.report.theme import DARK, LIGHT
 from rastercov.validation.methods.results import (
     BoundCheck,
@@ -115,10 +116,10 @@ def _draw(
     progress: Callable[[int, int], None],
 ) -> None:
     """Add the pictures by the names of their files."""
-    light, dark = (plots.comparison_plots(comparison, theme) for theme in (LIGHT, DARK))
+    light, dark = (comparison_plots(comparison, theme) for theme in (LIGHT, DARK))
     for name in light:
         alt = f"Plot: {name.replace('_', ' ')}"
-        pictures[f"plot_{name}"] = plots.picture_of(alt, light[name], dark[name])
+        pictures[f"plot_{name}"] = picture_of(alt, light[name], dark[name])
     matrices = valid_poses(poses)
     wanted = [
         (score, name, face) for score in comparison.scores for name, face in _shown(score).items()
@@ -142,7 +143,7 @@ def _shown(score: Score) -> dict[str, FaceError]:
     is_good = score.all_sizes.greatest < NEGLIGIBLE_ERROR and all(w.held for w in score.worst)
     faces = {"worst": score.worst[: 2 if is_good else None], "missed": score.missed_faces}
     return {
-        f"{kind}_{plots.file_name(score.name)}_{rank}": face
+        f"{kind}_{file_name(score.name)}_{rank}": face
         for kind, of_kind in faces.items()
         for rank, face in enumerate(of_kind, start=1)
     }

@@ -15,7 +15,8 @@ from PIL import Image, ImageDraw
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.projection import image_boxes
-from rastercov.raster.contract import VisibilityBuffer, open_rasterizer
+from rastercov.raster import open_rasterizer
+from rastercov.raster.contract import VisibilityBuffer
 from rastercov.report.images import Key, contact_sheet, coverage_picture, coverage_pixels, framed
 from rastercov.report.theme import ENLARGED, FALSELY_SEEN, MISSED
 

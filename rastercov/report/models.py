@@ -19,7 +19,6 @@ from rich.table import Table
 
 from rastercov._format import milliseconds, number, percent_of, plural
 from rastercov.camera import Camera
-from rastercov.coverage import Task
 from rastercov.mesh import Mesh
 from rastercov.models import MODELS, zhang
 from rastercov.observer import visibility
@@ -34,6 +33,7 @@ from rastercov.report.model_pictures import (
     models_sheet,
     occlusion_sheet,
 )
+from rastercov.task import Task
 from rastercov.validation.models.comparison import OURS, covers
 from rastercov.validation.models.results import FaceValues, ModelComparison
 

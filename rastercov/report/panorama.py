@@ -15,7 +15,8 @@ from rastercov.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.pose import look_at
 from rastercov.projection import to_camera, to_image
-from rastercov.raster.contract import VisibilityBuffer, open_rasterizer
+from rastercov.raster import open_rasterizer
+from rastercov.raster.contract import VisibilityBuffer
 from rastercov.report.images import draw_lines, facing, stripes
 from rastercov.report.theme import EXTERIOR, Colour, Pixels
 

@@ -27,9 +27,10 @@ from rastercov.placement.improve.tolerance import Tolerance
 from rastercov.placement.select.problem import BestCoverage, Goal
 from rastercov.placement.select.selection import Selection
 from rastercov.report import placement_pictures as pictures
-from rastercov.report import plots
+from rastercov.report import placement_plots as plots
 from rastercov.report.html import Picture, rendered
 from rastercov.report.images import png
+from rastercov.report.plots import picture_of
 from rastercov.report.theme import DARK, LIGHT, Theme
 
 __all__ = ["PlanReport", "page", "write_page"]
@@ -236,7 +237,7 @@ def _drawn(report: PlanReport, progress: Progress) -> dict[str, Picture]:
         drawn[name] = Picture(alt, png(draw(), Image.Quantize.FASTOCTREE))
     for name, (alt, chart) in charts.items():
         progress(len(drawn), total)
-        drawn[name] = plots.picture_of(alt, chart(LIGHT), chart(DARK))
+        drawn[name] = picture_of(alt, chart(LIGHT), chart(DARK))
     progress(total, total)
     return drawn
 

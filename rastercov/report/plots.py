@@ -1,4 +1,4 @@
-"""Plots of reports by matplotlib, in a light and a dark theme.
+"""Line and bar plots by matplotlib, in a light and a dark theme.
 
 Every plot is a `matplotlib.figure.Figure` of its own; pyplot and its global state are not used.
 matplotlib is imported with the first plot.
@@ -10,20 +10,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
 from PIL import Image
 
-from rastercov._format import percent, short
-from rastercov.network import Network, share_of_faces
-from rastercov.placement.select.problem import BestCoverage, FewestCameras, Goal
-from rastercov.placement.select.selection import Selection
+from rastercov._format import short
 from rastercov.report.html import Picture
 from rastercov.report.images import png
 from rastercov.report.theme import Theme
-from rastercov.validation.markers.scoring import Score as MarkerScore
-from rastercov.validation.methods.convergence import Convergence
-from rastercov.validation.methods.error_statistics import ROUNDING
-from rastercov.validation.methods.results import MUST_HOLD, Comparison, Score
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,14 +31,6 @@ LEGEND_ROW, BAR_ROW = 0.21, 0.3
 """Heights, inches."""
 MAX_NAME = 28
 """Letters of a bar's name."""
-NEGLIGIBLE_ERROR = 1e-6
-"""Errors below which a curve is only named beside others that are larger."""
-MIN_FACES = 5
-"""Partly hidden faces of a size class that has a point in a plot."""
-MAX_GROUPS = 24
-"""Groups in a plot: those of the greatest area."""
-MIN_MARKERS = 8
-"""Markers of a coverage class that has a point in a plot."""
 
 
 @dataclass(frozen=True)
@@ -127,7 +111,7 @@ def line_plot(
     names = [curve.name for curve in curves if curve.name]
     columns = max(1, min(len(names), 62 // (max(map(len, names), default=0) + 6)))
     rows = len(notes) + -(-len(names) // columns)
-    figure, axes = _axes(title, theme, HEIGHT + LEGEND_ROW * rows)
+    figure, axes = new_axes(title, theme, HEIGHT + LEGEND_ROW * rows)
     for axis, name in ((across, "x"), (up, "y")):
         getattr(axes, f"set_{name}scale")("log" if axis.is_log else "linear")
         getattr(axes, f"set_{name}lim")(axis.low, axis.high)
@@ -197,7 +181,7 @@ def bar_plot(
     Bars before `good_from` are in the second colour of the theme.
     """
     height = 0.62 + BAR_ROW * len(bars) + (0.26 if note else 0)
-    figure, axes = _axes(title, theme, height)
+    figure, axes = new_axes(title, theme, height)
     rows = range(len(bars))
     shares = [min(1.0, max(0.0, share)) for _, share, _ in bars]
     axes.barh(rows, 1.0, 0.54, color=theme.grid)
@@ -232,7 +216,7 @@ def picture_of(alt: str, light: "Figure", dark: "Figure") -> Picture:
     return Picture(alt, light_png, dark_png)
 
 
-def _axes(title: str, theme: Theme, height: float) -> "tuple[Figure, Axes]":
+def new_axes(title: str, theme: Theme, height: float) -> "tuple[Figure, Axes]":
     """An empty figure with its title at the left, in the colours of a theme."""
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
@@ -260,294 +244,3 @@ def _shortened(name: str) -> str:
     name = name if len(name) <= MAX_NAME else name[: MAX_NAME - 1] + "…"
     font = get_font(findfont("DejaVu Sans"))
     return "".join(c if font.get_char_index(ord(c)) else "□" for c in name).replace("$", r"\$")
-
-
-# --- comparison of methods ------------------------------------------------------------------------
-
-
-def comparison_plots(comparison: Comparison, theme: Theme) -> "dict[str, Figure]":
-    """Plots of a comparison by the name of their file; those without figures are left out."""
-    scores = comparison.scores
-    colours = {s.name: theme.series[i % len(theme.series)] for i, s in enumerate(scores)}
-    plots = {"error_by_size": _error_by_size(scores, colours, theme)}
-    for score in scores:
-        plots[f"errors_{file_name(score.name)}"] = _error_distribution(score, theme)
-    plots["bounds"] = _bound_tightness(scores, colours, theme)
-    plots["convergence"] = _convergence(comparison.convergence, theme)
-    plots["time"] = _time(comparison, colours, theme)
-    return {name: figure for name, figure in plots.items() if figure}
-
-
-def file_name(name: str) -> str:
-    """Name of a method as part of the name of a file."""
-    return "".join(c if c.isalnum() else "_" for c in name)
-
-
-def _error_by_size(
-    scores: Sequence[Score], colours: dict[str, str], theme: Theme
-) -> "Figure | None":
-    """RMS error of partly hidden faces over the area of their images, and the mean bound."""
-    curves, notes, errors = [], [], []
-    for score in scores:
-        classes = [c for c in score.size_classes if c.partly_hidden >= MIN_FACES]
-        points = [(_middle(c.low, c.high), c.rms_partly_hidden) for c in classes]
-        greatest = max((error for _, error in points), default=0.0)
-        if greatest < NEGLIGIBLE_ERROR:
-            notes.append(f"{score.name}: {_negligible(greatest)}")
-            continue
-        colour = colours[score.name]
-        points = [(x, max(y, NEGLIGIBLE_ERROR)) for x, y in points]
-        bounds = [(_middle(c.low, c.high), c.mean_bound_partly_hidden) for c in classes]
-        curves += [Curve(score.name, points, colour), Curve("", bounds, colour, True, False)]
-        errors += [y for _, y in points]
-    if not curves:
-        return None
-    curves.append(Curve("dashed: mean bound", (), theme.soft, True, False))
-    return line_plot(
-        "Error of partly hidden faces, by size",
-        Axis("area of the face in the image, px²", 0.03, 8192, is_log=True),
-        Axis("rms error of the visible fraction", min(errors) / 2, 1.2, is_log=True),
-        curves,
-        theme,
-        notes=notes,
-    )
-
-
-def _error_distribution(score: Score, theme: Theme) -> "Figure | None":
-    """Share of faces whose error exceeds x, one curve for each size class."""
-    curves, ends = [], []
-    ramp = _ramp(theme.sizes, len(score.size_classes))
-    for size, colour in zip(score.size_classes, ramp, strict=True):
-        if points := _share_above(size.errors, size.figures):
-            limits = f"{size.low:g} to {size.high:g}"
-            name = limits if size.high < math.inf else f"from {size.low:g}"
-            curves.append(Curve(name, points, colour, has_markers=False))
-            ends += [x for x, _ in points]
-    if not curves:
-        return None
-    low = max(min(ends), 1e-4 if max(ends) > NEGLIGIBLE_ERROR else 0) / 2
-    lowest = min(y for curve in curves for _, y in curve.points)
-    return line_plot(
-        f"{score.name}: faces whose error exceeds x",
-        Axis("error of the visible fraction", low, max(max(ends), low * 20), is_log=True),
-        Axis("share of faces", min(lowest / 2, 0.1), 1.0, is_log=True, is_percent=True),
-        curves,
-        theme,
-        notes=["by the area of the face in the image, px²"],
-    )
-
-
-def _bound_tightness(
-    scores: Sequence[Score], colours: dict[str, str], theme: Theme
-) -> "Figure | None":
-    """Share of partly hidden faces whose |error| / bound exceeds x."""
-    curves, ends = [], [1.0]
-    for score in scores:
-        for bound in score.bounds:
-            points = _share_above(bound.ratios, sum(n for _, n in bound.ratios))
-            if bound.kind == "statistical" and points:
-                curves.append(Curve(score.name, points, colours[score.name], has_markers=False))
-                ends += [x for x, _ in points]
-    if not curves:
-        return None
-    lowest = min(y for curve in curves for _, y in curve.points)
-    most = max(2.0, 1.5 * max(x for x in ends if x < math.inf))
-    return line_plot(
-        "Tightness of the statistical bounds",
-        Axis("error / bound", 1e-3, most, is_log=True),
-        Axis(
-            "share of partly hidden faces", min(lowest / 2, 3e-4), 1.0, is_log=True, is_percent=True
-        ),
-        curves,
-        theme,
-        marks=(
-            ("x", 1.0, "the bound"),
-            ("y", 1 - MUST_HOLD, f"allowed: {100 * (1 - MUST_HOLD):.1f} % beyond the bound"),
-        ),
-    )
-
-
-def _convergence(found: Sequence[Convergence], theme: Theme) -> "Figure | None":
-    """RMS error of the same faces over the density of samples, with the fitted power law."""
-    curves: list[Curve] = []
-    points: list[tuple[float, float]] = []
-    for i, sweep in enumerate(s for s in found if s.slope is not None):
-        colour = theme.series[i % len(theme.series)]
-        assert sweep.slope is not None
-        error = f" ± {sweep.slope_error:.2f}" if sweep.slope_error else ""
-        name = f"{sweep.method}, {sweep.sweep}: slope {sweep.slope:.2f}{error}"
-        measured = list(zip(sweep.samples_per_side, sweep.rms, strict=True))
-        curves.append(Curve(name, measured, colour))
-        # The fitted line goes through the mean of the logarithms.
-        x, y = np.log(measured).T
-        fit = np.exp(y.mean() + sweep.slope * (x - x.mean())).tolist()
-        fitted = list(zip(sweep.samples_per_side, fit, strict=True))
-        curves.append(Curve("", fitted, colour, True, False))
-        points += measured + fitted
-    if not curves:
-        return None
-    xs, ys = zip(*points, strict=True)
-    return line_plot(
-        "Error over the density of samples",
-        Axis("samples along a side of a camera pixel", min(xs) / 1.2, max(xs) * 1.2, is_log=True),
-        Axis("rms error, partly hidden faces", min(ys) / 1.6, max(ys) * 1.6, is_log=True),
-        curves,
-        theme,
-    )
-
-
-def _time(comparison: Comparison, colours: dict[str, str], theme: Theme) -> "Figure":
-    """Time per pose of each method and of the reference, on a logarithmic scale."""
-    rows = [(s.name, 1e3 * s.seconds_per_pose, colours[s.name]) for s in comparison.scores]
-    truth = f"truth: {comparison.against}"
-    rows.append((truth, 1e3 * comparison.truth_seconds_per_pose, theme.soft))
-    figure, axes = _axes("Time per pose (logarithmic scale)", theme, 1.1 + 0.38 * len(rows))
-    times = [ms for _, ms, _ in rows]
-    low, high = math.floor(math.log10(min(times))), math.ceil(math.log10(max(times) * 1.01))
-    axis = Axis("ms", 10.0**low, 10.0**high, is_log=True)
-    axes.set_xscale("log")
-    axes.set_xlim(axis.low, axis.high)
-    axes.set_ylim(len(rows) - 0.5, -0.5)
-    axes.set_xticks(axis.ticks(), [f"{axis.text(v)} ms" for v in axis.ticks()])
-    axes.set_xticks([], minor=True)
-    axes.set_yticks(range(len(rows)), [name for name, _, _ in rows], color=theme.ink)
-    axes.grid(axis="x", color=theme.grid, linewidth=0.8)
-    for row, (_, ms, colour) in enumerate(rows):
-        axes.plot([axis.low, ms], [row, row], color=colour, linewidth=2.2)
-        axes.plot([ms], [row], "o", color=colour, markersize=8, clip_on=False)
-        axes.annotate(
-            f"{ms:,.{max(0, 1 - math.floor(math.log10(ms)))}f} ms", (ms, row), (9, 0),
-            textcoords="offset points", va="center", color=theme.ink, fontsize=LABEL,
-        )  # fmt: skip
-    return figure
-
-
-def _share_above(counts: Sequence[tuple[float, int]], total: int) -> list[tuple[float, float]]:
-    """Share of a histogram above the end of each of its bins, while it is above 0."""
-    left = total
-    points: list[tuple[float, float]] = []
-    for end, n in counts:
-        if 0 < end < math.inf:
-            # The curve is constant up to the start of the first bin.
-            points += [] if points else [(end / 10**0.1, left / total)]
-            points.append((end, (left - n) / total))
-        left -= n
-    return [(x, y) for x, y in points if y > 0]
-
-
-def _middle(low: float, high: float) -> float:
-    """Position of a size class on a logarithmic axis."""
-    if low == 0:
-        return high / 2
-    return low * 2 if math.isinf(high) else math.sqrt(low * high)
-
-
-def _negligible(error: float) -> str:
-    """Text for an error that is rounding."""
-    if error == 0:
-        return "no error at all"
-    return f"error below {ROUNDING:g}" if error < ROUNDING else f"error up to {error:.1g}"
-
-
-def _ramp(ends: tuple[str, str], count: int) -> list[str]:
-    """Colours from one end to the other."""
-    first, last = (np.array([int(text[i : i + 2], 16) for i in (1, 3, 5)]) for text in ends)
-    steps = np.linspace(0, 1, count)[:, None]
-    colours = np.rint(first + steps * (last - first)).astype(int).tolist()
-    return ["#" + "".join(f"{channel:02x}" for channel in colour) for colour in colours]
-
-
-# --- placement ------------------------------------------------------------------------------------
-
-
-def group_bars(network: Network, theme: Theme) -> "Figure":
-    """Share of each group's area that is covered, the largest groups first."""
-    bars = group_shares(network)
-    left_out = len(bars) - MAX_GROUPS
-    note = f"and {left_out} smaller groups, see the table" if left_out > 0 else ""
-    return bar_plot("Covered, by group", bars[:MAX_GROUPS], theme, note)
-
-
-def group_shares(network: Network) -> list[tuple[str, float, str]]:
-    """Name, covered share and its text for each task group, the largest first."""
-    mesh = network.mesh
-    rows = []
-    for index, group in enumerate(mesh.groups):
-        members = mesh.face_group == index
-        if not group.is_occluder and members.any():
-            share = share_of_faces(mesh, members & network.covered, members)["area_percent"] / 100
-            rows.append((float(mesh.areas[members].sum()), group.name, share))
-    rows.sort(key=lambda row: -row[0])
-    return [(name, share, f"{percent(share)} of the area") for _, name, share in rows]
-
-
-def overlap_histogram(network: Network, theme: Theme) -> "Figure":
-    """Share of the task's area by the number of cameras that cover it."""
-    need = network.task.views
-    note = f"a face is covered from {need} on" if need > 1 else ""
-    return bar_plot(
-        "Area by number of covering cameras", overlap_shares(network), theme, note, need
-    )
-
-
-def overlap_shares(network: Network) -> list[tuple[str, float, str]]:
-    """Number of cameras, share of the task's area that they cover, and its text."""
-    mesh, task = network.mesh, network.mesh.task_mask
-    most = int(network.views[task].max(initial=0))
-    last = min(most, max(network.task.views, 11))
-    bars = []
-    for count in range(last + 1):
-        is_open = count == last and most > last
-        faces = task & ((network.views >= count) if is_open else (network.views == count))
-        share = share_of_faces(mesh, faces, task)["area_percent"] / 100
-        word = "camera" if count == 1 else "cameras"
-        bars.append((f"{count}{'+' if is_open else ''} {word}", share, percent(share)))
-    return bars
-
-
-def coverage_curve(selection: Selection, goal: Goal, theme: Theme) -> "Figure":
-    """Coverage by the first cameras of a selection, and the bound of any selection."""
-    shares = [0.0, *selection.curve.tolist()]
-    curves = [Curve("chosen cameras, best first", list(enumerate(shares)), theme.series[0])]
-    marks: list[tuple[str, float, str]] = []
-    if isinstance(goal, BestCoverage):
-        marks.append(("y", selection.bound, f"none covers more than {percent(selection.bound)}"))
-    else:
-        marks.append(("y", shares[-1], f"{percent(shares[-1])} is covered"))
-        if float(selection.bound).is_integer() and selection.cost == len(selection.chosen):
-            marks.append(("x", selection.bound, f"fewer than {selection.bound:g} cannot do it"))
-    of_all = isinstance(goal, FewestCameras) and goal.of_reachable
-    return line_plot(
-        "Coverage by number of cameras",
-        Axis("cameras", 0, max(len(selection.chosen), 2), is_whole=True),
-        Axis("covered (of everything)" if of_all else "covered", 0, 1.04, is_percent=True),
-        curves,
-        theme,
-        marks=marks,
-    )
-
-
-# --- marker validation ----------------------------------------------------------------------------
-
-
-def calibration_plot(scores: Sequence[MarkerScore], theme: Theme) -> "Figure":
-    """Share of markers found over predicted coverage, curves of up to six models, ours on top.
-
-    Classes with fewer than `MIN_MARKERS` markers are left out.
-    """
-    curves = []
-    for colour, score in zip((0, 1, 2, 3, 4, 6), scores, strict=False):
-        points = [
-            ((low + min(high, 1.0)) / 2, found)
-            for low, high, found, count in score.calibration
-            if count >= MIN_MARKERS
-        ]
-        if len(points) > 1:
-            curves.append(Curve(score.model, points, theme.series[colour]))
-    return line_plot(
-        f"Coverage and detection, {scores[0].requirement} requirement",
-        Axis("predicted coverage", 0.0, 1.0),
-        Axis("markers found", 0.0, 1.0, is_percent=True),
-        curves[::-1],
-        theme,
-    )

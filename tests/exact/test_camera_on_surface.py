@@ -10,9 +10,10 @@ from scenes import joined, square
 
 import rastercov as rc
 from rastercov import shapes
-from rastercov.exact.certificate import CertifiedView
-from rastercov.exact.half_planes import View
-from rastercov.observer import Kind
+from rastercov.exact.certificate import CertificateSolver
+from rastercov.exact.half_planes import HalfPlaneSolver
+from rastercov.exact.records import DOUBTFUL
+from rastercov.observation import BoundKind
 from rastercov.reference import rational
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -54,7 +55,7 @@ def assert_within_bounds(mesh, camera, pose, faces):
         sure = view.is_certified[faces]
         whole = np.where(view.visible[faces] > 0, area, 0.0)
         assert np.abs(visible - whole)[sure].max(initial=0) <= 1e-12
-        assert (off <= view.blur[faces] + 1e-12)[~sure].all()
+        assert (off <= view.area_error[faces] + 1e-12)[~sure].all()
 
 
 def test_certified_and_exact_agree_from_the_middle_of_a_face_of_a_torus():
@@ -66,7 +67,7 @@ def test_certified_and_exact_agree_from_the_middle_of_a_face_of_a_torus():
     certified, exact = (
         rc.visibility(mesh, CAMERA, np.array(poses), method) for method in ("certified", "exact")
     )
-    assert (certified.kind == Kind.CERTIFIED).sum() > 1000
+    assert (certified.kind == BoundKind.CERTIFIED).sum() > 1000
     apart = np.abs(certified.value - exact.value)
     assert (apart <= certified.bound + exact.bound + 1e-9).all()
 
@@ -105,11 +106,11 @@ def test_a_wall_that_all_but_holds_the_camera_leaves_bounds_small(path, height):
     wall = triangles([(-3, height, -1), (3, height, -1), (0.1, height, 6)])
     mesh = joined(wall, square(2, 4))
     view = look(mesh, CAMERA, AHEAD, path)
-    assert view.blur[1:].max() < 1e-6
+    assert view.area_error[1:].max() < 1e-6
     visible = rational.visible_area(mesh, CAMERA, AHEAD)
     area = rational.image_area(mesh, CAMERA, AHEAD)
     off = np.abs(view.visible - visible) + np.abs(view.area - area)
-    assert (off <= view.blur + 1e-12).all()
+    assert (off <= view.area_error + 1e-12).all()
 
 
 def test_bounds_inside_a_room_are_small_on_every_face_larger_than_a_pixel():
@@ -120,7 +121,7 @@ def test_bounds_inside_a_room_are_small_on_every_face_larger_than_a_pixel():
         seen = observer.observe(rc.look_at(eyes, targets))
     large = seen.drawn_pixels > 1
     assert large.sum() > 3000
-    assert (seen.blur[large] / seen.drawn_pixels[large]).max() < 1e-6
+    assert (seen.area_error[large] / seen.drawn_pixels[large]).max() < 1e-6
 
 
 @pytest.mark.parametrize("height", [0.0, 5e-324, 1e-300, 1e-17, 1e-12, 1e-8, 1e-5])
@@ -134,7 +135,7 @@ def test_a_camera_on_the_outside_of_a_solid_looks_through_the_face_it_is_on(heig
     for method in ("certified", "exact"):
         with rc.open_observer(mesh, CAMERA, method) as observer:
             seen = observer.observe(pose)
-        assert (np.abs(seen.visible_pixels[0] - visible) <= seen.blur[0] + 1e-9).all()
+        assert (np.abs(seen.visible_pixels[0] - visible) <= seen.area_error[0] + 1e-9).all()
     with rc.open_rasterizer(mesh, CAMERA, "cpu") as rasterizer:
         assert np.abs(rasterizer.count(pose).visible[0] - visible).max() < 2000
 
@@ -145,22 +146,22 @@ def test_a_camera_on_the_outside_of_a_solid_looks_through_the_face_it_is_on(heig
 def test_every_edge_of_a_face_that_holds_the_camera_may_change_visibility():
     mesh = joined(box((-1, -1, 0), (1, 1, 2)), square(3, 5))
     for eye in ((0.25, 0.25, 0), (1, 0.5, 0), (1, 1, 0)):  # on a face, an edge, a vertex
-        view = look(mesh, CAMERA, pose_at(eye, np.eye(3)), CertifiedView)
-        holding = np.flatnonzero(view.state & 16)
+        view = look(mesh, CAMERA, pose_at(eye, np.eye(3)), CertificateSolver)
+        holding = np.flatnonzero(view.state & DOUBTFUL)
         assert len(holding) >= 1
-        assert view._is_jump[view.surface.face_edges[holding]].all()
+        assert view._is_event[view.surface.edges.of_face[holding]].all()
 
 
 def test_a_face_whose_image_rounds_to_nothing_stands_in_the_bounds_of_those_behind_it():
     behind = square(1, 4)
-    alone = look(behind, window(), AHEAD, View)
+    alone = look(behind, window(), AHEAD, HalfPlaneSolver)
     #   A blade along a ray of sight: its image has no width, to rounding.
     blade = triangles([(0.1, -0.2, 1), (0.1 * 1.5, 0.1, 1.5), (0.2, 0.3, 2)])
-    view = look(joined(behind, blade), window(), AHEAD, View)
+    view = look(joined(behind, blade), window(), AHEAD, HalfPlaneSolver)
     assert view.area[2] < 1e-12
-    assert (view.blur[:2] > alone.blur[:2]).all()
-    assert view.blur[2] > 0
-    assert (view.blur < 1e-9).all()
+    assert (view.area_error[:2] > alone.area_error[:2]).all()
+    assert view.area_error[2] > 0
+    assert (view.area_error < 1e-9).all()
 
 
 @on_both_paths
@@ -169,7 +170,7 @@ def test_culled_faces_have_the_area_that_they_would_have_alone(path):
     pose = rc.sphere_of_poses((0, 0, 0), 3, 5)[2]
     whole, culled = (look(mesh, CAMERA, pose, path, front_only=cull) for cull in (False, True))
     assert np.array_equal(whole.area, culled.area)
-    assert (culled.blur[(culled.state == 0) & (culled.area > 0)] > 0).all()
+    assert (culled.area_error[(culled.state == 0) & (culled.area > 0)] > 0).all()
     assert np.array_equal(culled.visible > 0, whole.visible > 0)
 
 

@@ -14,8 +14,8 @@ from rastercov import shapes
 from rastercov.camera import Camera
 from rastercov.exact import certificate as contour
 from rastercov.exact import certificate_kernels as kernels
-from rastercov.exact.certificate import CertifiedView
-from rastercov.exact.half_planes import View
+from rastercov.exact.certificate import CertificateSolver
+from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.mesh import Mesh
 from rastercov.pose import look_at
 from rastercov.reference import rational
@@ -27,7 +27,7 @@ SEEDS = st.integers(0, 2**32 - 1)
 
 def agree(mesh, camera, pose):
     """Look in both ways; what is certified must be as it is measured."""
-    truth, view = look(mesh, camera, pose, View), look(mesh, camera, pose)
+    truth, view = look(mesh, camera, pose, HalfPlaneSolver), look(mesh, camera, pose)
     assert np.abs(view.visible - truth.visible).max(initial=0) <= 1e-9
     sure = view.is_certified
     assert ((view.visible == 0) | (view.visible == view.area))[sure].all()
@@ -224,7 +224,7 @@ def test_a_shell_within_a_shell_is_hidden_by_its_patch():
     inner = np.arange(mesh.n_faces) >= mesh.n_faces // 2
     assert view.is_certified[inner].all()
     assert (view.visible[inner] == 0).all()
-    assert view.n_patches < 20
+    assert view.n_regions < 20
 
 
 def test_most_of_a_mesh_is_certified():
@@ -232,7 +232,7 @@ def test_most_of_a_mesh_is_certified():
     view = agree(mesh, CAMERA, look_at((2.2, 1.3, 1.0), (0, 0, 0))[0])
     live = view.area > 0
     assert view.is_certified[live].mean() > 0.75
-    assert view.n_patches < 0.02 * live.sum()
+    assert view.n_regions < 0.02 * live.sum()
 
 
 # --- the near plane and the border of the image ---------------------------------------------------
@@ -247,7 +247,7 @@ def test_the_rim_of_a_cut_face_crosses_what_is_behind_it():
     view = agree(mesh, camera, AHEAD)
     exact = rational.visible_area(mesh, camera, AHEAD)
     assert np.abs(view.visible - exact).max() <= 1e-9
-    assert view.n_cut == 1
+    assert view.n_clipped == 1
 
 
 @given(seed=SEEDS)
@@ -327,7 +327,7 @@ def test_surfaces_that_distance_makes_one_are_not_certified(distance):
         pose = np.eye(4)
         pose[2, 3] = -distance
         camera = Camera(width=200, height=200, fx=120 * distance, fy=120 * distance)
-        view, truth = look(mesh, camera, pose), look(mesh, camera, pose, View)
+        view, truth = look(mesh, camera, pose), look(mesh, camera, pose, HalfPlaneSolver)
         assert np.abs(view.visible - truth.visible).max() <= 1e-9 * view.area.max()
         first = factor < 1 or order > 0
         assert (view.visible[:8] > 0).all() == first
@@ -349,7 +349,7 @@ def test_sheets_at_any_gap_and_distance_agree(seed):
     pose = look_at((0.1 * distance, 0.2 * distance, -distance), (0, 0, 0))[0]
     focal = distance * rng.uniform(40, 120)
     camera = Camera(width=200, height=150, fx=focal, fy=focal)
-    view, truth = look(mesh, camera, pose), look(mesh, camera, pose, View)
+    view, truth = look(mesh, camera, pose), look(mesh, camera, pose, HalfPlaneSolver)
     off = np.abs(view.visible - truth.visible)
     assert (off <= 1e-9 * np.maximum(view.area, 1)).all()
 
@@ -359,7 +359,7 @@ def test_an_edge_of_three_faces_ends_a_patch():
     points = [(0, -1, 4), (0, 1, 4), (-1, 0, 4), (1, 0, 4), (0.01, 0, 5)]
     faces = [(0, 1, 2), (1, 0, 3), (0, 1, 4)]
     view = agree(Mesh(vertices=points, faces=faces), window(), AHEAD)
-    assert view.patch[0] != view.patch[1]
+    assert view.region[0] != view.region[1]
 
 
 @pytest.mark.parametrize("turn", [False, True])
@@ -367,7 +367,7 @@ def test_an_edge_of_two_faces_carries_the_answer_whatever_their_winding(turn):
     points = [(0, -1, 4), (0, 1, 4), (-1, 0, 4), (1, 0, 4)]
     faces = [(0, 1, 2), (0, 1, 3) if turn else (1, 0, 3)]
     view = agree(Mesh(vertices=points, faces=faces), window(), AHEAD)
-    assert view.patch[0] == view.patch[1] >= 0
+    assert view.region[0] == view.region[1] >= 0
 
 
 @pytest.mark.parametrize("turn", [False, True])
@@ -388,10 +388,10 @@ def test_a_fold_is_an_outline_whatever_the_winding(turn):
 def test_faces_of_a_patch_share_its_answer(seed):
     case = hostile(seed)
     view = look(case.mesh, case.camera, case.pose)
-    assert np.array_equal(view.is_certified, view.patch >= 0)
+    assert np.array_equal(view.is_certified, view.region >= 0)
     assert (view.area[view.is_certified] > 0).all()
-    for number in np.unique(view.patch[view.patch >= 0]):
-        members = view.patch == number
+    for number in np.unique(view.region[view.region >= 0]):
+        members = view.region == number
         part = view.visible[members] / view.area[members]
         assert np.isin(part, (0.0, 1.0)).all()
         assert np.ptp(part) == 0
@@ -401,7 +401,7 @@ def test_a_patch_that_comes_out_in_part_is_measured_face_by_face(monkeypatch):
     # As if an edge had been missed: faces that are seen in part and joined to one another.
     monkeypatch.setattr(kernels, "mark_crossed", lambda *arguments: None)
     mesh = joined(square(2, 4), square(0.5, 2))
-    view = CertifiedView(look(mesh, window(), AHEAD).surface, window())
+    view = CertificateSolver(look(mesh, window(), AHEAD).surface, window())
     see_again(view, mesh, window(), AHEAD)
     assert view.n_doubtful == 1
     assert view.visible == pytest.approx([3750, 3750, 1250, 1250])
@@ -409,9 +409,8 @@ def test_a_patch_that_comes_out_in_part_is_measured_face_by_face(monkeypatch):
 
 
 def test_thresholds_leave_room_for_rounding():
-    assert kernels.TIE == contour.kernels.TIE == 1e-10
-    assert contour.NEAR_MISS > 1e-12
-    assert 0 < contour.SURE < 1e-3
+    assert contour.CROSSING_TOLERANCE_REL > 1e-12
+    assert 0 < contour.CERTAIN_AREA_REL < 1e-3
 
 
 @given(seed=SEEDS, field=st.floats(0.3, 2.5))
@@ -438,6 +437,6 @@ def test_a_fold_of_which_the_border_leaves_a_strip_is_decided_by_index_there(ang
     pose = np.eye(4)
     pose[:3, 3] = 100 / 40 - inside / 40, 0, -z
     view = agree(Mesh(vertices=points, faces=faces), camera, pose)
-    truth = look(Mesh(vertices=points, faces=faces), camera, pose, View)
+    truth = look(Mesh(vertices=points, faces=faces), camera, pose, HalfPlaneSolver)
     part = view.visible / view.area
     assert part == pytest.approx(truth.visible / truth.area, abs=1e-6)

@@ -15,11 +15,12 @@ from scenes import joined, square
 
 from rastercov import shapes
 from rastercov.camera import Camera
-from rastercov.criteria import view_faces
-from rastercov.exact.certificate import CertifiedView
-from rastercov.exact.half_planes import View
+from rastercov.criteria import face_geometry
+from rastercov.exact.certificate import CertificateSolver
+from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.mesh import Mesh
-from rastercov.observer import Kind, figures, open_observer, visibility
+from rastercov.observation import BoundKind, visible_fraction
+from rastercov.observer import open_observer, visibility
 from rastercov.pose import look_at
 from rastercov.reference import polygons, rational
 
@@ -102,7 +103,7 @@ def test_a_convex_body_shows_its_front_whole_and_its_back_not_at_all(path, name,
     mesh, away = CONVEX[name], rng.normal(size=3)
     pose = look_at(away / np.linalg.norm(away) * rng.uniform(2, 9), rng.normal(size=3) * 0.3)[0]
     view = look(mesh, CAMERA, pose, path)
-    front = view_faces(mesh, CAMERA, pose).is_front
+    front = face_geometry(mesh, CAMERA, pose).is_front
     assert (view.visible[front] >= view.area[front] * (1 - 1e-13) - 2e-12).all()
     assert (view.visible[~front] <= 2e-12).all()
 
@@ -355,11 +356,11 @@ def test_samples_of_certified_faces_are_all_seen_or_all_hidden(open_raster, name
 def test_slivers_between_the_samples_leave_the_face_behind_uncertified():
     case = slivers()
     seen = visibility(case.mesh, case.camera, case.pose)
-    assert (seen.kind[0, :2] == Kind.EXACT).all()
+    assert (seen.kind[0, :2] == BoundKind.EXACT).all()
     assert np.abs(seen.value[0, :2] - 0.1).max() <= 1e-9
     assert (seen.value[0, 2:] == 1).all()
     sampled = visibility(case.mesh, case.camera, case.pose, "sampled", backend="cpu")
-    assert (sampled.kind == Kind.STATISTICAL).all()
+    assert (sampled.kind == BoundKind.STATISTICAL).all()
 
 
 # --- figures --------------------------------------------------------------------------------------
@@ -370,7 +371,7 @@ def fractions(mesh, camera, pose):
     whole = rational.image_area(mesh, camera, pose)
     visible = rational.visible_area(mesh, camera, pose)
     part = np.divide(visible, whole, out=np.zeros(mesh.n_faces), where=whole > 0)
-    return np.where(view_faces(mesh, camera, pose).is_front, part, 0), whole
+    return np.where(face_geometry(mesh, camera, pose).is_front, part, 0), whole
 
 
 @pytest.mark.parametrize("method", ["certified", "exact"])
@@ -384,11 +385,11 @@ def test_bounds_of_exact_figures_hold(kind, method):
     has_image = whole > 1e-7
     off = np.abs(seen.value[0] - expected)[has_image]
     assert (off <= np.maximum(seen.bound[0][has_image], 1e-14)).all()
-    certified = (seen.kind[0] == Kind.CERTIFIED) & has_image
+    certified = (seen.kind[0] == BoundKind.CERTIFIED) & has_image
     assert np.isin(seen.value[0][certified], (0, 1)).all()
     assert (seen.bound[0][certified] == 0).all()
     if method == "exact":
-        assert (seen.kind == Kind.EXACT).all()
+        assert (seen.kind == BoundKind.EXACT).all()
 
 
 def test_methods_agree_within_their_bounds():
@@ -400,7 +401,7 @@ def test_methods_agree_within_their_bounds():
     assert np.abs(certified.value - exact.value).max() <= 1e-9
     off = np.abs(sampled.value - exact.value)
     assert (off <= sampled.bound + 1e-9).mean() > 0.999
-    assert (certified.kind == Kind.CERTIFIED).mean() > 0.2
+    assert (certified.kind == BoundKind.CERTIFIED).mean() > 0.2
 
 
 @pytest.mark.parametrize("method", ["certified", "exact"])
@@ -414,7 +415,7 @@ def test_an_observation_is_what_the_view_measures(method):
     assert seen.visible_pixels[1].sum() == pytest.approx(10000)
     assert seen.kind.shape == (2, 4)
     assert not seen.clipped.any()
-    value, bound, kind = figures(view_faces(mesh, window(), AHEAD), seen, 0)
+    value, bound, kind = visible_fraction(face_geometry(mesh, window(), AHEAD), seen, 0)
     assert value == pytest.approx([0.75, 0.75, 1, 1])
     assert (bound <= 1e-9).all()
     assert kind.dtype == np.uint8
@@ -434,11 +435,11 @@ def test_views_hold_no_memory_of_other_poses(path):
         assert np.array_equal(view.visible, fresh.visible)
         assert np.array_equal(view.area, fresh.area)
         assert np.array_equal(view.is_certified, fresh.is_certified)
-    view.measure_all()  # once more changes nothing
+    view.solve_all()  # once more changes nothing
     assert np.array_equal(view.visible, fresh.visible)
 
 
 def test_paths_share_everything_but_the_certificate():
-    assert issubclass(CertifiedView, View)
-    view = look(shapes.box(), CAMERA, look_at((3, 2, 2), (0, 0, 0))[0], View)
+    assert issubclass(CertificateSolver, HalfPlaneSolver)
+    view = look(shapes.box(), CAMERA, look_at((3, 2, 2), (0, 0, 0))[0], HalfPlaneSolver)
     assert not view.is_certified.any()

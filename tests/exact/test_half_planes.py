@@ -16,8 +16,7 @@ from scenes import joined, sheet, square
 from rastercov import shapes
 from rastercov.camera import Camera
 from rastercov.errors import ConfigError
-from rastercov.exact import half_plane_kernels as kernels
-from rastercov.exact.half_planes import View, visible_areas
+from rastercov.exact.half_planes import HalfPlaneSolver, visible_areas
 from rastercov.exact.surface import surface_of
 from rastercov.mesh import Mesh
 from rastercov.pose import look_at, sphere_of_poses
@@ -57,10 +56,10 @@ def test_faces_cut_in_space_make_room_for_themselves(path):
     rng = np.random.default_rng(2)
     mesh = triangles(*(rng.normal(size=(300, 3, 3)) * 3))
     view = look(mesh, CAMERA, AHEAD, path)
-    assert view.n_cut > 100
-    assert len(view.polygons) >= view.n_cut
+    assert view.n_clipped > 100
+    assert len(view.projected.clipped.polygons) >= view.n_clipped
     again = path(surface_of(mesh), CAMERA)
-    again._make_room_for_cuts(1000)
+    again._make_room_for_clipped(1000)
     see_again(again, mesh, CAMERA, AHEAD)
     assert np.array_equal(view.visible, again.visible)
 
@@ -76,7 +75,7 @@ def test_pieces_make_room_for_themselves(path, room):
     view = path(surface_of(mesh), CAMERA)
     view._make_room_for_pieces(room)
     see_again(view, mesh, CAMERA, AHEAD)
-    assert len(view._pieces) > room
+    assert len(view._pieces.corners) > room
     assert np.array_equal(view.visible, expected.visible)
 
 
@@ -101,7 +100,7 @@ def test_large_faces_among_small_ones_fill_the_grid_and_make_it_coarser(path):
     mesh = joined(specks, *(square(9, 5 + i) for i in range(1500)))
     view = look(mesh, CAMERA, AHEAD, path)
     image = CAMERA.width * CAMERA.height
-    assert view.columns * view.rows < 2 * mesh.n_faces
+    assert view.grid.columns * view.grid.rows < 2 * mesh.n_faces
     assert view.visible[:4002].sum() == pytest.approx(image, rel=1e-12)
     assert view.visible[4002:].max() <= 1e-12 * image
 
@@ -157,14 +156,8 @@ def test_the_grid_changes_no_answer(path, seed):
 
         class Gridded(path):
             def _fill_grid(self, n_live, columns=columns, rows=rows):
-                width, height = self.size
-                self.columns, self.rows = columns, rows
-                self.grid = np.array((0.0, 0.0, columns / width, rows / height))
-                self.starts = np.empty(columns * rows + 2, np.int64)
-                self.listed = np.empty(n_live * columns * rows, np.int32)
-                kernels.fill_grid(
-                    self.state, self.box, self.grid, columns, rows, self.starts, self.listed
-                )
+                per_u, per_v = columns / self.camera.width, rows / self.camera.height
+                self._list_by_cells(0.0, 0.0, per_u, per_v, columns, rows)
 
         found = look(mesh, CAMERA, AHEAD, Gridded).visible
         assert np.abs(found - expected).max() <= 1e-10
@@ -219,7 +212,7 @@ def test_any_length_of_a_metre_will_do(path, size):
     expected = look(mesh, CAMERA, look_at(eye, (0, 0, 0))[0], path)
     scaled = Mesh(vertices=mesh.vertices * size, faces=mesh.faces)
     view = look(scaled, CAMERA, look_at(eye * size, (0, 0, 0))[0], path)
-    assert view.n_cut == expected.n_cut > 0
+    assert view.n_clipped == expected.n_clipped > 0
     assert np.abs(view.visible - expected.visible).max() <= 1e-8
 
 
@@ -320,11 +313,11 @@ def test_visible_area_is_at_most_the_area(path, seed):
 @settings(max_examples=40)
 def test_measuring_some_faces_measures_them_like_all(seed):
     case = hostile(seed)
-    everything = look(case.mesh, case.camera, case.pose, View)
+    everything = look(case.mesh, case.camera, case.pose, HalfPlaneSolver)
     targets = np.random.default_rng(seed).permutation(case.mesh.n_faces)[:5].astype(np.int32)
-    some = look(case.mesh, case.camera, case.pose, View)
+    some = look(case.mesh, case.camera, case.pose, HalfPlaneSolver)
     some.visible[:] = -1
-    some.measure(targets)
+    some.solve(targets)
     assert np.array_equal(some.visible[targets], everything.visible[targets])
     untouched = np.setdiff1d(np.arange(case.mesh.n_faces), targets)
     assert (some.visible[untouched] == -1).all()
@@ -348,7 +341,7 @@ def test_sheets_folded_flat_come_out_as_in_exact_arithmetic(seed):
     away = turn[:, 2] * np.cos(tilt) + turn[:, 1] * np.sin(tilt)
     pose = look_at(away * rng.choice((-1, 1)) * 2, (0, 0, 0))[0]
     exact = rational.visible_area(mesh, CAMERA, pose)
-    assert np.abs(look(mesh, CAMERA, pose, View).visible - exact).max() <= 1e-9
+    assert np.abs(look(mesh, CAMERA, pose, HalfPlaneSolver).visible - exact).max() <= 1e-9
 
 
 def test_a_fan_of_needles_cuts_a_face_into_few_pieces():
@@ -358,8 +351,8 @@ def test_a_fan_of_needles_cuts_a_face_into_few_pieces():
     order = np.random.default_rng(0).permutation(40)
     fan = triangles(*[((0, 0, 0), rim[i], rim[i + 1]) for i in order])
     fan = Mesh(vertices=fan.vertices * 0.9 + (0.0123, 0.0371, 2), faces=fan.faces)
-    view = look(joined(square(1.7, 4), fan), window(), AHEAD, View)
-    assert len(view._pieces) <= 1024
+    view = look(joined(square(1.7, 4), fan), window(), AHEAD, HalfPlaneSolver)
+    assert len(view._pieces.corners) <= 1024
 
 
 @on_both_paths
@@ -375,7 +368,7 @@ def test_a_metre_may_be_1e_110():
     mesh = triangles(*(np.random.default_rng(3).normal(size=(12, 3, 3)) * 1.2e-110))
     pose = look_at(np.array((0.3, 0.2, -1.0)) * 1e-110, (0, 0, 0))[0]
     exact = rational.visible_area(mesh, CAMERA, pose)
-    assert np.abs(look(mesh, CAMERA, pose, View).visible - exact).max() <= 1e-8
+    assert np.abs(look(mesh, CAMERA, pose, HalfPlaneSolver).visible - exact).max() <= 1e-8
 
 
 def test_a_small_thing_before_a_vast_one_keeps_its_digits():
@@ -385,7 +378,7 @@ def test_a_small_thing_before_a_vast_one_keeps_its_digits():
     far = triangles([(-1e5, -2e5, 3e5), (2e5, -1e5, 4e5), (0, 3e5, 3e5)])
     mesh = joined(triangles(*near), far)
     exact = rational.visible_area(mesh, window(), AHEAD)
-    assert np.abs(look(mesh, window(), AHEAD, View).visible - exact).max() <= 1e-9
+    assert np.abs(look(mesh, window(), AHEAD, HalfPlaneSolver).visible - exact).max() <= 1e-9
 
 
 # --- many poses, chosen faces ---------------------------------------------------------------------

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from rastercov import shapes
 from rastercov.camera import Camera
-from rastercov.exact.half_planes import View, visible_areas
+from rastercov.exact.half_planes import HalfPlaneSolver, visible_areas
 from rastercov.mesh import Mesh
 from rastercov.pose import sphere_of_poses
 from rastercov.reference import rational
@@ -24,15 +24,15 @@ SEEDS = st.integers(0, 2**32 - 1)
 on_both_paths = pytest.mark.parametrize("path", PATHS, ids=lambda path: path.__name__)
 
 
-def errors(mesh, camera, pose, path=View):
+def errors(mesh, camera, pose, path=HalfPlaneSolver):
     """How wrong the two areas of each face that was measured are, and how wrong at most."""
     view = look(mesh, camera, pose, path)
-    measured = view.blur > 0
+    measured = view.area_error > 0
     faces = np.flatnonzero(measured)
     visible = rational.visible_area(mesh, camera, pose, faces)
     area = rational.image_area(mesh, camera, pose, faces)
     off = np.abs(view.visible[faces] - visible) + np.abs(view.area[faces] - area)
-    return off, view.blur[faces]
+    return off, view.area_error[faces]
 
 
 def unit(vector):
@@ -107,7 +107,7 @@ def test_each_occluder_adds_to_the_bound():
     wall = np.array([(-4, -4, 4), (4, -4, 4), (0, 6, 4)])
     tiles = [wall * (1 / 32, 1 / 32, 1 / 2) + (x / 3 - 0.5, 0, 0) for x in range(4)]
     scenes = (triangles(wall, *tiles[:n]) for n in range(4))
-    bounds = [look(mesh, CAMERA, AHEAD, View).blur[0] for mesh in scenes]
+    bounds = [look(mesh, CAMERA, AHEAD, HalfPlaneSolver).area_error[0] for mesh in scenes]
     assert (np.diff(bounds) > 0.01 * bounds[0]).all()
 
 

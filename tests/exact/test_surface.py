@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from scenes import joined, square
 
 from rastercov import shapes
-from rastercov.exact.certificate_kernels import MANY as KERNEL_MANY
-from rastercov.exact.surface import MANY, surface_of
+from rastercov.exact.records import CONSISTENT, NON_MANIFOLD, REVERSED
+from rastercov.exact.surface import surface_of
 from rastercov.mesh import Mesh, contacts
 from rastercov.mesh.contacts import CONTACT, REACH, touching_faces
 
@@ -37,24 +37,24 @@ def test_edges_are_those_of_the_faces_by_position(seed):
         for i in range(3):
             a, b = corners[i], corners[(i + 1) % 3]
             uses[min(a, b), max(a, b)].append((face, a < b))
-    assert sorted(uses) == sorted(map(tuple, found.edge_vertices.tolist()))
-    for edge, (a, b) in enumerate(found.edge_vertices.tolist()):
+    assert sorted(uses) == sorted(map(tuple, found.edges.vertices.tolist()))
+    for edge, (a, b) in enumerate(found.edges.vertices.tolist()):
         users = uses[a, b]
-        first, second = found.edge_faces[edge].tolist()
+        first, second = found.edges.faces[edge].tolist()
         faces = sorted(face for face, _ in users)
-        turn = found.edge_turn[edge]
+        kind = found.edges.kind[edge]
         if a == b or len(users) > 2:
-            assert turn == MANY
+            assert kind == NON_MANIFOLD
             assert first in faces
         elif len(users) == 1:
-            assert (first, second, turn) == (faces[0], -1, 1)
+            assert (first, second, kind) == (faces[0], -1, CONSISTENT)
         else:
             assert sorted((first, second)) == faces
-            assert turn == (1 if users[0][1] != users[1][1] else -1)
+            assert kind == (CONSISTENT if users[0][1] != users[1][1] else REVERSED)
     for face, corners in enumerate(found.faces.tolist()):
-        for i, edge in enumerate(found.face_edges[face].tolist()):
+        for i, edge in enumerate(found.edges.of_face[face].tolist()):
             ends = {corners[i], corners[(i + 1) % 3]}
-            assert set(found.edge_vertices[edge].tolist()) == ends
+            assert set(found.edges.vertices[edge].tolist()) == ends
 
 
 @given(seed=SEEDS)
@@ -75,9 +75,9 @@ def test_a_mesh_torn_apart_along_all_edges_is_the_same_surface(name):
     mesh = shapes.by_name(name)
     one, other = surface_of(mesh), surface_of(triangles(*mesh.vertices[mesh.faces]))
     assert len(one.vertices) == len(other.vertices)
-    assert len(one.edge_turn) == len(other.edge_turn)
+    assert len(one.edges.kind) == len(other.edges.kind)
     pairs = [
-        {tuple(sorted(pair)) for pair in found.edge_faces[found.edge_turn == 1].tolist()}
+        {tuple(sorted(pair)) for pair in found.edges.faces[found.edges.kind == CONSISTENT].tolist()}
         for found in (one, other)
     ]
     assert pairs[0] == pairs[1]
@@ -88,31 +88,31 @@ def test_minus_zero_and_zero_are_one_place():
     points = [(0.0, 0, 0), (1, 0, 0), (0, 1, 0), (-0.0, -0.0, 0), (1, 0, -0.0), (0, -1, 0)]
     found = surface_of(Mesh(vertices=points, faces=[(0, 1, 2), (4, 3, 5)]))
     assert len(found.vertices) == 4
-    assert (found.edge_faces >= 0).all(axis=1).sum() == 1
+    assert (found.edges.faces >= 0).all(axis=1).sum() == 1
 
 
 def test_a_closed_body_has_three_edges_for_two_faces_all_of_one_kind():
     for mesh in (shapes.box(), shapes.sphere(2), shapes.torus(7, 5)):
         found = surface_of(mesh)
-        assert len(found.edge_turn) == mesh.n_faces * 3 // 2
-        assert (found.edge_turn == 1).all()
-        assert (found.edge_faces >= 0).all()
+        assert len(found.edges.kind) == mesh.n_faces * 3 // 2
+        assert (found.edges.kind == CONSISTENT).all()
+        assert (found.edges.faces >= 0).all()
 
 
 def test_a_face_with_a_repeated_vertex_ends_every_edge_it_is_on():
     points = square(1, 2).vertices
     found = surface_of(Mesh(vertices=points, faces=[(0, 1, 2), (0, 2, 3), (0, 0, 2)]))
-    diagonal = np.flatnonzero((found.edge_vertices == (0, 2)).all(axis=1))
-    assert found.edge_turn[diagonal].tolist() == [MANY]
+    diagonal = np.flatnonzero((found.edges.vertices == (0, 2)).all(axis=1))
+    assert found.edges.kind[diagonal].tolist() == [NON_MANIFOLD]
     assert found.flat.tolist() == [False, False, True]
 
 
 def test_a_face_alone_and_one_that_is_a_point():
     found = surface_of(triangles([(0, 0, 0), (1, 0, 0), (0, 1, 0)]))
-    assert found.edge_faces.tolist() == [[0, -1]] * 3
+    assert found.edges.faces.tolist() == [[0, -1]] * 3
     point = surface_of(triangles([(1, 2, 3)] * 3))
     assert point.diagonal == 0
-    assert point.edge_turn.tolist() == [MANY]
+    assert point.edges.kind.tolist() == [NON_MANIFOLD]
     assert point.contacts.faces_for(5.0).tolist() == [False]
 
 
@@ -185,7 +185,3 @@ def test_the_surface_of_a_mesh_is_worked_out_once_and_dropped_with_it():
     del mesh, found
     gc.collect()
     assert kept() is None
-
-
-def test_mesh_and_loops_mean_the_same_by_many():
-    assert KERNEL_MANY == MANY

@@ -16,8 +16,8 @@ from scenes import joined, sheet, square
 
 from rastercov import cli, shapes
 from rastercov.camera import Camera
-from rastercov.coverage import Task, evaluate
-from rastercov.criteria import view_faces
+from rastercov.coverage import evaluate
+from rastercov.criteria import face_geometry
 from rastercov.errors import ConfigError, PoseError
 from rastercov.mesh import Group, Mesh
 from rastercov.models import MODELS, alarcon, image_space, mavrinac, scott, tarabanis, zhang
@@ -35,6 +35,7 @@ from rastercov.report.model_pictures import (
 )
 from rastercov.report.models import CRITERIA, page, write_model_comparison
 from rastercov.report.theme import MISSED
+from rastercov.task import Task
 from rastercov.validation.models.comparison import compare_models, covers
 
 CAMERA = Camera(width=400, height=300, fx=200, fy=200)
@@ -180,7 +181,7 @@ def test_zhang_has_the_mean_over_vertices_of_one_cosine_over_depth():
 def test_zhang_takes_the_angle_to_the_axis_and_scott_to_the_ray():
     # The face looks forward by 11 degrees, and is seen from the side at 57.
     wall = Mesh(vertices=[(-2, -0.5, 2), (-2.1, 0, 2.5), (-2, 0.5, 2)], faces=[(0, 2, 1)])
-    assert view_faces(wall, CAMERA, AHEAD[0]).is_front.all()
+    assert face_geometry(wall, CAMERA, AHEAD[0]).is_front.all()
     wide = dataclasses.replace(CAMERA, fx=100, fy=100)
     assert covered("zhang", wall, wide, required_density=1.0) == 0
     assert covered("scott", wall, wide, required_density=100.0) > 0.2
@@ -273,7 +274,7 @@ def test_k_ocular_is_the_best_subsets_weakest():
 def test_a_network_is_judged_point_by_point():
     # Each camera has the vertex that the other lacks; together they have all three once.
     mesh = Mesh(vertices=[(-2, 0, 4), (0, 2, 4), (2, 0, 4)], faces=[(0, 1, 2)])
-    assert view_faces(mesh, CAMERA, AHEAD[0]).is_front.all()
+    assert face_geometry(mesh, CAMERA, AHEAD[0]).is_front.all()
     poses = np.repeat(AHEAD, 2, axis=0)
     poses[:, 0, 3] = (3, -3)
     by_camera = covered("mavrinac", mesh, poses=poses, **FLAT)
@@ -394,7 +395,7 @@ def test_coverage_lies_between_0_and_1(name, seed):
 def test_faces_seen_from_behind_are_not_covered(name, seed):
     mesh = soup(seed)
     values = covered(name, mesh)[0]
-    behind = ~view_faces(mesh, CAMERA, AHEAD[0]).is_front
+    behind = ~face_geometry(mesh, CAMERA, AHEAD[0]).is_front
     assert (values[behind] == 0).all()
     assert ((values == 0) | (covered(name, turned(mesh))[0] == 0)).all()
 
@@ -411,7 +412,7 @@ def test_a_two_sided_face_is_covered_from_either_side_alike(name, seed):
     ]
     assert found[0] == pytest.approx(found[1], abs=1e-9)
     # From the front it counts as it did.
-    front = view_faces(mesh, CAMERA, AHEAD[0]).is_front
+    front = face_geometry(mesh, CAMERA, AHEAD[0]).is_front
     assert found[0][0, front] == pytest.approx(covered(name, mesh)[0, front], abs=1e-9)
 
 
@@ -520,7 +521,7 @@ def test_occlusion_is_0_or_1_where_it_is_bivalent(seed):
 def test_a_face_of_which_all_is_seen_has_no_hidden_vertex(seed):
     mesh = soup(seed)
     whole = visibility(mesh, CAMERA, AHEAD).value[0] == 1
-    inside = view_faces(mesh, CAMERA, AHEAD[0]).in_view
+    inside = face_geometry(mesh, CAMERA, AHEAD[0]).in_view
     assert visible(mesh)[0, whole & inside].all()
 
 
@@ -604,7 +605,7 @@ def test_a_convex_solid_hides_none_of_its_front_faces(name, tracer):
     poses = sphere_of_poses(mesh.bounds.mean(axis=0) + 0.01 * size, 1.7 * size, 6)
     found = visible(mesh, poses=poses, tracer=tracer)
     for row, pose in enumerate(poses):
-        view = view_faces(mesh, CAMERA, pose)
+        view = face_geometry(mesh, CAMERA, pose)
         clear = view.is_front & (view.incidence < math.radians(85))
         assert clear.sum() > 1
         assert found[row, clear].all()
@@ -617,7 +618,7 @@ def test_a_face_that_only_touches_a_vertex_hides_nothing(tracer):
     assert visible(joined(wall, wall), tracer=tracer).all()  # a copy
     # A fin that leans from the wall to the camera, on its tip in the middle of a face.
     fin = Mesh(vertices=[(0.2, 0.3, 4), (0.6, 0.9, 3.4), (-0.2, 0.9, 3.4)], faces=[(0, 2, 1)])
-    assert view_faces(fin, CAMERA, AHEAD[0]).is_front.all()
+    assert face_geometry(fin, CAMERA, AHEAD[0]).is_front.all()
     assert visible(joined(wall, fin), tracer=tracer)[0].tolist() == [1, 1, 1]
 
 
@@ -749,7 +750,7 @@ def test_disagreements_are_counted_over_all_poses(found):
 def test_the_bivalent_test_is_held_against_what_is_seen(found):
     seen = evaluate(TEAPOT, EYE, AROUND)
     bivalent = zhang.visible(TEAPOT, EYE, AROUND) > 0
-    front = np.array([view_faces(TEAPOT, EYE, pose).is_front for pose in AROUND])
+    front = np.array([face_geometry(TEAPOT, EYE, pose).is_front for pose in AROUND])
     judged = seen.in_view & front & (seen.drawn_pixels > 0)
     lost = judged & ~bivalent & (seen.visibility > seen.visibility_bound)
     false = judged & bivalent & (seen.visibility < 1 - seen.visibility_bound)

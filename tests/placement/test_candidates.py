@@ -9,7 +9,7 @@ from scenes import joined, sheet
 
 import rastercov as rc
 from rastercov import shapes
-from rastercov.criteria import view_faces
+from rastercov.criteria import face_geometry
 from rastercov.errors import ConfigError, PoseError
 from rastercov.mesh import Group, Mesh
 from rastercov.mesh.triangle_tree import TriangleTree
@@ -170,7 +170,7 @@ def test_all_vertices_are_in_view_and_focus_when_vertices_are_to_fit(
     found = per_segment(mesh, camera, framing, segmentation=segments)
     for label, pose in enumerate(found.poses):
         mine = segments.labels == label
-        assert view_faces(mesh, camera, pose).in_view[mine].all()
+        assert face_geometry(mesh, camera, pose).in_view[mine].all()
         depths = (mesh.vertices[mesh.faces[mine]].reshape(-1, 3) - pose[:3, 3]) @ pose[:3, 2]
         assert depths.min() >= near
 
@@ -181,7 +181,7 @@ def test_fitting_vertices_goes_no_farther_than_it_must():
     ):
         pose = pose.copy()
         pose[:3, 3] += 1e-4 * pose[:3, 2]
-        assert not view_faces(NOISY, CAMERA, pose).in_view[SEGMENTS.labels == label].all()
+        assert not face_geometry(NOISY, CAMERA, pose).in_view[SEGMENTS.labels == label].all()
 
 
 def test_the_farthest_vertex_is_in_focus_where_not_all_can_be_in_view():
@@ -252,7 +252,7 @@ def test_the_sides_of_a_pyramid_are_seen_together_from_above_its_tip():  # figur
     np.testing.assert_allclose(above[:2, 3], 0, atol=1e-12)
     average = eyes_of(per_face(pyramid, CAMERA, faces=range(4))).mean(axis=0)
     np.testing.assert_allclose(average[:2], 0, atol=1e-12)
-    assert view_faces(pyramid, CAMERA, above).is_front[:4].all()
+    assert face_geometry(pyramid, CAMERA, above).is_front[:4].all()
 
 
 def test_a_convex_corner_is_seen_along_its_diagonal_however_its_sides_are_divided():
@@ -317,7 +317,7 @@ def test_cameras_around_a_part_see_all_of_it_and_look_at_its_middle():
     part = moved(shapes.torus(20, 10), (5, 0, 1))
     found = on_sphere(part, CAMERA, count=50)
     for pose in found.poses:
-        seen = view_faces(part, CAMERA, pose)
+        seen = face_geometry(part, CAMERA, pose)
         assert seen.in_view.all()
         np.testing.assert_allclose(
             pose[:3, 3] + pose[:3, 2] * (np.linalg.norm(pose[:3, 3] - (5, 0, 1))),

@@ -11,7 +11,6 @@ from scenes import joined, sheet
 
 import rastercov as rc
 from rastercov import shapes
-from rastercov.coverage import Reason
 from rastercov.errors import ConfigError
 from rastercov.mesh import Group, Mesh
 from rastercov.placement.candidates.cavities import Access, openings, per_cavity
@@ -19,6 +18,7 @@ from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere, 
 from rastercov.placement.candidates.framing import Framing
 from rastercov.placement.candidates.hemicube import Hemicube, face_frames
 from rastercov.placement.candidates.pool import per_face
+from rastercov.task import Reason
 
 CAMERA = rc.Camera(width=320, height=240, fx=450, fy=450, cx=160, cy=120)
 FAR = Framing(stand_off=(6.0, 30.0))

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 
 from rastercov import shapes
 from rastercov.camera import Camera
-from rastercov.coverage import Task
 from rastercov.errors import ConfigError
 from rastercov.mesh import Group, Mesh
 from rastercov.observer import open_observer
@@ -25,6 +24,7 @@ from rastercov.placement.improve.search import METHODS, optimise
 from rastercov.placement.matrix import build_matrix
 from rastercov.placement.select.problem import BestCoverage, problem_of
 from rastercov.pose import sphere_of_poses
+from rastercov.task import Task
 
 MESH = shapes.torus(10, 6)
 CAMERA = Camera(width=64, height=48, fx=60.0, fy=60.0, cx=32.0, cy=24.0)

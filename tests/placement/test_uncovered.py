@@ -10,7 +10,6 @@ from scenes import joined, sheet
 
 import rastercov as rc
 from rastercov import shapes
-from rastercov.coverage import Reason, Task
 from rastercov.errors import ConfigError
 from rastercov.mesh import Group, Mesh
 from rastercov.network import Network
@@ -18,6 +17,7 @@ from rastercov.placement.explain import candidate_visibility as sight
 from rastercov.placement.explain.blockers import in_front
 from rastercov.placement.explain.uncovered import WORDS, Sight, what_is_left
 from rastercov.placement.matrix import build_matrix
+from rastercov.task import Reason, Task
 
 CAMERA = rc.Camera(width=320, height=240, fx=300, fy=300, cx=160, cy=120)
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import rastercov as rc
 from rastercov import shapes
-from rastercov.coverage import Coverage, Reason
+from rastercov.coverage import Coverage
 from rastercov.placement.improve.objective import Objective
 from rastercov.plan import entry as plan_entry
 from rastercov.plan import generators as plan_generators
@@ -25,6 +25,7 @@ from rastercov.plan.requirements import judge, percent
 from rastercov.plan.scene import scene
 from rastercov.plan.sections import PlanModel, TaskSection
 from rastercov.pose import sphere_of_poses, write_poses
+from rastercov.task import Reason
 
 ROOT = Path(__file__).parents[2]
 BASE = '[[meshes]]\nbuilt_in = "box"\n[camera]\npreset = "khepra"\n'

@@ -17,8 +17,7 @@ from rastercov.camera import Camera
 from rastercov.errors import ConfigError, DeviceError, ResourceError
 from rastercov.mesh import Mesh
 from rastercov.pose import look_at, sphere_of_poses
-from rastercov.raster import cpu, self_test
-from rastercov.raster.contract import open_rasterizer
+from rastercov.raster import cpu, open_rasterizer, self_test
 from rastercov.raster.cpu import MAX_SIDE, CPURasterizer
 from rastercov.raster.cpu import loops as kernels
 from rastercov.raster.cpu.memory import (

@@ -23,7 +23,7 @@ from rastercov.errors import ConfigError, DeviceError, PoseError, ResourceError
 from rastercov.mesh import Mesh
 from rastercov.observer import open_observer
 from rastercov.pose import look_at, sphere_of_poses
-from rastercov.raster.contract import open_rasterizer
+from rastercov.raster import open_rasterizer
 from rastercov.raster.gl import PLANS, GLRasterizer, pipeline
 from rastercov.raster.gl import rasterizer as rasterizer_module
 from rastercov.raster.gl.compute import Compute
@@ -166,7 +166,7 @@ from rastercov import shapes
 from rastercov.camera import Camera
 from rastercov.errors import DeviceError
 from rastercov.pose import look_at
-from rastercov.raster.contract import open_rasterizer
+from rastercov.raster import open_rasterizer
 
 camera, pose = Camera(width=16, height=12, fx=16, fy=16), look_at((3, 2, 1), (0, 0, 0))
 with open_rasterizer(shapes.box(), camera, "gl", device="surfaceless") as rasterizer:

@@ -18,7 +18,7 @@ from PIL import Image
 from rastercov import shaders, shapes
 from rastercov._interrupts import interrupts_held
 from rastercov.camera import Camera
-from rastercov.coverage import Task, evaluate
+from rastercov.coverage import evaluate
 from rastercov.errors import ConfigError, DeviceError, PoseError
 from rastercov.mesh import Mesh
 from rastercov.pose import sphere_of_poses
@@ -26,6 +26,7 @@ from rastercov.report.coverage import EVALUATION, Options, run
 from rastercov.report.coverage_table import CoverageTable
 from rastercov.report.folder import ReportFolder
 from rastercov.report.images import coverage_picture
+from rastercov.task import Task
 
 MESH = shapes.box((1, 1, 1))
 CAMERA = Camera(width=48, height=36, fx=60, fy=60)

@@ -14,7 +14,7 @@ from scenes import joined
 import rastercov as rc
 from rastercov import shapes
 from rastercov._format import percent
-from rastercov.coverage import Task, evaluate_batches
+from rastercov.coverage import evaluate_batches
 from rastercov.errors import ConfigError
 from rastercov.mesh import Group, Mesh
 from rastercov.network import Network
@@ -32,10 +32,12 @@ from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.problem import BestCoverage, FewestCameras, problem_of
 from rastercov.report import placement as page_module
 from rastercov.report import placement_pictures as pictures
+from rastercov.report import placement_plots as network_plots
 from rastercov.report import plots, theme
 from rastercov.report.panorama import DIRECTIONS, best_directions, look, paint
 from rastercov.report.placement import PlanReport, page, write_page
 from rastercov.report.theme import DARK, LIGHT
+from rastercov.task import Task
 
 CAMERA = rc.Camera(width=320, height=240, fx=300, fy=300, cx=160, cy=120)
 TASK = Task(min_pixels=20)
@@ -360,7 +362,7 @@ def test_paint_gives_a_face_its_colour_lit_by_the_eye():
 def test_bars_are_as_long_as_their_shares(colours):
     mesh = shapes.room(4)
     network = network_of(mesh, rc.look_at([[2.5, 2, 2.5]], [0, 0, 0.5]))
-    (axes,) = plots.group_bars(network, colours).axes
+    (axes,) = network_plots.group_bars(network, colours).axes
     groups = {group["name"]: group["covered"] for group in network.summary()["groups"]}
     tracks, bars = axes.patches[: len(groups)], axes.patches[len(groups) :]
     names = [label.get_text() for label in axes.get_yticklabels()]
@@ -377,12 +379,12 @@ def test_views_of_faces_make_up_the_whole_area():
     mesh = shapes.sphere(2)
     poses = rc.look_at([[4, 0, 0], [0, 4, 0], [0, 0, 4.0]], [0, 0, 0])
     network = network_of(mesh, poses)
-    shares = plots.overlap_shares(network)
+    shares = network_plots.overlap_shares(network)
     assert sum(share for _, share, _ in shares) == pytest.approx(1)
     assert shares[0][0] == "0 cameras"
     areas = mesh.areas
     assert shares[1][1] == pytest.approx(areas[network.views == 1].sum() / areas.sum())
-    (axes,) = plots.overlap_histogram(network, LIGHT).axes
+    (axes,) = network_plots.overlap_histogram(network, LIGHT).axes
     assert [bar.get_width() for bar in axes.patches[len(shares) :]] == pytest.approx(
         [share for _, share, _ in shares]
     )
@@ -392,7 +394,7 @@ def test_views_of_faces_make_up_the_whole_area():
 def test_the_curve_is_drawn_for_either_goal(report, goal):
     matrix = build_matrix((report.mesh, CAMERA), report.candidates.poses, TASK)
     found = select_greedy(problem_of(matrix, report.mesh, goal))
-    (axes,) = plots.coverage_curve(found, goal, LIGHT).axes
+    (axes,) = network_plots.coverage_curve(found, goal, LIGHT).axes
     curve = axes.lines[0]
     assert curve.get_xdata().tolist() == list(range(len(found.chosen) + 1))
     assert curve.get_ydata().tolist() == [0.0, *found.curve.tolist()]
@@ -406,7 +408,7 @@ def test_an_empty_selection_has_a_curve(report):
     matrix = build_matrix((report.mesh, CAMERA), report.candidates.poses, TASK)
     goal = BestCoverage(cameras=0)
     found = select_greedy(problem_of(matrix, report.mesh, goal))
-    assert len(plots.coverage_curve(found, goal, LIGHT).axes[0].lines[0].get_xdata()) == 1
+    assert len(network_plots.coverage_curve(found, goal, LIGHT).axes[0].lines[0].get_xdata()) == 1
 
 
 @pytest.mark.parametrize(
@@ -444,6 +446,7 @@ import rastercov.report.plan, rastercov.report.models, rastercov.report.placemen
 from rastercov.cli import command
 assert command(["demo", "--shape", "box", "--poses", "2", "--device", "cpu", "--json"]) == 0
 print(sorted({"jinja2", "matplotlib"} & sys.modules.keys()), file=sys.stderr)
+from rastercov.report import placement_plots as network_plots
 from rastercov.report import plots, theme
 plots.image_of(plots.bar_plot("t", [("a", 0.5, "b")], theme.LIGHT))
 assert "matplotlib.pyplot" not in sys.modules

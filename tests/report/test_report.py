@@ -13,16 +13,19 @@ from rich.console import Console
 
 from rastercov import _output, shapes
 from rastercov.camera import Camera
-from rastercov.coverage import FIGURES, Coverage, Reason, Task, evaluate, evaluate_batches
+from rastercov.coverage import FIGURES, Coverage, evaluate, evaluate_batches
+from rastercov.engine import METHODS
 from rastercov.errors import ConfigError
 from rastercov.mesh import Group, Mesh
 from rastercov.network import Network
-from rastercov.observer import METHODS, Kind, open_observer
+from rastercov.observation import BoundKind
+from rastercov.observer import open_observer
 from rastercov.pose import look_at
 from rastercov.raster.contract import RasterizerInfo, VisibilityBuffer
 from rastercov.report import coverage_table, tables, theme
 from rastercov.report import images as pictures
 from rastercov.report.coloured_mesh import write_coloured_mesh
+from rastercov.task import Reason, Task
 
 INFO = RasterizerInfo("gl", "software", "renderer", "driver", "device", "float32", "hash")
 CAMERA = Camera(width=480, height=360, fx=400, fy=400, cx=240, cy=180)
@@ -62,7 +65,7 @@ def made_up(mesh=STRIP, poses=3, seed=0, pose_ids=None, task=None, **figures):
         name: rng.random(shape) < 0.5 if kind is np.bool_ else rng.random(shape)
         for name, kind in FIGURES.items()
     }
-    arrays["visibility_kind"] = rng.integers(0, len(Kind), shape).astype(np.uint8)
+    arrays["visibility_kind"] = rng.integers(0, len(BoundKind), shape).astype(np.uint8)
     arrays["reason"] = rng.integers(0, len(Reason), shape).astype(np.uint8)
     ids = np.arange(poses) if pose_ids is None else np.asarray(pose_ids)
     clipped = np.zeros(poses, bool)
@@ -86,7 +89,7 @@ def test_table_holds_every_figure_of_the_pairs_in_view_and_no_others(tmp_path):
     assert read["group"].to_pylist() == names
     reasons = [Reason(r).name.lower() for r in coverage.reason[pose, face]]
     assert read["reason"].to_pylist() == reasons
-    kinds = [Kind(k).name.lower() for k in coverage.visibility_kind[pose, face]]
+    kinds = [BoundKind(k).name.lower() for k in coverage.visibility_kind[pose, face]]
     assert read["visibility_kind"].to_pylist() == kinds
     for name in set(FIGURES) - {"reason", "visibility_kind", "visibility_bound"}:
         expected = getattr(coverage, name)[pose, face]

@@ -6,21 +6,21 @@ import numpy as np
 from exact_cases import hostile
 
 from rastercov.camera import Camera
-from rastercov.exact.certificate import CertifiedView
-from rastercov.exact.half_planes import View
+from rastercov.exact.certificate import CertificateSolver
+from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.exact.surface import surface_of
+from rastercov.near_plane import near_limit
 from rastercov.pose import look_at
-from rastercov.projection import near_limit
 from rastercov.reference import rational
 
-PATHS = (View, CertifiedView)
+PATHS = (HalfPlaneSolver, CertificateSolver)
 """Every face measured, and patches of faces decided together."""
 ALL_OR_NOTHING = 1e-9
 """A fraction may be this far from 0 or 1 where it is certified to be that: rounding."""
 
 
-def look(mesh, camera, pose, path=CertifiedView, *, front_only=False):
-    """View of a mesh after `measure_all`."""
+def look(mesh, camera, pose, path=CertificateSolver, *, front_only=False):
+    """Solver of a mesh after `solve_all`."""
     view = path(surface_of(mesh), camera)
     see_again(view, mesh, camera, pose, front_only=front_only)
     return view
@@ -29,8 +29,8 @@ def look(mesh, camera, pose, path=CertifiedView, *, front_only=False):
 def see_again(view, mesh, camera, pose, *, front_only=False):
     """Measure all with a view that may have looked elsewhere before."""
     near = float(near_limit(camera, mesh.bounds, pose[None])[0])
-    view.look(np.asarray(pose, np.float64), near, front_only)
-    view.measure_all()
+    view.set_pose(np.asarray(pose, np.float64), near, front_only)
+    view.solve_all()
 
 
 def hard_poses(mesh, n, rng):
@@ -87,7 +87,7 @@ def wrong_certificates(mesh, n_poses, rng):
     for number, (pose, field) in enumerate(zip(*hard_poses(mesh, n_poses, rng), strict=True)):
         camera = seen_with(field, rng)
         front_only = bool(mesh.can_cull_back_faces and number % 14 == 0)
-        truth = look(mesh, camera, pose, View, front_only=front_only)
+        truth = look(mesh, camera, pose, HalfPlaneSolver, front_only=front_only)
         view = look(mesh, camera, pose, front_only=front_only)
         sure = view.is_certified
         assert np.array_equal(view.area, truth.area)

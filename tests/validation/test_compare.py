@@ -19,16 +19,18 @@ from scenes import joined, sheet, square
 
 from rastercov import cli, shapes
 from rastercov.camera import Camera
-from rastercov.criteria import view_faces
+from rastercov.criteria import face_geometry
 from rastercov.errors import ConfigError, PoseError
 from rastercov.mesh import Mesh
-from rastercov.observer import Kind, Observation, open_observer, visibility
+from rastercov.observation import BoundKind, Observation
+from rastercov.observer import open_observer, visibility
 from rastercov.pose import look_at, sphere_of_poses
 from rastercov.reference import polygons
 from rastercov.reference.samples import grid_points
 from rastercov.report.face_pictures import face_picture
+from rastercov.report.method_plots import comparison_plots
 from rastercov.report.methods import page, write_comparison
-from rastercov.report.plots import Axis, comparison_plots, image_of
+from rastercov.report.plots import Axis, image_of
 from rastercov.report.theme import DARK, LIGHT
 from rastercov.validation.methods import contenders as compare_entrants
 from rastercov.validation.methods import convergence as compare_convergence
@@ -60,7 +62,9 @@ class Altered:
     def observe(self, poses):
         seen = self._observer.observe(poses)
         arrays = (seen.visible_pixels.copy(), seen.drawn_pixels.copy(), seen.kind.copy())
-        return self._alter(Observation(*arrays, seen.blur, seen.clipped, seen.samples))
+        return self._alter(
+            Observation(*arrays, seen.area_error, seen.clipped, seen.samples_per_pixel)
+        )
 
     def close(self):
         self._observer.close()
@@ -83,7 +87,7 @@ def altered(monkeypatch, method, alter):
 
 
 def flip_a_certified_face(seen):
-    face = np.flatnonzero((seen.kind[0] == Kind.CERTIFIED) & (seen.visible_pixels[0] > 1))[0]
+    face = np.flatnonzero((seen.kind[0] == BoundKind.CERTIFIED) & (seen.visible_pixels[0] > 1))[0]
     seen.visible_pixels[0, face] = 0
     return seen
 
@@ -95,12 +99,12 @@ def half_of_everything(seen):
 
 
 def a_millionth_less(seen):
-    seen.visible_pixels[seen.kind == Kind.EXACT] *= 1 - 1e-6
+    seen.visible_pixels[seen.kind == BoundKind.EXACT] *= 1 - 1e-6
     return seen
 
 
 def everything_certified(seen):
-    seen.kind[:] = Kind.CERTIFIED
+    seen.kind[:] = BoundKind.CERTIFIED
     return seen
 
 
@@ -145,7 +149,7 @@ def test_certain_figures_that_are_wrong_fail(monkeypatch, lie, against):
 
 def test_a_statistical_bound_that_is_too_small_fails(monkeypatch):
     def boast(seen):
-        return dataclasses.replace(seen, samples=seen.samples * 10_000)
+        return dataclasses.replace(seen, samples_per_pixel=seen.samples_per_pixel * 10_000)
 
     honest = compare(TEAPOT, CAMERA, around(12), ["sampled"], convergence=False)
     altered(monkeypatch, "sampled", boast)
@@ -196,7 +200,7 @@ def test_figures_are_those_of_an_independent_reckoning(tmp_path):
     figures = visibility(TEAPOT, CAMERA, poses, "sampled")
     rows = []
     for i, pose in enumerate(poses):
-        view = view_faces(TEAPOT, CAMERA, pose)
+        view = face_geometry(TEAPOT, CAMERA, pose)
         area = polygons.image_area(TEAPOT, CAMERA, pose)
         seen = polygons.visible_area(TEAPOT, CAMERA, pose)
         for face in range(TEAPOT.n_faces):
@@ -237,7 +241,7 @@ def test_figures_are_those_of_an_independent_reckoning(tmp_path):
 def test_faces_seen_in_part_at_the_border_of_the_image_are_compared():
     found = compare(OVERLAP, CAMERA, AHEAD[None], ["sampled@4"], "rational", convergence=False)
     truth = compare(OVERLAP, CAMERA, AHEAD[None], ["certified"], "rational", convergence=False)
-    view = view_faces(OVERLAP, CAMERA, AHEAD)
+    view = face_geometry(OVERLAP, CAMERA, AHEAD)
     assert (view.in_view_fraction[:2] < 1).all()
     assert found.scores[0].all_sizes.figures == truth.scores[0].all_sizes.figures == 4
     assert found.scores[0].all_sizes.partly_hidden == 2
@@ -307,7 +311,7 @@ def test_a_tally_agrees_with_all_figures_side_by_side(poses):
 @given(st.floats(1e-6, 1e6), FRACTION, FRACTION, st.floats(0, 1))
 @example(4.0, 0.5, 0.5 + 2e-9, 0.0)
 def test_a_figure_is_held_when_its_error_is_within_its_bound(area, share, value, bound):
-    of_face = judged([(area, share, value, bound, Kind.STATISTICAL)])
+    of_face = judged([(area, share, value, bound, BoundKind.STATISTICAL)])
     error = abs(value - share)
     if error < bound * (1 - 1e-9):
         assert of_face.is_held()[0]
@@ -615,7 +619,7 @@ def test_samples_in_a_picture_stand_where_they_are_counted(supersample, roll):
 
 def test_the_neighbourhood_of_a_face_holds_all_that_hides_it():
     pose = around(4)[1]
-    front = np.flatnonzero(view_faces(TEAPOT, CAMERA, pose).is_front)
+    front = np.flatnonzero(face_geometry(TEAPOT, CAMERA, pose).is_front)
     truth = polygons.visible_area(TEAPOT, CAMERA, pose, front)
     area = polygons.image_area(TEAPOT, CAMERA, pose, front)
     for face, seen, whole in zip(front[::7].tolist(), truth[::7], area[::7], strict=True):

@@ -9,10 +9,11 @@ from hypothesis import strategies as st
 
 from rastercov import cli
 from rastercov.camera import PRESETS, Camera
-from rastercov.coverage import Task, evaluate
+from rastercov.coverage import evaluate
 from rastercov.errors import ConfigError, DeviceError
 from rastercov.projection import to_image
 from rastercov.raster.gl import GLRasterizer
+from rastercov.task import Task
 from rastercov.validation.markers import detect as detection
 from rastercov.validation.markers.experiments import resolution, visibility
 from rastercov.validation.markers.random_scenes import cut_out, photograph, random_scene, run_random

@@ -12,12 +12,11 @@ import hashlib
 import os
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov._arguments import members
 from rastercov._checks import finite_number, shown
@@ -42,31 +41,6 @@ FREE_FACES = 1 << 20
 LONGEST_NAME = 200
 
 
-@dataclass(frozen=True)
-class MeshFiles:
-    """Content of one or several files: the arguments of `Mesh`.
-
-    Attributes
-    ----------
-    vertices : (V, 3) float64
-        Metres.
-    faces, source_face, face_group : (F, 3), (F,), (F,) int64
-    group_names : list of str
-        Unique.
-    files : list of (str, str, int)
-        Name without folders, SHA-256 and face count of each file.
-    notes : list of str
-    """
-
-    vertices: NDArray[np.float64]
-    faces: NDArray[np.int64]
-    source_face: NDArray[np.int64]
-    face_group: NDArray[np.int64]
-    group_names: list[str]
-    files: list[tuple[str, str, int]]
-    notes: list[str]
-
-
 def read_files(
     path: StrPath | Sequence[StrPath],
     scale: float,
@@ -74,10 +48,11 @@ def read_files(
     drop_invalid: bool,
     max_bytes: int,
     memory_budget: int | None,
-) -> MeshFiles:
-    """Content of one file, or of several as one scene; see `Mesh.load`.
+) -> tuple[Polygons, list[tuple[str, str, int]]]:
+    """Polygons of one file, or of several as one scene, in metres; see `Mesh.load`.
 
-    `scale` is the unit of the coordinates in metres.
+    `scale` is the unit of the coordinates in metres. Every group has a unique name. The list has
+    the name without folders, the SHA-256 and the face count of each file.
     """
     paths = (
         [path]
@@ -108,7 +83,7 @@ def read_files(
         notes += [f"{shown}: {note}" for note in polygons.notes]
     n_vertices = np.cumsum([0] + [len(part.vertices) for part in parts])
     n_groups = np.cumsum([0] + [len(part.group_names) for part in parts])
-    return MeshFiles(
+    scene = Polygons(
         vertices=np.concatenate([part.vertices for part in parts]),
         faces=np.concatenate([p.faces + n for p, n in zip(parts, n_vertices, strict=False)]),
         source_face=np.concatenate([part.source_face for part in parts]),
@@ -116,9 +91,9 @@ def read_files(
             [p.face_group + n for p, n in zip(parts, n_groups, strict=False)]
         ),
         group_names=_unique(names),
-        files=files,
         notes=notes,
     )
+    return scene, files
 
 
 def metres_per(unit: str | float) -> float:

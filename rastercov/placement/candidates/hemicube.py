@@ -21,7 +21,7 @@ from rastercov._closing import Closing
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.pose import look_at
-from rastercov.raster.contract import open_rasterizer
+from rastercov.raster import open_rasterizer
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

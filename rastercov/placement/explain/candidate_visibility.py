@@ -9,10 +9,12 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.coverage import Coverage, Reason, Task, evaluate_batches
-from rastercov.criteria import view_faces
+from rastercov.coverage import Coverage, evaluate_batches
+from rastercov.criteria import face_geometry
 from rastercov.mesh import Mesh
-from rastercov.observer import Kind, Observer
+from rastercov.observation import BoundKind
+from rastercov.observer import Observer
+from rastercov.task import Reason, Task
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -63,7 +65,7 @@ class CandidateBounds:
         value, bound = (a[:, self.faces] for a in (batch.visibility, batch.visibility_bound))
         low = (value - bound).max(axis=0).clip(0, 1)
         is_edge_on = batch.drawn_pixels[:, self.faces] <= EDGE_ON
-        is_edge_on &= batch.visibility_kind[:, self.faces] != Kind.STATISTICAL
+        is_edge_on &= batch.visibility_kind[:, self.faces] != BoundKind.STATISTICAL
         high = np.where(is_edge_on, 0.0, value + bound).max(axis=0).clip(0, 1)
         self.low[self.faces] = np.maximum(self.low[self.faces], low)
         self.high[self.faces] = np.maximum(self.high[self.faces], high)
@@ -101,7 +103,7 @@ def batches_in_view(
         block = poses[start : start + POSES_A_STEP]
         facing = np.empty(len(block), np.bool_)
         for row, pose in enumerate(block):  # a tenth of a millisecond for a hundred faces
-            seen = view_faces(part, observer.camera, pose)
+            seen = face_geometry(part, observer.camera, pose)
             in_image = (seen.in_view_fraction > 0) | seen.in_view
             facing[row] = bool((seen.is_front & in_image).any())
         rows = np.flatnonzero(facing)

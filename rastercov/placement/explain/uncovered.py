@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov._typed import typed
 from rastercov.camera import Camera
-from rastercov.coverage import Coverage, Reason, Task, evaluate_batches
+from rastercov.coverage import Coverage, evaluate_batches
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
@@ -27,6 +27,7 @@ from rastercov.observer import Observer, open_observer
 from rastercov.placement.explain.blockers import in_front
 from rastercov.placement.explain.candidate_visibility import CandidateBounds, Sight, batches_in_view
 from rastercov.pose import valid_poses
+from rastercov.task import Reason, Task
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -12,10 +12,11 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.coverage import Reason, Task, evaluate_batches
+from rastercov.coverage import evaluate_batches
 from rastercov.errors import ConfigError
 from rastercov.observer import Observer
 from rastercov.placement.select.problem import TOTAL_WEIGHT
+from rastercov.task import Reason, Task
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -50,11 +50,9 @@ class CoverState:
         self.done = np.zeros(n_kinds, np.int64)
         self.barred = np.zeros(reduced.n_candidates, np.uint8)
         self._total = np.zeros(1, np.int64)
-        self._values = kernels.FaceValues(
-            reduced.views, reduced.need, step, bonus, reduced.kind, integer_weights
-        )
-        self._pairs = kernels.Pairs(reduced.indptr, reduced.face, reduced.starts, reduced.covering)
-        self._state = kernels.State(self.count, self.gain, self.done, self._total)
+        pairs = (reduced.indptr, reduced.face, reduced.starts, reduced.covering)
+        values = (reduced.views, reduced.need, step, bonus, reduced.kind, integer_weights)
+        self._arguments = (*pairs, *values, self.count, self.gain, self.done, self._total)
         self._seen = np.empty((reduced.n_faces if reduced.is_spread else 0, 8), np.int32)
         self._is_spread = np.zeros(reduced.n_faces if reduced.is_spread else 0, np.bool_)
         kernels.first_gains(
@@ -157,13 +155,13 @@ class CoverState:
         )
 
     def _change(self, camera: int, sign: int) -> None:
-        reduced, parts = self.reduced, (self._pairs, self._values, self._state)
+        reduced = self.reduced
         if not reduced.is_spread:
-            self.work += kernels.change(camera, sign, *parts)
+            self.work += kernels.change(camera, sign, *self._arguments)
             return
         if len(self.chosen) + 1 >= self._seen.shape[1]:
             self._seen = np.concatenate((self._seen, np.empty_like(self._seen)), axis=1)
         self.work += kernels.change_spread(
-            camera, sign, *parts, reduced.eyes, reduced.centroids, reduced.min_cosine,
+            camera, sign, *self._arguments, reduced.eyes, reduced.centroids, reduced.min_cosine,
             self._seen, self._is_spread,
         )  # fmt: skip

@@ -41,6 +41,7 @@ from rastercov._threads import ScratchPool, share_poses, thread_count
 from rastercov.camera import Camera
 from rastercov.errors import ConfigError, DeviceError, ResourceError
 from rastercov.mesh import Mesh
+from rastercov.near_plane import limits
 from rastercov.pose import valid_poses
 from rastercov.raster import self_test
 from rastercov.raster.contract import (
@@ -63,8 +64,8 @@ from rastercov.raster.cpu.memory import (
     aligned_zeros,
     make_scratch,
 )
-from rastercov.raster.rules import in_one_order, limits
 from rastercov.raster.sample_grid import SampleGrid
+from rastercov.raster.tie_order import in_one_order
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -243,7 +244,7 @@ def _total(parts: Any, kind: type) -> Any:
 
 
 class _Worker:
-    """Scratch memory of one thread."""
+    """Scratch memory of one thread, and its calls of the compiled loops."""
 
     def __init__(self, scene: _Scene, grid: SampleGrid) -> None:
         self.scene, self.grid = scene, grid
@@ -304,7 +305,7 @@ class _Worker:
     def render(
         self, pose: FloatArray, near: FloatArray, cull: NDArray[np.bool_]
     ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-        """Face and depth at each sample of one pose, (1, 4, 4)."""
+        """Face index and depth in metres at each sample of one pose, (1, 4, 4)."""
         shape = self.grid.height, self.grid.width
         face, depth = np.full(shape, -1, np.int32), np.full(shape, np.inf, np.float32)
         visible = np.empty((1, self.scene.mesh.n_faces), np.int32)

@@ -1,19 +1,28 @@
-"""The loops of `clusters`, compiled by numba."""
+"""Loops of `clusters`, compiled by numba."""
 
 import numpy as np
 
 from rastercov._jit import compiled, inlined
-from rastercov.raster.cpu.memory import FACES, LANES, LINE_BITS, VERTICES
+from rastercov.raster.cpu.memory import (
+    ALTITUDE,
+    CONE_AXIS,
+    CONE_COS,
+    CONE_SIN,
+    FACES,
+    LANES,
+    LINE_BITS,
+    PLANE_OFFSET,
+    RADIUS,
+    VERTICES,
+)
 
 VERTEX_STEP = 8
-"""Vertices of a cluster are filled up to a multiple of this, with the last one again."""
-BOUNDS = 11
-"""Figures that bound a cluster, see `Clusters.bounds`."""
+"""The vertices of a cluster are padded to a multiple of this, by the last one."""
 
 
 @compiled
-def measure(vertices, faces, low, scale, is_wound, middles, directions):
-    """Middles of faces, (3, F) float32 from 0 to 1, and main directions of their normals."""
+def face_centroids(vertices, faces, low, scale, is_wound, centroids, directions):
+    """Write centroids of faces, (3, F) float32 in 0..1, and main directions of normals, 0..5."""
     for f in range(len(faces)):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
         widest = -1.0
@@ -24,31 +33,31 @@ def measure(vertices, faces, low, scale, is_wound, middles, directions):
             ) * (vertices[b, j] - vertices[a, j])
             if abs(normal) > widest:
                 widest, directions[f] = abs(normal), 2 * k + (is_wound and normal > 0)
-            middle = (vertices[a, k] + vertices[b, k] + vertices[c, k]) / 3
-            middles[k, f] = (middle - low[k]) * scale
+            centroid = (vertices[a, k] + vertices[b, k] + vertices[c, k]) / 3
+            centroids[k, f] = (centroid - low[k]) * scale
 
 
 @inlined
-def is_before(middles, f, g):
-    """Whether face f comes before face g along an axis."""
-    return middles[f] < middles[g] or (middles[f] == middles[g] and f < g)
+def is_before(centroids, f, g):
+    """Compare faces by centroid along an axis, ties by index."""
+    return centroids[f] < centroids[g] or (centroids[f] == centroids[g] and f < g)
 
 
 @compiled
-def divide(order, begin, end, first, middles):
-    """Bring the `first` faces along an axis to the front of a part of the order.
+def nth_element(order, begin, end, first, centroids):
+    """Reorder a part of the order so that its first `first` faces are the least along an axis.
 
     C. A. R. Hoare. Algorithm 65: Find. 1961.
     """
     low, high, at = begin, end - 1, begin + first
     while low < high:
-        # Neither an order that is there nor one that is made up leads astray a pivot like this.
+        # Pseudo-random pivot: no quadratic time on sorted or adversarial input.
         pivot = order[low + (np.uint64(high - low) * np.uint64(2654435769) >> np.uint64(32))]
         i, j = low, high
         while i <= j:
-            while is_before(middles, order[i], pivot):
+            while is_before(centroids, order[i], pivot):
                 i += 1
-            while is_before(middles, pivot, order[j]):
+            while is_before(centroids, pivot, order[j]):
                 j -= 1
             if i <= j:
                 order[i], order[j] = order[j], order[i]
@@ -64,7 +73,7 @@ def divide(order, begin, end, first, middles):
 
 @compiled
 def n_vertices_of(faces, order, begin, end, marks, mark):
-    """How many vertices some faces have; `marks` of them become `mark`, which none was before."""
+    """Number of distinct vertices of some faces; sets their `marks` to the unused value `mark`."""
     n = 0
     for i in range(begin, end):
         for j in range(3):
@@ -74,15 +83,15 @@ def n_vertices_of(faces, order, begin, end, marks, mark):
 
 
 @compiled
-def cut(faces, order, group_starts, middles, marks, starts):
-    """Halve groups of faces until each part is a cluster; returns how many, and slots for faces.
+def split_at_medians(faces, order, direction_starts, centroids, marks, starts):
+    """Split groups of faces into clusters; returns the numbers of clusters and of face slots.
 
-    Across the longest side of a part, into parts of whole clusters or whole lanes.
+    Median splits across the longest side, at multiples of a cluster or of a vector of faces.
     """
     n, n_slots, mark = 0, 0, 0
     stack = np.empty((64, 2), np.int64)
-    for group in range(len(group_starts) - 1):
-        stack[0] = group_starts[group], group_starts[group + 1]
+    for group in range(len(direction_starts) - 1):
+        stack[0] = direction_starts[group], direction_starts[group + 1]
         n_left = int(stack[0, 0] < stack[0, 1])
         while n_left:
             n_left -= 1
@@ -99,13 +108,13 @@ def cut(faces, order, group_starts, middles, marks, starts):
             first = max(whole, (size + whole) // (2 * whole) * whole)
             longest, axis = np.float32(-1.0), 0
             for k in range(3):
-                least = greatest = middles[k, order[begin]]
+                least = greatest = centroids[k, order[begin]]
                 for i in range(begin, end):
-                    least = min(least, middles[k, order[i]])
-                    greatest = max(greatest, middles[k, order[i]])
+                    least = min(least, centroids[k, order[i]])
+                    greatest = max(greatest, centroids[k, order[i]])
                 if greatest - least > longest:
                     longest, axis = greatest - least, k
-            divide(order, begin, end, first, middles[axis])
+            nth_element(order, begin, end, first, centroids[axis])
             stack[n_left] = begin + first, end
             stack[n_left + 1] = begin, begin + first
             n_left += 2
@@ -114,11 +123,11 @@ def cut(faces, order, group_starts, middles, marks, starts):
 
 
 @compiled
-def number(
+def index_local_vertices(
     faces, order, starts, n, marks, local, corners, face_of, face_starts, vertex_starts, lines,
     line_starts,
 ):  # fmt: skip
-    """Number the vertices of each cluster from 0; `marks` says which cluster did so last."""
+    """Index the vertices of each cluster from 0; `marks` holds the last cluster of a vertex."""
     slot, vertex, line = 0, 0, 0
     for k in range(n):
         count = 0
@@ -150,8 +159,8 @@ def number(
 
 
 @compiled
-def place(vertices, faces, order, starts, n, marks, vertex_starts, points):
-    """Copy the vertices of each cluster in the order of their numbers."""
+def gather_positions(vertices, faces, order, starts, n, marks, vertex_starts, points):
+    """Copy vertex positions to their clusters, in the order of the local indices."""
     for k in range(n):
         begin, width = 3 * np.int64(vertex_starts[k]), vertex_starts[k + 1] - vertex_starts[k]
         count = 0
@@ -171,8 +180,8 @@ def place(vertices, faces, order, starts, n, marks, vertex_starts, points):
 
 
 @compiled
-def bound(vertices, faces, order, starts, n, vertex_starts, points, bounds):
-    """Sphere, cone of normals, planes and altitudes of each cluster, see `Clusters.bounds`."""
+def cluster_bounds(vertices, faces, order, starts, n, vertex_starts, points, bounds):
+    """Write sphere, cone of normals, planes and altitudes of clusters, see `Clusters.bounds`."""
     normals = np.empty((FACES, 3))
     for k in range(n):
         begin, width = 3 * np.int64(vertex_starts[k]), vertex_starts[k + 1] - vertex_starts[k]
@@ -188,7 +197,7 @@ def bound(vertices, faces, order, starts, n, vertex_starts, points, bounds):
             y = points[begin + width + i] - bounds[1, k]
             z = points[begin + 2 * width + i] - bounds[2, k]
             squared = max(squared, x * x + y * y + z * z)
-        bounds[3, k] = np.sqrt(squared)
+        bounds[RADIUS, k] = np.sqrt(squared)
         sum_x = sum_y = sum_z = 0.0
         offset = altitude = np.inf
         for i in range(starts[k], starts[k + 1]):
@@ -236,7 +245,8 @@ def bound(vertices, faces, order, starts, n, vertex_starts, points, bounds):
                 cosine, normals[i, 0] * sum_x + normals[i, 1] * sum_y + normals[i, 2] * sum_z
             )
         angle = np.arccos(max(-1.0, cosine)) + 1e-7  # rounding, of cosines near 1 above all
-        bounds[4, k], bounds[5, k], bounds[6, k] = sum_x, sum_y, sum_z
-        bounds[7, k], bounds[8, k] = np.cos(angle), np.sin(angle)
-        bounds[9, k] = offset
-        bounds[10, k] = altitude if cosine > 0.01 else 0.0
+        for axis, value in enumerate((sum_x, sum_y, sum_z)):
+            bounds[CONE_AXIS + axis, k] = value
+        bounds[CONE_COS, k], bounds[CONE_SIN, k] = np.cos(angle), np.sin(angle)
+        bounds[PLANE_OFFSET, k] = offset
+        bounds[ALTITUDE, k] = altitude if cosine > 0.01 else 0.0

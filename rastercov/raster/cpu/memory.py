@@ -95,7 +95,9 @@ Bins = namedtuple(
     "Bins", "samples_2x2 larger hidden_samples_2x2 hidden_larger wide clipped coverage_2x2"
 )
 """Pointers to lists of face slots, see `cull_and_bin`, and to the coverage mask of each slot."""
-BinSizes = namedtuple("BinSizes", Bins._fields[:-1])
+BinSizes = namedtuple(
+    "BinSizes", "samples_2x2 larger hidden_samples_2x2 hidden_larger wide clipped"
+)
 """Lengths of the lists of `Bins`."""
 Faces = namedtuple("Faces", "mesh first_slot vertices coverage_2x2")
 """Faces in slots: `Mesh`, the index of slot 0 there, `Vertices`, and the masks of `Bins`."""
@@ -131,11 +133,9 @@ Output = namedtuple("Output", "visible drawn filled with_drawn")
 """Arguments of `count_poses`, which documents them."""
 Scratch = namedtuple(
     "Scratch",
-    (
-        *(*Vertices._fields, *Bins._fields, *Setup._fields),
-        *("edges_64_bit", "fan_corners", "fan_faces", "identity"),
-        *("camera", "frustum", "bit_indices", "polygon", "polygon_out"),
-    ),
+    "u v w x y samples_2x2 larger hidden_samples_2x2 hidden_larger wide clipped coverage_2x2 "
+    "edges edges_64_bit bounds plane64 plane32 sample depth masks fan_corners fan_faces identity "
+    "camera frustum bit_indices polygon polygon_out",
 )
 """Scratch arrays of `count_poses` that are as long for any image and mesh."""
 
@@ -152,8 +152,8 @@ def aligned_zeros(shape: int | tuple[int, ...], dtype: DTypeLike) -> NDArray[Any
 
 def make_scratch() -> Scratch:
     """Scratch arrays of one thread."""
-    dtypes = dict.fromkeys(("u", "v", "w", "plane64", "camera"), np.float64)
-    dtypes |= dict.fromkeys(("plane32", "depth"), np.float32) | {"edges_64_bit": np.int64}
+    dtypes: dict[str, DTypeLike] = dict.fromkeys(("u", "v", "w", "plane64", "camera"), np.float64)
+    dtypes |= {"plane32": np.float32, "depth": np.float32, "edges_64_bit": np.int64}
     arrays = {
         name: aligned_zeros(BUFFER_SIZE, dtypes.get(name, np.int32)) for name in Scratch._fields
     }

@@ -136,7 +136,8 @@ class Scalar(Value):
     def like(self, other: Any) -> "Scalar":
         """`other` in the type of this value."""
         if isinstance(other, Scalar):
-            return other.to(self.kind)
+            other = other.to(self.kind).value
+            return Scalar(self.builder, other)
         return Scalar(self.builder, self.kind(float(other) if self.is_float else other))
 
     def broadcast(self, n: int) -> "Vector":
@@ -176,7 +177,8 @@ class Vector(Value):
         if isinstance(other, Vector):
             return other
         if isinstance(other, Scalar):
-            return other.to(self.kind).broadcast(len(self))
+            scalar: Scalar = other.to(self.kind)
+            return scalar.broadcast(len(self))
         numbers = other if isinstance(other, Sequence) else [other] * len(self)
         numbers = [float(number) if self.is_float else number for number in numbers]
         return Vector(self.builder, ir.Constant(self.value.type, numbers))

@@ -144,8 +144,8 @@ def loop(begin: Scalar, end: Scalar, step: int) -> Any:
     @contextmanager
     def body() -> Iterator[Scalar]:
         builder = end.builder
-        bounds = (bound.to(LONG).value for bound in (begin, end))
-        with cgutils.for_range_slice(builder, *bounds, LONG(step), LONG) as (index, _):
+        start, stop = begin.to(LONG).value, end.to(LONG).value
+        with cgutils.for_range_slice(builder, start, stop, LONG(step), LONG) as (index, _):
             yield Scalar(builder, index)
 
     return body()

@@ -20,8 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.camera import Camera
-from rastercov.coverage import Coverage, Reason, Task, evaluate
+from rastercov.coverage import Coverage, evaluate
 from rastercov.projection import to_image
+from rastercov.task import Reason, Task
 from rastercov.validation.markers.scene import CELLS, MARKER_SIDE, PlateScene
 
 FloatArray = NDArray[np.float64]

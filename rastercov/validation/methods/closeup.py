@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from rastercov.camera import Camera
 from rastercov.errors import RastercovError
 from rastercov.mesh import Mesh
-from rastercov.projection import near_limit, to_camera, to_image
+from rastercov.near_plane import near_limit
+from rastercov.projection import to_camera, to_image
 from rastercov.raster.sample_grid import SampleGrid
 
 FloatArray = NDArray[np.float64]

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov._interrupts import interrupts_held
 from rastercov.camera import Camera
-from rastercov.criteria import view_faces
+from rastercov.criteria import face_geometry
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.pose import valid_poses
@@ -127,7 +127,7 @@ def compare(
                     contender.run(of_batch)
                 reference.run(of_batch)
                 for row, pose in enumerate(of_batch):
-                    view = view_faces(mesh, camera, pose)
+                    view = face_geometry(mesh, camera, pose)
                     face = np.flatnonzero(view.is_front & (view.in_view_fraction > 0))
                     visible, area, error = reference.areas(row, face)
                     with interrupts_held():

@@ -9,18 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov._observers import ROLL
 from rastercov.camera import Camera
-from rastercov.criteria import ViewOfFaces
+from rastercov.criteria import FaceGeometry
+from rastercov.engine import METHODS
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
-from rastercov.observer import (
-    METHODS,
-    ROLL,
-    Observation,
-    Observer,
-    figures,
-    open_observer,
-)
+from rastercov.observation import Observation, visible_fraction
+from rastercov.observer import Observer, open_observer
 from rastercov.raster.contract import MAX_SUPERSAMPLE
 from rastercov.validation.methods.error_statistics import ROUNDING, ErrorStatistics, PoseFigures
 from rastercov.validation.methods.results import Score
@@ -116,14 +112,14 @@ class Contender:
         self,
         pose: int,
         row: int,
-        view: ViewOfFaces,
+        view: FaceGeometry,
         face: IntArray,
         visible: FloatArray,
         area: FloatArray,
         truth_error: FloatArray,
     ) -> None:
         """Add one pose with its true areas: `pose` of all poses, `row` of the batch."""
-        value, bound, kind = figures(view, self.observation, row)
+        value, bound, kind = visible_fraction(view, self.observation, row)
         is_large = area > np.maximum(ROUNDING, truth_error)
         rows = face[is_large]
         compared = PoseFigures(
@@ -193,7 +189,7 @@ class AnalyticReference:
 
     def areas(self, row: int, faces: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Visible area and area of the image of faces in a pose of the batch, and their error."""
-        seen, error = self._observation, self._observation.blur[row][faces]
+        seen, error = self._observation, self._observation.area_error[row][faces]
         self.error = max(self.error, float(error.max(initial=0.0)))
         return seen.visible_pixels[row][faces], seen.drawn_pixels[row][faces], error
 

@@ -18,9 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.camera import Camera
-from rastercov.criteria import view_faces
+from rastercov.criteria import face_geometry
 from rastercov.mesh import Mesh
-from rastercov.observer import Observer, figures
+from rastercov.observation import visible_fraction
+from rastercov.observer import Observer
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -143,7 +144,7 @@ def converge(
                 started = time.perf_counter()
                 seen = observer.observe(faces.pose[None])
                 spent += time.perf_counter() - started
-                value = figures(view_faces(mesh, lens, faces.pose), seen, 0)[0]
+                value = visible_fraction(face_geometry(mesh, lens, faces.pose), seen, 0)[0]
                 off = value[faces.face[rows]] - faces.truth[rows]
                 square[level, done : done + len(rows)] = off**2
                 done += len(rows)

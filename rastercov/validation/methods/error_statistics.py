@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.observer import Kind
+from rastercov.observation import BoundKind
 from rastercov.validation.methods.results import BoundCheck, FaceError, SizeClass
 
 FloatArray = NDArray[np.float64]
@@ -86,8 +86,8 @@ class PoseFigures:
         held: BoolArray = np.abs(self.value - self.truth) <= self.bound + slack
         pixels = np.abs(self.visible_pixels - self.visible)
         room = (self.bound + QUOTIENT_ROUNDING) * self.area + ROUNDING + self.truth_error
-        held &= (pixels <= room) | (self.kind == Kind.STATISTICAL)
-        held &= (self.value == 0) | (self.value == 1) | (self.kind != Kind.CERTIFIED)
+        held &= (pixels <= room) | (self.kind == BoundKind.STATISTICAL)
+        held &= (self.value == 0) | (self.value == 1) | (self.kind != BoundKind.CERTIFIED)
         return held
 
 
@@ -103,9 +103,9 @@ class ErrorStatistics:
         self._counts = np.zeros((4, n_classes), np.int64)  # all, partly hidden, held, missed
         self._sums = np.zeros((4, n_classes))  # error^2, error; partly hidden: error^2, bound
         self._greatest = np.zeros(n_classes)
-        self._kinds = np.zeros((len(Kind), 4), np.int64)  # all, held; partly hidden: all, held
-        self._ratios = np.zeros((len(Kind), N_BINS), np.int64)
-        self._greatest_ratio = np.full(len(Kind), -1.0)
+        self._kinds = np.zeros((len(BoundKind), 4), np.int64)  # all, held; partly hidden: all, held
+        self._ratios = np.zeros((len(BoundKind), N_BINS), np.int64)
+        self._greatest_ratio = np.full(len(BoundKind), -1.0)
         self._worst: list[tuple[float, float, int, int, FaceError]] = []
         self._missed: list[tuple[float, float, int, int, FaceError]] = []
 
@@ -132,7 +132,7 @@ class ErrorStatistics:
         for row, term in enumerate(terms):
             self._sums[row] += np.bincount(size, term, minlength=n)
         np.maximum.at(self._greatest, size, error)
-        for kind in Kind:
+        for kind in BoundKind:
             of_kind = figures.kind == kind
             masks = (of_kind, of_kind & held, of_kind & partly, of_kind & partly & held)
             self._kinds[kind] += [int(mask.sum()) for mask in masks]
@@ -172,7 +172,7 @@ class ErrorStatistics:
                 truth=float(figures.truth[at]),
                 value=float(figures.value[at]),
                 bound=float(figures.bound[at]),
-                kind=Kind(figures.kind[at]).name.lower(),
+                kind=BoundKind(figures.kind[at]).name.lower(),
                 held=bool(held[at]),
                 visible_pixels=float(figures.visible_pixels[at]),
             )
@@ -203,7 +203,7 @@ class ErrorStatistics:
     def bounds(self) -> tuple[BoundCheck, ...]:
         """Checks of the kinds of bound that occurred."""
         checks = []
-        for kind in Kind:
+        for kind in BoundKind:
             if not self._kinds[kind, 0]:
                 continue
             greatest = float(self._greatest_ratio[kind])

@@ -17,13 +17,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.camera import Camera
-from rastercov.coverage import Coverage, Reason, Task, evaluate_batches
+from rastercov.coverage import Coverage, evaluate_batches
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.models import MODELS, zhang
-from rastercov.observer import Kind, open_observer
+from rastercov.observation import BoundKind
+from rastercov.observer import open_observer
 from rastercov.pose import valid_poses
 from rastercov.provenance import Provenance
+from rastercov.task import Reason, Task
 from rastercov.validation.models.results import (
     Bivalence,
     Disagreement,
@@ -217,7 +219,7 @@ class _Statistics:
                     face=face,
                     visibility=float(visibility[face]),
                     bound=float(bound[face]),
-                    kind=Kind(batch.visibility_kind[row, face]).name.lower(),
+                    kind=BoundKind(batch.visibility_kind[row, face]).name.lower(),
                     bivalent=bool(bivalent[face]),
                     image_pixels=float(image[face]),
                     coverage={name: float(value[face]) for name, value in values.items()},

@@ -1,0 +1,188 @@
+"""Arrays and constants that the kernels of the exact methods share.
+
+Image coordinates are u to the right and v down, in pixels; w is 1/z, z being the depth in metres.
+"""
+
+from collections import namedtuple
+
+U, V, W = range(3)
+"""Columns of a projected vertex, of a polygon's corner (u and v only) and of a plane."""
+U_MIN, U_MAX, V_MIN, V_MAX, W_MIN, W_MAX = range(6)
+"""Columns of a face's box, and of the extent of all faces (u and v only)."""
+SUM_OF_WIDTHS, SUM_OF_HEIGHTS, SUM_OF_AREAS = range(4, 7)
+"""Further columns of the extent: sums over the boxes of all faces, within the image."""
+DU, DV, OFFSET, LINE_ERROR = range(2, 6)
+"""Further columns of a line (u0, v0, du, dv, offset): its inner side is where
+du (v - v0) - dv (u - u0) + offset >= 0. The error of the offset is kept for clipped faces only."""
+SLOPE_U, SLOPE_V, W_ERROR, OUTLINE_ERROR = range(3, 7)
+"""Further columns of a plane: slope of w along u and v, the largest error of w within the image,
+and the largest error in pixels of the lines that bound the face."""
+
+LIVE, CLIPPED, PARTLY, CROSSED, DOUBTFUL, THIN = (1 << bit for bit in range(6))
+"""Bits of a face's state.
+
+LIVE: the face reaches into the image. CLIPPED: its image is a polygon made by clipping in space.
+PARTLY: it reaches out of the image. CROSSED: its visibility may change within it, so that it cannot
+be certified. DOUBTFUL: rounding may decide which side is seen. THIN: its image rounds to nothing,
+so that it hides nothing, and the bounds of the faces behind it include what it may hide."""
+
+CONSISTENT, REVERSED, NON_MANIFOLD = 1, -1, 2
+"""Kinds of edges: one face, or two that run along it in opposite directions; two that run in the
+same direction; more than two faces, or no length."""
+
+BEHIND, IN_FRONT, IN_FRONT_IN_PART = range(3)
+"""Depth order of an occluder relative to a face, over the overlap of their images."""
+
+DEPTH_TIE_REL = 1e-10
+"""Relative difference of 1/z up to which two surfaces coincide: the lower index is in front."""
+CORNERS = 12
+"""Capacity for the corners of a face: clipped to the near plane and the image it has at most 8."""
+SIDES = 4
+"""Lines that bound the image of a face: its edges and, where it is clipped, the near plane."""
+STACK_ROOM = 64
+"""Capacity for the parts of a face that are still to be done."""
+PIECE_ROOM = 64
+"""Capacity for the corners of a piece: intermediate cuts can exceed `MOST_CORNERS`."""
+
+Pinhole = namedtuple(
+    "Pinhole",
+    "rotation centre near fx fy cx cy width height u_min u_max v_min v_max longest_ray pixel_error "
+    "w_error_rel border",
+)
+"""Camera and pose.
+
+Attributes
+----------
+rotation : (3, 3) float64
+    world_from_camera.
+centre : (3,) float64
+    Camera centre, in the coordinates of the vertices.
+near : float
+    Depth of the near plane, metres.
+fx, fy, cx, cy, width, height : float
+    Pixels.
+u_min, u_max, v_min, v_max : float
+    Pixels; beyond them, which is well outside the image, faces are clipped in space before they are
+    projected.
+longest_ray : float
+    Greatest length of a ray to the plane z = 1, through the image and half as far around it.
+pixel_error : float
+    Largest error of a projected position, pixels.
+w_error_rel : float
+    Largest error of 1/z, relative.
+border : (4, 5) float64
+    Lines along the four sides of the image.
+"""
+
+Projected = namedtuple("Projected", "faces uvw side state box area clipped_index clipped")
+"""Image of a surface.
+
+Attributes
+----------
+faces : (F, 3) int32
+    Vertices of each face.
+uvw : (V, 3) float64
+    Projected vertices; w is 0 where a vertex lies before the near plane or too far outside the
+    image to be projected, so that faces and edges that use it must be clipped in space.
+side : (F,) int8
+    1 for a face seen from the front, -1 from behind, 0 for one that is left out.
+state : (F,) uint8
+    Bits `LIVE` to `THIN`.
+box : (F, 6) float64
+    Bounds of u, v and w, of live and thin faces.
+area : (F,) float64
+    Image area inside the image, px^2.
+clipped_index : (F,) int32
+    Row in `clipped`, of clipped faces.
+clipped : Clipped
+"""
+
+Clipped = namedtuple("Clipped", "polygons n_corners lines planes")
+"""Images of the faces that are clipped in space.
+
+Attributes
+----------
+polygons, n_corners : (N, CORNERS, 2) float64, (N,) int32
+    Corners, clockwise in the image.
+lines : (N, SIDES, 5) float64
+    Lines that bound each.
+planes : (N, 7) float64
+    1/z: a point (u, v, w), slopes and errors.
+"""
+
+CellGrid = namedtuple("CellGrid", "left top per_u per_v columns rows starts entries")
+"""Live faces listed by the cells of a regular grid over the image that their boxes touch.
+
+Attributes
+----------
+left, top : float
+    Least u and v, pixels.
+per_u, per_v : float
+    Columns and rows a pixel.
+columns, rows : int
+starts : (columns * rows + 2 or more,) int64
+    The faces of cell c are entries[starts[c]] ... entries[starts[c + 1] - 1].
+entries : (N,) int32
+    Faces in the order of their index.
+"""
+
+Occluders = namedtuple("Occluders", "faces order lines chosen")
+"""Scratch for the faces that hide a part of one face.
+
+Attributes
+----------
+faces : (N,) int32
+order : (N,) int64
+    `IN_FRONT` or `IN_FRONT_IN_PART`.
+lines : (N, 5) float64
+    For those in front in part: line of equal depth, with the occluder in front on its inner side.
+chosen : (8 N,) int32
+    Lists of rows of the others, one for each part of the face.
+"""
+
+Pieces = namedtuple("Pieces", "corners n_corners")
+"""Convex polygons, clockwise: (N, room, 2) float64 corners, (N,) int64 corner counts."""
+
+Work = namedtuple("Work", "target own corners lines spare other values parts ranges")
+"""Scratch for one face.
+
+Attributes
+----------
+target, own : (2 CORNERS, 2), (SIDES, 5) float64
+    Image of the face, and the lines that bound it.
+corners, lines : (CORNERS, 2), (SIDES + 1, 5) float64
+    The same of an occluder, with the line of equal depth.
+spare, other, values : (PIECE_ROOM, 2), (PIECE_ROOM, 2), (PIECE_ROOM,) float64
+    Two polygons, and values at their corners.
+parts, ranges : Pieces, (STACK_ROOM, 2) int64
+    Stack of convex parts of the face. Occluders of part s are rows chosen[ranges[s, 0]] ...
+    chosen[ranges[s, 1] - 1]; the rest of `chosen`, above the range of the top part, is free.
+"""
+
+Segment = namedtuple("Segment", "uvw ends points")
+"""Edge in the image.
+
+Attributes
+----------
+uvw : (2, 3) float64
+    u, v, w of both ends.
+ends : (2,) int64
+    Vertices at the ends, -1 for an end that is no vertex.
+points : (2, 3) float64
+    Scratch: the ends in camera axes.
+"""
+
+Edges = namedtuple("Edges", "vertices faces kind of_face")
+"""Edges of a surface.
+
+Attributes
+----------
+vertices : (E, 2) int32
+    Lower index first.
+faces : (E, 2) int32
+    Two of its faces; the second is -1 where there is only one.
+kind : (E,) int8
+    `CONSISTENT`, `REVERSED` or `NON_MANIFOLD`.
+of_face : (F, 3) int32
+    Edge from each corner of a face to the next.
+"""

@@ -1,0 +1,331 @@
+"""Each stage of the CPU rasteriser gives what its numpy twin in the reference gives."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numba import njit
+
+from rastercov.raster.cpu import memory, stage_cover, stage_cull, stage_depth, stage_setup
+from rastercov.raster.cpu.loops import put_frustum
+from rastercov.raster.cpu.memory import (
+    LANES,
+    SIDE,
+    STEPS,
+    Cluster,
+    Faces,
+    Image,
+    Mesh,
+    Setup,
+    Vertices,
+    Window,
+    make_scratch,
+)
+from rastercov.raster.cpu.simd_kernel import pointer, pointers
+from rastercov.raster.cpu.stage_vertices import project_vertices
+from rastercov.reference import raster_stages as twin
+
+SEEDS = st.integers(0, 2**32 - 1)
+NONE = np.zeros(1, np.int32)
+
+
+def bits_of(mask):
+    return int((np.asarray(mask, np.int64) << np.arange(LANES)).sum())
+
+
+def split(bits, n):
+    """Masks (n, LANES) that stand side by side."""
+    return np.int64(bits) >> np.arange(n * LANES).reshape(n, LANES) & 1 > 0
+
+
+def assert_equal(found, expected):
+    """Bit for bit, but for the sign of zero and which NaN it is."""
+    assert np.array_equal(found, expected, equal_nan=np.asarray(found).dtype.kind == "f")
+
+
+# --- projection and culling of clusters -----------------------------------------------------------
+
+
+@njit
+def run_project(mesh, cluster, camera, vertices):
+    return project_vertices(pointers(mesh), cluster, pointer(camera), pointers(vertices))
+
+
+@njit
+def run_cull(bounds, camera, frustum, magnification, hides_backs, centres, size):
+    put_frustum(pointer(camera), size[0], size[1], size[2], pointer(frustum))
+    return stage_cull.cull_clusters(
+        pointer(bounds), bounds.shape[1], LANES, pointer(camera), pointer(frustum), magnification,
+        hides_backs, pointer(centres),
+    )  # fmt: skip
+
+
+@njit
+def run_band(bounds, centres, fy, up, up_length, down, down_length):
+    return stage_cull.clusters_in_band(
+        pointer(bounds), bounds.shape[1], LANES, pointer(centres), fy, up, up_length, down,
+        down_length,
+    )  # fmt: skip
+
+
+def camera_of(rng):
+    """Camera record with any rotation, near plane and focal length."""
+    camera = np.zeros(memory.CAMERA_VALUES)
+    camera[:9] = np.linalg.qr(rng.normal(size=(3, 3)))[0].ravel()
+    camera[9:12] = rng.normal(size=3) * 10.0 ** rng.uniform(-3, 3)
+    focal = 10.0 ** rng.uniform(-2, 5, 2)
+    camera[12:] = *focal, *rng.uniform(-300, 900, 2), 10.0 ** rng.uniform(-6, 1), focal.max()
+    return camera
+
+
+@given(SEEDS, st.integers(1, 8), st.booleans())
+@settings(max_examples=150, deadline=None)
+@np.errstate(all="ignore")  # points in the plane of the camera
+def test_vertices_are_projected_alike(seed, n_vectors, is_safe):
+    rng = np.random.default_rng(seed)
+    camera, n, first = camera_of(rng), 8 * n_vectors, 24
+    points = rng.normal(size=(3, n)) * 10.0 ** rng.uniform(-4, 4, n)
+    if is_safe:  # the caller vouches for it: before the camera, and not far from its axis
+        away = np.stack((rng.uniform(-1, 1, n), rng.uniform(-1, 1, n), rng.uniform(1, 3, n)))
+        points = camera[:9].reshape(3, 3) @ away + camera[9:12, None]
+    scratch = make_scratch()
+    memory_of = np.concatenate((np.zeros(3 * first), points.ravel(), np.zeros(LANES)))
+    mesh = Mesh(memory_of, NONE, NONE, NONE)
+    cluster = Cluster(first, first + n, 0, 0, 0, 0, int(is_safe))
+    vertices = Vertices(scratch.u, scratch.v, scratch.w, scratch.x, scratch.y)
+    box = run_project(mesh, cluster, camera, vertices)
+    expected = twin.project_vertices(points, camera, is_safe)
+    for found, values in zip(vertices, expected, strict=True):
+        assert_equal(found[:n], values)
+    x, y = expected[3:]
+    assert box == (x.min(), x.max(), y.min(), y.max())
+
+
+@given(SEEDS, st.booleans())
+@settings(max_examples=150, deadline=None)
+def test_clusters_are_culled_alike(seed, hides_backs):
+    rng = np.random.default_rng(seed)
+    camera, size = camera_of(rng), np.array((640.0, 100.0, 480.0))
+    bounds = np.zeros((memory.BOUNDS_OF_CLUSTER, 3 * LANES))
+    bounds[:3] = rng.normal(size=(3, 48)) * 10.0 ** rng.uniform(-3, 3)
+    bounds[3] = 10.0 ** rng.uniform(-3, 1, 48)
+    axis, angle = rng.normal(size=(3, 48)), rng.uniform(0, 1.5, 48)
+    bounds[4:7], bounds[7:9] = axis / np.linalg.norm(axis, axis=0), (np.cos(angle), np.sin(angle))
+    bounds[9], bounds[10] = -bounds[3] * rng.random(48), bounds[3] * rng.uniform(0, 1, 48)
+    frustum, centres = np.zeros((5, 4)), np.zeros((2, 48))
+    hides = memory.ALL_LANES if hides_backs else 0
+    bits = run_cull(bounds, camera, frustum, camera[12:14].min(), hides, centres, size)
+    chosen = slice(LANES, 2 * LANES)
+    kept, safe, middles = twin.cull_clusters(
+        bounds[:, chosen], camera, frustum, camera[12:14].min(), hides_backs
+    )
+    assert_equal(split(bits, 2), (kept, safe))
+    assert_equal(centres[:, chosen], middles)
+    fy, cy = camera[13], camera[15]
+    band = fy, cy - size[1], frustum[2, 3], size[2] - cy, frustum[3, 3]
+    expected = twin.clusters_in_band(bounds[3, chosen], middles, *band)
+    assert run_band(bounds, centres, *band) == bits_of(expected)
+
+
+# --- triangles ------------------------------------------------------------------------------------
+
+
+@njit
+def run_bin(mesh, vertices, coverage, window, is_plain):
+    faces = Faces(pointers(mesh), 0, pointers(vertices), pointer(coverage))
+    return stage_cull.bin_faces(faces, 0, pointers(window), is_plain)
+
+
+@njit
+def run_set_up(slots, mesh, vertices, coverage, window, setup):
+    faces = Faces(pointers(mesh), 0, pointers(vertices), pointer(coverage))
+    window, setup = pointers(window), pointers(setup)
+    return stage_setup.set_up_triangles(pointer(slots), 0, 1, faces, window, setup)
+
+
+@njit
+def run_edges(slots, mesh, vertices, coverage, window, setup):
+    faces = Faces(pointers(mesh), 0, pointers(vertices), pointer(coverage))
+    return stage_setup.set_up_edges(pointer(slots), 0, faces, pointers(window), pointers(setup))
+
+
+@njit
+def run_cover(k, window, setup):
+    return stage_cover.cover_blocks(k, pointers(window), pointers(setup))
+
+
+@njit
+def run_count(chosen, n_rows, setup):
+    stage_cover.count_samples(chosen, pointers(setup))
+    counts = np.zeros(LANES, np.int64)
+    for k in range(LANES):
+        for start in range(0, n_rows[k], LANES):
+            counts[k] += stage_cover.count_rows(k, start, pointers(setup))
+    return counts
+
+
+@njit
+def run_tile(k, right, down, x, y, window, setup, masks):
+    window, setup = pointers(window), pointers(setup)
+    reached = stage_cover.reach_blocks(k, right, down, setup)
+    stage_cover.start_blocks(k, x, y, window, setup)
+    for block in range(LANES):
+        masks[block] = stage_cover.cover_block(block, setup)
+    return reached
+
+
+@njit
+def run_samples(k, window, setup):
+    stage_depth.depth_of_samples(k, pointers(window), pointers(setup))
+    return stage_cover.coverage_of_samples(pointers(setup))
+
+
+@njit
+def run_depth_test(image, at, covered, setup, k, start):
+    return stage_depth.depth_test(pointers(image), at, covered, pointers(setup), k, start)
+
+
+def triangles(seed, scale, is_flawed=False):
+    """A vector of faces with corners about a window, on quarters of samples now and then."""
+    rng = np.random.default_rng(seed)
+    scratch = make_scratch()
+    size = STEPS * scale * 10.0 ** rng.uniform(-2, 0, (LANES, 1))
+    middle = rng.uniform(-20, 140, (2, LANES, 1)) * STEPS
+    u, v = middle + size * rng.uniform(-1, 1, (2, LANES, 3))
+    is_round = rng.random((LANES, 1)) < 0.5
+    u, v = (np.where(is_round, np.round(one / 64) * 64, one) for one in (u, v))
+    x, y = np.floor(u + 0.5), np.floor(v + 0.5)
+    if is_flawed:
+        flaw = rng.choice((0, memory.BEHIND, memory.NEEDS_CLIPPING), (LANES, 3), p=(0.7, 0.2, 0.1))
+        x, y = np.where(flaw, flaw, x), np.where(flaw, flaw, y)
+    vertices = Vertices(scratch.u, scratch.v, scratch.w, scratch.x, scratch.y)
+    w = 1 / rng.uniform(1, 3, (LANES, 3))
+    order = rng.permutation(3 * LANES)
+    for array, values in zip(vertices, (u, v, w, x, y), strict=True):
+        array[order] = values.ravel()
+    corners = order.reshape(LANES, 3) @ (1, 256, 65536)
+    scratch.larger[:LANES], scratch.wide[:LANES] = rng.permutation(LANES), range(LANES)
+    mesh = Mesh(np.zeros(1), padded(corners), padded(rng.permutation(LANES)), NONE)
+    top, bottom = SIDE * int(rng.integers(0, 12)), int(rng.integers(50, 120))
+    right, hides = int(rng.integers(20, 130)), int(rng.integers(0, 2))
+    window = Window(
+        *np.array((right, top, bottom, hides, 48), np.int32), 128,
+        *np.array(((right + 1) // SIDE, 128 // SIDE), np.int32), NONE, NONE, NONE,
+    )  # fmt: skip
+    exact = np.stack((u, v, w))
+    return scratch, mesh, vertices, window, exact, np.stack((x, y), axis=-1).astype(np.int64)
+
+
+def padded(values):
+    """As many words as a cluster can have faces."""
+    out = np.zeros(memory.FACES, np.int32)
+    out[: len(values)] = values
+    return out
+
+
+def setup_of(scratch, edges):
+    return Setup(
+        edges, scratch.bounds, scratch.plane64, scratch.plane32, scratch.sample, scratch.depth,
+        scratch.masks,
+    )  # fmt: skip
+
+
+def rows(array, n):
+    return array[: n * LANES].reshape(n, LANES)
+
+
+@given(SEEDS, st.sampled_from((1, 3, 12, 60)), st.booleans())
+@settings(max_examples=200, deadline=None)
+def test_faces_are_culled_and_binned_alike(seed, scale, is_flawed):
+    scratch, mesh, vertices, window, _, places = triangles(seed, scale, is_flawed)
+    shown, hidden = run_bin(mesh, vertices, scratch.coverage_2x2, window, int(not is_flawed))
+    is_face = mesh.corners[:LANES] > 0
+    expected, covered = twin.bin_faces(places, is_face, window, not is_flawed)
+    assert_equal(np.concatenate((split(shown, 4), split(hidden, 2))), expected)
+    small = expected[0] | expected[4]
+    assert_equal(scratch.coverage_2x2[:LANES][small], covered[small])
+
+
+@pytest.mark.parametrize("kind", ["edges", "edges_64_bit"])
+@given(SEEDS, st.sampled_from((1, 3, 12, 60)))
+@settings(max_examples=100, deadline=None)
+@np.errstate(all="ignore")  # degenerate triangles have no plane
+def test_triangles_are_set_up_covered_and_located_alike(kind, seed, scale):
+    if kind == "edges_64_bit":
+        scale *= 100
+    scratch, mesh, vertices, window, exact, places = triangles(seed, scale)
+    slots, setup = scratch.larger, setup_of(scratch, getattr(scratch, kind))
+    chosen = slots[:LANES]
+    sizes, sides = run_set_up(slots, mesh, vertices, scratch.coverage_2x2, window, setup)
+    places, exact = places[chosen], exact[:, chosen].swapaxes(1, 2)
+    edges, bounds, plane64, plane32 = twin.set_up_triangles(exact, places, window)
+    area = twin.signed_area(places)
+    can_cover = (bounds[1] >= bounds[0]) & (bounds[3] >= bounds[2])
+    shown = can_cover & ((area < 0) | ((area > 0) & (window.hides_back == 0)))
+    hidden = can_cover & (area > 0) & (window.hides_back > 0)
+    assert_equal(split(sides, 2), (shown, hidden))
+    columns, n_rows = bounds[1] // SIDE - bounds[0] // SIDE, bounds[3] // SIDE - bounds[2] // SIDE
+    expected = (columns <= 1) & (n_rows <= 1), columns > 0, n_rows > 0
+    assert_equal(split(sizes, 3), expected)
+    assert_equal(rows(setup.bounds, 4), bounds)
+    assert_equal(rows(setup.bounds, 5)[4], mesh.faces[chosen])
+    is_whole = area != 0
+    assert_equal(rows(setup.edges, 9)[:, can_cover], edges[:, can_cover])
+    assert_equal(rows(setup.plane64, 3)[:, is_whole], plane64[:, is_whole])
+    assert_equal(rows(setup.plane32, 4)[:, is_whole], plane32[:, is_whole])
+    small = run_edges(slots, mesh, vertices, scratch.coverage_2x2, window, setup)
+    fits = (bounds[1] - bounds[0] < LANES) & (bounds[3] - bounds[2] < LANES)
+    assert_equal(split(small, 1)[0], fits)
+    ok = can_cover & is_whole
+    if kind == "edges":
+        for k in range(4):
+            found = split(run_cover(k, window, setup), 2)
+            has, border, masks, sample, start = twin.cover_blocks(
+                k, places, bounds, window, plane64
+            )
+            written = [rows(a, 4)[k] for a in (setup.masks, setup.sample, setup.depth)]
+            in_blocks = ok & expected[0]
+            for one, other in zip(
+                (*found, *written), (has, border, masks, sample, start), strict=True
+            ):
+                assert_equal(np.asarray(one)[in_blocks], np.asarray(other)[in_blocks])
+            run_samples(k, window, setup)
+            sample, depth = twin.depth_of_samples(k, bounds, window, plane64, plane32)
+            assert_equal(rows(setup.sample, 4)[k][ok], sample[ok])
+            assert_equal(rows(setup.depth, 4)[k][ok], depth[ok])
+        n_rows = np.where(ok, bounds[3] - bounds[2] + 1, 0)
+        counts = run_count(bits_of(ok & fits), n_rows, setup)
+        covered = twin.count_samples(places[ok], bounds[:, ok])
+        assert_equal(counts[ok], covered)
+        assert_equal(setup.masks[:LANES][ok & fits], covered[fits[ok]])
+    for k in np.flatnonzero(ok)[:3]:
+        first_x, first_y = int(bounds[0, k]) // SIDE, int(bounds[2, k]) // SIDE
+        masks = np.zeros(LANES, np.int64)
+        reached = run_tile(k, 0, 0, first_x, first_y, window, setup, masks)
+        x, y = first_x + np.arange(LANES) % SIDE, first_y + np.arange(LANES) // SIDE
+        assert_equal(masks, twin.cover_block(np.tile(places[k], (LANES, 1, 1)), x, y))
+        assert not masks[~split(reached, 1)[0]].any()
+        sample, start = twin.block_starts(x, y, window, plane64[:, k])
+        assert_equal(setup.sample[:LANES], sample)
+        assert_equal(setup.depth[:LANES], start)
+
+
+@given(SEEDS)
+@settings(max_examples=150, deadline=None)
+def test_depths_are_tested_alike(seed):
+    rng = np.random.default_rng(seed)
+    scratch = make_scratch()
+    setup = setup_of(scratch, scratch.edges)
+    depth = (rng.integers(0, 6, 3 * LANES) / 4).astype(np.float32)
+    planes = rows(scratch.plane32, 4)
+    planes[:2] = rng.integers(-2, 3, (2, LANES)) / 4
+    planes[2], planes[3] = np.sort(rng.integers(0, 8, (2, LANES)) / 4, axis=0)
+    k, covered, start = int(rng.integers(LANES)), rng.random(LANES) < 0.7, np.float32(0.75)
+    old = depth[LANES : 2 * LANES].copy()
+    others = depth[:LANES].copy(), depth[2 * LANES :].copy()
+    image = Image(depth, NONE, NONE, False)
+    found = run_depth_test(image, LANES, bits_of(covered), setup, k, start)
+    expected, *masks = twin.depth_test(old, covered, planes[:, k], start)
+    assert_equal(depth[LANES : 2 * LANES], expected)
+    assert_equal(split(found, 3), masks)
+    assert_equal((depth[:LANES], depth[2 * LANES :]), others)
