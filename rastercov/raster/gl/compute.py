@@ -51,8 +51,9 @@ FAR_OUT = 1 << 25
 lengths are integers below 2^53, which a double holds exactly."""
 KEY_BYTES, PIECE_BYTES, VERTEX_BYTES, CORNERS_BYTES, RUN_BYTES = 8, 72, 24, 12, 8
 """Bytes of a sample's key, a struct `Piece`, a vertex (3 doubles), a face, a row of samples."""
-RECORD_SHAPE = (6, 4)  # struct Pose of raster.comp: right, down, forward, eye, lens, (near, cull)
-RECORD_BYTES = 8 * 6 * 4
+# Rows of struct Pose of raster.comp, dvec4; the last is (near, cull).
+RIGHT, DOWN, FORWARD, EYE, LENS, NEAR_AND_CULL, RECORD_ROWS = range(7)
+RECORD_VALUES = 4 * RECORD_ROWS
 COUNTS, RUNS, KEYS, QUEUE, POSES, VERTICES, FACES = range(7)  # bindings of storage buffers
 
 
@@ -79,18 +80,18 @@ class ComputePoses:
     near, clipped : (P,) float64, (P,) bool
         Near plane, and whether it cuts a surface in view.
     records : (P, 24) float64
-        Entries of the buffer of poses, `RECORD_SHAPE` flattened.
+        Entries of the buffer of poses, structs `Pose`.
     """
 
     def __init__(self, scene: ComputeScene, poses: FloatArray, grid: SampleGrid) -> None:
         self.runs = np.stack((grid.first, grid.last), axis=1)
         self.near, cull, self.clipped = limits(scene.mesh, scene.camera, poses)
-        fields = np.zeros((len(poses), *RECORD_SHAPE))
-        fields[:, :4, :3] = grid.axes(poses)[:, :3].transpose(0, 2, 1)
-        fields[:, 3, :3] -= scene.centre
-        fields[:, 4] = grid.lens
-        fields[:, 5, 0], fields[:, 5, 1] = self.near, cull
-        self.records = fields.reshape(len(poses), -1)
+        fields = np.zeros((len(poses), RECORD_ROWS, 4))
+        fields[:, : EYE + 1, :3] = grid.axes(poses)[:, :3].transpose(0, 2, 1)
+        fields[:, EYE, :3] -= scene.centre
+        fields[:, LENS] = grid.lens
+        fields[:, NEAR_AND_CULL, :2] = np.stack((self.near, cull), axis=1)
+        self.records = fields.reshape(-1, RECORD_VALUES)
 
 
 class Compute:
@@ -139,7 +140,7 @@ class Compute:
         self._filling = resources.compute("raster", 430, **defines)
         self._filling_pieces = resources.compute("raster", 430, QUEUED=1, **defines)
         self._counting = resources.compute("count", 430, KEYS=1, ROLLED=1)
-        self._poses = resources.buffer("poses", size=RECORD_BYTES * self._layers)
+        self._poses = resources.buffer("poses", size=8 * RECORD_VALUES * self._layers)
         self._keys = resources.buffer("depths and faces", size=key_bytes * self._layers)
         self._counters = resources.buffer("face counters", size=counter_bytes * self._layers)
         queue_bytes = COUNTER_BYTES * HEAD_WORDS + PIECE_BYTES * self._capacity

@@ -29,9 +29,10 @@ POSITIONS = "3f 3f", "position_high", "position_low"
 PLANES = "3f8 3f8 3f8 3f8 1u 4x", "corner_a", "corner_b", "corner_c", "normal", "number"
 PLANE = np.dtype([("doubles", np.float64, (4, 3)), ("number", np.uint32), ("", np.uint32)])
 """Layout of `PLANES`: three corners, a normal, face index + 1, padding."""
-RECORD_SHAPE = (6, 4)  # struct Pose of face.vert: right, down, forward, eye_high, eye_low, depth
-RAYS_SHAPE = (4, 4)  # struct Rays of face.vert: right, down, forward, eye
-RECORD_BYTES, RAYS_BYTES = 4 * 6 * 4, 8 * 4 * 4  # floats, doubles
+# Rows of struct Pose (vec4) and of struct Rays (dvec4) of face.vert.
+RIGHT, DOWN, FORWARD, EYE_HIGH, EYE_LOW, DEPTH, RECORD_ROWS = range(7)
+EYE, RAYS_ROWS = 3, 4
+RECORD_BYTES, RAYS_BYTES = 4 * 4 * RECORD_ROWS, 8 * 4 * RAYS_ROWS
 INDEX_BYTES = 4
 PIXELS_A_VERTEX = 64  # projecting a vertex costs as much as reading some ten pixels
 EDGE_ON_HEIGHT_REL = 1e-6
@@ -231,31 +232,32 @@ class PreparedPoses:
             # surface is cut: it must be cut at the near plane, and a power of 2 is nearer.
             power = 2.0 ** np.floor(np.log2(self.near))
             self.near = np.where(self.clipped, self.near, power)
-        self._records = np.zeros((len(poses), *RECORD_SHAPE), np.float32)
-        self._records[:, :3, :3] = grid.axes(poses)[:, :3, :3].transpose(0, 2, 1)
-        self._records[:, 3, :3], self._records[:, 4, :3] = split_floats(eyes - scene.centre)
+        self._records = np.zeros((len(poses), RECORD_ROWS, 4), np.float32)
+        self._records[:, : FORWARD + 1, :3] = grid.axes(poses)[:, :3, :3].transpose(0, 2, 1)
+        high, low = split_floats(eyes - scene.centre)
+        self._records[:, EYE_HIGH, :3], self._records[:, EYE_LOW, :3] = high, low
         if is_reversed:
-            self._records[:, 5, 1] = self.near  # clip z = near, so depth = near / z in [0, 1]
+            self._records[:, DEPTH, 1] = self.near  # clip z = near, so depth = near / z in [0, 1]
         else:
-            self._records[:, 5, 0] = (self.far + self.near) / (self.far - self.near)
-            self._records[:, 5, 1] = -2 * self.far * self.near / (self.far - self.near)
+            self._records[:, DEPTH, 0] = (self.far + self.near) / (self.far - self.near)
+            self._records[:, DEPTH, 1] = -2 * self.far * self.near / (self.far - self.near)
         self._is_reversed = is_reversed
         self._rays = self._find_rays(poses, eyes - scene.centre) if scene.has_overlaps else None
 
     def _find_rays(self, poses: FloatArray, eyes: FloatArray) -> FloatArray:
-        """Entries of the uniform block of rays, (P, *RAYS_SHAPE)."""
-        rays = np.zeros((len(poses), *RAYS_SHAPE))
+        """Entries of the uniform block of rays, (P, 4, 4)."""
+        rays = np.zeros((len(poses), RAYS_ROWS, 4))
         # Map from x and y on the canvas at depth 1 to the world. The forward axis is perpendicular
         # to the other two, also when these are mixed to rotate the grid.
         axes = self.grid.axes(poses)[:, :3, :3]
         mixed = np.linalg.inv(axes.transpose(0, 2, 1)) if self.grid.is_rolled else axes
-        rays[:, :2, :3] = (mixed[:, :, :2] / self.grid.lens[:2]).transpose(0, 2, 1)
-        rays[:, 2, :3], rays[:, 3, :3] = poses[:, :3, 2], eyes
+        rays[:, : DOWN + 1, :3] = (mixed[:, :, :2] / self.grid.lens[:2]).transpose(0, 2, 1)
+        rays[:, FORWARD, :3], rays[:, EYE, :3] = poses[:, :3, 2], eyes
         if self._is_reversed:
-            rays[:, 0, 3] = self.near
+            rays[:, RIGHT, 3] = self.near
         else:
-            rays[:, 0, 3] = -self.far * self.near / (self.far - self.near)
-            rays[:, 1, 3] = 0.5 + 0.5 * (self.far + self.near) / (self.far - self.near)
+            rays[:, RIGHT, 3] = -self.far * self.near / (self.far - self.near)
+            rays[:, DOWN, 3] = 0.5 + 0.5 * (self.far + self.near) / (self.far - self.near)
         return rays
 
     def records(self, rows: IntArray) -> NDArray[np.float32]:
