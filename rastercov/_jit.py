@@ -218,7 +218,7 @@ def allocation_free(function: Callable[..., Any]) -> Any:
     numba counts a reference to every array that is read from a named tuple or passed on, by an
     atomic operation; in the kernels of `rastercov.exact` that took a third of the time.
     """
-    return _kept(function, numba.njit(nogil=True, error_model="numpy", _nrt=False))
+    return _kept(function, numba.njit(nogil=True, error_model="numpy", _nrt=False))  # type: ignore[call-overload]
 
 
 def _kept(function: Callable[..., Any], compiler: Callable[..., Any]) -> Any:
