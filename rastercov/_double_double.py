@@ -1,9 +1,9 @@
-"""Arithmetic in pairs of doubles, about 106 bits: for what cancels all digits of one.
+"""Arithmetic in pairs of doubles, about 106 bits, for differences that cancel all digits of one.
 
-Serves `analytic_kernels`, where the camera centre may lie on a face to the last digit: the plane
-of the face through the eye is then known from pairs, and from plain doubles not at all. A pair
-(high, low) stands for high + low, where high is that sum rounded. All functions take and return
-scalars, so that they compile into the loop that calls them.
+`exact.setup_kernels` needs it where the camera centre lies on a face to the last digit: doubles do
+not determine the plane of the face through the camera centre, pairs do. A pair (high, low) is the
+number high + low, where high is that sum rounded. All functions take and return scalars, so that
+they compile into the loop that calls them.
 
 T. J. Dekker. A Floating-Point Technique for Extending the Available Precision. 1971.
 M. Joldes, J.-M. Muller, V. Popescu. Tight and Rigorous Error Bounds for Basic Building Blocks of
@@ -26,7 +26,7 @@ def exact_sum(a, b):
 
 @part_of
 def exact_product(a, b):
-    """Pair equal to the product of two doubles below 2^500 (Dekker), but for underflow."""
+    """Pair equal to the product of two doubles below 2^500 (Dekker), except for underflow."""
     product = a * b
     scaled = SPLITTER * a
     a_high = scaled - (scaled - a)

@@ -1,13 +1,13 @@
-"""How loops are compiled: by numba, without a lock, kept on disk; and said so the first time.
+"""Compilation of loops by numba: without a lock, kept on disk, with a notice the first time.
 
-What is on disk is used only while the file of a loop, and all files of the package that it
-imports, directly or not, have the content that they were compiled from.
+A result on disk is used only while the file of the loop, and all files of the package that it
+imports, directly or not, have the content that it was compiled from.
 
-numba compiles in one thread of a process at a time, whichever asks; a fork waits until it is done.
+numba compiles in one thread of a process at a time; a fork waits until it is done.
 
-A disk may be full, read-only or damaged. What is read back is used only when its hash is right and
-it was made from this source for these arguments; else the loop is compiled anew. What cannot be
-written is not kept, and one notice a process says so.
+A disk may be full, read-only or damaged. A file is used only if its hash is right and it was made
+from this source for these arguments; otherwise the loop is compiled again. A result that cannot be
+written is not kept, and one notice per process says so.
 """
 
 import hashlib
@@ -32,8 +32,8 @@ from numba.misc.appdirs import AppDirs
 
 from rastercov._files import UnreadableError, file_bytes
 
-# A process that is forked while another thread compiles would find the compiler locked for ever,
-# and half way through a loop: no lock of its own could mend that.
+# A process forked while another thread compiles would find the compiler locked for ever, in the
+# middle of a loop; releasing the lock there would not be safe.
 os.register_at_fork(
     before=global_compiler_lock.acquire,
     after_in_parent=global_compiler_lock.release,
@@ -41,8 +41,8 @@ os.register_at_fork(
 )
 
 LOG = logging.getLogger("rastercov")
-"""Notices of the library. At level WARNING, which Python shows on standard error unless the program
-has set up logging of its own: without a word, half a minute of compiling looks like a hang."""
+"""Notices of the library, at level WARNING, which Python shows on standard error unless the program
+configures logging: half a minute of compilation without a notice looks like a hang."""
 LARGEST_LOOP = 64 << 20
 """Bytes of one compiled loop on disk; real ones have less than one MiB."""
 ROOM = 8 << 20
@@ -52,15 +52,15 @@ _said: dict[str, object] = {}
 
 
 class _CheckedFile(caching.IndexDataCacheFile):
-    """Files of one compiled loop: an index and a file for each signature, both with their hash.
+    """Files of one compiled loop: an index and a file for each signature, each with its hash.
 
-    A file names the source and the signature that it was made for, too. numba replaces its two
+    A file also names the source and the signature that it was made for. numba replaces its two
     files one after the other, so a full disk, or two processes at once, can leave an index that
-    leads to what an older source was compiled to.
+    refers to the result of an older source.
     """
 
     def load(self, key: Any) -> Any:
-        """Return what was kept for a signature, None when nothing there can be trusted."""
+        """Return the result for a signature, None if there is none that can be trusted."""
         name = self._load_index().get(key)
         found = self._read(name) if name is not None else None
         if not isinstance(found, tuple) or found[:2] != self._made_for(key):
@@ -92,7 +92,7 @@ class _CheckedFile(caching.IndexDataCacheFile):
             file.write(hashlib.sha256(data).digest() + data)
 
     def _read(self, name: str) -> Any:
-        """Content of a file, None when it is not there, torn or not ours."""
+        """Content of a file, None if it is missing, truncated or of another program."""
         try:
             data = file_bytes(self._data_path(name), LARGEST_LOOP)
         except UnreadableError:
@@ -102,7 +102,7 @@ class _CheckedFile(caching.IndexDataCacheFile):
 
 
 class _Place(caching.CompileResultCacheImpl):
-    """Folders that numba may keep a loop in: never one called "~"."""
+    """Folders in which numba may keep a loop, except one called "~"."""
 
     @property
     def _locator_classes(self) -> list[Any]:  # type: ignore[override]
@@ -140,11 +140,11 @@ class _Kept(caching.FunctionCache):
             self.give_up(error)
 
     def holds_any(self) -> bool:
-        """True when an earlier run left this loop here, compiled from the same source."""
+        """True if an earlier run left this loop here, compiled from the same source."""
         return bool(self._cache_file._load_index())
 
     def has_room(self) -> bool:
-        """True when the folder takes as much as all loops need; if not, nothing is kept."""
+        """True if the folder has room for all loops; if not, nothing is kept."""
         if _Kept.is_writable:
             try:
                 with tempfile.TemporaryFile(dir=self.cache_path) as file:
@@ -154,7 +154,7 @@ class _Kept(caching.FunctionCache):
         return _Kept.is_writable
 
     def give_up(self, error: OSError) -> None:
-        """Keep nothing more on disk in this process, and say why."""
+        """Keep nothing more on disk in this process, and give notice of the reason."""
         _Kept.is_writable = False
         _say_unkept(f"{self.cache_path}: {error.strerror or error}")
 
@@ -208,8 +208,8 @@ def _source_digest(path: Path) -> str:
 
 
 def compiled(function: Callable[..., Any]) -> Any:
-    """Compile on first use and keep the result on disk, where there is a disk to keep it on."""
-    return _kept(function, numba.njit(nogil=True, error_model="numpy"))
+    """Compile on first use and keep the result on disk, if a folder can be written."""
+    return _kept(function)
 
 
 def allocation_free(function: Callable[..., Any]) -> Any:
@@ -218,18 +218,18 @@ def allocation_free(function: Callable[..., Any]) -> Any:
     numba counts a reference to every array that is read from a named tuple or passed on, by an
     atomic operation; in the kernels of `rastercov.exact` that took a third of the time.
     """
-    return _kept(function, numba.njit(nogil=True, error_model="numpy", _nrt=False))  # type: ignore[call-overload]
+    return _kept(function, _nrt=False)
 
 
-def _kept(function: Callable[..., Any], compiler: Callable[..., Any]) -> Any:
-    loop = compiler(function)
+def _kept(function: Callable[..., Any], **options: Any) -> Any:
+    loop: Any = numba.njit(nogil=True, error_model="numpy", **options)(function)
     with suppress(RuntimeError, OSError):  # nowhere to write: compile in every process
         loop._cache = _Kept(function)
     return loop
 
 
 def part_of(function: Callable[..., Any]) -> Any:
-    """Compiled into the loop that calls it, as if it stood there: for what is called often.
+    """Compile into the loop that calls it, by LLVM: for small functions that are called often.
 
     It must not take arrays, whose references would be counted at each call.
     """
@@ -237,14 +237,14 @@ def part_of(function: Callable[..., Any]) -> Any:
 
 
 def inlined(function: Callable[..., Any]) -> Any:
-    """Put in the place of each call: for small functions in hot loops, which take arrays."""
+    """Inline each call before typing, by numba: for functions in hot loops that take arrays."""
     return numba.njit(nogil=True, error_model="numpy", inline="always")(function)
 
 
 def announce_compilation(loop: Any) -> bool:
-    """Say that loops are compiled, once a process, where no earlier run has left this one on disk.
+    """Give notice, once per process, that loops are compiled, unless this one is on disk already.
 
-    True where they are, and will be kept.
+    True if they are compiled and will be kept.
     """
     if loop.signatures:  # in this process already
         return False
