@@ -28,7 +28,6 @@ def fields_of(
     words: Mapping[str, str],
     *,
     base: type[Entry] = Entry,
-    hints: Mapping[str, Any] | None = None,
     is_optional: bool = False,
 ) -> Any:
     """Entry with fields of a dataclass: their types, limits, defaults.
@@ -41,12 +40,10 @@ def fields_of(
         Fields to take, in this order, and the description of each in the schema.
     base : type
         Entry to add them to.
-    hints : mapping of str to annotation, optional
-        Annotations that take the place of the dataclass's own.
     is_optional : bool
         None is the default of every field, and allowed.
     """
-    types = get_type_hints(source, include_extras=True) | dict(hints or {})
+    types = get_type_hints(source, include_extras=True)
     given: dict[str, Any] = {}
     for field in (each for each in fields(source) if each.name in words):
         made = field.default_factory

@@ -8,7 +8,6 @@ need the mesh are checked later; every field carries the description that an edi
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from annotated_types import Gt, Le
 from pydantic import AfterValidator, Field, ValidationInfo, model_validator
 
 from rastercov.camera import PRESETS, Camera
@@ -25,7 +24,6 @@ from rastercov.plan.entry import (
     Number,
     Pair,
     Positive,
-    Share,
     Triple,
     among,
     both_or_none,
@@ -142,19 +140,9 @@ TASK = {
     "cap_resolution": "Whether resolution counts up to 1 only.",
 }
 """Fields of `Task` that are entries as they are."""
-TASK_LIMITS = {
-    "min_pixels": Positive,
-    "min_visibility": Share,
-    "max_blur": Positive | None,
-    "max_incidence_deg": Annotated[float, Gt(0), Le(90)],
-    "min_pixel_density": NotNegative,
-    "min_coverage": Share,
-    "focus_rule": Literal["vertices", "centroid"],
-}
-"""Annotations of `Task`, until its fields carry their limits."""
 
 
-class TaskSection(fields_of(Task, TASK, hints=TASK_LIMITS)):  # type: ignore[misc]
+class TaskSection(fields_of(Task, TASK)):  # type: ignore[misc]
     """What it takes for a face to be covered."""
 
     views: Count | dict[str, Count] = Field(
