@@ -208,6 +208,3 @@ class Resources:
         """Release every object."""
         self.context.parking_frame.use()  # moderngl rebinds the framebuffer that was bound last
         self._stack.close()
-
-
-Arena = Resources  # name used by `validation.markers.render`

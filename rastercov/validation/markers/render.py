@@ -20,7 +20,7 @@ from rastercov.camera import Camera
 from rastercov.errors import ConfigError
 from rastercov.projection import to_camera
 from rastercov.raster.gl.context import HeadlessContext, open_context
-from rastercov.raster.gl.resources import Arena
+from rastercov.raster.gl.resources import Resources
 from rastercov.validation.markers.scene import CELLS, PLAIN, PlateScene
 
 FloatArray = NDArray[np.float64]
@@ -54,8 +54,8 @@ class MarkerRenderer(Closing):
                 self._context = device
             else:
                 self._context = self._stack.enter_context(open_context(device))
-            self._arena = Arena(self._context)
-            self._stack.callback(self._arena.release)
+            self._resources = Resources(self._context)
+            self._stack.callback(self._resources.release)
             self._allocate(np.ascontiguousarray(patterns, np.uint8))
         except BaseException:
             self.close()
@@ -67,7 +67,7 @@ class MarkerRenderer(Closing):
         return self._context.info.renderer
 
     def _allocate(self, patterns: NDArray[np.uint8]) -> None:
-        gl, kept = self._context.gl, self._arena.own
+        gl, kept = self._context.gl, self._resources.own
         self._drawing = kept(
             gl.program(
                 shaders.source("markers_plate.vert"),
