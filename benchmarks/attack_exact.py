@@ -1,7 +1,7 @@
 """Attack on the exact methods: cameras on the surface, self-crossing solids, coplanar parts.
 
 Every figure of `certified` and `exact` is compared with exact rational arithmetic: areas may be off
-by their bound and no more, and a face that is certified must be seen whole or not at all.
+by their bound and no more, and a face that is certified must be wholly visible or wholly hidden.
 """
 
 from dataclasses import dataclass
@@ -218,7 +218,7 @@ def crossing_solids(rng):
 
 
 def assembly(rng):
-    """Boxes that stand on one another, 1e-13 apart or not at all."""
+    """Boxes stacked on one another, 1e-13 apart or touching."""
     base = box((-1, -1, -1), (1, 1, 0))
     parts = [base]
     for _ in range(int(rng.integers(1, 3))):

@@ -2,7 +2,7 @@
 
 On Mesa's software renderer, in all plans, against a reference that shares nothing with them:
 
-- faces of one plane that overlap, 1e-13 m apart or not at all: the lowest is seen, but for samples
+- faces of one plane that overlap, 1e-13 m apart or touching: the lowest is seen, except in samples
   within 1/128 px of an edge;
 - cameras with lenses and images far from any that was built: right, or refused in one line;
 - contexts opened and closed: resident memory stays.

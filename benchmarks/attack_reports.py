@@ -7,8 +7,8 @@ puts another report there, and
 
 - is killed (SIGKILL) at a random moment of its run, every other time of the milliseconds in which
   it puts its report there;
-- has a disk of its own on which so many bytes are left (a small tmpfs, as root; else a limit on the
-  size of a file);
+- has a disk of its own with a given number of free bytes (a small tmpfs, as root; else a limit on
+  the size of a file);
 - has another plan's run beside it in the same folder;
 - is killed before each of its operations on files (`tests/support/kill_report.py`).
 
@@ -214,7 +214,7 @@ def state(folder: Path, command: Command, old: dict[str, bytes]) -> str:
 
 
 def _but(found: str, is_fresh: bool) -> str:
-    """The same; an unfinished report may stand only where there was none."""
+    """The same; an unfinished report is allowed only in an empty folder."""
     return "torn" if found == "unfinished" and not is_fresh else found
 
 
@@ -350,7 +350,7 @@ def _disk(path: Path, size: int) -> Iterator[Path | None]:
 
 
 def _fill(disk: Path, free: int) -> None:
-    """Leave so many bytes on a disk."""
+    """Fill a disk up to the given number of free bytes."""
     about = os.statvfs(disk)
     block = about.f_frsize
     with (disk / "filler").open("wb") as file:

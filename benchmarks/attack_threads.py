@@ -122,7 +122,7 @@ def shared(runs: int, kind: str, *threads: str) -> Iterator[Run]:
 
 
 def first_use(runs: int) -> Iterator[Run]:
-    """Six threads share a mesh and a camera that nobody has used, each for work of its own."""
+    """Six threads share a new mesh and camera, each for work of its own."""
     work: tuple[Callable[[rc.Mesh, rc.Camera, Any], Answer], ...] = (
         lambda mesh, camera, poses: _figures(rc.visibility(mesh, camera, poses)),
         lambda mesh, camera, poses: _figures(rc.visibility(mesh, camera, poses, method="exact")),
@@ -155,7 +155,7 @@ def first_use(runs: int) -> Iterator[Run]:
 
 
 def opened(runs: int) -> Iterator[Run]:
-    """All rasterisers are opened at once on a mesh that nobody has used, in a thread each."""
+    """All rasterisers are opened at once on a new mesh, each in its thread."""
     known = shapes.room(6)
     poses = _poses(known, 4, seed=5)
     options: list[dict[str, Any]] = [{"backend": "cpu", "threads": n} for n in (1, 2, None)]

@@ -75,7 +75,7 @@ def contestants(device: str) -> dict[str, Contestant]:
 
 @dataclass(frozen=True)
 class Cell:
-    """A scene with so many faces (about), and an image size."""
+    """A scene of about that number of faces, and an image size."""
 
     scene: str
     n_faces: int

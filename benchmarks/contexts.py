@@ -117,7 +117,7 @@ OURS = ("context", "our-osmesa", "rasteriser")
 
 
 def growth(kind: str, rounds: int) -> dict[str, float]:
-    """KiB that stay for each of so many contexts opened and closed in this process."""
+    """KiB that stay for each context opened and closed in this process."""
     once = KINDS[kind][1]
     for _ in range(WARM_UP):
         once()

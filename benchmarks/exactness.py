@@ -214,7 +214,7 @@ def _fractions(report: Report) -> None:
 
 
 def _certificates(report: Report, figures: int) -> None:
-    """Certified figures against half planes, until there are so many."""
+    """Certified figures against half planes, up to a number of them."""
     names = ("torus", "teapot-12", "aeroplane-9856", "room", "sphere", "box")
     done = wrong = 0
     rng = np.random.default_rng(1)

@@ -2,7 +2,7 @@
 
 First all poses are counted in one process on the CPU, in batches, while resident memory is watched.
 Then a second process does it again in parts that it leaves in a folder; it is interrupted (SIGINT)
-after some of them, one that goes on is killed (SIGKILL), and a third ends the work, with another
+after some of them, one that continues is killed (SIGKILL), and a third ends the work, with another
 number of threads. What both found must have the same hash: a fingerprint of each pose's counts,
 its sum over faces of visible samples times a random number, and the samples of each face over all.
 
@@ -173,7 +173,7 @@ def _matrix_in_pieces(report: Report, n_poses: int) -> None:
 
 
 def _run_until(command, folder: Path, pattern: str, n_files: float, how: signal.Signals) -> None:
-    """Run a command and end it once so many files are there; it may be done by then."""
+    """Run a command and end it at a number of files; it may be done by then."""
     process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
     while process.poll() is None and len(list(folder.glob(pattern))) < n_files:
         time.sleep(0.01)

@@ -90,7 +90,7 @@ def compile_loops() -> None:
 
 @dataclass(frozen=True)
 class Site:
-    """A mesh, where cameras may stand, and how many there are to be."""
+    """A mesh, the space of camera positions, and the number of cameras."""
 
     name: str
     cameras: tuple[int, int]
@@ -99,7 +99,7 @@ class Site:
     boxes: np.ndarray | None = None
 
     def candidates(self, space: PoseSpace, camera: rc.Camera, count: int, seed: int) -> np.ndarray:
-        """(count, 4, 4) poses by rule, as far as cameras may stand there, and others at random."""
+        """(count, 4, 4) poses by rule where positions are allowed, and others at random."""
         mesh, rng = space.mesh, np.random.default_rng(seed)
         framing = Framing(stand_off=self.stand_off, fit="vertices")
         segmentation = segment(mesh, 15, 25, merge="closest")

@@ -1,8 +1,8 @@
-"""Where the CPU rasteriser spends its time, pass by pass, beside what this machine can do.
+"""Time of the CPU rasteriser, pass by pass, beside the limits of this machine.
 
 CPU time of one thread, medians over rounds of several poses. All passes are in one compiled loop,
 `count_poses`; so it is compiled once more from its source with a question before each pass, whether
-the passes go on, and the time of a pass is by how much longer the poses take with it. The question
+to continue, and the time of a pass is by how much longer the poses take with it. The question
 is answered while the loop runs, so that what comes before it is the same code with the pass and
 without. The processor works on two passes at once where it can, so the figures are good to 10 % or
 so, and those of passes that take next to nothing can be below 0. "set up" and filling are known
@@ -86,7 +86,7 @@ def transform(x, y, z, rotation, u, v):
 
 @compiled
 def areas(steps, faces):
-    """How many faces have a positive area in the image."""
+    """Number of faces with a positive area in the image."""
     n = 0
     for f in range(len(faces)):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
@@ -254,7 +254,7 @@ COUNTED = (
 def stepped() -> Callable[..., None]:
     """`count_poses` that does the passes only for which there is -1, not 0, in `drawn[0]`.
 
-    Where only visible samples are counted, nobody else has a use for it.
+    Where only visible samples are counted, it has no other use.
     """
     edits = []
     for k, questions in enumerate(PASSES.values()):

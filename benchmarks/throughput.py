@@ -195,7 +195,7 @@ def _report(report, cell, what, results, say) -> None:
     theirs = results.get("open3d")
     for key, result in results.items():
         name = f"{what}: {result.label}"
-        if result.is_peer:  # what others get wrong is told, not held against us
+        if result.is_peer:  # errors of peers are reported, and fail no check
             report.add(f"{name}, wrong pixels", result.unexcused, "pixels")
         else:
             report.check(f"{name}, same faces up to ties", result.unexcused == 0)

@@ -1,5 +1,8 @@
 """Graded per-face visibility and coverage of a mesh by cameras, and camera placement."""
 
+import warnings as _warnings
+from typing import Any as _Any
+
 from rastercov import _moved as _moved
 from rastercov.camera import Camera
 from rastercov.coverage import Coverage, evaluate, evaluate_batches
@@ -63,3 +66,10 @@ __all__ = [
     "write_poses",
 ]
 __version__ = "0.1.0"
+
+
+def __getattr__(name: str) -> _Any:
+    if name == "Kind":
+        _warnings.warn("rastercov.Kind is now BoundKind", DeprecationWarning, stacklevel=2)
+        return BoundKind
+    raise AttributeError(f"module 'rastercov' has no attribute {name!r}")

@@ -114,7 +114,7 @@ class _Place(caching.CompileResultCacheImpl):
 
 
 class _Kept(caching.FunctionCache):
-    """A loop on disk; without it, compiling goes on."""
+    """A loop on disk; without a disk, loops are compiled in each process."""
 
     _impl_class = _Place
     is_writable = True

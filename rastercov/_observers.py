@@ -53,7 +53,7 @@ class OpenObserver(Closing):
             raise DeviceError("this observer is closed; open a new one")
 
     def _check_memory(self, n_poses: int) -> None:
-        """Raise `ResourceError` where an `Observation` of so many poses takes too much memory."""
+        """Raise `ResourceError` where an `Observation` takes too much memory."""
         areas_and_kind = 3 * 8 + 1
         _check_figures(n_poses, self.mesh.n_faces, areas_and_kind)
 

@@ -149,7 +149,7 @@ def depth_range(
         nearest[row], farthest[row] = local[:, 2].min(), local[:, 2].max()
         if nearest[row] < 0.01 * farthest[row] or nearest[row] < limit[row]:
             nearest[row] = nearest_depth_in_view(local[faces], camera, limit[row])
-    # A hair nearer, so that rounding on the device cannot cut what is exactly at the plane.
+    # Nearer by 1e-5, so that rounding on the device cannot cut what is exactly at the plane.
     near = np.clip(nearest * (1 - 1e-5), limit, np.maximum(farthest / 2, limit))
     clipped = near_cuts(vertices, faces, bounds, camera, poses)
     return near, np.maximum(farthest * (1 + 1e-5), near * 2), clipped

@@ -35,7 +35,7 @@ class BoundKind(IntEnum):
     """Meaning of the bound of a figure."""
 
     STATISTICAL = 0
-    """Counted; the bound holds for all but one in a thousand faces that are seen in part."""
+    """Counted; the bound holds for 99.9 % of the partly visible faces."""
     CERTIFIED = 1
     """Proved to be exactly 0 or 1."""
     EXACT = 2

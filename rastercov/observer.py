@@ -1,7 +1,7 @@
 """Observers: one mesh through one camera, measured in many poses by one of three methods.
 
 certified
-    Regions of faces that no event edge crosses are seen whole or not at all, which is proved; the
+    Regions of faces that no event edge crosses are proved wholly visible or wholly hidden; the
     faces that are crossed are computed. See `rastercov.exact.certificate`. Needs no rasteriser.
 exact
     Every face is computed, see `rastercov.exact.half_planes`: the same answers several times
@@ -29,7 +29,7 @@ from rastercov.raster.contract import RasterizerInfo
 class Observer(Protocol):
     """Areas of one mesh that one camera sees; open it with `open_observer`, use it in a `with`.
 
-    Any number of threads may use one observer at once, but for method "sampled" on OpenGL: that
+    Any number of threads may use one observer at once, except method "sampled" on OpenGL: that
     one belongs to the thread that opened it, and says so in any other.
     """
 

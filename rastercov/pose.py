@@ -77,7 +77,7 @@ def look_at(eyes: ArrayLike, targets: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)
     right = np.cross(forward, upward)
     parallel = np.linalg.norm(right, axis=1) <= 1e-9 * np.linalg.norm(upward, axis=1)
     # The axis furthest from the view; among equals the later one, so that z stays up if it can.
-    # Rounded, lest noise decide between equals.
+    # Rounded, so that noise does not decide between equals.
     spare = np.eye(3)[2 - np.argmin(np.abs(forward).round(6)[:, ::-1], axis=1)]
     right = np.where(parallel[:, None], np.cross(forward, spare), right)
     right /= np.linalg.norm(right, axis=1, keepdims=True)

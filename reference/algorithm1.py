@@ -148,7 +148,7 @@ def image_triangles(mesh: Mesh, camera: Camera, pose: ArrayLike, *, clip: bool =
     pose : (4, 4) array_like
         world_from_camera.
     clip : bool
-        Cut faces at the near plane and at the image border. Without, (3.2) is taken as it stands:
+        Cut faces at the near plane and at the image border. Without, (3.2) is taken as printed:
         vertices behind the camera come out mirrored, and those at depth 0 void their face.
     """
     matrix = np.asarray(pose, dtype=np.float64)

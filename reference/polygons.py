@@ -340,7 +340,7 @@ def _and_repaired(
 ) -> Iterator[list[BaseGeometry]]:
     """Yield the polygons as they are, then, for whom that was not good enough, made valid.
 
-    Images a hair wide are trouble; on the grid they are no more.
+    Very thin images fail in GEOS; on the grid they do not.
     """
     yield polygons
     valid = (shapely.make_valid(polygon) for polygon in polygons)

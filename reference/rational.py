@@ -12,7 +12,7 @@ A, B, C let n = (B - A) x (C - A) and d = n . A, both times the sign of d. Then
     d_T (n_M . r) >= d_M (n_T . r):  half-planes again.
 
 Nothing is clipped in space: an image is the image rectangle cut by half-planes. What M hides of T
-is cut from T half-plane by half-plane, each leaving a convex piece that stays and one to go on
+is cut from T half-plane by half-plane, each leaving a convex piece that stays and one to continue
 with. A convex polygon is kept as the lines around it and its corners, each the product of two
 original lines, so that numbers never grow from cut to cut.
 

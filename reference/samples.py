@@ -99,7 +99,7 @@ def grid_points(camera: Camera, supersample: int = 1, roll: float = 0.0) -> Floa
     """Points in the image of a square grid, S^2 a px^2, turned about the image centre, (N, 2).
 
     The grid has as many rows and columns as the turned image is high and wide, in whole spacings,
-    and the same middle. What is a row and what a column is not told apart: a quarter turn is none.
+    and the same middle. Rows and columns are not distinguished: a quarter turn changes nothing.
 
     Parameters
     ----------

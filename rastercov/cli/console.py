@@ -20,7 +20,7 @@ from rastercov.errors import RastercovError
 def exit_code(app: Callable[..., Any], arguments: Sequence[str]) -> int:
     """Exit code of a command; whatever goes wrong is one line on standard error.
 
-    RASTERCOV_TRACEBACK=1 in the environment raises what nobody foresaw instead.
+    RASTERCOV_TRACEBACK=1 in the environment raises unexpected errors instead.
     """
     code = _outcome(app, arguments)
     try:
@@ -80,7 +80,7 @@ def notices_shown() -> Iterator[None]:
 def say(text: str, code: int = 2) -> int:
     """Print one line on standard error, whatever the names in it hold; gives the exit code."""
     line = "".join(c if c.isprintable() else " " if c.isspace() else ascii(c)[1:-1] for c in text)
-    with suppress(OSError):  # nobody can be told
+    with suppress(OSError):  # there is no stream left to report it
         print(line, file=sys.stderr, flush=True)
     return code
 

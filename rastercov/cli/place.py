@@ -48,7 +48,7 @@ def place(
     """Find out where cameras go: carry out a plan file; 1 when its goal is not reached.
 
     It leaves the poses (poses.json), all figures (plan.json) and a page for people (page.html). A
-    run that was ended goes on with the candidates that it had not measured yet.
+    run that was ended continues with the candidates that are not measured yet.
 
     [bold]Example[/]: rastercov place examples/plans/inspect_part.toml --out plan/
     """

@@ -34,7 +34,7 @@ def markers(
     ] = "auto",
     as_json: AsJson = False,
 ) -> None:
-    """Foretell which ArUco markers OpenCV finds in pictures; 1 when under 98 % are right.
+    """Predict which ArUco markers OpenCV finds in pictures; 1 when under 98 % are right.
 
     The four experiments of the thesis, and random scenes by every model. It leaves a page for
     people (markers.html) and all figures (markers.json). With few scenes chance decides. Needs the

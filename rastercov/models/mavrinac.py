@@ -12,7 +12,7 @@ angle between the normal and the ray from p to the camera centre:
     k-ocular: max over subsets of k cameras of min over cameras of the subset of C(p)
 
 each clipped to [0, 1], a step where both limits are equal; f is in pixels, the smaller of fx and
-fy, but for C_F, which is the lens'.
+fy, except C_F, which is the lens'.
 
 A. Mavrinac. Modeling and Optimizing the Coverage of Multi-Camera Systems. PhD dissertation,
 University of Windsor, 2012.

@@ -46,7 +46,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class ScottParameters(ResolutionParameters):
-    """R_req of the model, asked of the worst direction on a face."""
+    """R_req of the model, applied to the worst direction on a face."""
 
 
 @coverage_model(ScottParameters())

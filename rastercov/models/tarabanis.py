@@ -48,7 +48,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class TarabanisParameters(ResolutionParameters):
-    """R_req of the model, asked of the worst edge of a face."""
+    """R_req of the model, applied to the worst edge of a face."""
 
 
 @coverage_model(TarabanisParameters())

@@ -12,7 +12,7 @@ metre, see `base.required_density`.
 
 X. Zhang et al. Coverage optimization of visual sensor networks for observing 3-D objects: survey
 and comparison. International Journal of Intelligent Robotics and Applications, 2019. doi
-10.1007/s41315-019-00102-6. ([21] of the thesis, and its rival in chapter 4.)
+10.1007/s41315-019-00102-6. ([21] of the thesis, compared with in chapter 4.)
 X. Zhang, X. Chen, J. L. Alarcon-Herrera, Y. Fang. 3-D Model-Based Multi-Camera Deployment: A
 Recursive Convex Optimization Approach. IEEE/ASME Transactions on Mechatronics 20(6), 3157-3169,
 2015. ([22]: resolution.)

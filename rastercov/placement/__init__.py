@@ -1,7 +1,7 @@
 """Camera placement: from a mesh to candidate poses, and from many poses to a few.
 
-    segment -> per_segment, on_walls, ... -> kept -> build_matrix -> problem_of -> select_greedy
-    -> optimise, refine -> tolerance, what_is_left -> openings
+    segment -> per_segment, on_walls, ... -> filter_candidates -> build_matrix -> problem_of
+    -> select_greedy -> optimise, refine -> tolerance, what_is_left -> openings
 
 All names that a program needs; the pages of a plan are in `rastercov.report`.
 """
@@ -12,8 +12,9 @@ from rastercov.placement.candidates.clearance import (
     KeepOutBox,
     KeepOutSphere,
     NearestSurface,
+    Rejection,
+    filter_candidates,
     in_solid,
-    kept,
 )
 from rastercov.placement.candidates.framing import Framing
 from rastercov.placement.candidates.mounting import (
@@ -74,6 +75,7 @@ __all__ = [
     "PoseSpace",
     "Problem",
     "Refined",
+    "Rejection",
     "Segmentation",
     "Selection",
     "Sight",
@@ -84,9 +86,9 @@ __all__ = [
     "at_nearest_surface",
     "at_point",
     "build_matrix",
+    "filter_candidates",
     "from_poses",
     "in_solid",
-    "kept",
     "on_box",
     "on_ceiling",
     "on_hemisphere",

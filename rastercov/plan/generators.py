@@ -26,7 +26,7 @@ from rastercov.plan.entry import (
 
 
 class Generator(Entry):
-    """What all generators of candidate poses take."""
+    """Entries of all generators of candidate poses."""
 
     rolls_deg: Annotated[list[Number], Field(min_length=1)] = Field(
         default=[0.0], description="A candidate for each: turned about its axis."
@@ -36,7 +36,7 @@ class Generator(Entry):
 
 
 class Framed(Generator):
-    """Views that stand as far away as what they were made for needs."""
+    """Views at the distance that their target needs."""
 
     stand_off: Limits | None = Field(
         default=None, description="[least, greatest] distance to the target, m; inf for no limit."
@@ -103,7 +103,7 @@ class Around(Framed):
 
 
 class Aim(Entry):
-    """Where a mounted camera looks: one of the four."""
+    """Direction of view of a mounted camera: one of the four."""
 
     middle: Literal[True] | None = Field(default=None, description="The middle of the scene.")
     point: Triple | None = Field(default=None, description="A point.")

@@ -1,6 +1,6 @@
 """Execution of a plan, `rastercov place`.
 
-    plan -> scene -> candidates -> matrix -> selection -> search, refinement -> what is left
+    plan -> scene -> candidates -> matrix -> selection -> search, refinement -> uncovered faces
 
 The selection is saved before any step that may improve it.
 """

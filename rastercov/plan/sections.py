@@ -143,7 +143,7 @@ TASK = {
 
 
 class TaskSection(fields_of(Task, TASK)):  # type: ignore[misc]
-    """What it takes for a face to be covered."""
+    """Thresholds that a face must meet to be covered."""
 
     views: Count | dict[str, Count] = Field(
         default=1,
@@ -187,7 +187,7 @@ class KeepOut(Entry):
 
 
 class Space(Entry):
-    """A box where cameras may stand; flat ones are walls and ceilings."""
+    """A box of camera positions; flat ones are walls and ceilings."""
 
     name: Name = Field(default="space", description="For people.")
     low: Triple = Field(description="Corner, m.")
@@ -200,7 +200,7 @@ class Space(Entry):
 
 
 class Constraints(Entry):
-    """Where cameras may stand."""
+    """Constraints on camera positions."""
 
     stand_off: Limits | None = Field(
         default=None, description="[least, greatest] distance to the nearest task face, m."
@@ -232,13 +232,13 @@ TOLERANCE = {
 
 
 class ToleranceSection(fields_of(InstallationError, TOLERANCE)):  # type: ignore[misc]
-    """What installation errors cost."""
+    """Installation errors, and the coverage they cost."""
 
     draws: Count = Field(default=200, description="Installations to draw.")
 
 
 class SelectionBase(Entry):
-    """What every goal takes."""
+    """Entries of every goal."""
 
     method: Literal["greedy", "integer"] = Field(
         default="greedy", description="Greedy with exchanges, or HiGHS started from it."
@@ -275,7 +275,7 @@ BEST = {"budget": "Cost of all cameras at most."}
 
 
 class BestSelection(fields_of(BestCoverage, BEST, base=SelectionBase)):  # type: ignore[misc]
-    """The best coverage with so many cameras, or within a budget."""
+    """The best coverage with a number of cameras, or within a budget."""
 
     goal: Literal["best_coverage"]
     cameras: Count | None = Field(default=None, description="Cameras at most.")
@@ -291,7 +291,7 @@ SelectionSection = Annotated[FewestSelection | BestSelection, Field(discriminato
 
 
 class Outputs(Entry):
-    """What is written where."""
+    """Files that are written, and their folder."""
 
     folder: Name | None = Field(default=None, description="The plan file's name without .toml.")
     page: bool = Field(default=True, description="Whether to write the page with pictures.")
@@ -305,9 +305,13 @@ class PlanModel(Entry):
     )
     camera: CameraSection = Field(description="The camera that all poses share.")
     task: TaskSection = Field(
-        default=TaskSection(), description="What it takes for a face to be covered."
+        default=TaskSection(), description="Thresholds that a face must meet to be covered."
     )
     candidates: list[CandidateEntry] = Field(default=[], description="Poses to choose from.")
-    constraints: Constraints = Field(default=Constraints(), description="Where cameras may stand.")
+    constraints: Constraints = Field(
+        default=Constraints(), description="Constraints on camera positions."
+    )
     selection: SelectionSection | None = Field(default=None, description="What is wanted.")
-    outputs: Outputs = Field(default=Outputs(), description="What is written where.")
+    outputs: Outputs = Field(
+        default=Outputs(), description="Files that are written, and their folder."
+    )

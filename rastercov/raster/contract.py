@@ -183,7 +183,7 @@ class Rasterizer(Protocol):
 
 
 def check_counts(n_poses: int, n_faces: int, bytes_a_pair: int) -> None:
-    """Raise `ResourceError` where counts of so many poses and faces take too much memory."""
+    """Raise `ResourceError` where the counts take too much memory."""
     check_memory(
         f"counts of {n_poses:,} poses x {n_faces:,} faces",
         bytes_a_pair * n_poses * n_faces,

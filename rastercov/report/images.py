@@ -306,7 +306,7 @@ def framed(pixels: Pixels, title: str, keys: Sequence[Key]) -> Image.Image:
     title = cut(title, font, frame - 2 * margin)
     top = bar if title else 0
 
-    # Entries that do not fit in a row go on in the next.
+    # Entries that do not fit in a row continue in the next.
     places, left, row = [], margin, 0
     for key in keys:
         scale = (8 if key.high else 1) * line

@@ -257,7 +257,7 @@ def test_poses_at_fault_end_the_run_or_are_left_out(capsys):
     poses[5:11, :3, :3] *= 2
     np.save("bad.npy", poses)
     line = "evaluate box -c camera.toml -p bad.npy --pictures 1"
-    assert "pose 3 is not finite (and 6 more)" in refusal(capsys, line)
+    assert "pose 3 is not finite (and 6 more poses)" in refusal(capsys, line)
     assert not Path("report").exists()
     code, _, err = call(capsys, line + " --skip-bad-poses")
     assert code == 0

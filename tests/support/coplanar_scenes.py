@@ -46,7 +46,7 @@ def triangulations(rng):
 
 
 def stacks(rng):
-    """Boxes that stand on boxes, some of them flush with a side: closed, and on each other."""
+    """Boxes on boxes, some of them flush with a side: closed, and on each other."""
     boxes = [np.array(((-0.5, -0.5, 0.0), rng.uniform(0.3, 0.8, 3)))]
     for _ in range(rng.integers(1, 4)):
         below = boxes[rng.integers(len(boxes))]

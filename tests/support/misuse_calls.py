@@ -54,7 +54,7 @@ FOLDER = Path(tempfile.mkdtemp(prefix="rastercov-misuse-"))
 
 
 class Hostile:
-    """An object that fails at whatever is asked of it, and whose name has two lines."""
+    """An object whose every operation fails, and whose name has two lines."""
 
     def __repr__(self):
         return "hostile\nobject"

@@ -1,3 +1,11 @@
-"""Candidate poses: where a camera could be."""
+"""Candidate poses: generators, the constraints on them, and proofs that there are none."""
 
-from rastercov.placement.candidates.pool import *  # noqa: F403
+from rastercov.placement.candidates.pool import (
+    Candidates,
+    from_poses,
+    per_convex_region,
+    per_face,
+    per_segment,
+)
+
+__all__ = ["Candidates", "from_poses", "per_convex_region", "per_face", "per_segment"]

@@ -99,7 +99,7 @@ class Enclosure:
         clearance: float,
         keep_out: Sequence[KeepOut],
     ) -> str:
-        """Reason why no camera can stand in a closed space within a box, (2, 3); "" for none."""
+        """Reason why no camera can be in a closed space within a box, (2, 3); "" for none."""
         ends = box_corners(box)
         deep = float(np.linalg.norm(ends - target, axis=1).max())
         if least > deep:

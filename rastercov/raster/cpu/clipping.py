@@ -65,7 +65,7 @@ def clip(corners, n, normal, offset, out):
 def plane_of(corners, camera):
     """Plane of 1/z of a face with these corners, not finite where it contains the camera centre.
 
-    Corners of a face cut at the near plane can be so much nearer than the part in camera that a
+    Corners of a face cut at the near plane can be much nearer than the part in camera that a
     plane through them has lost half of its digits.
     """
     ax, ay, az = corners[0], corners[1], corners[2]

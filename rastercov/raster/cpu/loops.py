@@ -253,7 +253,7 @@ def count_poses(poses, canvas, bands, clusters, buffers, output, scratch):
         `is_rolled` bool: samples within the width and the height may be outside the image.
     bands : (B, 2) int64
         First row of each band of the image, and the row after its last. They are multiples of
-        `SIDE`, but for the end of the image.
+        `SIDE`, except at the end of the image.
     clusters : Clusters
     buffers : Buffers
         Scratch. `marks` (M,) uint8: strips that are cleared. `depth`, `face` (M * samples of a

@@ -59,7 +59,7 @@ PRINTED_RESOLUTION = (
 )
 """C_R of each marker beside them, as printed: the pixels over R_min = 1024, (3.8).
 
-Cut to two digits, but for 0.94, which is rounded (961 / 1024 = 0.938), and 0.89, which is neither
+Cut to two digits, except 0.94, which is rounded (961 / 1024 = 0.938), and 0.89, which is neither
 (900 / 1024 = 0.879).
 """
 SMALL = 38.0

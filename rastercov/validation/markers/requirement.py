@@ -101,7 +101,7 @@ DETECTOR = Requirement(
 
 Its perimeter counts the pixels of a contour, 4 (n - 1) for a square of n, so 128 of them take a
 contour of length 132, and it drops what comes within 3 px of the border: that is in its settings.
-It reads cells, so blur counts relative to the side of a cell; and it tolerates a nick at a corner.
+It reads cells, so blur counts relative to the side of a cell; it tolerates a defect at a corner.
 Both limits and the least width of a cell were fitted on scenes of their own, see `fit`.
 """
 

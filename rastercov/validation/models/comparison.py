@@ -4,7 +4,7 @@ Every model of `MODELS` gets the same mesh, camera, poses and task; the engine c
 fraction of each face, with a proof or to rounding. No model is called wrong, because their criteria
 differ; only the bivalent occlusion test of several models is compared with the visible fraction.
 
-E. S. Eissa. Image Space Coverage Model. 2020, section 4.3, does this for one rival and by eye.
+E. S. Eissa. Image Space Coverage Model. 2020, section 4.3, does this for one model, by eye.
 """
 
 import time
