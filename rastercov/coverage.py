@@ -66,7 +66,7 @@ class Coverage:
     visibility, visibility_bound : float64
         (3.14), and how far it may be off.
     visibility_kind : uint8
-        `rastercov.Kind` of each bound.
+        `rastercov.BoundKind` of each bound.
     incidence : float64
         Angle between normal and ray to the camera centre, radians.
     coverage : float64

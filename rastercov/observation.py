@@ -25,7 +25,7 @@ from rastercov.raster.contract import FaceCounts, RasterizerInfo
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
-Value = TypeVar("Value")
+_Value = TypeVar("_Value")
 
 EPSILON = 2.0**-52
 """Rounding of a quotient."""
@@ -138,6 +138,6 @@ def visible_fraction(
     return value, np.minimum(bound, 1.0), np.where(nothing, BoundKind.EXACT, kind).astype(np.uint8)
 
 
-def _renamed(old: str, new: str, value: Value) -> Value:
+def _renamed(old: str, new: str, value: _Value) -> _Value:
     warnings.warn(f"Observation.{old} is now {new}", DeprecationWarning, stacklevel=3)
     return value

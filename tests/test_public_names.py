@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import rastercov
+import rastercov.shapes
 
 ROOT = Path(rastercov.__file__).parent
 # Modules whose public classes and functions are the package's own names, and what they keep to
@@ -26,7 +27,8 @@ SURFACE = {
     "pose": {"DRIFT_TOLERANCE", "check_poses", "inverse", "valid_poses"},
     "raster.__init__": set(),
     "raster.contract": {"MAX_RENDERED", "MAX_SUPERSAMPLE", "check_counts", "check_picture"},
-    "observer": {"EPSILON", "ROLL", "visible_fraction"},
+    "observation": {"EPSILON", "visible_fraction"},
+    "observer": set(),
     "task": {"THESIS"},
 }
 MESH = {"Group", "Mesh"}
@@ -159,7 +161,7 @@ def test_importing_the_package_opens_no_graphics():
     assert found.stdout.strip() == "set()"
 
 
-@pytest.mark.parametrize("kind", [rastercov.Kind, rastercov.Reason])
+@pytest.mark.parametrize("kind", [rastercov.BoundKind, rastercov.Reason])
 def test_codes_fit_the_arrays_that_hold_them_and_each_is_explained(kind):
     codes = np.array(list(kind))
     assert codes.tolist() == list(range(len(codes)))
@@ -169,3 +171,17 @@ def test_codes_fit_the_arrays_that_hold_them_and_each_is_explained(kind):
     for entry, text in zip(body[1::2], body[2::2], strict=True):
         assert isinstance(entry, ast.Assign)
         assert isinstance(text, ast.Expr)
+
+
+def test_a_former_name_warns_and_gives_the_new_one():
+    with pytest.warns(DeprecationWarning, match="rastercov.Kind is now BoundKind"):
+        assert rastercov.Kind is rastercov.BoundKind
+    mesh = rastercov.shapes.box()
+    camera = rastercov.Camera(width=8, height=8, fx=8, fy=8)
+    seen = rastercov.open_observer(mesh, camera).observe(np.eye(4))
+    with pytest.warns(DeprecationWarning, match="Observation.blur is now area_error"):
+        assert seen.blur is seen.area_error
+    with pytest.warns(DeprecationWarning, match="Observation.samples is now samples_per_pixel"):
+        assert seen.samples == seen.samples_per_pixel
+    with pytest.raises(AttributeError, match="no attribute 'Kin'"):
+        _ = rastercov.Kin

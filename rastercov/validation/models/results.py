@@ -103,7 +103,7 @@ class FaceValues:
     pose, face : int
         Row of the poses, row of `mesh.faces`.
     visibility, bound, kind : float, float, str
-        Visible fraction, its bound, and the kind of the bound, see `rastercov.Kind`.
+        Visible fraction, its bound, and the kind of the bound, see `rastercov.BoundKind`.
     bivalent : bool
         True when the bivalent test calls it seen.
     image_pixels : float
