@@ -21,10 +21,10 @@ from rastercov import shapes
 from rastercov.camera import Camera
 from rastercov.errors import RastercovError
 from rastercov.mesh import Mesh
-from rastercov.pose import look_at
 from rastercov.raster.cpu import CPURasterizer
 from rastercov.raster.gl import PLANS, GLRasterizer
 from rastercov.raster.gl.context import HeadlessContext, open_context
+from rastercov.viewpoints import look_at
 
 TESTS = Path(__file__).parents[1] / "tests" / "support"
 sys.path.insert(0, str(TESTS))

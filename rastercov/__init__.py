@@ -20,7 +20,8 @@ from rastercov.mesh import Group, Mesh
 from rastercov.network import Network
 from rastercov.observation import BoundKind, Observation, Visibility
 from rastercov.observer import Observer, open_observer, visibility
-from rastercov.pose import Poses, look_at, read_poses, sphere_of_poses, write_poses
+from rastercov.pose import Poses
+from rastercov.pose_file import read_poses, write_poses
 from rastercov.raster import (
     FaceCounts,
     Rasterizer,
@@ -29,6 +30,7 @@ from rastercov.raster import (
     open_rasterizer,
 )
 from rastercov.task import Reason, Task
+from rastercov.viewpoints import look_at, sphere_of_poses
 
 __all__ = [
     "BoundKind",

@@ -6,7 +6,6 @@ made it. Pixels follow COLMAP and OpenGL: the centre of the top-left pixel is at
 E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks. 2020, section 3.
 """
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
@@ -28,18 +27,10 @@ from rastercov._checks import (
     positive,
     principal_point_px,
     refuse_distortion,
-    shown,
     two,
 )
-from rastercov._files import (
-    StrPath,
-    UnreadableError,
-    printable,
-    read_json,
-    read_toml,
-    suffix_of,
-    written_file,
-)
+from rastercov._files import StrPath
+from rastercov.camera_file import arguments_of, naming, read_entries, write_entries
 from rastercov.errors import CameraError
 
 
@@ -239,7 +230,7 @@ class Camera:
 
     @classmethod
     def preset(cls, name: str) -> "Camera":
-        """Camera by name: the ones the thesis used; see `PRESETS`."""
+        """Camera by name: the ones the thesis used; see `camera_file.PRESETS`."""
         return cls.from_dict({"preset": name})
 
     @classmethod
@@ -248,57 +239,18 @@ class Camera:
 
         `preset = "khepra"` starts from a preset; other entries change it.
         """
-        name = printable(str(path))
-        try:
-            suffix = suffix_of(path)
-            if suffix not in (".json", ".toml"):
-                raise CameraError("a camera file ends in .json or .toml")
-            return cls.from_dict(read_json(path) if suffix == ".json" else read_toml(path))
-        except (UnreadableError, CameraError) as error:
-            raise CameraError(f"{name}: {error}") from None
+        with naming(path):
+            return cls.from_dict(read_entries(path))
 
     @classmethod
     def from_dict(cls, entries: Mapping[str, Any]) -> "Camera":
         """Camera from a mapping, as `load` reads it."""
-        if not isinstance(entries, Mapping):
-            raise CameraError(f"a camera is a table of names and values, got {shown(entries)}")
-        if "preset" in entries:
-            name = str(entries["preset"])
-            if name not in PRESETS:
-                raise CameraError(f"no camera preset {shown(name)}; there are {', '.join(PRESETS)}")
-            entries = PRESETS[name] | {k: v for k, v in entries.items() if k != "preset"}
-        of_lens = {"principal_point", "f_number"}
-        known = {field.name for field in fields(cls)} | of_lens
-        if unknown := sorted(map(shown, entries.keys() - known)):
-            raise CameraError(
-                f"unknown entry {', '.join(unknown)}; a camera has {', '.join(sorted(known))}"
-            )
-        by_lens = entries.keys().isdisjoint({"fx", "fy"})
-        wanted = ["width", "height"]
-        wanted += ["focal_length", "pixel_size"] if by_lens else ["fx", "fy"]
-        if missing := [name for name in wanted if name not in entries]:
-            raise CameraError(
-                f"missing {', '.join(missing)}; give fx, fy or focal_length, pixel_size"
-            )
-        if not by_lens and (mixed := sorted(of_lens & entries.keys())):
-            raise CameraError(
-                f"{', '.join(mixed)} goes with focal_length and pixel_size, not fx, fy"
-            )
-        listed: dict[str, Any] = {
-            k: tuple(v) if isinstance(v, list) else v for k, v in entries.items()
-        }
-        return cls.from_lens(**listed) if by_lens else cls(**listed)
+        arguments = arguments_of(entries, [field.name for field in fields(cls)])
+        return cls(**arguments) if "fx" in arguments else cls.from_lens(**arguments)
 
     def save(self, path: StrPath) -> None:
         """Write the camera as a `.json` file that `load` reads back to an equal camera."""
-        entries = {k: v for k, v in asdict(self).items() if v not in (None, ())}
-        try:
-            if suffix_of(path) != ".json":
-                raise CameraError("a camera is saved as .json")
-            with written_file(path) as file:
-                file.write((json.dumps(entries, indent=2) + "\n").encode())
-        except ValueError as error:
-            raise CameraError(f"{printable(str(path))}: {error}") from None
+        write_entries(path, {k: v for k, v in asdict(self).items() if v not in (None, ())})
 
     @property
     def K(self) -> NDArray[np.float64]:  # noqa: N802 - the field's name for it
@@ -372,23 +324,3 @@ class Camera:
         z_n = self.focus_distance / (1 + blur)
         z_f = self.focus_distance / (1 - blur) if blur < 1 else math.inf
         return z_n, z_f
-
-
-PRESETS: dict[str, dict[str, Any]] = {
-    # Table 5.2, used for the marker experiments of chapter 5.
-    "icube-ns4133bu-8mm": {
-        "width": 1280,
-        "height": 1024,
-        "focal_length": 8e-3,
-        "pixel_size": 5.3e-6,
-    },
-    # Figure A.3: Khepra's default, given as a sensor of 3.6 x 2.01 mm.
-    "khepra": {
-        "width": 1280,
-        "height": 800,
-        "focal_length": 1.93e-3,
-        "pixel_size": (3.6e-3 / 1280, 2.01e-3 / 800),
-        "focus_range": (0.1, 5.0),
-    },
-}
-"""Arguments of `Camera.from_lens` for the cameras of the thesis."""

@@ -9,7 +9,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from rastercov._checks import MAX_IMAGE_SIDE
-from rastercov.camera import PRESETS, Camera
+from rastercov.camera import Camera
+from rastercov.camera_file import PRESETS
 from rastercov.errors import CameraError
 
 INTRINSICS = {"width": 640, "height": 480, "fx": 500.0, "fy": 510.0}

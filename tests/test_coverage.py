@@ -20,8 +20,8 @@ from rastercov.errors import ConfigError, PoseError, ResourceError
 from rastercov.mesh import Group, Mesh
 from rastercov.observation import BoundKind
 from rastercov.observer import open_observer
-from rastercov.pose import look_at, sphere_of_poses
 from rastercov.task import Reason, Task
+from rastercov.viewpoints import look_at, sphere_of_poses
 
 CAMERA = Camera(width=200, height=200, fx=100, fy=100)
 SMALL = Camera(width=48, height=40, fx=45, fy=42, focus_range=(0.38, 0.48))

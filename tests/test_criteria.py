@@ -13,8 +13,8 @@ from rastercov.camera import Camera
 from rastercov.criteria import face_geometry, in_focus
 from rastercov.mesh import Group, Mesh
 from rastercov.near_plane import near_limit
-from rastercov.pose import look_at
 from rastercov.projection import clip_near, polygon_area, to_camera, to_image
+from rastercov.viewpoints import look_at
 
 CAMERA = Camera(width=200, height=200, fx=100, fy=100)
 UNEVEN = Camera(width=640, height=480, fx=500, fy=400, cx=100, cy=350)

@@ -20,7 +20,8 @@ from rastercov.camera import Camera
 from rastercov.errors import CameraError, ConfigError, MeshError, PoseError, RastercovError
 from rastercov.mesh import Mesh
 from rastercov.plan.file import read_plan
-from rastercov.pose import look_at, read_poses, write_poses
+from rastercov.pose_file import read_poses, write_poses
+from rastercov.viewpoints import look_at
 
 READERS = {
     "camera.json": (Camera.load, CameraError),

@@ -1,6 +1,7 @@
 """Imports go one way: a module imports only modules of its own layer or of earlier ones."""
 
 import ast
+import re
 from pathlib import Path
 
 import rastercov
@@ -9,7 +10,7 @@ ROOT = Path(rastercov.__file__).parent
 LAYERS = (
     "errors _files _format _jit _once _interrupts _closing _memory _checks _output _threads",
     "_double_double _arguments _limits _typed",
-    "camera pose mesh projection shapes",
+    "camera camera_file pose pose_file viewpoints mesh projection shapes",
     "near_plane criteria",
     "raster",
     "observation exact engine",
@@ -70,3 +71,11 @@ def test_no_two_modules_import_each_other():
 
     for node in sorted(graph):
         visit(node)
+
+
+def test_the_path_from_mesh_to_coverage_is_read_in_one_sitting():
+    page = (ROOT.parent / "docs" / "architecture.md").read_text(encoding="utf-8")
+    section = page.split("## From mesh to coverage")[1].split("\n## ")[0]
+    files = re.findall(r"^\| `(\w+\.py)` \|", section, re.MULTILINE)
+    assert files[-1] == "coverage.py"
+    assert sum(len((ROOT / name).read_text().splitlines()) for name in files) < 1400

@@ -13,8 +13,8 @@ from rastercov.camera import Camera
 from rastercov.coverage import FIGURES, Coverage, evaluate
 from rastercov.mesh import Group, Mesh
 from rastercov.network import Network
-from rastercov.pose import look_at, sphere_of_poses
 from rastercov.task import Reason, Task
+from rastercov.viewpoints import look_at, sphere_of_poses
 
 CAMERA = Camera(width=200, height=200, fx=100, fy=100)
 #  3---2        6   9  12

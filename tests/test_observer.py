@@ -14,8 +14,8 @@ from rastercov.errors import ConfigError, PoseError
 from rastercov.mesh import Mesh
 from rastercov.observation import BoundKind, Observation, visible_fraction
 from rastercov.observer import open_observer, visibility
-from rastercov.pose import look_at, sphere_of_poses
 from rastercov.raster.gl import GLRasterizer
+from rastercov.viewpoints import look_at, sphere_of_poses
 
 CAMERA = Camera(width=200, height=200, fx=100, fy=100)
 AHEAD = np.eye(4)  # at the origin, looking along +z

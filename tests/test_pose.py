@@ -11,16 +11,10 @@ from hypothesis.extra import numpy as hnp
 
 from rastercov.camera import Camera
 from rastercov.errors import PoseError
-from rastercov.pose import (
-    check_poses,
-    inverse,
-    look_at,
-    read_poses,
-    sphere_of_poses,
-    valid_poses,
-    write_poses,
-)
+from rastercov.pose import check_poses, inverse, valid_poses
+from rastercov.pose_file import read_poses, write_poses
 from rastercov.projection import to_camera, to_image
+from rastercov.viewpoints import look_at, sphere_of_poses
 
 CAMERA = Camera(width=640, height=480, fx=500, fy=500, cx=300, cy=250)
 

@@ -11,7 +11,6 @@ from hypothesis.extra import numpy as hnp
 
 from rastercov.camera import Camera
 from rastercov.near_plane import NEAR_TO_FAR, depth_range, near_limit, nearest_depth_in_view
-from rastercov.pose import look_at
 from rastercov.projection import (
     box_corners,
     clip_near,
@@ -22,6 +21,7 @@ from rastercov.projection import (
     to_camera,
     to_image,
 )
+from rastercov.viewpoints import look_at
 
 # The pyramid of this camera has the sides x = z, x = -z, y = z and y = -z.
 CAMERA = Camera(width=200, height=200, fx=100, fy=100)

@@ -19,17 +19,22 @@ ROOT = Path(rastercov.__file__).parent
 # Modules whose public classes and functions are the package's own names, and what they keep to
 # themselves: the links between the modules, which a caller of the package does not need.
 SURFACE = {
-    "camera": {"PRESETS"},
+    "camera": set(),
     "coverage": {"EVALUATE_BUDGET", "FIGURES", "PAIRS_A_BATCH", "POSES_A_BATCH", "UNITS"},
     "engine": {"BACKENDS", "METHODS"},
     "errors": set(),
     "network": {"share_of_faces"},
-    "pose": {"DRIFT_TOLERANCE", "check_poses", "inverse", "valid_poses"},
+    "pose": {
+        *("DRIFT_TOLERANCE", "as_matrices", "check_poses", "inverse", "real_numbers"),
+        "valid_poses",
+    },
+    "pose_file": set(),
     "raster.__init__": set(),
     "raster.contract": {"MAX_RENDERED", "MAX_SUPERSAMPLE", "check_counts", "check_picture"},
     "observation": {"EPSILON", "visible_fraction"},
     "observer": set(),
     "task": {"THESIS"},
+    "viewpoints": set(),
 }
 MESH = {"Group", "Mesh"}
 

@@ -14,7 +14,7 @@ from rastercov.camera import Camera
 from rastercov.errors import ConfigError
 from rastercov.exact.certificate import CertificateSolver
 from rastercov.observer import open_observer
-from rastercov.pose import look_at, sphere_of_poses
+from rastercov.viewpoints import look_at, sphere_of_poses
 
 CAMERA = Camera(width=160, height=120, fx=140, fy=150)
 

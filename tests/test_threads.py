@@ -28,8 +28,8 @@ from rastercov.exact import half_planes as analytic
 from rastercov.exact import surface
 from rastercov.mesh import contacts
 from rastercov.models.scott import coverage as scott_coverage
-from rastercov.pose import sphere_of_poses
 from rastercov.raster.cpu import loops as kernels
+from rastercov.viewpoints import sphere_of_poses
 
 ATTACK = Path(__file__).resolve().parents[1] / "benchmarks" / "attack_threads.py"
 CAMERA = rc.Camera(width=96, height=80, fx=85, fy=90)

@@ -20,8 +20,9 @@ from rastercov.cli import options
 from rastercov.coverage import FIGURES
 from rastercov.engine import METHODS, Engine
 from rastercov.errors import ConfigError, PoseError
-from rastercov.pose import Poses, sphere_of_poses
+from rastercov.pose import Poses
 from rastercov.provenance import Provenance
+from rastercov.viewpoints import sphere_of_poses
 
 CAMERA = rc.Camera(width=64, height=48, fx=60, fy=60)
 MESH = shapes.box()

@@ -10,11 +10,13 @@ from numpy.typing import NDArray
 
 from rastercov import shapes
 from rastercov._arguments import MOST_POSES
-from rastercov.camera import PRESETS, Camera
+from rastercov.camera import Camera
+from rastercov.camera_file import PRESETS
 from rastercov.errors import ConfigError, MeshError, PoseError
 from rastercov.mesh import Mesh
 from rastercov.mesh.formats import READERS
-from rastercov.pose import read_poses, sphere_of_poses
+from rastercov.pose_file import read_poses
+from rastercov.viewpoints import sphere_of_poses
 
 
 def read_scene(

@@ -13,7 +13,7 @@ from typing_extensions import Doc
 
 from rastercov import shapes
 from rastercov._limits import annotations_of, metadata_of
-from rastercov.camera import PRESETS
+from rastercov.camera_file import PRESETS
 from rastercov.cli.console import out_option
 from rastercov.task import THESIS, Task
 

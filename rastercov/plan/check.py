@@ -29,7 +29,8 @@ from rastercov.plan.requirements import (
     limits_of,
 )
 from rastercov.plan.scene import scene
-from rastercov.pose import read_poses, valid_poses
+from rastercov.pose import valid_poses
+from rastercov.pose_file import read_poses
 from rastercov.task import Task
 
 Limits = Mapping[str | None, float]

@@ -10,7 +10,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, ValidationInfo, model_validator
 
-from rastercov.camera import PRESETS, Camera
+from rastercov.camera import Camera
+from rastercov.camera_file import PRESETS
 from rastercov.mesh.formats import METRES, READERS, metres_per
 from rastercov.placement.improve.tolerance import InstallationError
 from rastercov.placement.select.problem import BestCoverage, FewestCameras

@@ -13,12 +13,12 @@ from PIL import Image, ImageDraw
 
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
-from rastercov.pose import look_at
 from rastercov.projection import to_camera, to_image
 from rastercov.raster import open_rasterizer
 from rastercov.raster.contract import VisibilityBuffer
 from rastercov.report.images import draw_lines, facing, stripes
 from rastercov.report.theme import EXTERIOR, Colour, Pixels
+from rastercov.viewpoints import look_at
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -19,8 +19,9 @@ from PIL import Image
 
 import rastercov
 from rastercov import cli, shapes
-from rastercov.pose import sphere_of_poses, write_poses
+from rastercov.pose_file import write_poses
 from rastercov.report.folder import STAGING, ReportFolder, ReportKind
+from rastercov.viewpoints import sphere_of_poses
 
 COMMANDS = ("compare", "demo", "doctor", "evaluate", "render")
 REPORT = {"coverage.parquet", "summary.json", "network.glb"}

@@ -20,7 +20,8 @@ import rastercov as rc
 from rastercov import cli, shapes
 from rastercov.placement.shards import locked
 from rastercov.plan import run as plan_run
-from rastercov.pose import read_poses, sphere_of_poses, write_poses
+from rastercov.pose_file import read_poses, write_poses
+from rastercov.viewpoints import sphere_of_poses
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "plans"
 MESHES = Path(__file__).parents[3] / "shared" / "meshes"

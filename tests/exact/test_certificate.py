@@ -17,8 +17,8 @@ from rastercov.exact import certificate_kernels as kernels
 from rastercov.exact.certificate import CertificateSolver
 from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.mesh import Mesh
-from rastercov.pose import look_at
 from rastercov.reference import rational
+from rastercov.viewpoints import look_at
 
 MESHES = Path(__file__).resolve().parents[3] / "shared" / "meshes"
 CAMERA = Camera(width=320, height=240, fx=260, fy=270)

@@ -21,8 +21,8 @@ from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.mesh import Mesh
 from rastercov.observation import BoundKind, visible_fraction
 from rastercov.observer import open_observer, visibility
-from rastercov.pose import look_at
 from rastercov.reference import polygons, rational
+from rastercov.viewpoints import look_at
 
 CAMERA = Camera(width=320, height=240, fx=260, fy=270)
 KNOWN = known_cases()

@@ -19,8 +19,8 @@ from rastercov.errors import ConfigError
 from rastercov.exact.half_planes import HalfPlaneSolver, visible_areas
 from rastercov.exact.surface import surface_of
 from rastercov.mesh import Mesh
-from rastercov.pose import look_at, sphere_of_poses
 from rastercov.reference import rational
+from rastercov.viewpoints import look_at, sphere_of_poses
 
 CAMERA = Camera(width=320, height=240, fx=260, fy=270)
 SEEDS = st.integers(0, 2**32 - 1)

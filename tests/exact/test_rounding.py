@@ -15,8 +15,8 @@ from rastercov import shapes
 from rastercov.camera import Camera
 from rastercov.exact.half_planes import HalfPlaneSolver, visible_areas
 from rastercov.mesh import Mesh
-from rastercov.pose import sphere_of_poses
 from rastercov.reference import rational
+from rastercov.viewpoints import sphere_of_poses
 
 AHEAD = np.eye(4)
 CAMERA = Camera(width=640, height=512, fx=500, fy=520)

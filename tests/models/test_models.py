@@ -24,7 +24,6 @@ from rastercov.models import MODELS, alarcon, image_space, mavrinac, scott, tara
 from rastercov.models.base import ramp, required_density
 from rastercov.models.line_of_sight import MARGIN, TOLERANCE, LineOfSight, OwnTracer
 from rastercov.observer import visibility
-from rastercov.pose import look_at, sphere_of_poses
 from rastercov.report.images import coverage_pixels
 from rastercov.report.model_pictures import (
     difference_picture,
@@ -37,6 +36,7 @@ from rastercov.report.models import CRITERIA, page, write_model_comparison
 from rastercov.report.theme import MISSED
 from rastercov.task import Task
 from rastercov.validation.models.comparison import compare_models, covers
+from rastercov.viewpoints import look_at, sphere_of_poses
 
 CAMERA = Camera(width=400, height=300, fx=200, fy=200)
 LENS = Camera.from_lens(

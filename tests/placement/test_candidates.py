@@ -42,7 +42,7 @@ from rastercov.placement.candidates.pool import (
     per_segment,
 )
 from rastercov.placement.candidates.segments import segment
-from rastercov.pose import look_at
+from rastercov.viewpoints import look_at
 
 CAMERA = rc.Camera(width=640, height=400, fx=800, fy=700)
 SHARP = rc.Camera(width=640, height=400, fx=800, fy=700, focus_range=(0.5, 3.0))

@@ -11,7 +11,7 @@ from rastercov.observer import open_observer
 from rastercov.placement.improve import refine as refine_module
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.refine import refine
-from rastercov.pose import sphere_of_poses
+from rastercov.viewpoints import sphere_of_poses
 
 
 @pytest.fixture(scope="module")

@@ -23,8 +23,8 @@ from rastercov.placement.improve.pose_space import Place, PoseSpace
 from rastercov.placement.improve.search import METHODS, optimise
 from rastercov.placement.matrix import build_matrix
 from rastercov.placement.select.problem import BestCoverage, problem_of
-from rastercov.pose import sphere_of_poses
 from rastercov.task import Task
+from rastercov.viewpoints import sphere_of_poses
 
 MESH = shapes.torus(10, 6)
 CAMERA = Camera(width=64, height=48, fx=60.0, fy=60.0, cx=32.0, cy=24.0)

@@ -17,7 +17,7 @@ from rastercov.placement.improve.tolerance import (
     rotations,
     tolerance,
 )
-from rastercov.pose import sphere_of_poses
+from rastercov.viewpoints import sphere_of_poses
 
 POSES = sphere_of_poses((0, 0, 0), 2.7, 4)
 SOME = InstallationError(position_mm=100, angle_deg=5)

@@ -24,8 +24,9 @@ from rastercov.plan.network import certain_and_possible, measured
 from rastercov.plan.requirements import judge, percent
 from rastercov.plan.scene import scene
 from rastercov.plan.sections import PlanModel, TaskSection
-from rastercov.pose import sphere_of_poses, write_poses
+from rastercov.pose_file import write_poses
 from rastercov.task import Reason
+from rastercov.viewpoints import sphere_of_poses
 
 ROOT = Path(__file__).parents[2]
 BASE = '[[meshes]]\nbuilt_in = "box"\n[camera]\npreset = "khepra"\n'

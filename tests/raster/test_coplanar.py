@@ -15,10 +15,10 @@ from scenes import joined, sheet, square
 from rastercov import shapes
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
-from rastercov.pose import look_at, sphere_of_poses
 from rastercov.raster.gl import GLRasterizer, coplanar
 from rastercov.raster.gl.context import open_context
 from rastercov.raster.gl.coplanar import coplanar_overlaps
+from rastercov.viewpoints import look_at, sphere_of_poses
 
 AHEAD = np.eye(4)
 

@@ -16,7 +16,6 @@ from rastercov import shapes
 from rastercov.camera import Camera
 from rastercov.errors import ConfigError, DeviceError, ResourceError
 from rastercov.mesh import Mesh
-from rastercov.pose import look_at, sphere_of_poses
 from rastercov.raster import cpu, open_rasterizer, self_test
 from rastercov.raster.cpu import MAX_SIDE, CPURasterizer
 from rastercov.raster.cpu import loops as kernels
@@ -26,6 +25,7 @@ from rastercov.raster.cpu.memory import (
     STEPS,
     aligned_zeros,
 )
+from rastercov.viewpoints import look_at, sphere_of_poses
 
 SUPPORT = Path(__file__).parents[1] / "support"
 CAMERA = Camera(width=160, height=120, fx=140, fy=150)

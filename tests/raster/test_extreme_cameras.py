@@ -8,11 +8,11 @@ from rastercov._checks import LONGEST as LONGEST_LENS
 from rastercov._checks import SHORTEST as SHORTEST_LENS
 from rastercov.camera import Camera
 from rastercov.errors import CameraError, ConfigError
-from rastercov.pose import look_at
 from rastercov.raster.cpu import CPURasterizer
 from rastercov.raster.gl import GLRasterizer
 from rastercov.raster.gl import rasterizer as gl_module
 from rastercov.reference import samples
+from rastercov.viewpoints import look_at
 
 EDGE, GAP = 1 / 128, 1e-4
 MESH = shapes.torus(24, 12)

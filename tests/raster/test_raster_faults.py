@@ -22,7 +22,6 @@ from rastercov.camera import Camera
 from rastercov.errors import ConfigError, DeviceError, PoseError, ResourceError
 from rastercov.mesh import Mesh
 from rastercov.observer import open_observer
-from rastercov.pose import look_at, sphere_of_poses
 from rastercov.raster import open_rasterizer
 from rastercov.raster.gl import PLANS, GLRasterizer, pipeline
 from rastercov.raster.gl import rasterizer as rasterizer_module
@@ -30,6 +29,7 @@ from rastercov.raster.gl.compute import Compute
 from rastercov.raster.gl.context import open_context
 from rastercov.raster.gl.resources import Resources
 from rastercov.raster.gl.scene import Scene
+from rastercov.viewpoints import look_at, sphere_of_poses
 
 CAMERA = Camera(width=80, height=60, fx=75, fy=75)
 MESH = shapes.torus(12, 8)
@@ -165,7 +165,7 @@ import numpy as np
 from rastercov import shapes
 from rastercov.camera import Camera
 from rastercov.errors import DeviceError
-from rastercov.pose import look_at
+from rastercov.viewpoints import look_at
 from rastercov.raster import open_rasterizer
 
 camera, pose = Camera(width=16, height=12, fx=16, fy=16), look_at((3, 2, 1), (0, 0, 0))

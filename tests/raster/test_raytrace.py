@@ -18,8 +18,8 @@ from embreex.rtcore_scene import EmbreeScene
 from rastercov import shapes
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
-from rastercov.pose import look_at, sphere_of_poses
 from rastercov.reference import samples
+from rastercov.viewpoints import look_at, sphere_of_poses
 
 CAMERA = Camera(width=1280, height=1024, fx=1400, fy=1380, cx=655.25, cy=500.5)
 WIDE = Camera(width=1280, height=1024, fx=640, fy=650, cx=630.75, cy=520.25)

@@ -18,8 +18,8 @@ from scenes import joined, square
 from rastercov import reference, shapes
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
-from rastercov.pose import look_at
 from rastercov.reference import polygons, rational, samples
+from rastercov.viewpoints import look_at
 
 MESHES = Path(__file__).resolve().parents[3] / "shared" / "meshes"
 AGREE = 1e-7  # px^2

@@ -21,12 +21,12 @@ from rastercov.camera import Camera
 from rastercov.coverage import evaluate
 from rastercov.errors import ConfigError, DeviceError, PoseError
 from rastercov.mesh import Mesh
-from rastercov.pose import sphere_of_poses
 from rastercov.report.coverage import EVALUATION, Options, run
 from rastercov.report.coverage_table import CoverageTable
 from rastercov.report.folder import ReportFolder
 from rastercov.report.images import coverage_picture
 from rastercov.task import Task
+from rastercov.viewpoints import sphere_of_poses
 
 MESH = shapes.box((1, 1, 1))
 CAMERA = Camera(width=48, height=36, fx=60, fy=60)

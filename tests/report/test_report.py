@@ -20,12 +20,12 @@ from rastercov.mesh import Group, Mesh
 from rastercov.network import Network
 from rastercov.observation import BoundKind
 from rastercov.observer import open_observer
-from rastercov.pose import look_at
 from rastercov.raster.contract import RasterizerInfo, VisibilityBuffer
 from rastercov.report import coverage_table, tables, theme
 from rastercov.report import images as pictures
 from rastercov.report.coloured_mesh import write_coloured_mesh
 from rastercov.task import Reason, Task
+from rastercov.viewpoints import look_at
 
 INFO = RasterizerInfo("gl", "software", "renderer", "driver", "device", "float32", "hash")
 CAMERA = Camera(width=480, height=360, fx=400, fy=400, cx=240, cy=180)

@@ -6,8 +6,8 @@ import numpy as np
 
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
-from rastercov.pose import look_at
 from rastercov.reference import samples
+from rastercov.viewpoints import look_at
 
 CAMERA = Camera(width=96, height=72, fx=80, fy=84, cx=47.3, cy=36.9)
 EDGE, TIE, GAP = 1 / 128, 1e-10, 1e-4

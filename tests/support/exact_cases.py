@@ -16,7 +16,7 @@ from scenes import joined, sheet, square
 from rastercov import shapes
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
-from rastercov.pose import look_at
+from rastercov.viewpoints import look_at
 
 AHEAD = np.eye(4)
 """Camera at the origin that looks along +z, y down."""

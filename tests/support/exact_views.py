@@ -10,8 +10,8 @@ from rastercov.exact.certificate import CertificateSolver
 from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.exact.surface import surface_of
 from rastercov.near_plane import near_limit
-from rastercov.pose import look_at
 from rastercov.reference import rational
+from rastercov.viewpoints import look_at
 
 PATHS = (HalfPlaneSolver, CertificateSolver)
 """Every face measured, and patches of faces decided together."""

@@ -6,8 +6,8 @@ import numpy as np
 
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
-from rastercov.pose import look_at
 from rastercov.raster.cpu import CPURasterizer
+from rastercov.viewpoints import look_at
 
 
 def main(scenes: int) -> None:

@@ -24,7 +24,6 @@ from rastercov.errors import ConfigError, PoseError
 from rastercov.mesh import Mesh
 from rastercov.observation import BoundKind, Observation
 from rastercov.observer import open_observer, visibility
-from rastercov.pose import look_at, sphere_of_poses
 from rastercov.reference import polygons
 from rastercov.reference.samples import grid_points
 from rastercov.report.face_pictures import face_picture
@@ -40,6 +39,7 @@ from rastercov.validation.methods.contenders import Candidate
 from rastercov.validation.methods.convergence import KnownFaces, converge
 from rastercov.validation.methods.error_statistics import SIZES, ErrorStatistics, PoseFigures
 from rastercov.validation.methods.results import MUST_HOLD, FaceError
+from rastercov.viewpoints import look_at, sphere_of_poses
 
 CAMERA = Camera(width=160, height=120, fx=190, fy=185)
 TEAPOT = shapes.teapot(3)

@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rastercov import cli
-from rastercov.camera import PRESETS, Camera
+from rastercov.camera import Camera
+from rastercov.camera_file import PRESETS
 from rastercov.coverage import evaluate
 from rastercov.errors import ConfigError, DeviceError
 from rastercov.projection import to_image

@@ -30,7 +30,7 @@ from rastercov.placement.candidates.framing import DEFAULT, Framing, half_angles
 from rastercov.placement.candidates.hemicube import Hemicube
 from rastercov.placement.candidates.open_directions import APART_DEG, OpenDirections, far_apart
 from rastercov.placement.candidates.pool import Candidates, face_rows
-from rastercov.pose import look_at
+from rastercov.viewpoints import look_at
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

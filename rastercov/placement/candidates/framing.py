@@ -15,7 +15,7 @@ from rastercov._typed import check_fields
 from rastercov.camera import Camera
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
-from rastercov.pose import look_at
+from rastercov.viewpoints import look_at
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from rastercov._closing import Closing
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
-from rastercov.pose import look_at
 from rastercov.raster import open_rasterizer
+from rastercov.viewpoints import look_at
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

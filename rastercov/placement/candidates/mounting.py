@@ -23,7 +23,7 @@ from rastercov.placement.candidates.framing import (
     rolled_frames,
 )
 from rastercov.placement.candidates.pool import Candidates
-from rastercov.pose import look_at
+from rastercov.viewpoints import look_at
 
 FloatArray = NDArray[np.float64]
 

@@ -23,7 +23,8 @@ from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
 from rastercov.placement.candidates.framing import DEFAULT, Framing, rolled_frames, square_views
 from rastercov.placement.candidates.segments import Segmentation
-from rastercov.pose import read_poses, valid_poses
+from rastercov.pose import valid_poses
+from rastercov.pose_file import read_poses
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

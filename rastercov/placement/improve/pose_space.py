@@ -17,7 +17,8 @@ from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
 from rastercov.placement.candidates.clearance import KeepOut, NearestSurface, in_solid
-from rastercov.pose import look_at, valid_poses
+from rastercov.pose import valid_poses
+from rastercov.viewpoints import look_at
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -23,7 +23,6 @@ import rastercov
 from rastercov import shaders, shapes
 from rastercov.camera import Camera
 from rastercov.errors import DeviceError, RastercovError
-from rastercov.pose import sphere_of_poses
 from rastercov.raster import self_test
 from rastercov.raster.contract import CountArray
 from rastercov.raster.gl.devices import (
@@ -35,6 +34,7 @@ from rastercov.raster.gl.devices import (
     why_no_hardware,
 )
 from rastercov.raster.gl.libraries import egl_library, install_line, library_names, osmesa_library
+from rastercov.viewpoints import sphere_of_poses
 
 Report = dict[str, Any]
 PASSED = "passed"

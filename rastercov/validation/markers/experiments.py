@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.camera import PRESETS, Camera
+from rastercov.camera import Camera
+from rastercov.camera_file import PRESETS
 from rastercov.validation.markers.detect import MIN_PERIMETER, detect
 from rastercov.validation.markers.render import MarkerRenderer, sensor
 from rastercov.validation.markers.requirement import (

@@ -19,7 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.camera import PRESETS, Camera
+from rastercov.camera import Camera
+from rastercov.camera_file import PRESETS
 from rastercov.projection import to_image
 from rastercov.validation.markers.detect import detect
 from rastercov.validation.markers.render import SHARP, Box, MarkerRenderer, sensor

@@ -1,0 +1,142 @@
+"""Poses made from points: looking from eyes at targets, and spread over a sphere."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov._arguments import LARGEST_COORDINATE, MOST_POSES, owned
+from rastercov._checks import finite_number, shown
+from rastercov.errors import PoseError
+from rastercov.pose import real_numbers
+
+FloatArray = NDArray[np.float64]
+
+
+def look_at(eyes: ArrayLike, targets: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) -> FloatArray:
+    """Poses at `eyes` that look at `targets` with `up` upwards in the image, (6.8)-(6.11).
+
+    Where the view is parallel to `up`, (6.10) is undefined; then the world axis furthest from the
+    view takes its place: y for a view along z, z for one along y or x. So too where `up` is zero.
+
+    Parameters
+    ----------
+    eyes, targets, up : (3,) or (P, 3) array_like
+        Points and a direction in the world, metres; broadcast against each other.
+
+    Returns
+    -------
+    (P, 4, 4) float64
+        world_from_camera; P is 1 when all inputs are single.
+
+    Raises
+    ------
+    PoseError
+        Where an eye is its own target, or a value is not finite or beyond 1e30 m; `pose_ids` names
+        the rows.
+    """
+    eye, target, upward = (
+        _triples(name, a) for name, a in (("eyes", eyes), ("targets", targets), ("up", up))
+    )
+    try:
+        eye, target, upward = np.broadcast_arrays(eye, target, upward)
+    except ValueError:
+        shapes = f"{eye.shape}, {target.shape}, {upward.shape}"
+        raise PoseError(f"eyes, targets and up must broadcast to (P, 3), got {shapes}") from None
+    finite = np.isfinite(eye) & np.isfinite(target) & np.isfinite(upward)
+    _refuse(~finite.all(axis=1), "eye, target or up is not finite")
+    far = np.maximum(np.abs(eye), np.abs(target)) > LARGEST_COORDINATE
+    _refuse(far.any(axis=1), f"eye or target is beyond ±{LARGEST_COORDINATE:g} m")
+
+    forward = target - eye
+    _refuse(~forward.any(axis=1), "eye and target are the same point")
+    forward, upward = _scaled(forward), _scaled(upward)  # no square of them can vanish or overflow
+    forward /= np.linalg.norm(forward, axis=1, keepdims=True)
+
+    right = np.cross(forward, upward)
+    parallel = np.linalg.norm(right, axis=1) <= 1e-9 * np.linalg.norm(upward, axis=1)
+    # The axis furthest from the view; among equals the later one, so that z stays up if it can.
+    # Rounded, so that noise does not decide between equals.
+    spare = np.eye(3)[2 - np.argmin(np.abs(forward).round(6)[:, ::-1], axis=1)]
+    right = np.where(parallel[:, None], np.cross(forward, spare), right)
+    right /= np.linalg.norm(right, axis=1, keepdims=True)
+    # A product of nearly parallel vectors is short and its rounding great: take out what is along
+    # the view.
+    right -= (right * forward).sum(axis=1, keepdims=True) * forward
+    right /= np.linalg.norm(right, axis=1, keepdims=True)
+
+    poses = np.zeros((len(eye), 4, 4))
+    poses[:, :3, 0] = right
+    poses[:, :3, 1] = np.cross(forward, right)
+    poses[:, :3, 2] = forward
+    poses[:, :3, 3] = eye
+    poses[:, 3, 3] = 1.0
+    return poses
+
+
+def sphere_of_poses(centre: ArrayLike, distance: float, count: int) -> FloatArray:
+    """Poses spread evenly over a sphere (a Fibonacci lattice), all looking at its centre.
+
+    Parameters
+    ----------
+    centre : (3,) array_like
+        What the cameras look at, metres.
+    distance : float
+        Radius of the sphere, metres, > 0.
+    count : int
+        Number of poses, >= 0.
+
+    Returns
+    -------
+    (count, 4, 4) float64
+        world_from_camera.
+
+    Raises
+    ------
+    PoseError
+        For a value outside its range.
+    """
+    away = finite_number(distance)
+    if not 0 < away <= LARGEST_COORDINATE:
+        raise PoseError(
+            f"distance must be positive and finite, at most {LARGEST_COORDINATE:g} m, "
+            f"got {shown(distance)}"
+        )
+    number = finite_number(count)
+    if not number.is_integer() or not 0 <= number <= MOST_POSES:
+        raise PoseError(
+            f"count must be a whole number, 0 or more, at most {MOST_POSES}, got {shown(count)}"
+        )
+    middle = _triples("centre", centre)
+    if len(middle) != 1:
+        raise PoseError(f"centre must have shape (3,), got {middle.shape}")
+    index = np.arange(int(number))
+    height = 1 - (2 * index + 1) / max(len(index), 1)
+    azimuth = index * np.pi * (3 - np.sqrt(5))
+    radius = np.sqrt(1 - height**2)
+    outward = np.stack((radius * np.cos(azimuth), radius * np.sin(azimuth), height), axis=1)
+    return look_at(middle + away * outward, middle)
+
+
+def _triples(name: str, value: ArrayLike) -> FloatArray:
+    array = np.atleast_2d(real_numbers(name, value, "(3,) or (P, 3)"))
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise PoseError(f"{name} must have shape (3,) or (P, 3), got {array.shape}")
+    return owned(name, array, np.float64)
+
+
+def _scaled(vectors: FloatArray) -> FloatArray:
+    """(P, 3) vectors over the power of two above their largest component, which rounds nothing."""
+    _, exponent = np.frexp(np.abs(vectors).max(axis=1, keepdims=True))
+    scaled: FloatArray = np.ldexp(vectors, -exponent)
+    return scaled
+
+
+def _refuse(mask: ArrayLike, text: str) -> None:
+    rows = tuple(int(row) for row in np.flatnonzero(mask))
+    if rows:
+        raise PoseError(f"pose {rows[0]}: {text}" + _and_more(rows), rows)
+
+
+def _and_more(rows: Sequence[int]) -> str:
+    return f" (and {len(rows) - 1} more poses)" if len(rows) > 1 else ""
