@@ -27,9 +27,11 @@ from rastercov._interrupts import interrupts_held
 from rastercov._output import write_json
 from rastercov.camera import Camera
 from rastercov.coverage import Coverage, evaluate_batches
+from rastercov.engine import Engine
+from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.network import Network
-from rastercov.observer import Observer, open_observer
+from rastercov.observer import open_observer
 from rastercov.pose import Poses
 from rastercov.provenance import Provenance
 from rastercov.raster import open_rasterizer
@@ -64,11 +66,9 @@ class Options:
 
     Attributes
     ----------
-    method, supersample : str, int
-        As for `evaluate`.
-    device : str
-        Draws pictures, and counts for the method "sampled": "auto" and "cpu" as backends of
-        `open_rasterizer`, or a device of `GLRasterizer`.
+    method, device, supersample : str, str, int
+        As for `Engine`; the device draws pictures, too. `method` may be the text form of an engine,
+        such as "sampled:cpu@4", which then gives all three.
     pictures : int
         Poses to draw, spread evenly over the run; 0 for none.
     skip_bad_poses : bool
@@ -81,19 +81,25 @@ class Options:
     pictures: int = 12
     skip_bad_poses: bool = False
 
-    def open(self, mesh: Mesh, camera: Camera) -> Observer:
-        """Observer for these options."""
-        chosen = self._device() if self.method == "sampled" else {}
-        return open_observer(mesh, camera, self.method, supersample=self.supersample, **chosen)
+    def __post_init__(self) -> None:
+        engine = Engine.of(self.method)
+        if engine.method != self.method:
+            if (self.device, self.supersample) != ("auto", 1):
+                raise ConfigError(
+                    f"method {engine} has its device and samples; leave out --device and "
+                    "--supersample"
+                )
+            for name in ("method", "device", "supersample"):
+                object.__setattr__(self, name, getattr(engine, name))
+
+    @property
+    def engine(self) -> Engine:
+        """Engine that measures visibility, and whose device draws."""
+        return Engine(self.method, self.device, self.supersample)
 
     def open_rasterizer(self, mesh: Mesh, camera: Camera) -> Rasterizer:
-        """Rasteriser that draws pictures for these options."""
-        return open_rasterizer(mesh, camera, **self._device())
-
-    def _device(self) -> dict[str, Any]:
-        if self.device in ("auto", "cpu"):
-            return {"backend": self.device}
-        return {"backend": "gl", "device": self.device}
+        """Rasteriser that draws pictures."""
+        return open_rasterizer(mesh, camera, **self.engine.rasterizer_options)
 
 
 def run(
@@ -158,7 +164,7 @@ def _run(
         options.open_rasterizer(mesh, camera).close()  # a broken device fails before the work
     interrupted = False
     with ExitStack() as opened:
-        observer = opened.enter_context(options.open(mesh, camera))
+        observer = opened.enter_context(open_observer(mesh, camera, options.engine))
         header = Provenance(
             mesh, camera, poses.given, task, asdict(options), observer.info
         ).as_dict()

@@ -20,6 +20,7 @@ from scenes import joined, sheet, square
 from rastercov import cli, shapes
 from rastercov.camera import Camera
 from rastercov.criteria import face_geometry
+from rastercov.engine import Engine
 from rastercov.errors import ConfigError, PoseError
 from rastercov.mesh import Mesh
 from rastercov.observation import BoundKind, Observation
@@ -35,7 +36,6 @@ from rastercov.validation.methods import contenders as compare_entrants
 from rastercov.validation.methods import convergence as compare_convergence
 from rastercov.validation.methods.closeup import Samples, neighbourhood
 from rastercov.validation.methods.comparison import MIN_FACES, SIGNIFICANCE, _often_enough, compare
-from rastercov.validation.methods.contenders import Candidate
 from rastercov.validation.methods.convergence import KnownFaces, converge
 from rastercov.validation.methods.error_statistics import SIZES, ErrorStatistics, PoseFigures
 from rastercov.validation.methods.results import MUST_HOLD, FaceError
@@ -435,16 +435,16 @@ def test_too_few_faces_give_no_slope():
 @pytest.mark.parametrize(
     ("text", "wanted"),
     [
-        ("certified", Candidate("certified")),
-        ("exact", Candidate("exact")),
-        ("sampled", Candidate("sampled")),
-        ("sampled:cpu", Candidate("sampled", "cpu")),
-        ("sampled@4", Candidate("sampled", supersample=4)),
-        ("sampled:egl:0@2", Candidate("sampled", "egl:0", 2)),
+        ("certified", Engine("certified")),
+        ("exact", Engine("exact")),
+        ("sampled", Engine("sampled")),
+        ("sampled:cpu", Engine("sampled", "cpu")),
+        ("sampled@4", Engine("sampled", supersample=4)),
+        ("sampled:egl:0@2", Engine("sampled", "egl:0", 2)),
     ],
 )
 def test_a_candidate_is_its_name(text, wanted):
-    assert Candidate.parse(text) == wanted
+    assert Engine.parse(text) == wanted
     assert wanted.name == text
 
 
@@ -454,7 +454,7 @@ BAD_NAMES = ["", "gl", "certified@2", "exact:cpu", "sampled:", "sampled@", "samp
 @pytest.mark.parametrize("text", [*BAD_NAMES, "sampled@65", "sampled@²", "sampled@" + "9" * 5000])
 def test_what_is_no_candidate_is_refused(text):
     with pytest.raises(ConfigError):
-        Candidate.parse(text)
+        Engine.parse(text)
 
 
 @pytest.mark.parametrize(

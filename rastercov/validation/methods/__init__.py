@@ -1,7 +1,6 @@
 """Visibility methods compared with a reference, see `comparison`."""
 
 from rastercov.validation.methods.comparison import compare
-from rastercov.validation.methods.contenders import Candidate
 from rastercov.validation.methods.results import Comparison
 
-__all__ = ["Candidate", "Comparison", "compare"]
+__all__ = ["Comparison", "compare"]

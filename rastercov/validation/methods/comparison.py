@@ -12,6 +12,7 @@ import platform
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,14 +21,15 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov._interrupts import interrupts_held
 from rastercov.camera import Camera
 from rastercov.criteria import face_geometry
+from rastercov.engine import Engine
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.pose import valid_poses
 from rastercov.provenance import Provenance
 from rastercov.validation.methods.contenders import (
     REFERENCES,
-    Candidate,
     open_contender,
+    open_engine,
     open_reference,
 )
 from rastercov.validation.methods.convergence import N_POSES as SWEPT_POSES
@@ -60,7 +62,7 @@ def compare(
     mesh: Mesh,
     camera: Camera,
     poses: ArrayLike,
-    candidates: Sequence[str | Candidate] = CANDIDATES,
+    candidates: Sequence[str | Engine] = CANDIDATES,
     against: str = "exact",
     *,
     worst: int = 6,
@@ -79,8 +81,8 @@ def compare(
         Any scene.
     poses : (P, 4, 4) array_like
         world_from_camera.
-    candidates : sequence of str or Candidate
-        Methods; strings as for `Candidate.parse`.
+    candidates : sequence of str or Engine
+        Engines; strings as for `Engine.parse`.
     against : {"exact", "polygons", "rational"}
         The reference: the analytic method; polygon Booleans or exact rational arithmetic, which
         share no code with it and take milliseconds a face.
@@ -101,7 +103,7 @@ def compare(
     PoseError
         For a pose that is no rigid motion.
     """
-    named = [Candidate.parse(c) if isinstance(c, str) else c for c in candidates]
+    named = [Engine.parse(c) if isinstance(c, str) else c for c in candidates]
     matrices = valid_poses(poses)
     _check_arguments(named, against, matrices)
     swept = list(
@@ -143,9 +145,13 @@ def compare(
             interrupted = True
     counter = iter(range(done + 1, total + 1))
     try:
-        for candidate, sweep in sweeps if not interrupted else ():
+        for engine, sweep in sweeps if not interrupted else ():
             step = lambda: progress(next(counter), total)  # noqa: E731 - a name for the call
-            found.append(converge(candidate.name, candidate.open, sweep, mesh, camera, known, step))
+            found.append(
+                converge(
+                    str(engine), partial(open_engine, engine), sweep, mesh, camera, known, step
+                )
+            )
     except KeyboardInterrupt:
         interrupted = True
     scores = tuple(contender.score() for contender in contenders)
@@ -168,10 +174,10 @@ def compare(
     )
 
 
-def _check_arguments(candidates: Sequence[Candidate], against: str, poses: FloatArray) -> None:
+def _check_arguments(candidates: Sequence[Engine], against: str, poses: FloatArray) -> None:
     if against not in REFERENCES:
         raise ConfigError(f"the truth must be {', '.join(REFERENCES)}, got {against!r}")
-    names = [candidate.name for candidate in candidates]
+    names = [str(engine) for engine in candidates]
     if not names:
         raise ConfigError("name at least one method to compare")
     if twice := sorted(name for name in set(names) if names.count(name) > 1):

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -12,12 +12,10 @@ from numpy.typing import NDArray
 from rastercov._observers import ROLL
 from rastercov.camera import Camera
 from rastercov.criteria import FaceGeometry
-from rastercov.engine import METHODS
-from rastercov.errors import ConfigError
+from rastercov.engine import Engine
 from rastercov.mesh import Mesh
 from rastercov.observation import Observation, visible_fraction
 from rastercov.observer import Observer, open_observer
-from rastercov.raster.contract import MAX_SUPERSAMPLE
 from rastercov.validation.methods.error_statistics import ROUNDING, ErrorStatistics, PoseFigures
 from rastercov.validation.methods.results import Score
 
@@ -28,75 +26,21 @@ REFERENCES = {"exact": 0.0, "polygons": 1e-7, "rational": 0.0}
 """References and the error of their areas, px^2; "exact" gives its own bounds, too."""
 
 
-@dataclass(frozen=True)
-class Candidate:
-    """A visibility method and its settings.
-
-    Attributes
-    ----------
-    method : str
-        As for `open_observer`.
-    device : str
-        For method "sampled": auto, cpu, gl, or an OpenGL device by its name.
-    supersample : int
-        For method "sampled".
-    """
-
-    method: str
-    device: str = "auto"
-    supersample: int = 1
-
-    @classmethod
-    def parse(cls, text: str) -> "Candidate":
-        """Read METHOD[:DEVICE][@S], such as certified, sampled:cpu or sampled:gl@4.
-
-        Raises
-        ------
-        ConfigError
-            For a method that does not exist, or one without samples that is given a device or S.
-        """
-        rest, at, scale = text.partition("@")
-        method, colon, device = rest.partition(":")
-        if method not in METHODS:
-            raise ConfigError(
-                f"a method to compare is {', '.join(METHODS)}, got {text!r}; "
-                "sampled takes a device and samples a side, as in sampled:cpu@4"
-            )
-        if method != "sampled" and (at or colon):
-            raise ConfigError(
-                f"{method} has no samples: it takes no device and no @S, got {text!r}"
-            )
-        if colon and not device:
-            raise ConfigError(f"a device is wanted after the colon, such as sampled:cpu: {text!r}")
-        if at and not (scale.isdecimal() and 1 <= int(scale[:9]) <= MAX_SUPERSAMPLE):
-            raise ConfigError(
-                f"samples a side must be a whole number 1 to {MAX_SUPERSAMPLE}, got {text!r}"
-            )
-        return cls(method, device or "auto", int(scale) if at else 1)
-
-    @property
-    def name(self) -> str:
-        """Text that `parse` reads."""
-        device = f":{self.device}" if self.device != "auto" else ""
-        return self.method + device + (f"@{self.supersample}" if self.supersample > 1 else "")
-
-    def open(self, mesh: Mesh, camera: Camera, supersample: int | None = None, /) -> Observer:
-        """Observer of a scene, with another `supersample` if one is given."""
-        options: dict[str, Any] = {}
-        if self.method == "sampled":
-            options = {"backend": self.device, "supersample": supersample or self.supersample}
-            if self.device not in ("auto", "cpu", "gl"):
-                options |= {"backend": "gl", "device": self.device}
-        return open_observer(mesh, camera, self.method, **options)
+def open_engine(
+    engine: Engine, mesh: Mesh, camera: Camera, supersample: int | None = None, /
+) -> Observer:
+    """Observer of a scene, with another `supersample` if one is given."""
+    scale = supersample or engine.supersample
+    return open_observer(mesh, camera, replace(engine, supersample=scale))
 
 
 class Contender:
-    """A candidate with its observer, error statistics and time."""
+    """An engine with its observer, error statistics and time."""
 
     def __init__(
-        self, candidate: Candidate, observer: Observer, n_worst: int, open_seconds: float
+        self, engine: Engine, observer: Observer, n_worst: int, open_seconds: float
     ) -> None:
-        self.candidate, self.observer, self.open_seconds = candidate, observer, open_seconds
+        self.engine, self.observer, self.open_seconds = engine, observer, open_seconds
         self.statistics = ErrorStatistics(n_worst)
         self.seconds, self.poses = 0.0, 0
         self.observation: Observation
@@ -136,12 +80,12 @@ class Contender:
 
     def score(self) -> Score:
         """Result of the poses so far."""
-        candidate, errors, classes = self.candidate, self.statistics, self.statistics.all_sizes()
-        is_sampled = candidate.method == "sampled"
+        engine, errors, classes = self.engine, self.statistics, self.statistics.all_sizes()
+        is_sampled = engine.method == "sampled"
         return Score(
-            name=candidate.name,
-            method=candidate.method,
-            supersample=candidate.supersample,
+            name=str(engine),
+            method=engine.method,
+            supersample=engine.supersample,
             roll=ROLL if is_sampled else None,
             info=asdict(self.observer.info),
             all_sizes=classes,
@@ -163,13 +107,13 @@ class Contender:
 
 @contextmanager
 def open_contender(
-    candidate: Candidate, mesh: Mesh, camera: Camera, poses: FloatArray, n_worst: int
+    engine: Engine, mesh: Mesh, camera: Camera, poses: FloatArray, n_worst: int
 ) -> Iterator[Contender]:
-    """Open a candidate and observe one pose, so that its kernels are compiled."""
+    """Open an engine and observe one pose, so that its kernels are compiled."""
     started = time.perf_counter()
-    with candidate.open(mesh, camera) as observer:
+    with open_engine(engine, mesh, camera) as observer:
         observer.observe(poses[:1])
-        yield Contender(candidate, observer, n_worst, time.perf_counter() - started)
+        yield Contender(engine, observer, n_worst, time.perf_counter() - started)
 
 
 class AnalyticReference:
