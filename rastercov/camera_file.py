@@ -71,7 +71,7 @@ def arguments_of(entries: Any, fields: Sequence[str]) -> dict[str, Any]:
     Parameters
     ----------
     entries : mapping
-        Names and values; "preset" stands for the entries of a preset.
+        Names and values; "preset" adds the entries of a preset.
     fields : sequence of str
         Fields of `Camera`.
 

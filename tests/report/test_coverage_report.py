@@ -350,7 +350,7 @@ def test_progress_tells_the_poses_done(tmp_path, small_batches):
 
 def test_a_file_in_the_way_is_said_before_a_device_is_opened(tmp_path, monkeypatch):
     (tmp_path / "file").write_text("")
-    monkeypatch.setattr(Options, "open", lambda *_: pytest.fail("opened"))
+    monkeypatch.setattr("rastercov.report.coverage.open_observer", lambda *_: pytest.fail("opened"))
     for out in (tmp_path / "file", tmp_path / "file" / "report"):
         with pytest.raises(ConfigError, match="a file is in the way"):
             run(MESH, CAMERA, around(1), TASK, out, PLAIN)
@@ -364,7 +364,7 @@ def test_a_file_in_the_way_is_said_before_a_device_is_opened(tmp_path, monkeypat
 )
 def test_files_of_nobody_are_refused_before_a_device_is_opened(tmp_path, monkeypatch, name):
     (tmp_path / name).write_text("mine")
-    monkeypatch.setattr(Options, "open", lambda *_: pytest.fail("opened"))
+    monkeypatch.setattr("rastercov.report.coverage.open_observer", lambda *_: pytest.fail("opened"))
     with pytest.raises(ConfigError, match="name another folder"):
         run(MESH, CAMERA, around(1), TASK, tmp_path, Options(pictures=9))
     assert content(tmp_path) == {name: b"mine"}
@@ -373,7 +373,7 @@ def test_files_of_nobody_are_refused_before_a_device_is_opened(tmp_path, monkeyp
 def test_a_folder_in_use_is_refused_before_a_device_is_opened(tmp_path, monkeypatch):
     run(MESH, CAMERA, around(2), TASK, tmp_path, PLAIN)
     before = content(tmp_path)
-    monkeypatch.setattr(Options, "open", lambda *_: pytest.fail("opened"))
+    monkeypatch.setattr("rastercov.report.coverage.open_observer", lambda *_: pytest.fail("opened"))
     with (
         ReportFolder(tmp_path, EVALUATION),
         pytest.raises(ConfigError, match="another process is writing"),

@@ -79,9 +79,9 @@ class Altered:
 def altered(monkeypatch, method, alter):
     """Make every observer of a method one that is altered."""
 
-    def open_one(mesh, camera, name="certified", **options):
-        observer = open_observer(mesh, camera, name, **options)
-        return Altered(observer, alter) if name == method else observer
+    def open_one(mesh, camera, engine="certified"):
+        observer = open_observer(mesh, camera, engine)
+        return Altered(observer, alter) if Engine.of(engine).method == method else observer
 
     monkeypatch.setattr(compare_entrants, "open_observer", open_one)
 
@@ -445,7 +445,7 @@ def test_too_few_faces_give_no_slope():
 )
 def test_a_candidate_is_its_name(text, wanted):
     assert Engine.parse(text) == wanted
-    assert wanted.name == text
+    assert str(wanted) == text
 
 
 BAD_NAMES = ["", "gl", "certified@2", "exact:cpu", "sampled:", "sampled@", "sampled@0", "sampled@x"]
@@ -820,7 +820,7 @@ def test_an_interrupted_command_leaves_what_is_done(capsys, monkeypatch):
     def stop():
         yield Stop(1)
 
-    monkeypatch.setattr(cli, "progress_bar", stop)
+    monkeypatch.setattr("rastercov.cli.compare.progress_bar", stop)
     code, _, err = call(capsys, QUICK + " --method certified --faces 0")
     assert code == 130
     assert "1 of 2 poses" in err
