@@ -98,6 +98,8 @@ def can_cull(mesh: Mesh, poses: FloatArray, clipped: NDArray[np.bool_]) -> NDArr
     mounted on a face looks through it, for the near plane cuts it away, which `clipped` cannot tell
     where the face is edge-on to rounding.
     """
+    if not mesh.is_closed_outward:
+        return np.zeros(len(poses), bool)
     eyes = poses[:, :3, 3]
     reach = np.abs(mesh.bounds[None] - eyes[:, None]).max(axis=1)
     distance = np.sqrt((reach**2).sum(axis=1))

@@ -50,11 +50,13 @@ def check_poses(poses: ArrayLike) -> tuple[FloatArray, dict[int, str]]:
         for row in np.flatnonzero(mask):
             faults.setdefault(int(row), text)
 
-    finite = np.atleast_1d(np.isfinite(out).all(axis=(1, 2)))
+    finite: NDArray[np.bool_] = np.isfinite(out).all(axis=(1, 2))  # type: ignore[assignment]
     fault(~finite, "is not finite")
     far = ~(np.abs(out[:, :3, 3]) <= LARGEST_COORDINATE).all(axis=1)
     fault(far, f"is beyond ±{LARGEST_COORDINATE:g} m")
-    rotation = np.where(finite[:, None, None], out[:, :3, :3], np.eye(3))
+    rotation = out[:, :3, :3]
+    if faults:
+        rotation = np.where(finite[:, None, None], rotation, np.eye(3))
     with np.errstate(all="ignore"):  # what comes out is compared, and NaN is a fault
         drift = np.abs(rotation.transpose(0, 2, 1) @ rotation - np.eye(3)).max(
             axis=(1, 2), initial=0
@@ -121,8 +123,11 @@ class Poses:
             row, text = min(faults.items())
             others = f" (and {len(faults) - 1} more poses)" if len(faults) > 1 else ""
             raise PoseError(f"pose {row} {text}{others}", tuple(sorted(faults)))
-        ids = np.delete(np.arange(len(matrices)), list(faults))
-        return cls(matrices[ids] if faults else matrices, ids, matrices, faults)
+        ids = np.arange(len(matrices))
+        if not faults:
+            return cls(matrices, ids, matrices)
+        ids = np.delete(ids, list(faults))
+        return cls(matrices[ids], ids, matrices, faults)
 
     def __len__(self) -> int:
         return len(self.ids)

@@ -380,10 +380,11 @@ class Mesh:
         negative, though components may cut each other. Along a ray it increases by 1 at a front and
         decreases by 1 at a back; from outside, at 0, the first surface is therefore a front.
         """
-        return self._is_closed_outward and not self.self_contact_mask.any()
+        return self.is_closed_outward and not self.self_contact_mask.any()
 
     @cached_property
-    def _is_closed_outward(self) -> bool:
+    def is_closed_outward(self) -> bool:
+        """True if closed, consistently wound, and no component is inside out."""
         return bool(self.is_closed and self.is_consistently_wound and not self._inside_out.any())
 
     @cached_property
@@ -430,7 +431,7 @@ class Mesh:
                 f"inside out: {self._inside_out.sum()} of {len(self._inside_out)} closed "
                 "components enclose no positive volume (a cavity does that, too)"
             )
-        if self._is_closed_outward and self.self_contact_mask.any():
+        if self.is_closed_outward and self.self_contact_mask.any():
             found.append(
                 f"the closed surface cuts or touches itself at {self.self_contact_mask.sum()} "
                 f"faces, face {self.self_contact_mask.argmax()} among them: its back may show"
