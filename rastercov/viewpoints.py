@@ -1,4 +1,4 @@
-"""Poses made from points: looking from eyes at targets, and spread over a sphere."""
+"""Poses from eyes and targets or on a sphere, and the distance at which a mesh fills the image."""
 
 from collections.abc import Sequence
 
@@ -7,7 +7,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov._arguments import LARGEST_COORDINATE, MOST_POSES, owned
 from rastercov._checks import finite_number, shown
-from rastercov.errors import PoseError
+from rastercov.camera import Camera
+from rastercov.errors import ConfigError, PoseError
+from rastercov.mesh import Mesh
 from rastercov.pose import real_numbers
 
 FloatArray = NDArray[np.float64]
@@ -110,12 +112,48 @@ def sphere_of_poses(centre: ArrayLike, distance: float, count: int) -> FloatArra
     middle = _triples("centre", centre)
     if len(middle) != 1:
         raise PoseError(f"centre must have shape (3,), got {middle.shape}")
-    index = np.arange(int(number))
-    height = 1 - (2 * index + 1) / max(len(index), 1)
+    return look_at(middle + away * fibonacci_sphere(int(number)), middle)
+
+
+def fibonacci_sphere(count: int, height: float = 2.0) -> FloatArray:
+    """Unit vectors spread evenly over the part of a sphere from z = 1 down to 1 - `height`, (N, 3).
+
+    A Fibonacci lattice: equal steps in z, and the golden angle in azimuth.
+    """
+    index = np.arange(count)
+    z = 1 - height * (index + 0.5) / max(count, 1)
     azimuth = index * np.pi * (3 - np.sqrt(5))
-    radius = np.sqrt(1 - height**2)
-    outward = np.stack((radius * np.cos(azimuth), radius * np.sin(azimuth), height), axis=1)
-    return look_at(middle + away * outward, middle)
+    ring = np.sqrt(1 - z**2)
+    return np.stack((ring * np.cos(azimuth), ring * np.sin(azimuth), z), axis=1)
+
+
+def enclosing_distance(
+    mesh: Mesh, camera: Camera, centre: FloatArray, margin: float = 1.0
+) -> tuple[float, float]:
+    """Radius of the ball about `centre` that holds the mesh, and its viewing distance, metres.
+
+    At this distance the ball touches the borders of the narrower field of view, where that is
+    `margin` times smaller than the image.
+    """
+    used = mesh.vertices[np.unique(mesh.faces)]
+    radius = float(np.linalg.norm(used - centre, axis=1).max())
+    angle = np.arctan(min(half_angles(camera)) / margin)
+    return radius, float(radius / np.sin(angle))
+
+
+def half_angles(camera: Camera) -> tuple[float, float]:
+    """Tangents of the angles from the optical axis to the nearer border, across and down.
+
+    Where the axis is in the middle of the image these are the halves of the fields of view.
+    """
+    across = min(camera.cx, camera.width - camera.cx) / camera.fx
+    down = min(camera.cy, camera.height - camera.cy) / camera.fy
+    if not (across > 0 and down > 0):
+        raise ConfigError(
+            f"the optical axis ({camera.cx:g}, {camera.cy:g}) px must meet the image of "
+            f"{camera.width} x {camera.height} px; a camera cannot be aimed by an axis it lacks"
+        )
+    return across, down
 
 
 def _triples(name: str, value: ArrayLike) -> FloatArray:

@@ -34,7 +34,7 @@ SURFACE = {
     "observation": {"EPSILON", "visible_fraction"},
     "observer": set(),
     "task": {"THESIS"},
-    "viewpoints": set(),
+    "viewpoints": {"enclosing_distance", "fibonacci_sphere", "half_angles"},
 }
 MESH = {"Group", "Mesh"}
 

@@ -16,7 +16,7 @@ from rastercov.errors import ConfigError, MeshError, PoseError
 from rastercov.mesh import Mesh
 from rastercov.mesh.formats import READERS
 from rastercov.pose_file import read_poses
-from rastercov.viewpoints import sphere_of_poses
+from rastercov.viewpoints import enclosing_distance, sphere_of_poses
 
 
 def read_scene(
@@ -85,13 +85,8 @@ def read_view_points(source: str, mesh: Mesh, camera: Camera) -> NDArray[np.floa
     if not count.isdecimal() or not 1 <= float(count) <= MOST_POSES:
         raise PoseError(f"--poses sphere:N wants a whole number 1 to {MOST_POSES}, got {source!r}")
     centre = mesh.bounds.mean(axis=0)
-    used = mesh.vertices[np.unique(mesh.faces)]
-    radius = float(np.linalg.norm(used - centre, axis=1).max())
-    # The sphere around the mesh touches the sides of the narrower field of view.
-    narrowest = min(
-        min(camera.cx, camera.width - camera.cx) / camera.fx,
-        min(camera.cy, camera.height - camera.cy) / camera.fy,
-    )
-    if narrowest <= 0:
-        raise PoseError("--poses sphere:N needs a principal point inside the image")
-    return sphere_of_poses(centre, float(radius / np.sin(np.arctan(narrowest))), int(count))
+    try:
+        _, distance = enclosing_distance(mesh, camera, centre)
+    except ConfigError:
+        raise PoseError("--poses sphere:N needs a principal point inside the image") from None
+    return sphere_of_poses(centre, distance, int(count))

@@ -26,11 +26,11 @@ from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
 from rastercov.placement.candidates.clearance import KeepOut, check_clearance, filter_candidates
 from rastercov.placement.candidates.enclosure import Enclosure
-from rastercov.placement.candidates.framing import DEFAULT, Framing, half_angles, rolled_frames
+from rastercov.placement.candidates.framing import DEFAULT, Framing, rolled_frames
 from rastercov.placement.candidates.hemicube import Hemicube
 from rastercov.placement.candidates.open_directions import APART_DEG, OpenDirections, far_apart
 from rastercov.placement.candidates.pool import Candidates, face_rows
-from rastercov.viewpoints import look_at
+from rastercov.viewpoints import half_angles, look_at
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -15,7 +15,7 @@ from rastercov._typed import check_fields
 from rastercov.camera import Camera
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
-from rastercov.viewpoints import look_at
+from rastercov.viewpoints import half_angles, look_at
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -143,35 +143,6 @@ def rolled_frames(rotations: FloatArray, rolls_deg: ArrayLike) -> FloatArray:
     turns[:, 2, 2] = 1.0
     rolled: FloatArray = rotations[:, None] @ turns
     return rolled
-
-
-def half_angles(camera: Camera) -> tuple[float, float]:
-    """Tangents of the angles from the optical axis to the nearer border, across and down.
-
-    Where the axis is in the middle of the image these are the halves of the fields of view.
-    """
-    across = min(camera.cx, camera.width - camera.cx) / camera.fx
-    down = min(camera.cy, camera.height - camera.cy) / camera.fy
-    if not (across > 0 and down > 0):
-        raise ConfigError(
-            f"the optical axis ({camera.cx:g}, {camera.cy:g}) px must meet the image of "
-            f"{camera.width} x {camera.height} px; a camera cannot be aimed by an axis it lacks"
-        )
-    return across, down
-
-
-def enclosing_distance(
-    mesh: Mesh, camera: Camera, centre: FloatArray, margin: float = 1.0
-) -> tuple[float, float]:
-    """Radius of the ball about `centre` that holds the mesh, and its viewing distance, metres.
-
-    At this distance the ball touches the borders of the narrower field of view, where that is
-    `margin` times smaller than the image.
-    """
-    used = mesh.vertices[np.unique(mesh.faces)]
-    radius = float(np.linalg.norm(used - centre, axis=1).max())
-    angle = np.arctan(min(half_angles(camera)) / margin)
-    return radius, float(radius / np.sin(angle))
 
 
 def _fit_extent(

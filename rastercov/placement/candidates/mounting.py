@@ -16,14 +16,9 @@ from rastercov.camera import Camera
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.placement.candidates.clearance import NearestSurface
-from rastercov.placement.candidates.framing import (
-    DEFAULT,
-    Framing,
-    enclosing_distance,
-    rolled_frames,
-)
+from rastercov.placement.candidates.framing import DEFAULT, Framing, rolled_frames
 from rastercov.placement.candidates.pool import Candidates
-from rastercov.viewpoints import look_at
+from rastercov.viewpoints import enclosing_distance, fibonacci_sphere, look_at
 
 FloatArray = NDArray[np.float64]
 
@@ -264,12 +259,7 @@ def _around(
         radii = finite_points("distances", np.atleast_1d(distances), (-1,), "finite numbers")
         if not (radii > 0).all():
             raise ConfigError(f"distances must be positive and finite, got {shown(distances)}")
-    index = np.arange(count)
-    z = 1 - height * (index + 0.5) / count
-    azimuth = index * np.pi * (3 - np.sqrt(5))
-    ring = np.sqrt(1 - z**2)
-    outward = np.stack((ring * np.cos(azimuth), ring * np.sin(azimuth), z), axis=1)
-    outward = outward @ _upright(framing).T
+    outward = fibonacci_sphere(count, height) @ _upright(framing).T
     eyes = (middle + radii[:, None, None] * outward).reshape(-1, 3)
     return _aimed(mesh, framing, eyes, at_point(middle), source)
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
-from rastercov.placement.candidates.framing import Framing, fit_vertices, half_angles, rolled_frames
+from rastercov.placement.candidates.framing import Framing, fit_vertices, rolled_frames
 from rastercov.placement.candidates.hemicube import Hemicube, face_frames
-from rastercov.viewpoints import look_at
+from rastercov.viewpoints import half_angles, look_at
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
