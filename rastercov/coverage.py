@@ -242,5 +242,5 @@ def _criteria(
         "visibility_kind": kind,
         "incidence": geometry.incidence,
     }
-    coverage, reason = task.judge(mesh.degenerate_mask, figures | {"is_front": geometry.is_front})
+    coverage, reason = task.judge(mesh.degenerate_mask, geometry, figures)
     return figures | {"coverage": coverage, "reason": reason}

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from typing_extensions import Doc
 
 from rastercov._limits import check_limits
+from rastercov.criteria import FaceGeometry
 
 FloatArray = NDArray[np.float64]
 
@@ -103,7 +104,10 @@ class Task:
         return cls(**(THESIS | changes))
 
     def judge(
-        self, is_degenerate: NDArray[np.bool_], figures: Mapping[str, NDArray[Any]]
+        self,
+        is_degenerate: NDArray[np.bool_],
+        geometry: FaceGeometry,
+        figures: Mapping[str, NDArray[Any]],
     ) -> tuple[FloatArray, NDArray[np.uint8]]:
         """Coverage (3.6) of each face by one camera, and the first criterion that it fails.
 
@@ -111,8 +115,10 @@ class Task:
         ----------
         is_degenerate : (F,) bool
             Faces without area.
+        geometry : FaceGeometry
+            Of the pose.
         figures : dict of (F,) arrays
-            The criteria of one pose by the names of `Coverage`, and "is_front".
+            The criteria of the pose by the names of `Coverage`.
 
         Returns
         -------
@@ -127,8 +133,8 @@ class Task:
         # One factor at a time: the reason is the first that brings the product below the threshold.
         factors = (
             (Reason.DEGENERATE, ~is_degenerate),
-            (Reason.BACK_FACING, figures["is_front"]),
-            (Reason.OUTSIDE, figures["in_view"]),
+            (Reason.BACK_FACING, geometry.is_front),
+            (Reason.OUTSIDE, geometry.in_view),
             (Reason.OUT_OF_FOCUS, figures["in_focus"]),
             (Reason.UNSAMPLED, figures["drawn_pixels"] > 0),
             (Reason.TOO_COARSE, np.where(is_dense, enough, 0.0)),

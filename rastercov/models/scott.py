@@ -20,7 +20,7 @@ Caveats
 - The tables of the thesis (2.1, 3.1) mark no occlusion. His matrix excludes shadowed points, so the
   tables understate it; this file follows the tables.
 - f cos(theta) / z is the density along the worst direction of a face on the optical axis; off it
-  the exact one differs (`criteria.view_faces` has it).
+  the exact one differs (`criteria.face_geometry` has it).
 """
 
 from dataclasses import dataclass
