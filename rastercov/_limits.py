@@ -11,6 +11,7 @@ import math
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from annotated_types import Ge, Gt, Le
+from typing_extensions import Doc
 
 from rastercov._arguments import check_choice, flag
 from rastercov._checks import finite_number, shown
@@ -42,6 +43,16 @@ def metadata_of(hint: Any) -> tuple[Any, ...]:
         return tuple(get_args(hint)[1:])
     members = get_args(hint) if _is_optional(hint) else ()
     return next((found for member in members if (found := metadata_of(member))), ())
+
+
+def documented(kind: type) -> dict[str, str]:
+    """Description of each field of a dataclass that has a `Doc`."""
+    return {
+        name: each.documentation
+        for name, hint in annotations_of(kind).items()
+        for each in metadata_of(hint)
+        if isinstance(each, Doc)
+    }
 
 
 def _is_optional(hint: Any) -> bool:

@@ -72,17 +72,18 @@ class Camera:
         For a value that describes no camera.
     """
 
-    width: Annotated[int, Doc("Image width, px.")]
-    height: Annotated[int, Doc("Image height, px.")]
+    width: Annotated[int, Doc("Pixels.")]
+    height: Annotated[int, Doc("Pixels.")]
     fx: Annotated[float, Doc("Focal length over pixel width, px.")]
     fy: Annotated[float, Doc("Focal length over pixel height, px.")]
-    cx: Annotated[float, Doc("Principal point, px; the middle if left out.")] = None  # type: ignore[assignment] # None asks for the centre; never None afterwards
-    cy: Annotated[float, Doc("Principal point, px; the middle if left out.")] = None  # type: ignore[assignment] # None asks for the centre; never None afterwards
+    cx: Annotated[float, Doc("Principal point, px; the middle if left out.")] = None  # type: ignore[assignment]
+    cy: Annotated[float, Doc("Principal point, px; the middle if left out.")] = None  # type: ignore[assignment]
+    # None asks for the centre; cx and cy are never None afterwards.
     near: Annotated[float, Doc("Surfaces nearer than this are not seen, m.")] = 0.0
-    focal_length: Annotated[float | None, Doc("Metres; instead of fx and fy.")] = None
+    focal_length: Annotated[float, Doc("Metres; instead of fx and fy.")] | None = None
     pixel_size: Annotated[tuple[float, float] | None, Doc("Metres, one or two.")] = None
-    aperture: Annotated[float | None, Doc("Metres; instead of f_number.")] = None
-    focus_distance: Annotated[float | None, Doc("Depth of the plane in focus, m.")] = None
+    aperture: Annotated[float, Doc("Metres; instead of f_number.")] | None = None
+    focus_distance: Annotated[float, Doc("Depth of the plane in focus, m.")] | None = None
     max_blur: Annotated[float, Doc("Largest blur circle, px.")] = 1.0
     focus_range: Annotated[
         tuple[float, float] | None, Doc("[near, far] depths in focus, m; instead of an aperture.")

@@ -51,8 +51,8 @@ class Reason(IntEnum):
 class Task:
     """Thresholds that a face must meet to be covered.
 
-    Each is declared here alone: fields with a `Doc` are options of the command line, and all are
-    keys of the [task] section of plan files and of the task in every report.
+    Each is declared here alone: numbers are options of the command line, and all are keys of the
+    [task] section of plan files and of the task in every report.
 
     Parameters
     ----------
@@ -81,19 +81,29 @@ class Task:
         For a value outside its limits.
     """
 
-    min_pixels: Annotated[float, Gt(0), Doc("R_min: pixels for full resolution.")] = 1.0
-    min_visibility: Annotated[float, Ge(0), Le(1), Doc("V_min: less visible counts as hidden.")] = (
-        0.0
-    )
+    # fmt: off
+    min_pixels: Annotated[float, Gt(0), Doc("R_min: pixels that give resolution 1.")] = 1.0
+    min_visibility: Annotated[
+        float, Ge(0), Le(1), Doc("V_min: a face less visible counts as hidden.")
+    ] = 0.0
     max_blur: (
         Annotated[float, Gt(0), Doc("Largest blur circle, px; the camera's unless given.")] | None
     ) = None
-    max_incidence_deg: Annotated[float, Gt(0), Le(90), Doc("Flattest angle of view.")] = 90.0
-    min_pixel_density: Annotated[float, Ge(0), Doc("Least px per metre.")] = 0.0
-    min_coverage: Annotated[float, Ge(0), Le(1), Doc("Coverage that counts as covered.")] = 0.5
+    max_incidence_deg: Annotated[
+        float, Gt(0), Le(90), Doc("Largest angle between normal and ray.")
+    ] = 90.0
+    min_pixel_density: Annotated[
+        float, Ge(0), Doc("Least pixels a metre, in the worst direction.")
+    ] = 0.0
+    min_coverage: Annotated[
+        float, Ge(0), Le(1), Doc("Coverage from which a camera covers a face.")
+    ] = 0.5
     views: Annotated[int, Ge(1), Doc("Cameras that must cover a face.")] = 1
-    focus_rule: Literal["vertices", "centroid"] = "vertices"
-    cap_resolution: bool = True
+    focus_rule: Annotated[
+        Literal["vertices", "centroid"], Doc("Part of a face that must be in focus.")
+    ] = "vertices"
+    cap_resolution: Annotated[bool, Doc("Resolution counts up to 1 only.")] = True
+    # fmt: on
 
     def __post_init__(self) -> None:
         check_limits(self)

@@ -9,10 +9,9 @@ from types import UnionType
 from typing import Annotated, Any, Union, get_args, get_origin
 
 import typer
-from typing_extensions import Doc
 
 from rastercov import shapes
-from rastercov._limits import annotations_of, metadata_of
+from rastercov._limits import annotations_of, documented
 from rastercov.camera_file import PRESETS
 from rastercov.cli.console import out_option
 from rastercov.task import THESIS, Task
@@ -55,17 +54,13 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for machines.")
 
 
 def with_task(command: Callable[..., None]) -> Callable[..., None]:
-    """Replace the parameter `task` of a command by an option for each documented field of `Task`.
+    """Replace the parameter `task` of a command by an option for each number of `Task`.
 
     With `--thesis` the fields that `Task.thesis` sets keep its values.
     """
     hints = annotations_of(Task)
-    docs = {
-        name: doc.documentation
-        for name, hint in hints.items()
-        for doc in metadata_of(hint)
-        if isinstance(doc, Doc)
-    }
+    numbers = {name for name, hint in hints.items() if _plain(hint) in (int, float, float | None)}
+    docs = {name: text for name, text in documented(Task).items() if name in numbers}
     defaults = {field.name: field.default for field in fields(Task)}
     thresholds = [
         inspect.Parameter(

@@ -14,6 +14,8 @@ from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
 from annotated_types import Le
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInfo, create_model
 
+from rastercov._limits import documented
+
 Value = TypeVar("Value")
 
 
@@ -25,10 +27,11 @@ class Entry(BaseModel):
 
 def fields_of(
     source: type,
-    words: Mapping[str, str],
+    words: Mapping[str, str] | None = None,
     *,
     base: type[Entry] = Entry,
     is_optional: bool = False,
+    leave_out: Collection[str] = (),
 ) -> Any:
     """Entry with fields of a dataclass: their types, limits, defaults.
 
@@ -37,12 +40,16 @@ def fields_of(
     source : type
         Dataclass; `Annotated` metadata of its fields are limits.
     words : mapping of str to str
-        Fields to take, in this order, and the description of each in the schema.
+        Fields to take, in this order, and the description of each in the schema; by default those
+        that have a `Doc`.
     base : type
         Entry to add them to.
     is_optional : bool
         None is the default of every field, and allowed.
+    leave_out : collection of str
+        Fields that the section declares itself.
     """
+    words = documented(source) if words is None else words
     types = get_type_hints(source, include_extras=True)
     given: dict[str, Any] = {}
     for field in (each for each in fields(source) if each.name in words):
@@ -52,7 +59,7 @@ def fields_of(
         if is_optional:
             default, hint = None, hint | None
         given[field.name] = (hint, Field(default=default, description=words[field.name]))
-    columns = {name: given[name] for name in words}
+    columns = {name: given[name] for name in words if name not in leave_out}
     return create_model(f"{source.__name__}Fields", __base__=base, **columns)
 
 

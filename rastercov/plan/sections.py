@@ -78,23 +78,7 @@ class MeshEntry(Entry):
         return self
 
 
-CAMERA = {
-    "width": "Pixels.",
-    "height": "Pixels.",
-    "fx": "Focal length over pixel width, px.",
-    "fy": "Focal length over pixel height, px.",
-    "cx": "Principal point, px; the middle if left out.",
-    "cy": "Principal point, px; the middle if left out.",
-    "near": "Surfaces nearer than this are not seen, m.",
-    "focal_length": "Metres; instead of fx and fy.",
-    "aperture": "Metres; instead of f_number.",
-    "focus_distance": "Depth of the plane in focus, m.",
-    "max_blur": "Largest blur circle, px.",
-}
-"""Entries of a camera file that are single numbers."""
-
-
-class CameraSection(fields_of(Camera, CAMERA, is_optional=True)):  # type: ignore[misc]
+class CameraSection(fields_of(Camera, is_optional=True, leave_out=("pixel_size", "focus_range"))):  # type: ignore[misc]
     """The camera: a preset, a file, or the entries of a camera file, which also change a preset."""
 
     file: File | None = Field(
@@ -130,20 +114,7 @@ class CameraSection(fields_of(Camera, CAMERA, is_optional=True)):  # type: ignor
         return Camera.load(folder / self.file)
 
 
-TASK = {
-    "min_pixels": "R_min: pixels that give resolution 1.",
-    "min_visibility": "V_min: a face less visible counts as hidden.",
-    "max_blur": "Largest blur circle, px; the camera's.",
-    "max_incidence_deg": "Largest angle between normal and ray.",
-    "min_pixel_density": "Least pixels a metre on the surface, along its worst direction.",
-    "min_coverage": "A camera covers a face from this coverage on, and above 0.",
-    "focus_rule": "What of a face must be in focus.",
-    "cap_resolution": "Whether resolution counts up to 1 only.",
-}
-"""Fields of `Task` that are entries as they are."""
-
-
-class TaskSection(fields_of(Task, TASK)):  # type: ignore[misc]
+class TaskSection(fields_of(Task, leave_out=("views",))):  # type: ignore[misc]
     """Thresholds that a face must meet to be covered."""
 
     views: Count | dict[str, Count] = Field(
