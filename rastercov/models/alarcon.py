@@ -46,6 +46,7 @@ from rastercov.criteria import face_geometry
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.models.base import (
+    Criteria,
     check_number,
     coverage_model,
     each_pose,
@@ -98,7 +99,16 @@ class AlarconParameters:
         check_tracer(self.tracer)
 
 
-@coverage_model(AlarconParameters())
+@coverage_model(
+    AlarconParameters(),
+    Criteria(
+        field_of_view="yes",
+        resolution="distance",
+        focus="yes",
+        occlusion="centroid",
+        angle="graded",
+    ),
+)
 def coverage(
     mesh: Mesh, camera: Camera, poses: ArrayLike, task: Task, parameters: AlarconParameters
 ) -> FloatArray:

@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from inspect import cleandoc
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,8 +29,21 @@ P = TypeVar("P")
 P_contra = TypeVar("P_contra", contravariant=True)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Criteria:
+    """Criteria of a model in a word or two each, empty for one that it does not have."""
+
+    field_of_view: str = ""
+    resolution: str = ""
+    focus: str = ""
+    occlusion: str = ""
+    angle: str = ""
+
+
 class CoverageModel(Protocol[P_contra]):
     """Signature of all models."""
+
+    criteria: Criteria
 
     def __call__(
         self,
@@ -46,7 +59,7 @@ class CoverageModel(Protocol[P_contra]):
 
 
 def coverage_model(
-    defaults: P,
+    defaults: P, criteria: Criteria | None = None
 ) -> Callable[[Callable[[Mesh, Camera, ArrayLike, Task, P], FloatArray]], CoverageModel[P]]:
     """Decorator that gives `answers(mesh, camera, poses, task, parameters)` the public signature.
 
@@ -54,6 +67,8 @@ def coverage_model(
     ----------
     defaults : dataclass
         Parameters of the model unless a call gives others.
+    criteria : Criteria, optional
+        For the table of a comparison.
     """
 
     def decorate(
@@ -91,7 +106,9 @@ ResourceError
 """
         for name in ("__module__", "__name__", "__qualname__"):
             setattr(coverage, name, getattr(answers, name))
-        return coverage
+        model = cast("CoverageModel[P]", coverage)
+        model.criteria = criteria or Criteria()
+        return model
 
     return decorate
 

@@ -26,7 +26,7 @@ from rastercov.coverage import evaluate_batches
 from rastercov.engine import METHODS
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
-from rastercov.models.base import coverage_model
+from rastercov.models.base import Criteria, coverage_model
 from rastercov.observer import open_observer
 from rastercov.task import Task
 
@@ -50,7 +50,16 @@ class ImageSpaceParameters:
             raise ConfigError(f"method must be one of {', '.join(METHODS)}, got {self.method!r}")
 
 
-@coverage_model(ImageSpaceParameters())
+@coverage_model(
+    ImageSpaceParameters(),
+    Criteria(
+        field_of_view="yes",
+        resolution="pixels",
+        focus="yes",
+        occlusion="graded area",
+        angle="limit",
+    ),
+)
 def coverage(
     mesh: Mesh, camera: Camera, poses: ArrayLike, task: Task, parameters: ImageSpaceParameters
 ) -> FloatArray:

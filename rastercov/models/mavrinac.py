@@ -52,6 +52,7 @@ from rastercov.criteria import face_geometry
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.models.base import (
+    Criteria,
     check_number,
     coverage_model,
     each_pose,
@@ -127,7 +128,16 @@ class MavrinacParameters:
         check_tracer(self.tracer)
 
 
-@coverage_model(MavrinacParameters())
+@coverage_model(
+    MavrinacParameters(),
+    Criteria(
+        field_of_view="graded",
+        resolution="graded",
+        focus="graded",
+        occlusion="vertices",
+        angle="graded",
+    ),
+)
 def coverage(
     mesh: Mesh, camera: Camera, poses: ArrayLike, task: Task, parameters: MavrinacParameters
 ) -> FloatArray:

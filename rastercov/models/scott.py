@@ -32,6 +32,7 @@ from rastercov.camera import Camera
 from rastercov.criteria import face_geometry
 from rastercov.mesh import Mesh
 from rastercov.models.base import (
+    Criteria,
     ResolutionParameters,
     coverage_model,
     each_pose,
@@ -49,7 +50,10 @@ class ScottParameters(ResolutionParameters):
     """R_req of the model, applied to the worst direction on a face."""
 
 
-@coverage_model(ScottParameters())
+@coverage_model(
+    ScottParameters(),
+    Criteria(field_of_view="yes", resolution="centroid", focus="yes", angle="in resolution"),
+)
 def coverage(
     mesh: Mesh, camera: Camera, poses: ArrayLike, task: Task, parameters: ScottParameters
 ) -> FloatArray:

@@ -34,6 +34,7 @@ from rastercov.camera import Camera
 from rastercov.criteria import face_geometry
 from rastercov.mesh import Mesh
 from rastercov.models.base import (
+    Criteria,
     ResolutionParameters,
     coverage_model,
     each_pose,
@@ -51,7 +52,7 @@ class TarabanisParameters(ResolutionParameters):
     """R_req of the model, applied to the worst edge of a face."""
 
 
-@coverage_model(TarabanisParameters())
+@coverage_model(TarabanisParameters(), Criteria(field_of_view="smaller angle", resolution="edges"))
 def coverage(
     mesh: Mesh, camera: Camera, poses: ArrayLike, task: Task, parameters: TarabanisParameters
 ) -> FloatArray:

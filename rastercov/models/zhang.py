@@ -41,6 +41,7 @@ from rastercov.camera import Camera
 from rastercov.criteria import FaceGeometry, face_geometry
 from rastercov.mesh import Mesh
 from rastercov.models.base import (
+    Criteria,
     ResolutionParameters,
     coverage_model,
     each_pose,
@@ -73,7 +74,16 @@ class ZhangParameters(ResolutionParameters):
         check_tracer(self.tracer)
 
 
-@coverage_model(ZhangParameters())
+@coverage_model(
+    ZhangParameters(),
+    Criteria(
+        field_of_view="yes",
+        resolution="graded",
+        focus="yes",
+        occlusion="vertices",
+        angle="in resolution",
+    ),
+)
 def coverage(
     mesh: Mesh, camera: Camera, poses: ArrayLike, task: Task, parameters: ZhangParameters
 ) -> FloatArray:

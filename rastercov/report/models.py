@@ -10,6 +10,7 @@ They replace an earlier comparison together, when all are whole.
 
 import re
 from collections.abc import Callable
+from dataclasses import astuple, fields
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from rastercov._format import milliseconds, number, percent_of, plural
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.models import MODELS, zhang
+from rastercov.models.base import Criteria
 from rastercov.observer import visibility
 from rastercov.pose import valid_poses
 from rastercov.report.folder import ReportFolder, ReportKind
@@ -44,16 +46,10 @@ MODEL_COMPARISON = ReportKind(
 )
 POSES_DRAWN = 3
 """Poses with pictures, at most: those in which the bivalent test misjudges most."""
-CRITERIA = {
-    "tarabanis": ("smaller angle", "edges", "", "", ""),
-    "scott": ("yes", "centroid", "yes", "", "in resolution"),
-    "mavrinac": ("graded", "graded", "graded", "vertices", "graded"),
-    "alarcon": ("yes", "distance", "yes", "centroid", "graded"),
-    "zhang": ("yes", "graded", "yes", "vertices", "in resolution"),
-    "image_space": ("yes", "pixels", "yes", "graded area", "limit"),
-}
-"""Criteria of each model: field of view, resolution, focus, occlusion, angle."""
-CRITERIA_HEADINGS = ("model", "field of view", "resolution", "focus", "occlusion", "angle")
+CRITERIA_HEADINGS = (
+    "model",
+    *(field.name.replace("_", " ") for field in fields(Criteria)),
+)
 SCORE_HEADINGS = (
     *("model", "covers", "of all faces", "of these really seen", "between 0 and 1", "mean"),
     "time per pose",
@@ -151,7 +147,7 @@ def page(comparison: ModelComparison, pictures: dict[str, Picture]) -> str:
         occlusion=of_kind["occlusion"],
         coverage=of_kind["models"],
         criteria_headings=CRITERIA_HEADINGS,
-        criteria_rows=[(_title(name), *CRITERIA[name]) for name in names],
+        criteria_rows=[(_title(name), *astuple(MODELS[name].criteria)) for name in names],
         score_headings=SCORE_HEADINGS,
         score_rows=score_rows(comparison),
         pair_headings=("covers, but not", *names),
