@@ -218,7 +218,7 @@ def test_both_sides_of_a_face_are_one_direction_unless_the_mesh_is_wound():
 def wound(vertices, faces):
     """A mesh whose back faces are hidden, closed or not: what is behind them shows all mistakes."""
     mesh = Mesh(vertices=vertices, faces=faces)
-    mesh.__dict__["can_cull_back_faces"] = True
+    mesh.__dict__.update(can_cull_back_faces=True, is_closed_outward=True)
     return mesh
 
 

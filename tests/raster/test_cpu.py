@@ -246,7 +246,7 @@ def test_each_sample_belongs_to_the_nearest_face_that_whole_numbers_give_it(
             corners.append([QUARTER * k for k in at])
             points.append([*((depth + behind) * k / 256 for k in at), depth + behind])
     mesh = triangles(points)
-    mesh.__dict__["can_cull_back_faces"] = hides_backs
+    mesh.__dict__.update(can_cull_back_faces=hides_backs, is_closed_outward=hides_backs)
     face = np.full((height, width), -1)
     held = [owned(corners[3 * f : 3 * f + 3], width, height) for f in range(mesh.n_faces)]
     for f in np.argsort(depths)[::-1]:
