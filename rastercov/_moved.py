@@ -6,11 +6,12 @@ path would give its modules a second time.
 
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec
 from types import ModuleType
+from typing import Any
 
 MOVED = {
     "rastercov.markers": "rastercov.validation.markers",
@@ -37,6 +38,23 @@ MOVED = {
     "rastercov.raster.egl": "rastercov.raster.gl.context",
 }
 """New path of each module that the documentation of an earlier release names."""
+
+
+def former_names(module: str, moved: Mapping[str, str]) -> Callable[[str], Any]:
+    """`__getattr__` of a module whose names have moved: each use warns and gives the name.
+
+    `moved` has the new modules and the names that are there now.
+    """
+    places = {name: new for new, names in moved.items() for name in names.split()}
+
+    def attribute(name: str) -> Any:
+        if name not in places:
+            raise AttributeError(f"module {module!r} has no attribute {name!r}")
+        text = f"{module}.{name} is now in {places[name]}"
+        warnings.warn(text, DeprecationWarning, stacklevel=2)
+        return getattr(import_module(places[name]), name)
+
+    return attribute
 
 
 class _Package(ModuleType):

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.camera import Camera
+from rastercov.image_boxes import box_corners
 from rastercov.mesh import Mesh
-from rastercov.projection import box_corners, clip_near, clip_polygons, to_camera
+from rastercov.projection import clip_near, clip_polygons, to_camera
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -4,16 +4,15 @@ p_world = world_from_camera @ p_camera. Camera axes are OpenCV's: +x right, +y d
 thesis' frame (6.8-6.11), X left and Y up, is ours turned by 180 degrees about Z.
 """
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov._arguments import LARGEST_COORDINATE, checked_array, flag, owned
+from rastercov._moved import former_names
 from rastercov.errors import PoseError
 
 FloatArray = NDArray[np.float64]
@@ -165,11 +164,10 @@ def real_numbers(name: str, values: ArrayLike, shape: str) -> NDArray[Any]:
     return checked_array(name, values, "iuf", wanted, PoseError)
 
 
-def __getattr__(name: str) -> Any:
-    moved = {"look_at": "viewpoints", "sphere_of_poses": "viewpoints"}
-    moved |= {"read_poses": "pose_file", "write_poses": "pose_file"}
-    if name not in moved:
-        raise AttributeError(f"module 'rastercov.pose' has no attribute {name!r}")
-    new = f"rastercov.{moved[name]}"
-    warnings.warn(f"rastercov.pose.{name} is now in {new}", DeprecationWarning, stacklevel=2)
-    return getattr(import_module(new), name)
+__getattr__ = former_names(
+    __name__,
+    {
+        "rastercov.viewpoints": "look_at sphere_of_poses",
+        "rastercov.pose_file": "read_poses write_poses",
+    },
+)

@@ -8,9 +8,9 @@ import rastercov
 
 ROOT = Path(rastercov.__file__).parent
 LAYERS = (
-    "errors _files _format _jit _once _interrupts _closing _memory _checks _output _threads",
+    "_moved errors _files _format _jit _once _interrupts _closing _memory _checks _output _threads",
     "_double_double _arguments _limits _typed",
-    "camera camera_file pose pose_file viewpoints mesh projection shapes",
+    "camera camera_file image_boxes pose pose_file viewpoints mesh projection shapes",
     "near_plane criteria",
     "raster",
     "observation exact engine",
@@ -30,7 +30,7 @@ BEFORE = {("_arguments", "camera"), ("_arguments", "mesh")}
 def modules():
     for path in sorted(ROOT.rglob("*.py")):
         parts = path.relative_to(ROOT).with_suffix("").parts
-        if parts[0] not in ("reference", "shaders", "__init__", "__main__", "_moved"):
+        if parts[0] not in ("reference", "shaders", "__init__", "__main__"):
             yield path, parts[: -1 if parts[-1] == "__init__" else None]
 
 

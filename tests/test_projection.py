@@ -10,13 +10,12 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from rastercov.camera import Camera
+from rastercov.image_boxes import box_corners, image_boxes
 from rastercov.near_plane import NEAR_TO_FAR, depth_range, near_limit, nearest_depth_in_view
 from rastercov.projection import (
-    box_corners,
     clip_near,
     clip_polygons,
     clip_to_image,
-    image_boxes,
     polygon_area,
     to_camera,
     to_image,

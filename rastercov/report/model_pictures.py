@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from rastercov.camera import Camera
+from rastercov.image_boxes import image_boxes
 from rastercov.mesh import Mesh
-from rastercov.projection import image_boxes
 from rastercov.raster import open_rasterizer
 from rastercov.raster.contract import VisibilityBuffer
 from rastercov.report.images import Key, contact_sheet, coverage_picture, coverage_pixels, framed

@@ -17,6 +17,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.image_boxes import box_corners
 from rastercov.mesh import Mesh
 from rastercov.placement.candidates.clearance import (
     KeepOut,
@@ -26,7 +27,6 @@ from rastercov.placement.candidates.clearance import (
     in_solid,
 )
 from rastercov.placement.candidates.hemicube import LIFT_REL
-from rastercov.projection import box_corners
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
