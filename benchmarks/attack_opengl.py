@@ -28,9 +28,9 @@ from rastercov.viewpoints import look_at
 
 TESTS = Path(__file__).parents[1] / "tests" / "support"
 sys.path.insert(0, str(TESTS))
-from coplanar_scenes import CAMERA, EDGE, GAP, SCENES, views, wrong_samples  # noqa: E402
+from coplanar_scenes import CAMERA, EDGE, GAP, SCENES, views, wrong_samples  # noqa: E402 - on the path set above
 
-from rastercov.reference import samples  # noqa: E402
+from rastercov.reference import samples  # noqa: E402 - sorted after it
 
 SCENES_AT_FULL, CAMERAS_AT_FULL, ROUNDS_AT_FULL = 500, 150, 300
 FEW_ROUNDS = 150

@@ -232,7 +232,7 @@ def _evaluation(here: dict[str, bytes], told: dict[str, object]) -> str:
 
 def _placement(here: dict[str, bytes], told: dict[str, object]) -> str:
     poses = json.loads(here["poses.json"])["world_from_camera"]
-    if len(poses) != len(told["cameras"]):  # type: ignore[arg-type]
+    if len(poses) != len(told["cameras"]):  # type: ignore[arg-type] # JSON
         return "torn"
     if told["interrupted"]:
         return "unfinished" if "page.html" not in here else "torn"

@@ -105,7 +105,7 @@ class _Place(caching.CompileResultCacheImpl):
     """Folders in which numba may keep a loop, except one called "~"."""
 
     @property
-    def _locator_classes(self) -> list[Any]:  # type: ignore[override]
+    def _locator_classes(self) -> list[Any]:  # type: ignore[override] # numba has an attribute
         places = list(caching.CacheImpl._locator_classes)
         # Without HOME, and for a user without an entry, this is the relative path "~/.cache".
         if not Path(AppDirs(appname="numba", appauthor=False).user_cache_dir).is_absolute():

@@ -26,7 +26,7 @@ def check_limits(value: Any) -> None:
     ConfigError
         For the first field that is not of its type or not within its limits.
     """
-    for name, hint in annotations_of(type(value)).items():  # type: ignore[arg-type]
+    for name, hint in annotations_of(type(value)).items():  # type: ignore[arg-type] # hashable
         object.__setattr__(value, name, _checked(name, getattr(value, name), hint))
 
 
@@ -78,6 +78,7 @@ def _checked(name: str, value: Any, hint: Any) -> Any:
 
 
 def _holds(limit: Any, number: float) -> bool:
+    # Ignored types: annotated_types declares limits as anything that can be compared.
     if isinstance(limit, Gt):
         return number > float(limit.gt)  # type: ignore[arg-type]
     if isinstance(limit, Ge):

@@ -1,5 +1,6 @@
 """Observers of the three methods; opened by `rastercov.observer.open_observer`."""
 
+from abc import ABC, abstractmethod
 from functools import partial
 from importlib.metadata import version
 from typing import Any
@@ -25,7 +26,7 @@ ROLL = 0.4
 direction that is common in manufactured parts. Along rows of samples errors of counting add up."""
 
 
-class OpenObserver(Closing):
+class OpenObserver(Closing, ABC):
     """An observer that is open until it is closed."""
 
     mesh: Mesh
@@ -33,8 +34,9 @@ class OpenObserver(Closing):
     info: RasterizerInfo
     _is_open = True
 
+    @abstractmethod
     def observe(self, poses: ArrayLike | Poses) -> Observation:
-        raise NotImplementedError
+        """Areas of every face in each pose; see `Observer.observe`."""
 
     def visibility(self, poses: ArrayLike | Poses) -> Visibility:
         """Visible fraction of each face in each pose; see `Observer.visibility`."""

@@ -49,7 +49,7 @@ def check_poses(poses: ArrayLike) -> tuple[FloatArray, dict[int, str]]:
         for row in np.flatnonzero(mask):
             faults.setdefault(int(row), text)
 
-    finite: NDArray[np.bool_] = np.isfinite(out).all(axis=(1, 2))  # type: ignore[assignment]
+    finite: NDArray[np.bool_] = np.isfinite(out).all(axis=(1, 2))  # type: ignore[assignment] # an array
     fault(~finite, "is not finite")
     far = ~(np.abs(out[:, :3, 3]) <= LARGEST_COORDINATE).all(axis=1)
     fault(far, f"is beyond ±{LARGEST_COORDINATE:g} m")

@@ -93,7 +93,7 @@ def with_task(command: Callable[..., None]) -> Callable[..., None]:
     parameters: list[inspect.Parameter] = []
     for parameter in signature.parameters.values():
         parameters += [*thresholds, thesis] if parameter.name == "task" else [parameter]
-    with_options.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+    with_options.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined] # of Callable
     with_options.__annotations__ = {each.name: each.annotation for each in parameters}
     return with_options
 
@@ -103,5 +103,5 @@ def _plain(hint: Any) -> Any:
     if get_origin(hint) is Annotated:
         return get_args(hint)[0]
     if get_origin(hint) in (Union, UnionType):
-        return Union[tuple(_plain(member) for member in get_args(hint))]  # noqa: UP007
+        return Union[tuple(_plain(member) for member in get_args(hint))]  # noqa: UP007 - members in a tuple
     return hint

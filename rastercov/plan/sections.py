@@ -78,6 +78,9 @@ class MeshEntry(Entry):
         return self
 
 
+# Ignored types below: mypy does not follow the classes that `fields_of` makes.
+
+
 class CameraSection(fields_of(Camera, is_optional=True, leave_out=("pixel_size", "focus_range"))):  # type: ignore[misc]
     """The camera: a preset, a file, or the entries of a camera file, which also change a preset."""
 
