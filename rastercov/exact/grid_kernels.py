@@ -3,7 +3,7 @@
 import numpy as np
 
 from rastercov._jit import allocation_free, inlined
-from rastercov.exact.records import LIVE, THIN, U_MAX, U_MIN, V_MAX, V_MIN
+from rastercov.exact.records import LIVE, THIN, U_MAX, U_MIN, V_MAX, V_MIN, W_MAX
 
 
 @inlined
@@ -24,15 +24,64 @@ def cells_of_box(box, f, grid):
 
 
 @allocation_free
-def fill_grid(state, box, grid):
-    """List the live and thin faces by the cells their boxes touch; returns the number of entries.
-
-    Where that is more than `grid.entries` has room for, none is listed: call again with more room.
+def sort_by_depth(state, box, order, buckets):
+    """List the live and thin faces from front to back by their nearest depth 1/w.
 
     Parameters
     ----------
     state, box
         Of `Projected`.
+    order : (F,) int32
+        Out: the faces, in the order of the buckets of depth that they fall in.
+    buckets : (B,) int64
+        Scratch: B - 2 buckets of equal depth.
+
+    Returns
+    -------
+    n : int
+        Number of faces listed.
+    depth : float
+        Depth of a bucket: no face is listed before one that is farther by more than this.
+    """
+    n = 0
+    nearest, farthest = np.inf, 0.0
+    for f in range(state.shape[0]):
+        if state[f] & (LIVE | THIN):
+            z = 1 / box[f, W_MAX]
+            nearest, farthest = min(nearest, z), max(farthest, z)
+            n += 1
+    if n == 0:
+        return 0, 0.0
+    n_buckets = buckets.shape[0] - 2
+    depth = (farthest - nearest) / n_buckets
+    per_depth = 1 / depth if depth > 0 and np.isfinite(1 / depth) else 0.0
+    buckets[:] = 0
+    for f in range(state.shape[0]):
+        if state[f] & (LIVE | THIN):
+            at = min(np.int64((1 / box[f, W_MAX] - nearest) * per_depth), n_buckets - 1)
+            buckets[at + 2] += 1
+    for at in range(2, n_buckets + 2):
+        buckets[at] += buckets[at - 1]
+    for f in range(state.shape[0]):
+        if state[f] & (LIVE | THIN):
+            at = min(np.int64((1 / box[f, W_MAX] - nearest) * per_depth), n_buckets - 1)
+            order[buckets[at + 1]] = f
+            buckets[at + 1] += 1
+    return n, depth if per_depth > 0 else farthest - nearest
+
+
+@allocation_free
+def fill_grid(box, order, n, grid):
+    """List faces by the cells their boxes touch; returns the number of entries.
+
+    Where that is more than `grid.entries` has room for, none is listed: call again with more room.
+
+    Parameters
+    ----------
+    box : (F, 6) float64
+        Of `Projected`.
+    order, n : (F,) int32, int
+        Of `sort_by_depth`: faces to list, and their number.
     grid : CellGrid
         Out: `starts` and `entries`.
     """
@@ -40,23 +89,22 @@ def fill_grid(state, box, grid):
     n_cells = columns * grid.rows
     for c in range(n_cells + 2):
         starts[c] = 0
-    for f in range(state.shape[0]):
-        if state[f] & (LIVE | THIN):
-            left, right, top, bottom = cells_of_box(box, f, grid)
-            for row in range(top, bottom + 1):
-                for column in range(left, right + 1):
-                    starts[row * columns + column + 2] += 1
+    for index in range(n):
+        left, right, top, bottom = cells_of_box(box, order[index], grid)
+        for row in range(top, bottom + 1):
+            for column in range(left, right + 1):
+                starts[row * columns + column + 2] += 1
     for c in range(2, n_cells + 2):
         starts[c] += starts[c - 1]
     total = starts[n_cells + 1]
     if total > entries.shape[0]:
         return total
-    for f in range(state.shape[0]):
-        if state[f] & (LIVE | THIN):
-            left, right, top, bottom = cells_of_box(box, f, grid)
-            for row in range(top, bottom + 1):
-                for column in range(left, right + 1):
-                    at = row * columns + column + 1
-                    entries[starts[at]] = f
-                    starts[at] += 1
+    for index in range(n):
+        f = order[index]
+        left, right, top, bottom = cells_of_box(box, f, grid)
+        for row in range(top, bottom + 1):
+            for column in range(left, right + 1):
+                at = row * columns + column + 1
+                entries[starts[at]] = f
+                starts[at] += 1
     return total

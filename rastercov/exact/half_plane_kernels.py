@@ -26,7 +26,6 @@ from rastercov.exact.polygon_kernels import (
     keep_inside,
     length,
     separates,
-    separates_box,
     twice_area,
 )
 from rastercov.exact.records import (
@@ -60,14 +59,12 @@ from rastercov.exact.records import (
 )
 from rastercov.exact.setup_kernels import EDGE_ON_FACTOR, OUTLINE_ERROR_FACTOR
 
-MOST_OCCLUDERS = 24
-"""Occluders of a part of a face subtracted together; where there are more, it is halved first."""
-LARGE_CELLS = 4
-"""Cells beyond which a face is tested against each cell before the faces listed there."""
-LEAST_GAIN = 1.7
-"""A part is not halved if its halves have more occluders together than this, relative to it."""
-NO_ROOM, ALL_HIDDEN = -1, -2
-"""Results of `find_occluders` other than a count."""
+MOST_PIECES = 48
+"""Pieces of a part of a face beyond which it is halved: each occluder is taken from each piece."""
+MOST_HALVINGS = 6
+"""Times that a part is halved: occluders with a common corner are not separated by any number."""
+NO_ROOM, ALL_HIDDEN, TOO_MANY = -1, -2, -3
+"""Results of `visible_in_cell` other than an area."""
 
 
 @inlined
@@ -139,7 +136,7 @@ def plane_of(f, camera, projected):
 
 
 @inlined
-def depth_order(t, m, target, n, n_sides, camera, projected, work, area_error):
+def depth_order(t, m, target, n, n_sides, camera, projected, work, is_first, area_error):
     """Depth order of face m relative to face t, over the overlap of their images.
 
     The order is unknown where w differs by less than its error, a strip along the line of equal
@@ -153,8 +150,10 @@ def depth_order(t, m, target, n, n_sides, camera, projected, work, area_error):
         Lines that bound the image of m, in `work.lines`.
     camera, projected, work
         Pinhole, Projected and Work.
+    is_first : bool
+        Whether m is compared with t for the first time.
     area_error : (F,) float64
-        The area of that strip is added to that of t, px^2.
+        The first time the area of that strip is added to that of t, px^2.
 
     Returns
     -------
@@ -193,7 +192,9 @@ def depth_order(t, m, target, n, n_sides, camera, projected, work, area_error):
             shared += 1
     error = error_t + error_m
     common = abs(twice_area(spare, n)) / 2
-    if abs(apart) <= error or (apart > 0 and max(most, -least) <= error):
+    if not is_first:
+        pass
+    elif abs(apart) <= error or (apart > 0 and max(most, -least) <= error):
         area_error[t] += common
     elif apart > 0 and shared < 2 and least <= error and most >= -error:
         extent = length(u_max - u_min, v_max - v_min, 0.0)
@@ -214,200 +215,204 @@ def depth_order(t, m, target, n, n_sides, camera, projected, work, area_error):
 
 
 @inlined
-def find_occluders(
-    t, target, n, own, n_own, camera, projected, grid, marks, occluders, work, area_error
-):
-    """List the faces that hide a part of face t.
-
-    Parameters
-    ----------
-    t, target, n, own, n_own
-        The face, its image and the lines that bound it.
-    camera, projected, grid, work
-        Pinhole, Projected, CellGrid and Work.
-    marks : (F,) int64
-        Last face whose search visited each face.
-    occluders : Occluders
-        Out: `faces`, `order` and `lines`.
-    area_error : (F,) float64
-        The effect of rounding along the outlines of the faces found, and on their depth order, is
-        added to that of t, px^2.
-
-    Returns
-    -------
-    int
-        Number of faces found; `NO_ROOM` if `occluders` is too small; `ALL_HIDDEN` if one face hides
-        all of t.
-    """
-    box, state, lines, corners = projected.box, projected.state, work.lines, work.corners
-    starts, entries = grid.starts, grid.entries
-    farthest = box[t, W_MIN] * (1 - 2 * DEPTH_TIE_REL)
-    u_min, u_max, v_min, v_max = box[t, U_MIN], box[t, U_MAX], box[t, V_MIN], box[t, V_MAX]
-    left, right, top, bottom = cells_of_box(box, t, grid)
-    is_large = (right - left) * (bottom - top) > LARGE_CELLS
-    count = 0
-    for row in range(top, bottom + 1):
-        for column in range(left, right + 1):
-            if is_large and separates_box(
-                own, n_own, grid.left + column / grid.per_u, grid.left + (column + 1) / grid.per_u,
-                grid.top + row / grid.per_v, grid.top + (row + 1) / grid.per_v,
-            ):  # fmt: skip
-                continue
-            at = row * grid.columns + column
-            for entry in range(starts[at], starts[at + 1]):
-                m = entries[entry]
-                if box[m, W_MAX] < farthest or box[m, U_MIN] >= u_max or box[m, U_MAX] <= u_min:
-                    continue
-                if box[m, V_MIN] >= v_max or box[m, V_MAX] <= v_min or marks[m] == t or m == t:
-                    continue
-                marks[m] = t
-                if separates_box(
-                    own, n_own, box[m, U_MIN], box[m, U_MAX], box[m, V_MIN], box[m, V_MAX]
-                ):
-                    continue
-                across = min(u_max, box[m, U_MAX]) - max(u_min, box[m, U_MIN])
-                down = min(v_max, box[m, V_MAX]) - max(v_min, box[m, V_MIN])
-                if state[m] & DOUBTFUL:
-                    error = outline_error(m, camera, projected)
-                    area_error[t] += 4 * EDGE_ON_FACTOR * (across + down) * error
-                    if state[m] & THIN:
-                        continue
-                k, n_sides = outline(m, projected, corners, lines)
-                if separates(lines, n_sides, target, n) or separates(own, n_own, corners, k):
-                    continue
-                order = depth_order(t, m, target, n, n_sides, camera, projected, work, area_error)
-                if order == BEHIND:
-                    continue
-                if order == IN_FRONT and contains(lines, n_sides, target, n):
-                    return ALL_HIDDEN
-                if count == occluders.faces.shape[0]:
-                    return NO_ROOM
-                area_error[t] += 4 * (across + down) * outline_error(m, camera, projected)
-                occluders.faces[count] = m
-                occluders.order[count] = order
-                for p in range(OFFSET + 1):
-                    occluders.lines[count, p] = lines[n_sides, p]
-                count += 1
-    return count
+def lines_of_cell(column, row, grid, lines):
+    """Lines that bound a cell of the grid; those at the border of the grid bound nothing."""
+    left, right = grid.left + column / grid.per_u, grid.left + (column + 1) / grid.per_u
+    top, bottom = grid.top + row / grid.per_v, grid.top + (row + 1) / grid.per_v
+    lines[0] = (left, 0.0, 0.0, -1.0, 0.0 if column > 0 else np.inf)
+    lines[1] = (right, 0.0, 0.0, 1.0, 0.0 if column + 1 < grid.columns else np.inf)
+    lines[2] = (0.0, top, 1.0, 0.0, 0.0 if row > 0 else np.inf)
+    lines[3] = (0.0, bottom, -1.0, 0.0, 0.0 if row + 1 < grid.rows else np.inf)
 
 
 @inlined
-def subtract_occluders(polygon, n, first, last, camera, projected, occluders, pieces, work):
-    """Twice the area that some occluders leave of a polygon, or -1 for lack of room.
+def extent_of(polygon, n):
+    """Bounds of a polygon: least and greatest u, least and greatest v."""
+    u_min = u_max = polygon[0, U]
+    v_min = v_max = polygon[0, V]
+    for p in range(1, n):
+        u_min, u_max = min(u_min, polygon[p, U]), max(u_max, polygon[p, U])
+        v_min, v_max = min(v_min, polygon[p, V]), max(v_max, polygon[p, V])
+    return u_min, u_max, v_min, v_max
 
-    Parameters
-    ----------
-    polygon, n : (24, 2) float64, int
-    first, last : int
-        The occluders are rows chosen[first] ... chosen[last - 1] of `occluders`.
-    camera, projected, pieces, work
-        Pinhole, Projected, Pieces and Work; the last two are scratch.
-    """
-    lines = work.lines
-    copy_polygon(polygon, n, pieces.corners[0])
-    pieces.n_corners[0], count = n, np.int64(1)
-    for index in range(first, last):
-        row = occluders.chosen[index]
-        _, n_lines = outline(occluders.faces[row], projected, work.corners, lines)
-        n_sides = n_lines
-        if occluders.order[row] == IN_FRONT_IN_PART:
-            for p in range(OFFSET + 1):
-                lines[n_sides, p] = occluders.lines[row, p]
-            n_lines += 1
-        count = clip_subtract(
-            pieces, count, lines, n_sides, n_lines, camera.pixel_error, work.spare, work.values
-        )
-        if count == 0:
-            return 0.0
-        if count < 0:
-            return -1.0
-    twice = 0.0
-    for p in range(count):
-        twice += max(twice_area(pieces.corners[p], pieces.n_corners[p]), 0.0)
-    return twice
+
+@inlined
+def hides_all(m, t, target, n, camera, projected, work, area_error):
+    """True if face m hides all of face t."""
+    box = projected.box
+    if (
+        m == t
+        or box[m, W_MAX] < box[t, W_MIN] * (1 - 2 * DEPTH_TIE_REL)
+        or not projected.state[m] & LIVE
+        or projected.state[m] & DOUBTFUL
+    ):
+        return False
+    _, n_sides = outline(m, projected, work.corners, work.lines)
+    return (
+        contains(work.lines, n_sides, target, n)
+        and depth_order(t, m, target, n, n_sides, camera, projected, work, True, area_error)
+        == IN_FRONT
+    )
 
 
 @allocation_free
-def halve(top, occluders, box, work):
-    """Replace the part on top of the stack by its halves; returns how many that are.
+def visible_in_cell(
+    t, target, n, n_own, part, n_part, at, limit, camera, projected, grid, marks, pieces, work,
+    area_error,
+):
+    """Twice the area that the faces listed in one cell leave of a part of face t.
 
-    0 if that separates few occluders.
+    Parameters
+    ----------
+    t, target, n, n_own
+        The face, its image, and the number of lines that bound it.
+    part, n_part : (24, 2) float64, int
+        The part, within the cell.
+    at : int
+        The cell.
+    limit : int
+        Number of pieces beyond which the part is left to be halved.
+    camera, projected, grid, marks, pieces, work, area_error
+        As for `visible_areas`.
+
+    Returns
+    -------
+    twice : float
+        px^2; `NO_ROOM` if there are too many pieces for `pieces`; `TOO_MANY` if they are more than
+        `limit`; `ALL_HIDDEN` if one face hides all of t.
+    face : int
+        The last face that hides something.
     """
-    parts, ranges, spare = work.parts, work.ranges, work.spare
-    chosen = occluders.chosen
-    n, low, high = parts.n_corners[top], ranges[top, 0], ranges[top, 1]
-    u_min = v_min = np.inf
-    u_max = v_max = -np.inf
+    box, state, lines, corners, own = (
+        projected.box, projected.state, work.lines, work.corners, work.own,
+    )  # fmt: skip
+    farthest = box[t, W_MIN] * (1 - 2 * DEPTH_TIE_REL)
+    # Faces farther than t by two buckets end the search.
+    end = 1 / (1 / farthest + 2 * grid.bucket_depth) if farthest > 0 else 0.0
+    u_min, u_max, v_min, v_max = extent_of(part, n_part)
+    copy_polygon(part, n_part, pieces.corners[0])
+    pieces.n_corners[0], count = n_part, np.int64(1)
+    last = np.int64(-1)
+    for entry in range(grid.starts[at], grid.starts[at + 1]):
+        m = grid.entries[entry]
+        nearest = box[m, W_MAX]
+        if nearest < farthest:
+            if nearest < end:
+                break
+            continue
+        if box[m, U_MIN] >= u_max or box[m, U_MAX] <= u_min:
+            continue
+        if box[m, V_MIN] >= v_max or box[m, V_MAX] <= v_min or m == t:
+            continue
+        is_first = marks[m] != t
+        across = min(box[t, U_MAX], box[m, U_MAX]) - max(box[t, U_MIN], box[m, U_MIN])
+        down = min(box[t, V_MAX], box[m, V_MAX]) - max(box[t, V_MIN], box[m, V_MIN])
+        if state[m] & DOUBTFUL:
+            if is_first:
+                marks[m] = t
+                error = outline_error(m, camera, projected)
+                area_error[t] += 4 * EDGE_ON_FACTOR * (across + down) * error
+            if state[m] & THIN:
+                continue
+        k, n_sides = outline(m, projected, corners, lines)
+        if separates(lines, n_sides, target, n) or separates(own, n_own, corners, k):
+            continue
+        marks[m] = t
+        order = depth_order(
+            t, m, target, n, n_sides, camera, projected, work, is_first, area_error
+        )
+        if order == BEHIND:
+            continue
+        if order == IN_FRONT and contains(lines, n_sides, target, n):
+            return ALL_HIDDEN, m
+        if is_first:
+            area_error[t] += 4 * (across + down) * outline_error(m, camera, projected)
+        n_lines = n_sides + 1 if order == IN_FRONT_IN_PART else n_sides
+        count = clip_subtract(
+            pieces, count, lines, n_sides, n_lines, camera.pixel_error, work.spare, work.values
+        )
+        last = np.int64(m)
+        if count == 0:
+            return 0.0, last
+        if count < 0:
+            return NO_ROOM, last
+        if count > limit:
+            return TOO_MANY, last
+    twice = 0.0
+    for p in range(count):
+        twice += max(twice_area(pieces.corners[p], pieces.n_corners[p]), 0.0)
+    return twice, last
+
+
+@allocation_free
+def halve(top, work):
+    """Replace the part on top of the stack by its halves; returns how many that are."""
+    parts, levels, spare = work.parts, work.levels, work.spare
+    n, level = parts.n_corners[top], levels[top] + 1
     copy_polygon(parts.corners[top], n, spare)
-    for p in range(n):
-        u_min, u_max = min(u_min, spare[p, U]), max(u_max, spare[p, U])
-        v_min, v_max = min(v_min, spare[p, V]), max(v_max, spare[p, V])
+    u_min, u_max, v_min, v_max = extent_of(spare, n)
+    u, v = (u_min + u_max) / 2, (v_min + v_max) / 2
     is_across = u_max - u_min >= v_max - v_min
-    middle = (u_min + u_max) / 2 if is_across else (v_min + v_max) / 2
-    least, greatest = (U_MIN, U_MAX) if is_across else (V_MIN, V_MAX)
-    end = high
     n_halves = 0
     for half in range(2):
-        start = end
-        for k in range(low, high):
-            m = occluders.faces[chosen[k]]
-            if (box[m, least] < middle) if half == 0 else (box[m, greatest] > middle):
-                chosen[end] = chosen[k]
-                end += 1
-        ranges[top + half, 0], ranges[top + half, 1] = start, end
-    if end - high > LEAST_GAIN * (high - low):
-        ranges[top, 0], ranges[top, 1] = low, high
-        return 0
-    for half in range(2):
         inward = -1.0 if half == 0 else 1.0
-        du, dv = (0.0, -inward) if is_across else (inward, 0.0)
-        first, last = ranges[top + half, 0], ranges[top + half, 1]
-        line = (middle, middle, du, dv, 0.0)
+        line = (u, v, 0.0, inward, 0.0) if is_across else (u, v, inward, 0.0, 0.0)
         kept = keep_inside(spare, n, line, parts.corners[top + n_halves])
         if kept >= 3:
             parts.n_corners[top + n_halves] = kept
-            ranges[top + n_halves, 0], ranges[top + n_halves, 1] = first, last
+            levels[top + n_halves] = level
             n_halves += 1
     return n_halves
 
 
-@inlined
-def visible_twice_area(target, n, count, camera, projected, occluders, pieces, work):
-    """Twice the area that the first `count` occluders leave of `target`, or -1 for lack of room.
+@allocation_free
+def visible_twice_area(
+    t, target, n, n_own, camera, projected, grid, marks, pieces, work, area_error
+):
+    """Twice the visible area of face t, or `NO_ROOM`; and the last face that hides all of a part.
 
-    A part with more than `MOST_OCCLUDERS` is halved first. `pieces` and `work` are scratch.
+    The face is taken apart by the cells of the grid, and parts of many pieces are halved.
     """
-    parts, ranges = work.parts, work.ranges
-    copy_polygon(target, n, parts.corners[0])
-    for k in range(count):
-        occluders.chosen[k] = k
-    parts.n_corners[0], ranges[0, 0], ranges[0, 1] = n, 0, count
-    top, twice = 1, 0.0
-    while top > 0:
-        top -= 1
-        low, high = ranges[top, 0], ranges[top, 1]
-        if (
-            high - low > MOST_OCCLUDERS
-            and top + 2 < STACK_ROOM
-            and high + 2 * (high - low) <= occluders.chosen.shape[0]
-        ):
-            n_halves = halve(top, occluders, projected.box, work)
-            if n_halves > 0:
-                top += n_halves
-                continue
-        rest = subtract_occluders(
-            parts.corners[top], parts.n_corners[top], low, high, camera, projected, occluders,
-            pieces, work,
-        )  # fmt: skip
-        if rest < 0:
-            return -1.0
-        twice += rest
-    return twice
+    parts, levels = work.parts, work.levels
+    left, right, top_row, bottom = cells_of_box(projected.box, t, grid)
+    n_cells = (right - left + 1) * (bottom - top_row + 1)
+    twice = 0.0
+    hider = np.int64(-1)
+    for row in range(top_row, bottom + 1):
+        for column in range(left, right + 1):
+            lines_of_cell(column, row, grid, work.cell)
+            copy_polygon(target, n, parts.corners[0])
+            parts.n_corners[0] = n
+            if n_cells > 1:
+                parts.n_corners[0] = clip(parts.corners[0], n, work.cell, 4, work.spare)
+                if parts.n_corners[0] < 3:
+                    continue
+            levels[0], top = 0, 1
+            while top > 0:
+                top -= 1
+                can_halve = levels[top] < MOST_HALVINGS and top + 2 < STACK_ROOM
+                limit = np.int64(MOST_PIECES) if can_halve else pieces.corners.shape[0]
+                rest, face = visible_in_cell(
+                    t, target, n, n_own, parts.corners[top], parts.n_corners[top],
+                    row * grid.columns + column, limit, camera, projected, grid, marks, pieces,
+                    work, area_error,
+                )  # fmt: skip
+                if rest == ALL_HIDDEN:
+                    return 0.0, face
+                if rest == NO_ROOM:
+                    return float(NO_ROOM), face
+                if rest == TOO_MANY:
+                    top += halve(top, work)
+                else:
+                    twice += rest
+                if rest == 0:
+                    hider = face
+    return twice, hider
 
 
 @allocation_free
 def visible_areas(
-    targets, first, camera, projected, grid, marks, occluders, pieces, work, visible, area_error
+    targets, first, camera, projected, grid, marks, pieces, work, visible, area_error
 ):
     """Visible areas of some faces; returns how many of `targets` are done.
 
@@ -423,7 +428,7 @@ def visible_areas(
         Pinhole; Projected, as filled by `set_up`; CellGrid.
     marks : (F,) int64
         Scratch: below 0 at the start of each pose.
-    occluders, pieces, work : Occluders, Pieces, Work
+    pieces, work : Pieces, Work
         Scratch.
     visible : (F,) float64
         Out: visible px^2 inside the image, for the targets.
@@ -432,6 +437,7 @@ def visible_areas(
     """
     state, box, area = projected.state, projected.box, projected.area
     target, own, border = work.target, work.own, camera.border
+    hider = np.int64(-1)
     for index in range(first, targets.shape[0]):
         t = targets[index]
         visible[t] = area_error[t] = 0.0
@@ -447,19 +453,15 @@ def visible_areas(
         n, n_own = outline(t, projected, target, own)
         if state[t] & PARTLY:
             n = clip(target, n, border, border.shape[0], work.spare)
-        count = find_occluders(
-            t, target, n, own, n_own, camera, projected, grid, marks, occluders, work, area_error
+            if n < 3:
+                continue
+        # Neighbours on the same surface often have the same face before them.
+        if hider >= 0 and hides_all(hider, t, target, n, camera, projected, work, area_error):
+            continue
+        twice, hider = visible_twice_area(
+            t, target, n, n_own, camera, projected, grid, marks, pieces, work, area_error
         )
-        if count == NO_ROOM:
-            marks[:] = -1
-            return index
-        if count == ALL_HIDDEN:
-            continue
-        if count == 0:
-            visible[t] = area[t]
-            continue
-        twice = visible_twice_area(target, n, count, camera, projected, occluders, pieces, work)
-        if twice < 0:
+        if twice == NO_ROOM:
             marks[:] = -1
             return index
         # Remainders up to the rounding count as nothing, both of the visible and the hidden part.

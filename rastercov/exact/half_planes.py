@@ -24,7 +24,7 @@ from rastercov._memory import check_memory
 from rastercov._threads import share_poses, thread_count
 from rastercov.camera import Camera
 from rastercov.errors import ConfigError
-from rastercov.exact.grid_kernels import fill_grid
+from rastercov.exact.grid_kernels import fill_grid, sort_by_depth
 from rastercov.exact.half_plane_kernels import visible_areas as visible_areas_kernel
 from rastercov.exact.records import (
     CORNERS,
@@ -35,7 +35,6 @@ from rastercov.exact.records import (
     THIN,
     CellGrid,
     Clipped,
-    Occluders,
     Pieces,
     Pinhole,
     Projected,
@@ -55,6 +54,8 @@ MOST_CELLS = 1 << 14
 """Columns, or rows, of the grid."""
 LEAST_EXTENT = 1e-100
 """Pixels; width and height that the grid covers at least."""
+N_BUCKETS = 4096
+"""Buckets that sort faces by depth."""
 CELLS_PER_FACE = 2
 """Cells of the grid for each face, unless that makes more entries than `ENTRIES_PER_FACE`."""
 ENTRIES_PER_FACE = 4
@@ -200,7 +201,9 @@ class HalfPlaneSolver:
             clipped=_room_for_clipped(8),
         )
         starts, entries = np.empty(0, np.int64), np.empty(4 * n_faces, np.int32)
-        self.grid = CellGrid(0.0, 0.0, 1.0, 1.0, 1, 1, starts, entries)
+        self.grid = CellGrid(0.0, 0.0, 1.0, 1.0, 1, 1, 0.0, starts, entries)
+        self._order = np.empty(n_faces, np.int32)
+        self._buckets = np.empty(N_BUCKETS + 2, np.int64)
         self._make_room_for_pieces(64)
         self._work = Work(
             target=np.empty((2 * CORNERS, 2)),
@@ -210,8 +213,9 @@ class HalfPlaneSolver:
             spare=np.empty((PIECE_ROOM, 2)),
             other=np.empty((PIECE_ROOM, 2)),
             values=np.empty(PIECE_ROOM),
+            cell=np.empty((4, 5)),
             parts=_room_for_pieces(STACK_ROOM, 2 * CORNERS),
-            ranges=np.empty((STACK_ROOM, 2), np.int64),
+            levels=np.empty(STACK_ROOM, np.int64),
         )
 
     def set_pose(self, pose: FloatArray, near: float, front_only: bool) -> None:
@@ -249,7 +253,7 @@ class HalfPlaneSolver:
         while True:
             done = visible_areas_kernel(
                 targets, done, self.camera, self.projected, self.grid, self._marks,
-                self._occluders, self._pieces, self._work, self.visible, self.area_error,
+                self._pieces, self._work, self.visible, self.area_error,
             )  # fmt: skip
             if done == len(targets):
                 break
@@ -285,9 +289,10 @@ class HalfPlaneSolver:
         starts, entries = self.grid.starts, self.grid.entries
         if len(starts) < columns * rows + 2:
             starts = np.empty(columns * rows + 2, np.int64)
+        n, depth = sort_by_depth(self.state, self.projected.box, self._order, self._buckets)
         while True:
-            self.grid = CellGrid(left, top, per_u, per_v, columns, rows, starts, entries)
-            needed = fill_grid(self.state, self.projected.box, self.grid)
+            self.grid = CellGrid(left, top, per_u, per_v, columns, rows, depth, starts, entries)
+            needed = fill_grid(self.projected.box, self._order, n, self.grid)
             if needed <= len(entries):
                 return
             entries = np.empty(needed * 5 // 4, np.int32)
@@ -296,14 +301,8 @@ class HalfPlaneSolver:
         self.projected = self.projected._replace(clipped=_room_for_clipped(n))
 
     def _make_room_for_pieces(self, n: int) -> None:
-        """Allocate room for n pieces of a face, and n occluders."""
+        """Allocate room for n pieces of a face."""
         self._pieces = _room_for_pieces(n, PIECE_ROOM)
-        self._occluders = Occluders(
-            faces=np.empty(n, np.int32),
-            order=np.empty(n, np.int64),
-            lines=np.empty((n, 5)),
-            chosen=np.empty(8 * n, np.int32),
-        )
 
 
 def _border(width: float, height: float) -> FloatArray:

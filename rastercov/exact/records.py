@@ -110,8 +110,10 @@ planes : (N, 7) float64
     1/z: a point (u, v, w), slopes and errors.
 """
 
-CellGrid = namedtuple("CellGrid", "left top per_u per_v columns rows starts entries")
-"""Live faces listed by the cells of a regular grid over the image that their boxes touch.
+CellGrid = namedtuple(
+    "CellGrid", "left top per_u per_v columns rows bucket_depth starts entries"
+)
+"""Live and thin faces listed by the cells of a regular grid over the image that their boxes touch.
 
 Attributes
 ----------
@@ -120,30 +122,18 @@ left, top : float
 per_u, per_v : float
     Columns and rows a pixel.
 columns, rows : int
+bucket_depth : float
+    Entries of a cell are listed from front to back up to this, metres.
 starts : (columns * rows + 2 or more,) int64
     The faces of cell c are entries[starts[c]] ... entries[starts[c + 1] - 1].
 entries : (N,) int32
-    Faces in the order of their index.
-"""
-
-Occluders = namedtuple("Occluders", "faces order lines chosen")
-"""Scratch for the faces that hide a part of one face.
-
-Attributes
-----------
-faces : (N,) int32
-order : (N,) int64
-    `IN_FRONT` or `IN_FRONT_IN_PART`.
-lines : (N, 5) float64
-    For those in front in part: line of equal depth, with the occluder in front on its inner side.
-chosen : (8 N,) int32
-    Lists of rows of the others, one for each part of the face.
+    Faces.
 """
 
 Pieces = namedtuple("Pieces", "corners n_corners")
 """Convex polygons, clockwise: (N, room, 2) float64 corners, (N,) int64 corner counts."""
 
-Work = namedtuple("Work", "target own corners lines spare other values parts ranges")
+Work = namedtuple("Work", "target own corners lines spare other values cell parts levels")
 """Scratch for one face.
 
 Attributes
@@ -154,9 +144,10 @@ corners, lines : (CORNERS, 2), (SIDES + 1, 5) float64
     The same of an occluder, with the line of equal depth.
 spare, other, values : (PIECE_ROOM, 2), (PIECE_ROOM, 2), (PIECE_ROOM,) float64
     Two polygons, and values at their corners.
-parts, ranges : Pieces, (STACK_ROOM, 2) int64
-    Stack of convex parts of the face. Occluders of part s are rows chosen[ranges[s, 0]] ...
-    chosen[ranges[s, 1] - 1]; the rest of `chosen`, above the range of the top part, is free.
+cell : (4, 5) float64
+    Lines that bound a cell of the grid.
+parts, levels : Pieces, (STACK_ROOM,) int64
+    Stack of convex parts of the face, and how often each was halved.
 """
 
 Segment = namedtuple("Segment", "uvw ends points")
