@@ -86,6 +86,7 @@ class CertificateSolver(HalfPlaneSolver):
         super().__init__(surface, camera)
         n_edges, n_faces = len(surface.edges.kind), len(surface.faces)
         self._is_event, self._events = np.empty(n_edges, np.bool_), np.empty(n_edges, np.int32)
+        self._ranges, self._is_hidden = np.empty((16, 2)), np.zeros(n_edges, np.bool_)
         self._is_at_event = np.empty(len(surface.vertices), np.bool_)
         self.region, self._targets = np.empty(n_faces, np.int32), np.empty(n_faces, np.int32)
         self._scratch = np.empty(n_faces, np.int32)
@@ -105,8 +106,9 @@ class CertificateSolver(HalfPlaneSolver):
             THIN_TOLERANCE_REL * self.coordinate_scale, self._is_at_event,
         )  # fmt: skip
         kernels.mark_crossed(
-            events, surface.edges, surface.vertices, camera, projected, self.grid, self._extent,
-            CROSSING_TOLERANCE_REL * self.coordinate_scale, self.n_clipped > 0, self._segment,
+            events, surface.edges, self._is_event, surface.vertices, camera, projected, self.grid,
+            self._extent, CROSSING_TOLERANCE_REL * self.coordinate_scale, self.n_clipped > 0,
+            self._segment, self._work, self._ranges, self._is_hidden,
         )  # fmt: skip
         self.n_crossed, self.n_regions = kernels.find_regions(
             surface.edges, self._is_event, camera, projected, self.region, self._scratch,

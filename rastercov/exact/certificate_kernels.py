@@ -13,16 +13,20 @@ import numpy as np
 
 from rastercov._jit import allocation_free, inlined, part_of
 from rastercov.exact.grid_kernels import cell
-from rastercov.exact.polygon_kernels import line_value
+from rastercov.exact.half_plane_kernels import outline, outline_error, plane_of
+from rastercov.exact.polygon_kernels import line_at, line_value
 from rastercov.exact.records import (
     CLIPPED,
     CONSISTENT,
     CROSSED,
     DEPTH_TIE_REL,
     DOUBTFUL,
+    DU,
+    DV,
     LIVE,
     NON_MANIFOLD,
     PARTLY,
+    SIDES,
     SLOPE_U,
     SLOPE_V,
     THIN,
@@ -140,8 +144,8 @@ def narrowed(start, end, low, high, first, last):
 
 
 @inlined
-def crosses(f, a, b, segment, tolerance, projected):
-    """True if a segment of the image crosses a face at or before its depth.
+def crosses(f, a, b, segment, first, last, tolerance, projected):
+    """True if a part of a segment of the image crosses a face at or before its depth.
 
     Parameters
     ----------
@@ -151,10 +155,13 @@ def crosses(f, a, b, segment, tolerance, projected):
         Vertices at the two ends, or `NO_VERTEX`.
     segment : (2, 3) float64
         u, v, w of both ends.
+    first, last : float
+        The part, from 0 at the start to 1 at the end.
     tolerance : float
         Pixels by which the face is grown.
     projected : Projected
     """
+    starts_within, ends_within = first > 0, last < 1
     faces, uvw = projected.faces, projected.uvw
     u0, v0, w0 = segment[START, U], segment[START, V], segment[START, W]
     u1, v1, w1 = segment[END, U], segment[END, V], segment[END, W]
@@ -176,7 +183,6 @@ def crosses(f, a, b, segment, tolerance, projected):
     # The part of the segment within the face grown by the tolerance. For a segment that starts at a
     # corner of the face the two sides there are not tested by distance: it is within if its far end
     # is within their wedge.
-    first, last = 0.0, 1.0
     corner = a if has_a else b if has_b else np.int64(NO_VERTEX)
     for s in range(3):
         if s == 0:
@@ -206,12 +212,12 @@ def crosses(f, a, b, segment, tolerance, projected):
     twice = ua * vb - ub * va
     slope_u, slope_v = (wa * vb - wb * va) / twice, (ua * wb - ub * wa) / twice
     tie = DEPTH_TIE_REL * projected.box[f, W_MAX]
-    if not has_a:
+    if starts_within or not has_a:
         its = w0 + first * (w1 - w0)
         mine = w + slope_u * (u0 + first * du - ui) + slope_v * (v0 + first * dv - vi)
         if its >= mine - tie:
             return True
-    if not has_b:
+    if ends_within or not has_b:
         its = w0 + last * (w1 - w0)
         mine = w + slope_u * (u0 + last * du - ui) + slope_v * (v0 + last * dv - vi)
         if its >= mine - tie:
@@ -220,8 +226,103 @@ def crosses(f, a, b, segment, tolerance, projected):
 
 
 @inlined
-def mark_segment(a, b, segment, tolerance, projected, grid, extent):
-    """Mark the live faces that a segment of the image crosses, by the cells it runs through."""
+def hidden_range(
+    m, a, b, segment, first, last, tolerance, edges, is_event, camera, projected, work
+):
+    """Part of a segment of the image that a face certainly hides; empty if the first is the last.
+
+    Parameters
+    ----------
+    m : int
+        The face.
+    a, b : int
+        Vertices at the two ends of the segment, or `NO_VERTEX`.
+    segment : (2, 3) float64
+        u, v, w of both ends.
+    first, last : float
+        Part of the segment that matters.
+    tolerance : float
+        Pixels by which the face is shrunk along its event edges. Along the others, where the
+        surface goes on, it is grown by the rounding of a position.
+    edges, is_event, camera, projected, work
+        As for `mark_crossed`.
+    """
+    faces, lines = projected.faces, work.lines
+    i, j, k = faces[m, 0], faces[m, 1], faces[m, 2]
+    if a >= 0 and b >= 0 and (i == a or j == a or k == a) and (i == b or j == b or k == b):
+        return first, first
+    u, v, w = segment[START, U], segment[START, V], segment[START, W]
+    u1, v1, w1 = segment[END, U], segment[END, V], segment[END, W]
+    _, n_lines = outline(m, projected, work.corners, lines)
+    error = outline_error(m, camera, projected)
+    for s in range(n_lines):
+        margin = 2 * tolerance + error
+        if s < 3:
+            # The corners of a face seen from the front are taken in reverse.
+            corner = s if projected.side[m] < 0 or n_lines == SIDES else 2 - s
+            if not is_event[edges.of_face[m, corner]]:
+                margin = -2 * error
+        line = line_at(lines, s)
+        margin *= abs(lines[s, DU]) + abs(lines[s, DV])
+        start, end = line_value(line, u, v) - margin, line_value(line, u1, v1) - margin
+        if start < 0 and end < 0:
+            return first, first
+        if start < 0:
+            first = max(first, start / (start - end))
+        elif end < 0:
+            last = min(last, start / (start - end))
+    if first >= last:
+        return first, first
+    u_m, v_m, w_m, slope_u, slope_v, w_error = plane_of(m, camera, projected)
+    margin = 2 * w_error + 4 * DEPTH_TIE_REL * projected.box[m, W_MAX]
+    start = w_m + slope_u * (u - u_m) + slope_v * (v - v_m) - w - margin
+    end = w_m + slope_u * (u1 - u_m) + slope_v * (v1 - v_m) - w1 - margin
+    if start < 0 and end < 0:
+        return first, first
+    if start < 0:
+        first = max(first, start / (start - end))
+    elif end < 0:
+        last = min(last, start / (start - end))
+    return first, max(first, last)
+
+
+@inlined
+def take_range(ranges, n, first, last):
+    """Take a range out of n ranges; returns how many are left.
+
+    It stays in where there is no room for another range.
+    """
+    i = 0
+    while i < n:
+        start, end = ranges[i, 0], ranges[i, 1]
+        if last <= start or first >= end:
+            i += 1
+        elif first <= start and last >= end:
+            n -= 1
+            ranges[i, 0], ranges[i, 1] = ranges[n, 0], ranges[n, 1]
+        elif first <= start:
+            ranges[i, 0] = last
+            i += 1
+        elif last >= end:
+            ranges[i, 1] = first
+            i += 1
+        else:
+            if n < ranges.shape[0]:
+                ranges[n, 0], ranges[n, 1] = last, end
+                ranges[i, 1] = first
+                n += 1
+            i += 1
+    return n
+
+
+@inlined
+def mark_segment(
+    a, b, segment, tolerance, edges, is_event, camera, projected, grid, extent, work, ranges
+):
+    """Mark the live faces that the visible part of a segment crosses, by the cells it runs through.
+
+    Returns true if any of it is visible.
+    """
     state, box, starts, entries = projected.state, projected.box, grid.starts, grid.entries
     u, v = segment[START, U], segment[START, V]
     du, dv = segment[END, U] - u, segment[END, V] - v
@@ -232,16 +333,20 @@ def mark_segment(a, b, segment, tolerance, projected, grid, extent):
         v, segment[END, V], extent[V_MIN] - tolerance, extent[V_MAX] + tolerance, t0, t1
     )
     if t0 > t1:
-        return
+        return False
     ua, ub, va, vb = u + t0 * du, u + t1 * du, v + t0 * dv, v + t1 * dv
     low_u, high_u = min(ua, ub) - tolerance, max(ua, ub) + tolerance
     low_v, high_v = min(va, vb) - tolerance, max(va, vb) + tolerance
     nearest = max(segment[START, W], segment[END, W])
+    farthest = min(segment[START, W], segment[END, W])
+    last_w = 1 / (1 / farthest + 2 * grid.bucket_depth) if farthest > 0 else 0.0
     top = cell(low_v, grid.top, grid.per_v, grid.rows)
     bottom = cell(high_v, grid.top, grid.per_v, grid.rows)
+    is_visible = False
     for row in range(top, bottom + 1):
         # Range of u while the segment is in this row, which is widened by the tolerance.
         left, right = low_u, high_u
+        enters_row, leaves_row = t0, t1
         if top < bottom:
             upper = grid.top + row / grid.per_v - tolerance
             lower = grid.top + (row + 1) / grid.per_v + tolerance
@@ -249,9 +354,53 @@ def mark_segment(a, b, segment, tolerance, projected, grid, extent):
             leaves = min(max((lower - va) / (vb - va), 0.0), 1.0)
             at, to = ua + enters * (ub - ua), ua + leaves * (ub - ua)
             left, right = min(at, to) - 2 * tolerance, max(at, to) + 2 * tolerance
+            enters_row = t0 + min(enters, leaves) * (t1 - t0)
+            leaves_row = t0 + max(enters, leaves) * (t1 - t0)
         first = cell(left, grid.left, grid.per_u, grid.columns)
         last = cell(right, grid.left, grid.per_u, grid.columns)
-        for c in range(row * grid.columns + first, row * grid.columns + last + 1):
+        for column in range(first, last + 1):
+            c = row * grid.columns + column
+            enters, leaves = enters_row, leaves_row
+            if first < last:
+                cell_left = grid.left + column / grid.per_u - tolerance
+                cell_right = grid.left + (column + 1) / grid.per_u + tolerance
+                # The first and the last cell hold all that is beyond them.
+                enters, leaves = narrowed(
+                    u,
+                    u + du,
+                    cell_left if column > 0 else -np.inf,
+                    cell_right if column + 1 < grid.columns else np.inf,
+                    enters,
+                    leaves,
+                )
+            if enters > leaves:
+                continue
+            ranges[0, 0], ranges[0, 1], n = enters, leaves, 1
+            for entry in range(starts[c], starts[c + 1]):
+                m = entries[entry]
+                if box[m, W_MAX] < farthest:
+                    if box[m, W_MAX] < last_w:
+                        break
+                    continue
+                if (
+                    state[m] & (LIVE | DOUBTFUL) != LIVE
+                    or box[m, U_MIN] > high_u
+                    or box[m, U_MAX] < low_u
+                    or box[m, V_MIN] > high_v
+                    or box[m, V_MAX] < low_v
+                ):
+                    continue
+                begin, end = hidden_range(
+                    m, a, b, segment, enters, leaves, tolerance, edges, is_event, camera,
+                    projected, work,
+                )  # fmt: skip
+                if begin < end:
+                    n = take_range(ranges, n, begin, end)
+                    if n == 0:
+                        break
+            if n == 0:
+                continue
+            is_visible = True
             for entry in range(starts[c], starts[c + 1]):
                 f = entries[entry]
                 if (
@@ -263,8 +412,13 @@ def mark_segment(a, b, segment, tolerance, projected, grid, extent):
                     or nearest < box[f, W_MIN] * (1 - 2 * DEPTH_TIE_REL)
                 ):
                     continue
-                if crosses(f, a, b, segment, tolerance, projected):
-                    state[f] |= CROSSED
+                for i in range(n):
+                    if crosses(
+                        f, a, b, segment, ranges[i, 0], ranges[i, 1], tolerance, projected
+                    ):
+                        state[f] |= CROSSED
+                        break
+    return is_visible
 
 
 @allocation_free
@@ -324,7 +478,8 @@ def project_clipped(a, b, vertices, camera, segment):
 
 @allocation_free
 def mark_crossed(
-    events, edges, vertices, camera, projected, grid, extent, tolerance, has_clipped, segment
+    events, edges, is_event, vertices, camera, projected, grid, extent, tolerance, has_clipped,
+    segment, work, ranges, is_hidden,
 ):
     """Mark the live faces crossed by an event edge or by the rim of a face at the near plane.
 
@@ -353,7 +508,10 @@ def mark_crossed(
                 uvw_of_ends[START, k], uvw_of_ends[END, k] = uvw[a, k], uvw[b, k]
         elif not project_clipped(a, b, vertices, camera, segment):
             continue
-        mark_segment(ends[START], ends[END], uvw_of_ends, tolerance, projected, grid, extent)
+        is_hidden[events[index]] = not mark_segment(
+            ends[START], ends[END], uvw_of_ends, tolerance, edges, is_event, camera, projected,
+            grid, extent, work, ranges,
+        )  # fmt: skip
     if not has_clipped:
         return
     polygons, planes = clipped.polygons, clipped.planes
@@ -379,8 +537,9 @@ def mark_crossed(
                 uvw_of_ends[end, U], uvw_of_ends[end, V], uvw_of_ends[end, W] = u, v, w
             if uvw_of_ends[START, W] >= rim and uvw_of_ends[END, W] >= rim:
                 mark_segment(
-                    ends[START], ends[END], uvw_of_ends, tolerance, projected, grid, extent
-                )
+                    ends[START], ends[END], uvw_of_ends, tolerance, edges, is_event, camera,
+                    projected, grid, extent, work, ranges,
+                )  # fmt: skip
 
 
 @part_of
