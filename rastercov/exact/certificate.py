@@ -19,9 +19,10 @@ from rastercov._jit import announce_compilation, compiled_aside
 from rastercov._once import Once
 from rastercov.camera import Camera
 from rastercov.exact import certificate_kernels as kernels
+from rastercov.exact.arrangement_kernels import arrangement_areas
 from rastercov.exact.half_plane_kernels import visible_areas
 from rastercov.exact.half_planes import HalfPlaneSolver
-from rastercov.exact.records import Segment
+from rastercov.exact.records import Crossings, Segment
 from rastercov.exact.surface import Surface, surface_of
 from rastercov.raster import self_test
 
@@ -90,6 +91,7 @@ class CertificateSolver(HalfPlaneSolver):
         self._is_at_event = np.empty(len(surface.vertices), np.bool_)
         self.region, self._targets = np.empty(n_faces, np.int32), np.empty(n_faces, np.int32)
         self._scratch = np.empty(n_faces, np.int32)
+        self._make_room_for_crossings(n_edges)
         self._segment = Segment(np.empty((2, 3)), np.empty(2, np.int64), np.empty((2, 3)))
 
     def solve_all(self) -> None:
@@ -105,16 +107,27 @@ class CertificateSolver(HalfPlaneSolver):
             events, surface.edges, projected, contacts,
             THIN_TOLERANCE_REL * self.coordinate_scale, self._is_at_event,
         )  # fmt: skip
-        kernels.mark_crossed(
+        tolerance = CROSSING_TOLERANCE_REL * self.coordinate_scale
+        while True:
+            n_crossings = kernels.mark_crossed(
             events, surface.edges, self._is_event, surface.vertices, camera, projected, self.grid,
-            self._extent, CROSSING_TOLERANCE_REL * self.coordinate_scale, self.n_clipped > 0,
-            self._segment, self._work, self._ranges, self._is_hidden,
+            self._extent, tolerance, self.n_clipped > 0,
+            self._segment, self._work, self._ranges, self._is_hidden, self._crossings,
         )  # fmt: skip
+            if n_crossings <= len(self._crossings.edge):
+                break
+            self._make_room_for_crossings(2 * n_crossings)
         self.n_crossed, self.n_regions = kernels.find_regions(
             surface.edges, self._is_event, camera, projected, self.region, self._scratch,
             self._targets,
         )  # fmt: skip
-        self.solve(self._targets[: self.n_crossed + self.n_regions])
+        n_left = arrangement_areas(
+            self._targets[: self.n_crossed], self._crossings, surface.edges, self._is_event, camera, projected,
+            self.grid, self._pieces, self._work, self.visible, self.area_error, self._scratch,
+        )  # fmt: skip
+        self.n_left = n_left
+        self._scratch[n_left : n_left + self.n_regions] = self.largest_of_regions()
+        self.solve(self._scratch[: n_left + self.n_regions])
         self.n_doubtful = kernels.classify_regions(
             self.region, self.largest_of_regions(), self.area, self.visible, self._scratch,
             CERTAIN_AREA_REL,
@@ -122,6 +135,14 @@ class CertificateSolver(HalfPlaneSolver):
         self.solve(self._scratch[: self.n_doubtful])
 
         self.is_certified = self.region >= 0
+
+    def _make_room_for_crossings(self, n: int) -> None:
+        self._crossings = Crossings(
+            np.empty(len(self.surface.faces), np.int32),
+            np.empty(n, np.int32),
+            np.empty(n, np.int32),
+            np.empty((n, 6)),
+        )
 
     def largest_of_regions(self) -> IntArray:
         """(n_regions,) face of each region that was computed for all of it."""

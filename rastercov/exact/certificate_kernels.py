@@ -13,7 +13,7 @@ import numpy as np
 
 from rastercov._jit import allocation_free, inlined, part_of
 from rastercov.exact.grid_kernels import cell
-from rastercov.exact.half_plane_kernels import outline, outline_error, plane_of
+from rastercov.exact.half_plane_kernels import is_joined, outline, outline_error, plane_of
 from rastercov.exact.polygon_kernels import line_at, line_value
 from rastercov.exact.records import (
     CLIPPED,
@@ -26,12 +26,12 @@ from rastercov.exact.records import (
     LIVE,
     NON_MANIFOLD,
     PARTLY,
-    SIDES,
     SLOPE_U,
     SLOPE_V,
     THIN,
     U_MAX,
     U_MIN,
+    UNFIT,
     V_MAX,
     V_MIN,
     W_ERROR,
@@ -124,9 +124,9 @@ def mark_uncertifiable(events, edges, projected, in_contact, thinnest, is_at_eve
                     is_at_event[faces[f, 0]] or is_at_event[faces[f, 1]] or is_at_event[faces[f, 2]]
                 )
             if unfit:
-                state[f] |= CROSSED
+                state[f] |= CROSSED | UNFIT
         elif state[f] & THIN:
-            state[f] |= CROSSED  # so that its area error is computed
+            state[f] |= CROSSED | UNFIT  # so that its area error is computed
 
 
 @inlined
@@ -145,7 +145,9 @@ def narrowed(start, end, low, high, first, last):
 
 @inlined
 def crosses(f, a, b, segment, first, last, tolerance, projected):
-    """True if a part of a segment of the image crosses a face at or before its depth.
+    """Part of a segment of the image that crosses a face at or before its depth.
+
+    Empty, with the first above the last, if there is none.
 
     Parameters
     ----------
@@ -175,11 +177,11 @@ def crosses(f, a, b, segment, first, last, tolerance, projected):
     line = (u0, v0, du, dv, 0.0)
     si, sj, sk = line_value(line, ui, vi), line_value(line, uj, vj), line_value(line, uk, vk)
     if (si > reach and sj > reach and sk > reach) or (si < -reach and sj < -reach and sk < -reach):
-        return False
+        return 1.0, 0.0
     has_a = a >= 0 and a in (i, j, k)
     has_b = b >= 0 and b in (i, j, k)
     if has_a and has_b:  # its own edge
-        return False
+        return 1.0, 0.0
     # The part of the segment within the face grown by the tolerance. For a segment that starts at a
     # corner of the face the two sides there are not tested by distance: it is within if its far end
     # is within their wedge.
@@ -195,16 +197,16 @@ def crosses(f, a, b, segment, first, last, tolerance, projected):
         start, end = line_value(line, u0, v0), line_value(line, u1, v1)
         if corner in (p, q):
             if (end if has_a else start) < 0:
-                return False
+                return 1.0, 0.0
             continue
         if start < 0 and end < 0:
-            return False
+            return 1.0, 0.0
         if start < 0:
             first = max(first, start / (start - end))
         elif end < 0:
             last = min(last, start / (start - end))
     if first > last:
-        return False
+        return 1.0, 0.0
     # w is affine on both, so its difference is greatest at an end.
     w = uvw[i, W]
     wa, wb = uvw[j, W] - w, uvw[k, W] - w
@@ -216,13 +218,13 @@ def crosses(f, a, b, segment, first, last, tolerance, projected):
         its = w0 + first * (w1 - w0)
         mine = w + slope_u * (u0 + first * du - ui) + slope_v * (v0 + first * dv - vi)
         if its >= mine - tie:
-            return True
+            return first, last
     if ends_within or not has_b:
         its = w0 + last * (w1 - w0)
         mine = w + slope_u * (u0 + last * du - ui) + slope_v * (v0 + last * dv - vi)
         if its >= mine - tie:
-            return True
-    return False
+            return first, last
+    return 1.0, 0.0
 
 
 @inlined
@@ -256,12 +258,8 @@ def hidden_range(
     _, n_lines = outline(m, projected, work.corners, lines)
     error = outline_error(m, camera, projected)
     for s in range(n_lines):
-        margin = 2 * tolerance + error
-        if s < 3:
-            # The corners of a face seen from the front are taken in reverse.
-            corner = s if projected.side[m] < 0 or n_lines == SIDES else 2 - s
-            if not is_event[edges.of_face[m, corner]]:
-                margin = -2 * error
+        goes_on = is_joined(m, s, n_lines, edges, is_event, projected)
+        margin = -2 * error if goes_on else 2 * tolerance + error
         line = line_at(lines, s)
         margin *= abs(lines[s, DU]) + abs(lines[s, DV])
         start, end = line_value(line, u, v) - margin, line_value(line, u1, v1) - margin
@@ -317,7 +315,22 @@ def take_range(ranges, n, first, last):
 
 @inlined
 def mark_segment(
-    a, b, segment, tolerance, edges, is_event, camera, projected, grid, extent, work, ranges
+    a,
+    b,
+    segment,
+    tolerance,
+    edges,
+    is_event,
+    camera,
+    projected,
+    grid,
+    extent,
+    work,
+    ranges,
+    edge,
+    is_doubtful,
+    crossings,
+    n_crossings,
 ):
     """Mark the live faces that the visible part of a segment crosses, by the cells it runs through.
 
@@ -333,7 +346,7 @@ def mark_segment(
         v, segment[END, V], extent[V_MIN] - tolerance, extent[V_MAX] + tolerance, t0, t1
     )
     if t0 > t1:
-        return False
+        return False, n_crossings
     ua, ub, va, vb = u + t0 * du, u + t1 * du, v + t0 * dv, v + t1 * dv
     low_u, high_u = min(ua, ub) - tolerance, max(ua, ub) + tolerance
     low_v, high_v = min(va, vb) - tolerance, max(va, vb) + tolerance
@@ -404,7 +417,7 @@ def mark_segment(
             for entry in range(starts[c], starts[c + 1]):
                 f = entries[entry]
                 if (
-                    state[f] & (LIVE | CROSSED) != LIVE
+                    state[f] & (LIVE | UNFIT) != LIVE
                     or box[f, U_MIN] > high_u
                     or box[f, U_MAX] < low_u
                     or box[f, V_MIN] > high_v
@@ -413,12 +426,37 @@ def mark_segment(
                 ):
                     continue
                 for i in range(n):
-                    if crosses(
+                    begin, end = crosses(
                         f, a, b, segment, ranges[i, 0], ranges[i, 1], tolerance, projected
-                    ):
-                        state[f] |= CROSSED
+                    )
+                    if begin > end:
+                        continue
+                    state[f] |= CROSSED
+                    if is_doubtful:
+                        state[f] |= UNFIT
                         break
-    return is_visible
+                    last_of_face = crossings.last[f]
+                    if last_of_face >= 0 and crossings.edge[last_of_face] == edge:
+                        row_of_face = last_of_face
+                        crossings.segments[row_of_face, 4] = min(
+                            crossings.segments[row_of_face, 4], begin
+                        )
+                        crossings.segments[row_of_face, 5] = max(
+                            crossings.segments[row_of_face, 5], end
+                        )
+                    else:
+                        if n_crossings < crossings.edge.shape[0]:
+                            crossings.before[n_crossings] = last_of_face
+                            crossings.edge[n_crossings] = edge
+                            crossings.segments[n_crossings, 0] = u
+                            crossings.segments[n_crossings, 1] = v
+                            crossings.segments[n_crossings, 2] = du
+                            crossings.segments[n_crossings, 3] = dv
+                            crossings.segments[n_crossings, 4] = begin
+                            crossings.segments[n_crossings, 5] = end
+                            crossings.last[f] = n_crossings
+                        n_crossings += 1
+    return is_visible, n_crossings
 
 
 @allocation_free
@@ -478,8 +516,21 @@ def project_clipped(a, b, vertices, camera, segment):
 
 @allocation_free
 def mark_crossed(
-    events, edges, is_event, vertices, camera, projected, grid, extent, tolerance, has_clipped,
-    segment, work, ranges, is_hidden,
+    events,
+    edges,
+    is_event,
+    vertices,
+    camera,
+    projected,
+    grid,
+    extent,
+    tolerance,
+    has_clipped,
+    segment,
+    work,
+    ranges,
+    is_hidden,
+    crossings,
 ):
     """Mark the live faces crossed by an event edge or by the rim of a face at the near plane.
 
@@ -500,6 +551,8 @@ def mark_crossed(
     """
     uvw, state, clipped = projected.uvw, projected.state, projected.clipped
     uvw_of_ends, ends = segment.uvw, segment.ends
+    crossings.last[:] = -1
+    n_crossings = 0
     for index in range(events.shape[0]):
         a, b = edges.vertices[events[index], 0], edges.vertices[events[index], 1]
         if uvw[a, W] > 0 and uvw[b, W] > 0:
@@ -508,12 +561,17 @@ def mark_crossed(
                 uvw_of_ends[START, k], uvw_of_ends[END, k] = uvw[a, k], uvw[b, k]
         elif not project_clipped(a, b, vertices, camera, segment):
             continue
-        is_hidden[events[index]] = not mark_segment(
+        e = events[index]
+        flags = state[edges.faces[e, 0]]
+        if edges.faces[e, 1] >= 0:
+            flags |= state[edges.faces[e, 1]]
+        is_visible, n_crossings = mark_segment(
             ends[START], ends[END], uvw_of_ends, tolerance, edges, is_event, camera, projected,
-            grid, extent, work, ranges,
+            grid, extent, work, ranges, e, flags & DOUBTFUL, crossings, n_crossings,
         )  # fmt: skip
+        is_hidden[e] = not is_visible
     if not has_clipped:
-        return
+        return n_crossings
     polygons, planes = clipped.polygons, clipped.planes
     rim = (1 - NEAR_PLANE_TOLERANCE_REL) / camera.near
     ends[START] = ends[END] = NO_VERTEX
@@ -536,10 +594,12 @@ def mark_crossed(
                 w = min(w + planes[s, W_ERROR], 1 / camera.near)
                 uvw_of_ends[end, U], uvw_of_ends[end, V], uvw_of_ends[end, W] = u, v, w
             if uvw_of_ends[START, W] >= rim and uvw_of_ends[END, W] >= rim:
-                mark_segment(
+                _, n_crossings = mark_segment(
                     ends[START], ends[END], uvw_of_ends, tolerance, edges, is_event, camera,
-                    projected, grid, extent, work, ranges,
+                    projected, grid, extent, work, ranges, -1 - f, DOUBTFUL, crossings,
+                    n_crossings,
                 )  # fmt: skip
+    return n_crossings
 
 
 @part_of

@@ -100,6 +100,16 @@ def outline(f, projected, corners, lines):
 
 
 @inlined
+def is_joined(f, s, n_lines, edges, is_event, projected):
+    """True if the surface goes on beyond line s of the outline of a face: it is no event edge."""
+    if s == 3:
+        return False
+    # The corners of a face seen from the front are taken in reverse.
+    corner = s if projected.side[f] < 0 or n_lines == SIDES else 2 - s
+    return not is_event[edges.of_face[f, corner]]
+
+
+@inlined
 def outline_error(f, camera, projected):
     """Largest error of the outline of a face, pixels."""
     return (
@@ -257,7 +267,20 @@ def hides_all(m, t, target, n, camera, projected, work, area_error):
 
 @allocation_free
 def visible_in_cell(
-    t, target, n, n_own, part, n_part, at, limit, camera, projected, grid, marks, pieces, work,
+    t,
+    target,
+    n,
+    n_own,
+    part,
+    n_part,
+    at,
+    limit,
+    camera,
+    projected,
+    grid,
+    marks,
+    pieces,
+    work,
     area_error,
 ):
     """Twice the area that the faces listed in one cell leave of a part of face t.
@@ -318,9 +341,7 @@ def visible_in_cell(
         if separates(lines, n_sides, target, n) or separates(own, n_own, corners, k):
             continue
         marks[m] = t
-        order = depth_order(
-            t, m, target, n, n_sides, camera, projected, work, is_first, area_error
-        )
+        order = depth_order(t, m, target, n, n_sides, camera, projected, work, is_first, area_error)
         if order == BEHIND:
             continue
         if order == IN_FRONT and contains(lines, n_sides, target, n):

@@ -18,13 +18,14 @@ SLOPE_U, SLOPE_V, W_ERROR, OUTLINE_ERROR = range(3, 7)
 """Further columns of a plane: slope of w along u and v, the largest error of w within the image,
 and the largest error in pixels of the lines that bound the face."""
 
-LIVE, CLIPPED, PARTLY, CROSSED, DOUBTFUL, THIN = (1 << bit for bit in range(6))
+LIVE, CLIPPED, PARTLY, CROSSED, DOUBTFUL, THIN, UNFIT = (1 << bit for bit in range(7))
 """Bits of a face's state.
 
 LIVE: the face reaches into the image. CLIPPED: its image is a polygon made by clipping in space.
 PARTLY: it reaches out of the image. CROSSED: its visibility may change within it, so that it cannot
 be certified. DOUBTFUL: rounding may decide which side is seen. THIN: its image rounds to nothing,
-so that it hides nothing, and the bounds of the faces behind it include what it may hide."""
+so that it hides nothing, and the bounds of the faces behind it include what it may hide. UNFIT: its
+visibility may change elsewhere than at event edges."""
 
 CONSISTENT, REVERSED, NON_MANIFOLD = 1, -1, 2
 """Kinds of edges: one face, or two that run along it in opposite directions; two that run in the
@@ -110,9 +111,7 @@ planes : (N, 7) float64
     1/z: a point (u, v, w), slopes and errors.
 """
 
-CellGrid = namedtuple(
-    "CellGrid", "left top per_u per_v columns rows bucket_depth starts entries"
-)
+CellGrid = namedtuple("CellGrid", "left top per_u per_v columns rows bucket_depth starts entries")
 """Live and thin faces listed by the cells of a regular grid over the image that their boxes touch.
 
 Attributes
@@ -176,4 +175,19 @@ kind : (E,) int8
     `CONSISTENT`, `REVERSED` or `NON_MANIFOLD`.
 of_face : (F, 3) int32
     Edge from each corner of a face to the next.
+"""
+
+Crossings = namedtuple("Crossings", "last before edge segments")
+"""Parts of event edges that cross faces in the image, as a linked list for each face.
+
+Attributes
+----------
+last : (F,) int32
+    Last crossing of each face, -1 for none.
+before : (N,) int32
+    Crossing before this one of the same face, -1 for the first.
+edge : (N,) int32
+    Number of the event edge.
+segments : (N, 6) float64
+    u, v, du, dv of the edge, and the range of it: 0 at its start, 1 at its end.
 """

@@ -1,0 +1,296 @@
+"""Visible areas by the arrangement of event edges on a face, compiled by numba.
+
+The visibility of a face changes only where an event edge that is visible itself crosses it. The
+lines of these edges divide its image into convex cells; in each cell the face is wholly visible or
+wholly hidden, which the faces in front of one point of it decide. A face has few such edges, two in
+the median, whatever number of faces is in front of it.
+
+Where rounding could decide - a point that lies too near to an edge or to another surface - the face
+is left to `half_plane_kernels`.
+
+A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of Solids. 1967.
+"""
+
+import numpy as np
+
+from rastercov._jit import allocation_free, inlined
+from rastercov.exact.grid_kernels import cell
+from rastercov.exact.half_plane_kernels import (
+    hides_all,
+    is_joined,
+    outline,
+    outline_error,
+    plane_of,
+)
+from rastercov.exact.polygon_kernels import clip, copy_polygon, line_at, line_value, split
+from rastercov.exact.records import (
+    DEPTH_TIE_REL,
+    DU,
+    DV,
+    LIVE,
+    PARTLY,
+    THIN,
+    U_MAX,
+    U_MIN,
+    UNFIT,
+    V_MAX,
+    V_MIN,
+    W_MAX,
+    U,
+    V,
+)
+from rastercov.exact.setup_kernels import OUTLINE_ERROR_FACTOR
+
+MOST_CROSSINGS = 24
+"""Crossings of a face beyond which it is left to half planes, which divide the image by cells."""
+SURE = 16
+"""Distance from an edge, in roundings of a position, that makes a point lie on one side of it."""
+VISIBLE, HIDDEN, UNSURE = range(3)
+"""Results of `point_visibility`."""
+
+
+@inlined
+def divide_piece(pieces, p, count, crossings, c, tolerance, work):
+    """Divide a piece by the line of a crossing that runs through it; returns the piece count.
+
+    Parameters
+    ----------
+    pieces : Pieces
+        Changed in place; the part beyond the line is appended.
+    p, count : int
+        The piece, and the number of pieces.
+    crossings, c : Crossings, int
+        The crossing.
+    tolerance : float
+        Pixels from the line up to which a corner is on it.
+    work : Work
+        Scratch.
+    """
+    corners, n, values = pieces.corners[p], pieces.n_corners[p], work.values
+    segment = crossings.segments[c]
+    u, v, du, dv = segment[0], segment[1], segment[2], segment[3]
+    slack = tolerance * (abs(du) + abs(dv))
+    line = (u, v, du, dv, 0.0)
+    least = most = 0.0
+    for k in range(n):
+        value = line_value(line, corners[k, U], corners[k, V])
+        values[k] = value if abs(value) > slack else 0.0
+        least, most = min(least, values[k]), max(most, values[k])
+    if least == 0 or most == 0:
+        return count
+    # The part of the line within the piece must hold a part of the crossing.
+    squared = du * du + dv * dv
+    low, high = np.inf, -np.inf
+    for k in range(n):
+        m = k + 1 if k + 1 < n else 0
+        if values[k] == 0:
+            at_u, at_v = corners[k, U], corners[k, V]
+        elif values[k] * values[m] < 0:
+            t = values[k] / (values[k] - values[m])
+            at_u = corners[k, U] + t * (corners[m, U] - corners[k, U])
+            at_v = corners[k, V] + t * (corners[m, V] - corners[k, V])
+        else:
+            continue
+        t = ((at_u - u) * du + (at_v - v) * dv) / squared
+        low, high = min(low, t), max(high, t)
+    reach = tolerance * (abs(du) + abs(dv)) / squared
+    if min(high, segment[5]) - max(low, segment[4]) <= reach:
+        return count
+    kept, lost = split(corners, n, values, work.spare, pieces.corners[count])
+    if kept < 3 or lost < 3:
+        return count
+    copy_polygon(work.spare, kept, corners)
+    pieces.n_corners[p], pieces.n_corners[count] = kept, lost
+    return count + 1
+
+
+@inlined
+def covers(m, u, v, edges, is_event, camera, projected, work):
+    """Whether the image of a face covers a point: `HIDDEN` if so, `VISIBLE` if not, or `UNSURE`."""
+    lines = work.lines
+    _, n_lines = outline(m, projected, work.corners, lines)
+    error = outline_error(m, camera, projected)
+    result = HIDDEN
+    for s in range(n_lines):
+        value = line_value(line_at(lines, s), u, v)
+        margin = SURE * error * (abs(lines[s, DU]) + abs(lines[s, DV]))
+        if value < -margin:
+            return VISIBLE
+        if value < margin and not is_joined(m, s, n_lines, edges, is_event, projected):
+            result = UNSURE
+    return result
+
+
+@inlined
+def point_visibility(t, u, v, hider, plane, edges, is_event, camera, projected, grid, work):
+    """Whether a point of a face is visible: `VISIBLE`, `HIDDEN` or `UNSURE`; and a face that hides.
+
+    Parameters
+    ----------
+    t : int
+        The face.
+    u, v : float
+        The point, pixels.
+    hider : int
+        A face to look at first, -1 for none.
+    plane : tuple
+        Of `plane_of` the face.
+    edges, is_event, camera, projected, grid, work
+        As for `arrangement_areas`.
+    """
+    box, state = projected.box, projected.state
+    u_t, v_t, w_t, a_t, b_t, error_t = plane
+    w = w_t + a_t * (u - u_t) + b_t * (v - v_t)
+    farthest = w - error_t - 4 * DEPTH_TIE_REL * w
+    end = 1 / (1 / farthest + 2 * grid.bucket_depth) if farthest > 0 else 0.0
+    column = cell(u, grid.left, grid.per_u, grid.columns)
+    row = cell(v, grid.top, grid.per_v, grid.rows)
+    at = row * grid.columns + column
+    result = VISIBLE
+    for entry in range(grid.starts[at] - 1, grid.starts[at + 1]):
+        is_guess = entry < grid.starts[at]
+        m = np.int64(hider) if is_guess else np.int64(grid.entries[entry])
+        if m < 0 or m == t:
+            continue
+        if box[m, W_MAX] < farthest:
+            if box[m, W_MAX] < end and not is_guess:
+                break
+            continue
+        if not (box[m, U_MIN] <= u <= box[m, U_MAX] and box[m, V_MIN] <= v <= box[m, V_MAX]):
+            continue
+        if not state[m] & LIVE:
+            continue
+        covered = covers(m, u, v, edges, is_event, camera, projected, work)
+        if covered == VISIBLE:
+            continue
+        u_m, v_m, w_m, a_m, b_m, error_m = plane_of(m, camera, projected)
+        nearer = w_m + a_m * (u - u_m) + b_m * (v - v_m) - w
+        margin = error_t + error_m + 2 * DEPTH_TIE_REL * (w + abs(nearer))
+        if nearer < -margin:
+            continue
+        if nearer <= margin or covered == UNSURE:
+            result = UNSURE
+            continue
+        return HIDDEN, m
+    return result, np.int64(-1)
+
+
+@allocation_free
+def arrangement_areas(
+    targets,
+    crossings,
+    edges,
+    is_event,
+    camera,
+    projected,
+    grid,
+    pieces,
+    work,
+    visible,
+    area_error,
+    left,
+):
+    """Visible areas of crossed faces; returns how many are left to half planes.
+
+    Parameters
+    ----------
+    targets : (N,) int32
+        Crossed faces.
+    crossings, edges : Crossings, Edges
+    is_event : (E,) bool
+        Event edges.
+    camera, projected, grid
+        Pinhole; Projected; CellGrid.
+    pieces, work : Pieces, Work
+        Scratch.
+    visible, area_error : (F,) float64
+        Out: as of `half_plane_kernels.visible_areas`.
+    left : (N,) int32
+        Out: faces that are left to half planes.
+    """
+    state, box, area = projected.state, projected.box, projected.area
+    target, border, n_left = work.target, camera.border, 0
+    hider = np.int64(-1)
+    for index in range(targets.shape[0]):
+        t = targets[index]
+        n_crossings = 0
+        c = crossings.last[t]
+        while c >= 0 and n_crossings <= MOST_CROSSINGS:
+            n_crossings += 1
+            c = crossings.before[c]
+        if state[t] & (UNFIT | THIN) or n_crossings == 0 or n_crossings > MOST_CROSSINGS:
+            left[n_left] = t
+            n_left += 1
+            continue
+        width = min(box[t, U_MAX], camera.width) - max(box[t, U_MIN], 0.0)
+        height = min(box[t, V_MAX], camera.height) - max(box[t, V_MIN], 0.0)
+        visible[t] = 0.0
+        error = OUTLINE_ERROR_FACTOR * (width + height) * camera.pixel_error
+        area_error[t] = error
+        n, _ = outline(t, projected, target, work.own)
+        if state[t] & PARTLY:
+            n = clip(target, n, border, border.shape[0], work.spare)
+            if n < 3:
+                continue
+        if hider >= 0 and hides_all(hider, t, target, n, camera, projected, work, area_error):
+            continue
+        copy_polygon(target, n, pieces.corners[0])
+        pieces.n_corners[0], count, fits = n, np.int64(1), True
+        c = crossings.last[t]
+        while c >= 0 and fits:
+            segment = crossings.segments[c]
+            area_error[t] += (
+                4 * (abs(segment[2]) + abs(segment[3])) * (segment[5] - segment[4])
+                * camera.pixel_error
+            )  # fmt: skip
+            for p in range(count):
+                if count == pieces.corners.shape[0]:
+                    fits = False
+                    break
+                count = divide_piece(pieces, p, count, crossings, c, camera.pixel_error, work)
+            c = crossings.before[c]
+        plane = plane_of(t, camera, projected)
+        twice = 0.0
+        for p in range(count):
+            if not fits:
+                break
+            corners, n = pieces.corners[p], pieces.n_corners[p]
+            u, v, around = corners[0, U], corners[0, V], 0.0
+            twice_piece = mean_u = mean_v = 0.0
+            for k in range(1, n):
+                u1, v1 = corners[k, U] - u, corners[k, V] - v
+                around += abs(corners[k, U] - corners[k - 1, U])
+                around += abs(corners[k, V] - corners[k - 1, V])
+                if k + 1 < n:
+                    u2, v2 = corners[k + 1, U] - u, corners[k + 1, V] - v
+                    part = u1 * v2 - u2 * v1
+                    twice_piece += part
+                    mean_u += part * (u1 + u2)
+                    mean_v += part * (v1 + v2)
+            if twice_piece <= 4 * SURE * camera.pixel_error * around:
+                # A sliver without a point that surely lies inside.
+                if twice_piece > error:
+                    fits = False
+                area_error[t] += max(twice_piece, 0.0)
+                continue
+            u, v = u + mean_u / (3 * twice_piece), v + mean_v / (3 * twice_piece)
+            seen, face = point_visibility(
+                t, u, v, hider, plane, edges, is_event, camera, projected, grid, work
+            )
+            if seen == UNSURE:
+                fits = False
+            elif seen == VISIBLE:
+                twice += twice_piece
+            else:
+                hider = face
+        if not fits:
+            left[n_left] = t
+            n_left += 1
+            continue
+        tolerance = camera.pixel_error * (
+            box[t, U_MAX] - box[t, U_MIN] + box[t, V_MAX] - box[t, V_MIN]
+        )
+        seen_area = twice / 2
+        if seen_area > tolerance:
+            visible[t] = area[t] if seen_area >= area[t] - tolerance else seen_area
+    return n_left
