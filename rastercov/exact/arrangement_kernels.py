@@ -14,7 +14,7 @@ A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of S
 import numpy as np
 
 from rastercov._jit import allocation_free, inlined
-from rastercov.exact.grid_kernels import cell
+from rastercov.exact.grid_kernels import cell, sort_cell
 from rastercov.exact.half_plane_kernels import (
     hides_all,
     is_joined,
@@ -142,20 +142,21 @@ def point_visibility(t, u, v, hider, plane, edges, is_event, camera, projected, 
     u_t, v_t, w_t, a_t, b_t, error_t = plane
     w = w_t + a_t * (u - u_t) + b_t * (v - v_t)
     farthest = w - error_t - 4 * DEPTH_TIE_REL * w
-    end = 1 / (1 / farthest + 2 * grid.bucket_depth) if farthest > 0 else 0.0
     column = cell(u, grid.left, grid.per_u, grid.columns)
     row = cell(v, grid.top, grid.per_v, grid.rows)
     at = row * grid.columns + column
     result = VISIBLE
+    if not grid.is_sorted[at]:
+        sort_cell(at, box, grid)
     for entry in range(grid.starts[at] - 1, grid.starts[at + 1]):
         is_guess = entry < grid.starts[at]
         m = np.int64(hider) if is_guess else np.int64(grid.entries[entry])
         if m < 0 or m == t:
             continue
         if box[m, W_MAX] < farthest:
-            if box[m, W_MAX] < end and not is_guess:
-                break
-            continue
+            if is_guess:
+                continue
+            break
         if not (box[m, U_MIN] <= u <= box[m, U_MAX] and box[m, V_MIN] <= v <= box[m, V_MAX]):
             continue
         if not state[m] & LIVE:

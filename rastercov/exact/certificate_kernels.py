@@ -12,7 +12,7 @@ A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of S
 import numpy as np
 
 from rastercov._jit import allocation_free, inlined, part_of
-from rastercov.exact.grid_kernels import cell
+from rastercov.exact.grid_kernels import cell, sort_cell
 from rastercov.exact.half_plane_kernels import is_joined, outline, outline_error, plane_of
 from rastercov.exact.polygon_kernels import line_at, line_value
 from rastercov.exact.records import (
@@ -251,7 +251,7 @@ def hidden_range(
     """
     faces, lines = projected.faces, work.lines
     i, j, k = faces[m, 0], faces[m, 1], faces[m, 2]
-    if a >= 0 and b >= 0 and (i == a or j == a or k == a) and (i == b or j == b or k == b):
+    if a in (i, j, k) or b in (i, j, k):  # as near as the segment
         return first, first
     u, v, w = segment[START, U], segment[START, V], segment[START, W]
     u1, v1, w1 = segment[END, U], segment[END, V], segment[END, W]
@@ -352,7 +352,6 @@ def mark_segment(
     low_v, high_v = min(va, vb) - tolerance, max(va, vb) + tolerance
     nearest = max(segment[START, W], segment[END, W])
     farthest = min(segment[START, W], segment[END, W])
-    last_w = 1 / (1 / farthest + 2 * grid.bucket_depth) if farthest > 0 else 0.0
     top = cell(low_v, grid.top, grid.per_v, grid.rows)
     bottom = cell(high_v, grid.top, grid.per_v, grid.rows)
     is_visible = False
@@ -389,12 +388,12 @@ def mark_segment(
             if enters > leaves:
                 continue
             ranges[0, 0], ranges[0, 1], n = enters, leaves, 1
+            if not grid.is_sorted[c]:
+                sort_cell(c, box, grid)
             for entry in range(starts[c], starts[c + 1]):
                 m = entries[entry]
                 if box[m, W_MAX] < farthest:
-                    if box[m, W_MAX] < last_w:
-                        break
-                    continue
+                    break
                 if (
                     state[m] & (LIVE | DOUBTFUL) != LIVE
                     or box[m, U_MIN] > high_u

@@ -24,87 +24,62 @@ def cells_of_box(box, f, grid):
 
 
 @allocation_free
-def sort_by_depth(state, box, order, buckets):
-    """List the live and thin faces from front to back by their nearest depth 1/w.
-
-    Parameters
-    ----------
-    state, box
-        Of `Projected`.
-    order : (F,) int32
-        Out: the faces, in the order of the buckets of depth that they fall in.
-    buckets : (B,) int64
-        Scratch: B - 2 buckets of equal depth.
-
-    Returns
-    -------
-    n : int
-        Number of faces listed.
-    depth : float
-        Depth of a bucket: no face is listed before one that is farther by more than this.
-    """
-    n = 0
-    nearest, farthest = np.inf, 0.0
-    for f in range(state.shape[0]):
-        if state[f] & (LIVE | THIN):
-            z = 1 / box[f, W_MAX]
-            nearest, farthest = min(nearest, z), max(farthest, z)
-            n += 1
-    if n == 0:
-        return 0, 0.0
-    n_buckets = buckets.shape[0] - 2
-    depth = (farthest - nearest) / n_buckets
-    per_depth = 1 / depth if depth > 0 and np.isfinite(1 / depth) else 0.0
-    buckets[:] = 0
-    for f in range(state.shape[0]):
-        if state[f] & (LIVE | THIN):
-            at = min(np.int64((1 / box[f, W_MAX] - nearest) * per_depth), n_buckets - 1)
-            buckets[at + 2] += 1
-    for at in range(2, n_buckets + 2):
-        buckets[at] += buckets[at - 1]
-    for f in range(state.shape[0]):
-        if state[f] & (LIVE | THIN):
-            at = min(np.int64((1 / box[f, W_MAX] - nearest) * per_depth), n_buckets - 1)
-            order[buckets[at + 1]] = f
-            buckets[at + 1] += 1
-    return n, depth if per_depth > 0 else farthest - nearest
-
-
-@allocation_free
-def fill_grid(box, order, n, grid):
-    """List faces by the cells their boxes touch; returns the number of entries.
+def fill_grid(state, box, grid):
+    """List the live and thin faces by the cells their boxes touch; returns the number of entries.
 
     Where that is more than `grid.entries` has room for, none is listed: call again with more room.
 
     Parameters
     ----------
-    box : (F, 6) float64
+    state, box
         Of `Projected`.
-    order, n : (F,) int32, int
-        Of `sort_by_depth`: faces to list, and their number.
     grid : CellGrid
-        Out: `starts` and `entries`.
+        Out: `starts`, `entries` and `is_sorted`.
     """
     columns, starts, entries = grid.columns, grid.starts, grid.entries
     n_cells = columns * grid.rows
+    grid.is_sorted[:n_cells] = False
     for c in range(n_cells + 2):
         starts[c] = 0
-    for index in range(n):
-        left, right, top, bottom = cells_of_box(box, order[index], grid)
-        for row in range(top, bottom + 1):
-            for column in range(left, right + 1):
-                starts[row * columns + column + 2] += 1
+    for f in range(state.shape[0]):
+        if state[f] & (LIVE | THIN):
+            left, right, top, bottom = cells_of_box(box, f, grid)
+            for row in range(top, bottom + 1):
+                for column in range(left, right + 1):
+                    starts[row * columns + column + 2] += 1
     for c in range(2, n_cells + 2):
         starts[c] += starts[c - 1]
     total = starts[n_cells + 1]
     if total > entries.shape[0]:
         return total
-    for index in range(n):
-        f = order[index]
-        left, right, top, bottom = cells_of_box(box, f, grid)
-        for row in range(top, bottom + 1):
-            for column in range(left, right + 1):
-                at = row * columns + column + 1
-                entries[starts[at]] = f
-                starts[at] += 1
+    for f in range(state.shape[0]):
+        if state[f] & (LIVE | THIN):
+            left, right, top, bottom = cells_of_box(box, f, grid)
+            for row in range(top, bottom + 1):
+                for column in range(left, right + 1):
+                    at = row * columns + column + 1
+                    entries[starts[at]] = f
+                    starts[at] += 1
     return total
+
+
+@allocation_free
+def sort_cell(at, box, grid):
+    """Sort the faces listed in a cell from front to back by their nearest depth, the first time.
+
+    D. Shell. A High-Speed Sorting Procedure. 1959.
+    """
+    grid.is_sorted[at] = True
+    entries, first, n = grid.entries, grid.starts[at], grid.starts[at + 1] - grid.starts[at]
+    gap = np.int64(1)
+    while 3 * gap + 1 < n:
+        gap = 3 * gap + 1
+    while gap > 0:
+        for i in range(gap, n):
+            f = entries[first + i]
+            w, j = box[f, W_MAX], i
+            while j >= gap and box[entries[first + j - gap], W_MAX] < w:
+                entries[first + j] = entries[first + j - gap]
+                j -= gap
+            entries[first + j] = f
+        gap //= 3

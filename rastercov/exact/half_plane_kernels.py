@@ -17,7 +17,7 @@ A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of S
 import numpy as np
 
 from rastercov._jit import allocation_free, inlined
-from rastercov.exact.grid_kernels import cells_of_box
+from rastercov.exact.grid_kernels import cells_of_box, sort_cell
 from rastercov.exact.polygon_kernels import (
     clip,
     clip_subtract,
@@ -310,19 +310,16 @@ def visible_in_cell(
         projected.box, projected.state, work.lines, work.corners, work.own,
     )  # fmt: skip
     farthest = box[t, W_MIN] * (1 - 2 * DEPTH_TIE_REL)
-    # Faces farther than t by two buckets end the search.
-    end = 1 / (1 / farthest + 2 * grid.bucket_depth) if farthest > 0 else 0.0
     u_min, u_max, v_min, v_max = extent_of(part, n_part)
     copy_polygon(part, n_part, pieces.corners[0])
     pieces.n_corners[0], count = n_part, np.int64(1)
     last = np.int64(-1)
+    if not grid.is_sorted[at]:
+        sort_cell(at, box, grid)
     for entry in range(grid.starts[at], grid.starts[at + 1]):
         m = grid.entries[entry]
-        nearest = box[m, W_MAX]
-        if nearest < farthest:
-            if nearest < end:
-                break
-            continue
+        if box[m, W_MAX] < farthest:
+            break
         if box[m, U_MIN] >= u_max or box[m, U_MAX] <= u_min:
             continue
         if box[m, V_MIN] >= v_max or box[m, V_MAX] <= v_min or m == t:

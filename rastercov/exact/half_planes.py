@@ -24,7 +24,7 @@ from rastercov._memory import check_memory
 from rastercov._threads import share_poses, thread_count
 from rastercov.camera import Camera
 from rastercov.errors import ConfigError
-from rastercov.exact.grid_kernels import fill_grid, sort_by_depth
+from rastercov.exact.grid_kernels import fill_grid
 from rastercov.exact.half_plane_kernels import visible_areas as visible_areas_kernel
 from rastercov.exact.records import (
     CORNERS,
@@ -54,8 +54,6 @@ MOST_CELLS = 1 << 14
 """Columns, or rows, of the grid."""
 LEAST_EXTENT = 1e-100
 """Pixels; width and height that the grid covers at least."""
-N_BUCKETS = 4096
-"""Buckets that sort faces by depth."""
 CELLS_PER_FACE = 2
 """Cells of the grid for each face, unless that makes more entries than `ENTRIES_PER_FACE`."""
 ENTRIES_PER_FACE = 4
@@ -201,9 +199,7 @@ class HalfPlaneSolver:
             clipped=_room_for_clipped(8),
         )
         starts, entries = np.empty(0, np.int64), np.empty(4 * n_faces, np.int32)
-        self.grid = CellGrid(0.0, 0.0, 1.0, 1.0, 1, 1, 0.0, starts, entries)
-        self._order = np.empty(n_faces, np.int32)
-        self._buckets = np.empty(N_BUCKETS + 2, np.int64)
+        self.grid = CellGrid(0.0, 0.0, 1.0, 1.0, 1, 1, starts, entries, np.empty(0, np.bool_))
         self._make_room_for_pieces(64)
         self._work = Work(
             target=np.empty((2 * CORNERS, 2)),
@@ -286,13 +282,13 @@ class HalfPlaneSolver:
     def _list_by_cells(
         self, left: float, top: float, per_u: float, per_v: float, columns: int, rows: int
     ) -> None:
-        starts, entries = self.grid.starts, self.grid.entries
-        if len(starts) < columns * rows + 2:
+        starts, entries, is_sorted = self.grid.starts, self.grid.entries, self.grid.is_sorted
+        if len(is_sorted) < columns * rows:
             starts = np.empty(columns * rows + 2, np.int64)
-        n, depth = sort_by_depth(self.state, self.projected.box, self._order, self._buckets)
+            is_sorted = np.empty(columns * rows, np.bool_)
         while True:
-            self.grid = CellGrid(left, top, per_u, per_v, columns, rows, depth, starts, entries)
-            needed = fill_grid(self.projected.box, self._order, n, self.grid)
+            self.grid = CellGrid(left, top, per_u, per_v, columns, rows, starts, entries, is_sorted)
+            needed = fill_grid(self.state, self.projected.box, self.grid)
             if needed <= len(entries):
                 return
             entries = np.empty(needed * 5 // 4, np.int32)

@@ -111,7 +111,7 @@ planes : (N, 7) float64
     1/z: a point (u, v, w), slopes and errors.
 """
 
-CellGrid = namedtuple("CellGrid", "left top per_u per_v columns rows bucket_depth starts entries")
+CellGrid = namedtuple("CellGrid", "left top per_u per_v columns rows starts entries is_sorted")
 """Live and thin faces listed by the cells of a regular grid over the image that their boxes touch.
 
 Attributes
@@ -121,12 +121,12 @@ left, top : float
 per_u, per_v : float
     Columns and rows a pixel.
 columns, rows : int
-bucket_depth : float
-    Entries of a cell are listed from front to back up to this, metres.
 starts : (columns * rows + 2 or more,) int64
     The faces of cell c are entries[starts[c]] ... entries[starts[c + 1] - 1].
 entries : (N,) int32
-    Faces.
+    Faces, in the order of their index until the cell is sorted.
+is_sorted : (columns * rows or more,) bool
+    Cells whose faces are sorted by their nearest depth, from front to back.
 """
 
 Pieces = namedtuple("Pieces", "corners n_corners")
