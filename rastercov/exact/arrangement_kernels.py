@@ -35,7 +35,6 @@ from rastercov.exact.records import (
     UNFIT,
     V_MAX,
     V_MIN,
-    W_MAX,
     U,
     V,
 )
@@ -151,12 +150,10 @@ def point_visibility(t, u, v, hider, plane, edges, is_event, camera, projected, 
     for entry in range(grid.starts[at] - 1, grid.starts[at + 1]):
         is_guess = entry < grid.starts[at]
         m = np.int64(hider) if is_guess else np.int64(grid.entries[entry])
+        if not is_guess and grid.nearest[entry] < farthest:
+            break
         if m < 0 or m == t:
             continue
-        if box[m, W_MAX] < farthest:
-            if is_guess:
-                continue
-            break
         if not (box[m, U_MIN] <= u <= box[m, U_MAX] and box[m, V_MIN] <= v <= box[m, V_MAX]):
             continue
         if not state[m] & LIVE:

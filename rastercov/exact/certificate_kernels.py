@@ -388,18 +388,22 @@ def mark_segment(
             if enters > leaves:
                 continue
             ranges[0, 0], ranges[0, 1], n = enters, leaves, 1
+            least_u = min(u + enters * du, u + leaves * du) - tolerance
+            most_u = max(u + enters * du, u + leaves * du) + tolerance
+            least_v = min(v + enters * dv, v + leaves * dv) - tolerance
+            most_v = max(v + enters * dv, v + leaves * dv) + tolerance
             if not grid.is_sorted[c]:
                 sort_cell(c, box, grid)
             for entry in range(starts[c], starts[c + 1]):
-                m = entries[entry]
-                if box[m, W_MAX] < farthest:
+                if grid.nearest[entry] < farthest:
                     break
+                m = entries[entry]
                 if (
                     state[m] & (LIVE | DOUBTFUL) != LIVE
-                    or box[m, U_MIN] > high_u
-                    or box[m, U_MAX] < low_u
-                    or box[m, V_MIN] > high_v
-                    or box[m, V_MAX] < low_v
+                    or box[m, U_MIN] > most_u
+                    or box[m, U_MAX] < least_u
+                    or box[m, V_MIN] > most_v
+                    or box[m, V_MAX] < least_v
                 ):
                     continue
                 begin, end = hidden_range(
@@ -417,10 +421,10 @@ def mark_segment(
                 f = entries[entry]
                 if (
                     state[f] & (LIVE | UNFIT) != LIVE
-                    or box[f, U_MIN] > high_u
-                    or box[f, U_MAX] < low_u
-                    or box[f, V_MIN] > high_v
-                    or box[f, V_MAX] < low_v
+                    or box[f, U_MIN] > most_u
+                    or box[f, U_MAX] < least_u
+                    or box[f, V_MIN] > most_v
+                    or box[f, V_MAX] < least_v
                     or nearest < box[f, W_MIN] * (1 - 2 * DEPTH_TIE_REL)
                 ):
                     continue

@@ -70,16 +70,18 @@ def sort_cell(at, box, grid):
     D. Shell. A High-Speed Sorting Procedure. 1959.
     """
     grid.is_sorted[at] = True
-    entries, first, n = grid.entries, grid.starts[at], grid.starts[at + 1] - grid.starts[at]
+    entries, nearest, first = grid.entries, grid.nearest, grid.starts[at]
+    n = grid.starts[at + 1] - first
+    for i in range(first, first + n):
+        nearest[i] = box[entries[i], W_MAX]
     gap = np.int64(1)
     while 3 * gap + 1 < n:
         gap = 3 * gap + 1
     while gap > 0:
-        for i in range(gap, n):
-            f = entries[first + i]
-            w, j = box[f, W_MAX], i
-            while j >= gap and box[entries[first + j - gap], W_MAX] < w:
-                entries[first + j] = entries[first + j - gap]
+        for i in range(first + gap, first + n):
+            w, f, j = nearest[i], entries[i], i
+            while j >= first + gap and nearest[j - gap] < w:
+                nearest[j], entries[j] = nearest[j - gap], entries[j - gap]
                 j -= gap
-            entries[first + j] = f
+            nearest[j], entries[j] = w, f
         gap //= 3

@@ -317,9 +317,9 @@ def visible_in_cell(
     if not grid.is_sorted[at]:
         sort_cell(at, box, grid)
     for entry in range(grid.starts[at], grid.starts[at + 1]):
-        m = grid.entries[entry]
-        if box[m, W_MAX] < farthest:
+        if grid.nearest[entry] < farthest:
             break
+        m = grid.entries[entry]
         if box[m, U_MIN] >= u_max or box[m, U_MAX] <= u_min:
             continue
         if box[m, V_MIN] >= v_max or box[m, V_MAX] <= v_min or m == t:

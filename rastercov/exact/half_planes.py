@@ -199,7 +199,9 @@ class HalfPlaneSolver:
             clipped=_room_for_clipped(8),
         )
         starts, entries = np.empty(0, np.int64), np.empty(4 * n_faces, np.int32)
-        self.grid = CellGrid(0.0, 0.0, 1.0, 1.0, 1, 1, starts, entries, np.empty(0, np.bool_))
+        self.grid = CellGrid(
+            0.0, 0.0, 1.0, 1.0, 1, 1, starts, entries, np.empty(len(entries)), np.empty(0, np.bool_)
+        )
         self._make_room_for_pieces(64)
         self._work = Work(
             target=np.empty((2 * CORNERS, 2)),
@@ -282,16 +284,19 @@ class HalfPlaneSolver:
     def _list_by_cells(
         self, left: float, top: float, per_u: float, per_v: float, columns: int, rows: int
     ) -> None:
-        starts, entries, is_sorted = self.grid.starts, self.grid.entries, self.grid.is_sorted
+        starts, entries = self.grid.starts, self.grid.entries
+        nearest, is_sorted = self.grid.nearest, self.grid.is_sorted
         if len(is_sorted) < columns * rows:
             starts = np.empty(columns * rows + 2, np.int64)
             is_sorted = np.empty(columns * rows, np.bool_)
         while True:
-            self.grid = CellGrid(left, top, per_u, per_v, columns, rows, starts, entries, is_sorted)
+            self.grid = CellGrid(
+                left, top, per_u, per_v, columns, rows, starts, entries, nearest, is_sorted
+            )
             needed = fill_grid(self.state, self.projected.box, self.grid)
             if needed <= len(entries):
                 return
-            entries = np.empty(needed * 5 // 4, np.int32)
+            entries, nearest = np.empty(needed * 5 // 4, np.int32), np.empty(needed * 5 // 4)
 
     def _make_room_for_clipped(self, n: int) -> None:
         self.projected = self.projected._replace(clipped=_room_for_clipped(n))

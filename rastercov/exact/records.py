@@ -111,7 +111,9 @@ planes : (N, 7) float64
     1/z: a point (u, v, w), slopes and errors.
 """
 
-CellGrid = namedtuple("CellGrid", "left top per_u per_v columns rows starts entries is_sorted")
+CellGrid = namedtuple(
+    "CellGrid", "left top per_u per_v columns rows starts entries nearest is_sorted"
+)
 """Live and thin faces listed by the cells of a regular grid over the image that their boxes touch.
 
 Attributes
@@ -125,6 +127,8 @@ starts : (columns * rows + 2 or more,) int64
     The faces of cell c are entries[starts[c]] ... entries[starts[c + 1] - 1].
 entries : (N,) int32
     Faces, in the order of their index until the cell is sorted.
+nearest : (N,) float64
+    Greatest 1/z of the faces of sorted cells.
 is_sorted : (columns * rows or more,) bool
     Cells whose faces are sorted by their nearest depth, from front to back.
 """
