@@ -9,10 +9,12 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import Any, Protocol
+from typing import Annotated, Any, Protocol
 
 import numpy as np
+from annotated_types import Gt
 from numpy.typing import ArrayLike, NDArray
+from typing_extensions import Doc
 
 from rastercov._arguments import finite_points
 from rastercov._typed import check_fields, typed
@@ -50,8 +52,8 @@ class KeepOut(Protocol):
 class KeepOutBox:
     """Box along the axes from corner `low` to corner `high`, metres."""
 
-    low: tuple[float, float, float]
-    high: tuple[float, float, float]
+    low: Annotated[tuple[float, float, float], Doc("Corner of a box, m.")]
+    high: Annotated[tuple[float, float, float], Doc("The opposite corner.")]
     name: str = "box"
 
     def __post_init__(self) -> None:
@@ -75,8 +77,8 @@ class KeepOutBox:
 class KeepOutSphere:
     """Ball about `centre`, metres."""
 
-    centre: tuple[float, float, float]
-    radius: float
+    centre: Annotated[tuple[float, float, float], Doc("Of a sphere, m.")]
+    radius: Annotated[float, Gt(0), Doc("Of a sphere, m.")]
     name: str = "sphere"
 
     def __post_init__(self) -> None:
