@@ -17,6 +17,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInf
 from rastercov._limits import annotations_of, documented
 
 Value = TypeVar("Value")
+Boxed = TypeVar("Boxed", bound=Any)
 
 
 class Entry(BaseModel):
@@ -119,14 +120,15 @@ def only_one(entry: BaseModel, names: tuple[str, ...]) -> None:
         raise ValueError(f"wanted one of {', '.join(names)}, got {got}; give exactly one")
 
 
-def both_or_none(entry: Any) -> None:
-    """ValueError unless low and high are corners of a box, or both left out."""
+def both_or_none(entry: Boxed) -> Boxed:
+    """The entry; ValueError unless low and high are corners of a box, or both left out."""
     if (entry.low is None) != (entry.high is None):
         raise ValueError("low and high come together; give both or neither")
     if entry.low is not None and not all(
         a <= b for a, b in zip(entry.low, entry.high, strict=True)
     ):
         raise ValueError(f"wanted low <= high on every axis, got {entry.low} and {entry.high}")
+    return entry
 
 
 def among(names: Collection[str]) -> Callable[[str], str]:

@@ -176,11 +176,7 @@ class Space(Entry):
     name: Name = Field(default="space", description="For people.")
     low: Triple = Field(description="Corner, m.")
     high: Triple = Field(description="The opposite corner.")
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        both_or_none(self)
-        return self
+    _check = model_validator(mode="after")(both_or_none)
 
 
 class Constraints(Entry):
