@@ -960,7 +960,7 @@ def test_the_command_refuses_bad_input_in_one_line(capsys, tmp_path):
 @pytest.mark.parametrize("name", ["models.json", "models.html", "models_9.png", "occlusion_0.png"])
 def test_the_command_refuses_to_replace_files_of_nobody(capsys, tmp_path, monkeypatch, name):
     (tmp_path / name).write_text("mine")
-    monkeypatch.setattr("rastercov.cli.compare_models.compare_models", lambda *_, **__: 1 / 0)
+    monkeypatch.setattr("rastercov.validation.models.comparison.compare_models", lambda *_, **__: 1 / 0)
     code, _, error = run(capsys, f"compare box -c khepra -p sphere:2 --models -o {tmp_path}")
     assert code == 2
     assert error.startswith(f"error: {tmp_path / name}: not of an earlier report")
