@@ -14,11 +14,12 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from commands import ENTRY, call, content, enter, process, refusal, write_part
 from notices import without_notices
 from PIL import Image
 
 import rastercov
-from rastercov import cli, shapes
+from rastercov import shapes
 from rastercov.pose_file import write_poses
 from rastercov.report.folder import STAGING, ReportFolder, ReportKind
 from rastercov.viewpoints import sphere_of_poses
@@ -32,69 +33,17 @@ CAMERA = "width = 48\nheight = 36\nfx = 60\nfy = 60\n"
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch):
     """A folder of its own with a part, a camera and twelve poses around it."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "100")
-    for name in ("FORCE_COLOR", "NO_COLOR", "RASTERCOV_TRACEBACK"):
-        monkeypatch.delenv(name, raising=False)
-    write_obj("part.obj")
+    enter(tmp_path, monkeypatch)
+    write_part("part.obj", side=1000.0)  # millimetres
     Path("camera.toml").write_text(CAMERA)
     write_poses("poses.json", sphere_of_poses((0, 0, 0), 4000, 12))
     return tmp_path
-
-
-def write_obj(path, side=1000.0):
-    """A box of two groups, lid (two faces) and rest, in millimetres unless said otherwise."""
-    mesh = shapes.box((side, side, side))
-    lines = [f"v {x} {y} {z}" for x, y, z in mesh.vertices]
-    for index, face in enumerate(mesh.faces + 1):
-        lines += ["g lid"] if index == 0 else ["g rest"] if index == 2 else []
-        lines.append("f " + " ".join(map(str, face)))
-    Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 def names(folder):
     return {path.name for path in Path(folder).iterdir()}
 
 
-def content(folder):
-    return {path: path.read_bytes() for path in Path(folder).rglob("*") if path.is_file()}
-
-
-def call(capsys, line):
-    """Exit code, standard output and standard error of a command line, in this process."""
-    words = line if isinstance(line, list) else shlex.split(line)
-    code = cli.command(words)
-    out, err = capsys.readouterr()
-    return code, out, err
-
-
-def refusal(capsys, line):
-    """The one line that a bad command line gets."""
-    code, out, err = call(capsys, line)
-    assert (code, out) == (2, "")
-    assert err.startswith("error: ")
-    assert err.endswith("\n")
-    assert err.count("\n") == 1
-    return err
-
-
-def process(line, stdout=subprocess.PIPE, **environment):
-    """The command as a process of its own."""
-    words = line if isinstance(line, list) else shlex.split(line)
-    result = subprocess.run(
-        [sys.executable, "-W", "error", "-c", ENTRY, *words],
-        stdin=subprocess.DEVNULL,
-        stdout=stdout,
-        stderr=subprocess.PIPE,
-        env=os.environ | environment,
-        timeout=300,
-        check=False,
-    )
-    result.stderr = without_notices(result.stderr)
-    return result
-
-
-ENTRY = "import sys; from rastercov.cli import main; sys.argv[0] = 'rastercov'; main()"
 QUICK = "evaluate box -c camera.toml -p sphere:2 --pictures 0"
 LONG = "evaluate sphere -c camera.toml -p sphere:200000 -o report"
 
@@ -214,7 +163,7 @@ def test_broken_files_are_named(capsys):
 
 @pytest.mark.parametrize(("unit", "is_speck"), [("um", True), ("m", False)])
 def test_a_mesh_that_is_a_speck_in_every_image_gets_a_hint_at_its_unit(capsys, unit, is_speck):
-    write_obj("part.obj", side=1.0)
+    write_part("part.obj", side=1.0)
     write_poses("poses.json", sphere_of_poses((0, 0, 0), 4.0, 5))
     code, _, err = call(
         capsys, f"evaluate part.obj --unit {unit} -c khepra -p poses.json --pictures 0"
@@ -288,7 +237,7 @@ def test_files_units_and_groups(capsys):
 
 
 def test_an_occluder_may_be_a_file(capsys):
-    write_obj("fixture.v2.obj", side=3000.0)  # closed around the part
+    write_part("fixture.v2.obj", side=3000.0)  # closed around the part
     line = "evaluate part.obj --unit mm -c camera.toml -p sphere:4 --pictures 0"
     code, _, _ = call(capsys, line + " --occluder fixture.v2.obj --json")
     summary = json.loads(Path("report/summary.json").read_text())

@@ -3,21 +3,20 @@
 import json
 import os
 import re
-import shlex
 import signal
 import subprocess
 import sys
 import time
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from commands import ENTRY, call, content, enter, refusal, write_part
 from notices import without_notices
 
 import rastercov as rc
-from rastercov import cli, shapes
 from rastercov.placement.shards import locked
 from rastercov.plan import run as plan_run
 from rastercov.pose_file import read_poses, write_poses
@@ -25,7 +24,6 @@ from rastercov.viewpoints import sphere_of_poses
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "plans"
 MESHES = Path(__file__).parents[3] / "shared" / "meshes"
-ENTRY = "import sys; from rastercov.cli import main; sys.argv[0] = 'rastercov'; main()"
 SCENE = """
 [[meshes]]
 path = "part.obj"
@@ -54,11 +52,8 @@ QUICK = SCENE + CANDIDATES + SELECTION + "[outputs]\npage = false\n"
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch):
     """A folder of its own with a part of two groups and a rig of six around it."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "100")
-    for name in ("FORCE_COLOR", "NO_COLOR", "RASTERCOV_TRACEBACK"):
-        monkeypatch.delenv(name, raising=False)
-    write_obj("part.obj")
+    enter(tmp_path, monkeypatch)
+    write_part("part.obj")
     write_poses("rig.json", axis_poses())
     Path("plan.toml").write_text(QUICK)
     return tmp_path
@@ -68,23 +63,6 @@ def axis_poses():
     """Cameras on both ends of the three axes: each sees one side of the part."""
     ends = np.concatenate((np.eye(3), -np.eye(3)))
     return rc.look_at(3.5 * ends, np.zeros(3))
-
-
-def write_obj(path):
-    """A box of two groups, lid (the two faces of one side) and rest."""
-    mesh = shapes.box()
-    lines = [f"v {x} {y} {z}" for x, y, z in mesh.vertices]
-    for index, face in enumerate(mesh.faces + 1):
-        lines += ["g lid"] if index == 0 else ["g rest"] if index == 2 else []
-        lines.append("f " + " ".join(map(str, face)))
-    Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
-
-
-def call(capsys, line):
-    """Exit code, standard output and standard error of a command line, in this process."""
-    code = cli.command(shlex.split(line))
-    out, err = capsys.readouterr()
-    return code, out, err
 
 
 def figures(folder="plan"):
@@ -336,6 +314,13 @@ def test_an_interrupt_after_the_selection_keeps_it(capsys, monkeypatch):
     assert len(read_poses("plan/poses.json")) == len(told["cameras"])
 
 
+SHARD = 600_000
+"""Pairs a shard: 60 poses of the plan below, which then has five."""
+CHILD = [
+    *(sys.executable, "-W", "error", "-c"),
+    f"from rastercov.placement import shards; shards.PAIRS_A_SHARD = {SHARD}; {ENTRY}",
+    "place",
+]
 LONG = """
 [[meshes]]
 built_in = "torus"
@@ -346,7 +331,7 @@ fx = 600
 fy = 600
 [[candidates]]
 generator = "on_sphere"
-count = 900
+count = 300
 distances = [5]
 [selection]
 goal = "best_coverage"
@@ -354,10 +339,6 @@ cameras = 3
 [outputs]
 page = false
 """
-
-
-def content(folder):
-    return {path: path.read_bytes() for path in Path(folder).rglob("*") if path.is_file()}
 
 
 EACH_STEP = QUICK.replace(
@@ -372,6 +353,14 @@ STEPS = {
     "rastercov.plan.run.what_is_left": "what is left",
     "rastercov.report.placement.page": "page",
 }
+
+
+@contextmanager
+def without_pages(monkeypatch):
+    """A word for the page, which takes a second or two, where a test is about other files."""
+    with monkeypatch.context() as patch:
+        patch.setattr("rastercov.report.placement.page", lambda *_: "a page")
+        yield
 
 
 def stopped(capsys, monkeypatch, step, error):
@@ -398,29 +387,27 @@ def test_a_kill_in_a_step_leaves_a_report_that_names_it_where_there_was_none(
     assert not Path("plan/page.html").exists()
 
 
-@pytest.mark.parametrize("step", STEPS)
-@pytest.mark.parametrize("error", [SystemExit(9), OSError(28, "No space left on device")])
-def test_a_kill_or_an_error_in_a_step_leaves_an_earlier_report_as_it_was(
-    capsys, monkeypatch, step, error
-):
+def test_a_kill_or_an_error_in_a_step_leaves_an_earlier_report_as_it_was(capsys, monkeypatch):
     Path("plan.toml").write_text(EACH_STEP)
-    with monkeypatch.context() as patch:  # a page of a second or two is not what this is about
-        patch.setattr("rastercov.report.placement.page", lambda *_: "a page")
+    with without_pages(monkeypatch):
         assert call(capsys, "place plan.toml")[0] == 0
     assert figures()["interrupted"] is None
     before = content("plan")
-    found = stopped(capsys, monkeypatch, step, error)
-    assert found is None or (found[0], found[2].count("\n")) == (2, 1)
-    assert content("plan") == before
+    for step in STEPS:
+        assert stopped(capsys, monkeypatch, step, SystemExit(9)) is None, step
+        assert content("plan") == before, step
+        code, _, err = stopped(capsys, monkeypatch, step, OSError(28, "No space left on device"))
+        assert (code, err.count("\n")) == (2, 1), step
+        assert content("plan") == before, step
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("step", ["rastercov.plan.run.refine", "rastercov.report.placement.page"])
 def test_an_interrupt_in_a_step_replaces_an_earlier_report_and_names_the_step(
     capsys, monkeypatch, step
 ):
     Path("plan.toml").write_text(EACH_STEP)
-    assert call(capsys, "place plan.toml")[0] == 0
+    with without_pages(monkeypatch):
+        assert call(capsys, "place plan.toml")[0] == 0
     assert Path("plan/page.html").exists()
     code, out, err = stopped(capsys, monkeypatch, step, KeyboardInterrupt())
     assert (code, err) == (130, "interrupted\n")
@@ -430,31 +417,41 @@ def test_an_interrupt_in_a_step_replaces_an_earlier_report_and_names_the_step(
     assert not Path("plan/page.html").exists()
 
 
+@contextmanager
+def child(line):
+    """`place` in a process of its own, with the Ctrl-C that a shell's background job would lack."""
+    with subprocess.Popen(
+        [*CHILD, *line.split()],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    ) as process:
+        yield process
+
+
+def wait_for(pattern, process):
+    """Return when a file is there, while the process runs."""
+    while not list(Path().glob(pattern)):
+        assert process.poll() is None, process.stderr.read()
+        time.sleep(0.02)
+
+
 @pytest.mark.slow
-def test_two_runs_into_one_folder_are_one_run_and_a_refusal():
+def test_two_runs_into_one_folder_are_one_run_and_a_refusal(capsys):
     """Of another plan, too, whose matrix the second would take for an old one."""
     Path("long.toml").write_text(LONG)
-    Path("other.toml").write_text(LONG.replace("count = 900", "count = 600"))
-    words = [sys.executable, "-W", "error", "-c", ENTRY, "place"]
-    first = subprocess.Popen(
-        [*words, "long.toml", "--out", "out"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
-    )
-    with first:
-        while not list(Path().glob("out/matrix/*/header.json")):
-            assert first.poll() is None, first.stderr.read()
-            time.sleep(0.02)
-        result = subprocess.run(
-            [*words, "other.toml", "--out", "out"], capture_output=True, timeout=300, check=False
-        )
+    Path("other.toml").write_text(LONG.replace("count = 300", "count = 200"))
+    with child("long.toml --out out") as first:
+        wait_for("out/matrix/*/header.json", first)
+        text = refusal(capsys, "place other.toml --out out")
         assert first.poll() is None, "the first run was too short for this test"
-        assert (result.returncode, result.stdout) == (2, b"")
-        assert result.stderr == (
-            b"error: out: another process is writing to this folder; wait or name another\n"
+        assert text == (
+            "error: out: another process is writing to this folder; wait or name another\n"
         )
         assert len(list(Path("out/matrix").iterdir())) == 1
         _, err = first.communicate(timeout=300)
-    assert (first.returncode, err) == (0, b"")
-    assert figures("out")["matrix"]["poses"] == 900
+    assert (first.returncode, without_notices(err)) == (0, b"")
+    assert figures("out")["matrix"]["poses"] == 300
     assert len(figures("out")["cameras"]) == 3
 
 
@@ -463,10 +460,8 @@ def test_a_file_of_nobody_is_refused_before_the_work_and_kept(capsys, monkeypatc
     Path("out").mkdir()
     Path("out", name).write_text("mine")
     monkeypatch.setattr(plan_run, "place", lambda *_: 1 / 0)
-    code, out, err = call(capsys, "place plan.toml --out out")
-    assert (code, out) == (2, "")
-    assert err.startswith(f"error: out/{name}: not of an earlier report")
-    assert err.count("\n") == 1
+    text = refusal(capsys, "place plan.toml --out out")
+    assert text.startswith(f"error: out/{name}: not of an earlier report")
     assert content("out") == {Path("out", name): b"mine"}
 
 
@@ -499,28 +494,21 @@ def test_what_is_no_matrix_of_an_earlier_plan_stays(capsys):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
-def test_a_run_that_was_ended_goes_on_from_its_shards(number):
+def test_a_run_that_was_ended_goes_on_from_its_shards(capsys, monkeypatch, number):
     Path("long.toml").write_text(LONG)
-    words = [sys.executable, "-W", "error", "-c", ENTRY, "place", "long.toml"]
-    with subprocess.Popen(
-        words,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
-    ) as child:
-        while not list(Path().glob("long/matrix/*/pairs/pairs-*.parquet")):
-            assert child.poll() is None, child.stderr.read()
-            time.sleep(0.02)
-        child.send_signal(number)
-        _, err = child.communicate(timeout=300)
+    with child("long.toml") as process:
+        wait_for("long/matrix/*/pairs/pairs-*.parquet", process)
+        process.send_signal(number)
+        _, err = process.communicate(timeout=300)
     if number == signal.SIGKILL:
-        assert child.returncode == -signal.SIGKILL
+        assert process.returncode == -signal.SIGKILL
     else:
-        assert (child.returncode, without_notices(err)) == (130, b"interrupted\n")
+        assert (process.returncode, without_notices(err)) == (130, b"interrupted\n")
     done = {path: path.stat().st_mtime_ns for path in Path("long").rglob("pairs-*.parquet")}
     assert not Path("long/plan.json").exists()
-    result = subprocess.run(words, capture_output=True, timeout=300, check=False)
-    assert (result.returncode, without_notices(result.stderr)) == (0, b"")
+    monkeypatch.setattr("rastercov.placement.shards.PAIRS_A_SHARD", SHARD)
+    code, _, err = call(capsys, "place long.toml")
+    assert (code, err) == (0, "")
     after = {path: path.stat().st_mtime_ns for path in Path("long").rglob("pairs-*.parquet")}
     assert done.items() <= after.items()
     assert len(after) > len(done)
@@ -600,11 +588,8 @@ def test_junit_has_a_test_case_for_each_requirement(capsys):
     (suite,) = suites
     assert (suites.tag, suite.tag) == ("testsuites", "testsuite")
     for element in (suites, suite):
-        assert (element.get("tests"), element.get("failures"), element.get("errors")) == (
-            "3",
-            "1",
-            "0",
-        )
+        counts = [element.get(name) for name in ("tests", "failures", "errors")]
+        assert counts == ["3", "1", "0"]
     cases = {case.get("name"): case for case in suite}
     assert list(cases) == ["coverage of all", "coverage of lid", "coverage of rest"]
     assert [case.find("failure") is not None for case in cases.values()] == [True, False, False]
@@ -631,9 +616,7 @@ def test_junit_replaces_an_outcome_and_nothing_else(capsys):
     Path("of_others.xml").write_text("<?xml version='1.0'?><testsuites name='pytest'/>")
     for name in ("plan.toml", "rig.json", "part.obj", "of_others.xml"):
         before = Path(name).read_bytes()
-        code, out, err = call(capsys, line + name)
-        assert (code, out) == (2, "")
-        assert err.startswith(f"error: {name}: not of an earlier check")
+        assert refusal(capsys, line + name).startswith(f"error: {name}: not of an earlier check")
         assert Path(name).read_bytes() == before
 
 
@@ -665,18 +648,12 @@ def test_junit_goes_through_links_and_pipes(capsys):
     ],
 )
 def test_each_bad_check_gets_one_line(capsys, line, words):
-    code, out, err = call(capsys, line)
-    assert (code, out) == (2, "")
-    assert err.startswith("error: ")
-    assert err.count("\n") == 1
-    assert words in err
+    assert words in refusal(capsys, line)
 
 
 def test_a_plan_that_asks_for_nothing_needs_a_limit(capsys):
     Path("plan.toml").write_text(SCENE)
-    code, _, err = call(capsys, "check plan.toml -p rig.json")
-    assert code == 2
-    assert "give --min-coverage" in err
+    assert "give --min-coverage" in refusal(capsys, "check plan.toml -p rig.json")
     assert call(capsys, "check plan.toml -p rig.json --min-coverage 1")[0] == 0
 
 
