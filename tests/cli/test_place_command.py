@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -355,12 +356,10 @@ STEPS = {
 }
 
 
-@contextmanager
-def without_pages(monkeypatch):
+@pytest.fixture
+def no_pages(monkeypatch):
     """A word for the page, which takes a second or two, where a test is about other files."""
-    with monkeypatch.context() as patch:
-        patch.setattr("rastercov.report.placement.page", lambda *_: "a page")
-        yield
+    monkeypatch.setattr("rastercov.report.placement.page", lambda *_: "a page")
 
 
 def stopped(capsys, monkeypatch, step, error):
@@ -387,10 +386,11 @@ def test_a_kill_in_a_step_leaves_a_report_that_names_it_where_there_was_none(
     assert not Path("plan/page.html").exists()
 
 
-def test_a_kill_or_an_error_in_a_step_leaves_an_earlier_report_as_it_was(capsys, monkeypatch):
+def test_a_kill_or_an_error_in_a_step_leaves_an_earlier_report_as_it_was(
+    capsys, monkeypatch, no_pages
+):
     Path("plan.toml").write_text(EACH_STEP)
-    with without_pages(monkeypatch):
-        assert call(capsys, "place plan.toml")[0] == 0
+    assert call(capsys, "place plan.toml")[0] == 0
     assert figures()["interrupted"] is None
     before = content("plan")
     for step in STEPS:
@@ -403,11 +403,10 @@ def test_a_kill_or_an_error_in_a_step_leaves_an_earlier_report_as_it_was(capsys,
 
 @pytest.mark.parametrize("step", ["rastercov.plan.run.refine", "rastercov.report.placement.page"])
 def test_an_interrupt_in_a_step_replaces_an_earlier_report_and_names_the_step(
-    capsys, monkeypatch, step
+    capsys, monkeypatch, no_pages, step
 ):
     Path("plan.toml").write_text(EACH_STEP)
-    with without_pages(monkeypatch):
-        assert call(capsys, "place plan.toml")[0] == 0
+    assert call(capsys, "place plan.toml")[0] == 0
     assert Path("plan/page.html").exists()
     code, out, err = stopped(capsys, monkeypatch, step, KeyboardInterrupt())
     assert (code, err) == (130, "interrupted\n")
@@ -660,6 +659,12 @@ def test_a_plan_that_asks_for_nothing_needs_a_limit(capsys):
 # --- the examples ---------------------------------------------------------------------------------
 
 
+@pytest.fixture
+def short_search(monkeypatch):
+    """Refinement that ends early: that it ends where no move gains is tested in placement."""
+    monkeypatch.setattr(plan_run, "refine", partial(plan_run.refine, budget=1000))
+
+
 def test_every_example_plan_is_tried_here():
     assert {path.name for path in EXAMPLES.glob("*.toml")} == {
         "audit_rig.toml",
@@ -669,7 +674,7 @@ def test_every_example_plan_is_tried_here():
 
 
 @pytest.mark.slow
-def test_the_part_is_seen_from_all_sides(capsys):
+def test_the_part_is_seen_from_all_sides(capsys, no_pages, short_search):
     code, out, _ = call(capsys, f"place {EXAMPLES / 'inspect_part.toml'} --out part")
     told = figures("part")
     assert code == 0
@@ -684,7 +689,7 @@ def test_the_part_is_seen_from_all_sides(capsys):
 
 
 @pytest.mark.slow
-def test_the_room_is_watched_from_its_walls_and_ceiling(capsys):
+def test_the_room_is_watched_from_its_walls_and_ceiling(capsys, no_pages, short_search):
     code, _, _ = call(capsys, f"place {EXAMPLES / 'watch_room.toml'} --out room")
     told = figures("room")
     assert code == 0
@@ -697,7 +702,7 @@ def test_the_room_is_watched_from_its_walls_and_ceiling(capsys):
 
 
 @pytest.mark.slow
-def test_the_rig_is_audited(capsys):
+def test_the_rig_is_audited(capsys, no_pages, short_search):
     plan, rig = EXAMPLES / "audit_rig.toml", EXAMPLES / "rig.json"
     assert call(capsys, f"check {plan} -p {rig}")[0] == 0
     code, out, _ = call(capsys, f"check {plan} -p {rig} --views 2")
@@ -713,7 +718,7 @@ def test_the_rig_is_audited(capsys):
 
 
 @pytest.mark.slow
-def test_a_machined_part_is_placed_around(capsys):
+def test_a_machined_part_is_placed_around(capsys, no_pages, short_search):
     path = MESHES / "featuretype.STL"
     if not path.exists():
         pytest.skip(f"needs {path.name} in a folder shared/meshes beside the project")
