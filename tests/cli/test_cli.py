@@ -65,7 +65,7 @@ def test_each_help_shows_an_example_that_runs(capsys, monkeypatch, name):
     assert examples
     Path("part.stl").write_text(ascii_stl(), encoding="ascii")
     write_poses("poses.json", sphere_of_poses((0, 0, 0), 4, 4))
-    less = {"demo": " --poses 1", "compare": " --no-convergence"}.get(name, "")
+    less = {"demo": " --poses 1", "compare": " --no-convergence --faces 1"}.get(name, "")
     for example in examples:
         quick = re.sub(r"sphere:\d+", "sphere:1", example.replace("-c khepra", "-c camera.toml"))
         code, out, _ = call(capsys, quick + less)
