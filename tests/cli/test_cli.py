@@ -47,6 +47,7 @@ def names(folder):
 
 
 QUICK = "evaluate box -c camera.toml -p sphere:2 --pictures 0"
+MODELS = "compare box -c camera.toml -p sphere:2 --models"
 LONG = "evaluate sphere -c camera.toml -p sphere:200000 -o report"
 
 
@@ -144,6 +145,9 @@ def test_help_does_not_load_what_it_does_not_need():
         ("render box -c khepra -p poses.json --pose 12", ["--pose 12", "12 poses"]),
         ("demo --shape nope", ["'nope'", "teapot"]),
         ("demo --poses 0", ["--poses"]),
+        ("compare nothing -c khepra -p sphere:2 --models", ["nothing: there is no such file"]),
+        (MODELS + " --method exact", ["--models takes neither --method nor --against; leave"]),
+        (MODELS + " --against rational", ["--models takes neither --method nor --against; leave"]),
         (QUICK + " -o camera.toml", ["camera.toml", "a file is in the way"]),
         (QUICK + " -o camera.toml/x", ["camera.toml/x", "a file is in the way"]),
         ("render box -c khepra -p poses.json -o part.obj", ["a file is in the way"]),
@@ -155,6 +159,7 @@ def test_help_does_not_load_what_it_does_not_need():
 def test_each_bad_command_line_gets_one_line_that_says_why(capsys, line, words):
     text = refusal(capsys, line)
     assert all(word.lower() in text.lower() for word in words)
+    assert names(".") == {"part.obj", "camera.toml", "poses.json"}
 
 
 def test_broken_files_are_named(capsys):
@@ -408,7 +413,7 @@ INTO = {
     "demo --poses 1": "coverage.parquet",
     "render box -c camera.toml -p sphere:1": "depth.png",
     "compare box -c camera.toml -p sphere:1 --no-convergence": "worst_sampled_1.png",
-    "compare box -c camera.toml -p sphere:1 --models": "models.json",
+    MODELS: "models.json",
     "validate markers --scenes 0": "markers.html",
 }
 """Commands that leave a report, and a file that it may have."""
@@ -454,24 +459,19 @@ def test_a_folder_in_use_is_refused_and_kept(capsys, line):
     assert Path("out").stat().st_mtime_ns == stamp
 
 
-def test_a_report_without_its_manifest_is_refused_and_kept(capsys):
-    """As one of a version that wrote none."""
-    call(capsys, QUICK)
-    Path("report", MANIFEST).unlink()
-    before = content("report")
-    text = refusal(capsys, QUICK)
-    assert "coverage.parquet and 2 more: not of an earlier report" in text
-    assert "name another folder" in text
-    assert content("report") == before
-
-
-def test_a_report_with_a_note_of_its_reader_is_refused_and_kept(capsys):
+def test_a_report_with_a_note_of_its_reader_or_without_its_manifest_is_refused_and_kept(capsys):
+    """The second as one of a version that wrote none."""
     call(capsys, QUICK)
     with Path("report/summary.json").open("a") as file:
         file.write(" ")
     before = content("report")
     assert "report/summary.json: changed since it was written" in refusal(capsys, QUICK)
     assert content("report") == before
+    Path("report", MANIFEST).unlink()
+    text = refusal(capsys, QUICK)
+    assert "coverage.parquet and 2 more: not of an earlier report" in text
+    assert "name another folder" in text
+    assert content("report") == {p: d for p, d in before.items() if p.name != MANIFEST}
 
 
 def state(folder, old, new):

@@ -72,6 +72,13 @@ def figures(folder="plan"):
     return json.loads(Path(folder, "plan.json").read_text())
 
 
+def placed(capsys, text):
+    """Exit code, standard output and figures of `place` on a plan."""
+    Path("plan.toml").write_text(text)
+    code, out, _ = call(capsys, "place plan.toml")
+    return code, out, figures()
+
+
 # --- place ----------------------------------------------------------------------------------------
 
 
@@ -96,11 +103,9 @@ def test_a_plan_gives_poses_that_evaluate_reads_and_figures(capsys):
 
 
 def test_figures_hold_everything_that_made_them(capsys):
-    Path("plan.toml").write_text(
-        QUICK
-        + "[constraints]\nclearance = 0.1\n[[constraints.keep_out]]\n"
-        + 'name = "table"\nlow = [-9, -9, -9]\nhigh = [9, 9, -3]\n'
-    )
+    table = 'name = "table"\nlow = [-9, -9, -9]\nhigh = [9, 9, -3]\n'
+    limits = "[constraints]\nclearance = 0.1\n[[constraints.keep_out]]\n" + table
+    Path("plan.toml").write_text(QUICK + limits)
     code, out, _ = call(capsys, "place plan.toml --json")
     told = json.loads(out)
     assert code == 0
@@ -138,35 +143,28 @@ def test_the_same_plan_gives_the_same_bytes_but_for_the_time(capsys):
 
 
 def test_a_goal_that_is_out_of_reach_gives_what_can_be_had_and_code_1(capsys):
-    Path("plan.toml").write_text(QUICK.replace("count = 20", "count = 2"))
-    code, out, _ = call(capsys, "place plan.toml")
-    told = figures()
+    code, out, told = placed(capsys, QUICK.replace("count = 20", "count = 2"))
     assert code == 1
     assert not told["met"]
     assert 0 < told["share"] < 1
     assert "cannot be reached" in told["notes"][0]
     assert "fails: all: " in out
-    Path("plan.toml").write_text(
-        QUICK.replace("count = 20", "count = 2").replace("1.0", "1.0\nof_reachable = true")
-    )
-    assert call(capsys, "place plan.toml")[0] == 0
+    text = QUICK.replace("count = 20", "count = 2").replace("1.0", "1.0\nof_reachable = true")
+    assert placed(capsys, text)[0] == 0
 
 
 def test_requirements_of_groups_are_told_one_by_one(capsys):
     text = QUICK.replace("coverage = 1.0", "coverage = 0.2\ngroups = { lid = 1.0 }")
-    Path("plan.toml").write_text(text)
-    code, out, _ = call(capsys, "place plan.toml")
+    code, out, told = placed(capsys, text)
     assert code == 0
-    assert [each["group"] for each in figures()["requirements"]] == [None, "lid"]
+    assert [each["group"] for each in told["requirements"]] == [None, "lid"]
     assert "holds: group lid: 100.0 % covered, 100.0 % wanted" in out
 
 
 def test_the_network_is_counted_as_the_selection_was(capsys):
     own = 'min_pixels = 2\nweight_by = "count"\nmin_angle_deg = 60\nviews = { lid = 3 }'
     text = QUICK.replace("min_pixels = 2", own)
-    Path("plan.toml").write_text(text.replace("coverage = 1.0", "coverage = 0.6"))
-    call(capsys, "place plan.toml")
-    told = figures()
+    _, _, told = placed(capsys, text.replace("coverage = 1.0", "coverage = 0.6"))
     assert 0.6 <= told["share"] < 1
     assert told["share"] == told["selection"]["share"] == told["cameras"][-1]["share_so_far"]
     assert told["share"] == pytest.approx(told["network"]["covered"]["faces"] / 12)
@@ -177,28 +175,23 @@ def test_the_network_is_counted_as_the_selection_was(capsys):
 
 def test_costs_of_entries_decide_between_equals(capsys):
     other = CANDIDATES.replace("20", "24") + "cost = 0.5\n"
-    Path("plan.toml").write_text(QUICK.replace(CANDIDATES, CANDIDATES + "cost = 9\n" + other))
-    assert call(capsys, "place plan.toml")[0] == 0
+    assert placed(capsys, QUICK.replace(CANDIDATES, CANDIDATES + "cost = 9\n" + other))[0] == 0
     assert all(camera["cost"] == 0.5 for camera in figures()["cameras"])
     budget = SELECTION.replace('"fewest_cameras"\ncoverage = 1.0', '"best_coverage"\nbudget = 9')
     text = QUICK.replace(SELECTION, budget).replace(CANDIDATES, CANDIDATES + "cost = 4\n")
-    Path("plan.toml").write_text(text)
-    code, out, _ = call(capsys, "place plan.toml")
+    code, out, told = placed(capsys, text)
     assert code == 0
-    assert len(figures()["cameras"]) == 2
+    assert len(told["cameras"]) == 2
     assert "at a cost of 8" in out
 
 
 def test_cavity_candidates_are_added_where_the_others_see_nothing(capsys):
     above = '[[candidates]]\ngenerator = "on_box"\nspacing = 9\noutward = 2.5\nsides = ["+z"]\n'
-    Path("plan.toml").write_text(QUICK.replace(CANDIDATES, above))
-    assert call(capsys, "place plan.toml")[0] == 1
+    assert placed(capsys, QUICK.replace(CANDIDATES, above))[0] == 1
     alone = figures()
     assert alone["cavities"] is None
     more = above + '[[candidates]]\ngenerator = "per_cavity"\nstand_off = [3.0, 4.0]\n'
-    Path("plan.toml").write_text(QUICK.replace(CANDIDATES, more))
-    code, out, _ = call(capsys, "place plan.toml")
-    told = figures()
+    code, out, told = placed(capsys, QUICK.replace(CANDIDATES, more))
     assert code == 0
     assert told["share"] == 1 > alone["share"]
     assert told["candidates"]["made"]["cavity"] > 0
@@ -209,22 +202,19 @@ def test_cavity_candidates_are_added_where_the_others_see_nothing(capsys):
 
 
 def test_a_part_in_the_wrong_unit_is_told_by_its_size_and_by_why_nothing_covers_it(capsys):
-    Path("plan.toml").write_text(QUICK.replace('"part.obj"', '"part.obj"\nunit = "um"'))
-    code, out, _ = call(capsys, "place plan.toml")
+    code, out, _ = placed(capsys, QUICK.replace('"part.obj"', '"part.obj"\nunit = "um"'))
     assert code == 1
     assert "100.0 % too coarse; the scene is 1e-06 m across, see meshes.unit" in out
 
 
 def test_the_page_is_written_and_a_stale_one_removed(capsys):
-    Path("plan.toml").write_text(QUICK.replace("page = false", ""))
-    code, out, _ = call(capsys, "place plan.toml")
+    code, out, _ = placed(capsys, QUICK.replace("page = false", ""))
     assert code == 0
     assert out.endswith("plan/page.html\n")
     page = Path("plan/page.html").read_text(encoding="utf-8")
     assert page.lower().startswith("<!doctype html>")
     assert "plan.toml" in page
-    Path("plan.toml").write_text(QUICK)
-    call(capsys, "place plan.toml")
+    placed(capsys, QUICK)
     assert not Path("plan/page.html").exists()
 
 
@@ -250,13 +240,10 @@ def test_the_schema_can_be_had_without_a_plan(capsys):
             ["plan.toml: selection.groups: there is no group 'lit'; groups are lid, rest"],
         ),
         (
-            QUICK.replace("distances = [3.5]", "distances = [0.2]"),
-            ["plan.toml: no candidate is left (20 candidates: 20 sphere; 20 of 20"],
+            QUICK.replace("[3.5]", "[0.2]"),
+            ["plan.toml: no candidate is left (20 candidates: 20 sp"],
         ),
-        (
-            QUICK + "folder = 3\n",
-            ["plan.toml: outputs.folder: wanted a text in quotes, got 3"],
-        ),
+        (QUICK + "folder = 3\n", ["plan.toml: outputs.folder: wanted a text in quotes, got 3"]),
         (QUICK + 'folder = "part.obj"\n', ["part.obj: a folder is wanted, but a file is in"]),
     ],
 )
@@ -280,8 +267,7 @@ def test_a_second_run_measures_nothing_again(capsys, monkeypatch):
     call(capsys, "place plan.toml")
     shards = {path: path.stat().st_mtime_ns for path in Path("plan/matrix").rglob("*.parquet")}
     assert shards
-    Path("plan.toml").write_text(QUICK.replace("coverage = 1.0", "coverage = 0.6"))
-    call(capsys, "place plan.toml")
+    placed(capsys, QUICK.replace("coverage = 1.0", "coverage = 0.6"))
     assert shards == {
         path: path.stat().st_mtime_ns for path in Path("plan/matrix").rglob("*.parquet")
     }
@@ -291,8 +277,7 @@ def test_a_matrix_that_the_plan_no_longer_needs_is_removed_and_nothing_else(caps
     call(capsys, "place plan.toml")
     (old,) = Path("plan/matrix").iterdir()
     Path("plan/matrix/notes").mkdir()
-    Path("plan.toml").write_text(QUICK.replace("count = 20", "count = 21"))
-    call(capsys, "place plan.toml")
+    placed(capsys, QUICK.replace("count = 20", "count = 21"))
     names = {path.name for path in Path("plan/matrix").iterdir()}
     assert "notes" in names
     assert old.name not in names
@@ -390,8 +375,7 @@ def test_a_kill_in_a_step_leaves_a_report_that_names_it_where_there_was_none(
 def test_a_kill_or_an_error_in_a_step_leaves_an_earlier_report_as_it_was(
     capsys, monkeypatch, no_pages
 ):
-    Path("plan.toml").write_text(EACH_STEP)
-    assert call(capsys, "place plan.toml")[0] == 0
+    assert placed(capsys, EACH_STEP)[0] == 0
     assert figures()["interrupted"] is None
     before = content("plan")
     for step in STEPS:
@@ -406,8 +390,7 @@ def test_a_kill_or_an_error_in_a_step_leaves_an_earlier_report_as_it_was(
 def test_an_interrupt_in_a_step_replaces_an_earlier_report_and_names_the_step(
     capsys, monkeypatch, no_pages, step
 ):
-    Path("plan.toml").write_text(EACH_STEP)
-    assert call(capsys, "place plan.toml")[0] == 0
+    assert placed(capsys, EACH_STEP)[0] == 0
     assert Path("plan/page.html").exists()
     code, out, err = stopped(capsys, monkeypatch, step, KeyboardInterrupt())
     assert (code, err) == (130, "interrupted\n")

@@ -947,12 +947,6 @@ def test_the_command_compares_models(capsys, tmp_path):
     assert [score["name"] for score in json.loads(out)["models"]] == list(MODELS)
 
 
-def test_the_command_refuses_bad_input_in_one_line(capsys, tmp_path):
-    error = refusal(capsys, f"compare nothing -c khepra -p sphere:2 --models -o {tmp_path}")
-    assert error.startswith("error: nothing: there is no such file")
-    assert not list(tmp_path.iterdir())
-
-
 @pytest.mark.parametrize("name", ["models.json", "models.html", "models_9.png", "occlusion_0.png"])
 def test_the_command_refuses_to_replace_files_of_nobody(capsys, tmp_path, monkeypatch, name):
     (tmp_path / name).write_text("mine")
@@ -962,11 +956,3 @@ def test_the_command_refuses_to_replace_files_of_nobody(capsys, tmp_path, monkey
     error = refusal(capsys, f"compare box -c khepra -p sphere:2 --models -o {tmp_path}")
     assert error.startswith(f"error: {tmp_path / name}: not of an earlier report")
     assert [path.read_text() for path in tmp_path.iterdir()] == ["mine"]
-
-
-@pytest.mark.parametrize("option", ["--method exact", "--against rational"])
-def test_options_of_the_other_comparison_are_refused(capsys, tmp_path, option):
-    line = f"compare box -c khepra -p sphere:2 --models {option} -o {tmp_path}"
-    wanted = "error: --models takes neither --method nor --against; leave them out\n"
-    assert refusal(capsys, line) == wanted
-    assert not list(tmp_path.iterdir())
