@@ -26,11 +26,7 @@ from rastercov.coverage import evaluate_batches
 from rastercov.engine import METHODS
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
-from rastercov.models.base import (
-    Criteria,
-    FloatArray,
-    coverage_model,
-)
+from rastercov.models.base import Criteria, FloatArray, coverage_model
 from rastercov.observer import open_observer
 from rastercov.task import Task
 

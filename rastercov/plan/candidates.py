@@ -83,10 +83,8 @@ class CandidatePool:
 
 def segmentation_of(plan: Plan, mesh: Mesh) -> Segmentation | None:
     """Segments for the first `per_segment` entry; None where there is no such entry."""
-    for entry in plan.candidates:
-        if isinstance(entry, entries.PerSegment):
-            return _segmented(mesh, entry)
-    return None
+    own = (entry for entry in plan.candidates if isinstance(entry, entries.PerSegment))
+    return next((_segmented(mesh, entry) for entry in own), None)
 
 
 def candidate_pool(plan: Plan, mesh: Mesh, camera: Camera) -> CandidatePool:
