@@ -31,6 +31,7 @@ from rastercov.coverage import POSES_A_BATCH, Coverage, evaluate_batches
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.observer import Observer, open_observer
+from rastercov.placement._arrays import BoolArray, FloatArray
 from rastercov.placement.shards import (
     DamagedError,
     Note,
@@ -47,9 +48,6 @@ from rastercov.placement.shards import (
 )
 from rastercov.pose import valid_poses
 from rastercov.task import Task
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,13 +33,13 @@ from numpy.typing import NDArray
 
 from rastercov.errors import ConfigError
 from rastercov.observer import Observer
+from rastercov.placement._arrays import FloatArray
 from rastercov.task import Task
 
 if TYPE_CHECKING:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-FloatArray = NDArray[np.float64]
 
 PAIRS_A_SHARD = 1 << 22
 """Pose-face pairs, seen or not, of one shard: several seconds of work."""

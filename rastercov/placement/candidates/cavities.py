@@ -24,6 +24,7 @@ from rastercov.camera import Camera
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
+from rastercov.placement._arrays import FloatArray, IntArray
 from rastercov.placement.candidates.clearance import KeepOut, check_clearance, filter_candidates
 from rastercov.placement.candidates.enclosure import Enclosure
 from rastercov.placement.candidates.framing import DEFAULT, Framing, rolled_frames
@@ -31,10 +32,6 @@ from rastercov.placement.candidates.hemicube import Hemicube
 from rastercov.placement.candidates.open_directions import APART_DEG, OpenDirections, far_apart
 from rastercov.placement.candidates.pool import Candidates, face_rows
 from rastercov.viewpoints import half_angles, look_at
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 
 PLACES_AT_ONCE = 20_000
 

@@ -21,11 +21,8 @@ from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import encloses_volume
 from rastercov.mesh.topology import edge_table
 from rastercov.mesh.triangle_tree import TriangleTree
+from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.candidates.pool import Candidates
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 ROOM_TOLERANCE_REL = 0.01
 """Length, in diagonals of the mesh, by which parts may extend beyond the walls of a room."""

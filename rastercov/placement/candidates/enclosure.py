@@ -15,10 +15,10 @@ A. Van Oosterom, J. Strackee. The Solid Angle of a Plane Triangle. 1983.
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.image_boxes import box_corners
 from rastercov.mesh import Mesh
+from rastercov.placement._arrays import BoolArray, FloatArray
 from rastercov.placement.candidates.clearance import (
     KeepOut,
     KeepOutBox,
@@ -27,10 +27,6 @@ from rastercov.placement.candidates.clearance import (
     in_solid,
 )
 from rastercov.placement.candidates.hemicube import LIFT_REL
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 
 RIM_WIDTH_REL = 1e-3
 """Relative width of the rim of a face that is left out of the proof, to exclude its neighbours."""

@@ -9,16 +9,14 @@ E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov._typed import check_fields
 from rastercov.camera import Camera
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
+from rastercov.placement._arrays import FloatArray, IntArray
 from rastercov.viewpoints import half_angles, look_at
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 FITS = ("extent", "vertices")
 FRAMING_MARGIN_REL = 1e-9

@@ -7,7 +7,7 @@ mounted. Positions are on a sphere, or on a grid on the sides of a box with a ru
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov._arguments import LARGEST_COORDINATE, finite_points
 from rastercov._checks import shown
@@ -15,12 +15,11 @@ from rastercov._typed import typed
 from rastercov.camera import Camera
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
+from rastercov.placement._arrays import FloatArray
 from rastercov.placement.candidates.clearance import NearestSurface
 from rastercov.placement.candidates.framing import DEFAULT, Framing, rolled_frames
 from rastercov.placement.candidates.pool import Candidates
 from rastercov.viewpoints import enclosing_distance, fibonacci_sphere, look_at
-
-FloatArray = NDArray[np.float64]
 
 Aim = Callable[[Mesh, FloatArray], FloatArray]
 """Rule of aim: from a mesh and (N, 3) camera centres, (N, 3) targets, metres."""

@@ -7,16 +7,13 @@ distances within which nothing blocks it and the whole face is in view.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
+from rastercov.placement._arrays import FloatArray, IntArray
 from rastercov.placement.candidates.framing import Framing, fit_vertices, rolled_frames
 from rastercov.placement.candidates.hemicube import Hemicube, face_frames
 from rastercov.viewpoints import half_angles, look_at
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 INSET = 0.5
 """Relative position of three more points of a face, from the centroid towards each corner."""

@@ -21,13 +21,11 @@ from rastercov.camera import Camera
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
+from rastercov.placement._arrays import FloatArray, IntArray
 from rastercov.placement.candidates.framing import DEFAULT, Framing, rolled_frames, square_views
 from rastercov.placement.candidates.segments import Segmentation
 from rastercov.pose import valid_poses
 from rastercov.pose_file import read_poses
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 FOLDED_COSINE = -1 + 1e-9
 """Cosine between the normals of two faces back to back: the edge of a sheet, not of a corner."""

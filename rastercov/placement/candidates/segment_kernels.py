@@ -17,9 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov._jit import compiled
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from rastercov.placement._arrays import FloatArray, IntArray
 
 TASK, PASSED, BARRIER = 0, 1, 2
 """Role of a face in growing: labelled, passed through, or a barrier."""

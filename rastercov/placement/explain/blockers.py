@@ -9,17 +9,13 @@ of 64 x 64 samples takes about 0.1 ms and ranks the groups.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
+from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.projection import to_camera
 from rastercov.raster import open_rasterizer
 from rastercov.viewpoints import look_at
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 
 SIDE = 64
 """Samples along each side of a window; a face spans a half of it or more."""

@@ -24,14 +24,11 @@ from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
 from rastercov.network import Network, share_of_faces
 from rastercov.observer import Observer, open_observer
+from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.explain.blockers import in_front
 from rastercov.placement.explain.candidate_visibility import CandidateBounds, Sight, batches_in_view
 from rastercov.pose import valid_poses
 from rastercov.task import Reason, Task
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 
 __all__ = ["Leftover", "Sight", "what_is_left"]
 

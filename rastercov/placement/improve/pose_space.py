@@ -16,12 +16,10 @@ from rastercov._typed import check_fields
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
+from rastercov.placement._arrays import BoolArray, FloatArray
 from rastercov.placement.candidates.clearance import KeepOut, NearestSurface, in_solid
 from rastercov.pose import valid_poses
 from rastercov.viewpoints import look_at
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 POSITION_TOLERANCE_REL = 1e-9
 """Position tolerance relative to the mesh's diagonal, for cameras on the border of a box."""

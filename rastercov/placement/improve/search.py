@@ -15,18 +15,16 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov._arguments import check_seed
 from rastercov._typed import typed
 from rastercov.errors import ConfigError
 from rastercov.mesh.arrays import frozen
+from rastercov.placement._arrays import FloatArray, IntArray
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.pose import valid_poses
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 METHODS = ("random", "pso", "ga", "de")
 KNOWN_PLACES = 256

@@ -12,18 +12,15 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from annotated_types import Ge
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov._arguments import check_seed
 from rastercov._typed import check_fields, typed
 from rastercov.errors import ConfigError
 from rastercov.mesh.arrays import frozen
+from rastercov.placement._arrays import FloatArray
 from rastercov.placement.improve.objective import Objective
 from rastercov.pose import valid_poses
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 
 LEVELS = (0.0, 0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)
 """Reported quantiles; the first is the worst of all draws."""

@@ -5,10 +5,9 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.placement._arrays import IntArray
 from rastercov.placement.select import selection_kernels as kernels
 from rastercov.placement.select.presolve import ReducedProblem
-
-IntArray = NDArray[np.int64]
 
 PROGRESS_BITS = 20
 """Fractional bits below the unit of weight, for progress that does not yet cover a face."""

@@ -27,10 +27,10 @@ from threading import Lock, RLock
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov._typed import typed
 from rastercov.errors import ConfigError, ResourceError
+from rastercov.placement._arrays import FloatArray, IntArray
 from rastercov.placement.select import selection_kernels as kernels
 from rastercov.placement.select.cover_state import CoverState
 from rastercov.placement.select.deadline import Deadline, TimeUpError
@@ -46,9 +46,6 @@ from rastercov.placement.select.selection import (
     relative_gap,
     share_of,
 )
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 MOST_PAIRS = 20_000_000
 """Greatest number of candidate-face pairs; HiGHS takes 4 GB for them."""

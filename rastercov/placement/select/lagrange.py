@@ -17,14 +17,12 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rastercov.placement._arrays import FloatArray
 from rastercov.placement.select import lagrange_kernels as kernels
 from rastercov.placement.select.deadline import NEVER, Deadline
 from rastercov.placement.select.presolve import ReducedProblem
 from rastercov.placement.select.problem import BestCoverage, FewestCameras
-
-FloatArray = NDArray[np.float64]
 
 EFFORT = 300_000_000
 """Pairs to process, about a second; `FEWEST_STEPS` steps at least, for any number of pairs."""

@@ -21,12 +21,9 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov._typed import check_fields, typed
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
+from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.matrix import VisibilityMatrix
 from rastercov.placement.select import selection_kernels as kernels
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 
 TOTAL_WEIGHT = 1 << 40
 """Total of `Problem.integer_weights`, unless the weights are integers with a smaller sum."""
