@@ -171,8 +171,6 @@ def filter_candidates(
 
     Parameters
     ----------
-    candidates : Candidates
-        Poses of any sources.
     mesh : Mesh
         All its faces are surfaces, including occluders. Closed and consistently wound components
         are solid: a point is in matter where their winding numbers have a positive sum; a component

@@ -17,8 +17,8 @@ from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.placement._arrays import FloatArray
 from rastercov.placement.candidates.clearance import NearestSurface
-from rastercov.placement.candidates.framing import DEFAULT, Framing, rolled_frames
-from rastercov.placement.candidates.pool import Candidates
+from rastercov.placement.candidates.framing import DEFAULT, Framing
+from rastercov.placement.candidates.pool import Candidates, rolled_candidates
 from rastercov.viewpoints import enclosing_distance, fibonacci_sphere, look_at
 
 Aim = Callable[[Mesh, FloatArray], FloatArray]
@@ -225,14 +225,14 @@ def on_ceiling(
     inset: float = 0.1,
 ) -> Candidates:
     """Views from under the ceiling of a room, `inset` from it and the walls; z is up."""
+    room = np.stack(_box(mesh, bounds, -inset))
     return on_box(
         mesh,
         camera,
         framing,
         spacing=spacing,
         aim=aim,
-        bounds=bounds,
-        outward=-inset,
+        bounds=room,
         sides=CEILING,
         source="ceiling",
     )
@@ -288,10 +288,7 @@ def _aimed(mesh: Mesh, framing: Framing, eyes: FloatArray, aim: Aim, source: str
     eyes, targets = eyes[seeing], targets[seeing]
     if not len(eyes):
         return Candidates.of(np.zeros((0, 4, 4)), source)
-    upright = look_at(eyes, targets, framing.up)
-    poses = np.repeat(upright, len(framing.rolls_deg), axis=0)
-    poses[:, :3, :3] = rolled_frames(upright[:, :3, :3], framing.rolls_deg).reshape(-1, 3, 3)
-    return Candidates.of(poses, source)
+    return rolled_candidates(look_at(eyes, targets, framing.up), source, -1, framing)
 
 
 def _box(mesh: Mesh, bounds: ArrayLike | None, outward: float) -> tuple[FloatArray, FloatArray]:

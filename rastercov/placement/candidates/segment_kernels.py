@@ -48,15 +48,8 @@ def holds(hull: IntArray, count: int, x: int, y: int) -> bool:
 def extend(hull: IntArray, count: int, x: int, y: int, face: int) -> int:
     """Number of corners of the hull after a point is added.
 
-    Parameters
-    ----------
-    hull : (N, 3) int64
-        Corners in anticlockwise order, two coordinates and the face of each; changed. Two rows
-        more than there will be corners.
-    count : int
-        Corners in use.
-    x, y, face : int
-        The point.
+    `hull`, (N, 3) int64, has two coordinates and the face of each of `count` corners, in
+    anticlockwise order; it is changed, and needs two rows more than there will be corners.
     """
     points = np.empty((count + 1, 3), np.int64)
     points[:count] = hull[:count]
