@@ -19,8 +19,6 @@ class CoverState:
 
     Parameters
     ----------
-    reduced : ReducedProblem
-        The problem.
     finish : bool
         Worth of a step towards covering a face: an equal part of its weight, or nearly nothing
         before the last step, so that faces are finished. Equal where one view is enough.

@@ -41,7 +41,7 @@ def best_weight(
     Parameters
     ----------
     reduced : ReducedProblem
-        Of a problem whose goal is `BestCoverage`.
+        Its goal is `BestCoverage`.
     reached : int
         Weight of a known selection; sets the length of the steps.
     effort : int
@@ -80,11 +80,9 @@ def least_cost(
     Parameters
     ----------
     reduced : ReducedProblem
-        Of a problem whose goal is `FewestCameras`.
+        Its goal is `FewestCameras`; effort and deadline as for `best_weight`.
     cost : float
         Cost of a known selection that does; sets the length of the steps.
-    effort, deadline
-        As for `best_weight`.
     """
     assert isinstance(reduced.problem.goal, FewestCameras)
     if reduced.least_total <= 0 and not (reduced.least > 0).any():

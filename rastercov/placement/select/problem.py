@@ -243,10 +243,8 @@ def problem_of(
 
     Parameters
     ----------
-    matrix, mesh
-        Visibility matrix, and the mesh it was made for.
-    goal : FewestCameras or BestCoverage
-        Goal of the selection.
+    mesh : Mesh
+        The one that the matrix was made for.
     weight_by : {"area", "count"}
         Weight of a face; only task faces count.
     views : int or mapping of str to int, optional

@@ -86,17 +86,7 @@ class Selection:
 
 
 def bound_of(reduced: ReducedProblem, state: CoverState, deadline: Deadline = NEVER) -> float:
-    """Lagrangian bound of the cost, or of the share.
-
-    Parameters
-    ----------
-    reduced : ReducedProblem
-        The problem.
-    state : CoverState
-        A selection that meets its requirements.
-    deadline : Deadline
-        As for `lagrange.best_weight`.
-    """
+    """Lagrangian bound of the cost, or of the share, from a selection that meets the goal."""
     if isinstance(reduced.problem.goal, BestCoverage):
         weight = lagrange.best_weight(reduced, state.covered, deadline=deadline)
         return share_of(reduced.problem, weight)
