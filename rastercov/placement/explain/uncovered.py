@@ -45,6 +45,13 @@ WORDS = {
     "no_cameras": "have no camera",
 }
 """Words on uncovered faces by the name of the reason."""
+COULD = {
+    "could_be_covered": "could be covered by one",
+    "seen_never_covered": "are seen by one, and covered by none",
+    "seen_by_no_candidate": "are seen by none: proved",
+    "unknown": "may be seen by one: not decided",
+}
+"""Words on uncovered faces by what the candidates prove of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,12 +118,9 @@ class Leftover:
     def summary(self) -> dict[str, Any]:
         """Figures in total and by group, by count and by area; ready for JSON."""
         mesh, task_faces = self.mesh, self.mesh.task_mask
-        parts = {
-            "could_be_covered": self.n_covering > 0,
-            "seen_never_covered": (self.n_covering == 0) & (self.sight == Sight.SOME),
-            "seen_by_no_candidate": (self.n_covering == 0) & (self.sight == Sight.NONE),
-            "unknown": (self.n_covering == 0) & (self.sight == Sight.UNKNOWN),
-        }
+        is_covered = self.n_covering > 0
+        shown = (~is_covered & (self.sight == s) for s in (Sight.SOME, Sight.NONE, Sight.UNKNOWN))
+        parts = dict(zip(COULD, (is_covered, *shown), strict=True))
         return {
             "cameras": self.n_cameras,
             "candidates": self.n_candidates,
@@ -163,12 +167,7 @@ class Leftover:
         lines += [f"  {_amount(share)} {WORDS[name]}" for name, share in reasons]
         if self.n_candidates:
             lines.append(f"Of these, with {self.n_candidates:,} candidates:")
-            for name, words in (
-                ("could_be_covered", "could be covered by one"),
-                ("seen_never_covered", "are seen by one, and covered by none"),
-                ("seen_by_no_candidate", "are seen by none: proved"),
-                ("unknown", "may be seen by one: not decided"),
-            ):
+            for name, words in COULD.items():
                 if summary[name]["faces"]:
                     lines.append(f"  {_amount(summary[name])} {words}")
         for group in summary["groups"]:

@@ -103,10 +103,6 @@ def refine(
 
     Parameters
     ----------
-    objective : Objective
-        Objective of the search.
-    space : PoseSpace
-        Constraints on positions and roll.
     poses : (k, 4, 4) array_like
         Start: the poses of a selection, of a search, or of a rig.
     step : float or (k,) floats, optional

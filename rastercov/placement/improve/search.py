@@ -10,8 +10,9 @@ J. Blank, K. Deb. pymoo: Multi-objective Optimization in Python. 2020.
 """
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import chain, repeat
 from typing import Any
 
 import numpy as np
@@ -85,10 +86,6 @@ def optimise(
 
     Parameters
     ----------
-    objective : Objective
-        Objective of the search.
-    space : PoseSpace
-        Constraints on positions and directions.
     cameras : int
         Cameras k of the network, 1 or more.
     method : {"random", "pso", "ga", "de"}
@@ -250,13 +247,8 @@ Tell = Callable[[FloatArray], None]
 
 
 def _random(first: FloatArray, rng: np.random.Generator) -> tuple[Ask, Tell]:
-    def generations() -> Iterator[FloatArray]:
-        yield first
-        while True:
-            yield rng.random(first.shape)
-
-    rows = generations()
-    return lambda: next(rows), lambda shares: None
+    generations = chain([first], (rng.random(first.shape) for _ in repeat(None)))
+    return lambda: next(generations), lambda shares: None
 
 
 def _pymoo(method: str, first: FloatArray, seed: int) -> tuple[Ask, Tell]:

@@ -157,16 +157,12 @@ class Tolerance:
     @property
     def critical(self) -> int:
         """Camera whose removal costs most, the first of equals; -1 where there is none."""
-        if not self.cameras:
-            return -1
-        return int(np.argmin([camera.without for camera in self.cameras]))
+        return _first_least([camera.without for camera in self.cameras])
 
     @property
     def most_sensitive(self) -> int:
         """Camera whose own error costs most on average: the first of equals; -1 for none."""
-        if not self.cameras:
-            return -1
-        return int(np.argmin([camera.alone.mean for camera in self.cameras]))
+        return _first_least([camera.alone.mean for camera in self.cameras])
 
     def summary(self) -> dict[str, Any]:
         """Figures without draws and faces, ready for JSON."""
@@ -187,6 +183,10 @@ class Tolerance:
         }
 
 
+def _first_least(values: list[float]) -> int:
+    return int(np.argmin(values)) if values else -1
+
+
 @typed
 def tolerance(
     objective: Objective,
@@ -202,8 +202,6 @@ def tolerance(
 
     Parameters
     ----------
-    objective : Objective
-        Objective that counts covered faces.
     poses : (k, 4, 4) array_like
         world_from_camera, as planned.
     error : InstallationError
