@@ -111,7 +111,7 @@ def square_views(
         Weight of each member in the averages; all equal by default, as in the thesis.
     """
     least, greatest = framing.limits(camera)
-    tangents = half_angles(camera)
+    half_angles(camera)  # raises for a camera that cannot be aimed, even without groups
     n_groups, n_rolls = int(group.max(initial=-1)) + 1, len(framing.rolls_deg)
     if not n_groups:
         return np.zeros((0, n_rolls, 3, 3)), np.zeros((0, n_rolls, 3))
@@ -132,7 +132,7 @@ def square_views(
     for roll in range(n_rolls):
         seen = corners @ frames[group, roll]
         fitting = fit_vertices if framing.fit == "vertices" else _fit_extent
-        distance[:, roll] = fitting(camera, framing, tangents, seen, starts)
+        distance[:, roll] = fitting(camera, framing, seen, starts)
     distance = np.clip(distance, least, greatest)
     eyes = middle + target[:, None] + distance[..., None] * normal[:, None]
     return frames, eyes
@@ -158,27 +158,17 @@ def turns_about_z(angles: FloatArray) -> FloatArray:
     return turns
 
 
-def _fit_extent(
-    camera: Camera,
-    framing: Framing,
-    tangents: tuple[float, float],
-    seen: FloatArray,
-    starts: IntArray,
-) -> FloatArray:
+def _fit_extent(camera: Camera, framing: Framing, seen: FloatArray, starts: IntArray) -> FloatArray:
     """(G,) W/2 cot(HFOV/2) or H/2 cot(VFOV/2), the larger, of (N, 3, 3) corners in camera axes."""
     low = np.minimum.reduceat(seen.min(axis=1), starts)
     high = np.maximum.reduceat(seen.max(axis=1), starts)
     halves = framing.margin * (high - low)[:, :2] / 2
-    distance: FloatArray = (halves / tangents).max(axis=1)
+    distance: FloatArray = (halves / half_angles(camera)).max(axis=1)
     return distance
 
 
 def fit_vertices(
-    camera: Camera,
-    framing: Framing,
-    tangents: tuple[float, float],
-    seen: FloatArray,
-    starts: IntArray,
+    camera: Camera, framing: Framing, seen: FloatArray, starts: IntArray
 ) -> FloatArray:
     """(G,) distance from which all of (N, 3, 3) corners, from the target, are in view and focus.
 
@@ -189,7 +179,7 @@ def fit_vertices(
     z_n = max(z_n, camera.near) * (1 + FRAMING_MARGIN_REL)
     offset = np.abs(seen[..., :2]) * (framing.margin * (1 + FRAMING_MARGIN_REL))
     depth = seen[..., 2]
-    need = np.maximum((offset / tangents).max(axis=-1), z_n) - depth
+    need = np.maximum((offset / half_angles(camera)).max(axis=-1), z_n) - depth
     distance = np.maximum.reduceat(need.max(axis=1), starts)
     beyond = np.maximum.reduceat(depth.max(axis=1), starts)
     before = np.minimum.reduceat(depth.min(axis=1), starts)

@@ -13,7 +13,7 @@ from rastercov.mesh import Mesh
 from rastercov.placement._arrays import FloatArray, IntArray
 from rastercov.placement.candidates.framing import Framing, fit_vertices, rolled_frames
 from rastercov.placement.candidates.hemicube import Hemicube, face_frames
-from rastercov.viewpoints import half_angles, look_at
+from rastercov.viewpoints import look_at
 
 INSET = 0.5
 """Relative position of three more points of a face, from the centroid towards each corner."""
@@ -97,13 +97,8 @@ class OpenDirections:
         upright = look_at(directions, np.zeros(3), framing.up)[:, :3, :3]
         frames = rolled_frames(upright, framing.rolls_deg)
         starts = np.arange(len(directions))
-        distances = [
-            fit_vertices(
-                camera, framing, half_angles(camera),
-                np.einsum("ki,mij->mkj", self.corners - self.target, frames[:, roll]), starts,
-            )
-            for roll in range(len(framing.rolls_deg))
-        ]  # fmt: skip
+        seen = np.einsum("ki,mrij->rmkj", self.corners - self.target, frames)
+        distances = [fit_vertices(camera, framing, of_roll, starts) for of_roll in seen]
         farthest: FloatArray = np.maximum(np.max(distances, axis=0), self.limits[0])
         return farthest
 
