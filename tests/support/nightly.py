@@ -1,0 +1,15 @@
+"""What is too long for `make test`; it runs where RASTERCOV_NIGHTLY=1."""
+
+import os
+
+import pytest
+from hypothesis import settings
+
+IS_NIGHTLY = os.environ.get("RASTERCOV_NIGHTLY") == "1"
+
+nightly = pytest.mark.skipif(not IS_NIGHTLY, reason="takes long; RASTERCOV_NIGHTLY=1 runs it")
+
+
+def examples(count, at_night=100):
+    """Settings of a hypothesis test: its number of examples, by day and by night."""
+    return settings(max_examples=at_night if IS_NIGHTLY else count)
