@@ -1,4 +1,4 @@
-"""What is too long for `make test`; it runs where RASTERCOV_NIGHTLY=1."""
+"""Marks and settings of tests too long for `make test`; RASTERCOV_NIGHTLY=1 runs them in full."""
 
 import os
 
