@@ -144,6 +144,7 @@ def test_a_network_without_cameras_is_a_local_optimum(objective):
     assert (result.share, result.status, result.evaluations) == (0.0, "local optimum", 0)
 
 
+@pytest.mark.slow
 def test_free_roll_rolls(objective):
     free = replace(SPACE, boxes=None, is_roll_free=True)
     start = network(1, 4)

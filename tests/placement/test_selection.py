@@ -231,6 +231,7 @@ def test_a_gain_is_what_adding_the_camera_adds(problem, cameras, finish):
         np.testing.assert_array_equal(state.gain, gains)
 
 
+@pytest.mark.slow
 @examples(20)
 @given(problems())
 def test_improvement_never_loses(problem):

@@ -81,6 +81,7 @@ def test_the_same_seed_gives_the_same_draws_however_they_are_batched(objective, 
     assert (one.together.shares != other.together.shares).any()
 
 
+@pytest.mark.slow
 def test_greater_errors_leave_less(objective):
     means = [
         tolerance(objective, POSES, InstallationError(angle_deg=angle), draws=20).together.mean

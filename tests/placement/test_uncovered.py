@@ -163,6 +163,7 @@ def test_a_candidate_in_the_plane_of_a_face_does_not_see_it():
     assert (found.sight[faces] == Sight.NONE).all()
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 10_000))
 @examples(5)
 def test_the_bounds_hold_what_candidates_see_and_those_left_out_see_nothing(seed):
