@@ -23,8 +23,8 @@ sys.path.append(str(Path(__file__).parents[1] / "tests" / "support"))
 from matrix_damage import campaign
 from set_cover_cases import (
     FOLDER,
+    HARD_FOR_THE_CLOCK,
     OPTIMA,
-    hard_for_the_clock,
     random_cover,
     read_set_cover,
     steiner,
@@ -68,7 +68,7 @@ def limits(report: Report, seconds: tuple[float, ...]) -> None:
     problems: dict[str, Callable[[], Problem]] = {
         name: partial(read_set_cover, FOLDER / f"{name}.txt.xz") for name in OPTIMA
     }
-    problems |= {name: partial(hard_for_the_clock().get, name) for name in hard_for_the_clock()}
+    problems |= HARD_FOR_THE_CLOCK
     problems["Steiner A45"] = lambda: problem_of_matrix(steiner(45))
     problems["10,000 x 10,000, sparse"] = lambda: random_cover(10_000, 10_000, 0.001)
     problems["10,000 x 10,000"] = lambda: random_cover(10_000, 10_000, 0.02)

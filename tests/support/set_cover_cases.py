@@ -1,6 +1,7 @@
 """Set-cover problems whose optimum is known: published files, triple systems, brute force."""
 
 import runpy
+from functools import partial
 from itertools import combinations, permutations
 from pathlib import Path
 
@@ -72,12 +73,11 @@ def random_cover(n_candidates, n_faces, share, goal=None, *, angle_deg=0.0, seed
     return problem_of_matrix(covers, goal or FewestCameras(of_reachable=True), **options)
 
 
-def hard_for_the_clock():
-    """Problems of which some part takes long without a look at the clock, by what that is."""
-    return {
-        "many cameras to improve and to order": random_cover(4000, 4000, 0.0025),
-        "a presolve that does not listen": random_cover(
-            1000, 2000, 0.1, BestCoverage(20), angle_deg=40
-        ),
-        "directions to separate": random_cover(300, 2000, 0.1, angle_deg=20),
-    }
+HARD_FOR_THE_CLOCK = {
+    "many cameras to improve and to order": partial(random_cover, 4000, 4000, 0.0025),
+    "a presolve that does not listen": partial(
+        random_cover, 1000, 2000, 0.1, BestCoverage(20), angle_deg=40
+    ),
+    "directions to separate": partial(random_cover, 300, 2000, 0.1, angle_deg=20),
+}
+"""Functions that make a problem of which some part takes long without a look at the clock."""

@@ -23,11 +23,8 @@ from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import encloses_volume
 from rastercov.mesh.topology import edge_table
 from rastercov.mesh.triangle_tree import TriangleTree
+from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.candidates.pool import Candidates
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 ROOM_TOLERANCE_REL = 0.01
 """Length, in diagonals of the mesh, by which parts may extend beyond the walls of a room."""
@@ -176,8 +173,6 @@ def filter_candidates(
 
     Parameters
     ----------
-    candidates : Candidates
-        Poses of any sources.
     mesh : Mesh
         All its faces are surfaces, including occluders. Closed and consistently wound components
         are solid: a point is in matter where their winding numbers have a positive sum; a component
