@@ -11,10 +11,13 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from PIL import Image
+
 from rastercov._format import number, percent, plural
 from rastercov._interrupts import interrupts_held
 from rastercov._output import write_bytes, write_json, write_text
 from rastercov.report.folder import ReportFolder
+from rastercov.report.images import png
 from rastercov.report.theme import DARK, LIGHT
 
 if TYPE_CHECKING:
@@ -28,6 +31,11 @@ class Picture:
     alt: str
     light: bytes
     dark: bytes | None = None
+
+    @classmethod
+    def of(cls, alt: str, image: Image.Image) -> "Picture":
+        """A drawing in 255 colours, with its small areas of a colour of their own."""
+        return cls(alt, png(image, Image.Quantize.FASTOCTREE))
 
 
 def rendered(template: str, **values: Any) -> str:
