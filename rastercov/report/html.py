@@ -48,19 +48,8 @@ def publish(
 ) -> Path:
     """Write the pictures, the page and the JSON of a report, and publish them with signals held.
 
-    Parameters
-    ----------
-    folder : ReportFolder
-        Open; its last file, such as compare.json, names the page, such as compare.html.
-    page, data
-        HTML, and content of the JSON file.
-    pictures : mapping, optional
-        By the names of their files without ".png".
-
-    Returns
-    -------
-    Path
-        Of the page.
+    The last file of the folder, such as compare.json, names the page, such as compare.html, whose
+    path is returned. Pictures are given by the names of their files without ".png".
     """
     name = Path(folder.kind.last).stem
     with interrupts_held():

@@ -97,18 +97,10 @@ def network_picture(
     best_pose: ArrayLike | None = None,
     names: Sequence[str] = (),
 ) -> Image.Image:
-    """The cameras around the part as view pyramids, figures 6.10 and 6.11.
+    """The cameras of poses (K, 4, 4) around the part as view pyramids, figures 6.10 and 6.11.
 
-    Parameters
-    ----------
-    mesh, camera
-        The part and the camera of all poses.
-    poses : (K, 4, 4) array_like
-        world_from_camera.
-    best_pose : (F,) int array_like, optional
-        Camera that covers each face best and gives its colour; -1 for none.
-    names : sequence of K str, optional
-        Labels of the cameras; 1, 2, ... unless given.
+    `best_pose`, (F,), is the camera that covers each face best and gives its colour, -1 for none;
+    the labels of the cameras are 1, 2, ... unless K names are given.
     """
     matrices = np.asarray(poses, np.float64).reshape(-1, 4, 4)
     count = len(matrices)

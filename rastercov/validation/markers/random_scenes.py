@@ -174,22 +174,10 @@ def run_random(
     requirements: Sequence[Requirement] = (THESIS, DETECTOR),
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> RandomStudy:
-    """Draw, photograph and score random scenes.
+    """Draw, photograph and score random scenes by each model of `asked`, see `scoring.models`.
 
-    Parameters
-    ----------
-    renderer : MarkerRenderer
-        Draws the scenes.
-    count, seed : int
-        Number of scenes, and their seed.
-    asked : dict
-        Models by name, see `scoring.models`.
-    obstacle : float
-        As for `random_scene`.
-    requirements : sequence of Requirement
-        Thresholds for every model.
-    progress : callable
-        Called with the scenes done and the scenes in all.
+    Every model is scored by each of the requirements. `progress` gets the scenes done and the
+    scenes in all.
     """
     start = time.perf_counter()
     outcomes = []

@@ -93,18 +93,8 @@ def converge(
 ) -> Convergence:
     """Errors of counted figures at each level of a sweep, and the power law through them.
 
-    Parameters
-    ----------
-    name : str
-        For `Convergence.method`.
-    opener : callable
-        Opens the rasteriser.
-    sweep : str
-        Key of `SWEEPS`.
-    mesh, camera, known
-        Scene, and true fractions of faces in some poses.
-    step : callable
-        Called after each pose of each level.
+    `name` is that of the method, `sweep` a key of `SWEEPS`, `known` has true fractions of faces in
+    some poses, and `step` is called after each pose of each level.
     """
     scales = levels(sweep, camera)
     least = MIN_SAMPLES / scales[0] ** 2
