@@ -241,7 +241,7 @@ def _requirement(
     """Section of the page about random scenes by one requirement."""
     return {
         "name": requirement.name,
-        "clear": clear_line(study, requirement).capitalize(),
+        "clear_line": clear_line(study, requirement).capitalize(),
         "scores": [score_row(score) for score in _scores_by(study, requirement)],
         "plot": pictures[f"calibration_{requirement.name}"],
         "calibration": calibration_rows(study.score_of(OURS, requirement)),

@@ -20,6 +20,7 @@ from rastercov.mesh import Group, Mesh
 from rastercov.network import Network
 from rastercov.observation import BoundKind
 from rastercov.observer import open_observer
+from rastercov.raster import open_rasterizer
 from rastercov.raster.contract import RasterizerInfo, VisibilityBuffer
 from rastercov.report import coverage_table, tables, theme
 from rastercov.report import images as pictures
@@ -173,7 +174,7 @@ def test_table_writes_as_it_goes_and_holds_no_more_than_a_row_group(tmp_path, mo
 
 @pytest.mark.slow
 def test_memory_of_arrow_does_not_grow_with_the_run(tmp_path):
-    batch = made_up(shapes.torus(50, 25), poses=200)
+    batch = made_up(shapes.torus(50, 25), poses=60)
     sizes = []
     with coverage_table.CoverageTable(tmp_path / "pairs.parquet") as table:
         for _ in range(12):
@@ -527,13 +528,13 @@ def test_contact_sheet_refuses_what_makes_no_sheet():
         pictures.contact_sheet([image], [""], columns=0)
 
 
-def test_picture_of_a_rendered_pose(open_raster):
+def test_picture_of_a_rendered_pose():
     mesh = shapes.room(4).with_groups(occluders=["crates"])
     pose = look_at((-2.7, -2.2, 1.9), (1, 0.5, 0.3))[0]
     camera = Camera(width=480, height=360, fx=240, fy=240, cx=240, cy=180)
-    rasterizer = open_raster(mesh, camera)
     coverage = evaluate(mesh, camera, pose)
-    buffer = rasterizer.render(pose)
+    with open_rasterizer(mesh, camera, "cpu") as rasterizer:
+        buffer = rasterizer.render(pose)
     pixels = pictures.coverage_pixels(buffer, coverage.coverage[0], mesh, pose).astype(int)
     is_task = np.append(mesh.task_mask, False)[buffer.face]
     assert is_task.any()
