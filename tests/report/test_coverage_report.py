@@ -399,5 +399,5 @@ def test_memory_does_not_grow_with_the_batches(tmp_path, small_batches, monkeypa
         return size
 
     peak(8)  # what is made once
-    few, many = peak(20), peak(120)
-    assert (many - few) / 100 < 2000
+    few, many = peak(20), peak(70)
+    assert (many - few) / 50 < 2000

@@ -1,4 +1,4 @@
-"""Pages that stand alone: tags closed in order, a description a picture, no script, no request."""
+"""Pages without outside resources: tags in order, a description a picture, no script or request."""
 
 import re
 from html.parser import HTMLParser
