@@ -3,11 +3,11 @@
 import os
 import subprocess
 import sys
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from bounds_checked import run_checked
 from hostile_scenes import scene
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -27,7 +27,6 @@ from rastercov.raster.cpu.memory import (
 )
 from rastercov.viewpoints import look_at, sphere_of_poses
 
-SUPPORT = Path(__file__).parents[1] / "support"
 CAMERA = Camera(width=160, height=120, fx=140, fy=150)
 
 
@@ -342,7 +341,7 @@ def test_no_scene_writes_past_its_scratch_memory():
             **{name: fenced(getattr(record, name)) for name in record._fields if is_array[name]}
         )
 
-    for _ in range(250):
+    for _ in range(100):
         mesh, camera, poses, scale = scene(rng)
         fences.clear()
         roll = rng.choice((0, rng.uniform(-2, 2)))
@@ -357,77 +356,30 @@ def test_no_scene_writes_past_its_scratch_memory():
         assert all((fence == 77).all() for fence in fences)
 
 
-@pytest.mark.slow
-def test_no_scene_reaches_past_the_scratch_memory(tmp_path):
-    checked = {"NUMBA_BOUNDSCHECK": "1", "NUMBA_CACHE_DIR": str(tmp_path)}
-    script = SUPPORT / "hostile_scenes.py"
-    done = subprocess.run(
-        [sys.executable, script, "1500"],
-        env=os.environ | checked,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
+@pytest.mark.compile
+@pytest.mark.parametrize("is_rolled", [False, True])
+def test_no_scene_reaches_past_the_scratch_memory(is_rolled):
+    run_checked(f"import hostile_scenes; hostile_scenes.check_scenes(250, {is_rolled})")
 
 
-@pytest.mark.slow
-def test_no_scene_reaches_past_the_scratch_memory_when_rolled(tmp_path):
-    code = """
-import numpy as np
-from hostile_scenes import scene
-from rastercov.raster.cpu import CPURasterizer
-rng = np.random.default_rng(1)
-for _ in range(500):
-    mesh, camera, poses, scale = scene(rng)
-    roll = rng.uniform(-2, 2)
-    with CPURasterizer(mesh, camera, threads=1, supersample=scale, roll=roll) as rasterizer:
-        both, alone = rasterizer.count(poses), rasterizer.count(poses, drawn=False)
-    assert np.array_equal(both.visible, alone.visible)
-    assert (both.visible >= 0).all() and (both.visible <= both.drawn).all()
-    assert (both.background >= 0).all()
-"""
-    checked = {"NUMBA_BOUNDSCHECK": "1", "NUMBA_CACHE_DIR": str(tmp_path)}
-    tests = {"PYTHONPATH": str(SUPPORT)}
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        env=os.environ | checked | tests,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-
-
-@pytest.mark.slow
+@pytest.mark.compile
 def test_every_processor_counts_alike(tmp_path):
     # As one whose vectors are the shortest that there are.
     code = """
 import sys
 import numpy as np
-from test_cpu import SCENES, count
-counts = [count(mesh, poses) for mesh, poses in SCENES.values()]
-np.savez(sys.argv[1], *[n for c in counts for n in (c.visible, c.drawn, c.background)])
+from test_cpu import all_counts
+np.savez(sys.argv[1], *all_counts())
 """
-    plain = {
-        "NUMBA_CPU_NAME": "generic",
-        "NUMBA_CPU_FEATURES": "",
-        "NUMBA_CACHE_DIR": str(tmp_path),
-        "PYTHONPATH": os.pathsep.join((str(Path(__file__).parent), str(SUPPORT))),
-    }
-    done = subprocess.run(
-        [sys.executable, "-c", code, tmp_path / "counts.npz"],
-        env=os.environ | plain,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
+    run_checked(code, tmp_path / "counts.npz", folder="raster")
     with np.load(tmp_path / "counts.npz") as file:
-        found = list(file.values())
+        for found, expected in zip(file.values(), all_counts(), strict=True):
+            assert np.array_equal(found, expected)
+
+
+def all_counts():
     counts = [count(mesh, poses) for mesh, poses in SCENES.values()]
-    expected = [n for c in counts for n in (c.visible, c.drawn, c.background)]
-    assert all(np.array_equal(a, b) for a, b in zip(found, expected, strict=True))
+    return [numbers for c in counts for numbers in (c.visible, c.drawn, c.background)]
 
 
 def test_a_compiler_that_errs_is_not_trusted(monkeypatch):
@@ -484,7 +436,7 @@ def test_auto_is_the_cpu_without_hardware_and_opengl_when_its_options_are_given(
         assert rasterizer.info.backend == "gl"
 
 
-@pytest.mark.slow
+@pytest.mark.compile
 def test_it_runs_without_a_graphics_library_or_a_place_to_keep_compiled_loops(tmp_path):
     # A locator that finds nowhere to write is what a read-only installation gives.
     code = """
