@@ -5,18 +5,18 @@ import pytest
 from coplanar_scenes import CAMERA as SMALL
 from coplanar_scenes import SCENES as COPLANAR
 from coplanar_scenes import views, wrong_samples
-from test_raster_laws import CAMERA, SCENES, assert_same_image
+from image_laws import assert_same_image, reference_view
+from test_raster_laws import CAMERA, SCENES, scene_of
 
 from rastercov.raster.cpu import CPURasterizer
 from rastercov.raster.gl import GLRasterizer
-from rastercov.reference import samples
 
 FEW = 1e-3
 
 
 @pytest.fixture(params=SCENES)
 def scene(request):
-    return SCENES[request.param]()
+    return scene_of(request.param)
 
 
 def images(mesh, camera, poses, device, plan):
@@ -43,7 +43,7 @@ def test_osmesa_sees_what_the_reference_sees(osmesa_context, plan, scene):
     for pose, found in zip(
         poses, images(mesh, CAMERA, poses, osmesa_context, plan)[0], strict=True
     ):
-        expected = samples.render(mesh, CAMERA, pose)
+        expected = reference_view(mesh, CAMERA, pose)
         assert_same_image(found.face, expected.face, mesh, CAMERA, pose)
 
 
