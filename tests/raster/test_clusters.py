@@ -168,7 +168,7 @@ def test_clusters_hold_the_mesh_bit_for_bit(name, is_wound):
 
 
 @given(SOUPS, st.booleans())
-@settings(max_examples=100)
+@settings(max_examples=25)
 def test_clusters_hold_any_soup_bit_for_bit(mesh, is_wound):
     assert_holds_the_mesh(*made(*mesh, is_wound))
 
@@ -180,7 +180,7 @@ def test_bounds_of_clusters_hold(name, is_wound):
 
 
 @given(SOUPS, st.booleans())
-@settings(max_examples=100)
+@settings(max_examples=25)
 def test_bounds_of_clusters_hold_for_any_soup(mesh, is_wound):
     assert_bounds_hold(made(*mesh, is_wound)[2])
 
@@ -347,6 +347,7 @@ CAMERAS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("view", CAMERAS)
 @pytest.mark.parametrize("name", MESHES)
 def test_leaving_out_clusters_changes_no_count(name, view):
@@ -413,6 +414,7 @@ def share_looked_at(mesh, camera, pose):
     return looked_at / len(bounds)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mesh", [shapes.torus(120, 90), shapes.box(n=30)], ids=repr)
 def test_a_pose_does_not_look_at_clusters_turned_away_or_outside(mesh):
     # Else nothing is wrong, but much is slow.

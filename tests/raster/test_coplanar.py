@@ -23,18 +23,20 @@ from rastercov.viewpoints import look_at, sphere_of_poses
 AHEAD = np.eye(4)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("kind", SCENES)
 def test_of_overlapping_faces_of_one_plane_the_lowest_is_seen(open_raster, kind, seed):
     rng = np.random.default_rng(seed)
     mesh = SCENES[kind](rng)
     with open_raster(mesh, CAMERA) as rasterizer:
-        for pose in views(rng, mesh, 3):
+        for pose in views(rng, mesh, 2):
             wrong = wrong_samples(mesh, CAMERA, pose, rasterizer.render(pose).face)
             assert not len(wrong), f"{len(wrong)} samples, the first at {wrong[0]}"
 
 
 # Each of these has a face that reaches behind the eye and is cut a millionth of its size before it.
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "kind"), [(163, "triangulations"), (210, "polygons"), (238, "triangulations"),
                        (304, "triangulations"), (391, "triangulations")],
@@ -49,7 +51,7 @@ def test_a_face_that_is_cut_keeps_its_plane(open_raster, seed, kind):
 
 @pytest.mark.slow
 @settings(
-    max_examples=40,
+    max_examples=12,
     deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
@@ -79,6 +81,7 @@ def test_overlaps_are_counted_as_they_are_drawn(open_raster, options):
     assert counts.visible[0, 2:].sum() < counts.drawn[0, 2:].sum()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("limits", [{"max_faces_a_draw": 3}, {"max_tile": 32}])
 def test_draws_and_tiles_change_nothing_where_faces_overlap(open_gl, limits):
     rng = np.random.default_rng(3)
@@ -201,13 +204,14 @@ def test_faces_folded_onto_each_other_overlap():
     assert coplanar_overlaps(folded).all()
 
 
+@pytest.mark.slow
 def test_overlaps_are_found_in_any_position():
     rng = np.random.default_rng(0)
     pair = joined(square(1, 2), square(0.2, 2, (0.7, -0.5)))
     expected = coplanar_overlaps(pair)
     assert expected.any()
     assert not expected.all()
-    for _ in range(200):
+    for _ in range(60):
         turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
         where = rng.normal(size=3) * 10.0 ** rng.uniform(-2, 4)
         mesh = Mesh(vertices=pair.vertices @ turn + where, faces=pair.faces)
@@ -225,6 +229,7 @@ def test_more_pairs_than_are_looked_at_count_as_overlaps(monkeypatch):
     assert (again | ~expected).all()
 
 
+@pytest.mark.slow
 def test_close_views_of_overlaps_are_as_far_ones(open_raster):
     # A floor tiled twice, and the eye a thousandth of its size above it: faces reach behind it.
     one, other = shapes.tessellated_plane(3, 3, jitter=0), shapes.tessellated_plane(4, 5, seed=1)

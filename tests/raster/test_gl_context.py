@@ -502,7 +502,7 @@ def test_a_context_that_was_closed_leaves_less_than_a_page_behind(context, kind)
     if kind == "our-osmesa":
         open_or_skip("osmesa").release()
     script = Path(__file__).parents[2] / "benchmarks" / "contexts.py"
-    command = [sys.executable, str(script), "--kind", kind, "--rounds", "150"]
+    command = [sys.executable, str(script), "--kind", kind, "--rounds", "60"]
     root = str(Path(devices.__file__).parents[3])
     environment = {**os.environ, "PYTHONPATH": root}
     done = subprocess.run(

@@ -67,8 +67,9 @@ def old_context(monkeypatch):
         context.release()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("extensions", [(), ("GL_ARB_clip_control",)])
-@pytest.mark.parametrize(("supersample", "roll"), [(1, 0.0), (2, 0.0), (1, 0.4)])
+@pytest.mark.parametrize(("supersample", "roll"), [(2, 0.0), (1, 0.4)])
 def test_device_without_storage_buffers_gives_the_same_counts(
     device, old_context, extensions, supersample, roll
 ):
@@ -115,7 +116,7 @@ def test_supersample_is_a_small_whole_number(supersample):
         open_rasterizer(MESH, CAMERA, "gl", supersample=supersample)
 
 
-@pytest.mark.parametrize("roll", [np.nan, np.inf, "0.4", True, None])
+@pytest.mark.parametrize("roll", [np.nan, "0.4", None])
 def test_roll_is_an_angle(roll):
     with pytest.raises(ConfigError, match="roll must be an angle in radians"):
         open_rasterizer(MESH, CAMERA, "cpu", roll=roll)
@@ -158,6 +159,7 @@ def test_drawn_pixels_that_were_not_counted_are_refused(rasterizer):
 # --- threads, processes, lifetimes ----------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_fork_is_told_apart_from_a_hang():
     code = """
 import os
@@ -247,6 +249,7 @@ def test_what_holds_a_device_or_scratch_memory_cannot_be_copied_or_pickled(open_
     assert rasterizer.count(POSES).visible.any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["certified", "sampled"])
 def test_an_observer_cannot_be_pickled(method):
     options = {"backend": "gl", "device": "surfaceless"} if method == "sampled" else {}
@@ -347,6 +350,7 @@ def one_count_moved(counters):
     return counters
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plan", PLANS)
 @pytest.mark.parametrize("roll", [0.0, 0.4])
 @pytest.mark.parametrize("wrong", [np.zeros_like, one_count_moved])
@@ -382,6 +386,7 @@ def no_depth_test(monkeypatch):
     monkeypatch.setattr(Compute, "_fill", clear_again)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fail", [stuck, blind, no_depth_test])
 def test_device_that_goes_wrong_later_is_caught_within_the_interval(open_gl, monkeypatch, fail):
     monkeypatch.setattr(rasterizer_module, "SELF_TEST_INTERVAL", 8)
