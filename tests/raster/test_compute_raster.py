@@ -1,17 +1,14 @@
 """What only the plan "compute" has: a queue of large triangles, two ways to the nearest face."""
 
 import dataclasses
-import os
-import subprocess
-import sys
-from pathlib import Path
 
 import hostile_scenes
 import numpy as np
 import pytest
+from image_laws import assert_same_counts
+from processes import TESTS, run_python
 from scenes import joined, square
 
-import rastercov
 from rastercov import shapes
 from rastercov.camera import Camera
 from rastercov.errors import DeviceError, ResourceError
@@ -144,14 +141,13 @@ def test_a_queue_that_is_too_small_is_filled_again_with_less(
 ):
     monkeypatch.setattr(compute, "MAX_PIECES", 1)
     mesh = Mesh(vertices=many_large.vertices, faces=many_large.faces[:n_faces])
-    poses = np.tile(np.eye(4), (8, 1, 1))
-    poses[:, 0, 3] = np.linspace(-1, 1, 8)
+    poses = np.tile(np.eye(4), (20, 1, 1))
+    poses[:, 0, 3] = np.linspace(-1, 1, 20)
     with open_compute(mesh) as found, CPURasterizer(mesh, CAMERA) as expected:
         before = found._strategy._faces_at_once, found._strategy._poses_at_once
         counts, truth = found.count(poses), expected.count(poses)
         assert (found._strategy._faces_at_once, found._strategy._poses_at_once) < before
-        np.testing.assert_array_equal(counts.visible, truth.visible)
-        np.testing.assert_array_equal(counts.drawn, truth.drawn)
+        assert_same_counts(counts, truth)
     monkeypatch.setattr(compute, "MAX_PIECES", 1 << 18)
     with open_compute(mesh) as whole:
         np.testing.assert_array_equal(whole.count(poses).visible, truth.visible)
@@ -210,8 +206,7 @@ def test_many_poses_count_as_each_one_alone(open_compute):
     for options in ({}, {"image_budget": budget}, {"image_budget": 1}):
         with open_compute(mesh, camera, **options) as rasterizer:
             found = rasterizer.count(poses)
-        np.testing.assert_array_equal(found.visible, expected.visible)
-        np.testing.assert_array_equal(found.drawn, expected.drawn)
+        assert_same_counts(found, expected)
 
 
 @pytest.mark.slow
@@ -311,17 +306,8 @@ with open_context("surfaceless") as context:
                 t.assert_same(found[0], found[1])
                 t.assert_same_as_cpu(found[0], t.everything(rasterizer, poses))
 """
-    tests = Path(__file__).parents[1]
-    paths = map(str, (Path(rastercov.__file__).parents[1], tests / "raster", tests / "support"))
-    environment = {"MESA_EXTENSION_OVERRIDE": f"+{ATOMICS}", "PYTHONPATH": os.pathsep.join(paths)}
-    run = subprocess.run(
-        [sys.executable, "-c", code],
-        env=os.environ | environment,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert run.returncode == 0, run.stderr
+    override = {"MESA_EXTENSION_OVERRIDE": f"+{ATOMICS}"}
+    run = run_python("-c", code, paths=[TESTS / "raster"], **override)
     assert run.stdout == "True False\n"
 
 

@@ -7,7 +7,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from coplanar_scenes import CAMERA, SCENES, views, wrong_samples
+from coplanar_scenes import CAMERA, SCENES, scene_of, wrong_samples
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scenes import joined, sheet, square
@@ -27,10 +27,9 @@ AHEAD = np.eye(4)
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("kind", SCENES)
 def test_of_overlapping_faces_of_one_plane_the_lowest_is_seen(open_raster, kind, seed):
-    rng = np.random.default_rng(seed)
-    mesh = SCENES[kind](rng)
+    mesh, poses = scene_of(kind, seed)
     with open_raster(mesh, CAMERA) as rasterizer:
-        for pose in views(rng, mesh, 2):
+        for pose in poses:
             wrong = wrong_samples(mesh, CAMERA, pose, rasterizer.render(pose).face)
             assert not len(wrong), f"{len(wrong)} samples, the first at {wrong[0]}"
 
@@ -42,10 +41,9 @@ def test_of_overlapping_faces_of_one_plane_the_lowest_is_seen(open_raster, kind,
                        (304, "triangulations"), (391, "triangulations")],
 )  # fmt: skip
 def test_a_face_that_is_cut_keeps_its_plane(open_raster, seed, kind):
-    rng = np.random.default_rng(seed)
-    mesh = SCENES[kind](rng)
+    mesh, poses = scene_of(kind, seed)
     with open_raster(mesh, CAMERA) as rasterizer:
-        for pose in views(rng, mesh):
+        for pose in poses:
             assert not len(wrong_samples(mesh, CAMERA, pose, rasterizer.render(pose).face))
 
 
@@ -57,9 +55,7 @@ def test_a_face_that_is_cut_keeps_its_plane(open_raster, seed, kind):
 )
 @given(st.integers(0, 2**32), st.sampled_from(sorted(SCENES)))
 def test_any_assembly_of_coplanar_faces_is_seen_as_by_the_reference(open_raster, seed, kind):
-    rng = np.random.default_rng(seed)
-    mesh = SCENES[kind](rng)
-    pose = views(rng, mesh, 1)[0]
+    mesh, (pose,) = scene_of(kind, seed, 1)
     with open_raster(mesh, CAMERA) as rasterizer:
         wrong = wrong_samples(mesh, CAMERA, pose, rasterizer.render(pose).face)
         # Doubles 1e-13 apart round to different floats at one sample in a million.
@@ -84,9 +80,7 @@ def test_overlaps_are_counted_as_they_are_drawn(open_raster, options):
 @pytest.mark.slow
 @pytest.mark.parametrize("limits", [{"max_faces_a_draw": 3}, {"max_tile": 32}])
 def test_draws_and_tiles_change_nothing_where_faces_overlap(open_gl, limits):
-    rng = np.random.default_rng(3)
-    mesh = SCENES["triangulations"](rng)
-    poses = views(rng, mesh)
+    mesh, poses = scene_of("triangulations", 3)
     with open_gl(mesh, CAMERA) as whole, open_gl(mesh, CAMERA, **limits) as parts:
         for pose in poses:
             face = parts.render(pose).face

@@ -1,8 +1,5 @@
 """What only the CPU rasteriser has: threads, scratch memory that grows, compiled loops on disk."""
 
-import os
-import subprocess
-import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,6 +9,7 @@ from exact_cases import triangles
 from hostile_scenes import scene
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from processes import TESTS, run_python
 
 from rastercov import shapes
 from rastercov.camera import Camera
@@ -41,8 +39,7 @@ def test_threads_change_nothing(threads):
     mesh = shapes.teapot(5)
     poses = sphere_of_poses(mesh.bounds.mean(axis=0), 0.5, 37)
     one, many = count(mesh, poses, threads=1), count(mesh, poses, threads=threads)
-    assert np.array_equal(one.visible, many.visible)
-    assert np.array_equal(one.drawn, many.drawn)
+    assert_same_counts(one, many)
 
 
 def test_a_pose_counts_alike_alone_and_among_others():
@@ -368,7 +365,7 @@ import numpy as np
 from test_cpu import all_counts
 np.savez(sys.argv[1], *all_counts())
 """
-    run_checked(code, tmp_path / "counts.npz", folder="raster")
+    run_checked(code, tmp_path / "counts.npz", paths=[TESTS / "raster"])
     with np.load(tmp_path / "counts.npz") as file:
         for found, expected in zip(file.values(), all_counts(), strict=True):
             assert np.array_equal(found, expected)
@@ -450,14 +447,7 @@ loop = _jit.compiled(lambda number: number + 1)
 assert not _jit.announce_compilation(loop)
 assert loop(1) == 2
 """
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        env=os.environ | {"HOME": str(tmp_path / "missing")},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
+    done = run_python("-c", code, HOME=str(tmp_path / "missing"))
     assert int(done.stdout) > 0
     assert "compiling, in every process" in done.stderr
 

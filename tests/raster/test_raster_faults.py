@@ -3,20 +3,17 @@
 import copy
 import dataclasses
 import itertools
-import os
 import pickle
 import re
-import subprocess
-import sys
 import threading
 from contextlib import suppress
-from pathlib import Path
 
 import moderngl
 import numpy as np
 import pytest
+from image_laws import assert_same_counts
+from processes import run_python
 
-import rastercov
 from rastercov import shaders, shapes
 from rastercov.camera import Camera
 from rastercov.errors import ConfigError, DeviceError, PoseError, ResourceError
@@ -79,8 +76,7 @@ def test_device_without_storage_buffers_gives_the_same_counts(
         expected, _ = counted(device, "software", mesh, **options)
         found, info = counted(old_context(*extensions), "software", mesh, **options)
         assert info.depth == ("float32 reversed" if extensions else "float32")
-        np.testing.assert_array_equal(found.drawn, expected.drawn)
-        np.testing.assert_array_equal(found.visible, expected.visible)
+        assert_same_counts(found, expected)
 
 
 @pytest.mark.parametrize("plan", ["hardware", "compute"])
@@ -184,15 +180,7 @@ with open_rasterizer(shapes.box(), camera, "gl", device="surfaceless") as raster
     os.waitpid(child, 0)
     rasterizer.count(pose)
 """
-    run = subprocess.run(
-        [sys.executable, "-c", code],
-        env={**os.environ, "PYTHONPATH": str(Path(rastercov.__file__).parents[1])},
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
-    assert run.returncode == 0, run.stderr
+    run = run_python("-c", code, timeout=60)
     lines = run.stdout.splitlines()
     assert len(lines) == 2
     assert all("a fork of it" in line and "spawn" in line for line in lines)
@@ -280,8 +268,7 @@ def test_rasterisers_take_turns_on_one_context(open_gl):
     for _ in range(2):
         for rasterizer, before in zip((first, second), expected, strict=True):
             found = rasterizer.count(POSES)
-            np.testing.assert_array_equal(found.visible, before.visible)
-            np.testing.assert_array_equal(found.drawn, before.drawn)
+            assert_same_counts(found, before)
     first.close()
     np.testing.assert_array_equal(second.count(POSES).drawn, expected[1].drawn)
 
@@ -443,8 +430,7 @@ def test_interrupted_counting_leaves_the_next_one_right(rasterizer, monkeypatch)
                 with suppress(KeyboardInterrupt):
                     rasterizer.count(POSES)
             found = rasterizer.count(POSES)
-            np.testing.assert_array_equal(found.visible, expected.visible)
-            np.testing.assert_array_equal(found.drawn, expected.drawn)
+            assert_same_counts(found, expected)
 
 
 @pytest.mark.parametrize(

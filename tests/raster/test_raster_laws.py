@@ -320,11 +320,9 @@ def test_rolled_samples_are_given_out_exactly_once(open_raster, roll):
 @pytest.mark.parametrize("quarters", [-1, 2])
 def test_rolling_by_quarter_turns_changes_not_one_sample(open_raster, scene, quarters):
     mesh, poses = scene
-    with (
-        open_raster(mesh, CAMERA) as plain,
-        open_raster(mesh, CAMERA, roll=quarters * np.pi / 2) as rolled,
-    ):
-        assert_same_counts(rolled.count(poses), plain.count(poses))
+    plain = open_raster(mesh, CAMERA)
+    rolled = open_raster(mesh, CAMERA, roll=quarters * np.pi / 2)
+    assert_same_counts(rolled.count(poses), plain.count(poses))
 
 
 @pytest.mark.slow
@@ -684,14 +682,12 @@ def test_camera_inside_a_closed_body_sees_its_inner_side(open_raster, mesh, eye)
 def test_culling_back_faces_changes_no_clear_sample(open_raster, name):
     mesh = shapes.by_name(name)
     poses = around(mesh, 3)
-    with (
-        open_raster(mesh, CAMERA) as culled,
-        open_raster(without_culling(mesh), CAMERA) as plain,
-    ):
-        assert mesh.can_cull_back_faces
-        np.testing.assert_array_equal(culled.count(poses).drawn, plain.count(poses).drawn)
-        for pose in poses:
-            assert_same_image(culled.render(pose).face, plain.render(pose).face, mesh, CAMERA, pose)
+    culled = open_raster(mesh, CAMERA)
+    plain = open_raster(without_culling(mesh), CAMERA)
+    assert mesh.can_cull_back_faces
+    np.testing.assert_array_equal(culled.count(poses).drawn, plain.count(poses).drawn)
+    for pose in poses:
+        assert_same_image(culled.render(pose).face, plain.render(pose).face, mesh, CAMERA, pose)
 
 
 # --- the near plane -------------------------------------------------------------------------------
@@ -797,11 +793,9 @@ def test_size_of_a_batch_changes_nothing(open_gl, images):
     mesh = shapes.torus(20, 10)
     poses = mixed_poses(mesh)
     budget = 8 * CAMERA.width * CAMERA.height * images
-    with (
-        open_gl(mesh, CAMERA) as whole,
-        open_gl(mesh, CAMERA, image_budget=budget) as rasterizer,
-    ):
-        assert_same_counts(rasterizer.count(poses), whole.count(poses))
+    whole = open_gl(mesh, CAMERA)
+    rasterizer = open_gl(mesh, CAMERA, image_budget=budget)
+    assert_same_counts(rasterizer.count(poses), whole.count(poses))
 
 
 @pytest.mark.slow
@@ -809,12 +803,10 @@ def test_size_of_a_batch_changes_nothing(open_gl, images):
 def test_faces_a_draw_change_nothing(open_gl, max_faces):
     mesh = shapes.torus(20, 10)
     poses = mixed_poses(mesh)
-    with (
-        open_gl(mesh, CAMERA) as whole,
-        open_gl(mesh, CAMERA, max_faces_a_draw=max_faces) as rasterizer,
-    ):
-        assert_same_counts(rasterizer.count(poses), whole.count(poses))
-        np.testing.assert_array_equal(rasterizer.render(poses[0]).face, whole.render(poses[0]).face)
+    whole = open_gl(mesh, CAMERA)
+    rasterizer = open_gl(mesh, CAMERA, max_faces_a_draw=max_faces)
+    assert_same_counts(rasterizer.count(poses), whole.count(poses))
+    np.testing.assert_array_equal(rasterizer.render(poses[0]).face, whole.render(poses[0]).face)
 
 
 @pytest.mark.slow

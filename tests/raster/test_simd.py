@@ -1,10 +1,7 @@
 """Vectors of lanes reckon like numpy, and what is compiled with a file is compiled anew with it."""
 
 import os
-import subprocess
-import sys
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +11,7 @@ from hypothesis.extra.numpy import arrays
 from numba import njit
 from numba.core import types
 from numba.extending import intrinsic
+from processes import run_python
 
 from rastercov.raster.cpu.memory import LANES, make_scratch
 from rastercov.raster.cpu.simd import (
@@ -375,18 +373,9 @@ def test_a_loop_is_compiled_anew_when_a_file_that_it_is_made_of_changes(tmp_path
     formula = package / "formula.py"
 
     def run():
-        done = subprocess.run(
-            [sys.executable, "-c", "import lanepackage.loop"],
-            env=os.environ
-            | {"PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": str(tmp_path / "cache")},
-            cwd=Path(__file__).parents[2],
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        assert done.returncode == 0, done.stderr
-        result, hits, misses = map(int, done.stdout.split())
-        return result, hits, misses
+        kept = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+        done = run_python("-c", "import lanepackage.loop", paths=[tmp_path], **kept)
+        return tuple(map(int, done.stdout.split()))
 
     def write(factor, seconds):
         formula.write_text(FORMULA.format(factor=factor))

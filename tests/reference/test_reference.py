@@ -1,7 +1,6 @@
 """The two references: right where the answer is known, of one mind everywhere else."""
 
 import importlib.util
-import subprocess
 import sys
 from fractions import Fraction
 from pathlib import Path
@@ -13,6 +12,7 @@ import shapely
 from exact_cases import AHEAD, Case, hostile, known_cases, triangles, window
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from processes import run_python
 from scenes import joined, square
 
 from rastercov import reference, shapes
@@ -451,10 +451,7 @@ def test_without_gmpy2_the_answers_are_the_same(monkeypatch):
 
 def test_the_package_does_not_need_its_reference():
     program = "import sys, rastercov; print([m for m in sys.modules if 'rastercov.reference' in m])"
-    run = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True
-    )
-    assert run.stdout.strip() == "[]"
+    assert run_python("-c", program).stdout.strip() == "[]"
 
 
 # --- when GEOS fails -----------------------------------------------------------------------------

@@ -7,12 +7,9 @@ start together would both compile everything.
 """
 
 import fcntl
-import os
-import subprocess
-import sys
-from pathlib import Path
 
-TESTS = Path(__file__).parents[1]
+from processes import TESTS, run_python
+
 KEPT = TESTS.parent / ".pytest_cache" / "bounds-checked"
 SETTINGS = {
     "NUMBA_BOUNDSCHECK": "1",
@@ -22,17 +19,9 @@ SETTINGS = {
 }
 
 
-def run_checked(code, *arguments, folder="."):
-    """Run a program, which may import from tests/support and tests/`folder`; it must succeed."""
+def run_checked(code, *arguments, paths=()):
+    """Run a program, as `processes.run_python` does; it must succeed."""
     KEPT.mkdir(parents=True, exist_ok=True)
-    paths = [TESTS.parent, TESTS / "support", TESTS / folder]
     with (KEPT / "lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        done = subprocess.run(
-            [sys.executable, "-c", code, *map(str, arguments)],
-            env=os.environ | SETTINGS | {"PYTHONPATH": os.pathsep.join(map(str, paths))},
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-    assert done.returncode == 0, done.stderr
+        run_python("-c", code, *arguments, paths=paths, **SETTINGS)

@@ -35,7 +35,7 @@ def ambiguous(mesh, camera, pose):
 
 
 def assert_same_image(found, expected, mesh, camera, pose):
-    """Two images of face indices are equal but for a few ambiguous samples."""
+    """Two images of face indices are equal except at a few ambiguous samples."""
     rows, columns = np.nonzero(found != expected)
     if not rows.size:
         return
