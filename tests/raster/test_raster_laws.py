@@ -20,6 +20,7 @@ from image_laws import (
     assert_same_image,
     is_ambiguous,
     reference_view,
+    shown_by_two,
 )
 from scenes import joined, sheet, square
 
@@ -32,9 +33,6 @@ from rastercov.viewpoints import look_at, sphere_of_poses
 CAMERA = Camera(width=160, height=120, fx=150, fy=140, cx=81.3, cy=58.2)
 SQUARE = Camera(width=200, height=200, fx=100, fy=100)
 SMALL = Camera(width=40, height=30, fx=38, fy=36, cx=19.3, cy=15.2)
-
-shown_by_two = pytest.mark.parametrize("open_raster", ["software", "cpu"], indirect=True)
-"""For laws of images: those of all plans equal the reference's, and so each other's."""
 
 
 def moved(mesh, motion):

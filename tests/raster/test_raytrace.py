@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
+from image_laws import shown_by_two
 
 from rastercov import shapes
 from rastercov.camera import Camera
@@ -27,7 +28,6 @@ CAMERA = Camera(width=640, height=512, fx=700, fy=690, cx=327.75, cy=250.25)
 WIDE = Camera(width=640, height=512, fx=320, fy=325, cx=315.25, cy=260.25)
 EDGE, GAP = 4e-3, 1e-4
 
-shown_by_two = pytest.mark.parametrize("open_raster", ["software", "cpu"], indirect=True)
 MESHES = Path(__file__).resolve().parents[3] / "shared" / "meshes"
 
 
