@@ -5,7 +5,17 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from mesh_files import FACES, PLY_FORMATS, POINTS, VALID, binary_stl, ply, strips, triangles
+from mesh_files import (
+    FACES,
+    PLY_FORMATS,
+    POINTS,
+    VALID,
+    binary_stl,
+    ply,
+    refusal,
+    strips,
+    triangles,
+)
 
 from rastercov.errors import MeshError, ResourceError
 
@@ -50,6 +60,11 @@ def test_truncated_binary_stl_says_where(cut, load):
 def test_stl_shorter_than_its_header(load):
     with pytest.raises(MeshError, match="has 84 bytes before its triangles, got 20"):
         load("a.stl", b"\0" * 20)
+
+
+def test_random_bytes_are_no_stl(load):
+    for seed in range(20):
+        assert refusal(load, "a.stl", np.random.default_rng(seed).bytes(1000)), seed
 
 
 # ---- PLY
