@@ -12,9 +12,12 @@ from scenes import joined, sheet, square
 
 from rastercov import shapes
 from rastercov.camera import Camera
-from rastercov.exact import certificate as contour
 from rastercov.exact import certificate_kernels as kernels
-from rastercov.exact.certificate import CertificateSolver
+from rastercov.exact.certificate import (
+    CERTAIN_AREA_REL,
+    CROSSING_TOLERANCE_REL,
+    CertificateSolver,
+)
 from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.mesh import Mesh
 from rastercov.reference import rational
@@ -220,7 +223,7 @@ def test_faces_that_an_edge_only_touches_at_their_corner_are_not_crossed():
     assert view.is_certified[near_side].mean() > 0.9
 
 
-def test_a_shell_within_a_shell_is_hidden_by_its_patch():
+def test_a_shell_within_a_shell_is_hidden_by_its_region():
     mesh = joined(shapes.sphere(3, 1.0), shapes.sphere(3, 0.5))
     view = agree(mesh, CAMERA, look_at((3, 0.4, 0.2), (0, 0, 0))[0])
     inner = np.arange(mesh.n_faces) >= mesh.n_faces // 2
@@ -271,7 +274,7 @@ def test_closed_bodies_cut_open_by_the_near_plane_show_what_is_inside(seed):
 
 @given(seed=SEEDS)
 @settings(max_examples=60)
-def test_patches_do_not_spread_beyond_the_image_and_back(seed):
+def test_regions_do_not_spread_beyond_the_image_and_back(seed):
     # Strips that leave the image and come back; what hides their return begins outside of it.
     rng = np.random.default_rng(seed)
     flat, faces = grid(6)
@@ -357,7 +360,7 @@ def test_sheets_at_any_gap_and_distance_agree(seed):
     assert (off <= 1e-9 * np.maximum(view.area, 1)).all()
 
 
-def test_an_edge_of_three_faces_ends_a_patch():
+def test_an_edge_of_three_faces_ends_a_region():
     #  a fin on the common edge of two faces, away from the camera: invisible, but it is there
     points = [(0, -1, 4), (0, 1, 4), (-1, 0, 4), (1, 0, 4), (0.01, 0, 5)]
     faces = [(0, 1, 2), (1, 0, 3), (0, 1, 4)]
@@ -383,12 +386,12 @@ def test_a_fold_is_an_outline_whatever_the_winding(turn):
     assert not view.is_certified[2:].all()
 
 
-# --- patches --------------------------------------------------------------------------------------
+# --- regions --------------------------------------------------------------------------------------
 
 
 @given(seed=st.integers(0, 100_000))
 @settings(max_examples=60)
-def test_faces_of_a_patch_share_its_answer(seed):
+def test_faces_of_a_region_share_its_answer(seed):
     case = hostile(seed)
     view = look(case.mesh, case.camera, case.pose)
     assert np.array_equal(view.is_certified, view.region >= 0)
@@ -400,7 +403,7 @@ def test_faces_of_a_patch_share_its_answer(seed):
         assert np.ptp(part) == 0
 
 
-def test_a_patch_that_comes_out_in_part_is_measured_face_by_face(monkeypatch):
+def test_a_region_that_comes_out_in_part_is_measured_face_by_face(monkeypatch):
     # As if an edge had been missed: faces that are seen in part and joined to one another.
     monkeypatch.setattr(kernels, "mark_crossed", lambda *arguments: None)
     mesh = joined(square(2, 4), square(0.5, 2))
@@ -412,8 +415,8 @@ def test_a_patch_that_comes_out_in_part_is_measured_face_by_face(monkeypatch):
 
 
 def test_thresholds_leave_room_for_rounding():
-    assert contour.CROSSING_TOLERANCE_REL > 1e-12
-    assert 0 < contour.CERTAIN_AREA_REL < 1e-3
+    assert CROSSING_TOLERANCE_REL > 1e-12
+    assert 0 < CERTAIN_AREA_REL < 1e-3
 
 
 @given(seed=SEEDS, field=st.floats(0.3, 2.5))

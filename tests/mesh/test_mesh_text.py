@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from mesh_files import FACES, POINTS, TEXT, VALID, obj, off, ply, refusal, triangles
+from mesh_files import FACES, POINTS, TEXT, VALID, WRITERS, obj, off, ply, refusal, triangles
 
 from rastercov.errors import MeshError, ResourceError
 
@@ -188,7 +188,7 @@ def test_text_cut_inside_its_last_number_is_noted(name, data, load):
 @pytest.mark.parametrize("name", TEXT)
 def test_no_cut_loses_a_face_without_a_note(name, load):
     """At every byte; a cut after a whole line of an OBJ leaves a whole OBJ."""
-    data = VALID[name] if name != "a.obj" else long_obj()
+    data = WRITERS[name](POINTS, FACES[:2]) if name != "a.obj" else long_obj()
     n_faces = load(name, data).n_faces
     n_loaded = 0
     for size in range(len(data)):
