@@ -60,7 +60,7 @@ def test_certified_and_exact_agree_from_the_middle_of_a_face_of_a_torus():
 
 
 @given(seed=SEEDS)
-@settings(max_examples=40)
+@settings(max_examples=12)
 def test_solids_seen_from_their_own_surface_are_seen_as_fractions_say(seed):
     rng = np.random.default_rng(seed)
     solid = (shapes.torus(6, 4), shapes.sphere(1), box((-1, -1, -1), (1, 0.5, 2)))[rng.integers(3)]
@@ -71,7 +71,7 @@ def test_solids_seen_from_their_own_surface_are_seen_as_fractions_say(seed):
 
 
 @given(seed=SEEDS, power=st.floats(-20, -8))
-@settings(max_examples=40)
+@settings(max_examples=12)
 def test_a_camera_that_comes_closer_and_closer_to_a_wall(seed, power):
     # From 1e-8 to 1e-20 of the wall's size in front of it or behind: it is a strip of 1e-2 px,
     # and then of nothing.

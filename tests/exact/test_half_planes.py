@@ -85,7 +85,7 @@ def test_pieces_make_room_for_themselves(path, room):
 
 @on_both_paths
 @given(seed=SEEDS, room=st.integers(1, 40))
-@settings(max_examples=20)
+@settings(max_examples=10)
 def test_room_for_pieces_changes_no_answer(path, seed, room):
     mesh = soup(np.random.default_rng(seed), 40, 1.5)
     expected = look(mesh, CAMERA, AHEAD, path).visible
@@ -127,8 +127,8 @@ def test_hundreds_of_needles_through_one_place(path):
 
 @pytest.mark.slow
 @on_both_paths
-def test_thirty_five_thousand_boxes_on_one_ground(path):
-    n = 187
+def test_eight_thousand_boxes_on_one_ground(path):
+    n = 90
     corner = (np.stack(np.meshgrid(np.arange(n), np.arange(n)), axis=-1).reshape(-1, 2) - n / 2) / n
     unit = box((0, 0, 0), (0.5 / n, 0.5 / n, 0.3 / n))
     ground = Mesh(
@@ -151,7 +151,7 @@ def test_thirty_five_thousand_boxes_on_one_ground(path):
 
 @on_both_paths
 @given(seed=SEEDS)
-@settings(max_examples=20)
+@settings(max_examples=10)
 def test_the_grid_changes_no_answer(path, seed):
     # One cell, or a thousand times as many as asked for.
     rng = np.random.default_rng(seed)
@@ -171,6 +171,7 @@ def test_the_grid_changes_no_answer(path, seed):
 # --- cameras --------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @on_both_paths
 @given(
     seed=SEEDS,
@@ -181,7 +182,7 @@ def test_the_grid_changes_no_answer(path, seed):
     focal=st.floats(-1, 2),
     stretch=st.floats(-1, 1),
 )
-@settings(max_examples=40)
+@settings(max_examples=15)
 def test_any_camera_sees_as_in_exact_arithmetic(path, seed, width, height, cx, cy, focal, stretch):
     # One pixel, a strip, a principal point many widths outside, pixels ten times as wide as high.
     rng = np.random.default_rng(seed)
@@ -262,7 +263,7 @@ def test_faces_of_no_area_hide_nothing_and_break_no_neighbour(path):
 @on_both_paths
 @pytest.mark.parametrize("name", ["aeroplane", "torus", "sphere"])
 @given(seed=SEEDS)
-@settings(max_examples=8)
+@settings(max_examples=3)
 def test_back_faces_of_a_closed_mesh_may_be_left_out(path, name, seed):
     rng = np.random.default_rng(seed)
     mesh = shapes.by_name(name)
@@ -307,7 +308,7 @@ def test_culled_back_faces_neither_hide_nor_are_seen(path):
 
 @on_both_paths
 @given(seed=st.integers(0, 100_000))
-@settings(max_examples=60)
+@settings(max_examples=20)
 def test_visible_area_is_at_most_the_area(path, seed):
     case = hostile(seed)
     view = look(case.mesh, case.camera, case.pose, path)
@@ -317,7 +318,7 @@ def test_visible_area_is_at_most_the_area(path, seed):
 
 
 @given(seed=st.integers(0, 100_000))
-@settings(max_examples=40)
+@settings(max_examples=15)
 def test_measuring_some_faces_measures_them_like_all(seed):
     case = hostile(seed)
     everything = look(case.mesh, case.camera, case.pose, HalfPlaneSolver)
@@ -334,7 +335,7 @@ def test_measuring_some_faces_measures_them_like_all(seed):
 
 
 @given(seed=SEEDS)
-@settings(max_examples=30)
+@settings(max_examples=15)
 def test_sheets_folded_flat_come_out_as_in_exact_arithmetic(seed):
     # Faces on both sides of an edge, 1e-8 ... 1e-6 rad apart: which is before is clear but at the
     # edge, where both are at one depth exactly.

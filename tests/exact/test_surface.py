@@ -28,7 +28,7 @@ def random_mesh(seed):
 
 
 @given(seed=SEEDS)
-@settings(max_examples=200)
+@settings(max_examples=40)
 def test_edges_are_those_of_the_faces_by_position(seed):
     mesh = random_mesh(seed)
     found = surface_of(mesh)
@@ -58,7 +58,7 @@ def test_edges_are_those_of_the_faces_by_position(seed):
 
 
 @given(seed=SEEDS)
-@settings(max_examples=100)
+@settings(max_examples=25)
 def test_every_position_in_use_stands_once_and_faces_stay_where_they_are(seed):
     mesh = random_mesh(seed)
     found = surface_of(mesh)
@@ -131,7 +131,7 @@ def test_contacts_grow_with_the_distance_by_decades():
 
 
 @given(seed=SEEDS, distance=st.floats(-3, 8))
-@settings(max_examples=60)
+@settings(max_examples=20)
 def test_whatever_is_at_equal_depth_from_afar_is_in_contact(seed, distance):
     # 1e-10 of the distance is the tie of depths; contacts must reach beyond that.
     rng = np.random.default_rng(seed)

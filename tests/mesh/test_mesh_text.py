@@ -185,6 +185,7 @@ def test_text_cut_inside_its_last_number_is_noted(name, data, load):
     assert CUT in load(name, data[:-1]).notes[0], "nobody can know that this one is whole"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TEXT)
 def test_no_cut_loses_a_face_without_a_note(name, load):
     """At every byte; a cut after a whole line of an OBJ leaves a whole OBJ."""

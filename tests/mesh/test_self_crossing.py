@@ -60,7 +60,9 @@ def test_the_back_of_a_bow_tie_shows():
     assert_right(mesh, OUTSIDE)
 
 
-def test_all_rasterisers_see_the_back_of_a_bow_tie(open_raster):
+@pytest.mark.slow
+@pytest.mark.parametrize("open_raster", ["software", "cpu"], indirect=True)
+def test_rasterisers_see_the_back_of_a_bow_tie(open_raster):
     mesh = prism(BOW_TIE)
     area = rational.visible_area(mesh, CAMERA, OUTSIDE[0])
     counts = open_raster(mesh, CAMERA).count(OUTSIDE)

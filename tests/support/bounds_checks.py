@@ -6,7 +6,7 @@ from exact_views import PATHS, look
 
 from rastercov.mesh.contacts import touching_faces
 
-SCENES = 200
+SCENES = 100
 
 
 def look_at_scenes():
