@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from exact_cases import box, triangles, window
-from exact_views import PATHS, assert_within_bounds, look
+from exact_cases import AHEAD, box, triangles, window
+from exact_views import SEEDS, assert_within_bounds, look, on_both_paths
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import joined, square
@@ -16,10 +16,7 @@ from rastercov.exact.records import DOUBTFUL
 from rastercov.observation import BoundKind
 from rastercov.reference import rational
 
-SEEDS = st.integers(0, 2**32 - 1)
 CAMERA = rc.Camera(width=640, height=512, fx=400, fy=400)
-AHEAD = np.eye(4)
-on_both_paths = pytest.mark.parametrize("path", PATHS, ids=lambda path: path.__name__)
 
 
 def turned(rng):

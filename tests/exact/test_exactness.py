@@ -7,8 +7,17 @@ designed against; speed, and the critique of Algorithm 1, have tests elsewhere.
 import numpy as np
 import pytest
 import shapely
-from exact_cases import KINDS, hostile, known_cases, slivers, triangles, window
-from exact_views import PATHS, fractions, look, see_again
+from exact_cases import AHEAD, KINDS, hostile, known_cases, slivers, triangles, window
+from exact_views import (
+    PATHS,
+    SEEDS,
+    for_seeds_on_both_paths,
+    fractions,
+    look,
+    on_both_paths,
+    see_again,
+    soup,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import joined, square
@@ -32,18 +41,6 @@ STURDY = [
     if "second sheet" not in case.name and "nothing to" not in case.name and case.name != "at near"
 ]
 """Those whose answer does not hang on the last bit of a coordinate."""
-SEEDS = st.integers(0, 2**32 - 1)
-
-on_both_paths = pytest.mark.parametrize("path", PATHS, ids=lambda path: path.__name__)
-
-
-def soup(rng, n=60):
-    """Triangles across one another before the camera; some reach out of the image."""
-    faces = rng.normal(size=(n, 1, 3)) + rng.normal(size=(n, 3, 3)) * 0.6
-    return triangles(*(faces + np.array((0, 0, 5))))
-
-
-AHEAD = np.eye(4)
 
 
 def rolled(angle):
@@ -111,9 +108,7 @@ def test_a_convex_body_shows_its_front_whole_and_its_back_not_at_all(path, name,
 # --- 10: nothing is lost, nothing is counted twice ------------------------------------------------
 
 
-@on_both_paths
-@given(seed=SEEDS)
-@settings(max_examples=10)
+@for_seeds_on_both_paths
 def test_visible_areas_add_up_to_the_union_of_all_images(path, seed):
     rng = np.random.default_rng(seed)
     mesh = soup(rng, int(rng.integers(1, 25)))
@@ -122,9 +117,7 @@ def test_visible_areas_add_up_to_the_union_of_all_images(path, seed):
     assert look(mesh, camera, AHEAD, path).visible.sum() == pytest.approx(union, rel=1e-12)
 
 
-@on_both_paths
-@given(seed=SEEDS)
-@settings(max_examples=10)
+@for_seeds_on_both_paths
 def test_a_room_seen_from_within_fills_the_image(path, seed):
     rng = np.random.default_rng(seed)
     mesh = shapes.room(3)
@@ -137,9 +130,7 @@ def test_a_room_seen_from_within_fills_the_image(path, seed):
 # --- 11, 12: what must not matter -----------------------------------------------------------------
 
 
-@on_both_paths
-@given(seed=SEEDS)
-@settings(max_examples=10)
+@for_seeds_on_both_paths
 def test_parts_of_a_divided_face_add_up_to_it(path, seed):
     rng = np.random.default_rng(seed)
     mesh = soup(rng)
@@ -153,9 +144,7 @@ def test_parts_of_a_divided_face_add_up_to_it(path, seed):
     assert np.abs(summed - whole).max() <= 2e-10
 
 
-@on_both_paths
-@given(seed=SEEDS)
-@settings(max_examples=10)
+@for_seeds_on_both_paths
 def test_neither_the_order_of_faces_nor_their_first_vertex_matters(path, seed):
     rng = np.random.default_rng(seed)
     mesh = soup(rng)
@@ -166,9 +155,7 @@ def test_neither_the_order_of_faces_nor_their_first_vertex_matters(path, seed):
     assert np.abs(two - one[order]).max() <= 7e-11
 
 
-@on_both_paths
-@given(seed=SEEDS)
-@settings(max_examples=10)
+@for_seeds_on_both_paths
 def test_neither_the_order_of_vertices_nor_unused_ones_nor_seams_matter(path, seed):
     rng = np.random.default_rng(seed)
     mesh = shapes.torus(9, 12) if seed % 2 else shapes.teapot(2)
@@ -208,9 +195,7 @@ def test_scaling_everything_by_a_power_of_two_changes_not_one_bit(path, seed, po
     assert np.array_equal(one.is_certified, two.is_certified)
 
 
-@on_both_paths
-@given(seed=SEEDS)
-@settings(max_examples=10)
+@for_seeds_on_both_paths
 def test_mesh_and_camera_ten_times_as_large_look_the_same(path, seed):
     rng = np.random.default_rng(seed)
     mesh = soup(rng)
@@ -222,9 +207,7 @@ def test_mesh_and_camera_ten_times_as_large_look_the_same(path, seed):
     assert np.abs(one.visible - two.visible).max() <= 2e-10
 
 
-@on_both_paths
-@given(seed=SEEDS)
-@settings(max_examples=10)
+@for_seeds_on_both_paths
 def test_three_times_the_focal_length_makes_nine_times_the_area(path, seed):
     mesh = soup(np.random.default_rng(seed))
     small = Camera(width=100, height=80, fx=70, fy=60)
@@ -236,9 +219,7 @@ def test_three_times_the_focal_length_makes_nine_times_the_area(path, seed):
 # --- 13: an occluder only takes -------------------------------------------------------------------
 
 
-@on_both_paths
-@given(seed=SEEDS)
-@settings(max_examples=10)
+@for_seeds_on_both_paths
 def test_more_occluders_never_show_more(path, seed):
     rng = np.random.default_rng(seed)
     mesh = soup(rng, 30)

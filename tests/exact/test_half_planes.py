@@ -8,7 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from exact_cases import AHEAD, box, hostile, slivers, triangles, window
-from exact_views import PATHS, assert_within_bounds, fractions, look, see_again
+from exact_views import (
+    SEEDS,
+    assert_within_bounds,
+    for_seeds_on_both_paths,
+    fractions,
+    look,
+    on_both_paths,
+    see_again,
+    soup,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import joined, sheet, square
@@ -25,15 +34,7 @@ from rastercov.reference import rational
 from rastercov.viewpoints import look_at, sphere_of_poses
 
 CAMERA = Camera(width=320, height=240, fx=260, fy=270)
-SEEDS = st.integers(0, 2**32 - 1)
 SQUARES = joined(square(2, 4), square(0.5, 2))
-
-on_both_paths = pytest.mark.parametrize("path", PATHS, ids=lambda path: path.__name__)
-
-
-def soup(rng, n, size=0.6):
-    faces = rng.normal(size=(n, 1, 3)) + rng.normal(size=(n, 3, 3)) * size
-    return triangles(*(faces + np.array((0, 0, 5))))
 
 
 # --- memory ---------------------------------------------------------------------------------------
@@ -149,9 +150,7 @@ def test_eight_thousand_boxes_on_one_ground(path):
     assert 0.2 * view.area[0] < boxes < 0.4 * view.area[0]
 
 
-@on_both_paths
-@given(seed=SEEDS)
-@settings(max_examples=10)
+@for_seeds_on_both_paths
 def test_the_grid_changes_no_answer(path, seed):
     # One cell, or a thousand times as many as asked for.
     rng = np.random.default_rng(seed)

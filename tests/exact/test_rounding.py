@@ -6,8 +6,8 @@ angle, where an edge runs past the eye, where a face is a needle.
 
 import numpy as np
 import pytest
-from exact_cases import hostile, triangles
-from exact_views import PATHS, look
+from exact_cases import AHEAD, hostile, triangles
+from exact_views import SEEDS, look, on_both_paths
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -18,11 +18,8 @@ from rastercov.mesh import Mesh
 from rastercov.reference import rational
 from rastercov.viewpoints import sphere_of_poses
 
-AHEAD = np.eye(4)
 CAMERA = Camera(width=640, height=512, fx=500, fy=520)
-SEEDS = st.integers(0, 2**32 - 1)
 few = settings(max_examples=20)
-on_both_paths = pytest.mark.parametrize("path", PATHS, ids=lambda path: path.__name__)
 
 
 def errors(mesh, camera, pose, path=HalfPlaneSolver):

@@ -7,6 +7,7 @@ from collections import defaultdict
 import numpy as np
 import pytest
 from exact_cases import box, triangles
+from exact_views import SEEDS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import joined, square
@@ -16,8 +17,6 @@ from rastercov.exact.records import CONSISTENT, NON_MANIFOLD, REVERSED
 from rastercov.exact.surface import surface_of
 from rastercov.mesh import Mesh, contacts
 from rastercov.mesh.contacts import CONTACT, REACH, touching_faces
-
-SEEDS = st.integers(0, 2**32 - 1)
 
 
 def random_mesh(seed):

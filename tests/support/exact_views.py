@@ -1,6 +1,10 @@
 """Driving the exact paths one pose at a time."""
 
 import numpy as np
+import pytest
+from exact_cases import triangles
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from rastercov.camera import Camera
 from rastercov.exact.certificate import CertificateSolver
@@ -12,8 +16,21 @@ from rastercov.viewpoints import look_at
 
 PATHS = (HalfPlaneSolver, CertificateSolver)
 """Every face measured, and regions of faces decided together."""
+SEEDS = st.integers(0, 2**32 - 1)
+on_both_paths = pytest.mark.parametrize("path", PATHS, ids=lambda path: path.__name__)
 ALL_OR_NOTHING = 1e-9
 """A fraction may be this far from 0 or 1 where it is certified to be that: rounding."""
+
+
+def for_seeds_on_both_paths(test):
+    """Run a test of a path and a seed on both paths, for ten seeds each."""
+    return on_both_paths(given(seed=SEEDS)(settings(max_examples=10)(test)))
+
+
+def soup(rng, n=60, size=0.6):
+    """Triangles across one another before the camera; some reach out of the image."""
+    faces = rng.normal(size=(n, 1, 3)) + rng.normal(size=(n, 3, 3)) * size
+    return triangles(*(faces + np.array((0, 0, 5))))
 
 
 def look(mesh, camera, pose, path=CertificateSolver, *, front_only=False):
