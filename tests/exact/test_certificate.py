@@ -47,6 +47,7 @@ def test_no_certificate_is_wrong_on_a_built_in_mesh(name):
     assert certified > 20
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "n"),
     [
