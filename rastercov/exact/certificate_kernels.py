@@ -1,10 +1,8 @@
 """The visibility certificate, compiled by numba: regions where visibility cannot change.
 
-Seen from the camera, the set of surfaces in front of a point changes only across event edges:
-silhouette edges, borders, edges of more than two faces, and the rims where the near plane clips.
-`find_event_edges` finds them, `mark_crossed` the faces that one of them crosses in the image, at or
-before the face. The remaining faces form regions, joined by edges that are no event edges: a region
-is wholly visible or wholly hidden. `find_regions` collects them.
+`find_event_edges` finds the event edges, `mark_crossed` the faces that one of them crosses in the
+image, at or before the face. The remaining faces form regions, joined by edges that are no event
+edges: a region is wholly visible or wholly hidden. `find_regions` collects them. See `certificate`.
 
 A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of Solids. 1967.
 """
@@ -53,19 +51,7 @@ def find_event_edges(edges, projected, is_event, events):
     They include each edge of a face that is seen edge-on up to rounding, and of one that contains
     the camera centre: the visible side of it is unknown.
 
-    Parameters
-    ----------
-    edges, projected
-        Edges and Projected.
-    is_event : (E,) bool
-        Out.
-    events : (E,) int32
-        Out: indices of the event edges.
-
-    Returns
-    -------
-    int
-        Number of event edges.
+    Out: `is_event`, (E,) bool, and their indices in `events`, (E,) int32. Returns their number.
     """
     edge_faces, kind, side, state = edges.faces, edges.kind, projected.side, projected.state
     n = 0
@@ -97,8 +83,8 @@ def mark_uncertifiable(events, edges, projected, in_contact, thinnest, is_at_eve
     ----------
     events : (N,) int32
         Event edges.
-    edges, projected
-        Edges and Projected; `CROSSED` is added to the state.
+    projected : Projected
+        `CROSSED` is added to the state.
     in_contact : (F,) bool
         Faces that another one touches or cuts.
     thinnest : float
@@ -140,20 +126,23 @@ def narrowed(start, end, low, high, first, last):
 
 
 @inlined
+def narrowed_to_inside(start, end, first, last):
+    """Part of the range first ... last where a value that runs from `start` to `end` is >= 0."""
+    if start < 0 and end < 0:
+        return 1.0, 0.0
+    if start < 0:
+        first = max(first, start / (start - end))
+    elif end < 0:
+        last = min(last, start / (start - end))
+    return first, last
+
+
+@inlined
 def crosses(f, a, b, segment, tolerance, projected):
     """True if a segment of the image crosses a face at or before its depth.
 
-    Parameters
-    ----------
-    f : int
-        The face, not clipped in space.
-    a, b : int
-        Vertices at the two ends, or `NO_VERTEX`.
-    segment : (2, 3) float64
-        u, v, w of both ends.
-    tolerance : float
-        Pixels by which the face is grown.
-    projected : Projected
+    The face f is not clipped in space, and is grown by the tolerance, pixels. `segment` has
+    u, v, w of both ends, a and b their vertices, or `NO_VERTEX`.
     """
     faces, uvw = projected.faces, projected.uvw
     u0, v0, w0 = segment[START, U], segment[START, V], segment[START, W]
@@ -191,14 +180,9 @@ def crosses(f, a, b, segment, tolerance, projected):
             if (end if has_a else start) < 0:
                 return False
             continue
-        if start < 0 and end < 0:
+        first, last = narrowed_to_inside(start, end, first, last)
+        if first > last:
             return False
-        if start < 0:
-            first = max(first, start / (start - end))
-        elif end < 0:
-            last = min(last, start / (start - end))
-    if first > last:
-        return False
     # w is affine on both, so its difference is greatest at an end.
     w = uvw[i, W]
     wa, wb = uvw[j, W] - w, uvw[k, W] - w
@@ -269,16 +253,9 @@ def mark_segment(a, b, segment, tolerance, projected, grid, extent):
 
 @allocation_free
 def project_clipped(a, b, vertices, camera, segment):
-    """Project an edge that reaches before the near plane or far out; False if nothing is left.
+    """Project edge a b, which reaches before the near plane or far out; False if nothing is left.
 
-    Parameters
-    ----------
-    a, b : int
-        Its vertices.
-    vertices : (V, 3) float64
-    camera : Pinhole
-    segment : Segment
-        Out: `ends` are a and b, `NO_VERTEX` for an end that was clipped.
+    Out: `segment`, with `NO_VERTEX` for an end that was clipped.
     """
     p, q, ends, uvw = segment.points[START], segment.points[END], segment.ends, segment.uvw
     for k in range(3):
@@ -287,28 +264,15 @@ def project_clipped(a, b, vertices, camera, segment):
             p[k] += (vertices[a, i] - camera.centre[i]) * camera.rotation[i, k]
             q[k] += (vertices[b, i] - camera.centre[i]) * camera.rotation[i, k]
     fx, fy, cx, cy, near = camera.fx, camera.fy, camera.cx, camera.cy, camera.near
-    first, last = 0.0, 1.0
-    for s in range(5):
-        if s == 0:
-            start, end = p[2] - near, q[2] - near
-        elif s == 1:
-            start = fx * p[0] + (cx - camera.u_min) * p[2]
-            end = fx * q[0] + (cx - camera.u_min) * q[2]
-        elif s == 2:
-            start = -fx * p[0] + (camera.u_max - cx) * p[2]
-            end = -fx * q[0] + (camera.u_max - cx) * q[2]
-        elif s == 3:
-            start = fy * p[1] + (cy - camera.v_min) * p[2]
-            end = fy * q[1] + (cy - camera.v_min) * q[2]
-        else:
-            start = -fy * p[1] + (camera.v_max - cy) * p[2]
-            end = -fy * q[1] + (camera.v_max - cy) * q[2]
-        if start < 0 and end < 0:
-            return False
-        if start < 0:
-            first = max(first, start / (start - end))
-        elif end < 0:
-            last = min(last, start / (start - end))
+    first, last = narrowed_to_inside(p[2] - near, q[2] - near, 0.0, 1.0)
+    for axis, focal, offset in (
+        (0, fx, cx - camera.u_min),
+        (0, -fx, camera.u_max - cx),
+        (1, fy, cy - camera.v_min),
+        (1, -fy, camera.v_max - cy),
+    ):
+        start, end = focal * p[axis] + offset * p[2], focal * q[axis] + offset * q[2]
+        first, last = narrowed_to_inside(start, end, first, last)
     if first > last:
         return False
     ends[START] = a if first == 0 else NO_VERTEX
@@ -332,8 +296,9 @@ def mark_crossed(
     ----------
     events : (N,) int32
         Event edges.
-    edges, vertices, camera, projected, grid
-        Edges; (V, 3) float64; Pinhole; Projected, with `CROSSED` added to the state; CellGrid.
+    vertices : (V, 3) float64
+    projected : Projected
+        `CROSSED` is added to the state.
     extent : (7,) float64
         Of `set_up`.
     tolerance : float
@@ -391,12 +356,10 @@ def is_inside(u, v, w, width, height):
 
 @allocation_free
 def find_regions(edges, is_event, camera, projected, region, queue, targets):
-    """Collect the uncrossed faces into regions; number of crossed faces, and of regions.
+    """Collect the faces that are not `CROSSED` into regions; number of crossed faces, of regions.
 
     Parameters
     ----------
-    edges, camera, projected
-        Edges; Pinhole; Projected, with `CROSSED` in the state.
     is_event : (E,) bool
         Of `find_event_edges`.
     region : (F,) int32

@@ -72,14 +72,9 @@ NO_ROOM, ALL_HIDDEN = -1, -2
 
 @inlined
 def outline(f, projected, corners, lines):
-    """Image of a live face; number of corners and of lines.
+    """Fill `corners` and `lines` with the image of a live face; number of corners and of lines.
 
-    Parameters
-    ----------
-    corners : (CORNERS, 2) float64
-        Out: clockwise in the image; within its border only if the face is clipped in space.
-    lines : (SIDES or more, 5) float64
-        Out: lines that bound it.
+    It is clipped to the border of the image only if the face is clipped in space.
     """
     if projected.state[f] & CLIPPED:
         s, clipped = projected.clipped_index[f], projected.clipped
@@ -105,11 +100,10 @@ def outline(f, projected, corners, lines):
 @inlined
 def outline_error(f, camera, projected):
     """Largest error of the outline of a face, pixels."""
-    return (
-        max(camera.pixel_error, projected.clipped.planes[projected.clipped_index[f], OUTLINE_ERROR])
-        if projected.state[f] & CLIPPED
-        else camera.pixel_error
-    )
+    if not projected.state[f] & CLIPPED:
+        return camera.pixel_error
+    plane = projected.clipped_index[f]
+    return max(camera.pixel_error, projected.clipped.planes[plane, OUTLINE_ERROR])
 
 
 @inlined
@@ -143,24 +137,12 @@ def depth_order(t, m, target, n, n_sides, camera, projected, work, area_error):
     """Depth order of face m relative to face t, over the overlap of their images.
 
     The order is unknown where w differs by less than its error, a strip along the line of equal
-    depth. The smaller the angle at which faces pierce each other, the wider the strip.
+    depth. The smaller the angle at which faces pierce each other, the wider the strip. Its area is
+    added to `area_error` of t.
 
-    Parameters
-    ----------
-    target, n : (24, 2) float64, int
-        Image of t.
-    n_sides : int
-        Lines that bound the image of m, in `work.lines`.
-    camera, projected, work
-        Pinhole, Projected and Work.
-    area_error : (F,) float64
-        The area of that strip is added to that of t, px^2.
-
-    Returns
-    -------
-    int
-        `BEHIND`, `IN_FRONT` or `IN_FRONT_IN_PART`; for the last, the line of equal depth is
-        appended to `work.lines`.
+    `target` and n are the image of t; `work.lines` has the `n_sides` lines that bound that of m.
+    The result is `BEHIND`, `IN_FRONT` or `IN_FRONT_IN_PART`; for the last, the line of equal depth
+    is appended to `work.lines`.
     """
     faces, box, lines, spare = projected.faces, projected.box, work.lines, work.spare
     if box[m, W_MIN] > box[t, W_MAX] * (1 + 2 * DEPTH_TIE_REL):
@@ -217,27 +199,14 @@ def depth_order(t, m, target, n, n_sides, camera, projected, work, area_error):
 def find_occluders(
     t, target, n, own, n_own, camera, projected, grid, marks, occluders, work, area_error
 ):
-    """List the faces that hide a part of face t.
+    """Fill `faces`, `order` and `lines` of `occluders` with the faces that hide a part of face t.
 
-    Parameters
-    ----------
-    t, target, n, own, n_own
-        The face, its image and the lines that bound it.
-    camera, projected, grid, work
-        Pinhole, Projected, CellGrid and Work.
-    marks : (F,) int64
-        Last face whose search visited each face.
-    occluders : Occluders
-        Out: `faces`, `order` and `lines`.
-    area_error : (F,) float64
-        The effect of rounding along the outlines of the faces found, and on their depth order, is
-        added to that of t, px^2.
+    `target` and n are the image of t, `own` the `n_own` lines that bound it. `marks` has the last
+    face whose search visited each face. The effect of rounding along the outlines of the faces
+    found, and on their depth order, is added to `area_error` of t.
 
-    Returns
-    -------
-    int
-        Number of faces found; `NO_ROOM` if `occluders` is too small; `ALL_HIDDEN` if one face hides
-        all of t.
+    The result is their number; `NO_ROOM` if `occluders` is too small; `ALL_HIDDEN` if one face
+    hides all of t.
     """
     box, state, lines, corners = projected.box, projected.state, work.lines, work.corners
     starts, entries = grid.starts, grid.entries
@@ -295,13 +264,8 @@ def find_occluders(
 def subtract_occluders(polygon, n, first, last, camera, projected, occluders, pieces, work):
     """Twice the area that some occluders leave of a polygon, or -1 for lack of room.
 
-    Parameters
-    ----------
-    polygon, n : (24, 2) float64, int
-    first, last : int
-        The occluders are rows chosen[first] ... chosen[last - 1] of `occluders`.
-    camera, projected, pieces, work
-        Pinhole, Projected, Pieces and Work; the last two are scratch.
+    They are rows chosen[first] ... chosen[last - 1] of `occluders`; `pieces` and `work` are
+    scratch.
     """
     lines = work.lines
     copy_polygon(polygon, n, pieces.corners[0])
@@ -419,12 +383,10 @@ def visible_areas(
         Faces.
     first : int
         Those before this one are done.
-    camera, projected, grid
-        Pinhole; Projected, as filled by `set_up`; CellGrid.
+    projected : Projected
+        As filled by `set_up`.
     marks : (F,) int64
-        Scratch: below 0 at the start of each pose.
-    occluders, pieces, work : Occluders, Pieces, Work
-        Scratch.
+        Scratch: below 0 at the start of each pose. `occluders`, `pieces`, `work` are scratch, too.
     visible : (F,) float64
         Out: visible px^2 inside the image, for the targets.
     area_error : (F,) float64

@@ -308,15 +308,8 @@ class HalfPlaneSolver:
 
 def _border(width: float, height: float) -> FloatArray:
     """(4, 5) sides of the image as lines, clockwise from the top left corner."""
-    return np.array(
-        [
-            (0, 0, width, 0, 0),
-            (width, 0, 0, height, 0),
-            (width, height, -width, 0, 0),
-            (0, height, 0, -height, 0),
-        ],
-        np.float64,
-    )
+    corners = np.array([(0.0, 0.0), (width, 0.0), (width, height), (0.0, height)])
+    return np.column_stack((corners, np.roll(corners, -1, axis=0) - corners, np.zeros(4)))
 
 
 def _room_for_pieces(n: int, corners: int) -> Pieces:

@@ -1,6 +1,10 @@
 """Arrays and constants that the kernels of the exact methods share.
 
 Image coordinates are u to the right and v down, in pixels; w is 1/z, z being the depth in metres.
+
+The arguments `camera`, `projected`, `clipped`, `grid`, `edges`, `segment`, `occluders`, `pieces`
+and `work` of a kernel are the records defined here: Pinhole, Projected, Clipped, CellGrid and so
+on. A polygon and its corner count n are (N, 2) float64 and int, clockwise; lines are (N, 5).
 """
 
 from collections import namedtuple
