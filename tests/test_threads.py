@@ -79,24 +79,32 @@ def in_threads(n, work):
 # --- in processes of their own, because what breaks here ends Python ------------------------------
 
 
-SHARED = ("certified", "exact", "sampled", "supersample", "rasteriser")
-PARTS = [
-    *(("shared", kind, "1", "2", "None") for kind in SHARED),
-    ("first_use",),
-    ("opened",),
-    ("models", "own"),
-    ("models", "auto"),
-    ("closed", "certified"),
-    ("closed", "rasteriser"),
-    ("forked",),
-]
+PROCESSES = {
+    "first use": [("first_use",)],
+    "one after another": [
+        *(
+            ("shared", kind, "1", "2", "None")
+            for kind in ("certified", "exact", "sampled", "supersample", "rasteriser")
+        ),
+        ("opened",),
+        ("models", "own"),
+        ("models", "auto"),
+        ("closed", "certified"),
+        ("closed", "rasteriser"),
+    ],
+    "forked": [("forked",)],
+}
+"""Parts of the attack by the process that runs them."""
+RUNS = 6
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("part", PARTS, ids=" ".join)
-def test_six_threads_get_the_answers_of_one_bit_for_bit(part):
+@pytest.mark.parametrize("process", PROCESSES)
+def test_six_threads_get_the_answers_of_one_bit_for_bit(process):
+    parts = PROCESSES[process]
+    words = [word for part in parts for word in ("--part", *part)]
     done = subprocess.run(
-        [sys.executable, ATTACK, "--part", *part, "--runs", "12"],
+        [sys.executable, ATTACK, *words, "--runs", f"{RUNS}"],
         capture_output=True,
         text=True,
         check=False,
@@ -104,7 +112,7 @@ def test_six_threads_get_the_answers_of_one_bit_for_bit(part):
     )
     assert done.returncode == 0, done.stderr
     found = [json.loads(line) for line in done.stdout.splitlines()]
-    assert len(found) == 12 * (3 if part[0] == "shared" else 1)
+    assert len(found) == RUNS * sum(3 if part[0] == "shared" else 1 for part in parts)
     assert all(run["answers"] > 0 and run["wrong"] == 0 for run in found), found
     assert not any(run["errors"] for run in found), found
 
