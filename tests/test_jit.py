@@ -203,6 +203,7 @@ def test_a_disk_that_fills_up_while_it_is_written_is_one_line(module, tmp_path):
     assert run(module, cache) == ((21, 1, 0), "")
 
 
+@pytest.mark.slow
 def test_a_write_that_fails_after_all_is_one_more_line(module, tmp_path):
     code = "from rastercov import _jit\n_jit.ROOM = 0\n"
     module.write_text(code + module.read_text())
@@ -312,6 +313,7 @@ with rc.open_rasterizer(mesh, camera, "cpu") as rasterizer:
 # --- notices --------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_program_with_logging_of_its_own_decides_where_notices_go(module, tmp_path):
     code = "import logging\nlogging.basicConfig(filename='log.txt')\n"
     module.write_text(code + module.read_text())

@@ -156,8 +156,9 @@ for name in ("reference", "shaders"):
     except ModuleNotFoundError:
         continue
     raise AssertionError(name + " is importable by itself")
-words = ["demo", "--shape", "box", "--poses", "2", "--device", "surfaceless"]
-sys.exit(cli.command([*words, "--out", sys.argv[3]]))  # on OpenGL there is nothing to compile
+# An open mesh on OpenGL: nothing has to be compiled.
+words = "evaluate teapot-5 -c khepra -p sphere:2 --method sampled --device surfaceless".split()
+sys.exit(cli.command([*words, "--out", sys.argv[3]]))
 """
 
 
