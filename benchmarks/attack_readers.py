@@ -325,6 +325,5 @@ def attack(report: Report, effort: float) -> None:
             growth = len(twice[name]) / len(once[name])
             report.add(f"{name}: {len(twice[name]) / 1e6:.1f} MB", second, "s")
             report.add(
-                f"{name}: time by size, file doubled", second / first / growth, "", must=1.5,
-                at_most=True,
-            )  # fmt: skip
+                f"{name}: time by size, file doubled", second / first / growth, "", at_most=1.5
+            )
