@@ -7,14 +7,14 @@ The race with Open3D gives both two threads and an image of 1280 x 1024: all fac
 one ray through each pixel.
 """
 
-import argparse
-import json
 import os
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 
 import numpy as np
 from rows import Report, arguments
@@ -52,11 +52,7 @@ def main() -> None:
     parser = arguments(__doc__.splitlines()[0])
     parser.add_argument("--rounds", type=int, default=5, help="rounds of each timing")
     parser.add_argument("--figures", type=float, default=1e7, help="certified figures to check")
-    parser.add_argument("--torus", type=int, nargs=2, help=argparse.SUPPRESS)
     args = parser.parse_args()
-    if args.torus:
-        print(json.dumps(_cost_of_torus(*args.torus)))
-        return
     need_open3d()
     report = Report()
     _thesis(report, args.rounds)
@@ -115,8 +111,8 @@ def _queries(report: Report, rounds: int) -> None:
 def _growth(report: Report) -> None:
     """Time and memory from 10^3 to 10^6 faces, each size in a process of its own."""
     for torus in TORI:
-        command = [sys.executable, __file__, "--torus", *map(str, torus)]
-        cost = json.loads(subprocess.run(command, capture_output=True, check=True).stdout)
+        with ProcessPoolExecutor(1, get_context("spawn")) as process:
+            cost = process.submit(_cost_of_torus, *torus).result()
         n = 2 * torus[0] * torus[1]
         limits = {"at_most": 1.5, "aim": 0.3} if n == 1_000_000 else {}
         what = f"torus, {n:,} faces, closed"
