@@ -117,34 +117,6 @@ def aeroplane(density: float) -> Manifold:
     return united.as_original().simplify(SLIVER / density)
 
 
-def n_crossings(mesh: Mesh) -> int:
-    """Edges that pass through or touch a face with which they share no vertex."""
-    edges = np.unique(
-        np.sort(np.stack([mesh.faces, np.roll(mesh.faces, 1, axis=1)], -1).reshape(-1, 2)), axis=0
-    )
-    ends, corners = mesh.vertices[edges], mesh.vertices[mesh.faces]
-    low, high = corners.min(axis=1), corners.max(axis=1)
-
-    def volume(p: Points, q: Points, r: Points, s: Points) -> Points:
-        six_volumes: Points = np.einsum("ij,ij->i", np.cross(q - p, r - p), s - p)
-        return six_volumes
-
-    count = 0
-    for start in range(0, len(edges), 500):  # blocks keep the boxes' (edges, faces) table small
-        block = ends[start : start + 500]
-        meets = (block.min(axis=1)[:, None] <= high) & (block.max(axis=1)[:, None] >= low)
-        edge, face = meets.all(axis=2).nonzero()
-        edge += start
-        is_apart = (edges[edge][:, :, None] != mesh.faces[face][:, None]).all(axis=(1, 2))
-        p, q = np.moveaxis(ends[edge[is_apart]], 1, 0)
-        a, b, c = np.moveaxis(corners[face[is_apart]], 1, 0)
-        sides = np.stack([volume(p, q, a, b), volume(p, q, b, c), volume(p, q, c, a)])
-        is_through = (sides >= 0).all(axis=0) | (sides <= 0).all(axis=0)
-        is_across = volume(a, b, c, p) * volume(a, b, c, q) <= 0
-        count += int((is_through & is_across).sum())
-    return count
-
-
 def decimated(n_faces: int) -> Mesh:
     fine = aeroplane(DENSITY[n_faces]).to_mesh()
     points = np.array(fine.vert_properties[:, :3], dtype=np.float32)
@@ -164,7 +136,7 @@ def check(report: Report, n_faces: int, mesh: Mesh) -> None:
         ("closed, wound alike, outward", mesh.can_cull_back_faces, True),
         ("bodies", len(to_manifold(mesh.vertices, mesh.faces).decompose()), 1),
         ("degenerate or duplicate", int(flawed.sum()), 0),
-        ("edges through faces", n_crossings(mesh), 0),
+        ("faces that touch or cut another", int(mesh.contacts.faces_for().sum()), 0),
     ):
         report.check(f"{what}: {figure}, {value}: must be {wanted}", value == wanted)
     report.add(f"{what}: smallest face", float(mesh.areas.min()), "m^2")
