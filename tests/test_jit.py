@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from notices import NOTICE
+from processes import python
 
 import rastercov
 from rastercov import _jit as compiled
@@ -55,16 +56,9 @@ def run(module, cache, **options):
 
 def run_all(names, module, cache, **options):
     """As `run`, of several modules beside `module` in one process: a triple of each."""
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", f"import {', '.join(names)}"],
-        env=os.environ
-        | {"PYTHONPATH": f"{module.parent}{os.pathsep}{ROOT}", "NUMBA_CACHE_DIR": str(cache)},
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-        **options,
-    )
+    path = {"PYTHONPATH": f"{module.parent}{os.pathsep}{ROOT}", "NUMBA_CACHE_DIR": str(cache)}
+    words = ("-W", "error", "-c", f"import {', '.join(names)}")
+    done = python(*words, env=os.environ | path, **options)
     assert done.returncode == 0, done.stderr
     return [tuple(map(int, line.split())) for line in done.stdout.splitlines()], done.stderr
 

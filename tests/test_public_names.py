@@ -4,13 +4,12 @@ import ast
 import dataclasses
 import importlib
 import inspect
-import subprocess
-import sys
 from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 import pytest
+from processes import python
 
 import rastercov
 import rastercov.shapes
@@ -158,7 +157,7 @@ def test_the_version_is_that_of_the_distribution():
 @pytest.mark.slow
 def test_importing_the_package_opens_no_graphics():
     code = "import sys, rastercov; print({'moderngl', 'trimesh', 'rich'} & set(sys.modules))"
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    found = python("-c", code)
     assert found.stdout.strip() == "set()"
 
 

@@ -2,13 +2,13 @@
 
 import json
 import re
-import subprocess
-import sys
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 import pytest
 from notices import without_notices
+from processes import python
 from scenes import joined
 
 import rastercov as rc
@@ -28,22 +28,20 @@ FIGURES = (
 RUNS = 10
 
 
-@pytest.fixture(scope="module")
-def table_4_2():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(BENCHMARKS))
-        import thesis_table_4_2
+def benchmark_module(name):
+    """Fixture of a module of benchmarks/."""
 
-        yield thesis_table_4_2
+    @pytest.fixture(scope="module")
+    def imported():
+        with pytest.MonkeyPatch.context() as patch:
+            patch.syspath_prepend(str(BENCHMARKS))
+            yield import_module(name)
+
+    return imported
 
 
-@pytest.fixture(scope="module")
-def table_6_1():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(BENCHMARKS))
-        import thesis_table_6_1
-
-        yield thesis_table_6_1
+table_4_2 = benchmark_module("thesis_table_4_2")
+table_6_1 = benchmark_module("thesis_table_6_1")
 
 
 def possible(mean, best, worst, deviation, digits=0.5e-3):
@@ -189,12 +187,7 @@ def test_an_answer_that_changes_fails_the_benchmark(table_4_2, eclipse, monkeypa
 
 
 def benchmark(*arguments):
-    return subprocess.run(
-        [sys.executable, str(BENCHMARKS / "thesis_table_4_2.py"), *arguments],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    return python(BENCHMARKS / "thesis_table_4_2.py", *arguments)
 
 
 @pytest.mark.slow
@@ -266,13 +259,7 @@ def test_segments_of_figures_are_those_of_the_docs():
 @pytest.mark.slow
 def test_the_program_in_the_docs_draws_figures(tmp_path):
     (program,) = re.findall(r"```python\n(.*?)```", THESIS, re.DOTALL)
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", program],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = python("-W", "error", "-c", program, cwd=tmp_path)
     assert (done.returncode, without_notices(done.stderr)) == (0, "")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["cameras.png", "segments.png"]
     assert done.stdout.split() == ["30", "segments"]

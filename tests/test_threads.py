@@ -2,8 +2,6 @@
 
 import json
 import os
-import subprocess
-import sys
 import threading
 import time
 import tracemalloc
@@ -15,6 +13,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from processes import python
 
 import rastercov as rc
 from rastercov import _jit as compiled
@@ -103,13 +102,7 @@ RUNS = 6
 def test_six_threads_get_the_answers_of_one_bit_for_bit(process):
     parts = PROCESSES[process]
     words = [word for part in parts for word in ("--part", *part)]
-    done = subprocess.run(
-        [sys.executable, ATTACK, *words, "--runs", f"{RUNS}"],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=300,
-    )
+    done = python(ATTACK, *words, "--runs", RUNS)
     assert done.returncode == 0, done.stderr
     found = [json.loads(line) for line in done.stdout.splitlines()]
     assert len(found) == RUNS * sum(3 if part[0] == "shared" else 1 for part in parts)
@@ -118,9 +111,7 @@ def test_six_threads_get_the_answers_of_one_bit_for_bit(process):
 
 
 def run_python(code):
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=120
-    )
+    done = python("-c", code, timeout=120)
     assert done.returncode == 0, done.stderr
 
 
