@@ -40,7 +40,7 @@ tasks = st.builds(
     cap_resolution=st.booleans(),
 )
 shared_device = settings(
-    max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None
+    max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None
 )
 
 
