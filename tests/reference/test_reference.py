@@ -75,7 +75,7 @@ def test_polygons_answers_are_right(case):
 
 def test_whole_is_what_a_lone_face_shows():
     mesh, camera = triangles([(-1, -1, 4), (1, -0.5, 3), (0.25, 1, 2)]), window()
-    assert exact(Case("lone", mesh, camera)) == exact_cases.whole(mesh, camera)
+    assert exact(Case("lone", mesh, camera=camera)) == exact_cases.whole(mesh, camera)
     area = reference.visible_area(mesh, camera, AHEAD)
     np.testing.assert_array_equal(area, reference.image_area(mesh, camera, AHEAD))
 
@@ -84,8 +84,8 @@ def test_the_lower_index_wins_only_where_depths_are_tied():
     near, far = square(1, 2), square(2, 4)
     nearer = joined(far, near)
     tied = joined(far, Mesh(vertices=near.vertices * 2, faces=near.faces))
-    assert exact(Case("nearer", nearer, window())) == [0, 0, 5000, 5000]
-    assert exact(Case("tied", tied, window())) == [5000, 5000, 0, 0]
+    assert exact(Case("nearer", nearer)) == [0, 0, 5000, 5000]
+    assert exact(Case("tied", tied)) == [5000, 5000, 0, 0]
 
 
 @pytest.mark.parametrize("module", [polygons, rational])
@@ -373,7 +373,7 @@ def test_culling_changes_no_closed_surface_seen_from_outside(name):
     mesh = solids[name]
     size = float(np.abs(mesh.bounds).max())
     pose = look_at(4 * size * np.array((0.6, -0.7, 0.4)), (0, 0, 0))[0]
-    case = Case(name, mesh, window(256, 256, 300), pose)
+    case = Case(name, mesh, camera=window(256, 256, 300), pose=pose)
     both = np.array(exact(case))
     assert sum(exact(case, cull=True)) > 1000
     np.testing.assert_allclose(

@@ -8,16 +8,21 @@ from pathlib import Path
 TESTS = Path(__file__).parents[1]
 
 
-def run_python(*command, paths=(), timeout=300, **environment):
-    """Run `python *command` with this checkout, tests/support and `paths` to import, to success."""
-    paths = map(str, (TESTS.parent, TESTS / "support", *paths))
-    done = subprocess.run(
-        [sys.executable, *map(str, command)],
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(paths)} | environment,
+def python(*words, timeout=300, **options):
+    """Result of this Python with these words; what it says is text, and an error is no error."""
+    return subprocess.run(
+        [sys.executable, *map(str, words)],
         capture_output=True,
         text=True,
-        timeout=timeout,
         check=False,
+        timeout=timeout,
+        **options,
     )
+
+
+def run_python(*words, paths=(), timeout=300, **environment):
+    """Run Python to success with this checkout, tests/support and `paths` to import."""
+    paths = os.pathsep.join(map(str, (TESTS.parent, TESTS / "support", *paths)))
+    done = python(*words, timeout=timeout, env=os.environ | {"PYTHONPATH": paths} | environment)
     assert done.returncode == 0, done.stderr
     return done

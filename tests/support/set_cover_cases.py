@@ -1,16 +1,14 @@
 """Set-cover problems whose optimum is known: published files, triple systems, brute force."""
 
-import runpy
 from functools import partial
 from itertools import combinations, permutations
 from pathlib import Path
 
 import numpy as np
+from set_cover_file import read_set_cover as read_set_cover
 
 from rastercov.placement.select.problem import BestCoverage, FewestCameras, problem_of_matrix
 
-READER = Path(__file__).parents[2] / "benchmarks" / "set_cover_file.py"
-read_set_cover = runpy.run_path(str(READER))["read_set_cover"]
 FOLDER = Path(__file__).parents[1] / "data" / "set_cover"
 OPTIMA = {"scp41": 429, "scp42": 512, "scp51": 253, "scpa1": 253, "scpe1": 5}
 """Least costs of the problems of OR-Library in `FOLDER`, as published."""
