@@ -7,7 +7,9 @@ by their bound and no more, and a face that is certified must be wholly visible 
 from dataclasses import dataclass
 
 import numpy as np
+from exact_cases import box
 from rows import Report
+from scenes import joined
 
 import rastercov as rc
 from rastercov import shapes
@@ -41,7 +43,7 @@ def attack(report: Report, effort: float) -> None:
         compare(seed, score)
     report.add("exact: certified figures compared with fractions", score.certified, "figures")
     report.add("exact: computed figures compared with fractions", score.computed, "figures")
-    report.add("exact: largest error as a part of its bound", score.worst, "", 1.0, at_most=True)
+    report.add("exact: largest error as a part of its bound", score.worst, "", at_most=1.0)
     report.check("exact: no wrong certificate", score.wrong == 0)
     report.check("exact: no bound exceeded", score.exceeded == 0)
 
@@ -139,15 +141,6 @@ def _pose(mesh, number: int, rng):
 # --- scenes --------------------------------------------------------------------------------------
 
 
-def joined(*meshes) -> rc.Mesh:
-    """All faces in one mesh, vertices kept apart."""
-    starts = np.cumsum([0] + [mesh.n_vertices for mesh in meshes[:-1]])
-    return rc.Mesh(
-        vertices=np.concatenate([mesh.vertices for mesh in meshes]),
-        faces=np.concatenate([m.faces + start for m, start in zip(meshes, starts, strict=True)]),
-    )
-
-
 def moved(mesh, rng, size=1.0) -> rc.Mesh:
     """The mesh turned, scaled and shifted, or (one time in three) left on the axes."""
     if rng.random() < 1 / 3:
@@ -155,15 +148,6 @@ def moved(mesh, rng, size=1.0) -> rc.Mesh:
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     turn[:, 0] *= np.sign(np.linalg.det(turn))
     return rc.Mesh(vertices=mesh.vertices @ turn.T * size + rng.normal(size=3), faces=mesh.faces)
-
-
-def box(low, high) -> rc.Mesh:
-    """Closed box of 12 faces, outward."""
-    low, high = np.asarray(low, float), np.asarray(high, float)
-    corner = np.array([(i >> 2 & 1, i >> 1 & 1, i & 1) for i in range(8)])
-    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    faces = [t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))]
-    return rc.Mesh(vertices=np.where(corner, high, low), faces=faces)
 
 
 def prism(ring, low=-1.0, high=1.0) -> rc.Mesh:

@@ -5,16 +5,13 @@ The calls and values are those of tests/support/misuse_calls.py; here they are c
 
 import sys
 import warnings
-from pathlib import Path
 
 import numpy as np
+from misuse_calls import VALUES, calls, is_wish_for_much_work
 from rows import Report
 
 import rastercov as rc
 from rastercov import shapes
-
-sys.path.append(str(Path(__file__).parents[1] / "tests" / "support"))
-from misuse_calls import VALUES, calls, is_wish_for_much_work
 
 SPOILED = 4_000
 """Calls with wrong arguments of a whole campaign."""
@@ -34,11 +31,12 @@ def attack(report: Report, effort: float) -> None:
     for seed, fault in faults + wrong:
         print(f"seed {seed}: {fault}", file=sys.stderr)
     report.add("calls with wrong arguments", n_calls, "calls")
-    report.add("calls that end in anything but a result or one line", len(faults), "calls", 0,
-               at_most=True)  # fmt: skip
+    report.add(
+        "calls that end in anything but a result or one line", len(faults), "calls", at_most=0
+    )
     report.check("every wrong argument is used or refused in one line", not faults)
     report.add("extreme scenes", n_scenes, "scenes")
-    report.add("scenes that warn, fail or give NaN", len(wrong), "scenes", 0, at_most=True)
+    report.add("scenes that warn, fail or give NaN", len(wrong), "scenes", at_most=0)
     report.check("every extreme scene has an answer without a warning", not wrong)
 
 

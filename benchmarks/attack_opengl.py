@@ -11,10 +11,10 @@ Random scenes have fixed seeds. The assemblies are put to the CPU rasteriser, to
 """
 
 import sys
-from pathlib import Path
 
 import numpy as np
 from contexts import MOST_KIB, OURS, growth_in_a_process
+from coplanar_scenes import CAMERA, EDGE, GAP, SCENES, views, wrong_samples
 from rows import Report
 
 from rastercov import shapes
@@ -24,13 +24,8 @@ from rastercov.mesh import Mesh
 from rastercov.raster.cpu import CPURasterizer
 from rastercov.raster.gl import PLANS, GLRasterizer
 from rastercov.raster.gl.context import HeadlessContext, open_context
+from rastercov.reference import samples
 from rastercov.viewpoints import look_at
-
-TESTS = Path(__file__).parents[1] / "tests" / "support"
-sys.path.insert(0, str(TESTS))
-from coplanar_scenes import CAMERA, EDGE, GAP, SCENES, views, wrong_samples  # noqa: E402 - on the path set above
-
-from rastercov.reference import samples  # noqa: E402 - sorted after it
 
 SCENES_AT_FULL, CAMERAS_AT_FULL, ROUNDS_AT_FULL = 500, 150, 300
 FEW_ROUNDS = 150
@@ -115,7 +110,7 @@ def attack(report: Report, effort: float) -> None:
         for plan in (*PLANS, "cpu"):
             total = sum(found[plan] for found in wrong)
             what = f"{n_scenes} coplanar assemblies, {plan}"
-            report.add(f"{what}: wrong samples", total, "samples", 0, at_most=True)
+            report.add(f"{what}: wrong samples", total, "samples", at_most=0)
             report.check(f"{what}: the lowest face is seen", total == 0)
 
         found = [wrong_through_camera(seed, context) for seed in range(n_cameras)]
@@ -126,6 +121,8 @@ def attack(report: Report, effort: float) -> None:
             right = all(answer in (0, -1) for answer in answers)
             report.check(f"{what}: all others right", right)
 
+    if effort < 0.05:  # the noise of fewer rounds is larger than what may stay
+        return
     rounds = max(FEW_ROUNDS, round(ROUNDS_AT_FULL * effort))
     for kind in OURS:
         kib = growth_in_a_process(kind, rounds)
@@ -133,5 +130,5 @@ def attack(report: Report, effort: float) -> None:
             print(f"{kind} is left out: {kib}", file=sys.stderr)
             continue
         what = f"{rounds} contexts, {kind}: resident memory that stays of each"
-        report.add(what, kib["resident"], "KiB", MOST_KIB, at_most=True)
+        report.add(what, kib["resident"], "KiB", at_most=MOST_KIB)
         report.check(f"{what} is below {MOST_KIB:g} KiB", kib["resident"] <= MOST_KIB)

@@ -56,8 +56,7 @@ def main() -> None:
         if args.bits:
             report.check(f"{cell}: the same bits", digest == digest_of_other)
         ratios = [ours[cell][0] / theirs[cell][0] for ours, theirs in rounds[1:]]
-        report.add(f"{cell}: time to the other's", statistics.median(ratios), "", MOST,
-                   at_most=True)  # fmt: skip
+        report.add(f"{cell}: time to the other's", statistics.median(ratios), "", at_most=MOST)
     report.finish(args.json)
 
 

@@ -13,9 +13,8 @@ import json
 import subprocess
 import sys
 from collections.abc import Callable
-from pathlib import Path
 
-from rows import Report, arguments
+from rows import Report, arguments, resident_mib
 
 WARM_UP = 60
 MOST_KIB = 8.0
@@ -122,11 +121,11 @@ def growth(kind: str, rounds: int) -> dict[str, float]:
     for _ in range(WARM_UP):
         once()
     gc.collect()
-    before = _resident(), _in_use()
+    before = 1024 * resident_mib(), _in_use()
     for _ in range(rounds):
         once()
     gc.collect()
-    after = _resident(), _in_use()
+    after = 1024 * resident_mib(), _in_use()
     return {"resident": (after[0] - before[0]) / rounds, "malloc": (after[1] - before[1]) / rounds}
 
 
@@ -138,10 +137,6 @@ def growth_in_a_process(kind: str, rounds: int) -> dict[str, float] | str:
         return (run.stderr.strip().splitlines() or ["no answer"])[-1]
     found: dict[str, float] = json.loads(run.stdout.splitlines()[-1])
     return found
-
-
-def _resident() -> float:
-    return int(Path("/proc/self/statm").read_text().split()[1]) * 4.0
 
 
 class _Mallinfo(ctypes.Structure):
@@ -176,9 +171,7 @@ def main() -> None:
             print(f"{what} is left out: {found}", file=sys.stderr)
             continue
         must = MOST_KIB if kind in OURS else None
-        report.add(
-            f"{what}: resident memory a context", found["resident"], "KiB", must, at_most=True
-        )
+        report.add(f"{what}: resident memory a context", found["resident"], "KiB", at_most=must)
         report.add(f"{what}: memory of malloc a context", found["malloc"], "KiB")
         if must is not None:
             report.check(f"{what}: what stays is below {must:g} KiB", found["resident"] <= must)

@@ -44,9 +44,11 @@ def cost_of_drawn(report) -> None:
                     added.append(100 * (times[1] / times[0] - 1))
             what = f"{scene}, {mesh.n_faces:,} faces, {width} x {height}"
             report.add(
-                f"{what}: drawn adds to a pose", statistics.median(added[1:]), "%", MOST_ADDED,
-                at_most=True,
-            )  # fmt: skip
+                f"{what}: drawn adds to a pose",
+                statistics.median(added[1:]),
+                "%",
+                at_most=MOST_ADDED,
+            )
 
 
 def later_starts(report) -> None:
@@ -59,9 +61,11 @@ def later_starts(report) -> None:
             subprocess.run(command, check=True, stderr=subprocess.DEVNULL)
             times.append(time.perf_counter() - started)
         report.add(
-            f"a later start, import to first {what}", statistics.median(times[1:]), "s",
-            MOST_SECONDS, at_most=True,
-        )  # fmt: skip
+            f"a later start, import to first {what}",
+            statistics.median(times[1:]),
+            "s",
+            at_most=MOST_SECONDS,
+        )
 
 
 def memory_of_workers(report) -> None:
@@ -90,12 +94,10 @@ def memory_of_workers(report) -> None:
     report.add(f"{what}: the mesh's own arrays", arrays, "MiB")
     report.add(f"{what}: one image, face and depth", image, "MiB")
     report.add(f"{what}: counts of a pose", 8 * mesh.n_faces / 2**20, "MiB")
-    report.add(
-        f"{what}: one worker while it counts a pose", counting[1], "MiB", limit, at_most=True
-    )
+    report.add(f"{what}: one worker while it counts a pose", counting[1], "MiB", at_most=limit)
     each = (counting[3] - counting[1]) / 2
-    report.add(f"{what}: each worker more", each, "MiB", limit, at_most=True)
+    report.add(f"{what}: each worker more", each, "MiB", at_most=limit)
     report.add(f"{what}: held once for all workers", held, "MiB")
-    report.add(f"{what}: peak while it opens, once a mesh", opening, "MiB", limit, at_most=True)
+    report.add(f"{what}: peak while it opens, once a mesh", opening, "MiB", at_most=limit)
     most = max(opening, held + counting[1])
-    report.add(f"{what}: peak of all, one worker", most, "MiB", limit, at_most=True)
+    report.add(f"{what}: peak of all, one worker", most, "MiB", at_most=limit)

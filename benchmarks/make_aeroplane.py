@@ -7,9 +7,6 @@ alone, and what it holds is compared with what was remade. Exits 1 when a mesh i
     python benchmarks/make_aeroplane.py [--write] [--json]
 """
 
-import argparse
-import json
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +15,7 @@ import numpy as np
 from manifold3d import Manifold
 from manifold3d import Mesh as ManifoldMesh
 from numpy.typing import NDArray
+from rows import Report, arguments
 
 from rastercov.mesh import Mesh
 
@@ -119,34 +117,6 @@ def aeroplane(density: float) -> Manifold:
     return united.as_original().simplify(SLIVER / density)
 
 
-def n_crossings(mesh: Mesh) -> int:
-    """Edges that pass through or touch a face with which they share no vertex."""
-    edges = np.unique(
-        np.sort(np.stack([mesh.faces, np.roll(mesh.faces, 1, axis=1)], -1).reshape(-1, 2)), axis=0
-    )
-    ends, corners = mesh.vertices[edges], mesh.vertices[mesh.faces]
-    low, high = corners.min(axis=1), corners.max(axis=1)
-
-    def volume(p: Points, q: Points, r: Points, s: Points) -> Points:
-        six_volumes: Points = np.einsum("ij,ij->i", np.cross(q - p, r - p), s - p)
-        return six_volumes
-
-    count = 0
-    for start in range(0, len(edges), 500):  # blocks keep the boxes' (edges, faces) table small
-        block = ends[start : start + 500]
-        meets = (block.min(axis=1)[:, None] <= high) & (block.max(axis=1)[:, None] >= low)
-        edge, face = meets.all(axis=2).nonzero()
-        edge += start
-        is_apart = (edges[edge][:, :, None] != mesh.faces[face][:, None]).all(axis=(1, 2))
-        p, q = np.moveaxis(ends[edge[is_apart]], 1, 0)
-        a, b, c = np.moveaxis(corners[face[is_apart]], 1, 0)
-        sides = np.stack([volume(p, q, a, b), volume(p, q, b, c), volume(p, q, c, a)])
-        is_through = (sides >= 0).all(axis=0) | (sides <= 0).all(axis=0)
-        is_across = volume(a, b, c, p) * volume(a, b, c, q) <= 0
-        count += int((is_through & is_across).sum())
-    return count
-
-
 def decimated(n_faces: int) -> Mesh:
     fine = aeroplane(DENSITY[n_faces]).to_mesh()
     points = np.array(fine.vert_properties[:, :3], dtype=np.float32)
@@ -155,62 +125,43 @@ def decimated(n_faces: int) -> Mesh:
     return Mesh(vertices=vertices.astype(np.float32), faces=faces)
 
 
-def checks(n_faces: int, mesh: Mesh) -> list[dict[str, Any]]:
+def check(report: Report, n_faces: int, mesh: Mesh) -> None:
     corners = mesh.vertices[mesh.faces]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    values: list[tuple[str, float, str, float | None]] = [
-        ("faces", mesh.n_faces, "", n_faces),
-        ("vertices", mesh.n_vertices, "", n_faces // 2 + 2),  # closed, genus 0: V = F/2 + 2
-        ("closed, wound alike, outward", float(mesh.can_cull_back_faces), "", 1),
-        ("bodies", len(to_manifold(mesh.vertices, mesh.faces).decompose()), "", 1),
-        ("degenerate or duplicate", int((mesh.degenerate_mask | mesh.duplicate_mask).sum()), "", 0),
-        ("edges through faces", n_crossings(mesh), "", 0),
-        ("smallest face", float(mesh.areas.min()), "m^2", None),
-        ("median slenderness", float(np.median(longest**2 / mesh.areas)), "", None),
-    ]
-    return [
-        {
-            "what": f"aeroplane {n_faces}: {what}",
-            "value": value,
-            "unit": unit,
-            "must": must,
-            "aim": None,
-            "holds": None if must is None else value == must,
-        }
-        for what, value, unit, must in values
-    ]
+    flawed = mesh.degenerate_mask | mesh.duplicate_mask
+    what = f"aeroplane {n_faces}"
+    for figure, value, wanted in (
+        ("faces", mesh.n_faces, n_faces),
+        ("vertices", mesh.n_vertices, n_faces // 2 + 2),  # closed, genus 0: V = F/2 + 2
+        ("closed, wound alike, outward", mesh.can_cull_back_faces, True),
+        ("bodies", len(to_manifold(mesh.vertices, mesh.faces).decompose()), 1),
+        ("degenerate or duplicate", int(flawed.sum()), 0),
+        ("faces that touch or cut another", int(mesh.contacts.faces_for().sum()), 0),
+    ):
+        report.check(f"{what}: {figure}, {value}: must be {wanted}", value == wanted)
+    report.add(f"{what}: smallest face", float(mesh.areas.min()), "m^2")
+    report.add(f"{what}: median slenderness", float(np.median(longest**2 / mesh.areas)), "")
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+def main() -> None:
+    parser = arguments(__doc__.splitlines()[0])
     parser.add_argument("--write", action="store_true", help=f"overwrite {STORED.name}")
-    parser.add_argument("--json", action="store_true", help="print the rows as JSON")
-    options = parser.parse_args()
-
+    args = parser.parse_args()
+    report = Report()
     arrays: dict[str, NDArray[Any]] = {}
-    rows = []
     for n_faces in DENSITY:
         mesh = decimated(n_faces)
         arrays[f"vertices_{n_faces}"] = mesh.vertices.astype(np.float32)
         arrays[f"faces_{n_faces}"] = mesh.faces.astype(np.uint16)
-        rows += checks(n_faces, mesh)
-    failed = [row["what"] for row in rows if row["holds"] is False]
-    if options.write and not failed:
+        check(report, n_faces, mesh)
+    if args.write and not report.failed:
         np.savez_compressed(STORED, allow_pickle=False, **arrays)
     with np.load(STORED, allow_pickle=False) as stored:
         is_same = all(np.array_equal(stored[name], array) for name, array in arrays.items())
-    same = {"what": "stored file equals remade one", "value": int(is_same), "unit": ""}
-    rows.append({**same, "must": None, "aim": 1, "holds": None})  # library versions may differ
-
-    if options.json:
-        print(json.dumps(rows))
-    else:
-        for row in rows:
-            print(f"{row['what']:48} {row['value']:.6g} {row['unit']}")
-    if failed:
-        print(f"failed: {', '.join(failed)}", file=sys.stderr)
-    return 1 if failed else 0
+    # Library versions may differ.
+    report.add("stored file equals remade one", int(is_same), "", aim=1)
+    report.finish(args.json)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

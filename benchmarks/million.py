@@ -11,7 +11,6 @@ part of 1,970 faces, is built at once, and again in a folder by a process that i
 """
 
 import hashlib
-import os
 import signal
 import subprocess
 import sys
@@ -21,7 +20,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from rows import Report, arguments
+from rows import Report, arguments, resident_mib
 
 import rastercov as rc
 from rastercov import shapes
@@ -95,7 +94,7 @@ def _at_once(report: Report, n_poses: int, threads: int) -> str:
             fingerprints[done : done + len(fingerprint)] = fingerprint
             totals += total
             done += len(fingerprint)
-            resident.append(_resident())
+            resident.append(resident_mib())
     seconds = time.perf_counter() - started
     level = resident[int(WARM_UP * len(resident)) :]
     tenth = max(1, len(level) // 10)
@@ -103,7 +102,7 @@ def _at_once(report: Report, n_poses: int, threads: int) -> str:
     report.add("poses in one process", n_poses, "poses")
     report.add("poses a second, hash included", n_poses / seconds, "poses/s")
     report.add("resident memory at the end", resident[-1], "MiB")
-    report.add("drift: last tenth over first, medians", drift, "MiB", 5, 1, at_most=True)
+    report.add("drift: last tenth over first, medians", drift, "MiB", at_most=5, aim=1)
     report.add("highest over lowest after the warm-up", np.ptp(level), "MiB")
     return _hash(fingerprints, totals)
 
@@ -180,11 +179,6 @@ def _run_until(command, folder: Path, pattern: str, n_files: float, how: signal.
     if process.poll() is None:
         process.send_signal(how)
     process.wait()
-
-
-def _resident() -> float:
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
 
 
 if __name__ == "__main__":

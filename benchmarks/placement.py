@@ -18,7 +18,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from rows import Report, arguments
+from rows import SUPPORT, Report, arguments
+from set_cover_cases import COVERS, FOLDER, OPTIMA, read_set_cover, steiner
 
 import rastercov as rc
 from rastercov import shapes
@@ -40,16 +41,6 @@ from rastercov.placement.select.problem import (
     problem_of_matrix,
 )
 from rastercov.placement.select.thesis import select_thesis
-
-TESTS = Path(__file__).parents[1] / "tests" / "support"
-sys.path.append(str(TESTS))
-from set_cover_cases import (  # noqa: E402 - the tests' instances
-    COVERS,
-    FOLDER,
-    OPTIMA,
-    read_set_cover,
-    steiner,
-)
 
 PARTS = ("methods", "published", "best", "large", "kills")
 
@@ -241,18 +232,13 @@ def best_coverage(report: Report, seconds: float) -> None:
         short = [100 * (1 - s.objective / best) for s in quick]
         report.add(f"k = {k}: best found covers", 100 * best, "% of the area")
         report.add(
-            f"k = {k}: greedy + swaps below it, worst of 5 seeds",
-            max(short),
-            "%",
-            0.3,
-            at_most=True,
+            f"k = {k}: greedy + swaps below it, worst of 5 seeds", max(short), "%", at_most=0.3
         )
         report.add(
             f"k = {k}: greedy + swaps, longest of 5",
             max(s.seconds for s in quick),
             "s",
-            1.0,
-            at_most=True,
+            at_most=1.0,
         )
         report.add(f"k = {k}: greedy + swaps, gap to its bound", 100 * quick[0].gap, "%")
         report.add(f"k = {k}: plain greedy below the best", 100 * (1 - plain.objective / best), "%")
@@ -307,14 +293,14 @@ def large(report: Report, count: int) -> None:
     report.add(f"{name}: disk", disk / 2**20, "MiB")
     report.add(f"{name}: 20 cameras cover", 100 * selection["share"], "% of the area")
     report.add(f"{name}: gap", 100 * selection["gap"], "%")
-    report.add(f"{name}: all of it", seconds, "s", 300, at_most=True)
-    report.add(f"{name}: peak memory", usage.ru_maxrss / 1024, "MiB", 1024, at_most=True)
+    report.add(f"{name}: all of it", seconds, "s", at_most=300)
+    report.add(f"{name}: peak memory", usage.ru_maxrss / 1024, "MiB", at_most=1024)
 
 
 def kills(report: Report) -> None:
     """A matrix built under 20 kills -9 at random moments."""
     with tempfile.TemporaryDirectory() as folder:
-        script = str(TESTS / "kill_matrix.py")
+        script = str(SUPPORT / "kill_matrix.py")
         done = subprocess.run(
             [sys.executable, script, "20", "2000", folder],
             check=True,
@@ -324,9 +310,7 @@ def kills(report: Report) -> None:
     result = json.loads(done.stdout)
     report.check("kill -9: the matrix is identical", result["same"])
     report.add("kill -9: hits while it was being built", result["kills"], "kills")
-    report.add(
-        "kill -9: whole shards written again", result["rewritten"], "shards", 0, at_most=True
-    )
+    report.add("kill -9: whole shards written again", result["rewritten"], "shards", at_most=0)
     report.check("kill -9: nothing is left lying about", not result["left"])
 
 

@@ -1,10 +1,18 @@
-"""The form every benchmark reports in: rows of what, value, unit, must, aim, holds."""
+"""The form every benchmark reports in: rows of what, value, unit, must, aim, holds.
+
+Where this is imported, modules of `tests/support` can be, too.
+"""
 
 import argparse
 import json
+import os
 import platform
 import sys
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
+from pathlib import Path
+
+SUPPORT = Path(__file__).parents[1] / "tests" / "support"
+sys.path.append(str(SUPPORT))
 
 
 @dataclass
@@ -22,11 +30,15 @@ class Report:
         must: float | None = None,
         aim: float | None = None,
         *,
-        at_most: bool = False,
+        at_most: float | None = None,
     ) -> None:
-        """One figure; `must` and `aim` are lower limits, or upper ones with `at_most`."""
-        holds = None if must is None else bool(value <= must if at_most else value >= must)
-        self.rows.append(asdict(_Row(what, value, unit, must, aim, holds)))
+        """One figure; `must` and `aim` are lower limits, `at_most` and `aim` upper ones."""
+        holds = None if must is None else bool(value >= must)
+        if at_most is not None:
+            must, holds = at_most, bool(value <= at_most)
+        self.rows.append(
+            {"what": what, "value": value, "unit": unit, "must": must, "aim": aim, "holds": holds}
+        )
 
     def check(self, what: str, passed: bool) -> None:
         """A correctness check: one that fails makes the benchmark exit with 1."""
@@ -51,14 +63,10 @@ class Report:
         sys.exit(1 if self.failed else 0)
 
 
-@dataclass(frozen=True)
-class _Row:
-    what: str
-    value: float
-    unit: str
-    must: float | None
-    aim: float | None
-    holds: bool | None
+def resident_mib() -> float:
+    """Memory that this process has now, MiB."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
 
 
 def arguments(description: str) -> argparse.ArgumentParser:

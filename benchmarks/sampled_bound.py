@@ -14,6 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 from rows import Report, arguments
+from scenes import joined
 
 import rastercov as rc
 from rastercov import shapes
@@ -120,7 +121,7 @@ def machined(rng: np.random.Generator, n: int) -> Iterator[tuple[rc.Mesh, np.nda
 
 def _spheres(rng: np.random.Generator, n: int) -> rc.Mesh:
     parts = [shapes.sphere(int(rng.integers(1, 3)), rng.uniform(0.3, 0.9)) for _ in range(n)]
-    return _joined([(p.vertices + rng.uniform(-1.5, 1.5, 3), p.faces) for p in parts])
+    return joined(*(rc.Mesh(p.vertices + rng.uniform(-1.5, 1.5, 3), p.faces) for p in parts))
 
 
 def _bars(rng: np.random.Generator, sides: int, n: int) -> rc.Mesh:
@@ -133,10 +134,10 @@ def _bars(rng: np.random.Generator, sides: int, n: int) -> rc.Mesh:
         outline += rng.uniform(-1.8, 1.8, 2)
         rings = int(rng.integers(1, 5))
         parts.append(_bar(outline, rng.uniform(-1, 1), rng.uniform(0.05, 0.5), rings))
-    return _joined(parts)
+    return joined(*parts)
 
 
-def _bar(outline: np.ndarray, z: float, depth: float, rings: int) -> tuple[np.ndarray, np.ndarray]:
+def _bar(outline: np.ndarray, z: float, depth: float, rings: int) -> rc.Mesh:
     """Ends of concentric rings of triangles, and the walls between them; outward."""
     n = len(outline)
     middle = outline.mean(axis=0)
@@ -161,15 +162,7 @@ def _bar(outline: np.ndarray, z: float, depth: float, rings: int) -> tuple[np.nd
         np.stack((rim + here, back + rim + here, back + rim + there), axis=1),
         np.stack((rim + here, back + rim + there, rim + there), axis=1),
     ]
-    return np.concatenate(ends), np.concatenate((end, back + end[:, ::-1], *walls))
-
-
-def _joined(parts: list[tuple[np.ndarray, np.ndarray]]) -> rc.Mesh:
-    starts = np.cumsum([0] + [len(vertices) for vertices, _ in parts])
-    return rc.Mesh(
-        vertices=np.concatenate([vertices for vertices, _ in parts]),
-        faces=np.concatenate([f + s for (_, f), s in zip(parts, starts, strict=False)]),
-    )
+    return rc.Mesh(np.concatenate(ends), np.concatenate((end, back + end[:, ::-1], *walls)))
 
 
 if __name__ == "__main__":

@@ -1,10 +1,9 @@
 """20,000 poses in one context: resident memory must stay flat and the answers the same."""
 
 import hashlib
-from pathlib import Path
 
 import numpy as np
-from rows import Report, arguments
+from rows import Report, arguments, resident_mib
 
 import rastercov as rc
 from rastercov import shapes
@@ -26,14 +25,17 @@ def main() -> None:
         for start in range(0, len(poses), BATCH):
             rasterizer.count(poses[start : start + BATCH])
             if start >= WARM_UP:
-                resident.append(_resident())
+                resident.append(resident_mib())
         last = _digest(rasterizer, poses[:BATCH])
         renderer = rasterizer.info.renderer
     report.add(f"poses in one context on {renderer}", len(poses), "poses")
     report.add(
-        "resident memory, growth after the warm-up", resident[-1] - resident[0], "MiB", 5, 1,
-        at_most=True,
-    )  # fmt: skip
+        "resident memory, growth after the warm-up",
+        resident[-1] - resident[0],
+        "MiB",
+        at_most=5,
+        aim=1,
+    )
     report.add("resident memory at the end", resident[-1], "MiB")
     report.check("the first poses give the same counts at the end", first == last)
     report.finish(args.json)
@@ -43,11 +45,6 @@ def _digest(rasterizer: rc.Rasterizer, poses: np.ndarray) -> str:
     counts = rasterizer.count(poses)
     assert counts.drawn is not None
     return hashlib.sha256(counts.visible.tobytes() + counts.drawn.tobytes()).hexdigest()
-
-
-def _resident() -> float:
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * 4096 / 2**20
 
 
 if __name__ == "__main__":

@@ -1,11 +1,11 @@
 """10,000 poses x 10,000 faces evaluated to a report: peak memory, time, size of the table."""
 
-import resource
 import tempfile
 import time
 from pathlib import Path
 
 import pyarrow.parquet as pq
+from contest import peak_of
 from rows import Report, arguments
 
 import rastercov as rc
@@ -22,7 +22,7 @@ def main() -> None:
     camera = rc.Camera(width=args.side, height=args.side, fx=1.2 * args.side, fy=1.2 * args.side)
     poses = rc.sphere_of_poses((0, 0, 0), 4.2, args.poses)
     report = Report()
-    before = _peak()
+    before = peak_of("self")
     with tempfile.TemporaryDirectory() as folder:
         started = time.perf_counter()
         summary = run(mesh, camera, poses, rc.Task(), Path(folder), Options(pictures=4))
@@ -31,16 +31,12 @@ def main() -> None:
         rows = pq.ParquetFile(table).metadata.num_rows
         size = table.stat().st_size / 2**20
     report.check("every pose is in the summary", summary["poses"] == args.poses)
-    report.add("peak memory over an idle process", _peak() - before, "MiB", 400, at_most=True)
-    report.add("peak memory", _peak(), "MiB")
+    report.add("peak memory over an idle process", peak_of("self") - before, "MiB", at_most=400)
+    report.add("peak memory", peak_of("self"), "MiB")
     report.add("time, report included", seconds, "s")
     report.add("rows of the table", rows, "rows")
     report.add("size of the table", size, "MiB")
     report.finish(args.json)
-
-
-def _peak() -> float:
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
 if __name__ == "__main__":

@@ -180,7 +180,7 @@ def one_mesh(
             for kind, figure in zip(COLUMNS, seconds, strict=True):
                 must = HEADLINE.get(method) if (name, kind) == ("Teapot3", "CPU time") else None
                 unit = "CPU-s" if kind == "CPU time" else "s"
-                report.add(f"{what}: {kind}", figure, unit, must, at_most=True)
+                report.add(f"{what}: {kind}", figure, unit, at_most=must)
             figures = accuracy(report, what, entrant, true, judged)
             table.append(_line(method, seconds, figures) + f"  {entrant.renderer}")
     return "\n".join(table)
@@ -231,7 +231,7 @@ def accuracy(report: Report, what: str, entrant, true, judged) -> list[str]:
         mean, largest = float(error.mean()), float(error.max())
         limit = LARGEST_ERROR if what.endswith(("exact", "certified")) else None
         report.add(f"{what}: {quantity}, mean error", mean, "")
-        report.add(f"{what}: {quantity}, largest error", largest, "", limit, at_most=True)
+        report.add(f"{what}: {quantity}, largest error", largest, "", at_most=limit)
         counts = [int((error > gross).sum()) for gross in GROSS]
         for gross, count in zip(GROSS, counts, strict=True):
             report.add(f"{what}: {quantity}, off by more than {gross}", count, "faces")

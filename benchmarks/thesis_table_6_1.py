@@ -81,11 +81,11 @@ def row(
     what, ours = f"({alpha}, {beta}) {merge}", merge == "closest"
     report.check(f"{what}: the same network every time", len(answers) == 1)
     most, least = printed[:2] if ours else (None, None)
-    report.add(f"{what}: cameras", len(found), "cameras", most, at_most=True)
-    report.add(f"{what}: not covered", percent, "%", least, at_most=True)
-    report.add(f"{what}: mean", statistics.mean(seconds), "s", 1.0, at_most=True)
+    report.add(f"{what}: cameras", len(found), "cameras", at_most=most)
+    report.add(f"{what}: not covered", percent, "%", at_most=least)
+    report.add(f"{what}: mean", statistics.mean(seconds), "s", at_most=1.0)
     report.add(f"{what}: best", min(seconds), "s")
-    report.add(f"{what}: worst", max(seconds), "s", 1.0, at_most=True)
+    report.add(f"{what}: worst", max(seconds), "s", at_most=1.0)
     report.add(f"{what}: deviation", statistics.stdev(seconds), "s")
     if ours and percent > 0:
         eyes = found.poses[:, :3, 3]
@@ -95,7 +95,7 @@ def row(
             refined = refine(objective, PoseSpace(mesh=mesh, stand_off=(0.0, reach)), found.poses)
         start, end = (100 * (1 - share) for share in (refined.start_share, refined.share))
         report.check(f"{what}: refinement starts from that", abs(start - percent) < 1e-9)
-        report.add(f"{what}, refined: not covered", end, "%", percent / 2, at_most=True)
+        report.add(f"{what}, refined: not covered", end, "%", at_most=percent / 2)
         report.add(f"{what}, refined: time", refined.seconds, "s")
         report.add(f"{what}, refined: poses measured", refined.evaluations, "poses")
 

@@ -66,22 +66,10 @@ def printable(text: str, most: int = 200) -> str:
 def open_file(
     path: StrPath, most: int, advice: str = "is this the right file?"
 ) -> Iterator[BinaryIO]:
-    """Regular file of at most `most` bytes, open for reading.
+    """Regular file of at most `most` bytes, open for reading; links are followed.
 
-    Parameters
-    ----------
-    path : path
-        Links are followed.
-    most : int
-        Bytes it may have.
-    advice : str
-        What to do about a larger file.
-
-    Raises
-    ------
-    UnreadableError
-        For what is no path, a folder, pipe, socket or device, a file that is larger or cannot be
-        opened, and for an error of the disk in the `with` block.
+    UnreadableError for what is no path, a folder, pipe, socket or device, a file that is larger
+    (with `advice`) or cannot be opened, and for an error of the disk in the `with` block.
     """
     path = _as_path(path)
     try:

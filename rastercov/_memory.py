@@ -21,14 +21,7 @@ _CONTAINER_LIMITS = (
 def check_memory(what: str, n_bytes: int, remedy: str) -> None:
     """Raise `ResourceError` where results take more memory than is free.
 
-    Parameters
-    ----------
-    what : str
-        The results, such as "counts of 3 poses x 12 faces".
-    n_bytes : int
-        Bytes that they take.
-    remedy : str
-        What to do instead, the end of the sentence.
+    `what` names them, such as "counts of 3 poses x 12 faces"; `remedy` ends the sentence.
     """
     if n_bytes > UNCHECKED and n_bytes > (free := free_memory()):
         raise ResourceError(

@@ -76,9 +76,8 @@ class Camera:
     height: Annotated[int, Doc("Pixels.")]
     fx: Annotated[float, Doc("Focal length over pixel width, px.")]
     fy: Annotated[float, Doc("Focal length over pixel height, px.")]
-    cx: Annotated[float, Doc("Principal point, px; the middle if left out.")] = None  # type: ignore[assignment]
-    cy: Annotated[float, Doc("Principal point, px; the middle if left out.")] = None  # type: ignore[assignment]
-    # None asks for the centre; cx and cy are never None afterwards.
+    cx: Annotated[float, Doc("Principal point, px; the middle if left out.")] = None  # type: ignore[assignment] # None asks for the middle
+    cy: Annotated[float, Doc("Principal point, px; the middle if left out.")] = None  # type: ignore[assignment] # never None afterwards
     near: Annotated[float, Doc("Surfaces nearer than this are not seen, m.")] = 0.0
     focal_length: Annotated[float, Doc("Metres; instead of fx and fy.")] | None = None
     pixel_size: Annotated[tuple[float, float] | None, Doc("Metres, one or two.")] = None

@@ -68,17 +68,8 @@ def write_entries(path: StrPath, entries: Mapping[str, Any]) -> None:
 def arguments_of(entries: Any, fields: Sequence[str]) -> dict[str, Any]:
     """Arguments of `Camera`, or of `Camera.from_lens` without `fx`, from the entries of a file.
 
-    Parameters
-    ----------
-    entries : mapping
-        Names and values; "preset" adds the entries of a preset.
-    fields : sequence of str
-        Fields of `Camera`.
-
-    Raises
-    ------
-    CameraError
-        For an entry that does not exist, is missing, or belongs to the other constructor.
+    "preset" adds the entries of a preset. CameraError for an entry that does not exist, is missing,
+    or belongs to the other constructor.
     """
     if not isinstance(entries, Mapping):
         raise CameraError(f"a camera is a table of names and values, got {shown(entries)}")

@@ -66,17 +66,7 @@ class FaceGeometry:
 
 
 def face_geometry(mesh: Mesh, camera: Camera, pose: FloatArray) -> FaceGeometry:
-    """Geometry of every face for one pose.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        F faces.
-    camera : Camera
-        Intrinsics, image size and near limit.
-    pose : (4, 4) float64
-        world_from_camera.
-    """
+    """Geometry of every face for one pose, world_from_camera (4, 4)."""
     near = float(near_limit(camera, mesh.bounds, pose[None])[0])
     points = to_camera(mesh.vertices, pose)
     ahead_points = points[:, 2] >= near

@@ -31,21 +31,9 @@ def limits(
 
 
 def near_limit(camera: Camera, bounds: FloatArray, poses: FloatArray) -> FloatArray:
-    """Depth of the near plane of each pose, metres: surfaces nearer than it are cut away.
+    """Depth of the near plane of each pose, (P,), metres: surfaces nearer than it are cut away.
 
-    Parameters
-    ----------
-    camera : Camera
-        Whose `near` is a lower limit.
-    bounds : (2, 3) float64
-        Least and greatest coordinates of the mesh.
-    poses : (P, 4, 4) float64
-        world_from_camera.
-
-    Returns
-    -------
-    (P,) float64
-        max(camera.near, 1e-6 times the distance to the farthest corner of `bounds`).
+    It is max(camera.near, 1e-6 times the distance to the farthest corner of the mesh's `bounds`).
     """
     reach = np.abs(bounds[None] - poses[:, None, :3, 3]).max(axis=1)
     farthest = np.sqrt((reach**2).sum(axis=1))
@@ -60,11 +48,7 @@ def near_cuts(
 
     Only faces within reach of the eye can: the depth of a point in view is never less than its
     distance times the cosine of the widest view ray. So their bounding boxes decide nearly always.
-
-    Parameters
-    ----------
-    vertices, faces, bounds, camera, poses
-        As for `depth_range`.
+    Arguments are those of `depth_range`.
     """
     limit = near_limit(camera, bounds, poses)
     widest = np.hypot(
@@ -159,25 +143,12 @@ def depth_range(
 
 
 def nearest_depth_in_view(corners: FloatArray, camera: Camera, near: float) -> float:
-    """Least depth of any surface inside the viewing pyramid beyond `near`, metres.
+    """Least depth of any surface inside the viewing pyramid beyond `near`, metres; inf for none.
 
     On each face the least depth lies on a corner of what the pyramid cuts from it: a vertex, an
     edge through a side of the pyramid, or the face where an edge of the pyramid pierces it.
     Clipping finds all three at once; faces that cannot beat the nearest vertex are left out first.
-
-    Parameters
-    ----------
-    corners : (F, 3, 3) float64
-        Faces in camera axes.
-    camera : Camera
-        Its image border makes the pyramid.
-    near : float
-        Depth below which nothing counts, metres.
-
-    Returns
-    -------
-    float
-        inf when nothing is in view.
+    Corners are (F, 3, 3), in camera axes.
     """
     sides = np.array(
         [

@@ -18,38 +18,19 @@ IntArray = NDArray[np.int64]
 
 
 def to_camera(points: FloatArray, pose: FloatArray) -> FloatArray:
-    """Points in camera axes; the eye is subtracted first, so that far offsets cost no precision.
+    """World points (..., 3) in camera axes: x right, y down, z forward (the depth), metres.
 
-    Parameters
-    ----------
-    points : (..., 3) float64
-        World points, metres.
-    pose : (4, 4) float64
-        world_from_camera.
-
-    Returns
-    -------
-    (..., 3) float64
-        x right, y down, z forward (the depth), metres.
+    The eye is subtracted first, so that far offsets cost no precision.
     """
     # R^T p written as p R: the rows of the result are points.
     return (points - pose[:3, 3]) @ pose[:3, :3]
 
 
 def to_image(points: FloatArray, camera: Camera) -> FloatArray:
-    """Image points u = fx x/z + cx, v = fy y/z + cy, (3.2) with (3.5) put right.
+    """Image points (..., 2) of points (..., 3) in camera axes, px from the top-left corner.
 
-    Parameters
-    ----------
-    points : (..., 3) float64
-        In camera axes; z must not be 0. Points behind the camera come out mirrored: clip first.
-    camera : Camera
-        The intrinsics.
-
-    Returns
-    -------
-    (..., 2) float64
-        Pixels; the top-left corner of the image is (0, 0).
+    u = fx x/z + cx, v = fy y/z + cy, (3.2) with (3.5) put right. z must not be 0; points behind the
+    camera come out mirrored: clip first.
     """
     return points[..., :2] / points[..., 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
 
@@ -99,19 +80,9 @@ def clip_polygons(
 
 
 def polygon_area(corners: FloatArray, counts: IntArray) -> FloatArray:
-    """Area of each polygon by (3.9), positive where it runs clockwise in the image (v down).
+    """Area of each polygon by (3.9), px^2, positive where it runs clockwise in the image (v down).
 
-    Parameters
-    ----------
-    corners : (N, K, 2) float64
-        Padded as `clip_polygons` returns them.
-    counts : (N,) int
-        Corners in use; fewer than 3 give 0.
-
-    Returns
-    -------
-    (N,) float64
-        Square pixels.
+    Corners are padded as `clip_polygons` returns them, (N, K, 2); fewer than 3 have no area.
     """
     local = corners - corners[:, :1]  # differences first: no cancellation far from the origin
     ahead = np.roll(local, -1, axis=1)

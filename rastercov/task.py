@@ -119,22 +119,9 @@ class Task:
         geometry: FaceGeometry,
         figures: Mapping[str, NDArray[Any]],
     ) -> tuple[FloatArray, NDArray[np.uint8]]:
-        """Coverage (3.6) of each face by one camera, and the first criterion that it fails.
+        """Coverage (3.6) of each face by one camera, and its `Reason`, (F,) each.
 
-        Parameters
-        ----------
-        is_degenerate : (F,) bool
-            Faces without area.
-        geometry : FaceGeometry
-            Of the pose.
-        figures : dict of (F,) arrays
-            The criteria of the pose by the names of `Coverage`.
-
-        Returns
-        -------
-        coverage : (F,) float64
-        reason : (F,) uint8
-            `Reason`.
+        `figures` holds the criteria of the pose, (F,) each, by the names of `Coverage`.
         """
         resolution, visibility = figures["resolution"], figures["visibility"]
         enough = np.minimum(resolution, 1.0) if self.cap_resolution else resolution

@@ -66,10 +66,6 @@ def occlusion(
 
     Parameters
     ----------
-    mesh, camera
-        What is seen, by what.
-    pose : (4, 4) array_like
-        world_from_camera.
     reading : {"literal", "semi", "charitable"}
         "literal" takes the indices as printed: within the inner loop the outer j names both the
         face and the length of the union, so every T_i gets a number of T_j. "semi" puts i for j
@@ -107,14 +103,10 @@ def occlusion(
 def self_occluding(
     mesh: Mesh, pose: ArrayLike, test: SelfOcclusion | None = "definition3"
 ) -> BoolArray:
-    """Faces that (3.13c) calls hidden by themselves, (F,).
+    """Faces that (3.13c) calls hidden by themselves in a pose world_from_camera, (F,).
 
     Parameters
     ----------
-    mesh : Mesh
-        F faces.
-    pose : (4, 4) array_like
-        world_from_camera.
     test : {"definition3", "perspective"} or None
         "definition3": the angle between normal and optical axis is at most 90 degrees, which tells
         front from back in a parallel projection only. "perspective": the angle between normal and
@@ -141,15 +133,8 @@ def self_occluding(
 def image_triangles(mesh: Mesh, camera: Camera, pose: ArrayLike, *, clip: bool = True) -> Polygons:
     """Image of each face as a shapely polygon, px; empty for a face without area there, (F,).
 
-    Parameters
-    ----------
-    mesh, camera
-        What is seen, by what.
-    pose : (4, 4) array_like
-        world_from_camera.
-    clip : bool
-        Cut faces at the near plane and at the image border. Without, (3.2) is taken as printed:
-        vertices behind the camera come out mirrored, and those at depth 0 void their face.
+    With `clip`, faces are cut at the near plane and at the image border. Without, (3.2) is taken as
+    printed: vertices behind the camera come out mirrored, and those at depth 0 void their face.
     """
     matrix = np.asarray(pose, dtype=np.float64)
     corners = to_camera(mesh.vertices, matrix)[mesh.faces]
@@ -184,9 +169,9 @@ def _each_once(triangles: Polygons, lists: list[IntArray], is_back: BoolArray) -
     hidden = np.where(is_back, 1.0, np.nan)
     # A Boolean of some ten triangles a face: 0.3 ms.
     for j in np.flatnonzero(~is_back):
-        place = int(np.argmax(lists[j] == j)) if lists[j].size else 0
         if lists[j].size:
-            seen = shapely.difference(triangles[j], _union(triangles[lists[j][:place]]))
+            place = int(np.argmax(lists[j] == j))
+            seen = shapely.difference(triangles[j], shapely.union_all(triangles[lists[j][:place]]))
             hidden[j] = 1 - seen.area / triangles[j].area
     return hidden
 
@@ -209,23 +194,15 @@ def _as_printed(
             i = int(listed[place])
             # The printed j counts from 1, so T_1 ... T_(j-1) are j of ours, or all there are.
             subject, n_before = (j, j) if reading == "literal" else (i, place)
-            before = _union(triangles[listed[:n_before]])
-            area = triangles[subject].area
+            before = shapely.union_all(triangles[listed[:n_before]])
+            area, slack = triangles[subject].area, EQUAL_AREAS * before.area
             if np.isnan(hidden[i]):  # 13
                 visible_area[i] = shapely.difference(triangles[subject], before)
                 hidden[i] = 1 - visible_area[i].area / area  # 14
-            elif _adds_nothing(triangles[subject], before):  # 17
+            # 17, (3.13b): the areas of U and of U with the face are the same.
+            elif abs(shapely.union(before, triangles[subject]).area - before.area) <= slack:
                 hidden[subject] = 1  # 18
             else:
                 hidden[i] = 1 - shapely.difference(visible_area[subject], before).area / area
                 visible_area[i] = shapely.difference(triangles[subject], before)  # 20
     return hidden
-
-
-def _union(triangles: Polygons) -> Any:
-    return shapely.union_all(triangles)
-
-
-def _adds_nothing(triangle: Any, union: Any) -> bool:
-    """Line 17, (3.13b): the areas of U and of U with the face are the same."""
-    return bool(abs(shapely.union(union, triangle).area - union.area) <= EQUAL_AREAS * union.area)

@@ -64,10 +64,8 @@ def visible_area(
 
     Parameters
     ----------
-    mesh, camera
-        What is seen, by what.
-    pose : (4, 4) array_like
-        world_from_camera.
+    mesh, camera, pose
+        What is seen, by what; world_from_camera, (4, 4).
     faces : (N,) int, optional
         The faces asked for; all unless given. All of them hide, always.
     cull : bool

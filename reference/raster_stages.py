@@ -195,14 +195,36 @@ def cover_blocks(k: int, places: Array, bounds: Array, window: Window, plane64: 
     return has_samples, at_border, masks, *block_starts(block_x, block_y, window, plane64)
 
 
+def reach_blocks(edges: Array, right: int, down: int) -> Any:
+    """Blocks (16,) of a tile where no edge function (9,) of a triangle is negative throughout."""
+    value, dx, dy = edges.reshape(3, 3, 1)
+    k = np.arange(SIDE * SIDE)
+    x, y = (right + k % SIDE) * SIDE, (down + k // SIDE) * SIDE
+    highest = value + dx * x + dy * y + (np.maximum(dx, 0) + np.maximum(dy, 0)) * (SIDE - 1)
+    return (highest >= 0).all(axis=0)
+
+
+def count_rows(places: Array, bounds: Array, start: int) -> Any:
+    """Number of samples of a triangle (3, 2) in 16 rows of its bounds from row `start` on."""
+    first_x, last_x, first_y, last_y = bounds
+    rows = np.arange(first_y + start, min(first_y + start + SIDE * SIDE, last_y + 1))
+    return covers(places, np.arange(first_x, last_x + 1), rows[:, None]).sum()
+
+
 def count_samples(places: Array, bounds: Array) -> Any:
     """Number of samples within its bounds that each triangle covers."""
-    counts = np.zeros(len(places), int)
-    for k, (first_x, last_x, first_y, last_y) in enumerate(bounds.T):
-        rows = np.arange(first_y, last_y + 1)
-        for column in range(first_x, last_x + 1):
-            counts[k] += covers(places[k], column, rows).sum()
-    return counts
+    rows = [range(0, last - first + 1, SIDE * SIDE) for first, last in bounds[2:].T]
+    return np.array(
+        [
+            sum(count_rows(corners, limits, start) for start in starts)
+            for corners, limits, starts in zip(places, bounds.T, rows, strict=True)
+        ]
+    )
+
+
+def coverage_of_samples(coverage: Array) -> Any:
+    """Triangles (4, N) that cover sample 0, 1, 2, 3 of their 2 x 2, from their masks."""
+    return coverage >> np.arange(4)[:, None] & 1 > 0
 
 
 def depth_of_samples(
@@ -225,3 +247,18 @@ def depth_test(old: Array, covered: Array, plane32: Array, start: Any) -> Arrays
     depth = np.minimum(np.maximum(depth, least), greatest)
     wins = (depth > old) & covered
     return np.where(wins, depth, old), wins, wins & (old > 0), (depth == old) & covered
+
+
+def samples_of_face(owner: Array, face: int) -> Any:
+    """Samples of a block of which a face is the nearest."""
+    return owner == face
+
+
+def write_face(owner: Array, chosen: Array, face: int) -> Any:
+    """Nearest faces of a block after a face is written to chosen samples."""
+    return np.where(chosen, face, owner)
+
+
+def append_set_bits(listed: Array, bits: Array, base: int) -> Any:
+    """List with base + index of each set bit behind it."""
+    return np.append(listed, base + np.flatnonzero(bits))

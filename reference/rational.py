@@ -79,27 +79,10 @@ def visible_area(
     near: float | None = None,
     exact: bool = False,
 ) -> NDArray[Any]:
-    """Area of the image in which each face is the nearest surface, px^2.
+    """Area of the image in which each face is the nearest surface, px^2, in the order of `faces`.
 
-    Parameters
-    ----------
-    mesh, camera
-        What is seen, by what.
-    pose : (4, 4) array_like
-        world_from_camera.
-    faces : (N,) int, optional
-        The faces asked for; all unless given. All of them hide, always.
-    cull : bool
-        Faces seen from behind are neither seen nor hide.
-    near : float, optional
-        Depth in metres below which nothing is seen; `projection.near_limit` unless given.
-    exact : bool
-        Return the areas as they are, as `Fraction`, and not the floats nearest to them.
-
-    Returns
-    -------
-    (N,) float64, or object if `exact`
-        In the order of `faces`.
+    Arguments as for `rastercov.reference.polygons.visible_area`. (N,) float64; with `exact` the
+    areas as they are, (N,) object of `Fraction`, and not the floats nearest to them.
     """
     view = View(mesh, camera, pose, cull, near)
     return _array([view.visible(face) for face in view.asked(faces)], exact)
@@ -364,12 +347,7 @@ def _boxes(
 ) -> tuple[NDArray[np.float64], ...]:
     """Bounds of each face's image and 1/depth, in floats but wider than any rounding.
 
-    Returns
-    -------
-    low, high : (F, 2) float64
-        Pixels; the whole plane for faces that reach nearer than `near`.
-    least, greatest : (F,) float64
-        1/depth.
+    Pixels low, high (F, 2), the whole plane for faces that reach nearer than `near`; 1/depth (F,).
     """
     local = mesh.vertices - pose[:3, 3]
     slack = 1e-13 * np.abs(local).sum(axis=1) * np.abs(pose[:3, :3]).max()

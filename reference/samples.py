@@ -64,10 +64,8 @@ def render(
 
     Parameters
     ----------
-    mesh, camera
-        What is seen, by what.
-    pose : (4, 4) array_like
-        world_from_camera.
+    mesh, camera, pose
+        What is seen, by what; world_from_camera, (4, 4).
     supersample : int
         S: a pixel has S x S samples, in the middle of S x S equal squares.
     near : float, optional
@@ -101,14 +99,7 @@ def grid_points(camera: Camera, supersample: int = 1, roll: float = 0.0) -> Floa
     The grid has as many rows and columns as the turned image is high and wide, in whole spacings,
     and the same middle. Rows and columns are not distinguished: a quarter turn changes nothing.
 
-    Parameters
-    ----------
-    camera : Camera
-        Its image size.
-    supersample : int
-        S: points are 1 / S px apart.
-    roll : float
-        Radians from the u axis to the rows, towards the v axis.
+    Points are 1 / S px apart; `roll` is in radians from the u axis to the rows, towards the v axis.
     """
     roll = np.remainder(roll + np.pi / 4, np.pi / 2) - np.pi / 4
     along = np.array((np.cos(roll), np.sin(roll)))
@@ -160,12 +151,7 @@ def _meet(
 ) -> tuple[FloatArray, FloatArray]:
     """Depth where each ray meets a face, inf where it does not, and pixels to the face's border.
 
-    Parameters
-    ----------
-    corners : (3, 3) float64
-        The face in camera axes.
-    rays : (..., 3) float64
-        With z = 1.
+    Corners (3, 3) are in camera axes, rays (..., 3) have z = 1.
     """
     normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
     volume = normal @ corners[0]  # six times that of the tetrahedron with the eye; 0 is edge-on

@@ -1,12 +1,11 @@
 """Every example runs by itself, without a warning, and says something."""
 
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from notices import without_notices
+from processes import python
 
 FOLDER = Path(__file__).parents[1] / "examples"
 EXAMPLES = sorted(FOLDER.glob("*.py"))
@@ -19,14 +18,7 @@ def test_there_are_examples():
 @pytest.mark.slow
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
 def test_the_example_runs(path, tmp_path):
-    result = subprocess.run(
-        [sys.executable, "-W", "error", str(path)],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
+    result = python("-W", "error", path, cwd=tmp_path)
     assert (result.returncode, without_notices(result.stderr)) == (0, "")
     shares = [float(share) for share in re.findall(r"([-\d.]+) %", result.stdout)]
     assert shares

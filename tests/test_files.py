@@ -111,6 +111,7 @@ def test_what_is_no_regular_file_is_refused_at_once_in_one_line(tmp_path, monkey
     assert words.get(make, "a regular file wanted, got a device") in text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [pipe, endless, folder, sparse])
 @pytest.mark.parametrize(
     ("name", "line"),

@@ -54,6 +54,7 @@ def files():
         yield from set(path.rglob("*.md")) - {ROOT / "docs" / "changelog.md"}
 
 
+@pytest.mark.slow
 def test_prose_is_plain():
     found = [
         f"{path.relative_to(ROOT)}:{line}: {words}"

@@ -105,13 +105,14 @@ def assert_same(one, other, rows=slice(None)):
     assert np.array_equal(one.clipped[rows], other.clipped)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["certified", "exact"])
-@pytest.mark.parametrize("name", ["room", "teapot-5", "aeroplane"])
+@pytest.mark.parametrize("name", ["room", "teapot-5"])
 def test_threads_change_not_one_bit(method, name):
     mesh = shapes.by_name(name)
     poses = mixed_poses(mesh, 35, np.random.default_rng(3))
     one = observe(mesh, poses, method, threads=1)
-    for threads in (2, 5, 64, None):
+    for threads in (2, 64, None):
         assert_same(one, observe(mesh, poses, method, threads=threads))
 
 

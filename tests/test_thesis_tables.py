@@ -2,13 +2,13 @@
 
 import json
 import re
-import subprocess
-import sys
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 import pytest
 from notices import without_notices
+from processes import python
 from scenes import joined
 
 import rastercov as rc
@@ -28,22 +28,20 @@ FIGURES = (
 RUNS = 10
 
 
-@pytest.fixture(scope="module")
-def table_4_2():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(BENCHMARKS))
-        import thesis_table_4_2
+def benchmark_module(name):
+    """Fixture of a module of benchmarks/."""
 
-        yield thesis_table_4_2
+    @pytest.fixture(scope="module")
+    def imported():
+        with pytest.MonkeyPatch.context() as patch:
+            patch.syspath_prepend(str(BENCHMARKS))
+            yield import_module(name)
+
+    return imported
 
 
-@pytest.fixture(scope="module")
-def table_6_1():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(BENCHMARKS))
-        import thesis_table_6_1
-
-        yield thesis_table_6_1
+table_4_2 = benchmark_module("thesis_table_4_2")
+table_6_1 = benchmark_module("thesis_table_6_1")
 
 
 def possible(mean, best, worst, deviation, digits=0.5e-3):
@@ -128,6 +126,7 @@ def test_meshes_have_the_printed_faces(table_4_2):
         assert make().n_faces == table_4_2.PRINTED[name][0], name
 
 
+@pytest.mark.slow
 def test_every_mesh_is_in_view_and_in_focus(table_4_2):
     for name in table_4_2.BUILT_IN:
         mesh = table_4_2._mesh(name, None)
@@ -154,6 +153,7 @@ def run_on(table, mesh, monkeypatch):
     return report, text, {row["what"]: row["value"] for row in report.rows}
 
 
+@pytest.mark.slow
 def test_exact_methods_have_no_error_and_others_do(table_4_2, eclipse, monkeypatch):
     report, text, values = run_on(table_4_2, eclipse, monkeypatch)
     assert report.failed == []
@@ -167,6 +167,7 @@ def test_exact_methods_have_no_error_and_others_do(table_4_2, eclipse, monkeypat
     assert "thesis: Zhang's model             7.997      7.725      8.469      0.262" in text
 
 
+@pytest.mark.slow
 def test_a_wrong_answer_fails_the_benchmark(table_4_2, eclipse, monkeypatch):
     seen = table_4_2.Observed.seen
     monkeypatch.setattr(table_4_2.Observed, "seen", lambda self: (1 - seen(self)[0], seen(self)[1]))
@@ -175,6 +176,7 @@ def test_a_wrong_answer_fails_the_benchmark(table_4_2, eclipse, monkeypatch):
     assert "Teapot1: sampled, CPU: bounds hold" in report.failed
 
 
+@pytest.mark.slow
 def test_an_answer_that_changes_fails_the_benchmark(table_4_2, eclipse, monkeypatch):
     rng = np.random.default_rng(0)
     coverage = table_4_2.Zhang.coverage
@@ -185,12 +187,7 @@ def test_an_answer_that_changes_fails_the_benchmark(table_4_2, eclipse, monkeypa
 
 
 def benchmark(*arguments):
-    return subprocess.run(
-        [sys.executable, str(BENCHMARKS / "thesis_table_4_2.py"), *arguments],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    return python(BENCHMARKS / "thesis_table_4_2.py", *arguments)
 
 
 @pytest.mark.slow
@@ -215,12 +212,14 @@ def test_the_benchmark_says_what_the_docs_say():
             assert abs(found - count) <= 2, (method, gross)
 
 
+@pytest.mark.slow
 def test_one_run_has_no_deviation():
     done = benchmark("--runs", "1")
     assert done.returncode == 2
     assert "--runs must be 2 or more, got 1" in done.stderr
 
 
+@pytest.mark.slow
 def test_networks_of_table_6_1_are_those_of_the_docs(table_6_1):
     mesh, camera = shapes.aeroplane(), rc.Camera.preset("icube-ns4133bu-8mm")
     of_thesis = {cells[0]: cells for cells in rows(THESIS, "## Table 6.1")}
@@ -236,6 +235,7 @@ def test_networks_of_table_6_1_are_those_of_the_docs(table_6_1):
             assert share == pytest.approx(float(not_covered), abs=0.005), (key, merge)
 
 
+@pytest.mark.slow
 def test_segments_of_figures_are_those_of_the_docs():
     makers = {
         "icosahedron()": shapes.icosahedron(),
@@ -259,13 +259,7 @@ def test_segments_of_figures_are_those_of_the_docs():
 @pytest.mark.slow
 def test_the_program_in_the_docs_draws_figures(tmp_path):
     (program,) = re.findall(r"```python\n(.*?)```", THESIS, re.DOTALL)
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", program],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = python("-W", "error", "-c", program, cwd=tmp_path)
     assert (done.returncode, without_notices(done.stderr)) == (0, "")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["cameras.png", "segments.png"]
     assert done.stdout.split() == ["30", "segments"]

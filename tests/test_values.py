@@ -70,6 +70,7 @@ def test_poses_give_the_answers_of_their_arrays(method):
     assert np.array_equal(found.value, rc.visibility(MESH, CAMERA, poses, method).value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["certified", "sampled"])
 def test_a_run_checks_its_poses_once(method, tmp_path, monkeypatch):
     calls = []

@@ -1,14 +1,13 @@
 """The end of a run says what was not tested, and why; and nothing that can be had is skipped."""
 
 import os
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 from conftest import reasons_of
+from processes import python
 
 ROOT = Path(__file__).parents[1]
 
@@ -35,12 +34,8 @@ def test_a_run_ends_with_its_skips(tmp_path):
         "    if n:\n"
         "        pytest.skip('no such thing here')\n"
     )
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-n", "2"]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    run = subprocess.run(
-        [*command, "--rootdir", tmp_path, tmp_path],
-        env=environment, capture_output=True, text=True, timeout=300, check=False,
-    )  # fmt: skip
+    words = ("-m", "pytest", "-q", "-p", "no:cacheprovider", "-n", "2", "--rootdir", tmp_path)
+    run = python(*words, tmp_path, env={**os.environ, "PYTHONPATH": str(ROOT)})
     assert run.returncode == 0, run.stdout
     assert "not tested here: 3" in run.stdout
     assert "    3 no such thing here\n" in run.stdout

@@ -3,29 +3,25 @@
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import typer
+from numpy.typing import NDArray
 from rich.console import Console
 
+from rastercov.camera import Camera
+from rastercov.cli import options
 from rastercov.cli.console import out_option, progress_bar, warn
 from rastercov.cli.inputs import read_camera, read_scene, read_view_points
-from rastercov.cli.options import (
-    AsJson,
-    CameraOption,
-    DropInvalid,
-    Meshes,
-    PosesOption,
-    TwoSided,
-    Unit,
-)
 from rastercov.errors import ConfigError
+from rastercov.mesh import Mesh
 
 COMPARED = ["certified", "sampled", "sampled@4"]
 
 
 def compare(
-    meshes: Meshes,
-    camera: CameraOption,
-    poses: PosesOption,
+    meshes: options.Meshes,
+    camera: options.CameraOption,
+    poses: options.PosesOption,
     method: Annotated[
         list[str],
         typer.Option(
@@ -38,9 +34,9 @@ def compare(
         typer.Option(help="The truth: exact, or polygons or rational, which take seconds a pose."),
     ] = "exact",
     out: Annotated[Path, out_option("Folder for the page.")] = Path("compare"),
-    unit: Unit = "m",
-    two_sided: TwoSided = [],  # noqa: B006 - the same
-    drop_invalid: DropInvalid = False,
+    unit: options.Unit = "m",
+    two_sided: options.TwoSided = [],  # noqa: B006 - the same
+    drop_invalid: options.DropInvalid = False,
     faces: Annotated[int, typer.Option(min=0, help="Worst faces to draw for each method.")] = 6,
     convergence: Annotated[
         bool, typer.Option(help="Measure how errors fall with denser samples, too.")
@@ -48,7 +44,7 @@ def compare(
     models: Annotated[
         bool, typer.Option("--models", help="Compare coverage models instead of methods.")
     ] = False,
-    as_json: AsJson = False,
+    as_json: options.AsJson = False,
 ) -> None:
     """Compare ways to find visibility with the truth; 1 when a bound does not hold.
 
@@ -58,27 +54,20 @@ def compare(
 
     [bold]Without files[/]: rastercov compare teapot -c khepra -p sphere:4 --method sampled@2
     """
-    from rastercov._output import json_text
-    from rastercov.report.folder import ReportFolder
-    from rastercov.report.methods import (
-        COMPARISON,
-        check_lines,
-        comparison_table,
-        write_comparison,
-    )
-    from rastercov.validation.methods import compare as compared
-
     scene, eye = read_scene(meshes, unit, [], two_sided, drop_invalid), read_camera(camera)
     matrices = read_view_points(poses, scene, eye)
     if models:
-        from rastercov.cli.compare_models import run_models
-
         if method != COMPARED or against != "exact":
             raise ConfigError("--models takes neither --method nor --against; leave them out")
-        run_models(scene, eye, matrices, out, as_json)
+        _compare_models(scene, eye, matrices, out, as_json)
         return
+    from rastercov._output import json_text
+    from rastercov.report import methods as report
+    from rastercov.report.folder import ReportFolder
+    from rastercov.validation.methods import compare as compared
+
     warn(scene.warnings)
-    with ReportFolder(out, COMPARISON) as folder:
+    with ReportFolder(out, report.COMPARISON) as folder:
         with progress_bar() as progress:
             found = compared(
                 scene,
@@ -91,12 +80,12 @@ def compare(
                 progress=progress,
             )
         with progress_bar() as progress:
-            path = write_comparison(folder, found, scene, eye, matrices, progress)
+            path = report.write_comparison(folder, found, scene, eye, matrices, progress)
     if as_json:
         print(json_text(found))
     else:
-        Console().print(comparison_table(found))
-        print("\n".join(check_lines(found.checks)))
+        Console().print(report.comparison_table(found))
+        print("\n".join(report.check_lines(found.checks)))
         print(path)
     if found.interrupted:
         done = found.poses_done
@@ -104,3 +93,28 @@ def compare(
         raise KeyboardInterrupt
     if not found.passed:
         raise typer.Exit(1)
+
+
+def _compare_models(
+    mesh: Mesh, camera: Camera, poses: NDArray[np.float64], out: Path, as_json: bool
+) -> None:
+    """Compare all coverage models, leave the page, and print a table or the JSON."""
+    from rastercov._output import json_text
+    from rastercov.report import models as report
+    from rastercov.report.folder import ReportFolder
+    from rastercov.validation.models.comparison import compare_models
+
+    warn(mesh.warnings)
+    with ReportFolder(out, report.MODEL_COMPARISON) as folder:
+        with progress_bar() as progress:
+            found = compare_models(mesh, camera, poses, progress=progress)
+        with progress_bar() as progress:
+            path = report.write_model_comparison(
+                folder, found, mesh, camera, poses, progress=progress
+            )
+    if as_json:
+        print(json_text(found))
+        return
+    Console().print(report.score_table(found))
+    print("\n".join(report.bivalence_lines(found)))
+    print(path)

@@ -9,21 +9,9 @@ from numpy.typing import NDArray
 from rich.console import Console
 
 from rastercov.camera import Camera
+from rastercov.cli import options
 from rastercov.cli.console import progress_bar, warn
 from rastercov.cli.inputs import read_camera, read_scene, read_view_points
-from rastercov.cli.options import (
-    AsJson,
-    CameraOption,
-    Device,
-    DropInvalid,
-    Meshes,
-    Occluders,
-    Out,
-    PosesOption,
-    TwoSided,
-    Unit,
-    with_task,
-)
 from rastercov.errors import PoseError
 from rastercov.mesh import Mesh
 from rastercov.pose import Poses
@@ -41,16 +29,16 @@ Supersample = Annotated[int, typer.Option(help="S: S x S samples a pixel, for --
 Pictures = Annotated[int, typer.Option(min=0, help="Poses to draw, spread over the run.")]
 
 
-@with_task
+@options.with_task
 def evaluate(
-    meshes: Meshes,
-    camera: CameraOption,
-    poses: PosesOption,
-    out: Out = Path("report"),
-    unit: Unit = "m",
-    occluder: Occluders = [],  # noqa: B006 - typer copies it
-    two_sided: TwoSided = [],  # noqa: B006 - the same
-    drop_invalid: DropInvalid = False,
+    meshes: options.Meshes,
+    camera: options.CameraOption,
+    poses: options.PosesOption,
+    out: options.Out = Path("report"),
+    unit: options.Unit = "m",
+    occluder: options.Occluders = [],  # noqa: B006 - typer copies it
+    two_sided: options.TwoSided = [],  # noqa: B006 - the same
+    drop_invalid: options.DropInvalid = False,
     task: Task = Task(),  # noqa: B008 - becomes options
     skip_bad_poses: Annotated[
         bool, typer.Option("--skip-bad-poses", help="Leave out poses that are no rigid motion.")
@@ -58,8 +46,8 @@ def evaluate(
     pictures: Pictures = 12,
     method: Method = "certified",
     supersample: Supersample = 1,
-    device: Device = "auto",
-    as_json: AsJson = False,
+    device: options.Device = "auto",
+    as_json: options.AsJson = False,
 ) -> None:
     """Evaluate every pose and leave a report: a table, figures, pictures, a coloured mesh.
 
@@ -71,14 +59,14 @@ def evaluate(
 
     scene = read_scene(meshes, unit, occluder, two_sided, drop_invalid)
     eye = read_camera(camera)
-    options = Options(
+    settings = Options(
         method=method,
         supersample=supersample,
         device=device,
         pictures=pictures,
         skip_bad_poses=skip_bad_poses,
     )
-    run_and_print(scene, eye, read_view_points(poses, scene, eye), task, out, options, as_json)
+    run_and_print(scene, eye, read_view_points(poses, scene, eye), task, out, settings, as_json)
 
 
 def run_and_print(
@@ -87,7 +75,7 @@ def run_and_print(
     poses: FloatArray,
     task: Task,
     out: Path,
-    options: Any,
+    settings: Any,
     as_json: bool,
 ) -> None:
     """Evaluate all poses, leave the report, and print a summary or the JSON."""
@@ -96,7 +84,7 @@ def run_and_print(
     from rastercov.report.tables import run_table, summary_table
 
     try:
-        accepted = Poses.of(poses, skip_bad=options.skip_bad_poses)
+        accepted = Poses.of(poses, skip_bad=settings.skip_bad_poses)
     except PoseError as error:
         remedy = "; correct it or pass --skip-bad-poses" if error.pose_ids else ""
         raise PoseError(f"{error}{remedy}", error.pose_ids) from None
@@ -108,7 +96,7 @@ def run_and_print(
     if not len(accepted):
         warn(["there are no poses, so nothing is covered"])
     with progress_bar() as progress:
-        summary = run(mesh, camera, accepted, task, out, options, progress)
+        summary = run(mesh, camera, accepted, task, out, settings, progress)
     if any(summary["visibility_figures"].values()) and summary["largest_image_pixels"] < 1:
         across = float(np.ptp(mesh.bounds, axis=0).max())
         warn([f"less than a pixel in every image: {across:.2g} m across; see --unit"])

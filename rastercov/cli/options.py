@@ -51,6 +51,7 @@ TwoSided = Annotated[
 DropInvalid = Annotated[bool, typer.Option(help="Drop faces that are not finite, with a warning.")]
 Device = Annotated[str, typer.Option(help="auto, cpu, or OpenGL: egl:0, surfaceless, osmesa.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for machines.")]
+Thesis = Annotated[bool, typer.Option("--thesis", help="(3.6) to the letter; any coverage counts.")]
 
 
 def with_task(command: Callable[..., None]) -> Callable[..., None]:
@@ -62,37 +63,30 @@ def with_task(command: Callable[..., None]) -> Callable[..., None]:
     numbers = {name for name, hint in hints.items() if _plain(hint) in (int, float, float | None)}
     docs = {name: text for name, text in documented(Task).items() if name in numbers}
     defaults = {field.name: field.default for field in fields(Task)}
-    thresholds = [
-        inspect.Parameter(
+    new = functools.partial(inspect.Parameter, kind=inspect.Parameter.POSITIONAL_OR_KEYWORD)
+    given = [
+        new(
             name,
-            inspect.Parameter.POSITIONAL_OR_KEYWORD,
             default=defaults[name],
             annotation=Annotated[_plain(hints[name]), typer.Option(help=text)],
         )
         for name, text in docs.items()
     ]
-    thesis = inspect.Parameter(
-        "thesis",
-        inspect.Parameter.POSITIONAL_OR_KEYWORD,
-        default=False,
-        annotation=Annotated[
-            bool, typer.Option("--thesis", help="(3.6) to the letter; any coverage counts.")
-        ],
-    )
+    given.append(new("thesis", default=False, annotation=Thesis))
 
     @functools.wraps(command)
-    def with_options(thesis: bool, **given: Any) -> None:
-        values = {name: given.pop(name) for name in docs}
+    def with_options(thesis: bool, **values: Any) -> None:
+        thresholds = {name: values.pop(name) for name in docs}
         if thesis:
-            task = Task.thesis(**{k: v for k, v in values.items() if k not in THESIS})
+            task = Task.thesis(**{k: v for k, v in thresholds.items() if k not in THESIS})
         else:
-            task = Task(**values)
-        command(task=task, **given)
+            task = Task(**thresholds)
+        command(task=task, **values)
 
     signature = inspect.signature(command)
     parameters: list[inspect.Parameter] = []
     for parameter in signature.parameters.values():
-        parameters += [*thresholds, thesis] if parameter.name == "task" else [parameter]
+        parameters += given if parameter.name == "task" else [parameter]
     with_options.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined] # of Callable
     with_options.__annotations__ = {each.name: each.annotation for each in parameters}
     return with_options

@@ -8,30 +8,22 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from rastercov.cli import options
 from rastercov.cli.console import out_option, warn
 from rastercov.cli.inputs import read_camera, read_scene, read_view_points
-from rastercov.cli.options import (
-    AsJson,
-    CameraOption,
-    Device,
-    DropInvalid,
-    Meshes,
-    PosesOption,
-    Unit,
-)
 from rastercov.errors import PoseError
 
 
 def render(
-    meshes: Meshes,
-    camera: CameraOption,
-    poses: PosesOption,
+    meshes: options.Meshes,
+    camera: options.CameraOption,
+    poses: options.PosesOption,
     pose: Annotated[int, typer.Option(min=0, help="Row of the pose file.")] = 0,
     out: Annotated[Path, out_option("Folder for the files.")] = Path("render"),
-    unit: Unit = "m",
-    drop_invalid: DropInvalid = False,
-    device: Device = "auto",
-    as_json: AsJson = False,
+    unit: options.Unit = "m",
+    drop_invalid: options.DropInvalid = False,
+    device: options.Device = "auto",
+    as_json: options.AsJson = False,
 ) -> None:
     """Draw one pose: a picture, the face index and the depth of every pixel (PNG and NPZ).
 

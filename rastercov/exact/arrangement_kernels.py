@@ -15,18 +15,15 @@ import numpy as np
 
 from rastercov._jit import allocation_free, inlined
 from rastercov.exact.grid_kernels import cell, sort_cell
-from rastercov.exact.half_plane_kernels import (
-    hides_all,
-    is_joined,
-    outline,
-    outline_error,
-    plane_of,
-)
+from rastercov.exact.half_plane_kernels import hides_all
+from rastercov.exact.outline_kernels import is_joined, outline, outline_error, plane_of
 from rastercov.exact.polygon_kernels import clip, copy_polygon, line_at, line_value, split
 from rastercov.exact.records import (
     DEPTH_TIE_REL,
     DU,
     DV,
+    FIRST,
+    LAST,
     LIVE,
     PARTLY,
     THIN,
@@ -67,7 +64,7 @@ def divide_piece(pieces, p, count, crossings, c, tolerance, work):
     """
     corners, n, values = pieces.corners[p], pieces.n_corners[p], work.values
     segment = crossings.segments[c]
-    u, v, du, dv = segment[0], segment[1], segment[2], segment[3]
+    u, v, du, dv = segment[U], segment[V], segment[DU], segment[DV]
     slack = tolerance * (abs(du) + abs(dv))
     line = (u, v, du, dv, 0.0)
     least = most = 0.0
@@ -93,7 +90,7 @@ def divide_piece(pieces, p, count, crossings, c, tolerance, work):
         t = ((at_u - u) * du + (at_v - v) * dv) / squared
         low, high = min(low, t), max(high, t)
     reach = tolerance * (abs(du) + abs(dv)) / squared
-    if min(high, segment[5]) - max(low, segment[4]) <= reach:
+    if min(high, segment[LAST]) - max(low, segment[FIRST]) <= reach:
         return count
     kept, lost = split(corners, n, values, work.spare, pieces.corners[count])
     if kept < 3 or lost < 3:
@@ -238,7 +235,7 @@ def arrangement_areas(
         while c >= 0 and fits:
             segment = crossings.segments[c]
             area_error[t] += (
-                4 * (abs(segment[2]) + abs(segment[3])) * (segment[5] - segment[4])
+                4 * (abs(segment[DU]) + abs(segment[DV])) * (segment[LAST] - segment[FIRST])
                 * camera.pixel_error
             )  # fmt: skip
             for p in range(count):

@@ -20,6 +20,7 @@ from rastercov._once import Once
 from rastercov.camera import Camera
 from rastercov.exact import certificate_kernels as kernels
 from rastercov.exact.arrangement_kernels import arrangement_areas
+from rastercov.exact.event_kernels import find_event_edges, mark_crossed
 from rastercov.exact.half_plane_kernels import visible_areas
 from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.exact.records import Crossings, Segment
@@ -78,16 +79,15 @@ class CertificateSolver(HalfPlaneSolver):
     ----------
     region : (F,) int32
         Number of the region that decides over each face, -1 for none.
-    n_events, n_crossed, n_regions, n_doubtful : int
-        Event edges, faces that they cross, regions, and faces of regions that turned out neither
-        wholly visible nor wholly hidden.
+    n_events, n_crossed, n_left, n_regions, n_doubtful : int
+        Event edges, faces that they cross, those of them that are left to half planes, regions, and
+        faces of regions that turned out neither wholly visible nor wholly hidden.
     """
 
     def __init__(self, surface: Surface, camera: Camera) -> None:
         super().__init__(surface, camera)
         n_edges, n_faces = len(surface.edges.kind), len(surface.faces)
         self._is_event, self._events = np.empty(n_edges, np.bool_), np.empty(n_edges, np.int32)
-        self._ranges, self._is_hidden = np.empty((16, 2)), np.zeros(n_edges, np.bool_)
         self._is_at_event = np.empty(len(surface.vertices), np.bool_)
         self.region, self._targets = np.empty(n_faces, np.int32), np.empty(n_faces, np.int32)
         self._scratch = np.empty(n_faces, np.int32)
@@ -99,35 +99,33 @@ class CertificateSolver(HalfPlaneSolver):
         surface, camera, projected = self.surface, self.camera, self.projected
         distance = float(np.linalg.norm(camera.centre - surface.centre))
         contacts = surface.contacts.faces_for(distance + surface.diagonal / 2)
-        self.n_events = kernels.find_event_edges(
-            surface.edges, projected, self._is_event, self._events
-        )
+        is_event = self._is_event
+        self.n_events = find_event_edges(surface.edges, projected, is_event, self._events)
         events = self._events[: self.n_events]
         kernels.mark_uncertifiable(
             events, surface.edges, projected, contacts,
             THIN_TOLERANCE_REL * self.coordinate_scale, self._is_at_event,
         )  # fmt: skip
-        tolerance = CROSSING_TOLERANCE_REL * self.coordinate_scale
         while True:
-            n_crossings = kernels.mark_crossed(
-            events, surface.edges, self._is_event, surface.vertices, camera, projected, self.grid,
-            self._extent, tolerance, self.n_clipped > 0,
-            self._segment, self._work, self._ranges, self._is_hidden, self._crossings,
-        )  # fmt: skip
+            n_crossings = mark_crossed(
+                events, surface.edges, is_event, surface.vertices, camera, projected, self.grid,
+                self._extent, CROSSING_TOLERANCE_REL * self.coordinate_scale, self.n_clipped > 0,
+                self._segment, self._work, self._crossings,
+            )  # fmt: skip
             if n_crossings <= len(self._crossings.edge):
                 break
             self._make_room_for_crossings(2 * n_crossings)
         self.n_crossed, self.n_regions = kernels.find_regions(
-            surface.edges, self._is_event, camera, projected, self.region, self._scratch,
-            self._targets,
+            surface.edges, is_event, camera, projected, self.region, self._scratch, self._targets
+        )
+        self.n_left = arrangement_areas(
+            self._targets[: self.n_crossed], self._crossings, surface.edges, is_event, camera,
+            projected, self.grid, self._pieces, self._work, self.visible, self.area_error,
+            self._scratch,
         )  # fmt: skip
-        n_left = arrangement_areas(
-            self._targets[: self.n_crossed], self._crossings, surface.edges, self._is_event, camera, projected,
-            self.grid, self._pieces, self._work, self.visible, self.area_error, self._scratch,
-        )  # fmt: skip
-        self.n_left = n_left
-        self._scratch[n_left : n_left + self.n_regions] = self.largest_of_regions()
-        self.solve(self._scratch[: n_left + self.n_regions])
+        computed = self._scratch[: self.n_left + self.n_regions]
+        computed[self.n_left :] = self.largest_of_regions()
+        self.solve(computed)
         self.n_doubtful = kernels.classify_regions(
             self.region, self.largest_of_regions(), self.area, self.visible, self._scratch,
             CERTAIN_AREA_REL,

@@ -27,14 +27,8 @@ def cells_of_box(box, f, grid):
 def fill_grid(state, box, grid):
     """List the live and thin faces by the cells their boxes touch; returns the number of entries.
 
-    Where that is more than `grid.entries` has room for, none is listed: call again with more room.
-
-    Parameters
-    ----------
-    state, box
-        Of `Projected`.
-    grid : CellGrid
-        Out: `starts`, `entries` and `is_sorted`.
+    `state` and `box` are those of `Projected`. Out: `starts`, `entries` and `is_sorted` of the
+    grid; where `entries` has too little room, none is listed: call again with more.
     """
     columns, starts, entries = grid.columns, grid.starts, grid.entries
     n_cells = columns * grid.rows

@@ -18,6 +18,7 @@ import numpy as np
 
 from rastercov._jit import allocation_free, inlined
 from rastercov.exact.grid_kernels import cells_of_box, sort_cell
+from rastercov.exact.outline_kernels import outline, outline_error, plane_of
 from rastercov.exact.polygon_kernels import (
     clip,
     clip_subtract,
@@ -30,7 +31,6 @@ from rastercov.exact.polygon_kernels import (
 )
 from rastercov.exact.records import (
     BEHIND,
-    CLIPPED,
     DEPTH_TIE_REL,
     DOUBTFUL,
     DU,
@@ -39,23 +39,17 @@ from rastercov.exact.records import (
     IN_FRONT_IN_PART,
     LIVE,
     OFFSET,
-    OUTLINE_ERROR,
     PARTLY,
-    SIDES,
-    SLOPE_U,
-    SLOPE_V,
     STACK_ROOM,
     THIN,
     U_MAX,
     U_MIN,
     V_MAX,
     V_MIN,
-    W_ERROR,
     W_MAX,
     W_MIN,
     U,
     V,
-    W,
 )
 from rastercov.exact.setup_kernels import EDGE_ON_FACTOR, OUTLINE_ERROR_FACTOR
 
@@ -68,108 +62,16 @@ NO_ROOM, ALL_HIDDEN, TOO_MANY = -1, -2, -3
 
 
 @inlined
-def outline(f, projected, corners, lines):
-    """Image of a live face; number of corners and of lines.
-
-    Parameters
-    ----------
-    corners : (CORNERS, 2) float64
-        Out: clockwise in the image; within its border only if the face is clipped in space.
-    lines : (SIDES or more, 5) float64
-        Out: lines that bound it.
-    """
-    if projected.state[f] & CLIPPED:
-        s, clipped = projected.clipped_index[f], projected.clipped
-        copy_polygon(clipped.polygons[s], clipped.n_corners[s], corners)
-        for p in range(SIDES):
-            for column in range(OFFSET + 1):
-                lines[p, column] = clipped.lines[s, p, column]
-        return clipped.n_corners[s], SIDES
-    faces, uvw = projected.faces, projected.uvw
-    second, third = (1, 2) if projected.side[f] < 0 else (2, 1)
-    i, j, k = faces[f, 0], faces[f, second], faces[f, third]
-    corners[0, U], corners[0, V] = uvw[i, U], uvw[i, V]
-    corners[1, U], corners[1, V] = uvw[j, U], uvw[j, V]
-    corners[2, U], corners[2, V] = uvw[k, U], uvw[k, V]
-    for p in range(3):
-        q = p + 1 if p < 2 else 0
-        lines[p, U], lines[p, V] = corners[p, U], corners[p, V]
-        lines[p, DU], lines[p, DV] = corners[q, U] - corners[p, U], corners[q, V] - corners[p, V]
-        lines[p, OFFSET] = 0.0
-    return 3, 3
-
-
-@inlined
-def is_joined(f, s, n_lines, edges, is_event, projected):
-    """True if the surface goes on beyond line s of the outline of a face: it is no event edge."""
-    if s == 3:
-        return False
-    # The corners of a face seen from the front are taken in reverse.
-    corner = s if projected.side[f] < 0 or n_lines == SIDES else 2 - s
-    return not is_event[edges.of_face[f, corner]]
-
-
-@inlined
-def outline_error(f, camera, projected):
-    """Largest error of the outline of a face, pixels."""
-    return (
-        max(camera.pixel_error, projected.clipped.planes[projected.clipped_index[f], OUTLINE_ERROR])
-        if projected.state[f] & CLIPPED
-        else camera.pixel_error
-    )
-
-
-@inlined
-def plane_of(f, camera, projected):
-    """Plane of a face: a point (u, v, w), the slopes of w along u and v, and the error of w.
-
-    The error includes that of the corners and of the arithmetic here, anywhere in the face.
-    """
-    if projected.state[f] & CLIPPED:
-        planes, s = projected.clipped.planes, projected.clipped_index[f]
-        return (
-            planes[s, U], planes[s, V], planes[s, W],
-            planes[s, SLOPE_U], planes[s, SLOPE_V], planes[s, W_ERROR],
-        )  # fmt: skip
-    faces, uvw = projected.faces, projected.uvw
-    i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
-    u, v, w = uvw[i, U], uvw[i, V], uvw[i, W]
-    u1, v1, w1 = uvw[j, U] - u, uvw[j, V] - v, uvw[j, W] - w
-    u2, v2, w2 = uvw[k, U] - u, uvw[k, V] - v, uvw[k, W] - w
-    twice = u1 * v2 - u2 * v1
-    a, b = (w1 * v2 - w2 * v1) / twice, (u1 * w2 - u2 * w1) / twice
-    # The slope across a needle is known to few digits.
-    change = abs(w1) + abs(w2)
-    skew = (abs(u1) + abs(u2)) * (abs(v1) + abs(v2)) / abs(twice)
-    error = camera.w_error_rel * (w + change * skew) + camera.pixel_error * (abs(a) + abs(b))
-    return u, v, w, a, b, error
-
-
-@inlined
 def depth_order(t, m, target, n, n_sides, camera, projected, work, is_first, area_error):
     """Depth order of face m relative to face t, over the overlap of their images.
 
     The order is unknown where w differs by less than its error, a strip along the line of equal
-    depth. The smaller the angle at which faces pierce each other, the wider the strip.
+    depth. The smaller the angle at which faces pierce each other, the wider the strip. Its area is
+    added to `area_error` of t if `is_first`: the two are compared for the first time.
 
-    Parameters
-    ----------
-    target, n : (24, 2) float64, int
-        Image of t.
-    n_sides : int
-        Lines that bound the image of m, in `work.lines`.
-    camera, projected, work
-        Pinhole, Projected and Work.
-    is_first : bool
-        Whether m is compared with t for the first time.
-    area_error : (F,) float64
-        The first time the area of that strip is added to that of t, px^2.
-
-    Returns
-    -------
-    int
-        `BEHIND`, `IN_FRONT` or `IN_FRONT_IN_PART`; for the last, the line of equal depth is
-        appended to `work.lines`.
+    `target` and n are the image of t; `work.lines` has the `n_sides` lines that bound that of m.
+    The result is `BEHIND`, `IN_FRONT` or `IN_FRONT_IN_PART`; for the last, the line of equal depth
+    is appended to `work.lines`.
     """
     faces, box, lines, spare = projected.faces, projected.box, work.lines, work.spare
     if box[m, W_MIN] > box[t, W_MAX] * (1 + 2 * DEPTH_TIE_REL):
@@ -442,12 +344,10 @@ def visible_areas(
         Faces.
     first : int
         Those before this one are done.
-    camera, projected, grid
-        Pinhole; Projected, as filled by `set_up`; CellGrid.
+    projected : Projected
+        As filled by `set_up`.
     marks : (F,) int64
-        Scratch: below 0 at the start of each pose.
-    pieces, work : Pieces, Work
-        Scratch.
+        Scratch: below 0 at the start of each pose. `pieces` and `work` are scratch, too.
     visible : (F,) float64
         Out: visible px^2 inside the image, for the targets.
     area_error : (F,) float64

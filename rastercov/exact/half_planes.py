@@ -50,6 +50,8 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int32]
 
+MOST_RANGES = 16
+"""Visible parts of an event edge in a cell that are kept apart."""
 MOST_CELLS = 1 << 14
 """Columns, or rows, of the grid."""
 LEAST_EXTENT = 1e-100
@@ -211,6 +213,7 @@ class HalfPlaneSolver:
             spare=np.empty((PIECE_ROOM, 2)),
             other=np.empty((PIECE_ROOM, 2)),
             values=np.empty(PIECE_ROOM),
+            ranges=np.empty((MOST_RANGES, 2)),
             cell=np.empty((4, 5)),
             parts=_room_for_pieces(STACK_ROOM, 2 * CORNERS),
             levels=np.empty(STACK_ROOM, np.int64),
@@ -308,15 +311,8 @@ class HalfPlaneSolver:
 
 def _border(width: float, height: float) -> FloatArray:
     """(4, 5) sides of the image as lines, clockwise from the top left corner."""
-    return np.array(
-        [
-            (0, 0, width, 0, 0),
-            (width, 0, 0, height, 0),
-            (width, height, -width, 0, 0),
-            (0, height, 0, -height, 0),
-        ],
-        np.float64,
-    )
+    corners = np.array([(0.0, 0.0), (width, 0.0), (width, height), (0.0, height)])
+    return np.column_stack((corners, np.roll(corners, -1, axis=0) - corners, np.zeros(4)))
 
 
 def _room_for_pieces(n: int, corners: int) -> Pieces:

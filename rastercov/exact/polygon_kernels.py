@@ -176,22 +176,16 @@ def limit_corners(pieces, at, count):
 
 @allocation_free
 def clip_subtract(pieces, count, lines, n_sides, n_lines, tolerance, spare, values):
-    """Subtract a convex occluder from every piece; returns the piece count, or -1 for lack of room.
+    """Subtract a convex occluder from `count` pieces; returns their new count, -1 for lack of room.
 
     Each line of the occluder slices off the part of a piece beyond it; these parts stay, the rest
     is hidden.
 
     Parameters
     ----------
-    pieces : Pieces
-        Changed in place.
-    count : int
-        Pieces in use.
-    lines : (L, 5) float64
-        Lines with the occluder on their inner side: first its sides, then, where it is in front
-        only in part, the line of equal depth.
-    n_sides, n_lines : int
-        Number of sides, and of all lines in use.
+    lines : (n_lines or more, 5) float64
+        Lines with the occluder on their inner side: first its `n_sides` sides, then, where it is in
+        front only in part, the line of equal depth.
     tolerance : float
         Pixels from a line up to which a corner is on it. Without it the slivers that rounding
         leaves along the common side of two occluders are split by every line near them, and double

@@ -1,6 +1,10 @@
 """Arrays and constants that the kernels of the exact methods share.
 
 Image coordinates are u to the right and v down, in pixels; w is 1/z, z being the depth in metres.
+
+The arguments `camera`, `projected`, `clipped`, `grid`, `edges`, `segment`, `occluders`, `pieces`
+and `work` of a kernel are the records defined here: Pinhole, Projected, Clipped, CellGrid and so
+on. A polygon and its corner count n are (N, 2) float64 and int, clockwise; lines are (N, 5).
 """
 
 from collections import namedtuple
@@ -14,6 +18,9 @@ SUM_OF_WIDTHS, SUM_OF_HEIGHTS, SUM_OF_AREAS = range(4, 7)
 DU, DV, OFFSET, LINE_ERROR = range(2, 6)
 """Further columns of a line (u0, v0, du, dv, offset): its inner side is where
 du (v - v0) - dv (u - u0) + offset >= 0. The error of the offset is kept for clipped faces only."""
+FIRST, LAST = range(4, 6)
+"""Further columns of a crossing (u, v, du, dv): the range of its edge, 0 at the start, 1 at the
+end."""
 SLOPE_U, SLOPE_V, W_ERROR, OUTLINE_ERROR = range(3, 7)
 """Further columns of a plane: slope of w along u and v, the largest error of w within the image,
 and the largest error in pixels of the lines that bound the face."""
@@ -136,7 +143,7 @@ is_sorted : (columns * rows or more,) bool
 Pieces = namedtuple("Pieces", "corners n_corners")
 """Convex polygons, clockwise: (N, room, 2) float64 corners, (N,) int64 corner counts."""
 
-Work = namedtuple("Work", "target own corners lines spare other values cell parts levels")
+Work = namedtuple("Work", "target own corners lines spare other values ranges cell parts levels")
 """Scratch for one face.
 
 Attributes
@@ -147,6 +154,8 @@ corners, lines : (CORNERS, 2), (SIDES + 1, 5) float64
     The same of an occluder, with the line of equal depth.
 spare, other, values : (PIECE_ROOM, 2), (PIECE_ROOM, 2), (PIECE_ROOM,) float64
     Two polygons, and values at their corners.
+ranges : (N, 2) float64
+    Parts of an edge.
 cell : (4, 5) float64
     Lines that bound a cell of the grid.
 parts, levels : Pieces, (STACK_ROOM,) int64
@@ -191,7 +200,7 @@ last : (F,) int32
 before : (N,) int32
     Crossing before this one of the same face, -1 for the first.
 edge : (N,) int32
-    Number of the event edge.
+    The event edge, -1 for a rim at the near plane.
 segments : (N, 6) float64
-    u, v, du, dv of the edge, and the range of it: 0 at its start, 1 at its end.
+    u, v, du, dv of the edge, and the first and last of the range of it that crosses the face.
 """

@@ -63,16 +63,9 @@ W_ARITHMETIC_ERROR_REL = 1e-14
 
 @allocation_free
 def project(vertices, camera, uvw):
-    """Project the vertices: pixels and 1/z.
+    """Project (V, 3) world points to (V, 3) `uvw`, pixels and 1/z.
 
-    Parameters
-    ----------
-    vertices : (V, 3) float64
-        World points.
-    camera : Pinhole
-    uvw : (V, 3) float64
-        Out: u, v and w; w is 0 for a vertex before the near plane or beyond `camera.u_min` ...
-        `camera.v_max`.
+    w is 0 for a vertex before the near plane or beyond `camera.u_min` ... `camera.v_max`.
     """
     rotation, eye = camera.rotation, camera.centre
     for i in range(vertices.shape[0]):
@@ -109,21 +102,13 @@ def to_camera(point, camera, high, low):
 
 @compiled
 def normals_of_sides(high, low, normals, errors):
-    """Normals of a face and of the planes through its edges and the camera centre.
+    """Normals of a face and of the planes through its edges and the camera centre; returns d.
 
-    Parameters
-    ----------
-    high, low : (3, 3) float64
-        Corners in camera axes, in pairs of doubles.
-    normals : (4, 3) float64
-        Out: p x q for each edge p q, and the normal n of the face, rounded at the end.
-    errors : (5,) float64
-        Out: largest errors of the four, as vectors, and of d.
+    For corners in camera axes, in pairs of doubles `high` and `low`. Out: `normals`, p x q for each
+    edge p q, and the normal n of the face, rounded at the end; `errors`, the largest of the four,
+    as vectors, and of d.
 
-    Returns
-    -------
-    d : float
-        n . X of the face. (p x q) . ray has its sign for a ray on the inner side of edge p q.
+    d is n . X of the face. (p x q) . ray has its sign for a ray on the inner side of edge p q.
     """
     sum_high, sum_low = np.zeros(3), np.zeros(3)
     d = d_low = 0.0
@@ -208,7 +193,6 @@ def clip_in_space(corners, low, camera, normals, errors, sides, plane, polygon, 
     ----------
     corners, low : (3, 3) float64
         Corners in camera axes, in pairs of doubles; scaled in place.
-    camera : Pinhole
     normals, errors : (4, 3), (5,) float64
         Scratch, for `normals_of_sides`.
     sides : (SIDES, 6) float64
@@ -326,7 +310,6 @@ def set_up(vertices, is_flat, camera, front_only, projected, area_error, extent)
     vertices : (V, 3) float64
     is_flat : (F,) bool
         Faces without area, which neither hide anything nor are visible.
-    camera : Pinhole
     front_only : bool
         Leave out faces that are certainly seen from behind: they hide nothing.
     projected : Projected

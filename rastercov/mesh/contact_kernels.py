@@ -64,11 +64,8 @@ def are_apart(points, reach):
     True is correct for any axis, whatever its rounding. False may be wrong where the nearest points
     are two corners: the axes tried underestimate that distance.
 
-    Parameters
-    ----------
-    points : (15, 3) float64
-        Rows 0-2 and 3-5 are the corners of the triangles; a segment is a triangle that repeats a
-        corner. The other rows are scratch: edges, normals, and an axis.
+    Rows 0-2 and 3-5 of the (15, 3) `points` are the corners of the triangles; a segment is a
+    triangle that repeats a corner. The other rows are scratch: edges, normals, and an axis.
     """
     for k in range(3):  # between the centroids: not a necessary axis, but the best first guess
         one = points[0, k] + points[1, k] + points[2, k]
@@ -101,12 +98,8 @@ def fan_touches(points, reach):
     """True if two triangles with one common corner also meet elsewhere.
 
     Their intersection is convex and contains that corner, so it ends on the edge of one of them
-    opposite the corner.
-
-    Parameters
-    ----------
-    points : (15, 3) float64
-        Corners relative to the common one, which is row 0 and row 3. Overwritten.
+    opposite the corner. `points`, as in `are_apart`, are relative to the common corner, which is
+    row 0 and row 3; they are overwritten.
     """
     # Quick answer, if a plane through the corner separates the triangles:
     for k in range(3):
@@ -129,13 +122,8 @@ def fold_touches(points, reach):
     """True if two triangles with a common edge are folded onto each other.
 
     Projected along the edge they are two segments from one point. The gap between the triangles is
-    widest at the lower apex.
-
-    Parameters
-    ----------
-    points : (15, 3) float64
-        Corners relative to the start of the edge; row 1 is its end, rows 2 and 5 are the apexes.
-        Overwritten.
+    widest at the lower apex. `points`, as in `are_apart`, are relative to the start of the edge;
+    row 1 is its end, rows 2 and 5 are the apexes; they are overwritten.
     """
     length = dot(points, 1, 1)
     if not length > LEAST_AXIS_SQUARED:
@@ -165,8 +153,6 @@ def touch(vertices, scale, faces, t, m, reach, points):
         Inverse of the diagonal of their bounding box.
     faces : (N, 3) int32
         Equal indices for vertices at the same point; three different indices a face.
-    t, m : int
-        Their rows in `faces`.
     reach : float
         As a fraction of that diagonal.
     points : (15, 3) float64
@@ -261,14 +247,10 @@ def mark_contacts(
     done : (2 L,) bool
         Nodes without an unmarked face; updated.
     first, last, budget : int
-        Range of leaves, and the number of steps through the tree after which to return early.
+        Range of leaves, and the number of steps through the tree after which to return early: with
+        the leaf to continue from, which is `last` when the range is finished.
     marks : (N,) bool
         Out: True for faces in contact; others are not changed.
-
-    Returns
-    -------
-    int
-        Leaf to continue from; `last` when the range is finished.
     """
     leaves = nodes.shape[0] // 2
     n = faces.shape[0]

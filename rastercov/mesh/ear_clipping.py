@@ -11,14 +11,15 @@ Source: G. H. Meisters. Polygons Have Ears. 1975.
 import numpy as np
 from numpy.typing import NDArray
 
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
 FOLD_TOLERANCE_REL = 1e-9  # share of a triangle's area that may be wound against its polygon
 WHOLE_TURN = 2 * np.pi * (1 + 1e-9)
 FLATNESS_TOLERANCE_REL = 0.01  # of the size; beyond it the surface depends on the triangulation
 
 
-def cut_concave(
-    vertices: NDArray[np.float64], faces: NDArray[np.int64], source_face: NDArray[np.int64]
-) -> list[str]:
+def cut_concave(vertices: FloatArray, faces: IntArray, source_face: IntArray) -> list[str]:
     """Replace, in place, the fans in `faces` that fold over by triangles that do not.
 
     A fan consists of consecutive triangles of one polygon that share their first corner and an
@@ -110,12 +111,12 @@ def cut_concave(
 
 
 def _cut(
-    vertices: NDArray[np.float64],
-    faces: NDArray[np.int64],
-    start: NDArray[np.int64],
-    n_triangles: NDArray[np.int64],
-    normal: NDArray[np.float64],
-) -> NDArray[np.int64]:
+    vertices: FloatArray,
+    faces: IntArray,
+    start: IntArray,
+    n_triangles: IntArray,
+    normal: FloatArray,
+) -> IntArray:
     """Triangulate the fans that begin at rows `start` by ear clipping; verdict of each polygon."""
     from rastercov.mesh.ear_kernels import SIMPLE, UNPROVEN, cut_polygons
 
@@ -140,11 +141,8 @@ def _cut(
 
 
 def _in_plane(
-    points: NDArray[np.float64],
-    polygon: NDArray[np.int64],
-    first: NDArray[np.int64],
-    normal: NDArray[np.float64],
-) -> NDArray[np.float64]:
+    points: FloatArray, polygon: IntArray, first: IntArray, normal: FloatArray
+) -> FloatArray:
     """(N, 2) corners in their polygon's plane, counter-clockwise, within ±2."""
     points = points - points[first][polygon]
     size = np.maximum.reduceat(np.abs(points).max(axis=1), first)
@@ -165,9 +163,7 @@ def _in_plane(
     return np.stack([z.real, z.imag], axis=1)
 
 
-def _along_curve(
-    xy: NDArray[np.float64], polygon: NDArray[np.int64], starts: NDArray[np.int64]
-) -> NDArray[np.int64]:
+def _along_curve(xy: FloatArray, polygon: IntArray, starts: IntArray) -> IntArray:
     """(N,) position of each corner of a polygon along a Morton curve over the ranks of x and y.
 
     Ranks, because distances between corners may differ by any factor.
@@ -187,11 +183,7 @@ def _along_curve(
     return _rank(key, polygon, starts)
 
 
-def _rank(
-    values: NDArray[np.float64] | NDArray[np.uint64],
-    polygon: NDArray[np.int64],
-    starts: NDArray[np.int64],
-) -> NDArray[np.int64]:
+def _rank(values: FloatArray | NDArray[np.uint64], polygon: IntArray, starts: IntArray) -> IntArray:
     """(N,) rank of each value among those of its polygon."""
     rank = np.empty(len(values), np.int64)
     rank[np.lexsort((values, polygon))] = np.arange(len(values)) - starts[polygon]

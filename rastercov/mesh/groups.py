@@ -35,15 +35,13 @@ class Group:
             object.__setattr__(self, name, flag(name, getattr(self, name)))
 
 
-def group_list(groups: Iterable[Group]) -> tuple[Group, ...]:
-    """Groups of a mesh, or MeshError for values that are no `Group`."""
-    return members("groups", groups, Group, 'Group values such as [Group("part")]', MeshError)
-
-
-def checked_labels(
-    groups: Sequence[Group], face_group: ArrayLike | None, n_faces: int
-) -> NDArray[np.int32]:
-    """(F,) index into `groups` of each face, or MeshError."""
+def checked_groups(
+    groups: Iterable[Group] | None, face_group: ArrayLike | None, n_faces: int
+) -> tuple[tuple[Group, ...], NDArray[np.int32]]:
+    """Groups of a mesh, by default one, and the (F,) index of each face's group, or MeshError."""
+    default = (Group("mesh"),)
+    wanted = 'Group values such as [Group("part")]'
+    groups = members("groups", default if groups is None else groups, Group, wanted, MeshError)
     names = [group.name for group in groups]
     if not names or len(set(names)) < len(names):
         raise MeshError(f"group names must be unique and at least one, got {names}; rename")
@@ -55,7 +53,7 @@ def checked_labels(
             f"face_group must lie in 0 ... {len(groups) - 1}, got {labels.min()} ... "
             f"{labels.max()}; list every group in groups"
         )
-    return labels.astype(np.int32)
+    return groups, labels.astype(np.int32)
 
 
 def flagged(

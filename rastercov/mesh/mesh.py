@@ -27,7 +27,7 @@ from rastercov.mesh.arrays import (
     some,
 )
 from rastercov.mesh.formats import LARGEST_FILE, metres_per, read_files
-from rastercov.mesh.groups import Group, checked_labels, flagged, group_list
+from rastercov.mesh.groups import Group, checked_groups, flagged
 from rastercov.mesh.topology import Topology, first_equal_row
 
 if TYPE_CHECKING:
@@ -109,13 +109,13 @@ class Mesh:
                 f"{corners[face].tolist()} ({some(outside)}); correct the indices"
             )
         check_coordinates(points, corners)
-        groups = (Group("mesh"),) if groups is None else group_list(groups)
+        groups, labels = checked_groups(groups, face_group, n_faces)
         origin = np.arange(n_faces) if source_face is None else source_face
         fields: dict[str, Any] = {
             "vertices": points,
             "faces": corners,
             "groups": groups,
-            "face_group": checked_labels(groups, face_group, n_faces),
+            "face_group": labels,
             "source_face": face_labels("source_face", origin, n_faces),
             "sources": members("sources", sources, MeshSource, "MeshSource values", MeshError),
             "notes": members("notes", notes, str, "a list of texts", MeshError),

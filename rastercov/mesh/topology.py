@@ -17,17 +17,9 @@ ODD_MULTIPLIERS = (0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9)
 
 
 def first_equal_row(rows: NDArray[np.uint64]) -> NDArray[np.int64]:
-    """Index of the first row that equals each row.
+    """(N,) index of the first of (N, 2) or (N, 3) rows that equals each row; its own if none does.
 
-    Parameters
-    ----------
-    rows : (N, 2) or (N, 3) uint64
-        N > 0, any bits; floats viewed as integers, for example.
-
-    Returns
-    -------
-    (N,) int64
-        The row's own index where no earlier row is equal.
+    N > 0. The rows may have any bits; floats viewed as integers, for example.
     """
     digest = np.zeros(len(rows), dtype=np.uint64)
     for column, multiplier in zip(rows.T, ODD_MULTIPLIERS, strict=False):

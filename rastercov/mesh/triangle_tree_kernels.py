@@ -56,15 +56,7 @@ def box_centre(points: FloatArray, faces: NDArray[Any], f: int, k: int) -> Any:
 
 @compiled
 def order_keys(points: FloatArray, faces: NDArray[Any], keys: NDArray[np.uint64]) -> None:
-    """Sort key of each triangle: the position of its box' centre along a Morton curve.
-
-    Parameters
-    ----------
-    points : (V, 3) float64
-    faces : (T, 3) int
-    keys : (T,) uint64
-        Out.
-    """
+    """Set `keys`, (T,): the position of the centre of each triangle's box along a Morton curve."""
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for f in range(faces.shape[0]):
         for k in range(3):
@@ -83,19 +75,11 @@ def order_keys(points: FloatArray, faces: NDArray[Any], keys: NDArray[np.uint64]
 def grow_boxes(
     points: FloatArray, faces: NDArray[Any], margin: float, boxes: NDArray[Any], nodes: NDArray[Any]
 ) -> None:
-    """Boxes of the triangles, and of the tree above them.
+    """Set the (T, 6) boxes of the triangles, and the (2 L, 6) nodes of the tree above them.
 
-    Parameters
-    ----------
-    points : (V, 3) float64
-    faces : (T, 3) int
-        In the order of the keys.
-    margin : float
-        Added on each side: at least twice the rounding of a coordinate to the type of the boxes.
-    boxes : (T, 6) float
-        Out: boxes of the triangles.
-    nodes : (2 L, 6) float
-        Out: the tree; L is a power of two with L >= 2 and L * LEAF >= T.
+    The faces are in the order of the keys; L is a power of two with L >= 2 and L * LEAF >= T. The
+    margin, added on each side, is at least twice the rounding of a coordinate to the type of the
+    boxes.
     """
     leaves = nodes.shape[0] // 2
     nodes[:] = np.inf
@@ -176,19 +160,10 @@ def hit_segments(
     nodes: FloatArray,
     hit: BoolArray,
 ) -> None:
-    """Segments that meet a triangle, in a scene of diagonal 1 about the origin.
+    """Set `hit` for segments that meet a triangle, in a scene of diagonal 1 about the origin.
 
-    Parameters
-    ----------
-    origins, directions : (N, 3) float64
-        Start points, and unit vectors.
-    reaches : (N,) float64
-        Lengths; a segment without a positive length meets nothing.
-    corners : (T, 3, 3) float64
-        Triangles, in the order of the tree.
-    nodes : (2 L, 6) float64
-    hit : (N,) bool
-        Out.
+    Directions are unit vectors; a segment without a positive reach, its length, meets nothing. The
+    (T, 3, 3) corners of the triangles are in the order of the tree.
     """
     leaves = nodes.shape[0] // 2
     stack = np.empty(STACK_SIZE, np.int64)
@@ -274,18 +249,10 @@ def nearest(
     triangle: IntArray,
     where: FloatArray,
 ) -> None:
-    """Nearest point of the triangles for each point.
+    """Set squared distance, triangle and (N, 3) nearest point of the triangles for each point.
 
-    Parameters
-    ----------
-    points : (N, 3) float64
-    corners : (T, 3, 3) float64
-        Triangles with an area, in the order of the tree.
-    nodes : (2 L, 6) float64
-        Without margin.
-    squared, triangle, where : (N,) float64, (N,) int64, (N, 3) float64
-        Out: squared distance, triangle and point; of several triangles at the same distance, the
-        first one that the traversal reaches.
+    Of several triangles at the same distance it is the first one that the traversal reaches. They
+    have an area; their (T, 3, 3) corners are in the order of the tree, and nodes have no margin.
     """
     leaves = nodes.shape[0] // 2
     stack = np.empty(STACK_SIZE, np.int64)
@@ -337,18 +304,11 @@ def is_left(vertices: FloatArray, i: int, j: int, x: float, y: float) -> bool:
 def winding(
     points: FloatArray, vertices: FloatArray, faces: IntArray, nodes: FloatArray, turns: IntArray
 ) -> None:
-    """Winding number of a surface about each point: signed crossings of a ray along +z.
+    """Set `turns` to the winding number of a surface about each point.
 
-    Parameters
-    ----------
-    points : (N, 3) float64
-    vertices : (V, 3) float64
-    faces : (T, 3) int64
-        In the order of the tree; the number is undefined unless they are a closed surface.
-    nodes : (2 L, 6) float64
-        Without margin.
-    turns : (N,) int64
-        Out: 1 inside a surface that faces outward, -1 inside one that faces inward.
+    These are the signed crossings of a ray along +z: 1 inside a surface that faces outward, -1
+    inside one that faces inward, undefined unless the surface is closed. The faces are in the order
+    of the tree, and nodes have no margin.
     """
     leaves = nodes.shape[0] // 2
     stack = np.empty(STACK_SIZE, np.int64)

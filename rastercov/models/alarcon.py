@@ -39,7 +39,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.camera import Camera
 from rastercov.criteria import face_geometry
@@ -47,6 +47,7 @@ from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.models.base import (
     Criteria,
+    FloatArray,
     check_number,
     coverage_model,
     each_pose,
@@ -56,8 +57,6 @@ from rastercov.models.base import (
 from rastercov.models.line_of_sight import LineOfSight, check_tracer
 from rastercov.projection import to_camera
 from rastercov.task import Task
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,13 +154,9 @@ def frustum(camera: Camera, z_n: float, z_f: float) -> tuple[FloatArray, FloatAr
     slopes = np.array([(x, y, 1.0) for x in sides[0] for y in sides[1]])
     corners = np.concatenate((z_n * slopes, z_f * slopes))
     centre = corners.mean(axis=0)
-    right, lower = slopes[:, 0] == sides[0, 1], slopes[:, 1] == sides[1, 1]
-    far, right, lower = (
-        np.repeat((False, True), 4),
-        np.concatenate((right, right)),
-        np.concatenate((lower, lower)),
-    )
-    axes = [corners[side].mean(axis=0) - centre for side in (far, right, lower)]
+    by_end = corners.reshape(2, 2, 2, 3)  # by depth, x, y
+    ends = (by_end[1], by_end[:, 1], by_end[:, :, 1])
+    axes = [end.reshape(4, 3).mean(axis=0) - centre for end in ends]
     return centre, np.stack(axes, axis=1)
 
 

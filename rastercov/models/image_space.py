@@ -19,18 +19,16 @@ Caveats
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.camera import Camera
 from rastercov.coverage import evaluate_batches
 from rastercov.engine import METHODS
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
-from rastercov.models.base import Criteria, coverage_model
+from rastercov.models.base import Criteria, FloatArray, coverage_model
 from rastercov.observer import open_observer
 from rastercov.task import Task
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -103,6 +103,17 @@ class LineOfSight:
         origin = self._placed(points) + MARGIN * direction
         return self._tracer.meets(origin, direction, reach / self._diagonal - MARGIN)
 
+    def hides(self, mesh: Mesh, wanted: BoolArray, pose: FloatArray, near: float) -> BoolArray:
+        """(F, 3) corners of the mesh at hidden vertices; only those of wanted corners are traced.
+
+        `wanted` is (F,) or (F, 3).
+        """
+        vertices = np.unique(mesh.faces[wanted])
+        hidden = np.zeros(mesh.n_vertices, dtype=bool)
+        hidden[vertices] = self.hidden(mesh.vertices[vertices], pose, near)
+        corners: BoolArray = hidden[mesh.faces]
+        return corners
+
     @property
     def tracer(self) -> str:
         """Name of the tracer that answers."""

@@ -45,14 +45,16 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.camera import Camera
 from rastercov.criteria import face_geometry
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.models.base import (
+    BoolArray,
     Criteria,
+    FloatArray,
     check_number,
     coverage_model,
     each_pose,
@@ -63,9 +65,6 @@ from rastercov.models.base import (
 from rastercov.models.line_of_sight import LineOfSight, check_tracer
 from rastercov.projection import to_camera, to_image
 from rastercov.task import Task
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 LIMITS = {
     "padding": (1e9, "0 or more pixels"),
@@ -218,10 +217,7 @@ def strength_of_points(
         graded[~view.is_front] = 0.0
 
         # Only faces covered so far can be hidden: most segments need not be traced.
-        wanted = np.unique(mesh.faces[graded > 0])
-        hidden = np.zeros(mesh.n_vertices, dtype=bool)
-        hidden[wanted] = tracer.hidden(mesh.vertices[wanted], pose, near)
-        graded[hidden[mesh.faces]] = 0.0
+        graded[tracer.hides(mesh, graded > 0, pose, near)] = 0.0
         return graded
 
     return each_pose(mesh, camera, poses, strength, (mesh.n_faces, 3))

@@ -28,13 +28,14 @@ Caveats
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.camera import Camera
 from rastercov.criteria import face_geometry
 from rastercov.mesh import Mesh
 from rastercov.models.base import (
     Criteria,
+    FloatArray,
     ResolutionParameters,
     coverage_model,
     each_pose,
@@ -43,8 +44,6 @@ from rastercov.models.base import (
 )
 from rastercov.projection import to_camera, to_image
 from rastercov.task import Task
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

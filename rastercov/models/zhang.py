@@ -35,13 +35,15 @@ Caveats
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.camera import Camera
 from rastercov.criteria import FaceGeometry, face_geometry
 from rastercov.mesh import Mesh
 from rastercov.models.base import (
+    BoolArray,
     Criteria,
+    FloatArray,
     ResolutionParameters,
     coverage_model,
     each_pose,
@@ -52,9 +54,6 @@ from rastercov.models.base import (
 )
 from rastercov.models.line_of_sight import LineOfSight, check_tracer
 from rastercov.task import Task
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,8 +124,7 @@ def visible(
 
 def _resolution(mesh: Mesh, camera: Camera, pose: FloatArray, view: FaceGeometry) -> FloatArray:
     """R in pixels a metre, (F,); 0 for faces turned away from the optical axis."""
-    cosine = -seen_normals(mesh, pose)[:, 2]
-    cosine = np.maximum(cosine, 0.0)
+    cosine = np.maximum(-seen_normals(mesh, pose)[:, 2], 0.0)
     ahead: BoolArray = np.all(view.depth > 0, axis=1)
     nearness = (1.0 / np.where(ahead[:, None], view.depth, np.inf)).mean(axis=1)
     resolution: FloatArray = min(camera.fx, camera.fy) * cosine * nearness
@@ -137,8 +135,5 @@ def _unhidden(
     mesh: Mesh, tracer: LineOfSight, pose: FloatArray, near: float, chosen: BoolArray
 ) -> FloatArray:
     """1 for chosen faces none of whose vertices are hidden, 0 for all others, (F,)."""
-    wanted = np.unique(mesh.faces[chosen])
-    hidden = np.zeros(mesh.n_vertices, dtype=bool)
-    hidden[wanted] = tracer.hidden(mesh.vertices[wanted], pose, near)
-    unhidden: FloatArray = (chosen & ~np.any(hidden[mesh.faces], axis=1)).astype(np.float64)
-    return unhidden
+    is_seen: BoolArray = chosen & ~tracer.hides(mesh, chosen, pose, near).any(axis=1)
+    return is_seen.astype(np.float64)

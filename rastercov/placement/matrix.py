@@ -15,7 +15,7 @@ most its current shard; run again with the same inputs it continues from there. 
 damaged, exchanged or deleted file again, bit for bit; where a folder is only read it is refused.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -27,10 +27,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov._typed import typed
 from rastercov.camera import Camera
-from rastercov.coverage import POSES_A_BATCH, Coverage, evaluate_batches
+from rastercov.coverage import Coverage, evaluate_batches
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.observer import Observer, open_observer
+from rastercov.placement._arrays import BoolArray, FloatArray
 from rastercov.placement.shards import (
     DamagedError,
     Note,
@@ -47,9 +48,6 @@ from rastercov.placement.shards import (
 )
 from rastercov.pose import valid_poses
 from rastercov.task import Task
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,6 +151,18 @@ class VisibilityMatrix:
             of_pose = table["pose"].to_numpy() - rows.start
             counts[rows] = np.bincount(of_pose, minlength=rows.stop - rows.start)
             done = part.stop
+        return cls._of(poses, header, counts, face, coverage)
+
+    @classmethod
+    def _of(
+        cls,
+        poses: FloatArray,
+        header: dict[str, Any],
+        counts: NDArray[np.int64],
+        face: NDArray[np.int32],
+        coverage: NDArray[np.float32],
+    ) -> Self:
+        """Matrix of all pairs, from the number of pairs of each pose."""
         return cls(
             poses=poses,
             n_faces=header["n_faces"],
@@ -205,11 +215,22 @@ def build_matrix(
         For a pose that is no rigid motion.
     """
     matrices, task = valid_poses(poses), task or Task()
+    done = 0
+
+    def batches(rows: slice) -> Iterator[Coverage]:
+        nonlocal done
+        for batch in evaluate_batches(observer, matrices[rows], task):
+            if len(batch.pose_ids):
+                yield batch
+                done += len(batch.pose_ids)
+                progress(done, len(matrices))
+
     opened = open_observer(*view) if isinstance(view, tuple) else nullcontext(view)
     with opened as observer:
         header = describe(observer, matrices, task, poses_a_shard)
         if folder is None:
-            return _in_memory(observer, matrices, task, header, progress)
+            progress(0, len(matrices))
+            return VisibilityMatrix._of(matrices, header, *_gathered(batches(slice(None))))
         with locked(Path(folder)) as place:
             kept = claim(place, header, matrices, poses_a_shard is not None, note)
             shards = list(shards_of(len(matrices), kept["poses_a_shard"]))
@@ -218,10 +239,7 @@ def build_matrix(
             done = len(matrices) - sum(rows.stop - rows.start for _, rows in missing)
             progress(done, len(matrices))
             for shard, rows in missing:
-                sizes[shard] = _write_shard(
-                    place, shard, rows, observer, matrices, task, kept, progress, done
-                )
-                done += rows.stop - rows.start
+                sizes[shard] = _write_shard(place, shard, kept, batches(rows), rows.start)
             return VisibilityMatrix._read(place, kept, sum(size or 0 for size in sizes.values()))
 
 
@@ -239,34 +257,18 @@ def _rows_in(
     return None if file is None else int(file.metadata.num_rows)
 
 
-def _in_memory(
-    observer: Observer,
-    poses: FloatArray,
-    task: Task,
-    header: dict[str, Any],
-    progress: Callable[[int, int], None],
-) -> VisibilityMatrix:
-    counts: list[NDArray[np.int64]] = [np.zeros(1, np.int64)]
-    faces: list[NDArray[np.int32]] = []
-    values: list[NDArray[np.float32]] = []
-    progress(0, len(poses))
-    for batch in evaluate_batches(observer, poses, task):
+def _gathered(
+    batches: Iterable[Coverage],
+) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32]]:
+    """Pairs of each pose, and face and coverage of each pair."""
+    counts, faces = [np.zeros(0, np.int64)], [np.zeros(0, np.int32)]
+    values = [np.zeros(0, np.float32)]
+    for batch in batches:
         pose, face, value, _ = _pairs(batch)
         counts.append(np.bincount(pose, minlength=len(batch.pose_ids)))
         faces.append(face)
         values.append(value)
-        if len(batch.pose_ids):
-            progress(int(batch.pose_ids[-1]) + 1, len(poses))
-    return VisibilityMatrix(
-        poses=poses,
-        n_faces=observer.mesh.n_faces,
-        n_task_faces=header["n_task_faces"],
-        task=task,
-        indptr=np.cumsum(np.concatenate(counts)),
-        face=np.concatenate(faces),
-        coverage=np.concatenate(values),
-        header=header,
-    )
+    return np.concatenate(counts), np.concatenate(faces), np.concatenate(values)
 
 
 def _pairs(
@@ -294,30 +296,18 @@ def shortened(coverage: FloatArray, least: float) -> tuple[NDArray[np.float32], 
 
 
 def _write_shard(
-    folder: Path,
-    shard: str,
-    rows: slice,
-    observer: Observer,
-    poses: FloatArray,
-    task: Task,
-    header: dict[str, Any],
-    progress: Callable[[int, int], None],
-    done: int,
+    folder: Path, shard: str, header: dict[str, Any], batches: Iterable[Coverage], first: int
 ) -> int:
-    """Measure the poses of a shard and write it; the number of its pairs."""
+    """Write the shard of the poses from number `first` on; the number of its pairs."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     schema, sink, n_pairs = schema_of(shard, header), pa.BufferOutputStream(), 0
     with pq.ParquetWriter(sink, schema, compression="zstd", write_page_checksum=True) as writer:
-        for start in range(rows.start, rows.stop, POSES_A_BATCH):
-            ids = np.arange(start, min(start + POSES_A_BATCH, rows.stop))
-            for batch in evaluate_batches(observer, poses[ids], task):
-                pose, face, value, covered = _pairs(batch)
-                of_all = ids[batch.pose_ids[pose]].astype(np.int32)
-                writer.write_table(pa.table([of_all, face, value, covered], schema=schema))
-                n_pairs += len(face)
-                done += len(batch.pose_ids)
-                progress(done, len(poses))
+        for batch in batches:
+            pose, face, value, covered = _pairs(batch)
+            of_all = (first + batch.pose_ids[pose]).astype(np.int32)
+            writer.write_table(pa.table([of_all, face, value, covered], schema=schema))
+            n_pairs += len(face)
     store(folder, shard, memoryview(sink.getvalue()))
     return n_pairs

@@ -29,17 +29,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.errors import ConfigError
 from rastercov.observer import Observer
+from rastercov.placement._arrays import FloatArray
+from rastercov.provenance import sha256
 from rastercov.task import Task
 
 if TYPE_CHECKING:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-FloatArray = NDArray[np.float64]
 
 PAIRS_A_SHARD = 1 << 22
 """Pose-face pairs, seen or not, of one shard: several seconds of work."""
@@ -85,9 +85,9 @@ def describe(
     return {
         "format": FORMAT,
         "rastercov": version("rastercov"),
-        "mesh": _sha256(mesh.vertices, mesh.faces, mesh.face_group, groups),
-        "camera": _sha256(json.dumps(asdict(camera), sort_keys=True)),
-        "poses": _sha256(poses),
+        "mesh": sha256(mesh.vertices, mesh.faces, mesh.face_group, groups),
+        "camera": sha256(json.dumps(asdict(camera), sort_keys=True)),
+        "poses": sha256(poses),
         "task": asdict(task),
         "measured_by": asdict(observer.info),
         "samples": observer.observe(np.empty((0, 4, 4))).samples_per_pixel,
@@ -96,17 +96,6 @@ def describe(
         "n_faces": mesh.n_faces,
         "n_task_faces": int(mesh.task_mask.sum()),
     }
-
-
-def _sha256(*parts: NDArray[Any] | str) -> str:
-    total = hashlib.sha256()
-    for part in parts:
-        if isinstance(part, str):
-            total.update(part.encode())
-        else:
-            total.update(f"{part.dtype.str} {part.shape}".encode())
-            total.update(np.ascontiguousarray(part).data)
-    return total.hexdigest()
 
 
 @contextmanager
@@ -254,7 +243,7 @@ def read_poses(folder: Path, header: dict[str, Any]) -> FloatArray | None:
         poses: FloatArray = np.load(io.BytesIO(data), allow_pickle=False)
     except (ValueError, EOFError):
         raise DamagedError(folder / POSES, "this is no array") from None
-    if _sha256(poses) != header["poses"]:
+    if sha256(poses) != header["poses"]:
         raise DamagedError(folder / POSES, "these are poses of another matrix")
     return poses
 

@@ -14,37 +14,16 @@ from numpy.typing import NDArray
 from rastercov.camera import Camera
 from rastercov.errors import RastercovError
 from rastercov.mesh import Mesh
-from rastercov.placement.candidates import mounting
-from rastercov.placement.candidates import pool as generators
-from rastercov.placement.candidates.clearance import (
-    Dropped,
-    KeepOut,
-    KeepOutBox,
-    KeepOutSphere,
-    filter_candidates,
-)
+from rastercov.placement.candidates import mounting, pool
+from rastercov.placement.candidates.clearance import Dropped, KeepOut, filter_candidates
 from rastercov.placement.candidates.framing import Framing
 from rastercov.placement.candidates.pool import Candidates
 from rastercov.placement.candidates.segments import Segmentation, segment
 from rastercov.placement.improve.pose_space import Place, PoseSpace
-from rastercov.plan.entry import no_limit
+from rastercov.plan import generators as entries
+from rastercov.plan.entry import no_limit, value_of
 from rastercov.plan.errors import PlanError
 from rastercov.plan.file import Plan
-from rastercov.plan.generators import (
-    Aim,
-    Around,
-    Framed,
-    Mounted,
-    OnBox,
-    OnCeiling,
-    OnWalls,
-    PerCavity,
-    PerConvexRegion,
-    PerFace,
-    PerSegment,
-    PoseFile,
-    Square,
-)
 
 FloatArray = NDArray[np.float64]
 
@@ -104,10 +83,8 @@ class CandidatePool:
 
 def segmentation_of(plan: Plan, mesh: Mesh) -> Segmentation | None:
     """Segments for the first `per_segment` entry; None where there is no such entry."""
-    for entry in plan.candidates:
-        if isinstance(entry, PerSegment):
-            return _segmented(mesh, entry)
-    return None
+    own = (entry for entry in plan.candidates if isinstance(entry, entries.PerSegment))
+    return next((_segmented(mesh, entry) for entry in own), None)
 
 
 def candidate_pool(plan: Plan, mesh: Mesh, camera: Camera) -> CandidatePool:
@@ -121,7 +98,7 @@ def candidate_pool(plan: Plan, mesh: Mesh, camera: Camera) -> CandidatePool:
     parts: list[tuple[Candidates, float]] = []
     lines: list[str] = []
     for row, entry in enumerate(plan.candidates):
-        if isinstance(entry, PerCavity):
+        if isinstance(entry, entries.PerCavity):
             continue
         try:
             parts += [(part, entry.cost) for part in _made(plan, mesh, camera, entry)]
@@ -195,70 +172,55 @@ def _filtered(
 
 def keep_outs(plan: Plan) -> list[KeepOut]:
     """Keep-out volumes of a plan."""
-    volumes: list[KeepOut] = []
-    for entry in plan.constraints.keep_out:
-        if entry.centre is not None:
-            assert entry.radius is not None
-            volumes.append(KeepOutSphere(_triple(entry.centre), entry.radius, entry.name))
-        else:
-            assert entry.low is not None
-            assert entry.high is not None
-            volumes.append(KeepOutBox(_triple(entry.low), _triple(entry.high), entry.name))
-    return volumes
+    return [entry.volume() for entry in plan.constraints.keep_out]
 
 
-def framing_of(plan: Plan, entry: Any) -> Framing:
+def framing_of(plan: Plan, entry: entries.Generator) -> Framing:
     """Framing of the candidates of an entry.
 
     An entry without a stand-off of its own has that of the constraints.
     """
-    own: dict[str, Any] = {"rolls_deg": tuple(entry.rolls_deg), "up": _triple(entry.up)}
-    if isinstance(entry, Framed):
-        own["stand_off"] = no_limit(entry.stand_off or plan.constraints.stand_off)
-        own["margin"] = entry.margin
-    if isinstance(entry, Square):
-        own["fit"] = entry.fit
-    return Framing(**own, max_blur=plan.task.max_blur)
+    others: dict[str, Any] = {"max_blur": plan.task.max_blur}
+    if isinstance(entry, entries.Framed):
+        others["stand_off"] = no_limit(entry.stand_off or plan.constraints.stand_off)
+    return value_of(entry, Framing, **others)
 
 
-def _made(plan: Plan, mesh: Mesh, camera: Camera, entry: Any) -> Iterator[Candidates]:
-    """Candidates of an entry; several times for a mount with several aims."""
+def _made(
+    plan: Plan, mesh: Mesh, camera: Camera, entry: entries.CandidateEntry
+) -> Iterator[Candidates]:
+    """Candidates of an entry; several times for a mount with several aims.
+
+    Fields of an entry that its base class lacks are the arguments of its generator.
+    """
     view = (mesh, camera, framing_of(plan, entry))
     match entry:
-        case PerSegment():
-            yield generators.per_segment(*view, segmentation=_segmented(mesh, entry))
-        case PerFace():
+        case entries.PerSegment():
+            yield pool.per_segment(*view, segmentation=_segmented(mesh, entry))
+        case entries.PerFace():
             wanted = [g.name in entry.groups or not entry.groups for g in mesh.groups]
             faces = mesh.task_mask & np.array(wanted)[mesh.face_group]
-            yield generators.per_face(*view, faces=faces)
-        case PerConvexRegion():
-            yield generators.per_convex_region(*view, least_bend_deg=entry.least_bend_deg)
-        case Around():
+            yield pool.per_face(*view, faces=faces)
+        case entries.PerConvexRegion():
+            yield pool.per_convex_region(*view, least_bend_deg=entry.least_bend_deg)
+        case entries.Around():
             around = getattr(mounting, entry.generator)
-            sizes = {"count": entry.count, "centre": entry.centre, "distances": entry.distances}
-            yield around(*view, **sizes)
-        case PoseFile():
-            yield generators.from_poses(*view, poses=plan.folder / entry.file)
-        case Mounted():
+            yield around(*view, **_own(entry, entries.Framed))
+        case entries.PoseFile():
+            yield pool.from_poses(*view, poses=plan.folder / entry.file)
+        case entries.Mounted():
+            mount = getattr(mounting, entry.generator)
+            bounds = None if entry.low is None else np.array([entry.low, entry.high])
+            given = {"spacing": entry.spacing, "bounds": bounds} | _own(entry, entries.Mounted)
             for aim in entry.aim:
-                yield _mounted(view, entry, _rule(aim))
+                yield mount(*view, aim=_rule(aim), **given)
 
 
-def _mounted(view: tuple[Mesh, Camera, Framing], entry: Mounted, aim: mounting.Aim) -> Candidates:
-    bounds = None if entry.low is None else np.array([entry.low, entry.high])
-    own: dict[str, Any] = {"spacing": entry.spacing, "aim": aim, "bounds": bounds}
-    match entry:
-        case OnWalls():
-            heights = None if entry.heights is None else (entry.heights[0], entry.heights[1])
-            return mounting.on_walls(*view, **own, inset=entry.inset, heights=heights)
-        case OnCeiling():
-            return mounting.on_ceiling(*view, **own, inset=entry.inset)
-        case OnBox():
-            return mounting.on_box(*view, **own, outward=entry.outward, sides=entry.sides)
-    raise AssertionError(entry)
+def _own(entry: entries.Generator, base: type[entries.Generator]) -> dict[str, Any]:
+    return entry.model_dump(exclude={"generator", *base.model_fields})
 
 
-def _rule(aim: Aim) -> mounting.Aim:
+def _rule(aim: entries.Aim) -> mounting.Aim:
     if aim.point is not None:
         return mounting.at_point(aim.point)
     if aim.direction is not None:
@@ -268,7 +230,7 @@ def _rule(aim: Aim) -> mounting.Aim:
     return mounting.at_middle()
 
 
-def _segmented(mesh: Mesh, entry: PerSegment) -> Segmentation:
+def _segmented(mesh: Mesh, entry: entries.PerSegment) -> Segmentation:
     if entry.merge == "none":
         return segment(mesh, entry.alpha_deg, None)
     return segment(
@@ -291,7 +253,3 @@ def _boxes(part: Candidates) -> Iterator[FloatArray]:
             yield np.stack((on_side.min(axis=0), on_side.max(axis=0)))
     elif len(eyes):
         yield np.stack((eyes.min(axis=0), eyes.max(axis=0)))
-
-
-def _triple(values: Sequence[float]) -> tuple[float, float, float]:
-    return (values[0], values[1], values[2])

@@ -14,20 +14,13 @@ from xml.etree import ElementTree
 from rastercov._output import write_bytes
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
-from rastercov.observer import open_observer
 from rastercov.placement.explain.uncovered import Leftover, what_is_left
 from rastercov.placement.improve.objective import Objective
 from rastercov.plan.errors import PlanError
 from rastercov.plan.file import Plan
-from rastercov.plan.network import Measured, measured
+from rastercov.plan.network import Measured, measured, observer_of
 from rastercov.plan.prepare import Step, quiet
-from rastercov.plan.requirements import (
-    HOLDS,
-    Requirement,
-    counting,
-    judge,
-    limits_of,
-)
+from rastercov.plan.requirements import HOLDS, Requirement, counting, judge, limits_of
 from rastercov.plan.scene import scene
 from rastercov.pose import valid_poses
 from rastercov.pose_file import read_poses
@@ -44,18 +37,11 @@ class Checked:
 
     Attributes
     ----------
-    plan, poses_file
-        The plan and the file of the rig.
-    mesh : Mesh
-    task : Task
     views : int or dict of str to int
         Cameras that a face needs.
-    requirements : tuple of Requirement
     groups : tuple of Requirement
         Share covered of every task group, with limit 0 where nothing is required of it; the least
         covered first.
-    cameras : Measured
-    leftover : Leftover
     """
 
     plan: Plan
@@ -91,11 +77,9 @@ class Checked:
             entry = by_name[name]
             if not entry["left"]["faces"]:
                 continue
+            shares = sorted(entry["reasons"].items(), key=lambda item: -item[1]["faces"])
             why = ", ".join(
-                f"{share['faces']} {reason.replace('_', ' ')}"
-                for reason, share in sorted(
-                    entry["reasons"].items(), key=lambda item: -item[1]["faces"]
-                )
+                f"{share['faces']} {reason.replace('_', ' ')}" for reason, share in shares
             )
             text = f"group {name}: {entry['left']['faces']} faces uncovered: {why}"
             if hidden := list(entry["hidden_by"]):
@@ -155,7 +139,7 @@ def check(
     plan : Plan
         Its candidates and constraints are not used.
     poses_file : Path
-        The rig, as `read_poses` takes it.
+        The rig.
     limits : mapping of group name or None to share
         None is the whole task.
     views : int, optional
@@ -177,17 +161,11 @@ def check(
         mesh = scene(plan)
     scored = [group.name for group in mesh.groups if not group.is_occluder]
     if unknown := [name for name in limits if name is not None and name not in scored]:
-        raise PlanError(
-            plan.name,
-            [
-                f"there is no group {name!r} to cover; there are {', '.join(scored)}"
-                for name in unknown
-            ],
-        )
+        known = f"to cover; there are {', '.join(scored)}"
+        raise PlanError(plan.name, [f"there is no group {name!r} {known}" for name in unknown])
     task = plan.build_task(views)
     counted = counting(plan.task) | ({"views": views} if views else {})
-    method, supersample = plan.task.method, plan.task.supersample
-    with open_observer(mesh, plan.build_camera(), method, supersample=supersample) as observer:
+    with observer_of(plan, mesh) as observer:
         objective = Objective.of(observer, task, **counted)
         with step("coverage") as progress:
             cameras = measured(objective, poses, progress)
@@ -195,24 +173,15 @@ def check(
             leftover = what_is_left(
                 observer, poses, task, covered=cameras.covered, progress=progress
             )
-    every = judge(
-        mesh,
-        objective.integer_weights,
-        {name: limits.get(name, 0.0) for name in scored},
-        cameras.covered,
-        cameras.certain,
-        cameras.possible,
-    )
-    found = judge(
-        mesh, objective.integer_weights, limits, cameras.covered, cameras.certain, cameras.possible
-    )
+    masks, weights = (cameras.covered, cameras.certain, cameras.possible), objective.integer_weights
+    every = judge(mesh, weights, {name: limits.get(name, 0.0) for name in scored}, *masks)
     return Checked(
         plan=plan,
         poses_file=poses_file,
         mesh=mesh,
         task=task,
         views=counted["views"],
-        requirements=tuple(found),
+        requirements=judge(mesh, weights, limits, *masks),
         groups=tuple(sorted(every, key=lambda each: each.share)),
         cameras=cameras,
         leftover=leftover,
@@ -239,8 +208,8 @@ def plain(checked: Checked) -> dict[str, Any]:
     }
 
 
-def junit(checked: Checked) -> bytes:
-    """JUnit XML: a test case for each requirement, as build servers read it."""
+def write_junit(path: Path, checked: Checked) -> None:
+    """Write the outcome as JUnit XML: a test case for each requirement, for build servers."""
     failures = sum(each.status != HOLDS for each in checked.requirements)
     counts = {"tests": str(len(checked.requirements)), "failures": str(failures), "errors": "0"}
     name = f"rastercov check {checked.plan.name}"
@@ -248,11 +217,9 @@ def junit(checked: Checked) -> bytes:
     suite = ElementTree.SubElement(suites, "testsuite", {"name": name, "skipped": "0"} | counts)
     for each in checked.requirements:
         of = "all" if each.group is None else each.group
-        case = ElementTree.SubElement(
-            suite,
-            "testcase",
-            {"classname": f"rastercov.{checked.plan.path.stem}", "name": _xml(f"coverage of {of}")},
-        )
+        words = {"classname": f"rastercov.{checked.plan.path.stem}"}
+        words["name"] = _xml(f"coverage of {of}")
+        case = ElementTree.SubElement(suite, "testcase", words)
         text = "\n".join([each.words(), *checked.reasons(each)])
         if each.status == HOLDS:
             ElementTree.SubElement(case, "system-out").text = _xml(text)
@@ -261,12 +228,7 @@ def junit(checked: Checked) -> bytes:
             ElementTree.SubElement(case, "failure", words).text = _xml(text)
     ElementTree.indent(suites)
     document: bytes = ElementTree.tostring(suites, encoding="utf-8", xml_declaration=True)
-    return document + b"\n"
-
-
-def write_junit(path: Path, checked: Checked) -> None:
-    """Write the outcome as JUnit XML."""
-    write_bytes(path, junit(checked))
+    write_bytes(path, document + b"\n")
 
 
 def refuse_junit(path: Path) -> None:

@@ -9,14 +9,15 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import MISSING, fields
 from pathlib import Path
 from types import NoneType
-from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, TypeVar, get_args, get_origin
 
 from annotated_types import Le
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInfo, create_model
 
-from rastercov._limits import documented
+from rastercov._limits import annotations_of, documented
 
 Value = TypeVar("Value")
+Boxed = TypeVar("Boxed", bound=Any)
 
 
 class Entry(BaseModel):
@@ -50,30 +51,36 @@ def fields_of(
         Fields that the section declares itself.
     """
     words = documented(source) if words is None else words
-    types = get_type_hints(source, include_extras=True)
-    given: dict[str, Any] = {}
-    for field in (each for each in fields(source) if each.name in words):
+    types, by_name = annotations_of(source), {field.name: field for field in fields(source)}
+    columns: dict[str, Any] = {}
+    for name in (each for each in words if each not in leave_out):
+        field, hint = by_name[name], _plan_type(types[name])
         made = field.default_factory
         default = field.default if made is MISSING else made()
-        hint = _finite(types[field.name])
         if is_optional:
             default, hint = None, hint | None
-        given[field.name] = (hint, Field(default=default, description=words[field.name]))
-    columns = {name: given[name] for name in words if name not in leave_out}
+        columns[name] = (hint, Field(default=default, description=words[name]))
     return create_model(f"{source.__name__}Fields", __base__=base, **columns)
 
 
-def value_of(entry: BaseModel, kind: type[Value]) -> Value:
-    """Dataclass value from the fields of an entry that have its names."""
+def value_of(entry: BaseModel, kind: type[Value], **others: Any) -> Value:
+    """Dataclass value from the fields of an entry that have its names, and `others`."""
     names = [field.name for field in fields(kind)]  # type: ignore[arg-type] # a dataclass
-    return kind(**{name: getattr(entry, name) for name in names})
+    own = {name: getattr(entry, name) for name in names if name in type(entry).model_fields}
+    tuples = {name: tuple(value) for name, value in own.items() if isinstance(value, list)}
+    return kind(**(own | tuples | others))
 
 
-def _finite(hint: Any) -> Any:
-    """Annotation of a number without infinity and NaN, unless an upper limit excludes both."""
+def _plan_type(hint: Any) -> Any:
+    """Annotation of a field in a plan: lists for tuples; no infinity or NaN in a number.
+
+    An upper limit excludes both already.
+    """
     if NoneType in get_args(hint):
-        return _finite(next(each for each in get_args(hint) if each is not NoneType)) | None
+        return _plan_type(next(each for each in get_args(hint) if each is not NoneType)) | None
     kind, *limits = get_args(hint) if get_origin(hint) is Annotated else (hint,)
+    if get_args(kind) == (float, float, float):
+        return Triple
     if kind is float and not any(isinstance(limit, Le) for limit in limits):
         return Annotated[hint, Field(allow_inf_nan=False)]
     return hint
@@ -113,14 +120,15 @@ def only_one(entry: BaseModel, names: tuple[str, ...]) -> None:
         raise ValueError(f"wanted one of {', '.join(names)}, got {got}; give exactly one")
 
 
-def both_or_none(entry: Any) -> None:
-    """ValueError unless low and high are corners of a box, or both left out."""
+def both_or_none(entry: Boxed) -> Boxed:
+    """The entry; ValueError unless low and high are corners of a box, or both left out."""
     if (entry.low is None) != (entry.high is None):
         raise ValueError("low and high come together; give both or neither")
     if entry.low is not None and not all(
         a <= b for a, b in zip(entry.low, entry.high, strict=True)
     ):
         raise ValueError(f"wanted low <= high on every axis, got {entry.low} and {entry.high}")
+    return entry
 
 
 def among(names: Collection[str]) -> Callable[[str], str]:
@@ -137,7 +145,6 @@ def among(names: Collection[str]) -> Callable[[str], str]:
 Number = Annotated[float, Field(allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Share = Annotated[float, Field(ge=0, le=1)]
 Count = Annotated[int, Field(ge=1)]
 Name = Annotated[str, Field(min_length=1)]
 File = Annotated[str, AfterValidator(_file)]

@@ -127,11 +127,7 @@ class Mounted(Generator):
     )
     low: Triple | None = Field(default=None, description="Corner of the box; that of the scene.")
     high: Triple | None = Field(default=None, description="The opposite corner.")
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        both_or_none(self)
-        return self
+    _check = model_validator(mode="after")(both_or_none)
 
 
 class OnBox(Mounted):

@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 from rastercov.coverage import Coverage, evaluate_batches
 from rastercov.mesh import Mesh
 from rastercov.network import Network
+from rastercov.observer import Observer, open_observer
 from rastercov.placement.improve.objective import Objective
+from rastercov.plan.file import Plan
 from rastercov.task import Reason, Task
 
 FloatArray = NDArray[np.float64]
@@ -33,6 +35,12 @@ class PlanNetwork(Network):
     def covered(self) -> BoolArray:
         """(F,) faces that are covered as the plan counts it."""
         return self.is_covered
+
+
+def observer_of(plan: Plan, mesh: Mesh) -> Observer:
+    """Observer of a mesh by the camera and the method of a plan; to be closed."""
+    own = plan.task
+    return open_observer(mesh, plan.build_camera(), own.method, supersample=own.supersample)
 
 
 @dataclass(frozen=True, eq=False)

@@ -87,16 +87,12 @@ class Clock:
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """Input of a selection.
+    """Input of a selection: a plan with its values and its candidates.
 
     Attributes
     ----------
-    plan, mesh, camera, task
-        Plan and its values.
     pool : CandidatePool
         Candidates, and counts of dropped ones.
-    segmentation : Segmentation or None
-        Segments of the candidates, where the plan has such an entry.
     openings : Openings or None
         Accessibility of the faces that no other candidate covers.
     pairs : int
@@ -105,11 +101,10 @@ class Prepared:
         Method and device of the visibility matrix.
     problem : Problem
         With the goal of the plan, or the nearest one that can be reached.
-    notes : tuple of str
-        Notes for people.
     """
 
     plan: Plan
+    selection: SelectionSection
     mesh: Mesh
     camera: Camera
     task: Task
@@ -132,14 +127,21 @@ def prepare(
 ) -> Prepared:
     """Candidates and their visibility matrix, with those into cavities where the plan has them."""
     mesh, camera = observer.mesh, observer.camera
-    with clock("candidates"):
-        segmentation = segmentation_of(plan, mesh)
-        found = candidate_pool(plan, mesh, camera)
     goal: Goal = BestCoverage(cameras=0)
     notes: list[str] = []
     used: list[Path] = []
-    with clock("visibility matrix") as progress:
-        matrix = _measured(observer, found.candidates.poses, task, folder, used, progress)
+
+    def matrix_of(name: str, poses: FloatArray) -> VisibilityMatrix:
+        """Matrix of the poses, in a folder named by a hash of all that it depends on."""
+        header = json.dumps(describe(observer, poses, task, None), sort_keys=True)
+        used.append(folder / hashlib.sha256(header.encode()).hexdigest()[:16])
+        with clock(name) as progress, named(used[-1]):
+            return build_matrix(observer, poses, task, used[-1], progress=progress)
+
+    with clock("candidates"):
+        segmentation = segmentation_of(plan, mesh)
+        found = candidate_pool(plan, mesh, camera)
+    matrix = matrix_of("visibility matrix", found.candidates.poses)
     problem = problem_of(matrix, mesh, goal, costs=found.costs, **counting(plan.task))
     opened = None
     cavities = [entry for entry in plan.candidates if isinstance(entry, PerCavity)]
@@ -160,9 +162,7 @@ def prepare(
             before = len(found.candidates)
             found = extended_pool(plan, mesh, found, opened.candidates, entry.cost)
             further = found.candidates.poses[before:]
-        with clock("visibility matrix of cavities") as progress:
-            more = _measured(observer, further, task, folder, used, progress)
-        matrix = joined(matrix, more)
+        matrix = joined(matrix, matrix_of("visibility matrix of cavities", further))
         problem = problem_of(matrix, mesh, goal, costs=found.costs, **counting(plan.task))
         now = unseen & problem.reachable
         notes.append(
@@ -177,7 +177,6 @@ def prepare(
             "allow more, or add some"
         )
     _forget(folder, used)
-    # The matrix is freed here: the problem holds all that selection needs.
     if not problem.reachable.any():
         notes.append(_why_nothing(observer, found.candidates.poses, task))
     try:
@@ -185,8 +184,10 @@ def prepare(
     except ConfigError as error:
         notes.append(f"{error}; these cover {percent(FALLBACK_SHARE)} of what can be covered")
         problem = replace(problem, goal=FewestCameras(FALLBACK_SHARE, of_reachable=True))
+    # The matrix is freed here: the problem holds all that selection needs.
     return Prepared(
         plan=plan,
+        selection=selection,
         mesh=mesh,
         camera=camera,
         task=task,
@@ -219,21 +220,6 @@ def _why_nothing(observer: Observer, poses: FloatArray, task: Task) -> str:
         f"no face is covered, whichever candidates are chosen; of the faces before a camera: "
         f"{why or 'none'}; the scene is {across:.3g} m across, see meshes.unit"
     )
-
-
-def _measured(
-    observer: Observer,
-    poses: FloatArray,
-    task: Task,
-    folder: Path,
-    used: list[Path],
-    progress: Progress,
-) -> VisibilityMatrix:
-    """Matrix of the poses, in a folder named by a hash of all that it depends on."""
-    header = json.dumps(describe(observer, poses, task, None), sort_keys=True)
-    used.append(folder / hashlib.sha256(header.encode()).hexdigest()[:16])
-    with named(used[-1]):
-        return build_matrix(observer, poses, task, used[-1], progress=progress)
 
 
 def _forget(folder: Path, used: list[Path]) -> None:

@@ -98,12 +98,11 @@ def judge(
     certain: BoolArray | None = None,
     possible: BoolArray | None = None,
     reachable: BoolArray | None = None,
-) -> list[Requirement]:
+) -> tuple[Requirement, ...]:
     """Evaluate each required share.
 
     Parameters
     ----------
-    mesh : Mesh
     integer_weights : (F,) int64
         Weights as of `Problem` or `Objective`.
     limits : mapping of group name or None to share
@@ -113,8 +112,7 @@ def judge(
     reachable : (F,) bool, optional
         Faces that the shares are of; all that are scored unless given.
     """
-    certain = covered if certain is None else certain
-    possible = covered if possible is None else possible
+    parts = [covered if part is None else part for part in (certain, covered, possible)]
     names = [group.name for group in mesh.groups]
     found = []
     for group, limit in limits.items():
@@ -123,40 +121,24 @@ def judge(
             faces = faces & (mesh.face_group == names.index(group))
         whole = int(integer_weights[faces].sum())
         needed = math.ceil(max(0.0, limit - SHARE_TOLERANCE) * whole)
-        low, share, high = (
-            int(integer_weights[faces & part].sum()) for part in (certain, covered, possible)
-        )
-        status = HOLDS if low >= needed else UNDECIDED if high >= needed else FAILS
-        shares = [part / whole if whole else 1.0 for part in (low, share, high)]
+        worth = [int(integer_weights[faces & part].sum()) for part in parts]
+        status = HOLDS if worth[0] >= needed else UNDECIDED if worth[2] >= needed else FAILS
+        low, share, high = (each / whole if whole else 1.0 for each in worth)
+        n_faces, uncovered = int(faces.sum()), int((faces & ~covered).sum())
+        is_partial = reachable is not None
         found.append(
-            Requirement(
-                group=group,
-                limit=limit,
-                low=shares[0],
-                share=shares[1],
-                high=shares[2],
-                status=status,
-                faces=int(faces.sum()),
-                uncovered=int((faces & ~covered).sum()),
-                of_reachable=reachable is not None,
-            )
+            Requirement(group, limit, low, share, high, status, n_faces, uncovered, is_partial)
         )
-    return found
+    return tuple(found)
 
 
 def limits_of(selection: SelectionSection | None) -> dict[str | None, float]:
     """Required shares of a plan, of all (None) and of groups; none for the best coverage."""
     if not isinstance(selection, FewestSelection):
         return {}
-    limits: dict[str | None, float] = {None: selection.coverage}
-    limits.update(selection.groups)
-    return limits
+    return {None: selection.coverage, **selection.groups}
 
 
 def counting(task: TaskSection) -> dict[str, Any]:
     """Arguments of `problem_of` and `Objective.of` from the task of a plan."""
-    return {
-        "weight_by": task.weight_by,
-        "views": task.views,
-        "min_angle_deg": task.min_angle_deg,
-    }
+    return {name: getattr(task, name) for name in ("weight_by", "views", "min_angle_deg")}

@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.observer import open_observer
 from rastercov.placement.explain.uncovered import Leftover, what_is_left
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.refine import Refined, refine
@@ -25,7 +24,7 @@ from rastercov.placement.select.selection import Selection
 from rastercov.plan.entry import value_of
 from rastercov.plan.errors import PlanError
 from rastercov.plan.file import Plan
-from rastercov.plan.network import Measured, measured
+from rastercov.plan.network import Measured, measured, observer_of
 from rastercov.plan.prepare import Clock, Prepared, Progress, Step, prepare, quiet
 from rastercov.plan.requirements import HOLDS, Requirement, counting, judge, limits_of
 from rastercov.plan.scene import scene
@@ -37,22 +36,14 @@ BoolArray = NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """A network of cameras with its results.
+    """A network of cameras with its results; those of later steps are None unless done.
 
     Attributes
     ----------
-    prepared : Prepared
-        Candidates, visibility and problem.
-    selection : Selection
-        Chosen candidates.
     cameras : Measured
         The network: the selection, or its refinement.
     origin : tuple of str
         Source of each camera.
-    requirements : tuple of Requirement
-        Required shares and the shares reached.
-    optimised, refined, tolerance, leftover
-        None unless requested and done.
     steps : dict of str to float
         Seconds of each step.
     interrupted : str
@@ -116,9 +107,8 @@ def place(
         raise PlanError(plan.name, missing)
     clock = Clock(step)
     with clock("scene"):
-        mesh, camera, task = scene(plan), plan.build_camera(), plan.build_task()
-    method, supersample = plan.task.method, plan.task.supersample
-    with open_observer(mesh, camera, method, supersample=supersample) as observer:
+        mesh, task = scene(plan), plan.build_task()
+    with observer_of(plan, mesh) as observer:
         prepared = prepare(plan, selection, observer, task, folder / "matrix", clock)
         with clock("selection"):
             chosen = _select(prepared.problem, selection)
@@ -129,7 +119,10 @@ def place(
             prepared=prepared,
             selection=chosen,
             cameras=cameras,
-            origin=tuple(map(_origin, left.source[rows], left.index[rows])),
+            origin=tuple(
+                source if index < 0 else f"{source} {index}"
+                for source, index in zip(left.source[rows], left.index[rows], strict=True)
+            ),
             requirements=_required(prepared, cameras.covered),
             steps=clock.seconds,
             interrupted="selection" if chosen.status == "interrupted" else "",
@@ -167,14 +160,7 @@ def _watched(objective: Objective, progress: Progress, total: int) -> Objective:
         done += count
         progress(done, max(done, total))
 
-    return Watched(
-        objective.observer,
-        objective.task,
-        objective.integer_weights,
-        objective.need,
-        objective.min_cosine,
-        watch,
-    )
+    return Watched(**vars(objective), watch=watch)
 
 
 def _select(problem: Problem, selection: SelectionSection) -> Selection:
@@ -184,16 +170,11 @@ def _select(problem: Problem, selection: SelectionSection) -> Selection:
 
 
 def _required(prepared: Prepared, covered: BoolArray) -> tuple[Requirement, ...]:
-    selection, problem = prepared.plan.selection, prepared.problem
+    selection, problem = prepared.selection, prepared.problem
     is_partial = isinstance(selection, FewestSelection) and selection.of_reachable
     reachable = problem.reachable if is_partial else None
     limits = limits_of(selection)
-    found = judge(prepared.mesh, problem.integer_weights, limits, covered, reachable=reachable)
-    return tuple(found)
-
-
-def _origin(source: str, index: int) -> str:
-    return source if index < 0 else f"{source} {index}"
+    return judge(prepared.mesh, problem.integer_weights, limits, covered, reachable=reachable)
 
 
 Work = Callable[[Placement, Objective, Progress], Placement]
@@ -211,20 +192,19 @@ def _later_steps(selection: SelectionSection) -> Iterator[tuple[str, Work]]:
 
 
 def _optimise(placement: Placement, objective: Objective, progress: Progress) -> Placement:
-    prepared, selection = placement.prepared, placement.prepared.plan.selection
-    assert selection is not None
-    assert selection.optimise is not None
-    start, budget = placement.cameras.poses, selection.optimise.budget
+    prepared, asked = placement.prepared, placement.prepared.selection.optimise
+    assert asked is not None
+    start = placement.cameras.poses
     if not len(start):
         return placement
     found = optimise(
-        _watched(objective, progress, budget),
+        _watched(objective, progress, asked.budget),
         prepared.pool.space,
         len(start),
-        selection.optimise.method,
-        budget=max(budget, len(start)),
-        population=selection.optimise.population,
-        seed=selection.seed,
+        asked.method,
+        budget=max(asked.budget, len(start)),
+        population=asked.population,
+        seed=prepared.selection.seed,
         candidates=prepared.pool.candidates.poses,
         start=start,
     )
@@ -232,22 +212,19 @@ def _optimise(placement: Placement, objective: Objective, progress: Progress) ->
 
 
 def _refine(placement: Placement, objective: Objective, progress: Progress) -> Placement:
-    selection = placement.prepared.plan.selection
-    assert selection is not None
     found = refine(
         _watched(objective, progress, 0),
         placement.prepared.pool.space,
         placement.cameras.poses,
-        seed=selection.seed,
+        seed=placement.prepared.selection.seed,
     )
     return replace(_moved(placement, objective, found.poses, "refined"), refined=found)
 
 
 def _tolerate(placement: Placement, objective: Objective, progress: Progress) -> Placement:
-    selection = placement.prepared.plan.selection
-    assert selection is not None
-    assert selection.tolerance is not None
-    asked, poses = selection.tolerance, placement.cameras.poses
+    selection, poses = placement.prepared.selection, placement.cameras.poses
+    asked = selection.tolerance
+    assert asked is not None
     error = value_of(asked, InstallationError)
     watched = _watched(objective, progress, len(poses) * (asked.draws + 1))
     found = tolerance(watched, poses, error, draws=asked.draws, seed=selection.seed)

@@ -13,6 +13,7 @@ from pydantic import AfterValidator, Field, ValidationInfo, model_validator
 from rastercov.camera import Camera
 from rastercov.camera_file import PRESETS
 from rastercov.mesh.formats import METRES, READERS, metres_per
+from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere
 from rastercov.placement.improve.tolerance import InstallationError
 from rastercov.placement.select.problem import BestCoverage, FewestCameras
 from rastercov.plan.entry import (
@@ -30,6 +31,7 @@ from rastercov.plan.entry import (
     both_or_none,
     fields_of,
     only_one,
+    value_of,
 )
 from rastercov.plan.generators import CandidateEntry
 from rastercov.shapes import NAMES
@@ -142,14 +144,17 @@ class TaskSection(fields_of(Task, leave_out=("views",))):  # type: ignore[misc]
         return self
 
 
-class KeepOut(Entry):
-    """A volume without cameras: a box (low, high) or a sphere (centre, radius)."""
+class Volume(Entry):
+    """Entries of every keep-out volume."""
 
     name: Name = Field(description="What the report calls it.")
-    low: Triple | None = Field(default=None, description="Corner of a box, m.")
-    high: Triple | None = Field(default=None, description="The opposite corner.")
-    centre: Triple | None = Field(default=None, description="Of a sphere, m.")
-    radius: Positive | None = Field(default=None, description="Of a sphere, m.")
+
+
+BoxFields = fields_of(KeepOutBox, base=Volume, is_optional=True)
+
+
+class KeepOut(fields_of(KeepOutSphere, base=BoxFields, is_optional=True)):  # type: ignore[misc]
+    """A volume without cameras: a box (low, high) or a sphere (centre, radius)."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -160,6 +165,10 @@ class KeepOut(Entry):
             raise ValueError("wanted low and high, or centre and radius; give one of the two")
         return self
 
+    def volume(self) -> KeepOutBox | KeepOutSphere:
+        """The box or the sphere."""
+        return value_of(self, KeepOutBox) if self.centre is None else value_of(self, KeepOutSphere)
+
 
 class Space(Entry):
     """A box of camera positions; flat ones are walls and ceilings."""
@@ -167,11 +176,7 @@ class Space(Entry):
     name: Name = Field(default="space", description="For people.")
     low: Triple = Field(description="Corner, m.")
     high: Triple = Field(description="The opposite corner.")
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        both_or_none(self)
-        return self
+    _check = model_validator(mode="after")(both_or_none)
 
 
 class Constraints(Entry):

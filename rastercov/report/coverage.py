@@ -62,24 +62,17 @@ EVALUATION = ReportKind(
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """Choices of a run: method, device and files of the report.
+    """Choices of a run: an `Engine`, whose device draws pictures, too, and files of the report.
 
-    Attributes
-    ----------
-    method, device, supersample : str, str, int
-        As for `Engine`; the device draws pictures, too. `method` may be the text form of an engine,
-        such as "sampled:cpu@4", which then gives all three.
-    pictures : int
-        Poses to draw, spread evenly over the run; 0 for none.
-    skip_bad_poses : bool
-        Leave out poses that are no rigid motion.
+    `method` may be the text form of an engine, such as "sampled:cpu@4", which then gives the device
+    and the samples.
     """
 
     method: str = "certified"
     supersample: int = 1
     device: str = "auto"
-    pictures: int = 12
-    skip_bad_poses: bool = False
+    pictures: int = 12  # poses to draw, spread evenly over the run; 0 for none
+    skip_bad_poses: bool = False  # leave out poses that are no rigid motion
 
     def __post_init__(self) -> None:
         engine = Engine.of(self.method)

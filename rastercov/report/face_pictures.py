@@ -5,6 +5,7 @@ enlarges a part of the face that is small but decides the result.
 """
 
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -57,18 +58,8 @@ def face_picture(
 ) -> Image.Image | None:
     """Picture of a face and the figure of a method; None where nothing can be drawn.
 
-    Parameters
-    ----------
-    mesh, camera
-        The scene.
-    pose : (4, 4) float64
-        world_from_camera.
-    of_face : FaceError
-        The face and its figures.
-    method : str
-        Name of the method that gave them.
-    supersample, roll
-        Its sample grid; without `roll` only the borders of pixels are drawn.
+    `supersample` and `roll` give the sample grid of the method; without `roll` only the borders of
+    pixels are drawn.
     """
     around = neighbourhood(mesh, camera, pose, of_face.face)
     if around is None:
@@ -144,15 +135,19 @@ def _fill(
     width: int,
 ) -> None:
     """Draw a polygon, or several, and their borders."""
+    for points, is_hole in _rings(shape, box, zoom):
+        if fill is not None and not is_hole:  # holes are empty, or filled by a later polygon
+            draw.polygon(points, fill)
+        if outline is not None:
+            draw.line([*points, points[1]], outline, width, "curve")
+
+
+def _rings(shape: Any, box: Box, zoom: float) -> Iterator[tuple[list[tuple[float, float]], bool]]:
+    """Outlines of a polygon, or several, each followed by its holes; True for a hole."""
     for polygon in getattr(shape, "geoms", [shape]):
-        if polygon.is_empty or polygon.geom_type != "Polygon":
-            continue
-        for i, ring in enumerate((polygon.exterior, *polygon.interiors)):
-            points = _placed(np.asarray(ring.coords), box, zoom)
-            if fill is not None and i == 0:  # holes are empty, or filled by a later polygon
-                draw.polygon(points, fill)
-            if outline is not None:
-                draw.line([*points, points[1]], outline, width, "curve")
+        if not polygon.is_empty and polygon.geom_type == "Polygon":
+            for i, ring in enumerate((polygon.exterior, *polygon.interiors)):
+                yield _placed(np.asarray(ring.coords), box, zoom), i > 0
 
 
 def _placed(points: FloatArray, box: Box, zoom: float) -> list[tuple[float, float]]:
@@ -167,12 +162,8 @@ def _paint(
     """Blend colours over a polygon; `share` is their opacity."""
     mask = Image.new("L", panel.size, 0)
     draw = ImageDraw.Draw(mask)
-    for polygon in getattr(shape, "geoms", [shape]):
-        if polygon.is_empty or polygon.geom_type != "Polygon":
-            continue
-        draw.polygon(_placed(np.asarray(polygon.exterior.coords), box, zoom), round(255 * share))
-        for ring in polygon.interiors:
-            draw.polygon(_placed(np.asarray(ring.coords), box, zoom), 0)
+    for points, is_hole in _rings(shape, box, zoom):
+        draw.polygon(points, 0 if is_hole else round(255 * share))
     panel.paste(colours, (0, 0), mask)
 
 

@@ -52,19 +52,12 @@ NOT_A_MANIFEST = (ValueError, KeyError, TypeError, AttributeError)
 class ReportKind:
     """The files of a report.
 
-    Attributes
-    ----------
-    name : str
-        Reports of different names may share a folder; their files have different names.
-    files : re.Pattern
-        Names that a file of it can have.
-    last : str
-        The file that is there only when all others are.
+    Reports of different names may share a folder; their files have different names.
     """
 
     name: str
-    files: re.Pattern[str]
-    last: str
+    files: re.Pattern[str]  # names that a file of it can have
+    last: str  # the file that is there only when all others are
 
     @property
     def manifest(self) -> str:

@@ -11,10 +11,13 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from PIL import Image
+
 from rastercov._format import number, percent, plural
 from rastercov._interrupts import interrupts_held
 from rastercov._output import write_bytes, write_json, write_text
 from rastercov.report.folder import ReportFolder
+from rastercov.report.images import png
 from rastercov.report.theme import DARK, LIGHT
 
 if TYPE_CHECKING:
@@ -29,6 +32,11 @@ class Picture:
     light: bytes
     dark: bytes | None = None
 
+    @classmethod
+    def of(cls, alt: str, image: Image.Image) -> "Picture":
+        """A drawing in 255 colours, with its small areas of a colour of their own."""
+        return cls(alt, png(image, Image.Quantize.FASTOCTREE))
+
 
 def rendered(template: str, **values: Any) -> str:
     """HTML of a template in `templates` with some values."""
@@ -40,19 +48,8 @@ def publish(
 ) -> Path:
     """Write the pictures, the page and the JSON of a report, and publish them with signals held.
 
-    Parameters
-    ----------
-    folder : ReportFolder
-        Open; its last file, such as compare.json, names the page, such as compare.html.
-    page, data
-        HTML, and content of the JSON file.
-    pictures : mapping, optional
-        By the names of their files without ".png".
-
-    Returns
-    -------
-    Path
-        Of the page.
+    The last file of the folder, such as compare.json, names the page, such as compare.html, whose
+    path is returned. Pictures are given by the names of their files without ".png".
     """
     name = Path(folder.kind.last).stem
     with interrupts_held():

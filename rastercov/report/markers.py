@@ -17,13 +17,12 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from PIL import Image
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.html import Picture, publish, rendered
-from rastercov.report.images import contact_sheet, png
+from rastercov.report.images import contact_sheet
 from rastercov.report.marker_pictures import (
     TILE,
     calibration_plot,
@@ -75,21 +74,11 @@ TALLY_HEADINGS = (
 
 @dataclass(frozen=True, eq=False)
 class Validation:
-    """All results of the marker validation.
+    """All results of the marker validation."""
 
-    Attributes
-    ----------
-    experiments : list of Experiment
-        The four of the thesis.
-    study : RandomStudy or None
-        Random scenes, if any.
-    renderer : str
-        Name of the OpenGL renderer.
-    """
-
-    experiments: list[Experiment]
-    study: RandomStudy | None
-    renderer: str
+    experiments: list[Experiment]  # the four of the thesis
+    study: RandomStudy | None  # random scenes, if any
+    renderer: str  # name of the OpenGL renderer
 
     @property
     def passed(self) -> bool:
@@ -176,24 +165,14 @@ def write_validation(
 ) -> Path:
     """Write the page, the JSON and the pictures; returns the path of the page.
 
-    Parameters
-    ----------
-    out : Path or ReportFolder
-        Folder, made when it is missing; or one that is open.
-    found : Validation
-        Result of the validation.
-    renderer : MarkerRenderer
-        Draws the failures again.
-    failures : int
-        Wrong predictions to show by each requirement, the clearest first.
-    progress : callable
-        Called with the pictures drawn and the pictures in all.
+    `failures` is the number of wrong predictions to show by each requirement, the clearest first;
+    the renderer draws them again. `progress` gets the pictures drawn and the pictures in all.
     """
     with ReportFolder.opened(out, VALIDATION) as folder:
         pictures = {
-            _file_of(experiment): Picture(
+            _file_of(experiment): Picture.of(
                 f"{experiment.title}: the photograph, what was found in green",
-                png(experiment_picture(experiment), Image.Quantize.FASTOCTREE),
+                experiment_picture(experiment),
             )
             for experiment in found.experiments
         }
@@ -215,10 +194,9 @@ def write_validation(
             if tiles:
                 captions = [_short_failure(outcome, requirement) for outcome in shown]
                 sheet = contact_sheet(tiles, captions, 6, TILE)
-                name = f"wrong_{requirement.name}"
-                pictures[name] = Picture("Wrong predictions", png(sheet, Image.Quantize.FASTOCTREE))
+                pictures[f"wrong_{requirement.name}"] = Picture.of("Wrong predictions", sheet)
             wrong[requirement.name] = [
-                Picture(failure_text(outcome, requirement), png(tile, Image.Quantize.FASTOCTREE))
+                Picture.of(failure_text(outcome, requirement), tile)
                 for tile, outcome in zip(tiles, shown, strict=True)
             ]
         return publish(folder, page(found, pictures, wrong), as_json(found), pictures)
@@ -263,7 +241,7 @@ def _requirement(
     """Section of the page about random scenes by one requirement."""
     return {
         "name": requirement.name,
-        "clear": clear_line(study, requirement).capitalize(),
+        "clear_line": clear_line(study, requirement).capitalize(),
         "scores": [score_row(score) for score in _scores_by(study, requirement)],
         "plot": pictures[f"calibration_{requirement.name}"],
         "calibration": calibration_rows(study.score_of(OURS, requirement)),

@@ -16,7 +16,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from numpy.typing import ArrayLike
-from PIL import Image
 from rich.table import Table
 from rich.text import Text
 
@@ -27,7 +26,6 @@ from rastercov.pose import valid_poses
 from rastercov.report.face_pictures import face_picture, fraction
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.html import Picture, publish, rendered
-from rastercov.report.images import png
 from rastercov.report.method_plots import comparison_plots, file_name
 from rastercov.report.plots import picture_of
 from rastercov.report.theme import DARK, LIGHT
@@ -82,16 +80,8 @@ def write_comparison(
     """Write the page, the JSON and the pictures; returns the path of the page.
 
     An interrupt (Ctrl-C) while pictures are drawn leaves out the rest of them: the files are
-    written, the JSON says `"interrupted": true`, and then the interrupt is raised.
-
-    Parameters
-    ----------
-    out : Path or ReportFolder
-        Folder, made when it is missing; or one that is open.
-    comparison, mesh, camera, poses
-        Result and arguments of `compare`.
-    progress : callable
-        Called with the pictures drawn and the pictures in all.
+    written, the JSON says `"interrupted": true`, and then the interrupt is raised. `progress` gets
+    the pictures drawn and the pictures in all.
     """
     with ReportFolder.opened(out, COMPARISON) as folder:
         pictures: dict[str, Picture] = {}
@@ -134,7 +124,7 @@ def _draw(
                 f"Face {face.face} in pose {face.pose}: says {fraction(face.value)} ± "
                 f"{fraction(face.bound)}, truth {fraction(face.truth)}"
             )
-            pictures[name] = Picture(alt, png(image, Image.Quantize.FASTOCTREE))
+            pictures[name] = Picture.of(alt, image)
     progress(len(wanted), len(wanted))
 
 
@@ -150,15 +140,7 @@ def _shown(score: Score) -> dict[str, FaceError]:
 
 
 def page(comparison: Comparison, pictures: dict[str, Picture]) -> str:
-    """HTML of a comparison.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        Figures of the page.
-    pictures : dict
-        By name: `plot_*`, `worst_*` and `missed_*`; missing ones are left out.
-    """
+    """HTML of a comparison; pictures by name: `plot_*`, `worst_*`, `missed_*`, as far as drawn."""
     passed, done = comparison.passed, f"{comparison.poses_done:,}"
     interrupted = f"{done} of {comparison.poses:,} poses (it was interrupted)"
     sections = [

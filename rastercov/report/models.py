@@ -71,14 +71,7 @@ def write_model_comparison(
 ) -> Path:
     """Write the page, the JSON and the pictures; returns the path of the page.
 
-    Parameters
-    ----------
-    out : Path or ReportFolder
-        Folder, made when it is missing; or one that is open.
-    comparison, mesh, camera, poses, task
-        Result and arguments of `compare_models`.
-    progress : callable
-        Called with the poses drawn and the poses to draw.
+    `progress` gets the poses drawn and the poses to draw.
     """
     with ReportFolder.opened(out, MODEL_COMPARISON) as folder:
         matrices = valid_poses(poses)
@@ -124,15 +117,7 @@ def _draw(
 
 
 def page(comparison: ModelComparison, pictures: dict[str, Picture]) -> str:
-    """HTML of a comparison.
-
-    Parameters
-    ----------
-    comparison : ModelComparison
-        Figures of the page.
-    pictures : dict
-        By name: `occlusion_*` and `models_*`, with the row of the pose.
-    """
+    """HTML of a comparison; pictures by name: `occlusion_*` and `models_*`, a row of the poses."""
     names = [score.name for score in comparison.models]
     of_kind = {
         kind: [(int(n.rpartition("_")[2]), pictures[n]) for n in sorted(pictures) if kind in n]

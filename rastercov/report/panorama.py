@@ -47,37 +47,20 @@ PIECES = 96
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """An exterior view of a mesh: camera, pose, and the drawn faces.
-
-    Attributes
-    ----------
-    mesh, camera, pose
-        Of the view; the whole mesh.
-    rows : (F',) int64
-        Faces that are drawn: without the back faces of a room's walls.
-    buffer : VisibilityBuffer
-        `face` has indices of the whole mesh.
-    """
+    """An exterior view of a mesh: camera, pose, and the drawn faces."""
 
     mesh: Mesh
     camera: Camera
     pose: FloatArray
-    rows: NDArray[np.int64]
-    buffer: VisibilityBuffer
+    rows: NDArray[np.int64]  # faces that are drawn: without the back faces of a room's walls
+    buffer: VisibilityBuffer  # with indices of the whole mesh
 
 
 def look(mesh: Mesh, direction: ArrayLike, more: ArrayLike = (), scale: float = FINE) -> Scene:
-    """View a mesh from a direction, so that it and more points just fit into the picture.
+    """View a mesh from a direction, so that it and more points (N, 3) just fit into the picture.
 
-    Parameters
-    ----------
-    mesh : Mesh
-    direction : (3,) array_like
-        From the centre of the scene to the viewer; any length.
-    more : (N, 3) array_like
-        Points that must be in the picture too.
-    scale : float
-        Pixels for each of the `WIDTH` x `HEIGHT`.
+    The direction leads from the centre of the scene to the viewer and has any length; `scale` is
+    the number of pixels drawn along one of the `WIDTH` x `HEIGHT`.
     """
     used = mesh.vertices[np.unique(mesh.faces)]
     points = np.concatenate((used, np.asarray(more, np.float64).reshape(-1, 3)))
@@ -97,8 +80,7 @@ def look(mesh: Mesh, direction: ArrayLike, more: ArrayLike = (), scale: float = 
     rows = np.arange(mesh.n_faces)
     buffer = _drawn(mesh, camera, pose, rows)
     # A view of mostly back faces looks into a room through its walls.
-    ray = pose[:3, 3] - mesh.centroids
-    is_back = (np.einsum("fi,fi->f", mesh.normals, ray) < 0) & ~mesh.two_sided_mask
+    is_back = ~facing(mesh, pose)[0]
     counts = np.bincount(buffer.face[buffer.face >= 0], minlength=mesh.n_faces)
     if 2 * counts[is_back].sum() > counts.sum() and not is_back.all():
         rows = np.flatnonzero(~is_back)
@@ -128,14 +110,9 @@ def best_directions(mesh: Mesh, faces: BoolArray, count: int = 2) -> FloatArray:
 
 
 def paint(scene: Scene, colours: Pixels, through: BoolArray | None = None) -> Pixels:
-    """Pixels of a scene, (H, W, 3), lit from the viewer.
+    """Pixels of a scene, (H, W, 3), with faces in `colours` (F, 3), lit from the viewer.
 
-    Parameters
-    ----------
-    scene : Scene
-    colours : (F, 3) uint8
-    through : (F,) bool, optional
-        Faces that show through the part that hides them, faintly and striped.
+    Faces of `through`, (F,), show through the part that hides them, faintly and striped.
     """
     mesh, buffer = scene.mesh, scene.buffer
     _, cosine = facing(mesh, scene.pose)

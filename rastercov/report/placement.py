@@ -29,7 +29,6 @@ from rastercov.placement.select.selection import Selection
 from rastercov.report import placement_pictures as pictures
 from rastercov.report import placement_plots as plots
 from rastercov.report.html import Picture, rendered
-from rastercov.report.images import png
 from rastercov.report.plots import picture_of
 from rastercov.report.theme import DARK, LIGHT, Theme
 
@@ -61,51 +60,25 @@ CANDIDATE_ANSWERS = {
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PlanReport:
-    """Content of a placement page; None and empty for unknown parts.
-
-    Attributes
-    ----------
-    mesh, camera : Mesh, Camera
-    network : Network
-        Of all cameras, in the order of `poses`.
-    poses : (K, 4, 4) float64
-        world_from_camera.
-    title : str
-    selection, goal : Selection, Goal, optional
-        Result of the selection and its goal; both or none.
-    candidates : Candidates, optional
-        All candidates; `selection.chosen` has rows of them.
-    dropped : Dropped, optional
-        Candidates that were rejected before the selection.
-    segmentation, leftover, openings, tolerance : optional
-        Results of the steps of the same name.
-    camera_names : sequence of K str
-        1, 2, ... unless given.
-    sources : sequence of K str
-        Source of each pose; taken from `candidates` unless given.
-    made_with : mapping
-        Versions, hashes, command, for the end of the page.
-    notes : sequence of str
-        Sentences for the top of the page.
-    """
+    """Content of a placement page; None and empty for unknown parts."""
 
     mesh: Mesh
     camera: Camera
-    network: Network
-    poses: NDArray[np.float64]
+    network: Network  # of all cameras, in the order of `poses`
+    poses: NDArray[np.float64]  # world_from_camera, (K, 4, 4)
     title: str = "Placement of cameras"
-    selection: Selection | None = None
+    selection: Selection | None = None  # with its goal; both or none
     goal: Goal | None = None
-    candidates: Candidates | None = None
-    dropped: Dropped | None = None
+    candidates: Candidates | None = None  # all of them; `selection.chosen` has rows of them
+    dropped: Dropped | None = None  # candidates that were rejected before the selection
     segmentation: Segmentation | None = None
     leftover: Leftover | None = None
     openings: Openings | None = None
     tolerance: Tolerance | None = None
-    camera_names: Sequence[str] = ()
-    sources: Sequence[str] = ()
-    made_with: Mapping[str, Any] = field(default_factory=dict)
-    notes: Sequence[str] = ()
+    camera_names: Sequence[str] = ()  # K; 1, 2, ... unless given
+    sources: Sequence[str] = ()  # of each pose, K; taken from `candidates` unless given
+    made_with: Mapping[str, Any] = field(default_factory=dict)  # for the end of the page
+    notes: Sequence[str] = ()  # sentences for the top of the page
 
     def __post_init__(self) -> None:
         count = len(self.network.pose_ids)
@@ -145,20 +118,14 @@ def write_page(
 ) -> Path:
     """Write the page of a report and return its path; it appears there only when it is whole.
 
-    Parameters
-    ----------
-    path : str or Path
-        In a folder that exists.
-    report : PlanReport
-    progress : callable
-        Called with the pictures drawn and the pictures in all.
+    `progress` gets the pictures drawn and the pictures in all.
     """
     write_text(path, page(report, progress))
     return Path(path)
 
 
 def page(report: PlanReport, progress: Progress = lambda done, total: None) -> str:
-    """HTML of a report, pictures inline; arguments as for `write_page`."""
+    """HTML of a report, pictures inline."""
     mesh, summary = report.mesh, report.network.summary()
     covered, figures = summary["covered"], summary["visibility_figures"]
     left = report.leftover.summary() if report.leftover else None
@@ -234,7 +201,7 @@ def _drawn(report: PlanReport, progress: Progress) -> dict[str, Picture]:
     drawn: dict[str, Picture] = {}
     for name, (alt, draw) in parts.items():
         progress(len(drawn), total)
-        drawn[name] = Picture(alt, png(draw(), Image.Quantize.FASTOCTREE))
+        drawn[name] = Picture.of(alt, draw())
     for name, (alt, chart) in charts.items():
         progress(len(drawn), total)
         drawn[name] = picture_of(alt, chart(LIGHT), chart(DARK))

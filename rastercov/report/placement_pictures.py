@@ -18,6 +18,7 @@ from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.placement.candidates.segments import Segmentation
 from rastercov.placement.explain.uncovered import WORDS, Leftover
+from rastercov.report import theme
 from rastercov.report.images import Key, font_for, framed, stripes
 from rastercov.report.panorama import (
     DIRECTIONS,
@@ -32,20 +33,7 @@ from rastercov.report.panorama import (
     place_in_image,
     smooth,
 )
-from rastercov.report.theme import (
-    COVERED,
-    INK,
-    OCCLUDER,
-    PAPER,
-    REASONS,
-    UNCOVERED,
-    Colour,
-    Pixels,
-    camera_colours,
-    colour_rows,
-    coverage_colours,
-    index_colours,
-)
+from rastercov.report.theme import Colour, Pixels
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -65,17 +53,17 @@ def segments_picture(mesh: Mesh, segmentation: Segmentation) -> Image.Image:
         )
     colours = _neutral(mesh)
     inside = segmentation.labels >= 0
-    colours[inside] = index_colours(segmentation.labels[inside])
+    colours[inside] = theme.index_colours(segmentation.labels[inside])
     beta = "" if segmentation.beta_deg is None else f", beta {segmentation.beta_deg:g}°"
     title = f"{segmentation.n_segments} segments (alpha {segmentation.alpha_deg:g}°{beta})"
-    return _two_sides(mesh, colours, title, _occluder_key(mesh, OCCLUDER), ALL_SIDES)
+    return _two_sides(mesh, colours, title, _occluder_key(mesh, theme.OCCLUDER), ALL_SIDES)
 
 
 def coverage_picture(mesh: Mesh, best: ArrayLike) -> Image.Image:
     """The part coloured by the best coverage of any camera, red where it is 0."""
     values = np.asarray(best, np.float64)
-    scale = coverage_colours()
-    colours = scale[colour_rows(mesh, values)]  # checks the shape
+    scale = theme.coverage_colours()
+    colours = scale[theme.colour_rows(mesh, values)]  # checks the shape
     zero = mesh.task_mask & (values <= 0)
     bar = np.repeat(scale[None, 2:], 24, axis=0)
     keys = [Key("best coverage of any camera", bar, "0", "1")]
@@ -90,11 +78,11 @@ def leftover_picture(leftover: Leftover) -> Image.Image:
     names, colours = leftover.reason_names(), _neutral(mesh)
     summary = leftover.summary()
     share = summary["left"]
-    keys = [_key("covered", COVERED)]
+    keys = [_key("covered", theme.COVERED)]
     for name, of_reason in sorted(summary["reasons"].items(), key=lambda item: -item[1]["faces"]):
-        colours[names == name] = REASONS[name]
-        keys.append(_key(f"{of_reason['faces']:,} faces {WORDS[name]}", REASONS[name]))
-    keys += _occluder_key(mesh, OCCLUDER)
+        colours[names == name] = theme.REASONS[name]
+        keys.append(_key(f"{of_reason['faces']:,} faces {WORDS[name]}", theme.REASONS[name]))
+    keys += _occluder_key(mesh, theme.OCCLUDER)
     title = (
         f"Not covered: {share['faces']:,} faces, {percent(share['area_percent'] / 100)} of the area"
     )
@@ -109,36 +97,28 @@ def network_picture(
     best_pose: ArrayLike | None = None,
     names: Sequence[str] = (),
 ) -> Image.Image:
-    """The cameras around the part as view pyramids, figures 6.10 and 6.11.
+    """The cameras of poses (K, 4, 4) around the part as view pyramids, figures 6.10 and 6.11.
 
-    Parameters
-    ----------
-    mesh, camera
-        The part and the camera of all poses.
-    poses : (K, 4, 4) array_like
-        world_from_camera.
-    best_pose : (F,) int array_like, optional
-        Camera that covers each face best and gives its colour; -1 for none.
-    names : sequence of K str, optional
-        Labels of the cameras; 1, 2, ... unless given.
+    `best_pose`, (F,), is the camera that covers each face best and gives its colour, -1 for none;
+    the labels of the cameras are 1, 2, ... unless K names are given.
     """
     matrices = np.asarray(poses, np.float64).reshape(-1, 4, 4)
     count = len(matrices)
-    of_camera = camera_colours(count)
+    of_camera = theme.camera_colours(count)
     colours = _neutral(mesh)
     keys: list[Key] = []
     if best_pose is not None:
         best = np.asarray(best_pose)
         lit = mesh.task_mask & (best >= 0)
         colours[lit] = of_camera[best[lit]]
-        colours[mesh.task_mask & (best < 0)] = UNCOVERED
+        colours[mesh.task_mask & (best < 0)] = theme.UNCOVERED
         swatch = np.repeat(np.repeat(of_camera[None, :4], 24, axis=0), 6, axis=1)
         keys = (
             [Key("each face in the colour of the camera that has it best", swatch)] if count else []
         )
         if (mesh.task_mask & (best < 0)).any():
-            keys.append(_key("covered by none", UNCOVERED))
-    keys += _occluder_key(mesh, OCCLUDER)
+            keys.append(_key("covered by none", theme.UNCOVERED))
+    keys += _occluder_key(mesh, theme.OCCLUDER)
     corners = np.concatenate((mesh.bounds, matrices[:, :3, 3]))
     reach = FRUSTUM * float(np.linalg.norm(np.ptp(corners, axis=0))) / 2
     pyramids = [_pyramid(camera, pose, reach) for pose in matrices]
@@ -174,13 +154,13 @@ def _two_sides(
     images = [smooth(Image.fromarray(paint(scene, colours, hidden))) for scene in scenes]
     if hidden.any():
         colour = colours[np.flatnonzero(hidden)[0]]
-        keys = [*keys, _key("hidden from both sides, shown through", COVERED, stripe=colour)]
+        keys = [*keys, _key("hidden from both sides, shown through", theme.COVERED, stripe=colour)]
     return framed(_beside(images), title, keys)
 
 
 def _beside(images: Sequence[Image.Image]) -> Pixels:
     """Pixels of pictures of equal height, side by side."""
-    gap = np.full((images[0].height, 6, 3), PAPER, np.uint8)
+    gap = np.full((images[0].height, 6, 3), theme.PAPER, np.uint8)
     parts = [np.asarray(images[0])]
     for image in images[1:]:
         parts += [gap, np.asarray(image)]
@@ -190,8 +170,8 @@ def _beside(images: Sequence[Image.Image]) -> Pixels:
 def _neutral(mesh: Mesh) -> Pixels:
     """(F, 3) colours: the task in light grey, occluders in theirs."""
     colours = np.empty((mesh.n_faces, 3), np.uint8)
-    colours[:] = COVERED
-    colours[~mesh.task_mask] = OCCLUDER
+    colours[:] = theme.COVERED
+    colours[~mesh.task_mask] = theme.OCCLUDER
     return colours
 
 
@@ -236,5 +216,5 @@ def _write(
     for (x, y), name, colour in zip(place_in_image(scene, eyes), names, colours, strict=True):
         left, top, right, bottom = draw.textbbox((x, y), name, font, anchor="mm")
         plate = (left - 3 * FINE, top - 2 * FINE, right + 3 * FINE, bottom + 2 * FINE)
-        draw.rounded_rectangle(plate, 3 * FINE, PAPER, tuple(colour.tolist()), FINE)
-        draw.text((x, y), name, INK, font, anchor="mm")
+        draw.rounded_rectangle(plate, 3 * FINE, theme.PAPER, tuple(colour.tolist()), FINE)
+        draw.text((x, y), name, theme.INK, font, anchor="mm")

@@ -34,8 +34,11 @@ from rastercov.report.folder import ReportFolder, ReportKind
 
 MAX_ROWS = 30
 """Cameras that a table lists."""
-
-
+STEP_FIGURES = {
+    "search": ("method", "share", "evaluations", "generations", "seed"),
+    "refinement": ("status", "share", "start_share", "moved", "evaluations", "trace"),
+}
+"""Figures of the steps that move cameras, as `plan.json` has them."""
 PLACEMENT = ReportKind("place", re.compile(r"(poses|plan)\.json|page\.html"), last="plan.json")
 
 
@@ -68,27 +71,11 @@ def summary(placement: Placement) -> dict[str, Any]:
     plan, selection = prepared.plan, dict(placement.selection.summary())
     seconds: dict[str, Any] = {"steps": placement.steps, "selection": selection.pop("seconds")}
     moved: dict[str, Any] = {}
-    if placement.optimised is not None:
-        found = placement.optimised
-        seconds["search"] = found.seconds
-        moved["search"] = {
-            "method": found.method,
-            "share": found.share,
-            "evaluations": found.evaluations,
-            "generations": found.generations,
-            "seed": found.seed,
-        }
-    if placement.refined is not None:
-        done = placement.refined
-        seconds["refinement"] = done.seconds
-        moved["refinement"] = {
-            "status": done.status,
-            "share": done.share,
-            "start_share": done.start_share,
-            "moved": done.moved,
-            "evaluations": done.evaluations,
-            "trace": done.trace,
-        }
+    steps = {"search": placement.optimised, "refinement": placement.refined}
+    for step, found in steps.items():
+        if found is not None:
+            seconds[step] = found.seconds
+            moved[step] = {name: getattr(found, name) for name in STEP_FIGURES[step]}
     assert plan.selection is not None
     pairs = {"poses": len(prepared.pool.candidates), "pairs": prepared.pairs}
     opened = prepared.openings

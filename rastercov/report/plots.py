@@ -97,16 +97,9 @@ def line_plot(
     marks: Sequence[tuple[str, float, str]] = (),
     notes: Sequence[str] = (),
 ) -> "Figure":
-    """Curves over two axes, their legend below.
+    """Curves over two axes, their legend below with some notes above its entries.
 
-    Parameters
-    ----------
-    title, across, up, curves, theme
-        Content of the plot.
-    marks : sequence of (axis, value, text)
-        Lines across the plot at a value of axis "x" or "y".
-    notes : sequence of str
-        Lines above the entries of the legend.
+    Marks (axis, value, text) are lines across the plot at a value of axis "x" or "y".
     """
     names = [curve.name for curve in curves if curve.name]
     columns = max(1, min(len(names), 62 // (max(map(len, names), default=0) + 6)))

@@ -17,35 +17,19 @@ Pixels = NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class Theme:
-    """Colours of a page and of its plots.
+    """Colours of a page and of its plots."""
 
-    Attributes
-    ----------
-    page, card, paper : str
-        Backgrounds of the page, of boxes on it, and of plots.
-    ink, soft : str
-        Text, and text of less weight.
-    line, grid : str
-        Lines of the page, and of plots.
-    good, bad : str
-        Verdicts.
-    series : tuple of str
-        Curves of a plot, in order.
-    sizes : (str, str)
-        Ends of the ramp for classes of face size.
-    """
-
-    page: str
-    card: str
-    paper: str
-    ink: str
-    soft: str
-    line: str
-    grid: str
-    good: str
+    page: str  # background of the page
+    card: str  # background of boxes on it
+    paper: str  # background of plots
+    ink: str  # text
+    soft: str  # text of less weight
+    line: str  # lines of the page
+    grid: str  # lines of plots
+    good: str  # verdicts
     bad: str
-    series: tuple[str, ...]
-    sizes: tuple[str, str]
+    series: tuple[str, ...]  # curves of a plot, in order
+    sizes: tuple[str, str]  # ends of the ramp for classes of face size
 
 
 LIGHT = Theme(

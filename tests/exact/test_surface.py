@@ -7,6 +7,7 @@ from collections import defaultdict
 import numpy as np
 import pytest
 from exact_cases import box, triangles
+from exact_views import SEEDS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import joined, square
@@ -17,8 +18,6 @@ from rastercov.exact.surface import surface_of
 from rastercov.mesh import Mesh, contacts
 from rastercov.mesh.contacts import CONTACT, REACH, touching_faces
 
-SEEDS = st.integers(0, 2**32 - 1)
-
 
 def random_mesh(seed):
     """Faces between few points, some of them equal: borders, fins, flaps, twins, any winding."""
@@ -28,7 +27,7 @@ def random_mesh(seed):
 
 
 @given(seed=SEEDS)
-@settings(max_examples=200)
+@settings(max_examples=40)
 def test_edges_are_those_of_the_faces_by_position(seed):
     mesh = random_mesh(seed)
     found = surface_of(mesh)
@@ -58,7 +57,7 @@ def test_edges_are_those_of_the_faces_by_position(seed):
 
 
 @given(seed=SEEDS)
-@settings(max_examples=100)
+@settings(max_examples=25)
 def test_every_position_in_use_stands_once_and_faces_stay_where_they_are(seed):
     mesh = random_mesh(seed)
     found = surface_of(mesh)
@@ -131,7 +130,7 @@ def test_contacts_grow_with_the_distance_by_decades():
 
 
 @given(seed=SEEDS, distance=st.floats(-3, 8))
-@settings(max_examples=60)
+@settings(max_examples=20)
 def test_whatever_is_at_equal_depth_from_afar_is_in_contact(seed, distance):
     # 1e-10 of the distance is the tie of depths; contacts must reach beyond that.
     rng = np.random.default_rng(seed)

@@ -374,7 +374,7 @@ def test_notes_come_first_in_the_warnings():
     assert len(mesh.warnings) == 2
 
 
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=40)
 @given(st.data())
 def test_topology_agrees_with_a_count_by_hand(data):
     n = data.draw(st.integers(3, 7))

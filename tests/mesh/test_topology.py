@@ -4,7 +4,7 @@ from collections import defaultdict
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
@@ -18,6 +18,7 @@ from rastercov.mesh.topology import edge_table
     n_vertices=st.sampled_from([7, 2**31 - 1]),  # keys sorted with their codes, and by themselves
     dtype=st.sampled_from([np.int32, np.int64]),
 )
+@settings(max_examples=25)
 @pytest.mark.parametrize("with_collapsed", [False, True])
 def test_the_table_has_every_edge_with_all_its_uses(faces, n_vertices, dtype, with_collapsed):
     uses, forward = defaultdict(list), {}

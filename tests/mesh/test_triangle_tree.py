@@ -15,7 +15,7 @@ def soup(seed, n):
 
 
 @given(seed=st.integers(0, 10**6), n=st.integers(1, 70), margin=st.sampled_from((0.0, 2.0**-20)))
-@settings(max_examples=40)
+@settings(max_examples=15)
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_every_node_holds_the_triangles_below_it(seed, n, margin, dtype):
     points, faces = soup(seed, n)
@@ -36,7 +36,7 @@ def test_every_node_holds_the_triangles_below_it(seed, n, margin, dtype):
 
 
 @given(seed=st.integers(0, 10**6), n=st.integers(1, 70))
-@settings(max_examples=40)
+@settings(max_examples=15)
 def test_a_segment_is_hit_where_a_triangle_alone_is_hit(seed, n):
     points, faces = soup(seed, n)
     points /= np.abs(points).max() * 2

@@ -5,8 +5,9 @@ import math
 import cavity_scenes as scenes
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from nightly import examples
 from scenes import joined, sheet
 
 import rastercov as rc
@@ -62,6 +63,7 @@ def test_the_pixels_of_a_dome_are_the_half_space(side):
     direction=st.tuples(*3 * [st.floats(-1, 1)]).filter(lambda d: np.linalg.norm(d) > 0.01),
     side=st.sampled_from([2, 4, 32]),
 )
+@examples(25)
 def test_a_cone_as_wide_as_can_be_missed_holds_a_direction(direction, side):
     towards = np.array(direction) / np.linalg.norm(direction)
     towards[2] = abs(towards[2])
@@ -71,7 +73,7 @@ def test_a_cone_as_wide_as_can_be_missed_holds_a_direction(direction, side):
 
 
 @given(seed=st.integers(0, 1000))
-@settings(max_examples=20)
+@examples(8)
 def test_a_ray_ends_where_the_wall_of_a_room_is(seed):
     rng = np.random.default_rng(seed)
     room = shapes.box((2.0, 3.0, 4.0))
@@ -115,17 +117,18 @@ def test_the_ground_of_a_blind_hole_is_reached_where_views_from_around_miss_it()
 @pytest.mark.parametrize("scene", [scenes.blind_hole, scenes.overhang, scenes.bottle])
 def test_a_face_with_candidates_of_its_own_is_covered_by_one(scene):
     mesh = scene()
-    found = openings(mesh, CAMERA, FAR, faces=inner(mesh)[::2], finest=64)
+    found = openings(mesh, CAMERA, FAR, faces=inner(mesh)[::3], finest=64)
     reached = found.face[found.access == Access.REACHED]
-    assert len(reached) > 15
+    assert len(reached) > 10
     covered = covered_by(mesh, found.candidates.poses, reached)
     assert covered.mean() > 0.97
     assert set(found.candidates.index) == set(reached)
 
 
+@pytest.mark.slow
 def test_under_an_overhang_all_is_reached_from_the_open_sides():
     mesh = scenes.overhang()
-    found = openings(mesh, CAMERA, FAR, faces=inner(mesh))
+    found = openings(mesh, CAMERA, FAR, faces=inner(mesh)[::2])
     assert (found.access == Access.REACHED).all()
 
 
@@ -133,33 +136,26 @@ def test_under_an_overhang_all_is_reached_from_the_open_sides():
 def test_through_a_narrow_neck_only_what_lies_before_it_is_reached():
     mesh = scenes.bottle()
     farther = Framing(stand_off=(8.0, 30.0))  # than the chamber is wide
-    found = openings(mesh, CAMERA, farther, faces=inner(mesh)[::2])
     below = scenes.faces_at(mesh, (3.5, 3.5, 1.0), (0, 0, 1))
-    ceiling = scenes.faces_at(mesh, (1.5, 1.5, 4.0), (0, 0, -1))
-    access = dict(zip(found.face.tolist(), found.access.tolist(), strict=True))
-    assert len(below) == len(ceiling) == 2
-    below, ceiling = (np.intersect1d(faces, found.face) for faces in (below, ceiling))
-    assert len(below)
-    assert len(ceiling)
-    assert all(access[face] == Access.REACHED for face in below)
     # The shoulder of the chamber turns away from the neck: no camera outside can see it.
-    assert all(access[face] == Access.CLOSED for face in ceiling)
+    ceiling = scenes.faces_at(mesh, (1.5, 1.5, 4.0), (0, 0, -1))
+    found = openings(mesh, CAMERA, farther, faces=[*below, *ceiling])
+    assert found.access.tolist() == 2 * [Access.REACHED] + 2 * [Access.CLOSED]
     outside = outer_poses(200, np.array([3.5, 3.5, 3.0]), 9.0)
     assert (rc.visibility(mesh, CAMERA, outside).value[:, ceiling] == 0).all()
-    closed = np.flatnonzero(found.access == Access.CLOSED)
-    assert len(closed)
-    assert (found.missed_deg[closed] < 0.7).all()
-    assert found.proof == ("",) * len(found.face)  # it is open to the outside: nothing to prove
-    assert "no open cone of 0.63° or more" in found.words(int(closed[0]))
+    assert (found.missed_deg[2:] < 0.7).all()
+    assert found.proof == ("",) * 4  # it is open to the outside: nothing to prove
+    assert "no open cone of 0.63° or more" in found.words(2)
 
 
+@pytest.mark.slow
 def test_the_end_of_a_bent_channel_is_closed_to_cameras_outside_and_reached_from_within():
     mesh = scenes.bent_channel(blind=True)
     end = scenes.faces_at(mesh, (6.0, 2.5, 1.5), (-1, 0, 0))
     assert len(end) == 2
     found = openings(mesh, CAMERA, FAR, faces=end)
     assert (found.access == Access.CLOSED).all()
-    outside = outer_poses(300, np.array([3.5, 2.5, 3.5]), 10.0)
+    outside = outer_poses(100, np.array([3.5, 2.5, 3.5]), 10.0)
     assert (rc.visibility(mesh, CAMERA, outside).value[:, end] == 0).all()
     near = openings(mesh, CAMERA, Framing(stand_off=(0.5, 3.0)), faces=end)
     assert (near.access == Access.REACHED).all()
@@ -199,7 +195,7 @@ def test_nothing_is_proved_of_a_cavity_in_which_a_camera_may_stand(limits):
     limits = dict(limits)
     mesh = scenes.closed_cavity()
     framing = Framing(stand_off=(limits.pop("least", 0.0), 30.0))
-    found = openings(mesh, CAMERA, framing, faces=inner(mesh), **limits)
+    found = openings(mesh, CAMERA, framing, faces=inner(mesh)[::4], finest=64, **limits)
     assert (found.access != Access.ENCLOSED).all()
     assert (found.access == Access.REACHED).any()
     assert filter_candidates(found.candidates, mesh, **limits)[1].kept_mask.all()
@@ -230,14 +226,14 @@ def test_a_face_that_matter_covers_only_in_part_is_not_called_out_of_reach():
 
 @pytest.mark.slow
 @given(seed=st.integers(0, 100_000), share=st.floats(0.5, 0.8))
-@settings(max_examples=8)
+@examples(4, 20)
 def test_no_camera_within_the_limits_sees_a_face_that_is_proved_out_of_reach(seed, share):
     rng = np.random.default_rng(seed)
     solid = np.ones((5, 5, 5), bool)
     solid[1:4, 1:4, 1:4] = rng.random((3, 3, 3)) < share
     mesh = scenes.of_cubes(solid)
     least = 4.5
-    found = openings(mesh, CAMERA, Framing(stand_off=(least, 20)), faces=inner(mesh))
+    found = openings(mesh, CAMERA, Framing(stand_off=(least, 20)), faces=inner(mesh), finest=32)
     shut = found.face[found.access == Access.ENCLOSED]
     eyes = np.concatenate((rng.uniform(0, 5, (60, 3)), rng.uniform(-8, 13, (60, 3))))
     targets = mesh.centroids[rng.choice(found.face, len(eyes))] if len(found.face) else eyes + 1
@@ -246,6 +242,7 @@ def test_no_camera_within_the_limits_sees_a_face_that_is_proved_out_of_reach(see
     assert not (seen[:, shut][away[:, shut]] > 0).any()
 
 
+@pytest.mark.slow
 def test_every_place_is_clear_within_the_stand_off_and_out_of_keep_out_volumes():
     mesh = scenes.blind_hole()
     framing = Framing(stand_off=(5.0, 12.0), rolls_deg=(0.0, 90.0))
@@ -280,6 +277,7 @@ def test_no_camera_is_placed_behind_what_hides_the_face():
     assert (found.places > 0).all()
 
 
+@pytest.mark.slow
 def test_the_open_side_of_a_two_sided_sheet_is_found():
     part = sheet((-1, -1), (1, 1), 0.0)  # faces -z, where the block is
     mesh = joined(part, shapes.box((4.0, 4.0, 1.0), centre=(0, 0, -0.5005)))
@@ -293,9 +291,10 @@ def test_the_open_side_of_a_two_sided_sheet_is_found():
     assert (shut.access != Access.REACHED).all()
 
 
+@pytest.mark.slow
 def test_views_of_a_face_differ():
     mesh = scenes.overhang()
-    found = openings(mesh, CAMERA, FAR, faces=inner(mesh), views=3)
+    found = openings(mesh, CAMERA, FAR, faces=inner(mesh)[::3], views=3)
     for face in np.unique(found.candidates.index):
         ahead = found.candidates.poses[found.candidates.index == face][:, :3, 2]
         cosines = (ahead @ ahead.T)[np.triu_indices(len(ahead), 1)]
@@ -312,9 +311,10 @@ def test_the_generator_gives_the_candidates_of_the_openings():
     assert set(candidates.index) <= set(faces)
 
 
+@pytest.mark.slow
 def test_a_mesh_far_away_has_the_openings_it_has_at_the_origin():
     mesh = scenes.blind_hole()
-    faces = inner(mesh)
+    faces = inner(mesh)[::4]
     there = Mesh(vertices=mesh.vertices + 1e6, faces=mesh.faces)
     one, other = (openings(m, CAMERA, FAR, faces=faces) for m in (mesh, there))
     assert (one.access == other.access).all()

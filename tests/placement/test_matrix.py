@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from matrix_damage import campaign, contents_of, files_of, flip
+from nightly import IS_NIGHTLY
 
 import rastercov as rc
 from rastercov import shapes
@@ -25,16 +26,12 @@ from rastercov.placement.shards import locked
 CAMERA = rc.Camera(width=64, height=64, fx=70, fy=70)
 TASK = rc.Task(min_coverage=0.3, max_incidence_deg=80)
 N_POSES = 11
+MESH = shapes.torus(12, 8)
+POSES = rc.sphere_of_poses((0, 0, 0), 4.2, N_POSES)
 
 
-@pytest.fixture(scope="module")
-def mesh():
-    return shapes.torus(12, 8)
-
-
-@pytest.fixture(scope="module")
-def poses():
-    return rc.sphere_of_poses((0, 0, 0), 4.2, N_POSES)
+def build(folder=None, **options):
+    return build_matrix((MESH, CAMERA), POSES, TASK, folder, **options)
 
 
 def dense(matrix):
@@ -52,19 +49,16 @@ def same(one, other):
     assert (one.task, one.header, one.n_task_faces) == (other.task, other.header, one.n_task_faces)
 
 
-def watched(mesh, poses, folder, **options):
+def watched(folder, **options):
     """A matrix, the poses that were done whenever some were, and what was noted."""
     seen, notes = [], []
-    matrix = build_matrix(
-        (mesh, CAMERA), poses, TASK, folder, **options,
-        progress=lambda done, total: seen.append(done), note=notes.append,
-    )  # fmt: skip
-    return matrix, seen, notes
+    options |= {"progress": lambda done, total: seen.append(done), "note": notes.append}
+    return build(folder, **options), seen, notes
 
 
-def test_the_matrix_is_the_coverage_of_every_pair(mesh, poses):
-    matrix = build_matrix((mesh, CAMERA), poses, TASK)
-    coverage = rc.evaluate(mesh, CAMERA, poses, TASK)
+def test_the_matrix_is_the_coverage_of_every_pair():
+    matrix = build()
+    coverage = rc.evaluate(MESH, CAMERA, POSES, TASK)
     np.testing.assert_allclose(dense(matrix), coverage.coverage, rtol=1e-6)
     assert (dense(matrix) > 0).tolist() == (coverage.coverage > 0).tolist()
     covered = np.zeros(matrix.n_poses * matrix.n_faces, bool)
@@ -76,33 +70,33 @@ def test_the_matrix_is_the_coverage_of_every_pair(mesh, poses):
     assert matrix.mean_coverage == pytest.approx(coverage.coverage.mean(axis=1))
 
 
-def test_occluders_are_left_out(mesh, poses):
-    labels = np.arange(mesh.n_faces) % 2
+def test_occluders_are_left_out():
+    labels = np.arange(MESH.n_faces) % 2
     groups = (rc.Group("part"), rc.Group("fixture", is_occluder=True))
-    scene = rc.Mesh(mesh.vertices, mesh.faces, groups, labels)
-    matrix = build_matrix((scene, CAMERA), poses, TASK)
+    scene = rc.Mesh(MESH.vertices, MESH.faces, groups, labels)
+    matrix = build_matrix((scene, CAMERA), POSES, TASK)
     assert len(matrix.face)
     assert (labels[matrix.face] == 0).all()
     assert matrix.n_task_faces == (labels == 0).sum()
 
 
 @pytest.mark.parametrize("poses_a_shard", [1, 4, 100])
-def test_on_disk_and_in_memory_are_the_same(mesh, poses, tmp_path, poses_a_shard):
-    with rc.open_observer(mesh, CAMERA) as observer:
+def test_on_disk_and_in_memory_are_the_same(tmp_path, poses_a_shard):
+    with rc.open_observer(MESH, CAMERA) as observer:
         seen = []
         matrix = build_matrix(
-            observer, poses, TASK, tmp_path, poses_a_shard=poses_a_shard,
+            observer, POSES, TASK, tmp_path, poses_a_shard=poses_a_shard,
             progress=lambda done, total: seen.append((done, total)),
         )  # fmt: skip
-    same(matrix, build_matrix((mesh, CAMERA), poses, TASK, poses_a_shard=poses_a_shard))
+    same(matrix, build(poses_a_shard=poses_a_shard))
     same(matrix, VisibilityMatrix.load(tmp_path))
     assert seen[0] == (0, N_POSES)
     assert seen[-1] == (N_POSES, N_POSES)
     assert len(list((tmp_path / "pairs").iterdir())) == -(-N_POSES // poses_a_shard)
 
 
-def test_the_shards_are_a_plain_table(mesh, poses, tmp_path):
-    matrix = build_matrix((mesh, CAMERA), poses, TASK, tmp_path, poses_a_shard=4)
+def test_the_shards_are_a_plain_table(tmp_path):
+    matrix = build(tmp_path, poses_a_shard=4)
     table = pq.read_table(tmp_path / "pairs")
     assert table.column_names == ["pose", "face", "coverage", "covered"]
     pose = np.repeat(np.arange(N_POSES), np.diff(matrix.indptr))
@@ -112,63 +106,58 @@ def test_the_shards_are_a_plain_table(mesh, poses, tmp_path):
     np.testing.assert_array_equal(table["covered"].to_numpy(), matrix.covered)
 
 
-def test_no_pose_and_nothing_in_view_give_an_empty_matrix(mesh, tmp_path):
+def test_no_pose_and_nothing_in_view_give_an_empty_matrix(tmp_path):
     away = rc.look_at([[0, 0, 5.0]], [[0, 0, 9.0]])
     for name, poses in (("none", np.empty((0, 4, 4))), ("away", away)):
         for matrix in (
-            build_matrix((mesh, CAMERA), poses, TASK),
-            build_matrix((mesh, CAMERA), poses, TASK, tmp_path / name),
+            build_matrix((MESH, CAMERA), poses, TASK),
+            build_matrix((MESH, CAMERA), poses, TASK, tmp_path / name),
         ):
             assert matrix.indptr.tolist() == [0] * (len(poses) + 1)
             assert matrix.mean_coverage.tolist() == [0.0] * len(poses)
 
 
-def test_a_run_goes_on_where_it_was_stopped(mesh, poses, tmp_path):
+def test_a_run_goes_on_where_it_was_stopped(tmp_path):
     def stop(done, total):
         if done >= 6:
             raise InterruptedError
 
     with pytest.raises(InterruptedError):
-        build_matrix((mesh, CAMERA), poses, TASK, tmp_path, poses_a_shard=4, progress=stop)
+        build(tmp_path, poses_a_shard=4, progress=stop)
     assert [path.name for path in (tmp_path / "pairs").iterdir()] == ["pairs-00000.parquet"]
     with pytest.raises(ConfigError, match="2 of 3 shards are missing"):
         VisibilityMatrix.load(tmp_path)
-    seen = []
-    matrix = build_matrix(
-        (mesh, CAMERA), poses, TASK, tmp_path, progress=lambda done, total: seen.append(done)
-    )
+    matrix, seen, _ = watched(tmp_path)
     assert seen[0] == 4
-    same(matrix, build_matrix((mesh, CAMERA), poses, TASK, poses_a_shard=4))
-    again = []
-    build_matrix((mesh, CAMERA), poses, TASK, tmp_path, progress=lambda *done: again.append(done))
-    assert again == [(N_POSES, N_POSES)]
+    same(matrix, build(poses_a_shard=4))
+    assert watched(tmp_path)[1] == [N_POSES]
 
 
-def test_a_shard_that_is_not_whole_is_made_again(mesh, poses, tmp_path):
-    matrix = build_matrix((mesh, CAMERA), poses, TASK, tmp_path, poses_a_shard=4)
+def test_a_shard_that_is_not_whole_is_made_again(tmp_path):
+    matrix = build(tmp_path, poses_a_shard=4)
     shards = sorted((tmp_path / "pairs").iterdir())
     shards[1].write_bytes(shards[1].read_bytes()[:-20])
     shards[2].write_bytes(b"")
     (tmp_path / "pairs" / ".0123.part").write_bytes(b"left by a run that was killed")
-    same(matrix, build_matrix((mesh, CAMERA), poses, TASK, tmp_path))
+    same(matrix, build(tmp_path))
     assert sorted((tmp_path / "pairs").iterdir()) == shards
 
 
-def test_a_shard_of_another_matrix_is_made_again(mesh, poses, tmp_path):
-    matrix = build_matrix((mesh, CAMERA), poses, TASK, tmp_path / "one", poses_a_shard=4)
-    build_matrix((mesh, CAMERA), poses[::-1], TASK, tmp_path / "two", poses_a_shard=4)
+def test_a_shard_of_another_matrix_is_made_again(tmp_path):
+    matrix = build(tmp_path / "one", poses_a_shard=4)
+    build_matrix((MESH, CAMERA), POSES[::-1], TASK, tmp_path / "two", poses_a_shard=4)
     name = Path("pairs") / "pairs-00001.parquet"
     (tmp_path / "one" / name).write_bytes((tmp_path / "two" / name).read_bytes())
-    same(matrix, build_matrix((mesh, CAMERA), poses, TASK, tmp_path / "one"))
+    same(matrix, build(tmp_path / "one"))
 
 
-def test_a_failure_to_write_leaves_no_shard(mesh, poses, tmp_path, monkeypatch):
+def test_a_failure_to_write_leaves_no_shard(tmp_path, monkeypatch):
     def fail(descriptor):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(os, "fsync", fail)
     with pytest.raises(OSError, match="No space left"):
-        build_matrix((mesh, CAMERA), poses, TASK, tmp_path / "full")
+        build(tmp_path / "full")
     assert [path for path in (tmp_path / "full").rglob("*") if path.is_file()] == []
 
 
@@ -187,53 +176,48 @@ def moved(mesh):
         (lambda a: a | {"poses_a_shard": 5}, "with another poses_a_shard"),
     ],
 )
-def test_a_folder_of_other_inputs_is_refused(mesh, poses, tmp_path, change, words):
-    inputs = {"view": (mesh, CAMERA), "poses": poses, "task": TASK, "folder": tmp_path}
+def test_a_folder_of_other_inputs_is_refused(tmp_path, change, words):
+    inputs = {"view": (MESH, CAMERA), "poses": POSES, "task": TASK, "folder": tmp_path}
     build_matrix(**inputs)
     with pytest.raises(ConfigError, match=words) as error:
         build_matrix(**change(inputs))
     assert "\n" not in str(error.value)
 
 
-def test_another_method_and_another_version_are_refused(mesh, poses, tmp_path, monkeypatch):
-    build_matrix((mesh, CAMERA), poses, TASK, tmp_path)
+def test_another_method_and_another_version_are_refused(tmp_path, monkeypatch):
+    build(tmp_path)
     with (
-        rc.open_observer(mesh, CAMERA, method="exact") as observer,
+        rc.open_observer(MESH, CAMERA, method="exact") as observer,
         pytest.raises(ConfigError, match="by another method"),
     ):
-        build_matrix(observer, poses, TASK, tmp_path)
+        build_matrix(observer, POSES, TASK, tmp_path)
     for supersample in (1, 2):
         with rc.open_observer(
-            mesh, CAMERA, method="sampled", backend="cpu", supersample=supersample
+            MESH, CAMERA, method="sampled", backend="cpu", supersample=supersample
         ) as observer:
             if supersample == 1:
-                build_matrix(observer, poses, TASK, tmp_path / "sampled")
+                build_matrix(observer, POSES, TASK, tmp_path / "sampled")
                 continue
             with pytest.raises(ConfigError, match="another supersample"):
-                build_matrix(observer, poses, TASK, tmp_path / "sampled")
+                build_matrix(observer, POSES, TASK, tmp_path / "sampled")
     monkeypatch.setattr(shards_module, "version", lambda name: "0.0.0")
     with pytest.raises(ConfigError, match="another version"):
-        build_matrix((mesh, CAMERA), poses, TASK, tmp_path)
+        build(tmp_path)
 
 
-def test_a_matrix_of_an_earlier_format_and_a_strange_header_are_refused(mesh, poses, tmp_path):
-    build_matrix((mesh, CAMERA), poses, TASK, tmp_path)
+def test_a_matrix_of_an_earlier_format_and_a_strange_header_are_refused(tmp_path):
+    build(tmp_path)
     shutil.rmtree(tmp_path / "sha256")  # the earlier format had no checksums
     path = tmp_path / "header.json"
     path.write_text(json.dumps(json.loads(path.read_text()) | {"format": 1}))
     before = contents_of(tmp_path)
-    for read in (
-        lambda: build_matrix((mesh, CAMERA), poses, TASK, tmp_path),
-        lambda: VisibilityMatrix.load(tmp_path),
-    ):
+    reads = (lambda: build(tmp_path), lambda: VisibilityMatrix.load(tmp_path))
+    for read in reads:
         with pytest.raises(ConfigError, match="in another file format; name another folder"):
             read()
     for text in ("{", "[]", "{}", '{"format": 2}', "[" * 100_000, '"of something else"'):
         path.write_text(text)
-        for read in (
-            lambda: build_matrix((mesh, CAMERA), poses, TASK, tmp_path),
-            lambda: VisibilityMatrix.load(tmp_path),
-        ):
+        for read in reads:
             with pytest.raises(ConfigError, match="no header") as error:
                 read()
             assert "\n" not in str(error.value)
@@ -241,25 +225,22 @@ def test_a_matrix_of_an_earlier_format_and_a_strange_header_are_refused(mesh, po
     assert contents_of(tmp_path) == before
 
 
-def test_no_damage_to_a_matrix_is_believed_and_all_of_it_is_mended(mesh, poses, tmp_path):
-    with rc.open_observer(mesh, CAMERA) as observer:
-        inputs = {"view": observer, "poses": poses, "task": TASK, "poses_a_shard": 4}
-        assert campaign(tmp_path, inputs, poses[::-1], 88) == {}
+@pytest.mark.slow
+def test_no_damage_to_a_matrix_is_believed_and_all_of_it_is_mended(tmp_path):
+    with rc.open_observer(MESH, CAMERA) as observer:
+        inputs = {"view": observer, "poses": POSES, "task": TASK, "poses_a_shard": 4}
+        assert campaign(tmp_path, inputs, POSES[::-1], 88 if IS_NIGHTLY else 22) == {}
 
 
-def test_only_the_damaged_shard_is_measured_again_and_somebody_is_told(
-    mesh, poses, tmp_path, caplog
-):
-    matrix = build_matrix((mesh, CAMERA), poses, TASK, tmp_path, poses_a_shard=4)
+def test_only_the_damaged_shard_is_measured_again_and_somebody_is_told(tmp_path, caplog):
+    matrix = build(tmp_path, poses_a_shard=4)
     whole = contents_of(tmp_path)
     shard = tmp_path / "pairs" / "pairs-00001.parquet"
     flip(shard, [8 * 200])
     with pytest.raises(ConfigError, match=r"pairs-00001\.parquet: damaged.*call build_matrix"):
         VisibilityMatrix.load(tmp_path)
     seen = []
-    again = build_matrix(
-        (mesh, CAMERA), poses, TASK, tmp_path, progress=lambda done, total: seen.append(done)
-    )
+    again = build(tmp_path, progress=lambda done, total: seen.append(done))
     assert seen[0] == N_POSES - 4
     same(again, matrix)
     assert contents_of(tmp_path) == whole
@@ -268,36 +249,36 @@ def test_only_the_damaged_shard_is_measured_again_and_somebody_is_told(
         "its poses are measured again"
     ]
     caplog.clear()
-    build_matrix((mesh, CAMERA), poses, TASK, tmp_path)
+    build(tmp_path)
     assert not caplog.records
 
 
 @pytest.mark.parametrize("name", ["header.json", "poses.npy"])
-def test_a_damaged_header_or_pose_loses_no_shard(mesh, poses, tmp_path, name):
-    matrix = build_matrix((mesh, CAMERA), poses, TASK, tmp_path, poses_a_shard=4)
+def test_a_damaged_header_or_pose_loses_no_shard(tmp_path, name):
+    matrix = build(tmp_path, poses_a_shard=4)
     whole = contents_of(tmp_path)
     for harm in (lambda path: flip(path, [1000]), lambda path: path.unlink()):
         harm(tmp_path / name)
         with pytest.raises(ConfigError, match=rf"{name}|no matrix in this folder"):
             VisibilityMatrix.load(tmp_path)
-        again, seen, notes = watched(mesh, poses, tmp_path)
+        again, seen, notes = watched(tmp_path)
         same(again, matrix)
         assert seen == [N_POSES]
         assert contents_of(tmp_path) == whole
         assert all(name in line for line in notes)
 
 
-def test_a_damaged_header_does_not_open_the_folder_to_another_matrix(mesh, poses, tmp_path):
-    build_matrix((mesh, CAMERA), poses, TASK, tmp_path, poses_a_shard=4)
+def test_a_damaged_header_does_not_open_the_folder_to_another_matrix(tmp_path):
+    build(tmp_path, poses_a_shard=4)
     before = contents_of(tmp_path / "pairs")
     flip(tmp_path / "header.json", [77])
     with pytest.raises(ConfigError, match="from other poses"):
-        build_matrix((mesh, CAMERA), poses[::-1], TASK, tmp_path)
+        build_matrix((MESH, CAMERA), POSES[::-1], TASK, tmp_path)
     assert contents_of(tmp_path / "pairs") == before
 
 
-def test_every_file_has_the_checksum_that_sha256sum_gives(mesh, poses, tmp_path):
-    build_matrix((mesh, CAMERA), poses, TASK, tmp_path, poses_a_shard=4)
+def test_every_file_has_the_checksum_that_sha256sum_gives(tmp_path):
+    build(tmp_path, poses_a_shard=4)
     files = {path for path in files_of(tmp_path) if path.parent.name != "sha256"}
     assert len(files) == 5
     for line in (tmp_path / "sha256").glob("*.sha256"):
@@ -307,8 +288,8 @@ def test_every_file_has_the_checksum_that_sha256sum_gives(mesh, poses, tmp_path)
     assert files == set()
 
 
-def test_other_readers_can_check_the_pages_of_a_shard(mesh, poses, tmp_path):
-    build_matrix((mesh, CAMERA), poses, TASK, tmp_path)
+def test_other_readers_can_check_the_pages_of_a_shard(tmp_path):
+    build(tmp_path)
     shard = tmp_path / "pairs" / "pairs-00000.parquet"
     assert pq.read_table(shard, page_checksum_verification=True).num_rows
     column = pq.ParquetFile(shard).metadata.row_group(0).column(1)
@@ -317,8 +298,9 @@ def test_other_readers_can_check_the_pages_of_a_shard(mesh, poses, tmp_path):
         pq.read_table(shard, page_checksum_verification=True)
 
 
-def test_a_run_that_ends_between_any_two_files_goes_on(mesh, poses, tmp_path, monkeypatch):
-    matrix = build_matrix((mesh, CAMERA), poses, TASK, tmp_path / "quiet", poses_a_shard=4)
+@pytest.mark.slow
+def test_a_run_that_ends_between_any_two_files_goes_on(tmp_path, monkeypatch):
+    matrix = build(tmp_path / "quiet", poses_a_shard=4)
     replace_file, left = os.replace, 0
 
     def end(*names):
@@ -332,37 +314,34 @@ def test_a_run_that_ends_between_any_two_files_goes_on(mesh, poses, tmp_path, mo
     for steps in range(10):
         folder, left, notes = tmp_path / str(steps), steps, []
         with pytest.raises(InterruptedError):
-            build_matrix((mesh, CAMERA), poses, TASK, folder, poses_a_shard=4, note=notes.append)
+            build(folder, poses_a_shard=4, note=notes.append)
         left = 100
-        again, seen, further = watched(mesh, poses, folder, poses_a_shard=4)
+        again, seen, further = watched(folder, poses_a_shard=4)
         same(again, matrix)
         assert seen[0] == 4 * max(0, (steps - 4) // 2)
         assert notes + further == []
         assert contents_of(folder) == contents_of(tmp_path / "quiet")
 
 
-def test_two_processes_do_not_write_to_one_folder(mesh, poses, tmp_path):
-    with (
-        locked(tmp_path),
-        pytest.raises(ConfigError, match="another process is writing"),
-    ):
-        build_matrix((mesh, CAMERA), poses, TASK, tmp_path)
+def test_two_processes_do_not_write_to_one_folder(tmp_path):
+    with locked(tmp_path), pytest.raises(ConfigError, match="another process is writing"):
+        build(tmp_path)
 
 
-def test_what_is_no_folder_of_ours_is_refused(mesh, poses, tmp_path):
+def test_what_is_no_folder_of_ours_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(ConfigError, match="cannot be made"):
-        build_matrix((mesh, CAMERA), poses, TASK, tmp_path / "file")
+        build(tmp_path / "file")
     with pytest.raises(ConfigError, match="there is no matrix"):
         VisibilityMatrix.load(tmp_path)
     (tmp_path / "pairs").mkdir()
     (tmp_path / "pairs" / "pairs-00000.parquet").write_bytes(b"")
     with pytest.raises(ConfigError, match="without a header"):
-        build_matrix((mesh, CAMERA), poses, TASK, tmp_path)
+        build(tmp_path)
     with pytest.raises(ConfigError, match="poses_a_shard must be 1 or more"):
-        build_matrix((mesh, CAMERA), poses, TASK, poses_a_shard=0)
+        build(poses_a_shard=0)
     with pytest.raises(PoseError):
-        build_matrix((mesh, CAMERA), np.zeros((1, 4, 4)), TASK)
+        build_matrix((MESH, CAMERA), np.zeros((1, 4, 4)), TASK)
 
 
 @given(
@@ -381,33 +360,33 @@ def test_rounding_carries_no_pair_across_the_threshold(least, values, ulps):
     np.testing.assert_allclose(short, wanted, rtol=2.4e-7, atol=3e-45)
 
 
-def test_a_problem_has_the_pairs_that_count(mesh, poses):
-    matrix = build_matrix((mesh, CAMERA), poses, TASK)
-    coverage = rc.evaluate(mesh, CAMERA, poses, TASK)
+def test_a_problem_has_the_pairs_that_count():
+    matrix = build()
+    coverage = rc.evaluate(MESH, CAMERA, POSES, TASK)
     goal = BestCoverage(3)
     for least, wanted in (
         (None, coverage.reason == rc.Reason.COVERED),
         (0.0, coverage.coverage > 0),
         (0.9, coverage.coverage >= 0.9),
     ):
-        problem = problem_of(matrix, mesh, goal, min_coverage=least, weight_by="count")
+        problem = problem_of(matrix, MESH, goal, min_coverage=least, weight_by="count")
         pairs = [
             problem.face[problem.indptr[c] : problem.indptr[c + 1]].tolist() for c in range(N_POSES)
         ]
         assert pairs == [np.flatnonzero(row).tolist() for row in wanted]
-    area = problem_of(matrix, mesh, goal)
-    assert area.share(np.arange(mesh.n_faces) < 5) == pytest.approx(
-        mesh.areas[:5].sum() / mesh.areas.sum()
+    area = problem_of(matrix, MESH, goal)
+    assert area.share(np.arange(MESH.n_faces) < 5) == pytest.approx(
+        MESH.areas[:5].sum() / MESH.areas.sum()
     )
-    np.testing.assert_array_equal(area.eyes, poses[:, :3, 3])
-    assert area.views.tolist() == [1] * mesh.n_faces
+    np.testing.assert_array_equal(area.eyes, POSES[:, :3, 3])
+    assert area.views.tolist() == [1] * MESH.n_faces
 
 
-def test_views_and_weights_go_by_group(mesh, poses):
-    labels = np.arange(mesh.n_faces) % 3
+def test_views_and_weights_go_by_group():
+    labels = np.arange(MESH.n_faces) % 3
     groups = (rc.Group("a"), rc.Group("b"), rc.Group("jig", is_occluder=True))
-    scene = rc.Mesh(mesh.vertices, mesh.faces, groups, labels)
-    matrix = build_matrix((scene, CAMERA), poses, replace(TASK, views=2))
+    scene = rc.Mesh(MESH.vertices, MESH.faces, groups, labels)
+    matrix = build_matrix((scene, CAMERA), POSES, replace(TASK, views=2))
     goal = FewestCameras(0.0, {"b": 0.5}, of_reachable=True)
     problem = problem_of(matrix, scene, goal, views={"b": 3}, weight_by="count")
     assert problem.weights.tolist() == [float(label != 2) for label in labels]
@@ -424,11 +403,12 @@ def test_views_and_weights_go_by_group(mesh, poses):
 @pytest.mark.slow
 def test_kill_9_loses_nothing_but_the_shard_in_flight(tmp_path):
     script = Path(__file__).parents[1] / "support" / "kill_matrix.py"
-    command = [sys.executable, str(script), "20", "160", str(tmp_path)]
+    kills, n_poses = ("20", "160") if IS_NIGHTLY else ("6", "48")
+    command = [sys.executable, str(script), kills, n_poses, str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
     assert result["same"]
     assert result["rewritten"] == 0
     assert result["left"] == []
-    assert result["kills"] >= 3
+    assert result["kills"] >= 2

@@ -43,12 +43,14 @@ def test_a_star_import_gives_all_names():
     assert set(placement.__all__) <= set(names)
 
 
+@pytest.mark.slow
 def test_importing_placement_loads_no_file_format_and_no_solver():
     slow = "{'pyarrow', 'highspy', 'pymoo', 'pydantic', 'typer', 'rich', 'moderngl'}"
     found = run(f"import sys, rastercov.placement; print({slow} & set(sys.modules))")
     assert found.stdout.strip() == "set()"
 
 
+@pytest.mark.slow
 def test_each_old_path_gives_the_module_that_moved_and_warns_once():
     run(WARNED.format(moved=MOVED))
 

@@ -4,8 +4,9 @@ from collections import deque
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from nightly import examples
 from scenes import joined, sheet
 
 from rastercov import shapes
@@ -77,6 +78,17 @@ def is_connected(mesh, faces):
     return not left
 
 
+def cone(n_sides, slope):
+    """Sides of a cone, two faces each: a cylinder at slope 0."""
+    angle = 2 * np.pi / n_sides * np.arange(n_sides)
+    ring = np.stack((np.cos(angle), np.sin(angle), np.zeros(n_sides)), axis=1)
+    points = np.concatenate((ring, ring * (1 - slope / 4) + (0, 0, 1 + slope)))
+    here, there = np.arange(n_sides), (np.arange(n_sides) + 1) % n_sides
+    lower = np.stack((here, there, there + n_sides), 1)
+    upper = np.stack((here, there + n_sides, here + n_sides), 1)
+    return Mesh(vertices=points, faces=np.concatenate((lower, upper)))
+
+
 # What the thesis reports.
 
 
@@ -118,13 +130,13 @@ def test_the_aeroplane_falls_into_about_as_many_segments_as_the_thesis(alpha, be
 
 
 @given(mesh=bumpy(), alpha=angles)
-@settings(max_examples=60)
+@examples(20)
 def test_growing_equals_comparing_with_every_normal(mesh, alpha):
     assert np.array_equal(segment(mesh, alpha, None).labels, grown_by_comparing_all(mesh, alpha))
 
 
 @given(mesh=bumpy(), alpha=angles)
-@settings(max_examples=30)
+@examples(10)
 def test_normals_of_a_grown_segment_are_within_alpha_and_its_faces_hang_together(mesh, alpha):
     labels = segment(mesh, alpha, None).labels
     for label in range(labels.max() + 1):
@@ -137,14 +149,7 @@ def test_normals_of_a_grown_segment_are_within_alpha_and_its_faces_hang_together
 @pytest.mark.parametrize("slope", [0.0, 0.2, 3.0])
 def test_normals_on_a_line_or_a_circle_are_compared_rightly(slope):
     """Cylinder and cones, whose normals lie on a great circle and on smaller ones."""
-    angle = 2 * np.pi / 500 * np.arange(500)
-    ring = np.stack((np.cos(angle), np.sin(angle), np.zeros(500)), axis=1)
-    points = np.concatenate((ring, ring * (1 - slope / 4) + (0, 0, 1 + slope)))
-    here, there = np.arange(500), (np.arange(500) + 1) % 500
-    faces = np.concatenate(
-        (np.stack((here, there, there + 500), 1), np.stack((here, there + 500, here + 500), 1))
-    )
-    mesh = Mesh(vertices=points, faces=faces)
+    mesh = cone(500, slope)
     for alpha in (1.0, 15.0, 40.0):
         labels = segment(mesh, alpha, None).labels
         assert np.array_equal(labels, grown_by_comparing_all(mesh, alpha))
@@ -152,18 +157,12 @@ def test_normals_on_a_line_or_a_circle_are_compared_rightly(slope):
 
 def test_angles_that_round_to_the_limit_pass():
     """24 sides, 15 degrees from each to the next: rounding must not decide."""
-    angle = 2 * np.pi / 24 * np.arange(24)
-    x, y = np.cos(angle), np.sin(angle)
-    points = np.concatenate([np.stack((x, y, np.full(24, z)), axis=1) for z in (0.0, 1.0)])
-    here, there = np.arange(24), (np.arange(24) + 1) % 24
-    faces = np.concatenate(
-        (np.stack((here, there, there + 24), 1), np.stack((here, there + 24, here + 24), 1))
-    )
-    labels = segment(Mesh(vertices=points, faces=faces), 15, None).labels
+    labels = segment(cone(24, 0.0), 15, None).labels
     assert labels.max() + 1 == 12
     assert (np.bincount(labels) == 4).all()
 
 
+@examples(25)
 @given(points=st.lists(lattice, min_size=1, max_size=60), other=lattice)
 def test_a_hull_holds_its_points_and_has_corners_only(points, other):
     hull, count = np.zeros((70, 3), np.int64), 0
@@ -222,7 +221,7 @@ def test_occluders_have_no_segment_and_stop_growth():
 
 @pytest.mark.slow
 @given(mesh=bumpy(), alpha=st.floats(3, 40), beta=angles)
-@settings(max_examples=40)
+@examples(15)
 def test_a_leader_takes_all_within_beta_of_its_own_average(mesh, alpha, beta):
     grown = segment(mesh, alpha, None)
     owner = np.full(grown.n_segments, -1)
@@ -237,7 +236,7 @@ def test_a_leader_takes_all_within_beta_of_its_own_average(mesh, alpha, beta):
 
 @pytest.mark.slow
 @given(mesh=bumpy(), alpha=st.floats(3, 40), beta=angles)
-@settings(max_examples=40)
+@examples(15)
 def test_the_closest_are_merged_until_none_are_within_beta(mesh, alpha, beta):
     labels = segment(mesh, alpha, None).labels.copy()
     while labels.max():
@@ -255,7 +254,7 @@ def test_the_closest_are_merged_until_none_are_within_beta(mesh, alpha, beta):
 @given(
     mesh=bumpy(), alpha=st.floats(3, 40), beta=angles, merge=st.sampled_from(("leader", "closest"))
 )
-@settings(max_examples=40)
+@examples(15)
 def test_merged_neighbours_hang_together(mesh, alpha, beta, merge):
     labels = segment(mesh, alpha, beta, adjacent=True, merge=merge).labels
     for label in range(labels.max() + 1):
@@ -264,7 +263,7 @@ def test_merged_neighbours_hang_together(mesh, alpha, beta, merge):
 
 @pytest.mark.slow
 @given(mesh=bumpy(), alpha=st.floats(3, 40), beta=angles)
-@settings(max_examples=30)
+@examples(15)
 def test_no_two_neighbours_are_left_within_beta_where_the_closest_are_merged(mesh, alpha, beta):
     merged = segment(mesh, alpha, beta, adjacent=True, merge="closest")
     pairs = merged.labels[mesh.topology.neighbours]

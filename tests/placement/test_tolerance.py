@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from nightly import examples
 from test_search import CAMERA, MESH, TASK
 
 from rastercov.errors import ConfigError
@@ -80,6 +81,7 @@ def test_the_same_seed_gives_the_same_draws_however_they_are_batched(objective, 
     assert (one.together.shares != other.together.shares).any()
 
 
+@pytest.mark.slow
 def test_greater_errors_leave_less(objective):
     means = [
         tolerance(objective, POSES, InstallationError(angle_deg=angle), draws=20).together.mean
@@ -99,6 +101,7 @@ def test_quantiles_are_draws_in_order_and_the_first_is_the_worst(shares):
         assert (np.array(shares) <= quantile).mean() >= level - 1e-12
 
 
+@examples(25)
 @given(vector=st.tuples(*[st.floats(-4, 4)] * 3).map(np.array))
 def test_a_rotation_vector_turns_about_itself_by_its_length(vector):
     rotation, angle = rotations(vector), np.linalg.norm(vector)

@@ -4,8 +4,9 @@ import weakref
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from nightly import examples
 from scenes import joined, sheet
 
 import rastercov as rc
@@ -48,7 +49,7 @@ def around(count, seed, radius=3.0):
 
 
 @given(seed=st.integers(0, 10_000), cameras=st.integers(1, 6))
-@settings(max_examples=15)
+@examples(8)
 def test_the_reason_is_that_of_the_nearest_camera_and_no_camera_gets_further(seed, cameras):
     mesh = joined(shapes.torus(12, 8), shapes.box((0.4, 0.4, 0.4), centre=(1.6, 0, 0)))
     poses, task = around(cameras, seed, 4.0), Task(min_pixels=30, max_incidence_deg=70)
@@ -106,7 +107,7 @@ def test_a_duplicate_sheet_hides_the_second():
 @given(
     scale=st.sampled_from([1e-3, 1.0, 1e4]), away=st.floats(8.0, 50.0), shift=st.floats(-0.9, 0.9)
 )
-@settings(max_examples=25)
+@examples(10)
 def test_shares_in_front_are_those_of_geometry_at_any_size_and_distance(scale, away, shift):
     part = sheet((-1, -1), (1, 1), 0.0)
     wall = sheet((-9, -9), (shift, 9), -0.5 * away)  # half-way: hides x < 2 shift of the part
@@ -162,8 +163,9 @@ def test_a_candidate_in_the_plane_of_a_face_does_not_see_it():
     assert (found.sight[faces] == Sight.NONE).all()
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 10_000))
-@settings(max_examples=10)
+@examples(5)
 def test_the_bounds_hold_what_candidates_see_and_those_left_out_see_nothing(seed):
     mesh = joined(shapes.torus(10, 7), shapes.box((0.3, 0.3, 0.3), centre=(0, 0, 0)))
     task, poses = Task(min_visibility=0.6, max_incidence_deg=60), around(30, seed, 4.0)

@@ -7,8 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from commands import write_part
+from hypothesis import given, settings
 from hypothesis import strategies as st
+from pydantic import ValidationError
 
 import rastercov as rc
 from rastercov import shapes
@@ -18,7 +20,7 @@ from rastercov.plan import entry as plan_entry
 from rastercov.plan import generators as plan_generators
 from rastercov.plan import sections as plan_model
 from rastercov.plan.candidates import candidate_pool, framing_of
-from rastercov.plan.errors import PlanError
+from rastercov.plan.errors import PlanError, lines_of
 from rastercov.plan.file import Plan, read_plan, schema
 from rastercov.plan.network import certain_and_possible, measured
 from rastercov.plan.requirements import judge, percent
@@ -30,6 +32,9 @@ from rastercov.viewpoints import sphere_of_poses
 
 ROOT = Path(__file__).parents[2]
 BASE = '[[meshes]]\nbuilt_in = "box"\n[camera]\npreset = "khepra"\n'
+SPACE = BASE + "[[constraints.spaces]]\n"
+KEEP_OUT = BASE + "[[constraints.keep_out]]\nname = 'table'\n"
+ENTRY = BASE + "[[candidates]]\ngenerator = "
 CAMERA = "[camera]\nwidth = 64\nheight = 48\nfx = 64\nfy = 64\n"
 
 
@@ -53,14 +58,6 @@ def errors(text):
         assert line.startswith("plan.toml: ")
         assert line.isprintable()
     return [line.removeprefix("plan.toml: ") for line in caught.value.lines]
-
-
-def write_obj(path, mesh, names):
-    lines = [f"v {x} {y} {z}" for x, y, z in mesh.vertices]
-    for row, face in enumerate(mesh.faces + 1):
-        lines += [f"g {names[row]}"] if row in names else []
-        lines.append("f " + " ".join(map(str, face)))
-    Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 # --- reading --------------------------------------------------------------------------------------
@@ -158,22 +155,13 @@ def test_all_errors_come_at_once_each_with_its_path():
         (BASE + "[selection]\ngoal = 'best_coverage'", "selection: wanted cameras, budget or both"),
         (BASE + "[selection]\ngoal = 'most'", "selection.goal: wanted one of 'fewest_cameras'"),
         (BASE + "[constraints]\nclearance = -1", "constraints.clearance: wanted a number of 0 or"),
-        (
-            BASE + "[[constraints.spaces]]\nlow = [0, 0, 1]\nhigh = [1, 1, 0]",
-            "constraints.spaces[0]: wanted low <= high",
-        ),
-        (
-            BASE + "[[candidates]]\ngenerator = 'on_sphere'\ncount = 0",
-            "candidates[0].count: wanted a number of 1 or more, got 0",
-        ),
-        (
-            BASE + "[[candidates]]\ngenerator = 'per_face'\nup = [0, 0, 0]",
-            "candidates[0].up: wanted a direction",
-        ),
-        (
-            BASE + "[[candidates]]\ngenerator = 'poses'\nfile = '/'",
-            "candidates[0].file: wanted a file",
-        ),
+        (SPACE + "low = [0, 0, 1]\nhigh = [1, 1, 0]", "constraints.spaces[0]: wanted low <= high"),
+        (KEEP_OUT + "low = [0, 0, 0]", "constraints.keep_out[0]: low and high come together"),
+        (KEEP_OUT + "centre = [0, 0]", "constraints.keep_out[0].centre: wanted 3 or more of them"),
+        (KEEP_OUT + "radius = 0", "constraints.keep_out[0].radius: wanted a number above 0"),
+        (ENTRY + "'on_sphere'\ncount = 0", "candidates[0].count: wanted a number of 1 or more"),
+        (ENTRY + "'per_face'\nup = [0, 0, 0]", "candidates[0].up: wanted a direction"),
+        (ENTRY + "'poses'\nfile = '/'", "candidates[0].file: wanted a file"),
         ("x = [", "not valid TOML"),
         ("x = 1\nx = 2", "not valid TOML"),
     ],
@@ -193,6 +181,7 @@ def test_a_plan_that_is_no_text_or_not_there_is_one_line():
 
 
 @pytest.mark.slow
+@settings(max_examples=25)
 @given(
     st.recursive(
         st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
@@ -201,10 +190,6 @@ def test_a_plan_that_is_no_text_or_not_there_is_one_line():
     st.sampled_from([*PlanModel.model_fields]),
 )
 def test_whatever_stands_in_a_section_is_judged_in_lines(value, section):
-    from pydantic import ValidationError
-
-    from rastercov.plan.errors import lines_of
-
     table = {
         "meshes": [{"built_in": "box"}],
         "camera": {"preset": "khepra"},
@@ -222,7 +207,7 @@ def test_whatever_stands_in_a_section_is_judged_in_lines(value, section):
 
 def test_files_are_relative_to_the_plan():
     Path("deep").mkdir()
-    write_obj("deep/part.obj", shapes.box(), {})
+    write_part("deep/part.obj", names={})
     write_poses("deep/rig.json", sphere_of_poses((0, 0, 0), 3, 4))
     Path("deep/camera.toml").write_text("width = 64\nheight = 48\nfx = 64\nfy = 64\n")
     text = (
@@ -276,7 +261,7 @@ def test_every_field_says_what_it_is_in_the_schema_and_in_the_page():
 
 
 def test_groups_have_the_role_of_their_entry_and_the_others_the_other_one():
-    write_obj("part.obj", shapes.box(), {0: "lid", 2: "rest"})
+    write_part("part.obj")
     base = '[[meshes]]\npath = "part.obj"\n'
 
     def occluders(entry):
@@ -291,8 +276,8 @@ def test_groups_have_the_role_of_their_entry_and_the_others_the_other_one():
 
 
 def test_several_meshes_are_one_scene_each_with_its_unit():
-    write_obj("part.obj", shapes.box(), {0: "lid", 2: "rest"})
-    write_obj("arm.obj", shapes.box(), {})
+    write_part("part.obj")
+    write_part("arm.obj", names={})
     text = (
         '[[meshes]]\npath = "part.obj"\nunit = "mm"\n'
         '[[meshes]]\npath = "arm.obj"\nrole = "occluder"\n'
@@ -300,13 +285,8 @@ def test_several_meshes_are_one_scene_each_with_its_unit():
         '[[meshes]]\nbuilt_in = "box"\nrole = "occluder"\n' + CAMERA
     )
     mesh = scene(plan_of(text))
-    assert [group.name for group in mesh.groups] == [
-        "part/lid",
-        "part/rest",
-        "arm",
-        "box",
-        "box #2",
-    ]
+    names = ["part/lid", "part/rest", "arm", "box", "box #2"]
+    assert [group.name for group in mesh.groups] == names
     assert [group.is_occluder for group in mesh.groups] == [False, False, True, True, True]
     assert [group.is_two_sided for group in mesh.groups] == [False, False, False, True, False]
     lid = mesh.vertices[mesh.faces[mesh.face_group <= 1]]
@@ -315,7 +295,7 @@ def test_several_meshes_are_one_scene_each_with_its_unit():
 
 
 def test_groups_that_are_not_there_are_told_at_once():
-    write_obj("part.obj", shapes.box(), {0: "lid", 2: "rest"})
+    write_part("part.obj")
     text = (
         '[[meshes]]\npath = "part.obj"\n'
         + CAMERA
@@ -377,9 +357,7 @@ def test_every_generator_has_an_entry():
 def test_an_entry_makes_the_candidates_of_its_generator(generator):
     own, source, count = ENTRIES[generator]
     write_poses("rig.json", sphere_of_poses((0, 0, 0), 3, 5))
-    plan = plan_of(
-        BASE + f'[[candidates]]\ngenerator = "{generator}"\ncost = 2.5\nrolls_deg = [0, 90]\n{own}'
-    )
+    plan = plan_of(ENTRY + f'"{generator}"\ncost = 2.5\nrolls_deg = [0, 90]\n{own}')
     mesh = scene(plan)
     made = candidate_pool(plan, mesh, plan.build_camera())
     assert made.made == {source: 2 * count}
@@ -486,6 +464,7 @@ def altered(coverage, visibility):
     return gates & (product >= task.min_coverage) & (product > 0)
 
 
+@settings(max_examples=25)
 @given(
     st.integers(0, 10_000),
     st.floats(0, 0.4),
@@ -497,10 +476,8 @@ def test_what_is_certain_and_possible_encloses_every_visibility_within_the_bound
     seed, size, least, angle, density
 ):
     rng = np.random.default_rng(seed)
-    mesh, poses = (
-        shapes.room(2),
-        rc.look_at(rng.uniform((-1, -1, 0.5), (1, 1, 2.5), (3, 3)), (0, 0, 0.4)),
-    )
+    mesh = shapes.room(2)
+    poses = rc.look_at(rng.uniform((-1, -1, 0.5), (1, 1, 2.5), (3, 3)), (0, 0, 0.4))
     camera = rc.Camera(width=64, height=48, fx=30, fy=30)
     task = rc.Task(
         min_pixels=20,

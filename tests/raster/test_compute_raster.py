@@ -1,17 +1,14 @@
 """What only the plan "compute" has: a queue of large triangles, two ways to the nearest face."""
 
 import dataclasses
-import os
-import subprocess
-import sys
-from pathlib import Path
 
 import hostile_scenes
 import numpy as np
 import pytest
+from image_laws import assert_same_counts
+from processes import TESTS, run_python
 from scenes import joined, square
 
-import rastercov
 from rastercov import shapes
 from rastercov.camera import Camera
 from rastercov.errors import DeviceError, ResourceError
@@ -105,20 +102,20 @@ def test_it_fills_what_the_cpu_fills(open_compute, scene, supersample, roll):
         assert_same_as_cpu(everything(found, poses), everything(expected, poses))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "sizes",
     [
         {"SMALL": -1},  # all by way of the queue
         {"SMALL": 1 << 30},  # none
-        {"SMALL": 0, "ROWS": 1},
         {"SMALL": 20, "ROWS": 7},
         {"SMALL": -1, "ROWS": 1, "MAX_PIECES": 1},
         {"MAX_POSES": 1},
         {"MAX_FACES": 64},
     ],
 )
-def test_how_triangles_are_shared_out_changes_nothing(open_compute, scene, monkeypatch, sizes):
-    mesh, poses = scene
+def test_how_triangles_are_shared_out_changes_nothing(open_compute, monkeypatch, sizes):
+    mesh, poses = large_and_small()
     with open_compute(mesh) as rasterizer:
         expected = everything(rasterizer, poses)
     for name, value in sizes.items():
@@ -138,7 +135,7 @@ def many_large():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("n_faces", [60, 1000])
+@pytest.mark.parametrize("n_faces", [60, 400])
 def test_a_queue_that_is_too_small_is_filled_again_with_less(
     open_compute, many_large, monkeypatch, n_faces
 ):
@@ -150,14 +147,14 @@ def test_a_queue_that_is_too_small_is_filled_again_with_less(
         before = found._strategy._faces_at_once, found._strategy._poses_at_once
         counts, truth = found.count(poses), expected.count(poses)
         assert (found._strategy._faces_at_once, found._strategy._poses_at_once) < before
-        np.testing.assert_array_equal(counts.visible, truth.visible)
-        np.testing.assert_array_equal(counts.drawn, truth.drawn)
+        assert_same_counts(counts, truth)
     monkeypatch.setattr(compute, "MAX_PIECES", 1 << 18)
     with open_compute(mesh) as whole:
         np.testing.assert_array_equal(whole.count(poses).visible, truth.visible)
         assert (whole._strategy._faces_at_once, whole._strategy._poses_at_once) == before
 
 
+@pytest.mark.slow
 def test_large_images_are_filled_whole(open_compute, many_large):
     # llvmpipe lets no invocation loop for more than 65,535 turns, and says nothing.
     camera = Camera(width=2400, height=1800, fx=2000, fy=2000)
@@ -181,13 +178,12 @@ def test_a_queue_that_is_always_full_is_not_waited_for(open_compute, monkeypatch
         open_compute(shapes.box())
 
 
-@pytest.mark.parametrize("max_tile", [1000, 64, 37])
+@pytest.mark.slow
+@pytest.mark.parametrize("max_tile", [64, 37])
 @pytest.mark.parametrize("roll", [0.0, 0.4])
-def test_triangles_over_the_borders_of_tiles_change_not_one_sample(
-    open_compute, scene, max_tile, roll
-):
+def test_triangles_over_the_borders_of_tiles_change_not_one_sample(open_compute, max_tile, roll):
     # Corners are rounded on the canvas, not in the tile, so this holds without exception.
-    mesh, poses = scene
+    mesh, poses = large_and_small()
     with (
         open_compute(mesh, roll=roll) as whole,
         open_compute(mesh, roll=roll, max_tile=max_tile) as t,
@@ -195,6 +191,7 @@ def test_triangles_over_the_borders_of_tiles_change_not_one_sample(
         assert_same(everything(t, poses), everything(whole, poses))
 
 
+@pytest.mark.slow
 def test_many_poses_count_as_each_one_alone(open_compute):
     # Views from inside and outside, with back faces and without, in batches that do not come out
     # even, with checks of the device between them.
@@ -209,10 +206,10 @@ def test_many_poses_count_as_each_one_alone(open_compute):
     for options in ({}, {"image_budget": budget}, {"image_budget": 1}):
         with open_compute(mesh, camera, **options) as rasterizer:
             found = rasterizer.count(poses)
-        np.testing.assert_array_equal(found.visible, expected.visible)
-        np.testing.assert_array_equal(found.drawn, expected.drawn)
+        assert_same_counts(found, expected)
 
 
+@pytest.mark.slow
 def test_counts_repeat_bit_for_bit(open_compute):
     mesh, poses = large_and_small()
     with open_compute(mesh) as rasterizer:
@@ -227,7 +224,7 @@ def test_hostile_scenes_are_filled_as_by_the_cpu(open_compute):
     # there a sample by an edge may go to the other side.
     rng = np.random.default_rng(0)
     same = 0
-    for _ in range(60):
+    for _ in range(24):
         mesh, camera, poses, supersample = hostile_scenes.scene(rng)
         with (
             open_compute(mesh, camera, supersample=supersample) as rasterizer,
@@ -239,7 +236,7 @@ def test_hostile_scenes_are_filled_as_by_the_cpu(open_compute):
         different = (found["face"] != expected["face"]).sum()
         assert different <= 0.002 * found["face"].size + 4
         same += not different and np.array_equal(found["drawn"], expected["drawn"])
-    assert same >= 45
+    assert same >= 18
 
 
 def slopes(mesh):
@@ -309,17 +306,8 @@ with open_context("surfaceless") as context:
                 t.assert_same(found[0], found[1])
                 t.assert_same_as_cpu(found[0], t.everything(rasterizer, poses))
 """
-    tests = Path(__file__).parents[1]
-    paths = map(str, (Path(rastercov.__file__).parents[1], tests / "raster", tests / "support"))
-    environment = {"MESA_EXTENSION_OVERRIDE": f"+{ATOMICS}", "PYTHONPATH": os.pathsep.join(paths)}
-    run = subprocess.run(
-        [sys.executable, "-c", code],
-        env=os.environ | environment,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert run.returncode == 0, run.stderr
+    override = {"MESA_EXTENSION_OVERRIDE": f"+{ATOMICS}"}
+    run = run_python("-c", code, paths=[TESTS / "raster"], **override)
     assert run.stdout == "True False\n"
 
 

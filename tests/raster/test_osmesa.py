@@ -4,19 +4,20 @@ import numpy as np
 import pytest
 from coplanar_scenes import CAMERA as SMALL
 from coplanar_scenes import SCENES as COPLANAR
-from coplanar_scenes import views, wrong_samples
-from test_raster_laws import CAMERA, SCENES, assert_same_image
+from coplanar_scenes import scene_of as coplanar_scene
+from coplanar_scenes import wrong_samples
+from image_laws import assert_same_counts, assert_same_image, reference_view
+from test_raster_laws import CAMERA, SCENES, scene_of
 
 from rastercov.raster.cpu import CPURasterizer
 from rastercov.raster.gl import GLRasterizer
-from rastercov.reference import samples
 
 FEW = 1e-3
 
 
 @pytest.fixture(params=SCENES)
 def scene(request):
-    return SCENES[request.param]()
+    return scene_of(request.param)
 
 
 def images(mesh, camera, poses, device, plan):
@@ -33,8 +34,7 @@ def test_osmesa_gives_the_bits_of_egl(osmesa_context, gl_context, plan, scene):
     for found, wanted in zip(osmesa, egl, strict=True):
         np.testing.assert_array_equal(found.face, wanted.face)
         np.testing.assert_array_equal(found.depth, wanted.depth)
-    np.testing.assert_array_equal(counts.visible, expected.visible)
-    np.testing.assert_array_equal(counts.drawn, expected.drawn)
+    assert_same_counts(counts, expected)
 
 
 @pytest.mark.slow
@@ -43,7 +43,7 @@ def test_osmesa_sees_what_the_reference_sees(osmesa_context, plan, scene):
     for pose, found in zip(
         poses, images(mesh, CAMERA, poses, osmesa_context, plan)[0], strict=True
     ):
-        expected = samples.render(mesh, CAMERA, pose)
+        expected = reference_view(mesh, CAMERA, pose)
         assert_same_image(found.face, expected.face, mesh, CAMERA, pose)
 
 
@@ -66,8 +66,6 @@ def test_osmesa_differs_from_the_cpu_at_few_samples_and_all_of_these_are_ambiguo
 
 @pytest.mark.parametrize("kind", COPLANAR)
 def test_osmesa_shows_the_lowest_of_overlapping_faces_of_one_plane(osmesa_context, plan, kind):
-    rng = np.random.default_rng(5)
-    mesh = COPLANAR[kind](rng)
-    poses = views(rng, mesh)
+    mesh, poses = coplanar_scene(kind, 5)
     for pose, image in zip(poses, images(mesh, SMALL, poses, osmesa_context, plan)[0], strict=True):
         assert not len(wrong_samples(mesh, SMALL, pose, image.face))

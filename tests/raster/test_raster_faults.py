@@ -3,20 +3,17 @@
 import copy
 import dataclasses
 import itertools
-import os
 import pickle
 import re
-import subprocess
-import sys
 import threading
 from contextlib import suppress
-from pathlib import Path
 
 import moderngl
 import numpy as np
 import pytest
+from image_laws import assert_same_counts
+from processes import run_python
 
-import rastercov
 from rastercov import shaders, shapes
 from rastercov.camera import Camera
 from rastercov.errors import ConfigError, DeviceError, PoseError, ResourceError
@@ -67,8 +64,9 @@ def old_context(monkeypatch):
         context.release()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("extensions", [(), ("GL_ARB_clip_control",)])
-@pytest.mark.parametrize(("supersample", "roll"), [(1, 0.0), (2, 0.0), (1, 0.4)])
+@pytest.mark.parametrize(("supersample", "roll"), [(2, 0.0), (1, 0.4)])
 def test_device_without_storage_buffers_gives_the_same_counts(
     device, old_context, extensions, supersample, roll
 ):
@@ -78,8 +76,7 @@ def test_device_without_storage_buffers_gives_the_same_counts(
         expected, _ = counted(device, "software", mesh, **options)
         found, info = counted(old_context(*extensions), "software", mesh, **options)
         assert info.depth == ("float32 reversed" if extensions else "float32")
-        np.testing.assert_array_equal(found.drawn, expected.drawn)
-        np.testing.assert_array_equal(found.visible, expected.visible)
+        assert_same_counts(found, expected)
 
 
 @pytest.mark.parametrize("plan", ["hardware", "compute"])
@@ -115,7 +112,7 @@ def test_supersample_is_a_small_whole_number(supersample):
         open_rasterizer(MESH, CAMERA, "gl", supersample=supersample)
 
 
-@pytest.mark.parametrize("roll", [np.nan, np.inf, "0.4", True, None])
+@pytest.mark.parametrize("roll", [np.nan, "0.4", None])
 def test_roll_is_an_angle(roll):
     with pytest.raises(ConfigError, match="roll must be an angle in radians"):
         open_rasterizer(MESH, CAMERA, "cpu", roll=roll)
@@ -158,6 +155,7 @@ def test_drawn_pixels_that_were_not_counted_are_refused(rasterizer):
 # --- threads, processes, lifetimes ----------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_fork_is_told_apart_from_a_hang():
     code = """
 import os
@@ -182,15 +180,7 @@ with open_rasterizer(shapes.box(), camera, "gl", device="surfaceless") as raster
     os.waitpid(child, 0)
     rasterizer.count(pose)
 """
-    run = subprocess.run(
-        [sys.executable, "-c", code],
-        env={**os.environ, "PYTHONPATH": str(Path(rastercov.__file__).parents[1])},
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
-    assert run.returncode == 0, run.stderr
+    run = run_python("-c", code, timeout=60)
     lines = run.stdout.splitlines()
     assert len(lines) == 2
     assert all("a fork of it" in line and "spawn" in line for line in lines)
@@ -247,6 +237,7 @@ def test_what_holds_a_device_or_scratch_memory_cannot_be_copied_or_pickled(open_
     assert rasterizer.count(POSES).visible.any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["certified", "sampled"])
 def test_an_observer_cannot_be_pickled(method):
     options = {"backend": "gl", "device": "surfaceless"} if method == "sampled" else {}
@@ -277,8 +268,7 @@ def test_rasterisers_take_turns_on_one_context(open_gl):
     for _ in range(2):
         for rasterizer, before in zip((first, second), expected, strict=True):
             found = rasterizer.count(POSES)
-            np.testing.assert_array_equal(found.visible, before.visible)
-            np.testing.assert_array_equal(found.drawn, before.drawn)
+            assert_same_counts(found, before)
     first.close()
     np.testing.assert_array_equal(second.count(POSES).drawn, expected[1].drawn)
 
@@ -347,6 +337,7 @@ def one_count_moved(counters):
     return counters
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plan", PLANS)
 @pytest.mark.parametrize("roll", [0.0, 0.4])
 @pytest.mark.parametrize("wrong", [np.zeros_like, one_count_moved])
@@ -382,6 +373,7 @@ def no_depth_test(monkeypatch):
     monkeypatch.setattr(Compute, "_fill", clear_again)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fail", [stuck, blind, no_depth_test])
 def test_device_that_goes_wrong_later_is_caught_within_the_interval(open_gl, monkeypatch, fail):
     monkeypatch.setattr(rasterizer_module, "SELF_TEST_INTERVAL", 8)
@@ -438,8 +430,7 @@ def test_interrupted_counting_leaves_the_next_one_right(rasterizer, monkeypatch)
                 with suppress(KeyboardInterrupt):
                     rasterizer.count(POSES)
             found = rasterizer.count(POSES)
-            np.testing.assert_array_equal(found.visible, expected.visible)
-            np.testing.assert_array_equal(found.drawn, expected.drawn)
+            assert_same_counts(found, expected)
 
 
 @pytest.mark.parametrize(

@@ -1,16 +1,27 @@
-"""Laws of the rasteriser, each under all of its plans, against the reference where it has a say.
+"""Laws of the rasteriser, against the reference where it has a say, up to ambiguous samples.
 
-The device rounds corners to 1/256 px, so a sample within 1/128 px of a projected edge may fall to
-either side, and where two surfaces are within 1e-4 of each other in depth either may win. Such
-samples are called ambiguous here; everywhere else the laws hold without exception.
+Laws of counts, edges, depths and clipping hold under all plans; the others are shown for plan
+"software" and the CPU, since `test_image_equals_reference` ties the images of all plans together.
 """
 
 from dataclasses import replace
+from functools import cache, lru_cache
 
 import numpy as np
 import pytest
+from exact_cases import AHEAD, triangles
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from image_laws import (
+    EDGE,
+    GAP,
+    ambiguous,
+    assert_same_counts,
+    assert_same_image,
+    is_ambiguous,
+    reference_view,
+    shown_by_two,
+)
 from scenes import joined, sheet, square
 
 from rastercov import shapes
@@ -22,39 +33,6 @@ from rastercov.viewpoints import look_at, sphere_of_poses
 CAMERA = Camera(width=160, height=120, fx=150, fy=140, cx=81.3, cy=58.2)
 SQUARE = Camera(width=200, height=200, fx=100, fy=100)
 SMALL = Camera(width=40, height=30, fx=38, fy=36, cx=19.3, cy=15.2)
-AHEAD = np.eye(4)  # at the origin, looking along +z
-
-EDGE, GAP = 1 / 128, 1e-4
-FEW = 0.005
-"""Most of an image that may differ at ambiguous samples; they are 1 % of these scenes or less."""
-
-
-def ambiguous(mesh, camera, pose, points=None):
-    view = (
-        samples.render(mesh, camera, pose)
-        if points is None
-        else samples.at_points(mesh, camera, pose, points)
-    )
-    return (view.edge_distance <= EDGE) | (view.depth_gap <= GAP)
-
-
-def assert_same_image(found, expected, mesh, camera, pose):
-    """Two images of face indices are equal but for a few ambiguous samples."""
-    rows, columns = np.nonzero(found != expected)
-    if not rows.size:
-        return
-    points = np.stack((columns, rows), axis=-1) + 0.5
-    wrong = ~ambiguous(mesh, camera, pose, points)
-    assert not wrong.any(), (
-        f"{wrong.sum()} of {rows.size} differing samples are not ambiguous, the first at row "
-        f"{rows[wrong][0]}, column {columns[wrong][0]}"
-    )
-    assert rows.size <= FEW * found.size, f"{rows.size} of {found.size} samples differ"
-
-
-def assert_same_counts(found, expected):
-    for name in ("visible", "drawn", "background", "clipped"):
-        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), err_msg=name)
 
 
 def moved(mesh, motion):
@@ -70,11 +48,6 @@ def without_culling(mesh):
     mesh = Mesh(vertices=mesh.vertices, faces=mesh.faces)
     mesh.__dict__["can_cull_back_faces"] = False
     return mesh
-
-
-def triangles(*corners):
-    points = np.array(corners, dtype=np.float64).reshape(-1, 3)
-    return Mesh(vertices=points, faces=np.arange(len(points)).reshape(-1, 3))
 
 
 def turned(angle):
@@ -107,9 +80,14 @@ SCENES = {
 }
 
 
+@cache
+def scene_of(name):
+    return SCENES[name]()
+
+
 @pytest.fixture(params=SCENES)
 def scene(request):
-    return SCENES[request.param]()
+    return scene_of(request.param)
 
 
 # --- samples and faces ----------------------------------------------------------------------------
@@ -120,7 +98,7 @@ def test_image_equals_reference(open_raster, scene):
     mesh, poses = scene
     with open_raster(mesh, CAMERA) as rasterizer:
         for pose in poses:
-            expected = samples.render(mesh, CAMERA, pose)
+            expected = reference_view(mesh, CAMERA, pose)
             found = rasterizer.render(pose)
             assert_same_image(found.face, expected.face, mesh, CAMERA, pose)
             assert np.array_equal(np.isinf(found.depth), found.face < 0)
@@ -138,15 +116,15 @@ def test_image_equals_reference(open_raster, scene):
 @pytest.mark.slow
 def test_counts_equal_reference_within_ambiguous_samples(open_raster, scene):
     mesh, poses = scene
-    with open_raster(mesh, CAMERA) as rasterizer:
-        counts = rasterizer.count(poses)
+    counts = open_raster(mesh, CAMERA).count(poses)
     for row, pose in enumerate(poses):
-        visible, drawn = samples.count(mesh, CAMERA, pose)
+        view = reference_view(mesh, CAMERA, pose)
+        visible = np.bincount(view.face[view.face >= 0], minlength=mesh.n_faces)
         most = ambiguous(mesh, CAMERA, pose).sum()
         assert np.abs(counts.visible[row] - visible).sum() <= 2 * most
         # An ambiguous sample may be one for several faces that lie behind each other.
-        assert np.abs(counts.drawn[row] - drawn).max() <= 2
-        assert np.abs(counts.drawn[row] - drawn).sum() <= 0.02 * drawn.sum()
+        assert np.abs(counts.drawn[row] - view.drawn).max() <= 2
+        assert np.abs(counts.drawn[row] - view.drawn).sum() <= 0.02 * view.drawn.sum()
 
 
 def test_render_is_what_count_counts(open_raster, scene):
@@ -160,9 +138,8 @@ def test_render_is_what_count_counts(open_raster, scene):
             assert found[0] == counts.background[row]
 
 
-@pytest.mark.parametrize("supersample", [1, 2, 3])
-def test_faces_and_background_add_up_to_all_samples(open_raster, scene, supersample):
-    mesh, poses = scene
+def test_faces_and_background_add_up_to_all_samples(open_raster, scene):
+    (mesh, poses), supersample = scene, 2
     with open_raster(mesh, CAMERA, supersample=supersample) as rasterizer:
         counts = rasterizer.count(poses)
         assert counts.supersample == supersample
@@ -175,6 +152,7 @@ def test_faces_and_background_add_up_to_all_samples(open_raster, scene, supersam
         np.testing.assert_array_equal(alone.visible, counts.visible)
 
 
+@shown_by_two
 def test_finer_samples_are_those_of_a_larger_image(open_raster):
     mesh, poses = SCENES["teapot"]()
     large = Camera(width=480, height=360, fx=450, fy=420, cx=3 * CAMERA.cx, cy=3 * CAMERA.cy)
@@ -182,24 +160,22 @@ def test_finer_samples_are_those_of_a_larger_image(open_raster):
         assert_same_counts(fine.count(poses), whole.count(poses))
 
 
+@shown_by_two
 def test_lone_face_is_fully_visible(open_raster):
     rng = np.random.default_rng(1)
     for _ in range(20):
         mesh = triangles(rng.normal(size=(3, 3)) * (1.5, 1.5, 0.7) + (0, 0, 3))
-        with open_raster(mesh, SMALL) as rasterizer:
-            counts = rasterizer.count(AHEAD)
+        counts = open_raster(mesh, SMALL).count(AHEAD)
         np.testing.assert_array_equal(counts.visible, counts.drawn)
 
 
-@pytest.mark.parametrize("supersample", [1, 2, 3])
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize(("seed", "supersample"), [(0, 1), (1, 2), (2, 3)])
 def test_shared_edge_samples_belong_to_exactly_one_face(open_raster, seed, supersample):
     mesh = shapes.tessellated_plane(30, 20, 4.0, 3.0, seed=seed)
     rng = np.random.default_rng(seed)
     eyes = np.concatenate(([(0, 0, 1)], rng.uniform((-0.1, -0.1, 0.8), (0.1, 0.1, 1.2), (3, 3))))
     poses = look_at(eyes, eyes * (1, 1, 0) * 0.5, up=rng.normal(size=3))
-    with open_raster(mesh, CAMERA, supersample=supersample) as rasterizer:
-        counts = rasterizer.count(poses)
+    counts = open_raster(mesh, CAMERA, supersample=supersample).count(poses)
     n_samples = CAMERA.width * CAMERA.height * supersample**2
     np.testing.assert_array_equal(counts.drawn.sum(axis=1), n_samples)
     np.testing.assert_array_equal(counts.visible, counts.drawn)
@@ -212,12 +188,13 @@ def grid(cx, cy):
     return shapes.tessellated_plane(10, 8, 5.0, 4.0, jitter=0), camera, pose
 
 
+@pytest.mark.slow
+@shown_by_two
 @pytest.mark.parametrize("centre", [(64, 48), (64.5, 48.5), (64.25, 48.5)])
 def test_edges_through_pixel_centres_share_their_samples_once(open_raster, centre):
     mesh, camera, pose = grid(*centre)
     expected, _ = samples.count(mesh, camera, pose[0])
-    with open_raster(mesh, camera) as rasterizer:
-        counts = rasterizer.count(pose)
+    counts = open_raster(mesh, camera).count(pose)
     assert counts.drawn.sum() == counts.visible.sum() == camera.width * camera.height
     assert expected.sum() == camera.width * camera.height
     # Inner squares have 256 samples, whichever of their two faces takes the diagonal.
@@ -225,6 +202,7 @@ def test_edges_through_pixel_centres_share_their_samples_once(open_raster, centr
     assert (pairs[2:-2, 2:-2] == 256).all()
 
 
+@shown_by_two
 @pytest.mark.parametrize("shift", [0, 0.5])
 def test_two_half_views_sum_to_the_whole_view(open_raster, shift):
     mesh, camera, pose = grid(64 + shift, 48)
@@ -238,6 +216,8 @@ def test_two_half_views_sum_to_the_whole_view(open_raster, shift):
     np.testing.assert_array_equal(left.drawn + right.drawn, whole.drawn)
 
 
+@pytest.mark.slow
+@shown_by_two
 def test_half_images_stand_side_by_side(open_raster, scene):
     mesh, poses = scene
     images = []
@@ -249,10 +229,11 @@ def test_half_images_stand_side_by_side(open_raster, scene):
 
 
 @pytest.mark.slow
+@shown_by_two
 def test_faces_below_a_pixel_are_hit_or_missed_as_by_the_reference(open_raster):
     mesh, camera = shapes.sphere(4), Camera(width=24, height=24, fx=30, fy=30)
     pose = look_at((2.1, 1.7, 1.3), (0, 0, 0))
-    expected = samples.render(mesh, camera, pose[0])
+    expected = reference_view(mesh, camera, pose[0])
     with open_raster(mesh, camera) as rasterizer:
         counts = rasterizer.count(pose)
         face = rasterizer.render(pose).face
@@ -267,29 +248,42 @@ def test_faces_below_a_pixel_are_hit_or_missed_as_by_the_reference(open_raster):
 ROLLS = (0.4, -0.3, np.pi / 4, 1.9)
 
 
-def assert_rolled_counts(counts, mesh, camera, pose, supersample, roll):
-    """Counts are the reference's, up to ambiguous samples and those on the border of the image."""
+@lru_cache(maxsize=64)
+def rolled_reference(mesh, camera, pose, supersample, roll):
+    """Samples of a rolled grid, those on the border of the image, and what is in them.
+
+    For the scene, and then for each face alone: clear samples of each face, number of unclear ones.
+    """
+    pose = np.frombuffer(pose).reshape(4, 4)
     points = samples.grid_points(camera, supersample, roll)
     from_border = np.minimum(points, (camera.width, camera.height) - points).min(axis=1)
     on_border = from_border <= EDGE
-    n_inside = counts.visible[0].sum() + counts.background[0]
-    assert abs(n_inside - len(points)) <= 2 * on_border.sum()  # as many may be just outside
+    near = max(camera.near, 1e-6 * np.linalg.norm(np.abs(mesh.bounds - pose[:3, 3]).max(axis=0)))
+    found = []
+    for faces in (np.arange(mesh.n_faces), *np.arange(mesh.n_faces)[:, None]):
+        part = Mesh(vertices=mesh.vertices, faces=mesh.faces[faces])
+        view = samples.at_points(part, camera, pose, points, near)
+        unclear = is_ambiguous(view) | on_border
+        clear = np.bincount(view.face[~unclear & (view.face >= 0)], minlength=len(faces))
+        found.append((clear, unclear.sum()))
+    return len(points), on_border.sum(), found
 
-    def check(found, face, unclear, what):
-        clear = np.bincount(face[~unclear & (face >= 0)], minlength=len(found))
+
+def assert_rolled_counts(counts, mesh, camera, pose, supersample, roll):
+    """Counts are the reference's, up to ambiguous samples and those on the border of the image."""
+    scene = mesh, camera, np.asarray(pose, np.float64).tobytes()
+    n_points, n_on_border, (whole, *alone) = rolled_reference(*scene, supersample, roll)
+    n_inside = counts.visible[0].sum() + counts.background[0]
+    assert abs(n_inside - n_points) <= 2 * n_on_border  # as many may be just outside
+
+    def check(found, clear, n_unclear, what):
         more = found - clear
         assert (more >= 0).all(), f"{what} misses {-more.min()} samples of face {more.argmin()}"
-        assert (more <= unclear.sum() + on_border.sum()).all(), f"{what} adds {more.max()} samples"
+        assert (more <= n_unclear + n_on_border).all(), f"{what} adds {more.max()} samples"
 
-    view = samples.at_points(mesh, camera, pose, points)
-    unclear = (view.edge_distance <= EDGE) | (view.depth_gap <= GAP) | on_border
-    check(counts.visible[0], view.face, unclear, "visible")
-    near = max(camera.near, 1e-6 * np.linalg.norm(np.abs(mesh.bounds - pose[:3, 3]).max(axis=0)))
-    for index in range(mesh.n_faces):
-        lone = Mesh(vertices=mesh.vertices, faces=mesh.faces[[index]])
-        alone = samples.at_points(lone, camera, pose, points, near)
-        unclear = (alone.edge_distance <= EDGE) | on_border
-        check(counts.drawn[0, [index]], alone.face, unclear, f"face {index} drawn")
+    check(counts.visible[0], *whole, "visible")
+    for index, expected in enumerate(alone):
+        check(counts.drawn[0, [index]], *expected, f"face {index} drawn")
 
 
 @pytest.mark.slow
@@ -297,12 +291,11 @@ def assert_rolled_counts(counts, mesh, camera, pose, supersample, roll):
 def test_rolled_counts_equal_reference(open_raster, scene, roll):
     mesh, poses = scene
     supersample = 1 if roll == 0.4 else 2
-    with open_raster(mesh, SMALL, supersample=supersample, roll=roll) as rasterizer:
-        for pose in poses:
-            counts = rasterizer.count(pose)
-            assert_rolled_counts(counts, mesh, SMALL, pose, supersample, roll)
+    counts = open_raster(mesh, SMALL, supersample=supersample, roll=roll).count(poses[0])
+    assert_rolled_counts(counts, mesh, SMALL, poses[0], supersample, roll)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("roll", ROLLS)
 def test_rolled_samples_are_given_out_exactly_once(open_raster, roll):
     mesh = shapes.tessellated_plane(30, 20, 4.0, 3.0, seed=1)
@@ -320,16 +313,18 @@ def test_rolled_samples_are_given_out_exactly_once(open_raster, roll):
     assert abs(n_samples - 4 * CAMERA.width * CAMERA.height) <= 40
 
 
-@pytest.mark.parametrize("quarters", [-1, 1, 2, 3])
+@pytest.mark.slow
+@shown_by_two
+@pytest.mark.parametrize("quarters", [-1, 2])
 def test_rolling_by_quarter_turns_changes_not_one_sample(open_raster, scene, quarters):
     mesh, poses = scene
-    with (
-        open_raster(mesh, CAMERA) as plain,
-        open_raster(mesh, CAMERA, roll=quarters * np.pi / 2) as rolled,
-    ):
-        assert_same_counts(rolled.count(poses), plain.count(poses))
+    plain = open_raster(mesh, CAMERA)
+    rolled = open_raster(mesh, CAMERA, roll=quarters * np.pi / 2)
+    assert_same_counts(rolled.count(poses), plain.count(poses))
 
 
+@pytest.mark.slow
+@shown_by_two
 def test_rolling_changes_no_picture(open_raster, scene):
     mesh, poses = scene
     with open_raster(mesh, CAMERA) as plain, open_raster(mesh, CAMERA, roll=0.4) as rolled:
@@ -339,6 +334,7 @@ def test_rolling_changes_no_picture(open_raster, scene):
         np.testing.assert_array_equal(found.depth, expected.depth)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [{"max_tile": 37}, {"max_faces_a_draw": 50}])
 def test_rolled_counts_are_those_of_tiles_and_draws_together(open_gl, options):
     mesh = shapes.torus(12, 6)
@@ -348,6 +344,7 @@ def test_rolled_counts_are_those_of_tiles_and_draws_together(open_gl, options):
             assert_rolled_counts(rasterizer.count(pose), mesh, SMALL, pose, 1, 0.4)
 
 
+@shown_by_two
 def test_wide_and_narrow_images_are_counted_whole_when_rolled(open_raster):
     mesh = square(1e3, 1)
     for width, height in ((300, 2), (1, 200), (1, 1), (7, 7)):
@@ -362,6 +359,7 @@ def test_wide_and_narrow_images_are_counted_whole_when_rolled(open_raster):
 
 
 @pytest.mark.slow
+@shown_by_two
 def test_faces_that_are_culled_own_rolled_samples_inside_the_image_alone(open_raster):
     mesh = shapes.torus(20, 10)
     poses = look_at([(2.1, 0.3, 0.9), (0.2, 0.1, 1.9)], (0, 0, 0))  # reaching beyond every side
@@ -382,12 +380,12 @@ def one_row(counts, row):
 
 
 @pytest.mark.slow
+@shown_by_two
 def test_rolled_samples_measure_what_an_edge_along_rows_of_pixels_hides(open_raster):
     # A cover slides over a square by hundredths of a pixel. Rows of pixels see whole rows go.
     def error(at, roll):
         mesh = joined(square(2, 4), sheet((-1.5, -1.5), (1.5, at), 2))
-        with open_raster(mesh, SQUARE, roll=roll) as rasterizer:
-            counts = rasterizer.count(AHEAD)
+        counts = open_raster(mesh, SQUARE, roll=roll).count(AHEAD)
         hidden = min(max(2 * at + 2, 0), 4) / 4
         drawn = counts.drawn[0, :2].sum()
         return abs(counts.visible[0, :2].sum() / drawn - (1 - hidden))
@@ -400,7 +398,9 @@ def test_rolled_samples_measure_what_an_edge_along_rows_of_pixels_hides(open_ras
 # --- motions --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.slow
+@shown_by_two
+@pytest.mark.parametrize("seed", range(2))
 def test_moving_mesh_and_camera_together_changes_nothing(open_raster, scene, seed):
     mesh, poses = scene
     rng = np.random.default_rng(seed)
@@ -414,6 +414,8 @@ def test_moving_mesh_and_camera_together_changes_nothing(open_raster, scene, see
             assert_same_image(found, expected, mesh, CAMERA, pose)
 
 
+@pytest.mark.slow
+@shown_by_two
 @pytest.mark.parametrize("offset", [(4.0, -8.0, 0.5), (1e7, -2e7, 5e6)])
 def test_exact_translation_changes_not_one_sample(open_raster, scene, offset):
     mesh, poses = scene
@@ -427,6 +429,8 @@ def test_exact_translation_changes_not_one_sample(open_raster, scene, offset):
         assert_same_counts(there.count(far), here.count(poses))
 
 
+@pytest.mark.slow
+@shown_by_two
 def test_a_face_far_away_costs_no_precision(open_raster, scene):
     mesh, poses = scene
     far = np.array([(0, 0, -1e4), (1, 0, -1e4), (0, 1, -1e4)]) + mesh.bounds[0]
@@ -439,6 +443,7 @@ def test_a_face_far_away_costs_no_precision(open_raster, scene):
             assert_same_image(found, expected, mesh, CAMERA, pose)
 
 
+@shown_by_two
 def test_exact_turn_of_the_axes_changes_not_one_sample(open_raster):
     mesh = dyadic(shapes.torus(20, 10))
     poses = look_at([(4, 0.25, 0.5), (0.5, 4, 0.25), (0.25, 0.5, -4)], np.diag([1.0, 1, -1]))
@@ -453,7 +458,9 @@ def test_exact_turn_of_the_axes_changes_not_one_sample(open_raster):
     assert (counts.visible.sum(axis=1) > 1000).all()
 
 
-@pytest.mark.parametrize("scale", [2.0**-20, 0.25, 2.0**12])
+@pytest.mark.slow
+@shown_by_two
+@pytest.mark.parametrize("scale", [2.0**-20, 2.0**12])
 def test_scaling_by_powers_of_two_changes_not_one_sample(open_raster, scene, scale):
     mesh, poses = scene
     large = poses.copy()
@@ -466,6 +473,8 @@ def test_scaling_by_powers_of_two_changes_not_one_sample(open_raster, scene, sca
         )
 
 
+@pytest.mark.slow
+@shown_by_two
 def test_rolling_the_camera_turns_the_image(open_raster, scene):
     mesh, poses = scene
     camera = Camera(width=120, height=120, fx=130, fy=130)
@@ -517,8 +526,7 @@ def assert_fractions(open_raster, mesh, expected, extra_lines=(), tolerance=0.0)
     supersample = 8
     image = mesh.vertices[:, :2] / mesh.vertices[:, 2:] * 100 + 100
     corners = image[mesh.faces]
-    with open_raster(mesh, SQUARE, supersample=supersample) as rasterizer:
-        counts = rasterizer.count(AHEAD)
+    counts = open_raster(mesh, SQUARE, supersample=supersample).count(AHEAD)
     ahead = np.roll(corners, -1, axis=1) - corners
     areas = np.abs(ahead[:, 0, 0] * ahead[:, 1, 1] - ahead[:, 0, 1] * ahead[:, 1, 0]) / 2
     for face, fraction in expected.items():
@@ -533,23 +541,25 @@ def assert_fractions(open_raster, mesh, expected, extra_lines=(), tolerance=0.0)
         assert bound < 0.1 * n_samples  # a bound that would let anything pass proves nothing
 
 
+@shown_by_two
 def test_square_before_a_square_hides_a_quarter(open_raster):
     mesh = joined(square(2, 4), square(0.5, 2))
     assert_fractions(open_raster, mesh, {0: 3 / 4, 1: 3 / 4, 2: 1, 3: 1})
 
 
+@shown_by_two
 def test_tiles_before_a_square_hide_a_quarter(open_raster):
     middles = [(x / 8, y / 8) for x in (-3, -1, 1, 3) for y in (-3, -1, 1, 3)]
     mesh = joined(square(2, 4), *(square(1 / 16, 1, middle) for middle in middles))
     assert_fractions(open_raster, mesh, {0: 3 / 4, 1: 3 / 4})
 
 
+@shown_by_two
 def test_wall_through_a_floor_hides_what_perspective_says(open_raster):
     near, far = ((-1, 1, 2), (1, 1, 2)), ((1, 1, 8), (-1, 1, 8))
     floor = triangles((*near, far[0]), (near[0], *far))
     mesh = joined(floor, square(4, 4))
-    with open_raster(mesh, SQUARE, supersample=8) as rasterizer:
-        counts = rasterizer.count(AHEAD)
+    counts = open_raster(mesh, SQUARE, supersample=8).count(AHEAD)
     # In the image the floor is a trapezium from row 150 to 112.5; from row 125 up it is hidden.
     whole = [((50, 150), (150, 150)), ((150, 150), (112.5, 112.5)), ((112.5, 112.5), (87.5, 112.5))]
     whole += [((87.5, 112.5), (50, 150)), ((75, 125), (125, 125))]
@@ -560,6 +570,7 @@ def test_wall_through_a_floor_hides_what_perspective_says(open_raster):
     assert counts.visible[0, :2].sum() / counts.drawn[0, :2].sum() == pytest.approx(ratio, abs=5e-3)
 
 
+@shown_by_two
 def test_interpenetrating_pair_hides_25_of_121_of_each(open_raster):
     one = np.array([(-2, -2, 4), (-2, 2, 4), (2.5, 0, 6)])
     mesh = triangles(one, one * (-1, 1, 1))
@@ -567,6 +578,7 @@ def test_interpenetrating_pair_hides_25_of_121_of_each(open_raster):
     assert_fractions(open_raster, mesh, {0: 96 / 121, 1: 96 / 121}, line)
 
 
+@shown_by_two
 def test_three_bars_hide_each_other_in_a_ring(open_raster):
     bar = np.array([(-3, -1, 5), (3, -0.7, 7), (-3, -0.4, 5)])
     mesh = triangles(*(bar @ turned(2 * np.pi / 3 * k).T for k in range(3)))
@@ -574,6 +586,7 @@ def test_three_bars_hide_each_other_in_a_ring(open_raster):
     assert_fractions(open_raster, mesh, expected, tolerance=5e-5)
 
 
+@shown_by_two
 def test_four_bars_hide_each_other_in_a_pinwheel(open_raster):
     bar = np.array([(-3, -1, 5), (3, -0.75, 7), (-3, -0.5, 5)])
     mesh = triangles(*(bar @ np.round(turned(np.pi / 2 * k)).T for k in range(4)))
@@ -581,12 +594,13 @@ def test_four_bars_hide_each_other_in_a_pinwheel(open_raster):
     assert_fractions(open_raster, mesh, dict.fromkeys(range(4), visible))
 
 
+@pytest.mark.slow
+@shown_by_two
 @pytest.mark.parametrize("name", ["box", "sphere", "icosahedron"])
 def test_convex_body_shows_its_front_whole_and_its_back_not_at_all(open_raster, name):
     mesh = shapes.by_name(name)
     poses = sphere_of_poses(mesh.bounds.mean(axis=0), 3.5, 6)
-    with open_raster(mesh, CAMERA) as rasterizer:
-        counts = rasterizer.count(poses)
+    counts = open_raster(mesh, CAMERA).count(poses)
     for row, eye in enumerate(poses[:, :3, 3]):
         height = np.sum(mesh.normals * (eye - mesh.centroids), axis=1)
         front, back = height > 1e-9, height < -1e-9
@@ -595,6 +609,7 @@ def test_convex_body_shows_its_front_whole_and_its_back_not_at_all(open_raster, 
         assert counts.drawn[row, back].sum() > 500
 
 
+@shown_by_two
 @pytest.mark.parametrize("tilt", [0, 0.3])
 def test_surfaces_1e_5_apart_are_told_apart_a_thousand_times_beyond_the_nearest(open_raster, tilt):
     nearest = triangles(((0, 0, 0.02), (0.002, 0, 0.02), (0, 0.002, 0.02)))
@@ -603,14 +618,14 @@ def test_surfaces_1e_5_apart_are_told_apart_a_thousand_times_beyond_the_nearest(
     lean = np.array([(1, 0, 0), (0, 1, 0), (tilt, 0, 1)]).T  # depth grows with x
     mesh = joined(nearest, far, sheet)
     mesh = Mesh(vertices=mesh.vertices @ lean, faces=mesh.faces)
-    with open_raster(mesh, SQUARE) as rasterizer:
-        counts = rasterizer.count(AHEAD)
+    counts = open_raster(mesh, SQUARE).count(AHEAD)
     assert counts.visible[0, 0] > 0
     assert (counts.visible[0, 1:3] == 0).all()
     assert counts.visible[0, 3:].sum() + counts.visible[0, 0] + counts.background[0] == 200 * 200
     assert (counts.visible[0, 3:] > 10000).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("max_faces", [2, 1000])
 def test_of_coincident_faces_the_lowest_index_owns_every_sample(open_gl, max_faces):
     rng = np.random.default_rng(5)
@@ -620,30 +635,28 @@ def test_of_coincident_faces_the_lowest_index_owns_every_sample(open_gl, max_fac
         separate = triangles(*(corners[list(order)] for order in (*orders, orders[0])))
         shared = Mesh(vertices=corners, faces=orders)
         for mesh in (separate, shared):
-            with open_gl(mesh, SMALL, max_faces_a_draw=max_faces) as rasterizer:
-                counts = rasterizer.count(AHEAD)
+            counts = open_gl(mesh, SMALL, max_faces_a_draw=max_faces).count(AHEAD)
             assert (counts.visible[0, 1:] == 0).all()
             np.testing.assert_array_equal(counts.drawn[0], counts.visible[0, 0])
 
 
+@pytest.mark.slow
 def test_a_copy_of_a_mesh_is_wholly_hidden(open_raster, scene):
     mesh, poses = scene
     inside_out = Mesh(vertices=mesh.vertices, faces=mesh.faces[:, ::-1])
-    with open_raster(without_culling(mesh), CAMERA) as rasterizer:
-        lone = rasterizer.count(poses)
+    lone = open_raster(without_culling(mesh), CAMERA).count(poses)
     for copy in (mesh, inside_out):
-        with open_raster(joined(mesh, copy), CAMERA) as rasterizer:
-            counts = rasterizer.count(poses)
+        counts = open_raster(joined(mesh, copy), CAMERA).count(poses)
         assert (counts.visible[:, mesh.n_faces :] == 0).all()
         np.testing.assert_array_equal(counts.visible[:, : mesh.n_faces], lone.visible)
         np.testing.assert_array_equal(counts.drawn, np.tile(lone.drawn, 2))
 
 
+@shown_by_two
 def test_both_sides_of_an_open_sheet_are_drawn(open_raster):
     mesh = shapes.tessellated_plane(4, 4, jitter=0)
     poses = look_at([(0, 0, 2), (0, 0, -2)], (0, 0, 0))
-    with open_raster(mesh, CAMERA) as rasterizer:
-        counts = rasterizer.count(poses)
+    counts = open_raster(mesh, CAMERA).count(poses)
     assert (counts.visible > 0).all()
     np.testing.assert_array_equal(counts.visible, counts.drawn)
 
@@ -658,22 +671,21 @@ def test_camera_inside_a_closed_body_sees_its_inner_side(open_raster, mesh, eye)
     assert counts.background[0] == 0
     assert not counts.clipped[0]
     np.testing.assert_array_equal(counts.visible, counts.drawn)
-    assert_same_image(face, samples.render(mesh, CAMERA, pose[0]).face, mesh, CAMERA, pose[0])
+    assert_same_image(face, reference_view(mesh, CAMERA, pose[0]).face, mesh, CAMERA, pose[0])
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["torus", "aeroplane", "sphere"])
+@shown_by_two
+@pytest.mark.parametrize("name", ["torus", "aeroplane"])
 def test_culling_back_faces_changes_no_clear_sample(open_raster, name):
     mesh = shapes.by_name(name)
-    poses = around(mesh, 6)
-    with (
-        open_raster(mesh, CAMERA) as culled,
-        open_raster(without_culling(mesh), CAMERA) as plain,
-    ):
-        assert mesh.can_cull_back_faces
-        np.testing.assert_array_equal(culled.count(poses).drawn, plain.count(poses).drawn)
-        for pose in poses:
-            assert_same_image(culled.render(pose).face, plain.render(pose).face, mesh, CAMERA, pose)
+    poses = around(mesh, 3)
+    culled = open_raster(mesh, CAMERA)
+    plain = open_raster(without_culling(mesh), CAMERA)
+    assert mesh.can_cull_back_faces
+    np.testing.assert_array_equal(culled.count(poses).drawn, plain.count(poses).drawn)
+    for pose in poses:
+        assert_same_image(culled.render(pose).face, plain.render(pose).face, mesh, CAMERA, pose)
 
 
 # --- the near plane -------------------------------------------------------------------------------
@@ -682,8 +694,7 @@ def test_culling_back_faces_changes_no_clear_sample(open_raster, name):
 def test_face_through_the_near_plane_is_cut_there(open_raster):
     mesh = triangles(((-0.5, 0.25, 3), (0.5, 0.25, 3), (0, 0.25, -1)))
     camera = Camera(width=400, height=400, fx=100, fy=100, cx=200, cy=100, near=1 / 8)
-    with open_raster(mesh, camera, supersample=4) as rasterizer:
-        counts = rasterizer.count(AHEAD)
+    counts = open_raster(mesh, camera, supersample=4).count(AHEAD)
     assert counts.clipped[0]
     cut = [(200 - 112.5, 300), (200 + 112.5, 300), (200 + 50 / 3, 325 / 3), (200 - 50 / 3, 325 / 3)]
     sides = np.array([(cut[i], cut[i - 1]) for i in range(4)])
@@ -692,13 +703,14 @@ def test_face_through_the_near_plane_is_cut_there(open_raster):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("near", [0.0, 0.5, 3.7, 4.0, 4.9, 6.0])
+@pytest.mark.parametrize("near", [0.0, 3.7, 4.9])
 def test_near_plane_cuts_as_in_the_reference(open_raster, near):
     mesh = shapes.torus(20, 10)
-    camera = Camera(width=160, height=120, fx=150, fy=140, near=near)
+    no_near = Camera(width=80, height=60, fx=75, fy=70)
+    camera = replace(no_near, near=near)
     for pose in look_at([(4, 0, 1), (0, 0.2, 0)], [(0, 0, 0), (1, 0, 0)]):
-        expected = samples.render(mesh, camera, pose)
-        whole = samples.render(mesh, CAMERA, pose)
+        expected = reference_view(mesh, camera, pose)
+        whole = reference_view(mesh, no_near, pose)
         with open_raster(mesh, camera) as rasterizer:
             found = rasterizer.render(pose)
             counts = rasterizer.count(pose)
@@ -725,6 +737,7 @@ def test_clipped_says_whether_a_surface_in_view_was_cut(open_raster):
             assert rasterizer.count(AHEAD).clipped[0] == expected, name
 
 
+@shown_by_two
 def test_mesh_behind_the_camera_is_not_seen(open_raster, scene):
     mesh, _ = scene
     top = mesh.bounds[1] + 1
@@ -753,6 +766,7 @@ def test_no_poses_and_one_pose(open_raster):
         assert rasterizer.count(pose).visible.shape == (1, 12)
 
 
+@pytest.mark.slow
 def test_equal_poses_give_equal_rows(open_raster, scene):
     mesh, poses = scene
     mixed = np.concatenate((poses, poses[::-1], poses))
@@ -771,28 +785,26 @@ def mixed_poses(mesh):
     return np.concatenate((sphere_of_poses((0, 0, 0), 4, 3), inside))[[0, 3, 1, 4, 2]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("images", [1, 2, 3])
 def test_size_of_a_batch_changes_nothing(open_gl, images):
     mesh = shapes.torus(20, 10)
     poses = mixed_poses(mesh)
     budget = 8 * CAMERA.width * CAMERA.height * images
-    with (
-        open_gl(mesh, CAMERA) as whole,
-        open_gl(mesh, CAMERA, image_budget=budget) as rasterizer,
-    ):
-        assert_same_counts(rasterizer.count(poses), whole.count(poses))
+    whole = open_gl(mesh, CAMERA)
+    rasterizer = open_gl(mesh, CAMERA, image_budget=budget)
+    assert_same_counts(rasterizer.count(poses), whole.count(poses))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("max_faces", [1, 7, 399])
 def test_faces_a_draw_change_nothing(open_gl, max_faces):
     mesh = shapes.torus(20, 10)
     poses = mixed_poses(mesh)
-    with (
-        open_gl(mesh, CAMERA) as whole,
-        open_gl(mesh, CAMERA, max_faces_a_draw=max_faces) as rasterizer,
-    ):
-        assert_same_counts(rasterizer.count(poses), whole.count(poses))
-        np.testing.assert_array_equal(rasterizer.render(poses[0]).face, whole.render(poses[0]).face)
+    whole = open_gl(mesh, CAMERA)
+    rasterizer = open_gl(mesh, CAMERA, max_faces_a_draw=max_faces)
+    assert_same_counts(rasterizer.count(poses), whole.count(poses))
+    np.testing.assert_array_equal(rasterizer.render(poses[0]).face, whole.render(poses[0]).face)
 
 
 @pytest.mark.slow
@@ -812,8 +824,7 @@ def test_tiles_make_the_whole_image(open_gl, scene):
 def test_image_beyond_the_largest_tile_of_the_device(open_raster):
     mesh = shapes.tessellated_plane(40, 2, 3000.0, 1.0)
     camera = Camera(width=17000, height=5, fx=5, fy=5)
-    with open_raster(mesh, camera) as rasterizer:
-        counts = rasterizer.count(look_at((0, 0, 1), (0, 0, 0)))
+    counts = open_raster(mesh, camera).count(look_at((0, 0, 1), (0, 0, 0)))
     assert counts.visible.sum() == counts.drawn.sum() == 3000 * 5 * 5
 
 
@@ -822,6 +833,7 @@ def test_image_beyond_the_largest_tile_of_the_device(open_raster):
 IN_DOUBLES = ("threads", "compute")
 """Plans that project in double precision: the CPU's, and compute shaders."""
 
+few = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 COORDINATES = st.floats(-2, 2, width=32)
 KINDS = (
     *("any", "needle", "edge-on", "huge", "through"),
@@ -859,11 +871,7 @@ def hostile(drawn):
 
 
 @pytest.mark.slow
-@settings(
-    max_examples=150,
-    deadline=None,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)
+@settings(few, max_examples=25)
 @given(st.lists(TRIANGLES, min_size=1, max_size=12))
 def test_any_soup_is_seen_as_by_the_reference(open_raster, drawn):
     # Where a face passes the camera centre itself, OpenGL cuts it in float32 at a near limit of a
@@ -886,11 +894,7 @@ def test_any_soup_is_seen_as_by_the_reference(open_raster, drawn):
 
 
 @pytest.mark.slow
-@settings(
-    max_examples=80,
-    deadline=None,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)
+@settings(few, max_examples=12)
 @given(st.lists(TRIANGLES, min_size=1, max_size=8), st.floats(-4, 4), st.integers(1, 2))
 def test_any_soup_is_counted_as_by_the_reference_when_rolled(open_raster, drawn, roll, supersample):
     # OpenGL's float32 moves what is seen edge-on for kilometres by a pixel, in any direction but
@@ -906,11 +910,7 @@ def test_any_soup_is_counted_as_by_the_reference_when_rolled(open_raster, drawn,
 
 
 @pytest.mark.slow
-@settings(
-    max_examples=100,
-    deadline=None,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)
+@settings(few, max_examples=15)
 @given(st.lists(TRIANGLES, min_size=1, max_size=8), TRIANGLES)
 def test_an_occluder_never_adds_visibility(open_raster, drawn, occluder):
     mesh = hostile(drawn)

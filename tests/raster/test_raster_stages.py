@@ -79,7 +79,7 @@ def camera_of(rng):
 
 
 @given(SEEDS, st.integers(1, 8), st.booleans())
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=25, deadline=None)
 @np.errstate(all="ignore")  # points in the plane of the camera
 def test_vertices_are_projected_alike(seed, n_vectors, is_safe):
     rng = np.random.default_rng(seed)
@@ -102,7 +102,7 @@ def test_vertices_are_projected_alike(seed, n_vectors, is_safe):
 
 
 @given(SEEDS, st.booleans())
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=25, deadline=None)
 def test_clusters_are_culled_alike(seed, hides_backs):
     rng = np.random.default_rng(seed)
     camera, size = camera_of(rng), np.array((640.0, 100.0, 480.0))
@@ -155,13 +155,13 @@ def run_cover(k, window, setup):
 
 
 @njit
-def run_count(chosen, n_rows, setup):
+def run_count(chosen, setup):
     stage_cover.count_samples(chosen, pointers(setup))
-    counts = np.zeros(LANES, np.int64)
-    for k in range(LANES):
-        for start in range(0, n_rows[k], LANES):
-            counts[k] += stage_cover.count_rows(k, start, pointers(setup))
-    return counts
+
+
+@njit
+def run_count_rows(k, start, setup):
+    return stage_cover.count_rows(k, start, pointers(setup))
 
 
 @njit
@@ -204,6 +204,7 @@ def triangles(seed, scale, is_flawed=False):
     for array, values in zip(vertices, (u, v, w, x, y), strict=True):
         array[order] = values.ravel()
     corners = order.reshape(LANES, 3) @ (1, 256, 65536)
+    scratch.coverage_2x2[:LANES] = rng.integers(0, 16, LANES)
     scratch.larger[:LANES], scratch.wide[:LANES] = rng.permutation(LANES), range(LANES)
     mesh = Mesh(np.zeros(1), padded(corners), padded(rng.permutation(LANES)), NONE)
     top, bottom = SIDE * int(rng.integers(0, 12)), int(rng.integers(50, 120))
@@ -235,7 +236,7 @@ def rows(array, n):
 
 
 @given(SEEDS, st.sampled_from((1, 3, 12, 60)), st.booleans())
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=25, deadline=None)
 def test_faces_are_culled_and_binned_alike(seed, scale, is_flawed):
     scratch, mesh, vertices, window, _, places = triangles(seed, scale, is_flawed)
     shown, hidden = run_bin(mesh, vertices, scratch.coverage_2x2, window, int(not is_flawed))
@@ -248,7 +249,7 @@ def test_faces_are_culled_and_binned_alike(seed, scale, is_flawed):
 
 @pytest.mark.parametrize("kind", ["edges", "edges_64_bit"])
 @given(SEEDS, st.sampled_from((1, 3, 12, 60)))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=25, deadline=None)
 @np.errstate(all="ignore")  # degenerate triangles have no plane
 def test_triangles_are_set_up_covered_and_located_alike(kind, seed, scale):
     if kind == "edges_64_bit":
@@ -289,21 +290,26 @@ def test_triangles_are_set_up_covered_and_located_alike(kind, seed, scale):
                 (*found, *written), (has, border, masks, sample, start), strict=True
             ):
                 assert_equal(np.asarray(one)[in_blocks], np.asarray(other)[in_blocks])
-            run_samples(k, window, setup)
+            samples = run_samples(k, window, setup)
+            coverage = scratch.coverage_2x2[chosen]
+            assert_equal(split(samples, 4), twin.coverage_of_samples(coverage))
             sample, depth = twin.depth_of_samples(k, bounds, window, plane64, plane32)
             assert_equal(rows(setup.sample, 4)[k][ok], sample[ok])
             assert_equal(rows(setup.depth, 4)[k][ok], depth[ok])
-        n_rows = np.where(ok, bounds[3] - bounds[2] + 1, 0)
-        counts = run_count(bits_of(ok & fits), n_rows, setup)
-        covered = twin.count_samples(places[ok], bounds[:, ok])
-        assert_equal(counts[ok], covered)
-        assert_equal(setup.masks[:LANES][ok & fits], covered[fits[ok]])
+        run_count(bits_of(ok & fits), setup)
+        expected = twin.count_samples(places[ok & fits], bounds[:, ok & fits])
+        assert_equal(setup.masks[:LANES][ok & fits], expected)
+        for k in np.flatnonzero(ok):
+            for start in range(0, bounds[3, k] - bounds[2, k] + 1, LANES):
+                found = run_count_rows(k, start, setup)
+                assert found == twin.count_rows(places[k], bounds[:, k], start)
     for k in np.flatnonzero(ok)[:3]:
         first_x, first_y = int(bounds[0, k]) // SIDE, int(bounds[2, k]) // SIDE
         masks = np.zeros(LANES, np.int64)
         reached = run_tile(k, 0, 0, first_x, first_y, window, setup, masks)
         x, y = first_x + np.arange(LANES) % SIDE, first_y + np.arange(LANES) // SIDE
         assert_equal(masks, twin.cover_block(np.tile(places[k], (LANES, 1, 1)), x, y))
+        assert_equal(split(reached, 1)[0], twin.reach_blocks(edges[:, k], 0, 0))
         assert not masks[~split(reached, 1)[0]].any()
         sample, start = twin.block_starts(x, y, window, plane64[:, k])
         assert_equal(setup.sample[:LANES], sample)
@@ -311,7 +317,7 @@ def test_triangles_are_set_up_covered_and_located_alike(kind, seed, scale):
 
 
 @given(SEEDS)
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=25, deadline=None)
 def test_depths_are_tested_alike(seed):
     rng = np.random.default_rng(seed)
     scratch = make_scratch()

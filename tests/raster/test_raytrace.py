@@ -7,6 +7,7 @@ their depths are within 1e-4. Embree works in float32 itself and misses tiny fac
 left, the nearest of all faces at that pixel in float64 says who is wrong.
 """
 
+import itertools
 from collections import Counter
 from pathlib import Path
 
@@ -14,15 +15,17 @@ import numpy as np
 import pytest
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
+from image_laws import shown_by_two
 
 from rastercov import shapes
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
+from rastercov.raster.gl import PLANS
 from rastercov.reference import samples
 from rastercov.viewpoints import look_at, sphere_of_poses
 
-CAMERA = Camera(width=1280, height=1024, fx=1400, fy=1380, cx=655.25, cy=500.5)
-WIDE = Camera(width=1280, height=1024, fx=640, fy=650, cx=630.75, cy=520.25)
+CAMERA = Camera(width=640, height=512, fx=700, fy=690, cx=327.75, cy=250.25)
+WIDE = Camera(width=640, height=512, fx=320, fy=325, cx=315.25, cy=260.25)
 EDGE, GAP = 4e-3, 1e-4
 
 MESHES = Path(__file__).resolve().parents[3] / "shared" / "meshes"
@@ -100,7 +103,15 @@ def outside(mesh, n=3):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["teapot", "torus", "aeroplane", "aeroplane-9856"])
+@pytest.mark.parametrize(
+    ("open_raster", "name"),
+    [
+        *itertools.product((*PLANS, "cpu"), ("teapot", "aeroplane")),
+        ("software", "aeroplane-9856"),
+        ("cpu", "torus"),
+    ],
+    indirect=["open_raster"],
+)
 def test_built_in_part_is_seen_as_by_rays(open_raster, name):
     mesh = shapes.by_name(name)
     assert_no_differing_pixel(open_raster, mesh, CAMERA, outside(mesh))
@@ -119,6 +130,8 @@ def stored_mesh(name):
     return Mesh.load(MESHES / name)
 
 
+@pytest.mark.slow
+@shown_by_two
 @pytest.mark.parametrize(
     "name",
     [
@@ -135,6 +148,8 @@ def test_real_part_is_seen_as_by_rays(open_raster, name):
     assert_no_differing_pixel(open_raster, mesh, CAMERA, outside(mesh, 2))
 
 
+@pytest.mark.slow
+@shown_by_two
 def test_warehouse_is_seen_as_by_rays_from_inside(open_raster):
     mesh = stored_mesh("warehouse.ply")
     low, high = mesh.bounds

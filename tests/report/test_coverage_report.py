@@ -224,6 +224,7 @@ def test_an_interrupt_while_drawing_leaves_out_the_rest_and_says_so(tmp_path, mo
     assert pq.read_table(tmp_path / "coverage.parquet")["pose"].to_numpy().max() == 11
 
 
+@pytest.mark.usefixtures("raising_interrupts")
 def test_an_interrupt_while_the_table_is_closed_comes_after_it(tmp_path, monkeypatch):
     close = CoverageTable.__exit__
 
@@ -232,11 +233,7 @@ def test_an_interrupt_while_the_table_is_closed_comes_after_it(tmp_path, monkeyp
         return close(table, *error)
 
     monkeypatch.setattr(CoverageTable, "__exit__", interrupt_and_close)
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        summary = run(MESH, CAMERA, around(6), TASK, tmp_path, PLAIN)
-    finally:
-        signal.signal(signal.SIGINT, before)
+    summary = run(MESH, CAMERA, around(6), TASK, tmp_path, PLAIN)
     assert (summary["interrupted"], summary["poses"]) == (True, 6)
     assert names(tmp_path) == {"coverage.parquet", "summary.json", "network.glb"}
 
@@ -285,6 +282,14 @@ def test_a_disk_that_fails_at_any_file_leaves_the_old_report_and_names_the_file(
     assert json.loads((tmp_path / "summary.json").read_bytes())["poses"] == 3
 
 
+@pytest.fixture
+def raising_interrupts():
+    """Interrupts raise, whatever the test runner does with them."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_is_held_until_the_block_ends(number):
     before = signal.signal(number, signal.default_int_handler)
@@ -299,7 +304,8 @@ def test_a_signal_is_held_until_the_block_ends(number):
         signal.signal(number, before)
 
 
-def test_a_signal_in_a_batch_counts_it_everywhere_or_nowhere(tmp_path, small_batches, monkeypatch):
+@pytest.mark.usefixtures("raising_interrupts", "small_batches")
+def test_a_signal_in_a_batch_counts_it_everywhere_or_nowhere(tmp_path, monkeypatch):
     add = CoverageTable.add
 
     def add_and_interrupt(table, batch):
@@ -308,11 +314,7 @@ def test_a_signal_in_a_batch_counts_it_everywhere_or_nowhere(tmp_path, small_bat
             signal.raise_signal(signal.SIGINT)
 
     monkeypatch.setattr(CoverageTable, "add", add_and_interrupt)
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        summary = run(MESH, CAMERA, around(12), TASK, tmp_path, PLAIN)
-    finally:
-        signal.signal(signal.SIGINT, before)
+    summary = run(MESH, CAMERA, around(12), TASK, tmp_path, PLAIN)
     assert summary["poses"] == 8
     assert np.asarray(pq.read_table(tmp_path / "coverage.parquet")["pose"]).max() == 7
 
@@ -397,5 +399,5 @@ def test_memory_does_not_grow_with_the_batches(tmp_path, small_batches, monkeypa
         return size
 
     peak(8)  # what is made once
-    few, many = peak(20), peak(220)
-    assert (many - few) / 200 < 2000
+    few, many = peak(20), peak(70)
+    assert (many - few) / 50 < 2000

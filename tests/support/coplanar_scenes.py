@@ -1,16 +1,17 @@
 """Scenes in which faces of one plane overlap, and the samples where an image of them is wrong."""
 
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
+from image_laws import EDGE, GAP, reference_view
 
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
-from rastercov.reference import samples
 from rastercov.viewpoints import look_at
 
 CAMERA = Camera(width=96, height=72, fx=80, fy=84, cx=47.3, cy=36.9)
-EDGE, TIE, GAP = 1 / 128, 1e-10, 1e-4
+TIE = 1e-10
 APART = 1e-13
 """Metres between the planes of faces that are meant to lie in one."""
 
@@ -68,13 +69,21 @@ def views(rng, mesh, n=2):
     return look_at(centre + away, centre + rng.normal(size=(n, 3)) * 0.1 * size)
 
 
+@cache
+def scene_of(kind, seed, n=2):
+    """Mesh of a kind, and n views of it: the same objects for all rasterisers."""
+    rng = np.random.default_rng(seed)
+    mesh = SCENES[kind](rng)
+    return mesh, views(rng, mesh, n)
+
+
 def wrong_samples(mesh, camera, pose, face):
     """Pixels whose face is not the reference's, further than `EDGE` from any edge.
 
     Nor is one wrong whose depth differs by more than `TIE`, which counts as equal, and less than
     `GAP`, which float32 need not tell apart.
     """
-    expected = samples.render(mesh, camera, pose)
+    expected = reference_view(mesh, camera, pose)
     rows, columns = np.nonzero((face != expected.face) & (expected.edge_distance > EDGE))
     found = face[rows, columns]
     corners = (mesh.vertices[mesh.faces[found]] - pose[:3, 3]) @ pose[:3, :3]

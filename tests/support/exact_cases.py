@@ -6,7 +6,7 @@ that `seed` picks, on which methods are compared with one another.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from itertools import pairwise
 
@@ -22,19 +22,24 @@ AHEAD = np.eye(4)
 """Camera at the origin that looks along +z, y down."""
 
 
+def window(width=200, height=200, focal=100, **others):
+    return Camera(width=width, height=height, fx=focal, fy=focal, **others)
+
+
+WINDOW = window()
+
+
 @dataclass(frozen=True, eq=False)
 class Case:
     """A mesh, a camera and a pose; `expected` is the visible area of each face, exact, in px^2."""
 
     name: str
     mesh: Mesh
-    camera: Camera
-    pose: np.ndarray = None
     expected: Sequence[Fraction] | None = None
+    camera: Camera = WINDOW
+    pose: np.ndarray = field(default_factory=lambda: AHEAD)
 
     def __post_init__(self):
-        if self.pose is None:
-            object.__setattr__(self, "pose", AHEAD)
         if self.expected is not None:
             areas = tuple(Fraction(area) for area in self.expected)
             assert len(areas) == self.mesh.n_faces, self.name
@@ -48,10 +53,6 @@ def triangles(*faces):
     """Mesh of faces given by their corners, none shared."""
     points = np.asarray(faces, dtype=np.float64).reshape(-1, 3)
     return Mesh(vertices=points, faces=np.arange(len(points)).reshape(-1, 3))
-
-
-def window(width=200, height=200, focal=100, **others):
-    return Camera(width=width, height=height, fx=focal, fy=focal, **others)
 
 
 def whole(mesh, camera):
@@ -89,30 +90,24 @@ def _screens():
     #   | +---+ |
     #   | |   | |
     #   +-+---+-+
-    yield Case("square before square", joined(rear, front), window(), None, [3750] * 2 + [1250] * 2)
-    yield Case("square first", joined(front, rear), window(), None, [1250] * 2 + [3750] * 2)
-    yield Case(
-        "square behind square", joined(square(2, 1), rear), window(), None, [20000] * 2 + [0] * 2
-    )
+    yield Case("square before square", joined(rear, front), [3750] * 2 + [1250] * 2)
+    yield Case("square first", joined(front, rear), [1250] * 2 + [3750] * 2)
+    yield Case("square behind square", joined(square(2, 1), rear), [20000] * 2 + [0] * 2)
 
     tiles = joined(
         *(square(1 / 16, 1, (u / 16, v / 16)) for u in (-3, -1, 1, 3) for v in (-3, -1, 1, 3))
     )
     tile_areas = [Fraction(625, 8)] * 32
-    yield Case("tiles", joined(rear, tiles), window(), None, [3750] * 2 + tile_areas)
+    yield Case("tiles", joined(rear, tiles), [3750] * 2 + tile_areas)
     # The tiles end where the square between them and the rear does, and meet on its diagonal.
     yield Case(
         "tiles hide what they line up with",
         joined(rear, front, tiles),
-        window(),
-        None,
         [3750] * 2 + [0] * 2 + tile_areas,
     )
 
     halves = joined(sheet((-1, -1), (0, 1), 2), sheet((0, -1), (1, 1), 2))
-    yield Case(
-        "two halves hide a square", joined(rear, halves), window(), None, [0] * 2 + [2500] * 4
-    )
+    yield Case("two halves hide a square", joined(rear, halves), [0] * 2 + [2500] * 4)
     #   Two sheets above, one below: their common edge is two edges above.   +--+--+
     #                                                                        +--+--+
     #                                                                        +-----+
@@ -120,11 +115,7 @@ def _screens():
         sheet((-1, -1), (0, 0), 2), sheet((0, -1), (1, 0), 2), sheet((-1, 0), (1, 1), 2)
     )
     yield Case(
-        "t-junction hides a square",
-        joined(rear, junction),
-        window(),
-        None,
-        [0] * 2 + [1250] * 4 + [2500] * 2,
+        "t-junction hides a square", joined(rear, junction), [0] * 2 + [1250] * 4 + [2500] * 2
     )
 
     # Four bars in a ring, each before the next.
@@ -132,7 +123,7 @@ def _screens():
     turn = np.array([(0, 1, 0), (-1, 0, 0), (0, 0, 1)])
     wheel = triangles(bar, bar @ turn, bar @ turn @ turn, bar @ turn @ turn @ turn)
     part = Fraction(1742750798191, 1796713050031)
-    yield Case("pinwheel", wheel, window(), None, [part * Fraction(3600, 7)] * 4)
+    yield Case("pinwheel", wheel, [part * Fraction(3600, 7)] * 4)
 
 
 # --- the near plane and the image border ---------------------------------------------------------
@@ -141,32 +132,26 @@ def _screens():
 def _cut_cases():
     through = triangles([(-0.5, 0.25, 3), (0.5, 0.25, 3), (0, 0.25, -1)])
     wide = window(1000, 1000, near=0.125)
-    yield Case("through the near plane", through, wide, None, [Fraction(445625, 18)])
+    yield Case("through the near plane", through, [Fraction(445625, 18)], wide)
     # 25/z px below the centre the face is 25 + 25/z px wide; the border is at 100 px.
     low, high = Fraction(25, 3), 100
     area = 25 * (high - low) + (high**2 - low**2) / 2
-    yield Case("through near plane and border", through, window(near=0.125), None, [area])
+    yield Case("through near plane and border", through, [area], window(near=0.125))
     # The cut away part hides nothing: a wall at z = 1/16 that is open towards the camera.
     sheets = joined(square(1, 0.0625), square(0.5, 2))
-    yield Case("nearer than near", sheets, window(near=0.125), None, [0, 0, 1250, 1250])
-    yield Case(
-        "behind the camera",
-        joined(square(1, -2), square(0.5, 2)),
-        window(),
-        None,
-        [0, 0, 1250, 1250],
-    )
-    yield Case("at near", square(0.5, 2), window(near=2), None, [1250] * 2)
+    yield Case("nearer than near", sheets, [0, 0, 1250, 1250], window(near=0.125))
+    yield Case("behind the camera", joined(square(1, -2), square(0.5, 2)), [0, 0, 1250, 1250])
+    yield Case("at near", square(0.5, 2), [1250] * 2, window(near=2))
 
     half = window(width=100, cx=100, cy=100)
-    yield Case("half in the image", square(1, 1), half, None, [15000, 5000])
-    yield Case("larger than the image", square(64, 1), window(), None, [20000] * 2)
-    yield Case("border along the border", square(1, 1), window(), None, [20000] * 2)
-    yield Case("outside", sheet((1, -1), (2, 1), 1), window(), None, [0, 0])
+    yield Case("half in the image", square(1, 1), [15000, 5000], half)
+    yield Case("larger than the image", square(64, 1), [20000] * 2)
+    yield Case("border along the border", square(1, 1), [20000] * 2)
+    yield Case("outside", sheet((1, -1), (2, 1), 1), [0, 0])
     # A face through the eye's level, from behind the camera to far ahead, left of the camera.
     side = triangles([(-1, -8, 8), (-1, 8, 8), (-1, 0, -8)])
     # In the image u = 100 - 100/z, which is 0 ... 87.5; |y| <= (8 + z)/2 ends beyond the border.
-    yield Case("wall beside the camera", side, window(), None, [Fraction(175, 2) * 200])
+    yield Case("wall beside the camera", side, [Fraction(175, 2) * 200])
 
 
 # --- faces that cut one another ------------------------------------------------------------------
@@ -178,19 +163,19 @@ def _crossing_cases():
     )
     wall = square(4, 4)  # fills the image
     visible = [Fraction(5000, 3), Fraction(625, 3)]
-    yield Case("wall through floor", joined(floor, wall), window(), None, [*visible, 18125, 20000])
-    yield Case("floor through wall", joined(wall, floor), window(), None, [18125, 20000, *visible])
+    yield Case("wall through floor", joined(floor, wall), [*visible, 18125, 20000])
+    yield Case("floor through wall", joined(wall, floor), [18125, 20000, *visible])
 
     one = [(-2, -2, 4), (-2, 2, 4), (2.5, 0, 6)]
     pair = triangles(one, [(-x, y, z) for x, y, z in one])
-    yield Case("crossing pair", pair, window(), None, [Fraction(13750, 3) * Fraction(96, 121)] * 2)
+    yield Case("crossing pair", pair, [Fraction(13750, 3) * Fraction(96, 121)] * 2)
 
     # x = 0 is where both have z = 4: the left half of one and the right half of the other is seen.
     slope = triangles([(-2, -2, 3), (-2, 2, 3), (2, 0, 5)], [(2, -2, 3), (2, 2, 3), (-2, 0, 5)])
-    images = whole(slope, window())
+    images = whole(slope, WINDOW)
     # The part of each beyond x = 0 is hidden: 50 px high at x = 0 and 40 px long.
     far = Fraction(50 * 40, 2)
-    yield Case("crossing slopes", slope, window(), None, [area - far for area in images])
+    yield Case("crossing slopes", slope, [area - far for area in images])
 
 
 # --- sheets at one depth -------------------------------------------------------------------------
@@ -200,18 +185,17 @@ def _sheet_cases():
     yield Case(
         "coplanar, first wins",
         joined(sheet((-2, -2), (2, 2), 4), sheet((0, 0), (4, 4), 4)),
-        window(300, 300),
-        None,
         [5000, 5000, 3750, 3750],
+        window(300, 300),
     )
     # Three times the same plane z = 4 + x/2, x and y in steps that are exact.
     tilted = np.array([(-2, -2, 3), (-2, 2, 3), (2, 0, 5)], dtype=np.float64)
     inner = np.array([(-1, -0.5, 3.5), (-1, 0.5, 3.5), (0, 0, 4)])
     mesh = triangles(inner, tilted, inner)
-    part, everything, _ = whole(mesh, window())
-    yield Case("tilted decal", mesh, window(), None, [part, everything - part, 0])
+    part, everything, _ = whole(mesh, WINDOW)
+    yield Case("tilted decal", mesh, [part, everything - part, 0])
     mesh = triangles(tilted, inner)
-    yield Case("decal behind its sheet", mesh, window(), None, [everything, 0])
+    yield Case("decal behind its sheet", mesh, [everything, 0])
 
     base = square(2, 4)
     turned = {
@@ -226,13 +210,7 @@ def _sheet_cases():
         for name, turn in turned.items():
             copy = Mesh(vertices=base.vertices * (1 - nearer), faces=turn(base.faces))
             expected = [5000, 5000, 0, 0] if nearer < 1e-10 else [0, 0, 5000, 5000]
-            yield Case(
-                f"second sheet {name}, nearer by {nearer:.1e}",
-                joined(base, copy),
-                window(),
-                None,
-                expected,
-            )
+            yield Case(f"second sheet {name}, nearer by {nearer:.1e}", joined(base, copy), expected)
     # What is a tie is a matter of the depth there; two other sheets lie close to the camera.
     copy = Mesh(vertices=base.vertices * (1 - 2.0**-33), faces=base.faces)
     corner = sheet((-1 / 64, -1 / 64), (-3 / 256, -3 / 256), 1 / 64)
@@ -240,9 +218,9 @@ def _sheet_cases():
     mesh = joined(base, copy, corner, hidden)
     small = Fraction(625, 2)
     expected = [0, 0, 5000, 5000, small, small, 0, 0]
-    yield Case("a near tie far behind", mesh, window(), None, expected)
+    yield Case("a near tie far behind", mesh, expected)
     third = joined(base, base, base)
-    yield Case("three sheets", third, window(), None, [5000, 5000] + [0] * 4)
+    yield Case("three sheets", third, [5000, 5000] + [0] * 4)
 
 
 # --- solids --------------------------------------------------------------------------------------
@@ -269,17 +247,17 @@ def _solid_cases():
         "box around the axis of the camera": box((-1, -3, 8), (5, 2, 16)),
     }
     for name, solid in solids.items():
-        seen = np.where(_is_front(solid), whole(solid, window()), 0)
-        yield Case(name, solid, window(), None, seen)
+        seen = np.where(_is_front(solid), whole(solid, WINDOW), 0)
+        yield Case(name, solid, seen)
     within = box((-0.5, -0.5, 4.5), (0.5, 0.5, 5.5))
     nested = joined(within, solids["box ahead"])
-    seen = np.where(_is_front(nested), whole(nested, window()), 0)
+    seen = np.where(_is_front(nested), whole(nested, WINDOW), 0)
     seen[:12] = 0
-    yield Case("box in a box", nested, window(), None, seen)
+    yield Case("box in a box", nested, seen)
 
     room = box((-4, -4, -4), (4, 4, 4))
     ends = [20000 if (room.vertices[face, 2] == 4).all() else 0 for face in room.faces]
-    yield Case("camera in a box", room, window(), None, ends)
+    yield Case("camera in a box", room, ends)
 
 
 # --- faces that see and hide nothing -------------------------------------------------------------
@@ -299,7 +277,7 @@ def _nothing_cases():
     }
     for name, corners in nothings.items():
         mesh = joined(triangles(corners), behind)
-        yield Case(f"nothing to see: {name}", mesh, window(), None, [0, 1250, 1250])
+        yield Case(f"nothing to see: {name}", mesh, [0, 1250, 1250])
 
 
 def slivers():
@@ -308,7 +286,7 @@ def slivers():
     rear = sheet((10, 10), (2010, 2010), 2000)
     strips = [sheet((10 * i + 5.5, 0), (10 * i + 14.5, 1010), 1000) for i in range(100)]
     expected = [500, 500] + [Fraction(9, 10) * 101 / 2] * 200
-    return Case("slivers", joined(rear, *strips), window(101, 101, cx=0, cy=0), None, expected)
+    return Case("slivers", joined(rear, *strips), expected, window(101, 101, cx=0, cy=0))
 
 
 # --- hostile scenes ------------------------------------------------------------------------------
@@ -580,4 +558,4 @@ def hostile(seed: int) -> Case:
     """Scene number `seed`; the kinds take turns."""
     kind = KINDS[seed % len(KINDS)]
     mesh, camera, pose = kind(np.random.default_rng(seed))
-    return Case(f"{kind.__name__} {seed}", mesh, camera, pose)
+    return Case(f"{kind.__name__} {seed}", mesh, camera=camera, pose=pose)

@@ -50,10 +50,7 @@ def one_bit(folder, other, rng):
 
 
 def many_bits(folder, other, rng):
-    names = []
-    for _ in range(int(rng.integers(2, 9))):
-        names.append(one_bit(folder, other, rng))
-    return ", ".join(names)
+    return ", ".join(one_bit(folder, other, rng) for _ in range(int(rng.integers(2, 9))))
 
 
 def cut(folder, other, rng):
@@ -146,18 +143,7 @@ def verdict(folder, whole, matrix, build_arguments):
     """Fault of a damaged folder, empty if everything is as it must be.
 
     Reading it gives the right matrix or one `ConfigError`; building it again gives the right
-    matrix, and every file as it was before the damage.
-
-    Parameters
-    ----------
-    folder : Path
-        Damaged.
-    whole : dict of str to bytes
-        What was in it, by `contents_of`.
-    matrix : VisibilityMatrix
-        The right one.
-    build_arguments : dict
-        For `build_matrix`.
+    matrix, and every file as it was before the damage: `whole`, by `contents_of`.
     """
     try:
         if not _same(VisibilityMatrix.load(folder), matrix):
@@ -186,17 +172,8 @@ def _same(one, other):
 def campaign(base, build_arguments, other_poses, trials, seed=0):
     """Damage a matrix in every way, again and again: verdicts other than "" by what was done.
 
-    Parameters
-    ----------
-    base : Path
-        Empty folder to work in.
-    build_arguments : dict
-        For `build_matrix`, `poses_a_shard` among them, of a matrix of two shards or more.
-    other_poses : (C, 4, 4) float64
-        As many, of the other matrix.
-    trials : int
-        At least one of each kind of damage.
-    seed : int
+    `base` is an empty folder. The matrix has two shards or more, and the other one as many poses;
+    each kind of damage is tried at least once.
     """
     quiet, other, folder = base / "quiet", base / "other", base / "damaged"
     matrix = build_matrix(**build_arguments, folder=quiet)

@@ -1,15 +1,14 @@
 """Set-cover problems whose optimum is known: published files, triple systems, brute force."""
 
-import runpy
+from functools import partial
 from itertools import combinations, permutations
 from pathlib import Path
 
 import numpy as np
+from set_cover_file import read_set_cover as read_set_cover
 
 from rastercov.placement.select.problem import BestCoverage, FewestCameras, problem_of_matrix
 
-READER = Path(__file__).parents[2] / "benchmarks" / "set_cover_file.py"
-read_set_cover = runpy.run_path(str(READER))["read_set_cover"]
 FOLDER = Path(__file__).parents[1] / "data" / "set_cover"
 OPTIMA = {"scp41": 429, "scp42": 512, "scp51": 253, "scpa1": 253, "scpe1": 5}
 """Least costs of the problems of OR-Library in `FOLDER`, as published."""
@@ -72,12 +71,11 @@ def random_cover(n_candidates, n_faces, share, goal=None, *, angle_deg=0.0, seed
     return problem_of_matrix(covers, goal or FewestCameras(of_reachable=True), **options)
 
 
-def hard_for_the_clock():
-    """Problems of which some part takes long without a look at the clock, by what that is."""
-    return {
-        "many cameras to improve and to order": random_cover(4000, 4000, 0.0025),
-        "a presolve that does not listen": random_cover(
-            1000, 2000, 0.1, BestCoverage(20), angle_deg=40
-        ),
-        "directions to separate": random_cover(300, 2000, 0.1, angle_deg=20),
-    }
+HARD_FOR_THE_CLOCK = {
+    "many cameras to improve and to order": partial(random_cover, 4000, 4000, 0.0025),
+    "a presolve that does not listen": partial(
+        random_cover, 1000, 2000, 0.1, BestCoverage(20), angle_deg=40
+    ),
+    "directions to separate": partial(random_cover, 300, 2000, 0.1, angle_deg=20),
+}
+"""Functions that make a problem of which some part takes long without a look at the clock."""

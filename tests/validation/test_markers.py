@@ -1,11 +1,13 @@
 """Markers before a camera: the picture agrees with the camera model, OpenCV with the engine."""
 
 import json
+from contextlib import ExitStack
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
+from pages import read_alone
 
 from rastercov import cli
 from rastercov.camera import Camera
@@ -48,10 +50,25 @@ def with_lens(f_number, focus_distance, **changes):
     return Camera.from_lens(**(PRESETS["icube-ns4133bu-8mm"] | lens | changes))
 
 
-@pytest.fixture
-def renderer(device):
-    with MarkerRenderer(detection.patterns(), device) as renderer:
+@pytest.fixture(scope="module")
+def one_renderer(gl_context):
+    gl_context.make_current()
+    with MarkerRenderer(detection.patterns(), gl_context) as renderer:
         yield renderer
+        gl_context.make_current()
+
+
+@pytest.fixture
+def renderer(device, one_renderer):
+    """A renderer for all tests: its textures of 4096 x 4096 are allocated once."""
+    return one_renderer
+
+
+@pytest.fixture
+def open_renderer(device):
+    """Open renderers of other prints."""
+    with ExitStack() as stack:
+        yield lambda prints: stack.enter_context(MarkerRenderer(prints, device))
 
 
 def photo(renderer, scene, camera, seed=0, **options):
@@ -61,11 +78,12 @@ def photo(renderer, scene, camera, seed=0, **options):
 @pytest.mark.slow
 def test_what_another_renderer_left_behind_changes_nothing(renderer, device):
     scene = PlateScene.of([Plate(plate_pose((0, 0, 4)), 3), Plate(plate_pose((0, 0, 6)), 4)])
-    before = renderer.render(scene, ICUBE, sharp=True)
-    with GLRasterizer(scene.mesh, ICUBE, device=device) as rasterizer:
+    small = ICUBE.resized(0.2)
+    before = renderer.render(scene, small, sharp=True)
+    with GLRasterizer(scene.mesh, small, device=device) as rasterizer:
         rasterizer.count(np.eye(4))
     assert before.min() < 0.5 * WHITE  # something is drawn
-    assert np.array_equal(renderer.render(scene, ICUBE, sharp=True), before)
+    assert np.array_equal(renderer.render(scene, small, sharp=True), before)
 
 
 # --- scene ----------------------------------------------------------------------------------------
@@ -81,6 +99,7 @@ def test_a_plate_faces_the_camera_and_its_faces_make_up_its_board():
     assert scene.mesh.task_mask.nonzero()[0].tolist() == [0, 1]
 
 
+@settings(max_examples=15)
 @given(
     tilt=st.floats(0, 1.3), axis=st.floats(0, 6.3), roll=st.floats(0, 6.3), depth=st.floats(1, 20)
 )
@@ -106,22 +125,23 @@ def test_corners_found_in_the_picture_are_where_the_camera_model_puts_them(rende
             roll=rng.uniform(0, 6),
         )
         plate = Plate(pose, marker)
-        image = photo(renderer, PlateScene.of([plate]), ICUBE, images=16)
+        box = cut_out(plate, ICUBE)
+        image = photo(renderer, PlateScene.of([plate]), ICUBE, images=16, box=box)
         found = detection.detect(image, subpixel=True)
-        errors.append(found[marker] - to_image(plate.corners, ICUBE))
+        errors.append(found[marker] + box[:2] - to_image(plate.corners, ICUBE))
     # OpenCV is good to a few tenths of a pixel; a slip of half a pixel would show in the mean.
     assert np.abs(errors).max() < 0.6
     assert np.abs(np.mean(errors, axis=(0, 1))).max() < 0.06
 
 
-def test_areas_in_the_picture_are_those_of_the_engine(renderer):
+def test_areas_in_the_picture_are_those_of_the_engine(open_renderer):
     """Black plates, one partly hidden: the light that is missing is the area that is seen."""
     behind = Plate(plate_pose((0.05, 0.02, 3), 0.4, 1.0, 0.3), 0)
     before = Plate(plate_pose((0.2, 0.15, 2), 0.2, 2.0, 1.1))
     both, alone = PlateScene.of([behind, before]), PlateScene.of([before])
     box = (480, 330, 480, 480)
-    with MarkerRenderer(np.zeros((1, CELLS, CELLS)), renderer._context) as black:
-        missing = (black.render(alone, ICUBE, box=box) - black.render(both, ICUBE, box=box)).sum()
+    black = open_renderer(np.zeros((1, CELLS, CELLS)))
+    missing = (black.render(alone, ICUBE, box=box) - black.render(both, ICUBE, box=box)).sum()
     figures = plate_figures(both, ICUBE)[0]
     assert 0.2 < figures.visibility < 0.9
     assert missing / (WHITE - BLACK) == pytest.approx(figures.visible_pixels, rel=2e-3)
@@ -130,7 +150,7 @@ def test_areas_in_the_picture_are_those_of_the_engine(renderer):
 @pytest.mark.slow
 def test_the_print_is_not_mirrored(renderer):
     plate = Plate(plate_pose((0, 0, 1.5), roll=0.0), 11)
-    image = renderer.render(PlateScene.of([plate]), ICUBE)
+    image = renderer.render(PlateScene.of([plate]), ICUBE, images=16)
     low, _, high, _ = to_image(plate.corners, ICUBE)
     steps = (np.arange(CELLS) + 0.5) / CELLS
     u = (low[0] + steps * (high[0] - low[0])).astype(int)
@@ -142,13 +162,12 @@ def test_the_print_is_not_mirrored(renderer):
 
 
 @pytest.mark.slow
-def test_a_tilted_print_is_in_perspective(renderer):
+def test_a_tilted_print_is_in_perspective(open_renderer):
     """The middle of the plate is not the middle of its image: affine sampling would miss it."""
     pattern = np.zeros((1, CELLS, CELLS), np.uint8)
     pattern[0, :, CELLS // 2 :] = 1
     plate = Plate(plate_pose((0, 0, 0.5), tilt=1.0, tilt_axis=np.pi / 2), 0)
-    with MarkerRenderer(pattern, renderer._context) as half:
-        row = half.render(PlateScene.of([plate]), ICUBE)[512]
+    row = open_renderer(pattern).render(PlateScene.of([plate]), ICUBE, images=16)[512]
     u = to_image(plate.corners, ICUBE)[:, 0]
     inside = row[int(u.min()) + 2 : int(u.max()) - 2]
     step = int(u.min()) + 2 + np.flatnonzero(np.diff(inside > 0.5))
@@ -160,11 +179,12 @@ def test_a_tilted_print_is_in_perspective(renderer):
 @pytest.mark.slow
 def test_a_plate_from_behind_shows_no_marker(renderer):
     plate = Plate(plate_pose((0, 0, 2), tilt=np.pi), 4)
-    image = photo(renderer, PlateScene.of([plate]), ICUBE)
+    image = photo(renderer, PlateScene.of([plate]), ICUBE, images=16)
     assert not detection.detect(image)
     assert not plate_figures(PlateScene.of([plate]), ICUBE)[0].is_met(THESIS)
 
 
+@pytest.mark.slow
 def test_a_part_of_the_image_is_that_part_of_the_whole(renderer):
     case, _ = random_scene(3, 4)
     left, top, width, height = cut_out(case.target, case.camera)
@@ -186,17 +206,18 @@ def test_a_plate_behind_the_camera_is_refused(renderer):
 # --- lens and sensor ------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("depth", "f_number"), [(1.5, 0.5), (3.0, 0.25), (8.0, 0.25)])
-def test_an_edge_is_blurred_by_the_blur_circle(renderer, depth, f_number):
+def test_an_edge_is_blurred_by_the_blur_circle(open_renderer, depth, f_number):
     """Across an edge a disc of diameter D spreads light with variance (D / 4)^2."""
     camera = with_lens(f_number, 4.0)
     blank = np.zeros((1, CELLS, CELLS), np.uint8)
     plate = Plate(plate_pose((0.35, 0, depth)), 0, side=0.7)
     expected = blur_of(camera, np.array([depth]))[0]
-    with MarkerRenderer(blank, renderer._context) as black:
-        edge = to_image(plate.corners, camera)[0, 0]
-        box = (int(edge) - 40, 500, 80, 24)
-        profile = black.render(PlateScene.of([plate]), camera, box=box, images=2048).mean(axis=0)
+    edge = to_image(plate.corners, camera)[0, 0]
+    box = (int(edge) - 40, 500, 80, 24)
+    light = open_renderer(blank).render(PlateScene.of([plate]), camera, box=box, images=1024)
+    profile = light.mean(axis=0)
     spread = -np.diff(profile)
     place = np.arange(spread.size)
     middle = (spread * place).sum() / spread.sum()
@@ -214,6 +235,7 @@ def test_blur_limits_are_the_depth_of_field():
     assert reach[1] * abs(reach[0] - 1 / 9) == pytest.approx(blur_of(camera, np.array([9.0]))[0])
 
 
+@pytest.mark.slow
 def test_what_is_in_focus_is_as_sharp_as_through_a_pinhole(renderer):
     plate = Plate(plate_pose((0, 0, 4)), 2)
     camera = with_lens(0.25, 4.0)
@@ -223,6 +245,7 @@ def test_what_is_in_focus_is_as_sharp_as_through_a_pinhole(renderer):
     np.testing.assert_allclose(wide, sharp, atol=1e-2)
 
 
+@pytest.mark.slow
 def test_a_wide_lens_sees_behind_an_edge_that_hides_from_its_middle(renderer):
     """No blur filter of a sharp picture can show what no pinhole sees."""
     target = Plate(plate_pose((0, 0, 4)), 0)
@@ -294,6 +317,7 @@ def test_missing_opencv_says_what_to_install(monkeypatch, tmp_path, capsys):
         detection.opencv.cache_clear()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("side", "is_found"), [(30.0, False), (31.5, False), (34.5, True), (40.0, True)]
 )
@@ -317,8 +341,8 @@ def test_blur_matters_against_the_side_of_a_cell(renderer, cells, is_found):
         per_metre = blur_of(with_lens(1.0, sharp_at), np.array([depth]))[0]
         camera = with_lens(per_metre / (cells * cell), sharp_at)
         scene = PlateScene.of([Plate(plate_pose((0, 0, depth), roll=0.2), 8)])
-        box = (440, 312, 400, 400)
-        image = photo(renderer, scene, camera, box=box, images=128)
+        box = (490, 362, 300, 300)
+        image = photo(renderer, scene, camera, box=box, images=64)
         results.append(8 in detection.detect(image, min_perimeter=38))
         assert (plate_figures(scene, camera)[0].blur <= DETECTOR.blur_limit((8 * cell) ** 2)) == (
             is_found
@@ -348,7 +372,7 @@ def test_figures_of_a_plate_are_those_of_its_faces():
 
 
 def test_slack_is_negative_where_the_prediction_is_no():
-    for number in range(60):
+    for number in range(25):
         case, _ = random_scene(9, number)
         figures = plate_figures(case.scene, case.camera)[0]
         for requirement in (THESIS, DETECTOR):
@@ -357,6 +381,7 @@ def test_slack_is_negative_where_the_prediction_is_no():
                 assert (least > 0) == figures.is_met(requirement)
 
 
+@settings(max_examples=25)
 @given(st.lists(st.tuples(st.sampled_from([0.0, 0.3, 0.5, 0.9, 1.0]), st.booleans()), min_size=1))
 def test_the_best_threshold_is_the_best_of_all(cases):
     values, found = np.array([c for c, _ in cases]), np.array([f for _, f in cases])
@@ -398,8 +423,14 @@ def test_every_model_judges_every_scene(renderer):
 # --- experiments and command ----------------------------------------------------------------------
 
 
-def test_the_resolution_table_ends_where_the_printed_one_does(renderer):
-    found = resolution(renderer)
+@pytest.fixture(scope="module")
+def resolution_found(one_renderer, gl_context):
+    gl_context.make_current()
+    return resolution(one_renderer)
+
+
+def test_the_resolution_table_ends_where_the_printed_one_does(resolution_found):
+    found = resolution_found
     assert found.as_printed == 15
     assert [row.marker for row in found.rows if row.detected] == list(range(10))
     # At 14 m there are 1046 px, 33 would be needed a side and 32.3 are there: docs/markers.md.
@@ -408,8 +439,9 @@ def test_the_resolution_table_ends_where_the_printed_one_does(renderer):
     assert all(row.predicted_by_detector == row.detected for row in found.rows)
 
 
-def test_the_printed_resolution_is_the_one_of_the_table_not_our_quotient(renderer):
-    rows = resolution(renderer).rows
+@pytest.mark.slow
+def test_the_printed_resolution_is_the_one_of_the_table_not_our_quotient(resolution_found):
+    rows = resolution_found.rows
     table = "13.07 8.08 5.64 4.12 3.06 2.44 2.06 1.72 1.44 1.26 0.94 0.89 0.82 0.76 0.66"
     assert " ".join(row.printed.split()[1] for row in rows) == table
     assert " ".join(f"{row.printed_coverage:.2f}" for row in rows) == table
@@ -436,7 +468,7 @@ def test_the_command_leaves_a_page_that_needs_nothing_else(tmp_path, capsys):
     assert code == (0 if data["passed"] else 1)
     assert "Table 5.5" in told
     page = (out / "markers.html").read_text()
-    assert "http" not in page.replace("http-equiv", "")
+    assert " ".join(read_alone(page).words).count("Clear cases by the ") == 2
     assert page.count("<img") >= 6
     names = [e["name"] for e in data["experiments"]]
     assert names == ["field of view", "resolution", "focus", "visibility"]

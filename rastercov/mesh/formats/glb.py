@@ -7,7 +7,7 @@ compressed data is an error rather than zeros, and any other content that is not
 Source: Khronos Group. glTF 2.0 Specification. 2021.
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -220,11 +220,8 @@ def _triangles(corners: NDArray[np.int64], mode: int) -> NDArray[np.int64]:
     return corners[np.stack([i, i + 1 + i % 2, i + 2 - i % 2], axis=1)]
 
 
-class _Shape(NamedTuple):
-    """Points and triangles of a mesh."""
-
-    points: NDArray[np.float64]
-    triangles: NDArray[np.int64]
+_Shape = tuple[NDArray[np.float64], NDArray[np.int64]]
+"""Points and triangles of a mesh."""
 
 
 class _Shapes:
@@ -284,7 +281,7 @@ class _Shapes:
         return notes
 
     def _look_for_extensions(self, owner: dict[str, Any]) -> None:
-        names = (name for name in owner.get("extensions", ()))
+        names = owner.get("extensions", ())
         self._foreign |= {n[:80] for n in names if not n.startswith((*HARMLESS, *OPTIONAL))}
 
     def _read(self, index: int, mesh: dict[str, Any], weights: tuple[float, ...]) -> _Shape:
@@ -323,7 +320,7 @@ class _Shapes:
             triangles.append(first_of[key] + _triangles(corners, mode))
         if len(points) == 1 and not json_list(mesh, "primitives"):
             raise MeshError(f"mesh {index} has no primitives; export it again")
-        return _Shape(np.concatenate(points), np.concatenate(triangles))
+        return np.concatenate(points), np.concatenate(triangles)
 
     def _deltas(
         self, index: int, primitive: dict[str, Any], weights: tuple[float, ...]

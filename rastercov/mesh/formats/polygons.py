@@ -49,17 +49,10 @@ class Polygons:
 
 
 def check_budget(n_faces: int, budget: int, n_vertices: int = 0, n_bytes: int = 0) -> None:
-    """Raise ResourceError, before memory is allocated, when reading needs more than the budget.
+    """Raise ResourceError, before memory is allocated, when reading needs more bytes than `budget`.
 
-    Parameters
-    ----------
-    n_faces : int
-    budget : int
-        Bytes.
-    n_vertices : int
-        Vertices known so far; only those beyond one a face count.
-    n_bytes : int
-        Bytes of other arrays that are held at the same time.
+    `n_vertices` are known so far, and only those beyond one a face count. `n_bytes` are those of
+    other arrays that are held at the same time.
     """
     n_more = max(0, n_vertices - n_faces)
     need = n_faces * PEAK_BYTES_PER_FACE + n_more * PEAK_BYTES_PER_VERTEX + n_bytes
@@ -80,17 +73,8 @@ def fan_polygons(
 ) -> Polygons:
     """Triangulate polygons as fans about their first corner.
 
-    Parameters
-    ----------
-    vertices : (V, 3) float
-    corners : (N,) int
-        Vertex indices of all polygons, concatenated.
-    n_corners : (P,) int
-        Corners of each polygon, at least 3; their sum is N.
-    budget : int
-        Bytes that the triangles may need.
-    notes : sequence of str
-        Notes of the result.
+    `corners` are the (N,) vertex indices of all polygons, concatenated; `n_corners` those of each
+    polygon, at least 3.
     """
     n_corners = np.asarray(n_corners, np.int64)
     n_triangles = n_corners - 2

@@ -24,19 +24,22 @@ from rastercov.camera import Camera
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
+from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.candidates.clearance import KeepOut, check_clearance, filter_candidates
 from rastercov.placement.candidates.enclosure import Enclosure
-from rastercov.placement.candidates.framing import DEFAULT, Framing, rolled_frames
+from rastercov.placement.candidates.framing import DEFAULT, Framing
 from rastercov.placement.candidates.hemicube import Hemicube
 from rastercov.placement.candidates.open_directions import APART_DEG, OpenDirections, far_apart
-from rastercov.placement.candidates.pool import Candidates, face_rows
+from rastercov.placement.candidates.pool import Candidates, face_rows, rolled_candidates
 from rastercov.viewpoints import half_angles, look_at
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
-
 PLACES_AT_ONCE = 20_000
+
+Vector = tuple[float, float, float]
+Block = list[tuple[OpenDirections, FloatArray, IntArray]]
+"""Sites with the positions to try, (N, 3), and the ray of each."""
+Allowed = Callable[[FloatArray], BoolArray]
+"""Mask of the poses at positions where a camera can be mounted."""
 
 
 class Access(IntEnum):
@@ -163,8 +166,6 @@ def openings(
 
     Parameters
     ----------
-    mesh, camera, framing
-        As for every generator.
     faces : (F,) bool or (N,) int array_like
         Faces to see, such as those that no candidate sees.
     clearance, keep_out
@@ -193,12 +194,14 @@ def openings(
     owner = np.concatenate((np.arange(len(rows)), np.flatnonzero(two_sided)))
     sign = np.repeat([1.0, -1.0], [len(rows), int(two_sided.sum())])
     n_sites = len(owner)
-    sites = [OpenDirections(mesh, int(rows[o]), s) for o, s in zip(owner, sign, strict=True)]
-
     check_clearance(clearance)
-    enclosure = Enclosure(mesh)
+    sites = [
+        OpenDirections(mesh, camera, framing, clearance, int(rows[o]), s)
+        for o, s in zip(owner, sign, strict=True)
+    ]
+    enclosure = Enclosure(mesh, least, clearance, keep_out)
     for site in sites:
-        site.proof = enclosure.proof(site.face, site.normal, least, clearance, keep_out)
+        site.proof = enclosure.proof(site.face, site.normal)
     levels = [(side, 1), (side, 4)] + ([(finest, 4)] if finest > side else [])
     waiting = [site for site in sites if not site.proof]
     done = n_sites - len(waiting)
@@ -208,7 +211,7 @@ def openings(
         with Hemicube(mesh, level[0]) as hemicube:
             closed: list[OpenDirections] = []
             for site in waiting:
-                site.search(hemicube, level[1], camera, framing, clearance)
+                site.search(hemicube, level[1])
                 if site.rays is None and level != levels[-1]:
                     closed.append(site)
                 else:
@@ -216,57 +219,46 @@ def openings(
                     progress(done, n_sites)
             waiting = closed
     progress(n_sites, n_sites)
-    _place(sites, mesh, framing, clearance, keep_out, views)
+
+    def allowed(poses: FloatArray) -> BoolArray:
+        candidates = Candidates.of(poses, "cavity")
+        return filter_candidates(candidates, mesh, clearance, keep_out)[1].kept_mask
+
+    _place([site for site in sites if site.rays is not None], allowed, framing.up, views)
     return _gathered(rows, owner, sites, framing, least)
 
 
-def _place(
-    sites: Sequence[OpenDirections],
-    mesh: Mesh,
-    framing: Framing,
-    clearance: float,
-    keep_out: Sequence[KeepOut],
-    views: int,
-) -> None:
+def _place(sites: Sequence[OpenDirections], allowed: Allowed, up: Vector, views: int) -> None:
     """Find allowed poses for each site, on the first rays before the others."""
-    open_sites = [site for site in sites if site.rays is not None]
     for first in (True, False):
-        block: list[tuple[OpenDirections, FloatArray, IntArray]] = []
+        block: Block = []
         size = 0
-        for site in (s for s in open_sites if not s.poses):
+        for site in (s for s in sites if not s.poses):
             part = slice(0, site.n_first) if first else slice(site.n_first, None)
             eyes, ray = site.eyes(part)
             site.n_places += len(eyes)
             block.append((site, eyes, ray))
             size += len(eyes)
             if size >= PLACES_AT_ONCE:
-                _judge(block, mesh, framing, clearance, keep_out, views)
+                _judge(block, allowed, up, views)
                 block, size = [], 0
-        _judge(block, mesh, framing, clearance, keep_out, views)
+        _judge(block, allowed, up, views)
 
 
-def _judge(
-    block: Sequence[tuple[OpenDirections, FloatArray, IntArray]],
-    mesh: Mesh,
-    framing: Framing,
-    clearance: float,
-    keep_out: Sequence[KeepOut],
-    views: int,
-) -> None:
+def _judge(block: Block, allowed: Allowed, up: Vector, views: int) -> None:
     """Keep the nearest allowed position on each ray, for the sites of one block."""
     eyes = np.concatenate([eyes for _, eyes, _ in block]) if block else np.zeros((0, 3))
     if not len(eyes):
         return
     targets = np.concatenate([np.broadcast_to(s.target, e.shape) for s, e, _ in block])
-    poses = look_at(eyes, targets, framing.up)
-    _, dropped = filter_candidates(Candidates.of(poses, "cavity"), mesh, clearance, keep_out)
-    is_allowed = dropped.kept_mask
+    poses = look_at(eyes, targets, up)
+    is_allowed = allowed(poses)
     start = 0
     for site, of_site, ray in block:
-        rows = start + np.flatnonzero(is_allowed[start : start + len(of_site)])
+        rows = np.flatnonzero(is_allowed[start : start + len(of_site)])
+        _, nearest = np.unique(ray[rows], return_index=True)
+        good = poses[start + rows[nearest]]
         start += len(of_site)
-        _, nearest = np.unique(ray[rows - (start - len(of_site))], return_index=True)
-        good = poses[rows[nearest]]
         chosen = far_apart(-good[:, :3, 2], np.arange(len(good)), math.radians(APART_DEG), views)
         site.poses = list(good[chosen])
 
@@ -285,8 +277,6 @@ def _gathered(
     chosen = [site for site in best if site is not None]
     upright = np.array([pose for of_face in poses for pose in of_face]).reshape(-1, 4, 4)
     index = np.repeat(rows, [len(of_face) for of_face in poses])
-    rolled = np.repeat(upright[:, None], len(framing.rolls_deg), axis=1)
-    rolled[:, :, :3, :3] = rolled_frames(upright[:, :3, :3], framing.rolls_deg)
     return Openings(
         face=frozen(rows),
         access=frozen(np.array([_access(site) for site in chosen], np.uint8)),
@@ -297,9 +287,7 @@ def _gathered(
         least=least,
         places=frozen(np.array([site.n_places for site in chosen], np.int64)),
         proof=tuple(site.proof for site in chosen),
-        candidates=Candidates.of(
-            rolled.reshape(-1, 4, 4), "cavity", np.repeat(index, len(framing.rolls_deg))
-        ),
+        candidates=rolled_candidates(upright, "cavity", index, framing),
     )
 
 

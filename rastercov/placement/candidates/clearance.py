@@ -9,10 +9,12 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import Any, Protocol
+from typing import Annotated, Any, Protocol
 
 import numpy as np
+from annotated_types import Gt
 from numpy.typing import ArrayLike, NDArray
+from typing_extensions import Doc
 
 from rastercov._arguments import finite_points
 from rastercov._typed import check_fields, typed
@@ -21,11 +23,8 @@ from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import encloses_volume
 from rastercov.mesh.topology import edge_table
 from rastercov.mesh.triangle_tree import TriangleTree
+from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.candidates.pool import Candidates
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 ROOM_TOLERANCE_REL = 0.01
 """Length, in diagonals of the mesh, by which parts may extend beyond the walls of a room."""
@@ -50,8 +49,8 @@ class KeepOut(Protocol):
 class KeepOutBox:
     """Box along the axes from corner `low` to corner `high`, metres."""
 
-    low: tuple[float, float, float]
-    high: tuple[float, float, float]
+    low: Annotated[tuple[float, float, float], Doc("Corner of a box, m.")]
+    high: Annotated[tuple[float, float, float], Doc("The opposite corner.")]
     name: str = "box"
 
     def __post_init__(self) -> None:
@@ -75,8 +74,8 @@ class KeepOutBox:
 class KeepOutSphere:
     """Ball about `centre`, metres."""
 
-    centre: tuple[float, float, float]
-    radius: float
+    centre: Annotated[tuple[float, float, float], Doc("Of a sphere, m.")]
+    radius: Annotated[float, Gt(0), Doc("Of a sphere, m.")]
     name: str = "sphere"
 
     def __post_init__(self) -> None:
@@ -174,8 +173,6 @@ def filter_candidates(
 
     Parameters
     ----------
-    candidates : Candidates
-        Poses of any sources.
     mesh : Mesh
         All its faces are surfaces, including occluders. Closed and consistently wound components
         are solid: a point is in matter where their winding numbers have a positive sum; a component

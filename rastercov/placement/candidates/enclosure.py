@@ -15,10 +15,10 @@ A. Van Oosterom, J. Strackee. The Solid Angle of a Plane Triangle. 1983.
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.image_boxes import box_corners
 from rastercov.mesh import Mesh
+from rastercov.placement._arrays import BoolArray, FloatArray
 from rastercov.placement.candidates.clearance import (
     KeepOut,
     KeepOutBox,
@@ -28,10 +28,6 @@ from rastercov.placement.candidates.clearance import (
 )
 from rastercov.placement.candidates.hemicube import LIFT_REL
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
-
 RIM_WIDTH_REL = 1e-3
 """Relative width of the rim of a face that is left out of the proof, to exclude its neighbours."""
 WINDING_TOLERANCE = 1e-6
@@ -39,10 +35,23 @@ WINDING_TOLERANCE = 1e-6
 
 
 class Enclosure:
-    """Closed surfaces of a mesh, for proofs that a face is enclosed."""
+    """Closed surfaces of a mesh, for proofs that a face is enclosed.
 
-    def __init__(self, mesh: Mesh) -> None:
-        self.mesh = mesh
+    Parameters
+    ----------
+    least : float
+        Least distance from a camera centre to the centroid of the face it sees, metres.
+    clearance : float
+        Least distance from a camera centre to any surface, metres.
+    keep_out : sequence of KeepOut
+        Boxes and spheres count here, because they are convex; others do not.
+    """
+
+    def __init__(
+        self, mesh: Mesh, least: float, clearance: float, keep_out: Sequence[KeepOut]
+    ) -> None:
+        self.mesh, self.least, self.clearance = mesh, least, clearance
+        self.keep_out = [v for v in keep_out if isinstance(v, KeepOutBox | KeepOutSphere)]
         self._middle = mesh.bounds.mean(axis=0)
         self._lift = LIFT_REL * float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
         rows = np.flatnonzero(closed_faces(mesh))
@@ -50,27 +59,10 @@ class Enclosure:
         self._low, self._high = self._corners.min(axis=1), self._corners.max(axis=1)
         _, self._part = np.unique(mesh.topology.components()[rows], return_inverse=True)
 
-    def proof(
-        self,
-        face: int,
-        normal: FloatArray,
-        least: float,
-        clearance: float,
-        keep_out: Sequence[KeepOut],
-    ) -> str:
+    def proof(self, face: int, normal: FloatArray) -> str:
         """Reason why no camera can see a face from the side of a normal; "" without a proof.
 
-        Parameters
-        ----------
-        face : int
-        normal : (3,) float64
-            Its own, or the opposite for the back of a two-sided face.
-        least : float
-            Least distance from the camera centre to the face's centroid, metres.
-        clearance : float
-            Least distance from the camera centre to any surface, metres.
-        keep_out : sequence of KeepOut
-            Boxes and spheres count here, because they are convex; others do not.
+        The normal is the face's own, or the opposite for the back of a two-sided face.
         """
         if not len(self._part):
             return ""
@@ -87,35 +79,27 @@ class Enclosure:
         for part in np.flatnonzero(whole & (np.rint(turns) != 0)):
             members = self._part == part
             box = np.stack((self._low[members].min(axis=0), self._high[members].max(axis=0)))
-            if why := self._excluded(box, centre, least, clearance, keep_out):
+            if why := self._excluded(box, centre):
                 return why
         return ""
 
-    def _excluded(
-        self,
-        box: FloatArray,
-        target: FloatArray,
-        least: float,
-        clearance: float,
-        keep_out: Sequence[KeepOut],
-    ) -> str:
+    def _excluded(self, box: FloatArray, target: FloatArray) -> str:
         """Reason why no camera can be in a closed space within a box, (2, 3); "" for none."""
         ends = box_corners(box)
         deep = float(np.linalg.norm(ends - target, axis=1).max())
-        if least > deep:
+        if self.least > deep:
             return (
                 f"the closed space before it ends within {deep:.3g} m, and cameras stand "
-                f"{least:.3g} m away or more"
+                f"{self.least:.3g} m away or more"
             )
         narrow = float(np.ptp(box, axis=0).min())
-        if clearance > narrow / 2:
+        if self.clearance > narrow / 2:
             return (
                 f"the closed space before it is {narrow:.3g} m wide or less, and cameras keep "
-                f"{clearance:.3g} m from every surface"
+                f"{self.clearance:.3g} m from every surface"
             )
-        for volume in keep_out:
-            is_convex = isinstance(volume, KeepOutBox | KeepOutSphere)
-            if is_convex and volume.contains(ends + self._middle).all():
+        for volume in self.keep_out:
+            if volume.contains(ends + self._middle).all():
                 return f"keep-out {volume.name} holds the closed space before it"
         return ""
 

@@ -9,20 +9,30 @@ E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov._typed import check_fields
 from rastercov.camera import Camera
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
+from rastercov.placement._arrays import FloatArray, IntArray
 from rastercov.viewpoints import half_angles, look_at
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 FITS = ("extent", "vertices")
 FRAMING_MARGIN_REL = 1e-9
 """Relative margin that keeps targets inside the image and the depth of field after rounding."""
+
+
+def check_stand_off(stand_off: tuple[float, float]) -> None:
+    """Raise ConfigError unless the two distances are a range."""
+    if len(stand_off) != 2 or not 0 <= stand_off[0] <= stand_off[1]:
+        raise ConfigError(f"stand_off must be 0 <= least <= greatest, got {stand_off}")
+
+
+def check_up(up: tuple[float, float, float]) -> None:
+    """Raise ConfigError unless it is a direction."""
+    if np.shape(up) != (3,) or not np.isfinite(up).all() or not any(up):
+        raise ConfigError(f"up must be a direction of three numbers, got {up}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,16 +68,14 @@ class Framing:
 
     def __post_init__(self) -> None:
         check_fields(self)
-        if len(self.stand_off) != 2 or not 0 <= self.stand_off[0] <= self.stand_off[1]:
-            raise ConfigError(f"stand_off must be 0 <= least <= greatest, got {self.stand_off}")
+        check_stand_off(self.stand_off)
         if self.fit not in FITS:
             raise ConfigError(f"fit must be {' or '.join(FITS)}, got {self.fit!r}")
         if not 0 < self.margin < np.inf:
             raise ConfigError(f"margin must be positive and finite, got {self.margin}")
         if not len(self.rolls_deg) or not np.isfinite(self.rolls_deg).all():
             raise ConfigError(f"rolls_deg must be one angle or more, got {self.rolls_deg}")
-        if np.shape(self.up) != (3,) or not np.isfinite(self.up).all() or not any(self.up):
-            raise ConfigError(f"up must be a direction of three numbers, got {self.up}")
+        check_up(self.up)
 
     def limits(self, camera: Camera) -> tuple[float, float]:
         """Least and greatest stand-off: within `stand_off` and the depth of field, metres."""
@@ -103,7 +111,7 @@ def square_views(
         Weight of each member in the averages; all equal by default, as in the thesis.
     """
     least, greatest = framing.limits(camera)
-    tangents = half_angles(camera)
+    half_angles(camera)  # raises for a camera that cannot be aimed, even without groups
     n_groups, n_rolls = int(group.max(initial=-1)) + 1, len(framing.rolls_deg)
     if not n_groups:
         return np.zeros((0, n_rolls, 3, 3)), np.zeros((0, n_rolls, 3))
@@ -124,7 +132,7 @@ def square_views(
     for roll in range(n_rolls):
         seen = corners @ frames[group, roll]
         fitting = fit_vertices if framing.fit == "vertices" else _fit_extent
-        distance[:, roll] = fitting(camera, framing, tangents, seen, starts)
+        distance[:, roll] = fitting(camera, framing, seen, starts)
     distance = np.clip(distance, least, greatest)
     eyes = middle + target[:, None] + distance[..., None] * normal[:, None]
     return frames, eyes
@@ -136,36 +144,31 @@ def rolled_frames(rotations: FloatArray, rolls_deg: ArrayLike) -> FloatArray:
     The x axis turns towards the y axis: the camera turns clockwise seen from behind, the image
     anticlockwise.
     """
-    angle = np.radians(np.asarray(rolls_deg, np.float64))
-    turns = np.zeros((len(angle), 3, 3))
-    turns[:, 0, 0] = turns[:, 1, 1] = np.cos(angle)
-    turns[:, 1, 0], turns[:, 0, 1] = np.sin(angle), -np.sin(angle)
-    turns[:, 2, 2] = 1.0
+    turns = turns_about_z(np.radians(np.asarray(rolls_deg, np.float64)))
     rolled: FloatArray = rotations[:, None] @ turns
     return rolled
 
 
-def _fit_extent(
-    camera: Camera,
-    framing: Framing,
-    tangents: tuple[float, float],
-    seen: FloatArray,
-    starts: IntArray,
-) -> FloatArray:
+def turns_about_z(angles: FloatArray) -> FloatArray:
+    """(N, 3, 3) rotations about z by N angles, radians; x turns towards y."""
+    turns = np.zeros((len(angles), 3, 3))
+    turns[:, 0, 0] = turns[:, 1, 1] = np.cos(angles)
+    turns[:, 1, 0], turns[:, 0, 1] = np.sin(angles), -np.sin(angles)
+    turns[:, 2, 2] = 1.0
+    return turns
+
+
+def _fit_extent(camera: Camera, framing: Framing, seen: FloatArray, starts: IntArray) -> FloatArray:
     """(G,) W/2 cot(HFOV/2) or H/2 cot(VFOV/2), the larger, of (N, 3, 3) corners in camera axes."""
     low = np.minimum.reduceat(seen.min(axis=1), starts)
     high = np.maximum.reduceat(seen.max(axis=1), starts)
     halves = framing.margin * (high - low)[:, :2] / 2
-    distance: FloatArray = (halves / tangents).max(axis=1)
+    distance: FloatArray = (halves / half_angles(camera)).max(axis=1)
     return distance
 
 
 def fit_vertices(
-    camera: Camera,
-    framing: Framing,
-    tangents: tuple[float, float],
-    seen: FloatArray,
-    starts: IntArray,
+    camera: Camera, framing: Framing, seen: FloatArray, starts: IntArray
 ) -> FloatArray:
     """(G,) distance from which all of (N, 3, 3) corners, from the target, are in view and focus.
 
@@ -174,11 +177,9 @@ def fit_vertices(
     """
     z_n, z_f = camera.depth_of_field(framing.max_blur)
     z_n = max(z_n, camera.near) * (1 + FRAMING_MARGIN_REL)
-    offset, depth = (
-        np.abs(seen[..., :2]) * (framing.margin * (1 + FRAMING_MARGIN_REL)),
-        seen[..., 2],
-    )
-    need = np.maximum((offset / tangents).max(axis=-1), z_n) - depth
+    offset = np.abs(seen[..., :2]) * (framing.margin * (1 + FRAMING_MARGIN_REL))
+    depth = seen[..., 2]
+    need = np.maximum((offset / half_angles(camera)).max(axis=-1), z_n) - depth
     distance = np.maximum.reduceat(need.max(axis=1), starts)
     beyond = np.maximum.reduceat(depth.max(axis=1), starts)
     before = np.minimum.reduceat(depth.min(axis=1), starts)

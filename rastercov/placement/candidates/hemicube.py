@@ -15,16 +15,13 @@ M. F. Cohen, D. P. Greenberg. The Hemi-Cube: A Radiosity Solution for Complex En
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov._closing import Closing
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
+from rastercov.placement._arrays import FloatArray
 from rastercov.raster import open_rasterizer
 from rastercov.viewpoints import look_at
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 LIFT_REL = 1e-6
 """Height of the camera above its face, relative to the mesh's diagonal."""

@@ -7,7 +7,7 @@ mounted. Positions are on a sphere, or on a grid on the sides of a box with a ru
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov._arguments import LARGEST_COORDINATE, finite_points
 from rastercov._checks import shown
@@ -15,12 +15,11 @@ from rastercov._typed import typed
 from rastercov.camera import Camera
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
+from rastercov.placement._arrays import FloatArray
 from rastercov.placement.candidates.clearance import NearestSurface
-from rastercov.placement.candidates.framing import DEFAULT, Framing, rolled_frames
-from rastercov.placement.candidates.pool import Candidates
+from rastercov.placement.candidates.framing import DEFAULT, Framing
+from rastercov.placement.candidates.pool import Candidates, rolled_candidates
 from rastercov.viewpoints import enclosing_distance, fibonacci_sphere, look_at
-
-FloatArray = NDArray[np.float64]
 
 Aim = Callable[[Mesh, FloatArray], FloatArray]
 """Rule of aim: from a mesh and (N, 3) camera centres, (N, 3) targets, metres."""
@@ -226,14 +225,14 @@ def on_ceiling(
     inset: float = 0.1,
 ) -> Candidates:
     """Views from under the ceiling of a room, `inset` from it and the walls; z is up."""
+    room = np.stack(_box(mesh, bounds, -inset))
     return on_box(
         mesh,
         camera,
         framing,
         spacing=spacing,
         aim=aim,
-        bounds=bounds,
-        outward=-inset,
+        bounds=room,
         sides=CEILING,
         source="ceiling",
     )
@@ -289,10 +288,7 @@ def _aimed(mesh: Mesh, framing: Framing, eyes: FloatArray, aim: Aim, source: str
     eyes, targets = eyes[seeing], targets[seeing]
     if not len(eyes):
         return Candidates.of(np.zeros((0, 4, 4)), source)
-    upright = look_at(eyes, targets, framing.up)
-    poses = np.repeat(upright, len(framing.rolls_deg), axis=0)
-    poses[:, :3, :3] = rolled_frames(upright[:, :3, :3], framing.rolls_deg).reshape(-1, 3, 3)
-    return Candidates.of(poses, source)
+    return rolled_candidates(look_at(eyes, targets, framing.up), source, -1, framing)
 
 
 def _box(mesh: Mesh, bounds: ArrayLike | None, outward: float) -> tuple[FloatArray, FloatArray]:

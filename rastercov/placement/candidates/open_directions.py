@@ -7,16 +7,13 @@ distances within which nothing blocks it and the whole face is in view.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
+from rastercov.placement._arrays import FloatArray, IntArray
 from rastercov.placement.candidates.framing import Framing, fit_vertices, rolled_frames
 from rastercov.placement.candidates.hemicube import Hemicube, face_frames
-from rastercov.viewpoints import half_angles, look_at
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from rastercov.viewpoints import look_at
 
 INSET = 0.5
 """Relative position of three more points of a face, from the centroid towards each corner."""
@@ -48,8 +45,11 @@ class OpenDirections:
         Poses at allowed positions.
     """
 
-    def __init__(self, mesh: Mesh, face: int, sign: float) -> None:
-        self.face = face
+    def __init__(
+        self, mesh: Mesh, camera: Camera, framing: Framing, clearance: float, face: int, sign: float
+    ) -> None:
+        self.camera, self.framing, self.clearance, self.face = camera, framing, clearance, face
+        self.limits = framing.limits(camera)
         self.normal: FloatArray = sign * mesh.normals[face]
         self.target: FloatArray = mesh.centroids[face]
         self.corners: FloatArray = mesh.vertices[mesh.faces[face]]
@@ -61,16 +61,8 @@ class OpenDirections:
         self.n_first = 0
         self.poses: list[FloatArray] = []
 
-    def search(
-        self,
-        hemicube: Hemicube,
-        n_points: int,
-        camera: Camera,
-        framing: Framing,
-        clearance: float,
-    ) -> None:
+    def search(self, hemicube: Hemicube, n_points: int) -> None:
         """Find the directions open at the first `n_points` points, and rank the rays to try."""
-        self.limits = framing.limits(camera)
         frame = face_frames(self.normal[None])[0]
         inset = self.target + INSET * (self.corners - self.target)
         origins = np.concatenate((self.target[None], inset))[:n_points]
@@ -94,26 +86,20 @@ class OpenDirections:
         self.rays = np.empty((len(picks), 8))
         self.rays[:, :3] = origins[point]
         self.rays[:, 3:6] = hemicube.directions[picks] @ frame.T
-        self.rays[:, 6] = self._nearest(camera, framing, self.limits[0], self.rays[:, 3:6])
+        self.rays[:, 6] = self._nearest(self.rays[:, 3:6])
         top = np.minimum(self.limits[1], np.maximum(self.reach, 2 * self.rays[:, 6]))
-        self.rays[:, 7] = np.minimum(top, free[point, picks] - clearance)
+        self.rays[:, 7] = np.minimum(top, free[point, picks] - self.clearance)
         self.n_first = len(chosen)
 
-    def _nearest(
-        self, camera: Camera, framing: Framing, least: float, directions: FloatArray
-    ) -> FloatArray:
+    def _nearest(self, directions: FloatArray) -> FloatArray:
         """(M,) distance from which the whole face is in view for every roll."""
+        camera, framing = self.camera, self.framing
         upright = look_at(directions, np.zeros(3), framing.up)[:, :3, :3]
         frames = rolled_frames(upright, framing.rolls_deg)
         starts = np.arange(len(directions))
-        distances = [
-            fit_vertices(
-                camera, framing, half_angles(camera),
-                np.einsum("ki,mij->mkj", self.corners - self.target, frames[:, roll]), starts,
-            )
-            for roll in range(len(framing.rolls_deg))
-        ]  # fmt: skip
-        farthest: FloatArray = np.maximum(np.max(distances, axis=0), least)
+        seen = np.einsum("ki,mrij->rmkj", self.corners - self.target, frames)
+        distances = [fit_vertices(camera, framing, of_roll, starts) for of_roll in seen]
+        farthest: FloatArray = np.maximum(np.max(distances, axis=0), self.limits[0])
         return farthest
 
     def eyes(self, rays: slice) -> tuple[FloatArray, IntArray]:
@@ -124,9 +110,8 @@ class OpenDirections:
         fits = np.flatnonzero(chosen[:, 7] >= chosen[:, 6])
         low, high = chosen[fits, 6:7], chosen[fits, 7:8]
         distance = low * (high / low) ** (np.arange(STEPS) / (STEPS - 1))
-        eyes = (chosen[fits, None, :3] + distance[..., None] * chosen[fits, None, 3:6]).reshape(
-            -1, 3
-        )
+        eyes = chosen[fits, None, :3] + distance[..., None] * chosen[fits, None, 3:6]
+        eyes = eyes.reshape(-1, 3)
         # Rays may start off the centroid, to which the limits refer.
         away = np.linalg.norm(eyes - self.target, axis=1)
         tolerance = 1e-9 * away

@@ -21,13 +21,11 @@ from rastercov.camera import Camera
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
+from rastercov.placement._arrays import FloatArray, IntArray
 from rastercov.placement.candidates.framing import DEFAULT, Framing, rolled_frames, square_views
 from rastercov.placement.candidates.segments import Segmentation
 from rastercov.pose import valid_poses
 from rastercov.pose_file import read_poses
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 FOLDED_COSINE = -1 + 1e-9
 """Cosine between the normals of two faces back to back: the edge of a sheet, not of a corner."""
@@ -223,9 +221,16 @@ def from_poses(
     if isinstance(poses, (str, Path)):
         poses = read_poses(poses)
     given = valid_poses(poses)
-    rolled = rolled_frames(given[:, :3, :3], framing.rolls_deg)
-    eyes = np.repeat(given[:, None, :3, 3], len(framing.rolls_deg), axis=1)
-    return _candidates(rolled, eyes, "poses", np.arange(len(given)), framing)
+    return rolled_candidates(given, "poses", np.arange(len(given)), framing)
+
+
+def rolled_candidates(
+    upright: FloatArray, source: str, index: ArrayLike, framing: Framing
+) -> Candidates:
+    """Candidates of (N, 4, 4) poses, each with every roll, and N indices or one for all."""
+    rolled = rolled_frames(upright[:, :3, :3], framing.rolls_deg)
+    eyes = np.repeat(upright[:, None, :3, 3], len(framing.rolls_deg), axis=1)
+    return _candidates(rolled, eyes, source, index, framing)
 
 
 def face_rows(mesh: Mesh, faces: ArrayLike) -> IntArray:

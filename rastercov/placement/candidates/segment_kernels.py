@@ -17,9 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov._jit import compiled
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from rastercov.placement._arrays import FloatArray, IntArray
 
 TASK, PASSED, BARRIER = 0, 1, 2
 """Role of a face in growing: labelled, passed through, or a barrier."""
@@ -50,15 +48,8 @@ def holds(hull: IntArray, count: int, x: int, y: int) -> bool:
 def extend(hull: IntArray, count: int, x: int, y: int, face: int) -> int:
     """Number of corners of the hull after a point is added.
 
-    Parameters
-    ----------
-    hull : (N, 3) int64
-        Corners in anticlockwise order, two coordinates and the face of each; changed. Two rows
-        more than there will be corners.
-    count : int
-        Corners in use.
-    x, y, face : int
-        The point.
+    `hull`, (N, 3) int64, has two coordinates and the face of each of `count` corners, in
+    anticlockwise order; it is changed, and needs two rows more than there will be corners.
     """
     points = np.empty((count + 1, 3), np.int64)
     points[:count] = hull[:count]

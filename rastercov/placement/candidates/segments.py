@@ -13,7 +13,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov._arguments import check_choice
 from rastercov._checks import finite_number, is_number, shown
@@ -21,10 +20,9 @@ from rastercov._typed import check_type
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
+from rastercov.placement._arrays import FloatArray, IntArray
 from rastercov.placement.candidates import segment_kernels as kernels
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Links = list[set[int]] | None
 """Segments that share an edge with each segment; None where any two may be merged."""
 

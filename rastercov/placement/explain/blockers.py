@@ -9,17 +9,13 @@ of 64 x 64 samples takes about 0.1 ms and ranks the groups.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
+from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.projection import to_camera
 from rastercov.raster import open_rasterizer
 from rastercov.viewpoints import look_at
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 
 SIDE = 64
 """Samples along each side of a window; a face spans a half of it or more."""
@@ -36,19 +32,9 @@ def in_front(mesh: Mesh, eyes: FloatArray, faces: IntArray) -> FloatArray:
     The image is that of a camera aimed at the centroid. The near limit of the real camera does not
     apply: surfaces nearer than that block too.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        All its faces may block.
-    eyes : (N, 3) float64
-        Camera centre for each face, on either side of its plane.
-    faces : (N,) int64
-
-    Returns
-    -------
-    (N, G) float64
-        From about 500 to 4,000 samples a face, fewer for thin ones; 0 for a face so thin that it
-        owns none.
+    `eyes`, (N, 3), lie on either side of the planes of `faces`, (N,); all faces of the mesh may
+    block. A share is from about 500 to 4,000 samples, fewer for thin faces; 0 for a face so thin
+    that it owns none.
     """
     shares = np.zeros((len(faces), len(mesh.groups)))
     if not len(faces):

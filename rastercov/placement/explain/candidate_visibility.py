@@ -14,11 +14,8 @@ from rastercov.criteria import face_geometry
 from rastercov.mesh import Mesh
 from rastercov.observation import BoundKind
 from rastercov.observer import Observer
+from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.task import Reason, Task
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 
 SEEN_NOTHING = 1e-6
 """Visible fraction up to which a face counts as not seen: the bound of computed fractions is 1e-9

@@ -24,14 +24,11 @@ from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
 from rastercov.network import Network, share_of_faces
 from rastercov.observer import Observer, open_observer
+from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.explain.blockers import in_front
 from rastercov.placement.explain.candidate_visibility import CandidateBounds, Sight, batches_in_view
 from rastercov.pose import valid_poses
 from rastercov.task import Reason, Task
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 
 __all__ = ["Leftover", "Sight", "what_is_left"]
 
@@ -48,6 +45,13 @@ WORDS = {
     "no_cameras": "have no camera",
 }
 """Words on uncovered faces by the name of the reason."""
+COULD = {
+    "could_be_covered": "could be covered by one",
+    "seen_never_covered": "are seen by one, and covered by none",
+    "seen_by_no_candidate": "are seen by none: proved",
+    "unknown": "may be seen by one: not decided",
+}
+"""Words on uncovered faces by what the candidates prove of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,12 +118,9 @@ class Leftover:
     def summary(self) -> dict[str, Any]:
         """Figures in total and by group, by count and by area; ready for JSON."""
         mesh, task_faces = self.mesh, self.mesh.task_mask
-        parts = {
-            "could_be_covered": self.n_covering > 0,
-            "seen_never_covered": (self.n_covering == 0) & (self.sight == Sight.SOME),
-            "seen_by_no_candidate": (self.n_covering == 0) & (self.sight == Sight.NONE),
-            "unknown": (self.n_covering == 0) & (self.sight == Sight.UNKNOWN),
-        }
+        is_covered = self.n_covering > 0
+        shown = (~is_covered & (self.sight == s) for s in (Sight.SOME, Sight.NONE, Sight.UNKNOWN))
+        parts = dict(zip(COULD, (is_covered, *shown), strict=True))
         return {
             "cameras": self.n_cameras,
             "candidates": self.n_candidates,
@@ -166,12 +167,7 @@ class Leftover:
         lines += [f"  {_amount(share)} {WORDS[name]}" for name, share in reasons]
         if self.n_candidates:
             lines.append(f"Of these, with {self.n_candidates:,} candidates:")
-            for name, words in (
-                ("could_be_covered", "could be covered by one"),
-                ("seen_never_covered", "are seen by one, and covered by none"),
-                ("seen_by_no_candidate", "are seen by none: proved"),
-                ("unknown", "may be seen by one: not decided"),
-            ):
+            for name, words in COULD.items():
                 if summary[name]["faces"]:
                     lines.append(f"  {_amount(summary[name])} {words}")
         for group in summary["groups"]:

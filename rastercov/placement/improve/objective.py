@@ -10,17 +10,14 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.coverage import evaluate_batches
 from rastercov.errors import ConfigError
 from rastercov.observer import Observer
+from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.select.problem import TOTAL_WEIGHT
 from rastercov.task import Reason, Task
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,12 +16,16 @@ from rastercov._typed import check_fields
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
-from rastercov.placement.candidates.clearance import KeepOut, NearestSurface, in_solid
+from rastercov.placement._arrays import BoolArray, FloatArray
+from rastercov.placement.candidates.clearance import (
+    KeepOut,
+    NearestSurface,
+    check_clearance,
+    in_solid,
+)
+from rastercov.placement.candidates.framing import check_stand_off, check_up, turns_about_z
 from rastercov.pose import valid_poses
 from rastercov.viewpoints import look_at
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 POSITION_TOLERANCE_REL = 1e-9
 """Position tolerance relative to the mesh's diagonal, for cameras on the border of a box."""
@@ -88,12 +92,9 @@ class PoseSpace:
 
     def __post_init__(self) -> None:
         check_fields(self)
-        if len(self.stand_off) != 2 or not 0 <= self.stand_off[0] <= self.stand_off[1]:
-            raise ConfigError(f"stand_off must be 0 <= least <= greatest, got {self.stand_off}")
-        if isinstance(self.clearance, bool) or not 0 <= self.clearance < np.inf:
-            raise ConfigError(f"clearance must be 0 m or more and finite, got {self.clearance}")
-        if np.shape(self.up) != (3,) or not np.isfinite(self.up).all() or not any(self.up):
-            raise ConfigError(f"up must be a direction of three numbers, got {self.up}")
+        check_stand_off(self.stand_off)
+        check_clearance(self.clearance)
+        check_up(self.up)
         if not self.mesh.task_mask.any():
             raise ConfigError("the mesh must have a task face for cameras to look at")
         corners = self.mesh.vertices[np.unique(self.mesh.faces[self.mesh.task_mask])]
@@ -205,10 +206,7 @@ class PoseSpace:
     def composed(self, eyes: FloatArray, forwards: FloatArray, rolls: FloatArray) -> FloatArray:
         """(N, 4, 4) poses from centres, directions (N, 3) and rolls (N,), radians from `up`."""
         poses = look_at(np.zeros(3), forwards, self.up)
-        turns = np.tile(np.eye(3), (len(poses), 1, 1))
-        turns[:, 0, 0] = turns[:, 1, 1] = np.cos(rolls)
-        turns[:, 1, 0], turns[:, 0, 1] = np.sin(rolls), -np.sin(rolls)
-        poses[:, :3, :3] = poses[:, :3, :3] @ turns
+        poses[:, :3, :3] = poses[:, :3, :3] @ turns_about_z(rolls)
         poses[:, :3, 3] = eyes
         return poses
 

@@ -21,13 +21,10 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov._typed import typed
 from rastercov.errors import ConfigError
 from rastercov.mesh.arrays import frozen
+from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.pose import valid_poses
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 
 LOCAL_OPTIMUM = "local optimum"
 BUDGET_SPENT = "budget spent"
@@ -106,10 +103,6 @@ def refine(
 
     Parameters
     ----------
-    objective : Objective
-        Objective of the search.
-    space : PoseSpace
-        Constraints on positions and roll.
     poses : (k, 4, 4) array_like
         Start: the poses of a selection, of a search, or of a rig.
     step : float or (k,) floats, optional

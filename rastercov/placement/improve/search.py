@@ -10,23 +10,22 @@ J. Blank, K. Deb. pymoo: Multi-objective Optimization in Python. 2020.
 """
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import chain, repeat
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov._arguments import check_seed
 from rastercov._typed import typed
 from rastercov.errors import ConfigError
 from rastercov.mesh.arrays import frozen
+from rastercov.placement._arrays import FloatArray, IntArray
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.pose import valid_poses
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 METHODS = ("random", "pso", "ga", "de")
 KNOWN_PLACES = 256
@@ -87,10 +86,6 @@ def optimise(
 
     Parameters
     ----------
-    objective : Objective
-        Objective of the search.
-    space : PoseSpace
-        Constraints on positions and directions.
     cameras : int
         Cameras k of the network, 1 or more.
     method : {"random", "pso", "ga", "de"}
@@ -252,13 +247,8 @@ Tell = Callable[[FloatArray], None]
 
 
 def _random(first: FloatArray, rng: np.random.Generator) -> tuple[Ask, Tell]:
-    def generations() -> Iterator[FloatArray]:
-        yield first
-        while True:
-            yield rng.random(first.shape)
-
-    rows = generations()
-    return lambda: next(rows), lambda shares: None
+    generations = chain([first], (rng.random(first.shape) for _ in repeat(None)))
+    return lambda: next(generations), lambda shares: None
 
 
 def _pymoo(method: str, first: FloatArray, seed: int) -> tuple[Ask, Tell]:

@@ -12,18 +12,15 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from annotated_types import Ge
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov._arguments import check_seed
 from rastercov._typed import check_fields, typed
 from rastercov.errors import ConfigError
 from rastercov.mesh.arrays import frozen
+from rastercov.placement._arrays import FloatArray
 from rastercov.placement.improve.objective import Objective
 from rastercov.pose import valid_poses
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 
 LEVELS = (0.0, 0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)
 """Reported quantiles; the first is the worst of all draws."""
@@ -160,16 +157,12 @@ class Tolerance:
     @property
     def critical(self) -> int:
         """Camera whose removal costs most, the first of equals; -1 where there is none."""
-        if not self.cameras:
-            return -1
-        return int(np.argmin([camera.without for camera in self.cameras]))
+        return _first_least([camera.without for camera in self.cameras])
 
     @property
     def most_sensitive(self) -> int:
         """Camera whose own error costs most on average: the first of equals; -1 for none."""
-        if not self.cameras:
-            return -1
-        return int(np.argmin([camera.alone.mean for camera in self.cameras]))
+        return _first_least([camera.alone.mean for camera in self.cameras])
 
     def summary(self) -> dict[str, Any]:
         """Figures without draws and faces, ready for JSON."""
@@ -190,6 +183,10 @@ class Tolerance:
         }
 
 
+def _first_least(values: list[float]) -> int:
+    return int(np.argmin(values)) if values else -1
+
+
 @typed
 def tolerance(
     objective: Objective,
@@ -205,8 +202,6 @@ def tolerance(
 
     Parameters
     ----------
-    objective : Objective
-        Objective that counts covered faces.
     poses : (k, 4, 4) array_like
         world_from_camera, as planned.
     error : InstallationError

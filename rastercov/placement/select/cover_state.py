@@ -5,10 +5,9 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.placement._arrays import IntArray
 from rastercov.placement.select import selection_kernels as kernels
 from rastercov.placement.select.presolve import ReducedProblem
-
-IntArray = NDArray[np.int64]
 
 PROGRESS_BITS = 20
 """Fractional bits below the unit of weight, for progress that does not yet cover a face."""
@@ -20,8 +19,6 @@ class CoverState:
 
     Parameters
     ----------
-    reduced : ReducedProblem
-        The problem.
     finish : bool
         Worth of a step towards covering a face: an equal part of its weight, or nearly nothing
         before the last step, so that faces are finished. Equal where one view is enough.

@@ -38,8 +38,6 @@ def select_greedy(problem: Problem, *, effort: int = EFFORT, seed: int = 0) -> S
 
     Parameters
     ----------
-    problem : Problem
-        Candidates, faces and goal.
     effort : int
         Elementary updates of the local search, 0 for the plain greedy rule. The same effort gives
         the same selection on any machine.
@@ -92,16 +90,8 @@ def improve(
 ) -> CoverState:
     """Best selection of a local search that swaps cameras, and removes and replaces some.
 
-    Parameters
-    ----------
-    reduced, state : ReducedProblem, CoverState
-        The problem, and the selection to start from.
-    bound : float
-        As of `bound_of`; the search ends when it is reached.
-    effort, seed : int
-        As for `select_greedy`.
-    deadline : Deadline
-        Also ends the search; checked between two changes of the selection.
+    Starts from `state`; ends at the bound of `bound_of`, after the effort, or at the deadline,
+    which is checked between two changes of the selection.
     """
     goal = reduced.problem.goal
     if isinstance(goal, BestCoverage):

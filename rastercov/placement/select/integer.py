@@ -27,10 +27,10 @@ from threading import Lock, RLock
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov._typed import typed
 from rastercov.errors import ConfigError, ResourceError
+from rastercov.placement._arrays import FloatArray, IntArray
 from rastercov.placement.select import selection_kernels as kernels
 from rastercov.placement.select.cover_state import CoverState
 from rastercov.placement.select.deadline import Deadline, TimeUpError
@@ -46,9 +46,6 @@ from rastercov.placement.select.selection import (
     relative_gap,
     share_of,
 )
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 MOST_PAIRS = 20_000_000
 """Greatest number of candidate-face pairs; HiGHS takes 4 GB for them."""
@@ -80,8 +77,6 @@ def select_integer(
 
     Parameters
     ----------
-    problem : Problem
-        Candidates, faces and goal.
     time_limit : float
         Seconds from the call, more than 0; exceeded by at most a tenth and 0.2 s. The bound and the
         local search of the greedy start have 15 % of it, HiGHS the rest; a longer limit than both
@@ -142,12 +137,6 @@ class _Search:
 
     def run(self, deadline: Deadline, threads: int | None) -> str:
         """Solve until the optimum is proved, the time is up or an interrupt comes; the status."""
-        try:
-            return self._run(deadline, threads)
-        except TimeUpError:
-            return "time_limit"
-
-    def _run(self, deadline: Deadline, threads: int | None) -> str:
         setup = SETUP_SECONDS_A_PAIR * len(self.reduced.face)
         program = _Program(self.reduced, threads) if deadline.left > setup else None
         while True:
@@ -161,8 +150,11 @@ class _Search:
                 self._take(chosen)
             if ended != "optimal" or self.is_proved:
                 return ended if ended != "optimal" else "feasible"
-            if chosen is None or not program.forbid(chosen, deadline):
-                return "feasible"
+            try:
+                if chosen is None or not program.forbid(chosen, deadline):
+                    return "feasible"
+            except TimeUpError:
+                return "time_limit"
 
     def _take(self, chosen: set[int]) -> None:
         """Complete a selection by the greedy rule, and keep it if it is the best."""
@@ -281,10 +273,8 @@ class _Program:
                 interrupted = True
                 solver.cancelSolve()
         states = self.highspy.HighsModelStatus
-        ended = {
-            states.kOptimal: "optimal",
-            states.kInfeasible: "infeasible",
-        }.get(solver.getModelStatus(), "time_limit")
+        ends = {states.kOptimal: "optimal", states.kInfeasible: "infeasible"}
+        ended = ends.get(solver.getModelStatus(), "time_limit")
         info = solver.getInfo()
         chosen = None
         if info.primal_solution_status == 2:  # feasible

@@ -17,14 +17,12 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rastercov.placement._arrays import FloatArray
 from rastercov.placement.select import lagrange_kernels as kernels
 from rastercov.placement.select.deadline import NEVER, Deadline
 from rastercov.placement.select.presolve import ReducedProblem
 from rastercov.placement.select.problem import BestCoverage, FewestCameras
-
-FloatArray = NDArray[np.float64]
 
 EFFORT = 300_000_000
 """Pairs to process, about a second; `FEWEST_STEPS` steps at least, for any number of pairs."""
@@ -43,7 +41,7 @@ def best_weight(
     Parameters
     ----------
     reduced : ReducedProblem
-        Of a problem whose goal is `BestCoverage`.
+        Its goal is `BestCoverage`.
     reached : int
         Weight of a known selection; sets the length of the steps.
     effort : int
@@ -82,11 +80,9 @@ def least_cost(
     Parameters
     ----------
     reduced : ReducedProblem
-        Of a problem whose goal is `FewestCameras`.
+        Its goal is `FewestCameras`; effort and deadline as for `best_weight`.
     cost : float
         Cost of a known selection that does; sets the length of the steps.
-    effort, deadline
-        As for `best_weight`.
     """
     assert isinstance(reduced.problem.goal, FewestCameras)
     if reduced.least_total <= 0 and not (reduced.least > 0).any():

@@ -3,6 +3,17 @@
 A call makes a number of steps; the next call continues from there, so the caller can check the
 clock between them. The state is the prices, the best prices so far, and `progress`: best bound,
 scale of the steps, steps without a better bound, and 1 once the search has ended.
+
+Arguments of one name are the same in both searches:
+
+indptr, face : (C + 1,) int64, (N,) int32
+    Faces of each candidate.
+views, weights, costs : (F,), (F,), (C,) float64
+u, best_u : (F,) float64
+    In and out: prices, and those of the best bound.
+progress : (4,) float64
+    In and out.
+steps : int
 """
 
 import numpy as np
@@ -55,20 +66,16 @@ def best_weight(
 
     Parameters
     ----------
-    indptr, face
-        Faces of each candidate.
-    views, weights : (F,) float64
-        Weights sum to 1.
-    costs : (C,) float64
+    weights : (F,) float64
+        Their sum is 1.
     cameras, budget : int, float
         Limits; the budget may be inf.
-    u, best_u : (F,) float64
-        In and out: prices, at most weights / views, and those of the best bound.
+    u : (F,) float64
+        At most weights / views.
     progress : (4,) float64
-        In and out; inf, 1, 0, 0 to start from.
+        inf, 1, 0, 0 to start from.
     reached : float
         Weight of a selection.
-    steps : int
     """
     n, m = len(indptr) - 1, len(weights)
     earned, amounts, cover = np.empty(n), np.empty(n), np.empty(m)
@@ -141,22 +148,13 @@ def least_cost(
 
     Parameters
     ----------
-    indptr, face
-        Faces of each candidate.
-    views, weights : (F,) float64
-    costs : (C,) float64
     kind : (F,) int32
-    least : (G,) float64
-        Weight to cover of each kind.
-    least_total : float
-        Total weight to cover.
-    u, best_u : (F,) float64
-        In and out: prices, and those of the best bound.
+    least, least_total : (G,) float64, float
+        Weight to cover of each kind, and in total.
     progress : (4,) float64
-        In and out; 0, 1, 0, 0 to start from.
+        0, 1, 0, 0 to start from.
     cost : float
         Of a selection.
-    steps : int
     """
     n, m = len(indptr) - 1, len(weights)
     earned, amounts, cover = np.empty(n), np.empty(n), np.empty(m)

@@ -13,12 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.select import presolve_kernels as kernels
 from rastercov.placement.select.problem import FewestCameras, Problem
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -36,16 +36,7 @@ def hash_sets(indptr, member, counted, key):
     """Sums of two hashes over the counted members of each set, (C, 2) uint64, and sizes, (C,).
 
     A sum does not depend on the order of the members. Two different sets have the same 128 bits
-    once in 10^38 pairs.
-
-    Parameters
-    ----------
-    indptr, member
-        The sets.
-    counted : (F,) bool
-        Members that enter the hash.
-    key : (F,) uint64
-        Key of each member.
+    once in 10^38 pairs. `counted` and `key`, (F,) bool and uint64, are of the members.
     """
     n = len(indptr) - 1
     hashes, sizes = np.zeros((n, 2), np.uint64), np.zeros(n, np.int64)
@@ -64,13 +55,7 @@ def hash_sets(indptr, member, counted, key):
 def hash_owners(indptr, member, key, n_members):
     """(F, 2) uint64 hashes, as in `hash_sets`, of the sets that hold each member.
 
-    Parameters
-    ----------
-    indptr, member
-        The sets.
-    key : (C,) int64
-        Key of each set; sets with -1 are ignored.
-    n_members : int
+    `key`, (C,) int64, is of the sets; those with -1 are ignored.
     """
     hashes = np.zeros((n_members, 2), np.uint64)
     for c in range(len(indptr) - 1):

@@ -21,12 +21,9 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov._typed import check_fields, typed
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
+from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.matrix import VisibilityMatrix
 from rastercov.placement.select import selection_kernels as kernels
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 
 TOTAL_WEIGHT = 1 << 40
 """Total of `Problem.integer_weights`, unless the weights are integers with a smaller sum."""
@@ -246,10 +243,8 @@ def problem_of(
 
     Parameters
     ----------
-    matrix, mesh
-        Visibility matrix, and the mesh it was made for.
-    goal : FewestCameras or BestCoverage
-        Goal of the selection.
+    mesh : Mesh
+        The one that the matrix was made for.
     weight_by : {"area", "count"}
         Weight of a face; only task faces count.
     views : int or mapping of str to int, optional

@@ -6,18 +6,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.select import lagrange
 from rastercov.placement.select import selection_kernels as kernels
 from rastercov.placement.select.cover_state import CoverState
 from rastercov.placement.select.deadline import NEVER, Deadline
 from rastercov.placement.select.presolve import ReducedProblem
 from rastercov.placement.select.problem import BestCoverage, Problem
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 
 PROVED = 1e-6
 """Relative gap up to which a selection counts as optimal: the tolerance of HiGHS."""
@@ -90,17 +86,7 @@ class Selection:
 
 
 def bound_of(reduced: ReducedProblem, state: CoverState, deadline: Deadline = NEVER) -> float:
-    """Lagrangian bound of the cost, or of the share.
-
-    Parameters
-    ----------
-    reduced : ReducedProblem
-        The problem.
-    state : CoverState
-        A selection that meets its requirements.
-    deadline : Deadline
-        As for `lagrange.best_weight`.
-    """
+    """Lagrangian bound of the cost, or of the share, from a selection that meets the goal."""
     if isinstance(reduced.problem.goal, BestCoverage):
         weight = lagrange.best_weight(reduced, state.covered, deadline=deadline)
         return share_of(reduced.problem, weight)

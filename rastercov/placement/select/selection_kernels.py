@@ -10,6 +10,20 @@ and two of their rays differ by it; at `need` the face is covered. Progress p is
 
     step * p, and `bonus` more at p = need.
 
+Arguments of one name are the same in all loops:
+
+indptr, face : (C + 1,) int64, (N,) int32
+    Faces of each candidate.
+starts, candidates : (F + 1,) int64, (N,) int32
+    Candidates of each face.
+views, need, step, bonus : (F,)
+    See above.
+kind : (F,) int32
+    Requirement that the face counts towards.
+eyes, centroids : (C, 3), (F, 3) float64
+min_cosine : float
+    Two rays differ by the angle where their cosine is this or less.
+
 Arrays are passed one by one: calls from Python with named tuples of them make a selection 10 to
 28 % slower.
 """
@@ -33,15 +47,7 @@ def _cosine(eyes, a, b, centroids, f):
 def spread_faces(indptr, face, chosen, views, eyes, centroids, min_cosine):
     """(F,) faces to which two of the chosen cameras have rays with a cosine up to `min_cosine`.
 
-    Parameters
-    ----------
-    indptr, face
-        Faces of each candidate.
-    chosen : (K,) int64
-    views : (F,) int64
-        Chosen cameras that cover each face.
-    eyes, centroids : (C, 3), (F, 3) float64
-    min_cosine : float
+    `chosen` are K rows; `views`, (F,), is the number of these that cover each face.
     """
     starts = np.zeros(len(views) + 1, np.int64)
     for f in range(len(views)):
@@ -82,11 +88,6 @@ def spread_with(
 
     Parameters
     ----------
-    c : int
-    indptr, face
-        Faces of each candidate.
-    eyes, centroids, min_cosine
-        As for `spread_faces`.
     last : (F,) int64
         In and out: the pair of the last camera that sees each face, -1 for none.
     before, camera : (N,) int64
@@ -121,15 +122,8 @@ def change(
 
     Parameters
     ----------
-    c, sign : int
-    indptr, face, starts, candidates
-        The pairs, by candidate and by face.
     views, need : (F,) int32
         Equal here.
-    step, bonus : (F,) int64
-        See this file.
-    kind : (F,) int32
-        Requirement that the face counts towards.
     weights : (F,) int64
         Integer weights.
     count : (F,) int32
@@ -180,8 +174,6 @@ def change_spread(
 
     Parameters
     ----------
-    eyes, centroids, min_cosine
-        As for `spread_faces`.
     seen : (F, K) int32
         In and out: the cameras that cover each face, the first `count` of them.
     is_spread : (F,) bool
@@ -265,13 +257,8 @@ def next_camera(gain, room, total_room, costs, rank, barred, most_cost, by_cost)
         Upper limit of the gain that counts, by requirement.
     total_room : int
         Upper limit of the gain that counts in total.
-    costs : (C,) float64
-    rank : (C,) int64
-    barred : (C,) uint8
-        Candidates that are excluded.
-    most_cost : float
-        Candidates that cost more are excluded too.
-    by_cost : bool
+    costs, rank, barred : (C,) float64, int64, uint8
+        Barred candidates are excluded, and those that cost more than `most_cost`.
     """
     best, best_score = -1, 0.0
     for c in range(len(gain)):
@@ -305,13 +292,9 @@ def missing_directions(starts, candidates, is_chosen, views, eyes, centroids, mi
 
     Parameters
     ----------
-    starts, candidates
-        Candidates of each face.
     is_chosen : (C,) bool
     views : (F,) int64
         Cameras that a face needs; faces with fewer chosen ones are skipped.
-    eyes, centroids, min_cosine
-        As for `spread_faces`.
 
     Returns
     -------

@@ -19,10 +19,7 @@ from rastercov.placement.select.selection import Selection, bound_of, finish
 def select_thesis(problem: Problem) -> Selection:
     """Candidates in order of mean coverage, up to the allowed number or the required coverage.
 
-    Parameters
-    ----------
-    problem : Problem
-        Candidates, faces and goal. Ties go by position; a candidate beyond the budget is skipped.
+    Ties go by position; a candidate beyond the budget is skipped.
     """
     started = time.perf_counter()
     goal, reduced = problem.goal, presolve(problem)

@@ -187,7 +187,8 @@ class CPURasterizer(Closing):
                     part, start = divmod(turn.start, len(poses))
                     stop = min(len(poses), start + turn.stop - turn.start)
                     worker.count(
-                        poses[start:stop], near[start:stop], cull[start:stop], (part, n_parts),
+                        poses[start:stop], near[start:stop], cull[start:stop],
+                        worker.bands(part, n_parts),
                         visible[part, start:stop],
                         None if drawn is None else drawn[part, start:stop],
                         filled[part, start:stop],
@@ -294,13 +295,20 @@ class _Worker:
         poses: FloatArray,
         near: FloatArray,
         cull: NDArray[np.bool_],
-        part: tuple[int, int],
+        bands: IntArray,
         visible: WordArray,
         drawn: WordArray | None,
         filled: IntArray,
     ) -> None:
-        """Count one part of the poses into the rows of `visible`, `drawn`, `filled`."""
-        self._count(poses, near, cull, self.bands(*part), visible, drawn, filled)
+        """Count the bands of poses into the rows of `visible`, `drawn`, `filled`."""
+        moved = self.grid.axes(poses).copy()
+        moved[:, :3, 3] -= self.scene.centre
+        with_drawn = drawn is not None
+        output = Output(visible, drawn if with_drawn else self.no_drawn, filled, with_drawn)
+        loops.count_poses(
+            Poses(moved, near, cull), self.canvas, bands, self.scene.clusters, self.buffers, output,
+            self.scratch,
+        )  # fmt: skip
 
     def render(
         self, pose: FloatArray, near: FloatArray, cull: NDArray[np.bool_]
@@ -310,25 +318,6 @@ class _Worker:
         face, depth = np.full(shape, -1, np.int32), np.full(shape, np.inf, np.float32)
         visible = np.empty((1, self.scene.mesh.n_faces), np.int32)
         for band in self.bands(0, 1):
-            self._count(pose, near, cull, band[None], visible, None, np.empty(1, np.int64))
+            self.count(pose, near, cull, band[None], visible, None, np.empty(1, np.int64))
             loops.read_band(band[0], band[1], self.columns, self.buffers, face, depth)
         return face, depth
-
-    def _count(
-        self,
-        poses: FloatArray,
-        near: FloatArray,
-        cull: NDArray[np.bool_],
-        bands: IntArray,
-        visible: WordArray,
-        drawn: WordArray | None,
-        filled: IntArray,
-    ) -> None:
-        moved = self.grid.axes(poses).copy()
-        moved[:, :3, 3] -= self.scene.centre
-        with_drawn = drawn is not None
-        output = Output(visible, drawn if with_drawn else self.no_drawn, filled, with_drawn)
-        loops.count_poses(
-            Poses(moved, near, cull), self.canvas, bands, self.scene.clusters, self.buffers, output,
-            self.scratch,
-        )  # fmt: skip

@@ -5,7 +5,7 @@ I. Sutherland and G. Hodgman. Reentrant Polygon Clipping. 1974.
 
 import numpy as np
 
-from rastercov._jit import compiled
+from rastercov._jit import compiled, part_of
 from rastercov.raster.cpu.memory import (
     BUFFER_SIZE,
     CLIP_CORNERS,
@@ -19,6 +19,13 @@ from rastercov.raster.cpu.memory import (
 )
 
 
+@part_of
+def _height(corners, i, normal, offset):
+    """Value of normal . p - offset at corner i."""
+    x, y, z = corners[3 * i], corners[3 * i + 1], corners[3 * i + 2]
+    return normal[0] * x + normal[1] * y + normal[2] * z - offset
+
+
 @compiled
 def clip(corners, n, normal, offset, out):
     """Keep the part of a convex polygon where normal . p >= offset; returns its corner count.
@@ -29,18 +36,8 @@ def clip(corners, n, normal, offset, out):
     kept = 0
     for i in range(n):
         j = i + 1 if i + 1 < n else 0
-        here = (
-            normal[0] * corners[3 * i]
-            + normal[1] * corners[3 * i + 1]
-            + normal[2] * corners[3 * i + 2]
-            - offset
-        )
-        there = (
-            normal[0] * corners[3 * j]
-            + normal[1] * corners[3 * j + 1]
-            + normal[2] * corners[3 * j + 2]
-            - offset
-        )
+        here = _height(corners, i, normal, offset)
+        there = _height(corners, j, normal, offset)
         if here >= 0:
             if kept == CLIP_CORNERS:
                 return kept
@@ -88,11 +85,9 @@ def clip_face(mesh, cluster, packed, camera, window, vertices, polygon, out):
     stride = cluster.end_vertex - cluster.first_vertex
     for i in range(3):
         vertex = 3 * cluster.first_vertex + (packed >> (8 * i) & (BUFFER_SIZE - 1))
-        x, y, z = (
-            mesh.points[vertex] - camera[EYE],
-            mesh.points[vertex + stride] - camera[EYE + 1],
-            mesh.points[vertex + 2 * stride] - camera[EYE + 2],
-        )
+        x = mesh.points[vertex] - camera[EYE]
+        y = mesh.points[vertex + stride] - camera[EYE + 1]
+        z = mesh.points[vertex + 2 * stride] - camera[EYE + 2]
         for k in range(3):
             polygon[3 * i + k] = x * camera[k] + y * camera[3 + k] + z * camera[6 + k]
     plane = plane_of(polygon, camera)

@@ -56,21 +56,9 @@ from rastercov.raster.cpu.stage_setup import set_up_edges, set_up_triangles
 def cull_and_bin(faces, n_slots, window, is_plain, with_hidden, bit_indices, bins):
     """List the slots of faces that can cover a sample, by path; returns the lengths of the lists.
 
-    Parameters
-    ----------
-    faces : Faces
-    n_slots : int
-        Slots of the cluster, a multiple of `LANES`.
-    window : Window
-    is_plain : int
-        Not 0 where no face can be wide or need clipping.
-    with_hidden : bool
-        Whether hidden faces are listed.
-    bit_indices : uint8
-        See `append_set_bits`.
-    bins : Bins
-        Out: faces that cover a sample of at most 2 x 2; that reach more; those of either kind that
-        are hidden; faces for 64 bits; faces to be clipped.
+    The cluster has `n_slots`, a multiple of `LANES`; `is_plain` is not 0 where no face can be wide
+    or need clipping. `bins` gets the faces that cover a sample of at most 2 x 2; that reach more;
+    those of either kind that are hidden, only `with_hidden`; faces for 64 bits; and faces to clip.
     """
     small, larger, hidden_small, hidden_larger, wide, clipped, _ = bins
     n_small = n_larger = n_hidden_small = n_hidden_larger = n_wide = n_clipped = 0

@@ -67,12 +67,8 @@ def put_frustum(camera, width, top, bottom, planes):
 
     A point p from the camera centre is outside where normal . p < 0; by the last plane, < near.
     """
-    fx, fy, cx, cy = (
-        camera[INTRINSICS],
-        camera[INTRINSICS + 1],
-        camera[INTRINSICS + 2],
-        camera[INTRINSICS + 3],
-    )
+    fx, fy = camera[INTRINSICS], camera[INTRINSICS + 1]
+    cx, cy = camera[INTRINSICS + 2], camera[INTRINSICS + 3]
     for i in range(3):
         right, down, forward = camera[3 * i], camera[3 * i + 1], camera[3 * i + 2]
         planes[PLANE * LEFT + i] = fx * right + cx * forward

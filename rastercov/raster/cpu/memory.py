@@ -53,21 +53,17 @@ LINE_BITS = 4
 """Face counts in a cache line, as a power of 2."""
 
 EDGE, EDGE_DX, EDGE_DY, TILE_EDGE, BLOCK_EDGE = 0, 3, 6, 9, 12
-EDGE_ROWS = 15
 """Rows of `edges`, three each (one an edge function, in units of `STEPS`). Of each triangle of a
 vector: the value at the first sample of its first block, the step to the next column, and to the
 next row. Of one triangle: the values at the first samples of the blocks of a tile, and the
 differences between the samples of a block and its first sample."""
 FIRST_X, LAST_X, FIRST_Y, LAST_Y, FACE, COVERAGE = 0, 1, 2, 3, 4, 5
-BOUNDS_ROWS = 6
 """Rows of `Setup.bounds`: the samples that a triangle reaches, its face index, and its coverage
 mask where it reaches at most 2 x 2 samples."""
 ORIGIN, SLOPE_X, SLOPE_Y = 0, 1, 2
-PLANE64_ROWS = 3
 """Rows of `Setup.plane64`: 1/z at the first sample of the image, its steps to the next column and
 row."""
 STEP_X, STEP_Y, LEAST, GREATEST = 0, 1, 2, 3
-PLANE32_ROWS = 4
 """Rows of `Setup.plane32`: the steps of 1/z again, and its least and greatest value at a corner."""
 EYE, INTRINSICS, NEAR, MAGNIFICATION = 9, 12, 16, 17
 CAMERA_VALUES = 18

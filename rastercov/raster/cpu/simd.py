@@ -6,7 +6,7 @@ compiled loops. Vectors of any length run on every processor: LLVM splits those 
 registers.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from llvmlite import ir
@@ -14,6 +14,28 @@ from numba.core import cgutils
 
 MASK, WORD, LONG = ir.IntType(1), ir.IntType(32), ir.IntType(64)
 SINGLE, DOUBLE = ir.FloatType(), ir.DoubleType()
+
+
+def _operator(on_integers: str, on_floats: str = "") -> Callable[[Any, Any], Any]:
+    """Operator on lanes, from the names of the builder's instructions."""
+
+    def operate(one: Any, other: Any) -> Any:
+        if isinstance(one, Scalar) and isinstance(other, (Vector, Sequence)):
+            one = one.broadcast(len(other))
+        operation = getattr(one.builder, on_floats if one.is_float else on_integers)
+        return one._new(operation(one.value, one.like(other).value))
+
+    return operate
+
+
+def _comparison(sign: str) -> Callable[[Any, Any], Any]:
+    """Mask of the lanes for which the comparison holds, never with NaN."""
+
+    def compare(one: Any, other: Any) -> Any:
+        comparison = one.builder.fcmp_ordered if one.is_float else one.builder.icmp_signed
+        return one._new(comparison(sign, one.value, one.like(other).value))
+
+    return compare
 
 
 class Value:
@@ -46,61 +68,25 @@ class Value:
         """`other` in the type of these lanes."""
         raise NotImplementedError
 
-    def _operate(self, other: Any, on_integers: str, on_floats: str) -> Any:
-        if isinstance(self, Scalar) and isinstance(other, (Vector, Sequence)):
-            return self.broadcast(len(other))._operate(other, on_integers, on_floats)
-        operation = getattr(self.builder, on_floats if self.is_float else on_integers)
-        return self._new(operation(self.value, self.like(other).value))
-
-    def __add__(self, other: Any) -> Any:
-        return self._operate(other, "add", "fadd")
-
-    def __sub__(self, other: Any) -> Any:
-        return self._operate(other, "sub", "fsub")
-
-    def __mul__(self, other: Any) -> Any:
-        return self._operate(other, "mul", "fmul")
-
-    def __truediv__(self, other: Any) -> Any:
-        return self._operate(other, "sdiv", "fdiv")
-
-    def __rshift__(self, other: Any) -> Any:
-        return self._operate(other, "ashr", "")
-
-    def __lshift__(self, other: Any) -> Any:
-        return self._operate(other, "shl", "")
-
-    def __and__(self, other: Any) -> Any:
-        return self._operate(other, "and_", "")
-
-    def __or__(self, other: Any) -> Any:
-        return self._operate(other, "or_", "")
+    __add__ = _operator("add", "fadd")
+    __sub__ = _operator("sub", "fsub")
+    __mul__ = _operator("mul", "fmul")
+    __truediv__ = _operator("sdiv", "fdiv")
+    __rshift__ = _operator("ashr")
+    __lshift__ = _operator("shl")
+    __and__ = _operator("and_")
+    __or__ = _operator("or_")
+    __lt__ = _comparison("<")
+    __le__ = _comparison("<=")
+    __gt__ = _comparison(">")
+    __ge__ = _comparison(">=")
+    equals = _comparison("==")
 
     def __invert__(self) -> Any:
         return self._new(self.builder.not_(self.value))
 
     def __neg__(self) -> Any:
         return self.like(0) - self
-
-    def _compare(self, sign: str, other: Any) -> Any:
-        compare = self.builder.fcmp_ordered if self.is_float else self.builder.icmp_signed
-        return self._new(compare(sign, self.value, self.like(other).value))
-
-    def __lt__(self, other: Any) -> Any:
-        return self._compare("<", other)
-
-    def __le__(self, other: Any) -> Any:
-        return self._compare("<=", other)
-
-    def __gt__(self, other: Any) -> Any:
-        return self._compare(">", other)
-
-    def __ge__(self, other: Any) -> Any:
-        return self._compare(">=", other)
-
-    def equals(self, other: Any) -> Any:
-        """Mask of equal lanes."""
-        return self._compare("==", other)
 
     def where(self, mask: "Value", other: Any) -> Any:
         """Lanes of this value where the mask is set, of `other` elsewhere."""

@@ -47,18 +47,9 @@ def cull_clusters(bounds, stride, first, camera, frustum, magnification, hides_b
     Rounding moves a corner by at most 0.71 steps, so it turns no face whose altitudes are 3 steps
     or more. Faces that are clipped are rounded again, so their clusters are kept.
 
-    Parameters
-    ----------
-    bounds : (11, stride) float64
-        See `Clusters.bounds`.
-    first : int
-        First of the clusters.
-    camera, frustum : float64
-        See `CAMERA_VALUES`, `FRUSTUM_PLANES`.
-    magnification : float
-        Least magnification of a length parallel to the image over its depth, in samples.
-    hides_backs : int
-        Bits of lanes in which back-facing clusters are culled.
+    For `bounds` (11, stride) see `Clusters.bounds`, for `camera` and `frustum` `CAMERA_VALUES` and
+    `FRUSTUM_PLANES`. `magnification` is the least one of a length parallel to the image over its
+    depth, in samples; `hides_backs` has the bits of lanes in which back-facing clusters are culled.
     """
 
     def row(k):
@@ -94,17 +85,10 @@ def cull_clusters(bounds, stride, first, camera, frustum, magnification, hides_b
 
 @simd(returns=types.int64)
 def clusters_in_band(bounds, stride, first, centres, fy, up, up_length, down, down_length):
-    """Bits of a vector of clusters that may reach into a band of the image.
+    """Bits of a vector of clusters that may reach into a band of the image, see `cull_clusters`.
 
-    Parameters
-    ----------
-    bounds, stride, first, centres
-        See `cull_clusters`.
-    fy : float
-    up, down : float
-        Samples from the principal point to the upper and to the lower rim of the band.
-    up_length, down_length : float
-        Lengths of the normals of the planes through the rims, see `FRUSTUM_PLANES`.
+    `up` and `down` are samples from the principal point to the upper and to the lower rim of the
+    band, `up_length` and `down_length` the lengths of the normals of the planes through the rims.
     """
     radius = bounds.at(stride * RADIUS + first)[0]
     below, forward = centres.at(first)[0] * fy, centres.at(stride + first)[0]

@@ -127,16 +127,9 @@ def set_up_triangles(slots, at, wants_edges, faces, window, setup):
 
     Edge functions have the type of `setup.edges`, and are computed where `wants_edges` is not 0.
     Returns 3 masks: reaches at most 2 x 2 blocks, two columns of blocks, two rows of blocks; and 2
-    masks: shown and may cover a sample, judged by its bounds; hidden likewise.
-
-    Parameters
-    ----------
-    slots : int32
-        List of which the entries from `at` on are the slots of the triangles.
-    faces : Faces
-    window : Window
-    setup : Setup
-        Out: all rows but those of samples, blocks and tiles.
+    masks: shown and may cover a sample, judged by its bounds; hidden likewise. The entries of the
+    list `slots` from `at` on are the slots of the triangles. Writes all rows of `setup` but
+    those of samples, blocks and tiles.
     """
     slot = slots.at(at)[0]
     (exact, places, area), bounds = _set_up(slot, wants_edges, faces, window, setup)

@@ -21,15 +21,8 @@ from rastercov.raster.cpu.simd_kernel import Variable, loop, simd, when
 def project_vertices(mesh, cluster, camera, vertices):
     """Project the vertices of a cluster; returns least and greatest x, least and greatest y.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        Of `points`, x of all vertices of the cluster, then y, then z.
-    cluster : Cluster
-    camera : (18,) float64
-        See `CAMERA_VALUES`.
-    vertices : Vertices
-        Out. Entries behind those of the cluster are undefined.
+    `mesh.points` has x of all vertices of the cluster, then y, then z; for `camera` see
+    `CAMERA_VALUES`. Entries of `vertices` behind those of the cluster are undefined.
     """
     values = [camera.value(k).broadcast(LANES) for k in range(CAMERA_VALUES)]
     for k in range(INTRINSICS, NEAR):

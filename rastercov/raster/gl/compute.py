@@ -13,7 +13,6 @@ Results equal those of the CPU rasteriser, so its near plane is used, not the on
 """
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +22,7 @@ from rastercov.errors import ResourceError
 from rastercov.mesh import Mesh
 from rastercov.near_plane import limits
 from rastercov.raster import self_test
-from rastercov.raster.gl.resources import Resources
+from rastercov.raster.gl.resources import Resources, set_uniforms
 from rastercov.raster.gl.strategy import (
     COUNTER_BYTES,
     DrawLimits,
@@ -200,14 +199,19 @@ class Compute:
     def _draw(self, scene: ComputeScene, poses: int, tile: Box, *, drawn: bool) -> WordArray | None:
         """Fill the keys; with `drawn`, return the samples that each face covers alone."""
         windows = []
-        self._bind(scene)
+        buffers = {
+            COUNTS: self._counters, RUNS: self._runs, KEYS: self._keys, QUEUE: self._queue,
+            POSES: self._poses, VERTICES: scene.vertices, FACES: scene.faces,
+        }  # fmt: skip
+        for binding, buffer in buffers.items():
+            buffer.bind_to_storage_buffer(binding)
         self._clear(poses * tile[2] * tile[3])
         self._resources.zero(self._queue, COUNTER_BYTES * HEAD_WORDS)
         for which_pass in range(self._n_passes):
             counts_drawn = drawn and which_pass == 0
             for first, n in scene.parts:
                 for program in (self._filling, self._filling_pieces):
-                    _set(
+                    set_uniforms(
                         program, size=tile[2:], corner=tile[:2], with_drawn=counts_drawn,
                         first_face=first, stride=n + 1, capacity=self._capacity,
                         which_pass=which_pass,
@@ -227,7 +231,7 @@ class Compute:
 
     def _fill(self, first: int, faces: int, first_pose: int, poses: int) -> None:
         """Fill the small triangles of a range of faces, then the pieces of the larger ones."""
-        _set(self._filling, faces_to_draw=(first, first + faces), first_pose=first_pose)
+        set_uniforms(self._filling, faces_to_draw=(first, first + faces), first_pose=first_pose)
         self._queue.write(EMPTY)
         self._filling.run(-(-faces // GROUP_FACES), 1, poses)
         self._resources.gl.memory_barrier()
@@ -258,27 +262,10 @@ class Compute:
         """Count the keys of a batch, in windows of faces that fit."""
         windows = []
         for first, n in scene.parts:
-            _set(self._counting, corner=tile[:2], size=tile[2:], stride=n + 1, first_face=first)
+            set_uniforms(
+                self._counting, corner=tile[:2], size=tile[2:], stride=n + 1, first_face=first
+            )
             self._resources.zero(self._counters, COUNTER_BYTES * poses * (n + 1))
             self._counting.run(*workgroups(tile), poses)
             windows.append(self._resources.read_words(self._counters, poses, n + 1))
         return without_background(windows), windows[0][:, 0]
-
-    def _bind(self, scene: ComputeScene) -> None:
-        for binding, buffer in (
-            (COUNTS, self._counters),
-            (RUNS, self._runs),
-            (KEYS, self._keys),
-            (QUEUE, self._queue),
-            (POSES, self._poses),
-            (VERTICES, scene.vertices),
-            (FACES, scene.faces),
-        ):
-            buffer.bind_to_storage_buffer(binding)
-
-
-def _set(program: Any, **uniforms: Any) -> None:
-    """Set the uniforms that the program has; the compiler removes unused ones."""
-    for name, value in uniforms.items():
-        if name in program:
-            program[name].value = value

@@ -98,6 +98,11 @@ class DeviceInfo:
         return f"{self.label} ({self.name}{', software' if self.is_software else ''})"
 
 
+def _feature(doc: str, core_since: int, *extensions: str) -> property:
+    """Property of `ContextInfo`: in core since that version, or by any of the extensions."""
+    return property(lambda info: info.has(core_since, *extensions), doc=doc)
+
+
 @dataclass(frozen=True)
 class ContextInfo:
     """Renderer, version, limits and features of an open context.
@@ -135,21 +140,21 @@ class ContextInfo:
         """Feature in core since that version, or by any of the extensions."""
         return self.gl_version >= core_since or not self.extensions.isdisjoint(extensions)
 
-    @property
-    def has_clip_control(self) -> bool:
-        """Depth from 0 to 1, needed for reversed depth."""
-        return self.has(450, "GL_ARB_clip_control")
-
-    @property
-    def has_layer_from_vertex_shader(self) -> bool:
-        """gl_Layer in vertex shaders, an extension of every core version."""
-        names = "GL_ARB_shader_viewport_layer_array", "GL_AMD_vertex_shader_layer"
-        return self.has(10_000, *names, "GL_NV_viewport_array2")
-
-    @property
-    def has_viewport_array(self) -> bool:
-        """Several viewports in one draw call."""
-        return self.has(410, "GL_ARB_viewport_array")
+    has_clip_control = _feature(
+        "Depth from 0 to 1, for reversed depth.", 450, "GL_ARB_clip_control"
+    )
+    has_layer_from_vertex_shader = _feature(
+        "gl_Layer in vertex shaders, an extension of every core version.",
+        10_000,
+        "GL_ARB_shader_viewport_layer_array",
+        "GL_AMD_vertex_shader_layer",
+        "GL_NV_viewport_array2",
+    )
+    has_viewport_array = _feature("Several viewports in a draw.", 410, "GL_ARB_viewport_array")
+    has_compute = _feature("Compute shaders.", 430, "GL_ARB_compute_shader")
+    has_ssbo = _feature(
+        "Shader storage buffers and their atomics.", 430, "GL_ARB_shader_storage_buffer_object"
+    )
 
     @property
     def has_doubles(self) -> bool:
@@ -159,24 +164,14 @@ class ContextInfo:
         )
 
     @property
-    def has_compute(self) -> bool:
-        """Compute shaders."""
-        return self.has(430, "GL_ARB_compute_shader")
-
-    @property
-    def has_ssbo(self) -> bool:
-        """Shader storage buffers and their atomics."""
-        return self.has(430, "GL_ARB_shader_storage_buffer_object")
-
-    @property
     def has_batches(self) -> bool:
         """Features of plan "hardware": many poses in one draw, counted on the device."""
-        return self.has_layer_from_vertex_shader and self.has_compute and self.has_ssbo
+        return bool(self.has_layer_from_vertex_shader) and self.has_compute_raster
 
     @property
     def has_compute_raster(self) -> bool:
         """Features of plan "compute"."""
-        return self.has_compute and self.has_ssbo
+        return bool(self.has_compute and self.has_ssbo)
 
     @property
     def has_int64_atomics(self) -> bool:
@@ -324,14 +319,9 @@ def why_no_hardware(devices: list[DeviceInfo]) -> list[str]:
 
 
 def describe_context(function: Callable[..., Any], device: DeviceInfo) -> ContextInfo:
-    """Description of the current context.
+    """Description of the current context, which `device` gave.
 
-    Parameters
-    ----------
-    function : callable
-        `function(name, restype, *argtypes)` returns an OpenGL function.
-    device : DeviceInfo
-        Device of the context.
+    `function(name, restype, *argtypes)` returns an OpenGL function.
     """
     uint, out = ctypes.c_uint, ctypes.POINTER(ctypes.c_int64)
     get_error = function("glGetError", uint)

@@ -265,20 +265,9 @@ def _require_equal(name: str, got: Any, wanted: Any) -> None:
 def ask(question: Callable[[str], Report], label: str, timeout_s: float) -> Report:
     """Result of `question(label)` in a child process, or a "problem" when there is none.
 
-    Parameters
-    ----------
-    question : callable
-        Function of a module, whose result JSON can hold.
-    label : str
-        Device, as `open_context` takes it.
-    timeout_s : float
-        Seconds until the process is killed.
-
-    Returns
-    -------
-    dict
-        The result; `{"problem": one line}` after an error, a hang, or a crash, even one after the
-        result was sent: it would end the user's process as well.
+    The question is a function of a module, and JSON can hold its result. `{"problem": one line}`
+    after an error, a hang of `timeout_s`, or a crash, even one after the result was sent: it would
+    end the user's process as well.
     """
     code = f"from {question.__module__} import {question.__name__} as question\n"
     code += f"from {__name__} import _answer; _answer(question, {label!r})"

@@ -10,6 +10,7 @@ EGL_EXT_device_query. Mesa project. OSMesa interface (GL/osmesa.h).
 import ctypes
 import re
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, Literal
@@ -32,14 +33,9 @@ FAMILY = {"ubuntu": "debian", "rhel": "fedora", "centos": "fedora"}
 
 
 def install_line(kind: Literal["egl", "osmesa"], os_release: str | None = None) -> str:
-    """Command that installs the libraries for `kind` on this distribution.
+    """Command that installs EGL with OpenGL, or OSMesa, on this distribution.
 
-    Parameters
-    ----------
-    kind : {"egl", "osmesa"}
-        EGL with OpenGL, or OSMesa.
-    os_release : str, optional
-        Text of an os-release file; None reads that of this machine.
+    `os_release` is the text of an os-release file; None reads that of this machine.
     """
     if os_release is None:
         try:
@@ -58,11 +54,16 @@ def install_line(kind: Literal["egl", "osmesa"], os_release: str | None = None) 
 def find_library(names: tuple[str, ...]) -> ctypes.CDLL | None:
     """First of these shared libraries that loads; None when all fail."""
     for name in names:
-        try:
+        with suppress(OSError):
             return ctypes.CDLL(name)
-        except OSError:
-            continue
     return None
+
+
+def _required_library(kind: Literal["egl", "osmesa"], names: tuple[str, ...]) -> ctypes.CDLL:
+    if library := find_library(names):
+        return library
+    title = {"egl": "EGL", "osmesa": "OSMesa"}[kind]
+    raise DeviceError(f"no {title}: wanted {names[0]}, found none; {install_line(kind)}")
 
 
 def int_array(*values: int) -> Any:
@@ -171,21 +172,13 @@ class Egl(Library):
 @cache
 def egl_library() -> Egl:
     """EGL, loaded once; DeviceError with the command that installs it."""
-    library = find_library(EGL_LIBRARIES)
-    if library is None:
-        message = f"no EGL: wanted {EGL_LIBRARIES[0]}, found none; "
-        raise DeviceError(message + install_line("egl"))
-    return Egl(library)
+    return Egl(_required_library("egl", EGL_LIBRARIES))
 
 
 @cache
 def osmesa_library() -> Library:
     """OSMesa, loaded once; DeviceError with the command that installs it."""
-    library = find_library(OSMESA_LIBRARIES)
-    if library is None:
-        message = f"no OSMesa: wanted {OSMESA_LIBRARIES[0]}, found none; "
-        raise DeviceError(message + install_line("osmesa"))
-    osmesa = Library("OSMesa", partial(_address, library))
+    osmesa = Library("OSMesa", partial(_address, _required_library("osmesa", OSMESA_LIBRARIES)))
     for name, function in vars(osmesa).items():
         if function is None:
             raise DeviceError(f"OSMesa has no {name}: wanted Mesa 12 or newer")

@@ -26,7 +26,7 @@ from rastercov.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.raster import self_test
 from rastercov.raster.gl.coplanar import coplanar_overlaps
-from rastercov.raster.gl.resources import SAMPLE_BYTES, Resources, Target
+from rastercov.raster.gl.resources import SAMPLE_BYTES, Resources, Target, set_uniforms
 from rastercov.raster.gl.scene import RAYS_BYTES, RECORD_BYTES, PreparedPoses, Scene
 from rastercov.raster.gl.strategy import (
     COUNTER_BYTES,
@@ -51,12 +51,7 @@ NO_LAYER = 0xFFFFFFFF
 class Pipeline:
     """`rastercov.raster.gl.strategy.Strategy` on the graphics pipeline.
 
-    Parameters
-    ----------
-    resources, mesh, camera, grid, limits
-        As for `Strategy`.
-    is_layered : bool
-        Plan "hardware" rather than "software".
+    `is_layered` is true for plan "hardware" and false for "software".
     """
 
     def __init__(
@@ -214,13 +209,10 @@ class Pipeline:
     def _count_on_device(self, scene: Scene, tile: Box, poses: int) -> tuple[WordArray, Any]:
         """Count a batch in a compute shader, plan "hardware", in windows of faces that fit."""
         counting = self._counting
-        counting["size"].value = tile[2:]
         self._bind_runs(scene)
-        if "corner" in counting:
-            counting["corner"].value = tile[:2]
         windows = []
         for first, n in scene.parts:
-            counting["stride"].value, counting["first_face"].value = n + 1, first
+            set_uniforms(counting, size=tile[2:], corner=tile[:2], stride=n + 1, first_face=first)
             self._targets[0].faces.use(0)
             self._counters.clear()
             self._counters.bind_to_storage_buffer(COUNTS_BINDING)

@@ -24,6 +24,20 @@ _LOWER_LEFT, _ZERO_TO_ONE, _FLOAT = 0x8CA1, 0x935F, 0x1406
 _STORAGE_BUFFER, _R32UI, _RED_INTEGER, _UNSIGNED_INT = 0x90D2, 0x8236, 0x8D94, 0x1405
 _UINT, _INT, _POINTER = ctypes.c_uint, ctypes.c_int, ctypes.c_void_p
 _SIZE = ctypes.c_ssize_t
+FUNCTIONS: dict[str, tuple[Any, ...]] = {  # name: (result, *arguments), of those moderngl lacks
+    "glBindBuffer": (None, _UINT, _UINT),
+    "glBindFramebuffer": (None, _UINT, _UINT),
+    "glBindTexture": (None, _UINT, _UINT),
+    "glCheckFramebufferStatus": (_UINT, _UINT),
+    "glClearBufferfv": (None, _UINT, _INT, _POINTER),
+    "glClearBufferuiv": (None, _UINT, _INT, _POINTER),
+    "glClearBufferSubData": (None, _UINT, _UINT, _SIZE, _SIZE, _UINT, _UINT, _POINTER),
+    "glClipControl": (None, _UINT, _UINT),
+    "glDeleteTextures": (None, _INT, _POINTER),
+    "glFramebufferTexture": (None, _UINT, _UINT, _UINT, _INT),
+    "glGenTextures": (None, _INT, _POINTER),
+    "glTexImage3D": (None, _UINT, *(_INT,) * 6, _UINT, _UINT, _POINTER),
+}
 
 FACE_BYTES, DEPTH_BYTES = 4, 4
 SAMPLE_BYTES = FACE_BYTES + DEPTH_BYTES
@@ -61,9 +75,6 @@ class Resources:
         left = [thing for thing in self.gl.objects if not isinstance(thing, moderngl.InvalidObject)]
         self.gl.objects.clear()
         self.gl.objects.extend(left)
-        self._bind_framebuffer = context.function("glBindFramebuffer", None, _UINT, _UINT)
-        self._clear_ids = context.function("glClearBufferuiv", None, _UINT, _INT, _POINTER)
-        self._clear_depth = context.function("glClearBufferfv", None, _UINT, _INT, _POINTER)
         self.is_reversed = context.info.has_clip_control
 
     def use(self) -> None:
@@ -71,10 +82,13 @@ class Resources:
         self.context.check_owner()
         self.context.make_current()
         if self.is_reversed:
-            self.context.function("glClipControl", None, _UINT, _UINT)(_LOWER_LEFT, _ZERO_TO_ONE)
+            self._call("glClipControl", _LOWER_LEFT, _ZERO_TO_ONE)
         self.gl.memory_barrier()  # shaders of an interrupted call may still write counters
         self.gl.front_face = "cw"  # counter-clockwise in the world, seen with rows running down
         self.gl.cull_face = "back"
+
+    def _call(self, name: str, *arguments: Any) -> Any:
+        return self.context.function(name, *FUNCTIONS[name])(*arguments)
 
     def own(self, thing: Any) -> Any:
         """Return an OpenGL object and release it in `release`."""
@@ -126,23 +140,18 @@ class Resources:
 
     def attach_depth(self, frame: Any, width: int, height: int, layers: int, what: str) -> None:
         """Attach a float32 depth texture to a framebuffer; moderngl only makes 24-bit depth."""
-        call = self.context.function
         name = _UINT(0)
-        call("glGenTextures", None, _INT, _POINTER)(1, ctypes.addressof(name))
-        delete = call("glDeleteTextures", None, _INT, _POINTER)
+        self._call("glGenTextures", 1, ctypes.addressof(name))
+        delete = self.context.function("glDeleteTextures", *FUNCTIONS["glDeleteTextures"])
         self._stack.callback(lambda: delete(1, ctypes.addressof(name)))
-        call("glBindTexture", None, _UINT, _UINT)(_TEXTURE_2D_ARRAY, name.value)
-        image = call(
-            "glTexImage3D", None, _UINT, _INT, _INT, _INT, _INT, _INT, _INT, _UINT, _UINT, _POINTER
-        )
-        image(
-            _TEXTURE_2D_ARRAY, 0, _DEPTH_COMPONENT32F, width, height, layers, 0,
+        self._call("glBindTexture", _TEXTURE_2D_ARRAY, name.value)
+        self._call(
+            "glTexImage3D", _TEXTURE_2D_ARRAY, 0, _DEPTH_COMPONENT32F, width, height, layers, 0,
             _DEPTH_COMPONENT, _FLOAT, None,
         )  # fmt: skip
-        self._bind_framebuffer(_FRAMEBUFFER, frame.glo)
-        attach = call("glFramebufferTexture", None, _UINT, _UINT, _UINT, _INT)
-        attach(_FRAMEBUFFER, _DEPTH_ATTACHMENT, name.value, 0)
-        status = call("glCheckFramebufferStatus", _UINT, _UINT)(_FRAMEBUFFER)
+        self._call("glBindFramebuffer", _FRAMEBUFFER, frame.glo)
+        self._call("glFramebufferTexture", _FRAMEBUFFER, _DEPTH_ATTACHMENT, name.value, 0)
+        status = self._call("glCheckFramebufferStatus", _FRAMEBUFFER)
         error = self.gl.error
         if status != _FRAMEBUFFER_COMPLETE or error != "GL_NO_ERROR":
             size = width * height * layers * DEPTH_BYTES / 2**20
@@ -155,9 +164,9 @@ class Resources:
         """Set every sample of every layer to `face` and the farthest depth."""
         target.frame.use()
         ids = (_UINT * 4)(face)
-        self._clear_ids(_COLOR, 0, ctypes.addressof(ids))
+        self._call("glClearBufferuiv", _COLOR, 0, ctypes.addressof(ids))
         farthest = ctypes.c_float(0.0 if self.is_reversed else 1.0)
-        self._clear_depth(_DEPTH, 0, ctypes.addressof(farthest))
+        self._call("glClearBufferfv", _DEPTH, 0, ctypes.addressof(farthest))
 
     def read_faces(self, target: Target, box: tuple[int, int, int, int]) -> NDArray[np.uint32]:
         """Face indices + 1 of layer 0 inside box = (x, y, width, height), (height, width)."""
@@ -173,12 +182,9 @@ class Resources:
 
     def zero(self, buffer: Any, size: int) -> None:
         """Set the first `size` bytes of a buffer, a multiple of 4, to 0 on the device."""
-        call = self.context.function
-        call("glBindBuffer", None, _UINT, _UINT)(_STORAGE_BUFFER, buffer.glo)
-        clear = call(
-            "glClearBufferSubData", None, _UINT, _UINT, _SIZE, _SIZE, _UINT, _UINT, _POINTER
-        )
-        clear(_STORAGE_BUFFER, _R32UI, 0, size, _RED_INTEGER, _UNSIGNED_INT, None)
+        self._call("glBindBuffer", _STORAGE_BUFFER, buffer.glo)
+        what = _STORAGE_BUFFER, _R32UI, 0, size, _RED_INTEGER, _UNSIGNED_INT, None
+        self._call("glClearBufferSubData", *what)
 
     def read_words(self, buffer: Any, *shape: int) -> NDArray[np.uint32]:
         """First words of a buffer, after a barrier: the only reader of what shaders wrote."""
@@ -208,3 +214,10 @@ class Resources:
         """Release every object."""
         self.context.parking_frame.use()  # moderngl rebinds the framebuffer that was bound last
         self._stack.close()
+
+
+def set_uniforms(program: Any, **uniforms: Any) -> None:
+    """Set the uniforms that the program has; the compiler removes unused ones."""
+    for name, value in uniforms.items():
+        if name in program:
+            program[name].value = value

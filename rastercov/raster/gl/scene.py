@@ -16,7 +16,7 @@ from rastercov.camera import Camera
 from rastercov.image_boxes import box_corners, image_boxes
 from rastercov.mesh import Mesh
 from rastercov.near_plane import can_cull, depth_range
-from rastercov.raster.gl.resources import Resources
+from rastercov.raster.gl.resources import Resources, set_uniforms
 from rastercov.raster.gl.strategy import FloatArray, IntArray, face_ranges
 from rastercov.raster.sample_grid import Box, SampleGrid
 from rastercov.raster.tie_order import in_one_order
@@ -43,22 +43,9 @@ within which rounding decides the side seen."""
 class Scene:
     """Mesh on the device with its camera.
 
-    Positions are relative to the centre of the mesh and uploaded as sums of two floats.
-
-    Parameters
-    ----------
-    resources : Resources
-        Owner of the buffers.
-    programs : dict of str to moderngl.Program
-        Programs that draw the mesh, by fragment shader.
-    mesh, camera
-        As given to the rasteriser.
-    grid : SampleGrid
-        Samples to count.
-    max_faces : int
-        Largest number of faces of one draw.
-    overlapping : (F,) bool
-        Faces to draw with the program "coplanar", which is needed only if there are any.
+    Positions are relative to the centre of the mesh and uploaded as sums of two floats. `programs`
+    are those that draw the mesh, by fragment shader; the faces `overlapping`, (F,) bool, are drawn
+    with the program "coplanar", at most `max_faces` in one draw.
     """
 
     def __init__(
@@ -96,9 +83,10 @@ class Scene:
             )
 
         # Samples of each row inside the image, for shaders that count a rotated grid.
-        needs_runs = "drawn" in programs and "corner" in programs["drawn"]
-        runs = np.stack((grid.first, grid.last), axis=1) if needs_runs else None
-        self.runs = None if runs is None else resources.buffer("rows of samples", runs)
+        self.runs = None
+        if "drawn" in programs and "corner" in programs["drawn"]:
+            runs = np.stack((grid.first, grid.last), axis=1)
+            self.runs = resources.buffer("rows of samples", runs)
         all_faces = resources.buffer("faces", indices)
         self._drawables = {name: drawable(name, all_faces) for name in programs.keys() - NEAREST}
         self.has_overlaps = bool(overlapping.any())
@@ -145,15 +133,10 @@ class Scene:
         else all faces.
         """
         self._set_projection(program, tile, grid)
-        uniforms = self._programs[program]
-        for name, value in {
-            "first_face": part[0],
-            "stride": part[1] + 1,
-            "corner": tile[:2],
-            "middle": tuple(grid.lens[2:]),
-        }.items():
-            if name in uniforms:
-                uniforms[name].value = value
+        set_uniforms(
+            self._programs[program], first_face=part[0], stride=part[1] + 1, corner=tile[:2],
+            middle=tuple(grid.lens[2:]),
+        )  # fmt: skip
         self._drawables[program].render(
             moderngl.TRIANGLES, vertices=3 * part[1], first=3 * part[0], instances=poses
         )

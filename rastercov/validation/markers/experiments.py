@@ -69,62 +69,30 @@ SMALL = 38.0
 
 @dataclass(frozen=True)
 class Row:
-    """One marker of an experiment.
+    """One marker of an experiment."""
 
-    Attributes
-    ----------
-    marker : int
-        Its number.
-    setting : str
-        Its position.
-    printed, ours : str
-        Figures of the thesis' table, and of the engine.
-    printed_coverage, coverage : float
-        The criterion of the experiment.
-    predicted, predicted_by_detector : bool
-        Detection predicted by Table 5.1, and by `requirement.DETECTOR`.
-    printed_detected, detected : bool
-        Detection in the thesis, and here.
-    """
-
-    marker: int
-    setting: str
-    printed: str
-    ours: str
-    printed_coverage: float
-    coverage: float
-    predicted: bool
-    predicted_by_detector: bool
-    printed_detected: bool
+    marker: int  # its number
+    setting: str  # its position
+    printed: str  # figures of the thesis' table
+    ours: str  # figures of the engine
+    printed_coverage: float  # the criterion of the experiment, as printed
+    coverage: float  # the same by the engine
+    predicted: bool  # detection predicted by Table 5.1
+    predicted_by_detector: bool  # detection predicted by `requirement.DETECTOR`
+    printed_detected: bool  # detection in the thesis
     detected: bool
 
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    """One of the four.
-
-    Attributes
-    ----------
-    name, title : str
-        Short and full name.
-    criterion : str
-        Heading of the figures.
-    rows : tuple of Row
-        One a marker.
-    image : (H, W) uint8
-        The picture.
-    found : dict
-        Corners of the markers found in it, by number.
-    seconds : float
-        Duration.
-    """
+    """One of the four."""
 
     name: str
     title: str
-    criterion: str
-    rows: tuple[Row, ...]
-    image: NDArray[np.uint8]
-    found: dict[int, FloatArray]
+    criterion: str  # heading of the figures
+    rows: tuple[Row, ...]  # one a marker
+    image: NDArray[np.uint8]  # the picture, (H, W)
+    found: dict[int, FloatArray]  # corners (4, 2) of the markers found in it, by number
     seconds: float
 
     @property

@@ -128,24 +128,12 @@ def photograph(
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """Prediction and detection of one random scene.
+    """Prediction and detection of one random scene."""
 
-    Attributes
-    ----------
-    number : int
-        Of the scene.
-    detected : bool
-        True when OpenCV found its marker.
-    figures : PlateFigures
-        Figures of the engine.
-    coverage : dict
-        Coverage by (requirement, model).
-    """
-
-    number: int
-    detected: bool
+    number: int  # of the scene
+    detected: bool  # True when OpenCV found its marker
     figures: PlateFigures
-    coverage: dict[tuple[str, str], float]
+    coverage: dict[tuple[str, str], float]  # by (requirement, model)
 
     def is_right(self, requirement: Requirement) -> bool:
         """True when our model predicted the detection."""
@@ -154,24 +142,12 @@ class Outcome:
 
 @dataclass(frozen=True, eq=False)
 class RandomStudy:
-    """All random scenes.
-
-    Attributes
-    ----------
-    seed, obstacle
-        Of the scenes.
-    outcomes : tuple of Outcome
-        In the order of their numbers.
-    scores : tuple of Score
-        Of every model by every requirement.
-    seconds : float
-        Duration.
-    """
+    """All random scenes."""
 
     seed: int
-    obstacle: float
-    outcomes: tuple[Outcome, ...]
-    scores: tuple[Score, ...]
+    obstacle: float  # size of the occluding boards, see `random_scene`
+    outcomes: tuple[Outcome, ...]  # in the order of their numbers
+    scores: tuple[Score, ...]  # of every model by every requirement
     seconds: float
 
     def score_of(self, model: str, requirement: Requirement) -> Score:
@@ -198,22 +174,10 @@ def run_random(
     requirements: Sequence[Requirement] = (THESIS, DETECTOR),
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> RandomStudy:
-    """Draw, photograph and score random scenes.
+    """Draw, photograph and score random scenes by each model of `asked`, see `scoring.models`.
 
-    Parameters
-    ----------
-    renderer : MarkerRenderer
-        Draws the scenes.
-    count, seed : int
-        Number of scenes, and their seed.
-    asked : dict
-        Models by name, see `scoring.models`.
-    obstacle : float
-        As for `random_scene`.
-    requirements : sequence of Requirement
-        Thresholds for every model.
-    progress : callable
-        Called with the scenes done and the scenes in all.
+    Every model is scored by each of the requirements. `progress` gets the scenes done and the
+    scenes in all.
     """
     start = time.perf_counter()
     outcomes = []

@@ -35,36 +35,16 @@ ROUNDING = 1e-9
 
 @dataclass(frozen=True, kw_only=True)
 class Requirement:
-    """Thresholds of the marker task.
+    """Thresholds of the marker task."""
 
-    Parameters
-    ----------
-    name : str
-        In tables.
-    min_pixels : float
-        R_min of a whole marker, px.
-    min_contour : float
-        Least length of its outline as a detector counts it, see `contour_length`.
-    min_cell : float
-        Least width of a cell's image, along its worst direction, px.
-    min_border : float
-        Least distance of the corners from the border of the image, px.
-    max_blur : float
-        c, px.
-    max_blur_cells : float
-        The same as a multiple of the side of a cell, the root of its image's area.
-    min_visibility : float
-        V_min.
-    """
-
-    name: str
-    min_pixels: float = 1.0
-    min_contour: float = 0.0
-    min_cell: float = 0.0
-    min_border: float = 0.0
-    max_blur: float = math.inf
-    max_blur_cells: float = math.inf
-    min_visibility: float = 1.0
+    name: str  # in tables
+    min_pixels: float = 1.0  # R_min of a whole marker, px
+    min_contour: float = 0.0  # length of its outline as a detector counts it, `contour_length`
+    min_cell: float = 0.0  # width of a cell's image, along its worst direction, px
+    min_border: float = 0.0  # distance of the corners from the border of the image, px
+    max_blur: float = math.inf  # c, px
+    max_blur_cells: float = math.inf  # the same over a cell's side, the root of its area
+    min_visibility: float = 1.0  # V_min
 
     @property
     def threshold(self) -> float:
@@ -108,38 +88,18 @@ Both limits and the least width of a cell were fitted on scenes of their own, se
 
 @dataclass(frozen=True)
 class PlateFigures:
-    """Figures of the engine for one marker.
+    """Figures of the engine for one marker."""
 
-    Attributes
-    ----------
-    is_front : bool
-        True when its front faces the camera.
-    in_view : bool
-        C_FOV.
-    border : float
-        Least distance of its corners from the border of the image, px; negative outside.
-    pixels, visible_pixels : float
-        Area of its image inside the picture, and its visible part, px^2.
-    contour : float
-        Length of its outline as a detector counts it, px.
-    cell : float
-        Least width of the image of a cell, along its worst direction, px.
-    blur : float
-        Greatest diameter of the blur circle at its corners, px.
-    visibility, visibility_bound : float
-        C_V and its error bound.
-    """
-
-    is_front: bool
-    in_view: bool
-    border: float
-    pixels: float
-    visible_pixels: float
-    contour: float
-    cell: float
-    blur: float
-    visibility: float
-    visibility_bound: float
+    is_front: bool  # True when its front faces the camera
+    in_view: bool  # C_FOV
+    border: float  # least distance of its corners from the image's border, px; < 0 outside
+    pixels: float  # area of its image inside the picture, px^2
+    visible_pixels: float  # area of the visible part, px^2
+    contour: float  # length of its outline as a detector counts it, px
+    cell: float  # least width of the image of a cell, along its worst direction, px
+    blur: float  # greatest diameter of the blur circle at its corners, px
+    visibility: float  # C_V
+    visibility_bound: float  # its error bound
 
     def resolution(self, requirement: Requirement) -> float:
         """C_R, not capped."""

@@ -34,21 +34,11 @@ FACES_A_PLATE = 10
 
 @dataclass(frozen=True, eq=False)
 class Plate:
-    """A square board with or without a marker.
+    """A square board with or without a marker."""
 
-    Attributes
-    ----------
-    pose : (4, 4) float64
-        camera_from_plate; its origin is the middle of the marker.
-    marker : int
-        Index in the dictionary, or `PLAIN` for a grey board that only occludes.
-    side : float
-        Of the marker, metres.
-    """
-
-    pose: FloatArray
-    marker: int = PLAIN
-    side: float = MARKER_SIDE
+    pose: FloatArray  # camera_from_plate, (4, 4); its origin is the middle of the marker
+    marker: int = PLAIN  # index in the dictionary, or `PLAIN` for a grey board that only occludes
+    side: float = MARKER_SIDE  # of the marker, metres
 
     @property
     def corners(self) -> FloatArray:
@@ -70,23 +60,14 @@ class Plate:
 class PlateScene:
     """Plates as faces and print.
 
-    Attributes
-    ----------
-    plates : tuple of Plate
-        Those with a marker are the task.
-    mesh : Mesh
-        `FACES_A_PLATE` faces a plate, in order: the two of the marker first. Group "marker i" of
-        the plate's position i in `plates` is scored, "board i" only occludes.
-    place : (F, 3, 2) float64
-        Corners of the faces on the plate, in cells from the marker's top-left corner.
-    printed : (F,) int64
-        Index of the marker on each face, or `BLANK`, or `PLAIN`.
+    The mesh has `FACES_A_PLATE` faces a plate, in order: the two of the marker first. Group
+    "marker i" of the plate's position i in `plates` is scored, "board i" only occludes.
     """
 
-    plates: tuple[Plate, ...]
+    plates: tuple[Plate, ...]  # those with a marker are the task
     mesh: Mesh
-    place: FloatArray
-    printed: IntArray
+    place: FloatArray  # corners of the faces, in cells from the marker's top left, (F, 3, 2)
+    printed: IntArray  # index of the marker on each face, or `BLANK`, or `PLAIN`, (F,)
 
     @classmethod
     def of(cls, plates: Sequence[Plate]) -> "PlateScene":

@@ -63,34 +63,19 @@ def coverages(
 
 @dataclass(frozen=True)
 class Score:
-    """Accuracy of a model.
-
-    Attributes
-    ----------
-    model : str
-        Its name.
-    requirement : str
-        Name of its thresholds.
-    threshold : float
-        Coverage from which on it predicts a detection.
-    hits, false_alarms, misses, rejections : int
-        Predicted and found, predicted only, found only, neither.
-    best_threshold, best_accuracy : float
-        The best threshold for these very scenes, and its accuracy.
-    calibration : tuple of (float, float, float, int)
-        Classes of coverage: limits, share of markers found, markers.
-    """
+    """Accuracy of a model."""
 
     model: str
-    requirement: str
-    threshold: float
-    hits: int
-    false_alarms: int
-    misses: int
-    rejections: int
-    best_threshold: float
+    requirement: str  # name of its thresholds
+    threshold: float  # coverage from which on it predicts a detection
+    hits: int  # predicted and found
+    false_alarms: int  # predicted only
+    misses: int  # found only
+    rejections: int  # neither
+    best_threshold: float  # for these very scenes
     best_accuracy: float
     calibration: tuple[tuple[float, float, float, int], ...]
+    """Classes of coverage: limits, share of markers found, markers."""
 
     @property
     def accuracy(self) -> float:

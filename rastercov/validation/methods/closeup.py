@@ -25,20 +25,12 @@ MAX_FACES = 800
 
 @dataclass(frozen=True, eq=False)
 class Neighbourhood:
-    """True polygons of the faces around one face.
+    """True polygons of the faces around one face, by shapely."""
 
-    Attributes
-    ----------
-    image, seen, hidden : Polygon
-        Of the face: its part inside the image, the visible part, and the rest.
-    others : list of (Polygon, float)
-        Visible parts of other faces, and |cos| of their incidence.
-    """
-
-    image: Any
-    seen: Any
-    hidden: Any
-    others: list[tuple[Any, float]]
+    image: Any  # the part of the face inside the image
+    seen: Any  # its visible part
+    hidden: Any  # the rest
+    others: list[tuple[Any, float]]  # visible parts of other faces, and |cos| of their incidence
 
 
 def neighbourhood(mesh: Mesh, camera: Camera, pose: FloatArray, face: int) -> Neighbourhood | None:

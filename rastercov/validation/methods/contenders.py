@@ -34,14 +34,11 @@ def open_engine(
     return open_observer(mesh, camera, replace(engine, supersample=scale))
 
 
-class Contender:
-    """An engine with its observer, error statistics and time."""
+class Timed:
+    """An observer with its last observation and its computing time."""
 
-    def __init__(
-        self, engine: Engine, observer: Observer, n_worst: int, open_seconds: float
-    ) -> None:
-        self.engine, self.observer, self.open_seconds = engine, observer, open_seconds
-        self.statistics = ErrorStatistics(n_worst)
+    def __init__(self, observer: Observer) -> None:
+        self.observer = observer
         self.seconds, self.poses = 0.0, 0
         self.observation: Observation
 
@@ -51,6 +48,17 @@ class Contender:
         self.observation = self.observer.observe(poses)
         self.seconds += time.perf_counter() - started
         self.poses += len(poses)
+
+
+class Contender(Timed):
+    """An engine with its observer and error statistics."""
+
+    def __init__(
+        self, engine: Engine, observer: Observer, n_worst: int, open_seconds: float
+    ) -> None:
+        super().__init__(observer)
+        self.engine, self.open_seconds = engine, open_seconds
+        self.statistics = ErrorStatistics(n_worst)
 
     def add_pose(
         self,
@@ -116,24 +124,14 @@ def open_contender(
         yield Contender(engine, observer, n_worst, time.perf_counter() - started)
 
 
-class AnalyticReference:
+class AnalyticReference(Timed):
     """Areas by the analytic method, all faces of a batch of poses at once."""
 
-    def __init__(self, observer: Observer) -> None:
-        self._observer, self.error = observer, REFERENCES["exact"]
-        self.seconds, self.poses = 0.0, 0
-        self._observation: Observation
-
-    def run(self, poses: FloatArray) -> None:
-        """Observe a batch of poses."""
-        started = time.perf_counter()
-        self._observation = self._observer.observe(poses)
-        self.seconds += time.perf_counter() - started
-        self.poses += len(poses)
+    error = REFERENCES["exact"]
 
     def areas(self, row: int, faces: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Visible area and area of the image of faces in a pose of the batch, and their error."""
-        seen, error = self._observation, self._observation.area_error[row][faces]
+        seen, error = self.observation, self.observation.area_error[row][faces]
         self.error = max(self.error, float(error.max(initial=0.0)))
         return seen.visible_pixels[row][faces], seen.drawn_pixels[row][faces], error
 
@@ -151,7 +149,7 @@ class ReferenceModule:
         self._batch = np.empty((0, 4, 4))
 
     def run(self, poses: FloatArray) -> None:
-        """Observe a batch of poses."""
+        """Take a batch of poses, whose areas are computed when they are asked for."""
         self._batch = poses
 
     def areas(self, row: int, faces: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:

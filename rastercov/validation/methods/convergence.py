@@ -44,39 +44,18 @@ GROUPS = 20
 
 @dataclass(frozen=True)
 class Convergence:
-    """Errors of the same faces at several densities of samples.
+    """Errors of the same partly hidden faces at L densities of samples."""
 
-    Attributes
-    ----------
-    method : str
-        Name of the rasteriser, such as `sampled:cpu`.
-    sweep : str
-        Key of `SWEEPS`: more samples a pixel, or more pixels.
-    samples_per_side : tuple of float
-        Samples along a side of a pixel of the camera, L levels.
-    rms : tuple of float
-        Of |value - truth| over the faces, L.
-    seconds_per_pose : tuple of float
-        L.
-    poses, faces : int
-        Numbers; the faces are partly hidden.
-    least_area : float
-        Of the image of a face, px^2 of the camera.
-    slope, slope_error : float or None
-        Of log rms over log samples_per_side, and its standard error; None with too few faces or
-        levels.
-    """
-
-    method: str
-    sweep: str
-    samples_per_side: tuple[float, ...]
-    rms: tuple[float, ...]
-    seconds_per_pose: tuple[float, ...]
+    method: str  # name of the rasteriser, such as `sampled:cpu`
+    sweep: str  # key of `SWEEPS`: more samples a pixel, or more pixels
+    samples_per_side: tuple[float, ...]  # along a side of a pixel of the camera, L
+    rms: tuple[float, ...]  # of |value - truth| over the faces, L
+    seconds_per_pose: tuple[float, ...]  # L
     poses: int
     faces: int
-    least_area: float
-    slope: float | None
-    slope_error: float | None
+    least_area: float  # of the image of a face, px^2 of the camera
+    slope: float | None  # of log rms over log samples_per_side; None with too few faces or levels
+    slope_error: float | None  # its standard error
 
 
 class Opener(Protocol):
@@ -114,18 +93,8 @@ def converge(
 ) -> Convergence:
     """Errors of counted figures at each level of a sweep, and the power law through them.
 
-    Parameters
-    ----------
-    name : str
-        For `Convergence.method`.
-    opener : callable
-        Opens the rasteriser.
-    sweep : str
-        Key of `SWEEPS`.
-    mesh, camera, known
-        Scene, and true fractions of faces in some poses.
-    step : callable
-        Called after each pose of each level.
+    `name` is that of the method, `sweep` a key of `SWEEPS`, `known` has true fractions of faces in
+    some poses, and `step` is called after each pose of each level.
     """
     scales = levels(sweep, camera)
     least = MIN_SAMPLES / scales[0] ** 2

@@ -27,6 +27,8 @@ DECADES = 18
 N_BINS = PER_DECADE * DECADES + 2  # one for 0, one for more than 1
 ROUNDING = 1e-9
 """Area below which a face cannot be distinguished from rounding, px^2."""
+FACE_FIGURES = ("area", "visible", "truth", "value", "bound", "visible_pixels")
+"""Numbers of a kept face."""
 QUOTIENT_ROUNDING = 1e-12
 """Rounding of a quotient of two areas."""
 
@@ -167,14 +169,9 @@ class ErrorStatistics:
             of_face = FaceError(
                 pose=pose,
                 face=int(figures.face[at]),
-                area=float(figures.area[at]),
-                visible=float(figures.visible[at]),
-                truth=float(figures.truth[at]),
-                value=float(figures.value[at]),
-                bound=float(figures.bound[at]),
                 kind=BoundKind(figures.kind[at]).name.lower(),
                 held=bool(held[at]),
-                visible_pixels=float(figures.visible_pixels[at]),
+                **{name: float(getattr(figures, name)[at]) for name in FACE_FIGURES},
             )
             entry = (float(first[at]), float(weight[at]), -pose, -of_face.face, of_face)
             heapq.heappush(kept, entry)
@@ -202,27 +199,22 @@ class ErrorStatistics:
 
     def bounds(self) -> tuple[BoundCheck, ...]:
         """Checks of the kinds of bound that occurred."""
-        checks = []
-        for kind in BoundKind:
-            if not self._kinds[kind, 0]:
-                continue
-            greatest = float(self._greatest_ratio[kind])
-            known = greatest >= 0
-            median = _quantile(self._ratios[kind], 0.5) if known else None
-            n, held, partly, partly_held = self._kinds[kind].tolist()
-            checks.append(
-                BoundCheck(
-                    kind=kind.name.lower(),
-                    figures=n,
-                    held=held,
-                    partly_hidden=partly,
-                    partly_hidden_held=partly_held,
-                    median_ratio=median,
-                    greatest_ratio=greatest if known else None,
-                    ratios=_histogram(self._ratios[kind]),
-                )
-            )
-        return tuple(checks)
+        return tuple(self._check(kind) for kind in BoundKind if self._kinds[kind, 0])
+
+    def _check(self, kind: BoundKind) -> BoundCheck:
+        figures, held, partly_hidden, partly_hidden_held = self._kinds[kind].tolist()
+        greatest = float(self._greatest_ratio[kind])
+        is_known = greatest >= 0
+        return BoundCheck(
+            kind=kind.name.lower(),
+            figures=figures,
+            held=held,
+            partly_hidden=partly_hidden,
+            partly_hidden_held=partly_hidden_held,
+            median_ratio=_quantile(self._ratios[kind], 0.5) if is_known else None,
+            greatest_ratio=greatest if is_known else None,
+            ratios=_histogram(self._ratios[kind]),
+        )
 
     def _class(self, rows: slice) -> SizeClass:
         n, partly, held, missed = self._counts[:, rows].sum(axis=1).tolist()

@@ -12,178 +12,89 @@ MUST_HOLD = 0.999
 
 @dataclass(frozen=True)
 class SizeClass:
-    """Errors of the visible fraction of faces whose images have similar areas.
+    """Errors of the visible fraction of faces whose images have similar areas."""
 
-    Attributes
-    ----------
-    low, high : float
-        Area of the image of a face, px^2; `high` is not in the class.
-    figures, partly_hidden : int
-        Faces over all poses, and those neither wholly visible nor hidden.
-    rms, mean, greatest : float
-        Of |value - truth|, over all.
-    rms_partly_hidden, mean_bound_partly_hidden : float
-        RMS error and mean bound of partly hidden faces.
-    median, percentile_99 : float
-        Of the error over all, to the next tenth of a power of ten.
-    held : int
-        Figures whose error was within their bound.
-    missed : int
-        Visible faces whose figure is 0.
-    errors : tuple of (float, int)
-        Histogram: upper end of a bin, and the number of errors in it.
-    """
-
-    low: float
-    high: float
-    figures: int
-    partly_hidden: int
-    rms: float
+    low: float  # area of the image of a face, px^2
+    high: float  # the same; it is not in the class
+    figures: int  # faces over all poses
+    partly_hidden: int  # those neither wholly visible nor hidden
+    rms: float  # of |value - truth| over all, as the next two
     mean: float
     greatest: float
     rms_partly_hidden: float
     mean_bound_partly_hidden: float
-    median: float
+    median: float  # of the error over all, to the next tenth of a power of ten
     percentile_99: float
-    held: int
-    missed: int
-    errors: tuple[tuple[float, int], ...]
+    held: int  # figures whose error was within their bound
+    missed: int  # visible faces whose figure is 0
+    errors: tuple[tuple[float, int], ...]  # histogram: upper end of a bin, errors in it
 
 
 @dataclass(frozen=True)
 class BoundCheck:
-    """Validity and tightness of the bounds of one kind.
+    """Validity and tightness of the bounds of one kind."""
 
-    Attributes
-    ----------
-    kind : str
-        Name of `Kind` in lower case.
-    figures, held : int
-        All figures of that kind, and those whose error was within their bound.
-    partly_hidden, partly_hidden_held : int
-        The same for partly hidden faces.
-    median_ratio, greatest_ratio : float or None
-        Of |error| / bound over partly hidden faces with a bound greater than 0.
-    ratios : tuple of (float, int)
-        Histogram of these, as `SizeClass.errors`.
-    """
-
-    kind: str
+    kind: str  # name of `BoundKind` in lower case
     figures: int
-    held: int
+    held: int  # figures whose error was within their bound
     partly_hidden: int
     partly_hidden_held: int
-    median_ratio: float | None
+    median_ratio: float | None  # of |error| / bound over partly hidden faces with a bound above 0
     greatest_ratio: float | None
-    ratios: tuple[tuple[float, int], ...]
+    ratios: tuple[tuple[float, int], ...]  # histogram of these, as `SizeClass.errors`
 
 
 @dataclass(frozen=True)
 class FaceError:
-    """One figure and its truth; areas in px^2.
+    """One figure and its truth."""
 
-    Attributes
-    ----------
-    pose, face : int
-        Row of the poses, row of `mesh.faces`.
-    area, visible : float
-        True area of the face inside the image, and of its visible part.
-    truth, value, bound : float
-        True visible fraction, the figure, and its bound.
-    kind : str
-        Of the bound.
-    held : bool
-        True when the error was within the bound.
-    visible_pixels : float
-        Visible area by the method, px^2.
-    """
-
-    pose: int
-    face: int
-    area: float
-    visible: float
-    truth: float
-    value: float
+    pose: int  # row of the poses
+    face: int  # row of `mesh.faces`
+    area: float  # true area of the face inside the image, px^2
+    visible: float  # true area of its visible part, px^2
+    truth: float  # true visible fraction
+    value: float  # visible fraction by the method
     bound: float
-    kind: str
-    held: bool
-    visible_pixels: float
+    kind: str  # of the bound
+    held: bool  # True when the error was within the bound
+    visible_pixels: float  # visible area by the method, px^2
 
 
 @dataclass(frozen=True)
 class Score:
-    """Errors, bounds and time of one candidate.
-
-    Attributes
-    ----------
-    name, method, supersample : str, str, int
-        The candidate.
-    roll : float or None
-        Rotation of its sample grid, radians; None without samples.
-    info : dict
-        `RasterizerInfo` of its observer.
-    all_sizes, size_classes
-        Errors of the visible fraction over all faces, and by the size of their images.
-    bounds : tuple of BoundCheck
-        One for each kind of bound.
-    missed, missed_area, missed_unsaid : int, float, int
-        Visible faces whose figure is 0; their visible area, px^2; and the number of those outside
-        their bound.
-    phantoms : int
-        False positives: hidden faces whose figure is above 0.
-    unjudged : int
-        Faces whose image is smaller than the error of the truth.
-    rms_pixels, greatest_pixels : float
-        Error of the visible area, px^2.
-    worst, missed_faces : tuple of FaceError
-        Those with the greatest errors, and missed faces with the largest visible areas.
-    open_seconds, seconds_per_pose : float
-        To open it and observe one pose, including compilation; and for each pose after that.
-    """
+    """Errors, bounds and time of one candidate."""
 
     name: str
     method: str
     supersample: int
-    roll: float | None
-    info: dict[str, str]
+    roll: float | None  # rotation of its sample grid, radians; None without samples
+    info: dict[str, str]  # `RasterizerInfo` of its observer
     all_sizes: SizeClass
     size_classes: tuple[SizeClass, ...]
-    bounds: tuple[BoundCheck, ...]
-    missed: int
-    missed_area: float
-    missed_unsaid: int
-    phantoms: int
-    unjudged: int
-    rms_pixels: float
+    bounds: tuple[BoundCheck, ...]  # one for each kind of bound
+    missed: int  # visible faces whose figure is 0
+    missed_area: float  # their visible area, px^2
+    missed_unsaid: int  # those of them outside their bound
+    phantoms: int  # false positives: hidden faces whose figure is above 0
+    unjudged: int  # faces whose image is smaller than the error of the truth
+    rms_pixels: float  # error of the visible area, px^2
     greatest_pixels: float
-    worst: tuple[FaceError, ...]
-    missed_faces: tuple[FaceError, ...]
-    open_seconds: float
-    seconds_per_pose: float
+    worst: tuple[FaceError, ...]  # faces with the greatest errors
+    missed_faces: tuple[FaceError, ...]  # missed faces with the largest visible areas
+    open_seconds: float  # to open it and observe one pose, including compilation
+    seconds_per_pose: float  # after that
 
 
 @dataclass(frozen=True)
 class Check:
-    """Check of the bounds of one kind of a candidate.
-
-    Attributes
-    ----------
-    candidate, kind : str
-        Name of the candidate, and kind of its bounds.
-    held, figures : int
-        Figures within their bound, and figures compared.
-    must : float
-        Share that must hold.
-    passed : bool or None
-        None with too few figures for a verdict.
-    """
+    """Check of the bounds of one kind of a candidate."""
 
     candidate: str
     kind: str
     held: int
     figures: int
-    must: float
-    passed: bool | None
+    must: float  # share that must hold
+    passed: bool | None  # None with too few figures for a verdict
 
     def __str__(self) -> str:
         """The check as a sentence."""
@@ -203,41 +114,17 @@ class Check:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Candidates compared with a reference.
+    """Candidates compared with a reference."""
 
-    Attributes
-    ----------
-    against : str
-        The reference: exact, polygons or rational.
-    truth_error : float
-        Error of its areas, px^2.
-    truth_seconds_per_pose : float
-        Time of the reference.
-    faces, poses, poses_done : int
-        Of the mesh; requested; compared before the end or an interrupt.
-    passed : bool
-        True when no check failed.
-    checks : tuple of Check
-        Checks of all candidates.
-    scores : tuple of Score
-        One for each candidate.
-    convergence : tuple of Convergence
-        Of the rasterisers among them.
-    interrupted : bool
-        True when it ended early.
-    run : dict
-        Provenance: mesh, camera, poses, versions.
-    """
-
-    against: str
-    truth_error: float
+    against: str  # the reference: exact, polygons or rational
+    truth_error: float  # error of its areas, px^2
     truth_seconds_per_pose: float
-    faces: int
-    poses: int
-    poses_done: int
-    passed: bool
+    faces: int  # of the mesh
+    poses: int  # requested
+    poses_done: int  # compared before the end or an interrupt
+    passed: bool  # True when no check failed
     checks: tuple[Check, ...]
-    scores: tuple[Score, ...]
-    convergence: tuple[Convergence, ...]
+    scores: tuple[Score, ...]  # one for each candidate
+    convergence: tuple[Convergence, ...]  # of the rasterisers among them
     interrupted: bool
-    run: dict[str, Any]
+    run: dict[str, Any]  # provenance: mesh, camera, poses, versions

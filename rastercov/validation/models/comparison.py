@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from heapq import nlargest
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -36,6 +37,8 @@ from rastercov.validation.models.results import (
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
+Values = dict[str, FloatArray]
+"""Coverage by the name of the model."""
 
 OURS = "image_space"
 """The model whose coverage the engine computes together with visibility."""
@@ -90,7 +93,7 @@ def compare_models(
             began = time.perf_counter()
             batches = list(evaluate_batches(observer, of_batch, task))
             statistics.seconds[OURS] += time.perf_counter() - began
-            values: dict[str, FloatArray] = {}
+            values: Values = {}
             for name in names:
                 if name == OURS:
                     values[name] = np.concatenate([batch.coverage for batch in batches])
@@ -99,12 +102,10 @@ def compare_models(
                 values[name] = MODELS[name](mesh, camera, of_batch, task)
                 statistics.seconds[name] += time.perf_counter() - began
             bivalent = zhang.visible(mesh, camera, of_batch) > 0
-            row = 0
-            for batch in batches:
-                for of_pose in range(len(batch.pose_ids)):
-                    by_name = {name: value[row] for name, value in values.items()}
-                    statistics.add(batch, of_pose, start + row, by_name, bivalent[row])
-                    row += 1
+            rows = [(batch, row) for batch in batches for row in range(len(batch.pose_ids))]
+            for pose, (batch, row) in enumerate(rows):
+                by_name = {name: value[pose] for name, value in values.items()}
+                statistics.add(batch, row, by_name, bivalent[pose])
             progress(start + len(of_batch), len(matrices))
         info = observer.info
     run = Provenance(mesh, camera, matrices, task, measured_by=info).as_dict()
@@ -135,22 +136,15 @@ class _Statistics:
         self.seconds = dict.fromkeys((*names, OURS), 0.0)
         n = len(names)
         # Covered, above 0, between 0 and 1, sum; visible px^2 and px^2 of covered faces.
-        self._of_model = np.zeros((6, n))
+        self._of_model = np.zeros((n, 6))
         # Faces, sum of visibility, hidden, partly, whole, px^2, visible px^2.
-        self._of_pair = np.zeros((7, n, n))
+        self._of_pair = np.zeros((n, n, 7))
         self._bivalent = np.zeros(8)
         self._misjudged: list[float] = []
         self._worst: list[tuple[float, FaceValues]] = []
 
-    def add(
-        self,
-        batch: Coverage,
-        row: int,
-        pose: int,
-        values: dict[str, FloatArray],
-        bivalent: BoolArray,
-    ) -> None:
-        """Add one pose."""
+    def add(self, batch: Coverage, row: int, values: Values, bivalent: BoolArray) -> None:
+        """Add the next pose, a row of the batch."""
         chosen = np.flatnonzero(self.mesh.task_mask)
         visibility = batch.visibility[row, chosen]
         image = batch.drawn_pixels[row, chosen]
@@ -160,35 +154,18 @@ class _Statistics:
         stack = np.stack([values[name][chosen] for name in self.names])
         enough = covers(stack, self.task)
         for model, (value, yes) in enumerate(zip(stack, enough, strict=True)):
-            self._of_model[:, model] += (
-                yes.sum(),
-                (value > 0).sum(),
-                ((value > 0) & (value < 1)).sum(),
-                value.sum(),
-                seen[yes].sum(),
-                image[yes].sum(),
-            )
+            above = value > 0
+            terms = (yes, above, above & (value < 1), value, seen[yes], image[yes])
+            self._of_model[model] += [term.sum() for term in terms]
             for other in range(len(self.names)):
                 only = yes & ~enough[other]
-                self._of_pair[:, model, other] += (
-                    only.sum(),
-                    visibility[only].sum(),
-                    (only & ~partly & ~whole).sum(),
-                    (only & partly).sum(),
-                    (only & whole).sum(),
-                    image[only].sum(),
-                    seen[only].sum(),
-                )
-        self._compare_bivalent(batch, row, pose, values, bivalent)
+                hidden = only & ~partly & ~whole
+                counts = (only, visibility[only], hidden, only & partly, only & whole)
+                areas = (image[only], seen[only])
+                self._of_pair[model, other] += [term.sum() for term in (*counts, *areas)]
+        self._add_bivalent(batch, row, values, bivalent)
 
-    def _compare_bivalent(
-        self,
-        batch: Coverage,
-        row: int,
-        pose: int,
-        values: dict[str, FloatArray],
-        bivalent: BoolArray,
-    ) -> None:
+    def _add_bivalent(self, batch: Coverage, row: int, values: Values, bivalent: BoolArray) -> None:
         """Compare the bivalent test of one pose with the visible fractions."""
         counted = self.mesh.task_mask & batch.in_view[row] & (batch.drawn_pixels[row] > 0)
         counted &= batch.reason[row] > Reason.BACK_FACING
@@ -199,18 +176,15 @@ class _Statistics:
         all_of_it = visibility >= 1 - bound
         called_hidden = counted & ~bivalent & some
         called_seen = counted & bivalent & ~all_of_it
-        hidden_part = (1 - visibility) * image
-        self._bivalent += (
-            counted.sum(),
-            (counted & some & ~all_of_it).sum(),
-            called_hidden.sum(),
-            visibility[called_hidden].sum(),
-            (visibility * image)[called_hidden].sum(),
-            called_seen.sum(),
-            visibility[called_seen].sum(),
-            hidden_part[called_seen].sum(),
+        seen_part, hidden_part = visibility * image, (1 - visibility) * image
+        terms = (
+            *(counted, counted & some & ~all_of_it),
+            *(called_hidden, visibility[called_hidden], seen_part[called_hidden]),
+            *(called_seen, visibility[called_seen], hidden_part[called_seen]),
         )
+        self._bivalent += [term.sum() for term in terms]
         off = np.where(counted, np.abs(bivalent - visibility) * image, 0.0)
+        pose = len(self._misjudged)
         self._misjudged.append(float(off.sum()))
         for face in np.argsort(-off, kind="stable")[:FACES_KEPT].tolist():
             if called_hidden[face] or called_seen[face]:
@@ -233,8 +207,8 @@ class _Statistics:
         n_faces = int(self.mesh.task_mask.sum())
         pairs = max(1, n_poses * n_faces)
         scores = []
-        for name, figures in zip(self.names, self._of_model.T, strict=True):
-            covered, above, between, total, seen, image = figures.tolist()
+        for name, sums in zip(self.names, self._of_model.tolist(), strict=True):
+            covered, above, between, total, seen, image = sums
             scores.append(
                 ModelScore(
                     name=name,
@@ -247,25 +221,25 @@ class _Statistics:
                 )
             )
         disagreements = []
-        for a, first in enumerate(self.names):
-            for b, second in enumerate(self.names):
-                count, visibility, hidden, partly, whole, image, seen = self._of_pair[
-                    :, a, b
-                ].tolist()
-                if count:
-                    disagreements.append(
-                        Disagreement(
-                            covers=first,
-                            does_not=second,
-                            faces=int(count),
-                            mean_visibility=visibility / count,
-                            hidden=int(hidden),
-                            partly=int(partly),
-                            whole=int(whole),
-                            image_pixels=image,
-                            visible_pixels=seen,
-                        )
+        pairs_of_models = product(self.names, repeat=2)
+        for (a, b), sums in zip(
+            pairs_of_models, self._of_pair.reshape(-1, 7).tolist(), strict=True
+        ):
+            count, visibility, hidden, partly, whole, image, seen = sums
+            if count:
+                disagreements.append(
+                    Disagreement(
+                        covers=a,
+                        does_not=b,
+                        faces=int(count),
+                        mean_visibility=visibility / count,
+                        hidden=int(hidden),
+                        partly=int(partly),
+                        whole=int(whole),
+                        image_pixels=image,
+                        visible_pixels=seen,
                     )
+                )
         faces, partly, hidden, of_hidden, lost, seen, of_seen, gained = self._bivalent.tolist()
         return ModelComparison(
             models=tuple(scores),

@@ -1,0 +1,338 @@
+"""Event edges and the faces that they cross, compiled by numba.
+
+Seen from the camera, the set of surfaces in front of a point changes only across event edges:
+silhouette edges, borders, edges of more than two faces, and the rims where the near plane clips.
+`find_event_edges` finds them. Where a surface hides such an edge from the camera, it hides all that
+is behind on both of its sides, so only the visible parts matter: `mark_crossed` finds them, by the
+cells of the grid that an edge runs through, and the faces that they cross in the image, at or
+before the face.
+
+A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of Solids. 1967.
+"""
+
+import numpy as np
+
+from rastercov._jit import allocation_free, inlined
+from rastercov.exact.grid_kernels import cell, sort_cell
+from rastercov.exact.records import (
+    CLIPPED,
+    CONSISTENT,
+    CROSSED,
+    DEPTH_TIE_REL,
+    DOUBTFUL,
+    DU,
+    DV,
+    FIRST,
+    LAST,
+    LIVE,
+    NON_MANIFOLD,
+    SLOPE_U,
+    SLOPE_V,
+    U_MAX,
+    U_MIN,
+    UNFIT,
+    V_MAX,
+    V_MIN,
+    W_ERROR,
+    W_MIN,
+    U,
+    V,
+    W,
+)
+from rastercov.exact.segment_kernels import (
+    END,
+    NO_VERTEX,
+    START,
+    crosses,
+    hidden_range,
+    narrowed,
+    narrowed_to_inside,
+    take_range,
+)
+
+NEAR_PLANE_TOLERANCE_REL = 1e-6
+"""Relative difference of 1/z up to which a corner counts as one on the near plane."""
+
+
+@allocation_free
+def find_event_edges(edges, projected, is_event, events):
+    """Find the edges whose two sides in the image may have different numbers of faces.
+
+    They include each edge of a face that is seen edge-on up to rounding, and of one that contains
+    the camera centre: the visible side of it is unknown.
+
+    Out: `is_event`, (E,) bool, and their indices in `events`, (E,) int32. Returns their number.
+    """
+    edge_faces, kind, side, state = edges.faces, edges.kind, projected.side, projected.state
+    n = 0
+    for e in range(edge_faces.shape[0]):
+        first, second = side[edge_faces[e, 0]], 0
+        flags = state[edge_faces[e, 0]]
+        if edge_faces[e, 1] >= 0:
+            second = side[edge_faces[e, 1]]
+            flags |= state[edge_faces[e, 1]]
+        event = first != second if kind[e] == CONSISTENT else first != -second
+        if kind[e] == NON_MANIFOLD or flags & DOUBTFUL:
+            event = True
+        is_event[e] = event
+        if event:
+            events[n] = e
+            n += 1
+    return n
+
+
+@inlined
+def record_crossing(f, edge, segment, first, last, crossings, n):
+    """Add the crossing of a face and an edge to the list of the face; returns the number of all.
+
+    Crossings beyond the room in `crossings` are counted, not added.
+    """
+    previous = crossings.last[f]
+    if previous >= 0 and crossings.edge[previous] == edge:
+        range_of_edge = crossings.segments[previous, FIRST:]
+        range_of_edge[0] = min(range_of_edge[0], first)
+        range_of_edge[1] = max(range_of_edge[1], last)
+        return n
+    if n < crossings.edge.shape[0]:
+        crossings.last[f], crossings.before[n], crossings.edge[n] = n, previous, edge
+        row = crossings.segments[n]
+        row[U], row[V] = segment[START, U], segment[START, V]
+        row[DU], row[DV] = segment[END, U] - row[U], segment[END, V] - row[V]
+        row[FIRST], row[LAST] = first, last
+    return n + 1
+
+
+@inlined
+def mark_in_cell(
+    c, edge, is_doubtful, first, last, segment, ends, tolerance, edges, is_event, camera,
+    projected, grid, work, crossings, n_crossings,
+):  # fmt: skip
+    """Mark the live faces of a cell that the visible parts of a segment there cross.
+
+    first ... last is the part of the segment in cell c. See `mark_segment` for the others; returns
+    the number of crossings.
+    """
+    state, box, starts, entries = projected.state, projected.box, grid.starts, grid.entries
+    ranges, a, b = work.ranges, ends[START], ends[END]
+    du, dv = segment[END, U] - segment[START, U], segment[END, V] - segment[START, V]
+    ua, ub = segment[START, U] + first * du, segment[START, U] + last * du
+    va, vb = segment[START, V] + first * dv, segment[START, V] + last * dv
+    left, right = min(ua, ub) - tolerance, max(ua, ub) + tolerance
+    top, bottom = min(va, vb) - tolerance, max(va, vb) + tolerance
+    nearest = max(segment[START, W], segment[END, W])
+    farthest = min(segment[START, W], segment[END, W])
+    ranges[0, 0], ranges[0, 1], n = first, last, 1
+    if not grid.is_sorted[c]:
+        sort_cell(c, box, grid)
+    for entry in range(starts[c], starts[c + 1]):
+        if grid.nearest[entry] < farthest:
+            break
+        m = entries[entry]
+        if (
+            state[m] & (LIVE | DOUBTFUL) == LIVE
+            and box[m, U_MIN] <= right
+            and box[m, U_MAX] >= left
+            and box[m, V_MIN] <= bottom
+            and box[m, V_MAX] >= top
+        ):
+            begin, end = hidden_range(
+                m, a, b, segment, first, last, tolerance, edges, is_event, camera, projected, work
+            )
+            if begin < end:
+                n = take_range(ranges, n, begin, end)
+                if n == 0:
+                    return n_crossings
+    for entry in range(starts[c], starts[c + 1]):
+        f = entries[entry]
+        if (
+            state[f] & (LIVE | UNFIT) == LIVE
+            and box[f, U_MIN] <= right
+            and box[f, U_MAX] >= left
+            and box[f, V_MIN] <= bottom
+            and box[f, V_MAX] >= top
+            and nearest >= box[f, W_MIN] * (1 - 2 * DEPTH_TIE_REL)
+        ):
+            for i in range(n):
+                begin, end = crosses(
+                    f, a, b, segment, ranges[i, 0], ranges[i, 1], tolerance, projected
+                )
+                if begin <= end:
+                    state[f] |= CROSSED | UNFIT if is_doubtful else CROSSED
+                    n_crossings = record_crossing(
+                        f, edge, segment, begin, end, crossings, n_crossings
+                    )
+    return n_crossings
+
+
+@inlined
+def mark_segment(
+    edge, is_doubtful, segment, tolerance, edges, is_event, camera, projected, grid, extent, work,
+    crossings, n_crossings,
+):  # fmt: skip
+    """Mark the live faces that the visible parts of a segment cross, by the cells it runs through.
+
+    Parameters
+    ----------
+    edge : int
+        A number for the segment.
+    is_doubtful : bool
+        The segment bounds a doubtful face, so that what it crosses is `UNFIT`.
+    segment : Segment
+    n_crossings : int
+        Number of crossings so far.
+
+    See `mark_crossed` for the others; returns the number of crossings.
+    """
+    uvw, ends = segment.uvw, segment.ends
+    u, v = uvw[START, U], uvw[START, V]
+    du, dv = uvw[END, U] - u, uvw[END, V] - v
+    t0, t1 = narrowed(u, u + du, extent[U_MIN] - tolerance, extent[U_MAX] + tolerance, 0.0, 1.0)
+    t0, t1 = narrowed(v, v + dv, extent[V_MIN] - tolerance, extent[V_MAX] + tolerance, t0, t1)
+    if t0 > t1:
+        return n_crossings
+    ua, ub, va, vb = u + t0 * du, u + t1 * du, v + t0 * dv, v + t1 * dv
+    low_u, high_u = min(ua, ub) - tolerance, max(ua, ub) + tolerance
+    top = cell(min(va, vb) - tolerance, grid.top, grid.per_v, grid.rows)
+    bottom = cell(max(va, vb) + tolerance, grid.top, grid.per_v, grid.rows)
+    for row in range(top, bottom + 1):
+        # Range of u while the segment is in this row, which is widened by the tolerance.
+        left, right, t_row, t_next = low_u, high_u, t0, t1
+        if top < bottom:
+            upper = grid.top + row / grid.per_v - tolerance
+            lower = grid.top + (row + 1) / grid.per_v + tolerance
+            enters = min(max((upper - va) / (vb - va), 0.0), 1.0)
+            leaves = min(max((lower - va) / (vb - va), 0.0), 1.0)
+            at, to = ua + enters * (ub - ua), ua + leaves * (ub - ua)
+            left, right = min(at, to) - 2 * tolerance, max(at, to) + 2 * tolerance
+            t_row = t0 + min(enters, leaves) * (t1 - t0)
+            t_next = t0 + max(enters, leaves) * (t1 - t0)
+        first = cell(left, grid.left, grid.per_u, grid.columns)
+        last = cell(right, grid.left, grid.per_u, grid.columns)
+        for column in range(first, last + 1):
+            # The outermost cells hold all that is beyond them.
+            left = grid.left + column / grid.per_u - tolerance if column > first else -np.inf
+            right = grid.left + (column + 1) / grid.per_u + tolerance if column < last else np.inf
+            enters, leaves = narrowed(u, u + du, left, right, t_row, t_next)
+            if enters <= leaves:
+                n_crossings = mark_in_cell(
+                    row * grid.columns + column, edge, is_doubtful, enters, leaves, uvw, ends,
+                    tolerance, edges, is_event, camera, projected, grid, work, crossings,
+                    n_crossings,
+                )  # fmt: skip
+    return n_crossings
+
+
+@allocation_free
+def project_clipped(a, b, vertices, camera, segment):
+    """Project edge a b, which reaches before the near plane or far out; False if nothing is left.
+
+    Out: `segment`, with `NO_VERTEX` for an end that was clipped.
+    """
+    p, q, ends, uvw = segment.points[START], segment.points[END], segment.ends, segment.uvw
+    for k in range(3):
+        p[k] = q[k] = 0.0
+        for i in range(3):
+            p[k] += (vertices[a, i] - camera.centre[i]) * camera.rotation[i, k]
+            q[k] += (vertices[b, i] - camera.centre[i]) * camera.rotation[i, k]
+    fx, fy, cx, cy, near = camera.fx, camera.fy, camera.cx, camera.cy, camera.near
+    first, last = narrowed_to_inside(p[2] - near, q[2] - near, 0.0, 1.0)
+    for axis, focal, offset in (
+        (0, fx, cx - camera.u_min),
+        (0, -fx, camera.u_max - cx),
+        (1, fy, cy - camera.v_min),
+        (1, -fy, camera.v_max - cy),
+    ):
+        start, end = focal * p[axis] + offset * p[2], focal * q[axis] + offset * q[2]
+        first, last = narrowed_to_inside(start, end, first, last)
+    if first > last:
+        return False
+    ends[START] = a if first == 0 else NO_VERTEX
+    ends[END] = b if last == 1 else NO_VERTEX
+    for end in range(2):
+        t = first if end == START else last
+        z = max(p[2] + t * (q[2] - p[2]), near)
+        uvw[end, U] = fx * ((p[0] + t * (q[0] - p[0])) / z) + cx
+        uvw[end, V] = fy * ((p[1] + t * (q[1] - p[1])) / z) + cy
+        uvw[end, W] = 1.0 / z
+    return True
+
+
+@allocation_free
+def mark_crossed(
+    events, edges, is_event, vertices, camera, projected, grid, extent, tolerance, has_clipped,
+    segment, work, crossings,
+):  # fmt: skip
+    """Mark the live faces crossed by a visible part of an event edge or of a rim at the near plane.
+
+    Parameters
+    ----------
+    events : (N,) int32
+        Event edges.
+    is_event : (E,) bool
+        Of `find_event_edges`.
+    vertices : (V, 3) float64
+    projected : Projected
+        `CROSSED` is added to the state, and `UNFIT` where rounding decides what crosses.
+    extent : (7,) float64
+        Of `set_up`.
+    tolerance : float
+        Pixels within which an edge that passes a face counts as crossing it.
+    has_clipped : bool
+        Whether any face is clipped in space.
+    crossings : Crossings
+        Out. `segment` and `work` are scratch.
+
+    Returns
+    -------
+    int
+        Number of crossings. If it is more than `crossings` has room for, call again with more.
+    """
+    uvw, state, clipped = projected.uvw, projected.state, projected.clipped
+    uvw_of_ends, ends = segment.uvw, segment.ends
+    crossings.last[:] = -1
+    n_crossings = 0
+    for index in range(events.shape[0]):
+        e = events[index]
+        a, b = edges.vertices[e, 0], edges.vertices[e, 1]
+        if uvw[a, W] > 0 and uvw[b, W] > 0:
+            ends[START], ends[END] = a, b
+            for k in range(3):
+                uvw_of_ends[START, k], uvw_of_ends[END, k] = uvw[a, k], uvw[b, k]
+        elif not project_clipped(a, b, vertices, camera, segment):
+            continue
+        flags = state[edges.faces[e, 0]]
+        if edges.faces[e, 1] >= 0:
+            flags |= state[edges.faces[e, 1]]
+        n_crossings = mark_segment(
+            e, flags & DOUBTFUL != 0, segment, tolerance, edges, is_event, camera, projected, grid,
+            extent, work, crossings, n_crossings,
+        )  # fmt: skip
+    if not has_clipped:
+        return n_crossings
+    polygons, planes = clipped.polygons, clipped.planes
+    rim = (1 - NEAR_PLANE_TOLERANCE_REL) / camera.near
+    ends[START] = ends[END] = NO_VERTEX
+    for f in range(state.shape[0]):
+        if not (state[f] & LIVE and state[f] & CLIPPED):
+            continue
+        s = projected.clipped_index[f]
+        for p in range(clipped.n_corners[s]):
+            q = p + 1 if p + 1 < clipped.n_corners[s] else 0
+            for end in range(2):
+                corner = p if end == START else q
+                u, v = polygons[s, corner, U], polygons[s, corner, V]
+                w = (
+                    planes[s, W]
+                    + planes[s, SLOPE_U] * (u - planes[s, U])
+                    + planes[s, SLOPE_V] * (v - planes[s, V])
+                )
+                # As near as it may be: 1/z of a face that almost contains the camera centre is
+                # known to few digits.
+                w = min(w + planes[s, W_ERROR], 1 / camera.near)
+                uvw_of_ends[end, U], uvw_of_ends[end, V], uvw_of_ends[end, W] = u, v, w
+            if uvw_of_ends[START, W] >= rim and uvw_of_ends[END, W] >= rim:
+                n_crossings = mark_segment(
+                    -1, True, segment, tolerance, edges, is_event, camera, projected, grid, extent,
+                    work, crossings, n_crossings,
+                )  # fmt: skip
+    return n_crossings

@@ -1,0 +1,164 @@
+"""Binary STL and PLY: counts are compared with the bytes that are there."""
+
+import time
+import tracemalloc
+
+import numpy as np
+import pytest
+from mesh_files import (
+    FACES,
+    PLY_FORMATS,
+    POINTS,
+    VALID,
+    binary_stl,
+    ply,
+    refusal,
+    strips,
+    triangles,
+)
+
+from rastercov.errors import MeshError, ResourceError
+
+every_order = pytest.mark.parametrize("order", PLY_FORMATS)
+
+
+# ---- STL
+
+
+def test_binary_stl_that_begins_with_solid_is_binary(load):
+    mesh = load("a.stl", binary_stl(POINTS, FACES, b"solid facet normal"))
+    np.testing.assert_array_equal(triangles(mesh), POINTS[FACES])
+
+
+def test_stl_merges_only_what_is_equal_bit_for_bit(load):
+    corners = POINTS[FACES].astype(np.float32)
+    corners[1, 0, 0] = np.nextafter(np.float32(0), np.float32(1))
+    mesh = load("a.stl", binary_stl(corners.reshape(-1, 3), np.arange(12).reshape(4, 3)))
+    assert mesh.n_vertices == 5
+    np.testing.assert_array_equal(triangles(mesh), corners)
+
+
+def test_lying_stl_count_is_refused_at_once(load):
+    tracemalloc.start()
+    start = time.process_time()
+    with pytest.raises(MeshError, match=r"promises 4000000000 triangles .* the file has 134 bytes"):
+        load("a.stl", binary_stl(POINTS, FACES[:1], count=4_000_000_000))
+    elapsed, (_, peak) = time.process_time() - start, tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert elapsed < 0.05
+    assert peak < 10 << 20
+
+
+@pytest.mark.parametrize("cut", [1, 49, 50, 99, 150])
+def test_truncated_binary_stl_says_where(cut, load):
+    data = VALID["binary.stl"][:-cut]
+    text = f"ends in triangle {(len(data) - 84) // 50} at byte offset {len(data)};"
+    with pytest.raises(MeshError, match=text):
+        load("a.stl", data)
+
+
+def test_stl_shorter_than_its_header(load):
+    with pytest.raises(MeshError, match="has 84 bytes before its triangles, got 20"):
+        load("a.stl", b"\0" * 20)
+
+
+def test_random_bytes_are_no_stl(load):
+    for seed in range(20):
+        assert refusal(load, "a.stl", np.random.default_rng(seed).bytes(1000)), seed
+
+
+# ---- PLY
+
+
+@pytest.mark.parametrize("row", [0, 2])
+def test_negative_count_in_a_binary_ply_is_refused(row, load):
+    data = VALID["little.ply"].replace(b"list uchar", b"list  char")
+    at = data.index(b"end_header\n") + 11 + 4 * 25 + row * 15 + 2
+    assert data[at] == 3
+    with pytest.raises(MeshError, match="element 'face' needs -1 values of 'vertex_indices'"):
+        load("a.ply", data[:at] + b"\xff" + data[at + 1 :])
+
+
+@every_order
+def test_ply_polygons_of_several_sizes_become_fans(order, load):
+    polygons = [[0, 1, 2], [0, 1, 2, 3], [3, 2, 1], [2, 3, 0, 1, 2]]
+    mesh = load("a.ply", ply(POINTS, polygons, order, "uchar"))
+    np.testing.assert_array_equal(mesh.source_face, [0, 1, 1, 2, 3, 3, 3])
+    np.testing.assert_array_equal(mesh.faces[[2, 6]], [[0, 2, 3], [2, 1, 2]])
+
+
+@every_order
+def test_ply_faces_of_two_vertices_are_refused(order, load):
+    with pytest.raises(MeshError, match="face 1: 3 or more vertices wanted, got 2"):
+        load("a.ply", ply(POINTS, [[0, 1, 2], [0, 1]], order))
+
+
+@pytest.mark.parametrize("name", ["ascii.ply", "little.ply", "big.ply"])
+def test_ply_count_is_held_against_the_bytes(name, load):
+    for element in (b"element vertex ", b"element face ", b"element extra "):
+        data = VALID[name].replace(element, element + b"200000000")
+        tracemalloc.start()
+        with pytest.raises(MeshError, match=r"promises 200000000\d elements .* \d+ bytes are the"):
+            load(name, data)
+        assert tracemalloc.get_traced_memory()[1] < 10 << 20
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "text"),
+    [
+        (b"ply\n", b"plz\n", "no PLY file"),
+        (b"end_header", b"and_header", "no PLY file"),
+        (b"1.0\n", b"2.0\n", "line 2: a format, element or property wanted"),
+        (b"property double y\n", b"", r"wants a property 'y', has \['x', 'z', 'red'\]"),
+        (b"vertex_indices", b"indices", "wants a property 'vertex_indices'"),
+        (b"list uchar int", b"list float int", "line 11: a format, element or property"),
+        (b"list uchar int", b"list uchar float", "wants a property 'vertex_indices'"),
+        (b"element extra", b"element face", "line 12: each element once"),
+        (b"element extra 1", b"element extra -1", "line 12: a format, element"),
+        (b"property short", b"property half", "line 10: a format, element"),
+        (b"property int a", b"int a", "line 13: a format, element"),
+    ],
+)
+def test_broken_ply_header_says_what_is_wanted(old, new, text, load):
+    for name in ("ascii.ply", "big.ply"):
+        assert old in VALID[name]
+        with pytest.raises(MeshError, match=text):
+            load(name, VALID[name].replace(old, new, 1))
+
+
+@every_order
+def test_ply_strips_are_unrolled_with_their_winding(order, load):
+    lists = [[0, 1, 2, 3, 0, -1, 3, 2, 1, -1], [1, 2, 3]]
+    mesh = load("a.ply", strips(lists, order))
+    np.testing.assert_array_equal(
+        mesh.faces, [[0, 1, 2], [1, 3, 2], [2, 3, 0], [3, 2, 1], [1, 2, 3]]
+    )
+    np.testing.assert_array_equal(mesh.source_face, np.arange(5))
+    assert not mesh.notes
+
+
+@pytest.mark.parametrize("order", ["", "<"])
+@pytest.mark.parametrize("short", [[0, 1], [0, 1, 2, -1, 3], [0, 1, -1, 1, 2, 3]])
+def test_ply_strips_of_less_than_a_triangle_are_refused(order, short, load):
+    with pytest.raises(MeshError, match="a strip of 3 or more vertices wanted"):
+        load("a.ply", strips([[0, 1, 2], short], order))
+
+
+def test_ply_strip_indices_are_checked(load):
+    with pytest.raises(MeshError, match=r"vertex indices must lie in 0 ... 3"):
+        load("a.ply", strips([[0, 1, 2, 4]]))
+
+
+@every_order
+@pytest.mark.parametrize("more", [[], [[0, 1, 2]]])
+def test_list_rows_count_against_the_budget(order, more, load):
+    """The header of these has 200 faces, their lists 47,600 triangles."""
+    data = ply(POINTS, [[0, 1, 2] * 80] * 200 + more, order)
+    assert load("a.ply", data).n_faces == 47_600 + len(more)
+    contents = [data]
+    if order:
+        contents.append(data.replace(b"element face", b"element tristrips"))
+    for content in contents:
+        with pytest.raises(ResourceError, match=r"triangles.* need about"):
+            load("a.ply", content, memory_budget=47_600 * 300 - 1)

@@ -1,0 +1,68 @@
+"""Commands as tests call them, in this process or in one of their own, and a part for them."""
+
+import os
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+from notices import without_notices
+
+from rastercov import cli, shapes
+
+ENTRY = "import sys; from rastercov.cli import main; sys.argv[0] = 'rastercov'; main()"
+LID_AND_REST = {0: "lid", 2: "rest"}
+
+
+def write_part(path, side=1.0, names=LID_AND_REST):
+    """A box as OBJ; `names` starts a group at a face: lid (two faces) and rest."""
+    mesh = shapes.box((side, side, side))
+    lines = [f"v {x} {y} {z}" for x, y, z in mesh.vertices]
+    for index, face in enumerate(mesh.faces + 1):
+        lines += [f"g {names[index]}"] if index in names else []
+        lines.append("f " + " ".join(map(str, face)))
+    Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def enter(folder, monkeypatch):
+    """Work in a folder, with a terminal of 100 columns and no settings of the person who tests."""
+    monkeypatch.chdir(folder)
+    monkeypatch.setenv("COLUMNS", "100")
+    for name in ("FORCE_COLOR", "NO_COLOR", "RASTERCOV_TRACEBACK"):
+        monkeypatch.delenv(name, raising=False)
+
+
+def call(capsys, line):
+    """Exit code, standard output and standard error of a command line, in this process."""
+    code = cli.command(line if isinstance(line, list) else shlex.split(line))
+    return code, *capsys.readouterr()
+
+
+def refusal(capsys, line):
+    """The one line that a bad command line gets."""
+    code, out, err = call(capsys, line)
+    assert (code, out) == (2, "")
+    assert err.startswith("error: ")
+    assert err.endswith("\n")
+    assert err.count("\n") == 1
+    return err
+
+
+def process(line, stdout=subprocess.PIPE, **environment):
+    """The command as a process of its own, for laws about streams, signals and the environment."""
+    words = line if isinstance(line, list) else shlex.split(line)
+    result = subprocess.run(
+        [sys.executable, "-W", "error", "-c", ENTRY, *words],
+        stdin=subprocess.DEVNULL,
+        stdout=stdout,
+        stderr=subprocess.PIPE,
+        env=os.environ | environment,
+        timeout=300,
+        check=False,
+    )
+    result.stderr = without_notices(result.stderr)
+    return result
+
+
+def content(folder):
+    return {path: path.read_bytes() for path in Path(folder).rglob("*") if path.is_file()}
