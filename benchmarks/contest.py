@@ -15,6 +15,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from embree_packets import EmbreePackets
 from peers import VTK, Embreex, Open3D, Ours, Runner
 
 import rastercov as rc
@@ -68,6 +69,12 @@ def contestants(device: str) -> dict[str, Contestant]:
         "open3d": Contestant(
             f"Open3D, {WORKERS} threads", partial(Open3D, threads=WORKERS), 1, ("open3d",)
         ),
+        "embree": Contestant(
+            f"Embree packets, {WORKERS} threads",
+            partial(EmbreePackets, threads=WORKERS),
+            1,
+            ("embreex",),
+        ),
         "trimesh": Contestant("trimesh + embreex", Embreex, WORKERS, ("trimesh", "embreex")),
         "vtk": Contestant("VTK", VTK, WORKERS, ("vtk",)),
     }
@@ -75,15 +82,18 @@ def contestants(device: str) -> dict[str, Contestant]:
 
 @dataclass(frozen=True)
 class Cell:
-    """A scene of about that number of faces, and an image size."""
+    """A scene of about that number of faces, or a mesh file; and an image size."""
 
     scene: str
     n_faces: int
     width: int
     height: int
+    path: str = ""
 
     def mesh(self) -> rc.Mesh:
-        """The built-in mesh of this kind whose number of faces is nearest."""
+        """The mesh of the file, or the built-in one of this kind with the nearest size."""
+        if self.path:
+            return rc.Mesh.load(self.path, drop_invalid=True)
         n = self.n_faces
         if self.scene == "closed":
             sectors = round((n / 4) ** 0.5)
@@ -101,8 +111,14 @@ class Cell:
         return rc.Camera(width=self.width, height=self.height, fx=focal, fy=focal)
 
     def poses(self, mesh: rc.Mesh, count: int) -> np.ndarray:
-        """Poses around the part, or about the middle of the room, looking anywhere."""
+        """Poses around the part, or about the middle of the room, looking anywhere.
+
+        A mesh of a file is seen from its diagonal away, about as the torus is.
+        """
         centre = mesh.bounds.mean(axis=0)
+        if self.path:
+            distance = float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+            return rc.sphere_of_poses(centre, distance, count)
         if self.scene != "interior":
             distance = {"closed": 4.2, "open": 0.55, "part": 38.0}[self.scene]
             return rc.sphere_of_poses(centre, distance, count)

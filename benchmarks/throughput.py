@@ -1,15 +1,17 @@
 """Poses per second with face counts: our rasterisers against what a user would take instead.
 
 Contestants go from a pose to its visible samples of each face, on the same two cores in the same
-run: ours on the CPU in two threads and on OpenGL in its three plans; Open3D's ray tracer in two
-threads; trimesh with embreex and VTK's hardware selector, which use one core, in two processes, as
-does software OpenGL, with one Mesa thread each. `--device egl:0` measures a GPU, in one process. A
-peer that is not installed, or does not run without a display, is left out with a line.
+run: ours on the CPU in two threads and on OpenGL in its three plans; packets of rays by Embree,
+called from compiled code, and Open3D's ray tracer in two threads; trimesh with embreex and VTK's
+hardware selector, which use one core, in two processes, as does software OpenGL, with one Mesa
+thread each. `--device egl:0` measures a GPU, in one process. A peer that is not installed, or does
+not run without a display, is left out with a line.
 
 First, images of a few poses are compared with Open3D's: they may differ only where `same_faces`
 excuses it, and our counts must be those of our image. Then rounds alternate; figures are medians
-over rounds, ratios too. A ratio counts the making of rays; a second one leaves it out. Memory is
-the peak of all processes of a contestant, libraries, mesh, images and results included.
+over rounds, ratios too. A ratio counts the making of rays; a second one to Open3D leaves it out.
+Memory is the peak of all processes of a contestant, libraries, mesh, images and results included.
+`--meshes DIR` measures the mesh files of a folder in place of the built-in scenes.
 
 Then what does not need a peer: `footprint` has what `drawn` costs, how soon a later start has a
 result, and memory. Table, plots and `throughput.json` go to `--out`.
@@ -32,6 +34,7 @@ from peers import what_is_missing
 from rows import Report, arguments
 from same_faces import wrong_pixels
 
+from rastercov.mesh.formats import READERS
 from rastercov.report.plots import Axis, Curve, image_of, line_plot
 from rastercov.report.theme import LIGHT
 
@@ -159,7 +162,9 @@ def _contest(report, cell, entered, args, say, about):
 
     try:
         each(open_it)
-        judge = next((teams[key] for key in ("open3d", "trimesh", "cpu") if key in teams), None)
+        judge = next(
+            (teams[key] for key in ("open3d", "embree", "trimesh", "cpu") if key in teams), None
+        )
         for row in range(0, POSES, POSES // COMPARED) if judge else ():
             right = judge.ask("faces", row)
             each(partial(_compare, report, what, mesh, cell.camera, poses[row], row, right))
@@ -187,12 +192,13 @@ def _compare(report, what, mesh, camera, pose, row, right, team: Team, result: R
 
 
 TABLE_HEAD = (
-    f"  {'':<32}{'poses/s':>9}{'x Open3D':>9}{'no rays':>9}{'MiB':>8}{'differ':>8}{'wrong':>7}"
+    f"  {'':<32}{'poses/s':>9}{'ms':>8}{'x Embree':>9}{'x Open3D':>9}{'no rays':>9}"
+    f"{'MiB':>8}{'differ':>8}{'wrong':>7}"
 )
 
 
 def _report(report, cell, what, results, say) -> None:
-    theirs = results.get("open3d")
+    theirs, packets = results.get("open3d"), results.get("embree")
     for key, result in results.items():
         name = f"{what}: {result.label}"
         if result.is_peer:  # errors of peers are reported, and fail no check
@@ -201,7 +207,12 @@ def _report(report, cell, what, results, say) -> None:
             report.check(f"{name}, same faces up to ties", result.unexcused == 0)
         report.add(name, result.poses_per_second, "poses/s")
         report.add(f"{name}, peak memory", result.peak_mib, "MiB")
-        ratios = "        -        -"
+        ratios = [f"{'-':>9}"] * 3
+        if packets:
+            ratio = result.ratio(packets)
+            if result is not packets:
+                report.add(f"{name}, ratio to Embree packets", ratio, "x")
+            ratios[0] = f"{ratio:>9.3g}"
         if theirs:
             ratio = result.ratio(theirs)
             free = result.ratio(theirs, rays_for_free=True)
@@ -211,10 +222,11 @@ def _report(report, cell, what, results, say) -> None:
             if result is not theirs:
                 report.add(f"{name}, ratio to Open3D", ratio, "x", must, aim)
                 report.add(f"{name}, ratio, rays for free", free, "x")
-            ratios = f"{ratio:>9.3g}{free:>9.3g}"
+            ratios[1:] = f"{ratio:>9.3g}", f"{free:>9.3g}"
         say(
-            f"  {result.label:<32}{result.poses_per_second:>9.4g}{ratios}{result.peak_mib:>8.0f}"
-            f"{result.pixels_differ:>8}{result.unexcused:>7}"
+            f"  {result.label:<32}{result.poses_per_second:>9.4g}"
+            f"{1e3 / result.poses_per_second:>8.3g}{''.join(ratios)}"
+            f"{result.peak_mib:>8.0f}{result.pixels_differ:>8}{result.unexcused:>7}"
         )
 
 
@@ -243,7 +255,8 @@ def _write(out: Path, header, report, measured, field_of) -> None:
         for i, (key, contestant) in enumerate(field_of.items()):
             points = [(n, r[key].poses_per_second) for n, r in here if key in r]
             if points:
-                curves.append(Curve(contestant.name, points, LIGHT.series[i], contestant.is_peer))
+                colour = LIGHT.series[i % len(LIGHT.series)]  # peers are dashed
+                curves.append(Curve(contestant.name, points, colour, contestant.is_peer))
         speeds = [y for curve in curves for _, y in curve.points]
         figure = line_plot(
             f"Face counts of {SCENES[scene]}, {width} x {height}",
@@ -264,15 +277,21 @@ SCENES = {
 
 
 def _cells(args) -> list[Cell]:
-    cells = FULL if args.full else DEFAULT
-    if not (args.scenes or args.faces or args.sizes):
-        return cells
-    return [
-        Cell(scene, n, *size)
-        for scene in args.scenes or ("closed",)
-        for n in args.faces or FACES
-        for size in args.sizes or (LARGE, SMALL)
+    sizes = args.sizes or (LARGE, SMALL)
+    of_files = [
+        Cell(path.name, 0, *size, path=str(path))
+        for path in (sorted(args.meshes.iterdir()) if args.meshes else ())
+        if path.suffix.lower() in READERS
+        for size in sizes
     ]
+    if args.scenes or args.faces or (args.sizes and not args.meshes):
+        return of_files + [
+            Cell(scene, n, *size)
+            for scene in args.scenes or ("closed",)
+            for n in args.faces or FACES
+            for size in sizes
+        ]
+    return of_files or (FULL if args.full else DEFAULT)
 
 
 def _header() -> dict[str, object]:
@@ -320,6 +339,10 @@ def _arguments():
         "--full", action="store_true", help="all scenes, faces and sizes: an hour or two"
     )
     parser.add_argument("--scenes", nargs="+", choices=SCENES)
+    parser.add_argument(
+        "--meshes", type=Path, metavar="DIR",
+        help="measure each mesh file in this folder; built-in scenes only with --scenes or --faces",
+    )  # fmt: skip
     parser.add_argument("--faces", nargs="+", type=int, help="about how many, such as 10000")
     parser.add_argument("--sizes", nargs="+", type=_size, help="such as 256 1280x1024")
     names = list(contestants(SOFTWARE))

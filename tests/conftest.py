@@ -12,6 +12,7 @@ from hypothesis import settings
 from notices import NOTICE
 
 from rastercov.errors import DeviceError
+from rastercov.mesh import Mesh
 from rastercov.raster.cpu import CPURasterizer
 from rastercov.raster.gl import PLANS, GLRasterizer
 from rastercov.raster.gl.context import open_context
@@ -41,6 +42,18 @@ def pytest_terminal_summary(terminalreporter):
     terminalreporter.section(f"not tested here: {len(skipped)}")
     for reason, n in reasons_of(skipped):
         terminalreporter.write_line(f"{n:5} {reason}")
+
+
+@pytest.fixture
+def load(tmp_path):
+    """Write bytes under a name and load them as a mesh."""
+
+    def write_and_load(name, data, **options):
+        path = tmp_path / name
+        path.write_bytes(data)
+        return Mesh.load(path, **options)
+
+    return write_and_load
 
 
 @pytest.fixture(scope="session")
