@@ -46,6 +46,36 @@ VISIBLE, HIDDEN, UNSURE = range(3)
 
 
 @inlined
+def comes_before(segment, other):
+    """True if the first of u, v, du, dv that differ is less in a segment than in another."""
+    for column in range(FIRST):
+        if segment[column] != other[column]:
+            return segment[column] < other[column]
+    return False
+
+
+@inlined
+def order_crossings(t, crossings, order):
+    """Fill `order` with the crossings of a face from left to right; returns their number.
+
+    The order must not depend on the numbers of vertices, which decide the order in the list. It is
+    `MOST_CROSSINGS` + 1 if there are more than `MOST_CROSSINGS`.
+    """
+    segments, n, c = crossings.segments, 0, crossings.last[t]
+    while c >= 0:
+        if n == MOST_CROSSINGS:
+            return n + 1
+        at = n
+        while at > 0 and comes_before(segments[c], segments[order[at - 1]]):
+            order[at] = order[at - 1]
+            at -= 1
+        order[at] = c
+        n += 1
+        c = crossings.before[c]
+    return n
+
+
+@inlined
 def divide_piece(pieces, p, count, crossings, c, tolerance, work):
     """Divide a piece by the line of a crossing that runs through it; returns the piece count.
 
@@ -102,7 +132,7 @@ def divide_piece(pieces, p, count, crossings, c, tolerance, work):
 
 @inlined
 def covers(m, u, v, edges, is_event, camera, projected, work):
-    """Whether the image of a face covers a point: `HIDDEN` if so, `VISIBLE` if not, or `UNSURE`."""
+    """`HIDDEN` if the image of a face covers a point, `VISIBLE` if it does not, or `UNSURE`."""
     lines = work.lines
     _, n_lines = outline(m, projected, work.corners, lines)
     error = outline_error(m, camera, projected)
@@ -119,7 +149,7 @@ def covers(m, u, v, edges, is_event, camera, projected, work):
 
 @inlined
 def point_visibility(t, u, v, hider, plane, edges, is_event, camera, projected, grid, work):
-    """Whether a point of a face is visible: `VISIBLE`, `HIDDEN` or `UNSURE`; and a face that hides.
+    """`VISIBLE`, `HIDDEN` or `UNSURE` for a point of a face; and a face that hides it.
 
     Parameters
     ----------
@@ -204,15 +234,11 @@ def arrangement_areas(
         Out: faces that are left to half planes.
     """
     state, box, area = projected.state, projected.box, projected.area
-    target, border, n_left = work.target, camera.border, 0
+    target, border, order, n_left = work.target, camera.border, work.levels, 0
     hider = np.int64(-1)
     for index in range(targets.shape[0]):
         t = targets[index]
-        n_crossings = 0
-        c = crossings.last[t]
-        while c >= 0 and n_crossings <= MOST_CROSSINGS:
-            n_crossings += 1
-            c = crossings.before[c]
+        n_crossings = order_crossings(t, crossings, order)
         if state[t] & (UNFIT | THIN) or n_crossings == 0 or n_crossings > MOST_CROSSINGS:
             left[n_left] = t
             n_left += 1
@@ -231,8 +257,8 @@ def arrangement_areas(
             continue
         copy_polygon(target, n, pieces.corners[0])
         pieces.n_corners[0], count, fits = n, np.int64(1), True
-        c = crossings.last[t]
-        while c >= 0 and fits:
+        for k in range(n_crossings):
+            c = order[k]
             segment = crossings.segments[c]
             area_error[t] += (
                 4 * (abs(segment[DU]) + abs(segment[DV])) * (segment[LAST] - segment[FIRST])
@@ -243,7 +269,6 @@ def arrangement_areas(
                     fits = False
                     break
                 count = divide_piece(pieces, p, count, crossings, c, camera.pixel_error, work)
-            c = crossings.before[c]
         plane = plane_of(t, camera, projected)
         twice = 0.0
         for p in range(count):

@@ -136,7 +136,7 @@ class CertificateSolver(HalfPlaneSolver):
 
     def _make_room_for_crossings(self, n: int) -> None:
         self._crossings = Crossings(
-            np.empty(len(self.surface.faces), np.int32),
+            np.full(len(self.surface.faces), -1, np.int32),
             np.empty(n, np.int32),
             np.empty(n, np.int32),
             np.empty((n, 6)),

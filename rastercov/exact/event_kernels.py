@@ -85,19 +85,23 @@ def find_event_edges(edges, projected, is_event, events):
 def record_crossing(f, edge, segment, first, last, crossings, n):
     """Add the crossing of a face and an edge to the list of the face; returns the number of all.
 
-    Crossings beyond the room in `crossings` are counted, not added.
+    The edge runs towards greater u, or v, whatever its vertices. Crossings beyond the room in
+    `crossings` are counted, not added.
     """
+    start, end = START, END
+    du, dv = segment[END, U] - segment[START, U], segment[END, V] - segment[START, V]
+    if du < 0 or (du == 0 and dv < 0):
+        start, end, first, last = end, start, 1 - last, 1 - first
     previous = crossings.last[f]
     if previous >= 0 and crossings.edge[previous] == edge:
-        range_of_edge = crossings.segments[previous, FIRST:]
-        range_of_edge[0] = min(range_of_edge[0], first)
-        range_of_edge[1] = max(range_of_edge[1], last)
+        row = crossings.segments[previous]
+        row[FIRST], row[LAST] = min(row[FIRST], first), max(row[LAST], last)
         return n
     if n < crossings.edge.shape[0]:
         crossings.last[f], crossings.before[n], crossings.edge[n] = n, previous, edge
         row = crossings.segments[n]
-        row[U], row[V] = segment[START, U], segment[START, V]
-        row[DU], row[DV] = segment[END, U] - row[U], segment[END, V] - row[V]
+        row[U], row[V] = segment[start, U], segment[start, V]
+        row[DU], row[DV] = segment[end, U] - row[U], segment[end, V] - row[V]
         row[FIRST], row[LAST] = first, last
     return n + 1
 

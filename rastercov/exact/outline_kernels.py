@@ -47,7 +47,7 @@ def outline(f, projected, corners, lines):
 
 @inlined
 def is_joined(f, s, n_lines, edges, is_event, projected):
-    """True if the surface goes on beyond line s of the outline of a face: it is no event edge."""
+    """True if the surface continues beyond line s of the outline of a face: it is no event edge."""
     if s == 3:
         return False
     # The corners of a face seen from the front are taken in reverse.

@@ -115,7 +115,7 @@ def hidden_range(
     """Part of first ... last where face m certainly hides a segment; (1, 0) if none.
 
     The face is shrunk by the tolerance, pixels, along its event edges; along the others, where the
-    surface goes on, it is grown by the rounding of a position.
+    surface continues, it is grown by the rounding of a position.
     """
     faces, lines = projected.faces, work.lines
     i, j, k = faces[m, 0], faces[m, 1], faces[m, 2]
