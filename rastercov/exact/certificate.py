@@ -1,13 +1,14 @@
 """Visibility certificate: regions of faces that are wholly visible or wholly hidden.
 
-Seen from a camera, the set of surfaces before a point changes only across event edges: silhouette
-edges, borders, edges of more than two faces, the rims where the near plane clips. A face that no
-event edge crosses at or before its depth, and that no other face touches or cuts in space, is
+Seen from a camera, the set of surfaces before a point changes only across event edges:
+silhouette edges, borders, edges of more than two faces, the rims where the near plane clips. Where
+something hides such an edge it hides what is behind on both sides, too. A face that no visible part
+of an event edge crosses at or before its depth, and that no other face touches or cuts in space, is
 wholly visible or wholly hidden, and so are all faces joined to it edge by edge without crossing an
-event edge: a region. The half-plane solver computes the crossed faces and the largest face of each
-region; that face, which must be wholly visible or wholly hidden, classifies its region. The cost is
-proportional to the silhouettes, not to the faces or the pixels. The compiled loops are in
-`certificate_kernels`.
+event edge: a region. The half-plane solver computes the largest face of each region; that face,
+which must be wholly visible or wholly hidden, classifies its region. A crossed face is divided by
+the edges that cross it, see `arrangement_kernels`. The cost is proportional to the silhouettes, not
+to the faces or the pixels.
 
 A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of Solids. 1967.
 """
