@@ -7,12 +7,11 @@ is wholly visible or wholly hidden. `find_regions` collects them. See `certifica
 A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of Solids. 1967.
 """
 
-from rastercov._jit import allocation_free, part_of
+from rastercov._jit import allocation_free, inlined, part_of
 from rastercov.exact.records import (
     CLIPPED,
     CROSSED,
     LIVE,
-    NON_MANIFOLD,
     PARTLY,
     THIN,
     U_MAX,
@@ -72,61 +71,79 @@ def is_inside(u, v, w, width, height):
     return w > 0 and 0 <= u <= width and 0 <= v <= height
 
 
+@inlined
+def root_of(parent, f):
+    """Root of a face in the forest of regions; the path to it is halved on the way."""
+    while parent[f] != f:
+        parent[f] = parent[parent[f]]
+        f = parent[f]
+    return f
+
+
 @allocation_free
-def find_regions(edges, is_event, camera, projected, region, queue, targets):
-    """Collect the faces that are not `CROSSED` into regions; number of crossed faces, of regions.
+def find_regions(edges, is_event, camera, projected, region, number, targets):
+    """Collect the uncrossed faces into regions; number of crossed faces, and of regions.
+
+    A forest of faces, whose roots have the lowest index of their region, is joined edge by edge.
 
     Parameters
     ----------
     is_event : (E,) bool
         Of `find_event_edges`.
+    projected : Projected
+        With `CROSSED` in the state.
     region : (F,) int32
         Out: number of each face's region, -1 for faces in none.
-    queue : (F,) int32
+    number : (F,) int32
         Scratch.
     targets : (F,) int32
         Out: the crossed faces, and after them the largest face of each region.
+
+    R. E. Tarjan. Efficiency of a Good but not Linear Set Union Algorithm. 1975.
     """
     uvw, state, area = projected.uvw, projected.state, projected.area
-    ends, edge_faces, of_face, kind = edges.vertices, edges.faces, edges.of_face, edges.kind
+    ends, edge_faces, parent = edges.vertices, edges.faces, region
     width, height = camera.width, camera.height
     n_crossed = 0
     for f in range(state.shape[0]):
-        region[f] = -1
+        parent[f] = f if state[f] & (LIVE | CROSSED) == LIVE else -1
         if state[f] & CROSSED:
             targets[n_crossed] = f
             n_crossed += 1
-    n = 0
-    for seed in range(state.shape[0]):
-        if not state[seed] & LIVE or state[seed] & CROSSED or region[seed] >= 0:
+    for e in range(edge_faces.shape[0]):
+        f, g = edge_faces[e, 0], edge_faces[e, 1]
+        if is_event[e] or g < 0 or parent[f] < 0 or parent[g] < 0 or parent[f] == parent[g]:
             continue
-        queue[0], head, tail, largest = seed, 0, 1, seed
-        region[seed] = n
-        while head < tail:
-            f = queue[head]
-            head += 1
-            if area[f] > area[largest]:
-                largest = f
-            for corner in range(3):
-                e = of_face[f, corner]
-                if is_event[e] or kind[e] == NON_MANIFOLD:
-                    continue
-                g = edge_faces[e, 0] if edge_faces[e, 0] != f else edge_faces[e, 1]
-                if g < 0 or region[g] >= 0 or not state[g] & LIVE or state[g] & CROSSED:
-                    continue
-                if state[f] & PARTLY and state[g] & PARTLY:
-                    # Their common edge may lie outside the image, where nothing is checked.
-                    a, b = ends[e, 0], ends[e, 1]
-                    if not (
-                        is_inside(uvw[a, U], uvw[a, V], uvw[a, W], width, height)
-                        or is_inside(uvw[b, U], uvw[b, V], uvw[b, W], width, height)
-                    ):
-                        continue
-                region[g] = n
-                queue[tail] = g
-                tail += 1
-        targets[n_crossed + n] = largest
-        n += 1
+        if state[f] & PARTLY and state[g] & PARTLY:
+            # Their common edge may lie outside the image, where nothing is checked.
+            a, b = ends[e, 0], ends[e, 1]
+            if not (
+                is_inside(uvw[a, U], uvw[a, V], uvw[a, W], width, height)
+                or is_inside(uvw[b, U], uvw[b, V], uvw[b, W], width, height)
+            ):
+                continue
+        f, g = root_of(parent, f), root_of(parent, g)
+        if f < g:
+            parent[g] = f
+        else:
+            parent[f] = g
+    n = 0
+    for f in range(state.shape[0]):
+        if parent[f] < 0:
+            continue
+        root = f
+        if parent[f] != f:  # the parents of lower faces are roots by now
+            root = parent[f] = parent[parent[f]]
+        else:
+            number[f] = n
+            targets[n_crossed + n] = f
+            n += 1
+        at = n_crossed + number[root]
+        if area[f] > area[targets[at]]:
+            targets[at] = f
+    for f in range(state.shape[0]):
+        if parent[f] >= 0:
+            region[f] = number[parent[f]]
     return n_crossed, n
 
 
