@@ -15,18 +15,30 @@ import numpy as np
 
 from rastercov._jit import allocation_free, inlined
 from rastercov.exact.grid_kernels import cell, sort_cell
-from rastercov.exact.half_plane_kernels import hides_all
+from rastercov.exact.half_plane_kernels import depth_order, hides_all
 from rastercov.exact.outline_kernels import is_joined, outline, outline_error, plane_of
-from rastercov.exact.polygon_kernels import clip, copy_polygon, line_at, line_value, split
+from rastercov.exact.polygon_kernels import (
+    clip,
+    copy_polygon,
+    line_at,
+    line_value,
+    separates,
+    split,
+    twice_area,
+)
 from rastercov.exact.records import (
     DEPTH_TIE_REL,
+    DOUBTFUL,
     DU,
     DV,
     FIRST,
+    IN_CONTACT,
+    IN_FRONT_IN_PART,
     LAST,
     LIVE,
     PARTLY,
     THIN,
+    TIED,
     U_MAX,
     U_MIN,
     UNFIT,
@@ -131,6 +143,35 @@ def divide_piece(pieces, p, count, crossings, c, tolerance, work):
 
 
 @inlined
+def may_pass_through(t, m, target, n, n_own, camera, projected, work, area_error):
+    """True if two faces in contact may change their depth order, or coincide, over their overlap.
+
+    `target` and n are the image of face t, `work.own` the `n_own` lines that bound it. Where the
+    answer is no, what rounding may decide along their contact is added to `area_error` of t.
+    """
+    box, state, lines, own = projected.box, projected.state, work.lines, work.own
+    if not state[m] & LIVE:
+        return state[m] & THIN != 0
+    k, n_sides = outline(m, projected, work.corners, lines)
+    if separates(lines, n_sides, target, n) or separates(own, n_own, work.corners, k):
+        return False
+    if state[m] & DOUBTFUL:
+        return True
+    across = min(box[t, U_MAX], box[m, U_MAX]) - max(box[t, U_MIN], box[m, U_MIN])
+    down = min(box[t, V_MAX], box[m, V_MAX]) - max(box[t, V_MIN], box[m, V_MIN])
+    error = outline_error(m, camera, projected)
+    copy_polygon(target, n, work.spare)
+    n_overlap = clip(work.spare, n, lines, n_sides, work.other)
+    overlap = twice_area(work.spare, n_overlap) / 2 if n_overlap >= 3 else 0.0
+    if overlap <= SURE * error * (across + down):  # neighbours that abut, up to rounding
+        area_error[t] += max(overlap, 4 * error * (across + down))
+        return False
+    area_error[t] += 4 * error * (across + down)
+    order = depth_order(t, m, target, n, n_sides, camera, projected, work, True, area_error)
+    return order in (IN_FRONT_IN_PART, TIED)
+
+
+@inlined
 def covers(m, u, v, edges, is_event, camera, projected, work):
     """`HIDDEN` if the image of a face covers a point, `VISIBLE` if it does not, or `UNSURE`."""
     lines = work.lines
@@ -204,6 +245,7 @@ def point_visibility(t, u, v, hider, plane, edges, is_event, camera, projected, 
 def arrangement_areas(
     targets,
     crossings,
+    partners,
     edges,
     is_event,
     camera,
@@ -222,6 +264,8 @@ def arrangement_areas(
     targets : (N,) int32
         Crossed faces.
     crossings, edges : Crossings, Edges
+    partners : Partners
+        Faces in contact with each.
     is_event : (E,) bool
         Event edges.
     camera, projected, grid
@@ -239,7 +283,11 @@ def arrangement_areas(
     for index in range(targets.shape[0]):
         t = targets[index]
         n_crossings = order_crossings(t, crossings, order)
-        if state[t] & (UNFIT | THIN) or n_crossings == 0 or n_crossings > MOST_CROSSINGS:
+        if (
+            state[t] & UNFIT
+            or n_crossings > MOST_CROSSINGS
+            or (n_crossings == 0 and not state[t] & IN_CONTACT)
+        ):
             left[n_left] = t
             n_left += 1
             continue
@@ -248,16 +296,23 @@ def arrangement_areas(
         visible[t] = 0.0
         error = OUTLINE_ERROR_FACTOR * (width + height) * camera.pixel_error
         area_error[t] = error
-        n, _ = outline(t, projected, target, work.own)
+        n, n_own = outline(t, projected, target, work.own)
         if state[t] & PARTLY:
             n = clip(target, n, border, border.shape[0], work.spare)
             if n < 3:
                 continue
         if hider >= 0 and hides_all(hider, t, target, n, camera, projected, work, area_error):
             continue
+        fits = True
+        if state[t] & IN_CONTACT:
+            for k in range(partners.starts[t], partners.starts[t + 1]):
+                m = partners.faces[k]
+                if may_pass_through(t, m, target, n, n_own, camera, projected, work, area_error):
+                    fits = False
+                    break
         copy_polygon(target, n, pieces.corners[0])
-        pieces.n_corners[0], count, fits = n, np.int64(1), True
-        for k in range(n_crossings):
+        pieces.n_corners[0], count = n, np.int64(1)
+        for k in range(n_crossings if fits else 0):
             c = order[k]
             segment = crossings.segments[c]
             area_error[t] += (

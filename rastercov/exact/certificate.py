@@ -99,12 +99,14 @@ class CertificateSolver(HalfPlaneSolver):
         """Compute `visible`, `area_error` and `is_certified` of every face."""
         surface, camera, projected = self.surface, self.camera, self.projected
         distance = float(np.linalg.norm(camera.centre - surface.centre))
-        contacts = surface.contacts.faces_for(distance + surface.diagonal / 2)
+        reach = distance + surface.diagonal / 2
+        contacts = surface.contacts.faces_for(reach)
+        partners = surface.contacts.partners_for(reach)
         is_event = self._is_event
         self.n_events = find_event_edges(surface.edges, projected, is_event, self._events)
         events = self._events[: self.n_events]
         kernels.mark_uncertifiable(
-            events, surface.edges, projected, contacts,
+            events, surface.edges, projected, contacts, partners,
             THIN_TOLERANCE_REL * self.coordinate_scale, self._is_at_event,
         )  # fmt: skip
         while True:
@@ -120,8 +122,8 @@ class CertificateSolver(HalfPlaneSolver):
             surface.edges, is_event, camera, projected, self.region, self._scratch, self._targets
         )
         self.n_left = arrangement_areas(
-            self._targets[: self.n_crossed], self._crossings, surface.edges, is_event, camera,
-            projected, self.grid, self._pieces, self._work, self.visible, self.area_error,
+            self._targets[: self.n_crossed], self._crossings, partners, surface.edges, is_event,
+            camera, projected, self.grid, self._pieces, self._work, self.visible, self.area_error,
             self._scratch,
         )  # fmt: skip
         computed = self._scratch[: self.n_left + self.n_regions]

@@ -11,6 +11,7 @@ from rastercov._jit import allocation_free, inlined, part_of
 from rastercov.exact.records import (
     CLIPPED,
     CROSSED,
+    IN_CONTACT,
     LIVE,
     PARTLY,
     THIN,
@@ -26,7 +27,7 @@ from rastercov.exact.records import (
 
 
 @allocation_free
-def mark_uncertifiable(events, edges, projected, in_contact, thinnest, is_at_event):
+def mark_uncertifiable(events, edges, projected, in_contact, partners, thinnest, is_at_event):
     """Mark the live faces that cannot be certified, whether an edge crosses them or not.
 
     These are faces that are clipped in space, in contact with another, or as thin as a line; and
@@ -38,9 +39,11 @@ def mark_uncertifiable(events, edges, projected, in_contact, thinnest, is_at_eve
     events : (N,) int32
         Event edges.
     projected : Projected
-        `CROSSED` is added to the state.
+        `CROSSED` is added to the state, with `UNFIT` or `IN_CONTACT`.
     in_contact : (F,) bool
         Faces that another one touches or cuts.
+    partners : Partners
+        The others.
     thinnest : float
         Width in pixels below which rounding may decide on which side of a face an edge runs.
     is_at_event : (V,) bool
@@ -54,11 +57,14 @@ def mark_uncertifiable(events, edges, projected, in_contact, thinnest, is_at_eve
     for f in range(state.shape[0]):
         if state[f] & LIVE:
             extent = box[f, U_MAX] - box[f, U_MIN] + box[f, V_MAX] - box[f, V_MIN]
-            unfit = state[f] & CLIPPED or in_contact[f] or area[f] < thinnest * extent
+            unfit = state[f] & CLIPPED or area[f] < thinnest * extent
             if state[f] & PARTLY and not unfit:
                 unfit = (
                     is_at_event[faces[f, 0]] or is_at_event[faces[f, 1]] or is_at_event[faces[f, 2]]
                 )
+            if in_contact[f]:
+                state[f] |= CROSSED | IN_CONTACT
+                unfit = unfit or partners.starts[f] == partners.starts[f + 1]
             if unfit:
                 state[f] |= CROSSED | UNFIT
         elif state[f] & THIN:

@@ -42,6 +42,7 @@ from rastercov.exact.records import (
     PARTLY,
     STACK_ROOM,
     THIN,
+    TIED,
     U_MAX,
     U_MIN,
     V_MAX,
@@ -70,8 +71,8 @@ def depth_order(t, m, target, n, n_sides, camera, projected, work, is_first, are
     added to `area_error` of t if `is_first`: the two are compared for the first time.
 
     `target` and n are the image of t; `work.lines` has the `n_sides` lines that bound that of m.
-    The result is `BEHIND`, `IN_FRONT` or `IN_FRONT_IN_PART`; for the last, the line of equal depth
-    is appended to `work.lines`.
+    The result is `BEHIND`, `IN_FRONT`, `IN_FRONT_IN_PART` or `TIED`; for the third, the line of
+    equal depth is appended to `work.lines`.
     """
     faces, box, lines, spare = projected.faces, projected.box, work.lines, work.spare
     if box[m, W_MIN] > box[t, W_MAX] * (1 + 2 * DEPTH_TIE_REL):
@@ -113,7 +114,7 @@ def depth_order(t, m, target, n, n_sides, camera, projected, work, is_first, are
         strip = error / length(a_m - a_t, b_m - b_t, 0.0) * extent
         area_error[t] += min(strip, common)
     if apart <= 0:
-        return IN_FRONT if m < t else BEHIND
+        return TIED
     if shared >= 2:
         return IN_FRONT if most > -least else BEHIND
     if most <= 0:
@@ -241,6 +242,8 @@ def visible_in_cell(
             continue
         marks[m] = t
         order = depth_order(t, m, target, n, n_sides, camera, projected, work, is_first, area_error)
+        if order == TIED:
+            order = IN_FRONT if m < t else BEHIND
         if order == BEHIND:
             continue
         if order == IN_FRONT and contains(lines, n_sides, target, n):

@@ -25,20 +25,20 @@ SLOPE_U, SLOPE_V, W_ERROR, OUTLINE_ERROR = range(3, 7)
 """Further columns of a plane: slope of w along u and v, the largest error of w within the image,
 and the largest error in pixels of the lines that bound the face."""
 
-LIVE, CLIPPED, PARTLY, CROSSED, DOUBTFUL, THIN, UNFIT = (1 << bit for bit in range(7))
+LIVE, CLIPPED, PARTLY, CROSSED, DOUBTFUL, THIN, UNFIT, IN_CONTACT = (1 << bit for bit in range(8))
 """Bits of a face's state.
 
 LIVE: the face reaches into the image. CLIPPED: its image is a polygon made by clipping in space.
 PARTLY: it reaches out of the image. CROSSED: its visibility may change within it, so that it cannot
 be certified. DOUBTFUL: rounding may decide which side is seen. THIN: its image rounds to nothing,
 so that it hides nothing, and the bounds of the faces behind it include what it may hide. UNFIT: its
-visibility may change elsewhere than at event edges."""
+visibility may change elsewhere than at event edges. IN_CONTACT: another face touches or cuts it."""
 
 CONSISTENT, REVERSED, NON_MANIFOLD = 1, -1, 2
 """Kinds of edges: one face, or two that run along it in opposite directions; two that run in the
 same direction; more than two faces, or no length."""
 
-BEHIND, IN_FRONT, IN_FRONT_IN_PART = range(3)
+BEHIND, IN_FRONT, IN_FRONT_IN_PART, TIED = range(4)
 """Depth order of an occluder relative to a face, over the overlap of their images."""
 
 DEPTH_TIE_REL = 1e-10
@@ -95,7 +95,7 @@ uvw : (V, 3) float64
 side : (F,) int8
     1 for a face seen from the front, -1 from behind, 0 for one that is left out.
 state : (F,) uint8
-    Bits `LIVE` to `THIN`.
+    Bits `LIVE` to `IN_CONTACT`.
 box : (F, 6) float64
     Bounds of u, v and w, of live and thin faces.
 area : (F,) float64

@@ -295,3 +295,39 @@ def mark_contacts(
                 node >>= 1
         spent += steps
     return last
+
+
+@compiled
+def list_contacts(vertices, scale, faces, boxes, nodes, reach, pairs):
+    """List all pairs of faces in contact; returns their number, or one more than there is room for.
+
+    Parameters
+    ----------
+    vertices, scale, faces, boxes, nodes, reach
+        As for `mark_contacts`.
+    pairs : (N, 2) int32
+        Out: rows of `faces`, the lower first.
+    """
+    leaves, n_faces, n = nodes.shape[0] // 2, faces.shape[0], 0
+    points = np.empty((15, 3))
+    for t in range(n_faces):
+        node = leaves + t // LEAF
+        while node != 1:
+            while overlap(boxes, t, nodes, node, reach):
+                if node < leaves:
+                    node *= 2
+                    continue
+                start = (node - leaves) * LEAF
+                for m in range(max(start, t + 1), min(start + LEAF, n_faces)):
+                    if overlap(boxes, t, boxes, m, reach) and touch(
+                        vertices, scale, faces, t, m, reach, points
+                    ):
+                        if n == pairs.shape[0]:
+                            return n + 1
+                        pairs[n, 0], pairs[n, 1] = t, m
+                        n += 1
+                break
+            node += 1
+            while node & 1 == 0:
+                node >>= 1
+    return n

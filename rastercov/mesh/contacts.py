@@ -12,7 +12,7 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,11 +37,30 @@ LEAVES_A_TURN = 2048
 """Leaves of a chunk, the unit of work of a thread."""
 FRAME_SAMPLES = 4096
 """Greatest number of faces on which two frames for the boxes are compared."""
+MOST_PARTNERS = 24
+"""Faces in contact with one face, beyond which they are not listed."""
+PAIRS_A_FACE = 8
+"""Pairs for each face in contact, beyond which none is listed: whole surfaces lie on each other."""
 CONTACT = 1e-8
 """Contact distance in diagonals of the bounding box."""
 REACH = 30.0
 """Camera distance in diagonals up to which `CONTACT` suffices: from farther away, surfaces farther
 apart than that are still at equal depth to within the tie tolerance of the exact methods."""
+
+
+class Partners(NamedTuple):
+    """For each face, the faces in contact with it.
+
+    Attributes
+    ----------
+    starts : (F + 1,) int64
+        The partners of face f are faces[starts[f]] ... faces[starts[f + 1] - 1]. None are listed of
+        a face with more than `MOST_PARTNERS`, and none at all if there are too many pairs.
+    faces : (N,) int32
+    """
+
+    starts: IntArray
+    faces: NDArray[np.int32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +89,7 @@ class Contacts:
     _known: dict[tuple[int, bool], Once[NDArray[np.bool_]]] = field(
         default_factory=dict, init=False
     )
+    _partners: dict[int, Once[Partners]] = field(default_factory=dict, init=False)
 
     @property
     def reach(self) -> float:
@@ -79,6 +99,16 @@ class Contacts:
     def faces_for(self, distance: float = 0.0) -> NDArray[np.bool_]:
         """(F,) faces in contact, for cameras with no surface beyond `distance`, metres."""
         return self._faces(self._decade(distance), within=False)
+
+    def partners_for(self, distance: float = 0.0) -> Partners:
+        """For each face in contact the others that it touches or cuts; see `faces_for`."""
+        decade = self._decade(distance)
+        return self._partners.setdefault(decade, Once()).get(
+            lambda: contact_partners(
+                self.vertices, self.faces, CONTACT * 10**decade * self.diagonal,
+                self._faces(decade, within=False),
+            )
+        )  # fmt: skip
 
     def faces_within_components(self, distance: float = 0.0) -> NDArray[np.bool_]:
         """(F,) faces in contact with one of their own edge-connected component; see `faces_for`."""
@@ -158,23 +188,84 @@ def touching_faces(
     chosen = np.flatnonzero(~degenerate_mask)
     if len(chosen) < 2:
         return touching
-    vertices = np.ascontiguousarray(vertices, dtype=np.float64) + 0.0  # -0.0 + 0.0 is 0.0
-    dtype = np.int32 if len(vertices) < 2**31 else np.int64
-    position: NDArray[Any] = first_equal_row(vertices.view(np.uint64)).astype(dtype)
-    corners = _corners(position, faces, chosen)
-    low, high = _bounds(vertices, corners)
-    extent = math.hypot(*(high - low))  # its squares may under- and overflow
-    scale = 1 / max(extent, 1e-300)  # the inverse of a smaller number can be infinite
-    reach = ROUNDING_FACTOR * max(float(tolerance), LEAST_TOLERANCE_REL * extent) * scale
-    placed = (np.clip(vertices, low, high) - (low + high) / 2) * scale
-    placed = placed @ _frame(placed, corners)
-    tree = TriangleTree.over(placed, corners, margin=BOX_MARGIN, dtype=np.float32)
-    del corners  # large, and in another order
-    chosen = chosen[tree.order]
-    names = np.empty(0, np.int32) if labels is None else labels[chosen].astype(np.int32)
-    marks = _marks(vertices, scale, tree, names, reach, threads)
-    touching[chosen[marks]] = True
+    placed = _Placed.of(vertices, faces, chosen, tolerance)
+    names = np.empty(0, np.int32) if labels is None else labels[placed.chosen].astype(np.int32)
+    touching[placed.chosen[_marks(placed, names, threads)]] = True
     return touching
+
+
+def contact_partners(
+    vertices: FloatArray,
+    faces: NDArray[np.integer[Any]],
+    tolerance: float,
+    touching: NDArray[np.bool_],
+) -> Partners:
+    """Faces in contact with each of the `touching_faces`.
+
+    `touching` is the answer of `touching_faces` for the same mesh and tolerance.
+    """
+    chosen = np.flatnonzero(touching)
+    pairs = np.empty((0, 2), np.int64)
+    if len(chosen):
+        placed = _Placed.of(vertices, faces, chosen, ROUNDING_FACTOR * tolerance)
+        tree = placed.tree
+        rows = np.empty((PAIRS_A_FACE * len(chosen), 2), np.int32)
+        n = kernels.list_contacts(
+            placed.vertices, placed.scale, tree.faces, tree.boxes, tree.nodes, placed.reach, rows
+        )
+        if n <= len(rows):
+            pairs = placed.chosen[rows[:n]]
+    both = np.concatenate((pairs, pairs[:, ::-1]))
+    counts = np.bincount(both[:, 0], minlength=len(faces))
+    both = both[(counts <= MOST_PARTNERS)[both[:, 0]]]
+    both = both[np.lexsort(both.T[::-1])]
+    counts[counts > MOST_PARTNERS] = 0
+    starts = np.concatenate(([0], np.cumsum(counts)))
+    return Partners(starts.astype(np.int64), np.ascontiguousarray(both[:, 1], np.int32))
+
+
+@dataclass(frozen=True, eq=False)
+class _Placed:
+    """Chosen faces of a mesh, scaled to a bounding box of diagonal 1, in a tree.
+
+    Attributes
+    ----------
+    chosen : (N,) int64
+        The faces, in the order of the tree.
+    vertices : (V, 3) float64
+        Of the mesh.
+    scale : float
+        Inverse of the diagonal.
+    reach : float
+        Tolerance as a fraction of the diagonal, raised against rounding.
+    """
+
+    chosen: IntArray
+    vertices: FloatArray
+    scale: float
+    reach: float
+    tree: TriangleTree
+
+    @classmethod
+    def of(
+        cls,
+        vertices: FloatArray,
+        faces: NDArray[np.integer[Any]],
+        chosen: IntArray,
+        tolerance: float,
+    ) -> Self:
+        vertices = np.ascontiguousarray(vertices, dtype=np.float64) + 0.0  # -0.0 + 0.0 is 0.0
+        dtype = np.int32 if len(vertices) < 2**31 else np.int64
+        position: NDArray[Any] = first_equal_row(vertices.view(np.uint64)).astype(dtype)
+        corners = _corners(position, faces, chosen)
+        low, high = _bounds(vertices, corners)
+        extent = math.hypot(*(high - low))  # its squares may under- and overflow
+        scale = 1 / max(extent, 1e-300)  # the inverse of a smaller number can be infinite
+        reach = ROUNDING_FACTOR * max(float(tolerance), LEAST_TOLERANCE_REL * extent) * scale
+        placed = (np.clip(vertices, low, high) - (low + high) / 2) * scale
+        placed = placed @ _frame(placed, corners)
+        tree = TriangleTree.over(placed, corners, margin=BOX_MARGIN, dtype=np.float32)
+        return cls(chosen[tree.order], vertices, scale, reach, tree)
 
 
 def _corners(
@@ -216,15 +307,9 @@ def _box_area(points: FloatArray) -> float:
     return float((x * y + y * z + z * x).sum())
 
 
-def _marks(
-    vertices: FloatArray,
-    scale: float,
-    tree: TriangleTree,
-    labels: NDArray[np.int32],
-    reach: float,
-    threads: int | None,
-) -> NDArray[np.bool_]:
+def _marks(placed: _Placed, labels: NDArray[np.int32], threads: int | None) -> NDArray[np.bool_]:
     """(N,) faces in contact, in the order of the tree."""
+    tree = placed.tree
     last = -(-len(tree.faces) // LEAF)
     done, marks = tree.nodes[:, 0] == np.inf, np.zeros(len(tree.faces), dtype=bool)
     turns = [(start, min(start + LEAVES_A_TURN, last)) for start in range(0, last, LEAVES_A_TURN)]
@@ -239,8 +324,8 @@ def _marks(
                     return
                 while start < end and not stopped.is_set():
                     start = kernels.mark_contacts(
-                        vertices, scale, tree.points, tree.faces, labels, tree.boxes, tree.nodes,
-                        done, reach, start, end, STEPS_A_CALL, marks,
+                        placed.vertices, placed.scale, tree.points, tree.faces, labels, tree.boxes,
+                        tree.nodes, done, placed.reach, start, end, STEPS_A_CALL, marks,
                     )  # fmt: skip
         finally:
             turns.clear()  # empty already, except after an error: then all stop
