@@ -14,7 +14,7 @@ A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of S
 import numpy as np
 
 from rastercov._jit import allocation_free, inlined
-from rastercov.exact.grid_kernels import cell, sort_cell
+from rastercov.exact.grid_kernels import cell
 from rastercov.exact.half_plane_kernels import depth_order, hides_all
 from rastercov.exact.outline_kernels import is_joined, outline, outline_error, plane_of
 from rastercov.exact.polygon_kernels import (
@@ -44,6 +44,7 @@ from rastercov.exact.records import (
     UNFIT,
     V_MAX,
     V_MIN,
+    W_MAX,
     U,
     V,
 )
@@ -213,14 +214,10 @@ def point_visibility(t, u, v, hider, plane, edges, is_event, camera, projected, 
     row = cell(v, grid.top, grid.per_v, grid.rows)
     at = row * grid.columns + column
     result = VISIBLE
-    if not grid.is_sorted[at]:
-        sort_cell(at, box, grid)
     for entry in range(grid.starts[at] - 1, grid.starts[at + 1]):
         is_guess = entry < grid.starts[at]
         m = np.int64(hider) if is_guess else np.int64(grid.entries[entry])
-        if not is_guess and grid.nearest[entry] < farthest:
-            break
-        if m < 0 or m == t:
+        if m < 0 or m == t or box[m, W_MAX] < farthest:
             continue
         if not (box[m, U_MIN] <= u <= box[m, U_MAX] and box[m, V_MIN] <= v <= box[m, V_MAX]):
             continue

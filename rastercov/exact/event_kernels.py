@@ -13,7 +13,7 @@ A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of S
 import numpy as np
 
 from rastercov._jit import allocation_free, inlined
-from rastercov.exact.grid_kernels import cell, sort_cell
+from rastercov.exact.grid_kernels import cell
 from rastercov.exact.records import (
     CLIPPED,
     CONSISTENT,
@@ -34,6 +34,7 @@ from rastercov.exact.records import (
     V_MAX,
     V_MIN,
     W_ERROR,
+    W_MAX,
     W_MIN,
     U,
     V,
@@ -41,6 +42,8 @@ from rastercov.exact.records import (
 )
 from rastercov.exact.segment_kernels import (
     END,
+    HIDER,
+    NO_FACE,
     NO_VERTEX,
     START,
     crosses,
@@ -126,14 +129,11 @@ def mark_in_cell(
     nearest = max(segment[START, W], segment[END, W])
     farthest = min(segment[START, W], segment[END, W])
     ranges[0, 0], ranges[0, 1], n = first, last, 1
-    if not grid.is_sorted[c]:
-        sort_cell(c, box, grid)
     for entry in range(starts[c], starts[c + 1]):
-        if grid.nearest[entry] < farthest:
-            break
         m = entries[entry]
         if (
-            state[m] & (LIVE | DOUBTFUL) == LIVE
+            box[m, W_MAX] >= farthest
+            and state[m] & (LIVE | DOUBTFUL) == LIVE
             and box[m, U_MIN] <= right
             and box[m, U_MAX] >= left
             and box[m, V_MIN] <= bottom
@@ -145,6 +145,7 @@ def mark_in_cell(
             if begin < end:
                 n = take_range(ranges, n, begin, end)
                 if n == 0:
+                    ends[HIDER] = m
                     return n_crossings
     for entry in range(starts[c], starts[c + 1]):
         f = entries[entry]
@@ -194,6 +195,14 @@ def mark_segment(
     t0, t1 = narrowed(v, v + dv, extent[V_MIN] - tolerance, extent[V_MAX] + tolerance, t0, t1)
     if t0 > t1:
         return n_crossings
+    # Edges beside each other are often hidden by one face.
+    if ends[HIDER] >= 0:
+        begin, end = hidden_range(
+            ends[HIDER], ends[START], ends[END], uvw, t0, t1, tolerance, edges, is_event, camera,
+            projected, work,
+        )  # fmt: skip
+        if begin <= t0 and end >= t1:
+            return n_crossings
     ua, ub, va, vb = u + t0 * du, u + t1 * du, v + t0 * dv, v + t1 * dv
     low_u, high_u = min(ua, ub) - tolerance, max(ua, ub) + tolerance
     top = cell(min(va, vb) - tolerance, grid.top, grid.per_v, grid.rows)
@@ -294,7 +303,7 @@ def mark_crossed(
     uvw, state, clipped = projected.uvw, projected.state, projected.clipped
     uvw_of_ends, ends = segment.uvw, segment.ends
     crossings.last[:] = -1
-    n_crossings = 0
+    n_crossings, ends[HIDER] = 0, NO_FACE
     for index in range(events.shape[0]):
         e = events[index]
         a, b = edges.vertices[e, 0], edges.vertices[e, 1]

@@ -169,8 +169,8 @@ Attributes
 ----------
 uvw : (2, 3) float64
     u, v, w of both ends.
-ends : (2,) int64
-    Vertices at the ends, -1 for an end that is no vertex.
+ends : (3,) int64
+    Vertices at the ends, -1 for an end that is no vertex; and a face that hid another segment.
 points : (2, 3) float64
     Scratch: the ends in camera axes.
 """
