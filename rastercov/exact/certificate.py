@@ -89,11 +89,12 @@ class CertificateSolver(HalfPlaneSolver):
         super().__init__(surface, camera)
         n_edges, n_faces = len(surface.edges.kind), len(surface.faces)
         self._is_event, self._events = np.empty(n_edges, np.bool_), np.empty(n_edges, np.int32)
+        self._is_hidden = np.empty(n_edges, np.bool_)
         self._is_at_event = np.empty(len(surface.vertices), np.bool_)
         self.region, self._targets = np.empty(n_faces, np.int32), np.empty(n_faces, np.int32)
         self._scratch = np.empty(n_faces, np.int32)
         self._make_room_for_crossings(n_edges)
-        self._segment = Segment(np.empty((2, 3)), np.empty(3, np.int64), np.empty((2, 3)))
+        self._segment = Segment(np.empty((2, 3)), np.empty(4, np.int64), np.empty((2, 3)))
 
     def solve_all(self) -> None:
         """Compute `visible`, `area_error` and `is_certified` of every face."""
@@ -113,14 +114,15 @@ class CertificateSolver(HalfPlaneSolver):
             n_crossings = mark_crossed(
                 events, surface.edges, is_event, surface.vertices, camera, projected, self.grid,
                 self._extent, CROSSING_TOLERANCE_REL * self.coordinate_scale, self.n_clipped > 0,
-                self._segment, self._work, self._crossings,
+                self._segment, self._work, self._crossings, self._is_hidden,
             )  # fmt: skip
             if n_crossings <= len(self._crossings.edge):
                 break
             self._make_room_for_crossings(2 * n_crossings)
         self.n_crossed, self.n_regions = kernels.find_regions(
-            surface.edges, is_event, camera, projected, self.region, self._scratch, self._targets
-        )
+            surface.edges, is_event, self._is_hidden, camera, projected, self.region,
+            self._scratch, self._targets,
+        )  # fmt: skip
         self.n_left = arrangement_areas(
             self._targets[: self.n_crossed], self._crossings, partners, surface.edges, is_event,
             camera, projected, self.grid, self._pieces, self._work, self.visible, self.area_error,

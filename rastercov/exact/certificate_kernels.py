@@ -87,15 +87,15 @@ def root_of(parent, f):
 
 
 @allocation_free
-def find_regions(edges, is_event, camera, projected, region, number, targets):
+def find_regions(edges, is_event, is_hidden, camera, projected, region, number, targets):
     """Collect the uncrossed faces into regions; number of crossed faces, and of regions.
 
     A forest of faces, whose roots have the lowest index of their region, is joined edge by edge.
 
     Parameters
     ----------
-    is_event : (E,) bool
-        Of `find_event_edges`.
+    is_event, is_hidden : (E,) bool
+        Of `find_event_edges` and `mark_crossed`. What hides an event edge hides both of its faces.
     projected : Projected
         With `CROSSED` in the state.
     region : (F,) int32
@@ -118,7 +118,9 @@ def find_regions(edges, is_event, camera, projected, region, number, targets):
             n_crossed += 1
     for e in range(edge_faces.shape[0]):
         f, g = edge_faces[e, 0], edge_faces[e, 1]
-        if is_event[e] or g < 0 or parent[f] < 0 or parent[g] < 0 or parent[f] == parent[g]:
+        if is_event[e] and not is_hidden[e]:
+            continue
+        if g < 0 or parent[f] < 0 or parent[g] < 0 or parent[f] == parent[g]:
             continue
         if state[f] & PARTLY and state[g] & PARTLY:
             # Their common edge may lie outside the image, where nothing is checked.

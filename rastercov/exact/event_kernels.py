@@ -43,6 +43,7 @@ from rastercov.exact.records import (
 from rastercov.exact.segment_kernels import (
     END,
     HIDER,
+    IS_VISIBLE,
     NO_FACE,
     NO_VERTEX,
     START,
@@ -147,6 +148,7 @@ def mark_in_cell(
                 if n == 0:
                     ends[HIDER] = m
                     return n_crossings
+    ends[IS_VISIBLE] = 1
     for entry in range(starts[c], starts[c + 1]):
         f = entries[entry]
         if (
@@ -193,6 +195,7 @@ def mark_segment(
     du, dv = uvw[END, U] - u, uvw[END, V] - v
     t0, t1 = narrowed(u, u + du, extent[U_MIN] - tolerance, extent[U_MAX] + tolerance, 0.0, 1.0)
     t0, t1 = narrowed(v, v + dv, extent[V_MIN] - tolerance, extent[V_MAX] + tolerance, t0, t1)
+    ends[IS_VISIBLE] = 1 if t0 > 0 or t1 < 1 else 0
     if t0 > t1:
         return n_crossings
     # Edges beside each other are often hidden by one face.
@@ -273,7 +276,7 @@ def project_clipped(a, b, vertices, camera, segment):
 @allocation_free
 def mark_crossed(
     events, edges, is_event, vertices, camera, projected, grid, extent, tolerance, has_clipped,
-    segment, work, crossings,
+    segment, work, crossings, is_hidden,
 ):  # fmt: skip
     """Mark the live faces crossed by a visible part of an event edge or of a rim at the near plane.
 
@@ -294,6 +297,8 @@ def mark_crossed(
         Whether any face is clipped in space.
     crossings : Crossings
         Out. `segment` and `work` are scratch.
+    is_hidden : (E,) bool
+        Out: event edges that faces in front hide from end to end.
 
     Returns
     -------
@@ -306,6 +311,7 @@ def mark_crossed(
     n_crossings, ends[HIDER] = 0, NO_FACE
     for index in range(events.shape[0]):
         e = events[index]
+        is_hidden[e] = False
         a, b = edges.vertices[e, 0], edges.vertices[e, 1]
         if uvw[a, W] > 0 and uvw[b, W] > 0:
             ends[START], ends[END] = a, b
@@ -320,6 +326,7 @@ def mark_crossed(
             e, flags & DOUBTFUL != 0, segment, tolerance, edges, is_event, camera, projected, grid,
             extent, work, crossings, n_crossings,
         )  # fmt: skip
+        is_hidden[e] = uvw[a, W] > 0 and uvw[b, W] > 0 and not ends[IS_VISIBLE]
     if not has_clipped:
         return n_crossings
     polygons, planes = clipped.polygons, clipped.planes

@@ -169,8 +169,9 @@ Attributes
 ----------
 uvw : (2, 3) float64
     u, v, w of both ends.
-ends : (3,) int64
-    Vertices at the ends, -1 for an end that is no vertex; and a face that hid another segment.
+ends : (4,) int64
+    Vertices at the ends, -1 for an end that is no vertex; a face that hid another segment; 1 if the
+    edge is not wholly hidden.
 points : (2, 3) float64
     Scratch: the ends in camera axes.
 """

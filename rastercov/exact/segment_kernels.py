@@ -12,8 +12,8 @@ from rastercov.exact.records import DEPTH_TIE_REL, DU, DV, W_MAX, U, V, W
 
 START, END = 0, 1
 """Rows of a segment, which has u, v and w of both ends."""
-HIDER = 2
-"""Row of `Segment.ends` with a face that hid another segment."""
+HIDER, IS_VISIBLE = 2, 3
+"""Rows of `Segment.ends`: a face that hid another segment; 1 for a segment not wholly hidden."""
 NO_VERTEX = NO_FACE = -1
 """End of a segment that is no vertex of the surface; no such face."""
 
