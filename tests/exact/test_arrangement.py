@@ -1,0 +1,136 @@
+"""Crossed faces divided by event edges: which edges count, and what half planes say of the rest."""
+
+import numpy as np
+import pytest
+from exact_cases import AHEAD, hostile, t_junctions, window
+from exact_views import SEEDS, look, soup
+from hypothesis import given, settings
+from scenes import joined, sheet, square
+
+from rastercov import shapes
+from rastercov.exact.grid_kernels import sort_cell
+from rastercov.exact.half_planes import HalfPlaneSolver
+from rastercov.exact.records import CROSSED, W_MAX
+from rastercov.mesh import contacts
+
+
+def assert_agree(mesh, camera, pose, front_only=False):
+    """Both paths have the same areas, to their bounds, and certified faces are all or nothing."""
+    view = look(mesh, camera, pose, front_only=front_only)
+    other = look(mesh, camera, pose, HalfPlaneSolver, front_only=front_only)
+    off = np.abs(view.visible - other.visible)
+    bound = np.where(view.is_certified, 0.0, view.area_error) + other.area_error
+    assert (off <= bound + 1e-12).all()
+    return view
+
+
+def test_edges_behind_a_wall_cross_nothing():
+    """
+    A wall hides a soup of triangles: none of their edges is visible, so none is crossed.
+    """
+    wall = sheet((-9, -9), (9, 9), 1.0)
+    mesh = joined(wall, soup(np.random.default_rng(1), n=80, size=0.1))
+    view = look(mesh, window(), AHEAD)
+    marked = view.state[wall.n_faces :] & CROSSED != 0
+    in_contact = view.surface.contacts.faces_for(0.0)[wall.n_faces :]
+    assert view.n_events > 100
+    assert not (marked & ~in_contact).any()
+    assert view.visible[wall.n_faces :].max() == 0
+
+
+def test_an_edge_that_a_wall_hides_in_part_crosses_where_it_is_seen():
+    """
+    +------+-----+         one bar before two tiles, a wall before the left half of the bar:
+    |  left|right|         the left tile is hidden, the right one is crossed by the bar
+    | ##===+===  |
+    +------+-----+
+    """
+    left, right = sheet((-4, -2), (-0.1, 2), 4.0), sheet((0.1, -2), (4, 2), 4.0)
+    bar, wall = sheet((-2, -0.2), (2, 0.2), 3.0), sheet((-5, -5), (0, 5), 2.0)
+    view = look(joined(left, right, bar, wall), window(), AHEAD)
+    crossed = view.state & CROSSED != 0
+    assert crossed[:2].tolist() == [False, False]
+    assert crossed[2:4].any()
+    assert view.visible[:2].max() == 0
+    assert (view.visible[2:4] > 0).any()
+
+
+@given(seed=SEEDS)
+@settings(max_examples=60)
+def test_half_planes_agree_with_arrangements(seed):
+    case = hostile(seed)
+    assert_agree(case.mesh, case.camera, case.pose)
+
+
+@given(seed=SEEDS)
+@settings(max_examples=10)
+def test_half_planes_agree_in_a_crowd(seed):
+    rng = np.random.default_rng(seed)
+    crowd = [shapes.box(rng.uniform(0.05, 0.3, 3)) for _ in range(60)]
+    moved = [
+        type(part)(vertices=part.vertices + rng.uniform((-1, -1, 2), (1, 1, 5)), faces=part.faces)
+        for part in crowd
+    ]
+    view = assert_agree(joined(*moved), window(), AHEAD)
+    assert view.n_left < view.n_crossed
+
+
+def test_neighbours_that_abut_are_divided_although_they_touch():
+    """Faces along a T-junction touch each other without passing through each other."""
+    tile, row = sheet((-1, -1), (1, 0), 4.0), [sheet((x, 0), (x + 0.5, 1), 4.0) for x in (-1, -0.5)]
+    shade = sheet((-0.7, -0.3), (0.1, 0.4), 3.0)
+    mesh = joined(tile, *row, sheet((0, 0), (1, 1), 4.0), shade)
+    view = assert_agree(mesh, window(), AHEAD)
+    assert view.surface.contacts.faces_for(0.0).sum() >= 5
+    assert view.n_left == 0
+
+
+def test_faces_that_pass_through_each_other_are_left_to_half_planes():
+    tilted = shapes.box((1.0, 1.0, 0.02))
+    turn = np.array([(1, 0, 0), (0, 0.8, -0.6), (0, 0.6, 0.8)])
+    tilted = type(tilted)(vertices=tilted.vertices @ turn.T + (0, 0, 4), faces=tilted.faces)
+    view = assert_agree(joined(square(1.0, 4.0), tilted), window(), AHEAD)
+    assert view.n_left > 0
+
+
+@given(seed=SEEDS)
+@settings(max_examples=15)
+def test_partners_are_the_faces_that_touch(seed):
+    mesh = t_junctions(np.random.default_rng(seed))[0]
+    tolerance = contacts.CONTACT * mesh.contacts.diagonal
+    touching = mesh.contacts.faces_for(0.0)
+    starts, faces = mesh.contacts.partners_for(0.0)
+    counts = np.diff(starts)
+    assert np.array_equal(counts > 0, touching)
+    for f in np.flatnonzero(touching)[:6]:
+        for m in faces[starts[f] : starts[f + 1]]:
+            pair = mesh.faces[[f, m]]
+            assert contacts.touching_faces(mesh.vertices, pair, 1.1 * tolerance).all()
+            assert f in faces[starts[m] : starts[m + 1]]
+
+
+def test_a_face_with_too_many_partners_lists_none(monkeypatch):
+    monkeypatch.setattr(contacts, "MOST_PARTNERS", 1)
+    mesh = joined(square(1, 4), square(0.5, 4), square(0.2, 4))
+    starts, _ = mesh.contacts.partners_for(0.0)
+    assert mesh.contacts.faces_for(0.0).all()
+    assert np.diff(starts).min() == 0
+    assert_agree(mesh, window(), AHEAD)
+
+
+@pytest.mark.parametrize("n", [0, 1, 2, 17, 500])
+def test_a_sorted_cell_lists_its_faces_from_front_to_back(n):
+    view = look(square(1, 4), window(), AHEAD)
+    rng = np.random.default_rng(n)
+    box = np.zeros((n, 6))
+    box[:, W_MAX] = rng.integers(0, 9, n)
+    order = rng.permutation(n).astype(np.int32)
+    grid = view.grid._replace(
+        starts=np.array([0, n, n]), entries=order.copy(), nearest=np.empty(n),
+        is_sorted=np.zeros(1, bool),
+    )  # fmt: skip
+    sort_cell(0, box, grid)
+    assert sorted(grid.entries) == sorted(order)
+    assert (np.diff(grid.nearest) <= 0).all()
+    assert np.array_equal(grid.nearest, box[grid.entries, W_MAX])
+    assert grid.is_sorted[0]
