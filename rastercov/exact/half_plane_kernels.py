@@ -17,7 +17,7 @@ A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of S
 import numpy as np
 
 from rastercov._jit import allocation_free, inlined
-from rastercov.exact.grid_kernels import cells_of_box, sort_cell
+from rastercov.exact.grid_kernels import cell, cells_of_box, sort_cell
 from rastercov.exact.outline_kernels import outline, outline_error, plane_of
 from rastercov.exact.polygon_kernels import (
     clip,
@@ -27,6 +27,7 @@ from rastercov.exact.polygon_kernels import (
     keep_inside,
     length,
     separates,
+    separates_box,
     twice_area,
 )
 from rastercov.exact.records import (
@@ -54,12 +55,14 @@ from rastercov.exact.records import (
 )
 from rastercov.exact.setup_kernels import EDGE_ON_FACTOR, OUTLINE_ERROR_FACTOR
 
+MOST_CELLS_OF_PART = 12
+"""Cells of the grid that a face covers, beyond which it is taken apart by them."""
 MOST_PIECES = 48
 """Pieces of a part of a face beyond which it is halved: each occluder is taken from each piece."""
 MOST_HALVINGS = 6
 """Times that a part is halved: occluders with a common corner are not separated by any number."""
 NO_ROOM, ALL_HIDDEN, TOO_MANY = -1, -2, -3
-"""Results of `visible_in_cell` other than an area."""
+"""Results of `visible_in_cells` other than an area."""
 
 
 @inlined
@@ -155,6 +158,10 @@ def hides_all(m, t, target, n, camera, projected, work, area_error):
     box = projected.box
     if (
         m == t
+        or box[m, U_MIN] > box[t, U_MIN]
+        or box[m, U_MAX] < box[t, U_MAX]
+        or box[m, V_MIN] > box[t, V_MIN]
+        or box[m, V_MAX] < box[t, V_MAX]
         or box[m, W_MAX] < box[t, W_MIN] * (1 - 2 * DEPTH_TIE_REL)
         or not projected.state[m] & LIVE
         or projected.state[m] & DOUBTFUL
@@ -169,33 +176,20 @@ def hides_all(m, t, target, n, camera, projected, work, area_error):
 
 
 @allocation_free
-def visible_in_cell(
-    t,
-    target,
-    n,
-    n_own,
-    part,
-    n_part,
-    at,
-    limit,
-    camera,
-    projected,
-    grid,
-    marks,
-    pieces,
-    work,
+def visible_in_cells(
+    t, target, n, n_own, part, n_part, cells, limit, camera, projected, grid, marks, pieces, work,
     area_error,
-):
-    """Twice the area that the faces listed in one cell leave of a part of face t.
+):  # fmt: skip
+    """Twice the area that the faces listed in some cells leave of a part of face t.
 
     Parameters
     ----------
     t, target, n, n_own
         The face, its image, and the number of lines that bound it.
     part, n_part : (24, 2) float64, int
-        The part, within the cell.
-    at : int
-        The cell.
+        The part, within the cells.
+    cells : tuple
+        First and last column, first and last row.
     limit : int
         Number of pieces beyond which the part is left to be halved.
     camera, projected, grid, marks, pieces, work, area_error
@@ -217,50 +211,65 @@ def visible_in_cell(
     copy_polygon(part, n_part, pieces.corners[0])
     pieces.n_corners[0], count = n_part, np.int64(1)
     last = np.int64(-1)
-    if not grid.is_sorted[at]:
-        sort_cell(at, box, grid)
-    for entry in range(grid.starts[at], grid.starts[at + 1]):
-        if grid.nearest[entry] < farthest:
-            break
-        m = grid.entries[entry]
-        if box[m, U_MIN] >= u_max or box[m, U_MAX] <= u_min:
-            continue
-        if box[m, V_MIN] >= v_max or box[m, V_MAX] <= v_min or m == t:
-            continue
-        is_first = marks[m] != t
-        across = min(box[t, U_MAX], box[m, U_MAX]) - max(box[t, U_MIN], box[m, U_MIN])
-        down = min(box[t, V_MAX], box[m, V_MAX]) - max(box[t, V_MIN], box[m, V_MIN])
-        if state[m] & DOUBTFUL:
-            if is_first:
-                marks[m] = t
-                error = outline_error(m, camera, projected)
-                area_error[t] += 4 * EDGE_ON_FACTOR * (across + down) * error
-            if state[m] & THIN:
+    left, right, top, bottom = cells
+    for at_cell in range((right - left + 1) * (bottom - top + 1)):
+        column, row = left + at_cell % (right - left + 1), top + at_cell // (right - left + 1)
+        at = row * grid.columns + column
+        if not grid.is_sorted[at]:
+            sort_cell(at, box, grid)
+        for entry in range(grid.starts[at], grid.starts[at + 1]):
+            if grid.nearest[entry] < farthest:
+                break
+            m = grid.entries[entry]
+            if box[m, U_MIN] >= u_max or box[m, U_MAX] <= u_min or m == t:
                 continue
-        k, n_sides = outline(m, projected, corners, lines)
-        if separates(lines, n_sides, target, n) or separates(own, n_own, corners, k):
-            continue
-        marks[m] = t
-        order = depth_order(t, m, target, n, n_sides, camera, projected, work, is_first, area_error)
-        if order == TIED:
-            order = IN_FRONT if m < t else BEHIND
-        if order == BEHIND:
-            continue
-        if order == IN_FRONT and contains(lines, n_sides, target, n):
-            return ALL_HIDDEN, m
-        if is_first:
-            area_error[t] += 4 * (across + down) * outline_error(m, camera, projected)
-        n_lines = n_sides + 1 if order == IN_FRONT_IN_PART else n_sides
-        count = clip_subtract(
-            pieces, count, lines, n_sides, n_lines, camera.pixel_error, work.spare, work.values
-        )
-        last = np.int64(m)
-        if count == 0:
-            return 0.0, last
-        if count < 0:
-            return NO_ROOM, last
-        if count > limit:
-            return TOO_MANY, last
+            if box[m, V_MIN] >= v_max or box[m, V_MAX] <= v_min:
+                continue
+            # Each face once: in the first of the cells that list it.
+            if column != max(
+                cell(box[m, U_MIN], grid.left, grid.per_u, grid.columns), left
+            ) or row != max(cell(box[m, V_MIN], grid.top, grid.per_v, grid.rows), top):
+                continue
+            if separates_box(
+                own, n_own, box[m, U_MIN], box[m, U_MAX], box[m, V_MIN], box[m, V_MAX]
+            ):
+                continue
+            is_first = marks[m] != t
+            across = min(box[t, U_MAX], box[m, U_MAX]) - max(box[t, U_MIN], box[m, U_MIN])
+            down = min(box[t, V_MAX], box[m, V_MAX]) - max(box[t, V_MIN], box[m, V_MIN])
+            if state[m] & DOUBTFUL:
+                if is_first:
+                    marks[m] = t
+                    error = outline_error(m, camera, projected)
+                    area_error[t] += 4 * EDGE_ON_FACTOR * (across + down) * error
+                if state[m] & THIN:
+                    continue
+            k, n_sides = outline(m, projected, corners, lines)
+            if separates(lines, n_sides, target, n) or separates(own, n_own, corners, k):
+                continue
+            marks[m] = t
+            order = depth_order(
+                t, m, target, n, n_sides, camera, projected, work, is_first, area_error
+            )
+            if order == TIED:
+                order = IN_FRONT if m < t else BEHIND
+            if order == BEHIND:
+                continue
+            if order == IN_FRONT and contains(lines, n_sides, target, n):
+                return ALL_HIDDEN, m
+            if is_first:
+                area_error[t] += 4 * (across + down) * outline_error(m, camera, projected)
+            n_lines = n_sides + 1 if order == IN_FRONT_IN_PART else n_sides
+            count = clip_subtract(
+                pieces, count, lines, n_sides, n_lines, camera.pixel_error, work.spare, work.values
+            )
+            last = np.int64(m)
+            if count == 0:
+                return 0.0, last
+            if count < 0:
+                return NO_ROOM, last
+            if count > limit:
+                return TOO_MANY, last
     twice = 0.0
     for p in range(count):
         twice += max(twice_area(pieces.corners[p], pieces.n_corners[p]), 0.0)
@@ -294,19 +303,21 @@ def visible_twice_area(
 ):
     """Twice the visible area of face t, or `NO_ROOM`; and the last face that hides all of a part.
 
-    The face is taken apart by the cells of the grid, and parts of many pieces are halved.
+    A large face is taken apart by the cells of the grid, and parts of many pieces are halved.
     """
     parts, levels = work.parts, work.levels
     left, right, top_row, bottom = cells_of_box(projected.box, t, grid)
-    n_cells = (right - left + 1) * (bottom - top_row + 1)
+    is_large = (right - left + 1) * (bottom - top_row + 1) > MOST_CELLS_OF_PART
+    width, height = (1, 1) if is_large else (right - left + 1, bottom - top_row + 1)
     twice = 0.0
     hider = np.int64(-1)
-    for row in range(top_row, bottom + 1):
-        for column in range(left, right + 1):
-            lines_of_cell(column, row, grid, work.cell)
+    for row in range(top_row, bottom + 1, height):
+        for column in range(left, right + 1, width):
+            cells = (column, column + width - 1, row, row + height - 1)
             copy_polygon(target, n, parts.corners[0])
             parts.n_corners[0] = n
-            if n_cells > 1:
+            if is_large:
+                lines_of_cell(column, row, grid, work.cell)
                 parts.n_corners[0] = clip(parts.corners[0], n, work.cell, 4, work.spare)
                 if parts.n_corners[0] < 3:
                     continue
@@ -315,10 +326,9 @@ def visible_twice_area(
                 top -= 1
                 can_halve = levels[top] < MOST_HALVINGS and top + 2 < STACK_ROOM
                 limit = np.int64(MOST_PIECES) if can_halve else pieces.corners.shape[0]
-                rest, face = visible_in_cell(
-                    t, target, n, n_own, parts.corners[top], parts.n_corners[top],
-                    row * grid.columns + column, limit, camera, projected, grid, marks, pieces,
-                    work, area_error,
+                rest, face = visible_in_cells(
+                    t, target, n, n_own, parts.corners[top], parts.n_corners[top], cells, limit,
+                    camera, projected, grid, marks, pieces, work, area_error,
                 )  # fmt: skip
                 if rest == ALL_HIDDEN:
                     return 0.0, face

@@ -102,6 +102,18 @@ def separates(lines, n_lines, corners, n):
     return False
 
 
+@inlined
+def separates_box(lines, n_lines, u_min, u_max, v_min, v_max):
+    """True if one of the lines has a whole rectangle on its outer side or on itself."""
+    for s in range(n_lines):
+        line = line_at(lines, s)
+        u = u_min if lines[s, DV] > 0 else u_max
+        v = v_max if lines[s, DU] > 0 else v_min
+        if line_value(line, u, v) <= 0:
+            return True
+    return False
+
+
 @allocation_free
 def contains(lines, n_lines, corners, n):
     """True if all corners of a polygon are on the inner side of all lines."""
