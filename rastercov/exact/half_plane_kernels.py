@@ -175,7 +175,7 @@ def hides_all(m, t, target, n, camera, projected, work, area_error):
     )
 
 
-@allocation_free
+@inlined
 def visible_in_cells(
     t, target, n, n_own, part, n_part, cells, limit, camera, projected, grid, marks, pieces, work,
     area_error,
@@ -297,7 +297,7 @@ def halve(top, work):
     return n_halves
 
 
-@allocation_free
+@inlined
 def visible_twice_area(
     t, target, n, n_own, camera, projected, grid, marks, pieces, work, area_error
 ):
