@@ -52,6 +52,8 @@ from rastercov.exact.setup_kernels import OUTLINE_ERROR_FACTOR
 
 MOST_CROSSINGS = 24
 """Crossings of a face beyond which it is left to half planes, which divide the image by cells."""
+MOST_CELLS = 128
+"""Cells of a face beyond which it is left to them, too."""
 SURE = 16
 """Distance from an edge, in roundings of a position, that makes a point lie on one side of it."""
 VISIBLE, HIDDEN, UNSURE = range(3)
@@ -268,7 +270,7 @@ def arrangement_areas(
     camera, projected, grid
         Pinhole; Projected; CellGrid.
     pieces, work : Pieces, Work
-        Scratch.
+        Scratch; `MOST_CELLS` pieces or more.
     visible, area_error : (F,) float64
         Out: as of `half_plane_kernels.visible_areas`.
     left : (N,) int32
@@ -317,7 +319,7 @@ def arrangement_areas(
                 * camera.pixel_error
             )  # fmt: skip
             for p in range(count):
-                if count == pieces.corners.shape[0]:
+                if count == MOST_CELLS:
                     fits = False
                     break
                 count = divide_piece(pieces, p, count, crossings, c, camera.pixel_error, work)

@@ -20,7 +20,7 @@ from rastercov._jit import announce_compilation, compiled_aside
 from rastercov._once import Once
 from rastercov.camera import Camera
 from rastercov.exact import certificate_kernels as kernels
-from rastercov.exact.arrangement_kernels import arrangement_areas
+from rastercov.exact.arrangement_kernels import MOST_CELLS, arrangement_areas
 from rastercov.exact.event_kernels import find_event_edges, mark_crossed
 from rastercov.exact.half_plane_kernels import visible_areas
 from rastercov.exact.half_planes import HalfPlaneSolver
@@ -123,6 +123,8 @@ class CertificateSolver(HalfPlaneSolver):
             surface.edges, is_event, self._is_hidden, camera, projected, self.region,
             self._scratch, self._targets,
         )  # fmt: skip
+        if len(self._pieces.corners) < MOST_CELLS:
+            self._make_room_for_pieces(MOST_CELLS)
         self.n_left = arrangement_areas(
             self._targets[: self.n_crossed], self._crossings, partners, surface.edges, is_event,
             camera, projected, self.grid, self._pieces, self._work, self.visible, self.area_error,

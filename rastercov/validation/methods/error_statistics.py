@@ -145,10 +145,10 @@ class ErrorStatistics:
             self._greatest_ratio[kind] = max(
                 self._greatest_ratio[kind], float(ratio.max(initial=-1.0))
             )
-        # The error of a face smaller than a pixel counts by its area. A bound of 1 claims nothing;
-        # such faces are among the missed ones.
+        # The error of a face smaller than a pixel counts by its area, and one of rounding not at
+        # all. A bound of 1 claims nothing; such faces are among the missed ones.
         weight = error * np.minimum(figures.area, 1.0)
-        claimed = ~held | ((figures.bound < 1) & (weight > 0))
+        claimed = ~held | ((figures.bound < 1) & (weight > QUOTIENT_ROUNDING))
         self._keep(self._worst, pose, figures, held, ~held, np.where(claimed, weight, -1.0))
         self._keep(
             self._missed, pose, figures, held, missed, np.where(missed, figures.visible, -1.0)
