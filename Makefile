@@ -1,5 +1,5 @@
 # make demo    install everything and run the main job on a built-in mesh
-# make test    install everything and run all tests
+# make test    install everything and run all tests; RASTERCOV_NIGHTLY=1 adds larger problems
 # make quick   the same without the slow ones
 # make lint    formatting, style, types
 # make bench   exactness and speed, side by side with a ray tracer
