@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._jit import announce_compilation
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.near_plane import near_limit
@@ -60,14 +59,15 @@ class FaceGeometry:
 
 def face_geometry(mesh: Mesh, camera: Camera, pose: FloatArray) -> FaceGeometry:
     """Geometry of every face for one pose, world_from_camera (4, 4)."""
-    from rastercov import criteria_kernels as kernels  # loads numba
+    from rastercov import _jit  # loads numba
+    from rastercov import criteria_kernels as kernels
 
-    announce_compilation(kernels.measure)
+    _jit.announce_compilation(kernels.measure)
     near = float(near_limit(camera, mesh.bounds, pose[None])[0])
     found = kernels.arrays_for(mesh.n_faces)
     scene, lens = kernels.scene_of(mesh), kernels.lens_of(camera)
     work = kernels.workspace(mesh.n_vertices)
-    kernels.measure(scene, kernels.read_only(pose), near, lens, work, found)
+    kernels.measure(scene, kernels.read_only(pose, np.float64), near, lens, work, found)
     return FaceGeometry(*found)
 
 

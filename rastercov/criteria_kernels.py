@@ -78,10 +78,11 @@ def arrays_for(n_faces: int) -> FaceArrays:
 def scene_of(mesh: Any) -> Scene:
     """Arrays of a `Mesh`."""
     return Scene(
-        *map(
-            read_only,
-            (mesh.vertices, mesh.faces, mesh.normals, mesh.degenerate_mask, mesh.two_sided_mask),
-        )
+        read_only(mesh.vertices, np.float64),
+        read_only(mesh.faces, np.int64),
+        read_only(mesh.normals, np.float64),
+        read_only(mesh.degenerate_mask, np.bool_),
+        read_only(mesh.two_sided_mask, np.bool_),
     )
 
 
@@ -96,9 +97,9 @@ def workspace(n_vertices: int) -> Workspace:
     return Workspace(np.empty((n_vertices, 8)), *np.empty((2, MOST_CORNERS, 2)))
 
 
-def read_only(array: NDArray[Any]) -> NDArray[Any]:
+def read_only(array: NDArray[Any], dtype: type) -> NDArray[Any]:
     """Contiguous view that is not writable: numba compiles for each layout of an argument."""
-    view = np.ascontiguousarray(array).view()
+    view: NDArray[Any] = np.ascontiguousarray(array, dtype).view()
     view.flags.writeable = False
     return view
 

@@ -1,0 +1,78 @@
+"""Pass over poses and faces: what an observer measured becomes figures, in threads.
+
+`coverage` keeps the figures, `network` adds them up; `coverage_kernels` computes them.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov._threads import share_poses, thread_count
+from rastercov.near_plane import near_limit
+from rastercov.observation import Observation
+from rastercov.observer import Observer
+from rastercov.pose import Poses
+from rastercov.task import Task
+
+Fill = Callable[[slice, int, Any], None]
+"""Fill rows of `coverage_kernels.Figures`, from a row on, with the figures of some poses."""
+
+
+class CoveragePass:
+    """Figures of the poses of one observer by one task; any number of threads may use it."""
+
+    def __init__(self, observer: Observer, task: Task) -> None:
+        from rastercov import _jit, coverage_kernels, criteria_kernels  # load numba
+
+        _jit.announce_compilation(coverage_kernels.judge_poses)
+        self.mesh, self.camera = observer.mesh, observer.camera
+        self.kernels, self._geometry = coverage_kernels, criteria_kernels
+        self._scene = criteria_kernels.scene_of(observer.mesh)
+        self._lens = criteria_kernels.lens_of(observer.camera)
+        self._limits = task.limits(observer.camera)
+        threads = getattr(observer, "threads", None)
+        self._threads = threads if isinstance(threads, int) else thread_count(None)
+
+    def fill(self, seen: Observation, poses: Poses, figures: Mapping[str, NDArray[Any]]) -> None:
+        """Fill (P, F) arrays with the figures of the poses of an observation."""
+        out = self.kernels.record(figures)
+        self.share(seen, poses, lambda fill: lambda turn: fill(turn, turn.start, out))
+
+    def share(
+        self,
+        seen: Observation,
+        poses: Poses,
+        make_worker: Callable[[Fill], Callable[[slice], None]],
+    ) -> None:
+        """Share the poses of an observation among workers, one for each thread of the observer.
+
+        Each is made from the function by which it obtains the figures of its poses.
+        """
+        read_only = self._geometry.read_only
+        matrices = poses.world_from_camera
+        error = seen.area_error if any(seen.area_error.strides) else np.empty((0, 0))
+        measured = self.kernels.Seen(
+            read_only(matrices, np.float64),
+            read_only(near_limit(self.camera, self.mesh.bounds, matrices), np.float64),
+            read_only(seen.visible_pixels, np.float64),
+            read_only(seen.drawn_pixels, np.float64),
+            read_only(seen.kind, np.uint8),
+            read_only(error, np.float64),
+            float(seen.samples_per_pixel),
+        )
+
+        def worker() -> Callable[[slice], None]:
+            work = self._geometry.workspace(self.mesh.n_vertices)
+
+            def fill(turn: slice, first: int, out: Any) -> None:
+                rows = turn.start, turn.stop
+                self.kernels.judge_poses(
+                    rows, first, self._scene, self._lens, measured, self._limits, work, out
+                )
+
+            return make_worker(fill)
+
+        n_workers = max(1, min(self._threads, len(poses)))
+        share_poses(len(poses), [worker() for _ in range(n_workers)])
