@@ -13,11 +13,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._jit import allocation_free, part_of
+from rastercov._jit import allocation_free, part_of, part_with_arrays
 from rastercov.criteria_kernels import (
     BEHIND,
     INSIDE,
     Z,
+    against_ray,
     camera_normal,
     image_of_face,
     incidence_angle,
@@ -31,6 +32,8 @@ STATISTICAL, EXACT = 0, 2
 """Values of `rastercov.BoundKind`."""
 ROUNDING = 2.0**-52
 """Rounding of a quotient."""
+COSINE_ROUNDING = 1e-14
+"""Greater than the error of a cosine, and of the cosine of its arccosine."""
 LARGEST_RESOLUTION = 1e300
 """Of one face; a smaller R_min gives no more."""
 DEGENERATE, BACK_FACING, OUTSIDE, OUT_OF_FOCUS = 0, 1, 2, 3
@@ -134,16 +137,18 @@ def judge(limits, is_degenerate, is_front, is_inside, is_focused, is_sampled, fi
     product *= visibility if visibility >= limits.min_visibility else 0.0
     if reason == COVERED and (product < limits.min_coverage or product == 0):
         reason = OCCLUDED
-    # A front face is seen at less than a right angle; the arccosine takes longest here.
-    asks_angle = product != 0 and limits.max_incidence < math.pi / 2
-    if asks_angle and not incidence_angle(cosine) <= limits.max_incidence:
+    # The arccosine takes longest here, so cosines decide, except where they are equal to rounding.
+    is_oblique = cosine < limits.least_cosine
+    if abs(cosine - limits.least_cosine) < COSINE_ROUNDING:
+        is_oblique = not incidence_angle(cosine) <= limits.max_incidence
+    if is_oblique and product != 0:
         product = 0.0
         if reason == COVERED:
             reason = TOO_OBLIQUE
     return product, reason
 
 
-@allocation_free
+@part_with_arrays
 def in_focus(points, i, j, k, limits):
     """True if a face is within the depth of field, (3.12), by the rule of the task."""
     a, b, c = points[i, Z], points[j, Z], points[k, Z]
@@ -153,7 +158,7 @@ def in_focus(points, i, j, k, limits):
     return limits.z_n <= min(a, b, c) and max(a, b, c) <= limits.z_f
 
 
-@allocation_free
+@part_with_arrays
 def bound_of_fraction(seen, row, f, drawn, points, i, j, k, is_cut):
     """Bound of visible / drawn of a face that has an image; see `observation.visible_fraction`."""
     if seen.kind[row, f] == EXACT:
@@ -167,99 +172,153 @@ def bound_of_fraction(seen, row, f, drawn, points, i, j, k, is_cut):
     return 0.0
 
 
+@part_with_arrays
+def judge_face(scene, lens, seen, limits, work, row, f, asks_density):
+    """Figures of a face in one pose: geometry, visible fraction, and the decision.
+
+    Returns the cosine of the angle of incidence, the state of all vertices, the part of the image
+    of the face that is in the image, its area and density; the visible fraction, its bound and
+    kind; resolution, focus, coverage and reason.
+    """
+    points, pose, near = work.points, seen.poses[row], seen.near[row]
+    i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
+    normal = camera_normal(scene.normals, f, pose)
+    cosine = incidence_cosine(points, i, j, k, normal, scene.two_sided[f])
+    is_front = cosine > 0 and not scene.degenerate[f]
+    state, part, area = image_of_face(points, i, j, k, near, lens, work)
+    density = 0.0
+    if asks_density and is_front and state != BEHIND and part > 0:
+        density = pixel_density(points, i, j, k, normal, lens)
+    drawn = seen.drawn[row, f]
+    resolution = min(drawn / limits.min_pixels, LARGEST_RESOLUTION)
+    visibility, bound, kind = 0.0, 0.0, EXACT
+    if is_front and (part != 0 or state == INSIDE):
+        kind = int(seen.kind[row, f])
+        bound = 1.0
+        if drawn > 0:
+            visibility = seen.visible[row, f] / drawn
+            bound = bound_of_fraction(seen, row, f, drawn, points, i, j, k, state == BEHIND)
+            bound = min(bound, 1.0)
+    is_focused = in_focus(points, i, j, k, limits)
+    figures = resolution, density, visibility
+    product, reason = judge(
+        limits, scene.degenerate[f], is_front, state == INSIDE, is_focused, drawn > 0, figures,
+        cosine,
+    )  # fmt: skip
+    geometry = cosine, state, part, area, density
+    return geometry, (visibility, bound, kind), resolution, is_focused, product, reason
+
+
 @allocation_free
-def judge_poses(rows, first, scene, lens, seen, limits, work, out):
-    """Fill rows of `out`, from row `first`, with the figures of poses `rows[0]` to `rows[1] - 1`.
+def judge_poses(rows, scene, lens, seen, limits, work, out):
+    """Fill rows of `out` with the figures of poses `rows[0]` to `rows[1] - 1`.
 
     A `rastercov.task.Limits` holds the thresholds. What is not asked for is not computed, unless
     the coverage depends on it.
     """
-    points = work.points
     asks_density = out.pixel_density.size > 0 or limits.min_pixel_density > 0
     for row in range(rows[0], rows[1]):
-        to = first + row - rows[0]
-        pose, near = seen.poses[row], seen.near[row]
-        project(scene.vertices, pose, near, lens, points)
+        project(scene.vertices, seen.poses[row], seen.near[row], lens, work.points)
         for f in range(scene.faces.shape[0]):
-            i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
-            normal = camera_normal(scene.normals, f, pose)
-            cosine = incidence_cosine(points, i, j, k, normal, scene.two_sided[f])
-            is_degenerate = scene.degenerate[f]
-            is_front = cosine > 0 and not is_degenerate
-            state, part, area = image_of_face(points, i, j, k, near, lens, work)
-            density = 0.0
-            if asks_density and is_front and state != BEHIND and part > 0:
-                density = pixel_density(points, i, j, k, normal, lens)
-
-            drawn = seen.drawn[row, f]
-            resolution = min(drawn / limits.min_pixels, LARGEST_RESOLUTION)
-            visibility, bound, kind = 0.0, 0.0, EXACT
-            if is_front and (part != 0 or state == INSIDE):
-                kind = seen.kind[row, f]
-                bound = 1.0
-                if drawn > 0:
-                    visibility = seen.visible[row, f] / drawn
-                    bound = bound_of_fraction(seen, row, f, drawn, points, i, j, k, state == BEHIND)
-                    bound = min(bound, 1.0)
-            is_focused = in_focus(points, i, j, k, limits)
-            figures = resolution, density, visibility
-            product, reason = judge(
-                limits, is_degenerate, is_front, state == INSIDE, is_focused, drawn > 0, figures,
-                cosine,
-            )  # fmt: skip
-
+            geometry, fraction, resolution, is_focused, product, reason = judge_face(
+                scene, lens, seen, limits, work, row, f, asks_density
+            )
+            cosine, state, part, area, density = geometry
+            visibility, bound, kind = fraction
             if out.in_view.size:
-                out.in_view[to, f] = state == INSIDE
+                out.in_view[row, f] = state == INSIDE
             if out.in_view_fraction.size:
-                out.in_view_fraction[to, f] = part
+                out.in_view_fraction[row, f] = part
             if out.projected_area.size:
-                out.projected_area[to, f] = area
+                out.projected_area[row, f] = area
             if out.visible_pixels.size:
-                out.visible_pixels[to, f] = seen.visible[row, f]
+                out.visible_pixels[row, f] = seen.visible[row, f]
             if out.drawn_pixels.size:
-                out.drawn_pixels[to, f] = drawn
+                out.drawn_pixels[row, f] = seen.drawn[row, f]
             if out.resolution.size:
-                out.resolution[to, f] = resolution
+                out.resolution[row, f] = resolution
             if out.pixel_density.size:
-                out.pixel_density[to, f] = density
+                out.pixel_density[row, f] = density
             if out.in_focus.size:
-                out.in_focus[to, f] = is_focused
+                out.in_focus[row, f] = is_focused
             if out.visibility.size:
-                out.visibility[to, f] = visibility
+                out.visibility[row, f] = visibility
             if out.visibility_bound.size:
-                out.visibility_bound[to, f] = bound
+                out.visibility_bound[row, f] = bound
             if out.visibility_kind.size:
-                out.visibility_kind[to, f] = kind
+                out.visibility_kind[row, f] = kind
             if out.incidence.size:
-                out.incidence[to, f] = incidence_angle(cosine)
+                out.incidence[row, f] = incidence_angle(cosine)
             if out.coverage.size:
-                out.coverage[to, f] = product
+                out.coverage[row, f] = product
             if out.reason.size:
-                out.reason[to, f] = reason
+                out.reason[row, f] = reason
+
+
+@part_with_arrays
+def add_pair(row, f, is_scored, coverage, reason, bound, kind, fraction, sums):
+    """Add the figures of a face in one pose; returns 1 if it is scored and covered.
+
+    Of equal coverages the least row of the batch is the best, whatever the order in which rows
+    come. A pair that fails no later than for its back is not in view.
+    """
+    covers = reason == COVERED
+    if coverage > 0:
+        sums.views[f] += covers
+        best = sums.best[f]
+        if coverage > best or (coverage == best and row < sums.best_row[f]):
+            sums.best[f], sums.best_row[f] = coverage, row
+    if reason > sums.reason[f]:
+        sums.reason[f] = reason
+    if is_scored[f] and reason > BACK_FACING and fraction > 0:
+        sums.kinds[min(kind, EXACT)] += 1
+        sums.bounds[0] = max(sums.bounds[0], bound)
+    if is_scored[f] and covers:
+        sums.bounds[1] = max(sums.bounds[1], bound)
+        return 1
+    return 0
 
 
 @allocation_free
-def add_up(first, is_scored, coverage, reason, bound, kind, fraction, sums, covered_faces):
-    """Add rows of figures, (N, F) each, to `sums`; the rows are poses `first` on of a batch.
+def add_rows(is_scored, coverage, reason, bound, kind, fraction, sums, covered_faces):
+    """Add rows of figures, (P, F) each, to `sums`.
 
-    Out: `covered_faces`, (N,), the scored faces that each pose covers. Of equal coverages the least
-    row of the batch is the best, whatever the order in which rows come.
+    Out: `covered_faces`, (P,), the scored faces that each pose covers.
     """
-    for n in range(coverage.shape[0]):
-        row, count = first + n, 0
+    for row in range(coverage.shape[0]):
         for f in range(coverage.shape[1]):
-            covers = reason[n, f] == COVERED
-            value = coverage[n, f]
-            sums.views[f] += covers
-            is_equal = value == sums.best[f] and value > 0
-            if value > sums.best[f] or (is_equal and row < sums.best_row[f]):
-                sums.best[f], sums.best_row[f] = value, row
-            sums.reason[f] = max(sums.reason[f], reason[n, f])
-            if is_scored[f]:
-                if fraction[n, f] > 0 and reason[n, f] > BACK_FACING:
-                    sums.kinds[min(kind[n, f], EXACT)] += 1
-                    sums.bounds[0] = max(sums.bounds[0], bound[n, f])
-                if covers:
-                    count += 1
-                    sums.bounds[1] = max(sums.bounds[1], bound[n, f])
-        covered_faces[n] = count
+            covered_faces[row] += add_pair(
+                row, f, is_scored, coverage[row, f], reason[row, f], bound[row, f],
+                int(kind[row, f]), fraction[row, f], sums,
+            )  # fmt: skip
+
+
+@allocation_free
+def add_pose(row, scene, lens, seen, limits, work, is_scored, sums, covered_faces, coverage):
+    """Judge the faces in one pose and add them to `sums`, as `judge_poses` and `add_rows` would.
+
+    Out: an element of `covered_faces`, (P,), and `coverage`, (F,).
+    """
+    points, pose = work.points, seen.poses[row]
+    asks_density = limits.min_pixel_density > 0
+    project(scene.vertices, pose, seen.near[row], lens, points)
+    for f in range(scene.faces.shape[0]):
+        product, reason, bound, kind, part = 0.0, BACK_FACING, 0.0, EXACT, 0.0
+        if scene.degenerate[f]:
+            reason = DEGENERATE
+        elif scene.two_sided[f] or faces_camera(scene, points, pose, f):
+            geometry, fraction, _, _, product, reason = judge_face(
+                scene, lens, seen, limits, work, row, f, asks_density
+            )
+            _, bound, kind = fraction
+            part = geometry[2]
+        coverage[f] = product
+        covered_faces[row] += add_pair(row, f, is_scored, product, reason, bound, kind, part, sums)
+
+
+@part_with_arrays
+def faces_camera(scene, points, pose, f):
+    """False if the cosine of incidence is not positive: quicker, for many faces are behind."""
+    i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
+    against, _ = against_ray(points, i, j, k, camera_normal(scene.normals, f, pose))
+    return against > 0

@@ -16,9 +16,6 @@ from rastercov.observer import Observer
 from rastercov.pose import Poses
 from rastercov.task import Task
 
-Fill = Callable[[slice, int, Any], None]
-"""Fill rows of `coverage_kernels.Figures`, from a row on, with the figures of some poses."""
-
 
 class CoveragePass:
     """Figures of the poses of one observer by one task; any number of threads may use it."""
@@ -38,17 +35,21 @@ class CoveragePass:
     def fill(self, seen: Observation, poses: Poses, figures: Mapping[str, NDArray[Any]]) -> None:
         """Fill (P, F) arrays with the figures of the poses of an observation."""
         out = self.kernels.record(figures)
-        self.share(seen, poses, lambda fill: lambda turn: fill(turn, turn.start, out))
+
+        def worker(judged: tuple[Any, ...]) -> Callable[[slice], None]:
+            return lambda turn: self.kernels.judge_poses((turn.start, turn.stop), *judged, out)
+
+        self.share(seen, poses, worker)
 
     def share(
         self,
         seen: Observation,
         poses: Poses,
-        make_worker: Callable[[Fill], Callable[[slice], None]],
+        make_worker: Callable[[tuple[Any, ...]], Callable[[slice], None]],
     ) -> None:
         """Share the poses of an observation among workers, one for each thread of the observer.
 
-        Each is made from the function by which it obtains the figures of its poses.
+        Each is made from the arguments scene, lens, seen, limits and work of the loops.
         """
         read_only = self._geometry.read_only
         matrices = poses.world_from_camera
@@ -62,17 +63,9 @@ class CoveragePass:
             read_only(error, np.float64),
             float(seen.samples_per_pixel),
         )
-
-        def worker() -> Callable[[slice], None]:
-            work = self._geometry.workspace(self.mesh.n_vertices)
-
-            def fill(turn: slice, first: int, out: Any) -> None:
-                rows = turn.start, turn.stop
-                self.kernels.judge_poses(
-                    rows, first, self._scene, self._lens, measured, self._limits, work, out
-                )
-
-            return make_worker(fill)
-
-        n_workers = max(1, min(self._threads, len(poses)))
-        share_poses(len(poses), [worker() for _ in range(n_workers)])
+        shared = self._scene, self._lens, measured, self._limits
+        workers = [
+            make_worker((*shared, self._geometry.workspace(self.mesh.n_vertices)))
+            for _ in range(max(1, min(self._threads, len(poses))))
+        ]
+        share_poses(len(poses), workers)

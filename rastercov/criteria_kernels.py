@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._jit import allocation_free, part_of
+from rastercov._jit import allocation_free, part_of, part_with_arrays
 
 X, Y, Z, RIGHT, DOWN, U, V, STATE = range(8)
 """Columns of a projected vertex: camera axes, metres; x/z and y/z; pixels; and its state."""
@@ -132,7 +132,7 @@ def project(vertices, pose, near, lens, points):
         points[i, STATE] = state
 
 
-@allocation_free
+@part_with_arrays
 def camera_normal(normals, f, pose):
     """Unit normal of a face in camera axes."""
     a, b, c = normals[f, 0], normals[f, 1], normals[f, 2]
@@ -143,9 +143,9 @@ def camera_normal(normals, f, pose):
     )
 
 
-@allocation_free
-def incidence_cosine(points, i, j, k, normal, is_two_sided):
-    """Cosine between the normal and the ray from the centroid to the camera centre.
+@part_with_arrays
+def against_ray(points, i, j, k, normal):
+    """Scalar product of the normal and the ray from the centroid to the camera, and its length.
 
     In camera axes the ray is minus the centroid itself.
     """
@@ -153,7 +153,13 @@ def incidence_cosine(points, i, j, k, normal, is_two_sided):
     y = (points[i, Y] + points[j, Y] + points[k, Y]) / 3
     z = (points[i, Z] + points[j, Z] + points[k, Z]) / 3
     against = -(normal[0] * x + normal[1] * y + normal[2] * z)
-    reach = math.sqrt(x * x + y * y + z * z)
+    return against, math.sqrt(x * x + y * y + z * z)
+
+
+@part_with_arrays
+def incidence_cosine(points, i, j, k, normal, is_two_sided):
+    """Cosine between the normal and the ray from the centroid to the camera centre."""
+    against, reach = against_ray(points, i, j, k, normal)
     cosine = against / reach if reach > 0 else 0.0
     return abs(cosine) if is_two_sided else cosine
 
@@ -164,7 +170,7 @@ def incidence_angle(cosine):
     return math.acos(min(1.0, max(-1.0, cosine)))
 
 
-@allocation_free
+@part_with_arrays
 def image_of_face(points, i, j, k, near, lens, work):
     """Field of view of a face: state of all its vertices, part of its area in the image, area.
 
@@ -254,7 +260,7 @@ def polygon_area(polygon, n):
     return total / 2
 
 
-@allocation_free
+@part_with_arrays
 def perimeter(points, i, j, k):
     """Length of the outline of a face beyond the near plane, px."""
     first = math.hypot(points[j, U] - points[i, U], points[j, V] - points[i, V])
@@ -262,7 +268,7 @@ def perimeter(points, i, j, k):
     return first + second + math.hypot(points[i, U] - points[k, U], points[i, V] - points[k, V])
 
 
-@allocation_free
+@part_with_arrays
 def pixel_density(points, i, j, k, normal, lens):
     """Least singular value of the projection restricted to the face's plane, px/m.
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov._arguments import check_kind
 from rastercov.coverage import Coverage, check_observer, observations
-from rastercov.coverage_pass import CoveragePass, Fill
+from rastercov.coverage_pass import CoveragePass
 from rastercov.errors import ConfigError, MeshError
 from rastercov.mesh import Mesh
 from rastercov.observation import BoundKind
@@ -33,10 +33,8 @@ _ADDED: dict[str, Any] = {
     "in_view_fraction": np.float64,
     "drawn_pixels": np.float64,
 }
-"""Figures that a network adds up, and their types: the arguments of `coverage_kernels.add_up`, and
+"""Figures that a network adds up, and their types: the arguments of `add_rows` of the kernels, and
 the pixels of each face."""
-_POSES_AT_ONCE = 2
-"""Poses between the computation of figures and their addition: few, so that they are in cache."""
 
 
 class Network:
@@ -95,7 +93,7 @@ class Network:
             raise ConfigError("a network adds up coverage of one mesh and one task")
         if len(coverage.pose_ids):
             part = _Part(self.mesh, len(coverage.pose_ids))
-            part.add(0, {name: getattr(coverage, name) for name in _ADDED})
+            part.add_coverage(coverage)
             self._take(coverage.pose_ids, coverage.clipped, [part])
 
     def add_poses(
@@ -130,7 +128,12 @@ class Network:
         for batch, seen in observations(observer, accepted):
             if len(batch):
                 parts: list[_Part] = []
-                judge.share(seen, batch, partial(_adder, self.mesh, len(batch), parts))
+
+                def worker(judged: tuple[Any, ...], n: int = len(batch)) -> Callable[[slice], None]:
+                    parts.append(_Part(self.mesh, n))  # noqa: B023 - called in this turn only
+                    return partial(parts[-1].add_poses, judged)  # noqa: B023
+
+                judge.share(seen, batch, worker)
                 self._take(batch.ids, seen.clipped, parts)
 
     def _take(self, pose_ids: IntArray, clipped: BoolArray, parts: "list[_Part]") -> None:
@@ -223,7 +226,7 @@ class _Part:
     def __init__(self, mesh: Mesh, n_poses: int) -> None:
         from rastercov import _jit, coverage_kernels, criteria_kernels  # load numba
 
-        _jit.announce_compilation(coverage_kernels.add_up)
+        _jit.announce_compilation(coverage_kernels.add_pose)
         self.kernels, n = coverage_kernels, mesh.n_faces
         self._read_only = criteria_kernels.read_only
         self.sums = coverage_kernels.Sums(
@@ -237,21 +240,31 @@ class _Part:
         self.covered_faces = np.zeros(n_poses, np.int64)
         self.totals, self.images = np.zeros((2, n_poses))
         self._is_scored = self._read_only(mesh.task_mask, np.bool_)
-        self._scored = np.flatnonzero(mesh.task_mask)
+        self._scored = None if mesh.task_mask.all() else np.flatnonzero(mesh.task_mask)
+        self._coverage = np.empty(n)
 
-    def add(self, row: int, figures: dict[str, NDArray[Any]]) -> None:
-        """Add the figures of consecutive poses, (N, F), from `row` of the batch on."""
-        arrays = [self._read_only(figures[name], dtype) for name, dtype in _ADDED.items()][:-1]
-        rows = slice(row, row + len(arrays[0]))
-        self.kernels.add_up(row, self._is_scored, *arrays, self.sums, self.covered_faces[rows])
-        self.totals[rows] = self._sums_of_scored(figures["coverage"])
-        self.images[rows] = self._sums_of_scored(figures["drawn_pixels"])
+    def add_coverage(self, coverage: Coverage) -> None:
+        """Add all poses of the batch."""
+        arrays = [self._read_only(getattr(coverage, name), kind) for name, kind in _ADDED.items()]
+        *added, drawn = arrays
+        self.kernels.add_rows(self._is_scored, *added, self.sums, self.covered_faces)
+        for row in range(len(drawn)):  # 10 us each
+            self._add_sums(row, added[0][row], drawn[row])
 
-    def _sums_of_scored(self, figure: FloatArray) -> FloatArray:
-        """Sum over the scored faces of each pose."""
-        # `take` keeps a pose's faces together, so that its sum does not depend on its neighbours.
-        total: FloatArray = figure.take(self._scored, axis=1).sum(axis=1)
-        return total
+    def add_poses(self, judged: tuple[Any, ...], turn: slice) -> None:
+        """Judge some poses of the batch and add them."""
+        seen = judged[2]
+        for row in range(turn.start, turn.stop):
+            self.kernels.add_pose(
+                row, *judged, self._is_scored, self.sums, self.covered_faces, self._coverage
+            )
+            self._add_sums(row, self._coverage, seen.drawn[row])
+
+    def _add_sums(self, row: int, coverage: FloatArray, drawn: FloatArray) -> None:
+        """Sums over the scored faces of one pose."""
+        if self._scored is not None:
+            coverage, drawn = coverage.take(self._scored), drawn.take(self._scored)
+        self.totals[row], self.images[row] = coverage.sum(), drawn.sum()
 
     def merge(self, other: "_Part") -> None:
         """Add the sums of other poses of the same batch."""
@@ -267,25 +280,6 @@ class _Part:
         self.covered_faces += other.covered_faces
         self.totals += other.totals
         self.images += other.images
-
-
-def _adder(mesh: Mesh, n_poses: int, parts: list[_Part], fill: Fill) -> Callable[[slice], None]:
-    """Worker that adds the poses it is given to a part of its own, a few at a time."""
-    part = _Part(mesh, n_poses)
-    parts.append(part)
-    figures = {
-        name: np.empty((_POSES_AT_ONCE, mesh.n_faces), kind) for name, kind in _ADDED.items()
-    }
-    out = part.kernels.record(figures)
-
-    def work(turn: slice) -> None:
-        for start in range(turn.start, turn.stop, _POSES_AT_ONCE):
-            some = slice(start, min(start + _POSES_AT_ONCE, turn.stop))
-            fill(some, 0, out)
-            n = some.stop - some.start
-            part.add(start, {name: array[:n] for name, array in figures.items()})
-
-    return work
 
 
 def share_of_faces(mesh: Mesh, part: BoolArray, whole: BoolArray) -> dict[str, float]:

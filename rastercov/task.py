@@ -51,7 +51,8 @@ class Reason(IntEnum):
 class Limits(NamedTuple):
     """Thresholds of a task for one camera, as plain numbers for compiled loops.
 
-    `z_n` and `z_f` are the depth of field in metres, `max_incidence` is in radians.
+    `z_n` and `z_f` are the depth of field in metres, `max_incidence` is in radians, and
+    `least_cosine` its cosine.
     """
 
     min_pixels: float
@@ -59,6 +60,7 @@ class Limits(NamedTuple):
     z_n: float
     z_f: float
     max_incidence: float
+    least_cosine: float
     min_pixel_density: float
     min_coverage: float
     focus_of_centroid: bool
@@ -140,6 +142,7 @@ class Task:
             z_n=float(z_n),
             z_f=float(z_f),
             max_incidence=math.radians(self.max_incidence_deg),
+            least_cosine=math.cos(math.radians(self.max_incidence_deg)),
             min_pixel_density=self.min_pixel_density,
             min_coverage=self.min_coverage,
             focus_of_centroid=self.focus_rule == "centroid",
