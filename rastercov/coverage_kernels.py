@@ -263,8 +263,9 @@ def add_pair(row, f, is_scored, coverage, reason, bound, kind, fraction, sums):
     come. A pair that fails no later than for its back is not in view.
     """
     covers = reason == COVERED
+    if covers:
+        sums.views[f] += 1
     if coverage > 0:
-        sums.views[f] += covers
         best = sums.best[f]
         if coverage > best or (coverage == best and row < sums.best_row[f]):
             sums.best[f], sums.best_row[f] = coverage, row

@@ -21,9 +21,8 @@ class CoveragePass:
     """Figures of the poses of one observer by one task; any number of threads may use it."""
 
     def __init__(self, observer: Observer, task: Task) -> None:
-        from rastercov import _jit, coverage_kernels, criteria_kernels  # load numba
+        from rastercov import coverage_kernels, criteria_kernels  # load numba
 
-        _jit.announce_compilation(coverage_kernels.judge_poses)
         self.mesh, self.camera = observer.mesh, observer.camera
         self.kernels, self._geometry = coverage_kernels, criteria_kernels
         self._scene = criteria_kernels.scene_of(observer.mesh)
@@ -34,6 +33,9 @@ class CoveragePass:
 
     def fill(self, seen: Observation, poses: Poses, figures: Mapping[str, NDArray[Any]]) -> None:
         """Fill (P, F) arrays with the figures of the poses of an observation."""
+        from rastercov._jit import announce_compilation
+
+        announce_compilation(self.kernels.judge_poses)
         out = self.kernels.record(figures)
 
         def worker(judged: tuple[Any, ...]) -> Callable[[slice], None]:

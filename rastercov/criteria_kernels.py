@@ -29,7 +29,7 @@ class Scene(NamedTuple):
     """Arrays of a mesh, read-only."""
 
     vertices: NDArray[np.float64]
-    faces: NDArray[np.int64]
+    faces: NDArray[np.uint64]  # unsigned: loops need not count negative indices from the end
     normals: NDArray[np.float64]
     degenerate: NDArray[np.bool_]
     two_sided: NDArray[np.bool_]
@@ -79,7 +79,7 @@ def scene_of(mesh: Any) -> Scene:
     """Arrays of a `Mesh`."""
     return Scene(
         read_only(mesh.vertices, np.float64),
-        read_only(mesh.faces, np.int64),
+        read_only(mesh.faces.view(np.uint64), np.uint64),
         read_only(mesh.normals, np.float64),
         read_only(mesh.degenerate_mask, np.bool_),
         read_only(mesh.two_sided_mask, np.bool_),

@@ -124,7 +124,10 @@ class Network:
         check_observer(observer)
         if observer.mesh.n_faces != self.mesh.n_faces:
             raise ConfigError("a network adds up coverage of one mesh and one task")
+        from rastercov._jit import announce_compilation
+
         judge = CoveragePass(observer, self.task)
+        announce_compilation(judge.kernels.add_pose)
         for batch, seen in observations(observer, accepted):
             if len(batch):
                 parts: list[_Part] = []
@@ -224,9 +227,8 @@ class _Part:
     """
 
     def __init__(self, mesh: Mesh, n_poses: int) -> None:
-        from rastercov import _jit, coverage_kernels, criteria_kernels  # load numba
+        from rastercov import coverage_kernels, criteria_kernels  # load numba
 
-        _jit.announce_compilation(coverage_kernels.add_pose)
         self.kernels, n = coverage_kernels, mesh.n_faces
         self._read_only = criteria_kernels.read_only
         self.sums = coverage_kernels.Sums(
@@ -245,6 +247,9 @@ class _Part:
 
     def add_coverage(self, coverage: Coverage) -> None:
         """Add all poses of the batch."""
+        from rastercov._jit import announce_compilation
+
+        announce_compilation(self.kernels.add_rows)
         arrays = [self._read_only(getattr(coverage, name), kind) for name, kind in _ADDED.items()]
         *added, drawn = arrays
         self.kernels.add_rows(self._is_scored, *added, self.sums, self.covered_faces)
