@@ -104,6 +104,9 @@ class Coverage:
             if vars(self)[name] is None:  # not asked for
                 object.__delattr__(self, name)
 
+    def __repr__(self) -> str:
+        return f"Coverage({', '.join(f'{name}={value!r}' for name, value in vars(self).items())})"
+
     if not TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> Any:

@@ -1,5 +1,6 @@
 """Coverage: the product recomputed, every reason by a scene made for it, runs of any size."""
 
+import copy
 import json
 import math
 from dataclasses import replace
@@ -449,6 +450,8 @@ def test_only_what_is_asked_for_is_computed(how):
     with pytest.raises(ConfigError, match="has no incidence, which was not asked for"):
         _ = some.incidence
     assert not hasattr(some, "nonsense")
+    assert "reason=array" in repr(some)
+    np.testing.assert_array_equal(copy.copy(some).reason, some.reason)
 
 
 @pytest.mark.parametrize("fields", ["coverage", ["coverge"], [1], 3])
