@@ -236,6 +236,15 @@ def part_of(function: Callable[..., Any]) -> Any:
     return numba.njit(nogil=True, error_model="numpy", forceinline=True)(function)
 
 
+def part_with_arrays(function: Callable[..., Any]) -> Any:
+    """Compile into the loop that calls it, as `part_of`, without reference counts.
+
+    For loops that are `allocation_free`, too.
+    """
+    options: dict[str, Any] = {"forceinline": True, "_nrt": False}
+    return numba.njit(nogil=True, error_model="numpy", **options)(function)
+
+
 def inlined(function: Callable[..., Any]) -> Any:
     """Inline each call before typing, by numba: for functions in hot loops that take arrays."""
     return numba.njit(nogil=True, error_model="numpy", inline="always")(function)

@@ -32,6 +32,8 @@ class OpenObserver(Closing, ABC):
     mesh: Mesh
     camera: Camera
     info: RasterizerInfo
+    threads: int
+    """Threads that share the poses of a call."""
     _is_open = True
 
     @abstractmethod
@@ -83,6 +85,7 @@ class SampledObserver(OpenObserver):
             mesh, camera, backend, supersample=supersample, roll=ROLL, **options
         )
         self.mesh, self.camera, self.info = mesh, camera, self._rasterizer.info
+        self.threads = thread_count(options.get("threads"))
 
     def observe(self, poses: ArrayLike | Poses) -> Observation:
         self._check_open()
@@ -114,12 +117,12 @@ class ExactObserver(OpenObserver):
             depth="float64",
             shaders="",
         )
-        self._threads = thread_count(threads)
+        self.threads = thread_count(threads)
         solver_type = (
             certificate.CertificateSolver if method == "certified" else half_planes.HalfPlaneSolver
         )
         make = partial(solver_type, surface_of(mesh), camera)
-        self._scratch: ScratchPool[half_planes.HalfPlaneSolver] = ScratchPool(make, self._threads)
+        self._scratch: ScratchPool[half_planes.HalfPlaneSolver] = ScratchPool(make, self.threads)
 
     def observe(self, poses: ArrayLike | Poses) -> Observation:
         self._check_open()
@@ -144,7 +147,7 @@ class ExactObserver(OpenObserver):
 
             return work
 
-        solvers = self._scratch.take(max(1, min(self._threads, n_poses)))
+        solvers = self._scratch.take(max(1, min(self.threads, n_poses)))
         share_poses(n_poses, [worker(solver) for solver in solvers])
         self._scratch.give_back(solvers)
         return Observation(visible, area, kind, error, clipped)

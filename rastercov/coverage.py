@@ -3,9 +3,10 @@
 E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks. 2020, section 3.3.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field, fields
-from typing import Any
+import dataclasses
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,10 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov._arguments import check_kind, check_scene
 from rastercov._checks import shown
 from rastercov.camera import Camera
-from rastercov.criteria import FaceGeometry, face_geometry, in_focus
+from rastercov.coverage_pass import CoveragePass
 from rastercov.errors import ConfigError, ResourceError
 from rastercov.mesh import Mesh
-from rastercov.observation import Observation, visible_fraction
+from rastercov.observation import Observation
 from rastercov.observer import Observer, open_observer
 from rastercov.pose import Poses
 from rastercov.raster.contract import RasterizerInfo
@@ -30,8 +31,6 @@ PAIRS_A_BATCH = 1 << 19
 """Pose-face pairs evaluated at a time: about 50 MB of figures."""
 POSES_A_BATCH = 256
 """Most poses evaluated at a time: a second or two of work between two signs of progress."""
-_LARGEST_RESOLUTION = 1e300
-"""Of one face; a smaller R_min gives no more."""
 EVALUATE_BUDGET = 4 << 30
 """Bytes `evaluate` may return; larger runs go through `evaluate_batches`."""
 
@@ -100,13 +99,34 @@ class Coverage:
     coverage: FloatArray = field(metadata=_figure(np.float64))
     reason: NDArray[np.uint8] = field(metadata=_figure(np.uint8))
 
+    def __post_init__(self) -> None:
+        for name in FIGURES:
+            if vars(self)[name] is None:  # not asked for
+                object.__delattr__(self, name)
+
+    def __repr__(self) -> str:
+        return f"Coverage({', '.join(f'{name}={value!r}' for name, value in vars(self).items())})"
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            if name in FIGURES:
+                raise ConfigError(
+                    f"this coverage has no {name}, which was not asked for; add it to fields"
+                )
+            raise AttributeError(f"Coverage has no attribute {name!r}")
+
 
 FIGURES: dict[str, Any] = {
-    each.name: each.metadata["dtype"] for each in fields(Coverage) if "dtype" in each.metadata
+    each.name: each.metadata["dtype"]
+    for each in dataclasses.fields(Coverage)
+    if "dtype" in each.metadata
 }
 """The (P, F) arrays of `Coverage` and their types, in the order of a report."""
 UNITS: dict[str, str] = {
-    each.name: each.metadata["unit"] for each in fields(Coverage) if each.metadata.get("unit")
+    each.name: each.metadata["unit"]
+    for each in dataclasses.fields(Coverage)
+    if each.metadata.get("unit")
 }
 
 
@@ -120,6 +140,7 @@ def evaluate(
     backend: str = "auto",
     supersample: int = 1,
     skip_bad_poses: bool = False,
+    fields: Sequence[str] | None = None,
     **options: Any,
 ) -> Coverage:
     """Coverage of each face in each pose, all at once.
@@ -136,18 +157,24 @@ def evaluate(
         How visibility is found; as for `open_observer`.
     skip_bad_poses : bool
         Leave out poses that are no rigid motion instead of raising; see `Coverage.pose_ids`.
+    fields : sequence of str, optional
+        Names of the (P, F) arrays to compute, such as ("coverage", "reason"); all unless given.
+        Any other array of the result raises `ConfigError` when it is read.
 
     Raises
     ------
+    ConfigError
+        For a field that does not exist.
     PoseError
         For a pose that is no rigid motion.
     ResourceError
         When the arrays would exceed `EVALUATE_BUDGET`; use `evaluate_batches`.
     """
     check_scene(mesh, camera)
-    accepted = Poses.of(poses, skip_bad=skip_bad_poses)
-    shape = (len(accepted), mesh.n_faces)
-    size = shape[0] * shape[1] * sum(np.dtype(kind).itemsize for kind in FIGURES.values())
+    accepted, names = Poses.of(poses, skip_bad=skip_bad_poses), _checked_fields(fields)
+    task = _checked_task(task)
+    shape = len(accepted), mesh.n_faces
+    size = shape[0] * shape[1] * sum(np.dtype(FIGURES[name]).itemsize for name in names)
     if size > EVALUATE_BUDGET:
         raise ResourceError(
             f"{shape[0]} poses x {shape[1]} faces would take {size / 2**30:.1f} GiB; "
@@ -156,14 +183,14 @@ def evaluate(
     with open_observer(
         mesh, camera, method, backend=backend, supersample=supersample, **options
     ) as observer:
-        whole: dict[str, NDArray[Any]] = {n: np.empty(shape, kind) for n, kind in FIGURES.items()}
-        whole |= {"pose_ids": np.empty(shape[0], np.int64), "clipped": np.empty(shape[0], bool)}
-        done = 0
-        for batch in evaluate_batches(observer, accepted, task):
-            for name, array in whole.items():
-                array[done : done + len(batch.pose_ids)] = getattr(batch, name)
-            done += len(batch.pose_ids)
-    return Coverage(mesh=mesh, camera=camera, task=batch.task, info=observer.info, **whole)
+        whole, clipped = _arrays(names, shape), np.empty(shape[0], np.bool_)
+        judge = CoveragePass(observer, task)
+        for rows in _batches(*shape):
+            part = accepted[rows]
+            seen = observer.observe(part)
+            judge.fill(seen, part, {name: array[rows] for name, array in whole.items()})
+            clipped[rows] = seen.clipped
+        return _coverage(observer, task, accepted, clipped, whole)
 
 
 def evaluate_batches(
@@ -172,6 +199,7 @@ def evaluate_batches(
     task: Task | None = None,
     *,
     skip_bad_poses: bool = False,
+    fields: Sequence[str] | None = None,
 ) -> Iterator[Coverage]:
     """Coverage a few poses at a time, for runs of any length; at least one batch, maybe empty.
 
@@ -179,7 +207,7 @@ def evaluate_batches(
     ----------
     observer : Observer
         Open, for the mesh and camera to evaluate.
-    poses, task, skip_bad_poses
+    poses, task, skip_bad_poses, fields
         As for `evaluate`.
 
     Returns
@@ -189,58 +217,65 @@ def evaluate_batches(
         arguments are checked at once; each batch is measured when it is asked for. Any number of
         threads may have an iterator each over one observer, but not share an iterator.
     """
-    accepted = Poses.of(poses, skip_bad=skip_bad_poses)
+    accepted, names = Poses.of(poses, skip_bad=skip_bad_poses), _checked_fields(fields)
+    check_observer(observer)
+    task = _checked_task(task)
+    shape = len(accepted), observer.mesh.n_faces
+    return (_judged(observer, task, accepted[rows], names) for rows in _batches(*shape))
+
+
+def check_observer(observer: object) -> None:
+    """Raise `ConfigError` for what cannot observe."""
     if not isinstance(getattr(observer, "mesh", None), Mesh) or not hasattr(observer, "observe"):
         raise ConfigError(
             f"observer must be what open_observer gives, got {shown(observer)}; open one"
         )
+
+
+def observations(observer: Observer, poses: Poses) -> Iterator[tuple[Poses, Observation]]:
+    """Poses and their observations, a few at a time."""
+    for rows in _batches(len(poses), observer.mesh.n_faces):
+        yield poses[rows], observer.observe(poses[rows])
+
+
+def _batches(n_poses: int, n_faces: int) -> Iterator[slice]:
+    """Slices of poses that are measured together; at least one, maybe empty."""
+    step = max(1, min(POSES_A_BATCH, PAIRS_A_BATCH // n_faces))
+    return (slice(at, at + step) for at in range(0, max(1, n_poses), step))
+
+
+def _judged(observer: Observer, task: Task, poses: Poses, names: Sequence[str]) -> Coverage:
+    """Coverage of a batch."""
+    seen = observer.observe(poses)
+    values = _arrays(names, (len(poses), observer.mesh.n_faces))
+    CoveragePass(observer, task).fill(seen, poses, values)
+    return _coverage(observer, task, poses, seen.clipped, values)
+
+
+def _arrays(names: Sequence[str], shape: tuple[int, int]) -> dict[str, NDArray[Any]]:
+    return {name: np.empty(shape, FIGURES[name]) for name in names}
+
+
+def _coverage(
+    observer: Observer, task: Task, poses: Poses, clipped: BoolArray, values: dict[str, Any]
+) -> Coverage:
+    """Coverage with some of the figures."""
+    head = observer.mesh, observer.camera, task, observer.info, poses.ids, clipped
+    figures: dict[str, Any] = dict.fromkeys(FIGURES)
+    return Coverage(*head, **(figures | values))
+
+
+def _checked_fields(names: Sequence[str] | None) -> list[str]:
+    """Names of figures that were asked for, in the order of `FIGURES`."""
+    if names is None:
+        return list(FIGURES)
+    known = isinstance(names, list | tuple | set | frozenset | dict)
+    if not known or not all(isinstance(name, str) and name in FIGURES for name in names):
+        raise ConfigError(f"fields must be a sequence of {', '.join(FIGURES)}, got {shown(names)}")
+    return [name for name in FIGURES if name in names]
+
+
+def _checked_task(task: Task | None) -> Task:
     task = Task() if task is None else task
     check_kind("task", task, Task, "a Task or None", ConfigError)
-    step = max(1, min(POSES_A_BATCH, PAIRS_A_BATCH // observer.mesh.n_faces))
-    starts = range(0, max(1, len(accepted)), step)
-    return (_judge(observer, task, accepted[at : at + step]) for at in starts)
-
-
-def _judge(observer: Observer, task: Task, poses: Poses) -> Coverage:
-    """Coverage of a batch."""
-    mesh, camera = observer.mesh, observer.camera
-    seen = observer.observe(poses)
-    shape = (len(poses), mesh.n_faces)
-    values: dict[str, NDArray[Any]] = {n: np.zeros(shape, kind) for n, kind in FIGURES.items()}
-    focus_limits = camera.depth_of_field(task.max_blur)
-    for row, pose in enumerate(poses.world_from_camera):
-        geometry = face_geometry(mesh, camera, pose)
-        for name, of_pose in _criteria(mesh, task, focus_limits, geometry, seen, row).items():
-            values[name][row] = of_pose
-    return Coverage(mesh, camera, task, observer.info, poses.ids, seen.clipped, **values)
-
-
-def _criteria(
-    mesh: Mesh,
-    task: Task,
-    focus_limits: tuple[float, float],
-    geometry: FaceGeometry,
-    seen: Observation,
-    row: int,
-) -> dict[str, NDArray[Any]]:
-    """Every figure of one pose, by the names of `FIGURES`."""
-    visibility, bound, kind = visible_fraction(geometry, seen, row)
-    drawn = seen.drawn_pixels[row]
-    with np.errstate(over="ignore"):  # for the least R_min; sums over faces stay finite
-        resolution = np.minimum(drawn / task.min_pixels, _LARGEST_RESOLUTION)
-    figures: dict[str, NDArray[Any]] = {
-        "in_view": geometry.in_view,
-        "in_view_fraction": geometry.in_view_fraction,
-        "projected_area": geometry.projected_area,
-        "visible_pixels": seen.visible_pixels[row],
-        "drawn_pixels": drawn,
-        "resolution": resolution,
-        "pixel_density": geometry.pixel_density,
-        "in_focus": in_focus(geometry.depth, focus_limits, task.focus_rule),
-        "visibility": visibility,
-        "visibility_bound": bound,
-        "visibility_kind": kind,
-        "incidence": geometry.incidence,
-    }
-    coverage, reason = task.judge(mesh.degenerate_mask, geometry, figures)
-    return figures | {"coverage": coverage, "reason": reason}
+    return task

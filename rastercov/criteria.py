@@ -16,17 +16,9 @@ from numpy.typing import NDArray
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.near_plane import near_limit
-from rastercov.projection import (
-    clip_near,
-    clip_to_image,
-    polygon_area,
-    to_camera,
-    to_image,
-)
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,62 +59,16 @@ class FaceGeometry:
 
 def face_geometry(mesh: Mesh, camera: Camera, pose: FloatArray) -> FaceGeometry:
     """Geometry of every face for one pose, world_from_camera (4, 4)."""
+    from rastercov import _jit  # loads numba
+    from rastercov import criteria_kernels as kernels
+
+    _jit.announce_compilation(kernels.measure)
     near = float(near_limit(camera, mesh.bounds, pose[None])[0])
-    points = to_camera(mesh.vertices, pose)
-    ahead_points = points[:, 2] >= near
-    safe = np.where(ahead_points[:, None], points, (0.0, 0.0, 1.0))
-    u, v = to_image(safe, camera).T
-    inside_points = ahead_points & (u >= 0) & (u <= camera.width) & (v >= 0) & (v <= camera.height)
-
-    # Corners as rows, (3, F): numpy is quick along long rows and slow along rows of three.
-    corners = np.ascontiguousarray(mesh.faces.T)
-    ahead = _all3(ahead_points[corners])
-    in_view = _all3(inside_points[corners])
-    u, v = u[corners], v[corners]
-    du, dv = u[[1, 2, 0]] - u, v[[1, 2, 0]] - v
-    area = np.abs(du[0] * dv[1] - dv[0] * du[1]) / 2
-    perimeter = _sum3(np.hypot(du, dv))
-    fraction = (in_view & (area > 0)).astype(np.float64)
-
-    # The rest is for the faces that cross the near plane or the image border, usually few.
-    cut = np.flatnonzero(~ahead)
-    area[cut], perimeter[cut] = 0.0, np.inf
-    crossing = cut[ahead_points[mesh.faces[cut]].any(axis=1)]
-    maybe = np.flatnonzero(ahead & ~in_view & (area > 0))
-    low_u, high_u = u[:, maybe].min(axis=0), u[:, maybe].max(axis=0)
-    low_v, high_v = v[:, maybe].min(axis=0), v[:, maybe].max(axis=0)
-    touching = (high_u > 0) & (low_u < camera.width) & (high_v > 0) & (low_v < camera.height)
-    partly = np.concatenate((crossing, maybe[touching]))
-    if partly.size:
-        polygons, counts = clip_near(points[mesh.faces[partly]], near)
-        image = to_image(polygons, camera)
-        whole = np.abs(polygon_area(image, counts))
-        shown = np.abs(polygon_area(*clip_to_image(image, counts, camera)))
-        area[partly] = whole
-        fraction[partly] = np.divide(shown, whole, out=np.zeros_like(whole), where=whole > 0)
-
-    # In camera axes the ray from the centroid to the centre is minus the centroid itself.
-    normals = mesh.normals @ pose[:3, :3]
-    x, y, z = (_sum3(column[corners]) / 3 for column in points.T)
-    against = -(normals[:, 0] * x + normals[:, 1] * y + normals[:, 2] * z)
-    reach = np.sqrt(x * x + y * y + z * z)
-    cosine = np.divide(against, reach, out=np.zeros_like(reach), where=reach > 0)
-    cosine = np.where(mesh.two_sided_mask, np.abs(cosine), cosine)
-    is_front = ~mesh.degenerate_mask & (cosine > 0)
-
-    density = np.zeros(mesh.n_faces)
-    counted = np.flatnonzero(is_front & ahead & (fraction > 0))
-    density[counted] = _pixel_density(safe, mesh.faces[counted], normals[counted], camera)
-    return FaceGeometry(
-        is_front=is_front,
-        in_view=in_view,
-        in_view_fraction=np.minimum(fraction, 1.0),
-        projected_area=area,
-        perimeter=perimeter,
-        pixel_density=density,
-        depth=points[:, 2][corners].T,
-        incidence=np.arccos(np.clip(cosine, -1.0, 1.0)),
-    )
+    found = kernels.arrays_for(mesh.n_faces)
+    scene, lens = kernels.scene_of(mesh), kernels.lens_of(camera)
+    work = kernels.workspace(mesh.n_vertices)
+    kernels.measure(scene, kernels.read_only(pose, np.float64), near, lens, work, found)
+    return FaceGeometry(*found)
 
 
 def in_focus(depth: FloatArray, limits: tuple[float, float], rule: str = "vertices") -> BoolArray:
@@ -139,49 +85,7 @@ def in_focus(depth: FloatArray, limits: tuple[float, float], rule: str = "vertic
     """
     z_n, z_f = limits
     if rule == "centroid":
-        centre = _sum3(depth.T) / 3
+        centre = (depth[:, 0] + depth[:, 1] + depth[:, 2]) / 3
         return (z_n <= centre) & (centre <= z_f)
-    return _all3((z_n <= depth.T) & (z_f >= depth.T))
-
-
-def _sum3(rows: FloatArray) -> FloatArray:
-    total: FloatArray = rows[0] + rows[1] + rows[2]
-    return total
-
-
-def _all3(rows: BoolArray) -> BoolArray:
-    every: BoolArray = rows[0] & rows[1] & rows[2]
+    every: BoolArray = np.all((z_n <= depth) & (depth <= z_f), axis=1)
     return every
-
-
-def _pixel_density(
-    points: FloatArray, faces: IntArray, normals: FloatArray, camera: Camera
-) -> FloatArray:
-    """Least singular value of the projection restricted to the face's plane, px/m.
-
-    With tangents e_1, e_2 of the face and p = (x, y, z) a vertex, column i of the Jacobian is
-    ((fx (e_ix - x/z e_iz))/z, (fy (e_iy - y/z e_iz))/z). Its singular values are the pixels a metre
-    along the best and the worst direction on the surface.
-    """
-    # Two tangents of a unit normal without a branch (Duff et al. Building an Orthonormal Basis,
-    # Revisited. 2017).
-    x, y, z = normals.T
-    sign = np.copysign(1.0, z)
-    a = -1.0 / (sign + z)
-    b = x * y * a
-    first = np.stack((1 + sign * x * x * a, sign * b, -sign * x), axis=1)
-    second = np.stack((b, sign + y * y * a, -y), axis=1)
-    worst = np.full(len(faces), np.inf)
-    for corner in range(3):
-        u, v, w = points[faces[:, corner]].T
-        right, down = u / w, v / w
-        a1 = camera.fx * (first[:, 0] - right * first[:, 2])
-        a2 = camera.fx * (second[:, 0] - right * second[:, 2])
-        b1 = camera.fy * (first[:, 1] - down * first[:, 2])
-        b2 = camera.fy * (second[:, 1] - down * second[:, 2])
-        total = a1 * a1 + a2 * a2 + b1 * b1 + b2 * b2
-        det = np.abs(a1 * b2 - a2 * b1)
-        greatest = np.sqrt((total + np.sqrt(np.maximum(total**2 - 4 * det**2, 0))) / 2)
-        # Depth comes last: its square would overflow for a very small mesh.
-        worst = np.minimum(worst, det / greatest / w)
-    return worst

@@ -4,27 +4,43 @@ E. S. Eissa. Image Space Coverage Model. 2020, section 6.4.1 and Table 6.1, wher
 not covered when its coverage is 0 in every camera.
 """
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rastercov._arguments import check_kind
-from rastercov.coverage import Coverage
+from rastercov.coverage import Coverage, check_observer, observations
+from rastercov.coverage_pass import CoveragePass
 from rastercov.errors import ConfigError, MeshError
 from rastercov.mesh import Mesh
 from rastercov.observation import BoundKind
+from rastercov.observer import Observer
+from rastercov.pose import Poses
 from rastercov.task import Reason, Task
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 
+_ADDED: dict[str, Any] = {
+    "coverage": np.float64,
+    "reason": np.uint8,
+    "visibility_bound": np.float64,
+    "visibility_kind": np.uint8,
+    "in_view_fraction": np.float64,
+    "drawn_pixels": np.float64,
+}
+"""Figures that a network adds up, and their types: the arguments of `add_rows` of the kernels, and
+the pixels of each face."""
+
 
 class Network:
     """Coverage of each face by all cameras, added up batch by batch.
 
-    `add` changes it, so one thread at a time may use it: measure in several, add up in one.
+    `add` and `add_poses` change it, so one thread at a time may use it.
 
     Attributes
     ----------
@@ -75,36 +91,74 @@ class Network:
         check_kind("coverage", coverage, Coverage, "what evaluate gives", ConfigError)
         if coverage.task != self.task or coverage.mesh.n_faces != self.mesh.n_faces:
             raise ConfigError("a network adds up coverage of one mesh and one task")
-        if not len(coverage.pose_ids):
-            return
-        covers = coverage.reason == Reason.COVERED
-        self.views += covers.sum(axis=0)
-        leader = coverage.coverage.argmax(axis=0)
-        top = np.take_along_axis(coverage.coverage, leader[None], axis=0)[0]
-        better = top > self.best
-        self.best[better] = top[better]
-        self.best_pose[better] = coverage.pose_ids[leader[better]]
-        self.reason = np.maximum(self.reason, coverage.reason.max(axis=0))
-        task_faces = np.flatnonzero(self.mesh.task_mask)
-        self.pose_ids += coverage.pose_ids.tolist()
-        self.covered_faces += covers[:, task_faces].sum(axis=1).tolist()
-        # `take` keeps a pose's faces together, so that its sum does not depend on its neighbours.
-        total = coverage.coverage.take(task_faces, axis=1).sum(axis=1)
-        self.mean_coverage += (total / max(1, len(task_faces))).tolist()
-        images = coverage.drawn_pixels.take(task_faces, axis=1).sum(axis=1)
-        self.largest_image = max(self.largest_image, float(images.max()))
-        bounds = coverage.visibility_bound[:, task_faces]
-        in_view = (coverage.in_view_fraction[:, task_faces] > 0) & (
-            coverage.reason[:, task_faces] > Reason.BACK_FACING
-        )
-        kinds = coverage.visibility_kind[:, task_faces][in_view]
-        self.kinds += np.bincount(kinds, minlength=len(BoundKind))
-        self.largest_bound = max(self.largest_bound, float(bounds[in_view].max(initial=0.0)))
-        covered = bounds[covers[:, task_faces]]
-        self.largest_covered_bound = max(
-            self.largest_covered_bound, float(covered.max(initial=0.0))
-        )
-        self.clipped_poses += coverage.pose_ids[coverage.clipped].tolist()
+        if len(coverage.pose_ids):
+            part = _Part(self.mesh, len(coverage.pose_ids))
+            part.add_coverage(coverage)
+            self._take(coverage.pose_ids, coverage.clipped, [part])
+
+    def add_poses(
+        self, observer: Observer, poses: ArrayLike | Poses, *, skip_bad_poses: bool = False
+    ) -> None:
+        """Measure further poses and take them in, as `add(evaluate(...))` would, bit for bit.
+
+        The figures of a few poses at a time are added up in the threads that compute them. A batch
+        of poses counts as a whole or, after an interrupt or an error, not at all.
+
+        Parameters
+        ----------
+        observer : Observer
+            Open, for the mesh of the network.
+        poses : (P, 4, 4) array_like, or Poses
+            world_from_camera.
+        skip_bad_poses : bool
+            Leave out poses that are no rigid motion instead of raising.
+
+        Raises
+        ------
+        ConfigError
+            For an observer of another mesh.
+        PoseError
+            For a pose that is no rigid motion.
+        """
+        accepted = Poses.of(poses, skip_bad=skip_bad_poses)
+        check_observer(observer)
+        if observer.mesh.n_faces != self.mesh.n_faces:
+            raise ConfigError("a network adds up coverage of one mesh and one task")
+        from rastercov._jit import announce_compilation
+
+        judge = CoveragePass(observer, self.task)
+        announce_compilation(judge.kernels.add_pose)
+        for batch, seen in observations(observer, accepted):
+            if len(batch):
+                parts: list[_Part] = []
+
+                def worker(judged: tuple[Any, ...], n: int = len(batch)) -> Callable[[slice], None]:
+                    parts.append(_Part(self.mesh, n))  # noqa: B023 - called in this turn only
+                    return partial(parts[-1].add_poses, judged)  # noqa: B023
+
+                judge.share(seen, batch, worker)
+                self._take(batch.ids, seen.clipped, parts)
+
+    def _take(self, pose_ids: IntArray, clipped: BoolArray, parts: "list[_Part]") -> None:
+        """Add the sums of the parts of a batch of poses."""
+        first, *others = parts
+        for other in others:
+            first.merge(other)
+        sums = first.sums
+        self.views += sums.views
+        better = sums.best > self.best
+        self.best[better] = sums.best[better]
+        self.best_pose[better] = pose_ids[sums.best_row[better]]
+        self.reason = np.maximum(self.reason, sums.reason)
+        self.pose_ids += pose_ids.tolist()
+        self.covered_faces += first.covered_faces.tolist()
+        n_scored = max(1, int(self.mesh.task_mask.sum()))
+        self.mean_coverage += (first.totals / n_scored).tolist()
+        self.largest_image = max(self.largest_image, float(first.images.max()))
+        self.kinds += sums.kinds
+        self.largest_bound = max(self.largest_bound, float(sums.bounds[0]))
+        self.largest_covered_bound = max(self.largest_covered_bound, float(sums.bounds[1]))
+        self.clipped_poses += pose_ids[clipped].tolist()
 
     @property
     def covered(self) -> BoolArray:
@@ -164,6 +218,73 @@ class Network:
                 self.mesh, members & (self.best == 0), members
             )
         return entry
+
+
+class _Part:
+    """Sums of some of the poses of a batch, made by one thread.
+
+    `covered_faces`, `totals` of coverage and `images` are (P,), 0 for the poses of other parts.
+    """
+
+    def __init__(self, mesh: Mesh, n_poses: int) -> None:
+        from rastercov import coverage_kernels, criteria_kernels  # load numba
+
+        self.kernels, n = coverage_kernels, mesh.n_faces
+        self._read_only = criteria_kernels.read_only
+        self.sums = coverage_kernels.Sums(
+            views=np.zeros(n, np.int64),
+            best=np.zeros(n),
+            best_row=np.zeros(n, np.int64),
+            reason=np.zeros(n, np.uint8),
+            kinds=np.zeros(len(BoundKind), np.int64),
+            bounds=np.zeros(2),
+        )
+        self.covered_faces = np.zeros(n_poses, np.int64)
+        self.totals, self.images = np.zeros((2, n_poses))
+        self._is_scored = self._read_only(mesh.task_mask, np.bool_)
+        self._scored = None if mesh.task_mask.all() else np.flatnonzero(mesh.task_mask)
+        self._coverage = np.empty(n)
+
+    def add_coverage(self, coverage: Coverage) -> None:
+        """Add all poses of the batch."""
+        from rastercov._jit import announce_compilation
+
+        announce_compilation(self.kernels.add_rows)
+        arrays = [self._read_only(getattr(coverage, name), kind) for name, kind in _ADDED.items()]
+        *added, drawn = arrays
+        self.kernels.add_rows(self._is_scored, *added, self.sums, self.covered_faces)
+        for row in range(len(drawn)):  # 10 us each
+            self._add_sums(row, added[0][row], drawn[row])
+
+    def add_poses(self, judged: tuple[Any, ...], turn: slice) -> None:
+        """Judge some poses of the batch and add them."""
+        seen = judged[2]
+        for row in range(turn.start, turn.stop):
+            self.kernels.add_pose(
+                row, *judged, self._is_scored, self.sums, self.covered_faces, self._coverage
+            )
+            self._add_sums(row, self._coverage, seen.drawn[row])
+
+    def _add_sums(self, row: int, coverage: FloatArray, drawn: FloatArray) -> None:
+        """Sums over the scored faces of one pose."""
+        if self._scored is not None:
+            coverage, drawn = coverage.take(self._scored), drawn.take(self._scored)
+        self.totals[row], self.images[row] = coverage.sum(), drawn.sum()
+
+    def merge(self, other: "_Part") -> None:
+        """Add the sums of other poses of the same batch."""
+        ours, theirs = self.sums, other.sums
+        ours.views[:] += theirs.views
+        better = (theirs.best > ours.best) | (
+            (theirs.best == ours.best) & (theirs.best_row < ours.best_row)
+        )
+        ours.best[better], ours.best_row[better] = theirs.best[better], theirs.best_row[better]
+        np.maximum(ours.reason, theirs.reason, out=ours.reason)
+        ours.kinds[:] += theirs.kinds
+        np.maximum(ours.bounds, theirs.bounds, out=ours.bounds)
+        self.covered_faces += other.covered_faces
+        self.totals += other.totals
+        self.images += other.images
 
 
 def share_of_faces(mesh: Mesh, part: BoolArray, whole: BoolArray) -> dict[str, float]:

@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from typing_extensions import Doc
 
 from rastercov._limits import check_limits
+from rastercov.camera import Camera
 from rastercov.criteria import FaceGeometry
 
 FloatArray = NDArray[np.float64]
@@ -45,6 +46,25 @@ class Reason(IntEnum):
     """Its angle of incidence is too large."""
     COVERED = 8
     """Every criterion holds."""
+
+
+class Limits(NamedTuple):
+    """Thresholds of a task for one camera, as plain numbers for compiled loops.
+
+    `z_n` and `z_f` are the depth of field in metres, `max_incidence` is in radians, and
+    `least_cosine` its cosine.
+    """
+
+    min_pixels: float
+    min_visibility: float
+    z_n: float
+    z_f: float
+    max_incidence: float
+    least_cosine: float
+    min_pixel_density: float
+    min_coverage: float
+    focus_of_centroid: bool
+    cap_resolution: bool
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,6 +132,22 @@ class Task:
     def thesis(cls, **changes: Any) -> Self:
         """(3.6) to the letter: resolution uncapped, focus of the centroid, any coverage counts."""
         return cls(**(THESIS | changes))
+
+    def limits(self, camera: Camera) -> Limits:
+        """Thresholds that `rastercov.coverage_kernels.judge` decides by, as `judge` does."""
+        z_n, z_f = camera.depth_of_field(self.max_blur)
+        return Limits(
+            min_pixels=self.min_pixels,
+            min_visibility=self.min_visibility,
+            z_n=float(z_n),
+            z_f=float(z_f),
+            max_incidence=math.radians(self.max_incidence_deg),
+            least_cosine=math.cos(math.radians(self.max_incidence_deg)),
+            min_pixel_density=self.min_pixel_density,
+            min_coverage=self.min_coverage,
+            focus_of_centroid=self.focus_rule == "centroid",
+            cap_resolution=self.cap_resolution,
+        )
 
     def judge(
         self,

@@ -1,5 +1,6 @@
 """Coverage: the product recomputed, every reason by a scene made for it, runs of any size."""
 
+import copy
 import json
 import math
 from dataclasses import replace
@@ -435,3 +436,30 @@ def test_a_task_sets_the_blur_limit(how):
     blurred = evaluate(mesh, camera, AHEAD, Task(max_blur=2), **how)
     assert (sharp.reason == Reason.OUT_OF_FOCUS).all()
     assert (blurred.reason == Reason.COVERED).all()
+
+
+# --- some of the figures --------------------------------------------------------------------------
+
+
+def test_only_what_is_asked_for_is_computed(how):
+    whole = evaluate(TEAPOT, SMALL, POSES, **how)
+    some = evaluate(TEAPOT, SMALL, POSES, fields=["reason", "coverage"], **how)
+    assert set(vars(some)) & set(FIGURES) == {"coverage", "reason"}
+    for name in ("coverage", "reason", "pose_ids", "clipped"):
+        np.testing.assert_array_equal(getattr(some, name), getattr(whole, name))
+    with pytest.raises(ConfigError, match="has no incidence, which was not asked for"):
+        _ = some.incidence
+    assert not hasattr(some, "nonsense")
+    assert "reason=array" in repr(some)
+    np.testing.assert_array_equal(copy.copy(some).reason, some.reason)
+
+
+@pytest.mark.parametrize("fields", ["coverage", ["coverge"], [1], 3])
+def test_an_unknown_figure_is_refused(fields):
+    with pytest.raises(ConfigError, match="fields must be a sequence of in_view, "):
+        evaluate(TEAPOT, SMALL, POSES, fields=fields)
+
+
+def test_figures_not_asked_for_do_not_count_against_the_budget(how, monkeypatch):
+    monkeypatch.setattr(module, "EVALUATE_BUDGET", 6 * TEAPOT.n_faces)
+    assert evaluate(TEAPOT, SMALL, POSES, fields=["reason"], **how).reason.shape == (6, 552)

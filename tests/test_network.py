@@ -11,8 +11,10 @@ from hypothesis import strategies as st
 from rastercov import shapes
 from rastercov.camera import Camera
 from rastercov.coverage import FIGURES, Coverage, evaluate
+from rastercov.errors import ConfigError
 from rastercov.mesh import Group, Mesh
 from rastercov.network import Network
+from rastercov.observer import open_observer
 from rastercov.task import Reason, Task
 from rastercov.viewpoints import look_at, sphere_of_poses
 
@@ -294,3 +296,36 @@ def test_occluders_hide_though_nobody_scores_them():
         assert summary["covered"]["faces"] == covered
         assert summary["not_covered_because"]["occluded"]["faces"] == 2
         assert summary["groups"][0]["covered"]["faces"] == 0
+
+
+# --- measured and added up in threads -------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", ["certified", "sampled"])
+@pytest.mark.parametrize("threads", [1, 3])
+def test_poses_added_in_threads_make_the_network_of_their_coverage(method, threads, monkeypatch):
+    mesh = shapes.teapot(3).with_groups(occluders=[])
+    camera = Camera(width=48, height=40, fx=45, fy=42, focus_range=(0.3, 0.5))
+    poses = np.concatenate([sphere_of_poses((0, 0, 0.08), 0.43, 11)] * 2)
+    poses[3, 0, 0] = np.nan
+    options = {"backend": "cpu"} if method == "sampled" else {}
+    task = Task(min_pixels=3, max_incidence_deg=60)
+    whole = evaluate(mesh, camera, poses, task, method=method, skip_bad_poses=True, **options)
+    expected = network_of(whole, mesh=mesh, task=task)
+    monkeypatch.setattr("rastercov.coverage.POSES_A_BATCH", 8)
+    found = Network(mesh, task)
+    with open_observer(mesh, camera, method, threads=threads, **options) as observer:
+        found.add_poses(observer, poses[:5], skip_bad_poses=True)
+        assert found.pose_ids == [0, 1, 2, 4]
+        found = Network(mesh, task)
+        found.add_poses(observer, poses, skip_bad_poses=True)
+    assert state(found) == state(expected)
+    assert found.summary() == expected.summary()
+
+
+def test_a_network_of_another_mesh_is_not_measured():
+    with (
+        open_observer(PART, CAMERA) as observer,
+        pytest.raises(ConfigError, match="one mesh and one task"),
+    ):
+        Network(shapes.box(), Task()).add_poses(observer, np.eye(4))

@@ -19,7 +19,10 @@ ROOT = Path(rastercov.__file__).parent
 # themselves: the links between the modules, which a caller of the package does not need.
 SURFACE = {
     "camera": set(),
-    "coverage": {"EVALUATE_BUDGET", "FIGURES", "PAIRS_A_BATCH", "POSES_A_BATCH", "UNITS"},
+    "coverage": {
+        *("EVALUATE_BUDGET", "FIGURES", "PAIRS_A_BATCH", "POSES_A_BATCH", "UNITS"),
+        *("check_observer", "observations"),
+    },
     "engine": {"BACKENDS", "METHODS"},
     "errors": set(),
     "network": {"share_of_faces"},
@@ -32,7 +35,7 @@ SURFACE = {
     "raster.contract": {"MAX_RENDERED", "MAX_SUPERSAMPLE", "check_counts", "check_picture"},
     "observation": {"EPSILON", "visible_fraction"},
     "observer": set(),
-    "task": {"THESIS"},
+    "task": {"THESIS", "Limits"},
     "viewpoints": {"enclosing_distance", "fibonacci_sphere", "half_angles"},
 }
 MESH = {"Group", "Mesh"}

@@ -66,5 +66,5 @@ def coverage(
     Depends on all of the task.
     """
     with open_observer(mesh, camera, parameters.method) as observer:
-        batches = evaluate_batches(observer, poses, task)
+        batches = evaluate_batches(observer, poses, task, fields=("coverage",))
         return np.concatenate([batch.coverage for batch in batches])

@@ -219,7 +219,7 @@ def build_matrix(
 
     def batches(rows: slice) -> Iterator[Coverage]:
         nonlocal done
-        for batch in evaluate_batches(observer, matrices[rows], task):
+        for batch in evaluate_batches(observer, matrices[rows], task, fields=("coverage",)):
             if len(batch.pose_ids):
                 yield batch
                 done += len(batch.pose_ids)

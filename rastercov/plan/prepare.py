@@ -205,7 +205,7 @@ def _why_nothing(observer: Observer, poses: FloatArray, task: Task) -> str:
     """Reasons why the candidates cover nothing, from a sample of them."""
     some = poses[np.unique(np.linspace(0, len(poses) - 1, N_DIAGNOSED).astype(np.int64))]
     counts = np.zeros(len(Reason), np.int64)
-    for batch in evaluate_batches(observer, some, task):
+    for batch in evaluate_batches(observer, some, task, fields=("reason",)):
         counts += np.bincount(batch.reason[:, batch.mesh.task_mask].ravel(), minlength=len(Reason))
     counts[[Reason.DEGENERATE, Reason.BACK_FACING, Reason.COVERED]] = 0
     shares = counts / max(1, counts.sum())

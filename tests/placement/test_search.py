@@ -66,9 +66,9 @@ def test_every_method_spends_the_same_budget_a_generation_a_batch(objective, met
     sizes = []
     plain = objective_module.evaluate_batches
 
-    def spied(observer, poses, task):
+    def spied(observer, poses, task, **options):
         sizes.append(len(poses))
-        return plain(observer, poses, task)
+        return plain(observer, poses, task, **options)
 
     monkeypatch.setattr(objective_module, "evaluate_batches", spied)
     result = optimise(objective, SPACE, 2, method, budget=41, population=8)

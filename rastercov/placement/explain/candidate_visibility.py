@@ -25,6 +25,8 @@ EDGE_ON = 1e-6
 nothing."""
 POSES_A_STEP = 1024
 """Candidates processed at a time."""
+_FIGURES = ("visibility", "visibility_bound", "visibility_kind", "drawn_pixels", "reason")
+"""Figures that `CandidateBounds` takes."""
 
 
 class Sight(IntEnum):
@@ -106,6 +108,6 @@ def batches_in_view(
         rows = np.flatnonzero(facing)
         if not len(rows):
             continue
-        for batch in evaluate_batches(observer, block[rows], task):
+        for batch in evaluate_batches(observer, block[rows], task, fields=_FIGURES):
             last = batch.pose_ids[-1] if len(batch.pose_ids) else -1
             yield batch, start + int(rows[last]) + 1

@@ -86,7 +86,7 @@ class Objective:
         """(P, F) faces that each pose covers, measured in one batch."""
         covers = np.zeros((len(poses), len(self.integer_weights)), np.bool_)
         if len(poses):
-            for batch in evaluate_batches(self.observer, poses, self.task):
+            for batch in evaluate_batches(self.observer, poses, self.task, fields=("reason",)):
                 covers[batch.pose_ids] = batch.reason == Reason.COVERED
         return covers
 

@@ -1,0 +1,185 @@
+"""The compiled criteria and coverage against their numpy twins, on scenes made to part them."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rastercov import shapes
+from rastercov.camera import Camera
+from rastercov.coverage import FIGURES, evaluate, evaluate_batches
+from rastercov.criteria import face_geometry
+from rastercov.mesh import Group, Mesh
+from rastercov.observation import BoundKind, Observation
+from rastercov.observer import open_observer
+from rastercov.reference import coverage as coverage_twin
+from rastercov.reference import criteria as twin
+from rastercov.task import Task
+from rastercov.viewpoints import look_at
+
+SAME_BITS = ("is_front", "in_view", "perimeter", "pixel_density", "depth")
+CLOSE = ("projected_area", "in_view_fraction", "incidence")
+CUT = 1e-12
+"""Relative difference of areas that numpy adds up in another order; of angles."""
+NASTY = np.array([0.0, -0.0, 1.0, -1.0, 1e-12, 2.0, 3.0, 0.1, -0.1, 1e-6, 0.5])
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+def hostile(rng):
+    """Mesh with coplanar, tiny, edge-on, repeated and huge faces, some of them two-sided."""
+    n = int(rng.integers(3, 30))
+    points = np.where(rng.random((n, 1)) < 0.5, rng.choice(NASTY, (n, 3)), rng.normal(size=(n, 3)))
+    points *= 10.0 ** rng.choice([-30, -6, 0, 0, 0, 3, 20])
+    faces = rng.integers(0, n, size=(40, 3))
+    return Mesh(points, faces, [Group("one"), Group("two", False, True)], np.arange(40) % 2)
+
+
+def hostile_pose(rng, mesh):
+    """At a vertex, inside the bounds, along an axis, or anywhere near."""
+    low, high = mesh.bounds
+    if rng.random() < 0.3:
+        pose = np.eye(4)
+        pose[:3, 3] = mesh.vertices[rng.integers(mesh.n_vertices)]
+        return pose
+    size = max(float((high - low).max()), 1e-30)
+    eye = low + (high - low) * rng.random(3) + size * rng.choice([0, 0.1, 2]) * rng.normal(size=3)
+    return look_at(eye, eye + size * rng.normal(size=3), rng.normal(size=3))[0]
+
+
+def hostile_camera(rng):
+    width, height = rng.choice([1, 64, 640, 5000], 2)
+    fx, fy = rng.choice([0.7, 50, 500, 1e5], 2)
+    near = float(rng.choice([0, 1e-3, 0.1, 1.0]))
+    focus = (0.3, 2.0) if rng.random() < 0.5 else None
+    return Camera(
+        width=int(width), height=int(height), fx=float(fx), fy=float(fy), near=near,
+        focus_range=focus,
+    )  # fmt: skip
+
+
+def hostile_task(rng):
+    if rng.random() < 0.2:
+        return Task.thesis(min_pixels=float(rng.choice([1e-300, 1, 50])))
+    return Task(
+        min_pixels=float(rng.choice([1e-300, 1e-3, 1.0, 30, 1e9])),
+        min_visibility=float(rng.choice([0, 0.5, 1])),
+        max_incidence_deg=float(rng.choice([1e-3, 30, 60, 89.999, 90])),
+        min_pixel_density=float(rng.choice([0, 1e-9, 10, 1e5])),
+        min_coverage=float(rng.choice([0, 1e-9, 0.5, 1])),
+        focus_rule=str(rng.choice(["vertices", "centroid"])),
+        cap_resolution=bool(rng.random() < 0.5),
+    )
+
+
+def hostile_observation(rng, n_poses, n_faces):
+    """Areas as no scene has them: none, hidden, larger than what is drawn, of every kind."""
+    shape = n_poses, n_faces
+    drawn = rng.choice([0, 1e-200, 0.25, 1.0, 30, 1e7], shape) * rng.choice([1, 0.7], shape)
+    visible = drawn * rng.choice([0, 0.3, 1, 1 + 2e-16], shape)
+    error = np.broadcast_to(0.0, shape)
+    if rng.random() < 0.5:
+        error = drawn * rng.choice([0, 1e-9, 0.5, 1, 2], shape)
+    kind = rng.choice(list(BoundKind), shape).astype(np.uint8)
+    return Observation(
+        visible, drawn, kind, error, rng.random(n_poses) < 0.5, int(rng.choice([1, 4, 64]))
+    )
+
+
+def assert_same(mesh, camera, pose):
+    found = face_geometry(mesh, camera, pose)
+    with np.errstate(all="ignore"):
+        expected = twin.face_geometry(mesh, camera, pose)
+    for name in SAME_BITS:
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), err_msg=name)
+    for name in CLOSE:
+        assert_close(name, getattr(found, name), getattr(expected, name))
+
+
+def assert_close(name, found, expected):
+    np.testing.assert_allclose(found, expected, rtol=CUT, atol=1e-15, err_msg=name)
+    assert np.array_equal(found == 0, expected == 0), name
+
+
+class Recorded:
+    """An observer that gives one observation whatever it is asked for."""
+
+    info = None
+
+    def __init__(self, mesh, camera, seen):
+        self.mesh, self.camera, self.seen = mesh, camera, seen
+
+    def observe(self, poses):
+        assert len(poses) == len(self.seen.kind)
+        return self.seen
+
+
+def assert_judged(found, task, poses, seen):
+    """Figures of a Coverage are those of the twin; an angle is not near its limit."""
+    limit = math.radians(task.max_incidence_deg)
+    for row, pose in enumerate(poses):
+        with np.errstate(all="ignore"):
+            expected = coverage_twin.figures_of_pose(
+                found.mesh, found.camera, task, pose, seen, row
+            )
+        sure = np.abs(expected["incidence"] - limit) > 1e-12
+        for name in FIGURES:
+            one, other = getattr(found, name)[row], expected[name]
+            if name in ("coverage", "reason"):
+                one, other = one[sure], other[sure]
+            if name in CLOSE:
+                assert_close(name, one, other)
+            else:
+                np.testing.assert_array_equal(one, other, err_msg=name)
+
+
+@given(seeds)
+def test_the_loop_gives_what_its_twin_gives(seed):
+    rng = np.random.default_rng(seed)
+    mesh = hostile(rng)
+    assert_same(mesh, hostile_camera(rng), hostile_pose(rng, mesh))
+
+
+@pytest.mark.parametrize("name", ["torus", "room", "teapot"])
+def test_a_part_has_the_same_geometry_from_its_twin(name):
+    mesh, rng = getattr(shapes, name)(), np.random.default_rng(0)
+    for _ in range(3):
+        assert_same(mesh, Camera(width=640, height=480, fx=500, fy=450), hostile_pose(rng, mesh))
+
+
+@given(seeds)
+def test_any_observation_is_judged_as_by_the_twin(seed):
+    rng = np.random.default_rng(seed)
+    mesh, camera, task = hostile(rng), hostile_camera(rng), hostile_task(rng)
+    poses = np.stack([hostile_pose(rng, mesh) for _ in range(3)])
+    seen = hostile_observation(rng, 3, mesh.n_faces)
+    (found,) = evaluate_batches(Recorded(mesh, camera, seen), poses, task)
+    assert_judged(found, task, poses, seen)
+
+
+@settings(max_examples=10)
+@given(seeds, st.lists(st.sampled_from(list(FIGURES)), unique=True))
+def test_a_figure_does_not_depend_on_what_else_is_asked_for(seed, names):
+    rng = np.random.default_rng(seed)
+    mesh, camera, task = hostile(rng), hostile_camera(rng), hostile_task(rng)
+    poses = np.stack([hostile_pose(rng, mesh) for _ in range(2)])
+    recorded = Recorded(mesh, camera, hostile_observation(rng, 2, mesh.n_faces))
+    (whole,) = evaluate_batches(recorded, poses, task)
+    (some,) = evaluate_batches(recorded, poses, task, fields=names)
+    for name in names:
+        np.testing.assert_array_equal(getattr(some, name), getattr(whole, name), err_msg=name)
+
+
+@pytest.mark.parametrize("method", ["certified", "sampled"])
+@pytest.mark.parametrize("task", [Task(max_incidence_deg=70, min_pixel_density=60), Task.thesis()])
+def test_a_part_is_judged_as_by_the_twin_in_any_number_of_threads(method, task):
+    mesh, camera = shapes.teapot(3), Camera(width=96, height=80, fx=90, fy=84)
+    rng = np.random.default_rng(0)
+    poses = np.stack([hostile_pose(rng, mesh) for _ in range(9)])
+    options = {"backend": "cpu"} if method == "sampled" else {}
+    for threads in (1, 3):
+        found = evaluate(mesh, camera, poses, task, method=method, threads=threads, **options)
+        with open_observer(mesh, camera, method, **options) as observer:
+            assert_judged(found, task, poses, observer.observe(poses))
