@@ -294,9 +294,16 @@ class _Run:
 
 
 def _mebibytes(holder: object) -> float:
-    """Size of the arrays that an object holds."""
-    arrays = [value for value in vars(holder).values() if isinstance(value, np.ndarray)]
-    return sum(array.nbytes for array in arrays) / 2**20
+    """Size of the arrays that an object and its records hold, each once."""
+    arrays: dict[int, int] = {}
+    values = list(vars(holder).values())
+    while values:
+        value = values.pop()
+        if isinstance(value, np.ndarray):
+            arrays[id(value)] = value.nbytes
+        elif isinstance(value, tuple):
+            values += value
+    return sum(arrays.values()) / 2**20
 
 
 def _medians(runs: tuple[_Run, ...], rounds: int) -> list[float]:

@@ -93,7 +93,7 @@ class CertificateSolver(HalfPlaneSolver):
         self._is_at_event = np.empty(len(surface.vertices), np.bool_)
         self.region, self._targets = np.empty(n_faces, np.int32), np.empty(n_faces, np.int32)
         self._scratch = np.empty(n_faces, np.int32)
-        self._make_room_for_crossings(n_edges)
+        self._make_room_for_crossings(max(1024, n_edges // 16))
         self._segment = Segment(np.empty((2, 3)), np.empty(4, np.int64), np.empty((2, 3)))
 
     def solve_all(self) -> None:

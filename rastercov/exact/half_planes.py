@@ -200,7 +200,7 @@ class HalfPlaneSolver:
             clipped_index=np.empty(n_faces, np.int32),
             clipped=_room_for_clipped(8),
         )
-        starts, entries = np.empty(0, np.int64), np.empty(4 * n_faces, np.int32)
+        starts, entries = np.empty(0, np.int64), np.empty(2 * n_faces, np.int32)
         self.grid = CellGrid(
             0.0, 0.0, 1.0, 1.0, 1, 1, starts, entries, np.empty(len(entries)), np.empty(0, np.bool_)
         )
