@@ -4,8 +4,10 @@ from rastercov._jit import inlined
 from rastercov.exact.polygon_kernels import copy_polygon
 from rastercov.exact.records import (
     CLIPPED,
+    DOUBTFUL,
     DU,
     DV,
+    LIVE,
     OFFSET,
     OUTLINE_ERROR,
     SIDES,
@@ -47,12 +49,19 @@ def outline(f, projected, corners, lines):
 
 @inlined
 def is_joined(f, s, n_lines, edges, is_event, projected):
-    """True if the surface continues beyond line s of the outline of a face: it is no event edge."""
-    if s == 3:
+    """True if the surface continues beyond line s of the outline of a face: it is no event edge.
+
+    Never where one of the two faces is clipped in space: its lines may be known to few digits, and
+    the near plane may cut it away.
+    """
+    if n_lines == SIDES:
         return False
     # The corners of a face seen from the front are taken in reverse.
-    corner = s if projected.side[f] < 0 or n_lines == SIDES else 2 - s
-    return not is_event[edges.of_face[f, corner]]
+    e = edges.of_face[f, s if projected.side[f] < 0 else 2 - s]
+    if is_event[e] or edges.faces[e, 1] < 0:
+        return False
+    other = edges.faces[e, 0] if edges.faces[e, 0] != f else edges.faces[e, 1]
+    return projected.state[other] & (LIVE | CLIPPED | DOUBTFUL) == LIVE
 
 
 @inlined
