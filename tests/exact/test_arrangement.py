@@ -8,10 +8,13 @@ from hypothesis import given, settings
 from scenes import joined, sheet, square
 
 from rastercov import shapes
+from rastercov.exact.certificate import DIVIDES_CROSSED_FACES
 from rastercov.exact.grid_kernels import sort_cell
 from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.exact.records import CROSSED, W_MAX
 from rastercov.mesh import contacts
+
+pytestmark = pytest.mark.skipif(not DIVIDES_CROSSED_FACES, reason="arrangements are off")
 
 
 def assert_agree(mesh, camera, pose, front_only=False):
