@@ -128,7 +128,8 @@ class CertificateSolver(HalfPlaneSolver):
         if len(self._pieces.corners) < MOST_CELLS:
             self._make_room_for_pieces(MOST_CELLS)
         self.n_left = arrangement_areas(
-            self._targets[: self.n_crossed * DIVIDES_CROSSED_FACES], self._crossings, partners, surface.edges, is_event,
+            self._targets[: self.n_crossed * DIVIDES_CROSSED_FACES], self._crossings, partners,
+            surface.edges, is_event,
             camera, projected, self.grid, self._pieces, self._work, self.visible, self.area_error,
             self._scratch,
         )  # fmt: skip
