@@ -27,12 +27,14 @@ from rastercov.exact.polygon_kernels import (
     twice_area,
 )
 from rastercov.exact.records import (
+    CLIPPED,
     DEPTH_TIE_REL,
     DOUBTFUL,
     DU,
     DV,
     FIRST,
     IN_CONTACT,
+    IN_FRONT,
     IN_FRONT_IN_PART,
     LAST,
     LIVE,
@@ -56,6 +58,8 @@ MOST_CELLS = 128
 """Cells of a face beyond which it is left to them, too."""
 SURE = 16
 """Distance from an edge, in roundings of a position, that makes a point lie on one side of it."""
+THINNEST = 2**24
+"""Width of a face, in the same, below which rounding may decide what is beside it."""
 VISIBLE, HIDDEN, UNSURE = range(3)
 """Results of `point_visibility`."""
 
@@ -146,32 +150,84 @@ def divide_piece(pieces, p, count, crossings, c, tolerance, work):
 
 
 @inlined
-def may_pass_through(t, m, target, n, n_own, camera, projected, work, area_error):
-    """True if two faces in contact may change their depth order, or coincide, over their overlap.
+def overlap_of(t, m, target, n, n_own, camera, projected, work):
+    """Area that the images of two live faces have in common, px^2, and the sides of that of m.
 
-    `target` and n are the image of face t, `work.own` the `n_own` lines that bound it. Where the
-    answer is no, what rounding may decide along their contact is added to `area_error` of t.
+    It is negative if one of them is so thin that rounding may decide. See `may_pass_through` for
+    the arguments; the lines that bound the image of m are left in `work.lines`.
     """
-    box, state, lines, own = projected.box, projected.state, work.lines, work.own
+    box, lines, corners, other = projected.box, work.lines, work.corners, work.other
+    k, n_sides = outline(m, projected, corners, lines)
+    # Of a clipped needle rounding may leave a short piece.
+    is_clipped = projected.state[m] & CLIPPED
+    extent = camera.width + camera.height
+    if not is_clipped:
+        extent = box[m, U_MAX] - box[m, U_MIN] + box[m, V_MAX] - box[m, V_MIN]
+    is_thin = twice_area(corners, k) < THINNEST * outline_error(m, camera, projected) * extent
+    if is_clipped and is_thin:
+        return -1.0, n_sides
+    if (
+        box[m, U_MIN] > box[t, U_MAX]
+        or box[m, U_MAX] < box[t, U_MIN]
+        or box[m, V_MIN] > box[t, V_MAX]
+        or box[m, V_MAX] < box[t, V_MIN]
+    ):
+        return 0.0, n_sides
+    if is_thin:
+        return -1.0, n_sides
+    if separates(lines, n_sides, target, n) or separates(work.own, n_own, corners, k):
+        return 0.0, n_sides
+    copy_polygon(target, n, work.spare)
+    n = clip(work.spare, n, lines, n_sides, other)
+    if n < 3:
+        return 0.0, n_sides
+    return abs(twice_area(work.spare, n)) / 2, n_sides
+
+
+@inlined
+def may_pass_through(t, m, target, n, n_own, edges, is_event, camera, projected, work, area_error):
+    """True if the visibility of a face may change where another one in contact meets it.
+
+    That is where the other passes through it or coincides with it; or where the other, in front of
+    it, continues behind it, beyond an edge that lies in it and is no event edge. `target` and n are
+    the image of face t, `work.own` the `n_own` lines that bound it. Where the answer is no, what
+    rounding may decide along their contact is added to `area_error` of t.
+    """
+    box, state = projected.box, projected.state
     if not state[m] & LIVE:
         return state[m] & THIN != 0
-    k, n_sides = outline(m, projected, work.corners, lines)
-    if separates(lines, n_sides, target, n) or separates(own, n_own, work.corners, k):
+    overlap, n_sides = overlap_of(t, m, target, n, n_own, camera, projected, work)
+    if overlap == 0:
         return False
-    if state[m] & DOUBTFUL:
+    if overlap < 0 or state[m] & DOUBTFUL:
         return True
+    error = outline_error(m, camera, projected)
     across = min(box[t, U_MAX], box[m, U_MAX]) - max(box[t, U_MIN], box[m, U_MIN])
     down = min(box[t, V_MAX], box[m, V_MAX]) - max(box[t, V_MIN], box[m, V_MIN])
-    error = outline_error(m, camera, projected)
-    copy_polygon(target, n, work.spare)
-    n_overlap = clip(work.spare, n, lines, n_sides, work.other)
-    overlap = twice_area(work.spare, n_overlap) / 2 if n_overlap >= 3 else 0.0
     if overlap <= SURE * error * (across + down):  # neighbours that abut, up to rounding
         area_error[t] += max(overlap, 4 * error * (across + down))
         return False
     area_error[t] += 4 * error * (across + down)
     order = depth_order(t, m, target, n, n_sides, camera, projected, work, True, area_error)
-    return order in (IN_FRONT_IN_PART, TIED)
+    if order != IN_FRONT:
+        return order in (IN_FRONT_IN_PART, TIED)
+    for s in range(3):
+        e = edges.of_face[m, s]
+        if is_event[e] or edges.faces[e, 1] < 0:
+            continue
+        beyond = edges.faces[e, 0] if edges.faces[e, 0] != m else edges.faces[e, 1]
+        if beyond == t or not state[beyond] & LIVE:
+            continue
+        overlap, n_sides = overlap_of(t, beyond, target, n, n_own, camera, projected, work)
+        if overlap < 0 or (
+            overlap > 0
+            and depth_order(
+                t, beyond, target, n, n_sides, camera, projected, work, False, area_error
+            )
+            != IN_FRONT
+        ):
+            return True
+    return False
 
 
 @inlined
@@ -306,7 +362,9 @@ def arrangement_areas(
         if state[t] & IN_CONTACT:
             for k in range(partners.starts[t], partners.starts[t + 1]):
                 m = partners.faces[k]
-                if may_pass_through(t, m, target, n, n_own, camera, projected, work, area_error):
+                if may_pass_through(
+                    t, m, target, n, n_own, edges, is_event, camera, projected, work, area_error
+                ):
                     fits = False
                     break
         copy_polygon(target, n, pieces.corners[0])

@@ -34,8 +34,6 @@ CERTAIN_AREA_REL = 1e-6
 """Area tolerance when a region's largest face is classified as wholly visible or wholly hidden,
 relative to that face. A partial result means that an event edge was missed; the whole region is
 then computed face by face."""
-DIVIDES_CROSSED_FACES = False
-"""Off until edges that coincide in the image are proved to be handled: half planes compute all."""
 CROSSING_TOLERANCE_REL = 1e-9
 """Distance up to which an edge that passes a face counts as crossing it, relative to
 `HalfPlaneSolver.coordinate_scale`."""
@@ -128,14 +126,10 @@ class CertificateSolver(HalfPlaneSolver):
         if len(self._pieces.corners) < MOST_CELLS:
             self._make_room_for_pieces(MOST_CELLS)
         self.n_left = arrangement_areas(
-            self._targets[: self.n_crossed * DIVIDES_CROSSED_FACES], self._crossings, partners,
-            surface.edges, is_event,
+            self._targets[: self.n_crossed], self._crossings, partners, surface.edges, is_event,
             camera, projected, self.grid, self._pieces, self._work, self.visible, self.area_error,
             self._scratch,
         )  # fmt: skip
-        if not DIVIDES_CROSSED_FACES:
-            self.n_left = self.n_crossed
-            self._scratch[: self.n_crossed] = self._targets[: self.n_crossed]
         computed = self._scratch[: self.n_left + self.n_regions]
         computed[self.n_left :] = self.largest_of_regions()
         self.solve(computed)

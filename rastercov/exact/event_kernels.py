@@ -54,8 +54,6 @@ from rastercov.exact.segment_kernels import (
     take_range,
 )
 
-SKIPS_HIDDEN_PARTS = False
-"""Off: where edges coincide in the image to the last digit, it made a certificate wrong."""
 NEAR_PLANE_TOLERANCE_REL = 1e-6
 """Relative difference of 1/z up to which a corner counts as one on the near plane."""
 
@@ -135,8 +133,7 @@ def mark_in_cell(
     for entry in range(starts[c], starts[c + 1]):
         m = entries[entry]
         if (
-            SKIPS_HIDDEN_PARTS
-            and box[m, W_MAX] >= farthest
+            box[m, W_MAX] >= farthest
             and state[m] & (LIVE | DOUBTFUL) == LIVE
             and box[m, U_MIN] <= right
             and box[m, U_MAX] >= left
@@ -202,7 +199,7 @@ def mark_segment(
     if t0 > t1:
         return n_crossings
     # Edges beside each other are often hidden by one face.
-    if SKIPS_HIDDEN_PARTS and ends[HIDER] >= 0:
+    if ends[HIDER] >= 0:
         begin, end = hidden_range(
             ends[HIDER], ends[START], ends[END], uvw, t0, t1, tolerance, edges, is_event, camera,
             projected, work,

@@ -8,7 +8,19 @@ import numpy as np
 from rastercov._jit import inlined
 from rastercov.exact.outline_kernels import is_joined, outline, outline_error, plane_of
 from rastercov.exact.polygon_kernels import line_at, line_value
-from rastercov.exact.records import DEPTH_TIE_REL, DU, DV, W_MAX, U, V, W
+from rastercov.exact.records import (
+    DEPTH_TIE_REL,
+    DU,
+    DV,
+    U_MAX,
+    U_MIN,
+    V_MAX,
+    V_MIN,
+    W_MAX,
+    U,
+    V,
+    W,
+)
 
 START, END = 0, 1
 """Rows of a segment, which has u, v and w of both ends."""
@@ -140,7 +152,11 @@ def hidden_range(
     margin = 2 * w_error + 4 * DEPTH_TIE_REL * projected.box[m, W_MAX]
     start = w_m + slope_u * (u - u_m) + slope_v * (v - v_m) - w - margin
     end = w_m + slope_u * (u1 - u_m) + slope_v * (v1 - v_m) - w1 - margin
-    return narrowed_to_inside(start, end, first, last)
+    first, last = narrowed_to_inside(start, end, first, last)
+    # The sides of a needle that is grown meet far beyond its tip.
+    box = projected.box
+    first, last = narrowed(u, u1, box[m, U_MIN] - 2 * error, box[m, U_MAX] + 2 * error, first, last)
+    return narrowed(v, v1, box[m, V_MIN] - 2 * error, box[m, V_MAX] + 2 * error, first, last)
 
 
 @inlined

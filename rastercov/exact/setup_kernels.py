@@ -53,6 +53,8 @@ in space before they are projected."""
 PAIR_ERROR_REL = 2.0**-98
 """Relative error bound of the products of three vectors in pairs of doubles: 3 camera coordinates
 of 12 * 2^-106 each, and 8 operations of 5 * 2^-106."""
+UNDERFLOW = 2.0**-1000
+"""Greater than what products of numbers up to 2 lose to underflow."""
 EDGE_ON_FACTOR = 4
 """A face is doubtful if its image has less than this many pixels of area for each pixel of extent
 and of rounding: (u1 - u0)(v2 - v0) - (u2 - u0)(v1 - v0) is twice the area, each difference is off
@@ -101,12 +103,12 @@ def to_camera(point, camera, high, low):
 
 
 @compiled
-def normals_of_sides(high, low, normals, errors):
+def normals_of_sides(high, low, underflow, normals, errors):
     """Normals of a face and of the planes through its edges and the camera centre; returns d.
 
-    For corners in camera axes, in pairs of doubles `high` and `low`. Out: `normals`, p x q for each
-    edge p q, and the normal n of the face, rounded at the end; `errors`, the largest of the four,
-    as vectors, and of d.
+    For corners in camera axes, in pairs of doubles `high` and `low`, with what underflow may have
+    taken from them. Out: `normals`, p x q for each edge p q, and the normal n of the face, rounded
+    at the end; `errors`, the largest of the four, as vectors, and of d.
 
     d is n . X of the face. (p x q) . ray has its sign for a ray on the inner side of edge p q.
     """
@@ -127,10 +129,10 @@ def normals_of_sides(high, low, normals, errors):
                 d, d_low = add(d, d_low, x, x_low)
         far_p = length(high[p, 0], high[p, 1], high[p, 2])
         far_q = length(high[q, 0], high[q, 1], high[q, 2])
-        errors[s] = PAIR_ERROR_REL * far_p * far_q
+        errors[s] = PAIR_ERROR_REL * far_p * far_q + underflow
     normals[3] = sum_high
     errors[3] = errors[0] + errors[1] + errors[2]
-    errors[4] = length(high[0, 0], high[0, 1], high[0, 2]) * errors[1]
+    errors[4] = length(high[0, 0], high[0, 1], high[0, 2]) * errors[1] + underflow
     return d
 
 
@@ -219,7 +221,8 @@ def clip_in_space(corners, low, camera, normals, errors, sides, plane, polygon, 
     low /= reach
     near = camera.near / reach
     # The plane n . X = d of the face: 1/z is n . ((u - cx)/fx, (v - cy)/fy, 1) / d.
-    d = normals_of_sides(corners, low, normals, errors)
+    underflow = UNDERFLOW * max(1.0, 1 / reach)
+    d = normals_of_sides(corners, low, underflow, normals, errors)
     if not abs(d) > errors[4]:
         return 0, 0
     front = 1 if d < 0 else -1

@@ -3,18 +3,16 @@
 import numpy as np
 import pytest
 from exact_cases import AHEAD, hostile, t_junctions, window
-from exact_views import SEEDS, look, soup
+from exact_views import SEEDS, assert_within_bounds, look, soup
 from hypothesis import given, settings
+from hypothesis import strategies as st
 from scenes import joined, sheet, square
 
 from rastercov import shapes
-from rastercov.exact.certificate import DIVIDES_CROSSED_FACES
 from rastercov.exact.grid_kernels import sort_cell
 from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.exact.records import CROSSED, W_MAX
-from rastercov.mesh import contacts
-
-pytestmark = pytest.mark.skipif(not DIVIDES_CROSSED_FACES, reason="arrangements are off")
+from rastercov.mesh import Mesh, contacts
 
 
 def assert_agree(mesh, camera, pose, front_only=False):
@@ -94,6 +92,45 @@ def test_faces_that_pass_through_each_other_are_left_to_half_planes():
     tilted = type(tilted)(vertices=tilted.vertices @ turn.T + (0, 0, 4), faces=tilted.faces)
     view = assert_agree(joined(square(1.0, 4.0), tilted), window(), AHEAD)
     assert view.n_left > 0
+
+
+def bent(*rows):
+    """Welded strip of quads between rows of points, (N, 2, 3)."""
+    quads = [(2 * i, 2 * i + 1, 2 * i + 3, 2 * i + 2) for i in range(len(rows) - 1)]
+    faces = [half for a, b, c, d in quads for half in ((a, b, c), (a, c, d))]
+    return Mesh(vertices=np.array(rows, float).reshape(-1, 3), faces=np.array(faces))
+
+
+def test_a_sheet_that_passes_through_a_face_along_a_seam_is_left_to_half_planes():
+    r"""
+    ____/____  tile     None of its faces passes through the tile: one is before it, one
+       /                behind, and their common edge, which is no event edge, lies in it.
+      /  sheet
+    """
+    rows = [[(x, y, 4 - x / 3) for y in (-3, 3)] for x in (3, 0, -3)]
+    view = assert_agree(joined(square(1, 4), bent(*rows)), window(), AHEAD)
+    assert view.n_left > 0
+    assert view.visible[:2].sum() == pytest.approx(1250)  # half of 50 x 50 px
+
+
+@pytest.mark.parametrize("width", [1e-12, 1e-11, 1e-10, 1e-8, 1e-5])
+@given(tilt=st.floats(-0.3, 0.3))
+@settings(max_examples=10)
+def test_a_sheet_that_passes_through_a_face_by_a_sliver_hides_its_part(width, tilt):
+    r"""
+    tile _______|______      Its part before the tile is joined to its border behind it by faces
+                |            along the rays of the camera: slivers in the image.
+     sheet _____/
+    """
+    ends = np.array([(tilt, -2), (-tilt, 2)])
+    before = np.column_stack((ends * 3, (3.0, 3.0)))
+    far = np.column_stack(((ends - (width, 0)) * 5, (5.0, 5.0)))
+    left = before - (6, 0, 0)
+    mesh = joined(square(1, 4), bent(left, before, far))
+    view = assert_agree(mesh, window(), AHEAD)
+    hidden = 2500 - view.visible[:2].sum()
+    assert hidden == pytest.approx(1250, abs=100 * width + 1e-9)
+    assert_within_bounds(mesh, window(), AHEAD)
 
 
 @given(seed=SEEDS)

@@ -25,6 +25,13 @@ def turned(rng):
     return rotation * np.sign(np.linalg.det(rotation))
 
 
+def cube_rotation(rng):
+    """Rotation that permutes the axes."""
+    rotation = np.eye(3)[rng.permutation(3)] * rng.choice((-1, 1), 3)
+    rotation[0] *= np.linalg.det(rotation)
+    return rotation
+
+
 def pose_at(eye, rotation):
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = rotation, eye
@@ -65,6 +72,18 @@ def test_solids_seen_from_their_own_surface_are_seen_as_fractions_say(seed):
     mesh = joined(solid, screen)
     pose = pose_at(place_on(solid, rng), turned(rng))
     assert_within_bounds(mesh, CAMERA, pose, rng.permutation(mesh.n_faces)[:10])
+
+
+@given(seed=SEEDS, digits=st.tuples(*3 * [st.integers(-3, 3)]))
+@settings(max_examples=25)
+def test_a_camera_that_the_least_number_of_all_divides_from_an_edge(seed, digits):
+    # Products of such numbers underflow, and with them the bounds of relative errors.
+    rng = np.random.default_rng(seed)
+    solid = box((-0.5, 0, 0), (0, 0.5, 0.25))
+    mesh = joined(solid, box((0.25, -1, -0.5), (1, 0.5, 0.5)), square(4, 3))
+    eye = np.array(rng.choice((0, 0, 0.125, -0.5), 3)) + np.array(digits) * 5e-324
+    pose = pose_at(eye, turned(rng) if rng.random() < 0.5 else cube_rotation(rng))
+    assert_within_bounds(mesh, CAMERA, pose)
 
 
 @given(seed=SEEDS, power=st.floats(-20, -8))
