@@ -32,6 +32,7 @@ from rastercov.exact.records import (
     DOUBTFUL,
     DU,
     DV,
+    EDGE_ERROR,
     FIRST,
     IN_CONTACT,
     IN_FRONT,
@@ -95,7 +96,7 @@ def order_crossings(t, crossings, order):
 
 
 @inlined
-def divide_piece(pieces, p, count, crossings, c, tolerance, work):
+def divide_piece(pieces, p, count, crossings, c, work):
     """Divide a piece by the line of a crossing that runs through it; returns the piece count.
 
     Parameters
@@ -106,14 +107,12 @@ def divide_piece(pieces, p, count, crossings, c, tolerance, work):
         The piece, and the number of pieces.
     crossings, c : Crossings, int
         The crossing.
-    tolerance : float
-        Pixels from the line up to which a corner is on it.
     work : Work
         Scratch.
     """
     corners, n, values = pieces.corners[p], pieces.n_corners[p], work.values
     segment = crossings.segments[c]
-    u, v, du, dv = segment[U], segment[V], segment[DU], segment[DV]
+    u, v, du, dv, tolerance = segment[U], segment[V], segment[DU], segment[DV], segment[EDGE_ERROR]
     slack = tolerance * (abs(du) + abs(dv))
     line = (u, v, du, dv, 0.0)
     least = most = 0.0
@@ -374,13 +373,13 @@ def arrangement_areas(
             segment = crossings.segments[c]
             area_error[t] += (
                 4 * (abs(segment[DU]) + abs(segment[DV])) * (segment[LAST] - segment[FIRST])
-                * camera.pixel_error
+                * segment[EDGE_ERROR]
             )  # fmt: skip
             for p in range(count):
                 if count == MOST_CELLS:
                     fits = False
                     break
-                count = divide_piece(pieces, p, count, crossings, c, camera.pixel_error, work)
+                count = divide_piece(pieces, p, count, crossings, c, work)
         plane = plane_of(t, camera, projected)
         twice = 0.0
         for p in range(count):

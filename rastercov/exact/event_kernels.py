@@ -14,6 +14,7 @@ import numpy as np
 
 from rastercov._jit import allocation_free, inlined
 from rastercov.exact.grid_kernels import cell
+from rastercov.exact.polygon_kernels import length
 from rastercov.exact.records import (
     CLIPPED,
     CONSISTENT,
@@ -22,10 +23,12 @@ from rastercov.exact.records import (
     DOUBTFUL,
     DU,
     DV,
+    EDGE_ERROR,
     FIRST,
     LAST,
     LIVE,
     NON_MANIFOLD,
+    POSITION_ERROR,
     SLOPE_U,
     SLOPE_V,
     U_MAX,
@@ -107,6 +110,7 @@ def record_crossing(f, edge, segment, first, last, crossings, n):
         row[U], row[V] = segment[start, U], segment[start, V]
         row[DU], row[DV] = segment[end, U] - row[U], segment[end, V] - row[V]
         row[FIRST], row[LAST] = first, last
+        row[EDGE_ERROR] = max(segment[START, POSITION_ERROR], segment[END, POSITION_ERROR])
     return n + 1
 
 
@@ -262,6 +266,7 @@ def project_clipped(a, b, vertices, camera, segment):
         first, last = narrowed_to_inside(start, end, first, last)
     if first > last:
         return False
+    reach = length(p[0], p[1], p[2]) + length(q[0], q[1], q[2])
     ends[START] = a if first == 0 else NO_VERTEX
     ends[END] = b if last == 1 else NO_VERTEX
     for end in range(2):
@@ -270,6 +275,7 @@ def project_clipped(a, b, vertices, camera, segment):
         uvw[end, U] = fx * ((p[0] + t * (q[0] - p[0])) / z) + cx
         uvw[end, V] = fy * ((p[1] + t * (q[1] - p[1])) / z) + cy
         uvw[end, W] = 1.0 / z
+        uvw[end, POSITION_ERROR] = camera.pixel_error * max(1.0, 2 * reach / z)
     return True
 
 
@@ -317,6 +323,8 @@ def mark_crossed(
             ends[START], ends[END] = a, b
             for k in range(3):
                 uvw_of_ends[START, k], uvw_of_ends[END, k] = uvw[a, k], uvw[b, k]
+            uvw_of_ends[START, POSITION_ERROR] = camera.pixel_error
+            uvw_of_ends[END, POSITION_ERROR] = camera.pixel_error
         elif not project_clipped(a, b, vertices, camera, segment):
             continue
         flags = state[edges.faces[e, 0]]
@@ -350,6 +358,7 @@ def mark_crossed(
                 # known to few digits.
                 w = min(w + planes[s, W_ERROR], 1 / camera.near)
                 uvw_of_ends[end, U], uvw_of_ends[end, V], uvw_of_ends[end, W] = u, v, w
+                uvw_of_ends[end, POSITION_ERROR] = camera.pixel_error
             if uvw_of_ends[START, W] >= rim and uvw_of_ends[END, W] >= rim:
                 n_crossings = mark_segment(
                     -1, True, segment, tolerance, edges, is_event, camera, projected, grid, extent,

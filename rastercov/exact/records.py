@@ -18,12 +18,15 @@ SUM_OF_WIDTHS, SUM_OF_HEIGHTS, SUM_OF_AREAS = range(4, 7)
 DU, DV, OFFSET, LINE_ERROR = range(2, 6)
 """Further columns of a line (u0, v0, du, dv, offset): its inner side is where
 du (v - v0) - dv (u - u0) + offset >= 0. The error of the offset is kept for clipped faces only."""
-FIRST, LAST = range(4, 6)
+FIRST, LAST, EDGE_ERROR = range(4, 7)
 """Further columns of a crossing (u, v, du, dv): the range of its edge, 0 at the start, 1 at the
-end."""
+end; and the largest error of the edge, pixels."""
 SLOPE_U, SLOPE_V, W_ERROR, OUTLINE_ERROR = range(3, 7)
 """Further columns of a plane: slope of w along u and v, the largest error of w within the image,
 and the largest error in pixels of the lines that bound the face."""
+
+POSITION_ERROR = 3
+"""Further column of an end of a segment (u, v, w)."""
 
 LIVE, CLIPPED, PARTLY, CROSSED, DOUBTFUL, THIN, UNFIT, IN_CONTACT = (1 << bit for bit in range(8))
 """Bits of a face's state.
@@ -167,8 +170,8 @@ Segment = namedtuple("Segment", "uvw ends points")
 
 Attributes
 ----------
-uvw : (2, 3) float64
-    u, v, w of both ends.
+uvw : (2, 4) float64
+    u, v, w of both ends, and the error of the position, pixels.
 ends : (4,) int64
     Vertices at the ends, -1 for an end that is no vertex; a face that hid another segment; 1 if the
     edge is not wholly hidden.
@@ -202,6 +205,7 @@ before : (N,) int32
     Crossing before this one of the same face, -1 for the first.
 edge : (N,) int32
     The event edge, -1 for a rim at the near plane.
-segments : (N, 6) float64
-    u, v, du, dv of the edge, and the first and last of the range of it that crosses the face.
+segments : (N, 7) float64
+    u, v, du, dv of the edge, the first and last of the range of it that crosses the face, and the
+    error of its position, pixels.
 """

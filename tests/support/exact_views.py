@@ -47,6 +47,15 @@ def see_again(view, mesh, camera, pose, *, front_only=False):
     view.solve_all()
 
 
+def assert_agree(mesh, camera, pose, *, front_only=False):
+    """Both paths have the same areas, to their bounds; returns the view with a certificate."""
+    view = look(mesh, camera, pose, front_only=front_only)
+    other = look(mesh, camera, pose, HalfPlaneSolver, front_only=front_only)
+    bound = np.where(view.is_certified, 0.0, view.area_error) + other.area_error
+    assert (np.abs(view.visible - other.visible) <= bound + 1e-12).all()
+    return view
+
+
 def fractions(mesh, camera, pose, faces=None):
     """Visible fractions in exact arithmetic, 0 of faces without an image; and image areas, px^2."""
     area = rational.image_area(mesh, camera, pose, faces)
