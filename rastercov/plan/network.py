@@ -99,8 +99,8 @@ def measured(
     eyes = poses[:, :3, 3]
     covered, certain, possible = (objective.covered(mask, eyes) for mask in masks)
     network.is_covered = covered
-    counts = range(1, len(poses) + 1)
-    worth = [objective.worth(objective.covered(masks[0, :n], eyes[:n])) for n in counts]
+    until = objective.cameras_until_covered(masks[0], eyes)
+    worth = [objective.worth(until <= n) for n in range(1, len(poses) + 1)]
     return Measured(
         poses=poses,
         network=network,

@@ -5,12 +5,12 @@ on demand, in batches.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from rastercov.coverage import evaluate_batches
 from rastercov.errors import ConfigError
@@ -95,25 +95,37 @@ class Objective:
 
         Leading axes of both, (..., k, F) and (..., k, 3), are independent networks.
         """
-        covered: BoolArray = covers.sum(axis=-2) >= self.need
-        if self.min_cosine <= 1:
-            for index in np.ndindex(covers.shape[:-2]):  # k^2 / 2 passes over the faces each
-                covered[index] &= self._is_spread(covers[index], eyes[index])
+        covered: BoolArray = self.cameras_until_covered(covers, eyes) <= covers.shape[-2]
         return covered
+
+    def cameras_until_covered(self, covers: BoolArray, eyes: FloatArray) -> IntArray:
+        """(F,) least n for which the first n cameras of a network cover the face, k + 1 for none.
+
+        Arguments as for `covered`.
+        """
+        from rastercov.placement.improve.objective_kernels import cameras_until_covered
+
+        counts = np.empty((*covers.shape[:-2], covers.shape[-1]), np.int64)
+        for index in np.ndindex(covers.shape[:-2]):
+            cameras_until_covered(*self._given((covers[index], eyes[index])), counts[index])
+        return counts
 
     def covered_with(
         self, rest: BoolArray, rest_eyes: FloatArray, trials: BoolArray, trial_eyes: FloatArray
     ) -> BoolArray:
         """(M, F) faces covered by the rest, (k - 1, F), with each of M trial cameras, (M, F)."""
-        covered: BoolArray = rest.sum(axis=0) + trials >= self.need
-        if self.min_cosine <= 1:
-            spread = np.tile(self._is_spread(rest, rest_eyes), (len(trials), 1))
-            rays = self._rays(trial_eyes)
-            for faces, ray in zip(rest, self._rays(rest_eyes), strict=True):
-                apart = np.einsum("mfi,fi->mf", rays, ray) <= self.min_cosine
-                spread |= trials & faces & apart
-            covered &= spread
+        from rastercov.placement.improve.objective_kernels import covered_with_one
+
+        covered = np.empty(trials.shape, np.bool_)
+        covered_with_one(*self._given((rest, rest_eyes, trials, trial_eyes)), covered)
         return covered
+
+    def _given(self, arrays: Sequence[NDArray[Any]]) -> list[Any]:
+        """Arguments of the loops, those on the faces last."""
+        from rastercov.criteria_kernels import read_only
+
+        every = (*arrays, self.observer.mesh.centroids, self.need)
+        return [*(read_only(array, array.dtype.type) for array in every), float(self.min_cosine)]
 
     def worth(self, covered: BoolArray) -> IntArray:
         """Integer weight of the covered faces, (..., F) -> (...)."""
@@ -128,21 +140,3 @@ class Objective:
         """Share that one network of (k, 4, 4) poses covers."""
         covered = self.covered(self.covers(poses), poses[:, :3, 3])
         return float(self.share(self.worth(covered)))
-
-    def _rays(self, eyes: FloatArray) -> FloatArray:
-        """(..., F, 3) unit rays from the centroids to camera centres (..., 3)."""
-        rays: FloatArray = eyes[..., None, :] - self.observer.mesh.centroids
-        length = np.linalg.norm(rays, axis=-1, keepdims=True)
-        rays /= np.maximum(length, np.finfo(np.float64).tiny)
-        return rays
-
-    def _is_spread(self, covers: BoolArray, eyes: FloatArray) -> BoolArray:
-        """(F,) faces to which two of the cameras that cover them have rays that differ enough."""
-        spread = np.zeros(covers.shape[1], np.bool_)
-        rays = self._rays(eyes)
-        for one in range(len(covers)):
-            for other in range(one):
-                both = covers[one] & covers[other]
-                apart = np.einsum("fi,fi->f", rays[one], rays[other]) <= self.min_cosine
-                spread |= both & apart
-        return spread

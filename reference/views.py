@@ -1,0 +1,36 @@
+"""Faces that a network covers by number and angle of the views, with whole arrays.
+
+The twin of `rastercov.placement.improve.objective_kernels`.
+"""
+
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+
+def covered_faces(
+    covers: BoolArray,
+    eyes: FloatArray,
+    centroids: FloatArray,
+    need: NDArray[np.int64],
+    min_cosine: float,
+) -> BoolArray:
+    """(F,) faces that `need`, (F,), of K cameras cover, two of them with rays that differ enough.
+
+    `covers` is (K, F), `eyes` (K, 3), `centroids` (F, 3); a pair of rays differs enough where its
+    cosine is `min_cosine` or less, any pair and a single ray where `min_cosine` is above 1.
+    """
+    covered: BoolArray = covers.sum(axis=0) >= need
+    if min_cosine > 1:
+        return covered
+    rays = eyes[:, None] - centroids
+    rays /= np.maximum(np.linalg.norm(rays, axis=-1, keepdims=True), np.finfo(np.float64).tiny)
+    is_spread = np.zeros(covers.shape[1], np.bool_)
+    for one, other in combinations(range(len(covers)), 2):
+        cosine = np.einsum("fi,fi->f", rays[one], rays[other])
+        is_spread |= covers[one] & covers[other] & (cosine <= min_cosine)
+    return covered & is_spread
