@@ -30,6 +30,16 @@ def limits(
     return near_limit(camera, mesh.bounds, poses), can_cull(mesh, poses, clipped), clipped
 
 
+def picture_limits(
+    mesh: Mesh, camera: Camera, poses: FloatArray
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """The first two of `limits`, which take less time without the third."""
+    cull = can_cull(mesh, poses, np.zeros(len(poses), np.bool_))
+    outside = poses[cull]
+    cull[cull] = ~near_cuts(mesh.vertices, mesh.faces, mesh.bounds, camera, outside)
+    return near_limit(camera, mesh.bounds, poses), cull
+
+
 def near_limit(camera: Camera, bounds: FloatArray, poses: FloatArray) -> FloatArray:
     """Depth of the near plane of each pose, (P,), metres: surfaces nearer than it are cut away.
 

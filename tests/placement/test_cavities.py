@@ -79,10 +79,10 @@ def test_a_ray_ends_where_the_wall_of_a_room_is(seed):
     room = shapes.box((2.0, 3.0, 4.0))
     room = Mesh(vertices=room.vertices, faces=room.faces[:, ::-1])
     point = np.array([*rng.uniform(-0.9, 0.9, 2), -2.0])
-    frame = face_frames(np.array([[0.0, 0.0, 1.0]]))[0]
+    frames = face_frames(np.array([[0.0, 0.0, 1.0]]))
     with Hemicube(room, 8) as hemicube:
-        free = hemicube.free_distances(point, frame)
-        rays = hemicube.directions @ frame.T
+        free = hemicube.free_distances(point[None], frames)[0]
+        rays = hemicube.directions @ frames[0].T
     walls = np.array([1.0, 1.5, 2.0])
     with np.errstate(divide="ignore"):
         expected = ((np.sign(rays) * walls - point) / rays).min(axis=1)

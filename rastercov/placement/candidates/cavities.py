@@ -11,7 +11,7 @@ E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
@@ -28,12 +28,14 @@ from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.candidates.clearance import KeepOut, check_clearance, filter_candidates
 from rastercov.placement.candidates.enclosure import Enclosure
 from rastercov.placement.candidates.framing import DEFAULT, Framing
-from rastercov.placement.candidates.hemicube import Hemicube
+from rastercov.placement.candidates.hemicube import Hemicube, face_frames
 from rastercov.placement.candidates.open_directions import APART_DEG, OpenDirections, far_apart
 from rastercov.placement.candidates.pool import Candidates, face_rows, rolled_candidates
 from rastercov.viewpoints import half_angles, look_at
 
 PLACES_AT_ONCE = 20_000
+DIRECTIONS_AT_ONCE = 1 << 21
+"""Free distances in memory: 32 MB with the pictures that they are from."""
 
 Vector = tuple[float, float, float]
 Block = list[tuple[OpenDirections, FloatArray, IntArray]]
@@ -200,8 +202,9 @@ def openings(
         for o, s in zip(owner, sign, strict=True)
     ]
     enclosure = Enclosure(mesh, least, clearance, keep_out)
-    for site in sites:
-        site.proof = enclosure.proof(site.face, site.normal)
+    normals = np.array([site.normal for site in sites]).reshape(-1, 3)
+    for site, proof in zip(sites, enclosure.proofs(rows[owner], normals), strict=True):
+        site.proof = proof
     levels = [(side, 1), (side, 4)] + ([(finest, 4)] if finest > side else [])
     waiting = [site for site in sites if not site.proof]
     done = n_sites - len(waiting)
@@ -210,8 +213,7 @@ def openings(
             break
         with Hemicube(mesh, level[0]) as hemicube:
             closed: list[OpenDirections] = []
-            for site in waiting:
-                site.search(hemicube, level[1])
+            for site in _searched(hemicube, waiting, level[1]):
                 if site.rays is None and level != levels[-1]:
                     closed.append(site)
                 else:
@@ -226,6 +228,23 @@ def openings(
 
     _place([site for site in sites if site.rays is not None], allowed, framing.up, views)
     return _gathered(rows, owner, sites, framing, least)
+
+
+def _searched(
+    hemicube: Hemicube, sites: Sequence[OpenDirections], n_points: int
+) -> Iterator[OpenDirections]:
+    """Search `n_points` of each site, and yield it."""
+    at_once = max(1, DIRECTIONS_AT_ONCE // (n_points * len(hemicube.directions)))
+    for start in range(0, len(sites), at_once):
+        some = sites[start : start + at_once]
+        frames = face_frames(np.array([site.normal for site in some]))
+        points = np.concatenate([site.origins(n_points) for site in some])
+        free = hemicube.free_distances(points, np.repeat(frames, n_points, axis=0))
+        for site, frame, of_site in zip(
+            some, frames, free.reshape(len(some), n_points, -1), strict=True
+        ):
+            site.search(hemicube, frame, of_site)
+            yield site
 
 
 def _place(sites: Sequence[OpenDirections], allowed: Allowed, up: Vector, views: int) -> None:

@@ -18,7 +18,7 @@ import numpy as np
 
 from rastercov.image_boxes import box_corners
 from rastercov.mesh import Mesh
-from rastercov.placement._arrays import BoolArray, FloatArray
+from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.candidates.clearance import (
     KeepOut,
     KeepOutBox,
@@ -55,32 +55,56 @@ class Enclosure:
         self._middle = mesh.bounds.mean(axis=0)
         self._lift = LIFT_REL * float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
         rows = np.flatnonzero(closed_faces(mesh))
+        # Sorted by component; those of one are from `_starts` of its number to that of the next.
+        _, part = np.unique(mesh.topology.components()[rows], return_inverse=True)
+        rows = rows[np.argsort(part, kind="stable")]
+        self._starts = np.concatenate(([0], np.cumsum(np.bincount(part))))
         self._corners = mesh.vertices[mesh.faces[rows]] - self._middle
         self._low, self._high = self._corners.min(axis=1), self._corners.max(axis=1)
-        _, self._part = np.unique(mesh.topology.components()[rows], return_inverse=True)
+        low, high = (
+            (
+                end.reduceat(corners, self._starts[:-1])
+                for end, corners in ((np.minimum, self._low), (np.maximum, self._high))
+            )
+            if len(rows)
+            else np.empty((2, 0, 3))
+        )
+        self._boxes = np.stack((low, high), axis=1)
 
-    def proof(self, face: int, normal: FloatArray) -> str:
-        """Reason why no camera can see a face from the side of a normal; "" without a proof.
+    def proofs(self, faces: IntArray, normals: FloatArray) -> list[str]:
+        """Reason for each face why no camera can see it from the side of its normal, or "".
 
-        The normal is the face's own, or the opposite for the back of a two-sided face.
+        `faces` is (N,); `normals`, (N, 3), are their own, or the opposite for the back of a
+        two-sided face.
         """
-        if not len(self._part):
-            return ""
-        corners = self.mesh.vertices[self.mesh.faces[face]] - self._middle
-        centre = corners.mean(axis=0)
-        raised = centre + (1 - RIM_WIDTH_REL) * (corners - centre) + self._lift * normal
-        if self._is_crossed(raised):
-            return ""
-        at = raised.mean(axis=0)
-        if in_solid(self.mesh, at + self._middle)[0]:
-            return "matter lies on it"
-        turns = np.bincount(self._part, _solid_angles(self._corners - at)) / (4 * np.pi)
-        whole = np.abs(turns - np.rint(turns)) <= WINDING_TOLERANCE
-        for part in np.flatnonzero(whole & (np.rint(turns) != 0)):
-            members = self._part == part
-            box = np.stack((self._low[members].min(axis=0), self._high[members].max(axis=0)))
-            if why := self._excluded(box, centre):
-                return why
+        found = [""] * len(faces)
+        if not len(self._corners):
+            return found
+        corners = self.mesh.vertices[self.mesh.faces[faces]] - self._middle
+        centres = corners.mean(axis=1)
+        raised = centres[:, None] + (1 - RIM_WIDTH_REL) * (corners - centres[:, None])
+        raised += self._lift * normals[:, None]
+        points = raised.mean(axis=1)
+        is_solid = in_solid(self.mesh, points + self._middle)
+        for row in range(len(faces)):  # tens of microseconds each
+            why = (
+                "matter lies on it"
+                if is_solid[row]
+                else self._closed_space(points[row], centres[row])
+            )
+            if why and not self._is_crossed(raised[row]):
+                found[row] = why
+        return found
+
+    def _closed_space(self, point: FloatArray, target: FloatArray) -> str:
+        """Reason why no camera can be in a closed space around a point; "" for none."""
+        beyond = np.maximum(self._boxes[:, 0] - point, point - self._boxes[:, 1])
+        for part in np.flatnonzero(beyond.max(axis=1) <= self._lift):
+            if why := self._excluded(self._boxes[part], target):
+                corners = self._corners[self._starts[part] : self._starts[part + 1]]
+                turns = float(_solid_angles(corners - point).sum()) / (4 * np.pi)
+                if round(turns) and abs(turns - round(turns)) <= WINDING_TOLERANCE:
+                    return why
         return ""
 
     def _excluded(self, box: FloatArray, target: FloatArray) -> str:

@@ -20,7 +20,7 @@ from rastercov._closing import Closing
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.placement._arrays import FloatArray
-from rastercov.raster import open_rasterizer
+from rastercov.raster.cpu import CPURasterizer
 from rastercov.viewpoints import look_at
 
 LIFT_REL = 1e-6
@@ -48,7 +48,7 @@ class Hemicube(Closing):
         self.side = side
         self.missed = 2 * math.asin(math.sqrt(2) / (2 * side))
         self._lift = LIFT_REL * float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
-        self._whole, self._upper = (open_rasterizer(mesh, c, "cpu") for c in (whole, upper))
+        self._whole, self._upper = (CPURasterizer(mesh, camera) for camera in (whole, upper))
         self._axes = _five_axes()
         step = (np.arange(side) + 0.5 - half) / half
         y, x = np.meshgrid(step, step, indexing="ij")
@@ -63,24 +63,25 @@ class Hemicube(Closing):
         self.solid_angles = half**-2 / self._stretch**3
         self.solid_angles *= 2 * math.pi / self.solid_angles.sum()
 
-    def free_distances(self, point: FloatArray, frame: FloatArray) -> FloatArray:
-        """(D,) metres to the first surface in each direction, inf where there is none.
+    def free_distances(self, points: FloatArray, frames: FloatArray) -> FloatArray:
+        """(N, D) metres to the first surface in each direction, inf where there is none.
 
         Parameters
         ----------
-        point : (3,) float64
-            Point on a face.
-        frame : (3, 3) float64
-            Its axes as columns, the third its normal.
+        points : (N, 3) float64
+            Points on faces.
+        frames : (N, 3, 3) float64
+            Their axes as columns, the third the normal.
         """
-        pose = np.eye(4)
-        pose[:3, 3] = point + self._lift * frame[:, 2]
-        depths = []
-        for number, axes in enumerate(self._axes):
-            pose[:3, :3] = frame @ axes
-            rasterizer = self._upper if number else self._whole
-            depths.append(rasterizer.render(pose).depth.ravel())
-        free: FloatArray = np.concatenate(depths) * self._stretch
+        n = len(points)
+        free = np.empty((n, len(self.directions)))
+        poses = np.tile(np.eye(4), (n, len(self._axes), 1, 1))
+        poses[..., :3, 3] = (points + self._lift * frames[:, :, 2])[:, None]
+        poses[..., :3, :3] = frames[:, None] @ np.stack(self._axes)
+        whole = self._whole.render_all(poses[:, 0]).depth.reshape(n, -1)
+        upper = self._upper.render_all(poses[:, 1:].reshape(-1, 4, 4)).depth.reshape(n, -1)
+        free[:, : whole.shape[1]], free[:, whole.shape[1] :] = whole, upper
+        free *= self._stretch
         return free
 
     def blurred(self, values: FloatArray, reach: int) -> FloatArray:

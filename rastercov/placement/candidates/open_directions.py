@@ -12,7 +12,7 @@ from rastercov.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.placement._arrays import FloatArray, IntArray
 from rastercov.placement.candidates.framing import Framing, fit_vertices, rolled_frames
-from rastercov.placement.candidates.hemicube import Hemicube, face_frames
+from rastercov.placement.candidates.hemicube import Hemicube
 from rastercov.viewpoints import look_at
 
 INSET = 0.5
@@ -61,18 +61,24 @@ class OpenDirections:
         self.n_first = 0
         self.poses: list[FloatArray] = []
 
-    def search(self, hemicube: Hemicube, n_points: int) -> None:
-        """Find the directions open at the first `n_points` points, and rank the rays to try."""
-        frame = face_frames(self.normal[None])[0]
+    def origins(self, n_points: int) -> FloatArray:
+        """(n_points, 3) points of the face: the centroid, and three towards the corners."""
         inset = self.target + INSET * (self.corners - self.target)
-        origins = np.concatenate((self.target[None], inset))[:n_points]
-        free = np.stack([hemicube.free_distances(point, frame) for point in origins])
+        points: FloatArray = np.concatenate((self.target[None], inset))[:n_points]
+        return points
+
+    def search(self, hemicube: Hemicube, frame: FloatArray, free: FloatArray) -> None:
+        """Find the open directions, and rank the rays to try.
+
+        `free`, (n_points, D), are the free distances at the first `origins`.
+        """
+        origins = self.origins(len(free))
         is_open = free > self.limits[0]
-        self.n_points, self.n_directions = n_points, len(hemicube.directions)
+        self.n_points, self.n_directions = len(free), len(hemicube.directions)
         self.missed_deg = math.degrees(2 * hemicube.missed)
-        self.open_share = float((is_open @ hemicube.solid_angles).max() / (2 * np.pi))
         if not is_open.any():
             return
+        self.open_share = float((is_open @ hemicube.solid_angles).max() / (2 * np.pi))
         # Rank: open from all points of the face, within a wide opening, close to the normal.
         share = is_open.mean(axis=0)
         wide = sum(hemicube.blurred(share, max(1, hemicube.side // n)) for n in (32, 8))

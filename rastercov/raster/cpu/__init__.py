@@ -41,7 +41,7 @@ from rastercov._threads import ScratchPool, share_poses, thread_count
 from rastercov.camera import Camera
 from rastercov.errors import ConfigError, DeviceError, ResourceError
 from rastercov.mesh import Mesh
-from rastercov.near_plane import limits
+from rastercov.near_plane import limits, picture_limits
 from rastercov.pose import valid_poses
 from rastercov.raster import self_test
 from rastercov.raster.contract import (
@@ -127,7 +127,10 @@ class CPURasterizer(Closing):
         self._is_open = True
         announce_compilation(loops.count_poses)
         self._scene = _Scene(mesh)
-        self._scratch = ScratchPool(partial(_Worker, self._scene, self._grid), self._threads)
+        self._scratch, self._picture_scratch = (
+            ScratchPool(partial(_Worker, self._scene, grid), self._threads)
+            for grid in (self._grid, SampleGrid(camera))
+        )
         self._check()
 
     def count(self, poses: ArrayLike, *, drawn: bool = True) -> FaceCounts:
@@ -143,16 +146,35 @@ class CPURasterizer(Closing):
         if len(matrices) != 1:
             raise ConfigError(f"render takes one pose, got {len(matrices)}")
         check_picture(self.camera)
-        near, cull, _ = limits(self.mesh, self.camera, matrices)
-        worker = _Worker(self._scene, SampleGrid(self.camera))
-        face, depth = worker.render(matrices, near, cull)
-        # A face cut at the near plane can own a sample 1/512 of one beyond its rim.
-        return VisibilityBuffer(face, np.maximum(depth, np.float32(near[0]), out=depth))
+        image = self.render_all(matrices)
+        return VisibilityBuffer(image.face[0], image.depth[0])
+
+    def render_all(self, poses: ArrayLike) -> VisibilityBuffer:
+        """`render` of many poses, (P, H, W), in threads; for images that are small."""
+        self._check_open()
+        matrices = valid_poses(poses)
+        near, cull = picture_limits(self.mesh, self.camera, matrices)
+        shape = len(matrices), self.camera.height, self.camera.width
+        face, depth = np.full(shape, -1, np.int32), np.full(shape, np.inf, np.float32)
+
+        def work_of(worker: _Worker) -> Callable[[slice], None]:
+            def work(turn: slice) -> None:
+                for row in range(turn.start, turn.stop):
+                    one = slice(row, row + 1)
+                    worker.render(matrices[one], near[one], cull[one], face[row], depth[row])
+
+            return work
+
+        workers = self._picture_scratch.take(max(1, min(self._threads, len(matrices))))
+        share_poses(len(matrices), [work_of(worker) for worker in workers])
+        self._picture_scratch.give_back(workers)
+        return VisibilityBuffer(face, depth)
 
     def close(self) -> None:
         """Release its memory: later calls raise `DeviceError`, calls in other threads complete."""
         self._is_open = False
         self._scratch.close()
+        self._picture_scratch.close()
 
     def _check_open(self) -> None:
         if not self._is_open:
@@ -267,6 +289,7 @@ class _Worker:
         )
         self.scratch = make_scratch()
         self.no_drawn = np.zeros((1, 1), np.int32)
+        self.no_counts = np.zeros((1, scene.mesh.n_faces), np.int32)
         firsts, lasts = np.zeros((2, n_block_rows, SIDE), np.int32)
         firsts.ravel()[: grid.height], lasts.ravel()[: grid.height] = grid.first, grid.last
         inner = -(-firsts.max(axis=1) // SIDE), lasts.min(axis=1) // SIDE
@@ -280,6 +303,7 @@ class _Worker:
             last=grid.last,
             is_rolled=grid.is_rolled,
         )
+        self.all_bands = self.bands(0, 1)
 
     def bands(self, part: int, n_parts: int) -> IntArray:
         """First row of each band of a part of the image, and the row after its last, (B, 2)."""
@@ -311,13 +335,16 @@ class _Worker:
         )  # fmt: skip
 
     def render(
-        self, pose: FloatArray, near: FloatArray, cull: NDArray[np.bool_]
-    ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-        """Face index and depth in metres at each sample of one pose, (1, 4, 4)."""
-        shape = self.grid.height, self.grid.width
-        face, depth = np.full(shape, -1, np.int32), np.full(shape, np.inf, np.float32)
-        visible = np.empty((1, self.scene.mesh.n_faces), np.int32)
-        for band in self.bands(0, 1):
-            self.count(pose, near, cull, band[None], visible, None, np.empty(1, np.int64))
+        self,
+        pose: FloatArray,
+        near: FloatArray,
+        cull: NDArray[np.bool_],
+        face: NDArray[np.int32],
+        depth: NDArray[np.float32],
+    ) -> None:
+        """Write the samples with a surface of one pose, (1, 4, 4): face index, depth in metres."""
+        for band in self.all_bands:
+            self.count(pose, near, cull, band[None], self.no_counts, None, np.empty(1, np.int64))
             loops.read_band(band[0], band[1], self.columns, self.buffers, face, depth)
-        return face, depth
+        # A face cut at the near plane can own a sample 1/512 of one beyond its rim.
+        np.maximum(depth, np.float32(near[0]), out=depth)
