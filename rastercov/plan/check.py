@@ -14,11 +14,11 @@ from xml.etree import ElementTree
 from rastercov._output import write_bytes
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
-from rastercov.placement.explain.uncovered import Leftover, what_is_left
+from rastercov.placement.explain.uncovered import Leftover
 from rastercov.placement.improve.objective import Objective
 from rastercov.plan.errors import PlanError
 from rastercov.plan.file import Plan
-from rastercov.plan.network import Measured, measured, observer_of
+from rastercov.plan.network import Measured, left_over, measured, observer_of
 from rastercov.plan.prepare import Step, quiet
 from rastercov.plan.requirements import HOLDS, Requirement, counting, judge, limits_of
 from rastercov.plan.scene import scene
@@ -170,9 +170,7 @@ def check(
         with step("coverage") as progress:
             cameras = measured(objective, poses, progress)
         with step("what is left") as progress:
-            leftover = what_is_left(
-                observer, poses, task, covered=cameras.covered, progress=progress
-            )
+            leftover = left_over(observer, cameras, progress)
     masks, weights = (cameras.covered, cameras.certain, cameras.possible), objective.integer_weights
     every = judge(mesh, weights, {name: limits.get(name, 0.0) for name in scored}, *masks)
     return Checked(

@@ -16,6 +16,7 @@ from rastercov.coverage import Coverage, evaluate_batches
 from rastercov.mesh import Mesh
 from rastercov.network import Network
 from rastercov.observer import Observer, open_observer
+from rastercov.placement.explain.uncovered import Leftover, NearestCameras, left_by
 from rastercov.placement.improve.objective import Objective
 from rastercov.plan.file import Plan
 from rastercov.task import Reason, Task
@@ -51,6 +52,8 @@ class Measured:
     ----------
     poses : (K, 4, 4) float64
     network : PlanNetwork
+    nearest : (F,) int64
+        Camera that comes nearest to covering each face, as for `Leftover.nearest_camera`.
     covers : (K, F) bool
         Faces that each camera covers, as measured.
     covered, certain, possible : (F,) bool
@@ -63,6 +66,7 @@ class Measured:
 
     poses: FloatArray
     network: PlanNetwork
+    nearest: NDArray[np.int64]
     covers: BoolArray
     covered: BoolArray
     certain: BoolArray
@@ -88,11 +92,12 @@ def measured(
         Called with the poses done and the total.
     """
     mesh = objective.observer.mesh
-    network = PlanNetwork(mesh, objective.task)
+    network, nearest = PlanNetwork(mesh, objective.task), NearestCameras(mesh.n_faces)
     masks = np.zeros((3, len(poses), mesh.n_faces), np.bool_)
     if len(poses):
         for batch in evaluate_batches(objective.observer, poses, objective.task):
             network.add(batch)
+            nearest.add(batch)
             masks[0, batch.pose_ids] = batch.reason == Reason.COVERED
             masks[1:, batch.pose_ids] = certain_and_possible(batch)
             progress(len(network.pose_ids), len(poses))
@@ -104,12 +109,31 @@ def measured(
     return Measured(
         poses=poses,
         network=network,
+        nearest=nearest.camera,
         covers=masks[0],
         covered=covered,
         certain=certain,
         possible=possible,
         curve=np.array([float(objective.share(each)) for each in worth]),
         share=float(objective.share(objective.worth(covered))),
+    )
+
+
+def left_over(
+    observer: Observer,
+    cameras: Measured,
+    progress: Callable[[int, int], None],
+    candidates: FloatArray | None = None,
+) -> Leftover:
+    """Faces that a measured network does not cover, with reasons."""
+    return left_by(
+        observer,
+        cameras.poses,
+        cameras.network,
+        cameras.nearest,
+        candidates=np.zeros((0, 4, 4)) if candidates is None else candidates,
+        covered=cameras.covered,
+        progress=progress,
     )
 
 

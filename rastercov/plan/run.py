@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.placement.explain.uncovered import Leftover, what_is_left
+from rastercov.placement.explain.uncovered import Leftover
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.refine import Refined, refine
 from rastercov.placement.improve.search import Optimised, optimise
@@ -24,7 +24,7 @@ from rastercov.placement.select.selection import Selection
 from rastercov.plan.entry import value_of
 from rastercov.plan.errors import PlanError
 from rastercov.plan.file import Plan
-from rastercov.plan.network import Measured, measured, observer_of
+from rastercov.plan.network import Measured, left_over, measured, observer_of
 from rastercov.plan.prepare import Clock, Prepared, Progress, Step, prepare, quiet
 from rastercov.plan.requirements import HOLDS, Requirement, counting, judge, limits_of
 from rastercov.plan.scene import scene
@@ -232,14 +232,8 @@ def _tolerate(placement: Placement, objective: Objective, progress: Progress) ->
 
 
 def _explain_uncovered(placement: Placement, objective: Objective, progress: Progress) -> Placement:
-    leftover = what_is_left(
-        objective.observer,
-        placement.cameras.poses,
-        objective.task,
-        candidates=placement.prepared.pool.candidates.poses,
-        covered=placement.cameras.covered,
-        progress=progress,
-    )
+    poses = placement.prepared.pool.candidates.poses
+    leftover = left_over(objective.observer, placement.cameras, progress, poses)
     return replace(placement, leftover=leftover)
 
 

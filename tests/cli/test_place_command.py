@@ -337,7 +337,7 @@ EACH_STEP = QUICK.replace(
 STEPS = {
     "rastercov.plan.run.refine": "refinement",
     "rastercov.plan.run.tolerance": "tolerance",
-    "rastercov.plan.run.what_is_left": "what is left",
+    "rastercov.plan.run.left_over": "what is left",
     "rastercov.report.placement.page": "page",
 }
 

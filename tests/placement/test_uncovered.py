@@ -262,5 +262,6 @@ def test_progress_ends_at_the_end():
     mesh, poses, seen = shapes.torus(10, 7), around(30, 3, 4.0), []
     what_is_left((mesh, CAMERA), poses[:2], candidates=poses,
                  progress=lambda done, total: seen.append((done, total)))  # fmt: skip
-    assert seen[-1] == (32, 32)
+    assert seen[-1][0] == seen[-1][1] >= 32
+    assert all(done <= total for done, total in seen)
     assert [done for done, _ in seen] == sorted(done for done, _ in seen)

@@ -7,14 +7,14 @@ of 64 x 64 samples takes about 0.1 ms and ranks the groups.
 """
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
-from rastercov.projection import to_camera
-from rastercov.raster import open_rasterizer
+from rastercov.raster.cpu import CPURasterizer
 from rastercov.viewpoints import look_at
 
 SIDE = 64
@@ -24,9 +24,16 @@ WIDEST = 8
 EDGE_MARGIN_REL = 1 / 128
 """Distance to an edge of the face, in sample spacings, within which samples are ignored: they may
 belong to its neighbours."""
+WINDOWS_AT_ONCE = 128
+"""Windows in memory: 4 MB."""
 
 
-def in_front(mesh: Mesh, eyes: FloatArray, faces: IntArray) -> FloatArray:
+def in_front(
+    mesh: Mesh,
+    eyes: FloatArray,
+    faces: IntArray,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> FloatArray:
     """(N, G) share of each face's image that each group hides from a camera centre.
 
     The image is that of a camera aimed at the centroid. The near limit of the real camera does not
@@ -40,35 +47,44 @@ def in_front(mesh: Mesh, eyes: FloatArray, faces: IntArray) -> FloatArray:
     if not len(faces):
         return shares
     poses = look_at(eyes, mesh.centroids[faces])
-    points = np.stack(
-        [to_camera(mesh.vertices[mesh.faces[f]], p) for f, p in zip(faces, poses, strict=True)]
-    )
+    points = mesh.vertices[mesh.faces[faces]] - poses[:, None, :3, 3]
+    points = points @ poses[:, :3, :3]
     slopes = points[..., :2] / points[..., 2:]
     reach = np.abs(slopes).max(axis=(1, 2))
     level = np.ceil(np.log2(np.maximum(reach, 2.0**-40))).astype(np.int64).clip(-40, WIDEST)
+    done = 0
     for power in np.unique(level).tolist():
         scale = SIDE / 2 / math.ldexp(1.0, power)
         window = Camera(width=SIDE, height=SIDE, fx=scale, fy=scale, cx=SIDE / 2, cy=SIDE / 2)
-        with open_rasterizer(mesh, window, "cpu") as rasterizer:
-            for row in np.flatnonzero(level == power):
-                drawn = rasterizer.render(poses[row]).face
-                own = _samples_within(slopes[row] * scale + SIDE / 2)
-                before = drawn[own]
-                before = before[(before >= 0) & (before != faces[row])]
-                counts = np.bincount(mesh.face_group[before], minlength=len(mesh.groups))
-                shares[row] = counts / max(1, own.sum())
+        rows = np.flatnonzero(level == power)
+        with CPURasterizer(mesh, window) as rasterizer:
+            for some in np.split(rows, range(WINDOWS_AT_ONCE, len(rows), WINDOWS_AT_ONCE)):
+                drawn = rasterizer.render_all(poses[some]).face
+                own = _samples_within(slopes[some] * scale + SIDE / 2)
+                before = own & (drawn >= 0) & (drawn != faces[some, None, None])
+                window_of = np.nonzero(before)[0]
+                cell = window_of * len(mesh.groups) + mesh.face_group[drawn[before]]
+                counts = np.bincount(cell, minlength=len(some) * len(mesh.groups))
+                n_own = np.maximum(own.sum(axis=(1, 2)), 1)
+                shares[some] = counts.reshape(len(some), -1) / n_own[:, None]
+                done += len(some)
+                progress(done, len(faces))
     return shares
 
 
 def _samples_within(corners: FloatArray) -> BoolArray:
-    """(SIDE, SIDE) the pixel centres inside a triangle, (3, 2) px."""
+    """(N, SIDE, SIDE) the pixel centres inside triangles, (N, 3, 2) px."""
     centre = np.arange(SIDE) + 0.5
-    inside = np.ones((SIDE, SIDE), np.bool_)
-    following = np.roll(corners, -1, axis=0)
-    (ax, ay), (bx, by), (cx, cy) = corners
-    turn = math.copysign(1.0, (bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
-    for (px, py), (qx, qy) in zip(corners, following, strict=True):
-        length = math.hypot(qx - px, qy - py)
-        along = (qx - px) * (centre[:, None] - py) - (qy - py) * (centre[None] - px)
-        inside &= turn * along > EDGE_MARGIN_REL * length
+    inside = np.ones((len(corners), SIDE, SIDE), np.bool_)
+    following = np.roll(corners, -1, axis=1)
+    (ax, ay), (bx, by), (cx, cy) = np.moveaxis(corners, 0, -1)
+    turn = np.copysign(1.0, (bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
+    for corner in range(3):
+        px, py = corners[:, corner].T
+        dx, dy = (following - corners)[:, corner].T
+        # Along x it varies with the column alone, along y with the row alone.
+        rows = turn[:, None] * dx[:, None] * (centre - py[:, None])
+        columns = turn[:, None] * dy[:, None] * (centre - px[:, None])
+        least = EDGE_MARGIN_REL * np.hypot(dx, dy)
+        inside &= rows[:, :, None] - columns[:, None] > least[:, None, None]
     return inside

@@ -211,7 +211,8 @@ def what_is_left(
         Faces that count as covered, such as `Selection.covered` where views must differ by an
         angle; those that `task.views` cameras cover unless given.
     progress : callable
-        Called with the poses done and the total.
+        Called with the poses and hidden faces done and the total. Faces are counted once the
+        network is measured.
 
     Raises
     ------
@@ -222,42 +223,73 @@ def what_is_left(
     """
     network_poses, task = valid_poses(poses), task or Task()
     others = np.zeros((0, 4, 4)) if candidates is None else valid_poses(candidates)
+    n_poses = len(network_poses)
     opened = open_observer(*view) if isinstance(view, tuple) else nullcontext(view)
     with opened as observer:
         mesh = observer.mesh
-        total = len(network_poses) + len(others)
-        network, nearest = Network(mesh, task), _Nearest(mesh.n_faces)
+        network, nearest = Network(mesh, task), NearestCameras(mesh.n_faces)
         for batch in evaluate_batches(observer, network_poses, task):
             network.add(batch)
             nearest.add(batch)
-            progress(len(network.pose_ids), total)
-        done = network.covered if covered is None else np.asarray(covered)
-        if done.shape != (mesh.n_faces,) or done.dtype != np.bool_:
-            raise ConfigError(
-                f"covered must be a mask of {mesh.n_faces} faces, got {done.dtype} {done.shape}"
-            )
-        left = mesh.task_mask & ~done
-        sight = CandidateBounds(mesh.n_faces, left)
-        for batch, through in batches_in_view(observer, others, task, left):
-            sight.add(batch)
-            progress(len(network_poses) + through, total)
-        progress(total, total)
+            progress(len(network.pose_ids), n_poses + len(others))
+        return left_by(
+            observer,
+            network_poses,
+            network,
+            nearest.camera,
+            candidates=others,
+            covered=network.covered if covered is None else np.asarray(covered),
+            progress=lambda done, total: progress(n_poses + done, n_poses + total),
+        )
+
+
+def left_by(
+    observer: Observer,
+    poses: FloatArray,
+    network: Network,
+    nearest: IntArray,
+    *,
+    candidates: FloatArray,
+    covered: NDArray[Any],
+    progress: Callable[[int, int], None],
+) -> Leftover:
+    """`what_is_left` of a network that was measured before.
+
+    `nearest`, (F,), is `NearestCameras.camera` of it. Progress is in candidates, and then hidden
+    faces whose blocking groups are found.
+    """
+    mesh, task = observer.mesh, network.task
+    if covered.shape != (mesh.n_faces,) or covered.dtype != np.bool_:
+        raise ConfigError(
+            f"covered must be a mask of {mesh.n_faces} faces, got {covered.dtype} {covered.shape}"
+        )
+    left = mesh.task_mask & ~covered
     hidden = np.flatnonzero(left & (network.reason == Reason.OCCLUDED))
-    eyes = network_poses[nearest.camera[hidden], :3, 3]
-    shares = in_front(mesh, eyes, hidden)
+    total = len(candidates) + len(hidden)
+    sight = CandidateBounds(mesh.n_faces, left)
+    for batch, through in batches_in_view(observer, candidates, task, left):
+        sight.add(batch)
+        progress(through, total)
+    progress(len(candidates), total)
+    shares = in_front(
+        mesh,
+        poses[nearest[hidden], :3, 3],
+        hidden,
+        lambda done, _: progress(len(candidates) + done, total),
+    )
     return Leftover(
         mesh=mesh,
         task=task,
-        n_cameras=len(network_poses),
-        n_candidates=len(others),
+        n_cameras=len(poses),
+        n_candidates=len(candidates),
         left=frozen(left),
-        reason=frozen(network.reason),
-        nearest_camera=frozen(nearest.camera),
-        views=frozen(network.views),
+        reason=frozen(network.reason.copy()),
+        nearest_camera=frozen(nearest.copy()),
+        views=frozen(network.views.copy()),
         n_covering=frozen(sight.covering),
-        sight=frozen(sight.claims(len(others))),
+        sight=frozen(sight.claims(len(candidates))),
         seen_at_least=frozen(sight.low),
-        seen_at_most=frozen(sight.high if len(others) else np.where(left, 1.0, 0.0)),
+        seen_at_most=frozen(sight.high if len(candidates) else np.where(left, 1.0, 0.0)),
         **_occluders(mesh, hidden, shares),
     )
 
@@ -280,7 +312,7 @@ def _occluders(mesh: Mesh, hidden: IntArray, shares: FloatArray) -> dict[str, An
     }
 
 
-class _Nearest:
+class NearestCameras:
     """Camera that comes nearest to covering each face, updated batch by batch."""
 
     def __init__(self, n_faces: int) -> None:
