@@ -63,15 +63,16 @@ def place(
         with _errors_by_line():
             placed = run(asked, folder, _step, lambda found: report.save_unfinished(found, files))
         warn(placed.prepared.mesh.warnings)
-        if asked.outputs.page and not placed.interrupted:
-            before_page = replace(placed, interrupted="page")
-            report.save_unfinished(before_page, files)
+        has_page = asked.outputs.page
+        if has_page:
+            without_page = replace(placed, interrupted=placed.interrupted or "page")
+            report.save_unfinished(without_page, files)
             page = files.file("page.html")
             try:
                 with _step("page") as progress:
                     report.write_page(placed, page, progress)
             except KeyboardInterrupt:
-                placed = before_page
+                placed, has_page = without_page, False
                 page.unlink(missing_ok=True)
         report.save(placed, files)
     if as_json:
@@ -84,7 +85,6 @@ def place(
         console.print(summary_table(placed.cameras.network.summary()))
         left = placed.leftover.lines() if placed.leftover is not None else []
         print("\n".join([*report.lines(placed), *left]))
-        has_page = asked.outputs.page and not placed.interrupted
         print(folder / ("page.html" if has_page else "plan.json"))
     if placed.interrupted:
         raise KeyboardInterrupt

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from rastercov.placement.explain.uncovered import Leftover
 from rastercov.placement.improve.objective import Objective
-from rastercov.placement.improve.refine import Refined, refine
+from rastercov.placement.improve.refine import BUDGET, INTERRUPTED, Refined, refine
 from rastercov.placement.improve.search import Optimised, optimise
 from rastercov.placement.improve.tolerance import InstallationError, Tolerance, tolerance
 from rastercov.placement.select.greedy import select_greedy
@@ -77,7 +77,8 @@ def place(
     """Carry out a plan.
 
     An interrupt (Ctrl-C) before the selection is raised; finished shards of the matrix are kept.
-    Later it ends the run with the results so far, and `Placement.interrupted` names the step.
+    Later it ends the run with the results so far, those of a search or a refinement included, and
+    `Placement.interrupted` names the step.
 
     The folder is for one run at a time; the caller holds its lock (`ReportFolder`).
 
@@ -139,28 +140,17 @@ def place(
     return placement
 
 
-@dataclass(frozen=True, eq=False)
-class Watched(Objective):
-    """Objective that reports the number of poses measured."""
-
-    watch: Callable[[int], None] = lambda count: None
-
-    def covers(self, poses: FloatArray) -> BoolArray:
-        """As `Objective.covers`."""
-        found = super().covers(poses)
-        self.watch(len(poses))
-        return found
-
-
 def _watched(objective: Objective, progress: Progress, total: int) -> Objective:
+    """The objective, which reports its measured poses of a total."""
     done = 0
+    progress(0, total)
 
     def watch(count: int) -> None:
         nonlocal done
         done += count
         progress(done, max(done, total))
 
-    return Watched(**vars(objective), watch=watch)
+    return replace(objective, watch=watch)
 
 
 def _select(problem: Problem, selection: SelectionSection) -> Selection:
@@ -208,17 +198,20 @@ def _optimise(placement: Placement, objective: Objective, progress: Progress) ->
         candidates=prepared.pool.candidates.poses,
         start=start,
     )
-    return replace(_moved(placement, objective, found.poses, "searched"), optimised=found)
+    moved = _moved(placement, objective, found.poses, "searched")
+    return replace(moved, optimised=found, interrupted="search" if found.is_interrupted else "")
 
 
 def _refine(placement: Placement, objective: Objective, progress: Progress) -> Placement:
     found = refine(
-        _watched(objective, progress, 0),
+        _watched(objective, progress, BUDGET),
         placement.prepared.pool.space,
         placement.cameras.poses,
         seed=placement.prepared.selection.seed,
     )
-    return replace(_moved(placement, objective, found.poses, "refined"), refined=found)
+    moved = _moved(placement, objective, found.poses, "refined")
+    is_interrupted = found.status == INTERRUPTED
+    return replace(moved, refined=found, interrupted="refinement" if is_interrupted else "")
 
 
 def _tolerate(placement: Placement, objective: Objective, progress: Progress) -> Placement:

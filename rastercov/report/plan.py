@@ -199,10 +199,19 @@ def lines(placement: Placement) -> list[str]:
         said.append(text)
     said += [f"{each.status}: {each.words()}" for each in placement.requirements]
     if placement.interrupted:
-        said.append(f"interrupted: this is what there was before {placement.interrupted}")
+        said.append(_interrupted(placement))
     elif selection.status == "time_limit":
         said.append("the time limit ended the integer program; more time may improve it")
     return said
+
+
+def _interrupted(placement: Placement) -> str:
+    """Words on the step that was interrupted, and on what there is of it."""
+    step = placement.interrupted
+    found = {"selection": True, "search": placement.optimised, "refinement": placement.refined}
+    if found.get(step):
+        return f"interrupted in {step}: this is the best until then"
+    return f"interrupted: this is what there was before {step}"
 
 
 def _selected(placement: Placement) -> str:

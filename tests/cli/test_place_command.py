@@ -386,17 +386,41 @@ def test_a_kill_or_an_error_in_a_step_leaves_an_earlier_report_as_it_was(
         assert content("plan") == before, step
 
 
-@pytest.mark.parametrize("step", ["rastercov.plan.run.refine", "rastercov.report.placement.page"])
+@pytest.mark.parametrize(
+    ("step", "has_page"),
+    [("rastercov.plan.run.refine", True), ("rastercov.report.placement.page", False)],
+)
 def test_an_interrupt_in_a_step_replaces_an_earlier_report_and_names_the_step(
-    capsys, monkeypatch, no_pages, step
+    capsys, monkeypatch, no_pages, step, has_page
 ):
     assert placed(capsys, EACH_STEP)[0] == 0
     assert Path("plan/page.html").exists()
     code, out, err = stopped(capsys, monkeypatch, step, KeyboardInterrupt())
     assert (code, err) == (130, "interrupted\n")
     assert f"interrupted: this is what there was before {STEPS[step]}" in out
-    assert out.endswith("plan/plan.json\n")
+    assert out.endswith(f"plan/{'page.html' if has_page else 'plan.json'}\n")
     assert figures()["interrupted"] == STEPS[step]
+    assert Path("plan/page.html").exists() == has_page
+
+
+def test_the_page_after_an_interrupt_names_the_step(capsys, monkeypatch):
+    Path("plan.toml").write_text(EACH_STEP)
+    code, *_ = stopped(capsys, monkeypatch, "rastercov.plan.run.tolerance", KeyboardInterrupt())
+    assert code == 130
+    words = "interrupted: this is what there was before tolerance"
+    assert words in Path("plan/page.html").read_text()
+
+
+def test_a_second_interrupt_leaves_out_the_page(capsys, monkeypatch):
+    Path("plan.toml").write_text(EACH_STEP)
+
+    def stop(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("rastercov.report.placement.page", stop)
+    code, out, _ = stopped(capsys, monkeypatch, "rastercov.plan.run.refine", KeyboardInterrupt())
+    assert (code, figures()["interrupted"]) == (130, "refinement")
+    assert out.endswith("plan/plan.json\n")
     assert not Path("plan/page.html").exists()
 
 

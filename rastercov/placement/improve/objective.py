@@ -5,7 +5,7 @@ on demand, in batches.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -39,6 +39,8 @@ class Objective:
         Cameras that must cover it.
     min_cosine : float
         Largest cosine of two rays that differ enough; 2 where any two do.
+    watch : callable
+        Called with the number of poses after each batch that was measured.
     """
 
     observer: Observer
@@ -46,6 +48,7 @@ class Objective:
     integer_weights: IntArray
     need: IntArray
     min_cosine: float = 2.0
+    watch: Callable[[int], None] = lambda count: None
 
     @classmethod
     def of(
@@ -83,11 +86,12 @@ class Objective:
         return cls(observer, task, integer_weights, need.astype(np.int64), cosine)
 
     def covers(self, poses: FloatArray) -> BoolArray:
-        """(P, F) faces that each pose covers, measured in one batch."""
+        """(P, F) faces that each pose covers."""
         covers = np.zeros((len(poses), len(self.integer_weights)), np.bool_)
         if len(poses):
             for batch in evaluate_batches(self.observer, poses, self.task, fields=("reason",)):
                 covers[batch.pose_ids] = batch.reason == Reason.COVERED
+                self.watch(len(batch.pose_ids))
         return covers
 
     def covered(self, covers: BoolArray, eyes: FloatArray) -> BoolArray:

@@ -18,6 +18,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov._interrupts import interrupts_held
 from rastercov._typed import typed
 from rastercov.errors import ConfigError
 from rastercov.mesh.arrays import frozen
@@ -29,6 +30,9 @@ from rastercov.pose import valid_poses
 LOCAL_OPTIMUM = "local optimum"
 BUDGET_SPENT = "budget spent"
 EVERYTHING = "everything covered"
+INTERRUPTED = "interrupted"
+BUDGET = 50_000
+"""Poses to measure, unless given."""
 STEP = 0.25
 """First step relative to the distance from the camera to the nearest task face."""
 TURN_DEG = 16.0
@@ -59,9 +63,9 @@ class Refined:
         Poses measured until then.
     moved : (k,) bool
         Cameras whose pose changed.
-    status : {"local optimum", "everything covered", "budget spent"}
+    status : {"local optimum", "everything covered", "budget spent", "interrupted"}
         No move of one camera gains at any step, nor its exchange for a candidate; all of the weight
-        is covered; or the budget ended the search.
+        is covered; or the budget or an interrupt ended the search.
     evaluations : int
         Poses that were measured.
     seconds : float
@@ -80,7 +84,7 @@ class Refined:
     @property
     def is_local_optimum(self) -> bool:
         """True where every move was tried and none gains."""
-        return self.status != BUDGET_SPENT
+        return self.status not in (BUDGET_SPENT, INTERRUPTED)
 
 
 @typed
@@ -93,13 +97,14 @@ def refine(
     turn_deg: float = TURN_DEG,
     halvings: int = HALVINGS,
     candidates: ArrayLike | None = None,
-    budget: int = 50_000,
+    budget: int = BUDGET,
     seed: int = 0,
 ) -> Refined:
     """Move the cameras of a network until no move gains; never worse than the start.
 
     A camera is translated along its axes, rotated about them, and translated sideways with the
-    rotation that keeps the centre of its image. The result is deterministic.
+    rotation that keeps the centre of its image. The result is deterministic. An interrupt (Ctrl-C)
+    ends the search and returns the best so far, with status "interrupted".
 
     Parameters
     ----------
@@ -136,7 +141,10 @@ def refine(
     space.require(start, "camera")
 
     search = _Search(objective, space, start, budget, seed)
-    status = _descend(search, steps, np.radians(turn_deg), halvings, candidates)
+    try:
+        status = _descend(search, steps, np.radians(turn_deg), halvings, candidates)
+    except KeyboardInterrupt:
+        status = INTERRUPTED
     trace = objective.share(np.array(search.trace, np.int64))
     return Refined(
         poses=frozen(search.poses),
@@ -265,14 +273,15 @@ class _Search:
 
     def _move(self, row: int, level: int, trial: int) -> None:
         poses, packed = self._of(row, level)
-        self.poses[row] = poses[trial]
-        self.covers[row] = _unpacked(packed[trial : trial + 1], self.covers.shape[1])[0]
-        self._trials[row].clear()
-        self._moves_made[row] += 1
-        covered = self.objective.covered(self.covers, self.poses[:, :3, 3])
-        self.worth = int(self.objective.worth(covered))
-        self.trace.append(self.worth)
-        self.trace_evaluations.append(self.evaluations)
+        with interrupts_held():
+            self.poses[row] = poses[trial]
+            self.covers[row] = _unpacked(packed[trial : trial + 1], self.covers.shape[1])[0]
+            self._trials[row].clear()
+            self._moves_made[row] += 1
+            covered = self.objective.covered(self.covers, self.poses[:, :3, 3])
+            self.worth = int(self.objective.worth(covered))
+            self.trace.append(self.worth)
+            self.trace_evaluations.append(self.evaluations)
 
 
 def _moves(

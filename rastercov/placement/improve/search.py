@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov._arguments import check_seed
+from rastercov._interrupts import interrupts_held
 from rastercov._typed import typed
 from rastercov.errors import ConfigError
 from rastercov.mesh.arrays import frozen
@@ -52,6 +53,8 @@ class Optimised:
         Number of batches.
     seed : int
     seconds : float
+    is_interrupted : bool
+        An interrupt ended the search before the budget was spent.
     """
 
     method: str
@@ -62,6 +65,7 @@ class Optimised:
     generations: int
     seed: int
     seconds: float
+    is_interrupted: bool = False
 
 
 @typed
@@ -82,7 +86,8 @@ def optimise(
     For comparison every method measures exactly `budget // cameras` networks and starts from the
     same ones. Each camera has six variables, its position in the boxes and its target in
     `space.aim`, and its roll where that is free. A camera at a forbidden position is moved to an
-    allowed one.
+    allowed one. An interrupt (Ctrl-C) after the first generation ends the search and returns the
+    best so far.
 
     Parameters
     ----------
@@ -121,30 +126,38 @@ def optimise(
     best, best_worth = np.zeros((cameras, 4, 4)), -1
     worths: list[IntArray] = []
     left, generations = networks, 0
-    while left > 0:
-        variables = ask()
-        poses = code.poses(variables)[:left]  # the last generation may be cut short
-        covers = objective.covers(poses.reshape(-1, 4, 4))
-        covers = covers.reshape(len(poses), cameras, -1)
-        worth = objective.worth(objective.covered(covers, poses[:, :, :3, 3]))
-        top = int(np.argmax(worth))
-        if int(worth[top]) > best_worth:
-            best, best_worth = poses[top], int(worth[top])
-        worths.append(worth)
-        left -= len(poses)
-        generations += 1
-        if left > 0:
-            tell(objective.share(worth))
+    is_interrupted = False
+    try:
+        while left > 0:
+            variables = ask()
+            poses = code.poses(variables)[:left]  # the last generation may be cut short
+            covers = objective.covers(poses.reshape(-1, 4, 4))
+            covers = covers.reshape(len(poses), cameras, -1)
+            worth = objective.worth(objective.covered(covers, poses[:, :, :3, 3]))
+            with interrupts_held():
+                top = int(np.argmax(worth))
+                if int(worth[top]) > best_worth:
+                    best, best_worth = poses[top], int(worth[top])
+                worths.append(worth)
+                left -= len(poses)
+                generations += 1
+            if left > 0:
+                tell(objective.share(worth))
+    except KeyboardInterrupt:
+        if not worths:
+            raise
+        is_interrupted = True
     trace = objective.share(np.maximum.accumulate(np.concatenate(worths)))
     return Optimised(
         method=method,
         poses=frozen(best.copy()),
         share=float(objective.share(best_worth)),
         trace=frozen(trace),
-        evaluations=networks * cameras,
+        evaluations=(networks - left) * cameras,
         generations=generations,
         seed=seed,
         seconds=time.perf_counter() - began,
+        is_interrupted=is_interrupted,
     )
 
 
