@@ -1,0 +1,194 @@
+"""Time of the long steps of `place` and `check`: matrix, check of a rig, cavities.
+
+The results are compared with those of slower ways to them. Printed are seconds by wall clock and
+CPU seconds of all threads. Each job runs for a small input first, which compiles its loops.
+"""
+
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from rows import Report, arguments
+from solids import drilled_part, with_clamps
+
+import rastercov as rc
+from rastercov.mesh import Mesh
+from rastercov.network import Network
+from rastercov.observer import open_observer
+from rastercov.placement.candidates.cavities import Access, openings
+from rastercov.placement.candidates.framing import Framing
+from rastercov.placement.matrix import VisibilityMatrix
+from rastercov.plan.check import check
+from rastercov.plan.file import read_plan
+from rastercov.plan.run import place
+from rastercov.pose_file import write_poses
+from rastercov.reference.views import covered_faces
+from rastercov.task import Reason
+
+CAMERA = rc.Camera(width=1280, height=1024, fx=1152, fy=1152)
+SCENE = """
+[[meshes]]
+path = "mesh.obj"
+[camera]
+width = 1280
+height = 1024
+fx = 1152
+fy = 1152
+"""
+MATRIX = """
+[[meshes]]
+built_in = "torus"
+[camera]
+width = 256
+height = 256
+fx = 300
+fy = 300
+[task]
+views = 4
+max_incidence_deg = 60
+[[candidates]]
+generator = "on_sphere"
+count = {count}
+distances = [4.2]
+[selection]
+goal = "best_coverage"
+cameras = 1
+"""
+TASK = """
+[task]
+views = 3
+min_angle_deg = 10
+max_incidence_deg = 70
+"""
+N_COMPARED = 40
+"""Candidates of the matrix that are measured again."""
+
+
+def main() -> None:
+    parser = arguments(__doc__.splitlines()[0])
+    parser.add_argument("--candidates", type=int, default=10_000)
+    parser.add_argument("--poses", type=int, default=135)
+    parser.add_argument("--jobs", nargs="+", choices=JOBS, default=list(JOBS))
+    args = parser.parse_args()
+    report = Report()
+    with tempfile.TemporaryDirectory() as folder:
+        for name in args.jobs:
+            JOBS[name](report, args, Path(folder, name))
+    report.finish(args.json)
+
+
+def matrix_rows(report: Report, args, folder: Path) -> None:
+    """Visibility matrix of a torus of 10,000 faces, as `place` makes it."""
+    plan, small = (
+        plan_in(folder / name, MATRIX.format(count=count))
+        for name, count in (("whole", args.candidates), ("small", 64))
+    )
+    place(small, small.folder)
+    cpu = time.process_time()
+    steps = place(plan, plan.folder).steps
+    cpu = time.process_time() - cpu
+    (found,) = (plan.folder / "matrix").iterdir()
+    matrix = VisibilityMatrix.load(found)
+    name = f"matrix, {matrix.n_poses:,} candidates x {matrix.n_faces:,} faces"
+    report.check(f"{name}: pairs of evaluate", is_same_matrix(matrix, plan))
+    report.add(name, steps["visibility matrix"], "s", at_most=15, aim=8)
+    report.add(f"{name}: all of place", cpu, "CPU-s")
+
+
+def is_same_matrix(matrix: VisibilityMatrix, plan) -> bool:
+    """True if some rows have the coverage and the decisions that `evaluate` gives."""
+    rows = np.linspace(0, matrix.n_poses - 1, N_COMPARED).astype(np.int64)
+    mesh = rc.shapes.torus()
+    judged = rc.evaluate(mesh, plan.build_camera(), matrix.poses[rows], matrix.task)
+    for row, coverage, reason in zip(rows, judged.coverage, judged.reason, strict=True):
+        part = slice(matrix.indptr[row], matrix.indptr[row + 1])
+        faces = np.flatnonzero(coverage > 0)
+        if not np.array_equal(matrix.face[part], faces):
+            return False
+        if not np.allclose(matrix.coverage[part], coverage[faces], rtol=1e-6, atol=0):
+            return False
+        if not np.array_equal(matrix.covered[part], reason[faces] == Reason.COVERED):
+            return False
+    return True
+
+
+def check_rows(report: Report, args, folder: Path) -> None:
+    """`check` of a rig around a part with hollows, each face from 3 cameras 10 degrees apart."""
+    mesh = drilled_part(58, 14)
+    plan = plan_in(folder, SCENE + TASK, mesh)
+    poses = around(mesh, args.poses)
+    rig, few = folder / "rig.json", folder / "few.json"
+    write_poses(rig, poses)
+    write_poses(few, poses[:4])
+    check(plan, few, {None: 0.9})
+    found, wall, cpu = timed(lambda: check(plan, rig, {None: 0.9}))
+    task = plan.build_task()
+    reasons = rc.evaluate(mesh, CAMERA, poses, task, fields=("reason",)).reason
+    expected = covered_faces(
+        reasons == Reason.COVERED,
+        poses[:, :3, 3],
+        mesh.centroids,
+        np.full(mesh.n_faces, 3),
+        np.cos(np.radians(10)) + 1e-12,
+    )
+    name = f"check, {len(poses)} poses x {mesh.n_faces:,} faces"
+    report.check(f"{name}: faces of the twin", np.array_equal(found.cameras.covered, expected))
+    report.add(name, cpu, "CPU-s", at_most=15, aim=8)
+    report.add(f"{name}, wall", wall, "s")
+
+
+def cavity_rows(report: Report, args, folder: Path) -> None:
+    """Cavities of a part with its fixture, for the faces that 200 views around it do not cover."""
+    mesh = with_clamps(drilled_part(44, 12))
+    size = float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+    task = rc.Task(max_incidence_deg=75)
+    framing = Framing(stand_off=(0.5 * size, 3 * size))
+    with open_observer(mesh, CAMERA) as observer:
+        network = Network(mesh, task)
+        network.add_poses(observer, around(mesh, 200))
+    unseen = np.flatnonzero(mesh.task_mask & ~network.covered)
+    openings(mesh, CAMERA, framing, faces=unseen[:2], clearance=0.02)
+    found, wall, cpu = timed(lambda: openings(mesh, CAMERA, framing, faces=unseen, clearance=0.02))
+    name = f"cavities, {mesh.n_faces:,} faces, {len(unseen):,} uncovered"
+    few = slice(None, None, 10)
+    made, face = found.candidates.poses[few], found.candidates.index[few]
+    seen = rc.visibility(mesh, CAMERA, made).value[np.arange(len(made)), face]
+    report.check(f"{name}: each candidate sees its face", bool((seen > 0).all()))
+    shut = found.face[found.access == Access.ENCLOSED]
+    from_afar = rc.visibility(mesh, CAMERA, around(mesh, 20)).value
+    report.check(f"{name}: enclosed faces are never seen", bool((from_afar[:, shut] == 0).all()))
+    report.add(name, cpu, "CPU-s", at_most=60, aim=20)
+    report.add(f"{name}, wall", wall, "s")
+
+
+JOBS = {"matrix": matrix_rows, "check": check_rows, "cavities": cavity_rows}
+
+
+def plan_in(folder: Path, text: str, mesh: Mesh | None = None):
+    """Plan in a new folder, with its mesh."""
+    folder.mkdir(parents=True)
+    if mesh is not None:
+        lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in mesh.vertices.tolist()]
+        lines += [f"f {a} {b} {c}" for a, b, c in (mesh.faces + 1).tolist()]
+        (folder / "mesh.obj").write_text("\n".join(lines))
+    (folder / "plan.toml").write_text(text)
+    return read_plan(folder / "plan.toml")
+
+
+def around(mesh: Mesh, count: int):
+    """Poses on a sphere around a mesh."""
+    size = float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+    return rc.sphere_of_poses(mesh.bounds.mean(axis=0), 1.2 * size, count)
+
+
+def timed(job: Callable):
+    """Result, wall and CPU seconds of a job."""
+    wall, cpu = time.perf_counter(), time.process_time()
+    result = job()
+    return result, time.perf_counter() - wall, time.process_time() - cpu
+
+
+if __name__ == "__main__":
+    main()
