@@ -120,7 +120,7 @@ def _folder(text: str | Path) -> Path:
 
 
 @contextmanager
-def progress_bar() -> Iterator[Callable[[int, int], None]]:
+def progress_bar(what: str = "poses") -> Iterator[Callable[[int, int], None]]:
     """Progress bar on a terminal, nothing elsewhere, whatever FORCE_COLOR says."""
     console = Console(stderr=True)
     if not (console.is_terminal and sys.stderr.isatty()):
@@ -134,7 +134,7 @@ def progress_bar() -> Iterator[Callable[[int, int], None]]:
         TimeRemainingColumn,
     )
 
-    columns = (TextColumn("poses"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("poses", total=None)
+        task = bar.add_task(what, total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)

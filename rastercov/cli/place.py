@@ -162,5 +162,5 @@ def _step(name: str) -> Iterator[Callable[[int, int], None]]:
     """A step with its name and its progress, on a terminal only."""
     if sys.stderr.isatty():
         say(name, 0)
-    with progress_bar() as progress:
+    with progress_bar("done") as progress:  # poses or faces
         yield progress

@@ -16,7 +16,12 @@ from rastercov.coverage import Coverage, evaluate_batches
 from rastercov.mesh import Mesh
 from rastercov.network import Network
 from rastercov.observer import Observer, open_observer
-from rastercov.placement.explain.uncovered import Leftover, NearestCameras, left_by
+from rastercov.placement.explain.uncovered import (
+    NETWORK_FIGURES,
+    Leftover,
+    NearestCameras,
+    left_by,
+)
 from rastercov.placement.improve.objective import Objective
 from rastercov.plan.file import Plan
 from rastercov.task import Reason, Task
@@ -95,7 +100,8 @@ def measured(
     network, nearest = PlanNetwork(mesh, objective.task), NearestCameras(mesh.n_faces)
     masks = np.zeros((3, len(poses), mesh.n_faces), np.bool_)
     if len(poses):
-        for batch in evaluate_batches(objective.observer, poses, objective.task):
+        figures = (*NETWORK_FIGURES, "projected_area", "pixel_density")
+        for batch in evaluate_batches(objective.observer, poses, objective.task, fields=figures):
             network.add(batch)
             nearest.add(batch)
             masks[0, batch.pose_ids] = batch.reason == Reason.COVERED

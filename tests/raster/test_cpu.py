@@ -15,6 +15,7 @@ from rastercov import shapes
 from rastercov.camera import Camera
 from rastercov.errors import ConfigError, DeviceError, ResourceError
 from rastercov.mesh import Mesh
+from rastercov.near_plane import limits, picture_limits
 from rastercov.raster import cpu, open_rasterizer, self_test
 from rastercov.raster.cpu import MAX_SIDE, CPURasterizer
 from rastercov.raster.cpu import loops as kernels
@@ -40,6 +41,26 @@ def test_threads_change_nothing(threads):
     poses = sphere_of_poses(mesh.bounds.mean(axis=0), 0.5, 37)
     one, many = count(mesh, poses, threads=1), count(mesh, poses, threads=threads)
     assert_same_counts(one, many)
+
+
+def test_pictures_of_many_poses_are_those_of_each():
+    mesh = shapes.torus(40, 20)  # closed: from outside, back faces are left out
+    eyes = np.random.default_rng(3).uniform(-2, 2, (40, 3))
+    poses = look_at(eyes, np.zeros(3))
+    small = CAMERA.resized(0.2)
+    with CPURasterizer(mesh, small, threads=3) as rasterizer:
+        near, cull = picture_limits(mesh, small, poses)
+        expected = limits(mesh, small, poses)
+        np.testing.assert_array_equal(near, expected[0])
+        np.testing.assert_array_equal(cull, expected[1])
+        assert 0 < cull.sum() < len(poses)
+        images = rasterizer.render_all(poses)
+        for row, pose in enumerate(poses):
+            image = rasterizer.render(pose)
+            np.testing.assert_array_equal(images.face[row], image.face)
+            np.testing.assert_array_equal(images.depth[row], image.depth)
+    with pytest.raises(DeviceError):
+        rasterizer.render_all(poses)
 
 
 def test_a_pose_counts_alike_alone_and_among_others():

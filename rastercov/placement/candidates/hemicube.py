@@ -118,11 +118,11 @@ def _five_axes() -> list[FloatArray]:
 
 def _running_mean(image: FloatArray, reach: int, axis: int) -> FloatArray:
     """Mean over `reach` values before and after each, fewer at the ends."""
-    count = image.shape[axis]
-    total = np.cumsum(image, axis=axis)
-    total = np.insert(total, 0, 0.0, axis=axis)
+    lines = np.moveaxis(image, axis, 0)
+    count = len(lines)
+    total = np.zeros((count + 1, lines.shape[1]))
+    np.cumsum(lines, axis=0, out=total[1:])
     last = np.minimum(np.arange(count) + reach + 1, count)
     first = np.maximum(np.arange(count) - reach, 0)
-    spread = np.take(total, last, axis=axis) - np.take(total, first, axis=axis)
-    mean: FloatArray = spread / np.expand_dims(last - first, 1 - axis)
-    return mean
+    mean: FloatArray = (total[last] - total[first]) / (last - first)[:, None]
+    return np.moveaxis(mean, 0, axis)

@@ -53,6 +53,19 @@ COULD = {
 }
 """Words on uncovered faces by what the candidates prove of them."""
 
+NETWORK_FIGURES = (
+    "coverage",
+    "reason",
+    "visibility",
+    "visibility_bound",
+    "visibility_kind",
+    "in_view_fraction",
+    "drawn_pixels",
+    "resolution",
+    "incidence",
+)
+"""Figures that a `Network` and `NearestCameras` take."""
+
 
 @dataclass(frozen=True, eq=False)
 class Leftover:
@@ -228,7 +241,7 @@ def what_is_left(
     with opened as observer:
         mesh = observer.mesh
         network, nearest = Network(mesh, task), NearestCameras(mesh.n_faces)
-        for batch in evaluate_batches(observer, network_poses, task):
+        for batch in evaluate_batches(observer, network_poses, task, fields=NETWORK_FIGURES):
             network.add(batch)
             nearest.add(batch)
             progress(len(network.pose_ids), n_poses + len(others))
