@@ -1,12 +1,16 @@
-"""Faces that a network covers by number and angle of the views, with whole arrays.
+"""Faces that cameras cover by number and angle of the views, or see, with whole arrays.
 
-The twin of `rastercov.placement.improve.objective_kernels`.
+The twin of `rastercov.placement.improve.objective_kernels` and
+`rastercov.placement.explain.candidate_kernels`.
 """
 
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
+
+from rastercov.observation import BoundKind
+from rastercov.task import Reason
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -34,3 +38,22 @@ def covered_faces(
         cosine = np.einsum("fi,fi->f", rays[one], rays[other])
         is_spread |= covers[one] & covers[other] & (cosine <= min_cosine)
     return covered & is_spread
+
+
+def candidate_bounds(
+    visibility: FloatArray,
+    bound: FloatArray,
+    kind: NDArray[np.uint8],
+    drawn: FloatArray,
+    reason: NDArray[np.uint8],
+    edge_on: float,
+) -> tuple[FloatArray, FloatArray, NDArray[np.int64]]:
+    """Bounds of the greatest visible fraction of each face, (F,), and how many poses cover it.
+
+    Figures of a `Coverage` are (P, F). An image of `edge_on` square pixels or less shows nothing,
+    unless it was sampled.
+    """
+    low = (visibility - bound).max(axis=0, initial=0).clip(0, 1)
+    is_edge_on = (drawn <= edge_on) & (kind != BoundKind.STATISTICAL)
+    high = np.where(is_edge_on, 0.0, visibility + bound).max(axis=0, initial=0).clip(0, 1)
+    return low, high, (reason == Reason.COVERED).sum(axis=0)

@@ -32,6 +32,7 @@ from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.observer import Observer, open_observer
 from rastercov.placement._arrays import BoolArray, FloatArray
+from rastercov.placement.explain.candidate_visibility import FIGURES, CandidateBounds
 from rastercov.placement.shards import (
     DamagedError,
     Note,
@@ -183,6 +184,7 @@ def build_matrix(
     folder: str | Path | None = None,
     *,
     poses_a_shard: int | None = None,
+    bounds: CandidateBounds | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
     note: Note = log_warning,
 ) -> VisibilityMatrix:
@@ -202,6 +204,8 @@ def build_matrix(
         in memory.
     poses_a_shard : int, optional
         Poses of each file; the number that gives `PAIRS_A_SHARD` pairs unless given.
+    bounds : CandidateBounds, optional
+        Takes in the poses that are measured, not those of shards that are there.
     progress : callable
         Called with the poses done and the total.
     note : callable
@@ -215,13 +219,15 @@ def build_matrix(
         For a pose that is no rigid motion.
     """
     matrices, task = valid_poses(poses), task or Task()
-    done = 0
+    done, figures = 0, ("coverage", *(FIGURES if bounds is not None else ()))
 
     def batches(rows: slice) -> Iterator[Coverage]:
         nonlocal done
-        for batch in evaluate_batches(observer, matrices[rows], task, fields=("coverage",)):
+        for batch in evaluate_batches(observer, matrices[rows], task, fields=figures):
             if len(batch.pose_ids):
                 yield batch
+                if bounds is not None:
+                    bounds.add(batch)
                 done += len(batch.pose_ids)
                 progress(done, len(matrices))
 

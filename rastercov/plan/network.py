@@ -16,6 +16,7 @@ from rastercov.coverage import Coverage, evaluate_batches
 from rastercov.mesh import Mesh
 from rastercov.network import Network
 from rastercov.observer import Observer, open_observer
+from rastercov.placement.explain.candidate_visibility import CandidateBounds
 from rastercov.placement.explain.uncovered import (
     NETWORK_FIGURES,
     Leftover,
@@ -130,8 +131,9 @@ def left_over(
     cameras: Measured,
     progress: Callable[[int, int], None],
     candidates: FloatArray | None = None,
+    bounds: CandidateBounds | None = None,
 ) -> Leftover:
-    """Faces that a measured network does not cover, with reasons."""
+    """Faces that a measured network does not cover, with reasons; arguments as for `left_by`."""
     return left_by(
         observer,
         cameras.poses,
@@ -140,6 +142,7 @@ def left_over(
         candidates=np.zeros((0, 4, 4)) if candidates is None else candidates,
         covered=cameras.covered,
         progress=progress,
+        bounds=bounds,
     )
 
 

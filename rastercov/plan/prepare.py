@@ -26,6 +26,7 @@ from rastercov.mesh import Mesh
 from rastercov.observer import Observer
 from rastercov.placement.candidates.cavities import Openings, openings
 from rastercov.placement.candidates.segments import Segmentation
+from rastercov.placement.explain.candidate_visibility import CandidateBounds
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
 from rastercov.placement.select.problem import (
     BestCoverage,
@@ -95,6 +96,8 @@ class Prepared:
         Candidates, and counts of dropped ones.
     openings : Openings or None
         Accessibility of the faces that no other candidate covers.
+    bounds : CandidateBounds
+        Of the candidates that were measured in this run.
     pairs : int
         Candidate-face pairs in the visibility matrix.
     measured_by : dict
@@ -111,6 +114,7 @@ class Prepared:
     pool: CandidatePool
     segmentation: Segmentation | None
     openings: Openings | None
+    bounds: CandidateBounds
     pairs: int
     measured_by: dict[str, Any]
     problem: Problem
@@ -130,13 +134,14 @@ def prepare(
     goal: Goal = BestCoverage(cameras=0)
     notes: list[str] = []
     used: list[Path] = []
+    bounds = CandidateBounds(mesh.n_faces, mesh.task_mask)
 
     def matrix_of(name: str, poses: FloatArray) -> VisibilityMatrix:
         """Matrix of the poses, in a folder named by a hash of all that it depends on."""
         header = json.dumps(describe(observer, poses, task, None), sort_keys=True)
         used.append(folder / hashlib.sha256(header.encode()).hexdigest()[:16])
         with clock(name) as progress, named(used[-1]):
-            return build_matrix(observer, poses, task, used[-1], progress=progress)
+            return build_matrix(observer, poses, task, used[-1], bounds=bounds, progress=progress)
 
     with clock("candidates"):
         segmentation = segmentation_of(plan, mesh)
@@ -194,6 +199,7 @@ def prepare(
         pool=found,
         segmentation=segmentation,
         openings=opened,
+        bounds=bounds,
         pairs=len(matrix.face),
         measured_by=matrix.header["measured_by"],
         problem=problem,

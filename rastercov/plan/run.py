@@ -225,8 +225,14 @@ def _tolerate(placement: Placement, objective: Objective, progress: Progress) ->
 
 
 def _explain_uncovered(placement: Placement, objective: Objective, progress: Progress) -> Placement:
-    poses = placement.prepared.pool.candidates.poses
-    leftover = left_over(objective.observer, placement.cameras, progress, poses)
+    prepared = placement.prepared
+    leftover = left_over(
+        objective.observer,
+        placement.cameras,
+        progress,
+        prepared.pool.candidates.poses,
+        prepared.bounds,
+    )
     return replace(placement, leftover=leftover)
 
 

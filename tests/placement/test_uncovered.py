@@ -1,6 +1,7 @@
 """What a network leaves uncovered: the nearest camera, the reason, what is in the way, proofs."""
 
 import weakref
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,9 +16,14 @@ from rastercov.errors import ConfigError
 from rastercov.mesh import Group, Mesh
 from rastercov.network import Network
 from rastercov.placement.explain import candidate_visibility as sight
+from rastercov.placement.explain import uncovered
 from rastercov.placement.explain.blockers import in_front
+from rastercov.placement.explain.candidate_visibility import EDGE_ON, CandidateBounds
 from rastercov.placement.explain.uncovered import WORDS, Sight, what_is_left
+from rastercov.placement.improve.objective import Objective
 from rastercov.placement.matrix import build_matrix
+from rastercov.plan.network import left_over, measured
+from rastercov.reference.views import candidate_bounds
 from rastercov.task import Reason, Task
 
 CAMERA = rc.Camera(width=320, height=240, fx=300, fy=300, cx=160, cy=120)
@@ -265,3 +271,43 @@ def test_progress_ends_at_the_end():
     assert seen[-1][0] == seen[-1][1] >= 32
     assert all(done <= total for done, total in seen)
     assert [done for done, _ in seen] == sorted(done for done, _ in seen)
+
+
+@given(seed=st.integers(0, 2**32 - 1), n_poses=st.integers(0, 5))
+@examples(20)
+def test_bounds_of_candidates_are_those_of_the_twin(seed, n_poses):
+    rng = np.random.default_rng(seed)
+    shape = n_poses, 40
+    figures = {
+        "visibility": rng.choice([0, 1e-7, 0.5, 1], shape),
+        "visibility_bound": rng.choice([0, 1e-9, 0.3, 1], shape),
+        "visibility_kind": rng.integers(0, 3, shape).astype(np.uint8),
+        "drawn_pixels": rng.choice([0, EDGE_ON, 2 * EDGE_ON, 9], shape),
+        "reason": rng.integers(0, 9, shape).astype(np.uint8),
+    }
+    expected = candidate_bounds(*figures.values(), EDGE_ON)
+    found = CandidateBounds(40, np.ones(40, bool))
+    for rows in np.array_split(np.arange(n_poses), 2):  # batch by batch
+        parts = {name: array[rows] for name, array in figures.items()}
+        found.add(SimpleNamespace(pose_ids=rows, **parts))
+    for one, other in zip((found.low, found.high, found.covering), expected, strict=True):
+        np.testing.assert_array_equal(one, other)
+    some = rng.random(40) < 0.5
+    np.testing.assert_array_equal(found.of(some).low, np.where(some, expected[0], 0))
+    assert found.of(some).n_poses == found.n_poses == n_poses
+
+
+def test_what_a_matrix_measured_need_not_be_measured_again(monkeypatch):
+    mesh, poses = shapes.torus(10, 7), around(30, 3, 4.0)
+    task = Task(max_incidence_deg=50)
+    with rc.open_observer(mesh, CAMERA) as observer:
+        bounds = CandidateBounds(mesh.n_faces, mesh.task_mask)
+        build_matrix(observer, poses, task, bounds=bounds)
+        objective = Objective.of(observer, task)
+        cameras = measured(objective, poses[:2])
+        again = left_over(observer, cameras, lambda *_: None, poses)
+        monkeypatch.setattr(uncovered, "batches_in_view", None)  # raises when it is called
+        found = left_over(observer, cameras, lambda *_: None, poses, bounds)
+    assert found.summary() == again.summary()
+    for name in ("n_covering", "sight", "seen_at_least", "seen_at_most"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(again, name))

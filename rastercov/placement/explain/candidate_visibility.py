@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 from rastercov.coverage import Coverage, evaluate_batches
 from rastercov.criteria import face_geometry
 from rastercov.mesh import Mesh
-from rastercov.observation import BoundKind
 from rastercov.observer import Observer
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
-from rastercov.task import Reason, Task
+from rastercov.task import Task
 
 SEEN_NOTHING = 1e-6
 """Visible fraction up to which a face counts as not seen: the bound of computed fractions is 1e-9
@@ -25,7 +24,7 @@ EDGE_ON = 1e-6
 nothing."""
 POSES_A_STEP = 1024
 """Candidates processed at a time."""
-_FIGURES = ("visibility", "visibility_bound", "visibility_kind", "drawn_pixels", "reason")
+FIGURES = ("visibility", "visibility_bound", "visibility_kind", "drawn_pixels", "reason")
 """Figures that `CandidateBounds` takes."""
 
 
@@ -50,25 +49,35 @@ class CandidateBounds:
         Bounds of the greatest visible fraction.
     covering : int64
         Candidates that cover the face.
+    n_poses : int
+        Candidates so far.
     """
 
     def __init__(self, n_faces: int, chosen: BoolArray) -> None:
-        self.chosen, self.faces = chosen, np.flatnonzero(chosen)
+        self.chosen, self.n_poses = chosen, 0
         self.low, self.high = np.zeros(n_faces), np.zeros(n_faces)
         self.covering: IntArray = np.zeros(n_faces, np.int64)
 
     def add(self, batch: Coverage) -> None:
         """Add a batch of candidates."""
-        if not len(batch.pose_ids):
-            return
-        value, bound = (a[:, self.faces] for a in (batch.visibility, batch.visibility_bound))
-        low = (value - bound).max(axis=0).clip(0, 1)
-        is_edge_on = batch.drawn_pixels[:, self.faces] <= EDGE_ON
-        is_edge_on &= batch.visibility_kind[:, self.faces] != BoundKind.STATISTICAL
-        high = np.where(is_edge_on, 0.0, value + bound).max(axis=0).clip(0, 1)
-        self.low[self.faces] = np.maximum(self.low[self.faces], low)
-        self.high[self.faces] = np.maximum(self.high[self.faces], high)
-        self.covering[self.faces] += (batch.reason[:, self.faces] == Reason.COVERED).sum(axis=0)
+        from rastercov._jit import announce_compilation
+        from rastercov.criteria_kernels import read_only
+        from rastercov.placement.explain.candidate_kernels import add_bounds
+
+        announce_compilation(add_bounds)
+        arrays = (getattr(batch, name) for name in FIGURES)
+        figures = (read_only(array, array.dtype.type) for array in arrays)
+        chosen = read_only(self.chosen, np.bool_)
+        add_bounds(*figures, EDGE_ON, chosen, self.low, self.high, self.covering)
+        self.n_poses += len(batch.pose_ids)
+
+    def of(self, chosen: BoolArray) -> "CandidateBounds":
+        """The same for fewer faces."""
+        part = CandidateBounds(len(chosen), chosen)
+        part.n_poses = self.n_poses
+        for name in ("low", "high", "covering"):
+            getattr(part, name)[chosen] = getattr(self, name)[chosen]
+        return part
 
     def claims(self, n_candidates: int) -> NDArray[np.uint8]:
         """(F,) `Sight` of the faces, for a number of candidates."""
@@ -108,6 +117,6 @@ def batches_in_view(
         rows = np.flatnonzero(facing)
         if not len(rows):
             continue
-        for batch in evaluate_batches(observer, block[rows], task, fields=_FIGURES):
+        for batch in evaluate_batches(observer, block[rows], task, fields=FIGURES):
             last = batch.pose_ids[-1] if len(batch.pose_ids) else -1
             yield batch, start + int(rows[last]) + 1

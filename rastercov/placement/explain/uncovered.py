@@ -265,11 +265,13 @@ def left_by(
     candidates: FloatArray,
     covered: NDArray[Any],
     progress: Callable[[int, int], None],
+    bounds: CandidateBounds | None = None,
 ) -> Leftover:
     """`what_is_left` of a network that was measured before.
 
-    `nearest`, (F,), is `NearestCameras.camera` of it. Progress is in candidates, and then hidden
-    faces whose blocking groups are found.
+    `nearest`, (F,), is `NearestCameras.camera` of it. Candidates are measured again unless `bounds`
+    has all of them. Progress is in candidates, and then hidden faces whose blocking groups are
+    found.
     """
     mesh, task = observer.mesh, network.task
     if covered.shape != (mesh.n_faces,) or covered.dtype != np.bool_:
@@ -279,10 +281,13 @@ def left_by(
     left = mesh.task_mask & ~covered
     hidden = np.flatnonzero(left & (network.reason == Reason.OCCLUDED))
     total = len(candidates) + len(hidden)
-    sight = CandidateBounds(mesh.n_faces, left)
-    for batch, through in batches_in_view(observer, candidates, task, left):
-        sight.add(batch)
-        progress(through, total)
+    if bounds is not None and bounds.n_poses == len(candidates):
+        sight = bounds.of(left)
+    else:
+        sight = CandidateBounds(mesh.n_faces, left)
+        for batch, through in batches_in_view(observer, candidates, task, left):
+            sight.add(batch)
+            progress(through, total)
     progress(len(candidates), total)
     shares = in_front(
         mesh,
