@@ -403,6 +403,26 @@ def test_an_interrupt_in_a_step_replaces_an_earlier_report_and_names_the_step(
     assert Path("plan/page.html").exists() == has_page
 
 
+def test_an_interrupt_in_the_cavities_keeps_the_matrix(capsys, monkeypatch):
+    text = EACH_STEP.replace("count = 20", "count = 2")  # leaves faces to the cavities
+    Path("plan.toml").write_text(text + '[[candidates]]\ngenerator = "per_cavity"\n')
+    stop = stopped(capsys, monkeypatch, "rastercov.plan.prepare.openings", KeyboardInterrupt())
+    assert stop == (130, "", "interrupted\n")
+    assert len(list(Path("plan/matrix").glob("*/pairs/pairs-*.parquet"))) == 1
+    assert not Path("plan/plan.json").exists()
+
+
+@pytest.mark.parametrize("step", ["measured", "left_over"])
+def test_an_interrupt_of_check_writes_nothing(capsys, monkeypatch, step):
+    def stop(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(f"rastercov.plan.check.{step}", stop)
+    line = "check plan.toml -p rig.json --junit out.xml"
+    assert call(capsys, line) == (130, "", "interrupted\n")
+    assert not Path("out.xml").exists()
+
+
 def test_the_page_after_an_interrupt_names_the_step(capsys, monkeypatch):
     Path("plan.toml").write_text(EACH_STEP)
     code, *_ = stopped(capsys, monkeypatch, "rastercov.plan.run.tolerance", KeyboardInterrupt())
