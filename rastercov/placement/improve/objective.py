@@ -16,7 +16,12 @@ from rastercov.coverage import evaluate_batches
 from rastercov.errors import ConfigError
 from rastercov.observer import Observer
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
-from rastercov.placement.select.problem import TOTAL_WEIGHT
+from rastercov.placement.select.problem import (
+    in_whole_numbers,
+    least_cosine,
+    views_of,
+    weights_of,
+)
 from rastercov.task import Reason, Task
 
 
@@ -62,28 +67,14 @@ class Objective:
     ) -> Self:
         """Objective of an open observer; arguments as for `problem_of`."""
         mesh, task = observer.mesh, task or Task()
-        if weight_by not in ("area", "count"):
-            raise ConfigError(f"weight_by must be area or count, got {weight_by!r}")
-        names = [group.name for group in mesh.groups]
-        views = task.views if views is None else views
-        if isinstance(views, Mapping):
-            if unknown := sorted(set(views) - set(names)):
-                raise ConfigError(f"there is no group {unknown[0]!r}; groups are {names}")
-            need = np.array([views.get(name, 1) for name in names])[mesh.face_group]
-        else:
-            need = np.full(mesh.n_faces, views)
+        weights = in_whole_numbers(weights_of(mesh, weight_by))
+        need = views_of(mesh, task.views if views is None else views)
         if (need < 1).any() or not np.issubdtype(need.dtype, np.integer):
             raise ConfigError(f"views must be a whole number, 1 or more, got {views}")
         if not 0 <= min_angle_deg <= 180:
             raise ConfigError(f"min_angle_deg must be 0 to 180, got {min_angle_deg}")
-        if weight_by == "count":
-            integer_weights = mesh.task_mask.astype(np.int64)
-        else:
-            areas = np.where(mesh.task_mask, mesh.areas, 0.0)
-            total = max(float(areas.sum()), np.finfo(np.float64).tiny)
-            integer_weights = np.rint(areas / total * TOTAL_WEIGHT).astype(np.int64)
-        cosine = math.cos(math.radians(min_angle_deg)) + 1e-12 if min_angle_deg > 0 else 2.0
-        return cls(observer, task, integer_weights, need.astype(np.int64), cosine)
+        cosine = least_cosine(math.radians(min_angle_deg))
+        return cls(observer, task, weights, need.astype(np.int64), cosine)
 
     def covers(self, poses: FloatArray) -> BoolArray:
         """(P, F) faces that each pose covers."""

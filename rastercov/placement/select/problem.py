@@ -164,15 +164,12 @@ class Problem:
     @property
     def min_cosine(self) -> float:
         """Largest cosine of two rays that differ by `min_angle`; 2 where any two do."""
-        return math.cos(self.min_angle) + 1e-12 if self.min_angle > 0 else 2.0
+        return least_cosine(self.min_angle)
 
     @cached_property
     def integer_weights(self) -> IntArray:
         """(F,) weights as integers: their own values, or parts of `TOTAL_WEIGHT`."""
-        total = float(self.weights.sum())
-        if total < TOTAL_WEIGHT and bool((self.weights == np.floor(self.weights)).all()):
-            return self.weights.astype(np.int64)
-        return np.rint(self.weights / total * TOTAL_WEIGHT).astype(np.int64)
+        return in_whole_numbers(self.weights)
 
     @cached_property
     def reachable(self) -> BoolArray:
@@ -262,39 +259,60 @@ def problem_of(
         raise ConfigError(
             f"the matrix is of a mesh of {matrix.n_faces} faces, got one of {mesh.n_faces}"
         )
-    if weight_by not in ("area", "count"):
-        raise ConfigError(f"weight_by must be area or count, got {weight_by!r}")
-    names = tuple(group.name for group in mesh.groups)
-    if views is None:
-        views = matrix.task.views
-    if isinstance(views, Mapping):
-        if unknown := sorted(set(views) - set(names)):
-            raise ConfigError(f"there is no group {unknown[0]!r}; groups are {', '.join(names)}")
-        of_group = np.array([views.get(name, 1) for name in names])
-        needed = of_group[mesh.face_group]
-    else:
-        needed = np.full(mesh.n_faces, views)
+    weights = weights_of(mesh, weight_by)
+    needed = views_of(mesh, matrix.task.views if views is None else views)
     covers = matrix.covered if min_coverage is None else matrix.coverage >= np.float64(min_coverage)
     indptr, face = matrix.indptr, matrix.face
     if not covers.all():
         # Row by row, microseconds each: sums over all pairs would take more memory than the pairs.
         counts = [np.count_nonzero(covers[a:b]) for a, b in pairwise(indptr)]
         indptr, face = np.concatenate(([0], np.cumsum(counts, dtype=np.int64))), face[covers]
-    weights = mesh.areas if weight_by == "area" else np.ones(mesh.n_faces)
     return Problem(
         indptr=indptr,
         face=face,
-        weights=np.where(mesh.task_mask, weights, 0.0),
+        weights=weights,
         views=needed,
         costs=np.ones(matrix.n_poses) if costs is None else np.asarray(costs, np.float64),
         goal=goal,
-        groups=names,
+        groups=tuple(group.name for group in mesh.groups),
         face_group=mesh.face_group,
         mean_coverage=matrix.mean_coverage,
         min_angle=math.radians(min_angle_deg),
         eyes=matrix.poses[:, :3, 3].copy(),
         centroids=mesh.centroids,
     )
+
+
+def weights_of(mesh: Mesh, weight_by: str) -> FloatArray:
+    """(F,) weight of each face, by "area" or "count"; 0 for faces that are not scored."""
+    if weight_by not in ("area", "count"):
+        raise ConfigError(f"weight_by must be area or count, got {weight_by!r}")
+    weights = mesh.areas if weight_by == "area" else np.ones(mesh.n_faces)
+    return np.where(mesh.task_mask, weights, 0.0)
+
+
+def views_of(mesh: Mesh, views: int | Mapping[str, int]) -> IntArray:
+    """(F,) cameras that must cover each face: a number, or one by the name of some groups."""
+    if not isinstance(views, Mapping):
+        return np.full(mesh.n_faces, views)
+    names = [group.name for group in mesh.groups]
+    if unknown := sorted(set(views) - set(names)):
+        raise ConfigError(f"there is no group {unknown[0]!r}; groups are {', '.join(names)}")
+    needed: IntArray = np.array([views.get(name, 1) for name in names])[mesh.face_group]
+    return needed
+
+
+def least_cosine(min_angle: float) -> float:
+    """Largest cosine of two rays that differ by an angle, radians; 2 where any two do."""
+    return math.cos(min_angle) + 1e-12 if min_angle > 0 else 2.0
+
+
+def in_whole_numbers(weights: FloatArray) -> IntArray:
+    """(F,) weights as integers: their own values, or parts of `TOTAL_WEIGHT`."""
+    total = float(weights.sum())
+    if total < TOTAL_WEIGHT and bool((weights == np.floor(weights)).all()):
+        return weights.astype(np.int64)
+    return np.rint(weights / total * TOTAL_WEIGHT).astype(np.int64)
 
 
 @typed
