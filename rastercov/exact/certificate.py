@@ -130,6 +130,7 @@ class CertificateSolver(HalfPlaneSolver):
             camera, projected, self.grid, self._pieces, self._work, self.visible, self.area_error,
             self._scratch,
         )  # fmt: skip
+        self._limit_errors(self._targets[: self.n_crossed])
         computed = self._scratch[: self.n_left + self.n_regions]
         computed[self.n_left :] = self.largest_of_regions()
         self.solve(computed)

@@ -359,7 +359,7 @@ def visible_areas(
         Those before this one are done.
     projected : Projected
         As filled by `set_up`.
-    marks : (F,) int64
+    marks : (F,) int32
         Scratch: below 0 at the start of each pose. `pieces` and `work` are scratch, too.
     visible : (F,) float64
         Out: visible px^2 inside the image, for the targets.

@@ -189,7 +189,7 @@ class HalfPlaneSolver:
         self.area, self.visible, self.area_error = np.empty((3, n_faces))
         self.side, self.state = np.empty(n_faces, np.int8), np.empty(n_faces, np.uint8)
         self.is_certified: BoolArray = np.zeros(n_faces, np.bool_)
-        self._marks, self._extent = np.empty(n_faces, np.int64), np.empty(7)
+        self._marks, self._extent = np.empty(n_faces, np.int32), np.empty(7)
         self.projected = Projected(
             faces=surface.faces,
             uvw=np.empty((len(surface.vertices), 3)),
@@ -244,13 +244,13 @@ class HalfPlaneSolver:
             if self.n_clipped <= len(self.projected.clipped.polygons):
                 break
             self._make_room_for_clipped(self.n_clipped)
-        self.visible[:] = 0.0
+        self.visible.fill(0.0)
+        self._marks.fill(-1)
         self._fill_grid(n_live)
 
     def solve(self, targets: IntArray) -> None:
         """Compute `visible` and `area_error` of some faces, given by index."""
         done = 0
-        self._marks.fill(-1)
         while True:
             done = visible_areas_kernel(
                 targets, done, self.camera, self.projected, self.grid, self._marks,
@@ -259,13 +259,16 @@ class HalfPlaneSolver:
             if done == len(targets):
                 break
             self._make_room_for_pieces(2 * len(self._pieces.corners))
-        # No area exceeds the image.
-        largest = 2 * (self.camera.width * self.camera.height)
-        np.minimum(self.area_error, largest, out=self.area_error)
+        self._limit_errors(targets)
 
     def solve_all(self) -> None:
         """Compute `visible` and `area_error` of every face."""
         self.solve(np.flatnonzero(self.state & (LIVE | THIN)).astype(np.int32))
+
+    def _limit_errors(self, faces: IntArray) -> None:
+        """No area exceeds the image."""
+        largest = 2 * (self.camera.width * self.camera.height)
+        self.area_error[faces] = np.minimum(self.area_error[faces], largest)
 
     def _fill_grid(self, n_live: int) -> None:
         """List the live faces by grid cells, as many cells as the entries of large faces allow."""

@@ -140,12 +140,15 @@ def hidden_range(
     _, n_lines = outline(m, projected, work.corners, lines)
     error = outline_error(m, camera, projected)
     for s in range(n_lines):
-        margin = 2 * tolerance + error
-        if is_joined(m, s, n_lines, edges, is_event, projected):
-            margin = -2 * error
-        line, margin = line_at(lines, s), margin * (abs(lines[s, DU]) + abs(lines[s, DV]))
-        start, end = line_value(line, u, v) - margin, line_value(line, u1, v1) - margin
-        first, last = narrowed_to_inside(start, end, first, last)
+        line, extent = line_at(lines, s), abs(lines[s, DU]) + abs(lines[s, DV])
+        start, end = line_value(line, u, v), line_value(line, u1, v1)
+        least, most = -2 * error * extent, (2 * tolerance + error) * extent
+        if start < least and end < least:
+            return 1.0, 0.0
+        if start >= most and end >= most:
+            continue
+        margin = least if is_joined(m, s, n_lines, edges, is_event, projected) else most
+        first, last = narrowed_to_inside(start - margin, end - margin, first, last)
         if first > last:
             return 1.0, 0.0
     u_m, v_m, w_m, slope_u, slope_v, w_error = plane_of(m, camera, projected)

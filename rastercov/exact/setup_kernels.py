@@ -395,7 +395,8 @@ def set_up(vertices, is_flat, camera, front_only, projected, area_error, extent)
                 n_clipped += 1
         if is_culled:
             area[f] = inside
-            area_error[f] = OUTLINE_ERROR_FACTOR * (u_max - u_min + v_max - v_min) * outline_error
+            error = OUTLINE_ERROR_FACTOR * (u_max - u_min + v_max - v_min) * outline_error
+            area_error[f] = min(error, 2 * width * height)
             continue
         box[f, U_MIN], box[f, U_MAX], box[f, V_MIN], box[f, V_MAX] = u_min, u_max, v_min, v_max
         box[f, W_MIN], box[f, W_MAX] = w_min, w_max
