@@ -263,9 +263,13 @@ def polygon_area(polygon, n):
 @part_with_arrays
 def perimeter(points, i, j, k):
     """Length of the outline of a face beyond the near plane, px."""
-    first = math.hypot(points[j, U] - points[i, U], points[j, V] - points[i, V])
-    second = math.hypot(points[k, U] - points[j, U], points[k, V] - points[j, V])
-    return first + second + math.hypot(points[i, U] - points[k, U], points[i, V] - points[k, V])
+    total = 0.0
+    for s in range(3):
+        p = i if s == 0 else j if s == 1 else k
+        q = j if s == 0 else k if s == 1 else i
+        u, v = points[q, U] - points[p, U], points[q, V] - points[p, V]
+        total += math.sqrt(u * u + v * v)  # hypot is a call, 5 times as slow
+    return total
 
 
 @part_with_arrays
