@@ -19,7 +19,7 @@ from rastercov.near_plane import limits
 from rastercov.observation import BoundKind, Observation, Visibility, visible_fraction
 from rastercov.pose import Poses
 from rastercov.raster import open_rasterizer
-from rastercov.raster.contract import RasterizerInfo
+from rastercov.raster.contract import FaceCounts, RasterizerInfo
 
 ROLL = 0.4
 """Radians by which the grid of samples is turned against the image: 23 degrees, far from every
@@ -91,7 +91,12 @@ class SampledObserver(OpenObserver):
         self._check_open()
         accepted = Poses.of(poses)
         self._check_memory(len(accepted))
-        return Observation.of_counts(self._rasterizer.count(accepted))
+        return Observation.of_counts(self.measure(accepted))
+
+    def measure(self, poses: Poses) -> FaceCounts:
+        """Counts that `observe` makes areas of."""
+        self._check_open()
+        return self._rasterizer.count(poses)
 
     def close(self) -> None:
         self._rasterizer.close()  # refuses in a thread that may not, and all stays open

@@ -14,7 +14,12 @@ from rastercov.near_plane import near_limit
 from rastercov.observation import Observation
 from rastercov.observer import Observer
 from rastercov.pose import Poses
+from rastercov.raster.contract import FaceCounts
 from rastercov.task import Task
+
+Measured = Observation | FaceCounts
+"""What is known of some poses: areas, or the counts of a rasteriser, which become areas face by
+face: arrays of them would take as long as half the judging."""
 
 
 class CoveragePass:
@@ -31,7 +36,7 @@ class CoveragePass:
         threads = getattr(observer, "threads", None)
         self._threads = threads if isinstance(threads, int) else thread_count(None)
 
-    def fill(self, seen: Observation, poses: Poses, figures: Mapping[str, NDArray[Any]]) -> None:
+    def fill(self, seen: Measured, poses: Poses, figures: Mapping[str, NDArray[Any]]) -> None:
         """Fill (P, F) arrays with the figures of the poses of an observation."""
         from rastercov._jit import announce_compilation
 
@@ -45,7 +50,7 @@ class CoveragePass:
 
     def share(
         self,
-        seen: Observation,
+        seen: Measured,
         poses: Poses,
         make_worker: Callable[[tuple[Any, ...]], Callable[[slice], None]],
     ) -> None:
@@ -53,21 +58,38 @@ class CoveragePass:
 
         Each is made from the arguments scene, lens, seen, limits and work of the loops.
         """
-        read_only = self._geometry.read_only
-        matrices = poses.world_from_camera
-        error = seen.area_error if any(seen.area_error.strides) else np.empty((0, 0))
-        measured = self.kernels.Seen(
-            read_only(matrices, np.float64),
-            read_only(near_limit(self.camera, self.mesh.bounds, matrices), np.float64),
-            read_only(seen.visible_pixels, np.float64),
-            read_only(seen.drawn_pixels, np.float64),
-            read_only(seen.kind, np.uint8),
-            read_only(error, np.float64),
-            float(seen.samples_per_pixel),
-        )
-        shared = self._scene, self._lens, measured, self._limits
+        shared = self._scene, self._lens, self._seen(seen, poses), self._limits
         workers = [
             make_worker((*shared, self._geometry.workspace(self.mesh.n_vertices)))
             for _ in range(max(1, min(self._threads, len(poses))))
         ]
         share_poses(len(poses), workers)
+
+    def _seen(self, measured: Measured, poses: Poses) -> Any:
+        """What an observer measured, for the loops."""
+        read_only, matrices = self._geometry.read_only, poses.world_from_camera
+        visible: NDArray[Any]
+        drawn: NDArray[Any]
+        kind: NDArray[Any]
+        kind = error = np.empty((0, 0))
+        if isinstance(measured, FaceCounts):
+            assert measured.drawn is not None
+            visible, drawn = measured.visible, measured.drawn
+            # Larger counts than int32 are rare, and not worth loops of their own.
+            dtype: type = np.int32 if visible.dtype == np.int32 else np.float64
+            scale = samples = float(measured.supersample**2)
+        else:
+            visible, drawn, dtype = measured.visible_pixels, measured.drawn_pixels, np.float64
+            scale, samples, kind = 1.0, float(measured.samples_per_pixel), measured.kind
+            if any(measured.area_error.strides):
+                error = measured.area_error
+        return self.kernels.Seen(
+            read_only(matrices, np.float64),
+            read_only(near_limit(self.camera, self.mesh.bounds, matrices), np.float64),
+            read_only(visible, dtype),
+            read_only(drawn, dtype),
+            scale,
+            read_only(kind, np.uint8),
+            read_only(error, np.float64),
+            samples,
+        )

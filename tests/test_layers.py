@@ -17,7 +17,7 @@ LAYERS = (
     "observation exact engine",
     "_observers",
     "observer task",
-    "coverage coverage_kernels coverage_pass network provenance",
+    "coverage coverage_kernels coverage_pass pairs network provenance",
     "models placement",
     "plan validation",
     "report",

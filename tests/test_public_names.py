@@ -21,11 +21,11 @@ SURFACE = {
     "camera": set(),
     "coverage": {
         *("EVALUATE_BUDGET", "FIGURES", "PAIRS_A_BATCH", "POSES_A_BATCH", "UNITS"),
-        *("check_observer", "observations"),
+        *("batch_size", "check_observer", "measurements"),
     },
     "engine": {"BACKENDS", "METHODS"},
     "errors": set(),
-    "network": {"share_of_faces"},
+    "network": {"JudgedPoses", "share_of_faces"},
     "pose": {
         *("DRIFT_TOLERANCE", "as_matrices", "check_poses", "inverse", "real_numbers"),
         "valid_poses",

@@ -12,8 +12,11 @@ from rastercov.camera import Camera
 from rastercov.coverage import FIGURES, evaluate, evaluate_batches
 from rastercov.criteria import face_geometry
 from rastercov.mesh import Group, Mesh
+from rastercov.network import Network
 from rastercov.observation import BoundKind, Observation
 from rastercov.observer import open_observer
+from rastercov.pairs import CHOICES
+from rastercov.pose import Poses
 from rastercov.reference import coverage as coverage_twin
 from rastercov.reference import criteria as twin
 from rastercov.task import Task
@@ -170,6 +173,28 @@ def test_a_figure_does_not_depend_on_what_else_is_asked_for(seed, names):
     (some,) = evaluate_batches(recorded, poses, task, fields=names)
     for name in names:
         np.testing.assert_array_equal(getattr(some, name), getattr(whole, name), err_msg=name)
+
+
+@given(seeds, st.sampled_from(CHOICES), st.integers(1, 3))
+def test_rows_of_a_table_are_the_chosen_figures_whatever_the_threads(seed, choice, threads):
+    rng = np.random.default_rng(seed)
+    mesh, camera, task = hostile(rng), hostile_camera(rng), hostile_task(rng)
+    poses = np.stack([hostile_pose(rng, mesh) for _ in range(5)])
+    recorded = Recorded(mesh, camera, hostile_observation(rng, 5, mesh.n_faces))
+    recorded.threads = threads
+    (figures,) = evaluate_batches(recorded, poses, task)
+    network, with_rows = Network(mesh, task), Network(mesh, task)
+    (batch,) = with_rows.judge(recorded, Poses.of(poses), pairs=choice, keep=[1])
+    expected = coverage_twin.rows_of(figures, choice)
+    for name, column in batch.rows._asdict().items():
+        np.testing.assert_array_equal(column, getattr(expected, name), err_msg=name)
+        assert column.dtype == getattr(expected, name).dtype, name
+    np.testing.assert_array_equal(batch.kept[1], figures.coverage[1])
+    # Neither rows nor threads change the network, which is that of the figures.
+    network.add(figures)
+    with_rows.add(batch)
+    assert with_rows.summary() == network.summary()
+    np.testing.assert_array_equal(with_rows.reason, network.reason)
 
 
 @pytest.mark.parametrize("method", ["certified", "sampled"])
