@@ -21,6 +21,7 @@ from rastercov.camera import Camera
 from rastercov.coverage import evaluate
 from rastercov.errors import ConfigError, DeviceError, PoseError
 from rastercov.mesh import Mesh
+from rastercov.reference.coverage import rows_of
 from rastercov.report.coverage import EVALUATION, Options, run
 from rastercov.report.coverage_table import CoverageTable
 from rastercov.report.folder import ReportFolder
@@ -73,11 +74,11 @@ def test_the_files_hold_what_evaluate_gives(tmp_path, small_batches):
     assert json.loads((out / "summary.json").read_text()) == json.loads(json.dumps(summary))
     coverage = evaluate(MESH, CAMERA, poses, TASK)
     table = pq.read_table(out / "coverage.parquet")
-    pose, face = table["pose"].to_numpy(), table["face"].to_numpy()
-    assert len(table) == (coverage.in_view_fraction > 0).sum()
-    seen = np.float32(coverage.visible_pixels[pose, face])
-    np.testing.assert_array_equal(table["visible_pixels"], seen)
-    np.testing.assert_array_equal(table["coverage"], np.float32(coverage.coverage[pose, face]))
+    rows = rows_of(coverage, "seen")
+    assert summary["table"] == {"pairs": "seen", "rows": len(table)}
+    assert 0 < len(table) == len(rows.pose) < (coverage.in_view_fraction > 0).sum()
+    for name in set(rows._fields) - {"reason", "visibility_kind"}:
+        np.testing.assert_array_equal(table[name], getattr(rows, name), err_msg=name)
     assert [row["pose"] for row in summary["per_pose"]] == list(range(10))
     means = [row["mean_coverage"] for row in summary["per_pose"]]
     np.testing.assert_allclose(means, coverage.coverage.mean(axis=1))
@@ -310,7 +311,7 @@ def test_a_signal_in_a_batch_counts_it_everywhere_or_nowhere(tmp_path, monkeypat
 
     def add_and_interrupt(table, batch):
         add(table, batch)
-        if batch.pose_ids[0] == 4:
+        if batch.pose[0] == 4:
             signal.raise_signal(signal.SIGINT)
 
     monkeypatch.setattr(CoverageTable, "add", add_and_interrupt)
