@@ -14,8 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov._arguments import check_kind, check_scene
 from rastercov._checks import shown
 from rastercov.camera import Camera
-from rastercov.coverage_pass import CoveragePass, Measured
+from rastercov.coverage_pass import CoveragePass
 from rastercov.errors import ConfigError, ResourceError
+from rastercov.face_pass import Measured
 from rastercov.mesh import Mesh
 from rastercov.observer import Observer, open_observer
 from rastercov.pose import Poses
@@ -220,7 +221,8 @@ def evaluate_batches(
     check_observer(observer)
     task = _checked_task(task)
     shape = len(accepted), observer.mesh.n_faces
-    return (_judged(observer, task, accepted[rows], names) for rows in _batches(*shape))
+    judge = CoveragePass(observer, task)
+    return (_judged(observer, judge, task, accepted[rows], names) for rows in _batches(*shape))
 
 
 def check_observer(observer: object) -> None:
@@ -254,11 +256,13 @@ def _batches(n_poses: int, n_faces: int) -> Iterator[slice]:
     return (slice(at, at + step) for at in range(0, max(1, n_poses), step))
 
 
-def _judged(observer: Observer, task: Task, poses: Poses, names: Sequence[str]) -> Coverage:
+def _judged(
+    observer: Observer, judge: CoveragePass, task: Task, poses: Poses, names: Sequence[str]
+) -> Coverage:
     """Coverage of a batch."""
     seen = _measured(observer, poses)
     values = _arrays(names, (len(poses), observer.mesh.n_faces))
-    CoveragePass(observer, task).fill(seen, poses, values)
+    judge.fill(seen, poses, values)
     return _coverage(observer, task, poses, seen.clipped, values)
 
 

@@ -290,7 +290,28 @@ def bound_and_kind(scene, seen, points, row, f, drawn, state, is_seen):
 
 
 @allocation_free
-def judge_poses(rows, scene, lens, seen, limits, work, out):
+def find_fractions(rows, scene, lens, seen, work, value, bound, kind):
+    """Fill rows of visible fractions, their bounds and kinds; see `FacePass.fractions`."""
+    points = work.points
+    for row in range(rows[0], rows[1]):
+        pose, near = seen.poses[row], seen.near[row]
+        project(scene.vertices, pose, near, lens, points)
+        for f in range(scene.faces.shape[0]):
+            i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
+            normal = camera_normal(scene.normals, f, pose)
+            cosine = incidence_cosine(points, i, j, k, normal, scene.two_sided[f])
+            state, part, _ = image_of_face(points, i, j, k, near, lens, work)
+            is_front = cosine > 0 and not scene.degenerate[f]
+            is_seen = is_front and (part != 0 or state == INSIDE)
+            visible, drawn = seen.visible[row, f] / seen.scale, seen.drawn[row, f] / seen.scale
+            value[row, f] = visible / drawn if is_seen and drawn > 0 else 0.0
+            bound[row, f], kind[row, f] = bound_and_kind(
+                scene, seen, points, row, f, drawn, state, is_seen
+            )
+
+
+@allocation_free
+def judge_poses(rows, scene, lens, seen, work, limits, out):
     """Fill rows of `out` with the figures of poses `rows[0]` to `rows[1] - 1`.
 
     A `rastercov.task.Limits` holds the thresholds. What is not asked for is not computed, unless
@@ -405,7 +426,7 @@ def add_row(at, pose_id, f, geometry, is_focused, resolution, areas, bound, kind
 
 
 @allocation_free
-def add_pose(row, turn, scene, lens, seen, limits, work, is_scored, sums, covered_faces, coverage,
+def add_pose(row, turn, scene, lens, seen, work, limits, is_scored, sums, covered_faces, coverage,
              sink):  # fmt: skip
     """Judge the faces in one pose and add them to `sums`, as `judge_poses` and `add_rows` would.
 

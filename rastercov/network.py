@@ -14,14 +14,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov._arguments import check_kind
 from rastercov.coverage import Coverage, batch_size, check_observer, measurements
-from rastercov.coverage_pass import CoveragePass, Measured
+from rastercov.coverage_pass import CoveragePass
 from rastercov.errors import ConfigError, MeshError
+from rastercov.face_pass import Measured
 from rastercov.mesh import Mesh
 from rastercov.observation import BoundKind
 from rastercov.observer import Observer
 from rastercov.pairs import PairBuffer
 from rastercov.pose import Poses
-from rastercov.task import Reason, Task
+from rastercov.task import Limits, Reason, Task
 
 if TYPE_CHECKING:
     from rastercov.coverage_kernels import PairRows, Sink
@@ -179,9 +180,9 @@ class Network:
         kept = {pose: np.empty(self.mesh.n_faces) for pose in poses.ids.tolist() if pose in keep}
         parts: list[_Part] = []
 
-        def worker(judged: tuple[Any, ...]) -> Callable[[slice], None]:
+        def worker(scope: tuple[Any, ...]) -> Callable[[slice], None]:
             parts.append(_Part(self.mesh, len(poses)))
-            return partial(parts[-1].add_poses, judged, sink, kept)
+            return partial(parts[-1].add_poses, scope, judge.limits, sink, kept)
 
         if len(poses):
             judge.share(seen, poses, worker)
@@ -330,13 +331,18 @@ class _Part:
             self._add_sums(row, added[0][row], drawn[row])
 
     def add_poses(
-        self, judged: tuple[Any, ...], sink: "Sink", kept: dict[int, FloatArray], turn: slice
+        self,
+        scope: tuple[Any, ...],
+        limits: Limits,
+        sink: "Sink",
+        kept: dict[int, FloatArray],
+        turn: slice,
     ) -> None:
         """Judge some poses of the batch and add them; their rows go to `sink`."""
-        seen, coverage = judged[2], self._coverage
+        seen, coverage = scope[2], self._coverage
         own = self._is_scored, self.sums, self.covered_faces, coverage
         for row in range(turn.start, turn.stop):
-            self.kernels.add_pose(row, turn.start, *judged, *own, sink)
+            self.kernels.add_pose(row, turn.start, *scope, limits, *own, sink)
             np.divide(seen.drawn[row], seen.scale, out=self._drawn)
             self._add_sums(row, coverage, self._drawn)
             pose_id = int(sink.pose_ids[row])

@@ -33,7 +33,7 @@ SURFACE = {
     "pose_file": set(),
     "raster.__init__": set(),
     "raster.contract": {"MAX_RENDERED", "MAX_SUPERSAMPLE", "check_counts", "check_picture"},
-    "observation": {"EPSILON", "visible_fraction"},
+    "observation": set(),
     "observer": set(),
     "task": {"THESIS", "Limits"},
     "viewpoints": {"enclosing_distance", "fibonacci_sphere", "half_angles"},
