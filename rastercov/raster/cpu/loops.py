@@ -106,6 +106,27 @@ def clear(box, window, image):
 
 
 @part_of
+def uncut(box, window):
+    """Window without cut blocks where every sample that a box in steps reaches is inside the image.
+
+    The image is convex, so its rows between the first and the last of the box contain it as well.
+    """
+    left, right = np.int64(box[0]) >> STEP_BITS, np.int64(box[1]) >> STEP_BITS
+    top, bottom = np.int64(box[2]) >> STEP_BITS, np.int64(box[3]) >> STEP_BITS
+    full_x, full_y = window.full_x, window.full_y
+    if full_x == 0 and top >= 0 and bottom < window.height:
+        first = max(window.first[top], window.first[bottom])
+        last = min(window.last[top], window.last[bottom])
+        if left >= first and right < last:
+            full_x = np.int32((window.right + 1) >> SIDE_BITS)
+            full_y = np.int32(window.height >> SIDE_BITS)
+    return Window(
+        window.right, window.top, window.bottom, window.hides_back, window.columns, window.height,
+        full_x, full_y, window.inner, window.first, window.last,
+    )  # fmt: skip
+
+
+@part_of
 def draw_cluster(mesh, cluster, workspace, target):
     """Draw the faces of a cluster that need no clipping.
 
@@ -126,6 +147,8 @@ def draw_cluster(mesh, cluster, workspace, target):
         box = (np.int32(0), np.int32(right), np.int32(window.top << STEP_BITS), np.int32(bottom))
     if not clear(box, window, image):
         return 0, 0
+    window = uncut(box, window)
+    target = Target(window, image, counts)
     faces = Faces(mesh, cluster.first_slot, vertices, bins.coverage_2x2)
     n_slots = cluster.end_slot - cluster.first_slot
     n = cull_and_bin(faces, n_slots, window, is_plain, counts.with_drawn, bit_indices, bins)
