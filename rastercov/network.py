@@ -343,8 +343,10 @@ class _Part:
         own = self._is_scored, self.sums, self.covered_faces, coverage
         for row in range(turn.start, turn.stop):
             self.kernels.add_pose(row, turn.start, *scope, limits, *own, sink)
-            np.divide(seen.drawn[row], seen.scale, out=self._drawn)
-            self._add_sums(row, coverage, self._drawn)
+            drawn = seen.drawn[row]
+            if seen.scale != 1 or drawn.dtype != np.float64:
+                drawn = np.divide(drawn, seen.scale, out=self._drawn)
+            self._add_sums(row, coverage, drawn)
             pose_id = int(sink.pose_ids[row])
             if pose_id in kept:
                 kept[pose_id][:] = coverage
