@@ -195,37 +195,35 @@ def may_pass_through(t, m, target, n, n_own, edges, is_event, camera, projected,
     box, state = projected.box, projected.state
     if not state[m] & LIVE:
         return state[m] & THIN != 0
-    overlap, n_sides = overlap_of(t, m, target, n, n_own, camera, projected, work)
-    if overlap == 0:
-        return False
-    if overlap < 0 or state[m] & DOUBTFUL:
-        return True
-    error = outline_error(m, camera, projected)
-    across = min(box[t, U_MAX], box[m, U_MAX]) - max(box[t, U_MIN], box[m, U_MIN])
-    down = min(box[t, V_MAX], box[m, V_MAX]) - max(box[t, V_MIN], box[m, V_MIN])
-    if overlap <= SURE * error * (across + down):  # neighbours that abut, up to rounding
-        area_error[t] += max(overlap, 4 * error * (across + down))
-        return False
-    area_error[t] += 4 * error * (across + down)
-    order = depth_order(t, m, target, n, n_sides, camera, projected, work, True, area_error)
-    if order != IN_FRONT:
-        return order in (IN_FRONT_IN_PART, TIED)
-    for s in range(3):
-        e = edges.of_face[m, s]
-        if is_event[e] or edges.faces[e, 1] < 0:
+    for s in range(-1, 3):  # the other face itself; then, if it is in front, its neighbours
+        other = np.int64(m)
+        if s >= 0:
+            e = edges.of_face[m, s]
+            if is_event[e] or edges.faces[e, 1] < 0:
+                continue
+            other = np.int64(edges.faces[e, 0] if edges.faces[e, 0] != m else edges.faces[e, 1])
+            if other == t or not state[other] & LIVE:
+                continue
+        overlap, n_sides = overlap_of(t, other, target, n, n_own, camera, projected, work)
+        if overlap == 0 and s >= 0:
             continue
-        beyond = edges.faces[e, 0] if edges.faces[e, 0] != m else edges.faces[e, 1]
-        if beyond == t or not state[beyond] & LIVE:
-            continue
-        overlap, n_sides = overlap_of(t, beyond, target, n, n_own, camera, projected, work)
-        if overlap < 0 or (
-            overlap > 0
-            and depth_order(
-                t, beyond, target, n, n_sides, camera, projected, work, False, area_error
-            )
-            != IN_FRONT
-        ):
+        if overlap == 0:
+            return False
+        if overlap < 0 or state[other] & DOUBTFUL:
             return True
+        if s < 0:
+            error = outline_error(m, camera, projected)
+            across = min(box[t, U_MAX], box[m, U_MAX]) - max(box[t, U_MIN], box[m, U_MIN])
+            down = min(box[t, V_MAX], box[m, V_MAX]) - max(box[t, V_MIN], box[m, V_MIN])
+            if overlap <= SURE * error * (across + down):  # neighbours that abut, up to rounding
+                area_error[t] += max(overlap, 4 * error * (across + down))
+                return False
+            area_error[t] += 4 * error * (across + down)
+        order = depth_order(
+            t, other, target, n, n_sides, camera, projected, work, s < 0, area_error
+        )
+        if order != IN_FRONT:
+            return s >= 0 or order in (IN_FRONT_IN_PART, TIED)
     return False
 
 

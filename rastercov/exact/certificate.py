@@ -113,7 +113,7 @@ class CertificateSolver(HalfPlaneSolver):
         while True:
             n_crossings = mark_crossed(
                 events, surface.edges, is_event, surface.vertices, camera, projected, self.grid,
-                self._extent, CROSSING_TOLERANCE_REL * self.coordinate_scale, self.n_clipped > 0,
+                self._extent, CROSSING_TOLERANCE_REL * self.coordinate_scale, self.n_clipped,
                 self._segment, self._work, self._crossings, self._is_hidden,
             )  # fmt: skip
             if n_crossings <= len(self._crossings.edge):

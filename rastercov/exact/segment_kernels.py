@@ -26,8 +26,8 @@ START, END = 0, 1
 """Rows of a segment, which has u, v and w of both ends."""
 HIDER, IS_VISIBLE = 2, 3
 """Rows of `Segment.ends`: a face that hid another segment; 1 for a segment not wholly hidden."""
-NO_VERTEX = NO_FACE = -1
-"""End of a segment that is no vertex of the surface; no such face."""
+NO_VERTEX = NO_EDGE = NO_FACE = -1
+"""End of a segment that is no vertex of the surface; no such edge, no such face."""
 
 
 @inlined
