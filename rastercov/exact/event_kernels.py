@@ -58,6 +58,8 @@ from rastercov.exact.segment_kernels import (
     take_range,
 )
 
+MOST_CELLS_OF_EDGE = 256
+"""Cells in the bounding box of an event edge beyond which all cells are asked for."""
 NEAR_PLANE_TOLERANCE_REL = 1e-6
 """Relative difference of 1/z up to which a corner counts as one on the near plane."""
 
@@ -284,6 +286,31 @@ def project_event(e, edges, vertices, camera, uvw, segment):
     for k in range(3):
         its[START, k], its[END, k] = uvw[a, k], uvw[b, k]
     its[START, POSITION_ERROR] = its[END, POSITION_ERROR] = camera.pixel_error
+    return True
+
+
+@allocation_free
+def ask_for_events(events, edges, vertices, camera, projected, tolerance, grid, segment):
+    """Ask for the cells around event edges; False, before the last, if one has too many.
+
+    They are those of its bounding box and the next ones, which hold most of what it crosses.
+    """
+    uvw = segment.uvw
+    for index in range(events.shape[0]):
+        if project_event(events[index], edges, vertices, camera, projected.uvw, segment):
+            left = min(uvw[START, U], uvw[END, U]) - tolerance - 1 / grid.per_u
+            right = max(uvw[START, U], uvw[END, U]) + tolerance + 1 / grid.per_u
+            upper = min(uvw[START, V], uvw[END, V]) - tolerance - 1 / grid.per_v
+            lower = max(uvw[START, V], uvw[END, V]) + tolerance + 1 / grid.per_v
+            first = cell(left, grid.left, grid.per_u, grid.columns)
+            last = cell(right, grid.left, grid.per_u, grid.columns)
+            top = cell(upper, grid.top, grid.per_v, grid.rows)
+            bottom = cell(lower, grid.top, grid.per_v, grid.rows)
+            if (last - first + 1) * (bottom - top + 1) > MOST_CELLS_OF_EDGE:
+                return False
+            for row in range(top, bottom + 1):
+                for at in range(row * grid.columns + first, row * grid.columns + last + 1):
+                    grid.is_asked[at] = True
     return True
 
 
