@@ -49,7 +49,7 @@ class OpenObserver(Closing, ABC):
         return Visibility(*found, self.info)
 
     def measure(self, poses: Poses) -> Measured:
-        """What `observe` gives, or what it is made of where that is less work."""
+        """Result of `observe`, or the counts it is made of where these are less work."""
         return self.observe(poses)
 
     def _check_open(self) -> None:

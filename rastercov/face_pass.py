@@ -18,8 +18,8 @@ from rastercov.pose import Poses
 from rastercov.raster.contract import FaceCounts
 
 Measured = Observation | FaceCounts
-"""What is known of some poses: areas, or the counts of a rasteriser, which become areas face by
-face: arrays of them would take as long as half the judging."""
+"""Measurement of some poses: areas, or the counts of a rasteriser, which become areas face by face:
+arrays of them would take as long as half the judging."""
 
 
 class FacePass:
@@ -78,7 +78,7 @@ class FacePass:
         share_poses(len(poses), workers)
 
     def _seen(self, measured: Measured, poses: Poses) -> Any:
-        """What an observer measured, for the loops."""
+        """Measurement of an observer, for the loops."""
         read_only, matrices = self._geometry.read_only, poses.world_from_camera
         visible: NDArray[Any]
         drawn: NDArray[Any]

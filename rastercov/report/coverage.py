@@ -54,7 +54,7 @@ from rastercov.task import Task
 
 LOG = logging.getLogger("rastercov")
 MOST_ROWS = 10_000_000
-"""Rows of a table that nobody asked for: about 250 MB."""
+"""Rows of a table that was not asked for: about 250 MB."""
 PICTURE_SIDE = 1280
 """Pictures are drawn at the camera's size, or smaller where it exceeds this many pixels."""
 EVALUATION = ReportKind(
@@ -222,7 +222,7 @@ def _run(
 
 
 def table_of(mesh: Mesh, camera: Camera, poses: Poses) -> str:
-    """Pairs of the table that nobody asked for: "seen", but "none" above `MOST_ROWS`, with a line.
+    """Pairs of the table by default: "seen", but "none" above `MOST_ROWS`, with a line.
 
     Rows are estimated from one pose in 64, at most 16 of them, spread evenly over the run.
     """

@@ -148,7 +148,7 @@ class CoverageTable:
             raise self._error
 
     def _write_all(self) -> None:
-        """Write what waits until the end; after an error, drop it, so that nobody waits."""
+        """Write what waits until the end; after an error, drop it, so that `add` does not wait."""
         while (rows := self._waiting.get()) is not None:
             if self._error is None:
                 try:

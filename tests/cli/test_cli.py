@@ -48,7 +48,7 @@ def names(folder):
 
 QUICK = "evaluate box -c camera.toml -p sphere:2 --pictures 0"
 MODELS = "compare box -c camera.toml -p sphere:2 --models"
-LONG = "evaluate sphere -c camera.toml -p sphere:200000 -o report"
+LONG = "evaluate sphere -c camera.toml -p sphere:200000 --table seen -o report"
 
 
 # --- help -----------------------------------------------------------------------------------------

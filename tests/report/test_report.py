@@ -182,11 +182,13 @@ def test_table_writes_as_it_goes_and_holds_no_more_than_a_row_group(tmp_path, mo
 def test_memory_of_arrow_does_not_grow_with_the_run(tmp_path):
     mesh = shapes.torus(50, 25)
     rows, sizes = rows_of(made_up(mesh, poses=60), "all"), []
+    bytes_a_row = sum(column.itemsize for column in rows)
     with coverage_table.CoverageTable(tmp_path / "pairs.parquet", mesh) as table:
-        for _ in range(12):
+        for _ in range(24):
             table.add(rows)
             sizes.append(pa.total_allocated_bytes())
-    assert max(sizes[6:]) <= 1.1 * max(sizes[:6])
+    assert table.n_rows > 8 * coverage_table.ROWS_A_GROUP
+    assert max(sizes) <= 2 * coverage_table.ROWS_A_GROUP * bytes_a_row
 
 
 @pytest.mark.parametrize("before", [None, b"earlier"])
