@@ -47,6 +47,7 @@ from rastercov.raster.cpu.stage_depth import (
     depth_of_samples,
     depth_test,
     samples_of_face,
+    samples_of_later_faces,
     write_face,
 )
 from rastercov.raster.cpu.stage_setup import set_up_edges, set_up_triangles
@@ -142,12 +143,10 @@ def fill_block(at, covered, setup, k, start, face, image, visible):
     won = found & ALL_LANES
     lost = found >> LANES & ALL_LANES
     ties = found >> 2 * LANES
-    while ties:  # the lower face wins
-        lane = lowest_bit(ties)
-        if image.face[at + lane] > face:
-            won |= 1 << lane
-            lost |= 1 << lane
-        ties &= ties - 1
+    if ties:  # the lower face wins
+        ties &= samples_of_later_faces(image.face, at, face)
+        won |= ties
+        lost |= ties
     if won == 0:
         return 0, 0
     n_won = count_bits(won)

@@ -17,7 +17,7 @@ from rastercov.raster.cpu.memory import (
     STEP_Y,
 )
 from rastercov.raster.cpu.simd import SINGLE, WORD, pack
-from rastercov.raster.cpu.simd_kernel import loop, simd
+from rastercov.raster.cpu.simd_kernel import Variable, loop, simd
 from rastercov.raster.cpu.stage_cover import block_starts, plane_rows
 
 
@@ -57,6 +57,38 @@ def depth_test(image, at, covered, setup, k, start):
     ties = depth.equals(old) & active
     block[0] = depth.where(wins, old)
     return pack(wins, wins & (old > 0), ties)
+
+
+@simd(returns=types.float32)
+def least_depth(depth, block, columns, n_rows):
+    """Least 1/z of a cell: 4 blocks in each of at most 4 rows of `columns` blocks.
+
+    `block` is the first one; of a cell at the lower rim only `n_rows` rows are in memory.
+    """
+    least = None
+    for row in range(SIDE):
+        start = (block + columns * n_rows.like(row).minimum(n_rows - 1)) << 2 * SIDE_BITS
+        for k in range(SIDE):
+            values = depth.at(start)[k]
+            least = values if least is None else least.minimum(values)
+    return least.reduce("minimum")
+
+
+@simd(returns=types.float32)
+def nearest_vertex(vertices, n):
+    """Greatest 1/z of the first n vertices of a cluster."""
+    lane = n.broadcast(LANES).like(range(LANES))
+    nearest = Variable(vertices.w[0].like(0))
+    with loop(n.like(0), n, LANES) as first:
+        values = vertices.w.at(first)[0].where(lane < n - first, 0)
+        nearest.now = nearest.now.maximum(values)
+    return nearest.now.reduce("maximum").to(SINGLE)
+
+
+@simd(returns=types.int64)
+def samples_of_later_faces(faces, at, face):
+    """Mask of the samples of a block of which a face of a higher index is the nearest."""
+    return (faces.at(at)[0] > face).bits()
 
 
 @simd(returns=types.int64)
