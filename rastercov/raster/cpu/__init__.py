@@ -275,6 +275,8 @@ class _Worker:
         n_strips = -(-grid.width // strip)
         n_block_rows = -(-grid.height // SIDE)
         self.block_rows = min(n_block_rows, max(1, MAX_BAND // (n_strips * strip * SIDE)))
+        if n_block_rows > self.block_rows > SIDE:
+            self.block_rows -= self.block_rows % SIDE  # whole cells
         self.columns = n_strips << STRIP_BITS
         n_marks = self.block_rows * n_strips
         n_cells = -(-self.block_rows // SIDE) * (self.columns // SIDE)

@@ -20,6 +20,7 @@ from rastercov.raster.cpu.memory import (
     FIRST_Y,
     FOURFOLD,
     LANES,
+    LARGE_BLOCKS,
     LAST_X,
     LAST_Y,
     MIN_VECTOR_FACES,
@@ -41,11 +42,13 @@ from rastercov.raster.cpu.stage_cover import (
     coverage_of_samples,
     reach_blocks,
     start_blocks,
+    whole_blocks,
 )
 from rastercov.raster.cpu.stage_cull import bin_faces
 from rastercov.raster.cpu.stage_depth import (
     depth_of_samples,
     depth_test,
+    depths_in_tile,
     samples_of_face,
     samples_of_later_faces,
     write_face,
@@ -212,6 +215,64 @@ def blocks_of_tile(k, tile_x, tile_y, blocks, setup):
 
 
 @compiled
+def fill_cells(k, setup, target):
+    """Fill triangle k, a large one; returns samples that it covers, owns now, and that were empty.
+
+    Its tiles are cells, so those behind what is drawn are skipped, and those that it covers
+    wholly bound the depth of their cells.
+    """
+    window, image, counts = target
+    reached = blocks_of(k, setup)
+    first_x, last_x, first_y, last_y = reached
+    top = window.top >> SIDE_BITS
+    face = setup.bounds[FACE * LANES + k]
+    covered = gained = filled = 0
+    for tile_y in range(first_y - ((first_y - top) & (SIDE - 1)), last_y + 1, SIDE):
+        cells = ((tile_y - top) >> SIDE_BITS) * (window.columns >> SIDE_BITS)
+        for tile_x in range(first_x & -SIDE, last_x + 1, SIDE):
+            blocks = blocks_of_tile(k, tile_x, tile_y, reached, setup)
+            if blocks == 0:
+                continue
+            cell = cells + (tile_x >> SIDE_BITS)
+            start_blocks(k, tile_x, tile_y, window, setup)
+            least, greatest = depths_in_tile(k, setup)
+            hides = greatest < image.cell_depth[cell]
+            if hides and not counts.with_drawn:
+                continue
+            is_cut = tile_x + SIDE > window.full_x or tile_y + SIDE > window.full_y
+            is_whole = blocks == ALL_LANES and not is_cut
+            if is_whole and whole_blocks(k, setup) == ALL_LANES:
+                covered += LANES * LANES
+                if hides:
+                    continue
+                for lane in range(LANES):
+                    at, start = np.int64(setup.sample[lane]), setup.depth[lane]
+                    n_won, n_new = fill_block(
+                        at, ALL_LANES, setup, k, start, face, image, counts.visible
+                    )
+                    gained += n_won
+                    filled += n_new
+                image.cell_depth[cell] = max(image.cell_depth[cell], least)
+                continue
+            while blocks:
+                lane = lowest_bit(blocks)
+                blocks &= blocks - 1
+                bits = cover_block(lane, setup)
+                if is_cut:
+                    block_x, block_y = tile_x + (lane & (SIDE - 1)), tile_y + (lane >> SIDE_BITS)
+                    bits = mask_in_image(bits, block_x, block_y, window)
+                covered += count_bits(bits)
+                if bits and not hides:
+                    at, start = np.int64(setup.sample[lane]), setup.depth[lane]
+                    n_won, n_new = fill_block(
+                        at, bits, setup, k, start, face, image, counts.visible
+                    )
+                    gained += n_won
+                    filled += n_new
+    return covered, gained, filled
+
+
+@compiled
 def fill_tiles(chosen, setup, target):
     """Fill chosen triangles of any size; returns how many samples were empty."""
     window, image, counts = target
@@ -224,6 +285,10 @@ def fill_tiles(chosen, setup, target):
         face = setup.bounds[FACE * LANES + k]
         is_cut = last_x >= window.full_x or last_y >= window.full_y
         gained, covered = 0, 0
+        if max(last_x - first_x, last_y - first_y) >= LARGE_BLOCKS:
+            covered, gained, n_new = fill_cells(k, setup, target)
+            filled += n_new
+            last_y = first_y - 1
         for tile_y in range(first_y, last_y + 1, SIDE):
             for tile_x in range(first_x, last_x + 1, SIDE):
                 blocks = blocks_of_tile(k, tile_x, tile_y, reached, setup)

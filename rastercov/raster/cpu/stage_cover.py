@@ -164,6 +164,17 @@ def reach_blocks(k, right, down, setup):
     return (signs(highest) >= 0).bits()
 
 
+@simd(returns=types.int64)
+def whole_blocks(k, setup):
+    """Mask of the blocks of the tile of `reach_blocks` that triangle k covers wholly."""
+    edges = setup.edges
+    lowest = []
+    for n in range(3):
+        dx, dy = (edges.lane(row + n, k) for row in (EDGE_DX, EDGE_DY))
+        lowest.append(edges[TILE_EDGE + n] + (dx.minimum(0) + dy.minimum(0)) * (SIDE - 1))
+    return (signs(lowest) >= 0).bits()
+
+
 @simd(returns=types.void)
 def start_blocks(k, tile_x, tile_y, window, setup):
     """Write memory index and 1/z of triangle k at the first samples of the blocks of a tile."""

@@ -38,6 +38,25 @@ def depth_of_samples(k, window, setup):
     setup.depth[k] = depth.maximum(plane[LEAST]).minimum(plane[GREATEST])
 
 
+@simd(returns=types.UniTuple(types.float32, 2))
+def depths_in_tile(k, setup):
+    """Least and greatest 1/z of triangle k at the samples of the blocks of `start_blocks`.
+
+    A rounded product or sum does not decrease where an operand increases, so the extremes are at
+    corners of the blocks, bit for bit. Where a slope is not a number, neither is the least value at
+    corners, and the bound is the least value at the corners of the triangle.
+    """
+    starts, plane = setup.depth[0], setup.plane32
+    steps = [plane.lane(row, k) for row in (STEP_X, STEP_Y)]
+    ends = [step * (SIDE - 1) for step in steps]
+    down = [end.minimum(step * 0) for step, end in zip(steps, ends, strict=True)]
+    up = [end.maximum(0) for end in ends]
+    least, greatest = (plane.lane(row, k) for row in (LEAST, GREATEST))
+    low = (starts + (down[0] + down[1])).maximum(least).minimum(greatest)
+    high = (starts + (up[0] + up[1])).maximum(least).minimum(greatest)
+    return low.reduce("minimum"), high.reduce("maximum")
+
+
 @simd(returns=types.int64)
 def depth_test(image, at, covered, setup, k, start):
     """Write the depth of triangle k to the covered samples of a block where it is nearest.
