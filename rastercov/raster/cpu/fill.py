@@ -19,6 +19,7 @@ from rastercov.raster.cpu.memory import (
     FIRST_X,
     FIRST_Y,
     FOURFOLD,
+    GREATEST,
     LANES,
     LARGE_BLOCKS,
     LAST_X,
@@ -33,6 +34,7 @@ from rastercov.raster.cpu.memory import (
     STEP_Y,
     BinSizes,
 )
+from rastercov.raster.cpu.occlusion import is_hidden
 from rastercov.raster.cpu.simd_kernel import align_stack, append_set_bits, count_bits, lowest_bit
 from rastercov.raster.cpu.stage_cover import (
     count_rows,
@@ -40,6 +42,7 @@ from rastercov.raster.cpu.stage_cover import (
     cover_block,
     cover_blocks,
     coverage_of_samples,
+    fit_count_samples,
     reach_blocks,
     start_blocks,
     whole_blocks,
@@ -48,7 +51,8 @@ from rastercov.raster.cpu.stage_cull import bin_faces
 from rastercov.raster.cpu.stage_depth import (
     depth_of_samples,
     depth_test,
-    depths_in_tile,
+    hidden_blocks,
+    least_in_tile,
     samples_of_face,
     samples_of_later_faces,
     write_face,
@@ -109,7 +113,7 @@ def mask_in_image(bits, block_x, block_y, window):
 @part_of
 def fill_samples_2x2(chosen, setup, target):
     """Fill chosen triangles that reach at most 2 x 2 samples; returns how many were empty."""
-    window, image, counts = target
+    window, image, counts, _ = target
     filled = 0
     covered = coverage_of_samples(setup) & chosen * FOURFOLD
     for k in range(4):
@@ -169,7 +173,7 @@ def fill_blocks_2x2(chosen, wide, tall, setup, target):
 
     Those with bits in `wide` reach two columns, those with bits in `tall` two rows.
     """
-    window, image, counts = target
+    window, image, counts, _ = target
     filled, found, at_border = 0, 0, 0
     for k in range(4):
         if (k & 1 == 0 or chosen & wide) and (k >> 1 == 0 or chosen & tall):
@@ -221,7 +225,7 @@ def fill_cells(k, setup, target):
     Its tiles are cells, so those behind what is drawn are skipped, and those that it covers
     wholly bound the depth of their cells.
     """
-    window, image, counts = target
+    window, image, counts, _ = target
     reached = blocks_of(k, setup)
     first_x, last_x, first_y, last_y = reached
     top = window.top >> SIDE_BITS
@@ -235,17 +239,17 @@ def fill_cells(k, setup, target):
                 continue
             cell = cells + (tile_x >> SIDE_BITS)
             start_blocks(k, tile_x, tile_y, window, setup)
-            least, greatest = depths_in_tile(k, setup)
-            hides = greatest < image.cell_depth[cell]
-            if hides and not counts.with_drawn:
+            shown = blocks & ~hidden_blocks(k, image.cell_depth[cell], setup)
+            if shown == 0 and not counts.with_drawn:
                 continue
             is_cut = tile_x + SIDE > window.full_x or tile_y + SIDE > window.full_y
             is_whole = blocks == ALL_LANES and not is_cut
             if is_whole and whole_blocks(k, setup) == ALL_LANES:
                 covered += LANES * LANES
-                if hides:
-                    continue
-                for lane in range(LANES):
+                least = least_in_tile(k, setup)
+                while shown:
+                    lane = lowest_bit(shown)
+                    shown &= shown - 1
                     at, start = np.int64(setup.sample[lane]), setup.depth[lane]
                     n_won, n_new = fill_block(
                         at, ALL_LANES, setup, k, start, face, image, counts.visible
@@ -254,6 +258,8 @@ def fill_cells(k, setup, target):
                     filled += n_new
                 image.cell_depth[cell] = max(image.cell_depth[cell], least)
                 continue
+            if not counts.with_drawn:
+                blocks = shown
             while blocks:
                 lane = lowest_bit(blocks)
                 blocks &= blocks - 1
@@ -262,7 +268,7 @@ def fill_cells(k, setup, target):
                     block_x, block_y = tile_x + (lane & (SIDE - 1)), tile_y + (lane >> SIDE_BITS)
                     bits = mask_in_image(bits, block_x, block_y, window)
                 covered += count_bits(bits)
-                if bits and not hides:
+                if bits and shown >> lane & 1:
                     at, start = np.int64(setup.sample[lane]), setup.depth[lane]
                     n_won, n_new = fill_block(
                         at, bits, setup, k, start, face, image, counts.visible
@@ -275,7 +281,7 @@ def fill_cells(k, setup, target):
 @compiled
 def fill_tiles(chosen, setup, target):
     """Fill chosen triangles of any size; returns how many samples were empty."""
-    window, image, counts = target
+    window, image, counts, _ = target
     filled = 0
     while chosen:
         k = lowest_bit(chosen)
@@ -341,6 +347,24 @@ def count_covered(k, window, setup):
 
 
 @part_of
+def hidden_lanes(chosen, setup, target):
+    """Mask of the chosen triangles that are behind what is drawn in all cells that they reach."""
+    hidden = 0
+    while chosen:
+        k = lowest_bit(chosen)
+        chosen &= chosen - 1
+        samples = (
+            np.int64(setup.bounds[FIRST_X * LANES + k]),
+            np.int64(setup.bounds[LAST_X * LANES + k]),
+            np.int64(setup.bounds[FIRST_Y * LANES + k]),
+            np.int64(setup.bounds[LAST_Y * LANES + k]),
+        )
+        nearest = setup.plane32[GREATEST * LANES + k]
+        hidden |= np.int64(is_hidden(samples, nearest, target.window, target.image)) << k
+    return hidden
+
+
+@part_of
 def fill_small(bins, n_small, n_larger, faces, setup, target):
     """Fill listed triangles of up to `LARGE` steps; returns how many samples were empty."""
     slots = bins.samples_2x2  # and the larger ones behind them, so that few lanes stay empty
@@ -353,6 +377,11 @@ def fill_small(bins, n_small, n_larger, faces, setup, target):
         sizes, _ = set_up_triangles(slots, i, wants_edges, faces, target.window, setup)
         small = ALL_LANES >> min(max(LANES - (n_small - i), 0), LANES)
         others = (ALL_LANES >> max(LANES - (n - i), 0)) & ~small
+        if target.tests_cells:
+            hidden = hidden_lanes(others, setup, target)
+            others &= ~hidden
+            if hidden and target.counts.with_drawn:
+                count_lanes(hidden, setup, target)
         if small:
             filled += fill_samples_2x2(small, setup, target)
         in_blocks = sizes & others
@@ -414,25 +443,33 @@ def count_samples_2x2(slots, n, faces, drawn):
 
 
 @compiled
+def count_lanes(chosen, setup, target):
+    """Add the samples of chosen triangles of up to `LARGE` steps to `drawn`."""
+    window = target.window
+    small = fit_count_samples(setup) & chosen
+    if window.full_x == 0 or count_bits(small) < MIN_VECTOR_FACES:
+        small = 0
+    if small:
+        count_samples(small, setup)
+    while chosen:
+        k = lowest_bit(chosen)
+        chosen &= chosen - 1
+        covered = 0
+        if small >> k & 1:
+            covered = np.int64(setup.masks[k])
+        elif window.full_x == 0:
+            covered = count_covered(k, window, setup)
+        else:
+            n_rows = setup.bounds[LAST_Y * LANES + k] - setup.bounds[FIRST_Y * LANES + k] + 1
+            for start in range(0, n_rows, LANES):
+                covered += count_rows(k, start, setup)
+        target.counts.drawn[setup.bounds[FACE * LANES + k]] += covered
+
+
+@compiled
 def count_hidden(slots, n, faces, setup, target):
     """Add the samples of hidden triangles to `drawn`; their depths are not computed."""
     align_stack()
-    window = target.window
     for i in range(0, n, LANES):
-        small = set_up_edges(slots, i, faces, window, setup)
-        small &= ALL_LANES >> max(LANES - (n - i), 0)
-        if window.full_x == 0 or count_bits(small) < MIN_VECTOR_FACES:
-            small = 0
-        if small:
-            count_samples(small, setup)
-        for k in range(min(n - i, LANES)):
-            covered = 0
-            if small >> k & 1:
-                covered = np.int64(setup.masks[k])
-            elif window.full_x == 0:
-                covered = count_covered(k, window, setup)
-            else:
-                n_rows = setup.bounds[LAST_Y * LANES + k] - setup.bounds[FIRST_Y * LANES + k] + 1
-                for start in range(0, n_rows, LANES):
-                    covered += count_rows(k, start, setup)
-            target.counts.drawn[setup.bounds[FACE * LANES + k]] += covered
+        set_up_edges(slots, i, faces, target.window, setup)
+        count_lanes(ALL_LANES >> max(LANES - (n - i), 0), setup, target)

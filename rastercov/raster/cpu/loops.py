@@ -110,15 +110,14 @@ def clear(samples, window, image):
 
 
 @part_of
-def draw_cluster(mesh, cluster, tests_depth, workspace, target):
+def draw_cluster(mesh, cluster, workspace, target):
     """Draw the faces of a cluster that need no clipping.
 
     Returns how many samples were empty, the number of faces that were tried, and the number of
-    faces in `workspace.bins.clipped`. A cluster behind what is drawn is skipped where
-    `tests_depth`, or only counted as drawn.
+    faces in `workspace.bins.clipped`. The faces of a cluster behind what is drawn are only counted.
     """
     camera, _, vertices, bins, setup, setup_64_bit, bit_indices, _ = workspace
-    window, image, counts = target
+    window, image, counts, tests_cells = target
     if counts.with_drawn:
         prefetch_counts(counts.drawn, mesh.lines, cluster.first_line, cluster.end_line)
     box = project_vertices(mesh, cluster, camera, vertices)
@@ -127,15 +126,17 @@ def draw_cluster(mesh, cluster, tests_depth, workspace, target):
         return 0, 0, 0
     is_plain = np.int64(max(high_x - low_x, high_y - low_y) < LARGE)
     if high_x >= BEHIND:
-        is_plain, tests_depth = 0, False
+        is_plain, tests_cells = 0, False
         right, bottom = (window.right + 1) << STEP_BITS, (window.bottom + 1) << STEP_BITS
         box = (np.int32(0), np.int32(right), np.int32(window.top << STEP_BITS), np.int32(bottom))
     samples = samples_in_box(box, window)
     if not clear(samples, window, image):
         return 0, 0, 0
-    if tests_depth and not counts.with_drawn:
+    is_behind = False
+    if tests_cells:
         nearest = nearest_vertex(vertices, cluster.end_vertex - cluster.first_vertex)
-        if is_hidden(samples, nearest, window, image):
+        is_behind = is_hidden(samples, nearest, window, image)
+        if is_behind and not counts.with_drawn:
             return 0, 0, 0
     faces = Faces(mesh, cluster.first_slot, vertices, bins.coverage_2x2)
     n_slots = cluster.end_slot - cluster.first_slot
@@ -143,15 +144,21 @@ def draw_cluster(mesh, cluster, tests_depth, workspace, target):
     if counts.with_drawn and window.full_x > 0:
         count_samples_2x2(bins.samples_2x2, n.samples_2x2, faces, counts.drawn)
         count_samples_2x2(bins.hidden_samples_2x2, n.hidden_samples_2x2, faces, counts.drawn)
-    if n.samples_2x2 + n.larger:
+    filled, n_tried = 0, n.wide
+    if is_behind:
+        if window.full_x == 0:
+            count_hidden(bins.samples_2x2, n.samples_2x2, faces, setup, target)
+        count_hidden(bins.larger, n.larger, faces, setup, target)
+    elif n.samples_2x2 + n.larger:
+        n_tried += n.samples_2x2 + n.larger
         prefetch_counts(counts.visible, mesh.lines, cluster.first_line, cluster.end_line)
-    filled = fill_small(bins, n.samples_2x2, n.larger, faces, setup, target)
+        filled = fill_small(bins, n.samples_2x2, n.larger, faces, setup, target)
     if n.hidden_larger:
         count_hidden(bins.hidden_larger, n.hidden_larger, faces, setup, target)
     if n.wide:
         no_plane = Plane(np.nan, np.nan, np.nan)
         filled += fill_any(bins.wide, n.wide, faces, setup_64_bit, target, no_plane)
-    return filled, n.samples_2x2 + n.larger + n.wide, n.clipped
+    return filled, n_tried, n.clipped
 
 
 @compiled
@@ -202,8 +209,8 @@ def draw_band(window, n_bands, canvas, clusters, mesh, buffers, counts, scratch,
     forward = offset(buffers.centres, clusters.stride)
     order_by_depth(clusters, seen, n_seen, forward, workspace.bucket_ends, ordered)
     image = Image(buffers.depth, buffers.face, buffers.cell_depth, buffers.marks, is_clear)
-    target = Target(window, image, counts)
-    filled, in_vain, tests_depth = 0, 0, False
+    filled, in_vain, tests_cells = 0, 0, False
+    filled_when_bounded = 0
     for i in range(n_seen):
         if i + PREFETCH_DISTANCE < n_seen:
             ahead = ordered[i + PREFETCH_DISTANCE]
@@ -219,12 +226,13 @@ def draw_band(window, n_bands, canvas, clusters, mesh, buffers, counts, scratch,
             np.int64(clusters.line_starts[k]), np.int64(clusters.line_starts[k + 1]),
             kept[k // LANES] >> (LANES + (k & (LANES - 1))) & is_centred,
         )  # fmt: skip
-        n_new, n_tried, n_clipped = draw_cluster(mesh, cluster, tests_depth, workspace, target)
+        target = Target(window, image, counts, tests_cells)
+        n_new, n_tried, n_clipped = draw_cluster(mesh, cluster, workspace, target)
         filled += n_new
         if n_new == 0:
             in_vain += n_tried
-            if in_vain > FACES_IN_VAIN:
-                in_vain, tests_depth = 0, True
+            if in_vain >= FACES_IN_VAIN and filled > filled_when_bounded:
+                in_vain, tests_cells, filled_when_bounded = 0, True, filled
                 bound_cells(window, image)
         if n_clipped:
             filled += draw_clipped(mesh, cluster, n_clipped, workspace, target, scratch)

@@ -49,7 +49,7 @@ MIN_VECTOR_FACES = 4
 """Faces of a vector from which on the 2 x 2-block path is faster than the tile path."""
 LARGE_BLOCKS = 8
 """Blocks across a triangle from which on its tiles are cells."""
-FACES_IN_VAIN = 256
+FACES_IN_VAIN = 64
 """Faces of clusters that filled no sample after which the depth of the cells is bounded again."""
 DEPTH_BUCKETS = 64
 """Ranges of depth by which the clusters of a band are ordered; at most `BUFFER_SIZE`."""
@@ -129,8 +129,9 @@ Image = namedtuple("Image", "depth face cell_depth marks is_clear")
 bounds of 1/z in each cell; to marks of strips that are cleared; and whether all are."""
 Counts = namedtuple("Counts", "visible drawn with_drawn")
 """Pointers to the samples of each face, added to; `drawn` only `with_drawn`."""
-Target = namedtuple("Target", "window image counts")
-"""`Window`, `Image` and `Counts` that a band is drawn to."""
+Target = namedtuple("Target", "window image counts tests_cells")
+"""`Window`, `Image` and `Counts` that a band is drawn to, and whether faces are compared with the
+bounds of depth in cells before they are filled."""
 
 Poses = namedtuple("Poses", "world_from_camera near cull")
 Canvas = namedtuple("Canvas", "magnification intrinsics size inner first last is_rolled")

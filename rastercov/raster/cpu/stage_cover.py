@@ -99,11 +99,18 @@ def _last_covered(value, slope):
     return share.where(slope.absolute() > 0, level).floor().to(WORD)
 
 
+@simd(returns=types.int64)
+def fit_count_samples(setup):
+    """Mask of the triangles that reach at most `LANES` columns and rows of samples."""
+    first_x, last_x, first_y, last_y = (setup.bounds[row] for row in range(4))
+    return ((last_x - first_x < LANES) & (last_y - first_y < LANES)).bits()
+
+
 @simd(returns=types.void)
 def count_samples(chosen, setup):
     """Write the number of samples that the chosen triangles cover to `setup.masks`.
 
-    They reach at most `LANES` columns and rows, which are taken a row at a time.
+    They are those of `fit_count_samples`, and taken a row at a time.
     """
     edges = setup.edges
     first_x, last_x, first_y, last_y = (setup.bounds[row] for row in range(4))

@@ -38,23 +38,34 @@ def depth_of_samples(k, window, setup):
     setup.depth[k] = depth.maximum(plane[LEAST]).minimum(plane[GREATEST])
 
 
-@simd(returns=types.UniTuple(types.float32, 2))
-def depths_in_tile(k, setup):
-    """Least and greatest 1/z of triangle k at the samples of the blocks of `start_blocks`.
+@simd(returns=types.int64)
+def hidden_blocks(k, bound, setup):
+    """Mask of the blocks of `start_blocks` where 1/z of triangle k is less than a bound throughout.
 
-    A rounded product or sum does not decrease where an operand increases, so the extremes are at
-    corners of the blocks, bit for bit. Where a slope is not a number, neither is the least value at
-    corners, and the bound is the least value at the corners of the triangle.
+    A rounded product or sum does not decrease where an operand increases, so the greatest value is
+    at a corner of the block, bit for bit. Where slopes are not finite it is at least `LEAST`, which
+    the samples have then.
     """
     starts, plane = setup.depth[0], setup.plane32
-    steps = [plane.lane(row, k) for row in (STEP_X, STEP_Y)]
-    ends = [step * (SIDE - 1) for step in steps]
-    down = [end.minimum(step * 0) for step, end in zip(steps, ends, strict=True)]
-    up = [end.maximum(0) for end in ends]
-    least, greatest = (plane.lane(row, k) for row in (LEAST, GREATEST))
-    low = (starts + (down[0] + down[1])).maximum(least).minimum(greatest)
-    high = (starts + (up[0] + up[1])).maximum(least).minimum(greatest)
-    return low.reduce("minimum"), high.reduce("maximum")
+    right, down = (plane.lane(row, k) * (SIDE - 1) for row in (STEP_X, STEP_Y))
+    highest = starts + (right.maximum(0) + down.maximum(0))
+    highest = highest.maximum(plane.lane(LEAST, k)).minimum(plane.lane(GREATEST, k))
+    return (highest < bound).bits()
+
+
+@simd(returns=types.float32)
+def least_in_tile(k, setup):
+    """Least 1/z of triangle k at the samples of the blocks of `start_blocks`, see `hidden_blocks`.
+
+    Where a slope is not finite, its product with 0 is not a number, and the result is `LEAST`.
+    """
+    starts, plane = setup.depth[0], setup.plane32
+    right, down = (
+        (step * (SIDE - 1)).minimum(step * 0)
+        for step in (plane.lane(row, k) for row in (STEP_X, STEP_Y))
+    )
+    lowest = (starts + (right + down)).maximum(plane.lane(LEAST, k))
+    return lowest.minimum(plane.lane(GREATEST, k)).reduce("minimum")
 
 
 @simd(returns=types.int64)
