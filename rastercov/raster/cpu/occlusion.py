@@ -65,9 +65,16 @@ def samples_in_box(box, window):
     )
 
 
+@part_of
+def is_filled(image, first, last):
+    """True where the first sample of a block and the last one before another are not empty."""
+    sample = first << 2 * SIDE_BITS
+    return image.depth[sample] > 0 and image.depth[(last << 2 * SIDE_BITS) - 1] > 0
+
+
 @compiled
 def bound_cells(window, image):
-    """Bound the depth of all cells by their samples."""
+    """Bound the depth of the cells that have no bound yet by their samples."""
     n_rows = ((window.bottom - window.top) >> SIDE_BITS) + 1
     strips = window.columns >> STRIP_BITS
     for top in range(0, n_rows, SIDE):
@@ -77,12 +84,13 @@ def bound_cells(window, image):
             for row in range(top, top + rows):
                 is_cleared &= image.marks[row * strips + strip] != 0
             if is_cleared:
-                first = strip << STRIP_BITS
-                for column in range(first, first + (1 << STRIP_BITS), SIDE):
-                    cell = (top >> SIDE_BITS) * (window.columns >> SIDE_BITS)
-                    cell += column >> SIDE_BITS
+                for column in range(strip << STRIP_BITS, (strip + 1) << STRIP_BITS, SIDE):
                     block = top * window.columns + column
-                    image.cell_depth[cell] = least_depth(image.depth, block, window.columns, rows)
+                    cell = (top * window.columns >> 2 * SIDE_BITS) + (column >> SIDE_BITS)
+                    last = block + (rows - 1) * window.columns + SIDE
+                    if image.cell_depth[cell] == 0 and is_filled(image, block, last):
+                        bound = least_depth(image.depth, block, window.columns, rows)
+                        image.cell_depth[cell] = bound
 
 
 @part_of
