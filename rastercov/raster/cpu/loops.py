@@ -4,9 +4,8 @@ import numpy as np
 
 from rastercov._jit import compiled, part_of
 from rastercov.raster.cpu.clipping import clip_and_triangulate
+from rastercov.raster.cpu.coverage import count_hidden, count_samples_2x2
 from rastercov.raster.cpu.fill import (
-    count_hidden,
-    count_samples_2x2,
     cull_and_bin,
     fill_any,
     fill_small,
