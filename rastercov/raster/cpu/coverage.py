@@ -102,17 +102,17 @@ def count_samples_2x2(slots, n, faces, drawn):
 
 
 @part_of
-def count_lanes(chosen, setup, target):
-    """Add the samples of chosen triangles of up to `LARGE` steps to `drawn`."""
+def count_lanes(chosen, n, setup, target):
+    """Add the samples of chosen ones of n triangles of up to `LARGE` steps to `drawn`."""
     window = target.window
     small = fit_count_samples(setup) & chosen
     if window.full_x == 0 or count_bits(small) < MIN_VECTOR_FACES:
         small = 0
     if small:
         count_samples(small, setup)
-    while chosen:
-        k = lowest_bit(chosen)
-        chosen &= chosen - 1
+    for k in range(n):
+        if chosen >> k & 1 == 0:
+            continue
         covered = 0
         if small >> k & 1:
             covered = np.int64(setup.masks[k])
@@ -131,11 +131,12 @@ def count_hidden(slots, n, faces, setup, target):
     align_stack()
     for i in range(0, n, LANES):
         set_up_edges(slots, i, faces, target.window, setup)
-        count_lanes(ALL_LANES >> max(LANES - (n - i), 0), setup, target)
+        chosen = ALL_LANES >> max(LANES - (n - i), 0)
+        count_lanes(chosen, min(n - i, LANES), setup, target)
 
 
 @compiled
 def count_hidden_lanes(chosen, setup, target):
     """`count_lanes` out of line, for callers that seldom need it."""
     align_stack()
-    count_lanes(chosen, setup, target)
+    count_lanes(chosen, LANES, setup, target)
