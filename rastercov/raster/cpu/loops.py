@@ -112,8 +112,8 @@ def clear(samples, window, image):
 def draw_cluster(mesh, cluster, workspace, target):
     """Draw the faces of a cluster that need no clipping.
 
-    Returns how many samples were empty, the number of faces that were tried, and the number of
-    faces in `workspace.bins.clipped`. The faces of a cluster behind what is drawn are only counted.
+    Returns how many samples were empty, the faces that were tried (`LANES` per wide one), and the
+    number of those in `bins.clipped`. Faces of a cluster behind what is drawn are only counted.
     """
     camera, _, vertices, bins, setup, setup_64_bit, bit_indices, _ = workspace
     window, image, counts, tests_cells = target
@@ -143,7 +143,7 @@ def draw_cluster(mesh, cluster, workspace, target):
     if counts.with_drawn and window.full_x > 0:
         count_samples_2x2(bins.samples_2x2, n.samples_2x2, faces, counts.drawn)
         count_samples_2x2(bins.hidden_samples_2x2, n.hidden_samples_2x2, faces, counts.drawn)
-    filled, n_tried = 0, n.wide
+    filled, n_tried = 0, n.wide * LANES
     if is_behind:
         if window.full_x == 0:
             count_hidden(bins.samples_2x2, n.samples_2x2, faces, setup, target)

@@ -49,7 +49,7 @@ MIN_VECTOR_FACES = 4
 """Faces of a vector from which on the 2 x 2-block path is faster than the tile path."""
 LARGE_BLOCKS = 8
 """Blocks across a triangle from which on its tiles are cells."""
-FACES_IN_VAIN = 64
+FACES_IN_VAIN = 192
 """Faces of clusters that filled no sample after which the depth of the cells is bounded again."""
 DEPTH_BUCKETS = 64
 """Ranges of depth by which the clusters of a band are ordered; at most `BUFFER_SIZE`."""
