@@ -4,8 +4,8 @@
 |---|---|---|
 | `fill_samples_2x2` | reach at most 2 x 2 samples | a vector |
 | `fill_blocks_2x2` | reach at most 2 x 2 blocks of 4 x 4 samples | a vector |
-| `fill_tiles` | any other, in 32 or 64 bits | one; 4 x 4 blocks of it |
-| `fill_cells` | of those, the ones that reach `LARGE_BLOCKS` | one; cells of the image |
+| `fill_tiles` | any other of up to `LARGE` steps | one; 4 x 4 blocks of it |
+| `fill_cells` | wide, or parts of a clipped face, in 64 bits | one; cells of the image |
 
 Visible counts are kept incrementally: writing a sample increments the count of its face and
 decrements that of the previous one. No pass over the image follows.
@@ -30,7 +30,6 @@ from rastercov.raster.cpu.memory import (
     FOURFOLD,
     GREATEST,
     LANES,
-    LARGE_BLOCKS,
     LAST_X,
     LAST_Y,
     MIN_VECTOR_FACES,
@@ -189,7 +188,7 @@ def fill_blocks_2x2(chosen, wide, tall, setup, target):
 
 @compiled
 def fill_cells(k, setup, target):
-    """Fill triangle k, a large one; returns samples that it covers, owns now, and that were empty.
+    """Fill triangle k, a large one; returns how many samples were empty.
 
     Its tiles are cells, so those behind what is drawn are skipped, and those that it covers
     wholly bound the depth of their cells.
@@ -244,7 +243,11 @@ def fill_cells(k, setup, target):
                     )
                     gained += n_won
                     filled += n_new
-    return covered, gained, filled
+    if gained:
+        counts.visible[face] += gained
+    if counts.with_drawn:
+        counts.drawn[face] += covered
+    return filled
 
 
 @compiled
@@ -260,10 +263,6 @@ def fill_tiles(chosen, setup, target):
         face = setup.bounds[FACE * LANES + k]
         is_cut = last_x >= window.full_x or last_y >= window.full_y
         gained, covered = 0, 0
-        if max(last_x - first_x, last_y - first_y) >= LARGE_BLOCKS:
-            covered, gained, n_new = fill_cells(k, setup, target)
-            filled += n_new
-            last_y = first_y - 1
         for tile_y in range(first_y, last_y + 1, SIDE):
             for tile_x in range(first_x, last_x + 1, SIDE):
                 blocks = blocks_of_tile(k, tile_x, tile_y, reached, setup)
@@ -371,7 +370,10 @@ def fill_any(slots, n, faces, setup, target, plane):
         if has_plane:
             use_plane(plane, min(n - i, LANES), setup)
         valid = ALL_LANES >> max(LANES - (n - i), 0)
-        filled += fill_tiles(sides & valid, setup, target)
+        shown = sides & valid
+        while shown:
+            filled += fill_cells(lowest_bit(shown), setup, target)
+            shown &= shown - 1
         hidden = sides >> LANES & valid
         while hidden and target.counts.with_drawn:
             k = lowest_bit(hidden)

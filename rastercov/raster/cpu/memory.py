@@ -47,8 +47,6 @@ CLEAR_ALL_SAMPLES = 128
 """Samples of an image for each cluster below which the whole image is cleared at once."""
 MIN_VECTOR_FACES = 4
 """Faces of a vector from which on the 2 x 2-block path is faster than the tile path."""
-LARGE_BLOCKS = 8
-"""Blocks across a triangle from which on its tiles are cells."""
 FACES_IN_VAIN = 192
 """Faces of clusters that filled no sample after which the depth of the cells is bounded again."""
 DEPTH_BUCKETS = 64
