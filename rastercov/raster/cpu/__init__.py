@@ -276,17 +276,22 @@ class _Worker:
         n_strips = -(-grid.width // strip)
         n_block_rows = -(-grid.height // SIDE)
         self.block_rows = min(n_block_rows, max(1, MAX_BAND // (n_strips * strip * SIDE)))
+        if n_block_rows > self.block_rows > SIDE:
+            self.block_rows -= self.block_rows % SIDE  # whole cells
         self.columns = n_strips << STRIP_BITS
         n_marks = self.block_rows * n_strips
+        n_cells = -(-self.block_rows // SIDE) * (self.columns // SIDE)
         n_clusters = scene.clusters.bounds.shape[1]
         self.buffers = Buffers(
             marks=np.zeros(n_marks, np.uint8),
             depth=aligned_zeros(n_marks * strip * SIDE, np.float32),
             face=aligned_zeros(n_marks * strip * SIDE, np.int32),
+            cell_depth=np.zeros(n_cells, np.float32),
             n_marks=n_marks,
             kept=np.empty(n_clusters // LANES, np.int64),
             centres=aligned_zeros((2, n_clusters), np.float64),
             seen=np.empty(n_clusters + LANES, np.int32),
+            ordered=np.empty(n_clusters, np.int32),
         )
         self.scratch = make_scratch()
         self.no_drawn = np.zeros((1, 1), np.int32)
