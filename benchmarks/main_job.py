@@ -1,29 +1,49 @@
-"""Time of `evaluate`, with all figures and for a network only, to the time of `observe` alone.
+"""Speed of the main job: judging beside observing, and whole reports beside either.
 
-Two meshes of 10,000 faces, seen by one camera of 1280 x 1024 pixels, method "certified". First the
-figures of all poses are compared with their numpy twins; then each round times the three jobs, in
-turn, each from an opened observer on. Printed are medians over the rounds of the ratios, by wall
-clock and in CPU seconds of all threads: where other programs use the cores, only the CPU seconds
-say what the criteria cost.
+First, `evaluate` with all figures and for a network only, to the time of `observe` alone: two
+meshes of 10,000 faces, seen by one camera of 1280 x 1024 pixels, method "certified". Then reports
+of an aeroplane by the khepra camera, as `rastercov evaluate` writes them, pictures left out: to the
+rate of `observe`, and with method "sampled" to that of counting. At these distances all faces are
+beyond the camera's depth of field, so its table of covered pairs would be empty; the rows are those
+of the same camera in focus, except for one of the camera as it is. `--meshes DIR` adds reports of
+the mesh files of a folder.
+
+Before anything is timed, figures are compared with their numpy twins, and reports with figures.
+Each round times the jobs in turn, each from an opened observer on. Printed are medians over the
+rounds of ratios and rates, by wall clock and in CPU seconds of all threads: where other programs
+use the cores, only the CPU seconds say what a job costs.
 """
 
 import math
 import statistics
+import tempfile
 import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 from rows import Report, arguments
 
 import rastercov as rc
 from rastercov import shapes
-from rastercov.coverage import FIGURES
+from rastercov._observers import ROLL
+from rastercov.cli.inputs import read_camera, read_view_points
+from rastercov.coverage import FIGURES, batch_size
+from rastercov.mesh.formats import READERS
 from rastercov.network import Network
-from rastercov.reference.coverage import figures_of_pose
+from rastercov.reference.coverage import figures_of_pose, rows_of
+from rastercov.report.coverage import Options, run
 
 CAMERA = rc.Camera(width=1280, height=1024, fx=1152, fy=1152)
 TASK = rc.Task(min_pixels=4, max_incidence_deg=75)
 ALL_FIGURES, NETWORK_ONLY = (1.8, 1.3), (1.25, 1.1)
 """Largest ratio, and the aim."""
+REPORT_ONLY, SAMPLED_REPORT, REPORTS_PER_SECOND = (0.7, 0.9), (0.5, 0.8), (350, 500)
+"""Least rate of reports without a table to `observe`, and to counting; poses per second with the
+covered pairs. And the aims."""
 TOLERANCE_REL = 1e-12
 """Of figures whose terms numpy adds in another order, and of its arccosine."""
 
@@ -31,8 +51,10 @@ TOLERANCE_REL = 1e-12
 def main() -> None:
     parser = arguments(__doc__.splitlines()[0])
     parser.add_argument("--poses", type=int, default=200)
+    parser.add_argument("--report-poses", type=int, default=2000)
     parser.add_argument("--rounds", type=int, default=9)
     parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--meshes", type=Path, metavar="DIR", help="report on these mesh files too")
     args = parser.parse_args()
     report = Report()
     for name, mesh in (
@@ -41,53 +63,154 @@ def main() -> None:
     ):
         size = float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
         poses = rc.sphere_of_poses(mesh.bounds.mean(axis=0), 1.2 * size, args.poses)
-        judged = rc.evaluate(mesh, CAMERA, poses, TASK, threads=args.threads)
-        with rc.open_observer(mesh, CAMERA, threads=args.threads) as observer:
-            same = is_same_as_twin(judged, poses, observer.observe(poses))
-        report.check(f"{name}: figures of the twin", same)
-        report.check(f"{name}: network of the figures", is_same_network(mesh, poses, judged))
-        del judged
-        rounds = [measured(mesh, poses, args.threads) for _ in range(args.rounds + 1)][1:]
-        for kind, clock in enumerate(("wall", "CPU")):
-            ratios = np.array([[job[kind] / jobs[0][kind] for job in jobs] for jobs in rounds])
-            for what, column, (most, aim) in (
-                ("all fields / observe", 1, ALL_FIGURES),
-                ("network only / observe", 2, NETWORK_ONLY),
-            ):
-                value = statistics.median(ratios[:, column])
-                report.add(f"{name}: {what}, {clock}", value, "", aim=aim, at_most=most)
-            observed = statistics.median(jobs[0][kind] for jobs in rounds) / len(poses)
-            report.add(f"{name}: observe, {clock}", 1e3 * observed, "ms a pose")
+        compare_judging(report, name, mesh, rc.Poses.of(poses), args.rounds, args.threads)
+    khepra = read_camera("khepra")
+    in_focus = replace(khepra, focus_range=None)
+    aeroplane = shapes.aeroplane(9856)
+    compare_reports(report, "aeroplane", aeroplane, in_focus, args.report_poses, args.rounds)
+    poses = poses_around(aeroplane, khepra, args.report_poses)
+    rate = statistics.median(
+        args.report_poses / rounds[0][0]
+        for rounds in timed([partial(write, aeroplane, khepra, poses, Options(pictures=0))], 3)
+    )
+    report.add("aeroplane, out of focus: default report", rate, "poses/s")
+    for path in sorted(args.meshes.iterdir()) if args.meshes else ():
+        if path.suffix.lower() in READERS:
+            mesh = rc.Mesh.load(path)
+            compare_reports(report, path.name, mesh, in_focus, args.poses, args.rounds)
     report.finish(args.json)
 
 
-def measured(mesh, poses, threads) -> list[tuple[float, float]]:
-    """Wall and CPU seconds of the three jobs."""
-
-    def observe() -> None:
-        step = max(1, min(rc.coverage.POSES_A_BATCH, rc.coverage.PAIRS_A_BATCH // mesh.n_faces))
-        with rc.open_observer(mesh, CAMERA, threads=threads) as observer:
-            for start in range(0, len(poses), step):
-                observer.observe(poses[start : start + step])
+def compare_judging(report: Report, name, mesh, poses: rc.Poses, n_rounds: int, threads: int):
+    """Rows of `evaluate` and of a network, to the time of `observe` alone."""
+    judged = rc.evaluate(mesh, CAMERA, poses, TASK, threads=threads)
+    with rc.open_observer(mesh, CAMERA, threads=threads) as observer:
+        same = is_same_as_twin(judged, poses, observer.observe(poses))
+    report.check(f"{name}: figures of the twin", same)
+    report.check(f"{name}: network of the figures", is_same_network(mesh, poses, judged))
+    del judged
 
     def add_up() -> None:
         with rc.open_observer(mesh, CAMERA, threads=threads) as observer:
             Network(mesh, TASK).add_poses(observer, poses)
 
-    jobs = (observe, lambda: rc.evaluate(mesh, CAMERA, poses, TASK, threads=threads), add_up)
-    times = []
-    for job in jobs:
-        wall, cpu = time.perf_counter(), time.process_time()
-        job()
-        times.append((time.perf_counter() - wall, time.process_time() - cpu))
-    return times
+    rounds = timed(
+        [
+            partial(observe, mesh, CAMERA, poses, threads),
+            partial(rc.evaluate, mesh, CAMERA, poses, TASK, threads=threads),
+            add_up,
+        ],
+        n_rounds,
+    )
+    for kind, clock in enumerate(("wall", "CPU")):
+        for what, job, (most, aim) in (
+            ("all fields / observe", 1, ALL_FIGURES),
+            ("network only / observe", 2, NETWORK_ONLY),
+        ):
+            value = statistics.median(times[job][kind] / times[0][kind] for times in rounds)
+            report.add(f"{name}: {what}, {clock}", value, "", aim=aim, at_most=most)
+        observed = statistics.median(times[0][kind] for times in rounds) / len(poses)
+        report.add(f"{name}: observe, {clock}", 1e3 * observed, "ms a pose")
+
+
+def compare_reports(report: Report, name, mesh, camera, n_poses: int, n_rounds: int) -> None:
+    """Rows of whole reports, to the rates of observing and of counting; a thread for each core."""
+    poses = poses_around(mesh, camera, n_poses)
+    for method in ("certified", "sampled"):
+        report.check(
+            f"{name}: {method} figures of the twin, report of the figures",
+            is_same_report(mesh, camera, poses[: min(n_poses, 40)], method),
+        )
+    plain = Options(pictures=0, table="none")
+    jobs = {
+        "observe": partial(observe, mesh, camera, poses),
+        "count": partial(count, mesh, camera, poses),
+        "none": partial(write, mesh, camera, poses, plain),
+        "covered": partial(write, mesh, camera, poses, replace(plain, table="covered")),
+        "seen": partial(write, mesh, camera, poses, replace(plain, table="seen")),
+        "sampled": partial(write, mesh, camera, poses, replace(plain, method="sampled")),
+    }
+    rounds = [dict(zip(jobs, times, strict=True)) for times in timed(list(jobs.values()), n_rounds)]
+    for kind, clock in enumerate(("wall", "CPU")):
+        for what, of, to, limits in (
+            ("table none, rate / observe", "none", "observe", REPORT_ONLY),
+            ("sampled, table none, rate / count", "sampled", "count", SAMPLED_REPORT),
+        ):
+            value = statistics.median(times[to][kind] / times[of][kind] for times in rounds)
+            report.add(f"{name}: {what}, {clock}", value, "", *limits)
+        for job in jobs:
+            seconds = statistics.median(times[job][kind] for times in rounds)
+            if clock == "CPU":
+                report.add(f"{name}: {job}, CPU", 1e3 * seconds / n_poses, "ms a pose")
+            else:
+                limits = REPORTS_PER_SECOND if job == "covered" else ()
+                report.add(f"{name}: {job}", n_poses / seconds, "poses/s", *limits)
+
+
+def poses_around(mesh, camera, n_poses: int) -> rc.Poses:
+    """Poses of `--poses sphere:N`."""
+    return rc.Poses.of(read_view_points(f"sphere:{n_poses}", mesh, camera))
+
+
+def timed(jobs: Sequence[Callable[[], object]], n_rounds: int) -> list[list[tuple[float, float]]]:
+    """Wall and CPU seconds of each job, in each round; a first round warms up and is left out."""
+    rounds = []
+    for _ in range(n_rounds + 1):
+        times = []
+        for job in jobs:
+            wall, cpu = time.perf_counter(), time.process_time()
+            job()
+            times.append((time.perf_counter() - wall, time.process_time() - cpu))
+        rounds.append(times)
+    return rounds[1:]
+
+
+def observe(mesh, camera, poses: rc.Poses, threads: int | None = None) -> None:
+    """Observe all poses, in the batches of `evaluate`."""
+    step = batch_size(mesh.n_faces)
+    with rc.open_observer(mesh, camera, threads=threads) as observer:
+        for start in range(0, len(poses), step):
+            observer.observe(poses[start : start + step])
+
+
+def count(mesh, camera, poses: rc.Poses) -> None:
+    """Count visible and drawn samples of all poses, on the rolled grid of method "sampled"."""
+    step = batch_size(mesh.n_faces)
+    with rc.open_rasterizer(mesh, camera, "cpu", roll=ROLL) as rasterizer:
+        for start in range(0, len(poses), step):
+            rasterizer.count(poses[start : start + step])
+
+
+def write(mesh, camera, poses: rc.Poses, options: Options) -> None:
+    """Write a whole report, flushed to the disk."""
+    with tempfile.TemporaryDirectory() as folder:
+        run(mesh, camera, poses, rc.Task(), Path(folder), options)
+
+
+def is_same_report(mesh, camera, poses: rc.Poses, method: str) -> bool:
+    """True if figures are those of the twin, and summary and table those of the figures."""
+    task, network = rc.Task(), Network(mesh, rc.Task())
+    judged = rc.evaluate(mesh, camera, poses, task, method=method)
+    network.add(judged)
+    with rc.open_observer(mesh, camera, method) as observer:
+        if not is_same_as_twin(judged, poses, observer.observe(poses)):
+            return False
+    rows = rows_of(judged, "covered")
+    with tempfile.TemporaryDirectory() as folder:
+        options = Options(pictures=0, table="covered", method=method)
+        summary = run(mesh, camera, poses, task, Path(folder), options)
+        table = pq.read_table(Path(folder) / "coverage.parquet")
+    names = [name for name in rows._fields if name not in ("reason", "visibility_kind")]
+    return all(np.array_equal(table[name], getattr(rows, name)) for name in names) and all(
+        summary[name] == value for name, value in network.summary().items()
+    )
 
 
 def is_same_as_twin(judged, poses, seen) -> bool:
     """True if the figures are those of the twin; angles at the limit may differ."""
-    limit = math.radians(TASK.max_incidence_deg)
-    for row, pose in enumerate(poses):
-        expected = figures_of_pose(judged.mesh, CAMERA, TASK, pose, seen, row)
+    limit = math.radians(judged.task.max_incidence_deg)
+    for row, pose in enumerate(poses.world_from_camera):
+        expected = figures_of_pose(judged.mesh, judged.camera, judged.task, pose, seen, row)
         sure = np.abs(expected["incidence"] - limit) > TOLERANCE_REL
         for name in FIGURES:
             one, other = getattr(judged, name)[row], expected[name]

@@ -20,7 +20,7 @@ import rastercov as rc
 from rastercov import shapes
 from rastercov._observers import ROLL
 from rastercov.criteria import face_geometry
-from rastercov.observation import Observation, visible_fraction
+from rastercov.face_pass import FacePass
 from rastercov.reference import polygons
 
 CAMERA = rc.Camera(width=320, height=240, fx=310, fy=290, cx=163.7, cy=118.2)
@@ -92,7 +92,8 @@ def compare(
     with rc.open_rasterizer(mesh, CAMERA, "cpu", supersample=supersample, roll=roll) as rasterizer:
         counts = rasterizer.count(pose)
     view = face_geometry(mesh, CAMERA, pose)
-    value, bound, _ = visible_fraction(view, Observation.of_counts(counts), 0)
+    found = FacePass(mesh, CAMERA, 1).fractions(counts, rc.Poses.of(pose))
+    value, bound = found[0][0], found[1][0]
     chosen = view.is_front & np.isfinite(true) & (counts.drawn[0] > 0)
     return np.stack((counts.drawn[0], np.abs(value - true), bound))[:, chosen]
 

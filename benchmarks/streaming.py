@@ -25,7 +25,8 @@ def main() -> None:
     before = peak_of("self")
     with tempfile.TemporaryDirectory() as folder:
         started = time.perf_counter()
-        summary = run(mesh, camera, poses, rc.Task(), Path(folder), Options(pictures=4))
+        options = Options(pictures=4, table="seen")
+        summary = run(mesh, camera, poses, rc.Task(), Path(folder), options)
         seconds = time.perf_counter() - started
         table = Path(folder) / "coverage.parquet"
         rows = pq.ParquetFile(table).metadata.num_rows

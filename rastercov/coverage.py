@@ -16,8 +16,8 @@ from rastercov._checks import shown
 from rastercov.camera import Camera
 from rastercov.coverage_pass import CoveragePass
 from rastercov.errors import ConfigError, ResourceError
+from rastercov.face_pass import Measured
 from rastercov.mesh import Mesh
-from rastercov.observation import Observation
 from rastercov.observer import Observer, open_observer
 from rastercov.pose import Poses
 from rastercov.raster.contract import RasterizerInfo
@@ -187,7 +187,7 @@ def evaluate(
         judge = CoveragePass(observer, task)
         for rows in _batches(*shape):
             part = accepted[rows]
-            seen = observer.observe(part)
+            seen = _measured(observer, part)
             judge.fill(seen, part, {name: array[rows] for name, array in whole.items()})
             clipped[rows] = seen.clipped
         return _coverage(observer, task, accepted, clipped, whole)
@@ -221,7 +221,8 @@ def evaluate_batches(
     check_observer(observer)
     task = _checked_task(task)
     shape = len(accepted), observer.mesh.n_faces
-    return (_judged(observer, task, accepted[rows], names) for rows in _batches(*shape))
+    judge = CoveragePass(observer, task)
+    return (_judged(observer, judge, task, accepted[rows], names) for rows in _batches(*shape))
 
 
 def check_observer(observer: object) -> None:
@@ -232,23 +233,36 @@ def check_observer(observer: object) -> None:
         )
 
 
-def observations(observer: Observer, poses: Poses) -> Iterator[tuple[Poses, Observation]]:
-    """Poses and their observations, a few at a time."""
+def measurements(observer: Observer, poses: Poses) -> Iterator[tuple[Poses, Measured]]:
+    """Poses and what is measured of them, a few at a time; at least once, maybe of none."""
     for rows in _batches(len(poses), observer.mesh.n_faces):
-        yield poses[rows], observer.observe(poses[rows])
+        yield poses[rows], _measured(observer, poses[rows])
+
+
+def _measured(observer: Observer, poses: Poses) -> Measured:
+    """Observation, or the counts that it would be made of where an observer gives these."""
+    measured: Measured = getattr(observer, "measure", observer.observe)(poses)
+    return measured
+
+
+def batch_size(n_faces: int) -> int:
+    """Most poses that are measured together."""
+    return max(1, min(POSES_A_BATCH, PAIRS_A_BATCH // n_faces))
 
 
 def _batches(n_poses: int, n_faces: int) -> Iterator[slice]:
     """Slices of poses that are measured together; at least one, maybe empty."""
-    step = max(1, min(POSES_A_BATCH, PAIRS_A_BATCH // n_faces))
+    step = batch_size(n_faces)
     return (slice(at, at + step) for at in range(0, max(1, n_poses), step))
 
 
-def _judged(observer: Observer, task: Task, poses: Poses, names: Sequence[str]) -> Coverage:
+def _judged(
+    observer: Observer, judge: CoveragePass, task: Task, poses: Poses, names: Sequence[str]
+) -> Coverage:
     """Coverage of a batch."""
-    seen = observer.observe(poses)
+    seen = _measured(observer, poses)
     values = _arrays(names, (len(poses), observer.mesh.n_faces))
-    CoveragePass(observer, task).fill(seen, poses, values)
+    judge.fill(seen, poses, values)
     return _coverage(observer, task, poses, seen.clipped, values)
 
 

@@ -1,7 +1,8 @@
 """Coverage (3.6) of each face in some poses, and its sums over poses, compiled by numba.
 
-`judge_poses` takes what an observer measured and gives every figure of `rastercov.Coverage`; its
-twins are `observation.visible_fraction` and `Task.judge`. `add_up` adds rows of it to a network.
+`judge_poses` takes what an observer measured and gives every figure of `rastercov.Coverage`;
+`add_pose` adds them to the sums of a network and keeps those of chosen pairs as rows of a table.
+Their twins are in `rastercov.reference.coverage`.
 
 E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks. 2020, section 3.3.
 """
@@ -18,7 +19,6 @@ from rastercov.criteria_kernels import (
     BEHIND,
     INSIDE,
     Z,
-    against_ray,
     camera_normal,
     image_of_face,
     incidence_angle,
@@ -34,23 +34,30 @@ ROUNDING = 2.0**-52
 """Rounding of a quotient."""
 COSINE_ROUNDING = 1e-14
 """Greater than the error of a cosine, and of the cosine of its arccosine."""
+PLANE_ROUNDING = 1e-12
+"""Of the distance of a point from a plane, to the sum of their coordinates: greater than the error,
+so that a point beyond it is behind the face in any order of operations."""
 LARGEST_RESOLUTION = 1e300
 """Of one face; a smaller R_min gives no more."""
 DEGENERATE, BACK_FACING, OUTSIDE, OUT_OF_FOCUS = 0, 1, 2, 3
 UNSAMPLED, TOO_COARSE, OCCLUDED, TOO_OBLIQUE, COVERED = 4, 5, 6, 7, 8
 """Values of `rastercov.Reason`."""
+NO_PAIRS, COVERED_PAIRS, SEEN_PAIRS, ALL_PAIRS = range(4)
+"""Indices of `rastercov.pairs.CHOICES`."""
 
 
 class Seen(NamedTuple):
     """An observation, read-only; see `rastercov.Observation`.
 
-    `area_error` is (0, 0) where it is 0 everywhere.
+    Areas are `visible / scale` and `drawn / scale`, px^2: counts of samples are float64 or int32.
+    `kind` is (0, 0) where all figures are counted, and `area_error` where it is 0 everywhere.
     """
 
     poses: NDArray[np.float64]
     near: NDArray[np.float64]
-    visible: NDArray[np.float64]
-    drawn: NDArray[np.float64]
+    visible: NDArray[Any]
+    drawn: NDArray[Any]
+    scale: float
     kind: NDArray[np.uint8]
     area_error: NDArray[np.float64]
     samples_per_pixel: float
@@ -110,9 +117,52 @@ class Sums(NamedTuple):
     bounds: NDArray[np.float64]
 
 
+class PairRows(NamedTuple):
+    """Columns of a table of pairs of pose and face, (R,) each: their indices, then the figures.
+
+    Figures are named as in `Figures`, floats are float32, and what has a name is its code.
+    """
+
+    pose: NDArray[np.int32]
+    face: NDArray[np.int32]
+    in_view: NDArray[np.bool_]
+    in_view_fraction: NDArray[np.float32]
+    projected_area: NDArray[np.float32]
+    visible_pixels: NDArray[np.float32]
+    drawn_pixels: NDArray[np.float32]
+    resolution: NDArray[np.float32]
+    pixel_density: NDArray[np.float32]
+    in_focus: NDArray[np.bool_]
+    visibility: NDArray[np.float32]
+    visibility_bound: NDArray[np.float32]
+    visibility_kind: NDArray[np.int32]
+    incidence: NDArray[np.float32]
+    coverage: NDArray[np.float32]
+    reason: NDArray[np.int32]
+
+
+ROW_TYPES: dict[str, type] = {
+    name: np.bool_ if name in ("in_view", "in_focus") else np.float32 for name in PairRows._fields
+} | dict.fromkeys(("pose", "face", "visibility_kind", "reason"), np.int32)
+"""Types of the columns of `PairRows`."""
+
+
+class Sink(NamedTuple):
+    """Memory for the rows of a batch of P poses: room for all P * F pairs.
+
+    The rows of the poses that a thread takes together, `turn` the first of them, are the
+    `counts[turn]` from `turn * F` on.
+    """
+
+    choice: int  # NO_PAIRS, ...
+    pose_ids: NDArray[np.int64]
+    counts: NDArray[np.int64]
+    rows: PairRows
+
+
 @part_of
 def judge(limits, is_degenerate, is_front, is_inside, is_focused, is_sampled, figures, cosine):
-    """Coverage (3.6) of a face and its `Reason`, as `Task.judge` decides.
+    """Coverage (3.6) of a face and its `Reason`.
 
     `limits` is a `rastercov.task.Limits`; `figures` are resolution, density and visibility. One
     factor at a time: the reason is the first that brings the product below the threshold.
@@ -159,26 +209,43 @@ def in_focus(points, i, j, k, limits):
 
 
 @part_with_arrays
+def kind_of(seen, row, f):
+    """Kind of the bound of a visible fraction."""
+    return int(seen.kind[row, f]) if seen.kind.size else STATISTICAL
+
+
+@part_with_arrays
 def bound_of_fraction(seen, row, f, drawn, points, i, j, k, is_cut):
-    """Bound of visible / drawn of a face that has an image; see `observation.visible_fraction`."""
-    if seen.kind[row, f] == EXACT:
-        error = seen.area_error[row, f] if seen.area_error.size else 0.0
-        least = drawn - error
-        return (error / least if least > 0 else 1.0) + ROUNDING
-    if seen.kind[row, f] == STATISTICAL:
-        samples = seen.samples_per_pixel
-        length = math.inf if is_cut else perimeter(points, i, j, k) * math.sqrt(samples)
-        return (3 * 0.27 * math.sqrt(1.25 * length + 1) + length / 20) / (drawn * samples)
-    return 0.0
+    """Bound of visible / drawn of a face that is seen, at most 1.
+
+    |v/d - v'/d'| <= (|v - v'| + |d - d'|) / d with d the true area; see `rastercov.observation`
+    for counts. Nothing is known of a face whose image rounds to nothing, or that owns no sample.
+    """
+    bound = 1.0
+    if drawn > 0:
+        kind = kind_of(seen, row, f)
+        if kind == EXACT:
+            error = seen.area_error[row, f] if seen.area_error.size else 0.0
+            least = drawn - error
+            bound = (error / least if least > 0 else 1.0) + ROUNDING
+        elif kind == STATISTICAL:
+            samples = seen.samples_per_pixel
+            length = math.inf if is_cut else perimeter(points, i, j, k) * math.sqrt(samples)
+            deviation = 3 * 0.27 * math.sqrt(1.25 * length + 1) + length / 20
+            bound = deviation / (drawn * samples)
+        else:
+            bound = 0.0
+    return min(bound, 1.0)
 
 
 @part_with_arrays
 def judge_face(scene, lens, seen, limits, work, row, f, asks_density):
-    """Figures of a face in one pose: geometry, visible fraction, and the decision.
+    """Figures of a face in one pose: geometry, areas, and the decision.
 
     Returns the cosine of the angle of incidence, the state of all vertices, the part of the image
-    of the face that is in the image, its area and density; the visible fraction, its bound and
-    kind; resolution, focus, coverage and reason.
+    of the face that is in the image, its area and density; True if it is seen, by definition not
+    from behind or outside the image; visible and drawn area, and visible fraction; resolution,
+    focus, coverage and reason.
     """
     points, pose, near = work.points, seen.poses[row], seen.near[row]
     i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
@@ -187,18 +254,12 @@ def judge_face(scene, lens, seen, limits, work, row, f, asks_density):
     is_front = cosine > 0 and not scene.degenerate[f]
     state, part, area = image_of_face(points, i, j, k, near, lens, work)
     density = 0.0
-    if asks_density and is_front and state != BEHIND and part > 0:
-        density = pixel_density(points, i, j, k, normal, lens)
-    drawn = seen.drawn[row, f]
+    if asks_density:
+        density = density_of(scene, lens, seen, points, row, f, is_front, state, part)
+    visible, drawn = seen.visible[row, f] / seen.scale, seen.drawn[row, f] / seen.scale
     resolution = min(drawn / limits.min_pixels, LARGEST_RESOLUTION)
-    visibility, bound, kind = 0.0, 0.0, EXACT
-    if is_front and (part != 0 or state == INSIDE):
-        kind = int(seen.kind[row, f])
-        bound = 1.0
-        if drawn > 0:
-            visibility = seen.visible[row, f] / drawn
-            bound = bound_of_fraction(seen, row, f, drawn, points, i, j, k, state == BEHIND)
-            bound = min(bound, 1.0)
+    is_seen = is_front and (part != 0 or state == INSIDE)
+    visibility = visible / drawn if is_seen and drawn > 0 else 0.0
     is_focused = in_focus(points, i, j, k, limits)
     figures = resolution, density, visibility
     product, reason = judge(
@@ -206,25 +267,71 @@ def judge_face(scene, lens, seen, limits, work, row, f, asks_density):
         cosine,
     )  # fmt: skip
     geometry = cosine, state, part, area, density
-    return geometry, (visibility, bound, kind), resolution, is_focused, product, reason
+    return geometry, is_seen, (visible, drawn, visibility), resolution, is_focused, product, reason
+
+
+@part_with_arrays
+def density_of(scene, lens, seen, points, row, f, is_front, state, part):
+    """Pixel density of a face, px/m; 0 unless it is seen and wholly beyond the near plane."""
+    if not is_front or state == BEHIND or not part > 0:
+        return 0.0
+    i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
+    return pixel_density(points, i, j, k, camera_normal(scene.normals, f, seen.poses[row]), lens)
+
+
+@part_with_arrays
+def bound_and_kind(scene, seen, points, row, f, drawn, state, is_seen):
+    """Bound of the visible fraction of a face, and its kind."""
+    if not is_seen:
+        return 0.0, EXACT
+    i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
+    bound = bound_of_fraction(seen, row, f, drawn, points, i, j, k, state == BEHIND)
+    return bound, kind_of(seen, row, f)
 
 
 @allocation_free
-def judge_poses(rows, scene, lens, seen, limits, work, out):
+def find_fractions(rows, scene, lens, seen, work, value, bound, kind):
+    """Fill rows of visible fractions, their bounds and kinds; see `FacePass.fractions`."""
+    points = work.points
+    for row in range(rows[0], rows[1]):
+        pose, near = seen.poses[row], seen.near[row]
+        project(scene.vertices, pose, near, lens, points)
+        for f in range(scene.faces.shape[0]):
+            i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
+            normal = camera_normal(scene.normals, f, pose)
+            cosine = incidence_cosine(points, i, j, k, normal, scene.two_sided[f])
+            state, part, _ = image_of_face(points, i, j, k, near, lens, work)
+            is_front = cosine > 0 and not scene.degenerate[f]
+            is_seen = is_front and (part != 0 or state == INSIDE)
+            visible, drawn = seen.visible[row, f] / seen.scale, seen.drawn[row, f] / seen.scale
+            value[row, f] = visible / drawn if is_seen and drawn > 0 else 0.0
+            bound[row, f], kind[row, f] = bound_and_kind(
+                scene, seen, points, row, f, drawn, state, is_seen
+            )
+
+
+@allocation_free
+def judge_poses(rows, scene, lens, seen, work, limits, out):
     """Fill rows of `out` with the figures of poses `rows[0]` to `rows[1] - 1`.
 
     A `rastercov.task.Limits` holds the thresholds. What is not asked for is not computed, unless
     the coverage depends on it.
     """
     asks_density = out.pixel_density.size > 0 or limits.min_pixel_density > 0
+    asks_bound = out.visibility_bound.size > 0 or out.visibility_kind.size > 0
     for row in range(rows[0], rows[1]):
         project(scene.vertices, seen.poses[row], seen.near[row], lens, work.points)
         for f in range(scene.faces.shape[0]):
-            geometry, fraction, resolution, is_focused, product, reason = judge_face(
+            geometry, is_seen, areas, resolution, is_focused, product, reason = judge_face(
                 scene, lens, seen, limits, work, row, f, asks_density
             )
             cosine, state, part, area, density = geometry
-            visibility, bound, kind = fraction
+            visible, drawn, visibility = areas
+            bound, kind = 0.0, EXACT
+            if asks_bound:
+                bound, kind = bound_and_kind(
+                    scene, seen, work.points, row, f, drawn, state, is_seen
+                )
             if out.in_view.size:
                 out.in_view[row, f] = state == INSIDE
             if out.in_view_fraction.size:
@@ -232,9 +339,9 @@ def judge_poses(rows, scene, lens, seen, limits, work, out):
             if out.projected_area.size:
                 out.projected_area[row, f] = area
             if out.visible_pixels.size:
-                out.visible_pixels[row, f] = seen.visible[row, f]
+                out.visible_pixels[row, f] = visible
             if out.drawn_pixels.size:
-                out.drawn_pixels[row, f] = seen.drawn[row, f]
+                out.drawn_pixels[row, f] = drawn
             if out.resolution.size:
                 out.resolution[row, f] = resolution
             if out.pixel_density.size:
@@ -294,32 +401,78 @@ def add_rows(is_scored, coverage, reason, bound, kind, fraction, sums, covered_f
             )  # fmt: skip
 
 
+@part_with_arrays
+def add_row(at, pose_id, f, geometry, is_focused, resolution, areas, bound, kind, decision, rows):
+    """Put the figures of a pair into row `at`.
+
+    The bound includes the rounding of the visible fraction to float32, so that it still holds.
+    """
+    cosine, state, part, area, density = geometry
+    visible, drawn, visibility = areas
+    rows.pose[at], rows.face[at] = pose_id, f
+    rows.in_view[at], rows.in_focus[at] = state == INSIDE, is_focused
+    rows.in_view_fraction[at], rows.projected_area[at] = part, area
+    rows.visible_pixels[at], rows.drawn_pixels[at] = visible, drawn
+    rows.resolution[at], rows.pixel_density[at] = resolution, density
+    short = np.float32(visibility)
+    bound += abs(short - visibility)
+    short_bound = np.float32(bound)
+    if short_bound < bound:
+        short_bound = np.nextafter(short_bound, np.float32(np.inf))
+    rows.visibility[at], rows.visibility_bound[at] = short, short_bound
+    rows.visibility_kind[at] = kind
+    rows.incidence[at] = incidence_angle(cosine)
+    rows.coverage[at], rows.reason[at] = decision
+
+
 @allocation_free
-def add_pose(row, scene, lens, seen, limits, work, is_scored, sums, covered_faces, coverage):
+def add_pose(row, turn, scene, lens, seen, work, limits, is_scored, sums, covered_faces, coverage,
+             sink):  # fmt: skip
     """Judge the faces in one pose and add them to `sums`, as `judge_poses` and `add_rows` would.
 
-    Out: an element of `covered_faces`, (P,), and `coverage`, (F,).
+    Out: an element of `covered_faces`, (P,), and `coverage`, (F,); and in `sink`, behind those of
+    this turn, the rows of the pairs that it asks for.
     """
-    points, pose = work.points, seen.poses[row]
+    points, pose, choice, n_faces = work.points, seen.poses[row], sink.choice, scene.faces.shape[0]
     asks_density = limits.min_pixel_density > 0
+    x, y, z = pose[0, 3], pose[1, 3], pose[2, 3]
+    rounding = PLANE_ROUNDING * (abs(x) + abs(y) + abs(z) + scene.reach)
     project(scene.vertices, pose, seen.near[row], lens, points)
-    for f in range(scene.faces.shape[0]):
+    for f in range(n_faces):
         product, reason, bound, kind, part = 0.0, BACK_FACING, 0.0, EXACT, 0.0
+        normals = scene.normals
+        height = normals[f, 0] * x + normals[f, 1] * y + normals[f, 2] * z - scene.offsets[f]
+        is_behind = height < -rounding and not scene.two_sided[f]
         if scene.degenerate[f]:
-            reason = DEGENERATE
-        elif scene.two_sided[f] or faces_camera(scene, points, pose, f):
-            geometry, fraction, _, _, product, reason = judge_face(
+            is_behind, reason = True, DEGENERATE
+        if not is_behind or choice == ALL_PAIRS:
+            geometry, is_seen, areas, resolution, is_focused, product, reason = judge_face(
                 scene, lens, seen, limits, work, row, f, asks_density
             )
-            _, bound, kind = fraction
             part = geometry[2]
+            is_row = choice != NO_PAIRS and (
+                choice == ALL_PAIRS
+                or reason == COVERED
+                or (choice == SEEN_PAIRS and reason > BACK_FACING and part > 0)
+            )
+            # The sums hold the largest bounds, and none exceeds 1.
+            bound, kind = 1.0, kind_of(seen, row, f) if is_seen else EXACT
+            if is_row or sums.bounds[0] < 1 or (reason == COVERED and sums.bounds[1] < 1):
+                bound, kind = bound_and_kind(
+                    scene, seen, points, row, f, areas[1], geometry[1], is_seen
+                )
+            if is_row:
+                cosine, state, part, area, density = geometry
+                if not asks_density:
+                    density = density_of(
+                        scene, lens, seen, points, row, f, reason > BACK_FACING, state, part
+                    )
+                geometry = cosine, state, part, area, density
+                at = turn * n_faces + sink.counts[turn]
+                sink.counts[turn] += 1
+                add_row(
+                    at, sink.pose_ids[row], f, geometry, is_focused, resolution, areas, bound,
+                    kind, (product, reason), sink.rows,
+                )  # fmt: skip
         coverage[f] = product
         covered_faces[row] += add_pair(row, f, is_scored, product, reason, bound, kind, part, sums)
-
-
-@part_with_arrays
-def faces_camera(scene, points, pose, f):
-    """False if the cosine of incidence is not positive: quicker, for many faces are behind."""
-    i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
-    against, _ = against_ray(points, i, j, k, camera_normal(scene.normals, f, pose))
-    return against > 0

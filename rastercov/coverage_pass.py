@@ -1,4 +1,4 @@
-"""Pass over poses and faces: what an observer measured becomes figures, in threads.
+"""Pass over poses and faces that judges them: what an observer measured becomes coverage.
 
 `coverage` keeps the figures, `network` adds them up; `coverage_kernels` computes them.
 """
@@ -6,68 +6,35 @@
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._threads import share_poses, thread_count
-from rastercov.near_plane import near_limit
-from rastercov.observation import Observation
+from rastercov._threads import thread_count
+from rastercov.face_pass import FacePass, Measured
 from rastercov.observer import Observer
 from rastercov.pose import Poses
 from rastercov.task import Task
 
 
-class CoveragePass:
+class CoveragePass(FacePass):
     """Figures of the poses of one observer by one task; any number of threads may use it."""
 
     def __init__(self, observer: Observer, task: Task) -> None:
-        from rastercov import coverage_kernels, criteria_kernels  # load numba
-
-        self.mesh, self.camera = observer.mesh, observer.camera
-        self.kernels, self._geometry = coverage_kernels, criteria_kernels
-        self._scene = criteria_kernels.scene_of(observer.mesh)
-        self._lens = criteria_kernels.lens_of(observer.camera)
-        self._limits = task.limits(observer.camera)
         threads = getattr(observer, "threads", None)
-        self._threads = threads if isinstance(threads, int) else thread_count(None)
+        if not isinstance(threads, int):
+            threads = thread_count(None)
+        super().__init__(observer.mesh, observer.camera, threads)
+        self.limits = task.limits(observer.camera)
 
-    def fill(self, seen: Observation, poses: Poses, figures: Mapping[str, NDArray[Any]]) -> None:
-        """Fill (P, F) arrays with the figures of the poses of an observation."""
+    def fill(self, measured: Measured, poses: Poses, figures: Mapping[str, NDArray[Any]]) -> None:
+        """Fill (P, F) arrays with the figures of the poses of a measurement."""
         from rastercov._jit import announce_compilation
 
         announce_compilation(self.kernels.judge_poses)
         out = self.kernels.record(figures)
 
-        def worker(judged: tuple[Any, ...]) -> Callable[[slice], None]:
-            return lambda turn: self.kernels.judge_poses((turn.start, turn.stop), *judged, out)
+        def worker(scope: tuple[Any, ...]) -> Callable[[slice], None]:
+            return lambda turn: self.kernels.judge_poses(
+                (turn.start, turn.stop), *scope, self.limits, out
+            )
 
-        self.share(seen, poses, worker)
-
-    def share(
-        self,
-        seen: Observation,
-        poses: Poses,
-        make_worker: Callable[[tuple[Any, ...]], Callable[[slice], None]],
-    ) -> None:
-        """Share the poses of an observation among workers, one for each thread of the observer.
-
-        Each is made from the arguments scene, lens, seen, limits and work of the loops.
-        """
-        read_only = self._geometry.read_only
-        matrices = poses.world_from_camera
-        error = seen.area_error if any(seen.area_error.strides) else np.empty((0, 0))
-        measured = self.kernels.Seen(
-            read_only(matrices, np.float64),
-            read_only(near_limit(self.camera, self.mesh.bounds, matrices), np.float64),
-            read_only(seen.visible_pixels, np.float64),
-            read_only(seen.drawn_pixels, np.float64),
-            read_only(seen.kind, np.uint8),
-            read_only(error, np.float64),
-            float(seen.samples_per_pixel),
-        )
-        shared = self._scene, self._lens, measured, self._limits
-        workers = [
-            make_worker((*shared, self._geometry.workspace(self.mesh.n_vertices)))
-            for _ in range(max(1, min(self._threads, len(poses))))
-        ]
-        share_poses(len(poses), workers)
+        self.share(measured, poses, worker)

@@ -4,22 +4,28 @@ E. S. Eissa. Image Space Coverage Model. 2020, section 6.4.1 and Table 6.1, wher
 not covered when its coverage is 0 in every camera.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov._arguments import check_kind
-from rastercov.coverage import Coverage, check_observer, observations
+from rastercov.coverage import Coverage, batch_size, check_observer, measurements
 from rastercov.coverage_pass import CoveragePass
 from rastercov.errors import ConfigError, MeshError
+from rastercov.face_pass import Measured
 from rastercov.mesh import Mesh
 from rastercov.observation import BoundKind
 from rastercov.observer import Observer
+from rastercov.pairs import PairBuffer
 from rastercov.pose import Poses
-from rastercov.task import Reason, Task
+from rastercov.task import Limits, Reason, Task
+
+if TYPE_CHECKING:
+    from rastercov.coverage_kernels import PairRows, Sink
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -86,8 +92,11 @@ class Network:
         self.largest_image = 0.0
         self.clipped_poses: list[int] = []
 
-    def add(self, coverage: Coverage) -> None:
+    def add(self, coverage: "Coverage | JudgedPoses") -> None:
         """Take in the next poses; ConfigError when they are of another mesh or task."""
+        if isinstance(coverage, JudgedPoses):
+            self._take(coverage.pose_ids, coverage.clipped, coverage.parts)
+            return
         check_kind("coverage", coverage, Coverage, "what evaluate gives", ConfigError)
         if coverage.task != self.task or coverage.mesh.n_faces != self.mesh.n_faces:
             raise ConfigError("a network adds up coverage of one mesh and one task")
@@ -120,7 +129,30 @@ class Network:
         PoseError
             For a pose that is no rigid motion.
         """
-        accepted = Poses.of(poses, skip_bad=skip_bad_poses)
+        for batch in self.judge(observer, Poses.of(poses, skip_bad=skip_bad_poses)):
+            self.add(batch)
+
+    def judge(
+        self, observer: Observer, poses: Poses, *, pairs: str = "none", keep: Collection[int] = ()
+    ) -> "Iterator[JudgedPoses]":
+        """Measure poses, a few at a time, for `add`; at least one batch, maybe empty.
+
+        Parameters
+        ----------
+        observer : Observer
+            Open, for the mesh of the network.
+        poses : Poses
+            World from camera.
+        pairs : {"none", "covered", "seen", "all"}
+            Pairs of pose and face whose figures are kept as rows; see `rastercov.pairs`.
+        keep : collection of int
+            Ids of poses whose coverage is kept.
+
+        Raises
+        ------
+        ConfigError
+            For an observer of another mesh, or another choice of pairs.
+        """
         check_observer(observer)
         if observer.mesh.n_faces != self.mesh.n_faces:
             raise ConfigError("a network adds up coverage of one mesh and one task")
@@ -128,19 +160,38 @@ class Network:
 
         judge = CoveragePass(observer, self.task)
         announce_compilation(judge.kernels.add_pose)
-        for batch, seen in observations(observer, accepted):
-            if len(batch):
-                parts: list[_Part] = []
+        n_faces = self.mesh.n_faces
+        buffer = PairBuffer(pairs, min(len(poses), batch_size(n_faces)), n_faces)
+        return (
+            self._judged(judge, batch, seen, buffer, keep)
+            for batch, seen in measurements(observer, poses)
+        )
 
-                def worker(judged: tuple[Any, ...], n: int = len(batch)) -> Callable[[slice], None]:
-                    parts.append(_Part(self.mesh, n))  # noqa: B023 - called in this turn only
-                    return partial(parts[-1].add_poses, judged)  # noqa: B023
+    def _judged(
+        self,
+        judge: CoveragePass,
+        poses: Poses,
+        seen: Measured,
+        buffer: PairBuffer,
+        keep: Collection[int],
+    ) -> "JudgedPoses":
+        """Judge the poses of a measurement."""
+        sink = buffer.sink(poses.ids)
+        kept = {pose: np.empty(self.mesh.n_faces) for pose in poses.ids.tolist() if pose in keep}
+        parts: list[_Part] = []
 
-                judge.share(seen, batch, worker)
-                self._take(batch.ids, seen.clipped, parts)
+        def worker(scope: tuple[Any, ...]) -> Callable[[slice], None]:
+            parts.append(_Part(self.mesh, len(poses)))
+            return partial(parts[-1].add_poses, scope, judge.limits, sink, kept)
+
+        if len(poses):
+            judge.share(seen, poses, worker)
+        return JudgedPoses(poses.ids, seen.clipped, buffer.rows(), kept, parts)
 
     def _take(self, pose_ids: IntArray, clipped: BoolArray, parts: "list[_Part]") -> None:
         """Add the sums of the parts of a batch of poses."""
+        if not parts:
+            return
         first, *others = parts
         for other in others:
             first.merge(other)
@@ -220,6 +271,29 @@ class Network:
         return entry
 
 
+@dataclass(frozen=True, eq=False)
+class JudgedPoses:
+    """A few poses that a network has judged and not yet added; see `Network.judge`.
+
+    Attributes
+    ----------
+    pose_ids : (P,) int64
+        Row of each pose in the input.
+    clipped : (P,) bool
+        Whether the near plane cut away a surface in view.
+    rows : PairRows
+        Figures of the pairs that were asked for, by pose, then by face.
+    kept : dict
+        Coverage (F,) float64 of the poses to keep, by their ids.
+    """
+
+    pose_ids: IntArray
+    clipped: BoolArray
+    rows: "PairRows"
+    kept: dict[int, FloatArray]
+    parts: "list[_Part]"
+
+
 class _Part:
     """Sums of some of the poses of a batch, made by one thread.
 
@@ -243,7 +317,7 @@ class _Part:
         self.totals, self.images = np.zeros((2, n_poses))
         self._is_scored = self._read_only(mesh.task_mask, np.bool_)
         self._scored = None if mesh.task_mask.all() else np.flatnonzero(mesh.task_mask)
-        self._coverage = np.empty(n)
+        self._coverage, self._drawn = np.empty((2, n))
 
     def add_coverage(self, coverage: Coverage) -> None:
         """Add all poses of the batch."""
@@ -256,14 +330,26 @@ class _Part:
         for row in range(len(drawn)):  # 10 us each
             self._add_sums(row, added[0][row], drawn[row])
 
-    def add_poses(self, judged: tuple[Any, ...], turn: slice) -> None:
-        """Judge some poses of the batch and add them."""
-        seen = judged[2]
+    def add_poses(
+        self,
+        scope: tuple[Any, ...],
+        limits: Limits,
+        sink: "Sink",
+        kept: dict[int, FloatArray],
+        turn: slice,
+    ) -> None:
+        """Judge some poses of the batch and add them; their rows go to `sink`."""
+        seen, coverage = scope[2], self._coverage
+        own = self._is_scored, self.sums, self.covered_faces, coverage
         for row in range(turn.start, turn.stop):
-            self.kernels.add_pose(
-                row, *judged, self._is_scored, self.sums, self.covered_faces, self._coverage
-            )
-            self._add_sums(row, self._coverage, seen.drawn[row])
+            self.kernels.add_pose(row, turn.start, *scope, limits, *own, sink)
+            drawn = seen.drawn[row]
+            if seen.scale != 1 or drawn.dtype != np.float64:
+                drawn = np.divide(drawn, seen.scale, out=self._drawn)
+            self._add_sums(row, coverage, drawn)
+            pose_id = int(sink.pose_ids[row])
+            if pose_id in kept:
+                kept[pose_id][:] = coverage
 
     def _add_sums(self, row: int, coverage: FloatArray, drawn: FloatArray) -> None:
         """Sums over the scored faces of one pose."""

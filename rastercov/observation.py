@@ -20,15 +20,11 @@ from typing import Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.criteria import FaceGeometry
 from rastercov.raster.contract import FaceCounts, RasterizerInfo
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 _Value = TypeVar("_Value")
-
-EPSILON = 2.0**-52
-"""Rounding of a quotient."""
 
 
 class BoundKind(IntEnum):
@@ -109,33 +105,6 @@ class Visibility:
     bound: FloatArray
     kind: NDArray[np.uint8]
     info: RasterizerInfo
-
-
-def visible_fraction(
-    geometry: FaceGeometry, seen: Observation, row: int
-) -> tuple[FloatArray, FloatArray, NDArray[np.uint8]]:
-    """Visible fraction (3.14) of each face in one pose: value, bound and kind, (F,) each.
-
-    Where samples were counted, `visible / drawn` is exactly 1 for a face that nothing hides and
-    exactly 0 for a hidden one, whatever the resolution: both counts come from the same samples.
-    """
-    drawn, kind = seen.drawn_pixels[row], seen.kind[row]
-    has_image = drawn > 0
-    value = np.divide(seen.visible_pixels[row], drawn, out=np.zeros(len(drawn)), where=has_image)
-    # Nothing is known of a face whose image rounds to nothing, or that owns no sample.
-    bound = np.where(has_image, 0.0, 1.0)
-    computed = (kind == BoundKind.EXACT) & has_image
-    # |v/d - v'/d'| <= (|v - v'| + |d - d'|) / d, with d the true area
-    error, least = seen.area_error[row][computed], (drawn - seen.area_error[row])[computed]
-    bound[computed] = np.divide(error, least, out=np.ones(len(error)), where=least > 0) + EPSILON
-    counted = (kind == BoundKind.STATISTICAL) & has_image
-    length = geometry.perimeter[counted] * np.sqrt(seen.samples_per_pixel)
-    deviation = 3 * 0.27 * np.sqrt(1.25 * length + 1) + length / 20
-    bound[counted] = deviation / (drawn[counted] * seen.samples_per_pixel)
-    # A face seen from behind is not seen, by definition, and one outside the image neither.
-    nothing = ~geometry.is_front | ((geometry.in_view_fraction == 0) & ~geometry.in_view)
-    value[nothing], bound[nothing] = 0.0, 0.0
-    return value, np.minimum(bound, 1.0), np.where(nothing, BoundKind.EXACT, kind).astype(np.uint8)
 
 
 def _renamed(old: str, new: str, value: _Value) -> _Value:

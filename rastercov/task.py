@@ -7,6 +7,7 @@ E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks.
 """
 
 import math
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
@@ -134,7 +135,7 @@ class Task:
         return cls(**(THESIS | changes))
 
     def limits(self, camera: Camera) -> Limits:
-        """Thresholds that `rastercov.coverage_kernels.judge` decides by, as `judge` does."""
+        """Thresholds that `rastercov.coverage_kernels.judge` decides by."""
         z_n, z_f = camera.depth_of_field(self.max_blur)
         return Limits(
             min_pixels=self.min_pixels,
@@ -155,32 +156,12 @@ class Task:
         geometry: FaceGeometry,
         figures: Mapping[str, NDArray[Any]],
     ) -> tuple[FloatArray, NDArray[np.uint8]]:
-        """Coverage (3.6) of each face by one camera, and its `Reason`, (F,) each.
+        """Former place of `rastercov.reference.coverage.judge`."""
+        from rastercov.reference.coverage import judge
 
-        `figures` holds the criteria of the pose, (F,) each, by the names of `Coverage`.
-        """
-        resolution, visibility = figures["resolution"], figures["visibility"]
-        enough = np.minimum(resolution, 1.0) if self.cap_resolution else resolution
-        is_dense = figures["pixel_density"] >= self.min_pixel_density
-        is_visible = visibility >= self.min_visibility
-        # One factor at a time: the reason is the first that brings the product below the threshold.
-        factors = (
-            (Reason.DEGENERATE, ~is_degenerate),
-            (Reason.BACK_FACING, geometry.is_front),
-            (Reason.OUTSIDE, geometry.in_view),
-            (Reason.OUT_OF_FOCUS, figures["in_focus"]),
-            (Reason.UNSAMPLED, figures["drawn_pixels"] > 0),
-            (Reason.TOO_COARSE, np.where(is_dense, enough, 0.0)),
-            (Reason.OCCLUDED, np.where(is_visible, visibility, 0.0)),
-            (Reason.TOO_OBLIQUE, figures["incidence"] <= math.radians(self.max_incidence_deg)),
-        )
-        product = np.ones(len(visibility))
-        reason = np.full(len(visibility), Reason.COVERED, np.uint8)
-        for name, factor in factors:
-            product = product * factor
-            fails = (product < self.min_coverage) | (product == 0)
-            reason[fails & (reason == Reason.COVERED)] = name
-        return product, reason
+        text = "Task.judge is now rastercov.reference.coverage.judge"
+        warnings.warn(text, DeprecationWarning, stacklevel=2)
+        return judge(self, is_degenerate, geometry, figures)
 
 
 THESIS: dict[str, Any] = {"cap_resolution": False, "focus_rule": "centroid", "min_coverage": 0.0}

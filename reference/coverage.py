@@ -1,22 +1,28 @@
-"""Coverage of one pose with whole arrays: the twin of `rastercov.coverage_kernels`.
+"""Coverage with whole arrays: the twin of `rastercov.coverage_kernels`.
 
 E. S. Eissa. Image Space Coverage Model. 2020, section 3.3.
 """
 
+import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.camera import Camera
-from rastercov.criteria import in_focus
+from rastercov.coverage import FIGURES, Coverage
+from rastercov.coverage_kernels import ROW_TYPES, PairRows
+from rastercov.criteria import FaceGeometry, in_focus
 from rastercov.mesh import Mesh
-from rastercov.observation import Observation, visible_fraction
+from rastercov.observation import BoundKind, Observation
 from rastercov.reference.criteria import face_geometry
-from rastercov.task import Task
+from rastercov.task import Reason, Task
 
 LARGEST_RESOLUTION = 1e300
 """Of one face; a smaller R_min gives no more."""
+ROUNDING = 2.0**-52
+"""Rounding of a quotient."""
 
 
 def figures_of_pose(
@@ -48,5 +54,89 @@ def figures_of_pose(
         "visibility_kind": kind,
         "incidence": geometry.incidence,
     }
-    coverage, reason = task.judge(mesh.degenerate_mask, geometry, figures)
+    coverage, reason = judge(task, mesh.degenerate_mask, geometry, figures)
     return figures | {"coverage": coverage, "reason": reason}
+
+
+def visible_fraction(
+    geometry: FaceGeometry, seen: Observation, row: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint8]]:
+    """Visible fraction (3.14) of each face in one pose: value, bound and kind, (F,) each.
+
+    Where samples were counted, `visible / drawn` is exactly 1 for a face that nothing hides and
+    exactly 0 for a hidden one, whatever the resolution: both counts come from the same samples.
+    """
+    drawn, kind = seen.drawn_pixels[row], seen.kind[row]
+    has_image = drawn > 0
+    value = np.divide(seen.visible_pixels[row], drawn, out=np.zeros(len(drawn)), where=has_image)
+    # Nothing is known of a face whose image rounds to nothing, or that owns no sample.
+    bound = np.where(has_image, 0.0, 1.0)
+    computed = (kind == BoundKind.EXACT) & has_image
+    # |v/d - v'/d'| <= (|v - v'| + |d - d'|) / d, with d the true area
+    error, least = seen.area_error[row][computed], (drawn - seen.area_error[row])[computed]
+    bound[computed] = np.divide(error, least, out=np.ones(len(error)), where=least > 0) + ROUNDING
+    counted = (kind == BoundKind.STATISTICAL) & has_image
+    length = geometry.perimeter[counted] * np.sqrt(seen.samples_per_pixel)
+    deviation = 3 * 0.27 * np.sqrt(1.25 * length + 1) + length / 20
+    bound[counted] = deviation / (drawn[counted] * seen.samples_per_pixel)
+    # A face seen from behind is not seen, by definition, and one outside the image neither.
+    nothing = ~geometry.is_front | ((geometry.in_view_fraction == 0) & ~geometry.in_view)
+    value[nothing], bound[nothing] = 0.0, 0.0
+    return value, np.minimum(bound, 1.0), np.where(nothing, BoundKind.EXACT, kind).astype(np.uint8)
+
+
+def judge(
+    task: Task,
+    is_degenerate: NDArray[np.bool_],
+    geometry: FaceGeometry,
+    figures: Mapping[str, NDArray[Any]],
+) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
+    """Coverage (3.6) of each face by one camera, and its `Reason`, (F,) each.
+
+    `figures` holds the criteria of the pose, (F,) each, by the names of `Coverage`.
+    """
+    resolution, visibility = figures["resolution"], figures["visibility"]
+    enough = np.minimum(resolution, 1.0) if task.cap_resolution else resolution
+    is_dense = figures["pixel_density"] >= task.min_pixel_density
+    is_visible = visibility >= task.min_visibility
+    # One factor at a time: the reason is the first that brings the product below the threshold.
+    factors = (
+        (Reason.DEGENERATE, ~is_degenerate),
+        (Reason.BACK_FACING, geometry.is_front),
+        (Reason.OUTSIDE, geometry.in_view),
+        (Reason.OUT_OF_FOCUS, figures["in_focus"]),
+        (Reason.UNSAMPLED, figures["drawn_pixels"] > 0),
+        (Reason.TOO_COARSE, np.where(is_dense, enough, 0.0)),
+        (Reason.OCCLUDED, np.where(is_visible, visibility, 0.0)),
+        (Reason.TOO_OBLIQUE, figures["incidence"] <= math.radians(task.max_incidence_deg)),
+    )
+    product = np.ones(len(visibility))
+    reason = np.full(len(visibility), Reason.COVERED, np.uint8)
+    for name, factor in factors:
+        product = product * factor
+        fails = (product < task.min_coverage) | (product == 0)
+        reason[fails & (reason == Reason.COVERED)] = name
+    return product, reason
+
+
+def rows_of(coverage: Coverage, choice: str) -> PairRows:
+    """Rows of the pairs of a table, of the choices of `rastercov.pairs`."""
+    is_seen = (coverage.in_view_fraction > 0) & (coverage.reason > Reason.BACK_FACING)
+    chosen = {
+        "none": np.zeros(is_seen.shape, np.bool_),
+        "covered": coverage.reason == Reason.COVERED,
+        "seen": is_seen,
+        "all": np.ones(is_seen.shape, np.bool_),
+    }[choice]
+    pose, face = np.nonzero(chosen)
+    figures = {name: getattr(coverage, name)[chosen] for name in FIGURES}
+    with np.errstate(over="ignore"):  # values beyond float32 become inf
+        columns = {name: values.astype(ROW_TYPES[name]) for name, values in figures.items()}
+    # The bound includes the rounding of the visible fraction, so that it still holds.
+    off = np.abs(columns["visibility"] - figures["visibility"])
+    bound = figures["visibility_bound"] + off
+    short = bound.astype(np.float32)
+    up = np.nextafter(short, np.float32(np.inf))
+    columns["visibility_bound"] = np.where(short < bound, up, short)
+    ids = coverage.pose_ids[pose].astype(np.int32)
+    return PairRows(pose=ids, face=face.astype(np.int32), **columns)

@@ -37,7 +37,8 @@ def face_geometry(mesh: Mesh, camera: Camera, pose: FloatArray) -> FaceGeometry:
     u, v = u[corners], v[corners]
     du, dv = u[[1, 2, 0]] - u, v[[1, 2, 0]] - v
     area = np.abs(du[0] * dv[1] - dv[0] * du[1]) / 2
-    perimeter = _sum3(np.hypot(du, dv))
+    with np.errstate(over="ignore", under="ignore"):
+        perimeter = _sum3(np.sqrt(du * du + dv * dv))
     fraction = (in_view & (area > 0)).astype(np.float64)
 
     # The rest is for the faces that cross the near plane or the image border, usually few.

@@ -11,9 +11,11 @@ from rastercov.camera import Camera
 from rastercov.criteria import face_geometry
 from rastercov.engine import METHODS
 from rastercov.errors import ConfigError, PoseError
+from rastercov.face_pass import FacePass
 from rastercov.mesh import Mesh
-from rastercov.observation import BoundKind, Observation, visible_fraction
+from rastercov.observation import BoundKind, Observation
 from rastercov.observer import open_observer, visibility
+from rastercov.pose import Poses
 from rastercov.raster.gl import GLRasterizer
 from rastercov.viewpoints import look_at, sphere_of_poses
 
@@ -32,7 +34,8 @@ def see(device):
         with GLRasterizer(mesh, camera, device=device, supersample=supersample) as rasterizer:
             counts = rasterizer.count(pose)
         seen = Observation.of_counts(counts)
-        return *visible_fraction(face_geometry(mesh, camera, pose), seen, 0), counts
+        found = FacePass(mesh, camera, 1).fractions(seen, Poses.of(pose))
+        return *(figure[0] for figure in found), counts
 
     return see_one
 

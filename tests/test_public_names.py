@@ -21,11 +21,11 @@ SURFACE = {
     "camera": set(),
     "coverage": {
         *("EVALUATE_BUDGET", "FIGURES", "PAIRS_A_BATCH", "POSES_A_BATCH", "UNITS"),
-        *("check_observer", "observations"),
+        *("batch_size", "check_observer", "measurements"),
     },
     "engine": {"BACKENDS", "METHODS"},
     "errors": set(),
-    "network": {"share_of_faces"},
+    "network": {"JudgedPoses", "share_of_faces"},
     "pose": {
         *("DRIFT_TOLERANCE", "as_matrices", "check_poses", "inverse", "real_numbers"),
         "valid_poses",
@@ -33,7 +33,7 @@ SURFACE = {
     "pose_file": set(),
     "raster.__init__": set(),
     "raster.contract": {"MAX_RENDERED", "MAX_SUPERSAMPLE", "check_counts", "check_picture"},
-    "observation": {"EPSILON", "visible_fraction"},
+    "observation": set(),
     "observer": set(),
     "task": {"THESIS", "Limits"},
     "viewpoints": {"enclosing_distance", "fibonacci_sphere", "half_angles"},

@@ -26,6 +26,14 @@ Method = Annotated[
     str, typer.Option(help="How occlusion is found: certified, exact (slower) or sampled.")
 ]
 Supersample = Annotated[int, typer.Option(help="S: S x S samples a pixel, for --method sampled.")]
+Table = Annotated[
+    str | None,
+    typer.Option(
+        help="Pairs of pose and face in the table: none, covered, seen (in the image, facing the "
+        "camera) or all.",
+        show_default="seen, up to 10,000,000 rows",
+    ),
+]
 Pictures = Annotated[int, typer.Option(min=0, help="Poses to draw, spread over the run.")]
 
 
@@ -43,6 +51,7 @@ def evaluate(
     skip_bad_poses: Annotated[
         bool, typer.Option("--skip-bad-poses", help="Leave out poses that are no rigid motion.")
     ] = False,
+    table: Table = None,
     pictures: Pictures = 12,
     method: Method = "certified",
     supersample: Supersample = 1,
@@ -63,6 +72,7 @@ def evaluate(
         method=method,
         supersample=supersample,
         device=device,
+        table=table,
         pictures=pictures,
         skip_bad_poses=skip_bad_poses,
     )

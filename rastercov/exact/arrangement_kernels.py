@@ -16,11 +16,17 @@ import numpy as np
 from rastercov._jit import allocation_free, inlined
 from rastercov.exact.grid_kernels import cell
 from rastercov.exact.half_plane_kernels import depth_order, hides_all
-from rastercov.exact.outline_kernels import is_joined, outline, outline_error, plane_of
+from rastercov.exact.outline_kernels import (
+    is_joined,
+    n_sides_of,
+    outline,
+    outline_error,
+    plane_of,
+    side_of,
+)
 from rastercov.exact.polygon_kernels import (
     clip,
     copy_polygon,
-    line_at,
     line_value,
     separates,
     split,
@@ -195,50 +201,48 @@ def may_pass_through(t, m, target, n, n_own, edges, is_event, camera, projected,
     box, state = projected.box, projected.state
     if not state[m] & LIVE:
         return state[m] & THIN != 0
-    overlap, n_sides = overlap_of(t, m, target, n, n_own, camera, projected, work)
-    if overlap == 0:
-        return False
-    if overlap < 0 or state[m] & DOUBTFUL:
-        return True
-    error = outline_error(m, camera, projected)
-    across = min(box[t, U_MAX], box[m, U_MAX]) - max(box[t, U_MIN], box[m, U_MIN])
-    down = min(box[t, V_MAX], box[m, V_MAX]) - max(box[t, V_MIN], box[m, V_MIN])
-    if overlap <= SURE * error * (across + down):  # neighbours that abut, up to rounding
-        area_error[t] += max(overlap, 4 * error * (across + down))
-        return False
-    area_error[t] += 4 * error * (across + down)
-    order = depth_order(t, m, target, n, n_sides, camera, projected, work, True, area_error)
-    if order != IN_FRONT:
-        return order in (IN_FRONT_IN_PART, TIED)
-    for s in range(3):
-        e = edges.of_face[m, s]
-        if is_event[e] or edges.faces[e, 1] < 0:
+    for s in range(-1, 3):  # the other face itself; then, if it is in front, its neighbours
+        other = np.int64(m)
+        if s >= 0:
+            e = edges.of_face[m, s]
+            if is_event[e] or edges.faces[e, 1] < 0:
+                continue
+            other = np.int64(edges.faces[e, 0] if edges.faces[e, 0] != m else edges.faces[e, 1])
+            if other == t or not state[other] & LIVE:
+                continue
+        overlap, n_sides = overlap_of(t, other, target, n, n_own, camera, projected, work)
+        if overlap == 0 and s >= 0:
             continue
-        beyond = edges.faces[e, 0] if edges.faces[e, 0] != m else edges.faces[e, 1]
-        if beyond == t or not state[beyond] & LIVE:
-            continue
-        overlap, n_sides = overlap_of(t, beyond, target, n, n_own, camera, projected, work)
-        if overlap < 0 or (
-            overlap > 0
-            and depth_order(
-                t, beyond, target, n, n_sides, camera, projected, work, False, area_error
-            )
-            != IN_FRONT
-        ):
+        if overlap == 0:
+            return False
+        if overlap < 0 or state[other] & DOUBTFUL:
             return True
+        if s < 0:
+            error = outline_error(m, camera, projected)
+            across = min(box[t, U_MAX], box[m, U_MAX]) - max(box[t, U_MIN], box[m, U_MIN])
+            down = min(box[t, V_MAX], box[m, V_MAX]) - max(box[t, V_MIN], box[m, V_MIN])
+            if overlap <= SURE * error * (across + down):  # neighbours that abut, up to rounding
+                area_error[t] += max(overlap, 4 * error * (across + down))
+                return False
+            area_error[t] += 4 * error * (across + down)
+        order = depth_order(
+            t, other, target, n, n_sides, camera, projected, work, s < 0, area_error
+        )
+        if order != IN_FRONT:
+            return s >= 0 or order in (IN_FRONT_IN_PART, TIED)
     return False
 
 
 @inlined
-def covers(m, u, v, edges, is_event, camera, projected, work):
+def covers(m, u, v, edges, is_event, camera, projected):
     """`HIDDEN` if the image of a face covers a point, `VISIBLE` if it does not, or `UNSURE`."""
-    lines = work.lines
-    _, n_lines = outline(m, projected, work.corners, lines)
+    n_lines = n_sides_of(m, projected)
     error = outline_error(m, camera, projected)
     result = HIDDEN
     for s in range(n_lines):
-        value = line_value(line_at(lines, s), u, v)
-        margin = SURE * error * (abs(lines[s, DU]) + abs(lines[s, DV]))
+        line = side_of(m, s, projected)
+        value = line_value(line, u, v)
+        margin = SURE * error * (abs(line[DU]) + abs(line[DV]))
         if value < -margin:
             return VISIBLE
         if value < margin and not is_joined(m, s, n_lines, edges, is_event, projected):
@@ -280,7 +284,7 @@ def point_visibility(t, u, v, hider, plane, edges, is_event, camera, projected, 
             continue
         if not state[m] & LIVE:
             continue
-        covered = covers(m, u, v, edges, is_event, camera, projected, work)
+        covered = covers(m, u, v, edges, is_event, camera, projected)
         if covered == VISIBLE:
             continue
         u_m, v_m, w_m, a_m, b_m, error_m = plane_of(m, camera, projected)

@@ -21,7 +21,8 @@ from rastercov._once import Once
 from rastercov.camera import Camera
 from rastercov.exact import certificate_kernels as kernels
 from rastercov.exact.arrangement_kernels import MOST_CELLS, arrangement_areas
-from rastercov.exact.event_kernels import find_event_edges, mark_crossed
+from rastercov.exact.event_kernels import ask_for_events, find_event_edges, mark_crossed
+from rastercov.exact.grid_kernels import ask_for_faces
 from rastercov.exact.half_plane_kernels import visible_areas
 from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.exact.records import Crossings, Segment
@@ -34,6 +35,8 @@ CERTAIN_AREA_REL = 1e-6
 """Area tolerance when a region's largest face is classified as wholly visible or wholly hidden,
 relative to that face. A partial result means that an event edge was missed; the whole region is
 then computed face by face."""
+CELLS_PER_EVENT = 8
+"""Cells of the grid for each event edge from which on faces are listed only where they run."""
 CROSSING_TOLERANCE_REL = 1e-9
 """Distance up to which an edge that passes a face counts as crossing it, relative to
 `HalfPlaneSolver.coordinate_scale`."""
@@ -110,19 +113,23 @@ class CertificateSolver(HalfPlaneSolver):
             events, surface.edges, projected, contacts, partners,
             THIN_TOLERANCE_REL * self.coordinate_scale, self._is_at_event,
         )  # fmt: skip
+        self._list_around(events)
         while True:
             n_crossings = mark_crossed(
                 events, surface.edges, is_event, surface.vertices, camera, projected, self.grid,
-                self._extent, CROSSING_TOLERANCE_REL * self.coordinate_scale, self.n_clipped > 0,
+                self._extent, CROSSING_TOLERANCE_REL * self.coordinate_scale, self.n_clipped,
                 self._segment, self._work, self._crossings, self._is_hidden,
             )  # fmt: skip
             if n_crossings <= len(self._crossings.edge):
                 break
             self._make_room_for_crossings(2 * n_crossings)
         self.n_crossed, self.n_regions = kernels.find_regions(
-            surface.edges, is_event, self._is_hidden, camera, projected, self.region,
-            self._scratch, self._targets,
+            surface.edges, is_event, self._is_hidden, camera, projected, self.grid.is_whole,
+            self.region, self._scratch, self._targets,
         )  # fmt: skip
+        targets = self._targets[: self.n_crossed + self.n_regions]
+        if ask_for_faces(targets, projected.box, self.grid):
+            self._list_faces()
         if len(self._pieces.corners) < MOST_CELLS:
             self._make_room_for_pieces(MOST_CELLS)
         self.n_left = arrangement_areas(
@@ -138,9 +145,23 @@ class CertificateSolver(HalfPlaneSolver):
             self.region, self.largest_of_regions(), self.area, self.visible, self._scratch,
             CERTAIN_AREA_REL,
         )  # fmt: skip
+        self._is_listed = self.n_doubtful == 0
         self.solve(self._scratch[: self.n_doubtful])
 
         self.is_certified = self.region >= 0
+
+    def _list_around(self, events: IntArray) -> None:
+        """List the faces in the cells around event edges, or in all cells if these are not few."""
+        are_few = (
+            self.n_clipped == 0
+            and CELLS_PER_EVENT * len(events) <= self.grid.columns * self.grid.rows
+        )
+        if not are_few or not ask_for_events(
+            events, self.surface.edges, self.surface.vertices, self.camera, self.projected,
+            CROSSING_TOLERANCE_REL * self.coordinate_scale, self.grid, self._segment,
+        ):  # fmt: skip
+            self._ask_for_all()
+        self._list_faces()
 
     def _make_room_for_crossings(self, n: int) -> None:
         self._crossings = Crossings(

@@ -87,7 +87,7 @@ def root_of(parent, f):
 
 
 @allocation_free
-def find_regions(edges, is_event, is_hidden, camera, projected, region, number, targets):
+def find_regions(edges, is_event, is_hidden, camera, projected, is_listed, region, number, targets):
     """Collect the uncrossed faces into regions; number of crossed faces, and of regions.
 
     A forest of faces, whose roots have the lowest index of their region, is joined edge by edge.
@@ -98,12 +98,15 @@ def find_regions(edges, is_event, is_hidden, camera, projected, region, number, 
         Of `find_event_edges` and `mark_crossed`. What hides an event edge hides both of its faces.
     projected : Projected
         With `CROSSED` in the state.
+    is_listed : (F,) bool
+        Faces that are preferred as the largest of a region.
     region : (F,) int32
         Out: number of each face's region, -1 for faces in none.
     number : (F,) int32
         Scratch.
     targets : (F,) int32
-        Out: the crossed faces, and after them the largest face of each region.
+        Out: the crossed faces, and after them the largest face of each region, of those that are
+        listed if any is.
 
     R. E. Tarjan. Efficiency of a Good but not Linear Set Union Algorithm. 1975.
     """
@@ -147,7 +150,11 @@ def find_regions(edges, is_event, is_hidden, camera, projected, region, number, 
             targets[n_crossed + n] = f
             n += 1
         at = n_crossed + number[root]
-        if area[f] > area[targets[at]]:
+        largest = targets[at]
+        if is_listed[f] != is_listed[largest]:
+            if is_listed[f]:
+                targets[at] = f
+        elif area[f] > area[largest]:
             targets[at] = f
     for f in range(state.shape[0]):
         if parent[f] >= 0:

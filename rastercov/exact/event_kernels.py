@@ -16,8 +16,8 @@ from rastercov._jit import allocation_free, inlined
 from rastercov.exact.grid_kernels import cell
 from rastercov.exact.polygon_kernels import length
 from rastercov.exact.records import (
-    CLIPPED,
     CONSISTENT,
+    CORNERS,
     CROSSED,
     DEPTH_TIE_REL,
     DOUBTFUL,
@@ -47,6 +47,7 @@ from rastercov.exact.segment_kernels import (
     END,
     HIDER,
     IS_VISIBLE,
+    NO_EDGE,
     NO_FACE,
     NO_VERTEX,
     START,
@@ -57,6 +58,8 @@ from rastercov.exact.segment_kernels import (
     take_range,
 )
 
+MOST_CELLS_OF_EDGE = 256
+"""Cells in the bounding box of an event edge beyond which all cells are asked for."""
 NEAR_PLANE_TOLERANCE_REL = 1e-6
 """Relative difference of 1/z up to which a corner counts as one on the near plane."""
 
@@ -134,10 +137,12 @@ def mark_in_cell(
     nearest = max(segment[START, W], segment[END, W])
     farthest = min(segment[START, W], segment[END, W])
     ranges[0, 0], ranges[0, 1], n = first, last, 1
-    for entry in range(starts[c], starts[c + 1]):
-        m = entries[entry]
+    for entry in range(starts[c] - 1, starts[c + 1]):
+        # Edges beside each other are often hidden by one face.
+        m = np.int64(ends[HIDER]) if entry < starts[c] else np.int64(entries[entry])
         if (
-            box[m, W_MAX] >= farthest
+            m >= 0
+            and box[m, W_MAX] >= farthest
             and state[m] & (LIVE | DOUBTFUL) == LIVE
             and box[m, U_MIN] <= right
             and box[m, U_MAX] >= left
@@ -145,7 +150,7 @@ def mark_in_cell(
             and box[m, V_MAX] >= top
         ):
             begin, end = hidden_range(
-                m, a, b, segment, first, last, tolerance, edges, is_event, camera, projected, work
+                m, a, b, segment, first, last, tolerance, edges, is_event, camera, projected
             )
             if begin < end:
                 n = take_range(ranges, n, begin, end)
@@ -202,14 +207,6 @@ def mark_segment(
     ends[IS_VISIBLE] = 1 if t0 > 0 or t1 < 1 else 0
     if t0 > t1:
         return n_crossings
-    # Edges beside each other are often hidden by one face.
-    if ends[HIDER] >= 0:
-        begin, end = hidden_range(
-            ends[HIDER], ends[START], ends[END], uvw, t0, t1, tolerance, edges, is_event, camera,
-            projected, work,
-        )  # fmt: skip
-        if begin <= t0 and end >= t1:
-            return n_crossings
     ua, ub, va, vb = u + t0 * du, u + t1 * du, v + t0 * dv, v + t1 * dv
     low_u, high_u = min(ua, ub) - tolerance, max(ua, ub) + tolerance
     top = cell(min(va, vb) - tolerance, grid.top, grid.per_v, grid.rows)
@@ -279,9 +276,71 @@ def project_clipped(a, b, vertices, camera, segment):
     return True
 
 
+@inlined
+def project_event(e, edges, vertices, camera, uvw, segment):
+    """Fill `segment` with the image of an event edge; False if nothing of it is in front."""
+    a, b, its = edges.vertices[e, 0], edges.vertices[e, 1], segment.uvw
+    if not (uvw[a, W] > 0 and uvw[b, W] > 0):
+        return project_clipped(a, b, vertices, camera, segment)
+    segment.ends[START], segment.ends[END] = a, b
+    for k in range(3):
+        its[START, k], its[END, k] = uvw[a, k], uvw[b, k]
+    its[START, POSITION_ERROR] = its[END, POSITION_ERROR] = camera.pixel_error
+    return True
+
+
+@allocation_free
+def ask_for_events(events, edges, vertices, camera, projected, tolerance, grid, segment):
+    """Ask for the cells around event edges; False, before the last, if one has too many.
+
+    They are those of its bounding box and the next ones, which hold most of what it crosses.
+    """
+    uvw = segment.uvw
+    for index in range(events.shape[0]):
+        if project_event(events[index], edges, vertices, camera, projected.uvw, segment):
+            left = min(uvw[START, U], uvw[END, U]) - tolerance - 1 / grid.per_u
+            right = max(uvw[START, U], uvw[END, U]) + tolerance + 1 / grid.per_u
+            upper = min(uvw[START, V], uvw[END, V]) - tolerance - 1 / grid.per_v
+            lower = max(uvw[START, V], uvw[END, V]) + tolerance + 1 / grid.per_v
+            first = cell(left, grid.left, grid.per_u, grid.columns)
+            last = cell(right, grid.left, grid.per_u, grid.columns)
+            top = cell(upper, grid.top, grid.per_v, grid.rows)
+            bottom = cell(lower, grid.top, grid.per_v, grid.rows)
+            if (last - first + 1) * (bottom - top + 1) > MOST_CELLS_OF_EDGE:
+                return False
+            for row in range(top, bottom + 1):
+                for at in range(row * grid.columns + first, row * grid.columns + last + 1):
+                    grid.is_asked[at] = True
+    return True
+
+
+@inlined
+def take_rim(s, p, camera, clipped, segment):
+    """Fill `segment` with side p of the image of a clipped face if the near plane cut it there."""
+    if p >= clipped.n_corners[s]:
+        return False
+    polygons, planes, its = clipped.polygons, clipped.planes, segment.uvw
+    q = p + 1 if p + 1 < clipped.n_corners[s] else 0
+    for end in range(2):
+        corner = p if end == START else q
+        u, v = polygons[s, corner, U], polygons[s, corner, V]
+        w = (
+            planes[s, W]
+            + planes[s, SLOPE_U] * (u - planes[s, U])
+            + planes[s, SLOPE_V] * (v - planes[s, V])
+        )
+        # As near as it may be: 1/z of a face that almost contains the camera centre is known to few
+        # digits.
+        its[end, U], its[end, V] = u, v
+        its[end, W] = min(w + planes[s, W_ERROR], 1 / camera.near)
+        its[end, POSITION_ERROR], segment.ends[end] = camera.pixel_error, NO_VERTEX
+    rim = (1 - NEAR_PLANE_TOLERANCE_REL) / camera.near
+    return its[START, W] >= rim and its[END, W] >= rim
+
+
 @allocation_free
 def mark_crossed(
-    events, edges, is_event, vertices, camera, projected, grid, extent, tolerance, has_clipped,
+    events, edges, is_event, vertices, camera, projected, grid, extent, tolerance, n_clipped,
     segment, work, crossings, is_hidden,
 ):  # fmt: skip
     """Mark the live faces crossed by a visible part of an event edge or of a rim at the near plane.
@@ -299,8 +358,8 @@ def mark_crossed(
         Of `set_up`.
     tolerance : float
         Pixels within which an edge that passes a face counts as crossing it.
-    has_clipped : bool
-        Whether any face is clipped in space.
+    n_clipped : int
+        Of `set_up`: faces that are clipped in space.
     crossings : Crossings
         Out. `segment` and `work` are scratch.
     is_hidden : (E,) bool
@@ -312,56 +371,28 @@ def mark_crossed(
         Number of crossings. If it is more than `crossings` has room for, call again with more.
     """
     uvw, state, clipped = projected.uvw, projected.state, projected.clipped
-    uvw_of_ends, ends = segment.uvw, segment.ends
     crossings.last[:] = -1
-    n_crossings, ends[HIDER] = 0, NO_FACE
-    for index in range(events.shape[0]):
-        e = events[index]
-        is_hidden[e] = False
-        a, b = edges.vertices[e, 0], edges.vertices[e, 1]
-        if uvw[a, W] > 0 and uvw[b, W] > 0:
-            ends[START], ends[END] = a, b
-            for k in range(3):
-                uvw_of_ends[START, k], uvw_of_ends[END, k] = uvw[a, k], uvw[b, k]
-            uvw_of_ends[START, POSITION_ERROR] = camera.pixel_error
-            uvw_of_ends[END, POSITION_ERROR] = camera.pixel_error
-        elif not project_clipped(a, b, vertices, camera, segment):
-            continue
-        flags = state[edges.faces[e, 0]]
-        if edges.faces[e, 1] >= 0:
-            flags |= state[edges.faces[e, 1]]
+    n_events, n_crossings, segment.ends[HIDER] = events.shape[0], 0, NO_FACE
+    for index in range(n_events + n_clipped * CORNERS):
+        e, is_doubtful = np.int64(NO_EDGE), True
+        if index < n_events:
+            e = np.int64(events[index])
+            is_hidden[e] = False
+            if not project_event(e, edges, vertices, camera, uvw, segment):
+                continue
+            flags = state[edges.faces[e, 0]]
+            if edges.faces[e, 1] >= 0:
+                flags |= state[edges.faces[e, 1]]
+            is_doubtful = flags & DOUBTFUL != 0
+        else:
+            s = (index - n_events) // CORNERS
+            if not take_rim(s, (index - n_events) % CORNERS, camera, clipped, segment):
+                continue
         n_crossings = mark_segment(
-            e, flags & DOUBTFUL != 0, segment, tolerance, edges, is_event, camera, projected, grid,
-            extent, work, crossings, n_crossings,
+            e, is_doubtful, segment, tolerance, edges, is_event, camera, projected, grid, extent,
+            work, crossings, n_crossings,
         )  # fmt: skip
-        is_hidden[e] = uvw[a, W] > 0 and uvw[b, W] > 0 and not ends[IS_VISIBLE]
-    if not has_clipped:
-        return n_crossings
-    polygons, planes = clipped.polygons, clipped.planes
-    rim = (1 - NEAR_PLANE_TOLERANCE_REL) / camera.near
-    ends[START] = ends[END] = NO_VERTEX
-    for f in range(state.shape[0]):
-        if not (state[f] & LIVE and state[f] & CLIPPED):
-            continue
-        s = projected.clipped_index[f]
-        for p in range(clipped.n_corners[s]):
-            q = p + 1 if p + 1 < clipped.n_corners[s] else 0
-            for end in range(2):
-                corner = p if end == START else q
-                u, v = polygons[s, corner, U], polygons[s, corner, V]
-                w = (
-                    planes[s, W]
-                    + planes[s, SLOPE_U] * (u - planes[s, U])
-                    + planes[s, SLOPE_V] * (v - planes[s, V])
-                )
-                # As near as it may be: 1/z of a face that almost contains the camera centre is
-                # known to few digits.
-                w = min(w + planes[s, W_ERROR], 1 / camera.near)
-                uvw_of_ends[end, U], uvw_of_ends[end, V], uvw_of_ends[end, W] = u, v, w
-                uvw_of_ends[end, POSITION_ERROR] = camera.pixel_error
-            if uvw_of_ends[START, W] >= rim and uvw_of_ends[END, W] >= rim:
-                n_crossings = mark_segment(
-                    -1, True, segment, tolerance, edges, is_event, camera, projected, grid, extent,
-                    work, crossings, n_crossings,
-                )  # fmt: skip
+        if e >= 0 and not segment.ends[IS_VISIBLE]:
+            a, b = edges.vertices[e, 0], edges.vertices[e, 1]
+            is_hidden[e] = uvw[a, W] > 0 and uvw[b, W] > 0
     return n_crossings

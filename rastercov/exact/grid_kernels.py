@@ -3,7 +3,10 @@
 import numpy as np
 
 from rastercov._jit import allocation_free, inlined
-from rastercov.exact.records import LIVE, THIN, U_MAX, U_MIN, V_MAX, V_MIN, W_MAX
+from rastercov.exact.records import BLOCK, LIVE, THIN, U_MAX, U_MIN, V_MAX, V_MIN, W_MAX
+
+TILE = 8
+"""Side of the tiles of cells by which blocks of faces are left out."""
 
 
 @inlined
@@ -24,36 +27,90 @@ def cells_of_box(box, f, grid):
 
 
 @allocation_free
-def fill_grid(state, box, grid):
-    """List the live and thin faces by the cells their boxes touch; returns the number of entries.
+def ask_for_faces(faces, box, grid):
+    """Ask for the cells that the boxes of some faces touch; True if one had not been asked for."""
+    is_new = False
+    for index in range(faces.shape[0]):
+        left, right, top, bottom = cells_of_box(box, faces[index], grid)
+        for row in range(top, bottom + 1):
+            for at in range(row * grid.columns + left, row * grid.columns + right + 1):
+                is_new = is_new or not grid.is_asked[at]
+                grid.is_asked[at] = True
+    return is_new
 
-    `state` and `box` are those of `Projected`. Out: `starts`, `entries` and `is_sorted` of the
-    grid; where `entries` has too little room, none is listed: call again with more.
+
+@inlined
+def mark_tiles(grid):
+    """Mark the tiles of TILE x TILE cells of which one is asked for; returns columns of tiles."""
+    across = (grid.columns - 1) // TILE + 1
+    grid.is_tile_asked[: across * ((grid.rows - 1) // TILE + 1)] = False
+    for row in range(grid.rows):
+        for column in range(grid.columns):
+            if grid.is_asked[row * grid.columns + column]:
+                grid.is_tile_asked[row // TILE * across + column // TILE] = True
+    return across
+
+
+@inlined
+def may_be_asked(box, f, across, grid):
+    """True if a cell asked for is in a tile that a box touches."""
+    left, right, top, bottom = cells_of_box(box, f, grid)
+    for row in range(top // TILE, bottom // TILE + 1):
+        for at in range(row * across + left // TILE, row * across + right // TILE + 1):
+            if grid.is_tile_asked[at]:
+                return True
+    return False
+
+
+@allocation_free
+def fill_grid(projected, grid):
+    """List the live and thin faces by the cells asked for; returns the number of entries.
+
+    Out: `starts`, `entries`, `is_sorted`, `faces` and `is_whole` of the grid; where `entries` has
+    too little room, none is listed: call again with more.
     """
-    columns, starts, entries = grid.columns, grid.starts, grid.entries
+    state, box, block_box = projected.state, projected.box, projected.block_box
+    columns, starts, entries, is_asked = grid.columns, grid.starts, grid.entries, grid.is_asked
     n_cells = columns * grid.rows
     grid.is_sorted[:n_cells] = False
+    grid.is_whole[:] = False
     for c in range(n_cells + 2):
         starts[c] = 0
-    for f in range(state.shape[0]):
-        if state[f] & (LIVE | THIN):
+    n, across = 0, mark_tiles(grid)
+    for b in range(block_box.shape[0]):
+        if not (
+            block_box[b, U_MIN] <= block_box[b, U_MAX] and may_be_asked(block_box, b, across, grid)
+        ):
+            continue
+        for f in range(b * BLOCK, min((b + 1) * BLOCK, state.shape[0])):
+            if not state[f] & (LIVE | THIN):
+                continue
             left, right, top, bottom = cells_of_box(box, f, grid)
+            is_listed, is_whole = False, True
             for row in range(top, bottom + 1):
-                for column in range(left, right + 1):
-                    starts[row * columns + column + 2] += 1
+                for at in range(row * columns + left, row * columns + right + 1):
+                    if is_asked[at]:
+                        is_listed = True
+                        starts[at + 2] += 1
+                    else:
+                        is_whole = False
+            grid.is_whole[f] = is_whole
+            if is_listed:
+                grid.faces[n] = f
+                n += 1
     for c in range(2, n_cells + 2):
         starts[c] += starts[c - 1]
     total = starts[n_cells + 1]
     if total > entries.shape[0]:
         return total
-    for f in range(state.shape[0]):
-        if state[f] & (LIVE | THIN):
-            left, right, top, bottom = cells_of_box(box, f, grid)
-            for row in range(top, bottom + 1):
-                for column in range(left, right + 1):
-                    at = row * columns + column + 1
-                    entries[starts[at]] = f
-                    starts[at] += 1
+    for index in range(n):
+        f = grid.faces[index]
+        left, right, top, bottom = cells_of_box(box, f, grid)
+        for row in range(top, bottom + 1):
+            for at in range(row * columns + left, row * columns + right + 1):
+                if is_asked[at]:
+                    entries[starts[at + 1]] = f
+                    starts[at + 1] += 1
     return total
 
 

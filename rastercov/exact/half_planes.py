@@ -27,6 +27,7 @@ from rastercov.errors import ConfigError
 from rastercov.exact.grid_kernels import fill_grid
 from rastercov.exact.half_plane_kernels import visible_areas as visible_areas_kernel
 from rastercov.exact.records import (
+    BLOCK,
     CORNERS,
     LIVE,
     PIECE_ROOM,
@@ -56,9 +57,9 @@ MOST_CELLS = 1 << 14
 """Columns, or rows, of the grid."""
 LEAST_EXTENT = 1e-100
 """Pixels; width and height that the grid covers at least."""
-CELLS_PER_FACE = 2
+CELLS_PER_FACE = 1
 """Cells of the grid for each face, unless that makes more entries than `ENTRIES_PER_FACE`."""
-ENTRIES_PER_FACE = 4
+ENTRIES_PER_FACE = 3
 
 
 def visible_areas(
@@ -196,14 +197,28 @@ class HalfPlaneSolver:
             side=self.side,
             state=self.state,
             box=np.empty((n_faces, 6)),
+            block_box=np.empty((-(-n_faces // BLOCK), 4)),
             area=self.area,
             clipped_index=np.empty(n_faces, np.int32),
             clipped=_room_for_clipped(8),
         )
-        starts, entries = np.empty(0, np.int64), np.empty(2 * n_faces, np.int32)
         self.grid = CellGrid(
-            0.0, 0.0, 1.0, 1.0, 1, 1, starts, entries, np.empty(len(entries)), np.empty(0, np.bool_)
+            left=0.0,
+            top=0.0,
+            per_u=1.0,
+            per_v=1.0,
+            columns=1,
+            rows=1,
+            is_asked=np.empty(0, np.bool_),
+            is_tile_asked=np.empty(0, np.bool_),
+            starts=np.empty(0, np.int64),
+            entries=np.empty(2 * n_faces, np.int32),
+            nearest=np.empty(2 * n_faces),
+            is_sorted=np.empty(0, np.bool_),
+            faces=np.empty(n_faces, np.int32),
+            is_whole=np.empty(n_faces, np.bool_),
         )
+        self._is_listed = False
         self._make_room_for_pieces(64)
         self._work = Work(
             target=np.empty((2 * CORNERS, 2)),
@@ -246,10 +261,13 @@ class HalfPlaneSolver:
             self._make_room_for_clipped(self.n_clipped)
         self.visible.fill(0.0)
         self._marks.fill(-1)
-        self._fill_grid(n_live)
+        self._lay_grid(n_live)
 
     def solve(self, targets: IntArray) -> None:
         """Compute `visible` and `area_error` of some faces, given by index."""
+        if not self._is_listed:
+            self._ask_for_all()
+            self._list_faces()
         done = 0
         while True:
             done = visible_areas_kernel(
@@ -270,8 +288,8 @@ class HalfPlaneSolver:
         largest = 2 * (self.camera.width * self.camera.height)
         self.area_error[faces] = np.minimum(self.area_error[faces], largest)
 
-    def _fill_grid(self, n_live: int) -> None:
-        """List the live faces by grid cells, as many cells as the entries of large faces allow."""
+    def _lay_grid(self, n_live: int) -> None:
+        """Lay a grid over the live faces, of as many cells as the entries of large ones allow."""
         extent = self._extent.tolist() if n_live else (0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0)
         left, right, top, bottom, widths, heights, areas = extent
         wide, high = max(right - left, LEAST_EXTENT), max(bottom - top, LEAST_EXTENT)
@@ -285,24 +303,34 @@ class HalfPlaneSolver:
             if entries <= ENTRIES_PER_FACE * n_live or columns * rows == 1:
                 break
             cells /= 2
-        self._list_by_cells(left, top, per_u, per_v, columns, rows)
+        self._take_grid(left, top, per_u, per_v, columns, rows)
 
-    def _list_by_cells(
+    def _take_grid(
         self, left: float, top: float, per_u: float, per_v: float, columns: int, rows: int
     ) -> None:
-        starts, entries = self.grid.starts, self.grid.entries
-        nearest, is_sorted = self.grid.nearest, self.grid.is_sorted
-        if len(is_sorted) < columns * rows:
-            starts = np.empty(columns * rows + 2, np.int64)
-            is_sorted = np.empty(columns * rows, np.bool_)
-        while True:
-            self.grid = CellGrid(
-                left, top, per_u, per_v, columns, rows, starts, entries, nearest, is_sorted
+        """Take a grid of which no cell is asked for, and no face listed."""
+        n_cells = columns * rows
+        self.grid = self.grid._replace(
+            left=left, top=top, per_u=per_u, per_v=per_v, columns=columns, rows=rows
+        )
+        if len(self.grid.is_sorted) < n_cells:
+            self.grid = self.grid._replace(
+                starts=np.empty(n_cells + 2, np.int64),
+                is_sorted=np.empty(n_cells, np.bool_),
+                is_asked=np.empty(n_cells, np.bool_),
+                is_tile_asked=np.empty(n_cells, np.bool_),
             )
-            needed = fill_grid(self.state, self.projected.box, self.grid)
-            if needed <= len(entries):
-                return
-            entries, nearest = np.empty(needed * 5 // 4, np.int32), np.empty(needed * 5 // 4)
+        self.grid.is_asked[:n_cells] = self._is_listed = False
+
+    def _ask_for_all(self) -> None:
+        self.grid.is_asked[:] = True
+
+    def _list_faces(self) -> None:
+        """List the faces in the cells asked for."""
+        while (needed := fill_grid(self.projected, self.grid)) > len(self.grid.entries):
+            room = needed * 5 // 4
+            self.grid = self.grid._replace(entries=np.empty(room, np.int32), nearest=np.empty(room))
+        self._is_listed = True
 
     def _make_room_for_clipped(self, n: int) -> None:
         self.projected = self.projected._replace(clipped=_room_for_clipped(n))

@@ -46,6 +46,8 @@ BEHIND, IN_FRONT, IN_FRONT_IN_PART, TIED = range(4)
 
 DEPTH_TIE_REL = 1e-10
 """Relative difference of 1/z up to which two surfaces coincide: the lower index is in front."""
+BLOCK = 64
+"""Consecutive faces that are looked at together."""
 CORNERS = 12
 """Capacity for the corners of a face: clipped to the near plane and the image it has at most 8."""
 SIDES = 4
@@ -85,7 +87,7 @@ border : (4, 5) float64
     Lines along the four sides of the image.
 """
 
-Projected = namedtuple("Projected", "faces uvw side state box area clipped_index clipped")
+Projected = namedtuple("Projected", "faces uvw side state box block_box area clipped_index clipped")
 """Image of a surface.
 
 Attributes
@@ -101,6 +103,8 @@ state : (F,) uint8
     Bits `LIVE` to `IN_CONTACT`.
 box : (F, 6) float64
     Bounds of u, v and w, of live and thin faces.
+block_box : (N, 4) float64
+    Bounds of u and v of the live and thin faces of each `BLOCK` faces; from inf to -inf for none.
 area : (F,) float64
     Image area inside the image, px^2.
 clipped_index : (F,) int32
@@ -122,7 +126,9 @@ planes : (N, 7) float64
 """
 
 CellGrid = namedtuple(
-    "CellGrid", "left top per_u per_v columns rows starts entries nearest is_sorted"
+    "CellGrid",
+    "left top per_u per_v columns rows is_asked is_tile_asked starts entries nearest is_sorted "
+    "faces is_whole",
 )
 """Live and thin faces listed by the cells of a regular grid over the image that their boxes touch.
 
@@ -133,6 +139,10 @@ left, top : float
 per_u, per_v : float
     Columns and rows a pixel.
 columns, rows : int
+is_asked : (columns * rows or more,) bool
+    Cells that are asked for; no face is listed in the others.
+is_tile_asked : (columns * rows or more,) bool
+    Tiles with such a cell.
 starts : (columns * rows + 2 or more,) int64
     The faces of cell c are entries[starts[c]] ... entries[starts[c + 1] - 1].
 entries : (N,) int32
@@ -141,6 +151,10 @@ nearest : (N,) float64
     Greatest 1/z of the faces of sorted cells.
 is_sorted : (columns * rows or more,) bool
     Cells whose faces are sorted by their nearest depth, from front to back.
+faces : (F,) int32
+    Scratch: the faces that are listed.
+is_whole : (F,) bool
+    Live and thin faces that are listed in all cells that their boxes touch.
 """
 
 Pieces = namedtuple("Pieces", "corners n_corners")

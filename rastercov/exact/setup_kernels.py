@@ -10,6 +10,7 @@ from rastercov._double_double import add, exact_sum, minor, multiply
 from rastercov._jit import allocation_free, compiled, inlined
 from rastercov.exact.polygon_kernels import clip, length, twice_area
 from rastercov.exact.records import (
+    BLOCK,
     CLIPPED,
     CORNERS,
     DOUBTFUL,
@@ -325,6 +326,9 @@ def set_up(vertices, is_flat, camera, front_only, projected, area_error, extent)
     """
     faces, uvw, side, state = projected.faces, projected.uvw, projected.side, projected.state
     box, area, clipped = projected.box, projected.area, projected.clipped
+    block_box = projected.block_box
+    block_box[:, U_MIN] = block_box[:, V_MIN] = np.inf
+    block_box[:, U_MAX] = block_box[:, V_MAX] = -np.inf
     clipped_index = projected.clipped_index
     width, height, pixel_error = camera.width, camera.height, camera.pixel_error
     corners, low, normals = np.empty((3, 3)), np.empty((3, 3)), np.empty((4, 3))
@@ -400,6 +404,11 @@ def set_up(vertices, is_flat, camera, front_only, projected, area_error, extent)
             continue
         box[f, U_MIN], box[f, U_MAX], box[f, V_MIN], box[f, V_MAX] = u_min, u_max, v_min, v_max
         box[f, W_MIN], box[f, W_MAX] = w_min, w_max
+        b = f // BLOCK
+        block_box[b, U_MIN] = min(block_box[b, U_MIN], u_min)
+        block_box[b, U_MAX] = max(block_box[b, U_MAX], u_max)
+        block_box[b, V_MIN] = min(block_box[b, V_MIN], v_min)
+        block_box[b, V_MAX] = max(block_box[b, V_MAX], v_max)
         if not inside > 0:
             state[f] = THIN | DOUBTFUL | flags & CLIPPED
             continue

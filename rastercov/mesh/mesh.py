@@ -319,6 +319,11 @@ class Mesh:
         """(F, 3) unit normals, right-hand rule; 0 for degenerate faces."""
         return self._normals_and_areas[0]
 
+    @cached_property
+    def plane_offsets(self) -> NDArray[np.float64]:
+        """(F,) scalar product of the normal and the centroid of each face, metres."""
+        return frozen(np.einsum("fi,fi->f", self.normals, self.centroids))
+
     @property
     def areas(self) -> NDArray[np.float64]:
         """(F,) areas, m^2; exactly 0 for degenerate faces."""

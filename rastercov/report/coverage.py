@@ -1,6 +1,6 @@
 """Report of an evaluation: measure poses batch by batch and write their figures to a folder.
 
-coverage.parquet   every figure of every pair of pose and face in view
+coverage.parquet   every figure of the pairs of pose and face that were asked for
 summary.json       figures of the network, and their provenance
 network.glb        the mesh coloured by the best coverage of any camera
 contact_sheet.png  the poses side by side
@@ -11,6 +11,7 @@ A run that fails keeps the earlier report; one that ends replaces all of it. `re
 describes runs that are killed.
 """
 
+import logging
 import re
 import time
 from collections.abc import Callable
@@ -23,15 +24,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
+from rastercov._checks import shown
 from rastercov._interrupts import interrupts_held
 from rastercov._output import write_json
 from rastercov.camera import Camera
-from rastercov.coverage import Coverage, evaluate_batches
+from rastercov.criteria import face_geometry
 from rastercov.engine import Engine
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.network import Network
 from rastercov.observer import open_observer
+from rastercov.pairs import CHOICES
 from rastercov.pose import Poses
 from rastercov.provenance import Provenance
 from rastercov.raster import open_rasterizer
@@ -49,6 +52,9 @@ from rastercov.report.images import (
 )
 from rastercov.task import Task
 
+LOG = logging.getLogger("rastercov")
+MOST_ROWS = 10_000_000
+"""Rows of a table that was not asked for: about 250 MB."""
 PICTURE_SIDE = 1280
 """Pictures are drawn at the camera's size, or smaller where it exceeds this many pixels."""
 EVALUATION = ReportKind(
@@ -71,10 +77,13 @@ class Options:
     method: str = "certified"
     supersample: int = 1
     device: str = "auto"
+    table: str | None = None  # of `pairs.CHOICES`; None: "seen", but none above `MOST_ROWS`
     pictures: int = 12  # poses to draw, spread evenly over the run; 0 for none
     skip_bad_poses: bool = False  # leave out poses that are no rigid motion
 
     def __post_init__(self) -> None:
+        if self.table is not None and self.table not in CHOICES:
+            raise ConfigError(f"table must be one of {', '.join(CHOICES)}, got {shown(self.table)}")
         engine = Engine.of(self.method)
         if engine.method != self.method:
             if (self.device, self.supersample) != ("auto", 1):
@@ -151,42 +160,48 @@ def _run(
     total = len(poses)
     network = Network(mesh, task)
     evenly = np.linspace(0, total - 1, min(options.pictures, total)).astype(int)
-    chosen = poses.ids[np.unique(evenly)]
-    drawn: dict[int, tuple[NDArray[np.float64], str]] = {}
-    if len(chosen) and options.device not in ("auto", "cpu"):
+    chosen = set(poses.ids[np.unique(evenly)].tolist())
+    drawn: dict[int, NDArray[np.float64]] = {}
+    if chosen and options.device not in ("auto", "cpu"):
         options.open_rasterizer(mesh, camera).close()  # a broken device fails before the work
+    pairs = table_of(mesh, camera, poses) if options.table is None else options.table
     interrupted = False
     with ExitStack() as opened:
         observer = opened.enter_context(open_observer(mesh, camera, options.engine))
         header = Provenance(
             mesh, camera, poses.given, task, asdict(options), observer.info
         ).as_dict()
-        table = opened.enter_context(CoverageTable(folder.file("coverage.parquet"), header))
+        table = None
+        if pairs != "none":
+            path = folder.file("coverage.parquet")
+            table = opened.enter_context(CoverageTable(path, mesh, header))
         started = time.perf_counter()
-        batches = evaluate_batches(observer, poses, task)
+        batches = network.judge(observer, poses, pairs=pairs, keep=chosen)
         try:
             progress(0, total)
             for batch in batches:
                 with interrupts_held():
-                    table.add(batch)
+                    if table is not None:
+                        table.add(batch.rows)
                     network.add(batch)
-                    _keep(batch, chosen, drawn)
+                    drawn |= batch.kept
                 progress(len(network.pose_ids), total)
         except KeyboardInterrupt:
             if not network.pose_ids:
                 raise
             interrupted = True
-        seconds = time.perf_counter() - started
         try:
             with interrupts_held():
                 opened.close()
         except KeyboardInterrupt:
             interrupted = True
+        seconds = time.perf_counter() - started
     if drawn:
-        interrupted |= _draw(mesh, camera, poses, folder, options, drawn)
+        interrupted |= _draw(mesh, camera, poses, folder, options, task, drawn)
     done = len(network.pose_ids)
     summary = network.summary() | {
         "interrupted": interrupted,
+        "table": {"pairs": pairs, "rows": table.n_rows if table is not None else 0},
         "skipped_poses": {str(row): text for row, text in poses.rejected.items()},
         "seconds": seconds,
         "poses_per_second": done / seconds if done else 0.0,
@@ -206,12 +221,25 @@ def _run(
     return summary
 
 
-def _keep(
-    batch: Coverage, chosen: NDArray[np.int64], drawn: dict[int, tuple[NDArray[np.float64], str]]
-) -> None:
-    """Keep the coverage and the title of the poses to draw."""
-    for row in np.flatnonzero(np.isin(batch.pose_ids, chosen)).tolist():
-        drawn[int(batch.pose_ids[row])] = batch.coverage[row].copy(), pose_title(batch, row)
+def table_of(mesh: Mesh, camera: Camera, poses: Poses) -> str:
+    """Pairs of the table by default: "seen", but "none" above `MOST_ROWS`, with a line.
+
+    Rows are estimated from one pose in 64, at most 16 of them, spread evenly over the run.
+    """
+    total = len(poses)
+    if total * mesh.n_faces <= MOST_ROWS:
+        return "seen"
+    some = np.linspace(0, total - 1, min(16, 1 + total // 64)).astype(int)
+    views = (face_geometry(mesh, camera, poses.world_from_camera[row]) for row in some)
+    seen = [np.count_nonzero(view.is_front & (view.in_view_fraction > 0)) for view in views]
+    rows = round(float(np.mean(seen)) * total)
+    if rows <= MOST_ROWS:
+        return "seen"
+    LOG.warning(
+        "no coverage.parquet: it would have about %s rows; pass --table seen to write it",
+        f"{rows:,}",
+    )
+    return "none"
 
 
 def _draw(
@@ -220,7 +248,8 @@ def _draw(
     poses: Poses,
     folder: ReportFolder,
     options: Options,
-    drawn: dict[int, tuple[NDArray[np.float64], str]],
+    task: Task,
+    drawn: dict[int, NDArray[np.float64]],
 ) -> bool:
     """Draw the chosen poses and a sheet of them; True when interrupted."""
     digits = len(str(max(drawn)))
@@ -230,11 +259,13 @@ def _draw(
     small = camera.resized(min(1.0, PICTURE_SIDE / max(camera.width, camera.height)))
     try:
         with options.open_rasterizer(mesh, small) as rasterizer:
-            for pose, (values, title) in drawn.items():
+            for pose, values in drawn.items():
+                covers = (values >= task.min_coverage) & (values > 0)
+                title = pose_title(mesh, pose, covers)
                 matrix = poses.given[pose]
                 buffer = rasterizer.render(poses[poses.ids == pose])
-                picture = coverage_picture(buffer, values, mesh, small, matrix, title)
                 pixels = coverage_pixels(buffer, values, mesh, matrix)
+                picture = coverage_picture(buffer, values, mesh, small, matrix, title, pixels)
                 faces = face_index_picture(buffer)
                 with interrupts_held():
                     save_picture(picture, folder.file(f"pose_{pose:0{digits}d}.png"))

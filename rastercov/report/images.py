@@ -17,7 +17,6 @@ from PIL import Image, ImageDraw, ImageFont
 
 from rastercov._output import writing
 from rastercov.camera import Camera
-from rastercov.coverage import Coverage
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.raster.contract import VisibilityBuffer
@@ -34,7 +33,6 @@ from rastercov.report.theme import (
     Pixels,
     index_colours,
 )
-from rastercov.task import Reason
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -51,6 +49,7 @@ def coverage_picture(
     camera: Camera,
     pose: ArrayLike,
     title: str = "",
+    pixels: Pixels | None = None,
 ) -> Image.Image:
     """Picture of one pose, brighter where coverage is higher, with its scale below.
 
@@ -66,6 +65,8 @@ def coverage_picture(
         world_from_camera; the head-light that shows the form of the part is there too.
     title : str
         One line above; see `pose_title`.
+    pixels : (H, W, 3) uint8, optional
+        What `coverage_pixels` gives for these arguments, where it is known.
 
     Returns
     -------
@@ -78,7 +79,8 @@ def coverage_picture(
             f"the image must be {camera.height} x {camera.width} as the camera's, "
             f"got {buffer.face.shape[0]} x {buffer.face.shape[1]}; render it with this camera"
         )
-    pixels = coverage_pixels(buffer, values, mesh, pose)
+    if pixels is None:
+        pixels = coverage_pixels(buffer, values, mesh, pose)
     drawn = np.unique(buffer.face)
     drawn = drawn[drawn >= 0]
     behind = mesh.task_mask[drawn] & ~facing(mesh, pose)[0][drawn]
@@ -123,16 +125,12 @@ def coverage_pixels(
     return pixels
 
 
-def pose_title(coverage: Coverage, row: int) -> str:
-    """Title of the picture of one pose: its id, and the share of the task it covers."""
-    mesh = coverage.mesh
-    task, covers = mesh.task_mask, coverage.reason[row] == Reason.COVERED
+def pose_title(mesh: Mesh, pose: int, covers: NDArray[np.bool_]) -> str:
+    """Title of the picture of one pose: its id, and the share of the task it covers, (F,)."""
+    task = mesh.task_mask
     by_count = 100 * (covers & task).sum() / max(1, task.sum())
     by_area = 100 * mesh.areas[covers & task].sum() / max(mesh.areas[task].sum(), 1e-300)
-    return (
-        f"pose {coverage.pose_ids[row]}: covers {by_count:.1f} % of {task.sum()} faces, "
-        f"{by_area:.1f} % of area"
-    )
+    return f"pose {pose}: covers {by_count:.1f} % of {task.sum()} faces, {by_area:.1f} % of area"
 
 
 def face_index_picture(buffer: VisibilityBuffer) -> Image.Image:

@@ -48,7 +48,7 @@ def names(folder):
 
 QUICK = "evaluate box -c camera.toml -p sphere:2 --pictures 0"
 MODELS = "compare box -c camera.toml -p sphere:2 --models"
-LONG = "evaluate sphere -c camera.toml -p sphere:200000 -o report"
+LONG = "evaluate sphere -c camera.toml -p sphere:200000 --table seen -o report"
 
 
 # --- help -----------------------------------------------------------------------------------------
@@ -124,6 +124,7 @@ def test_help_does_not_load_what_it_does_not_need():
         (QUICK + " --views 0", ["views must be", "got 0"]),
         (QUICK + " --min-pixels nan", ["min_pixels"]),
         (QUICK + " --method ray", ["method must be certified, exact or sampled, got 'ray'"]),
+        (QUICK + " --table some", ["table must be one of none, covered, seen, all, got 'some'"]),
         (QUICK + " --supersample 4", ["certified has no samples", "use method sampled"]),
         (QUICK + " --pictures 1 --device nonsense", ["no device 'nonsense'", "surfaceless"]),
         (QUICK + " --method sampled --device nonsense", ["no device 'nonsense'", "surfaceless"]),
@@ -275,6 +276,16 @@ def test_warnings_go_to_standard_error(capsys):
     assert code == 0
     assert err == "warning: open surface: 3 boundary edges\n"
     assert json.loads(out)["warnings"] == ["open surface: 3 boundary edges"]
+
+
+def test_a_table_that_is_too_large_is_left_out_with_a_line(capsys, monkeypatch):
+    monkeypatch.setattr("rastercov.report.coverage.MOST_ROWS", 9)
+    code, _, err = call(capsys, "evaluate box -c camera.toml -p sphere:9 --pictures 0 --json")
+    assert code == 0
+    assert err.count("\n") == 1
+    assert "no coverage.parquet" in err
+    assert "--table seen" in err
+    assert "coverage.parquet" not in names("report")
 
 
 def test_names_are_shown_as_they_are(capsys):

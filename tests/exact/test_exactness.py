@@ -27,9 +27,11 @@ from rastercov.camera import Camera
 from rastercov.criteria import face_geometry
 from rastercov.exact.certificate import CertificateSolver
 from rastercov.exact.half_planes import HalfPlaneSolver
+from rastercov.face_pass import FacePass
 from rastercov.mesh import Mesh
-from rastercov.observation import BoundKind, visible_fraction
+from rastercov.observation import BoundKind
 from rastercov.observer import open_observer, visibility
+from rastercov.pose import Poses
 from rastercov.reference import polygons, rational
 from rastercov.viewpoints import look_at
 
@@ -397,7 +399,8 @@ def test_an_observation_is_what_the_view_measures(method):
     assert seen.visible_pixels[1].sum() == pytest.approx(10000)
     assert seen.kind.shape == (2, 4)
     assert not seen.clipped.any()
-    value, bound, kind = visible_fraction(face_geometry(mesh, window(), AHEAD), seen, 0)
+    poses = Poses.of(np.stack((AHEAD, rolled(0.3))))
+    value, bound, kind = (each[0] for each in FacePass(mesh, window(), 2).fractions(seen, poses))
     assert value == pytest.approx([0.75, 0.75, 1, 1])
     assert (bound <= 1e-9).all()
     assert kind.dtype == np.uint8

@@ -159,9 +159,9 @@ def test_the_grid_changes_no_answer(path, seed):
     for columns, rows in ((1, 1), (97, 1), (1, 113), (64, 64)):
 
         class Gridded(path):
-            def _fill_grid(self, n_live, columns=columns, rows=rows):
+            def _lay_grid(self, n_live, columns=columns, rows=rows):
                 per_u, per_v = columns / self.camera.width, rows / self.camera.height
-                self._list_by_cells(0.0, 0.0, per_u, per_v, columns, rows)
+                self._take_grid(0.0, 0.0, per_u, per_v, columns, rows)
 
         found = look(mesh, CAMERA, AHEAD, Gridded).visible
         assert np.abs(found - expected).max() <= 1e-10

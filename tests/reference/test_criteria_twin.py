@@ -1,5 +1,6 @@
 """The compiled criteria and coverage against their numpy twins, on scenes made to part them."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -11,9 +12,13 @@ from rastercov import shapes
 from rastercov.camera import Camera
 from rastercov.coverage import FIGURES, evaluate, evaluate_batches
 from rastercov.criteria import face_geometry
+from rastercov.face_pass import FacePass
 from rastercov.mesh import Group, Mesh
+from rastercov.network import Network
 from rastercov.observation import BoundKind, Observation
 from rastercov.observer import open_observer
+from rastercov.pairs import CHOICES
+from rastercov.pose import Poses
 from rastercov.reference import coverage as coverage_twin
 from rastercov.reference import criteria as twin
 from rastercov.task import Task
@@ -159,6 +164,49 @@ def test_any_observation_is_judged_as_by_the_twin(seed):
     assert_judged(found, task, poses, seen)
 
 
+@given(seeds, st.integers(1, 3))
+def test_visible_fractions_are_those_of_the_twin(seed, threads):
+    rng = np.random.default_rng(seed)
+    mesh, camera = hostile(rng), hostile_camera(rng)
+    poses = np.stack([hostile_pose(rng, mesh) for _ in range(3)])
+    seen = hostile_observation(rng, 3, mesh.n_faces)
+    found = FacePass(mesh, camera, threads).fractions(seen, Poses.of(poses))
+    for row, pose in enumerate(poses):
+        with np.errstate(all="ignore"):
+            geometry = twin.face_geometry(mesh, camera, pose)
+            expected = coverage_twin.visible_fraction(geometry, seen, row)
+        for one, other in zip(found, expected, strict=True):
+            np.testing.assert_array_equal(one[row], other)
+            assert one.dtype == other.dtype
+
+
+@pytest.mark.parametrize("dtype", [np.int32, np.int64])
+def test_counts_are_judged_as_the_areas_that_they_are(dtype):
+    mesh, camera = shapes.teapot(3), Camera(width=96, height=80, fx=90, fy=84)
+    poses = np.stack([hostile_pose(np.random.default_rng(seed), mesh) for seed in range(4)])
+    with open_observer(mesh, camera, "sampled:cpu@3") as observer:
+        counts = observer.measure(Poses.of(poses))
+    visible, drawn = counts.visible.astype(dtype), counts.drawn.astype(dtype)
+    counts = dataclasses.replace(counts, visible=visible, drawn=drawn)
+    seen = Observation.of_counts(counts)
+    faces = FacePass(mesh, camera, 2)
+    of_counts, of_areas = (faces.fractions(each, Poses.of(poses)) for each in (counts, seen))
+    for one, other in zip(of_counts, of_areas, strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert (of_counts[0] > 0).any()
+
+
+def test_the_former_place_of_the_twin_of_judge_says_where_it_is():
+    mesh, camera, pose = shapes.box(), Camera(width=9, height=9, fx=9, fy=9), np.eye(4)
+    seen = Observation(*np.ones((2, 1, 12)), np.ones((1, 12), np.uint8), np.zeros((1, 12)), [False])
+    figures = coverage_twin.figures_of_pose(mesh, camera, Task(), pose, seen, 0)
+    geometry = twin.face_geometry(mesh, camera, pose)
+    with pytest.warns(DeprecationWarning, match=r"reference\.coverage\.judge"):
+        coverage, reason = Task().judge(mesh.degenerate_mask, geometry, figures)
+    np.testing.assert_array_equal(coverage, figures["coverage"])
+    np.testing.assert_array_equal(reason, figures["reason"])
+
+
 @settings(max_examples=10)
 @given(seeds, st.lists(st.sampled_from(list(FIGURES)), unique=True))
 def test_a_figure_does_not_depend_on_what_else_is_asked_for(seed, names):
@@ -170,6 +218,28 @@ def test_a_figure_does_not_depend_on_what_else_is_asked_for(seed, names):
     (some,) = evaluate_batches(recorded, poses, task, fields=names)
     for name in names:
         np.testing.assert_array_equal(getattr(some, name), getattr(whole, name), err_msg=name)
+
+
+@given(seeds, st.sampled_from(CHOICES), st.integers(1, 3))
+def test_rows_of_a_table_are_the_chosen_figures_whatever_the_threads(seed, choice, threads):
+    rng = np.random.default_rng(seed)
+    mesh, camera, task = hostile(rng), hostile_camera(rng), hostile_task(rng)
+    poses = np.stack([hostile_pose(rng, mesh) for _ in range(5)])
+    recorded = Recorded(mesh, camera, hostile_observation(rng, 5, mesh.n_faces))
+    recorded.threads = threads
+    (figures,) = evaluate_batches(recorded, poses, task)
+    network, with_rows = Network(mesh, task), Network(mesh, task)
+    (batch,) = with_rows.judge(recorded, Poses.of(poses), pairs=choice, keep=[1])
+    expected = coverage_twin.rows_of(figures, choice)
+    for name, column in batch.rows._asdict().items():
+        np.testing.assert_array_equal(column, getattr(expected, name), err_msg=name)
+        assert column.dtype == getattr(expected, name).dtype, name
+    np.testing.assert_array_equal(batch.kept[1], figures.coverage[1])
+    # Neither rows nor threads change the network, which is that of the figures.
+    network.add(figures)
+    with_rows.add(batch)
+    assert with_rows.summary() == network.summary()
+    np.testing.assert_array_equal(with_rows.reason, network.reason)
 
 
 @pytest.mark.parametrize("method", ["certified", "sampled"])

@@ -4,6 +4,7 @@ import errno
 import hashlib
 import json
 import os
+import re
 import signal
 import tracemalloc
 from dataclasses import asdict, replace
@@ -21,6 +22,8 @@ from rastercov.camera import Camera
 from rastercov.coverage import evaluate
 from rastercov.errors import ConfigError, DeviceError, PoseError
 from rastercov.mesh import Mesh
+from rastercov.pairs import CHOICES
+from rastercov.reference.coverage import rows_of
 from rastercov.report.coverage import EVALUATION, Options, run
 from rastercov.report.coverage_table import CoverageTable
 from rastercov.report.folder import ReportFolder
@@ -73,16 +76,68 @@ def test_the_files_hold_what_evaluate_gives(tmp_path, small_batches):
     assert json.loads((out / "summary.json").read_text()) == json.loads(json.dumps(summary))
     coverage = evaluate(MESH, CAMERA, poses, TASK)
     table = pq.read_table(out / "coverage.parquet")
-    pose, face = table["pose"].to_numpy(), table["face"].to_numpy()
-    assert len(table) == (coverage.in_view_fraction > 0).sum()
-    seen = np.float32(coverage.visible_pixels[pose, face])
-    np.testing.assert_array_equal(table["visible_pixels"], seen)
-    np.testing.assert_array_equal(table["coverage"], np.float32(coverage.coverage[pose, face]))
+    rows = rows_of(coverage, "seen")
+    assert summary["table"] == {"pairs": "seen", "rows": len(table)}
+    assert 0 < len(table) == len(rows.pose) < (coverage.in_view_fraction > 0).sum()
+    for name in set(rows._fields) - {"reason", "visibility_kind"}:
+        np.testing.assert_array_equal(table[name], getattr(rows, name), err_msg=name)
     assert [row["pose"] for row in summary["per_pose"]] == list(range(10))
     means = [row["mean_coverage"] for row in summary["per_pose"]]
     np.testing.assert_allclose(means, coverage.coverage.mean(axis=1))
     assert summary["interrupted"] is False
     assert summary["poses_per_second"] == pytest.approx(10 / summary["seconds"])
+
+
+@pytest.mark.parametrize("choice", CHOICES)
+def test_the_table_holds_the_pairs_asked_for_and_changes_nothing_else(
+    tmp_path, small_batches, choice
+):
+    poses = around(10)
+    plain = run(MESH, CAMERA, poses, TASK, tmp_path, PLAIN)
+    summary = run(MESH, CAMERA, poses, TASK, tmp_path, replace(PLAIN, table=choice))
+    rows = rows_of(evaluate(MESH, CAMERA, poses, TASK), choice)
+    files = {"summary.json", "network.glb"}
+    assert summary["table"] == {"pairs": choice, "rows": len(rows.pose)}
+    assert names(tmp_path) == files | (set() if choice == "none" else {"coverage.parquet"})
+    assert {"run", *changed(plain, summary)} <= {"run", "table", "seconds", "poses_per_second"}
+    if choice != "none":
+        table = pq.read_table(tmp_path / "coverage.parquet")
+        for name in ("pose", "face", "visibility", "coverage"):
+            np.testing.assert_array_equal(table[name], getattr(rows, name))
+
+
+def changed(before, after):
+    """Keys of two summaries whose values differ."""
+    assert before.keys() == after.keys()
+    return {key for key in before if before[key] != after[key]}
+
+
+def test_a_table_above_the_limit_is_left_out_with_a_line_unless_it_is_asked_for(
+    tmp_path, monkeypatch, caplog
+):
+    poses = around(200)
+    seen = len(rows_of(evaluate(MESH, CAMERA, poses, TASK), "seen").pose)
+    monkeypatch.setattr("rastercov.report.coverage.MOST_ROWS", seen // 2)
+    assert run(MESH, CAMERA, poses, TASK, tmp_path, PLAIN)["table"] == {"pairs": "none", "rows": 0}
+    (line,) = caplog.messages
+    found = re.fullmatch(
+        r"no coverage\.parquet: it would have about ([\d,]+) rows; pass --table seen to write it",
+        line,
+    )
+    assert int(found[1].replace(",", "")) == pytest.approx(seen, rel=0.3)
+    assert names(tmp_path) == {"summary.json", "network.glb"}
+    asked = run(MESH, CAMERA, poses, TASK, tmp_path, replace(PLAIN, table="seen"))
+    assert asked["table"] == {"pairs": "seen", "rows": seen}
+    # More pairs than the limit, but not so many that are seen.
+    monkeypatch.setattr("rastercov.report.coverage.MOST_ROWS", len(poses) * MESH.n_faces - 1)
+    assert run(MESH, CAMERA, poses, TASK, tmp_path, PLAIN)["table"]["pairs"] == "seen"
+    assert len(caplog.messages) == 1
+
+
+@pytest.mark.parametrize("value", ["some", "", 3, ["all"]])
+def test_another_choice_of_pairs_is_refused(value):
+    with pytest.raises(ConfigError, match="table must be one of none, covered, seen, all, got"):
+        Options(table=value)
 
 
 def test_the_header_says_what_made_the_report(tmp_path):
@@ -310,13 +365,29 @@ def test_a_signal_in_a_batch_counts_it_everywhere_or_nowhere(tmp_path, monkeypat
 
     def add_and_interrupt(table, batch):
         add(table, batch)
-        if batch.pose_ids[0] == 4:
+        if batch.pose[0] == 4:
             signal.raise_signal(signal.SIGINT)
 
     monkeypatch.setattr(CoverageTable, "add", add_and_interrupt)
     summary = run(MESH, CAMERA, around(12), TASK, tmp_path, PLAIN)
     assert summary["poses"] == 8
     assert np.asarray(pq.read_table(tmp_path / "coverage.parquet")["pose"]).max() == 7
+
+
+@pytest.mark.usefixtures("small_batches")
+def test_a_disk_that_fails_while_the_table_is_written_leaves_the_old_report(tmp_path, monkeypatch):
+    run(MESH, CAMERA, around(6), TASK, tmp_path, PLAIN)
+    before = content(tmp_path)
+
+    def fail(*_, **__):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("rastercov.report.coverage_table.ROWS_A_GROUP", 10)
+    monkeypatch.setattr(pq.ParquetWriter, "write_table", fail)
+    with pytest.raises(OSError, match="No space left") as caught:
+        run(MESH, CAMERA, around(60), TASK, tmp_path, PLAIN)
+    assert Path(caught.value.filename).name == "coverage.parquet"
+    assert content(tmp_path) == before
 
 
 def test_bad_poses_are_refused_or_left_out(tmp_path):

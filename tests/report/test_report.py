@@ -13,15 +13,17 @@ from rich.console import Console
 
 from rastercov import _output, shapes
 from rastercov.camera import Camera
-from rastercov.coverage import FIGURES, Coverage, evaluate, evaluate_batches
+from rastercov.coverage import FIGURES, Coverage, evaluate
 from rastercov.engine import METHODS
 from rastercov.errors import ConfigError
 from rastercov.mesh import Group, Mesh
 from rastercov.network import Network
 from rastercov.observation import BoundKind
 from rastercov.observer import open_observer
+from rastercov.pose import Poses
 from rastercov.raster import open_rasterizer
 from rastercov.raster.contract import RasterizerInfo, VisibilityBuffer
+from rastercov.reference.coverage import rows_of
 from rastercov.report import coverage_table, tables, theme
 from rastercov.report import images as pictures
 from rastercov.report.coloured_mesh import write_coloured_mesh
@@ -73,11 +75,11 @@ def made_up(mesh=STRIP, poses=3, seed=0, pose_ids=None, task=None, **figures):
     return Coverage(mesh, CAMERA, task or Task(), INFO, ids, clipped, **{**arrays, **figures})
 
 
-def stored(folder, *batches):
+def stored(folder, *batches, choice="all"):
     """A table of some batches, as it is read back."""
-    with coverage_table.CoverageTable(folder / "pairs.parquet") as table:
+    with coverage_table.CoverageTable(folder / "pairs.parquet", STRIP) as table:
         for batch in batches:
-            table.add(batch)
+            table.add(rows_of(batch, choice))
     read = pq.read_table(folder / "pairs.parquet")
     assert table.n_rows == len(read)
     return read
@@ -86,12 +88,16 @@ def stored(folder, *batches):
 # --- the table ------------------------------------------------------------------------------
 
 
-def test_table_holds_every_figure_of_the_pairs_in_view_and_no_others(tmp_path):
+@pytest.mark.parametrize("choice", ["covered", "seen", "all"])
+def test_table_holds_every_figure_of_the_chosen_pairs_and_no_others(tmp_path, choice):
     coverage = made_up(pose_ids=[4, 7, 9])
     coverage.in_view_fraction[coverage.in_view_fraction < 0.5] = 0.0
-    pose, face = np.nonzero(coverage.in_view_fraction)
-    read = stored(tmp_path, coverage)
-    assert 0 < len(read) == len(pose) < coverage.coverage.size
+    is_seen = (coverage.in_view_fraction > 0) & (coverage.reason > Reason.BACK_FACING)
+    chosen = {"covered": coverage.reason == Reason.COVERED, "seen": is_seen}
+    pose, face = np.nonzero(chosen.get(choice, np.ones_like(is_seen)))
+    read = stored(tmp_path, coverage, choice=choice)
+    assert 0 < len(read) == len(pose)
+    assert (len(pose) == coverage.coverage.size) == (choice == "all")
     assert read["pose"].to_pylist() == coverage.pose_ids[pose].tolist()
     assert read["face"].to_pylist() == face.tolist()
     names = [STRIP.groups[index].name for index in STRIP.face_group[face]]
@@ -122,12 +128,12 @@ def test_table_types(tmp_path):
 def test_table_without_a_pair_in_view_is_valid_and_has_no_rows(tmp_path):
     coverage = made_up()
     coverage.in_view_fraction[:] = 0
-    assert len(stored(tmp_path, coverage, made_up(poses=0))) == 0
+    assert len(stored(tmp_path, coverage, made_up(poses=0), choice="seen")) == 0
 
 
 def test_table_carries_the_header(tmp_path):
     header = {"mesh": [{"name": "Flügel", "sha256": "ab"}], "far": np.inf, "n": np.int64(3)}
-    with coverage_table.CoverageTable(tmp_path / "pairs.parquet", header):
+    with coverage_table.CoverageTable(tmp_path / "pairs.parquet", STRIP, header):
         pass
     stored = json.loads(pq.read_schema(tmp_path / "pairs.parquet").metadata[b"rastercov"])
     assert stored == {"mesh": [{"name": "Flügel", "sha256": "ab"}], "far": None, "n": 3}
@@ -150,21 +156,22 @@ def test_figures_beyond_float32_are_stored_as_infinite(tmp_path):
 
 def test_table_writes_as_it_goes_and_holds_no_more_than_a_row_group(tmp_path, monkeypatch):
     monkeypatch.setattr(coverage_table, "ROWS_A_GROUP", 1000)
-    batch = made_up(poses=100, in_view_fraction=np.ones((100, 6)))
-    held = []
-    with coverage_table.CoverageTable(tmp_path / "pairs.parquet") as table:
+    batch = made_up(poses=100)
+    rows, held = rows_of(batch, "all"), []
+    with coverage_table.CoverageTable(tmp_path / "pairs.parquet", STRIP) as table:
         for _ in range(50):
-            table.add(batch)
-            held.append((len(table._pending), table._pending.nbytes))
-        rows, sizes = zip(*held, strict=True)
-        assert max(rows) < 1000
+            table.add(rows)
+            held.append((len(table._pending), table._pending.nbytes, table._waiting.qsize()))
+        n_rows, sizes, waiting = zip(*held, strict=True)
+        assert max(n_rows) < 1000
         assert max(sizes) < 100_000
+        assert max(waiting) <= coverage_table.BATCHES_WAITING
         (part,) = tmp_path.iterdir()
         assert part.stat().st_size > 0
     file = pq.ParquetFile(tmp_path / "pairs.parquet")
     groups = [file.metadata.row_group(g).num_rows for g in range(file.num_row_groups)]
     assert groups == [1000] * 30
-    assert file.metadata.row_group(0).column(0).compression == "ZSTD"
+    assert file.metadata.row_group(0).column(0).compression == "SNAPPY"
     np.testing.assert_array_equal(
         file.read()["coverage"].to_numpy(),
         np.tile(batch.coverage.astype(np.float32).ravel(), 50),
@@ -173,13 +180,15 @@ def test_table_writes_as_it_goes_and_holds_no_more_than_a_row_group(tmp_path, mo
 
 @pytest.mark.slow
 def test_memory_of_arrow_does_not_grow_with_the_run(tmp_path):
-    batch = made_up(shapes.torus(50, 25), poses=60)
-    sizes = []
-    with coverage_table.CoverageTable(tmp_path / "pairs.parquet") as table:
-        for _ in range(12):
-            table.add(batch)
+    mesh = shapes.torus(50, 25)
+    rows, sizes = rows_of(made_up(mesh, poses=60), "all"), []
+    bytes_a_row = sum(column.itemsize for column in rows)
+    with coverage_table.CoverageTable(tmp_path / "pairs.parquet", mesh) as table:
+        for _ in range(24):
+            table.add(rows)
             sizes.append(pa.total_allocated_bytes())
-    assert max(sizes[6:]) <= 1.1 * max(sizes[:6])
+    assert table.n_rows > 8 * coverage_table.ROWS_A_GROUP
+    assert max(sizes) <= 2 * coverage_table.ROWS_A_GROUP * bytes_a_row
 
 
 @pytest.mark.parametrize("before", [None, b"earlier"])
@@ -189,8 +198,8 @@ def test_an_error_inside_the_block_changes_nothing_on_disk(tmp_path, before):
         path.write_bytes(before)
 
     def run():
-        with coverage_table.CoverageTable(path) as table:
-            table.add(made_up())
+        with coverage_table.CoverageTable(path, STRIP) as table:
+            table.add(rows_of(made_up(), "all"))
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -203,21 +212,55 @@ def test_a_full_disk_leaves_nothing_behind(tmp_path, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(pq.ParquetWriter, "write_table", fail)
-    table = coverage_table.CoverageTable(tmp_path / "pairs.parquet").__enter__()
-    table.add(made_up())
+    table = coverage_table.CoverageTable(tmp_path / "pairs.parquet", STRIP).__enter__()
+    table.add(rows_of(made_up(), "all"))
     with pytest.raises(OSError, match="No space"):
         table.__exit__(None, None, None)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_rows_outside_the_block_are_refused(tmp_path):
-    table = coverage_table.CoverageTable(tmp_path / "pairs.parquet")
+    table = coverage_table.CoverageTable(tmp_path / "pairs.parquet", STRIP)
     with pytest.raises(ConfigError, match="with block"):
-        table.add(made_up())
+        table.add(rows_of(made_up(), "all"))
     with table:
         pass
     with pytest.raises(ConfigError, match="with block"):
-        table.add(made_up())
+        table.add(rows_of(made_up(), "all"))
+
+
+def test_a_disk_that_is_full_while_rows_are_added_ends_the_run_and_names_the_file(
+    tmp_path, monkeypatch
+):
+    def fail(*_, **__):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(coverage_table, "ROWS_A_GROUP", 10)
+    monkeypatch.setattr(pq.ParquetWriter, "write_table", fail)
+    path, rows = tmp_path / "pairs.parquet", rows_of(made_up(), "all")
+    added = 0
+
+    def add_for_ever():
+        nonlocal added
+        with coverage_table.CoverageTable(path, STRIP) as table:
+            while True:  # neither waits for the thread nor goes on
+                table.add(rows)
+                added += 1
+
+    with pytest.raises(OSError, match=str(path)):
+        add_for_ever()
+    assert added > 0
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_system_without_threads_writes_the_same_table(tmp_path, monkeypatch):
+    def refuse(_):
+        raise RuntimeError("can't start new thread")
+
+    batches = [made_up(seed=seed) for seed in range(5)]
+    expected = stored(tmp_path, *batches)
+    monkeypatch.setattr("threading.Thread.start", refuse)
+    assert stored(tmp_path, *batches).equals(expected)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -227,10 +270,10 @@ def test_table_of_a_real_run_agrees_with_its_network(method, tmp_path):
     network = Network(mesh, Task())
     with (
         open_observer(mesh, CAMERA, method) as observer,
-        coverage_table.CoverageTable(tmp_path / "pairs.parquet") as table,
+        coverage_table.CoverageTable(tmp_path / "pairs.parquet", mesh) as table,
     ):
-        for batch in evaluate_batches(observer, poses):
-            table.add(batch)
+        for batch in network.judge(observer, Poses.of(poses), pairs="seen"):
+            table.add(batch.rows)
             network.add(batch)
     read = pq.read_table(tmp_path / "pairs.parquet")
     covered = np.array(read["reason"].to_pylist()) == "covered"
@@ -460,10 +503,10 @@ def test_picture_refuses_what_does_not_belong_together():
 
 
 def test_title_names_the_pose_and_counts_task_faces_only():
-    reason = np.full((1, 6), Reason.COVERED, np.uint8)
-    reason[0, 0] = Reason.OCCLUDED
-    coverage = made_up(poses=1, pose_ids=[17], reason=reason)
-    assert pictures.pose_title(coverage, 0) == ("pose 17: covers 75.0 % of 4 faces, 75.0 % of area")
+    covers = np.array([False, True, True, True, True, True])
+    assert pictures.pose_title(STRIP, 17, covers) == (
+        "pose 17: covers 75.0 % of 4 faces, 75.0 % of area"
+    )
 
 
 def test_index_picture_has_one_colour_a_face_on_black():

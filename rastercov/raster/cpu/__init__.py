@@ -43,6 +43,7 @@ from rastercov.camera import Camera
 from rastercov.errors import ConfigError, DeviceError, ResourceError
 from rastercov.mesh import Mesh
 from rastercov.near_plane import limits, picture_limits
+from rastercov.pose import Poses as AcceptedPoses
 from rastercov.pose import valid_poses
 from rastercov.raster import self_test
 from rastercov.raster.contract import (
@@ -143,11 +144,11 @@ class CPURasterizer(Closing):
     def render(self, pose: ArrayLike) -> VisibilityBuffer:
         """Face index and depth at each pixel centre; see `Rasterizer.render`."""
         self._check_open()
-        matrices = valid_poses(pose)
-        if len(matrices) != 1:
-            raise ConfigError(f"render takes one pose, got {len(matrices)}")
+        accepted = AcceptedPoses.of(pose)
+        if len(accepted) != 1:
+            raise ConfigError(f"render takes one pose, got {len(accepted)}")
         check_picture(self.camera)
-        image = self.render_all(matrices)
+        image = self.render_all(accepted)
         return VisibilityBuffer(image.face[0], image.depth[0])
 
     def render_all(self, poses: ArrayLike) -> VisibilityBuffer:

@@ -109,6 +109,27 @@ def clear(samples, window, image):
 
 
 @part_of
+def uncut(box, window):
+    """Window without cut blocks where every sample that a box in steps reaches is inside the image.
+
+    The image is convex, so its rows between the first and the last of the box contain it as well.
+    """
+    left, right = np.int64(box[0]) >> STEP_BITS, np.int64(box[1]) >> STEP_BITS
+    top, bottom = np.int64(box[2]) >> STEP_BITS, np.int64(box[3]) >> STEP_BITS
+    full_x, full_y = window.full_x, window.full_y
+    if full_x == 0 and top >= 0 and bottom < window.height:
+        first = max(window.first[top], window.first[bottom])
+        last = min(window.last[top], window.last[bottom])
+        if left >= first and right < last:
+            full_x = np.int32((window.right + 1) >> SIDE_BITS)
+            full_y = np.int32(window.height >> SIDE_BITS)
+    return Window(
+        window.right, window.top, window.bottom, window.hides_back, window.columns, window.height,
+        full_x, full_y, window.inner, window.first, window.last,
+    )  # fmt: skip
+
+
+@part_of
 def draw_cluster(mesh, cluster, workspace, target):
     """Draw the faces of a cluster that need no clipping.
 
@@ -137,6 +158,8 @@ def draw_cluster(mesh, cluster, workspace, target):
         is_behind = is_hidden(samples, nearest, window, image)
         if is_behind and not counts.with_drawn:
             return 0, 0, 0
+    window = uncut(box, window)
+    target = Target(window, image, counts, tests_cells)
     faces = Faces(mesh, cluster.first_slot, vertices, bins.coverage_2x2)
     n_slots = cluster.end_slot - cluster.first_slot
     n = cull_and_bin(faces, n_slots, window, is_plain, counts.with_drawn, bit_indices, bins)

@@ -119,9 +119,9 @@ Window = namedtuple(
 )
 """Band of the image that is drawn: last column, first row, last row; 1 where back faces are hidden;
 blocks in a row of memory; rows of the image; columns and rows of blocks below which every block is
-wholly inside the image (0 where samples are rolled); for each row of blocks the first one that is
-wholly inside, and the one after the last; for each row of samples the first one inside, and the one
-after the last."""
+wholly inside the image (0 where samples are rolled and a cluster may reach beyond the image); for
+each row of blocks the first one that is wholly inside, and the one after the last; for each row of
+samples the first one inside, and the one after the last."""
 Image = namedtuple("Image", "depth face cell_depth marks is_clear")
 """Pointers to blocks of samples: 1/z, 0 where empty, and the index of the nearest face; to lower
 bounds of 1/z in each cell; to marks of strips that are cleared; and whether all are."""

@@ -134,7 +134,7 @@ def compare(
                     visible, area, error = reference.areas(row, face)
                     with interrupts_held():
                         for contender in contenders:
-                            contender.add_pose(start + row, row, view, face, visible, area, error)
+                            contender.add_pose(start + row, row, face, visible, area, error)
                         if start + row in chosen and sweeps:
                             known.append(_partly_hidden(pose, face, visible, area, error))
                         done += 1

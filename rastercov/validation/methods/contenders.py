@@ -10,12 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov._observers import ROLL
+from rastercov._threads import thread_count
 from rastercov.camera import Camera
-from rastercov.criteria import FaceGeometry
 from rastercov.engine import Engine
+from rastercov.face_pass import FacePass
 from rastercov.mesh import Mesh
-from rastercov.observation import Observation, visible_fraction
+from rastercov.observation import Observation
 from rastercov.observer import Observer, open_observer
+from rastercov.pose import Poses
 from rastercov.validation.methods.error_statistics import ROUNDING, ErrorStatistics, PoseFigures
 from rastercov.validation.methods.results import Score
 
@@ -59,19 +61,25 @@ class Contender(Timed):
         super().__init__(observer)
         self.engine, self.open_seconds = engine, open_seconds
         self.statistics = ErrorStatistics(n_worst)
+        self._pass = FacePass(observer.mesh, observer.camera, thread_count(None))
+        self._fractions: tuple[FloatArray, FloatArray, NDArray[np.uint8]]
+
+    def run(self, poses: FloatArray) -> None:
+        """Observe a batch of poses; the time is that of the areas alone."""
+        super().run(poses)
+        self._fractions = self._pass.fractions(self.observation, Poses.of(poses))
 
     def add_pose(
         self,
         pose: int,
         row: int,
-        view: FaceGeometry,
         face: IntArray,
         visible: FloatArray,
         area: FloatArray,
         truth_error: FloatArray,
     ) -> None:
         """Add one pose with its true areas: `pose` of all poses, `row` of the batch."""
-        value, bound, kind = visible_fraction(view, self.observation, row)
+        value, bound, kind = (figures[row] for figures in self._fractions)
         is_large = area > np.maximum(ROUNDING, truth_error)
         rows = face[is_large]
         compared = PoseFigures(

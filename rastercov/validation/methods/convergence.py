@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.camera import Camera
-from rastercov.criteria import face_geometry
+from rastercov.face_pass import FacePass
 from rastercov.mesh import Mesh
-from rastercov.observation import visible_fraction
 from rastercov.observer import Observer
+from rastercov.pose import Poses
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -113,7 +113,7 @@ def converge(
                 started = time.perf_counter()
                 seen = observer.observe(faces.pose[None])
                 spent += time.perf_counter() - started
-                value = visible_fraction(face_geometry(mesh, lens, faces.pose), seen, 0)[0]
+                value = FacePass(mesh, lens, 1).fractions(seen, Poses.of(faces.pose))[0][0]
                 off = value[faces.face[rows]] - faces.truth[rows]
                 square[level, done : done + len(rows)] = off**2
                 done += len(rows)

@@ -1,0 +1,107 @@
+"""Pass over poses and faces, in threads: what an observer measured, face by face.
+
+Here it becomes visible fractions; `coverage_pass` makes all figures of it.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov._threads import share_poses
+from rastercov.camera import Camera
+from rastercov.mesh import Mesh
+from rastercov.near_plane import near_limit
+from rastercov.observation import Observation
+from rastercov.pose import Poses
+from rastercov.raster.contract import FaceCounts
+
+Measured = Observation | FaceCounts
+"""Measurement of some poses: areas, or the counts of a rasteriser, which become areas face by face:
+arrays of them would take as long as half the judging."""
+
+
+class FacePass:
+    """Pass over the faces of a mesh through a camera; any number of threads may use it.
+
+    Parameters
+    ----------
+    mesh, camera
+        Of the observer.
+    threads : int
+        Threads that share the poses of a call.
+    """
+
+    def __init__(self, mesh: Mesh, camera: Camera, threads: int) -> None:
+        from rastercov import coverage_kernels, criteria_kernels  # load numba
+
+        self.mesh, self.camera, self._threads = mesh, camera, threads
+        self.kernels, self._geometry = coverage_kernels, criteria_kernels
+        self._scene, self._lens = criteria_kernels.scene_of(mesh), criteria_kernels.lens_of(camera)
+
+    def fractions(
+        self, measured: Measured, poses: Poses
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint8]]:
+        """Visible fraction (3.14) of each face: value, bound and kind, (P, F) each.
+
+        Where samples were counted, `visible / drawn` is exactly 1 for a face that nothing hides and
+        exactly 0 for a hidden one, whatever the resolution: both counts come from the same samples.
+        """
+        from rastercov._jit import announce_compilation
+
+        announce_compilation(self.kernels.find_fractions)
+        shape = len(poses), self.mesh.n_faces
+        out = np.empty(shape), np.empty(shape), np.empty(shape, np.uint8)
+
+        def worker(scope: tuple[Any, ...]) -> Callable[[slice], None]:
+            return lambda turn: self.kernels.find_fractions((turn.start, turn.stop), *scope, *out)
+
+        self.share(measured, poses, worker)
+        return out
+
+    def share(
+        self,
+        measured: Measured,
+        poses: Poses,
+        make_worker: Callable[[tuple[Any, ...]], Callable[[slice], None]],
+    ) -> None:
+        """Share poses among workers, one for each thread.
+
+        Each is made from the arguments scene, lens, seen and work of the loops.
+        """
+        shared = self._scene, self._lens, self._seen(measured, poses)
+        workers = [
+            make_worker((*shared, self._geometry.workspace(self.mesh.n_vertices)))
+            for _ in range(max(1, min(self._threads, len(poses))))
+        ]
+        share_poses(len(poses), workers)
+
+    def _seen(self, measured: Measured, poses: Poses) -> Any:
+        """Measurement of an observer, for the loops."""
+        read_only, matrices = self._geometry.read_only, poses.world_from_camera
+        visible: NDArray[Any]
+        drawn: NDArray[Any]
+        kind: NDArray[Any]
+        kind = error = np.empty((0, 0))
+        if isinstance(measured, FaceCounts):
+            assert measured.drawn is not None
+            visible, drawn = measured.visible, measured.drawn
+            # Larger counts than int32 are rare, and not worth loops of their own.
+            dtype: type = np.int32 if visible.dtype == np.int32 else np.float64
+            scale = samples = float(measured.supersample**2)
+        else:
+            visible, drawn, dtype = measured.visible_pixels, measured.drawn_pixels, np.float64
+            scale, samples, kind = 1.0, float(measured.samples_per_pixel), measured.kind
+            if any(measured.area_error.strides):
+                error = measured.area_error
+        return self.kernels.Seen(
+            read_only(matrices, np.float64),
+            read_only(near_limit(self.camera, self.mesh.bounds, matrices), np.float64),
+            read_only(visible, dtype),
+            read_only(drawn, dtype),
+            scale,
+            read_only(kind, np.uint8),
+            read_only(error, np.float64),
+            samples,
+        )
