@@ -313,7 +313,7 @@ def profile(
     visible, filled = np.empty((n_poses, mesh.n_faces), np.int32), np.empty(n_poses, np.int64)
     given = []
     with mock.patch.object(loops, "count_poses", lambda *arguments: given.extend(arguments)):
-        worker.count(poses, near, cull, (0, 1), visible, None, filled)
+        worker.count(poses, near, cull, worker.all_bands, visible, None, filled)
 
     def first_passes(n: int) -> Callable[[], None]:
         def work() -> None:

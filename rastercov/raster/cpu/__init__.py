@@ -9,7 +9,7 @@ threads nor on other threads that use the same rasteriser.
     group (once)      mesh                             Clusters: <= 64 faces each  clusters
     for each pose:
     1 cull clusters   Clusters.bounds, pose            bits of clusters to draw    stage_cull
-    for each band of rows, for each cluster in it:
+    for each band of rows, for each cluster in it, from front to back (occlusion):
     2 project         Clusters.points, pose            Vertices: x, y, 1/z         stage_vertices
     3 cull and bin    Vertices, Clusters.corners       Bins: faces by path         stage_cull
       clip            faces in Bins.clipped            triangles in a fan          clipping
@@ -17,7 +17,8 @@ threads nor on other threads that use the same rasteriser.
     5 cover           Setup                            coverage masks of blocks    stage_cover
     6 depth test      masks, planes                    Image: 1/z, face; Counts    stage_depth
 
-`loops` has the loops over poses, bands and clusters, `fill` those over faces and blocks; `memory`
+`loops` has the loops over poses, bands and clusters, `fill` those over faces and blocks, `coverage`
+those that count without depth, `occlusion` skips clusters and faces behind what is drawn; `memory`
 defines the records, `simd` and `simd_kernel` the notation of the stages.
 `rastercov.reference.raster_stages` has each stage in numpy.
 

@@ -159,7 +159,7 @@ def draw_cluster(mesh, cluster, workspace, target):
         if is_behind and not counts.with_drawn:
             return 0, 0, 0
     window = uncut(box, window)
-    target = Target(window, image, counts, target.tests_cells)
+    target = Target(window, image, counts, tests_cells)
     faces = Faces(mesh, cluster.first_slot, vertices, bins.coverage_2x2)
     n_slots = cluster.end_slot - cluster.first_slot
     n = cull_and_bin(faces, n_slots, window, is_plain, counts.with_drawn, bit_indices, bins)
