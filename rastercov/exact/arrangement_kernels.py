@@ -1,9 +1,9 @@
 """Visible areas by the arrangement of event edges on a face, compiled by numba.
 
-The visibility of a face changes only where an event edge that is visible itself crosses it. The
-lines of these edges divide its image into convex cells; in each cell the face is wholly visible or
-wholly hidden, which the faces in front of one point of it decide. A face has few such edges, two in
-the median, whatever number of faces is in front of it.
+The visibility of a face changes only where an event edge that is visible itself crosses it, or
+where another face passes through it. These lines divide its image into convex cells; in each cell
+the face is wholly visible or wholly hidden, which the faces in front of one point of it decide. A
+face has few such lines, two in the median, whatever number of faces is in front of it.
 
 Where rounding could decide - a point that lies too near to an edge or to another surface - the face
 is left to `half_plane_kernels`.
@@ -14,8 +14,15 @@ A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of S
 import numpy as np
 
 from rastercov._jit import allocation_free, inlined
-from rastercov.exact.grid_kernels import cell
-from rastercov.exact.half_plane_kernels import depth_order, hides_all
+from rastercov.exact.grid_kernels import (
+    ENTRIES_AT_A_TIME,
+    cell_at,
+    find_faces,
+    lay_bounds,
+    likely_hider,
+)
+from rastercov.exact.half_plane_kernels import hides_all
+from rastercov.exact.intersection_kernels import NOT_KNOWN, SURE, add_intersection
 from rastercov.exact.outline_kernels import (
     is_joined,
     n_sides_of,
@@ -28,26 +35,18 @@ from rastercov.exact.polygon_kernels import (
     clip,
     copy_polygon,
     line_value,
-    separates,
     split,
-    twice_area,
 )
 from rastercov.exact.records import (
-    CLIPPED,
     DEPTH_TIE_REL,
-    DOUBTFUL,
     DU,
     DV,
     EDGE_ERROR,
     FIRST,
     IN_CONTACT,
-    IN_FRONT,
-    IN_FRONT_IN_PART,
     LAST,
     LIVE,
     PARTLY,
-    THIN,
-    TIED,
     U_MAX,
     U_MIN,
     UNFIT,
@@ -63,10 +62,6 @@ MOST_CROSSINGS = 24
 """Crossings of a face beyond which it is left to half planes, which divide the image by cells."""
 MOST_CELLS = 128
 """Cells of a face beyond which it is left to them, too."""
-SURE = 16
-"""Distance from an edge, in roundings of a position, that makes a point lie on one side of it."""
-THINNEST = 2**24
-"""Width of a face, in the same, below which rounding may decide what is beside it."""
 VISIBLE, HIDDEN, UNSURE = range(3)
 """Results of `point_visibility`."""
 
@@ -102,7 +97,7 @@ def order_crossings(t, crossings, order):
 
 
 @inlined
-def divide_piece(pieces, p, count, crossings, c, work):
+def divide_piece(pieces, p, count, segment, work):
     """Divide a piece by the line of a crossing that runs through it; returns the piece count.
 
     Parameters
@@ -111,13 +106,12 @@ def divide_piece(pieces, p, count, crossings, c, work):
         Changed in place; the part beyond the line is appended.
     p, count : int
         The piece, and the number of pieces.
-    crossings, c : Crossings, int
-        The crossing.
+    segment : (7,) float64
+        The crossing, as in `Crossings.segments`.
     work : Work
         Scratch.
     """
     corners, n, values = pieces.corners[p], pieces.n_corners[p], work.values
-    segment = crossings.segments[c]
     u, v, du, dv, tolerance = segment[U], segment[V], segment[DU], segment[DV], segment[EDGE_ERROR]
     slack = tolerance * (abs(du) + abs(dv))
     line = (u, v, du, dv, 0.0)
@@ -155,85 +149,6 @@ def divide_piece(pieces, p, count, crossings, c, work):
 
 
 @inlined
-def overlap_of(t, m, target, n, n_own, camera, projected, work):
-    """Area that the images of two live faces have in common, px^2, and the sides of that of m.
-
-    It is negative if one of them is so thin that rounding may decide. See `may_pass_through` for
-    the arguments; the lines that bound the image of m are left in `work.lines`.
-    """
-    box, lines, corners, other = projected.box, work.lines, work.corners, work.other
-    k, n_sides = outline(m, projected, corners, lines)
-    # Of a clipped needle rounding may leave a short piece.
-    is_clipped = projected.state[m] & CLIPPED
-    extent = camera.width + camera.height
-    if not is_clipped:
-        extent = box[m, U_MAX] - box[m, U_MIN] + box[m, V_MAX] - box[m, V_MIN]
-    is_thin = twice_area(corners, k) < THINNEST * outline_error(m, camera, projected) * extent
-    if is_clipped and is_thin:
-        return -1.0, n_sides
-    if (
-        box[m, U_MIN] > box[t, U_MAX]
-        or box[m, U_MAX] < box[t, U_MIN]
-        or box[m, V_MIN] > box[t, V_MAX]
-        or box[m, V_MAX] < box[t, V_MIN]
-    ):
-        return 0.0, n_sides
-    if is_thin:
-        return -1.0, n_sides
-    if separates(lines, n_sides, target, n) or separates(work.own, n_own, corners, k):
-        return 0.0, n_sides
-    copy_polygon(target, n, work.spare)
-    n = clip(work.spare, n, lines, n_sides, other)
-    if n < 3:
-        return 0.0, n_sides
-    return abs(twice_area(work.spare, n)) / 2, n_sides
-
-
-@inlined
-def may_pass_through(t, m, target, n, n_own, edges, is_event, camera, projected, work, area_error):
-    """True if the visibility of a face may change where another one in contact meets it.
-
-    That is where the other passes through it or coincides with it; or where the other, in front of
-    it, continues behind it, beyond an edge that lies in it and is no event edge. `target` and n are
-    the image of face t, `work.own` the `n_own` lines that bound it. Where the answer is no, what
-    rounding may decide along their contact is added to `area_error` of t.
-    """
-    box, state = projected.box, projected.state
-    if not state[m] & LIVE:
-        return state[m] & THIN != 0
-    for s in range(-1, 3):  # the other face itself; then, if it is in front, its neighbours
-        other = np.int64(m)
-        if s >= 0:
-            e = edges.of_face[m, s]
-            if is_event[e] or edges.faces[e, 1] < 0:
-                continue
-            other = np.int64(edges.faces[e, 0] if edges.faces[e, 0] != m else edges.faces[e, 1])
-            if other == t or not state[other] & LIVE:
-                continue
-        overlap, n_sides = overlap_of(t, other, target, n, n_own, camera, projected, work)
-        if overlap == 0 and s >= 0:
-            continue
-        if overlap == 0:
-            return False
-        if overlap < 0 or state[other] & DOUBTFUL:
-            return True
-        if s < 0:
-            error = outline_error(m, camera, projected)
-            across = min(box[t, U_MAX], box[m, U_MAX]) - max(box[t, U_MIN], box[m, U_MIN])
-            down = min(box[t, V_MAX], box[m, V_MAX]) - max(box[t, V_MIN], box[m, V_MIN])
-            if overlap <= SURE * error * (across + down):  # neighbours that abut, up to rounding
-                area_error[t] += max(overlap, 4 * error * (across + down))
-                return False
-            area_error[t] += 4 * error * (across + down)
-        order = depth_order(
-            t, other, target, n, n_sides, camera, projected, work, s < 0, area_error
-        )
-        if order != IN_FRONT:
-            return s >= 0 or order in (IN_FRONT_IN_PART, TIED)
-    return False
-
-
-@inlined
 def covers(m, u, v, edges, is_event, camera, projected):
     """`HIDDEN` if the image of a face covers a point, `VISIBLE` if it does not, or `UNSURE`."""
     n_lines = n_sides_of(m, projected)
@@ -251,8 +166,8 @@ def covers(m, u, v, edges, is_event, camera, projected):
 
 
 @inlined
-def point_visibility(t, u, v, hider, plane, edges, is_event, camera, projected, grid, work):
-    """`VISIBLE`, `HIDDEN` or `UNSURE` for a point of a face; and a face that hides it.
+def point_visibility(t, u, v, plane, edges, is_event, camera, projected, grid, work):
+    """`VISIBLE`, `HIDDEN` or `UNSURE` for a point of a face.
 
     Parameters
     ----------
@@ -260,8 +175,6 @@ def point_visibility(t, u, v, hider, plane, edges, is_event, camera, projected, 
         The face.
     u, v : float
         The point, pixels.
-    hider : int
-        A face to look at first, -1 for none.
     plane : tuple
         Of `plane_of` the face.
     edges, is_event, camera, projected, grid, work
@@ -271,18 +184,22 @@ def point_visibility(t, u, v, hider, plane, edges, is_event, camera, projected, 
     u_t, v_t, w_t, a_t, b_t, error_t = plane
     w = w_t + a_t * (u - u_t) + b_t * (v - v_t)
     farthest = w - error_t - 4 * DEPTH_TIE_REL * w
-    column = cell(u, grid.left, grid.per_u, grid.columns)
-    row = cell(v, grid.top, grid.per_v, grid.rows)
-    at = row * grid.columns + column
-    result = VISIBLE
-    for entry in range(grid.starts[at] - 1, grid.starts[at + 1]):
-        is_guess = entry < grid.starts[at]
-        m = np.int64(hider) if is_guess else np.int64(grid.entries[entry])
-        if m < 0 or m == t or box[m, W_MAX] < farthest:
+    at = cell_at(u, v, grid)
+    lay_bounds(at, box, grid)
+    result, entry, stop, m = VISIBLE, grid.starts[at], grid.starts[at + 1], np.int64(grid.hider[at])
+    index, n = np.int64(-1), np.int64(0)
+    while index < n or entry < stop:
+        if index == n:
+            following = min(entry + ENTRIES_AT_A_TIME, stop)
+            n = find_faces(entry, following, u, u, v, v, grid, np.int64(0))
+            entry, index = following, np.int64(0)
+            continue
+        if index >= 0:
+            m = np.int64(grid.faces[index])
+        index += 1
+        if m < 0 or m == t or box[m, W_MAX] < farthest or not state[m] & LIVE:
             continue
         if not (box[m, U_MIN] <= u <= box[m, U_MAX] and box[m, V_MIN] <= v <= box[m, V_MAX]):
-            continue
-        if not state[m] & LIVE:
             continue
         covered = covers(m, u, v, edges, is_event, camera, projected)
         if covered == VISIBLE:
@@ -295,8 +212,9 @@ def point_visibility(t, u, v, hider, plane, edges, is_event, camera, projected, 
         if nearer <= margin or covered == UNSURE:
             result = UNSURE
             continue
-        return HIDDEN, m
-    return result, np.int64(-1)
+        grid.hider[at] = m
+        return HIDDEN
+    return result
 
 
 @allocation_free
@@ -337,7 +255,6 @@ def arrangement_areas(
     """
     state, box, area = projected.state, projected.box, projected.area
     target, border, order, n_left = work.target, camera.border, work.levels, 0
-    hider = np.int64(-1)
     for index in range(targets.shape[0]):
         t = targets[index]
         n_crossings = order_crossings(t, crossings, order)
@@ -359,22 +276,26 @@ def arrangement_areas(
             n = clip(target, n, border, border.shape[0], work.spare)
             if n < 3:
                 continue
+        hider = likely_hider(t, box, grid)
         if hider >= 0 and hides_all(hider, t, target, n, camera, projected, work, area_error):
             continue
-        fits = True
+        fits, n_lines = True, np.int64(0)
         if state[t] & IN_CONTACT:
             for k in range(partners.starts[t], partners.starts[t + 1]):
                 m = partners.faces[k]
-                if may_pass_through(
-                    t, m, target, n, n_own, edges, is_event, camera, projected, work, area_error
-                ):
+                n_lines = add_intersection(
+                    t, m, target, n, n_own, n_lines, edges, is_event, camera, projected, work,
+                    area_error,
+                )  # fmt: skip
+                if n_lines == NOT_KNOWN:
                     fits = False
                     break
         copy_polygon(target, n, pieces.corners[0])
         pieces.n_corners[0], count = n, np.int64(1)
-        for k in range(n_crossings if fits else 0):
-            c = order[k]
-            segment = crossings.segments[c]
+        for k in range(n_crossings + n_lines if fits else 0):
+            segment = work.intersections[k - n_crossings]
+            if k < n_crossings:
+                segment = crossings.segments[order[k]]
             area_error[t] += (
                 4 * (abs(segment[DU]) + abs(segment[DV])) * (segment[LAST] - segment[FIRST])
                 * segment[EDGE_ERROR]
@@ -383,7 +304,7 @@ def arrangement_areas(
                 if count == MOST_CELLS:
                     fits = False
                     break
-                count = divide_piece(pieces, p, count, crossings, c, work)
+                count = divide_piece(pieces, p, count, segment, work)
         plane = plane_of(t, camera, projected)
         twice = 0.0
         for p in range(count):
@@ -409,15 +330,11 @@ def arrangement_areas(
                 area_error[t] += max(twice_piece, 0.0)
                 continue
             u, v = u + mean_u / (3 * twice_piece), v + mean_v / (3 * twice_piece)
-            seen, face = point_visibility(
-                t, u, v, hider, plane, edges, is_event, camera, projected, grid, work
-            )
+            seen = point_visibility(t, u, v, plane, edges, is_event, camera, projected, grid, work)
             if seen == UNSURE:
                 fits = False
             elif seen == VISIBLE:
                 twice += twice_piece
-            else:
-                hider = face
         if not fits:
             left[n_left] = t
             n_left += 1

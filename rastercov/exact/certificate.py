@@ -97,7 +97,7 @@ class CertificateSolver(HalfPlaneSolver):
         self.region, self._targets = np.empty(n_faces, np.int32), np.empty(n_faces, np.int32)
         self._scratch = np.empty(n_faces, np.int32)
         self._make_room_for_crossings(max(1024, n_edges // 16))
-        self._segment = Segment(np.empty((2, 4)), np.empty(4, np.int64), np.empty((2, 3)))
+        self._segment = Segment(np.empty((2, 4)), np.empty(3, np.int64), np.empty((2, 3)))
 
     def solve_all(self) -> None:
         """Compute `visible`, `area_error` and `is_certified` of every face."""

@@ -13,7 +13,7 @@ A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of S
 import numpy as np
 
 from rastercov._jit import allocation_free, inlined
-from rastercov.exact.grid_kernels import cell
+from rastercov.exact.grid_kernels import ENTRIES_AT_A_TIME, cell, find_faces, lay_bounds
 from rastercov.exact.polygon_kernels import length
 from rastercov.exact.records import (
     CONSISTENT,
@@ -45,16 +45,15 @@ from rastercov.exact.records import (
 )
 from rastercov.exact.segment_kernels import (
     END,
-    HIDER,
     IS_VISIBLE,
     NO_EDGE,
-    NO_FACE,
     NO_VERTEX,
     START,
     crosses,
     hidden_range,
     narrowed,
     narrowed_to_inside,
+    straddles,
     take_range,
 )
 
@@ -127,7 +126,7 @@ def mark_in_cell(
     first ... last is the part of the segment in cell c. See `mark_segment` for the others; returns
     the number of crossings.
     """
-    state, box, starts, entries = projected.state, projected.box, grid.starts, grid.entries
+    state, box, found = projected.state, projected.box, grid.faces
     ranges, a, b = work.ranges, ends[START], ends[END]
     du, dv = segment[END, U] - segment[START, U], segment[END, V] - segment[START, V]
     ua, ub = segment[START, U] + first * du, segment[START, U] + last * du
@@ -136,38 +135,38 @@ def mark_in_cell(
     top, bottom = min(va, vb) - tolerance, max(va, vb) + tolerance
     nearest = max(segment[START, W], segment[END, W])
     farthest = min(segment[START, W], segment[END, W])
-    ranges[0, 0], ranges[0, 1], n = first, last, 1
-    for entry in range(starts[c] - 1, starts[c + 1]):
-        # Edges beside each other are often hidden by one face.
-        m = np.int64(ends[HIDER]) if entry < starts[c] else np.int64(entries[entry])
-        if (
-            m >= 0
-            and box[m, W_MAX] >= farthest
-            and state[m] & (LIVE | DOUBTFUL) == LIVE
-            and box[m, U_MIN] <= right
-            and box[m, U_MAX] >= left
-            and box[m, V_MIN] <= bottom
-            and box[m, V_MAX] >= top
-        ):
+    ranges[0, 0], ranges[0, 1], n, n_found = first, last, 1, np.int64(0)
+    lay_bounds(c, box, grid)
+    entry, stop, n_kept = grid.starts[c], grid.starts[c + 1], np.int64(0)
+    # Edges beside each other are often hidden by one face.
+    index, m = np.int64(-1), np.int64(grid.hider[c])
+    while index < n_found or entry < stop:
+        if index == n_found:
+            following = min(entry + ENTRIES_AT_A_TIME, stop)
+            n_found = find_faces(entry, following, left, right, top, bottom, grid, n_kept)
+            entry, index = following, n_kept
+            continue
+        if index >= 0:
+            m = np.int64(found[index])
+        index += 1
+        if index > 0:
+            if not straddles(m, segment, tolerance, projected):
+                continue
+            found[n_kept] = m
+            n_kept += 1
+        if m >= 0 and box[m, W_MAX] >= farthest and state[m] & (LIVE | DOUBTFUL) == LIVE:
             begin, end = hidden_range(
                 m, a, b, segment, first, last, tolerance, edges, is_event, camera, projected
             )
             if begin < end:
                 n = take_range(ranges, n, begin, end)
                 if n == 0:
-                    ends[HIDER] = m
+                    grid.hider[c] = m
                     return n_crossings
     ends[IS_VISIBLE] = 1
-    for entry in range(starts[c], starts[c + 1]):
-        f = entries[entry]
-        if (
-            state[f] & (LIVE | UNFIT) == LIVE
-            and box[f, U_MIN] <= right
-            and box[f, U_MAX] >= left
-            and box[f, V_MIN] <= bottom
-            and box[f, V_MAX] >= top
-            and nearest >= box[f, W_MIN] * (1 - 2 * DEPTH_TIE_REL)
-        ):
+    for index in range(n_kept):
+        f = found[index]
+        if state[f] & (LIVE | UNFIT) == LIVE and nearest >= box[f, W_MIN] * (1 - 2 * DEPTH_TIE_REL):
             for i in range(n):
                 begin, end = crosses(
                     f, a, b, segment, ranges[i, 0], ranges[i, 1], tolerance, projected
@@ -372,7 +371,7 @@ def mark_crossed(
     """
     uvw, state, clipped = projected.uvw, projected.state, projected.clipped
     crossings.last[:] = -1
-    n_events, n_crossings, segment.ends[HIDER] = events.shape[0], 0, NO_FACE
+    n_events, n_crossings = events.shape[0], 0
     for index in range(n_events + n_clipped * CORNERS):
         e, is_doubtful = np.int64(NO_EDGE), True
         if index < n_events:

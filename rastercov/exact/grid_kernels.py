@@ -5,6 +5,10 @@ import numpy as np
 from rastercov._jit import allocation_free, inlined
 from rastercov.exact.records import BLOCK, LIVE, THIN, U_MAX, U_MIN, V_MAX, V_MIN, W_MAX
 
+ENTRIES_AT_A_TIME = 64
+"""Entries of a cell that are compared at a time."""
+BUCKETS = 64
+"""Ranges of 1/z by which the faces of a cell are sorted first."""
 TILE = 8
 """Side of the tiles of cells by which blocks of faces are left out."""
 
@@ -16,6 +20,13 @@ def cell(position, origin, per_pixel, n):
 
 
 @inlined
+def cell_at(u, v, grid):
+    """Cell of the grid at a point."""
+    row = cell(v, grid.top, grid.per_v, grid.rows)
+    return row * grid.columns + cell(u, grid.left, grid.per_u, grid.columns)
+
+
+@inlined
 def cells_of_box(box, f, grid):
     """First and last column, first and last row that the box of a face touches."""
     return (
@@ -24,6 +35,13 @@ def cells_of_box(box, f, grid):
         cell(box[f, V_MIN], grid.top, grid.per_v, grid.rows),
         cell(box[f, V_MAX], grid.top, grid.per_v, grid.rows),
     )
+
+
+@inlined
+def likely_hider(f, box, grid):
+    """Face that hid another one at the centre of the box of a face, -1 for none."""
+    u, v = (box[f, U_MIN] + box[f, U_MAX]) / 2, (box[f, V_MIN] + box[f, V_MAX]) / 2
+    return np.int64(grid.hider[cell_at(u, v, grid)])
 
 
 @allocation_free
@@ -66,13 +84,14 @@ def may_be_asked(box, f, across, grid):
 def fill_grid(projected, grid):
     """List the live and thin faces by the cells asked for; returns the number of entries.
 
-    Out: `starts`, `entries`, `is_sorted`, `faces` and `is_whole` of the grid; where `entries` has
-    too little room, none is listed: call again with more.
+    Out: `starts`, `entries`, `is_sorted`, `has_bounds`, `hider`, `faces` and `is_whole` of the
+    grid; where `entries` has too little room, none is listed: call again with more.
     """
     state, box, block_box = projected.state, projected.box, projected.block_box
     columns, starts, entries, is_asked = grid.columns, grid.starts, grid.entries, grid.is_asked
     n_cells = columns * grid.rows
-    grid.is_sorted[:n_cells] = False
+    grid.is_sorted[:n_cells] = grid.has_bounds[:n_cells] = False
+    grid.hider[:n_cells] = -1
     grid.is_whole[:] = False
     for c in range(n_cells + 2):
         starts[c] = 0
@@ -114,24 +133,71 @@ def fill_grid(projected, grid):
     return total
 
 
+@inlined
+def lay_bounds(at, box, grid):
+    """Lay the bounds of the faces of a cell one after another in memory, the first time."""
+    bounds, entries = grid.bounds, grid.entries
+    if not grid.has_bounds[at]:
+        grid.has_bounds[at] = True
+        for entry in range(grid.starts[at], grid.starts[at + 1]):
+            f = entries[entry]
+            bounds[U_MIN, entry], bounds[U_MAX, entry] = box[f, U_MIN], box[f, U_MAX]
+            bounds[V_MIN, entry], bounds[V_MAX, entry] = box[f, V_MIN], box[f, V_MAX]
+
+
+@inlined
+def find_faces(first, last, left, right, top, bottom, grid, n):
+    """Add the entries first ... last - 1 whose boxes touch a rectangle to `grid.faces`.
+
+    They follow the first n there. Returns how many there are then. `lay_bounds` comes before.
+    """
+    low_u, high_u = grid.bounds[U_MIN, first:last], grid.bounds[U_MAX, first:last]
+    low_v, high_v = grid.bounds[V_MIN, first:last], grid.bounds[V_MAX, first:last]
+    for k in range(last - first):
+        grid.touches[k] = (
+            (low_u[k] <= right) & (high_u[k] >= left) & (low_v[k] <= bottom) & (high_v[k] >= top)
+        )
+    for k in range(last - first):
+        # Without a branch: which boxes touch is not predictable.
+        grid.faces[n] = grid.entries[first + k]
+        n += grid.touches[k]
+    return n
+
+
 @allocation_free
 def sort_cell(at, box, grid):
     """Sort the faces listed in a cell from front to back by their nearest depth, the first time.
 
+    They are sorted into `BUCKETS` equal ranges of 1/z first, which leaves little to do.
+
     D. Shell. A High-Speed Sorting Procedure. 1959.
     """
-    grid.is_sorted[at] = True
-    entries, nearest, first = grid.entries, grid.nearest, grid.starts[at]
-    n = grid.starts[at + 1] - first
-    for i in range(first, first + n):
-        nearest[i] = box[entries[i], W_MAX]
+    grid.is_sorted[at], grid.has_bounds[at] = True, False
+    first, last = grid.starts[at], grid.starts[at + 1]
+    entries, nearest, n = grid.entries[first:last], grid.nearest[first:last], last - first
+    key, found, ends = grid.bounds[0, first:last], grid.faces, grid.buckets
+    least, most = np.inf, -np.inf
+    for i in range(n):
+        w = box[entries[i], W_MAX]
+        key[i], found[i] = w, entries[i]
+        least, most = min(least, w), max(most, w)
+    per_w = BUCKETS / (most - least) if most > least else 0.0
+    ends[:] = 0
+    for i in range(n):
+        ends[cell(-key[i], -most, per_w, BUCKETS) + 1] += 1
+    for bucket in range(1, BUCKETS + 1):
+        ends[bucket] += ends[bucket - 1]
+    for i in range(n):
+        bucket = cell(-key[i], -most, per_w, BUCKETS)
+        nearest[ends[bucket]], entries[ends[bucket]] = key[i], found[i]
+        ends[bucket] += 1
     gap = np.int64(1)
     while 3 * gap + 1 < n:
         gap = 3 * gap + 1
     while gap > 0:
-        for i in range(first + gap, first + n):
+        for i in range(gap, n):
             w, f, j = nearest[i], entries[i], i
-            while j >= first + gap and nearest[j - gap] < w:
+            while j >= gap and nearest[j - gap] < w:
                 nearest[j], entries[j] = nearest[j - gap], entries[j - gap]
                 j -= gap
             nearest[j], entries[j] = w, f

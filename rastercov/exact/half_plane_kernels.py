@@ -17,7 +17,7 @@ A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of S
 import numpy as np
 
 from rastercov._jit import allocation_free, inlined
-from rastercov.exact.grid_kernels import cell, cells_of_box, sort_cell
+from rastercov.exact.grid_kernels import cell, cells_of_box, likely_hider, sort_cell
 from rastercov.exact.outline_kernels import outline, outline_error, plane_of
 from rastercov.exact.polygon_kernels import (
     clip,
@@ -301,7 +301,7 @@ def halve(top, work):
 def visible_twice_area(
     t, target, n, n_own, camera, projected, grid, marks, pieces, work, area_error
 ):
-    """Twice the visible area of face t, or `NO_ROOM`; and the last face that hides all of a part.
+    """Twice the visible area of face t, or `NO_ROOM`.
 
     A large face is taken apart by the cells of the grid, and parts of many pieces are halved.
     """
@@ -310,10 +310,10 @@ def visible_twice_area(
     is_large = (right - left + 1) * (bottom - top_row + 1) > MOST_CELLS_OF_PART
     width, height = (1, 1) if is_large else (right - left + 1, bottom - top_row + 1)
     twice = 0.0
-    hider = np.int64(-1)
     for row in range(top_row, bottom + 1, height):
         for column in range(left, right + 1, width):
             cells = (column, column + width - 1, row, row + height - 1)
+            middle = (row + height // 2) * grid.columns + column + width // 2
             copy_polygon(target, n, parts.corners[0])
             parts.n_corners[0] = n
             if is_large:
@@ -331,16 +331,17 @@ def visible_twice_area(
                     camera, projected, grid, marks, pieces, work, area_error,
                 )  # fmt: skip
                 if rest == ALL_HIDDEN:
-                    return 0.0, face
+                    grid.hider[middle] = face
+                    return 0.0
                 if rest == NO_ROOM:
-                    return float(NO_ROOM), face
+                    return float(NO_ROOM)
                 if rest == TOO_MANY:
                     top += halve(top, work)
                 else:
                     twice += rest
                 if rest == 0:
-                    hider = face
-    return twice, hider
+                    grid.hider[middle] = face
+    return twice
 
 
 @allocation_free
@@ -368,7 +369,6 @@ def visible_areas(
     """
     state, box, area = projected.state, projected.box, projected.area
     target, own, border = work.target, work.own, camera.border
-    hider = np.int64(-1)
     for index in range(first, targets.shape[0]):
         t = targets[index]
         visible[t] = area_error[t] = 0.0
@@ -386,10 +386,11 @@ def visible_areas(
             n = clip(target, n, border, border.shape[0], work.spare)
             if n < 3:
                 continue
-        # Neighbours on the same surface often have the same face before them.
+        # Faces beside each other often have the same face before them.
+        hider = likely_hider(t, box, grid)
         if hider >= 0 and hides_all(hider, t, target, n, camera, projected, work, area_error):
             continue
-        twice, hider = visible_twice_area(
+        twice = visible_twice_area(
             t, target, n, n_own, camera, projected, grid, marks, pieces, work, area_error
         )
         if twice == NO_ROOM:

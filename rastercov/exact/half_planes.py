@@ -24,8 +24,9 @@ from rastercov._memory import check_memory
 from rastercov._threads import share_poses, thread_count
 from rastercov.camera import Camera
 from rastercov.errors import ConfigError
-from rastercov.exact.grid_kernels import fill_grid
+from rastercov.exact.grid_kernels import BUCKETS, ENTRIES_AT_A_TIME, fill_grid
 from rastercov.exact.half_plane_kernels import visible_areas as visible_areas_kernel
+from rastercov.exact.intersection_kernels import MOST_INTERSECTIONS
 from rastercov.exact.records import (
     BLOCK,
     CORNERS,
@@ -215,6 +216,11 @@ class HalfPlaneSolver:
             entries=np.empty(2 * n_faces, np.int32),
             nearest=np.empty(2 * n_faces),
             is_sorted=np.empty(0, np.bool_),
+            bounds=np.empty((4, 2 * n_faces)),
+            has_bounds=np.empty(0, np.bool_),
+            hider=np.empty(0, np.int32),
+            touches=np.empty(ENTRIES_AT_A_TIME, np.bool_),
+            buckets=np.empty(BUCKETS + 1, np.int64),
             faces=np.empty(n_faces, np.int32),
             is_whole=np.empty(n_faces, np.bool_),
         )
@@ -232,6 +238,7 @@ class HalfPlaneSolver:
             cell=np.empty((4, 5)),
             parts=_room_for_pieces(STACK_ROOM, 2 * CORNERS),
             levels=np.empty(STACK_ROOM, np.int64),
+            intersections=np.empty((MOST_INTERSECTIONS, 7)),
         )
 
     def set_pose(self, pose: FloatArray, near: float, front_only: bool) -> None:
@@ -317,6 +324,8 @@ class HalfPlaneSolver:
             self.grid = self.grid._replace(
                 starts=np.empty(n_cells + 2, np.int64),
                 is_sorted=np.empty(n_cells, np.bool_),
+                has_bounds=np.empty(n_cells, np.bool_),
+                hider=np.empty(n_cells, np.int32),
                 is_asked=np.empty(n_cells, np.bool_),
                 is_tile_asked=np.empty(n_cells, np.bool_),
             )
@@ -329,7 +338,11 @@ class HalfPlaneSolver:
         """List the faces in the cells asked for."""
         while (needed := fill_grid(self.projected, self.grid)) > len(self.grid.entries):
             room = needed * 5 // 4
-            self.grid = self.grid._replace(entries=np.empty(room, np.int32), nearest=np.empty(room))
+            self.grid = self.grid._replace(
+                entries=np.empty(room, np.int32),
+                nearest=np.empty(room),
+                bounds=np.empty((4, room)),
+            )
         self._is_listed = True
 
     def _make_room_for_clipped(self, n: int) -> None:

@@ -128,7 +128,7 @@ planes : (N, 7) float64
 CellGrid = namedtuple(
     "CellGrid",
     "left top per_u per_v columns rows is_asked is_tile_asked starts entries nearest is_sorted "
-    "faces is_whole",
+    "bounds has_bounds hider touches buckets faces is_whole",
 )
 """Live and thin faces listed by the cells of a regular grid over the image that their boxes touch.
 
@@ -151,8 +151,16 @@ nearest : (N,) float64
     Greatest 1/z of the faces of sorted cells.
 is_sorted : (columns * rows or more,) bool
     Cells whose faces are sorted by their nearest depth, from front to back.
+bounds : (4, N) float64
+    Least and greatest u and v of the faces of cells with bounds, one after another in memory.
+has_bounds : (columns * rows or more,) bool
+    Cells of which they are filled in.
+hider : (columns * rows or more,) int32
+    A face that hid something in the cell, to be looked at first; -1 for none.
+touches, buckets : (ENTRIES_AT_A_TIME,) bool, (BUCKETS + 1,) int64
+    Scratch.
 faces : (F,) int32
-    Scratch: the faces that are listed.
+    Scratch: the faces that are listed, or those that are found in a cell.
 is_whole : (F,) bool
     Live and thin faces that are listed in all cells that their boxes touch.
 """
@@ -160,7 +168,9 @@ is_whole : (F,) bool
 Pieces = namedtuple("Pieces", "corners n_corners")
 """Convex polygons, clockwise: (N, room, 2) float64 corners, (N,) int64 corner counts."""
 
-Work = namedtuple("Work", "target own corners lines spare other values ranges cell parts levels")
+Work = namedtuple(
+    "Work", "target own corners lines spare other values ranges cell parts levels intersections"
+)
 """Scratch for one face.
 
 Attributes
@@ -177,6 +187,8 @@ cell : (4, 5) float64
     Lines that bound a cell of the grid.
 parts, levels : Pieces, (STACK_ROOM,) int64
     Stack of convex parts of the face, and how often each was halved.
+intersections : (N, 7) float64
+    Lines along which faces in contact pass through the face, as `Crossings.segments`.
 """
 
 Segment = namedtuple("Segment", "uvw ends points")
@@ -186,9 +198,8 @@ Attributes
 ----------
 uvw : (2, 4) float64
     u, v, w of both ends, and the error of the position, pixels.
-ends : (4,) int64
-    Vertices at the ends, -1 for an end that is no vertex; a face that hid another segment; 1 if the
-    edge is not wholly hidden.
+ends : (3,) int64
+    Vertices at the ends, -1 for an end that is no vertex; 1 if the edge is not wholly hidden.
 points : (2, 3) float64
     Scratch: the ends in camera axes.
 """

@@ -15,6 +15,7 @@ from rastercov.exact.outline_kernels import (
 )
 from rastercov.exact.polygon_kernels import line_value
 from rastercov.exact.records import (
+    CLIPPED,
     DEPTH_TIE_REL,
     DU,
     DV,
@@ -30,10 +31,10 @@ from rastercov.exact.records import (
 
 START, END = 0, 1
 """Rows of a segment, which has u, v and w of both ends."""
-HIDER, IS_VISIBLE = 2, 3
-"""Rows of `Segment.ends`: a face that hid another segment; 1 for a segment not wholly hidden."""
-NO_VERTEX = NO_EDGE = NO_FACE = -1
-"""End of a segment that is no vertex of the surface; no such edge, no such face."""
+IS_VISIBLE = 2
+"""Row of `Segment.ends`: 1 for a segment that is not wholly hidden."""
+NO_VERTEX = NO_EDGE = -1
+"""End of a segment that is no vertex of the surface; no such edge."""
 
 
 @inlined
@@ -63,11 +64,28 @@ def narrowed_to_inside(start, end, first, last):
 
 
 @inlined
+def straddles(f, segment, tolerance, projected):
+    """True if the line of a segment passes a face within the tolerance, pixels, or f is clipped."""
+    faces, uvw = projected.faces, projected.uvw
+    u0, v0 = segment[START, U], segment[START, V]
+    du, dv = segment[END, U] - u0, segment[END, V] - v0
+    reach = tolerance * (abs(du) + abs(dv))
+    line = (u0, v0, du, dv, 0.0)
+    i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
+    si = line_value(line, uvw[i, U], uvw[i, V])
+    sj = line_value(line, uvw[j, U], uvw[j, V])
+    sk = line_value(line, uvw[k, U], uvw[k, V])
+    is_beside = (min(si, sj, sk) > reach) | (max(si, sj, sk) < -reach)
+    return not is_beside or projected.state[f] & CLIPPED != 0
+
+
+@inlined
 def crosses(f, a, b, segment, first, last, tolerance, projected):
     """Part of first ... last where a segment crosses a face at or before its depth, or (1, 0).
 
-    The face f is not clipped in space, and is grown by the tolerance, pixels. `segment` has
-    u, v, w of both ends, a and b their vertices, or `NO_VERTEX`.
+    The face f is not clipped in space, lies on the line of the segment, see `straddles`, and is
+    grown by the tolerance, pixels. `segment` has u, v, w of both ends, a and b their vertices, or
+    `NO_VERTEX`.
     """
     starts_within, ends_within = first > 0, last < 1
     faces, uvw = projected.faces, projected.uvw
@@ -76,14 +94,9 @@ def crosses(f, a, b, segment, first, last, tolerance, projected):
     second, third = (1, 2) if projected.side[f] < 0 else (2, 1)
     i, j, k = faces[f, 0], faces[f, second], faces[f, third]
     du, dv = u1 - u0, v1 - v0
-    reach = tolerance * (abs(du) + abs(dv))
     ui, vi = uvw[i, U], uvw[i, V]
     uj, vj = uvw[j, U], uvw[j, V]
     uk, vk = uvw[k, U], uvw[k, V]
-    line = (u0, v0, du, dv, 0.0)
-    si, sj, sk = line_value(line, ui, vi), line_value(line, uj, vj), line_value(line, uk, vk)
-    if (si > reach and sj > reach and sk > reach) or (si < -reach and sj < -reach and sk < -reach):
-        return 1.0, 0.0
     has_a = a >= 0 and a in (i, j, k)
     has_b = b >= 0 and b in (i, j, k)
     if has_a and has_b:  # its own edge

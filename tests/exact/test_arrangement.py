@@ -75,12 +75,22 @@ def test_neighbours_that_abut_are_divided_although_they_touch():
     assert view.n_left == 0
 
 
-def test_faces_that_pass_through_each_other_are_left_to_half_planes():
+def test_faces_that_pass_through_each_other_are_divided_along_their_intersection():
     tilted = shapes.box((1.0, 1.0, 0.02))
     turn = np.array([(1, 0, 0), (0, 0.8, -0.6), (0, 0.6, 0.8)])
     tilted = type(tilted)(vertices=tilted.vertices @ turn.T + (0, 0, 4), faces=tilted.faces)
     view = assert_agree(joined(square(1.0, 4.0), tilted), window(), AHEAD)
-    assert view.n_left > 0
+    assert view.n_crossed > 2
+    assert view.n_left == 0
+
+
+@given(seed=SEEDS)
+@settings(max_examples=30)
+def test_half_planes_agree_where_many_faces_pass_through_each_other(seed):
+    rng = np.random.default_rng(seed)
+    mesh = joined(square(2.0, 4.0), soup(rng, n=int(rng.integers(2, 40)), size=rng.uniform(0.3, 2)))
+    view = assert_agree(mesh, window(), AHEAD)
+    assert view.surface.contacts.faces_for(0.0).any() or view.n_left == 0
 
 
 def bent(*rows):
@@ -147,19 +157,23 @@ def test_a_face_with_too_many_partners_lists_none(monkeypatch):
     assert_agree(mesh, window(), AHEAD)
 
 
+@pytest.mark.parametrize("largest", [1.0, 0.0, 5e-324, 1e300])
 @pytest.mark.parametrize("n", [0, 1, 2, 17, 500])
-def test_a_sorted_cell_lists_its_faces_from_front_to_back(n):
+def test_a_sorted_cell_lists_its_faces_from_front_to_back(n, largest):
     view = look(square(1, 4), window(), AHEAD)
     rng = np.random.default_rng(n)
     box = np.zeros((n, 6))
-    box[:, W_MAX] = rng.integers(0, 9, n)
+    box[:, W_MAX] = rng.integers(0, 9, n) * largest
+    box[: n // 9, W_MAX] = np.inf
     order = rng.permutation(n).astype(np.int32)
     grid = view.grid._replace(
         starts=np.array([0, n, n]), entries=order.copy(), nearest=np.empty(n),
-        is_sorted=np.zeros(1, bool),
+        is_sorted=np.zeros(1, bool), has_bounds=np.ones(1, bool), bounds=np.empty((4, n)),
+        faces=np.empty(n, np.int32),
     )  # fmt: skip
     sort_cell(0, box, grid)
     assert sorted(grid.entries) == sorted(order)
-    assert (np.diff(grid.nearest) <= 0).all()
+    assert (grid.nearest[1:] <= grid.nearest[:-1]).all()
     assert np.array_equal(grid.nearest, box[grid.entries, W_MAX])
     assert grid.is_sorted[0]
+    assert not grid.has_bounds[0]
