@@ -320,7 +320,9 @@ def unite_faces(corners, areas, floor, k, old, new, order, whole, pool, is_close
                 slivers += sliver
                 if count < 0:
                     return False
-        closed = covered_area(pool, count, k) >= wanted
+        # No more than a piece's own area is won by it, so that the sum need not be made each time.
+        most = covered_area(pool, count, k)
+        closed = most >= wanted
         for index in range(first_new, at_new):
             if closed:
                 break
@@ -331,7 +333,10 @@ def unite_faces(corners, areas, floor, k, old, new, order, whole, pool, is_close
             slivers += sliver
             if count < 0:
                 return False
-            closed = covered_area(pool, count, k) >= wanted
+            most += twice_area(given, n) / 2
+            if most >= wanted:
+                most = covered_area(pool, count, k)
+                closed = most >= wanted
         if closed:
             is_closed[f] = True
             slivers += max(areas[f] - covered_area(pool, count, k), 0.0)
