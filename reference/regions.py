@@ -109,7 +109,8 @@ def meets_criteria(
         jacobians = jacobian(camera, local[rows], normal[rows])
         least = np.linalg.svd(jacobians, compute_uv=False)[:, 1]
         meets[rows] &= least >= task.min_pixel_density
-    return meets
+    found: BoolArray = meets
+    return found
 
 
 def jacobian(camera: Camera, local: FloatArray, normal: FloatArray) -> FloatArray:
@@ -122,7 +123,8 @@ def jacobian(camera: Camera, local: FloatArray, normal: FloatArray) -> FloatArra
     projection = np.zeros((len(local), 2, 3))
     projection[:, 0, 0], projection[:, 0, 2] = camera.fx / z, -camera.fx * x / z**2
     projection[:, 1, 1], projection[:, 1, 2] = camera.fy / z, -camera.fy * y / z**2
-    return projection @ tangents
+    found: FloatArray = projection @ tangents
+    return found
 
 
 @compiled

@@ -124,8 +124,14 @@ perpendicular; the largest error of a point of the face in camera axes; its long
 
 def scratch_for(n_faces: int) -> Scratch:
     """Scratch memory for a mesh."""
+    base, part, spare, other, tidy, inner = np.empty((6, PIECE_ROOM, 2))
     return Scratch(
-        *np.empty((6, PIECE_ROOM, 2)),
+        base=base,
+        part=part,
+        spare=spare,
+        other=other,
+        tidy=tidy,
+        inner=inner,
         values=np.empty(PIECE_ROOM),
         lines=np.empty((N_LINES, LINE_ERROR + 1)),
         sides=np.empty((3, LINE_ERROR + 1)),

@@ -206,7 +206,7 @@ class RegionPass:
 
     def _joined(self, poses: Poses, found: Sequence[Any]) -> Regions:
         """Regions of all poses in one table."""
-        columns = list(zip(*found, strict=True)) if found else [[] for _ in range(6)]
+        columns: list[Any] = list(zip(*found, strict=True)) if found else [()] * 6
         xy, counts, face, pair_face, area, bound = columns
         sizes, pairs = [len(each) for each in face], [len(each) for each in pair_face]
         rows = np.arange(len(poses), dtype=np.int32)
@@ -238,10 +238,14 @@ class _Finder:
         self.kernels, self._planes_of = region_kernels, plane_kernels
         self.solver = solver_type(surface_of(mesh), camera)
         self.solver.keep_pieces()
-        self.planes = plane_kernels.Planes(
-            *(read_only(array, np.float64) for array in frames_of(mesh)),
-            two_sided=read_only(mesh.two_sided_mask, np.bool_),
-            is_asked=read_only(mesh.task_mask & (frames_of(mesh).areas > 0), np.bool_),
+        frames = frames_of(mesh)
+        is_asked = mesh.task_mask & (frames.areas > 0)
+        self.planes = plane_kernels.Planes._make(
+            [
+                *(read_only(array, np.float64) for array in frames),
+                read_only(mesh.two_sided_mask, np.bool_),
+                read_only(is_asked, np.bool_),
+            ]
         )
         self.rules = _rules(camera, task, self.solver)
         self._work = plane_kernels.scratch_for(mesh.n_faces)

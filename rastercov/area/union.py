@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov._arguments import check_kind
+from rastercov._checks import finite_number, shown
+from rastercov._memory import check_memory
 from rastercov._typed import typed
 from rastercov.area.frames import check_same_mesh, frames_of, to_world
 from rastercov.area.regions import Regions
@@ -18,6 +20,8 @@ FloatArray = NDArray[np.float64]
 
 FLOOR_REL = 1e-15
 """Least distance of two corners that do not coincide, relative to the diagonal of the mesh."""
+MOST_VIEWS = 10_000
+"""Cameras up to which they may be counted."""
 WHOLE_PAIR_REL = 1e-9
 """Of the area of a face: so much of it a camera may miss that covers it as a whole."""
 
@@ -55,11 +59,12 @@ class Covered:
 
     def share(self, views: int = 1) -> float:
         """Part of the area of the task faces that at least so many cameras cover, [0, 1]."""
-        if not 1 <= views <= len(self.area):
-            raise ConfigError(f"views must be 1 ... {len(self.area)}, got {views}")
+        number = finite_number(views)
+        if number not in range(1, len(self.area) + 1):
+            raise ConfigError(f"views must be 1 ... {len(self.area)}, got {shown(views)}")
         scored = self.mesh.task_mask
         total = frames_of(self.mesh).areas[scored].sum()
-        return float(self.area[views - 1][scored].sum() / total) if total > 0 else 0.0
+        return float(self.area[int(number) - 1][scored].sum() / total) if total > 0 else 0.0
 
     def points(self) -> FloatArray:
         """(C, 3) corners in space, metres."""
@@ -86,8 +91,16 @@ class RegionUnion:
         from rastercov.criteria_kernels import read_only
 
         check_kind("mesh", mesh, Mesh, "a Mesh", MeshError)
-        if not isinstance(views, int | np.integer) or isinstance(views, bool) or views < 1:
-            raise ConfigError(f"views must be a whole number of 1 or more, got {views}")
+        number = finite_number(views)
+        if not number.is_integer() or not 1 <= number <= MOST_VIEWS:
+            raise ConfigError(
+                f"views must be a whole number of 1 to {MOST_VIEWS}, got {shown(views)}"
+            )
+        check_memory(
+            f"areas of {int(number)} numbers of views x {mesh.n_faces:,} faces",
+            8 * int(number) * mesh.n_faces,
+            "count fewer views",
+        )
         announce_compilation(union_kernels.unite_faces)
         self.mesh, self.views = mesh, int(views)
         self._kernels, self._read_only = union_kernels, read_only

@@ -77,14 +77,17 @@ def room_for_partition(n: int, corners: int) -> Partition:
 
 def pool_of(n: int) -> Pool:
     """Scratch memory for faces of up to n pieces."""
+    corners, spare, given = np.empty((3, PIECE_ROOM, 2))
     return Pool(
-        Pieces(np.empty((n, PIECE_ROOM, 2)), np.empty(n, np.int64)),
-        np.empty((n, 4)),
-        np.empty(n, np.int32),
-        Pieces(np.empty((n, PIECE_ROOM, 2)), np.empty(n, np.int64)),
-        *np.empty((3, PIECE_ROOM, 2)),
-        np.empty(PIECE_ROOM),
-        np.empty((PIECE_ROOM, LINE_ERROR + 1)),
+        pieces=Pieces(np.empty((n, PIECE_ROOM, 2)), np.empty(n, np.int64)),
+        box=np.empty((n, 4)),
+        views=np.empty(n, np.int32),
+        rest=Pieces(np.empty((n, PIECE_ROOM, 2)), np.empty(n, np.int64)),
+        corners=corners,
+        spare=spare,
+        given=given,
+        values=np.empty(PIECE_ROOM),
+        lines=np.empty((PIECE_ROOM, LINE_ERROR + 1)),
     )
 
 

@@ -243,7 +243,8 @@ class HalfPlaneSolver:
     @property
     def kept_pieces(self) -> VisiblePieces:
         """Pieces of the faces solved since `set_pose`; wholly visible faces have none."""
-        return self._work.kept
+        kept: VisiblePieces = self._work.kept
+        return kept
 
     def set_pose(self, pose: FloatArray, near: float, front_only: bool) -> None:
         """Project, set up and list the faces of one pose.
