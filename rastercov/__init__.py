@@ -4,6 +4,9 @@ import warnings as _warnings
 from typing import Any as _Any
 
 from rastercov import _moved as _moved
+from rastercov.area.cells import Cells, CellShares, cells
+from rastercov.area.regions import Regions, regions
+from rastercov.area.union import Covered, RegionUnion, unite
 from rastercov.camera import Camera
 from rastercov.coverage import Coverage, evaluate, evaluate_batches
 from rastercov.engine import Engine
@@ -36,8 +39,11 @@ __all__ = [
     "BoundKind",
     "Camera",
     "CameraError",
+    "CellShares",
+    "Cells",
     "ConfigError",
     "Coverage",
+    "Covered",
     "DeviceError",
     "Engine",
     "FaceCounts",
@@ -53,17 +59,22 @@ __all__ = [
     "Rasterizer",
     "RasterizerInfo",
     "Reason",
+    "RegionUnion",
+    "Regions",
     "ResourceError",
     "Task",
     "Visibility",
     "VisibilityBuffer",
+    "cells",
     "evaluate",
     "evaluate_batches",
     "look_at",
     "open_observer",
     "open_rasterizer",
     "read_poses",
+    "regions",
     "sphere_of_poses",
+    "unite",
     "visibility",
     "write_poses",
 ]

@@ -25,6 +25,7 @@ from rastercov.criteria_kernels import (
     incidence_cosine,
     perimeter,
     pixel_density,
+    pixels_per_m2,
     project,
 )
 
@@ -164,10 +165,11 @@ class Sink(NamedTuple):
 def judge(limits, is_degenerate, is_front, is_inside, is_focused, is_sampled, figures, cosine):
     """Coverage (3.6) of a face and its `Reason`.
 
-    `limits` is a `rastercov.task.Limits`; `figures` are resolution, density and visibility. One
-    factor at a time: the reason is the first that brings the product below the threshold.
+    `limits` is a `rastercov.task.Limits`; `figures` are resolution, pixels a metre and a square
+    metre, and visibility. One factor at a time: the reason is the first that brings the product
+    below the threshold.
     """
-    resolution, density, visibility = figures
+    resolution, density, per_m2, visibility = figures
     if is_degenerate:
         return 0.0, DEGENERATE
     if not is_front:
@@ -180,7 +182,7 @@ def judge(limits, is_degenerate, is_front, is_inside, is_focused, is_sampled, fi
         return 0.0, UNSAMPLED
     reason = COVERED
     product = 0.0
-    if density >= limits.min_pixel_density:
+    if density >= limits.min_pixel_density and per_m2 >= limits.min_pixels_per_m2:
         product = min(resolution, 1.0) if limits.cap_resolution else resolution
     if product < limits.min_coverage or product == 0:
         reason = TOO_COARSE
@@ -261,7 +263,10 @@ def judge_face(scene, lens, seen, limits, work, row, f, asks_density):
     is_seen = is_front and (part != 0 or state == INSIDE)
     visibility = visible / drawn if is_seen and drawn > 0 else 0.0
     is_focused = in_focus(points, i, j, k, limits)
-    figures = resolution, density, visibility
+    per_m2 = 0.0
+    if limits.min_pixels_per_m2 > 0:
+        per_m2 = pixels_per_m2(points, i, j, k, normal, lens)
+    figures = resolution, density, per_m2, visibility
     product, reason = judge(
         limits, scene.degenerate[f], is_front, state == INSIDE, is_focused, drawn > 0, figures,
         cosine,

@@ -303,6 +303,17 @@ def pixel_density(points, i, j, k, normal, lens):
     return worst
 
 
+@part_with_arrays
+def pixels_per_m2(points, i, j, k, normal, lens):
+    """Pixels on a square metre of a face at its deepest vertex, where they are fewest.
+
+    fx fy h / z^3, h being the distance of the camera from the plane; 0 behind the camera.
+    """
+    z = max(points[i, Z], points[j, Z], points[k, Z])
+    height = abs(normal[0] * points[i, X] + normal[1] * points[i, Y] + normal[2] * points[i, Z])
+    return (lens.fx / z) * (lens.fy / z) * (height / z) if z > 0 else 0.0
+
+
 @allocation_free
 def measure(scene, pose, near, lens, work, out):
     """Fill the arrays of a `FaceGeometry`, `out`, for one pose."""

@@ -63,6 +63,7 @@ class Limits(NamedTuple):
     max_incidence: float
     least_cosine: float
     min_pixel_density: float
+    min_pixels_per_m2: float
     min_coverage: float
     focus_of_centroid: bool
     cap_resolution: bool
@@ -87,6 +88,9 @@ class Task:
         Largest angle between normal and ray, degrees, (0, 90].
     min_pixel_density : float
         Least pixels a metre on the surface, along its worst direction.
+    min_pixels_per_m2 : float
+        Least pixels on a square metre of the surface, fx fy h / z^3 with h the distance of the
+        camera from the plane of the face: at its deepest vertex, or at each point by area.
     min_coverage : float
         A camera covers a face when coverage is at least this and not 0, [0, 1].
     views : int
@@ -115,6 +119,9 @@ class Task:
     ] = 90.0
     min_pixel_density: Annotated[
         float, Ge(0), Doc("Least pixels a metre, in the worst direction.")
+    ] = 0.0
+    min_pixels_per_m2: Annotated[
+        float, Ge(0), Doc("Least pixels on a square metre of the surface.")
     ] = 0.0
     min_coverage: Annotated[
         float, Ge(0), Le(1), Doc("Coverage from which a camera covers a face.")
@@ -145,6 +152,7 @@ class Task:
             max_incidence=math.radians(self.max_incidence_deg),
             least_cosine=math.cos(math.radians(self.max_incidence_deg)),
             min_pixel_density=self.min_pixel_density,
+            min_pixels_per_m2=self.min_pixels_per_m2,
             min_coverage=self.min_coverage,
             focus_of_centroid=self.focus_rule == "centroid",
             cap_resolution=self.cap_resolution,

@@ -54,8 +54,20 @@ def figures_of_pose(
         "visibility_kind": kind,
         "incidence": geometry.incidence,
     }
-    coverage, reason = judge(task, mesh.degenerate_mask, geometry, figures)
+    per_m2 = {"pixels_per_m2": pixels_per_m2(mesh, camera, pose, geometry)}
+    coverage, reason = judge(task, mesh.degenerate_mask, geometry, figures | per_m2)
     return figures | {"coverage": coverage, "reason": reason}
+
+
+def pixels_per_m2(
+    mesh: Mesh, camera: Camera, pose: NDArray[np.float64], geometry: FaceGeometry
+) -> NDArray[np.float64]:
+    """Pixels on a square metre of each face at its deepest vertex: fx fy h / z^3."""
+    away = mesh.vertices[mesh.faces[:, 0]] - pose[:3, 3]
+    height = np.abs(np.einsum("fi,fi->f", away, mesh.normals))
+    z = geometry.depth.max(axis=1)
+    with np.errstate(all="ignore"):
+        return np.where(z > 0, (camera.fx / z) * (camera.fy / z) * (height / z), 0.0)
 
 
 def visible_fraction(
@@ -93,11 +105,14 @@ def judge(
 ) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
     """Coverage (3.6) of each face by one camera, and its `Reason`, (F,) each.
 
-    `figures` holds the criteria of the pose, (F,) each, by the names of `Coverage`.
+    `figures` holds the criteria of the pose, (F,) each, by the names of `Coverage`; and for a task
+    with `min_pixels_per_m2` those of `pixels_per_m2`.
     """
     resolution, visibility = figures["resolution"], figures["visibility"]
     enough = np.minimum(resolution, 1.0) if task.cap_resolution else resolution
     is_dense = figures["pixel_density"] >= task.min_pixel_density
+    if task.min_pixels_per_m2 > 0:
+        is_dense &= figures["pixels_per_m2"] >= task.min_pixels_per_m2
     is_visible = visibility >= task.min_visibility
     # One factor at a time: the reason is the first that brings the product below the threshold.
     factors = (

@@ -165,6 +165,8 @@ FOCUSED = replace(CAMERA, focus_range=(3, 5))
         (Reason.UNSAMPLED, NEEDLE, CAMERA, STRICT),
         (Reason.TOO_COARSE, HIDDEN, CAMERA, STRICT),
         (Reason.TOO_COARSE, square(1, 2), CAMERA, {"min_pixel_density": 50.1}),
+        (Reason.TOO_COARSE, square(1, 2), CAMERA, {"min_pixels_per_m2": 2510}),
+        (Reason.COVERED, square(1, 2), CAMERA, {"min_pixels_per_m2": 2490}),
         (Reason.TOO_COARSE, square(1, 2), CAMERA, {"min_pixels": 2e4}),
         (Reason.OCCLUDED, HIDDEN, CAMERA, {"max_incidence_deg": 1}),
         (Reason.TOO_OBLIQUE, SLANTED, CAMERA, {"max_incidence_deg": 60}),
@@ -373,6 +375,7 @@ RANGES = {
     "max_blur": [0, -2],
     "max_incidence_deg": [0, -10, 90.1],
     "min_pixel_density": [-1],
+    "min_pixels_per_m2": [-1],
     "min_coverage": [-0.1, 1.1],
     "views": [0, -1, 1.5],
 }

@@ -18,6 +18,7 @@ LAYERS = (
     "_observers",
     "observer task",
     "coverage coverage_pass pairs network provenance",
+    "area",
     "models placement",
     "plan validation",
     "report",

@@ -34,8 +34,10 @@ from rastercov.exact.outline_kernels import (
 from rastercov.exact.polygon_kernels import (
     clip,
     copy_polygon,
+    drop_pieces,
     line_value,
     split,
+    store_piece,
 )
 from rastercov.exact.records import (
     DEPTH_TIE_REL,
@@ -247,7 +249,7 @@ def arrangement_areas(
     camera, projected, grid
         Pinhole; Projected; CellGrid.
     pieces, work : Pieces, Work
-        Scratch; `MOST_CELLS` pieces or more.
+        Scratch; `MOST_CELLS` pieces or more. `work.kept` may be too small: call again with more.
     visible, area_error : (F,) float64
         Out: as of `half_plane_kernels.visible_areas`.
     left : (N,) int32
@@ -306,6 +308,7 @@ def arrangement_areas(
                     break
                 count = divide_piece(pieces, p, count, segment, work)
         plane = plane_of(t, camera, projected)
+        n_kept, n_kept_corners = work.kept.used[0], work.kept.used[1]
         twice = 0.0
         for p in range(count):
             if not fits:
@@ -335,7 +338,9 @@ def arrangement_areas(
                 fits = False
             elif seen == VISIBLE:
                 twice += twice_piece
+                store_piece(t, corners, n, work.kept)
         if not fits:
+            drop_pieces(work.kept, n_kept, n_kept_corners)
             left[n_left] = t
             n_left += 1
             continue
@@ -345,4 +350,6 @@ def arrangement_areas(
         seen_area = twice / 2
         if seen_area > tolerance:
             visible[t] = area[t] if seen_area >= area[t] - tolerance else seen_area
+        if visible[t] == 0 or visible[t] == area[t]:
+            drop_pieces(work.kept, n_kept, n_kept_corners)
     return n_left

@@ -132,11 +132,15 @@ class CertificateSolver(HalfPlaneSolver):
             self._list_faces()
         if len(self._pieces.corners) < MOST_CELLS:
             self._make_room_for_pieces(MOST_CELLS)
-        self.n_left = arrangement_areas(
-            self._targets[: self.n_crossed], self._crossings, partners, surface.edges, is_event,
-            camera, projected, self.grid, self._pieces, self._work, self.visible, self.area_error,
-            self._scratch,
-        )  # fmt: skip
+        while True:
+            self.n_left = arrangement_areas(
+                self._targets[: self.n_crossed], self._crossings, partners, surface.edges,
+                is_event, camera, projected, self.grid, self._pieces, self._work, self.visible,
+                self.area_error, self._scratch,
+            )  # fmt: skip
+            if not self._grow_kept():
+                break
+            self._work.kept.used[:] = 0
         self._limit_errors(self._targets[: self.n_crossed])
         computed = self._scratch[: self.n_left + self.n_regions]
         computed[self.n_left :] = self.largest_of_regions()

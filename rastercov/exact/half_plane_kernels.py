@@ -24,10 +24,12 @@ from rastercov.exact.polygon_kernels import (
     clip_subtract,
     contains,
     copy_polygon,
+    drop_pieces,
     keep_inside,
     length,
     separates,
     separates_box,
+    store_piece,
     twice_area,
 )
 from rastercov.exact.records import (
@@ -272,7 +274,10 @@ def visible_in_cells(
                 return TOO_MANY, last
     twice = 0.0
     for p in range(count):
-        twice += max(twice_area(pieces.corners[p], pieces.n_corners[p]), 0.0)
+        twice_piece = max(twice_area(pieces.corners[p], pieces.n_corners[p]), 0.0)
+        twice += twice_piece
+        if twice_piece > 0:
+            store_piece(t, pieces.corners[p], pieces.n_corners[p], work.kept)
     return twice, last
 
 
@@ -350,7 +355,8 @@ def visible_areas(
 ):
     """Visible areas of some faces; returns how many of `targets` are done.
 
-    If not all are, there is too little scratch memory: call again with more and that number.
+    If not all are, there is too little scratch memory, or room in `work.kept` where its `used` says
+    so: call again with more and that number.
 
     Parameters
     ----------
@@ -369,8 +375,10 @@ def visible_areas(
     """
     state, box, area = projected.state, projected.box, projected.area
     target, own, border = work.target, work.own, camera.border
+    kept = work.kept
     for index in range(first, targets.shape[0]):
         t = targets[index]
+        n_kept, n_kept_corners = kept.used[0], kept.used[1]
         visible[t] = area_error[t] = 0.0
         if not state[t] & (LIVE | THIN):
             continue
@@ -393,7 +401,8 @@ def visible_areas(
         twice = visible_twice_area(
             t, target, n, n_own, camera, projected, grid, marks, pieces, work, area_error
         )
-        if twice == NO_ROOM:
+        if twice == NO_ROOM or kept.used[2]:
+            drop_pieces(kept, n_kept, n_kept_corners)
             marks[:] = -1
             return index
         # Remainders up to the rounding count as nothing, both of the visible and the hidden part.
@@ -405,4 +414,6 @@ def visible_areas(
             visible[t] = 0.0
         else:
             visible[t] = area[t] if seen >= area[t] - tolerance else seen
+        if visible[t] == 0 or visible[t] == area[t]:
+            drop_pieces(kept, n_kept, n_kept_corners)
     return targets.shape[0]

@@ -40,6 +40,7 @@ from rastercov.exact.records import (
     Pieces,
     Pinhole,
     Projected,
+    VisiblePieces,
     Work,
 )
 from rastercov.exact.setup_kernels import CLIP_MARGIN, UNIT_ROUNDING, project, set_up
@@ -239,7 +240,18 @@ class HalfPlaneSolver:
             parts=_room_for_pieces(STACK_ROOM, 2 * CORNERS),
             levels=np.empty(STACK_ROOM, np.int64),
             intersections=np.empty((MOST_INTERSECTIONS, 7)),
+            kept=_room_for_kept(0, 0),
         )
+
+    def keep_pieces(self) -> None:
+        """Keep the visible pieces of all faces that are partly visible from now on."""
+        self._work = self._work._replace(kept=_room_for_kept(1024, 8192))
+
+    @property
+    def kept_pieces(self) -> VisiblePieces:
+        """Pieces of the faces solved since `set_pose`; wholly visible faces have none."""
+        kept: VisiblePieces = self._work.kept
+        return kept
 
     def set_pose(self, pose: FloatArray, near: float, front_only: bool) -> None:
         """Project, set up and list the faces of one pose.
@@ -268,6 +280,7 @@ class HalfPlaneSolver:
             self._make_room_for_clipped(self.n_clipped)
         self.visible.fill(0.0)
         self._marks.fill(-1)
+        self._work.kept.used[:] = 0
         self._lay_grid(n_live)
 
     def solve(self, targets: IntArray) -> None:
@@ -283,7 +296,8 @@ class HalfPlaneSolver:
             )  # fmt: skip
             if done == len(targets):
                 break
-            self._make_room_for_pieces(2 * len(self._pieces.corners))
+            if not self._grow_kept():
+                self._make_room_for_pieces(2 * len(self._pieces.corners))
         self._limit_errors(targets)
 
     def solve_all(self) -> None:
@@ -352,6 +366,21 @@ class HalfPlaneSolver:
         """Allocate room for n pieces of a face."""
         self._pieces = _room_for_pieces(n, PIECE_ROOM)
 
+    def _grow_kept(self) -> bool:
+        """Make twice the room for pieces that are kept, if there was too little; True if so."""
+        kept = self._work.kept
+        if not kept.used[2]:
+            return False
+        used = min(len(kept.faces), int(kept.used[0])), min(len(kept.corners), int(kept.used[1]))
+        more = _room_for_kept(2 * len(kept.faces), 2 * len(kept.corners))
+        more.corners[: used[1]], more.faces[: used[0]] = (
+            kept.corners[: used[1]],
+            kept.faces[: used[0]],
+        )
+        more.starts[: used[0] + 1], more.used[:2] = kept.starts[: used[0] + 1], kept.used[:2]
+        self._work = self._work._replace(kept=more)
+        return True
+
 
 def _border(width: float, height: float) -> FloatArray:
     """(4, 5) sides of the image as lines, clockwise from the top left corner."""
@@ -361,6 +390,15 @@ def _border(width: float, height: float) -> FloatArray:
 
 def _room_for_pieces(n: int, corners: int) -> Pieces:
     return Pieces(np.empty((n, corners, 2)), np.empty(n, np.int64))
+
+
+def _room_for_kept(n: int, corners: int) -> VisiblePieces:
+    return VisiblePieces(
+        corners=np.empty((corners, 2)),
+        starts=np.zeros(n + 1, np.int64),
+        faces=np.empty(n, np.int32),
+        used=np.zeros(3, np.int64),
+    )
 
 
 def _room_for_clipped(n: int) -> Clipped:

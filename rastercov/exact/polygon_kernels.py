@@ -41,6 +41,27 @@ def copy_polygon(source, n, target):
         target[p, U], target[p, V] = source[p, U], source[p, V]
 
 
+@inlined
+def store_piece(face, polygon, n, kept):
+    """Append a polygon to the pieces that are handed out, if anyone asks for them."""
+    if kept.corners.shape[0] > 0:
+        piece, at = kept.used[0], kept.used[1]
+        if piece < kept.faces.shape[0] and at + n <= kept.corners.shape[0]:
+            for p in range(n):
+                kept.corners[at + p, U], kept.corners[at + p, V] = polygon[p, U], polygon[p, V]
+            kept.faces[piece] = face
+            kept.starts[piece + 1] = at + n
+        else:
+            kept.used[2] = 1
+        kept.used[0], kept.used[1] = piece + 1, at + n
+
+
+@inlined
+def drop_pieces(kept, n_pieces, n_corners):
+    """Take back all pieces but the first, of so many corners."""
+    kept.used[0], kept.used[1] = n_pieces, n_corners
+
+
 @allocation_free
 def keep_inside(polygon, n, line, out):
     """Clip a polygon to the inner side of a line; returns the corner count of `out`."""

@@ -168,8 +168,24 @@ is_whole : (F,) bool
 Pieces = namedtuple("Pieces", "corners n_corners")
 """Convex polygons, clockwise: (N, room, 2) float64 corners, (N,) int64 corner counts."""
 
+VisiblePieces = namedtuple("VisiblePieces", "corners starts faces used")
+"""Visible parts of faces that are partly visible, as convex polygons, where a caller asks for them.
+
+Attributes
+----------
+corners : (C, 2) float64
+    Corners, clockwise in the image; (0, 2) where nobody asks.
+starts : (N + 1,) int64
+    The corners of piece p are corners[starts[p]] ... corners[starts[p + 1] - 1].
+faces : (N,) int32
+    The face of each; the pieces of a face follow one another.
+used : (3,) int64
+    Pieces and corners so far, also where there is no room for them; 1 if there was none.
+"""
+
 Work = namedtuple(
-    "Work", "target own corners lines spare other values ranges cell parts levels intersections"
+    "Work",
+    "target own corners lines spare other values ranges cell parts levels intersections kept",
 )
 """Scratch for one face.
 
@@ -189,6 +205,8 @@ parts, levels : Pieces, (STACK_ROOM,) int64
     Stack of convex parts of the face, and how often each was halved.
 intersections : (N, 7) float64
     Lines along which faces in contact pass through the face, as `Crossings.segments`.
+kept : VisiblePieces
+    Pieces that are handed out.
 """
 
 Segment = namedtuple("Segment", "uvw ends points")

@@ -150,7 +150,7 @@ def certain_and_possible(batch: Coverage) -> BoolArray:
     """(2, P, F) pairs covered at the lower and at the upper bound of their visibility.
 
     A pair that fails a criterion before occlusion, or for its angle, fails at both. A pair without
-    a sample is judged by the computed area of its image.
+    a sample is judged by the computed area of its image, not by its pixels per m^2.
     """
     task = batch.task
     drawn = np.where(batch.reason == Reason.UNSAMPLED, batch.projected_area, batch.drawn_pixels)

@@ -219,6 +219,8 @@ def _thresholds(report: PlanReport) -> list[str]:
         wants.append(f"seen within {task.max_incidence_deg:g}° of its normal")
     if task.min_pixel_density:
         wants.append(f"{task.min_pixel_density:g} px/m")
+    if task.min_pixels_per_m2:
+        wants.append(f"{task.min_pixels_per_m2:g} px/m²")
     return wants
 
 

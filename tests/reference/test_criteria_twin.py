@@ -73,6 +73,7 @@ def hostile_task(rng):
         min_visibility=float(rng.choice([0, 0.5, 1])),
         max_incidence_deg=float(rng.choice([1e-3, 30, 60, 89.999, 90])),
         min_pixel_density=float(rng.choice([0, 1e-9, 10, 1e5])),
+        min_pixels_per_m2=float(rng.choice([0, 1e-9, 1e3, 1e9])),
         min_coverage=float(rng.choice([0, 1e-9, 0.5, 1])),
         focus_rule=str(rng.choice(["vertices", "centroid"])),
         cap_resolution=bool(rng.random() < 0.5),

@@ -208,6 +208,7 @@ def calls():
     observer = rc.open_observer(MESH, CAMERA, threads=1)
     rasterizer = rc.open_rasterizer(MESH, CAMERA, "cpu", threads=1)
     coverage = rc.evaluate(MESH, CAMERA, POSES, threads=1)
+    covered = rc.regions(MESH, CAMERA, POSES, threads=1)
     segments = segment(MESH, 15, 25)
     candidates = on_sphere(MESH, CAMERA, count=4)
     matrix = build_matrix(scene_of := (MESH, CAMERA), POSES)
@@ -280,6 +281,13 @@ def calls():
         ),
         Call("Rasterizer.count", rasterizer.count, {"poses": POSES, "drawn": True}),
         Call("Rasterizer.render", rasterizer.render, {"pose": POSES[0]}),
+        Call("regions", rc.regions, seen | {"task": TASK, "method": "certified", "threads": 1}),
+        Call("unite", rc.unite, {"regions": covered, "views": 2}),
+        Call("RegionUnion", rc.RegionUnion, {"mesh": MESH, "views": 2}),
+        Call("RegionUnion.add", rc.RegionUnion(MESH).add, {"regions": covered}),
+        Call("Covered.share", rc.unite(covered).share, {"views": 1}),
+        Call("cells", rc.cells, {"mesh": MESH, "size": 0.5}),
+        Call("Cells.share", rc.cells(MESH, 0.5).share, {"regions": covered}),
         Call("Network", rc.Network, {"mesh": MESH, "task": TASK}),
         Call("Network.add", rc.Network(MESH, TASK).add, {"coverage": coverage}),
         # Placement

@@ -1,0 +1,1 @@
+"""Coverage by area: exact regions of faces, their union over cameras, and cells of equal size."""

@@ -1,0 +1,122 @@
+"""Plane coordinates of each face: a fixed frame, and the way to and from space.
+
+The origin of a face's frame is the corner at the start of its longest edge (the first of equals),
+x runs along that edge, and y to the third corner, so that the face is the triangle (0, 0), (L, 0),
+(x, y) with 0 <= x <= L and y > 0, counter-clockwise seen from the front. x cross y is the normal.
+"""
+
+from typing import NamedTuple
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov._arguments import check_kind
+from rastercov._once import Once
+from rastercov.errors import ConfigError, MeshError
+from rastercov.mesh import Mesh
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+class Frames(NamedTuple):
+    """Frames of all faces, read-only; 0 for a face without area.
+
+    Attributes
+    ----------
+    origin, x_axis, y_axis, normal : (F, 3) float64
+        Metres; the axes are unit vectors.
+    corners : (F, 3, 2) float64
+        The face in its frame, metres, from the corner at the origin.
+    areas : (F,) float64
+        m^2.
+    """
+
+    origin: FloatArray
+    x_axis: FloatArray
+    y_axis: FloatArray
+    normal: FloatArray
+    corners: FloatArray
+    areas: FloatArray
+
+
+_FRAMES: WeakKeyDictionary[Mesh, Once[Frames]] = WeakKeyDictionary()
+
+
+def frames_of(mesh: Mesh) -> Frames:
+    """Frames of a mesh, made at the first call."""
+    return _FRAMES.setdefault(mesh, Once()).get(lambda: _build(mesh))
+
+
+def to_world(mesh: Mesh, face: ArrayLike, xy: ArrayLike) -> FloatArray:
+    """Points in space of plane coordinates.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Mesh of the faces.
+    face : (N,) int array_like
+        Face of each point.
+    xy : (N, 2) array_like
+        Plane coordinates, metres.
+
+    Returns
+    -------
+    (N, 3) float64
+        Metres.
+    """
+    frames, faces, points = frames_of(mesh), np.asarray(face), np.asarray(xy, np.float64)
+    along = points[:, :1] * frames.x_axis[faces] + points[:, 1:] * frames.y_axis[faces]
+    found: FloatArray = frames.origin[faces] + along
+    return found
+
+
+def to_plane(mesh: Mesh, face: ArrayLike, points: ArrayLike) -> FloatArray:
+    """Plane coordinates (N, 2) of points in space (N, 3), dropped onto their faces (N,)."""
+    frames, faces = frames_of(mesh), np.asarray(face)
+    away = np.asarray(points, np.float64) - frames.origin[faces]
+    axes = frames.x_axis[faces], frames.y_axis[faces]
+    return np.stack([np.einsum("ni,ni->n", away, axis) for axis in axes], axis=1)
+
+
+def check_same_mesh(first: Mesh, second: Mesh) -> None:
+    """Raise `ConfigError` unless two meshes have the same faces at the same places."""
+    check_kind("mesh", second, Mesh, "a Mesh", MeshError)
+    is_same = first is second or (
+        first.vertices is second.vertices and first.faces is second.faces
+    )  # a copy with other flags of its groups
+    if not is_same:
+        raise ConfigError(
+            f"regions of one mesh of {first.n_faces} faces and one of {second.n_faces}; "
+            "compute all of them with the same Mesh"
+        )
+
+
+def _build(mesh: Mesh) -> Frames:
+    points = mesh.vertices[mesh.faces]
+    sides = np.roll(points, -1, axis=1) - points
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        lengths = np.sqrt(np.einsum("fsi,fsi->fs", sides, sides))
+        first = lengths.argmax(axis=1)
+        rows = np.arange(mesh.n_faces)
+        origin = points[rows, first]
+        longest = lengths[rows, first]
+        x_axis = sides[rows, first] / longest[:, None]
+        # From the other end of the longest edge where that is nearer: fewer digits are lost.
+        away = points[rows, (first + 2) % 3] - origin
+        x = np.einsum("fi,fi->f", away, x_axis)
+        across = away - x[:, None] * x_axis
+        across -= np.einsum("fi,fi->f", across, x_axis)[:, None] * x_axis
+        y = np.sqrt(np.einsum("fi,fi->f", across, across))
+        y_axis = across / y[:, None]
+    corners = np.zeros((mesh.n_faces, 3, 2))
+    corners[:, 1, 0], corners[:, 2, 0], corners[:, 2, 1] = longest, x, y
+    normal = np.cross(x_axis, y_axis)
+    areas = longest * y / 2
+    arrays = [origin.copy(), x_axis, y_axis, normal, corners, areas]
+    flat = mesh.degenerate_mask | ~(areas > 0)
+    for array in arrays:
+        array[flat] = 0.0
+        array.flags.writeable = False
+    return Frames(*arrays)

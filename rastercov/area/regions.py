@@ -1,0 +1,300 @@
+"""Exact regions: the parts of each face that a camera covers, as convex polygons.
+
+A point is covered by a camera when it is in the image, beyond the near plane, seen from the front
+or on a two-sided face, hidden by nothing, in focus, within the largest angle of incidence, and has
+enough pixels per m^2 and along its worst direction. Each of these is decided point by point, so
+that the covered area does not depend on the triangles that the surface is cut into. See
+docs/area.md.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov._arguments import check_kind, check_scene
+from rastercov._threads import ScratchPool, share_poses, thread_count
+from rastercov.area.frames import frames_of, to_world
+from rastercov.camera import Camera
+from rastercov.coverage import batch_size
+from rastercov.engine import Engine
+from rastercov.errors import ConfigError
+from rastercov.mesh import Mesh
+from rastercov.near_plane import limits
+from rastercov.pose import Poses
+from rastercov.task import Task
+
+FloatArray = NDArray[np.float64]
+
+GAP_REL = 1e-6
+"""Largest distance between the arc of the incidence criterion and its chords, and the mean width
+of what no test of the pixel density decides, relative to the diagonal of the mesh."""
+OF_A_FACE = {
+    "min_pixels": "min_pixels is of a face; give min_pixels_per_m2",
+    "min_visibility": "min_visibility is of a face; by area a point is seen or hidden",
+    "min_coverage": "min_coverage is of a face; by area a point is covered or not",
+    "focus_rule": "focus_rule is of a face; by area each point must be in focus",
+    "cap_resolution": "cap_resolution is of a face; by area nothing is graded",
+}
+"""Thresholds of a task that depend on the triangles: by area they must have their defaults."""
+
+
+def check_pointwise(task: Task) -> None:
+    """Raise `ConfigError` for a task with a threshold that no point can meet or fail."""
+    for name, text in OF_A_FACE.items():
+        if getattr(task, name) != getattr(Task(), name):
+            raise ConfigError(f"{text}, got {name} {getattr(task, name)}")
+
+
+@dataclass(frozen=True, eq=False)
+class Regions:
+    """Parts of the faces that cameras cover: P poses, N convex pieces of C corners in all.
+
+    The pieces of a pose do not overlap, and lie in their faces. Pieces are ordered by pose, then by
+    face. `bound` holds for the area of a face by one pose: |area - exact area| <= bound.
+
+    Attributes
+    ----------
+    pose_ids : (P,) int64
+        Row of each pose in the input.
+    xy : (C, 2) float64
+        Corners in the plane coordinates of the faces (`rastercov.area.frames`), metres,
+        counter-clockwise seen from the front; at most 20 a piece.
+    starts : (N + 1,) int64
+        The corners of piece i are xy[starts[i]] ... xy[starts[i + 1] - 1].
+    face, pose : (N,) int32
+        Face of each piece, and row of its pose in `pose_ids`.
+    pair_pose, pair_face : (M,) int32
+        Pairs of pose and face with a piece or a bound, in the same order.
+    area, bound : (M,) float64
+        Covered area of each pair and the bound of its error, m^2.
+    """
+
+    mesh: Mesh
+    camera: Camera
+    task: Task
+    pose_ids: NDArray[np.int64]
+    xy: FloatArray
+    starts: NDArray[np.int64]
+    face: NDArray[np.int32]
+    pose: NDArray[np.int32]
+    pair_pose: NDArray[np.int32]
+    pair_face: NDArray[np.int32]
+    area: FloatArray
+    bound: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.face)
+
+    def areas(self) -> FloatArray:
+        """(P, F) covered area of each face by each pose, m^2."""
+        return self._dense(self.area)
+
+    def bounds(self) -> FloatArray:
+        """(P, F) bounds of their errors, m^2."""
+        return self._dense(self.bound)
+
+    def points(self) -> FloatArray:
+        """(C, 3) corners in space, metres."""
+        counts = np.diff(self.starts)
+        return to_world(self.mesh, np.repeat(self.face, counts), self.xy)
+
+    def _dense(self, values: FloatArray) -> FloatArray:
+        full = np.zeros((len(self.pose_ids), self.mesh.n_faces))
+        full[self.pair_pose, self.pair_face] = values
+        return full
+
+
+def regions(
+    mesh: Mesh,
+    camera: Camera,
+    poses: ArrayLike | Poses,
+    task: Task | None = None,
+    *,
+    method: str | Engine = "certified",
+    threads: int | None = None,
+) -> Regions:
+    """Parts of the task faces that each pose covers, as convex polygons in their planes.
+
+    Parameters
+    ----------
+    mesh, camera
+        The surface, and the camera that sees it.
+    poses : (P, 4, 4) array_like, or Poses
+        world_from_camera.
+    task : Task, optional
+        Thresholds; `Task()` unless given. Those that are of a face must have their defaults:
+        `min_pixels`, `min_visibility`, `min_coverage`, `focus_rule`, `cap_resolution`.
+    method : {"certified", "exact"}, or Engine
+        Method of visibility, as for `open_observer`.
+    threads : int, optional
+        Poses measured in parallel; by default one per core.
+
+    Raises
+    ------
+    ConfigError
+        For a threshold that is of a face, or method "sampled".
+    PoseError
+        For a pose that is no rigid motion.
+    """
+    finder = RegionPass(mesh, camera, task, method=method, threads=threads)
+    return finder.find(Poses.of(poses))
+
+
+class RegionPass:
+    """Regions of one mesh through one camera by one task; any number of threads may use it.
+
+    Parameters are those of `regions`.
+    """
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        camera: Camera,
+        task: Task | None = None,
+        *,
+        method: str | Engine = "certified",
+        threads: int | None = None,
+    ) -> None:
+        check_scene(mesh, camera)
+        task = Task() if task is None else task
+        check_kind("task", task, Task, "a Task or None", ConfigError)
+        check_pointwise(task)
+        engine = Engine.of(method)
+        if engine.method == "sampled":
+            raise ConfigError("regions are exact; use method certified or exact, got sampled")
+        # These compile, or load what was compiled.
+        from rastercov._jit import announce_compilation
+        from rastercov.area import region_kernels
+        from rastercov.exact import certificate
+
+        certificate.compile_once()
+        announce_compilation(region_kernels.cut_regions)
+        self.mesh, self.camera, self.task = mesh, camera, task
+        self.threads = thread_count(engine.threads if threads is None else threads)
+        is_certified = engine.method == "certified"
+        self._scratch: ScratchPool[_Finder] = ScratchPool(
+            lambda: _Finder(mesh, camera, task, is_certified), self.threads
+        )
+
+    def find(self, poses: Poses) -> Regions:
+        """Regions of some poses."""
+        matrices = poses.world_from_camera
+        n_poses = len(matrices)
+        near, front_only, _ = limits(self.mesh, self.camera, matrices)
+        found: list[Any] = [None] * n_poses
+
+        def worker(finder: _Finder) -> Callable[[slice], None]:
+            def work(turn: slice) -> None:
+                for row in range(n_poses)[turn]:
+                    found[row] = finder.find(matrices[row], near[row], front_only[row])
+
+            return work
+
+        finders = self._scratch.take(max(1, min(self.threads, n_poses)))
+        share_poses(n_poses, [worker(finder) for finder in finders])
+        self._scratch.give_back(finders)
+        return self._joined(poses, found)
+
+    def batches(self, poses: Poses) -> Iterator[Regions]:
+        """Regions a few poses at a time, for streams of any length; at least one batch."""
+        step = batch_size(self.mesh.n_faces)
+        for at in range(0, max(1, len(poses)), step):
+            yield self.find(poses[at : at + step])
+
+    def _joined(self, poses: Poses, found: Sequence[Any]) -> Regions:
+        """Regions of all poses in one table."""
+        columns: list[Any] = list(zip(*found, strict=True)) if found else [()] * 6
+        xy, counts, face, pair_face, area, bound = columns
+        sizes, pairs = [len(each) for each in face], [len(each) for each in pair_face]
+        rows = np.arange(len(poses), dtype=np.int32)
+        starts = np.concatenate([np.zeros(1, np.int64), *counts])
+        return Regions(
+            self.mesh, self.camera, self.task, poses.ids,
+            xy=_concatenated(xy, np.empty((0, 2))),
+            starts=starts.cumsum(),
+            face=_concatenated(face, np.empty(0, np.int32)),
+            pose=np.repeat(rows, sizes),
+            pair_pose=np.repeat(rows, pairs),
+            pair_face=_concatenated(pair_face, np.empty(0, np.int32)),
+            area=_concatenated(area, np.empty(0)),
+            bound=_concatenated(bound, np.empty(0)),
+        )  # fmt: skip
+
+
+class _Finder:
+    """Regions one pose at a time, with the scratch memory of one thread."""
+
+    def __init__(self, mesh: Mesh, camera: Camera, task: Task, is_certified: bool) -> None:
+        from rastercov.area import plane_kernels, region_kernels
+        from rastercov.criteria_kernels import read_only
+        from rastercov.exact.certificate import CertificateSolver
+        from rastercov.exact.half_planes import HalfPlaneSolver
+        from rastercov.exact.surface import surface_of
+
+        solver_type = CertificateSolver if is_certified else HalfPlaneSolver
+        self.kernels, self._planes_of = region_kernels, plane_kernels
+        self.solver = solver_type(surface_of(mesh), camera)
+        self.solver.keep_pieces()
+        frames = frames_of(mesh)
+        is_asked = mesh.task_mask & (frames.areas > 0)
+        self.planes = plane_kernels.Planes._make(
+            [
+                *(read_only(array, np.float64) for array in frames),
+                read_only(mesh.two_sided_mask, np.bool_),
+                read_only(is_asked, np.bool_),
+            ]
+        )
+        self.rules = _rules(camera, task, self.solver)
+        self._work = plane_kernels.scratch_for(mesh.n_faces)
+        self._found = plane_kernels.room_for_found(1024, 8192, mesh.n_faces)
+
+    def find(self, pose: FloatArray, near: float, front_only: bool) -> tuple[Any, ...]:
+        """Corners, corner counts and faces of the pieces of a pose; faces, areas and bounds."""
+        solver = self.solver
+        solver.set_pose(pose, near, front_only)
+        solver.solve_all()
+        seen = self.kernels.Seen(
+            solver.camera.rotation, solver.camera.centre, float(near), solver.state,
+            solver.visible, solver.area, solver.area_error, solver.is_certified,
+            solver.kept_pieces,
+        )  # fmt: skip
+        while True:
+            found = self._found
+            self.kernels.cut_regions(self.planes, self.rules, seen, self._work, found)
+            n, corners = int(found.used[0]), int(found.used[1])
+            if n <= len(found.face) and corners <= len(found.xy):
+                break
+            self._found = self._planes_of.room_for_found(
+                n * 5 // 4, corners * 5 // 4, len(found.area)
+            )
+        listed = np.flatnonzero((found.area > 0) | (found.bound > 0)).astype(np.int32)
+        return (
+            found.xy[:corners].copy(), np.diff(found.starts[: n + 1]), found.face[:n].copy(),
+            listed, found.area[listed], found.bound[listed],
+        )  # fmt: skip
+
+
+def _rules(camera: Camera, task: Task, solver: Any) -> Any:
+    """Pointwise criteria, for the loops."""
+    from rastercov.area.plane_kernels import Rules
+
+    thresholds = task.limits(camera)
+    is_limited = task.max_incidence_deg < 90
+    return Rules(
+        fx=float(camera.fx), fy=float(camera.fy), cx=float(camera.cx), cy=float(camera.cy),
+        width=float(camera.width), height=float(camera.height),
+        z_n=thresholds.z_n, z_f=thresholds.z_f,
+        min_per_m2=float(task.min_pixels_per_m2),
+        cos_incidence=thresholds.least_cosine if is_limited else 0.0,
+        tan_incidence=float(np.tan(thresholds.max_incidence)) if is_limited else 0.0,
+        min_density=float(task.min_pixel_density),
+        gap=GAP_REL * solver.surface.diagonal,
+        pixel_error=solver.camera.pixel_error,
+    )  # fmt: skip
+
+
+def _concatenated(arrays: Sequence[NDArray[Any]], empty: NDArray[Any]) -> NDArray[Any]:
+    return np.concatenate(arrays) if len(arrays) else empty

@@ -1,0 +1,350 @@
+"""Union of regions in the planes of the faces, and how many cameras cover each part; by numba.
+
+The pieces of a face are a partition: convex polygons that do not overlap, each with its number of
+cameras. A new piece P of a camera changes a piece Q of n cameras into Q n P of n + 1 and the parts
+of Q outside P of n; what no Q covers of P is new, of one camera. Numbers stop at k, from where on
+pieces are not divided any more. All cuts are those of `polygon_kernels.clip_subtract`, which keeps
+no topology, so that nothing can become inconsistent.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov._jit import allocation_free, inlined
+from rastercov.area.plane_kernels import (
+    COINCIDENT_REL,
+    perimeter_of,
+    set_side,
+    without_coincident,
+)
+from rastercov.exact.half_plane_kernels import extent_of
+from rastercov.exact.polygon_kernels import (
+    MOST_CORNERS,
+    clip,
+    clip_subtract,
+    copy_polygon,
+    twice_area,
+)
+from rastercov.exact.records import LINE_ERROR, PIECE_ROOM, Pieces, U, V
+
+WHOLE_REL = 1e-9
+"""Of the area of a face: so much of it may be missing from what counts as all of it."""
+SLACK_REL = 0.1
+"""Distance from a line up to which a corner is on it, relative to that of coincident corners."""
+
+FloatArray = NDArray[np.float64]
+
+
+class Partition(NamedTuple):
+    """Pieces ordered by face, and their numbers of cameras.
+
+    `used` has the pieces and the corners so far, also where there is no room for them.
+    """
+
+    xy: FloatArray
+    starts: NDArray[np.int64]
+    face: NDArray[np.int32]
+    views: NDArray[np.int32]
+    used: NDArray[np.int64]
+
+
+class Pool(NamedTuple):
+    """Scratch memory: the pieces of one face with their boxes and numbers, and rests of others."""
+
+    pieces: Pieces
+    box: FloatArray
+    views: NDArray[np.int32]
+    rest: Pieces
+    corners: FloatArray
+    spare: FloatArray
+    given: FloatArray
+    values: FloatArray
+    lines: FloatArray
+
+
+def room_for_partition(n: int, corners: int) -> Partition:
+    """Memory for a partition of n pieces."""
+    return Partition(
+        np.empty((corners, 2)),
+        np.zeros(n + 1, np.int64),
+        np.empty(n, np.int32),
+        np.empty(n, np.int32),
+        np.zeros(2, np.int64),
+    )
+
+
+def pool_of(n: int) -> Pool:
+    """Scratch memory for faces of up to n pieces."""
+    corners, spare, given = np.empty((3, PIECE_ROOM, 2))
+    return Pool(
+        pieces=Pieces(np.empty((n, PIECE_ROOM, 2)), np.empty(n, np.int64)),
+        box=np.empty((n, 4)),
+        views=np.empty(n, np.int32),
+        rest=Pieces(np.empty((n, PIECE_ROOM, 2)), np.empty(n, np.int64)),
+        corners=corners,
+        spare=spare,
+        given=given,
+        values=np.empty(PIECE_ROOM),
+        lines=np.empty((PIECE_ROOM, LINE_ERROR + 1)),
+    )
+
+
+@inlined
+def lines_of(polygon, n, lines):
+    """Lines along the sides of a polygon."""
+    for p in range(n):
+        q = p + 1 if p + 1 < n else 0
+        set_side(lines, p, polygon[p, U], polygon[p, V], polygon[q, U], polygon[q, V])
+
+
+@inlined
+def apart(box, q, u_min, u_max, v_min, v_max):
+    """True if a piece does not reach into a rectangle."""
+    return box[q, 0] >= u_max or box[q, 1] <= u_min or box[q, 2] >= v_max or box[q, 3] <= v_min
+
+
+@allocation_free
+def put_piece(polygon, n, views, at, count, nearest, pool):
+    """Store a piece at index `at`, or, in parts of at most `MOST_CORNERS` corners, from `count` on.
+
+    Returns the number of pieces, -1 where there is no room, and the area that is left out because
+    it is a sliver. The first part is stored at `at`, which may be `count`.
+    """
+    pieces, tidy = pool.pieces, pool.spare
+    before = max(twice_area(polygon, n) / 2, 0.0) if n >= 3 else 0.0
+    kept = without_coincident(polygon, n, nearest, tidy)
+    area = twice_area(tidy, kept) / 2 if kept >= 3 else 0.0
+    if kept < 3 or not area > nearest * perimeter_of(tidy, kept):
+        if at < count:
+            pieces.n_corners[at] = 0
+        return count, before
+    first = 1
+    while first + 1 < kept:
+        last = min(first + MOST_CORNERS - 2, kept - 1)
+        if first > 1 or at == count:
+            at = count
+            count += 1
+        if count > pool.views.shape[0]:
+            return np.int64(-1), 0.0
+        corners = pieces.corners[at]
+        corners[0, U], corners[0, V] = tidy[0, U], tidy[0, V]
+        for p in range(first, last + 1):
+            corners[1 + p - first, U], corners[1 + p - first, V] = tidy[p, U], tidy[p, V]
+        m = last - first + 2
+        pieces.n_corners[at] = m
+        pool.views[at] = views
+        u_min, u_max, v_min, v_max = extent_of(corners, m)
+        pool.box[at, 0], pool.box[at, 1] = u_min, u_max
+        pool.box[at, 2], pool.box[at, 3] = v_min, v_max
+        first = last
+    return count, abs(area - before)
+
+
+@allocation_free
+def rest_of(polygon, n, count, nearest, pool):
+    """Fill `pool.rest` with what no piece covers of a polygon; number of parts, -1 for no room."""
+    pieces, rest, lines, box = pool.pieces, pool.rest, pool.lines, pool.box
+    u_min, u_max, v_min, v_max = extent_of(polygon, n)
+    copy_polygon(polygon, n, rest.corners[0])
+    rest.n_corners[0], n_rest = n, np.int64(1)
+    for q in range(count):
+        m = pieces.n_corners[q]
+        if m == 0 or apart(box, q, u_min, u_max, v_min, v_max):
+            continue
+        lines_of(pieces.corners[q], m, lines)
+        n_rest = clip_subtract(
+            rest, n_rest, lines, m, m, SLACK_REL * nearest, pool.spare, pool.values
+        )
+        if n_rest <= 0:
+            break
+    return n_rest
+
+
+@allocation_free
+def add_piece(polygon, n, k, count, nearest, pool):
+    """Add a piece of one camera to the partition of a face; its new number of pieces, and slivers.
+
+    The number is -1 where there is too little room.
+    """
+    pieces, rest, lines, box = pool.pieces, pool.rest, pool.lines, pool.box
+    slack, slivers, old = SLACK_REL * nearest, 0.0, count
+    u_min, u_max, v_min, v_max = extent_of(polygon, n)
+    n_rest = rest_of(polygon, n, old, nearest, pool)
+    if n_rest < 0:
+        return np.int64(-1), 0.0
+    for r in range(n_rest):
+        count, sliver = put_piece(
+            rest.corners[r], rest.n_corners[r], 1, count, count, nearest, pool
+        )
+        slivers += sliver
+        if count < 0:
+            return count, 0.0
+    if k == 1:
+        return count, slivers
+    # The pieces that it covers.
+    for q in range(old):
+        m = pieces.n_corners[q]
+        views = pool.views[q]
+        if m == 0 or views == k or apart(box, q, u_min, u_max, v_min, v_max):
+            continue
+        lines_of(polygon, n, lines)
+        copy_polygon(pieces.corners[q], m, rest.corners[0])
+        rest.n_corners[0] = m
+        n_rest = clip_subtract(rest, np.int64(1), lines, n, n, slack, pool.spare, pool.values)
+        if n_rest < 0:
+            return np.int64(-1), 0.0
+        outside = 0.0
+        for r in range(n_rest):
+            outside += max(twice_area(rest.corners[r], rest.n_corners[r]) / 2, 0.0)
+        area = twice_area(pieces.corners[q], m) / 2
+        if area - outside <= nearest * perimeter_of(pieces.corners[q], m):
+            continue
+        if n_rest == 0:
+            pool.views[q] = views + 1
+            continue
+        copy_polygon(pieces.corners[q], m, pool.corners)
+        m = clip(pool.corners, m, lines, n, pool.spare)
+        count, sliver = put_piece(pool.corners, m, views + 1, q, count, nearest, pool)
+        slivers += sliver
+        for r in range(n_rest):
+            if count >= 0:
+                count, sliver = put_piece(
+                    rest.corners[r], rest.n_corners[r], views, count, count, nearest, pool
+                )
+                slivers += sliver
+        if count < 0:
+            return count, 0.0
+    return count, slivers
+
+
+@inlined
+def covered_area(pool, count, views):
+    """Area of the pieces of at least so many cameras."""
+    total = 0.0
+    for q in range(count):
+        if pool.pieces.n_corners[q] > 0 and pool.views[q] >= views:
+            total += twice_area(pool.pieces.corners[q], pool.pieces.n_corners[q]) / 2
+    return total
+
+
+@inlined
+def store_partition(face, pool, count, out):
+    """Append the pieces of a face to a partition."""
+    for q in range(count):
+        n = pool.pieces.n_corners[q]
+        if n == 0:
+            continue
+        piece, at = out.used[0], out.used[1]
+        if piece < out.face.shape[0] and at + n <= out.xy.shape[0]:
+            copy_polygon(pool.pieces.corners[q], n, out.xy[at:])
+            out.face[piece], out.views[piece] = face, pool.views[q]
+            out.starts[piece + 1] = at + n
+        out.used[0], out.used[1] = piece + 1, at + n
+
+
+@inlined
+def load_partition(old, first, last, pool):
+    """Take the pieces first ... last - 1 of a partition into the pool."""
+    for piece in range(first, last):
+        q, n = piece - first, old.starts[piece + 1] - old.starts[piece]
+        copy_polygon(old.xy[old.starts[piece] :], n, pool.pieces.corners[q])
+        pool.pieces.n_corners[q], pool.views[q] = n, old.views[piece]
+        box = extent_of(pool.pieces.corners[q], n)
+        pool.box[q, 0], pool.box[q, 1], pool.box[q, 2], pool.box[q, 3] = box
+
+
+@allocation_free
+def unite_faces(corners, areas, floor, k, old, new, order, whole, pool, is_closed, bound, out):
+    """Add new pieces to a partition; True unless the pool is too small: call again with more.
+
+    Parameters
+    ----------
+    corners, areas : (F, 3, 2), (F,) float64
+        Faces in their planes.
+    floor : float
+        Least distance of two corners that do not coincide, metres.
+    k : int
+        Cameras up to which they are counted.
+    old : Partition
+        The pieces so far.
+    new : tuple
+        Corners, starts and faces of new pieces, as of `Regions`.
+    order : (N,) int64
+        The pieces to be added, by face, large ones first.
+    whole : (F,) int64
+        Cameras that cover all of each face, besides.
+    pool : Pool
+        Scratch.
+    is_closed : (F,) bool
+        Changed: faces that k cameras cover; nothing is added to them any more.
+    bound : (F,) float64
+        Added to: area that is left out because it is a sliver.
+    out : Partition
+        Filled. Where `used` is more than there is room for, call again with that much.
+    """
+    xy, starts, face = new
+    room = pool.views.shape[0]
+    pieces, given = pool.pieces, pool.given
+    at_old = at_new = 0
+    out.used[:] = 0
+    for f in range(areas.shape[0]):
+        first = at_old
+        while at_old < old.used[0] and old.face[at_old] == f:
+            at_old += 1
+        first_new = at_new
+        while at_new < order.shape[0] and face[order[at_new]] == f:
+            at_new += 1
+        count = at_old - first
+        if count == 0 and first_new == at_new and whole[f] == 0:
+            continue
+        if count + 4 > room:
+            return False
+        load_partition(old, first, at_old, pool)
+        if is_closed[f] or (first_new == at_new and whole[f] == 0):
+            store_partition(f, pool, count, out)
+            continue
+        nearest = max(COINCIDENT_REL * corners[f, 1, 0], floor)
+        wanted, slivers = (1 - WHOLE_REL) * areas[f], 0.0
+        if whole[f] > 0:
+            for q in range(count):
+                pool.views[q] = min(pool.views[q] + whole[f], k)
+            copy_polygon(corners[f], 3, given)
+            n_rest = rest_of(given, np.int64(3), count, nearest, pool)
+            if n_rest < 0:
+                return False
+            for r in range(n_rest):
+                views = min(whole[f], k)
+                count, sliver = put_piece(
+                    pool.rest.corners[r], pool.rest.n_corners[r], views, count, count, nearest,
+                    pool,
+                )  # fmt: skip
+                slivers += sliver
+                if count < 0:
+                    return False
+        # No more than a piece's own area is won by it, so that the sum need not be made each time.
+        most = covered_area(pool, count, k)
+        closed = most >= wanted
+        for index in range(first_new, at_new):
+            if closed:
+                break
+            piece = order[index]
+            n = starts[piece + 1] - starts[piece]
+            copy_polygon(xy[starts[piece] :], n, given)
+            count, sliver = add_piece(given, n, k, count, nearest, pool)
+            slivers += sliver
+            if count < 0:
+                return False
+            most += twice_area(given, n) / 2
+            if most >= wanted:
+                most = covered_area(pool, count, k)
+                closed = most >= wanted
+        if closed:
+            is_closed[f] = True
+            slivers += max(areas[f] - covered_area(pool, count, k), 0.0)
+            copy_polygon(corners[f], 3, pieces.corners[0])
+            pieces.n_corners[0], pool.views[0], count = 3, k, np.int64(1)
+        bound[f] += slivers
+        store_partition(f, pool, count, out)
+    return True

@@ -1,0 +1,166 @@
+"""Coverage of single points, by definition: the twin of `rastercov.area`.
+
+Each point is held against every triangle, and each criterion is evaluated from its formula. There
+are no polygons, planes in the image or event edges here. The near plane, ties at equal depth and
+the side that counts are those of docs/conventions.md.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov._jit import compiled
+from rastercov.camera import Camera
+from rastercov.mesh import Mesh
+from rastercov.near_plane import near_limit
+from rastercov.pose import valid_poses
+from rastercov.task import Task
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+
+DEPTH_TIE_REL = 1e-10
+"""Relative difference of 1/z up to which two surfaces coincide: the lower index is in front."""
+
+
+def points_on(mesh: Mesh, n: int, seed: int = 0) -> tuple[FloatArray, IntArray]:
+    """Quasi-random points on the surface, in proportion to area: (n, 3) metres, and their faces.
+
+    M. Roberts. The Unreasonable Effectiveness of Quasirandom Sequences. 2018 (R2).
+    """
+    total = np.cumsum(mesh.areas)
+    at = (np.arange(n) + 0.5) / n * total[-1]
+    face = np.minimum(np.searchsorted(total, at), mesh.n_faces - 1)
+    k = np.arange(n) - np.searchsorted(face, face) + 1
+    offset = np.random.default_rng(seed).random((2, mesh.n_faces))[:, face]
+    x = (offset[0] + k * 0.7548776662466927) % 1
+    y = (offset[1] + k * 0.5698402909980532) % 1
+    over = x + y > 1
+    x[over], y[over] = 1 - x[over], 1 - y[over]
+    weights = np.stack([1 - x - y, x, y], axis=1)
+    return np.einsum("nk,nki->ni", weights, mesh.vertices[mesh.faces[face]]), face
+
+
+def covers_points(
+    mesh: Mesh,
+    camera: Camera,
+    poses: NDArray[Any],
+    task: Task,
+    points: FloatArray,
+    face: IntArray,
+) -> BoolArray:
+    """Whether each pose covers each point of a face, (P, N).
+
+    Parameters
+    ----------
+    mesh, camera, task
+        Scene, camera, thresholds of `rastercov.regions`.
+    poses : (P, 4, 4) float64
+        world_from_camera.
+    points, face : (N, 3) float64, (N,) int
+        Points of faces, metres.
+    """
+    matrices = valid_poses(poses)
+    near = near_limit(camera, mesh.bounds, matrices)
+    found = np.empty((len(matrices), len(points)), np.bool_)
+    for row, pose in enumerate(matrices):
+        local = (points - pose[:3, 3]) @ pose[:3, :3]
+        corners = (mesh.vertices[mesh.faces] - pose[:3, 3]) @ pose[:3, :3]
+        meets = meets_criteria(mesh, camera, task, pose, near[row], local, face)
+        hidden = np.zeros(len(points), np.bool_)
+        rows = np.flatnonzero(meets)
+        faces = face.astype(np.int64)
+        _find_hidden(corners, mesh.degenerate_mask, near[row], local, faces, rows, hidden)
+        found[row] = meets & ~hidden
+    return found
+
+
+def meets_criteria(
+    mesh: Mesh,
+    camera: Camera,
+    task: Task,
+    pose: FloatArray,
+    near: float,
+    local: FloatArray,
+    face: IntArray,
+) -> BoolArray:
+    """Whether points, in camera axes, meet each criterion but occlusion, (N,)."""
+    normal = mesh.normals[face] @ pose[:3, :3]
+    x, y, z = local.T
+    z_n, z_f = camera.depth_of_field(task.max_blur)
+    with np.errstate(all="ignore"):
+        u, v = camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy
+        distance = np.linalg.norm(local, axis=1)
+        height = -np.einsum("ni,ni->n", normal, local)
+        two_sided = mesh.two_sided_mask[face]
+        facing = np.where(two_sided, np.abs(height), height)
+        meets = (z >= near) & (u >= 0) & (u <= camera.width) & (v >= 0) & (v <= camera.height)
+        meets &= (facing > 0) & mesh.task_mask[face] & ~mesh.degenerate_mask[face]
+        meets &= (z_n <= z) & (z <= z_f)
+        if task.max_incidence_deg < 90:
+            meets &= facing >= distance * math.cos(math.radians(task.max_incidence_deg))
+        if task.min_pixels_per_m2 > 0:
+            meets &= camera.fx * camera.fy * facing / z**3 >= task.min_pixels_per_m2
+    if task.min_pixel_density > 0:
+        rows = np.flatnonzero(meets)
+        jacobians = jacobian(camera, local[rows], normal[rows])
+        least = np.linalg.svd(jacobians, compute_uv=False)[:, 1]
+        meets[rows] &= least >= task.min_pixel_density
+    found: BoolArray = meets
+    return found
+
+
+def jacobian(camera: Camera, local: FloatArray, normal: FloatArray) -> FloatArray:
+    """Derivatives of the image position along two tangents of the surface, (N, 2, 2), px/m."""
+    x, y, z = local.T
+    axis = np.where(np.abs(normal[:, :1]) < 0.6, np.eye(3)[:1], np.eye(3)[1:2])
+    first = np.cross(normal, axis)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    tangents = np.stack([first, np.cross(normal, first)], axis=2)
+    projection = np.zeros((len(local), 2, 3))
+    projection[:, 0, 0], projection[:, 0, 2] = camera.fx / z, -camera.fx * x / z**2
+    projection[:, 1, 1], projection[:, 1, 2] = camera.fy / z, -camera.fy * y / z**2
+    found: FloatArray = projection @ tangents
+    return found
+
+
+@compiled
+def _find_hidden(corners, degenerate, near, local, face, rows, hidden):  # type: ignore[no-untyped-def]
+    """Mark the points, in camera axes, that some face in front of them hides.
+
+    The ray through a point crosses a face if it is on the inner side of the planes through its
+    edges and the camera centre. (N F) operations.
+    """
+    for index in range(rows.shape[0]):
+        i = rows[index]
+        x, y, z = local[i, 0], local[i, 1], local[i, 2]
+        w = 1 / z
+        for m in range(corners.shape[0]):
+            if m == face[i] or degenerate[m]:
+                continue
+            side = 0
+            nx = ny = nz = 0.0
+            for s in range(3):
+                t = s + 1 if s < 2 else 0
+                ax, ay, az = corners[m, s, 0], corners[m, s, 1], corners[m, s, 2]
+                bx, by, bz = corners[m, t, 0], corners[m, t, 1], corners[m, t, 2]
+                cx, cy, cz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+                nx, ny, nz = nx + cx, ny + cy, nz + cz
+                value = cx * x + cy * y + cz * z
+                side += 1 if value > 0 else -1 if value < 0 else 0
+            if abs(side) != 3:
+                continue
+            d = nx * corners[m, 0, 0] + ny * corners[m, 0, 1] + nz * corners[m, 0, 2]
+            if d == 0:
+                continue
+            its = (nx * x * w + ny * y * w + nz) / d  # 1/z of the face on the ray
+            if not its > 0 or its * near > 1:
+                continue
+            apart = its - w
+            is_tied = abs(apart) <= DEPTH_TIE_REL * max(its, w)
+            if (is_tied and m < face[i]) or (not is_tied and apart > 0):
+                hidden[i] = True
+                break

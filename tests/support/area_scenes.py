@@ -1,0 +1,167 @@
+"""Scenes for exact regions, the same surface cut into other triangles, and points in regions."""
+
+import numpy as np
+from exact_cases import hostile
+
+import rastercov as rc
+from rastercov.area.frames import to_plane
+from rastercov.mesh import Mesh
+from rastercov.reference.regions import covers_points, points_on
+
+
+def box(low, high, *, inward=False):
+    """Vertices and faces of a box."""
+    low, high = np.array(low, float), np.array(high, float)
+    unit = np.array([[(i >> k) & 1 for k in range(3)] for i in range(8)])
+    quads = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
+    faces = np.array([face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))])
+    return low + (high - low) * unit, faces[:, ::-1] if inward else faces
+
+
+def mesh_of(*parts):
+    """Mesh of vertices and faces."""
+    starts = np.cumsum([0] + [len(vertices) for vertices, _ in parts[:-1]])
+    faces = [faces + start for (_, faces), start in zip(parts, starts, strict=True)]
+    return Mesh(np.concatenate([vertices for vertices, _ in parts]), np.concatenate(faces))
+
+
+def room():
+    """Room of 12 + 36 faces with dyadic coordinates, and six cameras under its ceiling."""
+    mesh = mesh_of(
+        box((0, 0, 0), (8, 5, 3), inward=True),
+        box((2, 1.5, 2**-10), (3, 2.5, 1.25)),
+        box((5, 3, 2**-10), (6.5, 4, 0.75)),
+        box((5.25, 0.75, 1.5), (6.25, 1.25, 2.25)),
+    )
+    camera = rc.Camera(width=1280, height=960, fx=700, fy=700, focus_range=(0.3, 8.0))
+    eyes = [(0.3, 0.3, 2.7), (7.7, 0.3, 2.7), (7.7, 4.7, 2.7), (0.3, 4.7, 2.7)]
+    eyes += [(4, 0.2, 2.8), (4, 4.8, 1.0)]
+    targets = [(4.5, 2.7, 0.4), (3.5, 2.6, 0.4), (3.2, 2.2, 0.5), (4.6, 2.1, 0.6)]
+    targets += [(4.4, 3.4, 0.2), (4.1, 1.4, 1.4)]
+    return mesh, camera, rc.look_at(eyes=np.array(eyes), targets=np.array(targets))
+
+
+def building():
+    """L-shaped building on the ground, 44 faces in all, and eight cameras around it."""
+    plan = [(0, 0), (20, 0), (20, 8), (9, 8), (9, 18), (0, 18)]
+    vertices = np.array([(x, y, z) for z in (0, 9) for x, y in plan], float)
+    walls = [
+        face
+        for i, j in ((i, (i + 1) % 6) for i in range(6))
+        for face in ((i, j, j + 6), (i, j + 6, i + 6))
+    ]
+    top = [(0, 1, 2), (0, 2, 3), (0, 3, 5), (3, 4, 5)]
+    faces = np.array(walls + [tuple(i + 6 for i in face) for face in top] + [f[::-1] for f in top])
+    ground = box((-60, -60, -0.25), (80, 80, -(2**-7)))
+    mesh = mesh_of((vertices, faces), box((12, 11, 0), (15, 13, 2.5)), ground)
+    camera = rc.Camera(width=1920, height=1080, fx=1400, fy=1400, focus_range=(1.0, 60.0))
+    eyes = [(30, 22, 6), (12, 28, 7), (-14, 10, 5), (10, -16, 6)]
+    eyes += [(32, -8, 8), (-10, 30, 6), (17, 16, 5), (14.5, 9.5, 9)]
+    targets = [(9, 9, 4), (5, 14, 4), (2, 9, 4), (10, 2, 4)]
+    targets += [(18, 4, 4), (3, 17, 4), (11, 8, 3), (9, 14, 3)]
+    return mesh, camera, rc.look_at(eyes=np.array(eyes, float), targets=np.array(targets, float))
+
+
+def cut_at_random(mesh, seed, n):
+    """The same surface after n cuts, with the face of the mesh that each is a part of.
+
+    Edges are cut in both of their faces at a dyadic part of them, faces at a dyadic point inside:
+    exact where the coordinates are dyadic with few digits.
+    """
+    rng = np.random.default_rng(seed)
+    vertices, faces = mesh.vertices.tolist(), mesh.faces.tolist()
+    origin = list(range(mesh.n_faces))
+    for _ in range(n):
+        f = int(rng.integers(len(faces)))
+        corners = [np.array(vertices[i]) for i in faces[f]]
+        if rng.random() < 0.3:
+            weights = rng.permutation([0.5, 0.25, 0.25])
+            vertices.append(sum(w * c for w, c in zip(weights, corners, strict=True)).tolist())
+            a, b, c = faces[f]
+            new = len(vertices) - 1
+            faces[f] = [a, b, new]
+            faces += [[b, c, new], [c, a, new]]
+            origin += [origin[f]] * 2
+            continue
+        s = int(np.argmax([np.sum((corners[i] - corners[i - 2]) ** 2) for i in range(3)]))
+        part = float(rng.choice([0.25, 0.5, 0.75]))
+        vertices.append((corners[s] + part * (corners[s - 2] - corners[s])).tolist())
+        _cut_edge(faces, origin, faces[f][s], faces[f][s - 2], len(vertices) - 1)
+    return Mesh(vertices, faces), np.array(origin)
+
+
+def bisected(mesh, size):
+    """The same surface with every edge halved until none is longer than `size`; see above."""
+    vertices, faces = mesh.vertices.tolist(), mesh.faces.tolist()
+    origin = list(range(mesh.n_faces))
+    while True:
+        lengths = {
+            (min(a, b), max(a, b)): float(np.linalg.norm(np.subtract(vertices[a], vertices[b])))
+            for face in faces
+            for a, b in zip(face, face[1:] + face[:1], strict=True)
+        }
+        a, b = max(lengths, key=lengths.get)
+        if lengths[a, b] <= size:
+            return Mesh(vertices, faces), np.array(origin)
+        vertices.append(((np.array(vertices[a]) + vertices[b]) / 2).tolist())
+        _cut_edge(faces, origin, a, b, len(vertices) - 1)
+
+
+def _cut_edge(faces, origin, a, b, new):
+    """Put a vertex on an edge of all faces that have it."""
+    for f in range(len(faces)):
+        if a in faces[f] and b in faces[f]:
+            first, second = list(faces[f]), list(faces[f])
+            first[first.index(b)], second[second.index(a)] = new, new
+            faces[f] = first
+            faces.append(second)
+            origin.append(origin[f])
+
+
+def in_regions(regions, row, points, face):
+    """Whether each point of a face lies in a piece of the pose in that row, (N,)."""
+    xy = to_plane(regions.mesh, face, points)
+    found = np.zeros(len(points), bool)
+    order = np.argsort(face, kind="stable")
+    ends = np.searchsorted(face[order], np.arange(regions.mesh.n_faces + 1))
+    for piece in np.flatnonzero(regions.pose == row):
+        corners = regions.xy[regions.starts[piece] : regions.starts[piece + 1]]
+        f = regions.face[piece]
+        rows = order[ends[f] : ends[f + 1]]
+        sides = np.roll(corners, -1, axis=0) - corners
+        away = xy[rows, None] - corners
+        values = sides[:, 0] * away[..., 1] - sides[:, 1] * away[..., 0]
+        found[rows] |= (values >= 0).all(axis=1)
+    return found
+
+
+def assert_pointwise(mesh, camera, poses, task, n, seed=0, **options):
+    """Regions hold the points that the reference says are covered, but for those in the bound.
+
+    The number of points in an area that is known to no better than its bound is about Poisson.
+    """
+    regions = rc.regions(mesh, camera, poses, task, threads=1, **options)
+    points, face = points_on(mesh, n, seed)
+    truth = covers_points(mesh, camera, poses, task, points, face)
+    for row in range(len(poses)):
+        wrong = int((in_regions(regions, row, points, face) != truth[row]).sum())
+        expected = regions.bounds()[row].sum() / mesh.areas.sum() * n
+        assert wrong <= 2 + expected + 6 * np.sqrt(expected), (row, wrong, expected)
+    return regions, truth
+
+
+def turned(mesh, poses, seed=0):
+    """Mesh and poses after one rigid motion of both."""
+    rng = np.random.default_rng(seed)
+    rotation = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    rotation *= np.sign(np.linalg.det(rotation))
+    motion = np.eye(4)
+    motion[:3, :3], motion[:3, 3] = rotation, rng.normal(size=3)
+    moved = Mesh(mesh.vertices @ rotation.T + motion[:3, 3], mesh.faces)
+    return moved, motion @ poses
+
+
+def hostile_scene(seed):
+    """Mesh, camera and pose of a hostile scene."""
+    case = hostile(seed)
+    return case.mesh, case.camera, case.pose
