@@ -147,7 +147,7 @@ class Mesh:
         Parameters
         ----------
         path : path or sequence of paths
-            STL, OBJ, PLY, OFF or GLB files; regular files (or links to them) on this machine.
+            STL, OBJ, PLY, OFF, GLB or glTF files; regular files (or links to them) on this machine.
         unit : str or float
             Unit of the coordinates: m, mm, cm, um, in, ft, or metres per unit.
         occluders, two_sided : group names

@@ -4,8 +4,8 @@ A path is checked before it is opened (a regular file, of a known format, not to
 are read once and hashed, and one reader turns them into polygons. A reader has to parse the whole
 file to check it, so its result is used and no library parses the file a second time.
 
-A new format is a module of this package with a function `read(data, budget) -> Polygons`, and its
-name in `FORMATS`.
+A new format is a module of this package with a function `read(data, budget) -> Polygons`, and an
+entry in `READERS`. Only glTF opens other files, those of its buffers: `_Beside`.
 """
 
 import hashlib
@@ -13,7 +13,7 @@ import os
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from importlib import import_module
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -24,13 +24,18 @@ from rastercov._files import StrPath, UnreadableError, file_bytes
 from rastercov.errors import MeshError, ResourceError
 from rastercov.mesh.arrays import check_coordinates, some, unusable_points
 from rastercov.mesh.ear_clipping import cut_concave
+from rastercov.mesh.formats import glb, gltf, obj, off, ply, stl
 from rastercov.mesh.formats.polygons import PEAK_BYTES_PER_FACE, Polygons
 
-Reader = Callable[[bytes, int], Polygons]
+Reader = Callable[..., Polygons]
 
-FORMATS = ("glb", "obj", "off", "ply", "stl")
 READERS: dict[str, Reader] = {
-    f".{name}": import_module(f"{__name__}.{name}").read for name in FORMATS
+    ".glb": glb.read,
+    ".gltf": gltf.read,
+    ".obj": obj.read,
+    ".off": off.read,
+    ".ply": ply.read,
+    ".stl": stl.read,
 }
 METRES = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "µm": 1e-6, "μm": 1e-6}  # two Unicode mus
 METRES |= {"in": 0.0254, "inch": 0.0254, "ft": 0.3048}
@@ -117,6 +122,9 @@ def _read_file(
         raise MeshError("no triangles: the file is empty; export it again")
     if memory_budget is None:
         memory_budget = min(MEMORY_BUDGET, PEAK_BYTES_PER_FACE * max(FREE_FACES, len(data)))
+    beside = _Beside(path, max_bytes - len(data))
+    if reader is gltf.read:
+        reader = partial(gltf.read, bytes_beside=beside.read)
     polygons = reader(data, memory_budget)
     _check_indices(polygons)
     np.multiply(polygons.vertices, scale, out=polygons.vertices)
@@ -125,7 +133,45 @@ def _read_file(
     check_coordinates(polygons.vertices, polygons.faces)
     notes = cut_concave(polygons.vertices, polygons.faces, polygons.source_face)
     polygons = _with_tidy_groups(replace(polygons, notes=[*polygons.notes, *notes]))
-    return polygons, hashlib.sha256(data).hexdigest()
+    digest = hashlib.sha256(data)
+    for content in beside.contents.values():
+        digest.update(content)
+    return polygons, digest.hexdigest()
+
+
+class _Beside:
+    """Files in the folder of a mesh file, or below it, that the mesh file names.
+
+    Attributes
+    ----------
+    contents : dict of str to bytes
+        Each file that was read, in order, by its name.
+    """
+
+    def __init__(self, path: StrPath, max_bytes: int) -> None:
+        self._folder, self._bytes_left = Path(path).parent, max_bytes
+        self.contents: dict[str, bytes] = {}
+
+    def read(self, name: str) -> bytes:
+        """Bytes of the file of a relative name; MeshError where it is not in the folder."""
+        shown = _clean(name)[:80]
+        is_outside = name.startswith(("/", "\\")) or ".." in re.split(r"[/\\]", name)
+        if is_outside or re.match(r"[A-Za-z][A-Za-z0-9+.-]*:", name):
+            raise MeshError(
+                f"a buffer in the folder of the file wanted, got {shown!r}, which is never "
+                "opened; put it beside the file, or export a self-contained .glb"
+            )
+        if name not in self.contents:
+            advice = "simplify the mesh, or raise max_bytes"
+            try:
+                content = file_bytes(self._folder / name, self._bytes_left, advice)
+            except UnreadableError as error:
+                raise MeshError(
+                    f"its buffer {shown!r} wanted, got: {error.reason}; put it beside the file"
+                ) from error
+            self.contents[name] = content
+            self._bytes_left -= len(content)
+        return self.contents[name]
 
 
 def _reader_and_bytes(path: StrPath, max_bytes: int) -> tuple[Reader, bytes]:

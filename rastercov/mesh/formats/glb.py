@@ -1,12 +1,15 @@
-"""Scene graph of GLB files (binary glTF 2).
+"""Scene graph of glTF 2, and GLB files, its binary form.
 
 Only the shape is read: the nodes of the default scene, their transforms and instances, and the
-triangles of their meshes with their morph weights, without animation. No other file is ever opened;
-compressed data is an error rather than zeros, and any other content that is not read is a note.
+triangles of their meshes with their morph weights, without animation. No other file is ever opened
+for a GLB; compressed data is an error rather than zeros, and any other content that is not read is
+a note.
 
 Source: Khronos Group. glTF 2.0 Specification. 2021.
 """
 
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -54,8 +57,18 @@ BYTES_PER_INSTANCE = 500  # an instance, while its matrix is computed
 
 def read(data: bytes, budget: int) -> Polygons:
     """Triangles of a GLB file in metres, one group a node, in the order of the scene's tree."""
+    with broken_files_refused():
+        header, binary, notes = chunks(data)
+        has_chunk = not any("uri" in buffer for buffer in json_list(header, "buffers")[:1])
+        buffers = [binary] if has_chunk else []
+        return scene_polygons(header, buffers, budget, notes + _chunk_notes(header, binary))
+
+
+@contextmanager
+def broken_files_refused() -> Iterator[None]:
+    """Turn errors of a look-up or of a computation in the block into a MeshError."""
     try:
-        return _read_scene(data, budget)
+        yield
     except (MeshError, ResourceError):
         raise
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
@@ -63,14 +76,16 @@ def read(data: bytes, budget: int) -> Polygons:
         raise MeshError(f"the file contradicts its format ({error!r}); export it again") from error
 
 
-def _read_scene(data: bytes, budget: int) -> Polygons:
-    header, binary, notes = chunks(data)
+def scene_polygons(
+    header: dict[str, Any], buffers: Sequence[memoryview], budget: int, notes: Sequence[str]
+) -> Polygons:
+    """Triangles of a scene by its JSON and its buffers, in metres, one group a node."""
     needed = [str(e) for e in json_list(header, "extensionsRequired")]
     foreign = [e for e in needed if not e.startswith(HARMLESS)]
     if foreign:
         raise MeshError(f"extensions {foreign} are required, not supported; export without them")
     nodes = _nodes(header)
-    accessors = Accessors(header, binary, budget)
+    accessors = Accessors(header, buffers, budget)
     shapes = _Shapes(accessors)
     vertices, faces, labels = [np.empty((0, 3))], [np.empty((0, 3), np.int64)], []
     names: list[str | None] = []
@@ -93,7 +108,7 @@ def _read_scene(data: bytes, budget: int) -> Polygons:
             n_vertices += n * len(points)
             n_faces += n * len(triangles)
         names.append(str(node.get("name") or mesh.get("name") or f"node{len(names)}"))
-    notes += _notes(header, binary, [node for node, _ in nodes], names) + shapes.notes()
+    notes = [*notes, *_notes(header, [node for node, _ in nodes], names), *shapes.notes()]
     label = np.concatenate(labels) if labels else np.empty(0, np.int64)
     return Polygons(
         np.concatenate(vertices), np.concatenate(faces), np.arange(n_faces), label, names, notes
@@ -177,10 +192,7 @@ def _affine(
 
 
 def _notes(
-    header: dict[str, Any],
-    binary: memoryview,
-    nodes: list[dict[str, Any]],
-    names: list[str | None],
+    header: dict[str, Any], nodes: list[dict[str, Any]], names: list[str | None]
 ) -> list[str]:
     """Notes on content of the file that was not read."""
     notes = []
@@ -197,13 +209,16 @@ def _notes(
     n_unused = len(json_list(header, "meshes")) - len(used)
     if n_unused > 0:
         notes.append(f"{n_unused} meshes belong to no node, not read")
+    return notes
+
+
+def _chunk_notes(header: dict[str, Any], binary: memoryview) -> list[str]:
+    """A note where the binary chunk has not the promised length."""
     for buffer in json_list(header, "buffers")[:1]:
         promised = json_count(buffer, "byteLength")
         if "uri" not in buffer and not 0 <= len(binary) - promised <= 3:  # padding to 4 bytes
-            notes.append(
-                f"buffer 0 promises {promised} bytes, the binary chunk holds {len(binary)}"
-            )
-    return notes
+            return [f"buffer 0 promises {promised} bytes, the binary chunk holds {len(binary)}"]
+    return []
 
 
 def _triangles(corners: NDArray[np.int64], mode: int) -> NDArray[np.int64]:
