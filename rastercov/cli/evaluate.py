@@ -110,6 +110,7 @@ def run_and_print(
     if any(summary["visibility_figures"].values()) and summary["largest_image_pixels"] < 1:
         across = float(np.ptp(mesh.bounds, axis=0).max())
         warn([f"less than a pixel in every image: {across:.2g} m across; see --unit"])
+    warn(summary["doubts"])
     if as_json:
         print(json_text(summary))
     else:

@@ -16,6 +16,7 @@ from rastercov.cli.options import AsJson
 
 if TYPE_CHECKING:
     from rastercov.plan.file import Plan
+    from rastercov.plan.network import Measured
 
 PlanFile = Annotated[Path, typer.Argument(help="Plan file (.toml).", show_default=False)]
 
@@ -63,6 +64,7 @@ def place(
         with _errors_by_line():
             placed = run(asked, folder, _step, lambda found: report.save_unfinished(found, files))
         warn(placed.prepared.mesh.warnings)
+        warn(_doubts(asked, placed.cameras))
         has_page = asked.outputs.page
         if has_page:
             without_page = replace(placed, interrupted=placed.interrupted or "page")
@@ -129,12 +131,23 @@ def check(
     if junit is not None:
         plan_check.write_junit(junit, found)
     warn(found.mesh.warnings)
+    warn(_doubts(asked, found.cameras))
     if as_json:
         print(json.dumps(plan_check.plain(found), indent=2))
     else:
         print("\n".join(found.lines()))
     if not found.is_met:
         raise typer.Exit(1)
+
+
+def _doubts(plan: "Plan", cameras: "Measured") -> list[str]:
+    """Lines about the unit of the meshes, and the side that their faces show."""
+    from rastercov.report.doubts import doubts
+
+    return [
+        line.replace("--unit", "unit of [[meshes]]")
+        for line in doubts(cameras.network, plan.build_camera(), cameras.poses)
+    ]
 
 
 def _plan(path: Path) -> "Plan":

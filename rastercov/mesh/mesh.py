@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov._arguments import check_kind, members
+from rastercov._checks import finite_number, shown
 from rastercov._files import StrPath
 from rastercov.errors import MeshError
 from rastercov.mesh.arrays import (
@@ -37,6 +38,34 @@ __all__ = ["Group", "Mesh", "MeshSource"]
 
 TRIMESH_GROUPS = "rastercov_groups"
 """Key of the groups in the metadata of a `trimesh.Trimesh`."""
+
+
+def size_in_words(extent: ArrayLike) -> str:
+    """Lengths in metres as text, such as "85 x 62 x 20 m": three digits, one unit for all."""
+    lengths = np.atleast_1d(np.asarray(extent, dtype=np.float64))
+    largest = float(lengths.max())
+    unit, factor = next(
+        (each for each in (("m", 1.0), ("mm", 1e3)) if largest * each[1] >= 1), ("µm", 1e6)
+    )
+    digits = int(np.clip(2 - np.floor(np.log10(largest * factor)), 0, 2)) if largest > 0 else 0
+    return " x ".join(_rounded(length * factor, digits) for length in lengths) + f" {unit}"
+
+
+def _rounded(value: float, digits: int) -> str:
+    """`value` with at most these decimals and no zeros at their end."""
+    text = f"{value:,.{digits}f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text
+
+
+def _triple(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    """(3,) finite numbers, or MeshError."""
+    try:
+        triple = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        triple = np.empty(0)
+    if triple.shape != (3,) or not np.isfinite(triple).all():
+        raise MeshError(f"{name} must be three finite numbers, got {shown(values)}; correct it")
+    return triple
 
 
 @dataclass(frozen=True)
@@ -273,6 +302,55 @@ class Mesh:
         object.__setattr__(other, "groups", groups)
         return other
 
+    def moved(
+        self,
+        *,
+        scale: float = 1.0,
+        axis: ArrayLike = (0.0, 0.0, 1.0),
+        angle_deg: float = 0.0,
+        translation: ArrayLike = (0.0, 0.0, 0.0),
+    ) -> "Mesh":
+        """Mesh scaled about the origin, then turned about an axis through it, then translated.
+
+        The faces, groups, sources and notes are those of this mesh.
+
+        Parameters
+        ----------
+        scale : float
+            Above 0.
+        axis : (3,) float
+            Direction of any length; a positive angle turns counter-clockwise seen against it.
+        angle_deg : float
+            Degrees.
+        translation : (3,) float
+            Metres.
+
+        Raises
+        ------
+        MeshError
+            A value is not finite or outside its range, or the result is no mesh.
+        """
+        factor, angle = finite_number(scale), np.radians(finite_number(angle_deg))
+        direction, offset = _triple("axis", axis), _triple("translation", translation)
+        length = np.linalg.norm(direction)
+        if not factor > 0:
+            raise MeshError(f"scale must be a number above 0, got {shown(scale)}; correct it")
+        if not np.isfinite(angle):
+            raise MeshError(f"angle_deg must be a finite number, got {shown(angle_deg)}")
+        if not length > 0:
+            raise MeshError(f"axis must be a direction, got {direction.tolist()}; correct it")
+        x, y, z = direction / length
+        cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+        # Rodrigues: R = I + sin a [n] + (1 - cos a) [n]^2
+        rotation = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+        with np.errstate(over="ignore", invalid="ignore"):  # the constructor finds what overflows
+            vertices = self.vertices * factor
+            if angle:
+                vertices = vertices @ rotation.T
+            vertices = vertices + offset
+        others = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        return Mesh(**(others | {"vertices": vertices}))
+
     @property
     def n_faces(self) -> int:
         """Number of faces F."""
@@ -302,6 +380,11 @@ class Mesh:
         is_used[self.faces] = True
         used = self.vertices[is_used]
         return frozen(np.stack([used.min(axis=0), used.max(axis=0)]))
+
+    @property
+    def size_in_words(self) -> str:
+        """Extent along x, y and z with its unit, such as "85 x 62 x 20 m"."""
+        return size_in_words(np.ptp(self.bounds, axis=0))
 
     @cached_property
     def centroids(self) -> NDArray[np.float64]:
