@@ -176,11 +176,11 @@ class Mesh:
         Parameters
         ----------
         path : path or sequence of paths
-            STL, OBJ, PLY, OFF, GLB, glTF or STEP files; regular files (or links to them) on this
-            machine. STEP needs the extra `formats`.
+            STL, OBJ, PLY, OFF, GLB, glTF, 3MF or STEP files; regular files (or links to them) on
+            this machine. STEP needs the extra `formats`.
         unit : str or float
-            Unit of the coordinates: m, mm, cm, um, in, ft, or metres per unit. STEP files state
-            their own.
+            Unit of the coordinates: m, mm, cm, um, in, ft, or metres per unit. 3MF and STEP
+            files state their own.
         occluders, two_sided : group names
             Flags of the groups, see `with_groups`.
         drop_invalid : bool

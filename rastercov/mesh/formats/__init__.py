@@ -24,12 +24,13 @@ from rastercov._files import StrPath, UnreadableError, file_bytes
 from rastercov.errors import MeshError, ResourceError
 from rastercov.mesh.arrays import check_coordinates, some, unusable_points
 from rastercov.mesh.ear_clipping import cut_concave
-from rastercov.mesh.formats import glb, gltf, obj, off, ply, step, stl
+from rastercov.mesh.formats import glb, gltf, obj, off, ply, step, stl, threemf
 from rastercov.mesh.formats.polygons import PEAK_BYTES_PER_FACE, Polygons
 
 Reader = Callable[..., Polygons]
 
 READERS: dict[str, Reader] = {
+    ".3mf": threemf.read,
     ".glb": glb.read,
     ".gltf": gltf.read,
     ".obj": obj.read,
@@ -39,7 +40,7 @@ READERS: dict[str, Reader] = {
     ".stl": stl.read,
     ".stp": step.read,
 }
-STATE_THEIR_UNIT = (".step", ".stp")
+STATE_THEIR_UNIT = (".3mf", ".step", ".stp")
 """Formats whose coordinates come in metres always; `unit` is for the other files of a scene."""
 METRES = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "µm": 1e-6, "μm": 1e-6}  # two Unicode mus
 METRES |= {"in": 0.0254, "inch": 0.0254, "ft": 0.3048}
