@@ -168,7 +168,7 @@ CLEAR_MARKS = "    for strip in range(buffers.n_marks):\n"
 CLEAR_ALL = "    if is_clear:\n        for sample"
 PROJECTED = "    if low_x == BEHIND and high_x == BEHIND:"
 BIN = "    faces = Faces(mesh, cluster.first_slot, vertices"
-FILL = "    if n.samples_2x2 + n.larger:\n"
+FILL = "    filled, n_tried = 0, n.wide * LANES\n"
 SAMPLES = "        if small:\n            filled"
 FILL_BLOCKS = "            filled += fill_blocks_2x2("
 IN_TILES = "        if in_tiles:\n"
@@ -182,10 +182,10 @@ PASSES = {
     "clear": (
         (CLEAR_MARKS, "    for strip in range(buffers.n_marks if WANTED else 0):\n"),
         (CLEAR_ALL, "    if is_clear and WANTED:\n        for sample"),
-        _unless_wanted(PROJECTED, "return 0, 0"),
+        _unless_wanted(PROJECTED, "return 0, 0, 0"),
     ),
-    "cull and bin": (_unless_wanted(BIN, "return 0, 0"),),
-    "set up": (_unless_wanted(FILL, "return 0, 0"),),
+    "cull and bin": (_unless_wanted(BIN, "return 0, 0, 0"),),
+    "set up": (_unless_wanted(FILL, "return 0, 0, 0"),),
     # These are bits, to do without more branches: all are set, or none.
     "fill 2 x 2 samples": ((SAMPLES, "        if small & target.WANTED:\n            filled"),),
     "fill 2 x 2 blocks": (
@@ -313,7 +313,7 @@ def profile(
     visible, filled = np.empty((n_poses, mesh.n_faces), np.int32), np.empty(n_poses, np.int64)
     given = []
     with mock.patch.object(loops, "count_poses", lambda *arguments: given.extend(arguments)):
-        worker.count(poses, near, cull, (0, 1), visible, None, filled)
+        worker.count(poses, near, cull, worker.all_bands, visible, None, filled)
 
     def first_passes(n: int) -> Callable[[], None]:
         def work() -> None:

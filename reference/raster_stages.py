@@ -204,6 +204,20 @@ def reach_blocks(edges: Array, right: int, down: int) -> Any:
     return (highest >= 0).all(axis=0)
 
 
+def whole_blocks(edges: Array, right: int, down: int) -> Any:
+    """Blocks (16,) of a tile where no edge function (9,) of a triangle is negative anywhere."""
+    value, dx, dy = edges.reshape(3, 3, 1)
+    k = np.arange(SIDE * SIDE)
+    x, y = (right + k % SIDE) * SIDE, (down + k // SIDE) * SIDE
+    lowest = value + dx * x + dy * y + (np.minimum(dx, 0) + np.minimum(dy, 0)) * (SIDE - 1)
+    return (lowest >= 0).all(axis=0)
+
+
+def fit_count_samples(bounds: Array) -> Any:
+    """Triangles (N,) that reach at most 16 columns and rows of samples."""
+    return (bounds[[1, 3]] - bounds[[0, 2]] < SIDE * SIDE).all(axis=0)
+
+
 def count_rows(places: Array, bounds: Array, start: int) -> Any:
     """Number of samples of a triangle (3, 2) in 16 rows of its bounds from row `start` on."""
     first_x, last_x, first_y, last_y = bounds
@@ -247,6 +261,41 @@ def depth_test(old: Array, covered: Array, plane32: Array, start: Any) -> Arrays
     depth = np.minimum(np.maximum(depth, least), greatest)
     wins = (depth > old) & covered
     return np.where(wins, depth, old), wins, wins & (old > 0), (depth == old) & covered
+
+
+def _depths(plane32: Array, starts: Array) -> Any:
+    """1/z (N, 16) at the samples of blocks."""
+    k = np.arange(SIDE * SIDE)
+    step_x, step_y, least, greatest = plane32
+    depth = starts[:, None] + (step_x * np.float32(k % SIDE) + step_y * np.float32(k // SIDE))
+    return np.minimum(np.maximum(depth, least), greatest)
+
+
+def hidden_blocks(plane32: Array, starts: Array, bound: Any) -> Any:
+    """Blocks (N,) at whose samples 1/z of a triangle is less than a bound."""
+    return (_depths(plane32, starts) < bound).all(axis=1)
+
+
+def least_in_tile(plane32: Array, starts: Array) -> Any:
+    """Least 1/z of a triangle at the samples of blocks."""
+    return _depths(plane32, starts).min()
+
+
+def least_depth(depth: Array, block: int, columns: int, n_rows: int) -> Any:
+    """Least 1/z of 4 blocks in each of some rows of blocks."""
+    rows = depth.reshape(-1, columns, SIDE * SIDE)
+    row, column = divmod(block, columns)
+    return rows[row : row + n_rows, column : column + SIDE].min()
+
+
+def nearest_vertex(w: Array) -> Any:
+    """Greatest 1/z of the vertices of a cluster."""
+    return w.max().astype(np.float32)
+
+
+def samples_of_later_faces(owner: Array, face: int) -> Any:
+    """Samples of a block of which a face of a higher index is the nearest."""
+    return owner > face
 
 
 def samples_of_face(owner: Array, face: int) -> Any:

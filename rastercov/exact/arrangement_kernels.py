@@ -16,11 +16,17 @@ import numpy as np
 from rastercov._jit import allocation_free, inlined
 from rastercov.exact.grid_kernels import cell
 from rastercov.exact.half_plane_kernels import depth_order, hides_all
-from rastercov.exact.outline_kernels import is_joined, outline, outline_error, plane_of
+from rastercov.exact.outline_kernels import (
+    is_joined,
+    n_sides_of,
+    outline,
+    outline_error,
+    plane_of,
+    side_of,
+)
 from rastercov.exact.polygon_kernels import (
     clip,
     copy_polygon,
-    line_at,
     line_value,
     separates,
     split,
@@ -228,15 +234,15 @@ def may_pass_through(t, m, target, n, n_own, edges, is_event, camera, projected,
 
 
 @inlined
-def covers(m, u, v, edges, is_event, camera, projected, work):
+def covers(m, u, v, edges, is_event, camera, projected):
     """`HIDDEN` if the image of a face covers a point, `VISIBLE` if it does not, or `UNSURE`."""
-    lines = work.lines
-    _, n_lines = outline(m, projected, work.corners, lines)
+    n_lines = n_sides_of(m, projected)
     error = outline_error(m, camera, projected)
     result = HIDDEN
     for s in range(n_lines):
-        value = line_value(line_at(lines, s), u, v)
-        margin = SURE * error * (abs(lines[s, DU]) + abs(lines[s, DV]))
+        line = side_of(m, s, projected)
+        value = line_value(line, u, v)
+        margin = SURE * error * (abs(line[DU]) + abs(line[DV]))
         if value < -margin:
             return VISIBLE
         if value < margin and not is_joined(m, s, n_lines, edges, is_event, projected):
@@ -278,7 +284,7 @@ def point_visibility(t, u, v, hider, plane, edges, is_event, camera, projected, 
             continue
         if not state[m] & LIVE:
             continue
-        covered = covers(m, u, v, edges, is_event, camera, projected, work)
+        covered = covers(m, u, v, edges, is_event, camera, projected)
         if covered == VISIBLE:
             continue
         u_m, v_m, w_m, a_m, b_m, error_m = plane_of(m, camera, projected)

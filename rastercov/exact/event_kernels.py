@@ -150,7 +150,7 @@ def mark_in_cell(
             and box[m, V_MAX] >= top
         ):
             begin, end = hidden_range(
-                m, a, b, segment, first, last, tolerance, edges, is_event, camera, projected, work
+                m, a, b, segment, first, last, tolerance, edges, is_event, camera, projected
             )
             if begin < end:
                 n = take_range(ranges, n, begin, end)

@@ -57,9 +57,9 @@ MOST_CELLS = 1 << 14
 """Columns, or rows, of the grid."""
 LEAST_EXTENT = 1e-100
 """Pixels; width and height that the grid covers at least."""
-CELLS_PER_FACE = 2
+CELLS_PER_FACE = 1
 """Cells of the grid for each face, unless that makes more entries than `ENTRIES_PER_FACE`."""
-ENTRIES_PER_FACE = 4
+ENTRIES_PER_FACE = 3
 
 
 def visible_areas(

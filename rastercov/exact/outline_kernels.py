@@ -1,7 +1,7 @@
 """Images of faces - outline, plane of 1/z, and the errors of both -, compiled by numba."""
 
 from rastercov._jit import inlined
-from rastercov.exact.polygon_kernels import copy_polygon
+from rastercov.exact.polygon_kernels import copy_polygon, line_at
 from rastercov.exact.records import (
     CLIPPED,
     DOUBTFUL,
@@ -45,6 +45,25 @@ def outline(f, projected, corners, lines):
         lines[p, DU], lines[p, DV] = corners[q, U] - corners[p, U], corners[q, V] - corners[p, V]
         lines[p, OFFSET] = 0.0
     return 3, 3
+
+
+@inlined
+def n_sides_of(f, projected):
+    """Number of lines that bound the image of a live face."""
+    return SIDES if projected.state[f] & CLIPPED else 3
+
+
+@inlined
+def side_of(f, s, projected):
+    """Line s of the outline of a live face, as `outline` fills it."""
+    if projected.state[f] & CLIPPED:
+        return line_at(projected.clipped.lines[projected.clipped_index[f]], s)
+    faces, uvw = projected.faces, projected.uvw
+    is_back = projected.side[f] < 0  # the corners of a face seen from the front in reverse
+    p = faces[f, s if is_back or s == 0 else 3 - s]
+    q = faces[f, (s + 1) % 3 if is_back else 2 - s]
+    u, v = uvw[p, U], uvw[p, V]
+    return u, v, uvw[q, U] - u, uvw[q, V] - v, 0.0
 
 
 @inlined

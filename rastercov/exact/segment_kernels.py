@@ -6,8 +6,14 @@ A part is a range: 0 at the start of the segment, 1 at its end.
 import numpy as np
 
 from rastercov._jit import inlined
-from rastercov.exact.outline_kernels import is_joined, outline, outline_error, plane_of
-from rastercov.exact.polygon_kernels import line_at, line_value
+from rastercov.exact.outline_kernels import (
+    is_joined,
+    n_sides_of,
+    outline_error,
+    plane_of,
+    side_of,
+)
+from rastercov.exact.polygon_kernels import line_value
 from rastercov.exact.records import (
     DEPTH_TIE_REL,
     DU,
@@ -123,24 +129,23 @@ def crosses(f, a, b, segment, first, last, tolerance, projected):
 
 
 @inlined
-def hidden_range(
-    m, a, b, segment, first, last, tolerance, edges, is_event, camera, projected, work
-):
+def hidden_range(m, a, b, segment, first, last, tolerance, edges, is_event, camera, projected):
     """Part of first ... last where face m certainly hides a segment; (1, 0) if none.
 
     The face is shrunk by the tolerance, pixels, along its event edges; along the others, where the
     surface continues, it is grown by the rounding of a position.
     """
-    faces, lines = projected.faces, work.lines
+    faces = projected.faces
     i, j, k = faces[m, 0], faces[m, 1], faces[m, 2]
     if a in (i, j, k) or b in (i, j, k):  # at the depth of the segment there
         return 1.0, 0.0
     u, v, w = segment[START, U], segment[START, V], segment[START, W]
     u1, v1, w1 = segment[END, U], segment[END, V], segment[END, W]
-    _, n_lines = outline(m, projected, work.corners, lines)
+    n_lines = n_sides_of(m, projected)
     error = outline_error(m, camera, projected)
     for s in range(n_lines):
-        line, extent = line_at(lines, s), abs(lines[s, DU]) + abs(lines[s, DV])
+        line = side_of(m, s, projected)
+        extent = abs(line[DU]) + abs(line[DV])
         start, end = line_value(line, u, v), line_value(line, u1, v1)
         least, most = -2 * error * extent, (2 * tolerance + error) * extent
         if start < least and end < least:

@@ -146,7 +146,9 @@ def run_set_up(slots, mesh, vertices, coverage, window, setup):
 @njit
 def run_edges(slots, mesh, vertices, coverage, window, setup):
     faces = Faces(pointers(mesh), 0, pointers(vertices), pointer(coverage))
-    return stage_setup.set_up_edges(pointer(slots), 0, faces, pointers(window), pointers(setup))
+    setup = pointers(setup)
+    stage_setup.set_up_edges(pointer(slots), 0, faces, pointers(window), setup)
+    return stage_cover.fit_count_samples(setup)
 
 
 @njit
@@ -165,13 +167,14 @@ def run_count_rows(k, start, setup):
 
 
 @njit
-def run_tile(k, right, down, x, y, window, setup, masks):
+def run_tile(k, right, down, x, y, window, setup, masks, bound):
     window, setup = pointers(window), pointers(setup)
     reached = stage_cover.reach_blocks(k, right, down, setup)
     stage_cover.start_blocks(k, x, y, window, setup)
     for block in range(LANES):
         masks[block] = stage_cover.cover_block(block, setup)
-    return reached
+    whole, hidden = stage_cover.whole_blocks(k, setup), stage_depth.hidden_blocks(k, bound, setup)
+    return reached, whole, hidden, stage_depth.least_in_tile(k, setup)
 
 
 @njit
@@ -275,7 +278,7 @@ def test_triangles_are_set_up_covered_and_located_alike(kind, seed, scale):
     assert_equal(rows(setup.plane64, 3)[:, is_whole], plane64[:, is_whole])
     assert_equal(rows(setup.plane32, 4)[:, is_whole], plane32[:, is_whole])
     small = run_edges(slots, mesh, vertices, scratch.coverage_2x2, window, setup)
-    fits = (bounds[1] - bounds[0] < LANES) & (bounds[3] - bounds[2] < LANES)
+    fits = twin.fit_count_samples(bounds)
     assert_equal(split(small, 1)[0], fits)
     ok = can_cover & is_whole
     if kind == "edges":
@@ -306,7 +309,10 @@ def test_triangles_are_set_up_covered_and_located_alike(kind, seed, scale):
     for k in np.flatnonzero(ok)[:3]:
         first_x, first_y = int(bounds[0, k]) // SIDE, int(bounds[2, k]) // SIDE
         masks = np.zeros(LANES, np.int64)
-        reached = run_tile(k, 0, 0, first_x, first_y, window, setup, masks)
+        bound = rows(scratch.plane32, 4)[2:, k].mean()
+        reached, whole, hidden, least = run_tile(
+            k, 0, 0, first_x, first_y, window, setup, masks, bound
+        )
         x, y = first_x + np.arange(LANES) % SIDE, first_y + np.arange(LANES) // SIDE
         assert_equal(masks, twin.cover_block(np.tile(places[k], (LANES, 1, 1)), x, y))
         assert_equal(split(reached, 1)[0], twin.reach_blocks(edges[:, k], 0, 0))
@@ -314,6 +320,36 @@ def test_triangles_are_set_up_covered_and_located_alike(kind, seed, scale):
         sample, start = twin.block_starts(x, y, window, plane64[:, k])
         assert_equal(setup.sample[:LANES], sample)
         assert_equal(setup.depth[:LANES], start)
+        assert_equal(split(whole, 1)[0], twin.whole_blocks(edges[:, k], 0, 0))
+        assert (masks[split(whole, 1)[0]] == memory.ALL_LANES).all()
+        assert_equal(split(hidden, 1)[0], twin.hidden_blocks(plane32[:, k], start, bound))
+        assert_equal(least, twin.least_in_tile(plane32[:, k], start))
+
+
+@njit
+def run_cell(depth, block, columns, n_rows, vertices, n, owner, face):
+    return (
+        stage_depth.least_depth(pointer(depth), block, columns, n_rows),
+        stage_depth.nearest_vertex(pointers(vertices), n),
+        stage_depth.samples_of_later_faces(pointer(owner), 0, face),
+    )
+
+
+@given(SEEDS)
+@settings(max_examples=25, deadline=None)
+def test_cells_and_clusters_are_bounded_alike(seed):
+    rng = np.random.default_rng(seed)
+    scratch = make_scratch()
+    vertices = Vertices(scratch.u, scratch.v, scratch.w, scratch.x, scratch.y)
+    vertices.w[:] = rng.random(len(vertices.w))
+    columns, n_rows, n = 16, int(rng.integers(1, 5)), 8 * int(rng.integers(1, 9))
+    block = SIDE * int(rng.integers(0, 4)) + SIDE * columns
+    depth = rng.random((SIDE + n_rows) * columns * LANES).astype(np.float32)
+    owner, face = rng.integers(0, 5, LANES).astype(np.int32), int(rng.integers(5))
+    least, nearest, later = run_cell(depth, block, columns, n_rows, vertices, n, owner, face)
+    assert_equal(least, twin.least_depth(depth, block, columns, n_rows))
+    assert_equal(nearest, twin.nearest_vertex(vertices.w[:n]))
+    assert_equal(split(later, 1)[0], twin.samples_of_later_faces(owner, face))
 
 
 @given(SEEDS)
@@ -329,7 +365,7 @@ def test_depths_are_tested_alike(seed):
     k, covered, start = int(rng.integers(LANES)), rng.random(LANES) < 0.7, np.float32(0.75)
     old = depth[LANES : 2 * LANES].copy()
     others = depth[:LANES].copy(), depth[2 * LANES :].copy()
-    image = Image(depth, NONE, NONE, False)
+    image = Image(depth, NONE, NONE, NONE, False)
     found = run_depth_test(image, LANES, bits_of(covered), setup, k, start)
     expected, *masks = twin.depth_test(old, covered, planes[:, k], start)
     assert_equal(depth[LANES : 2 * LANES], expected)

@@ -9,7 +9,7 @@ threads nor on other threads that use the same rasteriser.
     group (once)      mesh                             Clusters: <= 64 faces each  clusters
     for each pose:
     1 cull clusters   Clusters.bounds, pose            bits of clusters to draw    stage_cull
-    for each band of rows, for each cluster in it:
+    for each band of rows, for each cluster in it, from front to back (occlusion):
     2 project         Clusters.points, pose            Vertices: x, y, 1/z         stage_vertices
     3 cull and bin    Vertices, Clusters.corners       Bins: faces by path         stage_cull
       clip            faces in Bins.clipped            triangles in a fan          clipping
@@ -17,7 +17,8 @@ threads nor on other threads that use the same rasteriser.
     5 cover           Setup                            coverage masks of blocks    stage_cover
     6 depth test      masks, planes                    Image: 1/z, face; Counts    stage_depth
 
-`loops` has the loops over poses, bands and clusters, `fill` those over faces and blocks; `memory`
+`loops` has the loops over poses, bands and clusters, `fill` those over faces and blocks, `coverage`
+those that count without depth, `occlusion` skips clusters and faces behind what is drawn; `memory`
 defines the records, `simd` and `simd_kernel` the notation of the stages.
 `rastercov.reference.raster_stages` has each stage in numpy.
 
@@ -276,17 +277,22 @@ class _Worker:
         n_strips = -(-grid.width // strip)
         n_block_rows = -(-grid.height // SIDE)
         self.block_rows = min(n_block_rows, max(1, MAX_BAND // (n_strips * strip * SIDE)))
+        if n_block_rows > self.block_rows > SIDE:
+            self.block_rows -= self.block_rows % SIDE  # whole cells
         self.columns = n_strips << STRIP_BITS
         n_marks = self.block_rows * n_strips
+        n_cells = -(-self.block_rows // SIDE) * (self.columns // SIDE)
         n_clusters = scene.clusters.bounds.shape[1]
         self.buffers = Buffers(
             marks=np.zeros(n_marks, np.uint8),
             depth=aligned_zeros(n_marks * strip * SIDE, np.float32),
             face=aligned_zeros(n_marks * strip * SIDE, np.int32),
+            cell_depth=np.zeros(n_cells, np.float32),
             n_marks=n_marks,
             kept=np.empty(n_clusters // LANES, np.int64),
             centres=aligned_zeros((2, n_clusters), np.float64),
             seen=np.empty(n_clusters + LANES, np.int32),
+            ordered=np.empty(n_clusters, np.int32),
         )
         self.scratch = make_scratch()
         self.no_drawn = np.zeros((1, 1), np.int32)

@@ -4,7 +4,8 @@
 |---|---|---|
 | `fill_samples_2x2` | reach at most 2 x 2 samples | a vector |
 | `fill_blocks_2x2` | reach at most 2 x 2 blocks of 4 x 4 samples | a vector |
-| `fill_tiles` | any other, in 32 or 64 bits | one; 4 x 4 blocks of it |
+| `fill_tiles` | any other of up to `LARGE` steps | one; 4 x 4 blocks of it |
+| `fill_cells` | wide, or parts of a clipped face, in 64 bits | one; cells of the image |
 
 Visible counts are kept incrementally: writing a sample increments the count of its face and
 decrements that of the previous one. No pass over the image follows.
@@ -13,12 +14,21 @@ decrements that of the previous one. No pass over the image follows.
 import numpy as np
 
 from rastercov._jit import compiled, part_of
+from rastercov.raster.cpu.coverage import (
+    blocks_of,
+    blocks_of_tile,
+    border_mask,
+    count_covered,
+    count_hidden_lanes,
+    mask_in_image,
+)
 from rastercov.raster.cpu.memory import (
     ALL_LANES,
     FACE,
     FIRST_X,
     FIRST_Y,
     FOURFOLD,
+    GREATEST,
     LANES,
     LAST_X,
     LAST_Y,
@@ -32,24 +42,31 @@ from rastercov.raster.cpu.memory import (
     STEP_Y,
     BinSizes,
 )
-from rastercov.raster.cpu.simd_kernel import align_stack, append_set_bits, count_bits, lowest_bit
+from rastercov.raster.cpu.occlusion import is_hidden
+from rastercov.raster.cpu.simd_kernel import (
+    align_stack,
+    append_set_bits,
+    count_bits,
+    lowest_bit,
+)
 from rastercov.raster.cpu.stage_cover import (
-    count_rows,
-    count_samples,
     cover_block,
     cover_blocks,
     coverage_of_samples,
-    reach_blocks,
     start_blocks,
+    whole_blocks,
 )
 from rastercov.raster.cpu.stage_cull import bin_faces
 from rastercov.raster.cpu.stage_depth import (
     depth_of_samples,
     depth_test,
+    hidden_blocks,
+    least_in_tile,
     samples_of_face,
+    samples_of_later_faces,
     write_face,
 )
-from rastercov.raster.cpu.stage_setup import set_up_edges, set_up_triangles
+from rastercov.raster.cpu.stage_setup import set_up_triangles
 
 
 @part_of
@@ -81,31 +98,10 @@ def cull_and_bin(faces, n_slots, window, is_plain, with_hidden, bit_indices, bin
     return BinSizes(n_small, n_larger, n_hidden_small, n_hidden_larger, n_wide, n_clipped)
 
 
-@compiled
-def border_mask(block_x, block_y, window):
-    """Mask of the samples of a block that are inside the image."""
-    inside = 0
-    for j in range(SIDE):
-        row = (block_y << SIDE_BITS) + j
-        if row < window.height:
-            begin = min(max(np.int64(window.first[row]) - (block_x << SIDE_BITS), 0), SIDE)
-            end = min(max(np.int64(window.last[row]) - (block_x << SIDE_BITS), 0), SIDE)
-            inside |= (((1 << end) - 1) & ~((1 << begin) - 1)) << (SIDE * j)
-    return inside
-
-
-@part_of
-def mask_in_image(bits, block_x, block_y, window):
-    """Samples of a block inside the image."""
-    if block_x < window.inner[2 * block_y] or block_x >= window.inner[2 * block_y + 1]:
-        return bits & border_mask(block_x, block_y, window)
-    return bits
-
-
 @part_of
 def fill_samples_2x2(chosen, setup, target):
     """Fill chosen triangles that reach at most 2 x 2 samples; returns how many were empty."""
-    window, image, counts = target
+    window, image, counts, _ = target
     filled = 0
     covered = coverage_of_samples(setup) & chosen * FOURFOLD
     for k in range(4):
@@ -142,12 +138,10 @@ def fill_block(at, covered, setup, k, start, face, image, visible):
     won = found & ALL_LANES
     lost = found >> LANES & ALL_LANES
     ties = found >> 2 * LANES
-    while ties:  # the lower face wins
-        lane = lowest_bit(ties)
-        if image.face[at + lane] > face:
-            won |= 1 << lane
-            lost |= 1 << lane
-        ties &= ties - 1
+    if ties:  # the lower face wins
+        ties &= samples_of_later_faces(image.face, at, face)
+        won |= ties
+        lost |= ties
     if won == 0:
         return 0, 0
     n_won = count_bits(won)
@@ -167,7 +161,7 @@ def fill_blocks_2x2(chosen, wide, tall, setup, target):
 
     Those with bits in `wide` reach two columns, those with bits in `tall` two rows.
     """
-    window, image, counts = target
+    window, image, counts, _ = target
     filled, found, at_border = 0, 0, 0
     for k in range(4):
         if (k & 1 == 0 or chosen & wide) and (k >> 1 == 0 or chosen & tall):
@@ -192,30 +186,74 @@ def fill_blocks_2x2(chosen, wide, tall, setup, target):
     return filled
 
 
-@part_of
-def blocks_of(k, setup):
-    """First and last column, first and last row of the blocks that a triangle reaches."""
-    return (
-        np.int64(setup.bounds[FIRST_X * LANES + k] >> SIDE_BITS),
-        np.int64(setup.bounds[LAST_X * LANES + k] >> SIDE_BITS),
-        np.int64(setup.bounds[FIRST_Y * LANES + k] >> SIDE_BITS),
-        np.int64(setup.bounds[LAST_Y * LANES + k] >> SIDE_BITS),
-    )
+@compiled
+def fill_cells(k, setup, target):
+    """Fill triangle k, a large one; returns how many samples were empty.
 
-
-@part_of
-def blocks_of_tile(k, tile_x, tile_y, blocks, setup):
-    """Mask of the blocks of a tile that triangle k may cover samples of, see `reach_blocks`."""
-    first_x, last_x, first_y, last_y = blocks
-    found = reach_blocks(k, tile_x - first_x, tile_y - first_y, setup)
-    n_columns, n_rows = min(last_x - tile_x + 1, SIDE), min(last_y - tile_y + 1, SIDE)
-    return found & ((1 << n_columns) - 1) * 0x1111 & ((1 << (SIDE * n_rows)) - 1)
+    Its tiles are cells, so those behind what is drawn are skipped, and those that it covers
+    wholly bound the depth of their cells.
+    """
+    window, image, counts, _ = target
+    reached = blocks_of(k, setup)
+    first_x, last_x, first_y, last_y = reached
+    top = window.top >> SIDE_BITS
+    face = setup.bounds[FACE * LANES + k]
+    covered = gained = filled = 0
+    for tile_y in range(first_y - ((first_y - top) & (SIDE - 1)), last_y + 1, SIDE):
+        cells = ((tile_y - top) >> SIDE_BITS) * (window.columns >> SIDE_BITS)
+        for tile_x in range(first_x & -SIDE, last_x + 1, SIDE):
+            blocks = blocks_of_tile(k, tile_x, tile_y, reached, setup)
+            if blocks == 0:
+                continue
+            cell = cells + (tile_x >> SIDE_BITS)
+            start_blocks(k, tile_x, tile_y, window, setup)
+            shown = blocks & ~hidden_blocks(k, image.cell_depth[cell], setup)
+            if shown == 0 and not counts.with_drawn:
+                continue
+            is_cut = tile_x + SIDE > window.full_x or tile_y + SIDE > window.full_y
+            is_whole = blocks == ALL_LANES and not is_cut
+            if is_whole and whole_blocks(k, setup) == ALL_LANES:
+                covered += LANES * LANES
+                least = least_in_tile(k, setup)
+                while shown:
+                    lane = lowest_bit(shown)
+                    shown &= shown - 1
+                    at, start = np.int64(setup.sample[lane]), setup.depth[lane]
+                    n_won, n_new = fill_block(
+                        at, ALL_LANES, setup, k, start, face, image, counts.visible
+                    )
+                    gained += n_won
+                    filled += n_new
+                image.cell_depth[cell] = max(image.cell_depth[cell], least)
+                continue
+            if not counts.with_drawn:
+                blocks = shown
+            while blocks:
+                lane = lowest_bit(blocks)
+                blocks &= blocks - 1
+                bits = cover_block(lane, setup)
+                if is_cut:
+                    block_x, block_y = tile_x + (lane & (SIDE - 1)), tile_y + (lane >> SIDE_BITS)
+                    bits = mask_in_image(bits, block_x, block_y, window)
+                covered += count_bits(bits)
+                if bits and shown >> lane & 1:
+                    at, start = np.int64(setup.sample[lane]), setup.depth[lane]
+                    n_won, n_new = fill_block(
+                        at, bits, setup, k, start, face, image, counts.visible
+                    )
+                    gained += n_won
+                    filled += n_new
+    if gained:
+        counts.visible[face] += gained
+    if counts.with_drawn:
+        counts.drawn[face] += covered
+    return filled
 
 
 @compiled
 def fill_tiles(chosen, setup, target):
     """Fill chosen triangles of any size; returns how many samples were empty."""
-    window, image, counts = target
+    window, image, counts, _ = target
     filled = 0
     while chosen:
         k = lowest_bit(chosen)
@@ -255,25 +293,22 @@ def fill_tiles(chosen, setup, target):
     return filled
 
 
-@compiled
-def count_covered(k, window, setup):
-    """Number of samples that triangle k covers, of any size."""
-    reached = blocks_of(k, setup)
-    first_x, last_x, first_y, last_y = reached
-    is_cut = last_x >= window.full_x or last_y >= window.full_y
-    covered = 0
-    for tile_y in range(first_y, last_y + 1, SIDE):
-        for tile_x in range(first_x, last_x + 1, SIDE):
-            blocks = blocks_of_tile(k, tile_x, tile_y, reached, setup)
-            while blocks:
-                lane = lowest_bit(blocks)
-                blocks &= blocks - 1
-                bits = cover_block(lane, setup)
-                if is_cut:
-                    block_x, block_y = tile_x + (lane & (SIDE - 1)), tile_y + (lane >> SIDE_BITS)
-                    bits = mask_in_image(bits, block_x, block_y, window)
-                covered += count_bits(bits)
-    return covered
+@part_of
+def hidden_lanes(chosen, setup, target):
+    """Mask of the chosen triangles that are behind what is drawn in all cells that they reach."""
+    hidden = 0
+    while chosen:
+        k = lowest_bit(chosen)
+        chosen &= chosen - 1
+        samples = (
+            np.int64(setup.bounds[FIRST_X * LANES + k]),
+            np.int64(setup.bounds[LAST_X * LANES + k]),
+            np.int64(setup.bounds[FIRST_Y * LANES + k]),
+            np.int64(setup.bounds[LAST_Y * LANES + k]),
+        )
+        nearest = setup.plane32[GREATEST * LANES + k]
+        hidden |= np.int64(is_hidden(samples, nearest, target.window, target.image)) << k
+    return hidden
 
 
 @part_of
@@ -289,6 +324,11 @@ def fill_small(bins, n_small, n_larger, faces, setup, target):
         sizes, _ = set_up_triangles(slots, i, wants_edges, faces, target.window, setup)
         small = ALL_LANES >> min(max(LANES - (n_small - i), 0), LANES)
         others = (ALL_LANES >> max(LANES - (n - i), 0)) & ~small
+        if target.tests_cells:
+            hidden = hidden_lanes(others, setup, target)
+            others &= ~hidden
+            if hidden and target.counts.with_drawn:
+                count_hidden_lanes(hidden, setup, target)
         if small:
             filled += fill_samples_2x2(small, setup, target)
         in_blocks = sizes & others
@@ -330,7 +370,10 @@ def fill_any(slots, n, faces, setup, target, plane):
         if has_plane:
             use_plane(plane, min(n - i, LANES), setup)
         valid = ALL_LANES >> max(LANES - (n - i), 0)
-        filled += fill_tiles(sides & valid, setup, target)
+        shown = sides & valid
+        while shown:
+            filled += fill_cells(lowest_bit(shown), setup, target)
+            shown &= shown - 1
         hidden = sides >> LANES & valid
         while hidden and target.counts.with_drawn:
             k = lowest_bit(hidden)
@@ -338,37 +381,3 @@ def fill_any(slots, n, faces, setup, target, plane):
             target.counts.drawn[setup.bounds[FACE * LANES + k]] += drawn
             hidden &= hidden - 1
     return filled
-
-
-@part_of
-def count_samples_2x2(slots, n, faces, drawn):
-    """Add the samples of triangles that reach at most 2 x 2 to `drawn`, all inside the image."""
-    for i in range(n):
-        slot = np.int64(slots[i])
-        covered = np.int64(faces.coverage_2x2[slot])
-        drawn[faces.mesh.faces[faces.first_slot + slot]] += count_bits(covered)
-
-
-@compiled
-def count_hidden(slots, n, faces, setup, target):
-    """Add the samples of hidden triangles to `drawn`; their depths are not computed."""
-    align_stack()
-    window = target.window
-    for i in range(0, n, LANES):
-        small = set_up_edges(slots, i, faces, window, setup)
-        small &= ALL_LANES >> max(LANES - (n - i), 0)
-        if window.full_x == 0 or count_bits(small) < MIN_VECTOR_FACES:
-            small = 0
-        if small:
-            count_samples(small, setup)
-        for k in range(min(n - i, LANES)):
-            covered = 0
-            if small >> k & 1:
-                covered = np.int64(setup.masks[k])
-            elif window.full_x == 0:
-                covered = count_covered(k, window, setup)
-            else:
-                n_rows = setup.bounds[LAST_Y * LANES + k] - setup.bounds[FIRST_Y * LANES + k] + 1
-                for start in range(0, n_rows, LANES):
-                    covered += count_rows(k, start, setup)
-            target.counts.drawn[setup.bounds[FACE * LANES + k]] += covered

@@ -4,9 +4,8 @@ import numpy as np
 
 from rastercov._jit import compiled, part_of
 from rastercov.raster.cpu.clipping import clip_and_triangulate
+from rastercov.raster.cpu.coverage import count_hidden, count_samples_2x2
 from rastercov.raster.cpu.fill import (
-    count_hidden,
-    count_samples_2x2,
     cull_and_bin,
     fill_any,
     fill_small,
@@ -15,12 +14,13 @@ from rastercov.raster.cpu.memory import (
     ALL_LANES,
     BEHIND,
     BOTTOM,
+    CELL_BITS,
     CLEAR_ALL_SAMPLES,
     EYE,
+    FACES_IN_VAIN,
     FORWARD,
     FRUSTUM_PLANES,
     GUARD_BAND,
-    HALF_SAMPLE,
     INTRINSICS,
     LANES,
     LARGE,
@@ -49,15 +49,22 @@ from rastercov.raster.cpu.memory import (
     Window,
     Workspace,
 )
+from rastercov.raster.cpu.occlusion import (
+    bound_cells,
+    is_hidden,
+    order_by_depth,
+    samples_in_box,
+)
 from rastercov.raster.cpu.simd_kernel import (
     align_stack,
     append_set_bits,
+    offset,
     pointer,
     pointers,
     prefetch_values,
 )
 from rastercov.raster.cpu.stage_cull import clusters_in_band, cull_clusters
-from rastercov.raster.cpu.stage_depth import prefetch_counts
+from rastercov.raster.cpu.stage_depth import nearest_vertex, prefetch_counts
 from rastercov.raster.cpu.stage_vertices import project_vertices
 
 
@@ -82,13 +89,9 @@ def put_frustum(camera, width, top, bottom, planes):
 
 
 @part_of
-def clear(box, window, image):
-    """Clear the strips of blocks that a box in steps reaches; False where it reaches no sample."""
-    low_x, high_x, low_y, high_y = box
-    first_x = max((np.int64(low_x) + HALF_SAMPLE - 1) >> STEP_BITS, 0)
-    last_x = min((np.int64(high_x) - HALF_SAMPLE) >> STEP_BITS, np.int64(window.right))
-    first_y = max((np.int64(low_y) + HALF_SAMPLE - 1) >> STEP_BITS, np.int64(window.top))
-    last_y = min((np.int64(high_y) - HALF_SAMPLE) >> STEP_BITS, np.int64(window.bottom))
+def clear(samples, window, image):
+    """Clear the strips of blocks that a range of samples reaches; False where it is empty."""
+    first_x, last_x, first_y, last_y = samples
     if first_x > last_x or first_y > last_y:
         return False
     if image.is_clear:
@@ -130,40 +133,54 @@ def uncut(box, window):
 def draw_cluster(mesh, cluster, workspace, target):
     """Draw the faces of a cluster that need no clipping.
 
-    Returns how many samples were empty, and the number of faces in `workspace.bins.clipped`.
+    Returns how many samples were empty, the faces that were tried (`LANES` per wide one), and the
+    number of those in `bins.clipped`. Faces of a cluster behind what is drawn are only counted.
     """
-    camera, _, vertices, bins, setup, setup_64_bit, bit_indices = workspace
-    window, image, counts = target
+    camera, _, vertices, bins, setup, setup_64_bit, bit_indices, _ = workspace
+    window, image, counts, tests_cells = target
     if counts.with_drawn:
         prefetch_counts(counts.drawn, mesh.lines, cluster.first_line, cluster.end_line)
     box = project_vertices(mesh, cluster, camera, vertices)
     low_x, high_x, low_y, high_y = box
     if low_x == BEHIND and high_x == BEHIND:
-        return 0, 0
+        return 0, 0, 0
     is_plain = np.int64(max(high_x - low_x, high_y - low_y) < LARGE)
     if high_x >= BEHIND:
-        is_plain = 0
+        is_plain, tests_cells = 0, False
         right, bottom = (window.right + 1) << STEP_BITS, (window.bottom + 1) << STEP_BITS
         box = (np.int32(0), np.int32(right), np.int32(window.top << STEP_BITS), np.int32(bottom))
-    if not clear(box, window, image):
-        return 0, 0
+    samples = samples_in_box(box, window)
+    if not clear(samples, window, image):
+        return 0, 0, 0
+    is_behind = False
+    if tests_cells:
+        nearest = nearest_vertex(vertices, cluster.end_vertex - cluster.first_vertex)
+        is_behind = is_hidden(samples, nearest, window, image)
+        if is_behind and not counts.with_drawn:
+            return 0, 0, 0
     window = uncut(box, window)
-    target = Target(window, image, counts)
+    target = Target(window, image, counts, tests_cells)
     faces = Faces(mesh, cluster.first_slot, vertices, bins.coverage_2x2)
     n_slots = cluster.end_slot - cluster.first_slot
     n = cull_and_bin(faces, n_slots, window, is_plain, counts.with_drawn, bit_indices, bins)
     if counts.with_drawn and window.full_x > 0:
         count_samples_2x2(bins.samples_2x2, n.samples_2x2, faces, counts.drawn)
         count_samples_2x2(bins.hidden_samples_2x2, n.hidden_samples_2x2, faces, counts.drawn)
-    if n.samples_2x2 + n.larger:
+    filled, n_tried = 0, n.wide * LANES
+    if is_behind:
+        if window.full_x == 0:
+            count_hidden(bins.samples_2x2, n.samples_2x2, faces, setup, target)
+        count_hidden(bins.larger, n.larger, faces, setup, target)
+    elif n.samples_2x2 + n.larger:
+        n_tried += n.samples_2x2 + n.larger
         prefetch_counts(counts.visible, mesh.lines, cluster.first_line, cluster.end_line)
-    filled = fill_small(bins, n.samples_2x2, n.larger, faces, setup, target)
+        filled = fill_small(bins, n.samples_2x2, n.larger, faces, setup, target)
     if n.hidden_larger:
         count_hidden(bins.hidden_larger, n.hidden_larger, faces, setup, target)
     if n.wide:
         no_plane = Plane(np.nan, np.nan, np.nan)
         filled += fill_any(bins.wide, n.wide, faces, setup_64_bit, target, no_plane)
-    return filled, n.clipped
+    return filled, n_tried, n.clipped
 
 
 @compiled
@@ -207,25 +224,38 @@ def draw_band(window, n_bands, canvas, clusters, mesh, buffers, counts, scratch,
     if is_clear:
         for sample in range(n_samples):
             buffers.depth[sample] = 0.0
-    target = Target(window, Image(buffers.depth, buffers.face, buffers.marks, is_clear), counts)
-    filled = 0
+    n_rows = ((window.bottom - window.top) >> CELL_BITS) + 1
+    for cell in range(n_rows * (window.columns >> SIDE_BITS)):
+        buffers.cell_depth[cell] = 0.0
+    ordered = buffers.ordered
+    forward = offset(buffers.centres, clusters.stride)
+    order_by_depth(clusters, seen, n_seen, forward, workspace.bucket_ends, ordered)
+    image = Image(buffers.depth, buffers.face, buffers.cell_depth, buffers.marks, is_clear)
+    filled, in_vain, tests_cells = 0, 0, False
+    filled_when_bounded = 0
     for i in range(n_seen):
         if i + PREFETCH_DISTANCE < n_seen:
-            ahead = seen[i + PREFETCH_DISTANCE]
+            ahead = ordered[i + PREFETCH_DISTANCE]
             begin, end = clusters.vertex_starts[ahead], clusters.vertex_starts[ahead + 1]
             prefetch_values(mesh.points, 3 * np.int64(begin), 3 * np.int64(end))
             begin, end = clusters.face_starts[ahead], clusters.face_starts[ahead + 1]
             prefetch_values(mesh.corners, begin, end)
             prefetch_values(mesh.faces, begin, end)
-        k = seen[i]
+        k = ordered[i]
         cluster = Cluster(
             np.int64(clusters.vertex_starts[k]), np.int64(clusters.vertex_starts[k + 1]),
             np.int64(clusters.face_starts[k]), np.int64(clusters.face_starts[k + 1]),
             np.int64(clusters.line_starts[k]), np.int64(clusters.line_starts[k + 1]),
             kept[k // LANES] >> (LANES + (k & (LANES - 1))) & is_centred,
         )  # fmt: skip
-        n_new, n_clipped = draw_cluster(mesh, cluster, workspace, target)
+        target = Target(window, image, counts, tests_cells)
+        n_new, n_tried, n_clipped = draw_cluster(mesh, cluster, workspace, target)
         filled += n_new
+        if n_new == 0:
+            in_vain += n_tried
+            if in_vain >= FACES_IN_VAIN and filled > filled_when_bounded:
+                in_vain, tests_cells, filled_when_bounded = 0, True, filled
+                bound_cells(window, image)
         if n_clipped:
             filled += draw_clipped(mesh, cluster, n_clipped, workspace, target, scratch)
     return filled
@@ -332,7 +362,7 @@ def workspace_of(scratch):
     )  # fmt: skip
     return Workspace(
         scratch.camera, scratch.frustum, vertices, bins, Setup(scratch.edges, *rest),
-        Setup(scratch.edges_64_bit, *rest), scratch.bit_indices,
+        Setup(scratch.edges_64_bit, *rest), scratch.bit_indices, scratch.bucket_ends,
     )  # fmt: skip
 
 

@@ -36,6 +36,8 @@ LANE_X, LANE_Y = [k % SIDE for k in range(LANES)], [k // SIDE for k in range(LAN
 """Column and row of each lane in a block or tile."""
 STRIP_BITS = 4
 """Blocks in a row that are cleared together, as a power of 2."""
+CELL_BITS = 2 * SIDE_BITS
+"""Samples along the side of a cell, a tile whose depth is bounded, as a power of 2."""
 
 FACES, VERTICES = 64, 64
 """Most faces and vertices of a cluster. Corners of clipped faces follow its vertices."""
@@ -45,6 +47,10 @@ CLEAR_ALL_SAMPLES = 128
 """Samples of an image for each cluster below which the whole image is cleared at once."""
 MIN_VECTOR_FACES = 4
 """Faces of a vector from which on the 2 x 2-block path is faster than the tile path."""
+FACES_IN_VAIN = 192
+"""Faces of clusters that filled no sample after which the depth of the cells is bounded again."""
+DEPTH_BUCKETS = 64
+"""Ranges of depth by which the clusters of a band are ordered; at most `BUFFER_SIZE`."""
 PREFETCH_DISTANCE = 2
 """Clusters between the one that is drawn and the one whose vertices and faces are prefetched."""
 CACHE_LINE = 64
@@ -103,7 +109,9 @@ Setup = namedtuple("Setup", "edges bounds plane64 plane32 sample depth masks")
 or one for the blocks of a tile: memory index and 1/z of the first sample, and coverage mask."""
 Plane = namedtuple("Plane", "origin slope_x slope_y")
 """Plane of 1/z of a face: rows of `Setup.plane64`."""
-Workspace = namedtuple("Workspace", "camera frustum vertices bins setup setup_64_bit bit_indices")
+Workspace = namedtuple(
+    "Workspace", "camera frustum vertices bins setup setup_64_bit bit_indices bucket_ends"
+)
 """Pointers to the scratch arrays of one thread, by stage."""
 
 Window = namedtuple(
@@ -114,24 +122,25 @@ blocks in a row of memory; rows of the image; columns and rows of blocks below w
 wholly inside the image (0 where samples are rolled and a cluster may reach beyond the image); for
 each row of blocks the first one that is wholly inside, and the one after the last; for each row of
 samples the first one inside, and the one after the last."""
-Image = namedtuple("Image", "depth face marks is_clear")
-"""Pointers to blocks of samples: 1/z, 0 where empty, and the index of the nearest face; to marks of
-strips that are cleared; and whether all are."""
+Image = namedtuple("Image", "depth face cell_depth marks is_clear")
+"""Pointers to blocks of samples: 1/z, 0 where empty, and the index of the nearest face; to lower
+bounds of 1/z in each cell; to marks of strips that are cleared; and whether all are."""
 Counts = namedtuple("Counts", "visible drawn with_drawn")
 """Pointers to the samples of each face, added to; `drawn` only `with_drawn`."""
-Target = namedtuple("Target", "window image counts")
-"""`Window`, `Image` and `Counts` that a band is drawn to."""
+Target = namedtuple("Target", "window image counts tests_cells")
+"""`Window`, `Image` and `Counts` that a band is drawn to, and whether faces are compared with the
+bounds of depth in cells before they are filled."""
 
 Poses = namedtuple("Poses", "world_from_camera near cull")
 Canvas = namedtuple("Canvas", "magnification intrinsics size inner first last is_rolled")
-Buffers = namedtuple("Buffers", "marks depth face n_marks kept centres seen")
+Buffers = namedtuple("Buffers", "marks depth face cell_depth n_marks kept centres seen ordered")
 Output = namedtuple("Output", "visible drawn filled with_drawn")
 """Arguments of `count_poses`, which documents them."""
 Scratch = namedtuple(
     "Scratch",
     "u v w x y samples_2x2 larger hidden_samples_2x2 hidden_larger wide clipped coverage_2x2 "
     "edges edges_64_bit bounds plane64 plane32 sample depth masks fan_corners fan_faces identity "
-    "camera frustum bit_indices polygon polygon_out",
+    "camera frustum bit_indices bucket_ends polygon polygon_out",
 )
 """Scratch arrays of `count_poses` that are as long for any image and mesh."""
 

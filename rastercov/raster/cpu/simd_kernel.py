@@ -167,6 +167,16 @@ def pointer(typing, array):
 
 
 @intrinsic
+def offset(typing, where, n):
+    """Pointer to the element n after that of a pointer."""
+
+    def generate(context, builder, signature, args):
+        return builder.gep(args[0], [context.cast(builder, args[1], n, types.int64)])
+
+    return where(where, n), generate
+
+
+@intrinsic
 def pointers(typing, record):
     """Named tuple of the same class, with a pointer for each array."""
     kinds = [types.CPointer(k.dtype) if isinstance(k, types.Array) else k for k in record.types]

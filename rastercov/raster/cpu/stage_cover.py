@@ -99,11 +99,18 @@ def _last_covered(value, slope):
     return share.where(slope.absolute() > 0, level).floor().to(WORD)
 
 
+@simd(returns=types.int64)
+def fit_count_samples(setup):
+    """Mask of the triangles that reach at most `LANES` columns and rows of samples."""
+    first_x, last_x, first_y, last_y = (setup.bounds[row] for row in range(4))
+    return ((last_x - first_x < LANES) & (last_y - first_y < LANES)).bits()
+
+
 @simd(returns=types.void)
 def count_samples(chosen, setup):
     """Write the number of samples that the chosen triangles cover to `setup.masks`.
 
-    They reach at most `LANES` columns and rows, which are taken a row at a time.
+    They are those of `fit_count_samples`, and taken a row at a time.
     """
     edges = setup.edges
     first_x, last_x, first_y, last_y = (setup.bounds[row] for row in range(4))
@@ -162,6 +169,17 @@ def reach_blocks(k, right, down, setup):
         edges[BLOCK_EDGE + n] = dx * LANE_X + dy * LANE_Y
         highest.append(value + (dx.maximum(0) + dy.maximum(0)) * (SIDE - 1))
     return (signs(highest) >= 0).bits()
+
+
+@simd(returns=types.int64)
+def whole_blocks(k, setup):
+    """Mask of the blocks of the tile of `reach_blocks` that triangle k covers wholly."""
+    edges = setup.edges
+    lowest = []
+    for n in range(3):
+        dx, dy = (edges.lane(row + n, k) for row in (EDGE_DX, EDGE_DY))
+        lowest.append(edges[TILE_EDGE + n] + (dx.minimum(0) + dy.minimum(0)) * (SIDE - 1))
+    return (signs(lowest) >= 0).bits()
 
 
 @simd(returns=types.void)

@@ -145,14 +145,10 @@ def set_up_triangles(slots, at, wants_edges, faces, window, setup):
     return pack((columns <= 1) & (rows <= 1), columns > 0, rows > 0), pack(shown, hidden)
 
 
-@simd(returns=types.int64)
+@simd(returns=types.void)
 def set_up_edges(slots, at, faces, window, setup):
-    """Edge functions and bounds of a vector of triangles, see `set_up_triangles`.
-
-    Returns a mask of those that reach at most `LANES` columns and rows of samples.
-    """
-    _, (first_x, last_x, first_y, last_y) = _set_up(slots.at(at)[0], None, faces, window, setup)
-    return ((last_x - first_x < LANES) & (last_y - first_y < LANES)).bits()
+    """Edge functions and bounds of a vector of triangles, see `set_up_triangles`."""
+    _set_up(slots.at(at)[0], None, faces, window, setup)
 
 
 def _set_up(slot, wants_edges, faces, window, setup):
