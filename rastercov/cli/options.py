@@ -19,7 +19,7 @@ from rastercov.task import THESIS, Task
 Meshes = Annotated[
     list[Path],
     typer.Argument(
-        help="Mesh files (STL, OBJ, PLY, OFF, GLB, glTF, 3MF, STEP), together one scene; "
+        help="Mesh files (STL, OBJ, PLY, OFF, GLB, glTF, 3MF, DAE, STEP), together one scene; "
         f"or a built-in mesh: {', '.join(shapes.NAMES)}.",
         show_default=False,
     ),

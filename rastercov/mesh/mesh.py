@@ -25,6 +25,7 @@ from rastercov.mesh.arrays import (
     face_labels,
     frozen,
     normals_and_areas,
+    rotation_about,
     some,
 )
 from rastercov.mesh.formats import LARGEST_FILE, metres_per, read_files
@@ -176,11 +177,11 @@ class Mesh:
         Parameters
         ----------
         path : path or sequence of paths
-            STL, OBJ, PLY, OFF, GLB, glTF, 3MF or STEP files; regular files (or links to them) on
-            this machine. STEP needs the extra `formats`.
+            STL, OBJ, PLY, OFF, GLB, glTF, 3MF, DAE or STEP files; regular files (or links to
+            them) on this machine. STEP needs the extra `formats`.
         unit : str or float
-            Unit of the coordinates: m, mm, cm, um, in, ft, or metres per unit. 3MF and STEP
-            files state their own.
+            Unit of the coordinates: m, mm, cm, um, in, ft, or metres per unit. 3MF, STEP
+            and most DAE files state their own.
         occluders, two_sided : group names
             Flags of the groups, see `with_groups`.
         drop_invalid : bool
@@ -339,14 +340,10 @@ class Mesh:
             raise MeshError(f"angle_deg must be a finite number, got {shown(angle_deg)}")
         if not length > 0:
             raise MeshError(f"axis must be a direction, got {direction.tolist()}; correct it")
-        x, y, z = direction / length
-        cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-        # Rodrigues: R = I + sin a [n] + (1 - cos a) [n]^2
-        rotation = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
         with np.errstate(over="ignore", invalid="ignore"):  # the constructor finds what overflows
             vertices = self.vertices * factor
             if angle:
-                vertices = vertices @ rotation.T
+                vertices = vertices @ rotation_about(direction, angle).T
             vertices = vertices + offset
         others = {name: getattr(self, name) for name in self.__dataclass_fields__}
         return Mesh(**(others | {"vertices": vertices}))

@@ -26,6 +26,9 @@ PART = f'<object id="1" name="part">{MESH}</object>'
 BUILD = '<item objectid="1"/>'
 
 
+DECLARED = '<?xml version="1.0" encoding="utf-16"?><!DOCTYPE a [<!ENTITY b "c">]>'
+
+
 def model(objects=PART, build=BUILD, attributes='unit="meter"') -> str:
     return (
         f'<?xml version="1.0"?><model xmlns="{CORE}" xmlns:p="{PRODUCTION}" {attributes}>'
@@ -70,7 +73,7 @@ def test_every_instance_is_counted_and_placed(load):
     mesh = load("a.3mf", archive(model(PART + pair, build)))
     assert [group.name for group in mesh.groups] == ["part", "part #2", "part #3"]
     x, y, z = POINTS.T
-    corners = [POINTS, np.stack([10 - 2 * y, 2 * x, 2 * z], axis=1), POINTS + [0, 0, 5]]
+    corners = [POINTS, np.stack([10 - 2 * y, 2 * x, 2 * z], axis=1), POINTS + np.array([0, 0, 5])]
     np.testing.assert_array_equal(triangles(mesh), np.concatenate([c[FACES] for c in corners]))
 
 
@@ -99,7 +102,7 @@ DEEP = "".join(
     ("data", "text"),
     [
         (b"PK\3\4", "the ZIP archive cannot be read"),
-        (archive("<model"), "the model is no XML"),
+        (archive("<model"), "its part '3D/3dmodel.model' is no XML"),
         (archive(model(build="")), "the file has no faces"),
         (archive(model(build='<item objectid="7"/>')), "object '7' is not there"),
         (archive(model(LOOP)), "object '1' is a part of itself"),
@@ -111,7 +114,9 @@ DEEP = "".join(
         (archive(model(PART.replace('x="0.0"', 'x="one"'))), "contradicts its format"),
         (archive(model(PART.replace(' x="0.0"', ""))), "contradicts its format"),
         (archive(model(build='<item objectid="1" transform="1 2"/>')), "12 finite numbers wanted"),
-        (archive('<!DOCTYPE a [<!ENTITY b "c">]>' + model()[21:]), "declares entities"),
+        (archive('<!DOCTYPE a [<!ENTITY b "c">]>' + model()[21:]), "declares a document type"),
+        (archive((DECLARED + model()[21:]).encode("utf-16")), "declares a document type"),
+        (archive(model(PART.replace('x="1.0"', 'x="1_0"'))), "a number wanted, got '1_0'"),
         (archive(**{"_rels/.rels": "<Relationships/>"}), "names no 3D model"),
         (archive(**{"_rels/.rels": RELATIONSHIPS.replace("/3D/", "/4D/")}), "has no part"),
     ],

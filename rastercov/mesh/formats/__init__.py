@@ -24,13 +24,14 @@ from rastercov._files import StrPath, UnreadableError, file_bytes
 from rastercov.errors import MeshError, ResourceError
 from rastercov.mesh.arrays import check_coordinates, some, unusable_points
 from rastercov.mesh.ear_clipping import cut_concave
-from rastercov.mesh.formats import glb, gltf, obj, off, ply, step, stl, threemf
+from rastercov.mesh.formats import dae, glb, gltf, obj, off, ply, step, stl, threemf
 from rastercov.mesh.formats.polygons import PEAK_BYTES_PER_FACE, Polygons
 
 Reader = Callable[..., Polygons]
 
 READERS: dict[str, Reader] = {
     ".3mf": threemf.read,
+    ".dae": dae.read,
     ".glb": glb.read,
     ".gltf": gltf.read,
     ".obj": obj.read,
@@ -40,8 +41,6 @@ READERS: dict[str, Reader] = {
     ".stl": stl.read,
     ".stp": step.read,
 }
-STATE_THEIR_UNIT = (".3mf", ".step", ".stp")
-"""Formats whose coordinates come in metres always; `unit` is for the other files of a scene."""
 METRES = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "µm": 1e-6, "μm": 1e-6}  # two Unicode mus
 METRES |= {"in": 0.0254, "inch": 0.0254, "ft": 0.3048}
 LARGEST_FILE = 2 << 30
@@ -132,7 +131,7 @@ def _read_file(
         reader = partial(gltf.read, bytes_beside=beside.read)
     polygons = reader(data, memory_budget)
     _check_indices(polygons)
-    if Path(path).suffix.lower() not in STATE_THEIR_UNIT:
+    if not polygons.is_in_metres:
         np.multiply(polygons.vertices, scale, out=polygons.vertices)
     elif scale != 1:
         note = "the file states its unit; the unit given was not applied to it"

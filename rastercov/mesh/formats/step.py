@@ -56,7 +56,7 @@ def read(data: bytes, budget: int, deflection: float = DEFLECTION) -> Polygons:
         f"triangulated by Open CASCADE to within {deflection * 1e3:.3g} mm; what it left out of "
         "the STEP file is not known here"
     )
-    return replace(polygons, notes=[*polygons.notes, note])
+    return replace(polygons, notes=[*polygons.notes, note], is_in_metres=True)
 
 
 def _converted(data: bytes, deflection: float) -> bytes:

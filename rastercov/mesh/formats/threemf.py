@@ -12,14 +12,22 @@ import posixpath
 import struct
 import zipfile
 import zlib
-from typing import Any
-from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.errors import MeshError
+from rastercov.errors import MeshError, ResourceError
+from rastercov.mesh.formats.glb import broken_files_refused
 from rastercov.mesh.formats.polygons import Polygons, check_budget
+from rastercov.mesh.formats.xml_tree import (
+    BYTES_PER_XML_BYTE,
+    attribute,
+    children,
+    floats,
+    parsed,
+    table,
+)
 
 METRES = {
     "micron": 1e-6,
@@ -44,8 +52,10 @@ DAMAGED = (
     struct.error,
 )
 """Errors of the standard library about a damaged or encrypted archive."""
-BYTES_PER_XML_BYTE = 12
-"""Memory of a parsed model: 10 measured with elements of a vertex."""
+COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+"""Those that the Open Packaging Conventions permit."""
+BYTES_PER_INSTANCE = 1000
+"""Memory and work that a component counts for; a short file may ask for many instances."""
 
 _Shape = tuple[NDArray[np.float64], NDArray[np.int64]]
 
@@ -53,16 +63,14 @@ _Shape = tuple[NDArray[np.float64], NDArray[np.int64]]
 def read(data: bytes, budget: int) -> Polygons:
     """Triangles of a 3MF file in metres, one group an instance, in the order of the build."""
     try:
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        with broken_files_refused(), zipfile.ZipFile(io.BytesIO(data)) as archive:
             return _Model(archive, budget).polygons()
+    except (MeshError, ResourceError):
+        raise
     except RecursionError:
         raise MeshError("components are nested too deeply; export it again") from None
     except DAMAGED as error:
         raise MeshError(f"the ZIP archive cannot be read ({error}); export it again") from None
-    except ElementTree.ParseError as error:
-        raise MeshError(f"the model is no XML ({error}); export it again") from None
-    except (LookupError, ValueError, OverflowError) as error:
-        raise MeshError(f"the file contradicts its format ({error!r}); export it again") from None
 
 
 class _Model:
@@ -71,8 +79,8 @@ class _Model:
     def __init__(self, archive: zipfile.ZipFile, budget: int) -> None:
         self._archive, self._budget = archive, budget
         self._bytes_left = budget
-        self._parts: dict[str, ElementTree.Element] = {}
-        self._objects: dict[tuple[str, str], ElementTree.Element] = {}
+        self._parts: dict[str, Element] = {}
+        self._objects: dict[tuple[str, str], Element] = {}
         self._shapes: dict[tuple[str, str], _Shape] = {}
         self._vertices, self._faces = [np.empty((0, 3))], [np.empty((0, 3), np.int64)]
         self._labels: list[NDArray[np.int64]] = []
@@ -89,9 +97,9 @@ class _Model:
         needed = root.get("requiredextensions", "").split()
         if foreign := [name for name in needed if name not in KNOWN_EXTENSIONS]:
             raise MeshError(f"extensions {foreign} are required, not supported; export without")
-        for build in _children(root, "build"):
-            for item in _children(build, "item"):
-                where = _attribute(item, "path") or path
+        for build in children(root, "build"):
+            for item in children(build, "item"):
+                where = attribute(item, "path") or path
                 self._add((where.lstrip("/"), item.attrib["objectid"]), _transform(item), ())
         labels = np.concatenate(self._labels) if self._labels else np.empty(0, np.int64)
         return Polygons(
@@ -100,7 +108,15 @@ class _Model:
             np.arange(self._n_faces),
             labels,
             self._names or [None],
+            self._notes(),
+            is_in_metres=True,
         )
+
+    def _notes(self) -> list[str]:
+        """A note on objects that no instance shows."""
+        left = [key for key, owner in self._objects.items() if children(owner, "mesh")]
+        n_unused = sum(key not in self._shapes for key in left)
+        return [f"{n_unused} objects are not in the build, not read"] if n_unused else []
 
     def _model_path(self) -> str:
         """Path of the part that the archive names as its model."""
@@ -109,7 +125,7 @@ class _Model:
                 return posixpath.normpath(each.attrib["Target"]).lstrip("/")
         raise MeshError("the archive names no 3D model; export it again")
 
-    def _part(self, path: str) -> ElementTree.Element:
+    def _part(self, path: str) -> Element:
         """Root of a part, parsed, its objects known."""
         if path in self._parts:
             return self._parts[path]
@@ -119,20 +135,23 @@ class _Model:
             raise MeshError(f"the archive has no part {path[:80]!r}; export it again") from None
         # The size is that of the archive's directory; reading stops there, so it is no promise.
         check_budget(0, self._bytes_left, n_bytes=info.file_size * BYTES_PER_XML_BYTE)
-        self._bytes_left -= info.file_size * BYTES_PER_XML_BYTE
+        if info.compress_type not in COMPRESSIONS:
+            raise MeshError(f"{path[:80]!r} must be deflated or stored; export it again")
         with self._archive.open(info) as file:
             text = file.read(info.file_size + 1)
-        if b"<!DOCTYPE" in text or b"<!ENTITY" in text:
-            raise MeshError(f"{path[:80]!r} declares entities, which 3MF forbids; export it again")
-        root = self._parts[path] = ElementTree.fromstring(text)
-        for resources in _children(root, "resources"):
-            for each in _children(resources, "object"):
+        root = self._parts[path] = parsed(text, f"its part {path[:80]!r}", self._bytes_left)
+        self._bytes_left -= info.file_size * BYTES_PER_XML_BYTE
+        for resources in children(root, "resources"):
+            for each in children(resources, "object"):
                 if self._objects.setdefault((path, each.attrib["id"]), each) is not each:
                     raise MeshError(f"object {each.attrib['id'][:40]!r} comes twice; correct it")
         return root
 
     def _add(
-        self, key: tuple[str, str], world_from_object: NDArray[np.float64], above: tuple[Any, ...]
+        self,
+        key: tuple[str, str],
+        world_from_object: NDArray[np.float64],
+        above: tuple[tuple[str, str], ...],
     ) -> None:
         """Take in an object and those that it is made of."""
         path, number = key
@@ -142,38 +161,31 @@ class _Model:
         if key in above:
             raise MeshError(f"object {number[:40]!r} is a part of itself; correct it")
         owner = self._objects[key]
-        for mesh in _children(owner, "mesh"):
+        for mesh in children(owner, "mesh"):
             if key not in self._shapes:
                 self._shapes[key] = self._shape(mesh)
             name = owner.get("name") or f"object {number}"
             self._place(*self._shapes[key], world_from_object, name)
-        for components in _children(owner, "components"):
-            for each in _children(components, "component"):
-                where = (_attribute(each, "path") or path).lstrip("/")
+        for components in children(owner, "components"):
+            for each in children(components, "component"):
+                where = (attribute(each, "path") or path).lstrip("/")
                 # A short file may ask for many instances: each one counts, even without triangles.
-                self._bytes_left -= 1000
-                check_budget(0, self._bytes_left, n_bytes=1000)
+                self._bytes_left -= BYTES_PER_INSTANCE
+                check_budget(0, self._bytes_left, n_bytes=BYTES_PER_INSTANCE)
                 placed = world_from_object @ _transform(each)
                 self._add((where, each.attrib["objectid"]), placed, (*above, key))
 
-    def _shape(self, mesh: ElementTree.Element) -> _Shape:
-        points = [
-            [float(each.attrib[axis]) for axis in "xyz"]
-            for vertices in _children(mesh, "vertices")
-            for each in _children(vertices, "vertex")
-        ]
-        corners = [
-            [int(each.attrib[corner]) for corner in ("v1", "v2", "v3")]
-            for triangles in _children(mesh, "triangles")
-            for each in _children(triangles, "triangle")
-        ]
-        faces = np.array(corners, dtype=np.int64).reshape(-1, 3)
+    def _shape(self, mesh: Element) -> _Shape:
+        vertices = [v for each in children(mesh, "vertices") for v in children(each, "vertex")]
+        triangles = [t for each in children(mesh, "triangles") for t in children(each, "triangle")]
+        points = table(vertices, ("x", "y", "z"), np.float64)
+        faces = table(triangles, ("v1", "v2", "v3"), np.int64)
         if len(faces) and not (faces.min() >= 0 and faces.max() < len(points)):
             raise MeshError(
                 f"vertex indices must lie in 0 ... {len(points) - 1}, got {faces.min()} ... "
                 f"{faces.max()}; correct the triangles"
             )
-        return np.array(points).reshape(-1, 3), faces
+        return points, faces
 
     def _place(
         self,
@@ -194,23 +206,12 @@ class _Model:
         self._n_faces += len(faces)
 
 
-def _children(owner: ElementTree.Element, name: str) -> list[ElementTree.Element]:
-    """Children of that name, in any namespace."""
-    return [each for each in owner if each.tag.rpartition("}")[2] == name]
-
-
-def _attribute(owner: ElementTree.Element, name: str) -> str | None:
-    """Attribute of that name, in any namespace."""
-    found = (value for key, value in owner.attrib.items() if key.rpartition("}")[2] == name)
-    return next(found, None)
-
-
-def _transform(owner: ElementTree.Element) -> NDArray[np.float64]:
+def _transform(owner: Element) -> NDArray[np.float64]:
     """(4, 4) matrix of 12 numbers in rows of four, of which 3MF stores the transpose."""
     text = owner.get("transform")
     if text is None:
         return np.eye(4)
-    numbers = np.array([float(word) for word in text.split()])
+    numbers = floats(text)
     if numbers.shape != (12,) or not np.isfinite(numbers).all():
         raise MeshError(f"a transform of 12 finite numbers wanted, got {text[:60]!r}; correct it")
     matrix: NDArray[np.float64] = np.eye(4)
