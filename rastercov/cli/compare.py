@@ -34,7 +34,8 @@ def compare(
         typer.Option(help="The truth: exact, or polygons or rational, which take seconds a pose."),
     ] = "exact",
     out: Annotated[Path, out_option("Folder for the page.")] = Path("compare"),
-    unit: options.Unit = "m",
+    unit: options.Unit = options.UNIT,
+    transform: options.Transform = [],  # noqa: B006 - typer copies it
     two_sided: options.TwoSided = [],  # noqa: B006 - the same
     drop_invalid: options.DropInvalid = False,
     faces: Annotated[int, typer.Option(min=0, help="Worst faces to draw for each method.")] = 6,
@@ -54,7 +55,10 @@ def compare(
 
     [bold]Without files[/]: rastercov compare teapot -c khepra -p sphere:4 --method sampled@2
     """
-    scene, eye = read_scene(meshes, unit, [], two_sided, drop_invalid), read_camera(camera)
+    scene, eye = (
+        read_scene(meshes, unit, transform, [], two_sided, drop_invalid),
+        read_camera(camera),
+    )
     matrices = read_view_points(poses, scene, eye)
     if models:
         if method != COMPARED or against != "exact":

@@ -20,7 +20,8 @@ def render(
     poses: options.PosesOption,
     pose: Annotated[int, typer.Option(min=0, help="Row of the pose file.")] = 0,
     out: Annotated[Path, out_option("Folder for the files.")] = Path("render"),
-    unit: options.Unit = "m",
+    unit: options.Unit = options.UNIT,
+    transform: options.Transform = [],  # noqa: B006 - typer copies it
     drop_invalid: options.DropInvalid = False,
     device: options.Device = "auto",
     as_json: options.AsJson = False,
@@ -39,7 +40,7 @@ def render(
         save_picture,
     )
 
-    scene, eye = read_scene(meshes, unit, [], [], drop_invalid), read_camera(camera)
+    scene, eye = read_scene(meshes, unit, transform, [], [], drop_invalid), read_camera(camera)
     matrices = read_view_points(poses, scene, eye)
     if pose >= len(matrices):
         raise PoseError(f"--pose {pose} is not there: {poses} has {len(matrices)} poses, from 0")

@@ -164,7 +164,7 @@ class Mesh:
     def load(
         cls,
         path: StrPath | Sequence[StrPath],
-        unit: str | float = "m",
+        unit: str | float | list[str | float] | tuple[str | float, ...] = "m",
         *,
         occluders: Iterable[str] = (),
         two_sided: Iterable[str] = (),
@@ -179,9 +179,9 @@ class Mesh:
         path : path or sequence of paths
             STL, OBJ, PLY, OFF, GLB, glTF, 3MF, DAE or STEP files; regular files (or links to
             them) on this machine. STEP needs the extra `formats`.
-        unit : str or float
-            Unit of the coordinates: m, mm, cm, um, in, ft, or metres per unit. 3MF, STEP
-            and most DAE files state their own.
+        unit : str or float, or a list of them
+            Unit of the coordinates: m, mm, cm, um, in, ft, or metres per unit; of all files, or one
+            for each. 3MF, STEP and most DAE files state their own.
         occluders, two_sided : group names
             Flags of the groups, see `with_groups`.
         drop_invalid : bool
@@ -208,8 +208,13 @@ class Mesh:
         ResourceError
             Too many faces for the budget.
         """
+        scale: float | list[float]
+        if isinstance(unit, (list, tuple)):
+            scale = [metres_per(each) for each in unit]
+        else:
+            scale = metres_per(unit)
         scene, files = read_files(
-            path, metres_per(unit), drop_invalid=drop_invalid, max_bytes=max_bytes,
+            path, scale, drop_invalid=drop_invalid, max_bytes=max_bytes,
             memory_budget=memory_budget,
         )  # fmt: skip
         mesh = cls(
@@ -310,6 +315,7 @@ class Mesh:
         axis: ArrayLike = (0.0, 0.0, 1.0),
         angle_deg: float = 0.0,
         translation: ArrayLike = (0.0, 0.0, 0.0),
+        groups: Iterable[str] | None = None,
     ) -> "Mesh":
         """Mesh scaled about the origin, then turned about an axis through it, then translated.
 
@@ -325,6 +331,8 @@ class Mesh:
             Degrees.
         translation : (3,) float
             Metres.
+        groups : group names, optional
+            Those that move; all by default. Vertices that they share with the others are doubled.
 
         Raises
         ------
@@ -345,8 +353,29 @@ class Mesh:
             if angle:
                 vertices = vertices @ rotation_about(direction, angle).T
             vertices = vertices + offset
+        faces = self.faces
+        if groups is not None:
+            vertices, faces = self._partly_replaced(vertices, groups)
         others = {name: getattr(self, name) for name in self.__dataclass_fields__}
-        return Mesh(**(others | {"vertices": vertices}))
+        return Mesh(**(others | {"vertices": vertices, "faces": faces}))
+
+    def _partly_replaced(
+        self, vertices: NDArray[np.float64], groups: Iterable[str]
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Vertices and faces of a mesh whose faces in these groups have other `vertices`."""
+        flags = flagged(self.groups, groups, None)  # refuses unknown names
+        in_groups = np.array([group.is_occluder for group in flags])[self.face_group]
+        is_used = np.zeros((2, self.n_vertices), bool)
+        for row, mask in enumerate((in_groups, ~in_groups)):
+            is_used[row, self.faces[mask]] = True
+        shared = np.flatnonzero(is_used.all(axis=0))
+        number = np.arange(self.n_vertices)
+        number[shared] = self.n_vertices + np.arange(len(shared))
+        faces = self.faces.copy()
+        faces[in_groups] = number[faces[in_groups]]
+        moves = is_used[0] & ~is_used[1]
+        kept = np.where(moves[:, None], vertices, self.vertices)
+        return np.concatenate([kept, vertices[shared]]), faces
 
     @property
     def n_faces(self) -> int:

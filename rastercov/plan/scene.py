@@ -60,14 +60,7 @@ def _loaded(plan: Plan, entry: MeshEntry) -> Mesh:
         path = plan.folder / entry.path
         mesh = Mesh.load(path, entry.unit, drop_invalid=entry.drop_invalid)
     place = entry.transform
-    if place == TransformEntry():
-        return mesh
-    return mesh.moved(
-        scale=place.scale,
-        axis=place.axis,
-        angle_deg=place.angle_deg,
-        translation=place.translation,
-    )
+    return mesh if place == TransformEntry() else mesh.moved(**place.model_dump())
 
 
 def _joined(plan: Plan, parts: Sequence[Mesh]) -> Mesh:

@@ -52,7 +52,7 @@ LONGEST_NAME = 200
 
 def read_files(
     path: StrPath | Sequence[StrPath],
-    scale: float,
+    scale: float | Sequence[float],
     *,
     drop_invalid: bool,
     max_bytes: int,
@@ -60,8 +60,9 @@ def read_files(
 ) -> tuple[Polygons, list[tuple[str, str, int]]]:
     """Polygons of one file, or of several as one scene, in metres; see `Mesh.load`.
 
-    `scale` is the unit of the coordinates in metres. Every group has a unique name. The list has
-    the name without folders, the SHA-256 and the face count of each file.
+    `scale` is the unit of the coordinates in metres, of all files or one for each. Every group has
+    a unique name. The list has the name without folders, the SHA-256 and the face count of each
+    file.
     """
     paths = (
         [path]
@@ -72,15 +73,18 @@ def read_files(
     )
     if not paths:
         raise MeshError("at least one mesh file wanted, got none; pass a path")
+    scales = [scale] * len(paths) if isinstance(scale, float) else list(scale)
+    if len(scales) != len(paths):
+        raise MeshError(f"a unit for each of {len(paths)} files wanted, got {len(scales)}")
     parts: list[Polygons] = []
     files: list[tuple[str, str, int]] = []
     names: list[str] = []
     notes: list[str] = []
-    for one in paths:
+    for one, metres in zip(paths, scales, strict=True):
         shown = _clean(str(one))
         try:
             with np.errstate(all="ignore"):  # an overflow is caught as an invalid coordinate
-                polygons, digest = _read_file(one, scale, drop_invalid, max_bytes, memory_budget)
+                polygons, digest = _read_file(one, metres, drop_invalid, max_bytes, memory_budget)
         except (MeshError, ResourceError) as error:
             raise type(error)(f"{shown}: {error}") from error
         parts.append(polygons)
