@@ -10,7 +10,7 @@ from rich.console import Console
 
 from rastercov.camera import Camera
 from rastercov.cli import options
-from rastercov.cli.console import out_option, progress_bar, warn
+from rastercov.cli.console import out_option, progress_bar, size_line, warn
 from rastercov.cli.inputs import read_camera, read_scene, read_view_points
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
@@ -89,7 +89,7 @@ def compare(
         print(json_text(found))
     else:
         Console().print(report.comparison_table(found))
-        print("\n".join(report.check_lines(found.checks)))
+        print("\n".join([size_line(scene), *report.check_lines(found.checks)]))
         print(path)
     if found.interrupted:
         done = found.poses_done
@@ -120,5 +120,5 @@ def _compare_models(
         print(json_text(found))
         return
     Console().print(report.score_table(found))
-    print("\n".join(report.bivalence_lines(found)))
+    print("\n".join([size_line(mesh), *report.bivalence_lines(found)]))
     print(path)

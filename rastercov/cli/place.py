@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from rastercov.cli.console import out_option, progress_bar, say, warn
+from rastercov.cli.console import out_option, progress_bar, say, size_line, warn
 from rastercov.cli.options import AsJson
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ def place(
         console.print(report.cameras_table(placed))
         console.print(summary_table(placed.cameras.network.summary()))
         left = placed.leftover.lines() if placed.leftover is not None else []
-        print("\n".join([*report.lines(placed), *left]))
+        print("\n".join([size_line(placed.prepared.mesh), *report.lines(placed), *left]))
         print(folder / ("page.html" if has_page else "plan.json"))
     if placed.interrupted:
         raise KeyboardInterrupt
@@ -135,7 +135,7 @@ def check(
     if as_json:
         print(json.dumps(plan_check.plain(found), indent=2))
     else:
-        print("\n".join(found.lines()))
+        print("\n".join([size_line(found.mesh), *found.lines()]))
     if not found.is_met:
         raise typer.Exit(1)
 

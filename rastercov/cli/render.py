@@ -9,7 +9,7 @@ import numpy as np
 import typer
 
 from rastercov.cli import options
-from rastercov.cli.console import out_option, warn
+from rastercov.cli.console import out_option, size_line, warn
 from rastercov.cli.inputs import read_camera, read_scene, read_view_points
 from rastercov.errors import PoseError
 
@@ -65,6 +65,7 @@ def render(
     result = {
         "pose": pose,
         "faces": scene.n_faces,
+        "size_m": np.ptp(scene.bounds, axis=0).tolist(),
         "faces_with_a_pixel": len(seen),
         "pixels_covered": int((buffer.face >= 0).sum()),
         "renderer": info.renderer,
@@ -73,5 +74,5 @@ def render(
     if as_json:
         print(json.dumps(result, indent=2))
     else:
-        print(f"{title} ({info.renderer})")
+        print(f"{title} ({info.renderer}); {size_line(scene)}")
         print("\n".join(files))

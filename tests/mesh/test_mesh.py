@@ -444,9 +444,32 @@ def test_turning_back_and_forth_changes_nothing():
     )
 
 
+def test_some_groups_move_and_the_others_stay():
+    mesh = shapes.room(3)
+    moved = mesh.moved(translation=(0, 0, 9), groups=["crates"])
+    is_crate = mesh.face_group == [group.name for group in mesh.groups].index("crates")
+    shift = np.where(is_crate[:, None, None], [0, 0, 9], 0)
+    corners = moved.vertices[moved.faces]
+    np.testing.assert_allclose(corners, mesh.vertices[mesh.faces] + shift, atol=1e-12)
+    assert moved.groups == mesh.groups
+    np.testing.assert_array_equal(mesh.moved(scale=2, groups=[]).vertices, mesh.vertices)
+
+
+def test_vertices_on_the_border_of_a_moved_group_are_doubled():
+    #  3---2   face 0 is 0 1 2, face 1 is 0 2 3
+    #  0---1
+    square = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+    groups = [Group("one"), Group("two")]
+    mesh = Mesh(square, [[0, 1, 2], [0, 2, 3]], groups, [0, 1])
+    moved = mesh.moved(translation=(0, 0, 1), groups=["two"])
+    np.testing.assert_array_equal(moved.faces, [[0, 1, 2], [4, 5, 3]])
+    np.testing.assert_array_equal(moved.vertices[:, 2], [0, 0, 0, 1, 1, 1])
+
+
 @pytest.mark.parametrize(
     ("change", "text"),
     [
+        ({"groups": ["lid"]}, r"group names must be among \['mesh'\], got \['lid'\]"),
         ({"scale": 0}, "scale must be a number above 0, got 0"),
         ({"scale": "big"}, "scale must be a number above 0"),
         ({"axis": (0, 0, 0)}, "axis must be a direction"),
