@@ -135,7 +135,7 @@ def check(
     if as_json:
         print(json.dumps(plan_check.plain(found), indent=2))
     else:
-        print("\n".join([size_line(found.mesh), *found.lines()]))
+        print("\n".join([*found.lines(), size_line(found.mesh)]))
     if not found.is_met:
         raise typer.Exit(1)
 

@@ -67,6 +67,14 @@ def test_a_byte_order_mark_is_read(mark, load):
     assert load("a.dae", text.encode(mark)).n_faces == 4
 
 
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16", "iso-8859-1", "windows-1252", "gbk"])
+def test_a_declared_encoding_is_read(encoding, load):
+    name = "中" if encoding == "gbk" else "Gehäuse"
+    text = dae(nodes=NODE.replace('"node"', f'"{name}"')).decode()
+    data = text.replace("?>", f' encoding="{encoding}"?>', 1).encode(encoding)
+    assert [group.name for group in load("a.dae", data).groups] == [name]
+
+
 @pytest.mark.parametrize(
     ("unit", "given_unit", "metres", "is_noted"),
     [
@@ -176,6 +184,7 @@ def test_what_is_left_out_is_noted(load):
 
 
 ENTITY = '<!DOCTYPE COLLADA [<!ENTITY a "0 0 0"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;">]>'
+DECLARED = f'<?xml version="1.0" encoding="utf-16"?>{ENTITY}'
 DEEP = "<node>" * 3000 + INSTANCE + "</node>" * 3000
 LOOP = '<node id="n"><instance_node url="#n"/></node>'
 HOLE = "<ph><p>0 1 2</p><h>0 1 2</h></ph>"
@@ -189,6 +198,10 @@ HERE = '<instance_geometry url="{}"/>'
         (b"<COLLADA", "the file is no XML"),
         (b"\0\1\2", "the file is no XML"),
         (b'<?xml version="1.0" encoding="nonsense"?><COLLADA/>', "the file is no XML"),
+        (dae(more=f'<a xmlns:b="{"c" * 300}"/>'), "a namespace is longer than 255 characters"),
+        (dae(more=f"<a xmlns:b{' ' * 300}='c'/>"), "a namespace is longer than 255 characters"),
+        (b'<?xml version="1.0" encoding="punycode"?><COLLADA/>', "punycode is not read"),
+        ((DECLARED + "<COLLADA/>").encode("utf-16"), "declares a document type"),
         (b"<svg/>", "an element COLLADA wanted, got 'svg'"),
         (b"<COLLADA/>", "one scene wanted, got 0"),
         (dae(nodes=""), "the file has no faces"),
@@ -236,6 +249,16 @@ def test_many_instances_are_refused_before_they_are_made(load):
     shown = '<node><instance_node url="#m0"/></node>'
     with pytest.raises(RastercovError, match="the budget is"):
         load("a.dae", dae(nodes=shown, more=library), memory_budget=10_000_000)
+
+
+def test_deep_elements_are_passed_over(load):
+    assert load("a.dae", dae(more="<a>" * 100_000 + "</a>" * 100_000)).n_faces == 4
+
+
+def test_many_small_elements_count_against_the_budget(load):
+    data = dae(more="<a b=''/>" * 10_000)
+    with pytest.raises(RastercovError, match="the budget is"):
+        load("a.dae", data, memory_budget=30 * len(data))
 
 
 def test_an_own_budget_bounds_the_text(load):

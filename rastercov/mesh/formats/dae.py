@@ -241,6 +241,7 @@ class _Scene:
             for offset, each in zip(offsets, inputs, strict=True)
             if each.get("semantic") == "VERTEX"
         }
+        # `polygons` and strips have an element each: about 2 us of this loop and the next one.
         rows = [integers(each.text) for each in children(primitive, "p")]
         if min(offsets) < 0 or any(len(row) % stride for row in rows):
             raise MeshError(
