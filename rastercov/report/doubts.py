@@ -48,7 +48,7 @@ def doubts(network: Network, camera: Camera, poses: NDArray[np.float64]) -> list
 
 
 def _spread(n_rows: int, most: int) -> NDArray[np.int64]:
-    """At most so many indices of rows, evenly."""
+    """Indices of rows, `most` or fewer, evenly spread."""
     return np.linspace(0, n_rows - 1, min(n_rows, most)).astype(np.int64)
 
 
