@@ -183,6 +183,21 @@ def test_what_is_left_out_is_noted(load):
         assert text in notes
 
 
+@pytest.mark.parametrize(
+    ("data", "text"),
+    [
+        (dae(geometry(TRIANGLES + "<bricks/>")), "not read: bricks of 'part'"),
+        (dae(geometry(TRIANGLES).replace("</mesh>", "</mesh><brep/>")), "not read: brep of 'part'"),
+        (dae(nodes=f"<node name='n'>{INSTANCE}<instance_door/></node>"), "instance_door of 'n'"),
+        (dae(nodes=f"{NODE} node"), "not read: text of the scene"),
+    ],
+)
+def test_unknown_elements_are_noted(data, text, load):
+    mesh = load("a.dae", data)
+    assert mesh.n_faces == 4
+    assert text in "\n".join(mesh.notes)
+
+
 ENTITY = '<!DOCTYPE COLLADA [<!ENTITY a "0 0 0"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;">]>'
 DECLARED = f'<?xml version="1.0" encoding="utf-16"?>{ENTITY}'
 DEEP = "<node>" * 3000 + INSTANCE + "</node>" * 3000

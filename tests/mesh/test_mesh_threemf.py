@@ -91,6 +91,20 @@ def test_an_object_of_another_part_is_read(load):
     assert load("a.3mf", data).n_faces == 4
 
 
+@pytest.mark.parametrize(
+    ("objects", "build", "text"),
+    [
+        (PART.replace("</mesh>", "<beamlattice/></mesh>"), BUILD, "not read: beamlattice"),
+        (PART.replace("</mesh>", "</mesh><booleanshape/>"), BUILD, "not read: booleanshape"),
+        (PART.replace("<triangle v1", "<triangel v1", 1), BUILD, "not read: triangel"),
+        (PART, f"{BUILD}item", "not read: text"),
+        (PART + PART.replace('id="1"', 'id="2"'), BUILD, "1 objects are not in the build"),
+    ],
+)
+def test_what_is_not_read_is_noted(objects, build, text, load):
+    assert text in "\n".join(load("a.3mf", archive(model(objects, build))).notes)
+
+
 LOOP = '<object id="1"><components><component objectid="1"/></components></object>'
 DEEP = "".join(
     f'<object id="{i}"><components><component objectid="{i + 1}"/></components></object>'
@@ -124,6 +138,14 @@ DEEP = "".join(
 def test_a_broken_file_is_refused_in_one_line(data, text, load):
     with pytest.raises(MeshError, match=rf"^[^\n]*a\.3mf: [^\n]*{text}[^\n]*$"):
         load("a.3mf", data)
+
+
+def test_only_the_two_compressions_of_the_format_are_read(load):
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_BZIP2) as file:
+        file.writestr("_rels/.rels", RELATIONSHIPS)
+    with pytest.raises(MeshError, match="must be deflated or stored"):
+        load("a.3mf", stream.getvalue())
 
 
 def test_a_bomb_is_not_unpacked(load):

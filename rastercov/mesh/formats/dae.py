@@ -17,11 +17,22 @@ from rastercov.errors import MeshError
 from rastercov.mesh.arrays import rotation_about
 from rastercov.mesh.formats.glb import broken_files_refused
 from rastercov.mesh.formats.polygons import Polygons, check_budget, fan_polygons
-from rastercov.mesh.formats.xml_tree import children, floats, integers, local_name, parsed
+from rastercov.mesh.formats.xml_tree import (
+    children,
+    floats,
+    integers,
+    local_name,
+    parsed,
+    unknown_children,
+)
 
 POLYGONS = ("triangles", "polylist", "polygons")
 STRIPS = ("trifans", "tristrips")
 LINES = ("lines", "linestrips")
+NO_SURFACE = ("source", "vertices", "extra")
+TRANSFORMS = ("matrix", "translate", "rotate", "scale", "lookat", "skew")
+INSTANCES = ("instance_node", "instance_geometry", "instance_controller")
+NO_PART = ("asset", "extra", "instance_camera", "instance_light")
 BYTES_PER_INSTANCE = 1000
 """Memory and work that a node counts for; a short file may ask for many instances."""
 AFFINE_ROW_TOLERANCE = 1e-6
@@ -67,6 +78,8 @@ class _Scene:
     def polygons(self) -> Polygons:
         """All polygons that the nodes of the scene name."""
         scene = self._visual_scene()
+        known = ("node", "asset", "extra", "evaluate_scene")
+        self._left_out += [f"{name} of the scene" for name in unknown_children(scene, *known)]
         for node in children(scene, "node"):
             self._add(node, np.eye(4), ())
         metres = self._metres_per_unit()
@@ -141,6 +154,8 @@ class _Scene:
         step = _parent_from_node(node)
         is_known = world_from_parent is not None and step is not None
         world_from_node = world_from_parent @ step if is_known else None  # type: ignore[operator] # not None
+        known = ("node", *TRANSFORMS, *INSTANCES, *NO_PART)
+        self._left_out += [f"{name} of {_name(node)!r}" for name in unknown_children(node, *known)]
         label = len(self._names)
         self._names.append("")
         for each in node:
@@ -198,9 +213,10 @@ class _Scene:
         n_corners = [np.empty(0, np.int64)]
         first_of: dict[str, int] = {}
         n_points = n_faces = 0
-        for content in geometry:
-            if local_name(content) not in ("mesh", "asset", "extra"):
-                self._left_out.append(f"{local_name(content)[:40]} of {_name(geometry)!r}")
+        left_out = unknown_children(geometry, "mesh", "asset", "extra")
+        for mesh in children(geometry, "mesh"):
+            left_out += unknown_children(mesh, *POLYGONS, *STRIPS, *LINES, *NO_SURFACE)
+        self._left_out += [f"{name} of {_name(geometry)!r}" for name in left_out]
         primitives = [each for mesh in children(geometry, "mesh") for each in mesh]
         for primitive in primitives:
             if local_name(primitive) in LINES:
@@ -350,7 +366,7 @@ def _name(element: Element) -> str:
 def _parent_from_node(node: Element) -> NDArray[np.float64] | None:
     """Product of the transforms of a node, in their order; None for lookat and skew."""
     product: NDArray[np.float64] = np.eye(4)
-    for each in children(node, "matrix", "translate", "rotate", "scale", "lookat", "skew"):
+    for each in children(node, *TRANSFORMS):
         kind = local_name(each)
         if kind in ("lookat", "skew"):
             return None

@@ -27,6 +27,7 @@ from rastercov.mesh.formats.xml_tree import (
     floats,
     parsed,
     table,
+    unknown_children,
 )
 
 METRES = {
@@ -52,6 +53,7 @@ DAMAGED = (
     struct.error,
 )
 """Errors of the standard library about a damaged or encrypted archive."""
+NO_SHAPE = ("metadatagroup", "metadata")
 COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 """Those that the Open Packaging Conventions permit."""
 BYTES_PER_INSTANCE = 1000
@@ -86,6 +88,7 @@ class _Model:
         self._labels: list[NDArray[np.int64]] = []
         self._names: list[str | None] = []
         self._n_vertices = self._n_faces = 0
+        self._left_out: list[str] = []
 
     def polygons(self) -> Polygons:
         """All instances of the build."""
@@ -98,6 +101,7 @@ class _Model:
         if foreign := [name for name in needed if name not in KNOWN_EXTENSIONS]:
             raise MeshError(f"extensions {foreign} are required, not supported; export without")
         for build in children(root, "build"):
+            self._left_out += unknown_children(build, "item")
             for item in children(build, "item"):
                 where = attribute(item, "path") or path
                 self._add((where.lstrip("/"), item.attrib["objectid"]), _transform(item), ())
@@ -113,10 +117,14 @@ class _Model:
         )
 
     def _notes(self) -> list[str]:
-        """A note on objects that no instance shows."""
+        """Notes on content that is not read."""
+        notes = []
         left = [key for key, owner in self._objects.items() if children(owner, "mesh")]
-        n_unused = sum(key not in self._shapes for key in left)
-        return [f"{n_unused} objects are not in the build, not read"] if n_unused else []
+        if n_unused := sum(key not in self._shapes for key in left):
+            notes.append(f"{n_unused} objects are not in the build, not read")
+        if left_out := sorted(set(self._left_out)):
+            notes.append(f"not read: {', '.join(left_out[:5])}; the shape may be incomplete")
+        return notes
 
     def _model_path(self) -> str:
         """Path of the part that the archive names as its model."""
@@ -161,12 +169,14 @@ class _Model:
         if key in above:
             raise MeshError(f"object {number[:40]!r} is a part of itself; correct it")
         owner = self._objects[key]
+        self._left_out += unknown_children(owner, "mesh", "components", *NO_SHAPE)
         for mesh in children(owner, "mesh"):
             if key not in self._shapes:
                 self._shapes[key] = self._shape(mesh)
             name = owner.get("name") or f"object {number}"
             self._place(*self._shapes[key], world_from_object, name)
         for components in children(owner, "components"):
+            self._left_out += unknown_children(components, "component")
             for each in children(components, "component"):
                 where = (attribute(each, "path") or path).lstrip("/")
                 # A short file may ask for many instances: each one counts, even without triangles.
@@ -176,6 +186,9 @@ class _Model:
                 self._add((where, each.attrib["objectid"]), placed, (*above, key))
 
     def _shape(self, mesh: Element) -> _Shape:
+        self._left_out += unknown_children(mesh, "vertices", "triangles", "trianglesets")
+        for each in mesh:
+            self._left_out += unknown_children(each, "vertex", "triangle", "triangleset")
         vertices = [v for each in children(mesh, "vertices") for v in children(each, "vertex")]
         triangles = [t for each in children(mesh, "triangles") for t in children(each, "triangle")]
         points = table(vertices, ("x", "y", "z"), np.float64)

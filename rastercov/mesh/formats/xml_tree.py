@@ -104,6 +104,13 @@ def children(owner: Element, *names: str) -> list[Element]:
     return [each for each in owner if local_name(each) in names]
 
 
+def unknown_children(owner: Element, *names: str) -> list[str]:
+    """Names of children other than these, and "text" for words between them, for a note."""
+    found = [local_name(each)[:40] for each in owner if local_name(each) not in names]
+    has_text = any(text and not text.isspace() for text in (owner.text, *(e.tail for e in owner)))
+    return [*found, "text"] if has_text else found
+
+
 def attribute(owner: Element, name: str) -> str | None:
     """Attribute of that name, in any namespace."""
     found = (value for key, value in owner.attrib.items() if key.rpartition("}")[2] == name)
