@@ -10,7 +10,7 @@ from rich.console import Console
 
 from rastercov.camera import Camera
 from rastercov.cli import options
-from rastercov.cli.console import out_option, progress_bar, warn
+from rastercov.cli.console import out_option, progress_bar, size_line, warn
 from rastercov.cli.inputs import read_camera, read_scene, read_view_points
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
@@ -34,7 +34,8 @@ def compare(
         typer.Option(help="The truth: exact, or polygons or rational, which take seconds a pose."),
     ] = "exact",
     out: Annotated[Path, out_option("Folder for the page.")] = Path("compare"),
-    unit: options.Unit = "m",
+    unit: options.Unit = options.UNIT,
+    transform: options.Transform = [],  # noqa: B006 - typer copies it
     two_sided: options.TwoSided = [],  # noqa: B006 - the same
     drop_invalid: options.DropInvalid = False,
     faces: Annotated[int, typer.Option(min=0, help="Worst faces to draw for each method.")] = 6,
@@ -54,7 +55,10 @@ def compare(
 
     [bold]Without files[/]: rastercov compare teapot -c khepra -p sphere:4 --method sampled@2
     """
-    scene, eye = read_scene(meshes, unit, [], two_sided, drop_invalid), read_camera(camera)
+    scene, eye = (
+        read_scene(meshes, unit, transform, [], two_sided, drop_invalid),
+        read_camera(camera),
+    )
     matrices = read_view_points(poses, scene, eye)
     if models:
         if method != COMPARED or against != "exact":
@@ -85,7 +89,7 @@ def compare(
         print(json_text(found))
     else:
         Console().print(report.comparison_table(found))
-        print("\n".join(report.check_lines(found.checks)))
+        print("\n".join([size_line(scene), *report.check_lines(found.checks)]))
         print(path)
     if found.interrupted:
         done = found.poses_done
@@ -116,5 +120,5 @@ def _compare_models(
         print(json_text(found))
         return
     Console().print(report.score_table(found))
-    print("\n".join(report.bivalence_lines(found)))
+    print("\n".join([size_line(mesh), *report.bivalence_lines(found)]))
     print(path)

@@ -9,12 +9,15 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import typer
 from rich.console import Console
 
 from rastercov.errors import RastercovError
+
+if TYPE_CHECKING:
+    from rastercov.mesh import Mesh
 
 
 def exit_code(app: Callable[..., Any], arguments: Sequence[str]) -> int:
@@ -105,6 +108,11 @@ def warn(lines: Iterable[str]) -> None:
     """Print warnings, a line each."""
     for line in lines:
         say(f"warning: {line}")
+
+
+def size_line(mesh: "Mesh") -> str:
+    """Faces and size of a scene; a wrong unit shows in it."""
+    return f"{mesh.n_faces:,} faces, {mesh.size_in_words}"
 
 
 def out_option(words: str) -> Any:

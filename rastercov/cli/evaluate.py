@@ -43,7 +43,8 @@ def evaluate(
     camera: options.CameraOption,
     poses: options.PosesOption,
     out: options.Out = Path("report"),
-    unit: options.Unit = "m",
+    unit: options.Unit = options.UNIT,
+    transform: options.Transform = [],  # noqa: B006 - typer copies it
     occluder: options.Occluders = [],  # noqa: B006 - typer copies it
     two_sided: options.TwoSided = [],  # noqa: B006 - the same
     drop_invalid: options.DropInvalid = False,
@@ -66,7 +67,7 @@ def evaluate(
     """
     from rastercov.report.coverage import Options  # loads pyarrow
 
-    scene = read_scene(meshes, unit, occluder, two_sided, drop_invalid)
+    scene = read_scene(meshes, unit, transform, occluder, two_sided, drop_invalid)
     eye = read_camera(camera)
     settings = Options(
         method=method,
@@ -110,6 +111,7 @@ def run_and_print(
     if any(summary["visibility_figures"].values()) and summary["largest_image_pixels"] < 1:
         across = float(np.ptp(mesh.bounds, axis=0).max())
         warn([f"less than a pixel in every image: {across:.2g} m across; see --unit"])
+    warn(summary["doubts"])
     if as_json:
         print(json_text(summary))
     else:

@@ -3,7 +3,9 @@
 Between `cli` and the chain: files and built-in meshes, presets, poses on a sphere.
 """
 
+import tomllib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,12 +23,16 @@ from rastercov.viewpoints import enclosing_distance, sphere_of_poses
 
 def read_scene(
     meshes: list[Path],
-    unit: str,
+    unit: list[str],
+    transform: list[str],
     occluders: list[str],
     two_sided: list[str],
     drop_invalid: bool,
 ) -> Mesh:
-    """Scene of the named files; an occluder may be a further file or a group of these."""
+    """Scene of the named files; an occluder may be a further file or a group of these.
+
+    Entries of `unit` and `transform` are for all files, or for one: FILE:UNIT.
+    """
     files = [name for name in occluders if _is_file(name)]
     hiding = [name for name in occluders if name not in files]
     for name in map(str, meshes):
@@ -37,12 +43,16 @@ def read_scene(
                 f"{name}: there is no such file, nor a built-in mesh of that name; "
                 f"built in are {', '.join(shapes.NAMES)}"
             )
-        if name in shapes.NAMES and (len(meshes) > 1 or files or unit != "m"):
+        if name in shapes.NAMES and (len(meshes) > 1 or files or unit != ["m"]):
             raise ConfigError(f"{name} is built in: it takes no --unit and no other mesh files")
     if str(meshes[0]) in shapes.NAMES and not _is_file(meshes[0]):
         mesh = shapes.by_name(str(meshes[0]))
+        mesh = _placed(mesh, [meshes[0]], [mesh.n_faces], transform)
     else:
-        mesh = Mesh.load([*meshes, *files], _unit(unit), drop_invalid=drop_invalid)
+        paths = [*meshes, *map(Path, files)]
+        units = [_unit(each) for each in _for_each("unit", unit, paths, "m")]
+        mesh = Mesh.load(paths, units, drop_invalid=drop_invalid)
+        mesh = _placed(mesh, paths, [source.n_faces for source in mesh.sources], transform)
         n_faces = sum(source.n_faces for source in mesh.sources[: len(meshes)])
         hiding += [mesh.groups[index].name for index in np.unique(mesh.face_group[n_faces:])]
     groups = [group.name for group in mesh.groups]
@@ -63,6 +73,62 @@ def _is_file(name: str | Path) -> bool:
         return Path(name).is_file()
     except OSError:
         return False
+
+
+def _for_each(option: str, values: list[str], paths: list[Path], default: str) -> list[str]:
+    """Value of an option for each file, from entries VALUE for all files and FILE:VALUE for one."""
+    found: dict[int | None, str] = {}
+    for entry in values:
+        name, colon, value = entry.rpartition(":")
+        row = _row(option, entry, name, paths) if colon else None
+        if row in found:
+            of = "all files" if row is None else paths[row].name
+            raise ConfigError(f"--{option} is given twice for {of}; leave one, or name the file")
+        found[row] = value
+    return [found.get(row, found.get(None, default)) for row in range(len(paths))]
+
+
+def _row(option: str, entry: str, name: str, paths: list[Path]) -> int:
+    """Row of the file that an entry names by its path, its name, or its name without suffix."""
+    for own in (str, lambda path: path.name, lambda path: path.stem):
+        rows = [row for row, path in enumerate(paths) if own(path) == name]
+        if len(rows) == 1:
+            return rows[0]
+        if rows:
+            raise ConfigError(f"--{option} {entry}: {len(rows)} files have that name; give a path")
+    known = ", ".join(map(str, paths))
+    raise ConfigError(f"--{option} {entry}: there is no mesh file {name!r}; files are {known}")
+
+
+def _placed(mesh: Mesh, paths: list[Path], n_faces: list[int], transform: list[str]) -> Mesh:
+    """The mesh with the faces of each file where its transform puts them."""
+    if not transform:
+        return mesh
+    first = 0
+    for text, count in zip(_for_each("transform", transform, paths, ""), n_faces, strict=True):
+        if text:
+            rows = np.unique(mesh.face_group[first : first + count])
+            mesh = mesh.moved(**_transform(text), groups=[mesh.groups[row].name for row in rows])
+        first += count
+    return mesh
+
+
+def _transform(text: str) -> dict[str, Any]:
+    """Arguments of `Mesh.moved`, from the entries of `transform` of a plan."""
+    from pydantic import ValidationError
+
+    from rastercov.plan.errors import lines_of
+    from rastercov.plan.sections import TransformEntry
+
+    inside = text.strip().removeprefix("{").removesuffix("}")
+    try:
+        table = tomllib.loads(f"transform = {{ {inside} }}")["transform"]
+        return TransformEntry.model_validate(table).model_dump()
+    except ValidationError as error:
+        reason = lines_of(error, table, TransformEntry)[0]
+    except (tomllib.TOMLDecodeError, RecursionError):
+        reason = "wanted entries such as 'angle_deg = 90, translation = [0, 0, 1]'"
+    raise ConfigError(f"--transform {text}: {reason}; correct it")
 
 
 def _unit(unit: str) -> str | float:

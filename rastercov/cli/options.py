@@ -19,7 +19,7 @@ from rastercov.task import THESIS, Task
 Meshes = Annotated[
     list[Path],
     typer.Argument(
-        help="Mesh files (STL, OBJ, PLY, OFF, GLB), together one scene; "
+        help="Mesh files (STL, OBJ, PLY, OFF, GLB, glTF, 3MF, DAE, STEP), together one scene; "
         f"or a built-in mesh: {', '.join(shapes.NAMES)}.",
         show_default=False,
     ),
@@ -40,7 +40,23 @@ PosesOption = Annotated[
     ),
 ]
 Out = Annotated[Path, out_option("Folder for the report.")]
-Unit = Annotated[str, typer.Option(help="Unit of the mesh files: m, mm, cm, um, in, ft.")]
+Unit = Annotated[
+    list[str],
+    typer.Option(
+        help="Unit of the mesh files: m, mm, cm, um, in, ft, or metres per unit; FILE:UNIT for one "
+        "of them. Files that state their unit keep it."
+    ),
+]
+Transform = Annotated[
+    list[str],
+    typer.Option(
+        help="Place of the mesh, as in plan files: 'scale = 1, axis = [0, 0, 1], angle_deg = 90, "
+        "translation = [0, 0, 1.5]', any of them; FILE:... for one of several files. Metres, "
+        "after --unit."
+    ),
+]
+UNIT = ["m"]
+"""Default of `Unit`; typer copies it."""
 Occluders = Annotated[
     list[str],
     typer.Option("--occluder", help="Mesh file, or group, that hides but is not scored."),

@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from rastercov.cli.console import out_option, progress_bar, say, warn
+from rastercov.cli.console import out_option, progress_bar, say, size_line, warn
 from rastercov.cli.options import AsJson
 
 if TYPE_CHECKING:
     from rastercov.plan.file import Plan
+    from rastercov.plan.network import Measured
 
 PlanFile = Annotated[Path, typer.Argument(help="Plan file (.toml).", show_default=False)]
 
@@ -63,6 +64,7 @@ def place(
         with _errors_by_line():
             placed = run(asked, folder, _step, lambda found: report.save_unfinished(found, files))
         warn(placed.prepared.mesh.warnings)
+        warn(_doubts(asked, placed.cameras))
         has_page = asked.outputs.page
         if has_page:
             without_page = replace(placed, interrupted=placed.interrupted or "page")
@@ -84,7 +86,7 @@ def place(
         console.print(report.cameras_table(placed))
         console.print(summary_table(placed.cameras.network.summary()))
         left = placed.leftover.lines() if placed.leftover is not None else []
-        print("\n".join([*report.lines(placed), *left]))
+        print("\n".join([size_line(placed.prepared.mesh), *report.lines(placed), *left]))
         print(folder / ("page.html" if has_page else "plan.json"))
     if placed.interrupted:
         raise KeyboardInterrupt
@@ -129,12 +131,23 @@ def check(
     if junit is not None:
         plan_check.write_junit(junit, found)
     warn(found.mesh.warnings)
+    warn(_doubts(asked, found.cameras))
     if as_json:
         print(json.dumps(plan_check.plain(found), indent=2))
     else:
-        print("\n".join(found.lines()))
+        print("\n".join([*found.lines(), size_line(found.mesh)]))
     if not found.is_met:
         raise typer.Exit(1)
+
+
+def _doubts(plan: "Plan", cameras: "Measured") -> list[str]:
+    """Lines about the unit of the meshes, and the side that their faces show."""
+    from rastercov.report.doubts import doubts
+
+    return [
+        line.replace("--unit", "unit of [[meshes]]")
+        for line in doubts(cameras.network, plan.build_camera(), cameras.poses)
+    ]
 
 
 def _plan(path: Path) -> "Plan":

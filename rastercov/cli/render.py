@@ -9,7 +9,7 @@ import numpy as np
 import typer
 
 from rastercov.cli import options
-from rastercov.cli.console import out_option, warn
+from rastercov.cli.console import out_option, size_line, warn
 from rastercov.cli.inputs import read_camera, read_scene, read_view_points
 from rastercov.errors import PoseError
 
@@ -20,7 +20,8 @@ def render(
     poses: options.PosesOption,
     pose: Annotated[int, typer.Option(min=0, help="Row of the pose file.")] = 0,
     out: Annotated[Path, out_option("Folder for the files.")] = Path("render"),
-    unit: options.Unit = "m",
+    unit: options.Unit = options.UNIT,
+    transform: options.Transform = [],  # noqa: B006 - typer copies it
     drop_invalid: options.DropInvalid = False,
     device: options.Device = "auto",
     as_json: options.AsJson = False,
@@ -39,7 +40,7 @@ def render(
         save_picture,
     )
 
-    scene, eye = read_scene(meshes, unit, [], [], drop_invalid), read_camera(camera)
+    scene, eye = read_scene(meshes, unit, transform, [], [], drop_invalid), read_camera(camera)
     matrices = read_view_points(poses, scene, eye)
     if pose >= len(matrices):
         raise PoseError(f"--pose {pose} is not there: {poses} has {len(matrices)} poses, from 0")
@@ -64,6 +65,7 @@ def render(
     result = {
         "pose": pose,
         "faces": scene.n_faces,
+        "size_m": np.ptp(scene.bounds, axis=0).tolist(),
         "faces_with_a_pixel": len(seen),
         "pixels_covered": int((buffer.face >= 0).sum()),
         "renderer": info.renderer,
@@ -72,5 +74,5 @@ def render(
     if as_json:
         print(json.dumps(result, indent=2))
     else:
-        print(f"{title} ({info.renderer})")
+        print(f"{title} ({info.renderer}); {size_line(scene)}")
         print("\n".join(files))

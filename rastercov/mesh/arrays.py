@@ -109,6 +109,17 @@ def normals_and_areas(
     return normals, areas
 
 
+def rotation_about(axis: ArrayLike, angle: float) -> NDArray[np.float64]:
+    """(3, 3) rotation by radians, counter-clockwise seen against an axis of length above 0."""
+    x, y, z = np.asarray(axis, np.float64) / np.linalg.norm(axis)
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    # Rodrigues: R = I + sin a [n] + (1 - cos a) [n]^2
+    rotation: NDArray[np.float64] = (
+        np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    )
+    return rotation
+
+
 def encloses_volume(
     vertices: NDArray[np.float64], faces: NDArray[np.int64], part: NDArray[np.int64]
 ) -> NDArray[np.bool_]:

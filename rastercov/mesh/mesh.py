@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov._arguments import check_kind, members
+from rastercov._checks import finite_number, shown
 from rastercov._files import StrPath
 from rastercov.errors import MeshError
 from rastercov.mesh.arrays import (
@@ -24,6 +25,7 @@ from rastercov.mesh.arrays import (
     face_labels,
     frozen,
     normals_and_areas,
+    rotation_about,
     some,
 )
 from rastercov.mesh.formats import LARGEST_FILE, metres_per, read_files
@@ -37,6 +39,34 @@ __all__ = ["Group", "Mesh", "MeshSource"]
 
 TRIMESH_GROUPS = "rastercov_groups"
 """Key of the groups in the metadata of a `trimesh.Trimesh`."""
+
+
+def size_in_words(extent: ArrayLike) -> str:
+    """Lengths in metres as text, such as "85 x 62 x 20 m": three digits, one unit for all."""
+    lengths = np.atleast_1d(np.asarray(extent, dtype=np.float64))
+    largest = float(lengths.max())
+    unit, factor = next(
+        (each for each in (("m", 1.0), ("mm", 1e3)) if largest * each[1] >= 1), ("µm", 1e6)
+    )
+    digits = int(np.clip(2 - np.floor(np.log10(largest * factor)), 0, 2)) if largest > 0 else 0
+    return " x ".join(_rounded(length * factor, digits) for length in lengths) + f" {unit}"
+
+
+def _rounded(value: float, digits: int) -> str:
+    """`value` with at most these decimals and no zeros at their end."""
+    text = f"{value:,.{digits}f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text
+
+
+def _triple(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    """(3,) finite numbers, or MeshError."""
+    try:
+        triple = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        triple = np.empty(0)
+    if triple.shape != (3,) or not np.isfinite(triple).all():
+        raise MeshError(f"{name} must be three finite numbers, got {shown(values)}; correct it")
+    return triple
 
 
 @dataclass(frozen=True)
@@ -134,7 +164,7 @@ class Mesh:
     def load(
         cls,
         path: StrPath | Sequence[StrPath],
-        unit: str | float = "m",
+        unit: str | float | list[str | float] | tuple[str | float, ...] = "m",
         *,
         occluders: Iterable[str] = (),
         two_sided: Iterable[str] = (),
@@ -147,9 +177,11 @@ class Mesh:
         Parameters
         ----------
         path : path or sequence of paths
-            STL, OBJ, PLY, OFF or GLB files; regular files (or links to them) on this machine.
-        unit : str or float
-            Unit of the coordinates: m, mm, cm, um, in, ft, or metres per unit.
+            STL, OBJ, PLY, OFF, GLB, glTF, 3MF, DAE or STEP files; regular files (or links to
+            them) on this machine. STEP needs the extra `formats`.
+        unit : str or float, or a list of them
+            Unit of the coordinates: m, mm, cm, um, in, ft, or metres per unit; of all files, or one
+            for each. 3MF, STEP and most DAE files state their own.
         occluders, two_sided : group names
             Flags of the groups, see `with_groups`.
         drop_invalid : bool
@@ -176,8 +208,13 @@ class Mesh:
         ResourceError
             Too many faces for the budget.
         """
+        scale: float | list[float]
+        if isinstance(unit, (list, tuple)):
+            scale = [metres_per(each) for each in unit]
+        else:
+            scale = metres_per(unit)
         scene, files = read_files(
-            path, metres_per(unit), drop_invalid=drop_invalid, max_bytes=max_bytes,
+            path, scale, drop_invalid=drop_invalid, max_bytes=max_bytes,
             memory_budget=memory_budget,
         )  # fmt: skip
         mesh = cls(
@@ -271,6 +308,75 @@ class Mesh:
         object.__setattr__(other, "groups", groups)
         return other
 
+    def moved(
+        self,
+        *,
+        scale: float = 1.0,
+        axis: ArrayLike = (0.0, 0.0, 1.0),
+        angle_deg: float = 0.0,
+        translation: ArrayLike = (0.0, 0.0, 0.0),
+        groups: Iterable[str] | None = None,
+    ) -> "Mesh":
+        """Mesh scaled about the origin, then turned about an axis through it, then translated.
+
+        The faces, groups, sources and notes are those of this mesh.
+
+        Parameters
+        ----------
+        scale : float
+            Above 0.
+        axis : (3,) float
+            Direction of any length; a positive angle turns counter-clockwise seen against it.
+        angle_deg : float
+            Degrees.
+        translation : (3,) float
+            Metres.
+        groups : group names, optional
+            Those that move; all by default. Vertices that they share with the others are doubled.
+
+        Raises
+        ------
+        MeshError
+            A value is not finite or outside its range, or the result is no mesh.
+        """
+        factor, angle = finite_number(scale), np.radians(finite_number(angle_deg))
+        direction, offset = _triple("axis", axis), _triple("translation", translation)
+        length = np.linalg.norm(direction)
+        if not factor > 0:
+            raise MeshError(f"scale must be a number above 0, got {shown(scale)}; correct it")
+        if not np.isfinite(angle):
+            raise MeshError(f"angle_deg must be a finite number, got {shown(angle_deg)}")
+        if not length > 0:
+            raise MeshError(f"axis must be a direction, got {direction.tolist()}; correct it")
+        with np.errstate(over="ignore", invalid="ignore"):  # the constructor finds what overflows
+            vertices = self.vertices * factor
+            if angle:
+                vertices = vertices @ rotation_about(direction, angle).T
+            vertices = vertices + offset
+        faces = self.faces
+        if groups is not None:
+            vertices, faces = self._partly_replaced(vertices, groups)
+        others = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        return Mesh(**(others | {"vertices": vertices, "faces": faces}))
+
+    def _partly_replaced(
+        self, vertices: NDArray[np.float64], groups: Iterable[str]
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Vertices and faces of a mesh whose faces in these groups have other `vertices`."""
+        flags = flagged(self.groups, groups, None)  # refuses unknown names
+        in_groups = np.array([group.is_occluder for group in flags])[self.face_group]
+        is_used = np.zeros((2, self.n_vertices), bool)
+        for row, mask in enumerate((in_groups, ~in_groups)):
+            is_used[row, self.faces[mask]] = True
+        shared = np.flatnonzero(is_used.all(axis=0))
+        number = np.arange(self.n_vertices)
+        number[shared] = self.n_vertices + np.arange(len(shared))
+        faces = self.faces.copy()
+        faces[in_groups] = number[faces[in_groups]]
+        moves = is_used[0] & ~is_used[1]
+        kept = np.where(moves[:, None], vertices, self.vertices)
+        return np.concatenate([kept, vertices[shared]]), faces
+
     @property
     def n_faces(self) -> int:
         """Number of faces F."""
@@ -300,6 +406,11 @@ class Mesh:
         is_used[self.faces] = True
         used = self.vertices[is_used]
         return frozen(np.stack([used.min(axis=0), used.max(axis=0)]))
+
+    @property
+    def size_in_words(self) -> str:
+        """Extent along x, y and z with its unit, such as "85 x 62 x 20 m"."""
+        return size_in_words(np.ptp(self.bounds, axis=0))
 
     @cached_property
     def centroids(self) -> NDArray[np.float64]:

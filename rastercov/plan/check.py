@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import numpy as np
+
 from rastercov._output import write_bytes
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
@@ -196,6 +198,7 @@ def plain(checked: Checked) -> dict[str, Any]:
         "min_angle_deg": checked.plan.task.min_angle_deg,
         "weight_by": checked.plan.task.weight_by,
         "cameras": len(checked.cameras.poses),
+        "size_m": np.ptp(checked.mesh.bounds, axis=0).tolist(),
         "requirements": [
             asdict(each) | {"short_by": each.short_by, "reasons": checked.reasons(each)}
             for each in checked.requirements

@@ -221,10 +221,9 @@ def _why_nothing(observer: Observer, poses: FloatArray, task: Task) -> str:
         for row in order
         if counts[row]
     )
-    across = float(np.ptp(observer.mesh.bounds, axis=0).max())
     return (
         f"no face is covered, whichever candidates are chosen; of the faces before a camera: "
-        f"{why or 'none'}; the scene is {across:.3g} m across, see meshes.unit"
+        f"{why or 'none'}; the scene measures {observer.mesh.size_in_words}, see meshes.unit"
     )
 
 

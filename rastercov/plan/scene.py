@@ -15,7 +15,7 @@ from rastercov.mesh import Group, Mesh
 from rastercov.plan.errors import PlanError
 from rastercov.plan.file import Plan
 from rastercov.plan.generators import Mounted, PerFace
-from rastercov.plan.sections import FewestSelection, MeshEntry
+from rastercov.plan.sections import FewestSelection, MeshEntry, TransformEntry
 
 
 def scene(plan: Plan) -> Mesh:
@@ -54,9 +54,13 @@ def scene(plan: Plan) -> Mesh:
 
 def _loaded(plan: Plan, entry: MeshEntry) -> Mesh:
     if entry.built_in is not None:
-        return shapes.by_name(entry.built_in)
-    assert entry.path is not None
-    return Mesh.load(plan.folder / entry.path, entry.unit, drop_invalid=entry.drop_invalid)
+        mesh = shapes.by_name(entry.built_in)
+    else:
+        assert entry.path is not None
+        path = plan.folder / entry.path
+        mesh = Mesh.load(path, entry.unit, drop_invalid=entry.drop_invalid)
+    place = entry.transform
+    return mesh if place == TransformEntry() else mesh.moved(**place.model_dump())
 
 
 def _joined(plan: Plan, parts: Sequence[Mesh]) -> Mesh:

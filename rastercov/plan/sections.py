@@ -18,6 +18,7 @@ from rastercov.placement.improve.tolerance import InstallationError
 from rastercov.placement.select.problem import BestCoverage, FewestCameras
 from rastercov.plan.entry import (
     Count,
+    Direction,
     Entry,
     File,
     Limits,
@@ -51,6 +52,19 @@ Preset = Annotated[
 ]
 
 
+class TransformEntry(Entry):
+    """Place of a mesh in the scene: scaled about its origin, then turned, then translated."""
+
+    scale: Positive = Field(default=1.0, description="Factor, after the unit.")
+    axis: Direction = Field(
+        default=[0.0, 0.0, 1.0], description="Axis of the rotation, through the origin."
+    )
+    angle_deg: Number = Field(
+        default=0.0, description="Angle of the rotation, counter-clockwise seen against the axis."
+    )
+    translation: Triple = Field(default=[0.0, 0.0, 0.0], description="Metres, after the rotation.")
+
+
 class MeshEntry(Entry):
     """A mesh of the scene: a file or a built-in part, and what it is for."""
 
@@ -58,6 +72,9 @@ class MeshEntry(Entry):
     built_in: BuiltIn | None = Field(default=None, description="Built-in part, instead of a file.")
     unit: Annotated[str | float, AfterValidator(_unit)] = Field(
         default="m", description=f"Unit of the file: {', '.join(METRES)}, or metres per unit."
+    )
+    transform: TransformEntry = Field(
+        default=TransformEntry(), description="Place of the mesh in the scene."
     )
     role: Literal["task", "occluder"] = Field(
         default="task", description="To be seen, or in the way and not scored."

@@ -41,6 +41,7 @@ from rastercov.raster import open_rasterizer
 from rastercov.raster.contract import Rasterizer
 from rastercov.report.coloured_mesh import write_coloured_mesh
 from rastercov.report.coverage_table import CoverageTable
+from rastercov.report.doubts import doubts
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.images import (
     contact_sheet,
@@ -206,7 +207,9 @@ def _run(
         "seconds": seconds,
         "poses_per_second": done / seconds if done else 0.0,
         "run": header,
+        "size_m": np.ptp(mesh.bounds, axis=0).tolist(),
         "warnings": list(mesh.warnings),
+        "doubts": doubts(network, camera, poses.world_from_camera),
         "per_pose": [
             {"pose": pose, "covered_faces": covered, "mean_coverage": mean}
             for pose, covered, mean in zip(

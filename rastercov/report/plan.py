@@ -84,6 +84,7 @@ def summary(placement: Placement) -> dict[str, Any]:
         "met": placement.is_met,
         "interrupted": placement.interrupted or None,
         "notes": prepared.notes,
+        "size_m": np.ptp(prepared.mesh.bounds, axis=0),
         "requirements": [asdict(each) for each in placement.requirements],
         "share": cameras.share,
         "network": cameras.network.summary(),

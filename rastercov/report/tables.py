@@ -6,6 +6,8 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
+from rastercov.mesh.mesh import size_in_words
+
 
 def summary_table(summary: Mapping[str, Any], rows: int = 20) -> Table:
     """`Network.summary` for a terminal of 80 columns: groups, the whole task, reasons.
@@ -47,6 +49,7 @@ def run_table(summary: Mapping[str, Any]) -> Table:
     table.add_column(style="dim", no_wrap=True)
     table.add_column(overflow="fold")
     table.add_row("faces", f"{summary['faces']:,}")
+    table.add_row("size", size_in_words(summary["size_m"]))
     table.add_row("poses", f"{summary['poses']:,}")
     table.add_row("poses per second", f"{summary['poses_per_second']:,.1f}")
     table.add_row("measured by", Text(summary["run"]["measured_by"]["renderer"]))

@@ -129,6 +129,14 @@ def test_help_does_not_load_what_it_does_not_need():
         (QUICK + " --pictures 1 --device nonsense", ["no device 'nonsense'", "surfaceless"]),
         (QUICK + " --method sampled --device nonsense", ["no device 'nonsense'", "surfaceless"]),
         (QUICK + " --unit mm", ["box is built in"]),
+        (QUICK + " --unit m --unit mm", ["box is built in"]),
+        (QUICK + " --transform scale=0", ["--transform", "scale: wanted a number above 0, got 0"]),
+        (QUICK + " --transform angle=1", ["no such entry", "did you mean angle_deg?"]),
+        (QUICK + " --transform 90", ["--transform 90: wanted entries such as 'angle_deg = 90"]),
+        (QUICK + " --transform a=1}[b]", ["wanted entries such as"]),
+        (QUICK + " --transform scale=1e40 ", ["1e"]),
+        (QUICK + " --transform lid:scale=2", ["no mesh file 'lid'; files are box"]),
+        (QUICK + " --transform scale=2 --transform scale=3", ["given twice for all files"]),
         (QUICK + " --two-sided lid", ["mesh", "lid"]),
         (QUICK + " --occluder [lid]", ["--occluder [lid]", "groups are mesh"]),
         (QUICK + " --occluder part.obj", ["box is built in"]),
@@ -137,6 +145,9 @@ def test_help_does_not_load_what_it_does_not_need():
         ("evaluate bocks -c khepra -p sphere:2", ["bocks: there is no such file", "teapot, "]),
         ("evaluate no[x].stl -c khepra -p sphere:2", ["no[x].stl", "No such file"]),
         ("evaluate part.obj -c khepra -p sphere:2 --unit miles", ["unit must be", "'miles'"]),
+        ("evaluate part.obj -c khepra -p sphere:2 --unit lid:mm", ["no mesh file 'lid'"]),
+        ("evaluate part.obj -c khepra -p sphere:2 --unit part:", ["unit must be", "''"]),
+        ("evaluate part.obj ./part.obj -c khepra -p sphere:2 --unit part:mm", ["2 files have"]),
         ("evaluate box -c no.toml -p sphere:2", ["no.toml", "No such file"]),
         ("evaluate box -c part.obj -p sphere:2", ["part.obj", ".json or .toml"]),
         ("evaluate box -c khepra -p no.json", ["no.json", "No such file"]),
@@ -246,6 +257,38 @@ def test_files_units_and_groups(capsys):
     assert summary["covered"]["faces"] == 10
     roles = {group["name"]: group["role"] for group in summary["groups"]}
     assert roles == {"lid": "occluder", "rest": "task"}
+
+
+@pytest.mark.parametrize(
+    ("options", "size"),
+    [
+        ("", [1001, 1000, 1000]),
+        ("--unit mm", [1.001, 1, 1]),
+        ("--unit part:mm", [1000, 1000, 1000]),
+        ("--unit part.obj:mm --unit far.obj:mm", [1.001, 1, 1]),
+        ("--unit mm --unit far:cm", [10, 10, 10]),
+        ("--unit 0.002", [2.002, 2, 2]),
+        ("--unit mm --transform scale=2", [2.002, 2, 2]),
+        ("--unit mm --transform far:translation=[0,0,3]", [1.001, 1, 4]),
+        ("--unit mm --transform {scale=2} --transform far:scale=1", [2, 2, 2]),
+    ],
+)
+def test_a_file_has_its_own_unit_and_place(capsys, options, size):
+    write_part("part.obj", side=1000.0)
+    Path("far.obj").write_text(
+        re.sub(r"(?m)^v (\S+)", lambda v: f"v {float(v[1]) + 1}", Path("part.obj").read_text())
+    )
+    line = f"render part.obj far.obj -c camera.toml -p sphere:1 --json {options}"
+    code, out, _ = call(capsys, line)
+    assert code == 0
+    assert json.loads(out)["size_m"] == pytest.approx(size)
+
+
+def test_a_built_in_mesh_is_placed(capsys):
+    line = "render box -c camera.toml -p sphere:1 --transform scale=3"
+    code, out, _ = call(capsys, line)
+    assert code == 0
+    assert "; 12 faces, 3 x 3 x 3 m\n" in out
 
 
 def test_an_occluder_may_be_a_file(capsys):

@@ -204,7 +204,43 @@ def test_cavity_candidates_are_added_where_the_others_see_nothing(capsys):
 def test_a_part_in_the_wrong_unit_is_told_by_its_size_and_by_why_nothing_covers_it(capsys):
     code, out, _ = placed(capsys, QUICK.replace('"part.obj"', '"part.obj"\nunit = "um"'))
     assert code == 1
-    assert "100.0 % too coarse; the scene is 1e-06 m across, see meshes.unit" in out
+    assert "100.0 % too coarse; the scene measures 1 x 1 x 1 µm, see meshes.unit" in out
+
+
+@pytest.mark.parametrize(
+    ("entry", "hint"),
+    [
+        ('unit = "um"', "the mesh measures 1 x 1 x 1 µm, and the nearest camera is"),
+        ("unit = 1e5", "the mesh measures 100,000 x 100,000 x 100,000 m, and all cameras"),
+        ('unit = "m"', None),
+    ],
+)
+def test_check_doubts_an_unlikely_unit_and_names_the_entry(capsys, entry, hint):
+    Path("plan.toml").write_text(QUICK.replace('"part.obj"', f'"part.obj"\n{entry}'))
+    _, out, err = call(capsys, "check plan.toml -p rig.json")
+    assert err == "" if hint is None else hint in err
+    assert hint is None or "unit of [[meshes]]" in err
+    assert out.splitlines()[-1].startswith("12 faces, ")
+
+
+def test_check_doubts_normals_that_point_inwards(capsys):
+    text = Path("part.obj").read_text()
+    turned = re.sub(r"f (\d+) (\d+) (\d+)", r"f \1 \3 \2", text)
+    Path("part.obj").write_text(turned)
+    _, _, err = call(capsys, "check plan.toml -p rig.json")
+    assert "seen from behind: normals point inwards, or the surface is open: use two_sided" in err
+
+
+def test_a_transform_of_a_plan_is_that_of_the_command_line(capsys):
+    entries = "angle_deg = 30, translation = [0.25, 0, 0.5]"
+    plan = QUICK.replace('"part.obj"', f'"part.obj"\ntransform = {{ {entries} }}')
+    Path("plan.toml").write_text(plan)
+    told = json.loads(call(capsys, "check plan.toml -p rig.json --json")[1])
+    Path("camera.toml").write_text("width = 96\nheight = 72\nfx = 90\nfy = 90\n")
+    line = ["render", "part.obj", "-c", "camera.toml", "-p", "rig.json", "--json"]
+    code, out, _ = call(capsys, [*line, "--transform", entries])
+    assert code == 0
+    assert json.loads(out)["size_m"] == told["size_m"]
 
 
 def test_the_page_is_written_and_a_stale_one_removed(capsys):
@@ -549,7 +585,7 @@ def test_a_run_that_was_ended_goes_on_from_its_shards(capsys, monkeypatch, numbe
 def test_a_rig_that_covers_enough_passes(capsys):
     code, out, err = call(capsys, "check plan.toml -p rig.json")
     assert (code, err) == (0, "")
-    assert out == "holds: all: 100.0 % covered, 100.0 % wanted\n"
+    assert out == "holds: all: 100.0 % covered, 100.0 % wanted\n12 faces, 1 x 1 x 1 m\n"
 
 
 @pytest.mark.parametrize("n_gone", [1, 2, 6])

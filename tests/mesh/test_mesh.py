@@ -8,8 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from rastercov import shapes
 from rastercov.errors import MeshError, ResourceError
 from rastercov.mesh import Group, Mesh
+from rastercov.mesh.mesh import size_in_words
 from rastercov.mesh.topology import first_equal_row
 
 #      7-----6
@@ -428,3 +430,71 @@ def test_a_hundred_thousand_faces_are_diagnosed_quickly():
     assert mesh.warnings == ()
     assert mesh.can_cull_back_faces
     assert time.process_time() - start < 2
+
+
+# ---- placing and sizing
+
+
+def test_turning_back_and_forth_changes_nothing():
+    mesh = shapes.by_name("teapot")
+    turned = mesh.moved(axis=(1, 2, 3), angle_deg=37).moved(axis=(1, 2, 3), angle_deg=-37)
+    np.testing.assert_allclose(turned.vertices, mesh.vertices, atol=1e-15)
+    np.testing.assert_allclose(
+        mesh.moved(axis=(0, 1, 0), angle_deg=80, translation=(5, 6, 7)).areas, mesh.areas
+    )
+
+
+def test_some_groups_move_and_the_others_stay():
+    mesh = shapes.room(3)
+    moved = mesh.moved(translation=(0, 0, 9), groups=["crates"])
+    is_crate = mesh.face_group == [group.name for group in mesh.groups].index("crates")
+    shift = np.where(is_crate[:, None, None], [0, 0, 9], 0)
+    corners = moved.vertices[moved.faces]
+    np.testing.assert_allclose(corners, mesh.vertices[mesh.faces] + shift, atol=1e-12)
+    assert moved.groups == mesh.groups
+    np.testing.assert_array_equal(mesh.moved(scale=2, groups=[]).vertices, mesh.vertices)
+
+
+def test_vertices_on_the_border_of_a_moved_group_are_doubled():
+    #  3---2   face 0 is 0 1 2, face 1 is 0 2 3
+    #  0---1
+    square = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+    groups = [Group("one"), Group("two")]
+    mesh = Mesh(square, [[0, 1, 2], [0, 2, 3]], groups, [0, 1])
+    moved = mesh.moved(translation=(0, 0, 1), groups=["two"])
+    np.testing.assert_array_equal(moved.faces, [[0, 1, 2], [4, 5, 3]])
+    np.testing.assert_array_equal(moved.vertices[:, 2], [0, 0, 0, 1, 1, 1])
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"groups": ["lid"]}, r"group names must be among \['mesh'\], got \['lid'\]"),
+        ({"scale": 0}, "scale must be a number above 0, got 0"),
+        ({"scale": "big"}, "scale must be a number above 0"),
+        ({"axis": (0, 0, 0)}, "axis must be a direction"),
+        ({"axis": (1, 2)}, "axis must be three finite numbers"),
+        ({"angle_deg": np.inf}, "angle_deg must be a finite number"),
+        ({"translation": "far"}, "translation must be three finite numbers"),
+        ({"translation": (np.nan, 0, 0)}, "translation must be three finite numbers"),
+        ({"scale": 1e40}, "1e"),
+    ],
+)
+def test_a_move_that_is_none_is_refused(change, text):
+    with pytest.raises(MeshError, match=text):
+        shapes.by_name("box").moved(**change)
+
+
+@pytest.mark.parametrize(
+    ("extent", "words"),
+    [
+        ((85, 62, 20), "85 x 62 x 20 m"),
+        ((85_000, 62_000, 20_000), "85,000 x 62,000 x 20,000 m"),
+        ((1.5, 0.25, 0), "1.5 x 0.25 x 0 m"),
+        ((0.0853, 0.0621, 0.02), "85.3 x 62.1 x 20 mm"),
+        ((5e-5, 1e-5, 0), "50 x 10 x 0 µm"),
+        ((0, 0, 0), "0 x 0 x 0 µm"),
+    ],
+)
+def test_a_size_is_in_one_unit_with_few_digits(extent, words):
+    assert size_in_words(extent) == words

@@ -29,6 +29,7 @@ from mesh_files import (
 
 from rastercov.errors import MeshError, ResourceError
 from rastercov.mesh import Group, Mesh
+from rastercov.mesh.formats import READERS
 
 MESHES = Path(__file__).resolve().parents[3] / "shared" / "meshes"
 
@@ -327,10 +328,11 @@ def test_urls_are_refused_without_a_network_call(url, make, opened):
 
 
 @pytest.mark.parametrize(
-    "name", ["a.zip", "a.3mf", "a.dae", "a.gltf", "a.xml", "a.stl.gz", "a", ".stl", "a.npy"]
+    "name", ["a.zip", "a.fbx", "a.blend", "a.xml", "a.stl.gz", "a", ".stl", "a.npy"]
 )
 def test_other_formats_are_refused_unopened(name, load, opened):
-    with pytest.raises(MeshError, match=r"formats are \.glb, \.obj, \.off, \.ply, \.stl, got"):
+    formats = re.escape(", ".join(READERS))
+    with pytest.raises(MeshError, match=f"formats are {formats}, got"):
         load(name, b"PK\3\4")
     assert opened in ([], [name])  # once, when the test wrote it
 
@@ -521,3 +523,18 @@ def test_real_meshes_have_their_published_counts(name):
         assert mesh.can_cull_back_faces == (n_boundary_edges == 0)
     else:
         assert mesh.duplicate_mask.any()
+
+
+def test_each_file_has_its_own_unit(tmp_path):
+    for name in ("a.obj", "b.obj"):
+        (tmp_path / name).write_bytes(VALID["a.obj"])
+    paths = [tmp_path / "a.obj", tmp_path / "b.obj"]
+    mesh = Mesh.load(paths, ["mm", 2])
+    assert [np.ptp(triangles(mesh)[rows]) for rows in (slice(4), slice(4, 8))] == [1e-3, 2]
+    for unit in (["mm"], ["mm"] * 3, []):
+        with pytest.raises(MeshError, match=f"a unit for each of 2 files wanted, got {len(unit)}"):
+            Mesh.load(paths, unit)
+    with pytest.raises(MeshError, match="unit must be one of"):
+        Mesh.load(paths, ["mm", "miles"])
+    with pytest.raises(MeshError, match="unit must be one of"):
+        Mesh.load(paths, b"mm")

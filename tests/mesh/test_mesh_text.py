@@ -362,3 +362,52 @@ def test_a_long_line_counts_against_the_budget(load):
     assert load("a.obj", data).n_faces == 4
     with pytest.raises(ResourceError, match=r"line 13: 200003 characters need about \d+ bytes"):
         load("a.obj", data, memory_budget=1_000_000)
+
+
+def solid_text(name: str, height: float) -> bytes:
+    """A solid of an ASCII STL: one triangle at that height."""
+    corners = "".join(f"vertex {x} {y} {height}\n" for x, y in ((0, 0), (1, 0), (0, 1)))
+    return f"solid {name}\nfacet\nouter loop\n{corners}endloop\nendfacet\nendsolid\n".encode()
+
+
+def test_several_solids_of_an_ascii_stl_are_groups(load):
+    mesh = load("part.stl", b"".join(solid_text(*s) for s in (("lid", 0), ("", 1), ("lid", 2))))
+    assert [group.name for group in mesh.groups] == ["lid", "part", "lid #2"]
+    assert mesh.face_group.tolist() == [0, 1, 2]
+    np.testing.assert_array_equal(triangles(mesh)[:, 0, 2], [0, 1, 2])
+
+
+def test_a_solid_without_triangles_is_no_group(load):
+    empty = b"solid nothing\nendsolid nothing\n"
+    data = solid_text("lid", 0) + empty + solid_text("tray", 1) + empty
+    mesh = load("part.stl", data)
+    assert [group.name for group in mesh.groups] == ["lid", "tray"]
+    assert mesh.face_group.tolist() == [0, 1]
+
+
+def test_a_lone_solid_has_the_name_of_its_file(load):
+    assert [group.name for group in load("part.stl", solid_text("lid", 0)).groups] == ["part"]
+
+
+def test_the_old_keyword_of_a_face_is_read(load):
+    mesh = load("a.obj", b"\xef\xbb\xbf" + TRIANGLE + b"fo 1//1 2//1 3//1\nf 3 2 1\n")
+    assert mesh.faces.tolist() == [[0, 1, 2], [2, 1, 0]]
+
+
+@pytest.mark.parametrize("mark", [b"", b"\xef\xbb\xbf", b"# made by hand\n"])
+def test_an_off_without_its_first_line_is_read(mark, load):
+    bare = VALID["a.off"].removeprefix(b"OFF # comment\n")
+    np.testing.assert_array_equal(load("a.off", mark + bare).faces, FACES)
+
+
+def test_strips_with_restarts_after_a_confidence_are_read(load):
+    # As scanners of the nineties wrote them: one list for the whole mesh.
+    head = (
+        "ply\nformat ascii 1.0\nelement vertex 5\nproperty float x\nproperty float y\n"
+        "property float z\nproperty float confidence\nelement tristrips 1\n"
+        "property list int int vertex_indices\nend_header\n"
+    )
+    rows = "0 0 0 1\n1 0 0 1\n0 1 0 1\n1 1 0 1\n0 2 0 1\n"
+    mesh = load("a.ply", f"{head}{rows}8 0 1 2 3 -1 2 3 4\n".encode())
+    assert mesh.faces.tolist() == [[0, 1, 2], [1, 3, 2], [2, 3, 4]]
+    np.testing.assert_array_equal(mesh.normals, [[0, 0, 1]] * 3)

@@ -514,3 +514,51 @@ def test_a_network_is_measured_as_an_objective_counts_it():
         assert told["covered"]["faces"] == found.covered.sum()
         nothing = measured(objective, poses[:0])
     assert nothing.share == 0
+
+
+# ---- transforms of meshes
+
+
+def placed(transform):
+    text = BASE.replace('"box"\n', f'"box"\ntransform = {{ {transform} }}\n')
+    return scene(plan_of(text))
+
+
+def test_a_mesh_is_scaled_then_turned_then_translated():
+    box = shapes.by_name("box")
+    mesh = placed("scale = 2, axis = [0, 0, 5], angle_deg = 90, translation = [10, 0, 1]")
+    x, y, z = 2 * box.vertices.T
+    np.testing.assert_allclose(mesh.vertices, np.stack([10 - y, x, 1 + z], axis=1), atol=1e-15)
+    np.testing.assert_array_equal(mesh.faces, box.faces)
+    assert mesh.groups == box.groups
+
+
+def test_a_plan_without_a_transform_keeps_every_bit():
+    np.testing.assert_array_equal(placed("").vertices, shapes.by_name("box").vertices)
+    moved = placed("translation = [1, 2, 3]").vertices
+    np.testing.assert_array_equal(moved, shapes.by_name("box").vertices + np.array([1, 2, 3]))
+
+
+def test_two_files_are_placed_side_by_side():
+    other = '[[meshes]]\nbuilt_in = "box"\ntransform = { translation = [100, 0, 0] }\n'
+    mesh = scene(plan_of(BASE + other))
+    half = mesh.n_vertices // 2
+    np.testing.assert_array_equal(
+        mesh.vertices[half:], mesh.vertices[:half] + np.array([100, 0, 0])
+    )
+
+
+@pytest.mark.parametrize(
+    ("transform", "line"),
+    [
+        ("scale = 0", "meshes[0].transform.scale: wanted a number above 0, got 0"),
+        ("scale = -1", "meshes[0].transform.scale: wanted a number above 0, got -1"),
+        ("axis = [0, 0, 0]", "meshes[0].transform.axis: wanted a direction, got [0, 0, 0]"),
+        ("angle_deg = inf", "meshes[0].transform.angle_deg: wanted a finite number, got inf"),
+        ("shift = 1", "meshes[0].transform.shift: there is no such entry"),
+    ],
+)
+def test_a_wrong_transform_is_named(transform, line):
+    text = BASE.replace('"box"\n', f'"box"\ntransform = {{ {transform} }}\n')
+    (found,) = errors(text)
+    assert found.startswith(line)

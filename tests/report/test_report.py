@@ -632,10 +632,11 @@ def test_run_table_names_what_ran_and_what_came_out():
     summary = Network(STRIP, Task()).summary() | {
         "poses": 1234,
         "poses_per_second": 70.04,
+        "size_m": [85.0, 62.0, 20.0],
         "run": {"measured_by": {"renderer": "[bold]Mesa[/]"}},
     }
     text = printed(tables.run_table(summary))
-    for wanted in ("1,234", "70.0", "[bold]Mesa[/]", "0.0 % of the faces"):
+    for wanted in ("1,234", "70.0", "85 x 62 x 20 m", "[bold]Mesa[/]", "0.0 % of the faces"):
         assert wanted in text
 
 

@@ -4,8 +4,8 @@ A path is checked before it is opened (a regular file, of a known format, not to
 are read once and hashed, and one reader turns them into polygons. A reader has to parse the whole
 file to check it, so its result is used and no library parses the file a second time.
 
-A new format is a module of this package with a function `read(data, budget) -> Polygons`, and its
-name in `FORMATS`.
+A new format is a module of this package with a function `read(data, budget) -> Polygons`, and an
+entry in `READERS`. Only glTF opens other files, those of its buffers: `_Beside`.
 """
 
 import hashlib
@@ -13,7 +13,7 @@ import os
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from importlib import import_module
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -24,13 +24,22 @@ from rastercov._files import StrPath, UnreadableError, file_bytes
 from rastercov.errors import MeshError, ResourceError
 from rastercov.mesh.arrays import check_coordinates, some, unusable_points
 from rastercov.mesh.ear_clipping import cut_concave
+from rastercov.mesh.formats import dae, glb, gltf, obj, off, ply, step, stl, threemf
 from rastercov.mesh.formats.polygons import PEAK_BYTES_PER_FACE, Polygons
 
-Reader = Callable[[bytes, int], Polygons]
+Reader = Callable[..., Polygons]
 
-FORMATS = ("glb", "obj", "off", "ply", "stl")
 READERS: dict[str, Reader] = {
-    f".{name}": import_module(f"{__name__}.{name}").read for name in FORMATS
+    ".3mf": threemf.read,
+    ".dae": dae.read,
+    ".glb": glb.read,
+    ".gltf": gltf.read,
+    ".obj": obj.read,
+    ".off": off.read,
+    ".ply": ply.read,
+    ".step": step.read,
+    ".stl": stl.read,
+    ".stp": step.read,
 }
 METRES = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "µm": 1e-6, "μm": 1e-6}  # two Unicode mus
 METRES |= {"in": 0.0254, "inch": 0.0254, "ft": 0.3048}
@@ -43,7 +52,7 @@ LONGEST_NAME = 200
 
 def read_files(
     path: StrPath | Sequence[StrPath],
-    scale: float,
+    scale: float | Sequence[float],
     *,
     drop_invalid: bool,
     max_bytes: int,
@@ -51,8 +60,9 @@ def read_files(
 ) -> tuple[Polygons, list[tuple[str, str, int]]]:
     """Polygons of one file, or of several as one scene, in metres; see `Mesh.load`.
 
-    `scale` is the unit of the coordinates in metres. Every group has a unique name. The list has
-    the name without folders, the SHA-256 and the face count of each file.
+    `scale` is the unit of the coordinates in metres, of all files or one for each. Every group has
+    a unique name. The list has the name without folders, the SHA-256 and the face count of each
+    file.
     """
     paths = (
         [path]
@@ -63,15 +73,18 @@ def read_files(
     )
     if not paths:
         raise MeshError("at least one mesh file wanted, got none; pass a path")
+    scales = [scale] * len(paths) if isinstance(scale, float) else list(scale)
+    if len(scales) != len(paths):
+        raise MeshError(f"a unit for each of {len(paths)} files wanted, got {len(scales)}")
     parts: list[Polygons] = []
     files: list[tuple[str, str, int]] = []
     names: list[str] = []
     notes: list[str] = []
-    for one in paths:
+    for one, metres in zip(paths, scales, strict=True):
         shown = _clean(str(one))
         try:
             with np.errstate(all="ignore"):  # an overflow is caught as an invalid coordinate
-                polygons, digest = _read_file(one, scale, drop_invalid, max_bytes, memory_budget)
+                polygons, digest = _read_file(one, metres, drop_invalid, max_bytes, memory_budget)
         except (MeshError, ResourceError) as error:
             raise type(error)(f"{shown}: {error}") from error
         parts.append(polygons)
@@ -117,15 +130,60 @@ def _read_file(
         raise MeshError("no triangles: the file is empty; export it again")
     if memory_budget is None:
         memory_budget = min(MEMORY_BUDGET, PEAK_BYTES_PER_FACE * max(FREE_FACES, len(data)))
+    beside = _Beside(path, max_bytes - len(data))
+    if reader is gltf.read:
+        reader = partial(gltf.read, bytes_beside=beside.read)
     polygons = reader(data, memory_budget)
     _check_indices(polygons)
-    np.multiply(polygons.vertices, scale, out=polygons.vertices)
+    if not polygons.is_in_metres:
+        np.multiply(polygons.vertices, scale, out=polygons.vertices)
+    elif scale != 1:
+        note = "the file states its unit; the unit given was not applied to it"
+        polygons = replace(polygons, notes=[*polygons.notes, note])
     if drop_invalid:
         polygons = _without_invalid(polygons)
     check_coordinates(polygons.vertices, polygons.faces)
     notes = cut_concave(polygons.vertices, polygons.faces, polygons.source_face)
     polygons = _with_tidy_groups(replace(polygons, notes=[*polygons.notes, *notes]))
-    return polygons, hashlib.sha256(data).hexdigest()
+    digest = hashlib.sha256(data)
+    for content in beside.contents.values():
+        digest.update(content)
+    return polygons, digest.hexdigest()
+
+
+class _Beside:
+    """Files in the folder of a mesh file, or below it, that the mesh file names.
+
+    Attributes
+    ----------
+    contents : dict of str to bytes
+        Each file that was read, in order, by its name.
+    """
+
+    def __init__(self, path: StrPath, max_bytes: int) -> None:
+        self._folder, self._bytes_left = Path(path).parent, max_bytes
+        self.contents: dict[str, bytes] = {}
+
+    def read(self, name: str) -> bytes:
+        """Bytes of the file of a relative name; MeshError where it is not in the folder."""
+        shown = _clean(name)[:80]
+        is_outside = name.startswith(("/", "\\")) or ".." in re.split(r"[/\\]", name)
+        if is_outside or re.match(r"[A-Za-z][A-Za-z0-9+.-]*:", name):
+            raise MeshError(
+                f"a buffer in the folder of the file wanted, got {shown!r}, which is never "
+                "opened; put it beside the file, or export a self-contained .glb"
+            )
+        if name not in self.contents:
+            advice = "simplify the mesh, or raise max_bytes"
+            try:
+                content = file_bytes(self._folder / name, self._bytes_left, advice)
+            except UnreadableError as error:
+                raise MeshError(
+                    f"its buffer {shown!r} wanted, got: {error.reason}; put it beside the file"
+                ) from error
+            self.contents[name] = content
+            self._bytes_left -= len(content)
+        return self.contents[name]
 
 
 def _reader_and_bytes(path: StrPath, max_bytes: int) -> tuple[Reader, bytes]:

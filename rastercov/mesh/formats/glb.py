@@ -1,12 +1,15 @@
-"""Scene graph of GLB files (binary glTF 2).
+"""Scene graph of glTF 2, and GLB files, its binary form.
 
 Only the shape is read: the nodes of the default scene, their transforms and instances, and the
-triangles of their meshes with their morph weights, without animation. No other file is ever opened;
-compressed data is an error rather than zeros, and any other content that is not read is a note.
+triangles of their meshes with their morph weights, without animation. No other file is ever opened
+for a GLB; compressed data is an error rather than zeros, and any other content that is not read is
+a note.
 
 Source: Khronos Group. glTF 2.0 Specification. 2021.
 """
 
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -25,12 +28,15 @@ from rastercov.mesh.formats.polygons import Polygons
 
 TRIANGLES, STRIP, FAN = 4, 5, 6
 INSTANCING = "EXT_mesh_gpu_instancing"
+CAD_FACES = "TM_brep_faces"
+"""Extension that numbers the CAD face of each triangle."""
 HARMLESS = (
     "KHR_materials_",
     "KHR_texture_",
     "EXT_texture_",
     "KHR_lights_",
     "KHR_mesh_quantization",
+    CAD_FACES,
     INSTANCING,
 )
 """Extensions without influence on the shape, or read here."""
@@ -46,6 +52,7 @@ OPTIONAL = (
     "KHR_xmp",
 )
 """Harmless unless required: their data is also there uncompressed, or its absence is an error."""
+MOST_CAD_FACES = 1 << 20
 QUATERNION_LENGTH_TOLERANCE = 0.01  # components of 8 bits are off by up to 0.004
 AFFINE_ROW_TOLERANCE = 1e-6
 BYTES_PER_DELTA = 100  # a point, while a morph target is added
@@ -54,8 +61,18 @@ BYTES_PER_INSTANCE = 500  # an instance, while its matrix is computed
 
 def read(data: bytes, budget: int) -> Polygons:
     """Triangles of a GLB file in metres, one group a node, in the order of the scene's tree."""
+    with broken_files_refused():
+        header, binary, notes = chunks(data)
+        has_chunk = not any("uri" in buffer for buffer in json_list(header, "buffers")[:1])
+        buffers = [binary] if has_chunk else []
+        return scene_polygons(header, buffers, budget, notes + _chunk_notes(header, binary))
+
+
+@contextmanager
+def broken_files_refused() -> Iterator[None]:
+    """Turn errors of a look-up or of a computation in the block into a MeshError."""
     try:
-        return _read_scene(data, budget)
+        yield
     except (MeshError, ResourceError):
         raise
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
@@ -63,21 +80,35 @@ def read(data: bytes, budget: int) -> Polygons:
         raise MeshError(f"the file contradicts its format ({error!r}); export it again") from error
 
 
-def _read_scene(data: bytes, budget: int) -> Polygons:
-    header, binary, notes = chunks(data)
+def scene_polygons(
+    header: dict[str, Any],
+    buffers: Sequence[memoryview],
+    budget: int,
+    notes: Sequence[str],
+    *,
+    by_cad_face: bool = False,
+) -> Polygons:
+    """Triangles of a scene by its JSON and its buffers, in metres, one group a node.
+
+    With `by_cad_face` the groups are the CAD faces of each node, where the file numbers them, named
+    "node/face 1" and so on.
+    """
     needed = [str(e) for e in json_list(header, "extensionsRequired")]
     foreign = [e for e in needed if not e.startswith(HARMLESS)]
     if foreign:
         raise MeshError(f"extensions {foreign} are required, not supported; export without them")
     nodes = _nodes(header)
-    accessors = Accessors(header, binary, budget)
+    accessors = Accessors(header, buffers, budget)
     shapes = _Shapes(accessors)
     vertices, faces, labels = [np.empty((0, 3))], [np.empty((0, 3), np.int64)], []
-    names: list[str | None] = []
+    names: list[str] = []
+    node_names: list[str] = []
     n_vertices = n_faces = 0
     for node, world_from_node in nodes:
         mesh = json_object(header, "meshes", node["mesh"])
-        points, triangles = shapes.of(node, mesh)
+        points, triangles, cad_faces = shapes.of(node, mesh)
+        name = str(node.get("name") or mesh.get("name") or f"node{len(node_names)}")
+        node_names.append(name)
         world_from_instance = world_from_node @ shapes.instances(node)
         n = len(world_from_instance) if len(triangles) else 0
         accessors.reserve(n * len(triangles), n * len(points))
@@ -89,11 +120,15 @@ def _read_scene(data: bytes, budget: int) -> Polygons:
             turned = np.where(is_mirrored[:, None, None], triangles[:, [0, 2, 1]], triangles)
             first = n_vertices + len(points) * np.arange(n)
             faces.append((first[:, None, None] + turned).reshape(-1, 3))
-            labels.append(np.full(n * len(triangles), len(names)))
+            if by_cad_face and cad_faces.min() >= 0:
+                labels.append(np.tile(len(names) + cad_faces, n))
+                names += [f"{name}/face {face + 1}" for face in range(cad_faces.max() + 1)]
+            else:
+                labels.append(np.full(n * len(triangles), len(names)))
+                names.append(name)
             n_vertices += n * len(points)
             n_faces += n * len(triangles)
-        names.append(str(node.get("name") or mesh.get("name") or f"node{len(names)}"))
-    notes += _notes(header, binary, [node for node, _ in nodes], names) + shapes.notes()
+    notes = [*notes, *_notes(header, [node for node, _ in nodes], node_names), *shapes.notes()]
     label = np.concatenate(labels) if labels else np.empty(0, np.int64)
     return Polygons(
         np.concatenate(vertices), np.concatenate(faces), np.arange(n_faces), label, names, notes
@@ -176,18 +211,13 @@ def _affine(
     return matrix
 
 
-def _notes(
-    header: dict[str, Any],
-    binary: memoryview,
-    nodes: list[dict[str, Any]],
-    names: list[str | None],
-) -> list[str]:
+def _notes(header: dict[str, Any], nodes: list[dict[str, Any]], names: list[str]) -> list[str]:
     """Notes on content of the file that was not read."""
     notes = []
     skinned = [name for node, name in zip(nodes, names, strict=True) if "skin" in node]
     if skinned:
         more = f" (and {len(skinned) - 1} others)" if len(skinned) > 1 else ""
-        notes.append(f"node {str(skinned[0])[:80]!r}{more} has a skin; it is read unposed")
+        notes.append(f"node {skinned[0][:80]!r}{more} has a skin; it is read unposed")
     if animations := json_list(header, "animations"):
         notes.append(f"{len(animations)} animations were not played; the nodes are at rest")
     outside = sum("mesh" in node for node in json_list(header, "nodes")) - len(nodes)
@@ -197,13 +227,16 @@ def _notes(
     n_unused = len(json_list(header, "meshes")) - len(used)
     if n_unused > 0:
         notes.append(f"{n_unused} meshes belong to no node, not read")
+    return notes
+
+
+def _chunk_notes(header: dict[str, Any], binary: memoryview) -> list[str]:
+    """A note where the binary chunk has not the promised length."""
     for buffer in json_list(header, "buffers")[:1]:
         promised = json_count(buffer, "byteLength")
         if "uri" not in buffer and not 0 <= len(binary) - promised <= 3:  # padding to 4 bytes
-            notes.append(
-                f"buffer 0 promises {promised} bytes, the binary chunk holds {len(binary)}"
-            )
-    return notes
+            return [f"buffer 0 promises {promised} bytes, the binary chunk holds {len(binary)}"]
+    return []
 
 
 def _triangles(corners: NDArray[np.int64], mode: int) -> NDArray[np.int64]:
@@ -220,8 +253,8 @@ def _triangles(corners: NDArray[np.int64], mode: int) -> NDArray[np.int64]:
     return corners[np.stack([i, i + 1 + i % 2, i + 2 - i % 2], axis=1)]
 
 
-_Shape = tuple[NDArray[np.float64], NDArray[np.int64]]
-"""Points and triangles of a mesh."""
+_Shape = tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]
+"""Points and triangles of a mesh, and the CAD face of each triangle, -1 where none is given."""
 
 
 class _Shapes:
@@ -288,6 +321,7 @@ class _Shapes:
         """Shape of a mesh. Its primitives may share their vertices."""
         self._look_for_extensions(mesh)
         points, triangles = [np.empty((0, 3))], [np.empty((0, 3), np.int64)]
+        cad_faces = [np.empty(0, np.int64)]
         first_of: dict[tuple[Any, ...], int] = {}
         n_points = n_triangles = 0
         for primitive in json_list(mesh, "primitives"):
@@ -318,9 +352,26 @@ class _Shapes:
             if "indices" in primitive:
                 corners = self._corners(index, primitive["indices"], n_new)
             triangles.append(first_of[key] + _triangles(corners, mode))
+            cad_faces.append(self._cad_faces(index, primitive, len(triangles[-1])))
         if len(points) == 1 and not json_list(mesh, "primitives"):
             raise MeshError(f"mesh {index} has no primitives; export it again")
-        return np.concatenate(points), np.concatenate(triangles)
+        return np.concatenate(points), np.concatenate(triangles), np.concatenate(cad_faces)
+
+    def _cad_faces(
+        self, index: int, primitive: dict[str, Any], n_triangles: int
+    ) -> NDArray[np.int64]:
+        """(n_triangles,) CAD face of each triangle of a primitive, -1 where none is given."""
+        extension = primitive.get("extensions", {}).get(CAD_FACES)
+        if extension is None:
+            return np.full(n_triangles, -1)
+        values = self._accessors.read(extension["faceIndices"], "SCALAR")[:, 0]
+        # A number beyond the triangles would ask for as many names of groups.
+        if len(values) != n_triangles or (n_triangles and values.max() >= MOST_CAD_FACES):
+            raise MeshError(
+                f"mesh {index}: CAD faces below {MOST_CAD_FACES} for {n_triangles} triangles "
+                f"wanted, got {len(values)} up to {values.max(initial=0)}; export it again"
+            )
+        return values.astype(np.int64)
 
     def _deltas(
         self, index: int, primitive: dict[str, Any], weights: tuple[float, ...]

@@ -1,4 +1,4 @@
-"""GLB container: chunks, checked look-ups in the JSON header, accessors of the binary chunk.
+"""GLB container: chunks, checked look-ups in the JSON header, accessors of the buffers.
 
 Source: Khronos Group. glTF 2.0 Specification. 2021, sections 3.6 and 4.
 """
@@ -6,6 +6,7 @@ Source: Khronos Group. glTF 2.0 Specification. 2021, sections 3.6 and 4.
 import json
 import math
 import struct
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -45,18 +46,26 @@ def chunks(data: bytes) -> tuple[dict[str, Any], memoryview, list[str]]:
         at += size
     extra = len(data) - at
     notes = [f"{extra} trailing bytes after the last chunk were not read"] if extra > 0 else []
+    if JSON_CHUNK not in found:
+        raise MeshError("no readable JSON chunk (there is none); export it again")
+    header = json_header(bytes(found[JSON_CHUNK]), "JSON chunk")
+    return header, found.get(BINARY_CHUNK, memoryview(b"")), notes
+
+
+def json_header(text: bytes, what: str) -> dict[str, Any]:
+    """JSON object of a glTF 2.0 scene; `what` names the text in errors."""
     try:
-        header = json.loads(bytes(found[JSON_CHUNK]).decode(), parse_constant=_no_number)
-    except (KeyError, ValueError, RecursionError) as error:
-        raise MeshError(f"no readable JSON chunk ({error}); export it again") from error
+        header = json.loads(text.decode("utf-8-sig"), parse_constant=_no_number)
+    except (ValueError, RecursionError) as error:
+        raise MeshError(f"no readable {what} ({error}); export it again") from error
     if not isinstance(header, dict):
-        raise MeshError(f"the JSON chunk must be an object, got {type(header).__name__}")
+        raise MeshError(f"the {what} must be an object, got {type(header).__name__}")
     asset = header.get("asset", {})
     for key in ("version", "minVersion"):
         wanted = str(asset.get(key, "2.0"))
         if wanted.partition(".")[0] != "2" or (key == "minVersion" and wanted != "2.0"):
             raise MeshError(f"glTF 2.0 wanted, got {key} {wanted[:20]!r}; export it again")
-    return header, found.get(BINARY_CHUNK, memoryview(b"")), notes
+    return header
 
 
 def _no_number(text: str) -> None:
@@ -100,10 +109,13 @@ def json_numbers(
 
 
 class Accessors:
-    """Typed, strided windows of the binary chunk, and the memory that reading them needs in all."""
+    """Typed, strided windows of the buffers, and the memory that reading them needs in all.
 
-    def __init__(self, header: dict[str, Any], binary: memoryview, budget: int) -> None:
-        self.header, self.binary, self._budget = header, binary, budget
+    `buffers` are the bytes of each buffer; a buffer beyond them lies outside the file.
+    """
+
+    def __init__(self, header: dict[str, Any], buffers: Sequence[memoryview], budget: int) -> None:
+        self.header, self._buffers, self._budget = header, buffers, budget
         self._n_faces = self._n_vertices = self._n_bytes = 0
 
     def check(self, n_faces: int, n_vertices: int) -> None:
@@ -179,7 +191,8 @@ class Accessors:
         """(count, n_columns) elements of the buffer view that `owner` names."""
         view = json_object(self.header, "bufferViews", owner["bufferView"])
         buffer_index = view.get("buffer", 0)
-        if "uri" in json_object(self.header, "buffers", buffer_index) or buffer_index != 0:
+        json_object(self.header, "buffers", buffer_index)
+        if buffer_index >= len(self._buffers):
             raise MeshError(
                 "a buffer lies outside the file (uri), which is never opened; "
                 "export a self-contained .glb"
@@ -187,7 +200,8 @@ class Accessors:
         row = n_columns * dtype.itemsize
         stride = json_count(view, "byteStride", row)
         start, within = json_count(view, "byteOffset", 0), json_count(owner, "byteOffset", 0)
-        window = min(json_count(view, "byteLength", 0), len(self.binary) - start)
+        buffer = self._buffers[buffer_index]
+        window = min(json_count(view, "byteLength", 0), len(buffer) - start)
         if stride < row or (count and within + (count - 1) * stride + row > window):
             raise MeshError(
                 f"accessor {index} promises {count} elements of {row} bytes every {stride}, its "
@@ -196,5 +210,5 @@ class Accessors:
         if not count:
             return np.empty((0, n_columns), dtype)
         return np.ndarray(
-            (count, n_columns), dtype, self.binary, start + within, (stride, dtype.itemsize)
+            (count, n_columns), dtype, buffer, start + within, (stride, dtype.itemsize)
         )

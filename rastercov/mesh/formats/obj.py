@@ -25,6 +25,8 @@ IGNORED = frozenset(
 """Keywords of the format without influence on the shape of polygons."""
 
 
+FACE = (b"f", b"fo")
+"""Keywords of a face; version 2.11 of the format wrote fo, which readers take as f."""
 EXTRA_NUMBERS = (1, 3, 4)
 """Numbers that may follow the coordinates of a vertex: a weight, a colour, or both."""
 CORNERS = re.compile(rb"(?: [+-]?[0-9]+(?:/(?:[+-]?[0-9]+)?){0,2})*")
@@ -48,7 +50,7 @@ def read(data: bytes, budget: int) -> Polygons:
             coordinates.extend(lines.point(words[1:], EXTRA_NUMBERS))
             if len(coordinates) > most_coordinates:
                 check_budget(len(n_corners), budget, len(coordinates) // 3)
-        elif keyword == b"f":
+        elif keyword in FACE:
             corners.extend(_corners(lines, words, len(coordinates) // 3))
             n_corners.append(len(words) - 1)
             groups.append(current)
@@ -75,10 +77,10 @@ def read(data: bytes, budget: int) -> Polygons:
 
 def _corners(lines: Lines, words: list[bytes], n_vertices: int) -> list[int]:
     """Corners of "f 1/2/3 ...", from 0; negative ones count back from the latest vertex."""
-    text = b" ".join(words)
     indices = words[1:]
+    text = b" " + b" ".join(indices)
     if b"/" in text:
-        if not CORNERS.fullmatch(text, 1):
+        if not CORNERS.fullmatch(text):
             raise lines.error("corners of whole numbers, as 1, 1/2, 1//3 or 1/2/3,", words)
         indices = [word.partition(b"/")[0] for word in indices]
     corners = lines.integers(indices, "whole numbers as vertex indices")

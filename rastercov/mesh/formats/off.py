@@ -22,6 +22,8 @@ def read(data: bytes, budget: int) -> Polygons:
     """Polygons of an OFF file in text, with or without colours, normals and texture."""
     lines = Lines(data, budget, comment=b"#")
     words = lines.next("'OFF'")
+    if words[0].isdigit():  # the keyword is optional, and some collections lack it
+        words = [b"OFF", *words]
     kind = words[0].removesuffix(b"OFF")
     if not words[0].endswith(b"OFF") or kind not in EXTRA_OF_VERTEX or b"BINARY" in words:
         raise lines.error("'OFF' (in text, three coordinates)", words)

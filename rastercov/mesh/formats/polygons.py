@@ -27,7 +27,7 @@ class Polygons:
     Attributes
     ----------
     vertices : (V, 3) float64
-        In the file's unit.
+        In the file's unit, or in metres: `is_in_metres`.
     faces : (F, 3) int64
         Vertex indices, not checked yet; polygons are triangulated as fans.
     source_face : (F,) int64
@@ -38,6 +38,8 @@ class Polygons:
         None for faces outside any group.
     notes : sequence of str
         Oddities that the user should know.
+    is_in_metres : bool
+        True where the file states its unit; the vertices are then in metres.
     """
 
     vertices: NDArray[np.float64]
@@ -46,6 +48,7 @@ class Polygons:
     face_group: NDArray[np.int64]
     group_names: Sequence[str | None] = (None,)
     notes: Sequence[str] = ()
+    is_in_metres: bool = False
 
 
 def check_budget(n_faces: int, budget: int, n_vertices: int = 0, n_bytes: int = 0) -> None:

@@ -1,12 +1,14 @@
 """STL files, binary and ASCII.
 
-The format repeats every vertex; vertices that are equal bit for bit are merged.
+The format repeats every vertex; vertices that are equal bit for bit are merged. Of an ASCII file
+with several `solid` sections, each is a group.
 
 Source: 3D Systems. StereoLithography Interface Specification. 1989.
 """
 
 from array import array
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +52,10 @@ def read(data: bytes, budget: int) -> Polygons:
 def _indexed(
     corners: NDArray[np.float32] | NDArray[np.float64], budget: int, notes: Sequence[str]
 ) -> Polygons:
-    """Triangles of (3 F, 3) corners, where corners that are equal bit for bit become one vertex."""
+    """Triangles of (3 F, 3) corners, where corners that are equal bit for bit become one vertex.
+
+    All are in one group.
+    """
     n_faces = len(corners) // 3
     index = np.arange(n_faces)
     if not n_faces:
@@ -76,6 +81,7 @@ def _ascii_stl(data: bytes, budget: int) -> Polygons:
     """Polygons of an ASCII STL. A Python loop over the lines: 0.5 µs a line, 7 lines a triangle."""
     lines, corners, n_left = Lines(data, budget), array("d"), 0
     is_open, is_cut, name = False, False, list[bytes]()
+    names, n_before = list[str | None](), array("q")  # of each solid; triangles before it
     facet = (b"facet", b"outer", b"vertex", b"vertex", b"vertex", b"endloop", b"endfacet")
     n_words = {b"outer": 2, b"vertex": 4, b"endloop": 1, b"endfacet": 1}
     for words in lines:
@@ -95,10 +101,18 @@ def _ascii_stl(data: bytes, budget: int) -> Polygons:
             is_open, is_cut = False, words[1:] not in ([], name)
         elif not is_open and word == b"solid":
             is_open, name = True, words[1:]
+            names.append(b" ".join(name).decode("utf-8", "replace") or None)
+            n_before.append(len(corners) // 9)
         else:
             raise lines.error("'facet' or 'endsolid'" if is_open else "'solid'", words)
     if is_open:
         lines.next("'endsolid'")
     # Many programs write no line end after `endsolid`, and do not repeat the solid's name there.
     notes = [CUT_NOTE] if lines.ends_inside_line and is_cut else []
-    return _indexed(np.asarray(corners).reshape(-1, 3), budget, notes)
+    polygons = _indexed(np.asarray(corners).reshape(-1, 3), budget, notes)
+    if (
+        len(names) < 2
+    ):  # the name of a lone solid is often that of the program; the file's is better
+        return polygons
+    solid = np.searchsorted(n_before, polygons.source_face, side="right") - 1
+    return replace(polygons, face_group=solid, group_names=names)

@@ -1,0 +1,106 @@
+"""Lines about a result that is probably not meant: a wrong unit, faces that are turned around.
+
+Between a finished network and the commands that print it. Every line is a guess by figures of the
+scene, says so by the figure, and names what to try.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.camera import Camera
+from rastercov.mesh import Mesh
+from rastercov.mesh.mesh import size_in_words
+from rastercov.near_plane import near_limit
+from rastercov.network import Network
+
+UNLIKELY_RATIO = 300.0
+"""Size of the mesh by the range of the cameras above which the unit is asked for, or below its
+inverse: a thousand is the usual slip, and a part of a mesh may be meant."""
+UNLIKELY_SPREAD_RATIO = 100.0
+"""Size of the mesh by the extent of several cameras above which the unit is asked for: lower,
+because cameras around a part are a few of its sizes apart."""
+LEAST_UNSEEN_SHARE = 0.5
+"""Share of the area with coverage 0 in every camera above which its sides are looked at."""
+LEAST_SHARE_FROM_BEHIND = 0.8
+"""Share seen from behind, of all area that is seen, above which there is a line about normals."""
+MOST_FACES, MOST_POSES = 2000, 16
+"""Faces and cameras whose lines of sight are traced, spread evenly: about 0.1 s."""
+
+
+def doubts(network: Network, camera: Camera, poses: NDArray[np.float64]) -> list[str]:
+    """Lines about the unit of the mesh and the side that its faces show; often none.
+
+    Parameters
+    ----------
+    network : Network
+        The result.
+    camera : Camera
+        Its depth of field is compared with the size of the mesh.
+    poses : (P, 4, 4) float64
+        world_from_camera of the network.
+    """
+    if not len(poses):
+        return []
+    return [
+        *_unit(network.mesh, camera, poses[:, :3, 3]),
+        *_sides(network, camera, poses[_spread(len(poses), MOST_POSES)]),
+    ]
+
+
+def _spread(n_rows: int, most: int) -> NDArray[np.int64]:
+    """Indices of rows, `most` or fewer, evenly spread."""
+    return np.linspace(0, n_rows - 1, min(n_rows, most)).astype(np.int64)
+
+
+def _unit(mesh: Mesh, camera: Camera, eyes: NDArray[np.float64]) -> list[str]:
+    """A line where the mesh is very large or very small beside the range of the cameras."""
+    size = float(np.ptp(mesh.bounds, axis=0).max())
+    if not size > 0:
+        return []
+    words = f"the mesh measures {mesh.size_in_words}"
+    _, far = camera.depth_of_field()
+    if np.isfinite(far) and size > UNLIKELY_RATIO * far:
+        return [f"{words}, and the camera is in focus to {size_in_words(far)}: --unit mm?"]
+    apart = np.maximum(np.maximum(mesh.bounds[0] - eyes, eyes - mesh.bounds[1]), 0)
+    nearest = float(np.linalg.norm(apart, axis=1).min())
+    if nearest > UNLIKELY_RATIO * size:
+        return [f"{words}, and the nearest camera is {size_in_words(nearest)} away: check --unit"]
+    spread = float(np.ptp(eyes, axis=0).max())
+    if len(eyes) > 1 and spread > 0 and size > UNLIKELY_SPREAD_RATIO * spread:
+        return [f"{words}, and all cameras are within {size_in_words(spread)}: --unit mm?"]
+    return []
+
+
+def _sides(network: Network, camera: Camera, poses: NDArray[np.float64]) -> list[str]:
+    """A line where most of what the cameras look at is seen from behind.
+
+    The reasons of the faces do not tell it: a closed surface that is inside out is back-facing on
+    the near side and occluded on the far one. So the lines of sight to some centroids are traced.
+    """
+    mesh = network.mesh
+    scored = mesh.task_mask & ~mesh.two_sided_mask & ~mesh.degenerate_mask
+    area = float(mesh.areas[scored].sum())
+    if not area or mesh.areas[scored & (network.best == 0)].sum() < LEAST_UNSEEN_SHARE * area:
+        return []
+    from rastercov.models.line_of_sight import LineOfSight  # compiles loops
+
+    faces = np.flatnonzero(scored)
+    faces = faces[_spread(len(faces), MOST_FACES)]
+    points, sight = mesh.centroids[faces], LineOfSight(mesh, "own")
+    front = behind = 0.0
+    for pose, near in zip(poses, near_limit(camera, mesh.bounds, poses), strict=True):
+        in_camera = (points - pose[:3, 3]) @ pose[:3, :3]
+        depth = np.where(in_camera[:, 2] > near, in_camera[:, 2], np.nan)
+        pixel = (in_camera @ camera.K.T)[:, :2] / depth[:, None]
+        seen = ((pixel >= 0) & (pixel <= (camera.width, camera.height))).all(axis=1)
+        seen[seen] = ~sight.hidden(points[seen], pose, float(near))
+        to_eye = pose[:3, 3] - points[seen]
+        is_front = np.einsum("fi,fi->f", mesh.normals[faces[seen]], to_eye) > 0
+        front += float(mesh.areas[faces[seen]][is_front].sum())
+        behind += float(mesh.areas[faces[seen]][~is_front].sum())
+    if not behind or behind < LEAST_SHARE_FROM_BEHIND * (front + behind):
+        return []
+    return [
+        f"{behind / (front + behind):.0%} of what the cameras look at is seen from behind: "
+        "normals point inwards, or the surface is open: use two_sided"
+    ]

@@ -1,0 +1,97 @@
+"""Lines about a wrong unit and faces that are turned around."""
+
+import numpy as np
+import pytest
+
+import rastercov as rc
+from rastercov import shapes
+from rastercov.mesh import Mesh
+from rastercov.network import Network
+from rastercov.report.doubts import doubts
+from rastercov.viewpoints import sphere_of_poses
+
+CAMERA = rc.Camera(width=200, height=200, fx=200, fy=200)
+FOCUSED = rc.Camera(width=200, height=200, fx=200, fy=200, focus_range=(0.1, 0.5))
+
+
+def lines(mesh, poses, camera=CAMERA):
+    network = Network(mesh, rc.Task())
+    network.add(rc.evaluate(mesh, camera, poses, network.task))
+    return doubts(network, camera, poses)
+
+
+def turned(mesh):
+    return Mesh(mesh.vertices, mesh.faces[:, ::-1], mesh.groups, mesh.face_group)
+
+
+def around(mesh, n=20, distance=3.0):
+    size = np.linalg.norm(np.ptp(mesh.bounds, axis=0))
+    return sphere_of_poses(mesh.bounds.mean(axis=0), distance * size, n)
+
+
+@pytest.mark.parametrize("name", ["box", "sphere", "teapot", "torus"])
+def test_only_a_mesh_that_is_inside_out_has_a_line(name):
+    mesh = shapes.by_name(name)
+    assert lines(mesh, around(mesh)) == []
+    (line,) = lines(turned(mesh), around(mesh))
+    assert "normals point inwards, or the surface is open: use two_sided" in line
+
+
+@pytest.mark.parametrize("distance", [0.6, 1, 3])
+def test_one_camera_that_sees_a_side_has_no_line(distance):
+    mesh = shapes.by_name("sphere")
+    assert lines(mesh, around(mesh, distance=distance)[:1]) == []
+
+
+def test_a_room_seen_from_inside_has_a_line_only_with_its_normals_outwards():
+    mesh = shapes.by_name("box")
+    centre = mesh.bounds.mean(axis=0)
+    wide = rc.Camera(width=200, height=200, fx=40, fy=40)
+    pose = rc.look_at(centre, centre + np.array([1, 0, 0]))
+    assert "seen from behind" in lines(mesh, pose, wide)[0]
+    assert lines(turned(mesh), pose, wide) == []
+
+
+def test_cameras_that_look_away_have_no_line():
+    mesh = shapes.by_name("sphere")
+    poses = around(mesh)
+    poses[:, :3, [0, 2]] *= -1
+    assert lines(turned(mesh), poses) == []
+
+
+def test_two_sided_faces_have_no_line():
+    mesh = turned(shapes.by_name("sphere")).with_groups(two_sided="all")
+    assert lines(mesh, around(mesh)) == []
+
+
+def test_a_sheet_seen_from_behind_has_a_line():
+    #  3---2   seen from below, its normal points up
+    #  0---1
+    mesh = Mesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    (line,) = lines(mesh, rc.look_at((0.5, 0.5, -3), (0.5, 0.5, 0)))
+    assert line.startswith("100% of what the cameras look at is seen from behind: normals")
+
+
+@pytest.mark.parametrize(
+    ("factor", "text"),
+    [(1000, ": --unit mm?"), (1, None), (1e-3, "check --unit")],
+)
+def test_a_mesh_in_the_wrong_unit_asks_for_it(factor, text):
+    mesh = shapes.by_name("box")
+    poses = around(mesh, distance=2.0)
+    scaled = mesh.moved(scale=factor)
+    found = lines(scaled, poses)
+    assert found == [] if text is None else text in found[0]
+    assert text is None or scaled.size_in_words in found[0]
+
+
+def test_a_mesh_far_beyond_the_depth_of_field_asks_for_its_unit():
+    mesh = shapes.by_name("box")
+    big = mesh.moved(scale=500 / np.ptp(mesh.bounds, axis=0).max())
+    (line, *_) = lines(big, around(big), FOCUSED)
+    assert "the camera is in focus to 500 mm: --unit mm?" in line
+
+
+def test_no_poses_no_lines():
+    mesh = shapes.by_name("box")
+    assert doubts(Network(mesh, rc.Task()), CAMERA, np.empty((0, 4, 4))) == []
