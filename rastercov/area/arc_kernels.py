@@ -28,6 +28,7 @@ from rastercov.area.plane_kernels import (
     Y_AXIS,
     length2,
     perimeter_of,
+    push_parts,
 )
 from rastercov.exact.polygon_kernels import copy_polygon, keep_inside, twice_area
 from rastercov.exact.records import U, V
@@ -117,10 +118,9 @@ def append_within_angle(face, polygon, n, rules, scratch, out):
         append_dense(face, polygon, n, rules, scratch, out)
         return
     towards = anchor(plane)
-    copy_polygon(polygon, n, caps.corners[0])
-    caps.n_corners[0] = n
-    arcs[0, 0], arcs[0, 1] = 0, n_chords
-    top = 1
+    top = push_parts(polygon, n, caps)
+    for p in range(top):
+        arcs[p, 0], arcs[p, 1] = 0, n_chords
     while top > 0:
         top -= 1
         start, end, n = arcs[top, 0], arcs[top, 1], caps.n_corners[top]

@@ -33,6 +33,7 @@ from rastercov.area.plane_kernels import (
     Y_AXIS,
     append_piece,
     length2,
+    push_parts,
 )
 from rastercov.exact.polygon_kernels import copy_polygon, keep_inside, twice_area
 from rastercov.exact.records import U, V
@@ -125,6 +126,8 @@ def accepted_part(is_first, polygon, n, tests, plane, rules, values, out):
     """
     w0, left, right = tests
     changes, start = 0, -1
+    if n + 2 > out.shape[0]:
+        return 0
     for p in range(n):
         values[p] = value_of(is_first, polygon[p, U], polygon[p, V], w0, left, right, plane, rules)
     for p in range(n):
@@ -225,8 +228,8 @@ def append_dense(face, polygon, n, rules, scratch, out):
         append_piece(face, polygon, n, nearest, scratch.tidy, out)
         return
     part, chosen, spare = scratch.inner, scratch.other, scratch.spare
-    copy_polygon(polygon, n, strips.corners[0])
-    strips.n_corners[0], levels[0], top = n, 0, 1
+    top = push_parts(polygon, n, strips)
+    levels[:top] = 0
     while top > 0:
         top -= 1
         n, level = strips.n_corners[top], levels[top]

@@ -242,6 +242,22 @@ def without_coincident(polygon, n, nearest, out):
     return kept
 
 
+@inlined
+def push_parts(polygon, n, stack):
+    """Put a polygon on an empty stack, in parts of at most `MOST_CORNERS` corners; their number."""
+    first, top = 1, 0
+    while first + 1 < n:
+        last = min(first + MOST_CORNERS - 2, n - 1)
+        corners = stack.corners[top]
+        corners[0, U], corners[0, V] = polygon[0, U], polygon[0, V]
+        for p in range(first, last + 1):
+            corners[1 + p - first, U], corners[1 + p - first, V] = polygon[p, U], polygon[p, V]
+        stack.n_corners[top] = last - first + 2
+        first = last
+        top += 1
+    return top
+
+
 @allocation_free
 def append_piece(face, polygon, n, nearest, tidy, out):
     """Append a convex polygon to the regions, in pieces of at most `MOST_CORNERS` corners.

@@ -80,7 +80,7 @@ def test_regions_of_any_scale_hold_their_covered_points(seed, scale):
 
 
 def test_a_face_wholly_visible_has_its_own_area():
-    mesh, camera, poses = room()
+    mesh, _, poses = room()
     far = rc.Camera(width=4000, height=4000, fx=500, fy=500)
     regions = rc.regions(mesh, far, poses)
     seen = rc.visibility(mesh, far, poses)

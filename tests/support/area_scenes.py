@@ -95,16 +95,16 @@ def bisected(mesh, size):
     vertices, faces = mesh.vertices.tolist(), mesh.faces.tolist()
     origin = list(range(mesh.n_faces))
     while True:
-        lengths = {
-            (min(a, b), max(a, b)): float(np.linalg.norm(np.subtract(vertices[a], vertices[b])))
-            for face in faces
-            for a, b in zip(face, face[1:] + face[:1], strict=True)
-        }
-        a, b = max(lengths, key=lengths.get)
-        if lengths[a, b] <= size:
+        ends = np.array(faces)
+        edges = np.unique(np.sort(ends[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)), axis=0)
+        points = np.array(vertices)
+        lengths = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
+        order = np.argsort(-lengths, kind="stable")
+        if lengths[order[0]] <= size:
             return Mesh(vertices, faces), np.array(origin)
-        vertices.append(((np.array(vertices[a]) + vertices[b]) / 2).tolist())
-        _cut_edge(faces, origin, a, b, len(vertices) - 1)
+        for a, b in edges[order[lengths[order] > size]].tolist():
+            vertices.append(((points[a] + points[b]) / 2).tolist())
+            _cut_edge(faces, origin, a, b, len(vertices) - 1)
 
 
 def _cut_edge(faces, origin, a, b, new):

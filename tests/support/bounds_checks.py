@@ -1,9 +1,10 @@
-"""Hostile scenes for the loops of exact/ and mesh/; run with numba's bounds checks."""
+"""Hostile scenes for the loops of exact/, area/ and mesh/; run with numba's bounds checks."""
 
 import numpy as np
 from exact_cases import hostile
 from exact_views import PATHS, look
 
+import rastercov as rc
 from rastercov.mesh.contacts import touching_faces
 
 SCENES = 100
@@ -28,6 +29,26 @@ def find_contacts():
             assert touching_faces(points, faces, tolerance).sum() != 1
 
 
+def cover_scenes():
+    """Regions, unions and cells of the scenes, of each mesh by three tasks at once."""
+    for seed in range(SCENES):
+        case = hostile(seed)
+        density = 10.0 ** np.random.default_rng(seed).uniform(-1, 3)
+        tasks = (
+            rc.Task(),
+            rc.Task(max_incidence_deg=60),
+            rc.Task(min_pixel_density=density, min_pixels_per_m2=density**2 / 2),
+        )
+        parts = [rc.regions(case.mesh, case.camera, case.pose, task) for task in tasks]
+        covered = rc.unite(parts, 2)
+        assert (covered.area[1] <= covered.area[0] + 1e-12 * case.mesh.areas).all(), case
+        size = np.linalg.norm(np.ptp(case.mesh.bounds, axis=0))
+        cells = rc.cells(case.mesh, size / 10)
+        for part in parts:
+            assert (cells.share(part).share <= 1).all(), case
+
+
 if __name__ == "__main__":
     find_contacts()
     look_at_scenes()
+    cover_scenes()

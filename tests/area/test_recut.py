@@ -1,0 +1,70 @@
+"""The covered area does not depend on the triangles that a surface is cut into."""
+
+import numpy as np
+import pytest
+from area_scenes import bisected, building, cut_at_random, room
+
+import rastercov as rc
+from rastercov.mesh import Mesh
+
+TASKS = [
+    rc.Task(max_incidence_deg=75, min_pixels_per_m2=2000),
+    rc.Task(max_incidence_deg=60, min_pixel_density=30),
+]
+POINTS = 1e-4
+"""Percentage points of all area that another cut may change."""
+
+
+def shares(mesh, camera, poses, task, views):
+    """Percent of all area that 1 ... k cameras cover, m^2 of each face, and the bound, percent."""
+    covered = rc.unite(rc.regions(mesh, camera, poses, task), views)
+    total = mesh.areas.sum()
+    percent = [100 * covered.share(k + 1) for k in range(views)]
+    return np.array(percent), covered.area[0], 100 * covered.bound.sum() / total
+
+
+@pytest.mark.parametrize("task", TASKS, ids=["per m^2", "density"])
+@pytest.mark.parametrize("scene", [room, building])
+def test_another_cut_of_the_same_surface_has_the_same_covered_area(scene, task):
+    mesh, camera, poses = scene()
+    whole, of_face, bound = shares(mesh, camera, poses, task, 3)
+    assert 1 < whole[0] < 99
+    size = np.linalg.norm(np.ptp(mesh.bounds, axis=0))
+    cuts = [cut_at_random(mesh, 1, 150), cut_at_random(mesh, 2, 150), bisected(mesh, size / 12)]
+    for other, origin in cuts:
+        assert other.n_faces > 2 * mesh.n_faces
+        assert np.allclose(np.bincount(origin, other.areas), mesh.areas, rtol=1e-13)
+        percent, of_part, other_bound = shares(other, camera, poses, task, 3)
+        assert np.abs(percent - whole).max() <= POINTS
+        together = np.bincount(origin, of_part, minlength=mesh.n_faces)
+        off = 100 * np.abs(together - of_face) / mesh.areas.sum()
+        assert off.max() <= POINTS
+        assert off.sum() <= 2 * (bound + other_bound) + 1e-9
+
+
+def test_cuts_rounded_off_the_surface_change_little():
+    # Turned by an angle that is not dyadic, cut points lie off edges by rounding.
+    mesh, camera, poses = room()
+    rotation = rc.look_at(eyes=[(0.1, 0.2, 0.3)], targets=[(1.0, 0.7, 0.4)])[0, :3, :3]
+    motion = np.eye(4)
+    motion[:3, :3] = rotation
+    there = Mesh(mesh.vertices @ rotation.T, mesh.faces)
+    whole, _, _ = shares(there, camera, motion @ poses, TASKS[0], 2)
+    for seed in (3, 4):
+        other, _ = cut_at_random(there, seed, 150)
+        percent, _, _ = shares(other, camera, motion @ poses, TASKS[0], 2)
+        assert np.abs(percent - whole).max() <= 1e-3
+
+
+def test_by_face_another_cut_changes_what_is_covered():
+    # The reason for all of this: a face is covered when all of it is.
+    mesh, camera, poses = room()
+    other, _ = bisected(mesh, 1.0)
+    task = rc.Task(max_incidence_deg=75)
+    percent = []
+    for each in (mesh, other):
+        network = rc.Network(each, task)
+        with rc.open_observer(each, camera) as observer:
+            network.add_poses(observer, poses)
+        percent.append(network.summary()["covered"]["area_percent"])
+    assert percent[1] - percent[0] > 10

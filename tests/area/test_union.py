@@ -1,0 +1,203 @@
+"""Union of regions over cameras: against Clipper2, and by the laws of sets."""
+
+from dataclasses import replace
+
+import clipper2
+import numpy as np
+import pytest
+from area_scenes import building, hostile_scene, in_regions, room
+from exact_views import SEEDS, soup
+from hypothesis import given, settings
+from scenes import square
+
+import rastercov as rc
+from rastercov.area.frames import frames_of, to_plane
+from rastercov.area.union import RegionUnion, polygon_areas
+from rastercov.errors import ConfigError
+from rastercov.reference.regions import points_on
+
+TASK = rc.Task(max_incidence_deg=75, min_pixels_per_m2=2000)
+CAMERA = rc.Camera(width=200, height=200, fx=100, fy=100)
+
+
+def clipper_union(regions):
+    """Area of the union of all pieces of each face, (F,), by Clipper2 in whole numbers."""
+    mesh, found = regions.mesh, np.zeros(regions.mesh.n_faces)
+    longest = frames_of(mesh).corners[:, 1, 0]
+    for f in np.unique(regions.face):
+        scale = 2.0 ** np.floor(np.log2(2.0**58 / longest[f]))
+        paths = [
+            np.rint(regions.xy[regions.starts[i] : regions.starts[i + 1]] * scale).astype(np.int64)
+            for i in np.flatnonzero(regions.face == f)
+        ]
+        union = clipper2.Clipper64()
+        union.add_subject(paths)
+        closed, _ = union.execute(clipper2.ClipType.UNION, clipper2.FillRule.NON_ZERO)
+        for path in closed:
+            u, v = (np.asarray(path, float) / scale - np.asarray(path[0], float) / scale).T
+            found[f] += (u @ np.roll(v, -1) - v @ np.roll(u, -1)) / 2
+    return found
+
+
+@pytest.mark.parametrize("scene", [room, building])
+def test_the_union_agrees_with_clipper2(scene):
+    mesh, camera, poses = scene()
+    regions = rc.regions(mesh, camera, poses, TASK)
+    covered = rc.unite(regions)
+    assert np.abs(covered.area[0] - clipper_union(regions)).max() <= 1e-10 * mesh.areas.max()
+    assert 0.01 < covered.share() < 0.99
+
+
+@given(seed=SEEDS)
+@settings(max_examples=15)
+def test_the_union_of_hostile_scenes_agrees_with_clipper2(seed):
+    rng = np.random.default_rng(seed)
+    mesh = soup(rng, n=30)
+    poses = rc.look_at(eyes=rng.normal(size=(6, 3)) * 2, targets=(0, 0, 5))
+    regions = rc.regions(mesh, CAMERA, poses, rc.Task(max_incidence_deg=80))
+    off = np.abs(rc.unite(regions).area[0] - clipper_union(regions))
+    assert off.max() <= 1e-8 * mesh.areas.max()
+
+
+@pytest.mark.parametrize("scene", [room, building])
+def test_the_areas_of_all_numbers_of_views_add_up_to_the_pieces(scene):
+    mesh, camera, poses = scene()
+    regions = rc.regions(mesh, camera, poses, TASK)
+    covered = rc.unite(regions, len(poses))
+    total = np.bincount(regions.pair_face, regions.area, minlength=mesh.n_faces)
+    assert np.abs(covered.area.sum(axis=0) - total).max() <= 1e-9 * mesh.areas.sum()
+
+
+def test_fewer_views_cover_no_less_and_levels_do_not_depend_on_the_largest():
+    mesh, camera, poses = room()
+    regions = rc.regions(mesh, camera, poses, TASK)
+    most = rc.unite(regions, 6)
+    assert (np.diff(most.area, axis=0) <= 1e-12).all()
+    assert most.share(6) < most.share(5) < most.share(1)
+    for k in (1, 2, 4):
+        fewer = rc.unite(regions, k)
+        assert np.allclose(fewer.area, most.area[:k], rtol=0, atol=1e-9)
+        assert fewer.views.max() == k
+
+
+def test_the_order_of_cameras_changes_nothing():
+    mesh, camera, poses = room()
+    one = rc.unite(rc.regions(mesh, camera, poses, TASK), 3)
+    for order in ([5, 4, 3, 2, 1, 0], [2, 5, 0, 3, 1, 4]):
+        other = rc.unite(rc.regions(mesh, camera, poses[order], TASK), 3)
+        assert np.abs(one.area - other.area).max() <= 1e-9
+
+
+def test_poses_added_one_by_one_cover_as_much_as_all_at_once():
+    mesh, camera, poses = building()
+    union = RegionUnion(mesh, 2)
+    before = 0.0
+    for pose in poses:
+        union.add(rc.regions(mesh, camera, pose[None], TASK))
+        share = union.covered().share()
+        assert share >= before - 1e-12
+        before = share
+    at_once = rc.unite(rc.regions(mesh, camera, poses, TASK), 2)
+    found = union.covered()
+    assert np.abs(found.area - at_once.area).max() <= 1e-9 * mesh.areas.max()
+    # Slivers aside, the bound is that of the same regions.
+    assert np.allclose(found.bound, at_once.bound, rtol=1e-3, atol=1e-9 * mesh.areas.max())
+
+
+def test_regions_of_several_cameras_are_united():
+    mesh, camera, poses = room()
+    wide = replace(camera, fx=400, fy=400)
+    parts = [rc.regions(mesh, each, poses[:3], TASK) for each in (camera, wide)]
+    both = rc.unite(parts, 2)
+    for part in parts:
+        assert (both.area[0] >= rc.unite(part).area[0] - 1e-9).all()
+    assert both.share(2) > 0
+
+
+def test_a_face_that_k_cameras_cover_as_a_whole_is_closed():
+    wall = square(0.5, 2)
+    poses = np.repeat(np.eye(4)[None], 5, axis=0)
+    poses[:, 0, 3] = np.linspace(-0.3, 0.3, 5)
+    union = RegionUnion(wall, 3)
+    for row in range(5):
+        union.add(rc.regions(wall, CAMERA, poses[row : row + 1]))
+        assert union.closed.all() == (row >= 2)
+    covered = union.covered()
+    assert len(covered) == 2
+    assert np.allclose(covered.area, wall.areas, rtol=1e-12)
+    assert covered.share(3) == pytest.approx(1, rel=1e-12)
+
+
+def test_what_is_whole_for_one_camera_and_a_part_for_another_is_counted():
+    wall = square(0.5, 2)
+    part = rc.regions(wall, CAMERA, np.eye(4), rc.Task(max_incidence_deg=10))
+    whole = rc.regions(wall, CAMERA, np.eye(4))
+    for order in ([part, whole], [whole, part]):
+        covered = rc.unite(order, 2)
+        assert np.allclose(covered.area[0], wall.areas, rtol=1e-12)
+        assert covered.area[1].sum() == pytest.approx(part.area.sum(), rel=1e-9)
+
+
+def test_pieces_of_a_partition_do_not_overlap_and_know_their_views():
+    mesh, camera, poses = room()
+    regions = rc.regions(mesh, camera, poses, TASK)
+    covered = rc.unite(regions, 6)
+    points, face = points_on(mesh, 5000)
+    views = sum(in_regions(regions, row, points, face).astype(int) for row in range(6))
+    xy = to_plane(mesh, face, points)
+    found, times = np.zeros(len(points), int), np.zeros(len(points), int)
+    for piece in range(len(covered)):
+        rows = np.flatnonzero(face == covered.face[piece])
+        polygon = covered.xy[covered.starts[piece] : covered.starts[piece + 1]]
+        sides = np.roll(polygon, -1, axis=0) - polygon
+        away = xy[rows, None] - polygon
+        inside = (sides[:, 0] * away[..., 1] - sides[:, 1] * away[..., 0] >= 0).all(axis=1)
+        found[rows[inside]] = covered.views[piece]
+        times[rows[inside]] += 1
+    assert times.max() == 1
+    assert np.array_equal(found, views)
+
+
+def test_a_partition_has_the_areas_of_its_pieces():
+    mesh, camera, poses = building()
+    covered = rc.unite(rc.regions(mesh, camera, poses, TASK), 3)
+    areas = polygon_areas(covered.xy, covered.starts)
+    assert (areas > 0).all()
+    assert (np.diff(covered.face) >= 0).all()
+    for level in range(3):
+        rows = covered.views > level
+        total = np.bincount(covered.face[rows], areas[rows], minlength=mesh.n_faces)
+        assert np.allclose(total, covered.area[level], rtol=1e-12)
+    corners = covered.points()
+    assert (corners >= mesh.bounds[0] - 1e-9).all()
+    assert (corners <= mesh.bounds[1] + 1e-9).all()
+
+
+@given(seed=SEEDS)
+@settings(max_examples=15)
+def test_a_camera_twice_covers_as_much_and_twice_as_often(seed):
+    mesh, camera, pose = hostile_scene(seed)
+    once = rc.regions(mesh, camera, pose[None])
+    twice = rc.unite([once, once], 2)
+    assert np.abs(twice.area - once.areas()).max() <= 1e-8 * mesh.areas.max()
+
+
+def test_no_cameras_cover_nothing():
+    mesh, camera, _ = room()
+    covered = rc.unite(rc.regions(mesh, camera, np.empty((0, 4, 4))), 2)
+    assert len(covered) == 0
+    assert covered.share() == 0
+    assert covered.area.shape == (2, mesh.n_faces)
+
+
+def test_regions_of_another_mesh_and_no_regions_are_refused():
+    mesh, camera, poses = room()
+    other = rc.regions(square(1, 2), CAMERA, np.eye(4))
+    with pytest.raises(ConfigError, match="regions of one mesh of 48 faces and one of 2"):
+        rc.unite([rc.regions(mesh, camera, poses), other])
+    with pytest.raises(ConfigError, match="got none"):
+        rc.unite([])
+    with pytest.raises(ConfigError, match="views must be a whole number"):
+        rc.unite(other, 0)
+    with pytest.raises(ConfigError, match=r"views must be 1 \.\.\. 1"):
+        rc.unite(other).share(2)

@@ -1,0 +1,84 @@
+"""Visible pieces that the solvers hand out to those who ask for them."""
+
+import numpy as np
+import pytest
+from exact_cases import hostile
+from exact_views import SEEDS, look, on_both_paths, see_again, soup
+from hypothesis import given, settings
+from scenes import joined, square
+
+from rastercov.camera import Camera
+from rastercov.exact import half_planes
+from rastercov.exact.certificate import CertificateSolver
+from rastercov.exact.surface import surface_of
+from rastercov.viewpoints import look_at
+
+CAMERA = Camera(width=320, height=240, fx=260, fy=270)
+
+
+def pieces_of(solver):
+    """Area of the pieces of each face, (F,), and their number."""
+    kept, area = solver.kept_pieces, np.zeros(len(solver.visible))
+    n = int(kept.used[0])
+    for piece in range(n):
+        corners = kept.corners[kept.starts[piece] : kept.starts[piece + 1]]
+        u, v = (corners - corners[0]).T
+        area[kept.faces[piece]] += (u @ np.roll(v, -1) - v @ np.roll(u, -1)) / 2
+    return area, n
+
+
+def solver_with_pieces(mesh, camera, pose, path):
+    solver = path(surface_of(mesh), camera)
+    solver.keep_pieces()
+    see_again(solver, mesh, camera, pose)
+    return solver
+
+
+@on_both_paths
+@given(seed=SEEDS)
+@settings(max_examples=25)
+def test_pieces_have_the_visible_area_and_asking_changes_no_bit(path, seed):
+    case = hostile(seed)
+    plain = look(case.mesh, case.camera, case.pose, path)
+    asked = solver_with_pieces(case.mesh, case.camera, case.pose, path)
+    for name in ("visible", "area", "area_error", "is_certified", "state"):
+        assert np.array_equal(getattr(plain, name), getattr(asked, name)), name
+    area, _ = pieces_of(asked)
+    is_whole = asked.visible >= asked.area
+    has_none = is_whole | (asked.visible == 0)
+    off = np.abs(area - asked.visible)[~has_none]
+    assert (off <= 1e-9 * asked.area[~has_none] + 1e-12).all()
+    # The largest face of a region that counts as whole or hidden may have pieces all the same.
+    assert not area[has_none & ~asked.is_certified].any()
+
+
+@on_both_paths
+def test_pieces_make_room_for_themselves(path, monkeypatch):
+    mesh = soup(np.random.default_rng(3), n=80)
+    wanted, n = pieces_of(solver_with_pieces(mesh, CAMERA, np.eye(4), path))
+    assert n > 100
+    room = half_planes._room_for_kept
+    monkeypatch.setattr(half_planes, "_room_for_kept", lambda n, corners: room(
+        *((1, 4) if (n, corners) == (1024, 8192) else (n, corners))
+    ))  # fmt: skip
+    solver = solver_with_pieces(mesh, CAMERA, np.eye(4), path)
+    found, m = pieces_of(solver)
+    assert m == n
+    assert np.array_equal(found, wanted)
+    see_again(solver, mesh, CAMERA, look_at(eyes=[(1, 0, 0)], targets=(0, 0, 5))[0])
+    see_again(solver, mesh, CAMERA, np.eye(4))
+    assert np.array_equal(pieces_of(solver)[0], wanted)
+
+
+def test_a_window_leaves_pieces_around_it():
+    mesh = joined(square(0.25, 1), square(1, 2))
+    solver = solver_with_pieces(mesh, CAMERA, np.eye(4), CertificateSolver)
+    area, _ = pieces_of(solver)
+    assert not area[:2].any()
+    assert area[2:].sum() == pytest.approx(solver.visible[2:].sum(), rel=1e-12)
+
+
+def test_a_solver_that_is_not_asked_keeps_nothing():
+    solver = look(soup(np.random.default_rng(0)), CAMERA, np.eye(4))
+    assert solver.kept_pieces.used.tolist() == [0, 0, 0]
+    assert solver.kept_pieces.corners.size == 0
