@@ -38,7 +38,7 @@ from rastercov.area.plane_kernels import (
 from rastercov.exact.polygon_kernels import copy_polygon, keep_inside, twice_area
 from rastercov.exact.records import U, V
 
-BISECTIONS = 40
+BISECTIONS = 24
 """Halvings of a side to find a point of it that a test accepts."""
 MOST_HALVINGS = 48
 """Halvings of a piece, after which it is undecided."""

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from area_scenes import building, in_regions, room
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import joined, square
+from surface_cases import building, in_regions, room
 
 import rastercov as rc
 from rastercov.errors import ConfigError, ResourceError

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from area_scenes import bisected, building, cut_at_random, room
+from surface_cases import bisected, building, cut_at_random, room
 
 import rastercov as rc
 from rastercov.mesh import Mesh

@@ -6,7 +6,12 @@ import threading
 
 import numpy as np
 import pytest
-from area_scenes import (
+from exact_cases import known_cases
+from exact_views import SEEDS, soup
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scenes import joined, sheet, square
+from surface_cases import (
     assert_pointwise,
     box,
     building,
@@ -16,11 +21,6 @@ from area_scenes import (
     room,
     turned,
 )
-from exact_cases import known_cases
-from exact_views import SEEDS, soup
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from scenes import joined, sheet, square
 
 import rastercov as rc
 from rastercov.area.frames import frames_of, to_plane, to_world

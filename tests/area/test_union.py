@@ -5,10 +5,10 @@ from dataclasses import replace
 import clipper2
 import numpy as np
 import pytest
-from area_scenes import building, hostile_scene, in_regions, room
 from exact_views import SEEDS, soup
 from hypothesis import given, settings
 from scenes import square
+from surface_cases import building, hostile_scene, in_regions, room
 
 import rastercov as rc
 from rastercov.area.frames import frames_of, to_plane

@@ -1,0 +1,183 @@
+"""Exact regions: their points and areas against a slow reference, then their cost.
+
+A room of 48 faces seen by six cameras; `--meshes DIR` adds featuretype.STL, ADIS16480.STL and
+warehouse.ply of a folder, each seen by 12. First, quasi-random points are judged one by one from
+the definitions (`rastercov.reference.regions`): the covered share of the surface must agree with
+the regions, and each point must lie in a region of a pose exactly if that pose covers it. Unions
+are compared with Clipper2. Then CPU times of one thread: a pose of regions to a certified pose,
+pieces and bytes of a camera, unions, and shares of cells; medians over the rounds.
+"""
+
+import statistics
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import clipper2
+import numpy as np
+from rows import Report, arguments
+from surface_cases import in_regions, room
+
+import rastercov as rc
+from rastercov.area.frames import frames_of
+from rastercov.area.regions import RegionPass
+from rastercov.reference.regions import covers_points, points_on
+
+MOST_OFF = 0.02
+"""Percentage points of all area between regions and points."""
+UNION_REL = 1e-8
+"""Of all area, between unions and Clipper2."""
+FILES = {"featuretype.STL": "in", "ADIS16480.STL": "mm", "warehouse.ply": "m"}
+"""Units of the files; all but the room of boxes are parts, seen from a sphere."""
+
+
+def main() -> None:
+    parser = arguments(__doc__.splitlines()[0])
+    parser.add_argument("--points", type=int, default=2_000_000)
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--meshes", type=Path, metavar="DIR", help="measure these files, too")
+    args = parser.parse_args()
+    report = Report()
+    mesh, camera, poses = room()
+    task = rc.Task(max_incidence_deg=75, min_pixels_per_m2=4000)
+    dense = rc.Task(max_incidence_deg=75, min_pixel_density=60)
+    compare(report, "room", mesh, camera, poses, task, args.points)
+    compare(report, "room, density", mesh, camera, poses, dense, args.points)
+    measure(report, "room", mesh, camera, poses, task, args.rounds)
+    measure(report, "room, density", mesh, camera, poses, dense, args.rounds, most=10.0)
+    for name, unit in FILES.items() if args.meshes else ():
+        mesh = rc.Mesh.load(args.meshes / name, unit)
+        camera, poses, task = warehouse(mesh) if name == "warehouse.ply" else around(mesh)
+        # Each point is held against every face.
+        compare(report, name, mesh, camera, poses, task, args.points // (mesh.n_faces // 400))
+        measure(report, name, mesh, camera, poses, task, args.rounds, ratio=1.5)
+    report.finish(args.json)
+
+
+def around(mesh: rc.Mesh) -> tuple[rc.Camera, np.ndarray, rc.Task]:
+    """Camera, 12 poses on a sphere, and the task of a part."""
+    centre, size = mesh.bounds.mean(axis=0), float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+    focus = (0.65 * size, 1.6 * size)
+    camera = rc.Camera(width=1280, height=960, fx=1500, fy=1500, focus_range=focus)
+    per_m2 = 0.3 * (1500 / (1.1 * size)) ** 2
+    task = rc.Task(max_incidence_deg=70, min_pixels_per_m2=per_m2)
+    return camera, rc.sphere_of_poses(centre, 1.1 * size, 12), task
+
+
+def warehouse(mesh: rc.Mesh) -> tuple[rc.Camera, np.ndarray, rc.Task]:
+    """Camera, 12 poses in a ring inside, and the task of the warehouse."""
+    camera = rc.Camera(width=1280, height=960, fx=700, fy=700, focus_range=(0.3, 18.0))
+    low, high = mesh.bounds
+    angles = 2 * np.pi * np.arange(12) / 12
+    ring = np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
+    eyes = (low + high) / 2 + ring * (high - low) * 0.38
+    eyes[:, 2] = low[2] + 0.55 * (high - low)[2]
+    aside = np.random.default_rng(3).normal(0, 2, (12, 2))
+    targets = (low + high) / 2 + np.column_stack([aside, np.full(12, -2.5)])
+    task = rc.Task(max_incidence_deg=75, min_pixels_per_m2=1500)
+    return camera, rc.look_at(eyes=eyes, targets=targets), task
+
+
+def compare(
+    report: Report,
+    name: str,
+    mesh: rc.Mesh,
+    camera: rc.Camera,
+    poses: np.ndarray,
+    task: rc.Task,
+    n_points: int,
+) -> None:
+    """Regions, by their area and point by point; and their union."""
+    found = rc.regions(mesh, camera, poses, task)
+    points, face = points_on(mesh, n_points)
+    covers = covers_points(mesh, camera, poses, task, points, face)
+    total = mesh.areas.sum()
+    union = rc.unite(found, len(poses))
+    views = covers.sum(axis=0)
+    off = max(abs(100 * union.share(k) - 100 * (views >= k).mean()) for k in range(1, 4))
+    report.add(f"{name}: covered area", 100 * union.share(), "%")
+    report.add(f"{name}: bound of it", 100 * union.bound.sum() / total, "%")
+    report.add(f"{name}: off {n_points:,} points, 1 to 3 views", off, "points", at_most=MOST_OFF)
+    wrong = sum(
+        int((in_regions(found, row, points, face) != covers[row]).sum())
+        for row in range(len(poses))
+    )
+    expected = found.bound.sum() / total * n_points
+    report.add(f"{name}: points on the other side", wrong, f"of {covers.size:,}")
+    report.check(f"{name}: no more than the bound", wrong <= 2 + expected + 6 * expected**0.5)
+    all_views = float(union.area.sum() - found.area.sum()) / total
+    report.check(f"{name}: areas of all views add up", abs(all_views) <= 1e-9)
+    off = float(np.abs(clipper_union(found) - rc.unite(found).area[0]).max()) / total
+    report.add(f"{name}: union off Clipper2, largest face", off, "of all area", at_most=UNION_REL)
+
+
+def clipper_union(found: rc.Regions) -> np.ndarray:
+    """Area of the union of each face, (F,), by Clipper2."""
+    areas, longest = np.zeros(found.mesh.n_faces), frames_of(found.mesh).corners[:, 1, 0]
+    order = np.argsort(found.face, kind="stable")
+    faces, first = np.unique(found.face[order], return_index=True)
+    for f, pieces in zip(faces, np.split(order, first[1:]), strict=True):
+        scale = 2.0 ** np.floor(np.log2(2.0**58 / longest[f]))
+        paths = [
+            np.rint(found.xy[found.starts[i] : found.starts[i + 1]] * scale).astype(np.int64)
+            for i in pieces
+        ]
+        union = clipper2.Clipper64()
+        union.add_subject(paths)
+        for path in union.execute(clipper2.ClipType.UNION, clipper2.FillRule.NON_ZERO)[0]:
+            u, v = ((np.asarray(path) - np.asarray(path[0])) / scale).T
+            areas[f] += (u @ np.roll(v, -1) - v @ np.roll(u, -1)) / 2
+    return areas
+
+
+def measure(
+    report: Report,
+    name: str,
+    mesh: rc.Mesh,
+    camera: rc.Camera,
+    poses: np.ndarray,
+    task: rc.Task,
+    rounds: int,
+    *,
+    ratio: float | None = None,
+    most: float = 10.0,
+) -> None:
+    """Print CPU times of one thread, and memory."""
+    finder, chosen = RegionPass(mesh, camera, task, threads=1), rc.Poses.of(poses)
+    observer = rc.open_observer(mesh, camera, threads=1)
+    found, n = finder.find(chosen), len(poses)
+    repeats = max(1, 60 // n) if mesh.n_faces < 1000 else 1
+    certified, exact = [], []
+    for _ in range(rounds):
+        certified.append(seconds(lambda: observer.observe(chosen), repeats) / n)
+        exact.append(seconds(lambda: finder.find(chosen), repeats) / n)
+    ratios = [one / other for one, other in zip(exact, certified, strict=True)]
+    report.add(f"{name}: certified", 1e3 * statistics.median(certified), "ms/pose")
+    at_most = most if ratio is None else None
+    report.add(f"{name}: regions", 1e3 * statistics.median(exact), "ms/pose", at_most=at_most)
+    report.add(f"{name}: regions / certified", statistics.median(ratios), "", at_most=ratio)
+    size = found.xy.nbytes + found.starts.nbytes + found.face.nbytes + found.pose.nbytes
+    report.add(f"{name}: pieces", len(found) / n, "a camera")
+    report.add(f"{name}: memory of pieces", size / n / 1e3, "kB a camera")
+    for k in (1, 3):
+        rc.unite(found, k)
+        taken = [seconds(lambda k=k: rc.unite(found, k)) for _ in range(rounds)]
+        report.add(f"{name}: union of {n}, {k} views", 1e3 * statistics.median(taken), "ms")
+    cells = rc.cells(mesh, 0.05 * float(np.linalg.norm(np.ptp(mesh.bounds, axis=0))))
+    shares = cells.share(found)
+    taken = [seconds(lambda: cells.share(found)) / n for _ in range(rounds)]
+    report.add(f"{name}: shares of {len(cells):,} cells", 1e3 * statistics.median(taken), "ms/pose")
+    pairs = len(shares.cell) / n
+    report.add(f"{name}: shares of 10,000 candidates", 12 * 1e4 * pairs / 1e9, "GB", at_most=1.0)
+
+
+def seconds(work: Callable[[], object], repeats: int = 1) -> float:
+    """CPU seconds of this process that a call takes."""
+    start = time.process_time()
+    for _ in range(repeats):
+        work()
+    return (time.process_time() - start) / repeats
+
+
+if __name__ == "__main__":
+    main()
