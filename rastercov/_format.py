@@ -39,6 +39,13 @@ def length(metres: float) -> str:
     return signed(metres, 4) if abs(metres) < 100 else f"{metres:.8g}"
 
 
+def area(square_metres: float) -> str:
+    """Area as text, such as "85.2 m²": three digits."""
+    units = (("m²", 1.0), ("cm²", 1e4), ("mm²", 1e6))
+    unit, factor = next((each for each in units if square_metres * each[1] >= 1), ("µm²", 1e12))
+    return f"{number(square_metres * factor)} {unit}"
+
+
 def signed(value: float, digits: int = 2) -> str:
     """A number with a fixed count of decimals, without the sign of -0.00."""
     return f"{round(float(value), digits) + 0.0:.{digits}f}"

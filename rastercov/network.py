@@ -186,7 +186,7 @@ class Network:
 
         if len(poses):
             judge.share(seen, poses, worker)
-        return JudgedPoses(poses.ids, seen.clipped, buffer.rows(), kept, parts)
+        return JudgedPoses(poses.ids, seen.clipped, buffer.rows(), kept, seen, parts)
 
     def _take(self, pose_ids: IntArray, clipped: BoolArray, parts: "list[_Part]") -> None:
         """Add the sums of the parts of a batch of poses."""
@@ -285,12 +285,15 @@ class JudgedPoses:
         Figures of the pairs that were asked for, by pose, then by face.
     kept : dict
         Coverage (F,) float64 of the poses to keep, by their ids.
+    measured : Observation or FaceCounts
+        Measurement of the poses.
     """
 
     pose_ids: IntArray
     clipped: BoolArray
     rows: "PairRows"
     kept: dict[int, FloatArray]
+    measured: Measured
     parts: "list[_Part]"
 
 

@@ -23,6 +23,7 @@ from rastercov.engine import Engine
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.near_plane import limits
+from rastercov.observation import BoundKind
 from rastercov.pose import Poses
 from rastercov.task import Task
 
@@ -179,17 +180,38 @@ class RegionPass:
             lambda: _Finder(mesh, camera, task, is_certified), self.threads
         )
 
-    def find(self, poses: Poses) -> Regions:
-        """Regions of some poses."""
+    def find(
+        self,
+        poses: Poses,
+        closed: NDArray[np.bool_] | None = None,
+        areas: FloatArray | None = None,
+        kind: NDArray[np.uint8] | None = None,
+    ) -> Regions:
+        """Regions of some poses.
+
+        Parameters
+        ----------
+        poses : Poses
+            P poses.
+        closed : (F,) bool, optional
+            Faces whose regions are left out.
+        areas, kind : (3, P, F) float64, (P, F) uint8, optional
+            Out: visible area, area and bound of each face in the image, px^2, and the `BoundKind`,
+            as in an `Observation`.
+        """
         matrices = poses.world_from_camera
         n_poses = len(matrices)
         near, front_only, _ = limits(self.mesh, self.camera, matrices)
         found: list[Any] = [None] * n_poses
 
         def worker(finder: _Finder) -> Callable[[slice], None]:
+            finder.leave_out(closed)
+
             def work(turn: slice) -> None:
                 for row in range(n_poses)[turn]:
                     found[row] = finder.find(matrices[row], near[row], front_only[row])
+                    if areas is not None and kind is not None:
+                        finder.copy_areas(areas[:, row], kind[row])
 
             return work
 
@@ -197,6 +219,14 @@ class RegionPass:
         share_poses(n_poses, [worker(finder) for finder in finders])
         self._scratch.give_back(finders)
         return self._joined(poses, found)
+
+    def clipped(self, poses: Poses) -> NDArray[np.bool_]:
+        """(P,) whether the near plane cuts away a surface in view."""
+        return limits(self.mesh, self.camera, poses.world_from_camera)[2]
+
+    def close(self) -> None:
+        """Release the scratch memory."""
+        self._scratch.close()
 
     def batches(self, poses: Poses) -> Iterator[Regions]:
         """Regions a few poses at a time, for streams of any length; at least one batch."""
@@ -240,6 +270,7 @@ class _Finder:
         self.solver.keep_pieces()
         frames = frames_of(mesh)
         is_asked = mesh.task_mask & (frames.areas > 0)
+        self._is_asked, self._read_only = is_asked, read_only
         self.planes = plane_kernels.Planes._make(
             [
                 *(read_only(array, np.float64) for array in frames),
@@ -250,6 +281,17 @@ class _Finder:
         self.rules = _rules(camera, task, self.solver)
         self._work = plane_kernels.scratch_for(mesh.n_faces)
         self._found = plane_kernels.room_for_found(1024, 8192, mesh.n_faces)
+
+    def leave_out(self, closed: NDArray[np.bool_] | None) -> None:
+        """Find no regions of some faces, (F,) bool, from now on."""
+        is_asked = self._is_asked if closed is None else self._is_asked & ~closed
+        self.planes = self.planes._replace(is_asked=self._read_only(is_asked, np.bool_))
+
+    def copy_areas(self, areas: FloatArray, kind: NDArray[np.uint8]) -> None:
+        """Copy the figures of the last pose, (3, F) and (F,); see `RegionPass.find`."""
+        solver = self.solver
+        areas[0], areas[1], areas[2] = solver.visible, solver.area, solver.area_error
+        kind[:] = np.where(solver.is_certified, BoundKind.CERTIFIED, BoundKind.EXACT)
 
     def find(self, pose: FloatArray, near: float, front_only: bool) -> tuple[Any, ...]:
         """Corners, corner counts and faces of the pieces of a pose; faces, areas and bounds."""

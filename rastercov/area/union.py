@@ -107,7 +107,7 @@ class RegionUnion:
         frames = frames_of(mesh)
         self._corners = read_only(frames.corners, np.float64)
         self._areas = read_only(frames.areas, np.float64)
-        self._floor = FLOOR_REL * float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+        self._floor = diagonal_floor(mesh)
         self._bound = np.zeros(mesh.n_faces)
         self._is_closed = np.zeros(mesh.n_faces, np.bool_)
         self._old, self._spare = (union_kernels.room_for_partition(64, 512) for _ in range(2))
@@ -172,6 +172,11 @@ class RegionUnion:
 
     def _areas_of(self, regions: Regions, chosen: NDArray[np.int64]) -> FloatArray:
         return polygon_areas(regions.xy, regions.starts)[chosen]
+
+
+def diagonal_floor(mesh: Mesh) -> float:
+    """Least distance of two corners that do not coincide, metres."""
+    return FLOOR_REL * float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
 
 
 def polygon_areas(xy: FloatArray, starts: NDArray[np.int64]) -> FloatArray:

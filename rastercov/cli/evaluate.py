@@ -25,6 +25,13 @@ MOST_WARNINGS = 5
 Method = Annotated[
     str, typer.Option(help="How occlusion is found: certified, exact (slower) or sampled.")
 ]
+By = Annotated[
+    str | None,
+    typer.Option(
+        help="Unit of the result: area (exact, whatever the triangles) or face (as in the thesis).",
+        show_default="area, unless a threshold is of a face",
+    ),
+]
 Supersample = Annotated[int, typer.Option(help="S: S x S samples a pixel, for --method sampled.")]
 Table = Annotated[
     str | None,
@@ -54,6 +61,7 @@ def evaluate(
     ] = False,
     table: Table = None,
     pictures: Pictures = 12,
+    by: By = None,
     method: Method = "certified",
     supersample: Supersample = 1,
     device: options.Device = "auto",
@@ -73,6 +81,7 @@ def evaluate(
         method=method,
         supersample=supersample,
         device=device,
+        by=by,
         table=table,
         pictures=pictures,
         skip_bad_poses=skip_bad_poses,

@@ -9,9 +9,13 @@ from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
 from rastercov._output import write_bytes
+from rastercov.area.rest import with_rest
+from rastercov.area.union import Covered
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.report import theme
+
+FloatArray = NDArray[np.float64]
 
 
 def write_coloured_mesh(path: str | Path, mesh: Mesh, values: ArrayLike) -> None:
@@ -34,26 +38,73 @@ def write_coloured_mesh(path: str | Path, mesh: Mesh, values: ArrayLike) -> None
     values : (F,) array_like
         Coverage, such as `Network.best`; beyond [0, 1] shown as the nearer end.
     """
-    path = Path(path)
-    formats = {".glb": _coloured_scene, ".ply": _coloured_soup}
-    if path.suffix.lower() not in formats:
-        raise ConfigError(f"{path}: a coloured mesh is saved as .glb or .ply")
-    content = formats[path.suffix.lower()](mesh, theme.colour_rows(mesh, values))
-    write_bytes(path, content.export(file_type=path.suffix.lower()[1:]))
+    _write(path, mesh, mesh.vertices[mesh.faces], mesh.face_group, theme.colour_rows(mesh, values))
 
 
-def _coloured_soup(mesh: Mesh, entry: NDArray[np.int64]) -> Any:
-    """Separate triangles with vertex colours, in the order of the faces."""
-    colours = np.full((mesh.n_faces, 4), 255, np.uint8)
-    colours[:, :3] = theme.coverage_colours()[entry]
-    points = mesh.vertices[mesh.faces].reshape(-1, 3)
-    corners = np.arange(len(points)).reshape(-1, 3)
-    return trimesh.Trimesh(
-        points, corners, vertex_colors=np.repeat(colours, 3, axis=0), process=False
+def write_covered_mesh(path: str | Path, covered: Covered) -> None:
+    """Write the exact parts of the faces that cameras cover, and the rest of the mesh.
+
+    What no camera covers is red; what they cover runs from violet to yellow with the number of
+    cameras, yellow for all that are required; occluders are grey-blue.
+
+    Parameters
+    ----------
+    path : path ending in .glb or .ply
+        As for `write_coloured_mesh`.
+    covered : Covered
+        Of the mesh.
+    """
+    mesh, parts = covered.mesh, with_rest(covered)
+    counts = np.diff(parts.starts)
+    # A fan of triangles from the first corner of each piece.
+    of_piece = np.repeat(np.arange(len(parts)), counts - 2)
+    step = np.arange(len(of_piece)) - np.repeat((counts - 2).cumsum() - (counts - 2), counts - 2)
+    first = parts.starts[:-1][of_piece]
+    triangles = parts.points()[np.stack((first, first + step + 1, first + step + 2), axis=1)]
+    is_other = ~mesh.task_mask
+    entry = theme.level_rows(parts.views[of_piece] / len(parts.area))
+    _write(
+        path,
+        mesh,
+        np.concatenate([triangles, mesh.vertices[mesh.faces[is_other]]]),
+        np.concatenate([mesh.face_group[parts.face[of_piece]], mesh.face_group[is_other]]),
+        np.concatenate([entry, np.full(is_other.sum(), theme.OCCLUDER_ROW)]),
     )
 
 
-def _coloured_scene(mesh: Mesh, entry: NDArray[np.int64]) -> Any:
+def _write(
+    path: str | Path,
+    mesh: Mesh,
+    triangles: FloatArray,
+    group: NDArray[Any],
+    entry: NDArray[np.int64],
+) -> None:
+    """Write triangles (T, 3, 3), each of a group and in a row of the palette, (T,)."""
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix not in (".glb", ".ply"):
+        raise ConfigError(f"{path}: a coloured mesh is saved as .glb or .ply")
+    if suffix == ".ply":
+        content = _coloured_soup(triangles, entry)
+    else:
+        content = _coloured_scene(mesh, triangles, group, entry)
+    write_bytes(path, content.export(file_type=suffix[1:]))
+
+
+def _coloured_soup(triangles: FloatArray, entry: NDArray[np.int64]) -> Any:
+    """Separate triangles with vertex colours, in their order."""
+    colours = np.full((len(triangles), 4), 255, np.uint8)
+    colours[:, :3] = theme.coverage_colours()[entry]
+    corners = np.arange(3 * len(triangles)).reshape(-1, 3)
+    return trimesh.Trimesh(
+        triangles.reshape(-1, 3), corners, vertex_colors=np.repeat(colours, 3, axis=0),
+        process=False,
+    )  # fmt: skip
+
+
+def _coloured_scene(
+    mesh: Mesh, triangles: FloatArray, group_of: NDArray[Any], entry: NDArray[np.int64]
+) -> Any:
     """One node a group, turned from z up to y up, with the palette as texture."""
     visual: Any = trimesh.visual  # its classes are not annotated
     material = visual.material.PBRMaterial(
@@ -69,9 +120,9 @@ def _coloured_scene(mesh: Mesh, entry: NDArray[np.int64]) -> Any:
     root = "root" + "_" * max(len(group.name) for group in mesh.groups)  # no group has this name
     scene = trimesh.Scene(base_frame=root)
     for index, group in enumerate(mesh.groups):
-        members = np.flatnonzero(mesh.face_group == index)
+        members = np.flatnonzero(group_of == index)
         if members.size:
-            points = (mesh.vertices[mesh.faces[members]] - centre).reshape(-1, 3)
+            points = (triangles[members] - centre).reshape(-1, 3)
             corners = np.arange(len(points)).reshape(-1, 3)
             # The middle of a texel, the same for all three corners: independent of the filter.
             u = (np.repeat(entry[members], 3) + 0.5) / theme.PALETTE

@@ -1,6 +1,7 @@
 """Report of an evaluation: measure poses batch by batch and write their figures to a folder.
 
 coverage.parquet   every figure of the pairs of pose and face that were asked for
+areas.parquet      covered area of each face by 1 ... k cameras, where the result is by area
 summary.json       figures of the network, and their provenance
 network.glb        the mesh coloured by the best coverage of any camera
 contact_sheet.png  the poses side by side
@@ -27,6 +28,8 @@ from PIL import Image
 from rastercov._checks import shown
 from rastercov._interrupts import interrupts_held
 from rastercov._output import write_json
+from rastercov.area.network import AreaNetwork, unit_of_result
+from rastercov.area.observer import RegionObservation, RegionObserver
 from rastercov.camera import Camera
 from rastercov.criteria import face_geometry
 from rastercov.engine import Engine
@@ -39,7 +42,8 @@ from rastercov.pose import Poses
 from rastercov.provenance import Provenance
 from rastercov.raster import open_rasterizer
 from rastercov.raster.contract import Rasterizer
-from rastercov.report.coloured_mesh import write_coloured_mesh
+from rastercov.report.areas import add_areas, write_areas
+from rastercov.report.coloured_mesh import write_coloured_mesh, write_covered_mesh
 from rastercov.report.coverage_table import CoverageTable
 from rastercov.report.doubts import doubts
 from rastercov.report.folder import ReportFolder, ReportKind
@@ -61,7 +65,7 @@ PICTURE_SIDE = 1280
 EVALUATION = ReportKind(
     "evaluate",
     re.compile(
-        r"coverage\.parquet|summary\.json|network\.glb|contact_sheet\.png|(pose|faces)_\d+\.png"
+        r"coverage\.parquet|areas\.parquet|summary\.json|network\.glb|contact_sheet\.png|(pose|faces)_\d+\.png"
     ),
     last="summary.json",
 )
@@ -78,6 +82,7 @@ class Options:
     method: str = "certified"
     supersample: int = 1
     device: str = "auto"
+    by: str | None = None  # unit of the result, of `area.network.UNITS`; None: area where it can be
     table: str | None = None  # of `pairs.CHOICES`; None: "seen", but none above `MOST_ROWS`
     pictures: int = 12  # poses to draw, spread evenly over the run; 0 for none
     skip_bad_poses: bool = False  # leave out poses that are no rigid motion
@@ -160,6 +165,8 @@ def _run(
 ) -> dict[str, Any]:
     total = len(poses)
     network = Network(mesh, task)
+    unit, reason = unit_of_result(options.by, task, options.engine)
+    areas = AreaNetwork(mesh, task) if unit == "area" else None
     evenly = np.linspace(0, total - 1, min(options.pictures, total)).astype(int)
     chosen = set(poses.ids[np.unique(evenly)].tolist())
     drawn: dict[int, NDArray[np.float64]] = {}
@@ -168,7 +175,7 @@ def _run(
     pairs = table_of(mesh, camera, poses) if options.table is None else options.table
     interrupted = False
     with ExitStack() as opened:
-        observer = opened.enter_context(open_observer(mesh, camera, options.engine))
+        observer = opened.enter_context(_observer(mesh, camera, task, options.engine, areas))
         header = Provenance(
             mesh, camera, poses.given, task, asdict(options), observer.info
         ).as_dict()
@@ -185,6 +192,9 @@ def _run(
                     if table is not None:
                         table.add(batch.rows)
                     network.add(batch)
+                    if areas is not None and isinstance(batch.measured, RegionObservation):
+                        areas.add(batch.measured.regions)
+                        observer.closed = areas.closed
                     drawn |= batch.kept
                 progress(len(network.pose_ids), total)
         except KeyboardInterrupt:
@@ -200,7 +210,11 @@ def _run(
     if drawn:
         interrupted |= _draw(mesh, camera, poses, folder, options, task, drawn)
     done = len(network.pose_ids)
-    summary = network.summary() | {
+    summary = network.summary() | {"by": unit, "by_face_because": reason}
+    if areas is not None:
+        add_areas(summary, mesh, areas)
+        write_areas(folder.file("areas.parquet"), mesh, areas.covered)
+    summary |= {
         "interrupted": interrupted,
         "table": {"pairs": pairs, "rows": table.n_rows if table is not None else 0},
         "skipped_poses": {str(row): text for row, text in poses.rejected.items()},
@@ -218,10 +232,22 @@ def _run(
         ],
     }
     with interrupts_held():
-        write_coloured_mesh(folder.file("network.glb"), mesh, network.best)
+        if areas is None:
+            write_coloured_mesh(folder.file("network.glb"), mesh, network.best)
+        else:
+            write_covered_mesh(folder.file("network.glb"), areas.covered)
         write_json(folder.file("summary.json"), summary)
         folder.publish()
     return summary
+
+
+def _observer(
+    mesh: Mesh, camera: Camera, task: Task, engine: Engine, areas: AreaNetwork | None
+) -> Any:
+    """Observer by the method, which finds regions, too, where the result is by area."""
+    if areas is None:
+        return open_observer(mesh, camera, engine)
+    return RegionObserver(mesh, camera, task, engine)
 
 
 def table_of(mesh: Mesh, camera: Camera, poses: Poses) -> str:

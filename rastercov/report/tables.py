@@ -1,29 +1,36 @@
 """Tables of a network for a terminal of 80 columns."""
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
 from rich.table import Table
 from rich.text import Text
 
+from rastercov._format import area
 from rastercov.mesh.mesh import size_in_words
+
+BY_FACE = ("faces", "covered %", "by area %", "uncovered", "at zero")
+BY_AREA = ("area", "covered %", "faces", "not whole", "at zero")
+"""Columns of `summary_table` after the name of the group."""
 
 
 def summary_table(summary: Mapping[str, Any], rows: int = 20) -> Table:
     """`Network.summary` for a terminal of 80 columns: groups, the whole task, reasons.
 
-    Groups with the least covered come first, at most `rows` of them. "At zero" are faces whose
-    coverage is 0 in every camera.
+    Groups with the least covered come first, at most `rows` of them. By area, "not whole" are faces
+    that no camera covers as a whole. "At zero" are faces whose coverage is 0 in every camera.
     """
     poses, views = summary["poses"], summary["required_views"]
     title = f"Covered by {poses} camera{'' if poses == 1 else 's'}"
+    by_area = "covered_area" in summary
     table = Table(title=title + (f", {views} a face" if views > 1 else ""), title_justify="left")
     table.add_column("group", no_wrap=True, max_width=19)
-    for name in ("faces", "covered %", "by area %", "uncovered", "at zero"):
+    for name in BY_AREA if by_area else BY_FACE:
         table.add_column(name, justify="right", no_wrap=True)
     task = [group for group in summary["groups"] if group["role"] == "task"]
     occluders = [group for group in summary["groups"] if group["role"] != "task"]
-    task.sort(key=lambda group: float(group["covered"]["percent"]))
+    task.sort(key=lambda group: float(group["covered_area" if by_area else "covered"]["percent"]))
     for group in task[:rows]:
         table.add_row(Text(group["name"]), *_shares(group, group["faces"]))
     if task[rows:]:
@@ -36,9 +43,10 @@ def summary_table(summary: Mapping[str, Any], rows: int = 20) -> Table:
     reasons = summary["not_covered_because"]
     if reasons:
         table.add_section()
-        table.add_row("not covered because", style="dim")
+        table.add_row("whole faces are not" if by_area else "not covered because", style="dim")
     for name in sorted(reasons, key=lambda name: -int(reasons[name]["faces"])):
-        table.add_row(f"  {name.replace('_', ' ')}", "", "", "", str(reasons[name]["faces"]))
+        count = str(reasons[name]["faces"])
+        table.add_row(f"  {name.replace('_', ' ')}", "", "", *(["", count] if by_area else [count]))
     return table
 
 
@@ -55,8 +63,27 @@ def run_table(summary: Mapping[str, Any]) -> Table:
     table.add_row("measured by", Text(summary["run"]["measured_by"]["renderer"]))
     table.add_row("visibility", _kinds(summary))
     by_area = f"{covered['area_percent']:.1f} % of the area"
-    table.add_row("coverage", f"{covered['percent']:.1f} % of the faces, {by_area}")
+    faces = f"{covered['percent']:.1f} % of the faces, {by_area}"
+    if "covered_area" in summary:
+        table.add_row("coverage", _covered(summary["covered_area"]), style="bold")
+        table.add_row("whole faces", faces)
+    else:
+        table.add_row("coverage", faces)
+    if summary.get("by_face_because"):
+        table.add_row("by face, because", summary["by_face_because"])
     return table
+
+
+def _covered(figures: Mapping[str, Any]) -> str:
+    """Covered area with its bound, in words."""
+    bound = max(figures["bound_percent"], 1e-12)
+    digits = min(max(1, -math.floor(math.log10(bound)) - 1), 6)
+    text = f"{figures['percent']:.{digits}f} % of the area, within {bound:.1g} % of it"
+    if figures["views"] > 1:
+        text += f", by {figures['views']} cameras or more; " + ", ".join(
+            f"{each['percent']:.1f} % by {each['views']}" for each in figures["by_views"][:-1]
+        )
+    return text
 
 
 def _kinds(summary: Mapping[str, Any]) -> str:
@@ -68,6 +95,15 @@ def _kinds(summary: Mapping[str, Any]) -> str:
 
 def _shares(entry: Mapping[str, Any], n_faces: int) -> tuple[str, ...]:
     covered = entry["covered"]
+    if "covered_area" in entry:
+        by_area = entry["covered_area"]
+        return (
+            area(by_area["of_m2"]),
+            f"{by_area['percent']:.1f}",
+            str(n_faces),
+            str(n_faces - covered["faces"]),
+            str(entry["zero_in_every_camera"]["faces"]),
+        )
     return (
         str(n_faces),
         f"{covered['percent']:.1f}",

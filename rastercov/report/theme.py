@@ -92,6 +92,8 @@ COVERAGE_SCALE = ((62, 18, 96), (57, 82, 140), (32, 144, 140), (116, 203, 83), (
 """Dark violet over teal to yellow: lightness rises evenly, so that it is readable in grey too."""
 ZERO_COVERAGE, OCCLUDER_3D = (232, 33, 45), (146, 160, 178)
 PALETTE = 256
+ZERO_ROW, OCCLUDER_ROW = 0, 1
+"""Rows of the palette for no coverage and for occluders."""
 
 
 def coverage_colours() -> Pixels:
@@ -105,11 +107,17 @@ def coverage_colours() -> Pixels:
 
 def colour_rows(mesh: Mesh, values: ArrayLike) -> NDArray[np.int64]:
     """(F,) row of `coverage_colours` for each face."""
-    levels = np.clip(np.nan_to_num(np.asarray(values, np.float64)), 0.0, 1.0)
+    levels = np.asarray(values, np.float64)
     if levels.shape != (mesh.n_faces,):
         raise ConfigError(f"values must have shape ({mesh.n_faces},), got {levels.shape}")
+    return np.where(mesh.task_mask, level_rows(levels), OCCLUDER_ROW)
+
+
+def level_rows(values: ArrayLike) -> NDArray[np.int64]:
+    """(N,) row of `coverage_colours` for each level of coverage, [0, 1]."""
+    levels = np.clip(np.nan_to_num(np.asarray(values, np.float64)), 0.0, 1.0)
     entry = 2 + np.rint(levels * (PALETTE - 3)).astype(np.int64)
-    return np.where(mesh.task_mask, np.where(levels > 0, entry, 0), 1)
+    return np.where(levels > 0, entry, ZERO_ROW)
 
 
 def index_colours(indices: ArrayLike) -> Pixels:

@@ -1,0 +1,110 @@
+"""Area that a network of cameras covers: exact, with its bound, for 1 ... k views and by group."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov._checks import shown
+from rastercov.area.frames import frames_of
+from rastercov.area.regions import Regions, check_pointwise
+from rastercov.area.union import Covered, RegionUnion
+from rastercov.engine import Engine
+from rastercov.errors import ConfigError
+from rastercov.mesh import Mesh
+from rastercov.task import Task
+
+UNITS = ("area", "face")
+"""Units of a result: exact area, or whole faces as in the thesis."""
+
+
+def unit_of_result(by: str | None, task: Task, engine: Engine) -> tuple[str, str]:
+    """Unit of a result, "area" or "face"; and what it is by face for, if nobody asked for that.
+
+    Without a choice it is "area", unless a threshold of the task is of a face or the method counts
+    samples.
+
+    Raises
+    ------
+    ConfigError
+        For an unknown unit, or by area where that cannot be.
+    """
+    if by is not None and by not in UNITS:
+        raise ConfigError(f"by must be one of {', '.join(UNITS)}, got {shown(by)}")
+    if by == "face":
+        return by, ""
+    obstacle = ""
+    if engine.method == "sampled":
+        obstacle = "method sampled counts whole faces; by area, use certified or exact"
+    else:
+        try:
+            check_pointwise(task)
+        except ConfigError as error:
+            obstacle = str(error)
+    if obstacle and by == "area":
+        raise ConfigError(obstacle)
+    return ("face", obstacle) if obstacle else ("area", "")
+
+
+class AreaNetwork:
+    """Area that cameras cover together, added up batch by batch.
+
+    Faces that enough cameras cover as a whole are closed, so that the cost of further poses falls.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Mesh of all regions.
+    task : Task
+        Its `views` is the largest number of views that is counted.
+    """
+
+    def __init__(self, mesh: Mesh, task: Task) -> None:
+        check_pointwise(task)
+        self.mesh, self.views = mesh, task.views
+        self._union = RegionUnion(mesh, task.views)
+        self._covered: Covered | None = None
+
+    @property
+    def closed(self) -> NDArray[np.bool_]:
+        """(F,) faces that need no further regions."""
+        return self._union.closed
+
+    @property
+    def covered(self) -> Covered:
+        """Area of each face that the regions so far cover, and its pieces."""
+        if self._covered is None:
+            self._covered = self._union.covered()
+        return self._covered
+
+    def add(self, regions: Regions) -> None:
+        """Take in the regions of further poses."""
+        self._union.add(regions)
+        self._covered = None
+
+    def summary(self) -> dict[str, Any]:
+        """Covered area of all task faces, ready for JSON."""
+        return self.of_faces(self.mesh.task_mask)
+
+    def of_faces(self, members: NDArray[np.bool_]) -> dict[str, Any]:
+        """Covered area of some faces, (F,) bool: by at least `views` cameras, and by 1 ... views.
+
+        Percentages are of the area of the faces. The true area is within `bound_m2` of each.
+        """
+        total = float(frames_of(self.mesh).areas[members].sum())
+        found, bound = self.covered.area, float(self.covered.bound[members].sum())
+        square_metres = [min(float(row[members].sum()), total) for row in found]
+        bound = min(bound, total)
+        percent = 100 / total if total > 0 else 0.0
+        return {
+            "percent": percent * square_metres[-1],
+            "bound_percent": percent * bound,
+            "m2": square_metres[-1],
+            "bound_m2": bound,
+            "of_m2": total,
+            "views": self.views,
+            "by_views": [
+                {"views": views, "percent": percent * area, "m2": area}
+                for views, area in enumerate(square_metres, start=1)
+            ],
+        }

@@ -1,0 +1,57 @@
+"""Observer that finds the regions of each face beside its areas: visibility is computed once."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov._observers import ExactObserver
+from rastercov.area.regions import RegionPass, Regions
+from rastercov.camera import Camera
+from rastercov.engine import Engine
+from rastercov.mesh import Mesh
+from rastercov.observation import Observation
+from rastercov.pose import Poses
+from rastercov.task import Task
+
+
+@dataclass(frozen=True, eq=False)
+class RegionObservation(Observation):
+    """An `Observation`, and the regions that the same poses cover."""
+
+    regions: Regions = field(kw_only=True)
+
+
+class RegionObserver(ExactObserver):
+    """Observer by method "certified" or "exact" whose observations are `RegionObservation`.
+
+    One thread at a time may use it.
+
+    Attributes
+    ----------
+    closed : (F,) bool
+        Faces whose regions nobody asks for any more, such as those of `RegionUnion.closed`.
+    """
+
+    def __init__(self, mesh: Mesh, camera: Camera, task: Task, engine: Engine) -> None:
+        super().__init__(mesh, camera, engine.method, engine.threads)
+        self._finder = RegionPass(mesh, camera, task, method=engine)
+        self.closed: NDArray[np.bool_] = np.zeros(mesh.n_faces, np.bool_)
+
+    def observe(self, poses: ArrayLike | Poses) -> RegionObservation:
+        """Areas and regions of every face in each pose."""
+        self._check_open()
+        accepted = Poses.of(poses)
+        n_poses, n_faces = len(accepted), self.mesh.n_faces
+        self._check_memory(n_poses)
+        areas = np.empty((3, n_poses, n_faces))
+        kind = np.empty((n_poses, n_faces), np.uint8)
+        found = self._finder.find(accepted, closed=self.closed, areas=areas, kind=kind)
+        clipped = self._finder.clipped(accepted)
+        visible, drawn, error = areas
+        return RegionObservation(visible, drawn, kind, error, clipped, regions=found)
+
+    def close(self) -> None:
+        """Release the memory."""
+        super().close()
+        self._finder.close()

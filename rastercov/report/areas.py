@@ -1,0 +1,46 @@
+"""Covered area in reports: figures of a summary, and a table of faces."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from rastercov._output import writing
+from rastercov.area.frames import frames_of
+from rastercov.area.network import AreaNetwork
+from rastercov.area.union import Covered
+from rastercov.mesh import Mesh
+
+
+def add_areas(summary: dict[str, Any], mesh: Mesh, areas: AreaNetwork) -> None:
+    """Add `covered_area` to the summary of a network, and to each of its scored groups."""
+    summary["covered_area"] = areas.summary()
+    for index, group in enumerate(summary["groups"]):
+        if "covered" in group:
+            group["covered_area"] = areas.of_faces(mesh.face_group == index)
+
+
+def write_areas(path: Path, mesh: Mesh, covered: Covered) -> None:
+    """Write a table of the task faces: Parquet, a row for each face and number of views.
+
+    Columns: `face` (int32), `group` (its name), `views` (int32), `m2` that at least so many cameras
+    cover, `bound_m2` of its error, and `area_m2` of the face (float64).
+    """
+    faces = np.flatnonzero(mesh.task_mask)
+    k = len(covered.area)
+    names = pa.array([group.name for group in mesh.groups])
+    groups = pa.array(np.repeat(mesh.face_group[faces], k).astype(np.int32))
+    table = pa.table(
+        {
+            "face": np.repeat(faces, k).astype(np.int32),
+            "group": pa.DictionaryArray.from_arrays(groups, names),
+            "views": np.tile(np.arange(1, k + 1, dtype=np.int32), len(faces)),
+            "m2": covered.area[:, faces].T.ravel(),
+            "bound_m2": np.repeat(covered.bound[faces], k),
+            "area_m2": np.repeat(frames_of(mesh).areas[faces], k),
+        }
+    )
+    with writing(path) as part:
+        pq.write_table(table, part)
