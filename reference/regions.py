@@ -52,7 +52,7 @@ def covers_points(
     points: FloatArray,
     face: IntArray,
 ) -> BoolArray:
-    """Whether each pose covers each point of a face, (P, N).
+    """Mask of the points of faces that each pose covers, (P, N).
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def meets_criteria(
     local: FloatArray,
     face: IntArray,
 ) -> BoolArray:
-    """Whether points, in camera axes, meet each criterion but occlusion, (N,)."""
+    """Mask of the points, in camera axes, that meet each criterion but occlusion, (N,)."""
     normal = mesh.normals[face] @ pose[:3, :3]
     x, y, z = local.T
     z_n, z_f = camera.depth_of_field(task.max_blur)

@@ -43,7 +43,7 @@ FEWEST_CHORDS, MOST_CHORDS = 16, 1 << 20
 def anchor(plane):
     """Direction in the plane of a face that the polygon's first corner lies in, (x, y).
 
-    A tangent of the plane, in camera axes: continuous but for a plane seen exactly from behind.
+    A tangent of the plane, in camera axes: continuous except for a plane seen exactly from behind.
     """
     x, y, z = plane[NORMAL], plane[NORMAL + 1], plane[NORMAL + 2]
     if plane[HEIGHT] < 0:

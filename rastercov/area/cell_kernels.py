@@ -21,7 +21,7 @@ from rastercov.exact.records import PIECE_ROOM, Pieces, U, V
 DEEPEST = 128
 """Levels of a tree; each halves the area."""
 WHOLE_REL = 1e-12
-"""Of the area of a node: so much may be missing from what covers all of it."""
+"""Part of the area of a node that may be missing from what counts as all of it."""
 
 SMALLEST_SHARE = 1e-12
 """Of a cell: less is rounding along a side of it."""
@@ -55,7 +55,7 @@ class CellScratch(NamedTuple):
 
 
 def cell_scratch(n_cells: int) -> CellScratch:
-    """Scratch memory for meshes of so many cells."""
+    """Scratch memory for a number of cells."""
     return CellScratch(
         np.empty((DEEPEST + 2, 3, 2)),
         np.empty(DEEPEST + 2, np.int64),

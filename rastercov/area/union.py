@@ -23,7 +23,7 @@ FLOOR_REL = 1e-15
 MOST_VIEWS = 10_000
 """Cameras up to which they may be counted."""
 WHOLE_PAIR_REL = 1e-9
-"""Of the area of a face: so much of it a camera may miss that covers it as a whole."""
+"""Part of the area of a face that a camera may miss and still count as covering all of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,7 @@ class Covered:
         return len(self.face)
 
     def share(self, views: int = 1) -> float:
-        """Part of the area of the task faces that at least so many cameras cover, [0, 1]."""
+        """Part of the area of the task faces that at least `views` cameras cover, [0, 1]."""
         number = finite_number(views)
         if number not in range(1, len(self.area) + 1):
             raise ConfigError(f"views must be 1 ... {len(self.area)}, got {shown(views)}")

@@ -30,7 +30,7 @@ from rastercov.exact.polygon_kernels import (
 from rastercov.exact.records import LINE_ERROR, PIECE_ROOM, Pieces, U, V
 
 WHOLE_REL = 1e-9
-"""Of the area of a face: so much of it may be missing from what counts as all of it."""
+"""Part of the area of a face that may be missing from what counts as all of it."""
 SLACK_REL = 0.1
 """Distance from a line up to which a corner is on it, relative to that of coincident corners."""
 
@@ -221,7 +221,7 @@ def add_piece(polygon, n, k, count, nearest, pool):
 
 @inlined
 def covered_area(pool, count, views):
-    """Area of the pieces of at least so many cameras."""
+    """Area of the pieces of at least `views` cameras."""
     total = 0.0
     for q in range(count):
         if pool.pieces.n_corners[q] > 0 and pool.views[q] >= views:

@@ -58,7 +58,7 @@ def store_piece(face, polygon, n, kept):
 
 @inlined
 def drop_pieces(kept, n_pieces, n_corners):
-    """Take back all pieces but the first, of so many corners."""
+    """Take back all pieces after the first `n_pieces`, which have `n_corners` corners."""
     kept.used[0], kept.used[1] = n_pieces, n_corners
 
 

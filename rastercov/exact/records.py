@@ -174,7 +174,7 @@ VisiblePieces = namedtuple("VisiblePieces", "corners starts faces used")
 Attributes
 ----------
 corners : (C, 2) float64
-    Corners, clockwise in the image; (0, 2) where nobody asks.
+    Corners, clockwise in the image; (0, 2) where no caller asks.
 starts : (N + 1,) int64
     The corners of piece p are corners[starts[p]] ... corners[starts[p + 1] - 1].
 faces : (N,) int32

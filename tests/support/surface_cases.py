@@ -119,7 +119,7 @@ def _cut_edge(faces, origin, a, b, new):
 
 
 def in_regions(regions, row, points, face):
-    """Whether each point of a face lies in a piece of the pose in that row, (N,)."""
+    """Mask of the points of faces that lie in a piece of the pose in that row, (N,)."""
     xy = to_plane(regions.mesh, face, points)
     found = np.zeros(len(points), bool)
     order = np.argsort(face, kind="stable")
@@ -136,7 +136,7 @@ def in_regions(regions, row, points, face):
 
 
 def assert_pointwise(mesh, camera, poses, task, n, seed=0, **options):
-    """Regions hold the points that the reference says are covered, but for those in the bound.
+    """Regions hold the points that the reference says are covered, up to the bound.
 
     The number of points in an area that is known to no better than its bound is about Poisson.
     """
