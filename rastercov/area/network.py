@@ -1,5 +1,7 @@
 """Area that a network of cameras covers: exact, with its bound, for 1 ... k views and by group."""
 
+import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -82,17 +84,41 @@ class AreaNetwork:
         self._union.add(regions)
         self._covered = None
 
-    def summary(self) -> dict[str, Any]:
-        """Covered area of all task faces, ready for JSON."""
-        return self.of_faces(self.mesh.task_mask)
+    def summary(self, views: Mapping[str, int] | None = None) -> dict[str, Any]:
+        """Covered area of all task faces, ready for JSON.
 
-    def of_faces(self, members: NDArray[np.bool_]) -> dict[str, Any]:
+        `views` are those of groups by name, 1 for the others; those of the task unless given.
+        """
+        whole = self.of_faces(self.mesh.task_mask)
+        if views is None:
+            return whole
+        parts = [
+            self.of_faces(self.mesh.face_group == index, views.get(group.name, 1))
+            for index, group in enumerate(self.mesh.groups)
+            if not group.is_occluder
+        ]
+        area = sum(part["m2"] for part in parts)
+        percent = 100 / whole["of_m2"] if whole["of_m2"] > 0 else 0.0
+        return whole | {"percent": percent * area, "m2": area, "views": dict(views)}
+
+    def add_to(self, summary: dict[str, Any], views: Mapping[str, int] | None = None) -> None:
+        """Add `covered_area` to the summary of a `Network`, and to each of its scored groups."""
+        summary["covered_area"] = self.summary(views)
+        for index, group in enumerate(summary["groups"]):
+            if "covered" in group:
+                wanted = None if views is None else views.get(group["name"], 1)
+                members = self.mesh.face_group == index
+                group["covered_area"] = self.of_faces(members, wanted)
+
+    def of_faces(self, members: NDArray[np.bool_], views: int | None = None) -> dict[str, Any]:
         """Covered area of some faces, (F,) bool: by at least `views` cameras, and by 1 ... views.
 
         Percentages are of the area of the faces. The true area is within `bound_m2` of each.
+        `views` is that of the task unless given.
         """
+        views = self.views if views is None else views
         total = float(frames_of(self.mesh).areas[members].sum())
-        found, bound = self.covered.area, float(self.covered.bound[members].sum())
+        found, bound = self.covered.area[:views], float(self.covered.bound[members].sum())
         square_metres = [min(float(row[members].sum()), total) for row in found]
         bound = min(bound, total)
         percent = 100 / total if total > 0 else 0.0
@@ -102,9 +128,21 @@ class AreaNetwork:
             "m2": square_metres[-1],
             "bound_m2": bound,
             "of_m2": total,
-            "views": self.views,
+            "views": views,
             "by_views": [
-                {"views": views, "percent": percent * area, "m2": area}
-                for views, area in enumerate(square_metres, start=1)
+                {"views": number, "percent": percent * area, "m2": area}
+                for number, area in enumerate(square_metres, start=1)
             ],
         }
+
+
+def in_words(figures: Mapping[str, Any]) -> str:
+    """Covered area with its bound, in words."""
+    bound = max(figures["bound_percent"], 1e-12)
+    digits = min(max(1, -math.floor(math.log10(bound)) - 1), 6)
+    text = f"{figures['percent']:.{digits}f} % of the area, within {bound:.1g} % of it"
+    if isinstance(figures["views"], int) and figures["views"] > 1:
+        text += f", by {figures['views']} cameras or more; " + ", ".join(
+            f"{each['percent']:.1f} % by {each['views']}" for each in figures["by_views"][:-1]
+        )
+    return text

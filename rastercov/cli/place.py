@@ -84,7 +84,7 @@ def place(
 
         console = Console()
         console.print(report.cameras_table(placed))
-        console.print(summary_table(placed.cameras.network.summary()))
+        console.print(summary_table(report.summary(placed)["network"]))
         left = placed.leftover.lines() if placed.leftover is not None else []
         print("\n".join([size_line(placed.prepared.mesh), *report.lines(placed), *left]))
         print(folder / ("page.html" if has_page else "plan.json"))

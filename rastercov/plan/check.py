@@ -6,7 +6,7 @@ fails when the possibly covered share does not, and is undecided, which does not
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -20,7 +20,15 @@ from rastercov.placement.explain.uncovered import Leftover
 from rastercov.placement.improve.objective import Objective
 from rastercov.plan.errors import PlanError
 from rastercov.plan.file import Plan
-from rastercov.plan.network import Measured, left_over, measured, observer_of
+from rastercov.plan.network import (
+    Measured,
+    area_lines,
+    areas_of,
+    left_over,
+    measured,
+    observer_of,
+    summary_of,
+)
 from rastercov.plan.prepare import Step, quiet
 from rastercov.plan.requirements import HOLDS, Requirement, counting, judge, limits_of
 from rastercov.plan.scene import scene
@@ -44,6 +52,8 @@ class Checked:
     groups : tuple of Requirement
         Share covered of every task group, with limit 0 where nothing is required of it; the least
         covered first.
+    asked_views : int or None
+        Cameras a face that replace those of the plan.
     """
 
     plan: Plan
@@ -55,6 +65,7 @@ class Checked:
     groups: tuple[Requirement, ...]
     cameras: Measured
     leftover: Leftover
+    asked_views: int | None = None
 
     @property
     def is_met(self) -> bool:
@@ -65,7 +76,11 @@ class Checked:
         """The outcome for people: each requirement with the reasons why it fails."""
         said = [f"{each.status}: {each.words()}" for each in self.requirements]
         said += [f"  {line}" for each in self.requirements for line in self.reasons(each)]
-        return said
+        return said + area_lines(self.summary())
+
+    def summary(self) -> dict[str, Any]:
+        """Figures of the network, with its covered area where the plan counts that."""
+        return summary_of(self.plan, self.cameras, self.asked_views)
 
     def reasons(self, requirement: Requirement) -> list[str]:
         """Reasons why a requirement does not hold, by group, the most uncovered first."""
@@ -171,6 +186,8 @@ def check(
         objective = Objective.of(observer, task, **counted)
         with step("coverage") as progress:
             cameras = measured(objective, poses, progress)
+        with step("area") as progress:
+            cameras = replace(cameras, areas=areas_of(plan, mesh, poses, views, progress))
         with step("what is left") as progress:
             leftover = left_over(observer, cameras, progress)
     masks, weights = (cameras.covered, cameras.certain, cameras.possible), objective.integer_weights
@@ -185,11 +202,13 @@ def check(
         groups=tuple(sorted(every, key=lambda each: each.share)),
         cameras=cameras,
         leftover=leftover,
+        asked_views=views,
     )
 
 
 def plain(checked: Checked) -> dict[str, Any]:
     """The outcome, ready for JSON."""
+    network = checked.summary()
     return {
         "plan": str(checked.plan.path),
         "poses": str(checked.poses_file),
@@ -204,7 +223,8 @@ def plain(checked: Checked) -> dict[str, Any]:
             for each in checked.requirements
         ],
         "groups": [asdict(each) for each in checked.groups],
-        "network": checked.cameras.network.summary(),
+        **{name: network[name] for name in ("covered_area",) if name in network},
+        "network": network,
         "left": checked.leftover.summary(),
     }
 

@@ -9,7 +9,9 @@ from typing import Any
 from pydantic import PrivateAttr, ValidationError
 
 from rastercov._files import StrPath, UnparsedError, UnreadableError, printable, read_toml
+from rastercov.area.network import unit_of_result
 from rastercov.camera import Camera
+from rastercov.engine import Engine
 from rastercov.plan.errors import PlanError, lines_of
 from rastercov.plan.sections import PlanModel
 from rastercov.task import Task
@@ -38,6 +40,13 @@ class Plan(PlanModel):
     def build_camera(self) -> Camera:
         """The camera of all poses."""
         return self.camera.build(self.folder)
+
+    def unit_of_result(self) -> tuple[str, str]:
+        """Unit of results, "area" or "face"; and what makes it "face" if the plan does not."""
+        if self.task.by is None and self.task.min_angle_deg > 0:
+            return "face", "min_angle_deg is of a face"
+        engine = Engine(self.task.method, supersample=self.task.supersample)
+        return unit_of_result(self.task.by, self.build_task(), engine)
 
     def build_task(self, views: int | None = None) -> Task:
         """The task; `views` cameras a face for all groups where that is given."""

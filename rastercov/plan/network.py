@@ -6,12 +6,15 @@ resolution has an error without a bound too.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.area.network import AreaNetwork, in_words
+from rastercov.area.regions import RegionPass
 from rastercov.coverage import Coverage, evaluate_batches
 from rastercov.mesh import Mesh
 from rastercov.network import Network
@@ -25,6 +28,7 @@ from rastercov.placement.explain.uncovered import (
 )
 from rastercov.placement.improve.objective import Objective
 from rastercov.plan.file import Plan
+from rastercov.pose import Poses
 from rastercov.task import Reason, Task
 
 FloatArray = NDArray[np.float64]
@@ -68,6 +72,8 @@ class Measured:
         Share covered by the first 1, 2, ..., K cameras.
     share : float
         Share covered by all cameras.
+    areas : AreaNetwork or None
+        Exact covered area; None where the plan counts faces.
     """
 
     poses: FloatArray
@@ -79,6 +85,52 @@ class Measured:
     possible: BoolArray
     curve: FloatArray
     share: float
+    areas: AreaNetwork | None = None
+
+
+def areas_of(
+    plan: Plan,
+    mesh: Mesh,
+    poses: FloatArray,
+    views: int | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> AreaNetwork | None:
+    """Exact area that cameras cover, poses (K, 4, 4); None where the plan counts faces.
+
+    `views` replaces those of the plan.
+    """
+    if plan.unit_of_result()[0] == "face":
+        return None
+    wanted = views or plan.task.views
+    most = max([1, *wanted.values()]) if isinstance(wanted, dict) else wanted
+    areas = AreaNetwork(mesh, plan.build_task(most))
+    finder = RegionPass(mesh, plan.build_camera(), plan.build_task(most), method=plan.task.method)
+    done = 0
+    try:
+        for regions in finder.batches(Poses.of(poses)):
+            areas.add(regions)
+            done += len(regions.pose_ids)
+            progress(done, len(poses))
+    finally:
+        finder.close()
+    return areas
+
+
+def summary_of(plan: Plan, cameras: Measured, views: int | None = None) -> dict[str, Any]:
+    """Summary of the network with its covered area, ready for JSON; `views` as for `areas_of`."""
+    unit, reason = plan.unit_of_result()
+    found = cameras.network.summary() | {"by": unit, "by_face_because": reason}
+    if cameras.areas is not None:
+        wanted = views or plan.task.views
+        cameras.areas.add_to(found, wanted if isinstance(wanted, dict) else None)
+    return found
+
+
+def area_lines(summary: Mapping[str, Any]) -> list[str]:
+    """Line about the covered area in a summary of `summary_of`, or why there is none."""
+    if "covered_area" in summary:
+        return [f"covered: {in_words(summary['covered_area'])}"]
+    return [f"by face, because {reason}" for reason in [summary["by_face_because"]] if reason]
 
 
 def measured(

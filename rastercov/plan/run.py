@@ -24,7 +24,7 @@ from rastercov.placement.select.selection import Selection
 from rastercov.plan.entry import value_of
 from rastercov.plan.errors import PlanError
 from rastercov.plan.file import Plan
-from rastercov.plan.network import Measured, left_over, measured, observer_of
+from rastercov.plan.network import Measured, areas_of, left_over, measured, observer_of
 from rastercov.plan.prepare import Clock, Prepared, Progress, Step, prepare, quiet
 from rastercov.plan.requirements import HOLDS, Requirement, counting, judge, limits_of
 from rastercov.plan.scene import scene
@@ -128,7 +128,7 @@ def place(
             steps=clock.seconds,
             interrupted="selection" if chosen.status == "interrupted" else "",
         )
-        for name, work in _later_steps(selection):
+        for name, work in _later_steps(plan, selection):
             if placement.interrupted:
                 break
             try:
@@ -170,7 +170,7 @@ def _required(prepared: Prepared, covered: BoolArray) -> tuple[Requirement, ...]
 Work = Callable[[Placement, Objective, Progress], Placement]
 
 
-def _later_steps(selection: SelectionSection) -> Iterator[tuple[str, Work]]:
+def _later_steps(plan: Plan, selection: SelectionSection) -> Iterator[tuple[str, Work]]:
     """Name and function of each step after selection that the plan requests."""
     if selection.optimise is not None:
         yield "search", _optimise
@@ -178,6 +178,8 @@ def _later_steps(selection: SelectionSection) -> Iterator[tuple[str, Work]]:
         yield "refinement", _refine
     if selection.tolerance is not None:
         yield "tolerance", _tolerate
+    if plan.unit_of_result()[0] == "area":
+        yield "area", _measure_area
     yield "what is left", _explain_uncovered
 
 
@@ -234,6 +236,12 @@ def _explain_uncovered(placement: Placement, objective: Objective, progress: Pro
         prepared.bounds,
     )
     return replace(placement, leftover=leftover)
+
+
+def _measure_area(placement: Placement, objective: Objective, progress: Progress) -> Placement:
+    prepared, cameras = placement.prepared, placement.cameras
+    areas = areas_of(prepared.plan, prepared.mesh, cameras.poses, progress=progress)
+    return replace(placement, cameras=replace(cameras, areas=areas))
 
 
 def _moved(placement: Placement, objective: Objective, poses: FloatArray, how: str) -> Placement:

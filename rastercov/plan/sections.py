@@ -147,6 +147,11 @@ class TaskSection(fields_of(Task, leave_out=("views",))):  # type: ignore[misc]
         default=0.0, description="Angle that the rays to two of the cameras must differ by."
     )
     weight_by: Literal["area", "count"] = Field(default="area", description="What shares are of.")
+    by: Literal["area", "face"] | None = Field(
+        default=None,
+        description="Unit of results: exact area, or whole faces; area unless a threshold is of a "
+        "face.",
+    )
     method: Literal["certified", "exact", "sampled"] = Field(
         default="certified", description="How occlusion is found."
     )
@@ -158,6 +163,8 @@ class TaskSection(fields_of(Task, leave_out=("views",))):  # type: ignore[misc]
     def _check(self) -> Self:
         if self.supersample > 1 and self.method != "sampled":
             raise ValueError(f"supersample is for method sampled, got method {self.method}")
+        if self.by == "area" and self.min_angle_deg > 0:
+            raise ValueError('min_angle_deg is of a face; leave out by = "area"')
         return self
 
 

@@ -1,7 +1,6 @@
-"""Covered area in reports: figures of a summary, and a table of faces."""
+"""Table of the covered area of each face."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -9,17 +8,8 @@ import pyarrow.parquet as pq
 
 from rastercov._output import writing
 from rastercov.area.frames import frames_of
-from rastercov.area.network import AreaNetwork
 from rastercov.area.union import Covered
 from rastercov.mesh import Mesh
-
-
-def add_areas(summary: dict[str, Any], mesh: Mesh, areas: AreaNetwork) -> None:
-    """Add `covered_area` to the summary of a network, and to each of its scored groups."""
-    summary["covered_area"] = areas.summary()
-    for index, group in enumerate(summary["groups"]):
-        if "covered" in group:
-            group["covered_area"] = areas.of_faces(mesh.face_group == index)
 
 
 def write_areas(path: Path, mesh: Mesh, covered: Covered) -> None:

@@ -42,7 +42,7 @@ from rastercov.pose import Poses
 from rastercov.provenance import Provenance
 from rastercov.raster import open_rasterizer
 from rastercov.raster.contract import Rasterizer
-from rastercov.report.areas import add_areas, write_areas
+from rastercov.report.areas import write_areas
 from rastercov.report.coloured_mesh import write_coloured_mesh, write_covered_mesh
 from rastercov.report.coverage_table import CoverageTable
 from rastercov.report.doubts import doubts
@@ -212,7 +212,7 @@ def _run(
     done = len(network.pose_ids)
     summary = network.summary() | {"by": unit, "by_face_because": reason}
     if areas is not None:
-        add_areas(summary, mesh, areas)
+        areas.add_to(summary)
         write_areas(folder.file("areas.parquet"), mesh, areas.covered)
     summary |= {
         "interrupted": interrupted,

@@ -24,6 +24,7 @@ from rastercov._format import percent
 from rastercov._interrupts import interrupts_held
 from rastercov._output import write_json
 from rastercov.placement.select.problem import BestCoverage
+from rastercov.plan.network import area_lines, summary_of
 from rastercov.plan.prepare import Prepared, Progress
 from rastercov.plan.requirements import OF
 from rastercov.plan.run import Placement
@@ -79,6 +80,7 @@ def summary(placement: Placement) -> dict[str, Any]:
     assert plan.selection is not None
     pairs = {"poses": len(prepared.pool.candidates), "pairs": prepared.pairs}
     opened = prepared.openings
+    network = summary_of(plan, cameras)
     return {
         "plan": plan.model_dump(),
         "met": placement.is_met,
@@ -87,7 +89,8 @@ def summary(placement: Placement) -> dict[str, Any]:
         "size_m": np.ptp(prepared.mesh.bounds, axis=0),
         "requirements": [asdict(each) for each in placement.requirements],
         "share": cameras.share,
-        "network": cameras.network.summary(),
+        **{name: network[name] for name in ("covered_area",) if name in network},
+        "network": network,
         "cameras": _cameras(placement),
         "candidates": prepared.pool.summary()
         | {"segments": prepared.segmentation.n_segments if prepared.segmentation else None},
@@ -178,6 +181,7 @@ def lines(placement: Placement) -> list[str]:
     """Sentences about a placement that no table has."""
     prepared, selection = placement.prepared, placement.selection
     said = [*prepared.pool.lines(), *prepared.notes, _selected(placement)]
+    said += area_lines(summary_of(prepared.plan, placement.cameras))
     of = OF[prepared.plan.task.weight_by]
     if placement.optimised is not None:
         said.append(f"search over free poses: {percent(placement.optimised.share)} of {of}")

@@ -1,6 +1,5 @@
 """Tables of a network for a terminal of 80 columns."""
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -8,6 +7,7 @@ from rich.table import Table
 from rich.text import Text
 
 from rastercov._format import area
+from rastercov.area.network import in_words
 from rastercov.mesh.mesh import size_in_words
 
 BY_FACE = ("faces", "covered %", "by area %", "uncovered", "at zero")
@@ -65,25 +65,13 @@ def run_table(summary: Mapping[str, Any]) -> Table:
     by_area = f"{covered['area_percent']:.1f} % of the area"
     faces = f"{covered['percent']:.1f} % of the faces, {by_area}"
     if "covered_area" in summary:
-        table.add_row("coverage", _covered(summary["covered_area"]), style="bold")
+        table.add_row("coverage", in_words(summary["covered_area"]), style="bold")
         table.add_row("whole faces", faces)
     else:
         table.add_row("coverage", faces)
     if summary.get("by_face_because"):
         table.add_row("by face, because", summary["by_face_because"])
     return table
-
-
-def _covered(figures: Mapping[str, Any]) -> str:
-    """Covered area with its bound, in words."""
-    bound = max(figures["bound_percent"], 1e-12)
-    digits = min(max(1, -math.floor(math.log10(bound)) - 1), 6)
-    text = f"{figures['percent']:.{digits}f} % of the area, within {bound:.1g} % of it"
-    if figures["views"] > 1:
-        text += f", by {figures['views']} cameras or more; " + ", ".join(
-            f"{each['percent']:.1f} % by {each['views']}" for each in figures["by_views"][:-1]
-        )
-    return text
 
 
 def _kinds(summary: Mapping[str, Any]) -> str:

@@ -585,7 +585,11 @@ def test_a_run_that_was_ended_goes_on_from_its_shards(capsys, monkeypatch, numbe
 def test_a_rig_that_covers_enough_passes(capsys):
     code, out, err = call(capsys, "check plan.toml -p rig.json")
     assert (code, err) == (0, "")
-    assert out == "holds: all: 100.0 % covered, 100.0 % wanted\n12 faces, 1 x 1 x 1 m\n"
+    assert out == (
+        "holds: all: 100.0 % covered, 100.0 % wanted\n"
+        "by face, because min_pixels is of a face; give min_pixels_per_m2, got min_pixels 2.0\n"
+        "12 faces, 1 x 1 x 1 m\n"
+    )
 
 
 @pytest.mark.parametrize("n_gone", [1, 2, 6])
