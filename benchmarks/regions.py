@@ -13,13 +13,11 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-import clipper2
 import numpy as np
 from rows import Report, arguments
-from surface_cases import in_regions, room
+from surface_cases import in_regions, off_clipper2, room
 
 import rastercov as rc
-from rastercov.area.frames import frames_of
 from rastercov.area.regions import RegionPass
 from rastercov.reference.regions import covers_points, points_on
 
@@ -109,27 +107,8 @@ def compare(
     report.check(f"{name}: no more than the bound", wrong <= 2 + expected + 6 * expected**0.5)
     all_views = float(union.area.sum() - found.area.sum()) / total
     report.check(f"{name}: areas of all views add up", abs(all_views) <= 1e-9)
-    off = float(np.abs(clipper_union(found) - rc.unite(found).area[0]).max()) / total
+    off = float(off_clipper2(found, rc.unite(found).area[0]).max()) / total
     report.add(f"{name}: union off Clipper2, largest face", off, "of all area", at_most=UNION_REL)
-
-
-def clipper_union(found: rc.Regions) -> np.ndarray:
-    """Area of the union of each face, (F,), by Clipper2."""
-    areas, longest = np.zeros(found.mesh.n_faces), frames_of(found.mesh).corners[:, 1, 0]
-    order = np.argsort(found.face, kind="stable")
-    faces, first = np.unique(found.face[order], return_index=True)
-    for f, pieces in zip(faces, np.split(order, first[1:]), strict=True):
-        scale = 2.0 ** np.floor(np.log2(2.0**58 / longest[f]))
-        paths = [
-            np.rint(found.xy[found.starts[i] : found.starts[i + 1]] * scale).astype(np.int64)
-            for i in pieces
-        ]
-        union = clipper2.Clipper64()
-        union.add_subject(paths)
-        for path in union.execute(clipper2.ClipType.UNION, clipper2.FillRule.NON_ZERO)[0]:
-            u, v = ((np.asarray(path) - np.asarray(path[0])) / scale).T
-            areas[f] += (u @ np.roll(v, -1) - v @ np.roll(u, -1)) / 2
-    return areas
 
 
 def measure(

@@ -13,6 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov._jit import allocation_free, inlined
+from rastercov.area.bucket_kernels import (
+    Buckets,
+    find_near,
+    lay_grid,
+    list_piece,
+    room_for_buckets,
+)
 from rastercov.area.plane_kernels import (
     COINCIDENT_REL,
     perimeter_of,
@@ -62,6 +69,7 @@ class Pool(NamedTuple):
     given: FloatArray
     values: FloatArray
     lines: FloatArray
+    buckets: Buckets
 
 
 def room_for_partition(n: int, corners: int) -> Partition:
@@ -88,6 +96,7 @@ def pool_of(n: int) -> Pool:
         given=given,
         values=np.empty(PIECE_ROOM),
         lines=np.empty((PIECE_ROOM, LINE_ERROR + 1)),
+        buckets=room_for_buckets(n),
     )
 
 
@@ -97,12 +106,6 @@ def lines_of(polygon, n, lines):
     for p in range(n):
         q = p + 1 if p + 1 < n else 0
         set_side(lines, p, polygon[p, U], polygon[p, V], polygon[q, U], polygon[q, V])
-
-
-@inlined
-def apart(box, q, u_min, u_max, v_min, v_max):
-    """True if a piece does not reach into a rectangle."""
-    return box[q, 0] >= u_max or box[q, 1] <= u_min or box[q, 2] >= v_max or box[q, 3] <= v_min
 
 
 @allocation_free
@@ -123,7 +126,8 @@ def put_piece(polygon, n, views, at, count, nearest, pool):
     first = 1
     while first + 1 < kept:
         last = min(first + MOST_CORNERS - 2, kept - 1)
-        if first > 1 or at == count:
+        is_new = first > 1 or at == count
+        if is_new:
             at = count
             count += 1
         if count > pool.views.shape[0]:
@@ -138,21 +142,25 @@ def put_piece(polygon, n, views, at, count, nearest, pool):
         u_min, u_max, v_min, v_max = extent_of(corners, m)
         pool.box[at, 0], pool.box[at, 1] = u_min, u_max
         pool.box[at, 2], pool.box[at, 3] = v_min, v_max
+        # What takes the place of a larger piece is in its lists.
+        if is_new and not list_piece(at, pool.box, pool.buckets):
+            return np.int64(-1), 0.0
         first = last
     return count, abs(area - before)
 
 
 @allocation_free
-def rest_of(polygon, n, count, nearest, pool):
-    """Fill `pool.rest` with what no piece covers of a polygon; number of parts, -1 for no room."""
-    pieces, rest, lines, box = pool.pieces, pool.rest, pool.lines, pool.box
-    u_min, u_max, v_min, v_max = extent_of(polygon, n)
+def rest_of(polygon, n, n_near, nearest, pool):
+    """Fill `pool.rest` with what the pieces near a polygon, of `find_near`, do not cover of it.
+
+    Returns the number of parts, -1 for no room.
+    """
+    pieces, rest, lines, near = pool.pieces, pool.rest, pool.lines, pool.buckets.near
     copy_polygon(polygon, n, rest.corners[0])
     rest.n_corners[0], n_rest = n, np.int64(1)
-    for q in range(count):
+    for index in range(n_near):
+        q = near[index]
         m = pieces.n_corners[q]
-        if m == 0 or apart(box, q, u_min, u_max, v_min, v_max):
-            continue
         lines_of(pieces.corners[q], m, lines)
         n_rest = clip_subtract(
             rest, n_rest, lines, m, m, SLACK_REL * nearest, pool.spare, pool.values
@@ -168,10 +176,10 @@ def add_piece(polygon, n, k, count, nearest, pool):
 
     The number is -1 where there is too little room.
     """
-    pieces, rest, lines, box = pool.pieces, pool.rest, pool.lines, pool.box
-    slack, slivers, old = SLACK_REL * nearest, 0.0, count
-    u_min, u_max, v_min, v_max = extent_of(polygon, n)
-    n_rest = rest_of(polygon, n, old, nearest, pool)
+    pieces, rest, lines, near = pool.pieces, pool.rest, pool.lines, pool.buckets.near
+    slack, slivers = SLACK_REL * nearest, 0.0
+    n_near = find_near(extent_of(polygon, n), count, pool.box, pieces.n_corners, pool.buckets)
+    n_rest = rest_of(polygon, n, n_near, nearest, pool)
     if n_rest < 0:
         return np.int64(-1), 0.0
     for r in range(n_rest):
@@ -184,12 +192,12 @@ def add_piece(polygon, n, k, count, nearest, pool):
     if k == 1:
         return count, slivers
     # The pieces that it covers.
-    for q in range(old):
-        m = pieces.n_corners[q]
-        views = pool.views[q]
-        if m == 0 or views == k or apart(box, q, u_min, u_max, v_min, v_max):
+    lines_of(polygon, n, lines)
+    for index in range(n_near):
+        q = near[index]
+        m, views = pieces.n_corners[q], pool.views[q]
+        if views == k:
             continue
-        lines_of(polygon, n, lines)
         copy_polygon(pieces.corners[q], m, rest.corners[0])
         rest.n_corners[0] = m
         n_rest = clip_subtract(rest, np.int64(1), lines, n, n, slack, pool.spare, pool.values)
@@ -246,13 +254,16 @@ def store_partition(face, pool, count, out):
 
 @inlined
 def load_partition(old, first, last, pool):
-    """Take the pieces first ... last - 1 of a partition into the pool."""
+    """Take the pieces first ... last - 1 of a partition into the pool; False for lack of room."""
+    fits = True
     for piece in range(first, last):
         q, n = piece - first, old.starts[piece + 1] - old.starts[piece]
         copy_polygon(old.xy[old.starts[piece] :], n, pool.pieces.corners[q])
         pool.pieces.n_corners[q], pool.views[q] = n, old.views[piece]
         box = extent_of(pool.pieces.corners[q], n)
         pool.box[q, 0], pool.box[q, 1], pool.box[q, 2], pool.box[q, 3] = box
+        fits = fits and list_piece(q, pool.box, pool.buckets)
+    return fits
 
 
 @allocation_free
@@ -301,8 +312,12 @@ def unite_faces(corners, areas, floor, k, old, new, order, whole, pool, is_close
             continue
         if count + 4 > room:
             return False
-        load_partition(old, first, at_old, pool)
-        if is_closed[f] or (first_new == at_new and whole[f] == 0):
+        is_changed = not is_closed[f] and (first_new < at_new or whole[f] > 0)
+        n_expected = count + 2 * (at_new - first_new) if is_changed else 0
+        lay_grid(corners[f], n_expected, pool.buckets)
+        if not load_partition(old, first, at_old, pool):
+            return False
+        if not is_changed:
             store_partition(f, pool, count, out)
             continue
         nearest = max(COINCIDENT_REL * corners[f, 1, 0], floor)
@@ -311,7 +326,8 @@ def unite_faces(corners, areas, floor, k, old, new, order, whole, pool, is_close
             for q in range(count):
                 pool.views[q] = min(pool.views[q] + whole[f], k)
             copy_polygon(corners[f], 3, given)
-            n_rest = rest_of(given, np.int64(3), count, nearest, pool)
+            n_near = find_near(extent_of(given, 3), count, pool.box, pieces.n_corners, pool.buckets)
+            n_rest = rest_of(given, np.int64(3), n_near, nearest, pool)
             if n_rest < 0:
                 return False
             for r in range(n_rest):
