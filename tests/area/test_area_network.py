@@ -1,0 +1,154 @@
+"""Covered area of a network: its unit, sums over batches and groups, and what no camera covers."""
+
+import numpy as np
+import pytest
+from exact_views import SEEDS
+from hypothesis import given, settings
+from scenes import joined, square
+from surface_cases import hostile_scene, room
+
+import rastercov as rc
+from rastercov.area.network import AreaNetwork, in_words, unit_of_result
+from rastercov.area.observer import RegionObserver
+from rastercov.area.rest import with_rest
+from rastercov.area.union import polygon_areas
+from rastercov.engine import Engine
+from rastercov.errors import ConfigError
+from rastercov.mesh import Group
+from rastercov.network import Network
+
+
+def network_of(mesh, camera, poses, task, step=2, *, closing=True):
+    """Covered area, added up a few poses at a time."""
+    areas = AreaNetwork(mesh, task)
+    with RegionObserver(mesh, camera, task, Engine()) as observer:
+        for at in range(0, len(poses), step):
+            areas.add(observer.observe(poses[at : at + step]).regions)
+            if closing:
+                observer.closed = areas.closed
+    return areas
+
+
+# --- unit of a result -----------------------------------------------------------------------------
+
+
+def test_a_result_is_by_area_unless_a_threshold_or_the_method_is_of_faces():
+    assert unit_of_result(None, rc.Task(), Engine()) == ("area", "")
+    assert unit_of_result("face", rc.Task(), Engine()) == ("face", "")
+    unit, reason = unit_of_result(None, rc.Task(min_pixels=5), Engine())
+    assert unit == "face"
+    assert reason.startswith("min_pixels is of a face; give min_pixels_per_m2")
+    assert unit_of_result(None, rc.Task.thesis(), Engine())[0] == "face"
+    assert unit_of_result(None, rc.Task(), Engine("sampled"))[0] == "face"
+
+
+@pytest.mark.parametrize(
+    ("by", "task", "method", "words"),
+    [
+        ("faces", rc.Task(), "certified", "by must be one of area, face, got 'faces'"),
+        ("area", rc.Task(min_pixels=5), "certified", "min_pixels is of a face"),
+        ("area", rc.Task(), "sampled", "method sampled counts whole faces"),
+    ],
+)
+def test_what_cannot_be_by_area_is_refused(by, task, method, words):
+    with pytest.raises(ConfigError, match=words):
+        unit_of_result(by, task, Engine(method))
+
+
+# --- sums -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("views", [1, 2, 3])
+def test_closed_faces_change_nothing(views):
+    mesh, camera, poses = room()
+    task = rc.Task(views=views, max_incidence_deg=75)
+    closing = network_of(mesh, camera, poses, task)
+    whole = network_of(mesh, camera, poses, task, step=len(poses), closing=False)
+    bound = closing.covered.bound + whole.covered.bound
+    assert (abs(closing.covered.area - whole.covered.area) <= bound + 1e-12).all()
+    assert closing.summary()["percent"] == pytest.approx(whole.summary()["percent"], abs=1e-7)
+
+
+def test_groups_add_up_to_the_whole():
+    mesh, camera, poses = room()
+    task = rc.Task(views=2)
+    areas = network_of(mesh, camera, poses, task)
+    network = Network(mesh, task)
+    found = network.summary()
+    areas.add_to(found)
+    parts = [group["covered_area"] for group in found["groups"] if "covered_area" in group]
+    assert sum(part["m2"] for part in parts) == pytest.approx(found["covered_area"]["m2"])
+    assert [row["views"] for row in found["covered_area"]["by_views"]] == [1, 2]
+    most, least = (row["m2"] for row in found["covered_area"]["by_views"])
+    assert most > least == found["covered_area"]["m2"] > 0
+
+
+def two_groups(**flags):
+    mesh = joined(square(2, 4), square(1, 3))
+    groups = [Group("back"), Group("front", **flags)]
+    return rc.Mesh(mesh.vertices, mesh.faces, groups=groups, face_group=[0, 0, 1, 1])
+
+
+def test_groups_may_need_views_of_their_own():
+    mesh, camera = two_groups(), rc.Camera(width=100, height=100, fx=50, fy=50)
+    areas = network_of(mesh, camera, np.eye(4)[None], rc.Task(views=2))
+    by_one = areas.summary()["by_views"][0]
+    assert areas.summary({})["m2"] == pytest.approx(by_one["m2"]) == areas.covered.area[0].sum()
+    front = areas.summary({"back": 2})
+    assert front["m2"] == pytest.approx(areas.covered.area[0, 2:].sum())
+    assert areas.summary({"back": 2, "front": 2})["m2"] == 0
+    found = {"groups": [{"name": "back", "covered": {}}, {"name": "front", "covered": {}}]}
+    areas.add_to(found, {"back": 2})
+    assert [group["covered_area"]["views"] for group in found["groups"]] == [2, 1]
+    assert found["groups"][1]["covered_area"]["percent"] == pytest.approx(100)
+
+
+@given(seed=SEEDS)
+@settings(max_examples=15)
+def test_an_observer_of_regions_measures_what_an_exact_observer_does(seed):
+    mesh, camera, poses = hostile_scene(seed)
+    with rc.open_observer(mesh, camera) as plain:
+        expected = plain.observe(poses)
+    with RegionObserver(mesh, camera, rc.Task(), Engine()) as observer:
+        found = observer.observe(poses)
+    for name in ("visible_pixels", "drawn_pixels", "kind", "area_error", "clipped"):
+        assert np.array_equal(getattr(found, name), getattr(expected, name)), name
+    again = rc.regions(mesh, camera, poses)
+    assert np.array_equal(found.regions.areas(), again.areas())
+
+
+# --- the rest -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("views", [1, 3])
+def test_covered_parts_and_the_rest_make_up_the_faces(views):
+    mesh, camera, poses = room()
+    areas = network_of(mesh, camera, poses, rc.Task(views=views, max_incidence_deg=75))
+    parts = with_rest(areas.covered)
+    sizes = polygon_areas(parts.xy, parts.starts)
+    sums = np.bincount(parts.face, sizes, minlength=mesh.n_faces)
+    assert sums == pytest.approx(mesh.areas, rel=1e-9)
+    assert set(parts.views.tolist()) <= set(range(views + 1))
+    for level in range(views):
+        rows = parts.views > level
+        found = np.bincount(parts.face[rows], sizes[rows], minlength=mesh.n_faces)
+        assert found == pytest.approx(areas.covered.area[level], abs=1e-9 * mesh.areas.max())
+
+
+def test_without_poses_all_is_rest():
+    mesh, _, _ = room()
+    parts = with_rest(AreaNetwork(mesh, rc.Task()).covered)
+    assert (parts.views == 0).all()
+    assert polygon_areas(parts.xy, parts.starts).sum() == pytest.approx(mesh.areas.sum())
+
+
+def test_occluders_have_no_rest():
+    covered = AreaNetwork(two_groups(is_occluder=True), rc.Task()).covered
+    assert set(with_rest(covered).face.tolist()) == {0, 1}
+
+
+def test_words_have_the_digits_that_are_known():
+    figures = {"percent": 12.3456789, "bound_percent": 3e-4, "views": 1, "by_views": []}
+    assert in_words(figures) == "12.346 % of the area, within 0.0003 % of it"
+    figures |= {"bound_percent": 0.0, "views": 2, "by_views": [{"percent": 50.0, "views": 1}, {}]}
+    assert "by 2 cameras or more; 50.0 % by 1" in in_words(figures)

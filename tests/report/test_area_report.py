@@ -1,0 +1,80 @@
+"""Files of an evaluation by area: figures, the table of faces, the coloured parts."""
+
+import json
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+import trimesh
+from surface_cases import room
+
+import rastercov as rc
+from rastercov.report.coverage import Options, run
+from rastercov.report.theme import ZERO_COVERAGE, coverage_colours
+
+TASK = rc.Task(views=2, max_incidence_deg=75)
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("area") / "report"
+    mesh, camera, poses = room()
+    summary = run(mesh, camera, poses, TASK, folder, Options(pictures=0))
+    return mesh, folder, summary
+
+
+def coloured_areas(path):
+    """Area of each colour of a coloured mesh."""
+    areas = {}
+    for part in trimesh.load(path).geometry.values():
+        palette = np.asarray(part.visual.material.baseColorTexture.convert("RGB"))[0]
+        u = part.visual.uv[part.faces[:, 0], 0]
+        for colour, area in zip(
+            palette[(u * len(palette)).astype(int)], part.area_faces, strict=True
+        ):
+            areas[tuple(colour.tolist())] = areas.get(tuple(colour.tolist()), 0.0) + area
+    return areas
+
+
+def test_the_summary_has_the_covered_area(report):
+    mesh, folder, summary = report
+    assert (
+        json.loads((folder / "summary.json").read_text())["covered_area"] == summary["covered_area"]
+    )
+    found = summary["covered_area"]
+    exact = rc.unite(rc.regions(*room(), TASK), views=2)
+    assert summary["by"] == "area"
+    assert found["m2"] == pytest.approx(exact.area[1].sum(), abs=1e-6)
+    assert found["percent"] == pytest.approx(100 * found["m2"] / mesh.areas.sum())
+    assert 0 < found["bound_percent"] < 1e-3
+    assert [each["views"] for each in found["by_views"]] == [1, 2]
+
+
+def test_the_table_of_faces_adds_up(report):
+    mesh, folder, summary = report
+    table = pq.read_table(folder / "areas.parquet").to_pydict()
+    views, m2 = np.array(table["views"]), np.array(table["m2"])
+    assert len(m2) == 2 * mesh.n_faces
+    for each in summary["covered_area"]["by_views"]:
+        assert m2[views == each["views"]].sum() == pytest.approx(each["m2"])
+    assert (m2 <= np.array(table["area_m2"]) * (1 + 1e-12)).all()
+    assert set(table["group"]) == {"mesh"}
+
+
+def test_only_what_is_covered_has_a_colour_of_coverage(report):
+    mesh, folder, summary = report
+    once, twice = (each["m2"] for each in summary["covered_area"]["by_views"])
+    areas = coloured_areas(folder / "network.glb")
+    palette = [tuple(colour) for colour in coverage_colours().tolist()]
+    assert areas.pop(ZERO_COVERAGE) == pytest.approx(mesh.areas.sum() - once, rel=1e-5)
+    assert areas.pop(palette[-1]) == pytest.approx(twice, rel=1e-5)
+    (half,) = areas.values()
+    assert half == pytest.approx(once - twice, rel=1e-5)
+
+
+def test_by_face_the_report_is_that_of_faces(tmp_path):
+    mesh, camera, poses = room()
+    summary = run(mesh, camera, poses, TASK, tmp_path / "r", Options(pictures=0, by="face"))
+    assert summary["by"] == "face"
+    assert "covered_area" not in summary
+    assert not (tmp_path / "r" / "areas.parquet").exists()
