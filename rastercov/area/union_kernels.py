@@ -349,7 +349,8 @@ def unite_faces(corners, areas, floor, k, old, new, order, whole, pool, is_close
             n = starts[piece + 1] - starts[piece]
             copy_polygon(xy[starts[piece] :], n, given)
             count, sliver = add_piece(given, n, k, count, nearest, pool)
-            slivers += sliver
+            # A corner near a line counts as on it, on either side.
+            slivers += sliver + 4 * SLACK_REL * nearest * perimeter_of(given, n)
             if count < 0:
                 return False
             most += twice_area(given, n) / 2

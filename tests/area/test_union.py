@@ -10,7 +10,7 @@ from scenes import square
 from surface_cases import building, hostile_scene, in_regions, off_clipper2, room
 
 import rastercov as rc
-from rastercov.area.frames import to_plane
+from rastercov.area.frames import frames_of, to_plane
 from rastercov.area.union import RegionUnion, polygon_areas
 from rastercov.errors import ConfigError
 from rastercov.reference.regions import points_on
@@ -179,8 +179,10 @@ def test_hostile_scenes_keep_the_laws_of_sets(seed):
     regions = rc.regions(mesh, camera, poses, rc.Task(max_incidence_deg=85))
     one, all_views = rc.unite(regions), rc.unite(regions, 6)
     other_way = rc.unite(rc.regions(mesh, camera, poses[::-1], rc.Task(max_incidence_deg=85)), 2)
-    slack = 3e-9 * mesh.areas + 1e-12 * mesh.areas.max()  # 1e-9 of a face may miss of a whole one
-    assert (one.area[0] <= mesh.areas * (1 + 1e-9)).all()
+    # 1e-9 of a face may miss of a whole one, and what is that near to an edge of a needle.
+    longest = frames_of(mesh).corners[:, 1, 0]
+    slack = 3e-9 * mesh.areas + 1e-11 * longest**2
+    assert (one.area[0] <= mesh.areas + slack).all()
     assert (np.abs(one.area[0] - all_views.area[0]) <= slack).all()
     assert (np.abs(other_way.area - all_views.area[:2]) <= slack).all()
     total = np.bincount(regions.pair_face, regions.area, minlength=mesh.n_faces)
