@@ -223,9 +223,14 @@ def cut_by_lines(polygon, n, lines, first, last, spare):
     return n, undecided
 
 
-@inlined
-def without_coincident(polygon, n, nearest, out):
-    """Copy a polygon without the corners nearer than `nearest` to the one before; their count."""
+@allocation_free
+def without_needless(polygon, n, nearest, out):
+    """Copy a polygon without corners that rounding may have put anywhere; returns their count.
+
+    These are corners no farther than `nearest` from the one before, or from the line through both
+    neighbours: a short side that continues a long one has a direction of few digits, and beyond its
+    line may lie corners of the polygon itself.
+    """
     kept = 0
     for p in range(n):
         if kept > 0:
@@ -239,6 +244,15 @@ def without_coincident(polygon, n, nearest, out):
         max(abs(out[0, U] - out[kept - 1, U]), abs(out[0, V] - out[kept - 1, V])) <= nearest
     ):
         kept -= 1
+    n, kept = kept, 0
+    for p in range(n):
+        before, after = kept - 1 if kept > 0 else n - 1, p + 1 if p + 1 < n else 0
+        x, y = out[after, U] - out[before, U], out[after, V] - out[before, V]
+        away = (out[p, V] - out[before, V]) * x - (out[p, U] - out[before, U]) * y
+        if kept + n - p > 3 and abs(away) <= nearest * length2(x, y):
+            continue
+        out[kept, U], out[kept, V] = out[p, U], out[p, V]
+        kept += 1
     return kept
 
 
@@ -262,10 +276,10 @@ def push_parts(polygon, n, stack):
 def append_piece(face, polygon, n, nearest, tidy, out):
     """Append a convex polygon to the regions, in pieces of at most `MOST_CORNERS` corners.
 
-    The difference that leaving out coincident corners makes is added to the bound of the face.
+    The difference that leaving out needless corners makes is added to the bound of the face.
     """
     before = twice_area(polygon, n) / 2 if n >= 3 else 0.0
-    kept = without_coincident(polygon, n, nearest, tidy)
+    kept = without_needless(polygon, n, nearest, tidy)
     area = twice_area(tidy, kept) / 2 if kept >= 3 else 0.0
     if not area > 0:
         out.bound[face] += max(before, 0.0)

@@ -24,7 +24,7 @@ from rastercov.area.plane_kernels import (
     COINCIDENT_REL,
     perimeter_of,
     set_side,
-    without_coincident,
+    without_needless,
 )
 from rastercov.exact.half_plane_kernels import extent_of
 from rastercov.exact.polygon_kernels import (
@@ -117,7 +117,7 @@ def put_piece(polygon, n, views, at, count, nearest, pool):
     """
     pieces, tidy = pool.pieces, pool.spare
     before = max(twice_area(polygon, n) / 2, 0.0) if n >= 3 else 0.0
-    kept = without_coincident(polygon, n, nearest, tidy)
+    kept = without_needless(polygon, n, nearest, tidy)
     area = twice_area(tidy, kept) / 2 if kept >= 3 else 0.0
     if kept < 3 or not area > nearest * perimeter_of(tidy, kept):
         if at < count:
@@ -349,7 +349,8 @@ def unite_faces(corners, areas, floor, k, old, new, order, whole, pool, is_close
             n = starts[piece + 1] - starts[piece]
             copy_polygon(xy[starts[piece] :], n, given)
             count, sliver = add_piece(given, n, k, count, nearest, pool)
-            slivers += sliver
+            # A corner near a line counts as on it, on either side.
+            slivers += sliver + 4 * SLACK_REL * nearest * perimeter_of(given, n)
             if count < 0:
                 return False
             most += twice_area(given, n) / 2
