@@ -109,10 +109,16 @@ def best_directions(mesh: Mesh, faces: BoolArray, count: int = 2) -> FloatArray:
     return DIRECTIONS[chosen]
 
 
-def paint(scene: Scene, colours: Pixels, through: BoolArray | None = None) -> Pixels:
+def paint(
+    scene: Scene,
+    colours: Pixels,
+    through: BoolArray | None = None,
+    own: Pixels | None = None,
+) -> Pixels:
     """Pixels of a scene, (H, W, 3), with faces in `colours` (F, 3), lit from the viewer.
 
-    Faces of `through`, (F,), show through the part that hides them, faintly and striped.
+    Faces of `through`, (F,), show through the part that hides them, faintly and striped. `own`,
+    (H, W, 3), are colours of pixels instead, for those of task faces.
     """
     mesh, buffer = scene.mesh, scene.buffer
     _, cosine = facing(mesh, scene.pose)
@@ -120,6 +126,10 @@ def paint(scene: Scene, colours: Pixels, through: BoolArray | None = None) -> Pi
     palette[:-1] = colours * (0.6 + 0.4 * cosine[:, None])
     palette[-1] = EXTERIOR
     pixels = palette[buffer.face]
+    if own is not None:
+        is_task = np.append(mesh.task_mask, False)[buffer.face]
+        light = 0.6 + 0.4 * cosine[buffer.face[is_task]]
+        pixels[is_task] = own[is_task] * light[:, None]
     draw_lines(pixels, buffer.face, mesh.n_faces)
     if through is not None and through.any():
         behind = _drawn(mesh, scene.camera, scene.pose, np.flatnonzero(through)).face

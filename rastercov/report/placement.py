@@ -14,6 +14,7 @@ from PIL import Image
 
 from rastercov._format import length, percent, signed
 from rastercov._output import write_text
+from rastercov.area.regions import Regions
 from rastercov.camera import Camera
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
@@ -79,6 +80,8 @@ class PlanReport:
     sources: Sequence[str] = ()  # of each pose, K; taken from `candidates` unless given
     made_with: Mapping[str, Any] = field(default_factory=dict)  # for the end of the page
     notes: Sequence[str] = ()  # sentences for the top of the page
+    summary: Mapping[str, Any] | None = None  # figures; those of the network unless given
+    regions: Regions | None = None  # of the poses, where the result is by area
 
     def __post_init__(self) -> None:
         count = len(self.network.pose_ids)
@@ -126,9 +129,10 @@ def write_page(
 
 def page(report: PlanReport, progress: Progress = lambda done, total: None) -> str:
     """HTML of a report, pictures inline."""
-    mesh, summary = report.mesh, report.network.summary()
+    mesh, summary = report.mesh, report.summary or report.network.summary()
     covered, figures = summary["covered"], summary["visibility_figures"]
     left = report.leftover.summary() if report.leftover else None
+    by_area = summary.get("covered_area", {}).get("percent", covered["area_percent"])
     noun = "camera covers" if len(report.poses) == 1 else "cameras cover"
     return rendered(
         "placement.html",
@@ -142,7 +146,7 @@ def page(report: PlanReport, progress: Progress = lambda done, total: None) -> s
         n_occluders=int((~mesh.task_mask).sum()),
         extent=" x ".join(f"{side:.3g}" for side in np.ptp(mesh.bounds, axis=0)),
         wants=_thresholds(report),
-        answer=f"{len(report.poses)} {noun} {percent(covered['area_percent'] / 100)} of the area",
+        answer=f"{len(report.poses)} {noun} {percent(by_area / 100)} of the area",
         lines=_lines(report, summary),
         cameras=_cameras(report),
         groups=_groups(summary),
@@ -167,7 +171,7 @@ def _drawn(report: PlanReport, progress: Progress) -> dict[str, Picture]:
         "network": (
             "The cameras around the part, from two sides",
             lambda: pictures.network_picture(
-                mesh, report.camera, report.poses, network.best_pose, report.names
+                mesh, report.camera, report.poses, network.best_pose, report.names, report.regions
             ),
         ),
         "coverage": (
@@ -175,6 +179,12 @@ def _drawn(report: PlanReport, progress: Progress) -> dict[str, Picture]:
             lambda: pictures.coverage_picture(mesh, network.best),
         ),
     }
+    if (regions := report.regions) is not None:
+        views = len((report.summary or {})["covered_area"]["by_views"])
+        parts["coverage"] = (
+            "The part coloured by the number of cameras that cover each point",
+            lambda: pictures.views_picture(mesh, report.poses, regions, views),
+        )
     if left := report.leftover:
         parts["leftover"] = (
             "Faces that are not covered, by reason",
@@ -266,13 +276,14 @@ def _groups(summary: Mapping[str, Any]) -> list[list[str]]:
         [
             group["name"],
             f"{group['faces']:,}",
-            percent(group["covered"]["percent"] / 100),
-            percent(group["covered"]["area_percent"] / 100),
-            f"{group['faces'] - group['covered']['faces']:,}",
+            percent(whole["percent"] / 100),
+            percent(group.get("covered_area", {}).get("percent", whole["area_percent"]) / 100),
+            f"{group['faces'] - whole['faces']:,}",
             f"{group['zero_in_every_camera']['faces']:,}",
         ]
         for group in summary["groups"]
         if group["role"] != "occluder"
+        for whole in [group["covered"]]
     ]
 
 

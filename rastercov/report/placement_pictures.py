@@ -13,12 +13,14 @@ from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw
 
 from rastercov._format import percent
+from rastercov.area.regions import Regions
 from rastercov.camera import Camera
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.placement.candidates.segments import Segmentation
 from rastercov.placement.explain.uncovered import WORDS, Leftover
 from rastercov.report import theme
+from rastercov.report.area_pictures import SeenArea, best_and_views
 from rastercov.report.images import Key, font_for, framed, stripes
 from rastercov.report.panorama import (
     DIRECTIONS,
@@ -72,6 +74,28 @@ def coverage_picture(mesh: Mesh, best: ArrayLike) -> Image.Image:
     return _two_sides(mesh, colours, "Best coverage of each face", keys, ALL_SIDES, zero)
 
 
+def views_picture(mesh: Mesh, poses: ArrayLike, regions: Regions, views: int) -> Image.Image:
+    """The part coloured by the number of cameras that cover each point, up to the required one."""
+    matrices = np.asarray(poses, np.float64).reshape(-1, 4, 4)
+    scale = theme.coverage_colours()
+    levels = scale[theme.level_rows(np.arange(views + 1) / views)]
+    keys = [_key("covered by none", tuple(levels[0]))]
+    keys += [
+        _key(f"by {n}" + (" or more" if n == views else ""), tuple(levels[n]))
+        for n in range(1, views + 1)
+    ]
+    keys += _occluder_key(mesh, theme.OCCLUDER)
+    images = []
+    for direction in ALL_SIDES:
+        scene = look(mesh, direction)
+        _, counts = best_and_views(
+            SeenArea(regions, matrices), scene.camera, scene.pose, scene.buffer
+        )
+        own = levels[np.minimum(counts, views)]
+        images.append(smooth(Image.fromarray(paint(scene, _neutral(mesh), own=own))))
+    return framed(_beside(images), "Cameras that cover each point of the surface", keys)
+
+
 def leftover_picture(leftover: Leftover) -> Image.Image:
     """Faces that no camera covers, by reason, from the directions that show most of them."""
     mesh = leftover.mesh
@@ -96,23 +120,28 @@ def network_picture(
     poses: ArrayLike,
     best_pose: ArrayLike | None = None,
     names: Sequence[str] = (),
+    regions: Regions | None = None,
 ) -> Image.Image:
     """The cameras of poses (K, 4, 4) around the part as view pyramids, figures 6.10 and 6.11.
 
     `best_pose`, (F,), is the camera that covers each face best and gives its colour, -1 for none;
-    the labels of the cameras are 1, 2, ... unless K names are given.
+    the labels of the cameras are 1, 2, ... unless K names are given. With `regions` of the poses,
+    exactly the covered surface is coloured, by the camera with most pixels on it.
     """
     matrices = np.asarray(poses, np.float64).reshape(-1, 4, 4)
     count = len(matrices)
     of_camera = theme.camera_colours(count)
     colours = _neutral(mesh)
     keys: list[Key] = []
-    if best_pose is not None:
+    swatch = np.repeat(np.repeat(of_camera[None, :4], 24, axis=0), 6, axis=1)
+    if regions is not None:
+        keys = [Key("covered, in the colour of the camera with most pixels", swatch)]
+        keys.append(_key("covered by none", theme.UNCOVERED))
+    elif best_pose is not None:
         best = np.asarray(best_pose)
         lit = mesh.task_mask & (best >= 0)
         colours[lit] = of_camera[best[lit]]
         colours[mesh.task_mask & (best < 0)] = theme.UNCOVERED
-        swatch = np.repeat(np.repeat(of_camera[None, :4], 24, axis=0), 6, axis=1)
         keys = (
             [Key("each face in the colour of the camera that has it best", swatch)] if count else []
         )
@@ -127,7 +156,13 @@ def network_picture(
     images = []
     for direction in DIRECTIONS[:2]:
         scene = look(mesh, direction, more)
-        image = Image.fromarray(paint(scene, colours))
+        own = None
+        if regions is not None:
+            best, _ = best_and_views(
+                SeenArea(regions, matrices), scene.camera, scene.pose, scene.buffer
+            )
+            own = np.vstack((of_camera, theme.UNCOVERED)).astype(np.uint8)[best]
+        image = Image.fromarray(paint(scene, colours, own=own))
         for pyramid, colour in zip(pyramids, of_camera.tolist(), strict=True):
             fill_in_space(image, scene, pyramid[1:], tuple(colour))
             draw_in_space(image, scene, _edges(pyramid, tuple(colour)))

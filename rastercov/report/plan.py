@@ -23,6 +23,7 @@ from rich.text import Text
 from rastercov._format import percent
 from rastercov._interrupts import interrupts_held
 from rastercov._output import write_json
+from rastercov.area.regions import regions
 from rastercov.placement.select.problem import BestCoverage
 from rastercov.plan.network import area_lines, summary_of
 from rastercov.plan.prepare import Prepared, Progress
@@ -241,6 +242,10 @@ def write_page(placement: Placement, path: Path, progress: Progress) -> None:
     from rastercov.report.placement import write_page as write  # with the first page only
 
     prepared = placement.prepared
+    found = None
+    if placement.cameras.areas is not None:
+        poses, method = placement.cameras.poses, prepared.plan.task.method
+        found = regions(prepared.mesh, prepared.camera, poses, prepared.task, method=method)
     report = PlanReport(
         mesh=prepared.mesh,
         camera=prepared.camera,
@@ -260,5 +265,7 @@ def write_page(placement: Placement, path: Path, progress: Progress) -> None:
         sources=placement.origin,
         made_with=made_from(prepared),
         notes=lines(placement),
+        summary=summary_of(prepared.plan, placement.cameras),
+        regions=found,
     )
     write(path, report, progress)

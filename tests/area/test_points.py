@@ -1,0 +1,65 @@
+"""Points of a surface, and pixels of its pictures, that poses cover."""
+
+import numpy as np
+import pytest
+from exact_views import SEEDS
+from hypothesis import given, settings
+from surface_cases import hostile_scene, in_regions, room
+
+import rastercov as rc
+from rastercov.area.points import covering_poses
+from rastercov.reference.regions import points_on
+from rastercov.report.area_pictures import SeenArea, best_and_views, points_of_pixels
+
+TASK = rc.Task(max_incidence_deg=75)
+
+
+def assert_as_in_pieces(mesh, camera, poses, task, n):
+    regions = rc.regions(mesh, camera, poses, task)
+    points, face = points_on(mesh, n, 0)
+    found = covering_poses(regions, face, points)
+    assert found.shape == (len(points), len(poses))
+    for row in range(len(poses)):
+        # One is compared with a slack, the other is not.
+        assert (found[:, row] != in_regions(regions, row, points, face)).sum() <= 2
+    return found
+
+
+def test_poses_cover_the_points_in_their_pieces():
+    found = assert_as_in_pieces(*room(), TASK, 5000)
+    assert found.any(axis=0).all()
+    assert not found.all(axis=0).any()
+
+
+@given(seed=SEEDS)
+@settings(max_examples=15)
+def test_poses_cover_the_points_in_their_pieces_of_hostile_scenes(seed):
+    assert_as_in_pieces(*hostile_scene(seed), rc.Task(), 500)
+
+
+def test_no_points_and_no_poses_are_no_error():
+    mesh, camera, poses = room()
+    regions = rc.regions(mesh, camera, poses[:0], TASK)
+    assert covering_poses(regions, [0], mesh.vertices[mesh.faces[:1, 0]]).shape == (1, 0)
+    regions = rc.regions(mesh, camera, poses, TASK)
+    assert covering_poses(regions, [], np.empty((0, 3))).shape == (0, len(poses))
+
+
+def test_pixels_show_the_area_that_is_covered():
+    """In a picture from a camera, the share of covered pixels is that of its own regions."""
+    mesh, camera, poses = room()
+    regions = rc.regions(mesh, camera, poses, TASK)
+    with rc.open_rasterizer(mesh, camera, "cpu") as rasterizer:
+        buffer = rasterizer.render(poses[0])
+    best, views = best_and_views(SeenArea(regions, poses), camera, poses[0], buffer)
+    assert ((best >= 0) == (views > 0)).all()
+    assert best.max() < len(poses)
+    rows, columns = np.nonzero(buffer.face >= 0)
+    points = points_of_pixels(mesh, camera, poses[0], buffer.face[rows, columns], rows, columns)
+    depth = (points - poses[0][:3, 3]) @ poses[0][:3, 2]
+    assert depth == pytest.approx(buffer.depth[rows, columns], rel=1e-4)
+    covered = covering_poses(regions, buffer.face[rows, columns], points)[:, 0].mean()
+    alone = rc.regions(mesh, camera, poses[:1], TASK)
+    one, _ = best_and_views(SeenArea(alone, poses[:1]), camera, poses[0], buffer)
+    assert (one[rows, columns] == 0).mean() == pytest.approx(covered)
+    assert 0.1 < covered < 1
