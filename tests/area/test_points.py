@@ -15,6 +15,7 @@ TASK = rc.Task(max_incidence_deg=75)
 
 
 def assert_as_in_pieces(mesh, camera, poses, task, n):
+    poses = poses.reshape(-1, 4, 4)
     regions = rc.regions(mesh, camera, poses, task)
     points, face = points_on(mesh, n, 0)
     found = covering_poses(regions, face, points)
