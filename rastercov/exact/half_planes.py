@@ -387,6 +387,9 @@ class HalfPlaneSolver:
             )
         self._is_listed = True
 
+    def _make_room_for_clipped(self, n: int) -> None:
+        self.projected = self.projected._replace(clipped=_room_for_clipped(n))
+
     def _make_room_for_pieces(self, n: int) -> None:
         """Allocate room for n pieces of a face."""
         self._pieces = _room_for_pieces(n, PIECE_ROOM)
