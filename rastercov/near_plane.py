@@ -46,8 +46,8 @@ def picture_limits(
 def near_limit(camera: Camera, bounds: FloatArray, poses: FloatArray) -> FloatArray:
     """Depth of the near plane of each pose, (P,), metres: surfaces nearer than it are cut away.
 
-    It is max(camera.near, 1e-6 times the distance to the farthest corner of `bounds`, which are those
-    of the opaque part of a mesh).
+    It is max(camera.near, 1e-6 times the distance to the farthest corner of `bounds`), which are
+    those of the opaque part of a mesh.
     """
     reach = np.abs(bounds[None] - poses[:, None, :3, 3]).max(axis=1)
     farthest = np.sqrt((reach**2).sum(axis=1))

@@ -251,7 +251,7 @@ def _visible(images: Images, tree: shapely.STRtree, faces: IntArray) -> list[Bas
     # Neighbours only touch, and many others are wholly behind: not worth an intersection.
     near, far = images.inverse_depth_range()
     is_pair = (faces[rows] != others) & ~images.is_target[others]
-    is_pair &= (near[others] >= far[faces[rows]] * (1 - 2 * TIE))
+    is_pair &= near[others] >= far[faces[rows]] * (1 - 2 * TIE)
     rows, others = rows[is_pair], others[is_pair]
     is_pair = ~shapely.touches(images.polygons[faces[rows]], images.polygons[others])
     rows, others = rows[is_pair], others[is_pair]

@@ -6,8 +6,8 @@ T n M n {1/z_M > 1/z_T}, and
     visible(T) = T \ U_M T n M n {1/z_M > 1/z_T}.
 
 No depth sorting is needed: faces that overlap cyclically or pierce one another are correct.
-Surfaces at equal depth coincide, and the face with the lower index is visible. Targets hide nothing,
-and nothing at their depth hides them. The compiled loops are in `half_plane_kernels` and
+Surfaces at equal depth coincide, and the face with the lower index is visible. Targets hide
+nothing, and nothing at their depth hides them. The compiled loops are in `half_plane_kernels` and
 `target_kernels`.
 
 A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of Solids. 1967.
@@ -150,8 +150,8 @@ def visible_areas(
 class HalfPlaneSolver:
     """Exact visible areas of a surface, one pose at a time, with the scratch memory of one thread.
 
-    Arrays have the opaque faces first and then the targets: `Surface.rows` puts them in the order of
-    the mesh.
+    Arrays have the opaque faces first and then the targets: `Surface.rows` puts them in the order
+    of the mesh.
 
     Attributes
     ----------
@@ -271,8 +271,8 @@ class HalfPlaneSolver:
         )  # fmt: skip
         if self._target_image is not None and surface.targets is not None:
             its_image, *_ = _set_up(
-                surface.targets, self.camera, False, self._target_image.own, self.area_error[n_faces:],
-                np.empty(7),
+                surface.targets, self.camera, False, self._target_image.own,
+                self.area_error[n_faces:], np.empty(7),
             )  # fmt: skip
             self._target_image = self._target_image.beside(self.projected, its_image)
         self.visible.fill(0.0)

@@ -11,9 +11,7 @@ from rastercov.exact.records import U_MAX, U_MIN, V_MAX, V_MIN
 
 
 @allocation_free
-def target_areas(
-    targets, first, camera, projected, grid, marks, pieces, work, visible, area_error
-):
+def target_areas(targets, first, camera, projected, grid, marks, pieces, work, visible, area_error):
     """Visible areas of targets; arguments and result as of `half_plane_kernels.visible_areas`.
 
     The face that hid another target there is forgotten before each: the figures of a target, and

@@ -35,6 +35,10 @@ if TYPE_CHECKING:
 
 __all__ = ["Group", "Mesh", "MeshSource"]
 
+DEPENDS_ON_TARGETS = {
+    "topology", "is_closed_outward", "can_cull_back_faces", "contacts", "_inside_out"
+}  # fmt: skip
+"""Cached properties of a mesh that depend on which faces are targets."""
 TRIMESH_GROUPS = "rastercov_groups"
 """Key of the groups in the metadata of a `trimesh.Trimesh`."""
 
@@ -276,6 +280,8 @@ class Mesh:
         groups = flagged(self.groups, occluders, two_sided, targets)
         other = object.__new__(type(self))
         depends_on_groups = {"task_mask", "two_sided_mask", "target_mask", "_opaque", "warnings"}
+        if any(a.is_target != b.is_target for a, b in zip(groups, self.groups, strict=True)):
+            depends_on_groups |= DEPENDS_ON_TARGETS
         # Copied in one step: another thread may be adding a cached property.
         cached = vars(self).copy()
         other.__dict__.update({k: v for k, v in cached.items() if k not in depends_on_groups})
@@ -403,8 +409,11 @@ class Mesh:
 
     @cached_property
     def topology(self) -> Topology:
-        """Edge counts and adjacency of the faces."""
-        return Topology.of(self.positions, self.n_vertices)
+        """Edge counts and adjacency of the faces; targets share no edge with other faces."""
+        if not self.has_targets:
+            return Topology.of(self.positions, self.n_vertices)
+        apart = np.where(self.target_mask, self.n_vertices, 0)[:, None]
+        return Topology.of(self.positions + apart, 2 * self.n_vertices)
 
     @property
     def n_boundary_edges(self) -> int:

@@ -125,9 +125,7 @@ def count_triangle(x, y, plane, least, greatest, corner, runs, depth):
 
 
 @compiled
-def count_targets(
-    corners, axes, eye, lens, near, corner, runs, depth, visible, drawn
-):
+def count_targets(corners, axes, eye, lens, near, corner, runs, depth, visible, drawn):
     """Add the samples of targets in a tile of one pose to their counts.
 
     Parameters

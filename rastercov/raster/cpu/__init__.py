@@ -241,9 +241,7 @@ class CPURasterizer(Closing):
             self.roll,
         )
 
-    def _count_targets(
-        self, targets: TargetFaces, poses: FloatArray
-    ) -> tuple[IntArray, IntArray]:
+    def _count_targets(self, targets: TargetFaces, poses: FloatArray) -> tuple[IntArray, IntArray]:
         """Visible and drawn samples of the targets, (P, N) each."""
         near, cull = picture_limits(self.mesh, self.camera, poses)
         visible, drawn = np.empty((2, len(poses), len(targets.rows)), np.int64)
