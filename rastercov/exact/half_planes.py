@@ -130,7 +130,7 @@ def visible_areas(
     cull = can_cull if front_only is None else np.full(len(matrices), front_only)
     visible, area, bound = np.empty((3, len(matrices), len(chosen)))
     surface = surface_of(mesh)
-    chosen = np.arange(surface.n_faces)[surface.rows][chosen].astype(np.int32)
+    chosen = np.arange(surface.n_faces)[surface.rows][chosen.astype(np.int64)].astype(np.int32)
 
     def worker(solver: HalfPlaneSolver) -> Callable[[slice], None]:
         def work(turn: slice) -> None:
@@ -441,7 +441,7 @@ def _room_for_image(surface: Surface, area: FloatArray) -> Projected:
 
 
 def _part_of(everything: Projected, part: slice, faces: IntArray) -> Projected:
-    """Image of a part of all faces, which have their own numbers of vertices."""
+    """Image of a part of all faces, with its own vertices and clipped faces."""
     return everything._replace(
         faces=faces,
         uvw=np.empty((int(faces.max(initial=-1)) + 1, 3)),
@@ -451,6 +451,7 @@ def _part_of(everything: Projected, part: slice, faces: IntArray) -> Projected:
         block_box=np.empty((-(-len(faces) // BLOCK), 4)),
         area=everything.area[part],
         clipped_index=everything.clipped_index[part],
+        clipped=_room_for_clipped(8),
     )
 
 
