@@ -149,7 +149,7 @@ def _two_sides(
     scenes = [look(mesh, direction) for direction in directions]
     hidden = np.zeros(mesh.n_faces, np.bool_)
     if through is not None:
-        drawn = np.concatenate([np.unique(scene.buffer.face) for scene in scenes])
+        drawn = np.concatenate([np.unique(scene.faces) for scene in scenes])
         hidden = through & ~np.isin(np.arange(mesh.n_faces), drawn)
     images = [smooth(Image.fromarray(paint(scene, colours, hidden))) for scene in scenes]
     if hidden.any():

@@ -49,6 +49,8 @@ DARK = Theme(
 PAPER, INK = (255, 255, 255), (24, 28, 34)
 BACKGROUND = (160, 190, 219)
 OCCLUDER = (176, 140, 90)
+TARGET = (40, 200, 120)
+"""Of a target with coverage 1."""
 BEHIND, BEHIND_STRIPE = (132, 96, 140), (158, 122, 166)
 DARKEST, GREY_SPAN, HEADLIGHT = 14, 205, 30
 """Grey of a face: DARKEST + GREY_SPAN * coverage + HEADLIGHT * cosine of incidence."""

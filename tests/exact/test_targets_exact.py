@@ -142,9 +142,7 @@ def test_targets_are_never_culled_with_back_faces():
     visible, area, _ = visible_areas(mesh, WINDOW, [AHEAD], front_only=True)
     assert np.array_equal(visible, area)
     assert (area[:, 2:] > 0).all()
-    assert np.array_equal(
-        polygons.visible_area(mesh, WINDOW, AHEAD, cull=True) > 0, visible[0] > 0
-    )
+    assert np.array_equal(polygons.visible_area(mesh, WINDOW, AHEAD, cull=True) > 0, visible[0] > 0)
 
 
 def test_the_surface_is_that_of_the_opaque_part():
@@ -154,4 +152,3 @@ def test_the_surface_is_that_of_the_opaque_part():
     assert whole.contacts is opaque.contacts
     assert whole.n_faces == mesh.n_faces
     assert opaque.targets is None
-
