@@ -45,6 +45,7 @@ def evaluate(
     out: options.Out = Path("report"),
     unit: options.Unit = "m",
     occluder: options.Occluders = [],  # noqa: B006 - typer copies it
+    target: options.Targets = [],  # noqa: B006 - the same
     two_sided: options.TwoSided = [],  # noqa: B006 - the same
     drop_invalid: options.DropInvalid = False,
     task: Task = Task(),  # noqa: B008 - becomes options
@@ -66,7 +67,7 @@ def evaluate(
     """
     from rastercov.report.coverage import Options  # loads pyarrow
 
-    scene = read_scene(meshes, unit, occluder, two_sided, drop_invalid)
+    scene = read_scene(meshes, unit, occluder, two_sided, drop_invalid, target)
     eye = read_camera(camera)
     settings = Options(
         method=method,

@@ -1,7 +1,8 @@
 """Groups of faces: names, roles, and the flag for two-sided faces."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -46,6 +47,16 @@ class Group:
     def role(self) -> str:
         """`"task"` (scored, hides), `"occluder"` (hides) or `"target"` (scored, hides nothing)."""
         return "occluder" if self.is_occluder else "target" if self.is_target else "task"
+
+    def plain(self) -> dict[str, Any]:
+        """Arguments of the constructor, ready for JSON; `is_target` only where it is set.
+
+        So that hashes of scenes without targets, which name matrices on the disk, stay the same.
+        """
+        fields = asdict(self)
+        if not self.is_target:
+            del fields["is_target"]
+        return fields
 
 
 def checked_groups(

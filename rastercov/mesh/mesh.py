@@ -5,7 +5,7 @@ arrays. Topology is computed on positions, because files repeat vertices along s
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
 
@@ -247,7 +247,7 @@ class Mesh:
                 "face_group": self.face_group.copy(),
                 "source_face": self.source_face.copy(),
             },
-            metadata={TRIMESH_GROUPS: [asdict(group) for group in self.groups]},
+            metadata={TRIMESH_GROUPS: [group.plain() for group in self.groups]},
         )
 
     def with_groups(

@@ -93,6 +93,7 @@ DETECTED, UNDETECTED = (25, 195, 125), (255, 93, 108)
 COVERAGE_SCALE = ((62, 18, 96), (57, 82, 140), (32, 144, 140), (116, 203, 83), (253, 231, 37))
 """Dark violet over teal to yellow: lightness rises evenly, so that it is readable in grey too."""
 ZERO_COVERAGE, OCCLUDER_3D = (232, 33, 45), (146, 160, 178)
+OUTLINE_3D = (110, 120, 130)
 PALETTE = 256
 
 
