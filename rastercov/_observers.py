@@ -125,7 +125,8 @@ class ExactObserver(OpenObserver):
         solver_type = (
             certificate.CertificateSolver if method == "certified" else half_planes.HalfPlaneSolver
         )
-        make = partial(solver_type, surface_of(mesh), camera)
+        self._surface = surface_of(mesh)
+        make = partial(solver_type, self._surface, camera)
         self._scratch: ScratchPool[half_planes.HalfPlaneSolver] = ScratchPool(make, self.threads)
 
     def observe(self, poses: ArrayLike | Poses) -> Observation:
@@ -136,6 +137,7 @@ class ExactObserver(OpenObserver):
         near, front_only, clipped = limits(self.mesh, self.camera, matrices)
         visible, area, error = np.empty((3, n_poses, n_faces))
         kind = np.full((n_poses, n_faces), BoundKind.EXACT, np.uint8)
+        rows = self._surface.rows
 
         def worker(solver: Any) -> Any:
             def work(turn: slice) -> None:
@@ -143,11 +145,11 @@ class ExactObserver(OpenObserver):
                     solver.set_pose(matrices[row], near[row], front_only[row])
                     solver.solve_all()
                     visible[row], area[row], error[row] = (
-                        solver.visible,
-                        solver.area,
-                        solver.area_error,
+                        solver.visible[rows],
+                        solver.area[rows],
+                        solver.area_error[rows],
                     )
-                    kind[row][solver.is_certified] = BoundKind.CERTIFIED
+                    kind[row][solver.is_certified[rows]] = BoundKind.CERTIFIED
 
             return work
 

@@ -63,7 +63,7 @@ def face_geometry(mesh: Mesh, camera: Camera, pose: FloatArray) -> FaceGeometry:
     from rastercov import criteria_kernels as kernels
 
     _jit.announce_compilation(kernels.measure)
-    near = float(near_limit(camera, mesh.bounds, pose[None])[0])
+    near = float(near_limit(camera, mesh.opaque.bounds, pose[None])[0])
     found = kernels.arrays_for(mesh.n_faces)
     scene, lens = kernels.scene_of(mesh), kernels.lens_of(camera)
     work = kernels.workspace(mesh.n_vertices)

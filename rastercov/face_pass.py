@@ -97,7 +97,7 @@ class FacePass:
                 error = measured.area_error
         return self.kernels.Seen(
             read_only(matrices, np.float64),
-            read_only(near_limit(self.camera, self.mesh.bounds, matrices), np.float64),
+            read_only(near_limit(self.camera, self.mesh.opaque.bounds, matrices), np.float64),
             read_only(visible, dtype),
             read_only(drawn, dtype),
             scale,

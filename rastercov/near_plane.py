@@ -1,6 +1,7 @@
 """Near plane: its depth, what it cuts away, and when back faces may be culled.
 
-Surfaces nearer than `near_limit` are cut away by every method. Where nothing in view is cut and the
+Surfaces nearer than `near_limit` are cut away by every method. Targets hide nothing, so they change
+none of this: all is decided by the other faces, `Mesh.opaque`. Where nothing in view is cut and the
 camera is outside a closed mesh, faces seen from behind cannot be the nearest surface.
 """
 
@@ -26,6 +27,7 @@ def limits(
     mesh: Mesh, camera: Camera, poses: FloatArray
 ) -> tuple[FloatArray, NDArray[np.bool_], NDArray[np.bool_]]:
     """Near plane, whether back faces can be left out, and whether a surface is cut; (P,) each."""
+    mesh = mesh.opaque
     clipped = near_cuts(mesh.vertices, mesh.faces, mesh.bounds, camera, poses)
     return near_limit(camera, mesh.bounds, poses), can_cull(mesh, poses, clipped), clipped
 
@@ -34,6 +36,7 @@ def picture_limits(
     mesh: Mesh, camera: Camera, poses: FloatArray
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
     """The first two of `limits`, which take less time without the third."""
+    mesh = mesh.opaque
     cull = can_cull(mesh, poses, np.zeros(len(poses), np.bool_))
     outside = poses[cull]
     cull[cull] = ~near_cuts(mesh.vertices, mesh.faces, mesh.bounds, camera, outside)
@@ -43,7 +46,8 @@ def picture_limits(
 def near_limit(camera: Camera, bounds: FloatArray, poses: FloatArray) -> FloatArray:
     """Depth of the near plane of each pose, (P,), metres: surfaces nearer than it are cut away.
 
-    It is max(camera.near, 1e-6 times the distance to the farthest corner of the mesh's `bounds`).
+    It is max(camera.near, 1e-6 times the distance to the farthest corner of `bounds`), which are
+    those of the opaque part of a mesh.
     """
     reach = np.abs(bounds[None] - poses[:, None, :3, 3]).max(axis=1)
     farthest = np.sqrt((reach**2).sum(axis=1))
@@ -93,6 +97,7 @@ def can_cull(mesh: Mesh, poses: FloatArray, clipped: NDArray[np.bool_]) -> NDArr
     mounted on a face looks through it, for the near plane cuts it away, which `clipped` cannot tell
     where the face is edge-on to rounding.
     """
+    mesh = mesh.opaque
     if not mesh.is_closed_outward:
         return np.zeros(len(poses), bool)
     eyes = poses[:, :3, 3]

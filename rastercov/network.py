@@ -259,7 +259,7 @@ class Network:
         group, members = self.mesh.groups[index], self.mesh.face_group == index
         entry: dict[str, Any] = {
             "name": group.name,
-            "role": "occluder" if group.is_occluder else "task",
+            "role": group.role,
             "two_sided": group.is_two_sided,
             "faces": int(members.sum()),
         }

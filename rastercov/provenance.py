@@ -55,7 +55,7 @@ class Provenance:
             "scene": {
                 "sha256": sha256(mesh.vertices, mesh.faces, mesh.face_group),
                 "n_faces": mesh.n_faces,
-                "groups": [asdict(group) for group in mesh.groups],
+                "groups": [group.plain() for group in mesh.groups],
             },
             "poses": {"sha256": sha256(self.poses), "n_poses": len(self.poses)},
             "camera": {k: v for k, v in asdict(self.camera).items() if v not in (None, ())},

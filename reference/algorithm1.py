@@ -140,7 +140,9 @@ def image_triangles(mesh: Mesh, camera: Camera, pose: ArrayLike, *, clip: bool =
     corners = to_camera(mesh.vertices, matrix)[mesh.faces]
     counts = np.full(mesh.n_faces, 3)
     if clip:
-        corners, counts = clip_near(corners, near_limit(camera, mesh.bounds, matrix[None])[0])
+        corners, counts = clip_near(
+            corners, near_limit(camera, mesh.opaque.bounds, matrix[None])[0]
+        )
     with np.errstate(divide="ignore", invalid="ignore"):
         points = to_image(corners, camera)
     drawn = (counts >= 3) & np.isfinite(points).all(axis=(1, 2))

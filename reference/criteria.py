@@ -23,7 +23,7 @@ IntArray = NDArray[np.int64]
 
 def face_geometry(mesh: Mesh, camera: Camera, pose: FloatArray) -> FaceGeometry:
     """Geometry of every face for one pose, world_from_camera (4, 4)."""
-    near = float(near_limit(camera, mesh.bounds, pose[None])[0])
+    near = float(near_limit(camera, mesh.opaque.bounds, pose[None])[0])
     points = _turned(mesh.vertices - pose[:3, 3], pose)
     ahead_points = points[:, 2] >= near
     safe = np.where(ahead_points[:, None], points, (0.0, 0.0, 1.0))

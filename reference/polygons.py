@@ -7,7 +7,8 @@ w, is affine, so where face M is nearer than face T is a half-plane of the image
 
 No sorting: it holds for faces that run through one another and for cycles. Of two faces whose w
 differs by 1e-10 of the greater one or less at every corner of image(T) n image(M), the lower index
-is in front there. Faces seen edge-on or without area see and hide nothing.
+is in front there. Targets hide nothing, and nothing at their depth hides them. Faces seen edge-on
+or without area see and hide nothing.
 
 The Booleans are GEOS' by way of shapely, with corners rounded to a fine grid (2^-37 px in an image
 1280 px wide): then GEOS does them by snap rounding, at five times the cost. Without a grid it was
@@ -135,12 +136,15 @@ class Images:
     normal, distance : (F, 3), (F,) float64
         normal . p = distance on the plane of the face, in camera axes.
     camera : Camera
+    is_target : (F,) bool
+        Faces that hide nothing.
     """
 
     polygons: Geometries
     normal: FloatArray
     distance: FloatArray
     camera: Camera
+    is_target: NDArray[np.bool_]
 
     def inverse_depth(self, face: IntArray, points: FloatArray) -> FloatArray:
         """1/depth of faces at image points (..., 2): (n . r) / d on the ray r through a point."""
@@ -175,14 +179,15 @@ def _images(mesh: Mesh, camera: Camera, pose: ArrayLike, cull: bool, near: float
     """Image of each face: cut in space by near plane and viewing pyramid, then projected."""
     matrix = np.asarray(pose, dtype=np.float64)
     if near is None:
-        near = float(near_limit(camera, mesh.bounds, matrix[None])[0])
+        near = float(near_limit(camera, mesh.opaque.bounds, matrix[None])[0])
     if not near > 0:
         raise ValueError(f"near must be a depth greater than 0 m, got {near}")
     corners = ((mesh.vertices - matrix[:3, 3]) @ matrix[:3, :3])[mesh.faces]
     a, b, c = corners.transpose(1, 0, 2)
     normal = np.cross(b - a, c - a)
     distance = (normal * a).sum(axis=1)
-    is_drawn = distance < 0 if cull else distance != 0  # 0 is edge-on, < 0 seen from the front
+    # 0 is edge-on, < 0 seen from the front
+    is_drawn = (distance < 0) | (mesh.target_mask & (distance > 0)) if cull else distance != 0
 
     # A point (x, y, z) is in view where all of these are >= 0: beyond near, and within the image.
     sides = np.array(
@@ -207,7 +212,7 @@ def _images(mesh: Mesh, camera: Camera, pose: ArrayLike, cull: bool, near: float
             points = _clip(points, points @ side - offset)
         if len(points) >= 3:
             polygons[face] = shapely.linearrings(_project(points, camera))
-    return Images(_convex(polygons), normal, distance, camera)
+    return Images(_convex(polygons), normal, distance, camera, mesh.target_mask)
 
 
 def _project(points: FloatArray, camera: Camera) -> FloatArray:
@@ -245,7 +250,8 @@ def _visible(images: Images, tree: shapely.STRtree, faces: IntArray) -> list[Bas
     rows, others = rows[order], others[order]
     # Neighbours only touch, and many others are wholly behind: not worth an intersection.
     near, far = images.inverse_depth_range()
-    is_pair = (faces[rows] != others) & (near[others] >= far[faces[rows]] * (1 - 2 * TIE))
+    is_pair = (faces[rows] != others) & ~images.is_target[others]
+    is_pair &= near[others] >= far[faces[rows]] * (1 - 2 * TIE)
     rows, others = rows[is_pair], others[is_pair]
     is_pair = ~shapely.touches(images.polygons[faces[rows]], images.polygons[others])
     rows, others = rows[is_pair], others[is_pair]
@@ -278,7 +284,8 @@ def _where_nearer(
         return np.asarray(failures == 0)
 
     is_tied = at_every_corner(np.abs(ours - theirs) <= TIE * np.maximum(ours, theirs))
-    is_nearer = np.where(is_tied, faces < others, at_every_corner(ours >= theirs))
+    is_first = (faces < others) & ~images.is_target[others]
+    is_nearer = np.where(is_tied, is_first, at_every_corner(ours >= theirs))
     nearer = np.where(is_nearer, common, shapely.Polygon())
     is_mixed = ~is_tied & ~is_nearer & ~at_every_corner(ours <= theirs)
     for pair in np.flatnonzero(is_mixed):  # a loop over pairs that cross, 30 us each

@@ -73,7 +73,9 @@ def covers_points(
         hidden = np.zeros(len(points), np.bool_)
         rows = np.flatnonzero(meets)
         faces = face.astype(np.int64)
-        _find_hidden(corners, mesh.degenerate_mask, near[row], local, faces, rows, hidden)
+        _find_hidden(
+            corners, mesh.degenerate_mask, mesh.target_mask, near[row], local, faces, rows, hidden
+        )
         found[row] = meets & ~hidden
     return found
 
@@ -128,7 +130,7 @@ def jacobian(camera: Camera, local: FloatArray, normal: FloatArray) -> FloatArra
 
 
 @compiled
-def _find_hidden(corners, degenerate, near, local, face, rows, hidden):  # type: ignore[no-untyped-def]
+def _find_hidden(corners, degenerate, target, near, local, face, rows, hidden):  # type: ignore[no-untyped-def]
     """Mark the points, in camera axes, that some face in front of them hides.
 
     The ray through a point crosses a face if it is on the inner side of the planes through its
@@ -139,7 +141,7 @@ def _find_hidden(corners, degenerate, near, local, face, rows, hidden):  # type:
         x, y, z = local[i, 0], local[i, 1], local[i, 2]
         w = 1 / z
         for m in range(corners.shape[0]):
-            if m == face[i] or degenerate[m]:
+            if m == face[i] or degenerate[m] or target[m]:
                 continue
             side = 0
             nx = ny = nz = 0.0
@@ -161,6 +163,6 @@ def _find_hidden(corners, degenerate, near, local, face, rows, hidden):  # type:
                 continue
             apart = its - w
             is_tied = abs(apart) <= DEPTH_TIE_REL * max(its, w)
-            if (is_tied and m < face[i]) or (not is_tied and apart > 0):
+            if (is_tied and m < face[i] and not target[face[i]]) or (not is_tied and apart > 0):
                 hidden[i] = True
                 break

@@ -48,7 +48,7 @@ class Seen(NamedTuple):
     rotation: NDArray[np.float64]
     centre: NDArray[np.float64]
     near: float
-    state: NDArray[np.uint8]
+    state: NDArray[np.uint16]
     visible: NDArray[np.float64]
     area: NDArray[np.float64]
     area_error: NDArray[np.float64]

@@ -266,7 +266,13 @@ class _Finder:
 
         solver_type = CertificateSolver if is_certified else HalfPlaneSolver
         self.kernels, self._planes_of = region_kernels, plane_kernels
-        self.solver = solver_type(surface_of(mesh), camera)
+        surface = surface_of(mesh)
+        self.solver = solver_type(surface, camera)
+        # The solver has the targets behind the opaque faces.
+        self._rows = surface.rows
+        self._face_of: NDArray[np.int32] = np.arange(surface.n_faces, dtype=np.int32)
+        if surface.targets is not None:
+            self._face_of[surface.targets.rows] = np.arange(mesh.n_faces)
         self.solver.keep_pieces()
         frames = frames_of(mesh)
         is_asked = mesh.task_mask & (frames.areas > 0)
@@ -289,19 +295,22 @@ class _Finder:
 
     def copy_areas(self, areas: FloatArray, kind: NDArray[np.uint8]) -> None:
         """Copy the figures of the last pose, (3, F) and (F,); see `RegionPass.find`."""
-        solver = self.solver
-        areas[0], areas[1], areas[2] = solver.visible, solver.area, solver.area_error
-        kind[:] = np.where(solver.is_certified, BoundKind.CERTIFIED, BoundKind.EXACT)
+        solver, rows = self.solver, self._rows
+        areas[0], areas[1] = solver.visible[rows], solver.area[rows]
+        areas[2] = solver.area_error[rows]
+        kind[:] = np.where(solver.is_certified[rows], BoundKind.CERTIFIED, BoundKind.EXACT)
 
     def find(self, pose: FloatArray, near: float, front_only: bool) -> tuple[Any, ...]:
         """Corners, corner counts and faces of the pieces of a pose; faces, areas and bounds."""
         solver = self.solver
         solver.set_pose(pose, near, front_only)
         solver.solve_all()
+        rows, kept = self._rows, solver.kept_pieces
         seen = self.kernels.Seen(
-            solver.camera.rotation, solver.camera.centre, float(near), solver.state,
-            solver.visible, solver.area, solver.area_error, solver.is_certified,
-            solver.kept_pieces,
+            solver.camera.rotation, solver.camera.centre, float(near),
+            solver.state_of_all[rows], solver.visible[rows], solver.area[rows],
+            solver.area_error[rows], solver.is_certified[rows],
+            kept._replace(faces=self._face_of.take(kept.faces, mode="clip")),
         )  # fmt: skip
         while True:
             found = self._found

@@ -53,6 +53,7 @@ def evaluate(
     unit: options.Unit = options.UNIT,
     transform: options.Transform = [],  # noqa: B006 - typer copies it
     occluder: options.Occluders = [],  # noqa: B006 - typer copies it
+    target: options.Targets = [],  # noqa: B006 - the same
     two_sided: options.TwoSided = [],  # noqa: B006 - the same
     drop_invalid: options.DropInvalid = False,
     task: Task = Task(),  # noqa: B008 - becomes options
@@ -75,7 +76,7 @@ def evaluate(
     """
     from rastercov.report.coverage import Options  # loads pyarrow
 
-    scene = read_scene(meshes, unit, transform, occluder, two_sided, drop_invalid)
+    scene = read_scene(meshes, unit, transform, occluder, two_sided, drop_invalid, target)
     eye = read_camera(camera)
     settings = Options(
         method=method,

@@ -28,13 +28,16 @@ def read_scene(
     occluders: list[str],
     two_sided: list[str],
     drop_invalid: bool,
+    targets: list[str] | None = None,
 ) -> Mesh:
-    """Scene of the named files; an occluder may be a further file or a group of these.
+    """Scene of the named files; an occluder or target may be a further file or a group of these.
 
     Entries of `unit` and `transform` are for all files, or for one: FILE:UNIT.
     """
-    files = [name for name in occluders if _is_file(name)]
-    hiding = [name for name in occluders if name not in files]
+    roles = {"--occluder": occluders, "--target": targets or []}
+    files = {role: [name for name in names if _is_file(name)] for role, names in roles.items()}
+    groups_of = {role: [n for n in names if n not in files[role]] for role, names in roles.items()}
+    further = [name for names in files.values() for name in names]
     for name in map(str, meshes):
         if _is_file(name):
             continue
@@ -43,25 +46,32 @@ def read_scene(
                 f"{name}: there is no such file, nor a built-in mesh of that name; "
                 f"built in are {', '.join(shapes.NAMES)}"
             )
-        if name in shapes.NAMES and (len(meshes) > 1 or files or unit != ["m"]):
+        if name in shapes.NAMES and (len(meshes) > 1 or further or unit != ["m"]):
             raise ConfigError(f"{name} is built in: it takes no --unit and no other mesh files")
     if str(meshes[0]) in shapes.NAMES and not _is_file(meshes[0]):
         mesh = shapes.by_name(str(meshes[0]))
         mesh = _placed(mesh, [meshes[0]], [mesh.n_faces], transform)
     else:
-        paths = [*meshes, *map(Path, files)]
+        paths = [*meshes, *map(Path, further)]
         units = [_unit(each) for each in _for_each("unit", unit, paths, "m")]
         mesh = Mesh.load(paths, units, drop_invalid=drop_invalid)
         mesh = _placed(mesh, paths, [source.n_faces for source in mesh.sources], transform)
-        n_faces = sum(source.n_faces for source in mesh.sources[: len(meshes)])
-        hiding += [mesh.groups[index].name for index in np.unique(mesh.face_group[n_faces:])]
+        ends = np.cumsum([0, *(source.n_faces for source in mesh.sources)])
+        start = len(meshes)
+        for role, names in files.items():
+            faces = slice(ends[start], ends[start + len(names)])
+            rows = np.unique(mesh.face_group[faces])
+            groups_of[role] += [mesh.groups[index].name for index in rows]
+            start += len(names)
     groups = [group.name for group in mesh.groups]
-    if unknown := [name for name in hiding if name not in groups]:
-        raise MeshError(
-            f"--occluder {unknown[0]}: there is no such file, nor a group of that name; "
-            f"groups are {', '.join(groups)}"
-        )
-    mesh = mesh.with_groups(hiding, "all" if "all" in two_sided else two_sided)
+    for role, names in groups_of.items():
+        if unknown := [name for name in names if name not in groups]:
+            raise MeshError(
+                f"{role} {unknown[0]}: there is no such file, nor a group of that name; "
+                f"groups are {', '.join(groups)}"
+            )
+    both = "all" if "all" in two_sided else two_sided
+    mesh = mesh.with_groups(groups_of["--occluder"], both, groups_of["--target"])
     if not mesh.task_mask.any():
         raise MeshError("every group is an occluder; leave at least one to be covered")
     return mesh

@@ -61,6 +61,10 @@ Occluders = Annotated[
     list[str],
     typer.Option("--occluder", help="Mesh file, or group, that hides but is not scored."),
 ]
+Targets = Annotated[
+    list[str],
+    typer.Option("--target", help="Mesh file, or group, that is scored but hides nothing."),
+]
 TwoSided = Annotated[
     list[str], typer.Option(help="Group that counts from either side; 'all' for every group.")
 ]

@@ -152,7 +152,8 @@ class CertificateSolver(HalfPlaneSolver):
         self._is_listed = self.n_doubtful == 0
         self.solve(self._scratch[: self.n_doubtful])
 
-        self.is_certified = self.region >= 0
+        self.is_certified[: len(self.region)] = self.region >= 0
+        self.solve_targets()
 
     def _list_around(self, events: IntArray) -> None:
         """List the faces in the cells around event edges, or in all cells if these are not few."""

@@ -46,6 +46,7 @@ from rastercov.exact.records import (
     STACK_ROOM,
     THIN,
     TIED,
+    TRANSPARENT,
     U_MAX,
     U_MIN,
     V_MAX,
@@ -254,7 +255,7 @@ def visible_in_cells(
                 t, m, target, n, n_sides, camera, projected, work, is_first, area_error
             )
             if order == TIED:
-                order = IN_FRONT if m < t else BEHIND
+                order = IN_FRONT if m < t and not state[t] & TRANSPARENT else BEHIND
             if order == BEHIND:
                 continue
             if order == IN_FRONT and contains(lines, n_sides, target, n):

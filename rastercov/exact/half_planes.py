@@ -6,15 +6,16 @@ T n M n {1/z_M > 1/z_T}, and
     visible(T) = T \ U_M T n M n {1/z_M > 1/z_T}.
 
 No depth sorting is needed: faces that overlap cyclically or pierce one another are correct.
-Surfaces at equal depth coincide, and the face with the lower index is visible. The compiled loops
-are in `half_plane_kernels`.
+Surfaces at equal depth coincide, and the face with the lower index is visible. Targets hide
+nothing, and nothing at their depth hides them. The compiled loops are in `half_plane_kernels` and
+`target_kernels`.
 
 A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of Solids. 1967.
 """
 
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,7 +25,12 @@ from rastercov._memory import check_memory
 from rastercov._threads import share_poses, thread_count
 from rastercov.camera import Camera
 from rastercov.errors import ConfigError
-from rastercov.exact.grid_kernels import BUCKETS, ENTRIES_AT_A_TIME, fill_grid
+from rastercov.exact.grid_kernels import (
+    BUCKETS,
+    ENTRIES_AT_A_TIME,
+    ask_for_faces,
+    fill_grid,
+)
 from rastercov.exact.half_plane_kernels import visible_areas as visible_areas_kernel
 from rastercov.exact.intersection_kernels import MOST_INTERSECTIONS
 from rastercov.exact.records import (
@@ -35,6 +41,7 @@ from rastercov.exact.records import (
     SIDES,
     STACK_ROOM,
     THIN,
+    TRANSPARENT,
     CellGrid,
     Clipped,
     Pieces,
@@ -44,7 +51,7 @@ from rastercov.exact.records import (
     Work,
 )
 from rastercov.exact.setup_kernels import CLIP_MARGIN, UNIT_ROUNDING, project, set_up
-from rastercov.exact.surface import Surface, surface_of
+from rastercov.exact.surface import Surface, Targets, surface_of
 from rastercov.mesh import Mesh
 from rastercov.near_plane import limits
 from rastercov.pose import valid_poses
@@ -84,7 +91,8 @@ def visible_areas(
     faces : (N,) int array_like, optional
         The faces to measure, by default all F. All other faces hide them nevertheless.
     front_only : bool, optional
-        True leaves out faces seen from behind: they neither hide nor are visible. By default they
+        True leaves out faces seen from behind, except targets: they neither hide nor are visible.
+        By default they
         are left out where that changes nothing, which is proved pose by pose: the mesh is closed
         and consistently wound, the camera outside it, and nothing is cut by the near plane.
     threads : int, optional
@@ -122,7 +130,8 @@ def visible_areas(
     near, can_cull, _ = limits(mesh, camera, matrices)
     cull = can_cull if front_only is None else np.full(len(matrices), front_only)
     visible, area, bound = np.empty((3, len(matrices), len(chosen)))
-    chosen = chosen.astype(np.int32)
+    surface = surface_of(mesh)
+    chosen = np.arange(surface.n_faces)[surface.rows][chosen.astype(np.int64)].astype(np.int32)
 
     def worker(solver: HalfPlaneSolver) -> Callable[[slice], None]:
         def work(turn: slice) -> None:
@@ -135,7 +144,6 @@ def visible_areas(
         return work
 
     n_threads = max(1, min(thread_count(threads), len(matrices)))
-    surface = surface_of(mesh)
     share_poses(len(matrices), [worker(HalfPlaneSolver(surface, camera)) for _ in range(n_threads)])
     return visible, area, bound
 
@@ -143,14 +151,17 @@ def visible_areas(
 class HalfPlaneSolver:
     """Exact visible areas of a surface, one pose at a time, with the scratch memory of one thread.
 
+    Arrays have the opaque faces first and then the targets: `Surface.rows` puts them in the order
+    of the mesh.
+
     Attributes
     ----------
     area, visible : (F,) float64
         Area of each face inside the image, and the visible part of it, px^2.
     area_error : (F,) float64
         Bound of the errors of both together, px^2, of the faces that were solved.
-    state, side : (F,) uint8, int8
-        See `records.Projected`.
+    state, side : (O,) uint16, int8
+        Of the opaque faces, see `records.Projected`.
     is_certified : (F,) bool
         Faces known to be wholly visible or wholly hidden.
     n_clipped : int
@@ -161,7 +172,7 @@ class HalfPlaneSolver:
 
     def __init__(self, surface: Surface, camera: Camera) -> None:
         self.surface = surface
-        n_faces = len(surface.faces)
+        n_faces, n_all = len(surface.faces), surface.n_faces
         width, height = float(camera.width), float(camera.height)
         fx, fy, cx, cy = map(float, (camera.fx, camera.fy, camera.cx, camera.cy))
         # Off the axis, rounding of z moves a point in proportion to its distance from the axis.
@@ -189,21 +200,17 @@ class HalfPlaneSolver:
             w_error_rel=UNIT_ROUNDING * (longest_ray / 2),
             border=_border(width, height),
         )
-        self.area, self.visible, self.area_error = np.empty((3, n_faces))
-        self.side, self.state = np.empty(n_faces, np.int8), np.empty(n_faces, np.uint8)
-        self.is_certified: BoolArray = np.zeros(n_faces, np.bool_)
+        self.area, self.visible, self.area_error = np.empty((3, n_all))
+        self.is_certified: BoolArray = np.zeros(n_all, np.bool_)
         self._marks, self._extent = np.empty(n_faces, np.int32), np.empty(7)
-        self.projected = Projected(
-            faces=surface.faces,
-            uvw=np.empty((len(surface.vertices), 3)),
-            side=self.side,
-            state=self.state,
-            box=np.empty((n_faces, 6)),
-            block_box=np.empty((-(-n_faces // BLOCK), 4)),
-            area=self.area,
-            clipped_index=np.empty(n_faces, np.int32),
-            clipped=_room_for_clipped(8),
-        )
+        self.projected = _room_for_image(surface, self.area)
+        self._target_image = None
+        if surface.targets is not None:
+            everything = self.projected
+            self.projected = _part_of(everything, slice(0, n_faces), surface.faces)
+            its_image = _part_of(everything, slice(n_faces, n_all), surface.targets.faces)
+            self._target_image = TargetImage(everything, its_image)
+        self.side, self.state = self.projected.side, self.projected.state
         self.grid = CellGrid(
             left=0.0,
             top=0.0,
@@ -253,6 +260,13 @@ class HalfPlaneSolver:
         kept: VisiblePieces = self._work.kept
         return kept
 
+    @property
+    def state_of_all(self) -> NDArray[np.uint16]:
+        """(F,) state of the opaque faces and then of the targets, see `records.Projected`."""
+        image = self.projected if self._target_image is None else self._target_image.everything
+        state: NDArray[np.uint16] = image.state
+        return state
+
     def set_pose(self, pose: FloatArray, near: float, front_only: bool) -> None:
         """Project, set up and list the faces of one pose.
 
@@ -269,15 +283,17 @@ class HalfPlaneSolver:
         self.camera = self.camera._replace(
             rotation=np.ascontiguousarray(pose[:3, :3]), centre=pose[:3, 3].copy(), near=float(near)
         )
-        project(surface.vertices, self.camera, self.projected.uvw)
-        while True:
-            n_live, self.n_clipped = set_up(
-                surface.vertices, surface.flat, self.camera, front_only, self.projected,
-                self.area_error, self._extent,
+        n_faces = len(surface.faces)
+        self.projected, n_live, self.n_clipped = _set_up(
+            surface, self.camera, front_only, self.projected, self.area_error[:n_faces],
+            self._extent,
+        )  # fmt: skip
+        if self._target_image is not None and surface.targets is not None:
+            its_image, *_ = _set_up(
+                surface.targets, self.camera, False, self._target_image.own,
+                self.area_error[n_faces:], np.empty(7),
             )  # fmt: skip
-            if self.n_clipped <= len(self.projected.clipped.polygons):
-                break
-            self._make_room_for_clipped(self.n_clipped)
+            self._target_image = self._target_image.beside(self.projected, its_image)
         self.visible.fill(0.0)
         self._marks.fill(-1)
         self._work.kept.used[:] = 0
@@ -285,24 +301,57 @@ class HalfPlaneSolver:
 
     def solve(self, targets: IntArray) -> None:
         """Compute `visible` and `area_error` of some faces, given by index."""
+        if self._target_image is not None:
+            is_opaque = targets < len(self.surface.faces)
+            self._solve_targets(targets[~is_opaque])
+            targets = targets[is_opaque]
+            if len(targets) == 0:
+                return
         if not self._is_listed:
             self._ask_for_all()
             self._list_faces()
-        done = 0
-        while True:
-            done = visible_areas_kernel(
-                targets, done, self.camera, self.projected, self.grid, self._marks,
-                self._pieces, self._work, self.visible, self.area_error,
-            )  # fmt: skip
-            if done == len(targets):
-                break
-            if not self._grow_kept():
-                self._make_room_for_pieces(2 * len(self._pieces.corners))
-        self._limit_errors(targets)
+        self._run(visible_areas_kernel, targets, self.projected)
 
     def solve_all(self) -> None:
         """Compute `visible` and `area_error` of every face."""
         self.solve(np.flatnonzero(self.state & (LIVE | THIN)).astype(np.int32))
+        self.solve_targets()
+
+    def solve_targets(self) -> None:
+        """Compute `visible` and `area_error` of every target."""
+        n_faces = len(self.surface.faces)
+        self._solve_targets(np.arange(n_faces, self.surface.n_faces, dtype=np.int32))
+
+    def _solve_targets(self, targets: IntArray) -> None:
+        """Compute some targets, from the opaque faces in the cells that they touch."""
+        if self._target_image is None:
+            return
+        from rastercov.exact.target_kernels import target_areas  # compiled where a mesh has any
+
+        projected = self._target_image.everything
+        targets = targets[projected.state[targets] & (LIVE | THIN) > 0]
+        if len(targets) == 0:
+            return
+        if ask_for_faces(targets, projected.box, self.grid) or not self._is_listed:
+            self._list_faces()
+        # Cells asked for so far are listed; others may have to be.
+        self._is_listed = bool(self.grid.is_asked[: self.grid.columns * self.grid.rows].all())
+        announce_compilation(target_areas)
+        self._run(target_areas, targets, projected)
+
+    def _run(self, kernel: Callable[..., int], faces: IntArray, projected: Projected) -> None:
+        """Compute some faces by a kernel, with more scratch memory as it needs it."""
+        done = 0
+        while True:
+            done = kernel(
+                faces, done, self.camera, projected, self.grid, self._marks, self._pieces,
+                self._work, self.visible, self.area_error,
+            )  # fmt: skip
+            if done == len(faces):
+                break
+            if not self._grow_kept():
+                self._make_room_for_pieces(2 * len(self._pieces.corners))
+        self._limit_errors(faces)
 
     def _limit_errors(self, faces: IntArray) -> None:
         """No area exceeds the image."""
@@ -359,9 +408,6 @@ class HalfPlaneSolver:
             )
         self._is_listed = True
 
-    def _make_room_for_clipped(self, n: int) -> None:
-        self.projected = self.projected._replace(clipped=_room_for_clipped(n))
-
     def _make_room_for_pieces(self, n: int) -> None:
         """Allocate room for n pieces of a face."""
         self._pieces = _room_for_pieces(n, PIECE_ROOM)
@@ -380,6 +426,85 @@ class HalfPlaneSolver:
         more.starts[: used[0] + 1], more.used[:2] = kept.starts[: used[0] + 1], kept.used[:2]
         self._work = self._work._replace(kept=more)
         return True
+
+
+class TargetImage(NamedTuple):
+    """Image of the targets of a surface.
+
+    Attributes
+    ----------
+    everything : Projected
+        Opaque faces and then targets, without `block_box`; it shares the memory of both parts.
+    own : Projected
+        The targets, with their own vertices.
+    """
+
+    everything: Projected
+    own: Projected
+
+    def beside(self, opaque: Projected, own: Projected) -> "TargetImage":
+        """The same after a set-up: `everything` gets the vertices and clipped faces of both."""
+        joined, n_clipped = self.everything, len(opaque.clipped.polygons)
+        n_vertices = len(opaque.uvw)
+        joined.uvw[:n_vertices], joined.uvw[n_vertices:] = opaque.uvw, own.uvw
+        joined.state[len(opaque.faces) :] |= TRANSPARENT
+        joined.clipped_index[len(opaque.faces) :] += n_clipped
+        both = zip(opaque.clipped, own.clipped, strict=True)
+        clipped = Clipped(*(np.concatenate(pair) for pair in both))
+        return TargetImage(joined._replace(clipped=clipped), own)
+
+
+def _room_for_image(surface: Surface, area: FloatArray) -> Projected:
+    """Memory for the image of all faces of a surface, the opaque ones first."""
+    n_all, vertices, faces = surface.n_faces, surface.vertices, surface.faces
+    if surface.targets is not None:
+        faces = np.concatenate((faces, surface.targets.faces + np.int32(len(vertices))))
+        vertices = np.concatenate((vertices, surface.targets.vertices))
+    return Projected(
+        faces=faces,
+        uvw=np.empty((len(vertices), 3)),
+        side=np.empty(n_all, np.int8),
+        state=np.empty(n_all, np.uint16),
+        box=np.empty((n_all, 6)),
+        block_box=np.empty((-(-len(surface.faces) // BLOCK), 4)),
+        area=area,
+        clipped_index=np.zeros(n_all, np.int32),
+        clipped=_room_for_clipped(8),
+    )
+
+
+def _part_of(everything: Projected, part: slice, faces: IntArray) -> Projected:
+    """Image of a part of all faces, with its own vertices and clipped faces."""
+    return everything._replace(
+        faces=faces,
+        uvw=np.empty((int(faces.max(initial=-1)) + 1, 3)),
+        side=everything.side[part],
+        state=everything.state[part],
+        box=everything.box[part],
+        block_box=np.empty((-(-len(faces) // BLOCK), 4)),
+        area=everything.area[part],
+        clipped_index=everything.clipped_index[part],
+        clipped=_room_for_clipped(8),
+    )
+
+
+def _set_up(
+    surface: Surface | Targets,
+    camera: Pinhole,
+    front_only: bool,
+    projected: Projected,
+    area_error: FloatArray,
+    extent: FloatArray,
+) -> tuple[Projected, int, int]:
+    """Project and set up faces; the image, with room for clipped faces, live and clipped ones."""
+    project(surface.vertices, camera, projected.uvw)
+    while True:
+        n_live, n_clipped = set_up(
+            surface.vertices, surface.flat, camera, front_only, projected, area_error, extent
+        )
+        if n_clipped <= len(projected.clipped.polygons):
+            return projected, n_live, n_clipped
+        projected = projected._replace(clipped=_room_for_clipped(n_clipped))
 
 
 def _border(width: float, height: float) -> FloatArray:

@@ -28,14 +28,17 @@ and the largest error in pixels of the lines that bound the face."""
 POSITION_ERROR = 3
 """Further column of an end of a segment (u, v, w)."""
 
-LIVE, CLIPPED, PARTLY, CROSSED, DOUBTFUL, THIN, UNFIT, IN_CONTACT = (1 << bit for bit in range(8))
+LIVE, CLIPPED, PARTLY, CROSSED, DOUBTFUL, THIN, UNFIT, IN_CONTACT, TRANSPARENT = (
+    1 << bit for bit in range(9)
+)
 """Bits of a face's state.
 
 LIVE: the face reaches into the image. CLIPPED: its image is a polygon made by clipping in space.
 PARTLY: it reaches out of the image. CROSSED: its visibility may change within it, so that it cannot
 be certified. DOUBTFUL: rounding may decide which side is seen. THIN: its image rounds to nothing,
 so that it hides nothing, and the bounds of the faces behind it include what it may hide. UNFIT: its
-visibility may change elsewhere than at event edges. IN_CONTACT: another face touches or cuts it."""
+visibility may change elsewhere than at event edges. IN_CONTACT: another face touches or cuts it.
+TRANSPARENT: it is of a target, which hides nothing and which nothing at its depth hides."""
 
 CONSISTENT, REVERSED, NON_MANIFOLD = 1, -1, 2
 """Kinds of edges: one face, or two that run along it in opposite directions; two that run in the
@@ -99,8 +102,8 @@ uvw : (V, 3) float64
     image to be projected, so that faces and edges that use it must be clipped in space.
 side : (F,) int8
     1 for a face seen from the front, -1 from behind, 0 for one that is left out.
-state : (F,) uint8
-    Bits `LIVE` to `IN_CONTACT`.
+state : (F,) uint16
+    Bits `LIVE` to `TRANSPARENT`.
 box : (F, 6) float64
     Bounds of u, v and w, of live and thin faces.
 block_box : (N, 4) float64

@@ -3,7 +3,8 @@
 It depends on the mesh alone, is built once, and is kept as long as the mesh exists.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -21,8 +22,29 @@ IntArray = NDArray[np.int32]
 
 
 @dataclass(frozen=True, eq=False)
+class Targets:
+    """Faces that hide nothing. They share no vertex and no edge with the surface.
+
+    Attributes
+    ----------
+    vertices, faces, flat
+        As of `Surface`.
+    rows : (F,) int64
+        Place of each face of the mesh: 0 ... for those of the surface, in the order of the mesh,
+        and then for targets.
+    """
+
+    vertices: FloatArray
+    faces: IntArray
+    flat: BoolArray
+    rows: NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
 class Surface:
     """Faces and edges by position: vertices that files repeat along seams are merged.
+
+    All attributes but the last are those of the opaque faces, bit for bit as without targets.
 
     Attributes
     ----------
@@ -41,6 +63,8 @@ class Surface:
         Edges by position, see `records.Edges`.
     contacts : Contacts
         Faces that touch or cut another one.
+    targets : Targets or None
+        The other faces of the mesh, if it has any.
     """
 
     centre: FloatArray
@@ -50,6 +74,17 @@ class Surface:
     flat: BoolArray
     edges: Edges
     contacts: Contacts
+    targets: Targets | None = None
+
+    @property
+    def n_faces(self) -> int:
+        """Number of opaque faces and of targets together."""
+        return len(self.faces) + (0 if self.targets is None else len(self.targets.faces))
+
+    @property
+    def rows(self) -> Any:
+        """Index that puts figures of `n_faces` faces in the order of the mesh."""
+        return slice(None) if self.targets is None else self.targets.rows
 
 
 _SURFACES: WeakKeyDictionary[Mesh, Once[Surface]] = WeakKeyDictionary()
@@ -61,10 +96,9 @@ def surface_of(mesh: Mesh) -> Surface:
 
 
 def _build(mesh: Mesh) -> Surface:
-    is_used = np.zeros(mesh.n_vertices, dtype=bool)
-    is_used[mesh.positions] = True
-    row = np.cumsum(is_used) - 1
-    faces = row[mesh.positions].astype(np.int32)
+    if mesh.has_targets:
+        return replace(surface_of(mesh.opaque), targets=_targets(mesh))
+    faces, is_used = _welded(mesh.positions, mesh.n_vertices)
     return Surface(
         centre=mesh.bounds.mean(axis=0),
         diagonal=float(np.linalg.norm(np.ptp(mesh.bounds, axis=0))),
@@ -74,6 +108,26 @@ def _build(mesh: Mesh) -> Surface:
         edges=_edges(faces, int(is_used.sum())),
         contacts=mesh.contacts,
     )
+
+
+def _welded(positions: NDArray[np.int64], n_vertices: int) -> tuple[IntArray, BoolArray]:
+    """Faces by number of their positions, and the (V,) vertices with a number."""
+    is_used = np.zeros(n_vertices, dtype=bool)
+    is_used[positions] = True
+    row = np.cumsum(is_used) - 1
+    return row[positions].astype(np.int32), is_used
+
+
+def _targets(mesh: Mesh) -> Targets:
+    is_target = mesh.target_mask
+    faces, is_used = _welded(mesh.positions[is_target], mesh.n_vertices)
+    # The opaque part of a mesh of targets only has one face, which is no face of the mesh.
+    n_opaque = mesh.opaque.n_faces
+    rows = np.empty(mesh.n_faces, np.int64)
+    rows[~is_target] = np.arange(np.count_nonzero(~is_target))
+    rows[is_target] = n_opaque + np.arange(len(faces))
+    flat = np.ascontiguousarray(mesh.degenerate_mask[is_target])
+    return Targets(mesh.vertices[is_used], faces, flat, rows)
 
 
 def _edges(faces: IntArray, n_vertices: int) -> Edges:

@@ -1,7 +1,8 @@
-"""Groups of faces: names, and the flags for occluders and two-sided faces."""
+"""Groups of faces: names, roles, and the flag for two-sided faces."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,16 +24,39 @@ class Group:
         Its faces hide others but are not scored.
     is_two_sided : bool
         Either side of its faces counts as covered.
+    is_target : bool
+        Its faces are scored but hide nothing: neither other faces nor each other.
     """
 
     name: str
     is_occluder: bool = False
     is_two_sided: bool = False
+    is_target: bool = False
 
     def __post_init__(self) -> None:
         check_kind("the name of a group", self.name, str, "a text", MeshError)
-        for name in ("is_occluder", "is_two_sided"):
+        for name in ("is_occluder", "is_two_sided", "is_target"):
             object.__setattr__(self, name, flag(name, getattr(self, name)))
+        if self.is_occluder and self.is_target:
+            raise MeshError(
+                f"group {self.name!r} must have one role, got occluder and target; an occluder "
+                "hides and is not scored, a target is scored and hides nothing"
+            )
+
+    @property
+    def role(self) -> str:
+        """`"task"` (scored, hides), `"occluder"` (hides) or `"target"` (scored, hides nothing)."""
+        return "occluder" if self.is_occluder else "target" if self.is_target else "task"
+
+    def plain(self) -> dict[str, Any]:
+        """Arguments of the constructor, ready for JSON; `is_target` only where it is set.
+
+        So that hashes of scenes without targets, which name matrices on the disk, stay the same.
+        """
+        fields = asdict(self)
+        if not self.is_target:
+            del fields["is_target"]
+        return fields
 
 
 def checked_groups(
@@ -57,14 +81,17 @@ def checked_groups(
 
 
 def flagged(
-    groups: Sequence[Group], occluders: Iterable[str] | None, two_sided: Iterable[str] | None
+    groups: Sequence[Group],
+    occluders: Iterable[str] | None,
+    two_sided: Iterable[str] | None,
+    targets: Iterable[str] | None,
 ) -> tuple[Group, ...]:
     """Groups with a flag set on exactly the named ones; None keeps that flag."""
     known = {group.name for group in groups}
-    hiding = _names("occluders", occluders)
+    hiding, transparent = _names("occluders", occluders), _names("targets", targets)
     is_all = isinstance(two_sided, str) and two_sided == "all"
     both = known if is_all else _names("two_sided", two_sided)
-    unknown = ((hiding or set()) | (both or set())) - known
+    unknown = ((hiding or set()) | (both or set()) | (transparent or set())) - known
     if unknown:
         raise MeshError(
             f"group names must be among {sorted(known)}, got {sorted(unknown)}; correct them"
@@ -74,6 +101,7 @@ def flagged(
             group,
             is_occluder=group.is_occluder if hiding is None else group.name in hiding,
             is_two_sided=group.is_two_sided if both is None else group.name in both,
+            is_target=group.is_target if transparent is None else group.name in transparent,
         )
         for group in groups
     )

@@ -5,7 +5,7 @@ arrays. Topology is computed on positions, because files repeat vertices along s
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
 
@@ -37,6 +37,10 @@ if TYPE_CHECKING:
 
 __all__ = ["Group", "Mesh", "MeshSource"]
 
+DEPENDS_ON_TARGETS = {
+    "topology", "is_closed_outward", "can_cull_back_faces", "contacts", "_inside_out"
+}  # fmt: skip
+"""Cached properties of a mesh that depend on which faces are targets."""
 TRIMESH_GROUPS = "rastercov_groups"
 """Key of the groups in the metadata of a `trimesh.Trimesh`."""
 
@@ -168,6 +172,7 @@ class Mesh:
         *,
         occluders: Iterable[str] = (),
         two_sided: Iterable[str] = (),
+        targets: Iterable[str] = (),
         drop_invalid: bool = False,
         max_bytes: int = LARGEST_FILE,
         memory_budget: int | None = None,
@@ -182,7 +187,7 @@ class Mesh:
         unit : str or float, or a list of them
             Unit of the coordinates: m, mm, cm, um, in, ft, or metres per unit; of all files, or one
             for each. 3MF, STEP and most DAE files state their own.
-        occluders, two_sided : group names
+        occluders, two_sided, targets : group names
             Flags of the groups, see `with_groups`.
         drop_invalid : bool
             Drop faces whose coordinates are not finite, with a warning; `source_face` numbers the
@@ -226,7 +231,7 @@ class Mesh:
             sources=[MeshSource(*file) for file in files],
             notes=scene.notes,
         )
-        return mesh.with_groups(occluders=occluders, two_sided=two_sided)
+        return mesh.with_groups(occluders=occluders, two_sided=two_sided, targets=targets)
 
     @classmethod
     def from_trimesh(cls, tri: Any, *, name: str = "mesh", unit: str | float = "m") -> "Mesh":
@@ -279,11 +284,14 @@ class Mesh:
                 "face_group": self.face_group.copy(),
                 "source_face": self.source_face.copy(),
             },
-            metadata={TRIMESH_GROUPS: [asdict(group) for group in self.groups]},
+            metadata={TRIMESH_GROUPS: [group.plain() for group in self.groups]},
         )
 
     def with_groups(
-        self, occluders: Iterable[str] | None = None, two_sided: Iterable[str] | None = None
+        self,
+        occluders: Iterable[str] | None = None,
+        two_sided: Iterable[str] | None = None,
+        targets: Iterable[str] | None = None,
     ) -> Self:
         """Return a mesh of the same faces with other group flags.
 
@@ -293,15 +301,24 @@ class Mesh:
             Exactly these hide without being scored; None keeps the flags.
         two_sided : group names or "all", optional
             Exactly these are covered from either side; None keeps the flags.
+        targets : group names, optional
+            Exactly these are scored without hiding anything; None keeps the flags.
 
         Returns
         -------
         Mesh
             Shares this mesh's arrays.
+
+        Raises
+        ------
+        MeshError
+            For an unknown group, or one that would be both occluder and target.
         """
-        groups = flagged(self.groups, occluders, two_sided)
+        groups = flagged(self.groups, occluders, two_sided, targets)
         other = object.__new__(type(self))
-        depends_on_groups = {"task_mask", "two_sided_mask"}
+        depends_on_groups = {"task_mask", "two_sided_mask", "target_mask", "_opaque", "warnings"}
+        if any(a.is_target != b.is_target for a, b in zip(groups, self.groups, strict=True)):
+            depends_on_groups |= DEPENDS_ON_TARGETS
         # Copied in one step: another thread may be adding a cached property.
         cached = vars(self).copy()
         other.__dict__.update({k: v for k, v in cached.items() if k not in depends_on_groups})
@@ -389,7 +406,7 @@ class Mesh:
 
     @cached_property
     def task_mask(self) -> NDArray[np.bool_]:
-        """(F,) faces that are scored: all but the occluders."""
+        """(F,) faces that are scored, of the task or a target: all but the occluders."""
         scored = np.array([not group.is_occluder for group in self.groups])
         return frozen(scored[self.face_group])
 
@@ -398,6 +415,50 @@ class Mesh:
         """(F,) faces that count as covered from either side."""
         two_sided = np.array([group.is_two_sided for group in self.groups])
         return frozen(two_sided[self.face_group])
+
+    @cached_property
+    def target_mask(self) -> NDArray[np.bool_]:
+        """(F,) faces that are scored but hide nothing."""
+        transparent = np.array([group.is_target for group in self.groups])
+        return frozen(transparent[self.face_group])
+
+    @property
+    def has_targets(self) -> bool:
+        """True if a face is of a target."""
+        return self._opaque is not None
+
+    @property
+    def opaque(self) -> "Mesh":
+        """Mesh of the faces that hide, in their order: this one where it has no targets.
+
+        All that depends on surfaces is derived from it: near limit, back-face culling, contacts,
+        obstacles. A mesh of targets only has no such face; one without area, of the same bounding
+        box, takes their place.
+        """
+        return self if self._opaque is None else self._opaque
+
+    @cached_property
+    def _opaque(self) -> "Mesh | None":
+        """`opaque`, or None for this mesh: a mesh that held itself would not be freed at once."""
+        is_target = self.target_mask
+        if not is_target.any():
+            return None
+        if is_target.all():
+            low, high = self.bounds
+            return Mesh([low, high], [(0, 1, 0)], [Group("no surface", is_occluder=True)])
+        faces = self.faces[~is_target]
+        # Vertices of targets alone are left out, so that no bounding volume includes them.
+        is_kept = np.ones(self.n_vertices, bool)
+        is_kept[self.faces[is_target]] = False
+        is_kept[faces] = True
+        return Mesh(
+            vertices=self.vertices[is_kept],
+            faces=(np.cumsum(is_kept) - 1)[faces],
+            groups=self.groups,
+            face_group=self.face_group[~is_target],
+            source_face=self.source_face[~is_target],
+            sources=self.sources,
+        )
 
     @cached_property
     def bounds(self) -> NDArray[np.float64]:
@@ -459,8 +520,11 @@ class Mesh:
 
     @cached_property
     def topology(self) -> Topology:
-        """Edge counts and adjacency of the faces."""
-        return Topology.of(self.positions, self.n_vertices)
+        """Edge counts and adjacency of the faces; targets share no edge with other faces."""
+        if not self.has_targets:
+            return Topology.of(self.positions, self.n_vertices)
+        apart = np.where(self.target_mask, self.n_vertices, 0)[:, None]
+        return Topology.of(self.positions + apart, 2 * self.n_vertices)
 
     @property
     def n_boundary_edges(self) -> int:
@@ -529,7 +593,18 @@ class Mesh:
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
-        """One line for each fault or oddity that may affect the results."""
+        """One line for each fault or oddity that may affect the results.
+
+        Open, overlapping or inconsistently wound targets are no faults: they hide nothing.
+        """
+        if self.has_targets:
+            found = list(self.notes)
+            if not self.target_mask.all():
+                found += self.opaque.warnings
+            n_flat = int((self.degenerate_mask & self.target_mask).sum())
+            if n_flat:
+                found.append(f"{n_flat} degenerate faces of targets, without area")
+            return tuple(found)
         topology = self.topology
         found = list(self.notes)
         if topology.n_boundary_edges:

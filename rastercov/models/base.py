@@ -154,7 +154,7 @@ def each_pose(
         8 * len(matrices) * math.prod(of_pose),
         "take fewer poses at a time",
     )
-    near = near_limit(camera, mesh.bounds, matrices)
+    near = near_limit(camera, mesh.opaque.bounds, matrices)
     found = np.empty((len(matrices), *of_pose))
     for row, pose in enumerate(matrices):  # a few milliseconds for 10k faces
         found[row] = strength(pose, float(near[row]))

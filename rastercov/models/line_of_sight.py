@@ -52,7 +52,7 @@ class LineOfSight:
     Parameters
     ----------
     mesh : Mesh
-        Its faces hide.
+        Its faces hide, except those of targets.
     tracer : {"auto", "embree", "own"}
         "auto" is Embree if embreex is installed, our own tree otherwise.
 
@@ -64,6 +64,7 @@ class LineOfSight:
 
     def __init__(self, mesh: Mesh, tracer: str = "auto") -> None:
         check_tracer(tracer)
+        mesh = mesh.opaque
         self._centre = mesh.bounds.mean(axis=0)
         self._diagonal = float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
         faces = mesh.faces[~mesh.degenerate_mask]

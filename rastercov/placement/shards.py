@@ -79,7 +79,7 @@ def describe(
 ) -> dict[str, Any]:
     """Header of a matrix: all that it depends on, ready for JSON."""
     mesh, camera = observer.mesh, observer.camera
-    groups = json.dumps([asdict(group) for group in mesh.groups])
+    groups = json.dumps([group.plain() for group in mesh.groups])
     if poses_a_shard is not None and (isinstance(poses_a_shard, bool) or poses_a_shard < 1):
         raise ConfigError(f"poses_a_shard must be 1 or more, got {poses_a_shard!r}")
     return {

@@ -1,4 +1,4 @@
-"""Scene of a plan: its meshes joined, with the roles of their groups.
+"""Scene of a plan: its meshes joined, with the roles of their groups, and its targets.
 
 Errors that need the meshes, such as an unknown group, are found here and reported like all errors
 of a plan.
@@ -12,21 +12,24 @@ import numpy as np
 from rastercov import shapes
 from rastercov.errors import RastercovError
 from rastercov.mesh import Group, Mesh
+from rastercov.mesh.targets import box_grid, count_for, sheet_above, with_target
 from rastercov.plan.errors import PlanError
 from rastercov.plan.file import Plan
 from rastercov.plan.generators import Mounted, PerFace
-from rastercov.plan.sections import FewestSelection, MeshEntry, TransformEntry
+from rastercov.plan.sections import FewestSelection, MeshEntry, TargetEntry, TransformEntry
 
 
 def scene(plan: Plan) -> Mesh:
-    """All meshes of a plan as one, with the roles of their groups.
+    """All meshes and targets of a plan as one, with the roles of their groups.
 
-    Groups keep their names where there is one mesh; of several they are `file/group`.
+    Groups keep their names where there is one mesh; of several they are `file/group`. Each target
+    is a group behind them.
 
     Raises
     ------
     PlanError
-        With a line for each file that is not a mesh and each unknown group.
+        With a line for each file that is not a mesh, each unknown group and each target that
+        cannot be made.
     """
     parts: list[Mesh] = []
     lines: list[str] = []
@@ -44,7 +47,8 @@ def scene(plan: Plan) -> Mesh:
         raise PlanError(plan.name, lines)
     mesh = parts[0] if len(parts) == 1 else _joined(plan, parts)
     mesh = _with_roles(plan, mesh, [[group.name for group in part.groups] for part in parts])
-    lines = list(_unknown_groups(plan, [group.name for group in mesh.groups]))
+    mesh, lines = _with_targets(plan, mesh)
+    lines += _unknown_groups(plan, [group.name for group in mesh.groups])
     if not mesh.task_mask.any():
         lines.append('meshes: every group is an occluder; leave at least one with role = "task"')
     if lines:
@@ -95,22 +99,61 @@ def _free(name: str, taken: Sequence[str]) -> str:
 
 
 def _with_roles(plan: Plan, mesh: Mesh, names: Sequence[Sequence[str]]) -> Mesh:
-    """The mesh with each group an occluder, or two-sided, as the entry of its file says.
+    """The mesh with each group an occluder, a target, or two-sided, as the entry of its file says.
 
     Entries use the group names of the file.
     """
     hiding: list[str] = []
     two_sided: list[str] = []
+    transparent: list[str] = []
     groups = iter(mesh.groups)
     for entry, own in zip(plan.meshes, names, strict=True):
         for name in own:
             group = next(groups)
             has_role = not entry.groups or name in entry.groups
-            if has_role == (entry.role == "occluder"):
+            if entry.role == "target":
+                transparent += [group.name] if has_role else []
+            elif has_role == (entry.role == "occluder"):
                 hiding.append(group.name)
             if entry.two_sided is True or (entry.two_sided and name in entry.two_sided):
                 two_sided.append(group.name)
-    return mesh.with_groups(hiding, two_sided)
+    return mesh.with_groups(hiding, two_sided, transparent)
+
+
+def _with_targets(plan: Plan, mesh: Mesh) -> tuple[Mesh, list[str]]:
+    """The mesh with the targets of the plan, and a line for each that cannot be made.
+
+    Targets refer to groups of the meshes, not to each other.
+    """
+    lines, scene_of_meshes = [], mesh
+    for row, entry in enumerate(plan.targets):
+        field = next(name for name in ("above", "box", "file") if getattr(entry, name) is not None)
+        try:
+            target, name = _target(plan, entry, scene_of_meshes)
+        except RastercovError as error:
+            lines.append(f"targets[{row}].{field}: {error}")
+            continue
+        name = _free(name, [group.name for group in mesh.groups])
+        both = entry.box is not None if entry.two_sided is None else entry.two_sided
+        mesh = with_target(mesh, target, name, two_sided=both)
+    return mesh, lines
+
+
+def _target(plan: Plan, entry: TargetEntry, mesh: Mesh) -> tuple[Mesh, str]:
+    """Faces of a target, and the name of its group."""
+    if entry.above is not None:
+        assert entry.height is not None
+        name = entry.name or f"{entry.above} + {entry.height:g} m"
+        return sheet_above(mesh, entry.above, entry.height), name
+    if entry.file is not None:
+        path = plan.folder / entry.file
+        return Mesh.load(path, entry.unit), entry.name or path.stem
+    assert entry.box is not None
+    low, high = entry.box
+    count = entry.count or [1, 1, 1]
+    if entry.spacing:
+        count = count_for(low, high, entry.spacing).tolist()
+    return box_grid(low, high, count, entry.size), entry.name or "volume"
 
 
 def _unknown_groups(plan: Plan, known: Sequence[str]) -> Iterator[str]:

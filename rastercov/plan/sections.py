@@ -76,12 +76,14 @@ class MeshEntry(Entry):
     transform: TransformEntry = Field(
         default=TransformEntry(), description="Place of the mesh in the scene."
     )
-    role: Literal["task", "occluder"] = Field(
-        default="task", description="To be seen, or in the way and not scored."
+    role: Literal["task", "occluder", "target"] = Field(
+        default="task",
+        description="To be seen; in the way and not scored; or to be seen and hiding nothing.",
     )
     groups: list[Name] = Field(
         default=[],
-        description="Groups that have this role; the others have the other one. All if empty.",
+        description="Groups that have this role; the others are the task, or occluders where the "
+        "role is task. All if empty.",
     )
     two_sided: bool | list[Name] = Field(
         default=False,
@@ -94,6 +96,59 @@ class MeshEntry(Entry):
         only_one(self, ("path", "built_in"))
         if self.built_in and self.unit != "m":
             raise ValueError(f"built-in parts are in metres; leave out unit, got {self.unit!r}")
+        return self
+
+
+class TargetEntry(Entry):
+    """A surface to be seen that hides nothing: a sheet above a floor, a grid of boxes, or a file.
+
+    Exactly one of above, box and file.
+    """
+
+    name: Name | None = Field(
+        default=None, description="Name of its group; by default what it is made of."
+    )
+    above: Name | None = Field(
+        default=None, description="Group whose faces that face up are lifted to a sheet."
+    )
+    height: NotNegative | None = Field(default=None, description="Of the sheet above it, m.")
+    box: Annotated[list[Triple], Field(min_length=2, max_length=2)] | None = Field(
+        default=None, description="Two corners of a volume with a grid of hollow boxes, m."
+    )
+    count: Annotated[list[Count], Field(min_length=3, max_length=3)] | None = Field(
+        default=None, description="Boxes along x, y and z; 1 each by default."
+    )
+    spacing: Positive | None = Field(
+        default=None, description="Distance between boxes at most, m, instead of count."
+    )
+    size: Positive | None = Field(
+        default=None, description="Edge of a cube, m; by default half of its cell."
+    )
+    file: File | None = Field(default=None, description=f"Mesh file: {', '.join(READERS)}.")
+    unit: Annotated[str | float, AfterValidator(_unit)] = Field(
+        default="m", description=f"Unit of the file: {', '.join(METRES)}, or metres per unit."
+    )
+    two_sided: bool | None = Field(
+        default=None,
+        description="Whether either side counts as covered; by default for boxes only.",
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        only_one(self, ("above", "box", "file"))
+        if (self.above is None) != (self.height is None):
+            raise ValueError("above and height come together; give both or neither")
+        of_boxes = [name for name in ("count", "spacing", "size") if getattr(self, name)]
+        if of_boxes and self.box is None:
+            raise ValueError(f"{' and '.join(of_boxes)} is of a box; leave it out, or give box")
+        if self.count and self.spacing:
+            raise ValueError("count and spacing exclude each other; give one of them")
+        if self.box and not all(a < b for a, b in zip(*self.box, strict=True)):
+            raise ValueError(
+                f"wanted low < high on every axis, got {self.box[0]} and {self.box[1]}"
+            )
+        if self.file is None and self.unit != "m":
+            raise ValueError(f"unit is of a file; leave it out, got {self.unit!r}")
         return self
 
 
@@ -306,6 +361,9 @@ class PlanModel(Entry):
 
     meshes: Annotated[list[MeshEntry], Field(min_length=1)] = Field(
         description="The scene: what is to be seen and what is in the way."
+    )
+    targets: list[TargetEntry] = Field(
+        default=[], description="Further surfaces to be seen, which hide nothing."
     )
     camera: CameraSection = Field(description="The camera that all poses share.")
     task: TaskSection = Field(

@@ -6,7 +6,8 @@ face (`FaceCounts`), or for one pose with the image they were counted on (`Visib
 The promise: samples sit at pixel centres, or on a regular S x S grid in each pixel, or on a grid as
 dense that is rolled about the image centre; a sample on an edge shared by two faces belongs to
 exactly one of them; faces are cut at the near plane, not dropped; depth is compared in float32 or
-better; of two surfaces at equal depth the face with the lower index wins.
+better; of two surfaces at equal depth the face with the lower index wins. Targets hide nothing,
+and what is at their depth does not hide them (`rastercov.raster.targets`).
 
 A CPU rasteriser may be used from several threads at once. An OpenGL rasteriser belongs to the
 thread that opened it, and raises `DeviceError` in any other.
@@ -67,15 +68,16 @@ class FaceCounts:
     Attributes
     ----------
     visible : (P, F) int32
-        Samples where the face is the nearest surface; int64 where an image has 2^31 or more.
+        Samples where the face is the nearest surface, or a target that no surface is in front of;
+        int64 where an image has 2^31 or more.
     drawn : (P, F) int32 or None
         Samples the face would own if it were alone in the scene, inside the image, from either
         side; None when it was not asked for.
     background : (P,) int64
-        Samples that meet no face; with the row of `visible` they add up to all samples inside the
-        image.
+        Samples that meet no face but those of targets; with the visible samples of all other faces
+        they add up to all samples inside the image.
     clipped : (P,) bool
-        Whether the near plane cut away a surface inside the viewing pyramid.
+        Whether the near plane cut away a surface, not a target, inside the viewing pyramid.
     supersample : int
         S; a pixel holds S^2 samples.
     info : RasterizerInfo
@@ -112,7 +114,7 @@ class VisibilityBuffer:
     Attributes
     ----------
     face : (H, W) int32
-        Index of the nearest face at each pixel centre, -1 where there is none.
+        Index of the nearest face at each pixel centre, never of a target; -1 where there is none.
     depth : (H, W) float32
         Camera z of that surface in metres, inf where there is none.
     """

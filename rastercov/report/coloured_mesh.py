@@ -14,6 +14,7 @@ from rastercov.area.union import Covered
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.report import theme
+from rastercov.report.target_pictures import OPACITY
 
 FloatArray = NDArray[np.float64]
 
@@ -22,8 +23,8 @@ def write_coloured_mesh(path: str | Path, mesh: Mesh, values: ArrayLike) -> None
     """Write the mesh, each face in the colour of its coverage, for any 3D viewer.
 
     Colours run from dark violet over teal to yellow for coverage up to 1; task faces without
-    coverage are red, occluders grey-blue. Greys would be changed by a viewer's light. Faces share
-    no vertices, so that each has one colour.
+    coverage are red, occluders grey-blue. Targets are translucent. Greys would be changed by a
+    viewer's light. Faces share no vertices, so that each has one colour.
 
     Parameters
     ----------
@@ -107,13 +108,20 @@ def _coloured_scene(
 ) -> Any:
     """One node a group, turned from z up to y up, with the palette as texture."""
     visual: Any = trimesh.visual  # its classes are not annotated
-    material = visual.material.PBRMaterial(
-        name="coverage",
-        baseColorTexture=Image.fromarray(theme.coverage_colours()[None]),
-        metallicFactor=0.0,
-        roughnessFactor=1.0,
-        doubleSided=True,
-    )
+
+    def material(name: str, **fields: Any) -> Any:
+        return visual.material.PBRMaterial(
+            name=name,
+            baseColorTexture=Image.fromarray(theme.coverage_colours()[None]),
+            metallicFactor=0.0,
+            roughnessFactor=1.0,
+            doubleSided=True,
+            **fields,
+        )
+
+    opaque = material("coverage")
+    white = [255, 255, 255, round(255 * OPACITY)]
+    translucent = material("coverage of targets", alphaMode="BLEND", baseColorFactor=white)
     centre = mesh.bounds.mean(axis=0)
     turn = np.array([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]], np.float64)
     turn[:3, 3] = turn[:3, :3] @ centre
@@ -126,7 +134,8 @@ def _coloured_scene(
             corners = np.arange(len(points)).reshape(-1, 3)
             # The middle of a texel, the same for all three corners: independent of the filter.
             u = (np.repeat(entry[members], 3) + 0.5) / theme.PALETTE
-            skin = visual.TextureVisuals(np.stack((u, np.full_like(u, 0.5)), axis=1), material)
+            skin_of = translucent if group.is_target else opaque
+            skin = visual.TextureVisuals(np.stack((u, np.full_like(u, 0.5)), axis=1), skin_of)
             part = trimesh.Trimesh(points, corners, visual=skin, process=False)
             scene.add_geometry(part, group.name, group.name, transform=turn)
     return scene

@@ -293,7 +293,7 @@ def _draw(
                 title = pose_title(mesh, pose, covers)
                 matrix = poses.given[pose]
                 buffer = rasterizer.render(poses[poses.ids == pose])
-                pixels = coverage_pixels(buffer, values, mesh, matrix)
+                pixels = coverage_pixels(buffer, values, mesh, matrix, small)
                 picture = coverage_picture(buffer, values, mesh, small, matrix, title, pixels)
                 faces = face_index_picture(buffer)
                 with interrupts_held():

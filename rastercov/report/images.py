@@ -20,6 +20,7 @@ from rastercov.camera import Camera
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.raster.contract import VisibilityBuffer
+from rastercov.report.target_pictures import lay_over, targets_in_view
 from rastercov.report.theme import (
     BACKGROUND,
     BEHIND,
@@ -30,6 +31,7 @@ from rastercov.report.theme import (
     INK,
     OCCLUDER,
     PAPER,
+    TARGET,
     Pixels,
     index_colours,
 )
@@ -80,7 +82,7 @@ def coverage_picture(
             f"got {buffer.face.shape[0]} x {buffer.face.shape[1]}; render it with this camera"
         )
     if pixels is None:
-        pixels = coverage_pixels(buffer, values, mesh, pose)
+        pixels = coverage_pixels(buffer, values, mesh, pose, camera)
     drawn = np.unique(buffer.face)
     drawn = drawn[drawn >= 0]
     behind = mesh.task_mask[drawn] & ~facing(mesh, pose)[0][drawn]
@@ -90,17 +92,26 @@ def coverage_picture(
         keys.append(Key("seen from behind", swatch.astype(np.uint8)))
     if not mesh.task_mask[drawn].all():
         keys.append(Key("occluder", np.full((24, 24, 3), OCCLUDER, np.uint8)))
+    if mesh.has_targets:
+        scale = np.repeat(_tinted(np.linspace(0, 1, 256))[None], 24, axis=0)
+        keys.append(Key("coverage of a target", scale, "0", "1"))
     return framed(pixels, title, keys)
 
 
 def coverage_pixels(
-    buffer: VisibilityBuffer, values: ArrayLike, mesh: Mesh, pose: ArrayLike
+    buffer: VisibilityBuffer,
+    values: ArrayLike,
+    mesh: Mesh,
+    pose: ArrayLike,
+    camera: Camera | None = None,
 ) -> Pixels:
     """Pixels of `coverage_picture` without its frame, (H, W, 3).
 
     The grey of a face is fixed by its coverage except for a head-light of at most 15 % of the
     scale, which keeps the form readable: of two faces the one whose coverage is 0.15 higher is
     brighter in any shading. Lines between faces fade out where faces are small.
+
+    Targets, which have a hue, are laid over the image, translucent; only with a `camera`.
     """
     levels = np.clip(np.nan_to_num(np.asarray(values, np.float64)), 0.0, 1.0)
     if levels.shape != (mesh.n_faces,):
@@ -122,7 +133,17 @@ def coverage_pixels(
         palette[:-1][behind] = (light * BEHIND_STRIPE)[behind]
         pixels[striped] = palette[buffer.face[striped]]
     draw_lines(pixels, buffer.face, mesh.n_faces)
+    if camera is not None:
+        targets = targets_in_view(mesh, camera, pose, buffer.depth)
+        if targets is not None:
+            lay_over(pixels, targets, _tinted(levels))
     return pixels
+
+
+def _tinted(levels: FloatArray) -> Pixels:
+    """(N, 3) colours of targets by their coverage."""
+    colours: Pixels = np.rint(np.array(TARGET) * (0.25 + 0.75 * levels[:, None])).astype(np.uint8)
+    return colours
 
 
 def pose_title(mesh: Mesh, pose: int, covers: NDArray[np.bool_]) -> str:

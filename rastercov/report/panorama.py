@@ -17,6 +17,7 @@ from rastercov.projection import to_camera, to_image
 from rastercov.raster import open_rasterizer
 from rastercov.raster.contract import VisibilityBuffer
 from rastercov.report.images import draw_lines, facing, stripes
+from rastercov.report.target_pictures import lay_over, targets_in_view
 from rastercov.report.theme import EXTERIOR, Colour, Pixels
 from rastercov.viewpoints import look_at
 
@@ -54,6 +55,14 @@ class Scene:
     pose: FloatArray
     rows: NDArray[np.int64]  # faces that are drawn: without the back faces of a room's walls
     buffer: VisibilityBuffer  # with indices of the whole mesh
+    targets: NDArray[np.int32] | None = None  # in view, drawn over the image
+
+    @property
+    def faces(self) -> NDArray[np.int32]:
+        """Face of each pixel of a surface, and of each of a target."""
+        images = [self.buffer.face] if self.targets is None else [self.buffer.face, self.targets]
+        faces: NDArray[np.int32] = np.concatenate([image[image >= 0] for image in images])
+        return faces
 
 
 def look(mesh: Mesh, direction: ArrayLike, more: ArrayLike = (), scale: float = FINE) -> Scene:
@@ -82,10 +91,12 @@ def look(mesh: Mesh, direction: ArrayLike, more: ArrayLike = (), scale: float = 
     # A view of mostly back faces looks into a room through its walls.
     is_back = ~facing(mesh, pose)[0]
     counts = np.bincount(buffer.face[buffer.face >= 0], minlength=mesh.n_faces)
-    if 2 * counts[is_back].sum() > counts.sum() and not is_back.all():
-        rows = np.flatnonzero(~is_back)
+    front = np.flatnonzero(~is_back & ~mesh.target_mask)
+    if 2 * counts[is_back].sum() > counts.sum() and len(front):
+        rows = front
         buffer = _drawn(mesh, camera, pose, rows)
-    return Scene(mesh, camera, pose, rows, buffer)
+    targets = targets_in_view(mesh, camera, pose, buffer.depth)
+    return Scene(mesh, camera, pose, rows, buffer, targets)
 
 
 def best_directions(mesh: Mesh, faces: BoolArray, count: int = 2) -> FloatArray:
@@ -97,8 +108,8 @@ def best_directions(mesh: Mesh, faces: BoolArray, count: int = 2) -> FloatArray:
         return DIRECTIONS[:count].copy()
     shown = np.empty((len(DIRECTIONS), mesh.n_faces))
     for row, direction in enumerate(DIRECTIONS):
-        face = look(mesh, direction, scale=0.3).buffer.face
-        shown[row] = np.bincount(face[face >= 0], minlength=mesh.n_faces) * faces
+        drawn = look(mesh, direction, scale=0.3).faces
+        shown[row] = np.bincount(drawn, minlength=mesh.n_faces) * faces
     chosen: list[int] = []
     best = np.zeros(mesh.n_faces)
     for _ in range(count):
@@ -137,6 +148,8 @@ def paint(
         shown = (behind >= 0) & ~covered & stripes(behind.shape, 3 * FINE)
         mixed = THROUGH * colours[behind[shown]] + (1 - THROUGH) * pixels[shown]
         pixels[shown] = mixed.astype(np.uint8)
+    if scene.targets is not None:
+        lay_over(pixels, scene.targets, colours)
     return pixels
 
 

@@ -144,6 +144,7 @@ def page(report: PlanReport, progress: Progress = lambda done, total: None) -> s
         names=", ".join(source.name for source in mesh.sources),
         n_task=int(mesh.task_mask.sum()),
         n_occluders=int((~mesh.task_mask).sum()),
+        n_targets=int(mesh.target_mask.sum()),
         extent=" x ".join(f"{side:.3g}" for side in np.ptp(mesh.bounds, axis=0)),
         wants=_thresholds(report),
         answer=f"{len(report.poses)} {noun} {percent(by_area / 100)} of the area",
@@ -274,7 +275,7 @@ def _groups(summary: Mapping[str, Any]) -> list[list[str]]:
     """Table of coverage by task group."""
     return [
         [
-            group["name"],
+            group["name"] + (" (target)" if group["role"] == "target" else ""),
             f"{group['faces']:,}",
             percent(whole["percent"] / 100),
             percent(group.get("covered_area", {}).get("percent", whole["area_percent"]) / 100),

@@ -184,9 +184,11 @@ def _two_sides(
     scenes = [look(mesh, direction) for direction in directions]
     hidden = np.zeros(mesh.n_faces, np.bool_)
     if through is not None:
-        drawn = np.concatenate([np.unique(scene.buffer.face) for scene in scenes])
+        drawn = np.concatenate([np.unique(scene.faces) for scene in scenes])
         hidden = through & ~np.isin(np.arange(mesh.n_faces), drawn)
     images = [smooth(Image.fromarray(paint(scene, colours, hidden))) for scene in scenes]
+    if any(scene.targets is not None and (scene.targets >= 0).any() for scene in scenes):
+        keys = [*keys, _key("targets are translucent, with outlines", _translucent())]
     if hidden.any():
         colour = colours[np.flatnonzero(hidden)[0]]
         keys = [*keys, _key("hidden from both sides, shown through", theme.COVERED, stripe=colour)]
@@ -216,6 +218,14 @@ def _key(name: str, colour: ArrayLike, stripe: ArrayLike | None = None) -> Key:
     if stripe is not None:
         swatch[stripes((24, 24), 6)] = np.asarray(stripe)
     return Key(name, swatch)
+
+
+def _translucent() -> Pixels:
+    """Swatch of a target: two pale colours with an outline."""
+    swatch = np.empty((24, 24, 3), np.uint8)
+    swatch[:, :12], swatch[:, 12:] = theme.COVERED, theme.EXTERIOR
+    swatch[[0, 1, -2, -1]] = swatch[:, [0, 1, -2, -1]] = theme.OUTLINE_3D
+    return swatch
 
 
 def _occluder_key(mesh: Mesh, colour: ArrayLike) -> list[Key]:

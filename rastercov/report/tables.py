@@ -28,11 +28,12 @@ def summary_table(summary: Mapping[str, Any], rows: int = 20) -> Table:
     table.add_column("group", no_wrap=True, max_width=19)
     for name in BY_AREA if by_area else BY_FACE:
         table.add_column(name, justify="right", no_wrap=True)
-    task = [group for group in summary["groups"] if group["role"] == "task"]
-    occluders = [group for group in summary["groups"] if group["role"] != "task"]
+    task = [group for group in summary["groups"] if group["role"] != "occluder"]
+    occluders = [group for group in summary["groups"] if group["role"] == "occluder"]
     task.sort(key=lambda group: float(group["covered_area" if by_area else "covered"]["percent"]))
     for group in task[:rows]:
-        table.add_row(Text(group["name"]), *_shares(group, group["faces"]))
+        name = group["name"] + (" (target)" if group["role"] == "target" else "")
+        table.add_row(Text(name), *_shares(group, group["faces"]))
     if task[rows:]:
         table.add_row(f"... {len(task) - rows} more", style="dim")
     for group in occluders[:rows]:

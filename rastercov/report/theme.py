@@ -49,6 +49,8 @@ DARK = Theme(
 PAPER, INK = (255, 255, 255), (24, 28, 34)
 BACKGROUND = (160, 190, 219)
 OCCLUDER = (176, 140, 90)
+TARGET = (40, 200, 120)
+"""Of a target with coverage 1."""
 BEHIND, BEHIND_STRIPE = (132, 96, 140), (158, 122, 166)
 DARKEST, GREY_SPAN, HEADLIGHT = 14, 205, 30
 """Grey of a face: DARKEST + GREY_SPAN * coverage + HEADLIGHT * cosine of incidence."""
@@ -91,6 +93,7 @@ DETECTED, UNDETECTED = (25, 195, 125), (255, 93, 108)
 COVERAGE_SCALE = ((62, 18, 96), (57, 82, 140), (32, 144, 140), (116, 203, 83), (253, 231, 37))
 """Dark violet over teal to yellow: lightness rises evenly, so that it is readable in grey too."""
 ZERO_COVERAGE, OCCLUDER_3D = (232, 33, 45), (146, 160, 178)
+OUTLINE_3D = (110, 120, 130)
 PALETTE = 256
 ZERO_ROW, OCCLUDER_ROW = 0, 1
 """Rows of the palette for no coverage and for occluders."""

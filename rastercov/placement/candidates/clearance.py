@@ -174,7 +174,8 @@ def filter_candidates(
     Parameters
     ----------
     mesh : Mesh
-        All its faces are surfaces, including occluders. Closed and consistently wound components
+        All its faces are surfaces, including occluders, except those of targets, within which a
+        camera may be. Closed and consistently wound components
         are solid: a point is in matter where their winding numbers have a positive sum; a component
         that faces inward contributes -1. If such a component contains the whole mesh, it is a room,
         and everything outside it is matter, too. So a cavity in a part is air, and the inside of a
@@ -200,7 +201,9 @@ def filter_candidates(
     eyes = np.ascontiguousarray(candidates.poses[:, :3, 3])
     rejection = np.full(len(eyes), Rejection.NONE, np.uint8)
     if clearance > 0 and len(eyes):
-        rejection[NearestSurface(mesh).query(eyes).distance < clearance] = Rejection.TOO_NEAR
+        nearest = nearest_obstacle(mesh)
+        if nearest is not None:
+            rejection[nearest.query(eyes).distance < clearance] = Rejection.TOO_NEAR
     volume = np.full(len(eyes), -1, np.int64)
     for row in reversed(range(len(keep_out))):
         volume[keep_out[row].contains(eyes)] = row
@@ -268,6 +271,13 @@ class NearestSurface:
         return Nearest(distance, self._rows[row], where + self._centre)
 
 
+def nearest_obstacle(mesh: Mesh) -> NearestSurface | None:
+    """Search among all faces but those of targets; None for a mesh of targets only."""
+    if not mesh.has_targets:
+        return NearestSurface(mesh)
+    return None if mesh.target_mask.all() else NearestSurface(mesh, ~mesh.target_mask)
+
+
 def check_clearance(clearance: float) -> None:
     """Raise ConfigError for a clearance that is negative or not finite."""
     if not 0 <= clearance < np.inf:
@@ -284,6 +294,7 @@ def in_solid(mesh: Mesh, points: ArrayLike) -> BoolArray:
     wanted = finite_points(
         "points", points, (*np.shape(points)[:-1], 3), "finite and of shape (N, 3)"
     ).reshape(-1, 3)
+    mesh = mesh.opaque
     solid = closed_faces(mesh)
     if not solid.any() or not len(wanted):
         return np.zeros(len(wanted), dtype=bool)

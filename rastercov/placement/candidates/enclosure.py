@@ -54,6 +54,7 @@ class Enclosure:
         self.keep_out = [v for v in keep_out if isinstance(v, KeepOutBox | KeepOutSphere)]
         self._middle = mesh.bounds.mean(axis=0)
         self._lift = LIFT_REL * float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+        mesh = mesh.opaque  # targets enclose nothing
         rows = np.flatnonzero(closed_faces(mesh))
         # Sorted by component; those of one are from `_starts` of its number to that of the next.
         _, part = np.unique(mesh.topology.components()[rows], return_inverse=True)

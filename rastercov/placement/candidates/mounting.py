@@ -294,7 +294,10 @@ def _aimed(mesh: Mesh, framing: Framing, eyes: FloatArray, aim: Aim, source: str
 def _box(mesh: Mesh, bounds: ArrayLike | None, outward: float) -> tuple[FloatArray, FloatArray]:
     """Lowest and highest corner of the enlarged box."""
     box = finite_points(
-        "bounds", mesh.bounds if bounds is None else bounds, (2, 3), "two finite corners, (2, 3)"
+        "bounds",
+        mesh.opaque.bounds if bounds is None else bounds,
+        (2, 3),
+        "two finite corners, (2, 3)",
     )
     if not abs(outward) <= LARGEST_COORDINATE:
         raise ConfigError(

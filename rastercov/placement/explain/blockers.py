@@ -24,6 +24,8 @@ WIDEST = 8
 EDGE_MARGIN_REL = 1 / 128
 """Distance to an edge of the face, in sample spacings, within which samples are ignored: they may
 belong to its neighbours."""
+DEPTH_MARGIN_REL = 1e-5
+"""Depth by which a surface must be in front of a target to count, relative."""
 WINDOWS_AT_ONCE = 128
 """Windows in memory: 4 MB."""
 
@@ -39,9 +41,9 @@ def in_front(
     The image is that of a camera aimed at the centroid. The near limit of the real camera does not
     apply: surfaces nearer than that block too.
 
-    `eyes`, (N, 3), lie on either side of the planes of `faces`, (N,); all faces of the mesh may
-    block. A share is from about 500 to 4,000 samples, fewer for thin faces; 0 for a face so thin
-    that it owns none.
+    `eyes`, (N, 3), lie on either side of the planes of `faces`, (N,); all faces of the mesh but
+    those of targets may block. A share is from about 500 to 4,000 samples, fewer for thin faces; 0
+    for a face so thin that it owns none.
     """
     shares = np.zeros((len(faces), len(mesh.groups)))
     if not len(faces):
@@ -59,9 +61,14 @@ def in_front(
         rows = np.flatnonzero(level == power)
         with CPURasterizer(mesh, window) as rasterizer:
             for some in np.split(rows, range(WINDOWS_AT_ONCE, len(rows), WINDOWS_AT_ONCE)):
-                drawn = rasterizer.render_all(poses[some]).face
+                image = rasterizer.render_all(poses[some])
+                drawn = image.face
                 own = _samples_within(slopes[some] * scale + SIDE / 2)
                 before = own & (drawn >= 0) & (drawn != faces[some, None, None])
+                # Targets are not drawn: what is seen at their samples may be behind them.
+                transparent = np.flatnonzero(mesh.target_mask[faces[some]])
+                depth = _depths(points[some[transparent]], scale)
+                before[transparent] &= image.depth[transparent] < depth * (1 - DEPTH_MARGIN_REL)
                 window_of = np.nonzero(before)[0]
                 cell = window_of * len(mesh.groups) + mesh.face_group[drawn[before]]
                 counts = np.bincount(cell, minlength=len(some) * len(mesh.groups))
@@ -70,6 +77,20 @@ def in_front(
                 done += len(some)
                 progress(done, len(faces))
     return shares
+
+
+def _depths(corners: FloatArray, scale: float) -> FloatArray:
+    """(N, SIDE, SIDE) depths of the planes of triangles, (N, 3, 3) in camera axes, metres.
+
+    Not finite or negative where a plane is not met; within the triangle it is.
+    """
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    slope = (np.arange(SIDE) + 0.5 - SIDE / 2) / scale
+    towards = normal[:, 0, None, None] * slope + normal[:, 1, None, None] * slope[:, None]
+    towards += normal[:, 2, None, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        depths: FloatArray = np.einsum("ni,ni->n", normal, corners[:, 0])[:, None, None] / towards
+    return depths
 
 
 def _samples_within(corners: FloatArray) -> BoolArray:

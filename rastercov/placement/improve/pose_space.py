@@ -22,6 +22,7 @@ from rastercov.placement.candidates.clearance import (
     NearestSurface,
     check_clearance,
     in_solid,
+    nearest_obstacle,
 )
 from rastercov.placement.candidates.framing import check_stand_off, check_up, turns_about_z
 from rastercov.pose import valid_poses
@@ -123,7 +124,7 @@ class PoseSpace:
         distance = self._task.query(points).distance
         place[distance > self.stand_off[1]] = Place.TOO_FAR
         too_near = distance < self.stand_off[0]
-        if self.clearance > 0:
+        if self.clearance > 0 and self._surface is not None:
             too_near |= self._surface.query(points).distance < self.clearance
         place[too_near] = Place.TOO_NEAR
         for volume in self.keep_out:
@@ -226,8 +227,8 @@ class PoseSpace:
         return NearestSurface(self.mesh, self.mesh.task_mask)
 
     @cached_property
-    def _surface(self) -> NearestSurface:
-        return NearestSurface(self.mesh)
+    def _surface(self) -> NearestSurface | None:
+        return nearest_obstacle(self.mesh)
 
     def _pushed(self, points: FloatArray, place: NDArray[np.uint8]) -> FloatArray:
         """Points moved along the line to the nearest task face, or to the nearest surface."""
@@ -237,7 +238,7 @@ class PoseSpace:
         point, distance = near.point, near.distance
         crowded = (place == Place.TOO_NEAR) & (distance >= least)
         crowded |= place == Place.IN_SOLID
-        if crowded.any():
+        if crowded.any() and self._surface is not None:
             other = self._surface.query(points)
             point = np.where(crowded[:, None], other.point, point)
             distance = np.where(crowded, other.distance, distance)

@@ -27,7 +27,7 @@ edge is inside and one on a right or lower edge outside, so every sample belongs
 two triangles that share an edge.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from importlib.metadata import version
 from typing import Any
@@ -66,7 +66,8 @@ from rastercov.raster.cpu.memory import (
     aligned_zeros,
     make_scratch,
 )
-from rastercov.raster.sample_grid import SampleGrid
+from rastercov.raster.sample_grid import Box, SampleGrid
+from rastercov.raster.targets import TargetFaces
 from rastercov.raster.tie_order import in_one_order
 
 FloatArray = NDArray[np.float64]
@@ -128,7 +129,7 @@ class CPURasterizer(Closing):
         )
         self._is_open = True
         announce_compilation(loops.count_poses)
-        self._scene = _Scene(mesh)
+        self._scene, self._targets = _Scene(mesh.opaque), TargetFaces.of(mesh)
         self._scratch, self._picture_scratch = (
             ScratchPool(partial(_Worker, self._scene, grid), self._threads)
             for grid in (self._grid, SampleGrid(camera))
@@ -139,7 +140,10 @@ class CPURasterizer(Closing):
         """Samples of each face in each pose; see `Rasterizer.count`."""
         self._check_open()
         matrices, drawn = valid_poses(poses), flag("drawn", drawn)
-        return self._count(self._scratch, self._scene, self.camera, self._grid, matrices, drawn)
+        counts = self._count(self._scratch, self._scene, self.camera, self._grid, matrices, drawn)
+        if self._targets is None:
+            return counts
+        return self._targets.added(counts, *self._count_targets(self._targets, matrices))
 
     def render(self, pose: ArrayLike) -> VisibilityBuffer:
         """Face index and depth at each pixel centre; see `Rasterizer.render`."""
@@ -170,6 +174,8 @@ class CPURasterizer(Closing):
         workers = self._picture_scratch.take(max(1, min(self._threads, len(matrices))))
         share_poses(len(matrices), [work_of(worker) for worker in workers])
         self._picture_scratch.give_back(workers)
+        if self._targets is not None:
+            face = self._targets.face_of(face)
         return VisibilityBuffer(face, depth)
 
     def close(self) -> None:
@@ -234,6 +240,27 @@ class CPURasterizer(Closing):
             self.info,
             self.roll,
         )
+
+    def _count_targets(self, targets: TargetFaces, poses: FloatArray) -> tuple[IntArray, IntArray]:
+        """Visible and drawn samples of the targets, (P, N) each."""
+        near, cull = picture_limits(self.mesh, self.camera, poses)
+        visible, drawn = np.empty((2, len(poses), len(targets.rows)), np.int64)
+
+        def work_of(worker: _Worker) -> Callable[[slice], None]:
+            def work(turn: slice) -> None:
+                for row in range(len(poses))[turn]:
+                    one = slice(row, row + 1)
+                    depths = partial(worker.depths, poses[one], near[one], cull[one])
+                    visible[row], drawn[row] = targets.count(
+                        self._grid, poses[row], near[row], depths
+                    )
+
+            return work
+
+        workers = self._scratch.take(max(1, min(self._threads, len(poses))))
+        share_poses(len(poses), [work_of(worker) for worker in workers])
+        self._scratch.give_back(workers)
+        return visible, drawn
 
     def _check(self) -> None:
         """Count the self-test scene; DeviceError where a miscompiled loop counts it wrongly."""
@@ -340,6 +367,23 @@ class _Worker:
             Poses(moved, near, cull), self.canvas, bands, self.scene.clusters, self.buffers, output,
             self.scratch,
         )  # fmt: skip
+
+    def depths(
+        self,
+        pose: FloatArray,
+        near: FloatArray,
+        cull: NDArray[np.bool_],
+        top: int,
+        bottom: int,
+    ) -> Iterator[tuple[Box, NDArray[np.float32]]]:
+        """Depths of one pose, (1, 4, 4), in bands that hold some rows; see `targets.Depths`."""
+        for first, last in self.all_bands:
+            if first < bottom and last > top:
+                band = np.array([(first, last)])
+                self.count(pose, near, cull, band, self.no_counts, None, np.empty(1, np.int64))
+                depth = np.full((last - first, self.grid.width), np.inf, np.float32)
+                loops.read_depths(self.columns, self.buffers, depth)
+                yield (0, int(first), self.grid.width, int(last - first)), depth
 
     def render(
         self,

@@ -24,6 +24,7 @@ from rastercov._closing import Closing
 from rastercov.camera import Camera
 from rastercov.errors import ConfigError, DeviceError
 from rastercov.mesh import Mesh
+from rastercov.near_plane import near_limit
 from rastercov.pose import valid_poses
 from rastercov.raster import self_test
 from rastercov.raster.contract import (
@@ -44,7 +45,8 @@ from rastercov.raster.gl.strategy import (
     DrawLimits,
     Strategy,
 )
-from rastercov.raster.sample_grid import SampleGrid
+from rastercov.raster.sample_grid import Box, SampleGrid
+from rastercov.raster.targets import TargetFaces
 
 PLANS = ("software", "hardware", "compute")
 MAX_FOCAL_LENGTH = 1 << 16
@@ -141,7 +143,8 @@ class GLRasterizer(Closing):
 
     def _prepare(self, plan: str, limits: DrawLimits) -> None:
         """Compile the programs, allocate the images and upload the mesh."""
-        resources, mesh, camera = self._resources, self.mesh, self.camera
+        resources, mesh, camera = self._resources, self.mesh.opaque, self.camera
+        self._targets = TargetFaces.of(self.mesh)
         grid = SampleGrid(camera, self.supersample, self.roll)
         resources.use()
         self._strategy: Strategy
@@ -174,7 +177,10 @@ class GLRasterizer(Closing):
         n_bytes = np.dtype(self._scene.grid.count_type).itemsize
         check_counts(len(matrices), self.mesh.n_faces, n_bytes * (1 + drawn))
         with self._current():
-            return self._count(self._scene, matrices, drawn)
+            counts = self._count(self._scene, matrices, drawn)
+            if self._targets is None:
+                return counts
+            return self._targets.added(counts, *self._count_targets(self._targets, matrices))
 
     def render(self, pose: ArrayLike) -> VisibilityBuffer:
         """Face index and depth at each pixel centre; see `Rasterizer.render`."""
@@ -191,6 +197,8 @@ class GLRasterizer(Closing):
                 x, y, width, height = tile
                 part = np.s_[y : y + height, x : x + width]
                 face[part], depth[part] = self._strategy.image(self._scene, prepared, tile)
+        if self._targets is not None:
+            face = self._targets.face_of(face)
         return VisibilityBuffer(face, depth)
 
     def close(self) -> None:
@@ -245,6 +253,26 @@ class GLRasterizer(Closing):
             )
         scale = grid.supersample
         return FaceCounts(visible, drawn, background, prepared.clipped, scale, self.info, self.roll)
+
+    def _count_targets(
+        self, targets: TargetFaces, poses: NDArray[np.float64]
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Visible and drawn samples of the targets, (P, N) each."""
+        visible, drawn = np.empty((2, len(poses), len(targets.rows)), np.int64)
+        grid, near = self._scene.grid, near_limit(self.camera, self._scene.mesh.bounds, poses)
+        for row in range(len(poses)):
+
+            def depths(
+                top: int, bottom: int, row: int = row
+            ) -> Iterator[tuple[Box, NDArray[np.float32]]]:
+                prepared = self._strategy.prepare(self._scene, poses[row : row + 1], grid)
+                self._strategy.begin(prepared, np.array([0]))
+                for tile in grid.tiles(self._strategy.tile):
+                    if tile[1] < bottom and tile[1] + tile[3] > top:
+                        yield tile, self._strategy.image(self._scene, prepared, tile)[1]
+
+            visible[row], drawn[row] = targets.count(grid, poses[row], near[row], depths)
+        return visible, drawn
 
     # --- self-test ------------------------------------------------------------------------------
 

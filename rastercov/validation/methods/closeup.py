@@ -37,7 +37,7 @@ def neighbourhood(mesh: Mesh, camera: Camera, pose: FloatArray, face: int) -> Ne
     """True polygons around a face, from the faces that overlap its surroundings."""
     from rastercov.reference.polygons import visible_polygons
 
-    near = float(near_limit(camera, mesh.bounds, pose[None])[0])
+    near = float(near_limit(camera, mesh.opaque.bounds, pose[None])[0])
     points = to_camera(mesh.vertices, pose)
     ahead = points[:, 2] >= near
     image = to_image(np.where(ahead[:, None], points, (0.0, 0.0, 1.0)), camera)

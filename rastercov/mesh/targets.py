@@ -1,0 +1,138 @@
+"""Targets: surfaces that are scored but hide nothing, made for a scene and added to it.
+
+A sheet above a floor stands for faces of people at eye height, a grid of boxes for a capture
+volume. Both are plain meshes; `with_target` adds one to a scene as a group of its own.
+"""
+
+import math
+from itertools import product
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov.errors import MeshError
+from rastercov.mesh.groups import Group
+from rastercov.mesh.mesh import Mesh
+
+STEEPEST_DEG = 45.0
+"""Slope up to which a face counts as facing up."""
+MOST_BOXES = 100_000
+"""Boxes of one grid."""
+BOX_FACES = np.array(
+    [
+        *[(0, 2, 3), (0, 3, 1), (4, 5, 7), (4, 7, 6), (0, 1, 5), (0, 5, 4)],
+        *[(2, 6, 7), (2, 7, 3), (0, 4, 6), (0, 6, 2), (1, 3, 7), (1, 7, 5)],
+    ]
+)
+"""Outward faces of a box whose corner k has x, y, z from bits 0, 1, 2 of k."""
+
+
+def sheet_above(mesh: Mesh, group: str, height: float) -> Mesh:
+    """Faces of a group that face up, lifted by a height: a sheet that faces up.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The scene; z is up.
+    group : str
+        A floor, for example. Faces steeper than `STEEPEST_DEG` are left out; slopes stay slopes. In
+        a two-sided group faces that face down count, too, and are turned over.
+    height : float
+        Metres.
+
+    Raises
+    ------
+    MeshError
+        For an unknown group, one without a face that faces up, or a height that is not finite.
+    """
+    names = [each.name for each in mesh.groups]
+    if group not in names:
+        raise MeshError(f"there is no group {group!r}; groups are {', '.join(names)}")
+    if not math.isfinite(height):
+        raise MeshError(f"height must be finite, got {height} m")
+    row = names.index(group)
+    upward = mesh.normals[:, 2].copy()
+    if mesh.groups[row].is_two_sided:
+        upward = np.abs(upward)
+    chosen = (mesh.face_group == row) & (upward >= math.cos(math.radians(STEEPEST_DEG)))
+    if not chosen.any():
+        raise MeshError(
+            f"group {group!r} has no face that faces up, +z, within {STEEPEST_DEG:g} degrees; name "
+            "a floor, or turn its faces over"
+        )
+    faces = mesh.faces[chosen]
+    is_turned = mesh.normals[chosen, 2] < 0
+    faces[is_turned] = faces[is_turned, ::-1]
+    used, corners = np.unique(faces, return_inverse=True)
+    return Mesh(mesh.vertices[used] + (0.0, 0.0, height), corners.reshape(-1, 3))
+
+
+def box_grid(
+    low: ArrayLike, high: ArrayLike, count: ArrayLike = (1, 1, 1), size: float | None = None
+) -> Mesh:
+    """Boxes in a regular grid: one in the middle of each cell of a volume, hollow, facing outward.
+
+    Parameters
+    ----------
+    low, high : (3,) float
+        Corners of the volume, metres; low < high.
+    count : (3,) int
+        Cells along x, y and z; `MOST_BOXES` in all at most.
+    size : float, optional
+        Edge of a cube, metres, at most that of a cell; by default a box is half as long, wide and
+        high as its cell.
+
+    Raises
+    ------
+    MeshError
+        For corners, counts or a size that make no boxes.
+    """
+    lowest, highest = np.asarray(low, np.float64), np.asarray(high, np.float64)
+    cells = np.asarray(count)
+    if lowest.shape != (3,) or highest.shape != (3,) or not (lowest < highest).all():
+        raise MeshError(f"a volume needs corners low < high on every axis, got {low} and {high}")
+    if cells.shape != (3,) or cells.dtype.kind not in "iu" or not (cells >= 1).all():
+        raise MeshError(f"count must be three whole numbers of 1 or more, got {count}")
+    n_boxes = math.prod(cells.tolist())
+    if n_boxes > MOST_BOXES:
+        raise MeshError(f"a grid must have at most {MOST_BOXES:,} boxes, got {n_boxes:,}")
+    cell = (highest - lowest) / cells
+    if size is not None and not 0 < size <= cell.min() * (1 + 1e-9):
+        raise MeshError(
+            f"size must be above 0 and at most that of a cell, {cell.min():.3g} m, got {size:g} m; "
+            "take smaller boxes or fewer"
+        )
+    half = (cell / 2 if size is None else np.full(3, size)) / 2
+    corners = np.array([(k & 1, k >> 1 & 1, k >> 2) for k in range(8)]) * 2.0 - 1
+    places = np.array(list(product(*(range(n) for n in cells.tolist()))))
+    middles = lowest + (places + 0.5) * cell
+    vertices = (middles[:, None] + corners * half).reshape(-1, 3)
+    faces = BOX_FACES + 8 * np.arange(n_boxes)[:, None, None]
+    return Mesh(vertices, faces.reshape(-1, 3))
+
+
+def count_for(low: ArrayLike, high: ArrayLike, spacing: float) -> NDArray[np.int64]:
+    """(3,) fewest cells along each axis of a volume that are no longer than `spacing`, metres."""
+    extent = np.asarray(high, np.float64) - np.asarray(low, np.float64)
+    # Lengths that are multiples of the spacing up to rounding get no extra cell.
+    wanted = np.clip(np.ceil(extent / spacing - 1e-9), 1, 2.0**31)
+    cells: NDArray[np.int64] = wanted.astype(np.int64)
+    return cells
+
+
+def with_target(mesh: Mesh, target: Mesh, name: str, *, two_sided: bool = False) -> Mesh:
+    """Scene with the faces of another mesh as a target, in a group of its own behind the others.
+
+    Groups of `target` are merged, whatever their roles. MeshError for a name that is taken.
+    """
+    return Mesh(
+        vertices=np.concatenate((mesh.vertices, target.vertices)),
+        faces=np.concatenate((mesh.faces, target.faces + mesh.n_vertices)),
+        groups=[*mesh.groups, Group(name, is_two_sided=two_sided, is_target=True)],
+        face_group=np.concatenate(
+            (mesh.face_group, np.full(target.n_faces, len(mesh.groups), np.int32))
+        ),
+        source_face=np.concatenate((mesh.source_face, target.source_face)),
+        sources=(*mesh.sources, *target.sources),
+        notes=(*mesh.notes, *target.notes),
+    )

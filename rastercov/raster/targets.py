@@ -1,0 +1,98 @@
+"""Targets of a rasteriser: faces that are counted and hide nothing.
+
+A rasteriser draws the opaque faces of a mesh alone, so their counts are those of the mesh without
+targets, bit for bit. Targets are then compared with the depths that were drawn, face by face, by
+one loop for all devices (`target_kernels`): a face index a sample has no room for two targets, one
+behind the other. The depths of each pose are drawn again for that and read back, which takes about
+as long as counting it. Meshes without targets do nothing of this.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.mesh import Mesh
+from rastercov.raster.contract import FaceCounts
+from rastercov.raster.sample_grid import Box, SampleGrid
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+Depths = Callable[[int, int], Iterator[tuple[Box, NDArray[np.float32]]]]
+"""Tiles of one pose that together hold the rows from a first one up to a last one, each with the
+depth of the nearest surface at its samples: metres, inf for none."""
+
+
+@dataclass(frozen=True, eq=False)
+class TargetFaces:
+    """Targets of a mesh.
+
+    Attributes
+    ----------
+    rows, opaque : (N,), (O,) int64
+        The targets, and all other faces.
+    corners : (N, 3, 3) float64
+        World points of the targets, metres.
+    """
+
+    rows: IntArray
+    opaque: IntArray
+    corners: FloatArray
+
+    @classmethod
+    def of(cls, mesh: Mesh) -> "TargetFaces | None":
+        """Targets of a mesh; None where it has none."""
+        if not mesh.has_targets:
+            return None
+        rows = np.flatnonzero(mesh.target_mask)
+        corners = np.ascontiguousarray(mesh.vertices[mesh.faces[rows]])
+        return cls(rows, np.flatnonzero(~mesh.target_mask), corners)
+
+    def count(
+        self, grid: SampleGrid, pose: FloatArray, near: float, depths: Depths
+    ) -> tuple[IntArray, IntArray]:
+        """Samples of each target in one pose: visible and drawn, (N,) each.
+
+        Parameters
+        ----------
+        grid : SampleGrid
+        pose : (4, 4) float64
+            world_from_camera.
+        near : float
+            Depth of the near plane, metres.
+        depths : callable
+            Called once if a target is in view.
+        """
+        from rastercov.raster import target_kernels as kernels  # loads numba
+
+        axes = np.ascontiguousarray(grid.axes(pose[None])[0, :3, :3])
+        view = self.corners, axes, np.ascontiguousarray(pose[:3, 3]), grid.lens, float(near)
+        visible, drawn = np.zeros((2, len(self.rows)), np.int64)
+        top, bottom = kernels.rows_of_targets(*view, grid.height)
+        if top < bottom:
+            runs = grid.first, grid.last
+            for (x, y, _, _), depth in depths(top, bottom):
+                kernels.count_targets(*view, (x, y), runs, depth, visible, drawn)
+        return visible, drawn
+
+    def added(self, counts: FaceCounts, visible: IntArray, drawn: IntArray) -> FaceCounts:
+        """Counts of the whole mesh from those of its opaque part and of its targets, (P, N)."""
+        return replace(
+            counts,
+            visible=self._merged(counts.visible, visible),
+            drawn=None if counts.drawn is None else self._merged(counts.drawn, drawn),
+        )
+
+    def face_of(self, face: NDArray[np.int32]) -> NDArray[np.int32]:
+        """Faces of the mesh for faces of its opaque part; -1 stays."""
+        names = np.append(self.opaque, -1).astype(np.int32)
+        found: NDArray[np.int32] = names[face]
+        return found
+
+    def _merged(self, opaque: NDArray[np.integer], targets: IntArray) -> NDArray[np.integer]:  # type: ignore[type-arg]
+        n_faces = len(self.opaque) + len(self.rows)
+        merged = np.empty((len(targets), n_faces), opaque.dtype)
+        merged[:, self.opaque] = opaque[:, : len(self.opaque)]
+        merged[:, self.rows] = targets
+        return merged

@@ -1,0 +1,53 @@
+"""Targets in pictures: translucent, with their outlines, so that all behind them shows."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov.camera import Camera
+from rastercov.mesh import Mesh
+from rastercov.raster import open_rasterizer
+from rastercov.report.theme import Pixels
+
+OPACITY = 0.4
+"""Of the nearest target at a pixel; others behind it do not show."""
+OUTLINE = 0.9
+"""Opacity of its outlines."""
+TIE_REL = 1e-5
+"""Depth by which a surface must be in front of a target to hide it, relative."""
+
+
+def targets_in_view(
+    mesh: Mesh, camera: Camera, pose: ArrayLike, depth: NDArray[np.float32]
+) -> NDArray[np.int32] | None:
+    """(H, W) nearest target at each pixel, -1 where there is none or a surface is in front of it.
+
+    None for a mesh without targets. `depth`, (H, W), is that of the surfaces, as in a
+    `VisibilityBuffer`.
+    """
+    if not mesh.has_targets:
+        return None
+    rows = np.flatnonzero(mesh.target_mask)
+    part = Mesh(vertices=mesh.vertices, faces=mesh.faces[rows])
+    with open_rasterizer(part, camera, "cpu") as rasterizer:
+        image = rasterizer.render(pose)
+    face = np.append(rows, -1).astype(np.int32)[image.face]
+    with np.errstate(invalid="ignore"):  # inf where there is neither
+        face[image.depth > depth * np.float32(1 + TIE_REL)] = -1
+    return face
+
+
+def lay_over(pixels: Pixels, targets: NDArray[np.int32], colours: Pixels) -> None:
+    """Lay targets (H, W) over an image, in place, each face in its colour of (F, 3)."""
+    share = np.where(targets >= 0, np.float32(OPACITY), np.float32(0))
+    for step in ((0, 1), (1, 0)):
+        here = targets[: targets.shape[0] - step[0], : targets.shape[1] - step[1]]
+        following = targets[step[0] :, step[1] :]
+        for part, pixel in (
+            (share[: here.shape[0], : here.shape[1]], here),
+            (share[step[0] :, step[1] :], following),
+        ):
+            part[(here != following) & (pixel >= 0)] = OUTLINE
+    shown = targets >= 0
+    opacity = share[shown, None]
+    mixed = opacity * colours[targets[shown]] + (1 - opacity) * pixels[shown]
+    pixels[shown] = mixed.astype(np.uint8)

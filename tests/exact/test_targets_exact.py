@@ -1,0 +1,154 @@
+"""Targets in the exact methods: they hide nothing, and what hides them is measured exactly."""
+
+import numpy as np
+import pytest
+from exact_cases import AHEAD, WINDOW, hostile, triangles
+from exact_views import SEEDS, on_both_paths
+from hypothesis import assume, given
+from nightly import examples
+from scenes import joined, square
+from target_scenes import beside, only, some_as_targets
+
+from rastercov.exact.half_planes import visible_areas
+from rastercov.exact.surface import surface_of
+from rastercov.near_plane import limits
+from rastercov.reference import polygons, rational
+
+FIGURES = ("visible", "area", "area_error", "is_certified")
+
+
+def figures(mesh, camera, pose, path):
+    """Each figure of `FIGURES` in the order of the mesh, as an observer measures them."""
+    near, front_only, _ = limits(mesh, camera, pose[None])
+    surface = surface_of(mesh)
+    view = path(surface, camera)
+    view.set_pose(pose, near[0], front_only[0])
+    view.solve_all()
+    return {name: getattr(view, name)[surface.rows] for name in FIGURES}
+
+
+def split(seed):
+    """A hostile scene, and which of its faces are targets: some, but not all."""
+    case, rng = hostile(seed), np.random.default_rng(seed)
+    is_target = rng.random(case.mesh.n_faces) < rng.choice((0.1, 0.5, 0.9))
+    assume(is_target.any() and not is_target.all())
+    return case, is_target, some_as_targets(case.mesh, is_target)
+
+
+@on_both_paths
+@given(seed=SEEDS)
+@examples(60)
+def test_opaque_faces_have_the_bits_of_the_mesh_without_targets(path, seed):
+    case, is_target, mesh = split(seed)
+    pose = np.asarray(case.pose, np.float64)
+    found = figures(mesh, case.camera, pose, path)
+    expected = figures(only(mesh, ~is_target), case.camera, pose, path)
+    for name in FIGURES:
+        np.testing.assert_array_equal(found[name][~is_target], expected[name], err_msg=name)
+
+
+@on_both_paths
+@given(seed=SEEDS)
+@examples(60)
+def test_a_target_has_the_same_bits_whatever_other_targets_there_are(path, seed):
+    case, is_target, mesh = split(seed)
+    pose = np.asarray(case.pose, np.float64)
+    stays = ~is_target | (np.random.default_rng(seed + 1).random(mesh.n_faces) < 0.5)
+    assume((stays & is_target).any())
+    found = figures(mesh, case.camera, pose, path)
+    expected = figures(only(mesh, stays), case.camera, pose, path)
+    for name in FIGURES:
+        np.testing.assert_array_equal(found[name][stays], expected[name], err_msg=name)
+
+
+@on_both_paths
+@given(seed=SEEDS)
+@examples(40)
+def test_areas_of_targets_are_within_their_bounds_of_the_exact_ones(path, seed):
+    case, is_target, mesh = split(seed)
+    pose = np.asarray(case.pose, np.float64)
+    rows = np.flatnonzero(is_target)[:12]
+    found = figures(mesh, case.camera, pose, path)
+    off = np.abs(found["visible"][rows] - rational.visible_area(mesh, case.camera, pose, rows))
+    off += np.abs(found["area"][rows] - rational.image_area(mesh, case.camera, pose, rows))
+    assert (off <= found["area_error"][rows] + 1e-12).all()
+
+
+@given(seed=SEEDS)
+@examples(20)
+def test_both_references_agree_about_targets(seed):
+    case, is_target, mesh = split(seed)
+    rows = np.flatnonzero(is_target)[:12]
+    exact = rational.visible_area(mesh, case.camera, case.pose, rows)
+    try:
+        found = polygons.visible_area(mesh, case.camera, case.pose, rows)
+    except polygons.PolygonError:
+        assume(False)
+    assert np.abs(found - exact).max() <= 1e-5
+
+
+@on_both_paths
+def test_two_targets_at_the_same_place_both_count_in_full(path):
+    sheet = square(0.4, 2)
+    mesh = beside(square(3, 5), sheet, sheet)
+    found = figures(mesh, WINDOW, AHEAD, path)
+    assert np.array_equal(found["visible"][2:], found["area"][2:])
+    assert (found["area"][2:] > 0).all()
+    assert np.array_equal(found["visible"][:2], found["area"][:2])  # nothing hides the wall
+
+
+@on_both_paths
+@pytest.mark.parametrize("targets_first", [False, True])
+def test_a_target_on_a_surface_is_visible_and_so_is_the_surface(path, targets_first):
+    wall, sheet = square(1, 3), square(0.5, 3)
+    mesh = joined(sheet, wall) if targets_first else joined(wall, sheet)
+    is_target = np.arange(4) // 2 == (0 if targets_first else 1)
+    found = figures(some_as_targets(mesh, is_target), WINDOW, AHEAD, path)
+    assert np.array_equal(found["visible"], found["area"])
+    assert (found["area"] > 0).all()
+
+
+@on_both_paths
+def test_what_is_in_front_hides_a_target_by_its_own_part(path):
+    # The right half of the target is behind a wall.
+    mesh = beside(triangles([(0, -9, 1), (9, 0, 1), (0, 9, 1)]), square(0.5, 2))
+    found = figures(mesh, WINDOW, AHEAD, path)
+    assert found["visible"][1:].sum() == pytest.approx(found["area"][1:].sum() / 2, rel=1e-12)
+
+
+@on_both_paths
+def test_a_scene_of_targets_alone_is_wholly_visible(path):
+    mesh = some_as_targets(joined(square(1, 3), square(1, 2), square(2, 4)), np.ones(6, bool))
+    found = figures(mesh, WINDOW, AHEAD, path)
+    assert np.array_equal(found["visible"], found["area"])
+    assert (found["area"] > 0).all()
+
+
+def test_chosen_faces_are_measured_as_all_are():
+    case = hostile(1)
+    mesh = some_as_targets(case.mesh, np.arange(case.mesh.n_faces) % 3 == 0)
+    every = visible_areas(mesh, case.camera, [case.pose])
+    chosen = np.array([5, 0, 3, 4])
+    some = visible_areas(mesh, case.camera, [case.pose], chosen)
+    for found, expected in zip(some, every, strict=True):
+        np.testing.assert_allclose(found, expected[:, chosen], atol=1e-9)
+
+
+def test_targets_are_never_culled_with_back_faces():
+    mesh = beside(square(3, 5), square(0.4, 2), square(0.4, 2))
+    faces = mesh.faces.copy()
+    faces[2:] = faces[2:, ::-1]  # seen from behind
+    mesh = type(mesh)(mesh.vertices, faces, mesh.groups, mesh.face_group)
+    visible, area, _ = visible_areas(mesh, WINDOW, [AHEAD], front_only=True)
+    assert np.array_equal(visible, area)
+    assert (area[:, 2:] > 0).all()
+    assert np.array_equal(polygons.visible_area(mesh, WINDOW, AHEAD, cull=True) > 0, visible[0] > 0)
+
+
+def test_the_surface_is_that_of_the_opaque_part():
+    mesh = beside(square(3, 5), square(0.4, 2))
+    whole, opaque = surface_of(mesh), surface_of(mesh.opaque)
+    assert whole.edges is opaque.edges
+    assert whole.contacts is opaque.contacts
+    assert whole.n_faces == mesh.n_faces
+    assert opaque.targets is None

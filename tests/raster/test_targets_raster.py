@@ -1,0 +1,188 @@
+"""Targets in the rasterisers: counted one by one, and nothing else changes."""
+
+import numpy as np
+import pytest
+from exact_cases import AHEAD, triangles
+from hostile_scenes import scene
+from hypothesis import given
+from hypothesis import strategies as st
+from image_laws import EDGE, assert_same_counts
+from nightly import examples
+from scenes import joined, square
+from target_scenes import beside, only, some_as_targets
+
+from rastercov import shapes
+from rastercov.camera import Camera
+from rastercov.mesh import Mesh
+from rastercov.raster.cpu import CPURasterizer
+from rastercov.raster.target_kernels import TIE_REL
+from rastercov.reference import samples
+from rastercov.viewpoints import look_at
+
+SMALL = Camera(width=40, height=30, fx=38, fy=36, cx=19.3, cy=15.2)
+SQUARE = Camera(width=200, height=200, fx=100, fy=100)
+ROOM = shapes.room(4)
+VIEWS = look_at([(0, 0, 1.5), (2.5, 2, 0.3), (-2.5, -2, 2.5)], [(1, 1, 1), (-3, 0, 1), (0, 0, 0)])
+
+
+def in_room(seed, n=12):
+    """The room and random targets across it, some of which reach through its walls."""
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(*(ROOM.bounds * 1.3), (n, 3, 3))
+    return beside(ROOM, *[triangles(corners) for corners in points])
+
+
+def targets_of(mesh):
+    return np.flatnonzero(mesh.target_mask)
+
+
+def ambiguous_counts(mesh, camera, pose, row):
+    """Samples of a target that may count either way: near its edges, or those of what is before it.
+
+    And those of a surface within the tie tolerance of its depth.
+    """
+    points = samples.grid_points(camera)
+    # With the one target as a face, the reference measures the distance to its edges, too.
+    alone = some_as_targets(only(mesh, ~mesh.target_mask | (np.arange(mesh.n_faces) == row)), [0])
+    view = samples.at_points(Mesh(alone.vertices, alone.faces), camera, pose, points)
+    return int((view.edge_distance <= EDGE).sum() + (view.depth_gap <= 2 * TIE_REL).sum())
+
+
+@pytest.mark.parametrize("options", [{}, {"supersample": 2, "roll": 0.4}], ids=["plain", "rolled"])
+def test_counts_of_opaque_faces_are_those_without_targets(open_raster, options):
+    mesh = in_room(1)
+    found = open_raster(mesh, SMALL, **options)
+    alone = open_raster(ROOM, SMALL, **options)
+    counts, expected = found.count(VIEWS), alone.count(VIEWS)
+    opaque = ~mesh.target_mask
+    np.testing.assert_array_equal(counts.visible[:, opaque], expected.visible)
+    np.testing.assert_array_equal(counts.drawn[:, opaque], expected.drawn)
+    np.testing.assert_array_equal(counts.background, expected.background)
+    np.testing.assert_array_equal(counts.clipped, expected.clipped)
+    assert counts.visible.dtype == expected.visible.dtype
+    image, without = found.render(VIEWS[0]), alone.render(VIEWS[0])
+    np.testing.assert_array_equal(image.face, without.face)
+    np.testing.assert_array_equal(image.depth, without.depth)
+
+
+def test_counts_of_targets_equal_those_of_the_reference(open_raster):
+    mesh = in_room(2)
+    counts = open_raster(mesh, SMALL).count(VIEWS)
+    for row, pose in enumerate(VIEWS):
+        visible, drawn = samples.count(mesh, SMALL, pose)
+        for face in targets_of(mesh):
+            slack = ambiguous_counts(mesh, SMALL, pose, face)
+            assert abs(counts.visible[row, face] - visible[face]) <= slack
+            assert abs(counts.drawn[row, face] - drawn[face]) <= slack
+    assert counts.visible[:, mesh.target_mask].any()
+
+
+def test_all_devices_count_the_same(open_raster):
+    mesh = in_room(3)
+    with CPURasterizer(mesh, SMALL, supersample=3, roll=0.3) as rasterizer:
+        expected = rasterizer.count(VIEWS)
+    counts = open_raster(mesh, SMALL, supersample=3, roll=0.3).count(VIEWS)
+    is_target = mesh.target_mask
+    np.testing.assert_array_equal(counts.drawn[:, is_target], expected.drawn[:, is_target])
+    differing = np.abs(counts.visible - expected.visible)[:, is_target]
+    assert differing.max() <= 2  # where the depths of a surface differ in their last digits
+
+
+def test_tiles_of_an_image_add_up(open_gl):
+    mesh = in_room(4)
+    whole, tiled = open_gl(mesh, SMALL), open_gl(mesh, SMALL, max_tile=16)
+    assert_same_counts(tiled.count(VIEWS), whole.count(VIEWS))
+
+
+def test_counts_without_drawn_are_those_with_it(open_raster):
+    mesh = in_room(5)
+    rasterizer = open_raster(mesh, SMALL)
+    alone = rasterizer.count(VIEWS, drawn=False)
+    assert alone.drawn is None
+    np.testing.assert_array_equal(alone.visible, rasterizer.count(VIEWS).visible)
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@examples(60)
+def test_drawn_samples_are_those_of_a_face_that_hides(seed):
+    rng = np.random.default_rng(seed)
+    mesh, camera, poses, scale = scene(rng)
+    roll = float(rng.uniform(-2, 2))
+    # A face without area keeps the bounding box, and with it the near plane.
+    low, high = mesh.bounds
+    frame = Mesh([low, high, low], [(0, 1, 2)])
+    options = {"supersample": scale, "roll": roll, "threads": 1}
+    with (
+        CPURasterizer(beside(frame, mesh), camera, **options) as as_targets,
+        CPURasterizer(joined(frame, mesh), camera, **options) as as_surface,
+    ):
+        found, expected = as_targets.count(poses), as_surface.count(poses)
+    np.testing.assert_array_equal(found.drawn, expected.drawn)
+    np.testing.assert_array_equal(found.visible, found.drawn)  # nothing is in front
+    np.testing.assert_array_equal(found.clipped, [False, False])
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@examples(60)
+def test_opaque_faces_and_other_targets_keep_their_counts(seed):
+    rng = np.random.default_rng(seed)
+    mesh, camera, poses, scale = scene(rng)
+    is_target = rng.random(mesh.n_faces) < 0.5
+    if is_target.all() or not is_target.any():
+        return
+    mesh = some_as_targets(mesh, is_target)
+    stays = ~is_target | (rng.random(mesh.n_faces) < 0.5)
+    options = {"supersample": scale, "roll": 0.4, "threads": 1}
+    with (
+        CPURasterizer(mesh, camera, **options) as whole,
+        CPURasterizer(only(mesh, stays), camera, **options) as part,
+    ):
+        found, expected = whole.count(poses), part.count(poses)
+    np.testing.assert_array_equal(found.visible[:, stays], expected.visible)
+    np.testing.assert_array_equal(found.drawn[:, stays], expected.drawn)
+    np.testing.assert_array_equal(found.background, expected.background)
+    assert (found.visible <= found.drawn).all()
+
+
+def test_two_targets_at_the_same_place_both_count_in_full(open_raster):
+    mesh = beside(square(3, 5), square(0.4, 2), square(0.4, 2))
+    counts = open_raster(mesh, SQUARE).count([AHEAD])
+    np.testing.assert_array_equal(counts.visible, counts.drawn)
+    np.testing.assert_array_equal(counts.visible[0, 2:4], counts.visible[0, 4:])
+    assert (counts.visible[0, 2:] > 0).all()
+
+
+@pytest.mark.parametrize("targets_first", [False, True])
+def test_a_target_on_a_surface_is_visible_and_so_is_the_surface(open_raster, targets_first):
+    # At an odd distance and angle, so that the depths of the two are rounded differently.
+    turn = look_at((0.3, -0.2, 0.1), (0.4, 0.3, 3.1))
+    wall, sheet = square(1.1, 3), square(0.53, 3, (0.1, 0.07))
+    mesh = joined(sheet, wall) if targets_first else joined(wall, sheet)
+    is_target = np.arange(4) // 2 == (0 if targets_first else 1)
+    counts = open_raster(some_as_targets(mesh, is_target), SQUARE).count(turn)
+    np.testing.assert_array_equal(counts.visible, counts.drawn)
+    assert (counts.visible > 0).all()
+
+
+def test_a_scene_of_targets_alone_is_wholly_visible(open_raster):
+    mesh = some_as_targets(joined(square(1, 3), square(1, 2), square(2, 4)), np.ones(6, bool))
+    rasterizer = open_raster(mesh, SQUARE)
+    counts = rasterizer.count([AHEAD])
+    np.testing.assert_array_equal(counts.visible, counts.drawn)
+    assert (counts.visible > 0).all()
+    assert counts.background[0] == SQUARE.width * SQUARE.height
+    assert (rasterizer.render(AHEAD).face == -1).all()
+
+
+def test_images_name_the_faces_of_the_mesh(open_raster):
+    mesh = joined(square(0.4, 2), square(1, 3))
+    mesh = some_as_targets(mesh, [True, True, False, False])
+    assert set(np.unique(open_raster(mesh, SQUARE).render(AHEAD).face)) == {-1, 2, 3}
+
+
+def test_a_camera_inside_a_target_sees_through_it(open_raster):
+    mesh = beside(square(3, 5), shapes.box((2, 2, 2)))
+    counts = open_raster(mesh, SQUARE).count([AHEAD])
+    assert not counts.clipped.any()
+    np.testing.assert_array_equal(counts.visible, counts.drawn)
+    assert counts.visible[0, :2].sum() == counts.drawn[0, :2].sum() > 0
