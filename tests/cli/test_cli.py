@@ -141,6 +141,9 @@ def test_help_does_not_load_what_it_does_not_need():
         (QUICK + " --occluder [lid]", ["--occluder [lid]", "groups are mesh"]),
         (QUICK + " --occluder part.obj", ["box is built in"]),
         (QUICK + " --occluder mesh", ["every group is an occluder"]),
+        (QUICK + " --target [lid]", ["--target [lid]", "groups are mesh"]),
+        (QUICK + " --target part.obj", ["box is built in"]),
+        (QUICK + " --target mesh --occluder mesh", ["'mesh' must have one role"]),
         ("evaluate part.obj box -c khepra -p poses.json", ["box is built in"]),
         ("evaluate bocks -c khepra -p sphere:2", ["bocks: there is no such file", "teapot, "]),
         ("evaluate no[x].stl -c khepra -p sphere:2", ["no[x].stl", "No such file"]),
@@ -300,6 +303,29 @@ def test_an_occluder_may_be_a_file(capsys):
     assert (summary["faces"], summary["task_faces"]) == (24, 12)
     assert summary["covered"]["faces"] == 0
     assert "occluded" in summary["not_covered_because"]
+
+
+def test_a_target_may_be_a_file_or_a_group(capsys):
+    write_part("fixture.obj", side=3000.0)  # closed around the part, and hides nothing
+    write_part("case.obj", side=2000.0, names={0: "case"})
+    line = "evaluate part.obj --unit mm -c camera.toml -p sphere:4 --pictures 1"
+    code, out, _ = call(
+        capsys, line + " --target fixture.obj --target part/lid --occluder case.obj"
+    )
+    summary = json.loads(Path("report/summary.json").read_text())
+    assert code == 0
+    roles = {group["name"]: group["role"] for group in summary["groups"]}
+    assert roles == {
+        "part/lid": "target",
+        "part/rest": "task",
+        "case": "occluder",
+        "fixture/lid": "target",
+        "fixture/rest": "target",
+    }
+    assert "(target)" in out
+    by_name = {group["name"]: group for group in summary["groups"]}
+    assert by_name["part/rest"]["covered"]["faces"] == 0  # behind the case
+    assert by_name["fixture/rest"]["covered"]["faces"] > 0
 
 
 @pytest.mark.parametrize("line", [QUICK, "render box -c camera.toml -p sphere:2", "demo --poses 1"])

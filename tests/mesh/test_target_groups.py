@@ -1,0 +1,104 @@
+"""Targets as groups of a mesh, and the opaque part that is left without them."""
+
+import numpy as np
+import pytest
+from target_scenes import beside, only, sheet_at
+
+from rastercov import shapes
+from rastercov.errors import ConfigError, MeshError
+from rastercov.mesh import Group, Mesh
+
+BOX, SHEET = shapes.box(), sheet_at((-2, -2), (2, 2), 1.5)
+SCENE = beside(BOX, SHEET)
+
+
+def test_a_target_is_scored_and_has_its_role():
+    assert [group.role for group in SCENE.groups] == ["task", "target"]
+    assert Group("jig", is_occluder=True).role == "occluder"
+    assert SCENE.task_mask.all()
+    assert SCENE.target_mask.tolist() == 12 * [False] + 2 * [True]
+    assert SCENE.has_targets
+    assert not BOX.has_targets
+
+
+def test_no_group_is_both_occluder_and_target():
+    with pytest.raises(MeshError, match="'jig' must have one role"):
+        Group("jig", is_occluder=True, is_target=True)
+    with pytest.raises(MeshError, match="must have one role"):
+        SCENE.with_groups(occluders=["target 0"])
+    with pytest.raises(ConfigError, match="is_target must be True or False"):
+        Group("jig", is_target="yes")
+
+
+def test_with_groups_sets_exactly_the_named_targets():
+    mesh = SCENE.with_groups(targets=["mesh"])
+    assert [group.is_target for group in mesh.groups] == [True, False]
+    assert mesh.opaque.n_faces == 2
+    assert not SCENE.with_groups(targets=[]).has_targets
+    assert SCENE.with_groups(two_sided="all").target_mask.any()
+    assert SCENE.with_groups(occluders=["target 0"], targets=[]).groups[1].is_occluder
+    with pytest.raises(MeshError, match="got \\['sheet'\\]"):
+        SCENE.with_groups(targets=["sheet"])
+
+
+def test_the_opaque_part_is_the_mesh_without_targets():
+    opaque, expected = SCENE.opaque, only(SCENE, ~SCENE.target_mask)
+    np.testing.assert_array_equal(opaque.vertices, expected.vertices)
+    np.testing.assert_array_equal(opaque.faces, expected.faces)
+    assert opaque.groups == SCENE.groups
+    assert opaque.opaque is opaque
+    assert opaque.can_cull_back_faces  # a closed box, though the sheet is open
+    assert BOX.opaque is BOX
+
+
+def test_vertices_that_no_face_uses_stay_in_the_opaque_part():
+    mesh = Mesh(
+        [(9, 9, 9), (0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (0, 1, 1)],
+        [(1, 2, 3), (4, 5, 6)],
+        [Group("part"), Group("sheet", is_target=True)],
+        [0, 1],
+    )
+    assert mesh.opaque.vertices.tolist() == mesh.vertices[:4].tolist()
+
+
+def test_the_opaque_part_of_targets_alone_has_their_bounds_and_hides_nothing():
+    mesh = SHEET.with_groups(targets=["mesh"])
+    np.testing.assert_array_equal(mesh.opaque.bounds, mesh.bounds)
+    assert mesh.opaque.degenerate_mask.all()
+
+
+def test_properties_do_not_outlive_a_change_of_targets():
+    mesh = beside(BOX, SHEET)
+    assert (mesh.is_closed, mesh.opaque.n_faces) == (False, 12)
+    assert mesh.topology.n_boundary_edges == 4
+    mixed = mesh.with_groups(targets=[])
+    assert (mixed.opaque.n_faces, mixed.task_mask.sum()) == (14, 14)
+    assert mixed.warnings == ("open surface: 4 boundary edges",)
+    assert mesh.warnings == ()
+
+
+def test_targets_share_no_edge_with_other_faces():
+    lid = Mesh(BOX.vertices, BOX.faces[:2])  # on two faces of the box, edge on edge
+    mesh = beside(BOX, lid)
+    assert mesh.topology.n_nonmanifold_edges == 0
+    assert beside(BOX, lid).with_groups(targets=[]).topology.n_nonmanifold_edges > 0
+    parts = mesh.topology.components()
+    assert not np.isin(parts[12:], parts[:12]).any()
+
+
+def test_targets_without_area_are_named():
+    flat = Mesh([(0, 0, 0), (1, 0, 0), (2, 0, 0)], [(0, 1, 2)])
+    assert beside(BOX, flat).warnings == ("1 degenerate faces of targets, without area",)
+
+
+def test_targets_survive_trimesh_and_pickle():
+    import pickle
+
+    for mesh in (Mesh.from_trimesh(SCENE.to_trimesh()), pickle.loads(pickle.dumps(SCENE))):
+        assert mesh.groups == SCENE.groups
+        np.testing.assert_array_equal(mesh.target_mask, SCENE.target_mask)
+
+
+def test_scenes_without_targets_are_written_as_before():
+    assert Group("part").plain() == {"name": "part", "is_occluder": False, "is_two_sided": False}
+    assert Group("sheet", is_target=True).plain()["is_target"] is True

@@ -1,0 +1,86 @@
+"""Targets in pictures: translucent, so that what is behind them shows."""
+
+import numpy as np
+import trimesh
+from exact_cases import AHEAD
+from scenes import square
+from target_scenes import beside, some_as_targets
+
+from rastercov import shapes
+from rastercov.camera import Camera
+from rastercov.raster import open_rasterizer
+from rastercov.report import placement_pictures
+from rastercov.report.coloured_mesh import write_coloured_mesh
+from rastercov.report.images import coverage_picture, coverage_pixels
+from rastercov.report.panorama import look
+from rastercov.report.target_pictures import lay_over, targets_in_view
+
+CAMERA = Camera(width=80, height=80, fx=80, fy=80)
+WALL = square(2, 4)
+SCENE = beside(WALL, square(0.25, 2), square(0.25, 6, (0.3, 0)))
+
+
+def buffer_of(mesh):
+    with open_rasterizer(mesh, CAMERA, "cpu") as rasterizer:
+        return rasterizer.render(AHEAD)
+
+
+def test_targets_in_view_are_those_before_the_surface():
+    found = targets_in_view(SCENE, CAMERA, AHEAD, buffer_of(SCENE).depth)
+    assert set(np.unique(found)) == {-1, 2, 3}
+    assert (found >= 0).sum() == 20 * 20
+    assert targets_in_view(WALL, CAMERA, AHEAD, buffer_of(WALL).depth) is None
+
+
+def test_a_picture_shows_what_is_behind_a_target():
+    buffer, bare = buffer_of(SCENE), beside(WALL)
+    without = coverage_pixels(buffer_of(bare), np.ones(2), bare, AHEAD, CAMERA).astype(int)
+    for values in (np.zeros(6), np.ones(6)):
+        values[:2] = 1.0
+        pixels = coverage_pixels(buffer, values, SCENE, AHEAD, CAMERA).astype(int)
+        changed = (pixels != without).any(axis=2)
+        assert changed.sum() == 20 * 20
+        assert np.array_equal(changed, targets_in_view(SCENE, CAMERA, AHEAD, buffer.depth) >= 0)
+        inner = pixels[35:45, 46:49]  # away from outlines
+        assert (inner > 0.55 * without[35:45, 46:49]).all()
+
+
+def test_a_legend_names_targets_only_where_there_are_any():
+    one = coverage_picture(buffer_of(SCENE), np.ones(6), SCENE, CAMERA, AHEAD)
+    other = coverage_picture(buffer_of(WALL), np.ones(2), WALL, CAMERA, AHEAD)
+    assert one.height > other.height or one.tobytes() != other.tobytes()
+
+
+def test_outlines_are_stronger_than_the_inside():
+    pixels = np.full((4, 6, 3), 200, np.uint8)
+    targets = np.full((4, 6), -1, np.int32)
+    targets[:, 1:5] = 0
+    lay_over(pixels, targets, np.zeros((1, 3), np.uint8))
+    assert (pixels[:, [0, 5]] == 200).all()
+    assert (pixels[:, [2, 3]] == 120).all()
+    assert (pixels[:, [1, 4]] == 20).all()
+
+
+def test_pictures_of_a_placement_draw_targets_over_the_part():
+    room = shapes.room(4)
+    mesh = beside(room, shapes.box((1, 1, 1)))
+    scene = look(mesh, (1, -1.5, 1), scale=0.3)
+    assert scene.targets is not None
+    assert (scene.targets >= room.n_faces).any()
+    assert scene.buffer.face.max() < room.n_faces
+    best = np.ones(mesh.n_faces)
+    best[room.n_faces :] = 0
+    assert placement_pictures.coverage_picture(mesh, best).size > (0, 0)
+    alone = some_as_targets(square(1, 2), np.ones(2, bool))
+    assert (look(alone, (0, 0, -1), scale=0.3).targets >= 0).any()
+
+
+def test_coloured_meshes_have_translucent_targets(tmp_path):
+    for name in ("mesh.glb", "mesh.ply"):
+        write_coloured_mesh(tmp_path / name, SCENE, np.ones(6))
+    glb = trimesh.load_scene(tmp_path / "mesh.glb")
+    modes = {name: part.visual.material.alphaMode for name, part in glb.geometry.items()}
+    assert modes == {"mesh": None, "target 0": "BLEND", "target 1": "BLEND"}
+    ply = trimesh.load_mesh(tmp_path / "mesh.ply", process=False)
+    assert set(ply.visual.face_colors[:2, 3]) == {255}
+    assert set(ply.visual.face_colors[2:, 3]) == {102}

@@ -1,0 +1,144 @@
+"""Targets by all methods: what is scored, what nothing else notices, and how networks count."""
+
+import numpy as np
+import pytest
+from exact_cases import AHEAD, WINDOW, hostile
+from hypothesis import given
+from hypothesis import strategies as st
+from nightly import examples
+from scenes import square
+from target_scenes import beside, only, sheet_at, some_as_targets
+
+import rastercov as rc
+from rastercov import shapes
+from rastercov.coverage import FIGURES
+from rastercov.mesh import Mesh
+from rastercov.placement import what_is_left
+from rastercov.reference.coverage import figures_of_pose
+from rastercov.task import Reason
+
+METHODS = ("certified", "exact", "sampled:cpu", "sampled:cpu@3", "sampled:surfaceless")
+ROOM = shapes.room(4)
+CAMERA = rc.Camera(width=80, height=60, fx=50, fy=50)
+VIEWS = rc.look_at([(2.7, 2.2, 2.6), (-2.7, -2.2, 2.6), (0, 0, 2.7)], [(0, 0, 0.5)] * 3)
+TASK = rc.Task(min_coverage=0.3, max_incidence_deg=80)
+
+
+def scene(seed=0):
+    """The room with a sheet above its floor, a box, and a sheet under the floor."""
+    return beside(
+        ROOM,
+        sheet_at((-2, -2), (2, 2), 1.6),
+        shapes.box((1, 1, 1)),
+        sheet_at((-0.3, -0.3), (0.3, 0.3), -0.5),
+    )
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_coverage_of_the_room_has_the_same_bits_with_and_without_targets(method):
+    mesh = scene()
+    found = rc.evaluate(mesh, CAMERA, VIEWS, TASK, method=method)
+    expected = rc.evaluate(ROOM, CAMERA, VIEWS, TASK, method=method)
+    for name in FIGURES:
+        np.testing.assert_array_equal(
+            getattr(found, name)[:, : ROOM.n_faces], getattr(expected, name), err_msg=name
+        )
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_coverage_of_a_target_has_the_same_bits_with_and_without_others(method):
+    mesh = scene()
+    found = rc.evaluate(mesh, CAMERA, VIEWS, TASK, method=method)
+    stays = mesh.face_group != 3
+    expected = rc.evaluate(only(mesh, stays), CAMERA, VIEWS, TASK, method=method)
+    for name in FIGURES:
+        np.testing.assert_array_equal(
+            getattr(found, name)[:, stays], getattr(expected, name), err_msg=name
+        )
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@examples(20)
+def test_visibility_of_hostile_scenes_has_the_same_bits(seed):
+    case, rng = hostile(seed), np.random.default_rng(seed)
+    is_target = rng.random(case.mesh.n_faces) < 0.5
+    if is_target.all() or not is_target.any():
+        return
+    mesh = some_as_targets(case.mesh, is_target)
+    for method in ("certified", "exact", "sampled:cpu"):
+        found = rc.visibility(mesh, case.camera, [case.pose], method)
+        expected = rc.visibility(only(mesh, ~is_target), case.camera, [case.pose], method)
+        for name in ("value", "bound", "kind"):
+            np.testing.assert_array_equal(
+                getattr(found, name)[:, ~is_target], getattr(expected, name), err_msg=name
+            )
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_sheet_is_covered_from_its_front_only_unless_it_is_two_sided(method):
+    below = rc.look_at([(0, 0.1, 0.5)], [(0, 0, 3)])
+    above = rc.look_at([(0, 0.1, 2.7)], [(0, 0, 0)])
+    sheet = sheet_at((-0.2, -0.2), (0.2, 0.2), 1.6)
+    for two_sided, reasons in ((False, (True, False)), (True, (True, True))):
+        mesh = beside(ROOM, sheet, is_two_sided=two_sided)
+        poses = np.concatenate((above, below))
+        table = rc.evaluate(mesh, CAMERA, poses, TASK, method=method)
+        covered = table.reason[:, -2:] == Reason.COVERED
+        assert covered.all(axis=1).tolist() == list(reasons)
+        if not two_sided:
+            assert (table.reason[1, -2:] == Reason.BACK_FACING).all()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_target_behind_a_wall_is_occluded(method):
+    table = rc.evaluate(scene(), CAMERA, VIEWS, TASK, method=method)
+    under_the_floor = table.reason[:, -2:]
+    assert np.isin(under_the_floor, (Reason.OCCLUDED, Reason.OUTSIDE)).all()
+    assert (under_the_floor == Reason.OCCLUDED).any()
+
+
+def test_the_criteria_are_those_of_the_reference():
+    mesh = scene()
+    with rc.open_observer(mesh, CAMERA, "exact") as observer:
+        observed = observer.observe(VIEWS)
+    found = rc.evaluate(mesh, CAMERA, VIEWS, TASK, method="exact")
+    for row, pose in enumerate(VIEWS):
+        expected = figures_of_pose(mesh, CAMERA, TASK, pose, observed, row)
+        np.testing.assert_array_equal(found.reason[row], expected["reason"])
+        np.testing.assert_allclose(found.coverage[row], expected["coverage"], rtol=0, atol=1e-12)
+
+
+def test_a_network_lists_targets_with_their_role():
+    mesh = scene()
+    table = rc.evaluate(mesh, CAMERA, VIEWS, TASK)
+    network = rc.Network(mesh, TASK)
+    network.add(table)
+    summary = network.summary()
+    assert [group["role"] for group in summary["groups"]] == ["task"] * 2 + ["target"] * 3
+    assert summary["task_faces"] == mesh.n_faces
+    assert summary["groups"][2]["covered"]["faces"] == 2
+    assert summary["groups"][4]["covered"]["faces"] == 0
+
+
+def test_what_hides_a_target_is_in_front_of_it():
+    # The sheet under the floor is hidden by the room, the one above it by nothing.
+    mesh = scene()
+    left = what_is_left((mesh, CAMERA), VIEWS[:1], TASK)
+    hidden = left.left & (left.reason == Reason.OCCLUDED)
+    assert hidden[-2:].any()
+    names = np.array([group.name for group in mesh.groups])
+    assert set(names[left.occluder[hidden & mesh.target_mask]]) <= {"room", "crates"}
+
+
+def test_targets_before_a_wall_leave_it_wholly_visible():
+    mesh = beside(square(1, 4), *[square(0.5, depth) for depth in (1, 2, 3)])
+    for method in METHODS:
+        seen = rc.visibility(mesh, WINDOW, [AHEAD], method)
+        assert (seen.value == 1).all(), method
+
+
+def test_a_mesh_without_targets_costs_nothing_more():
+    mesh = Mesh(ROOM.vertices, ROOM.faces)
+    assert mesh.opaque is mesh
+    with rc.open_rasterizer(mesh, CAMERA, "cpu") as rasterizer:
+        assert rasterizer._targets is None
