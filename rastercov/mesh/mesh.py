@@ -380,7 +380,7 @@ class Mesh:
         self, vertices: NDArray[np.float64], groups: Iterable[str]
     ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Vertices and faces of a mesh whose faces in these groups have other `vertices`."""
-        flags = flagged(self.groups, groups, None)  # refuses unknown names
+        flags = flagged(self.groups, groups, None, None)  # refuses unknown names
         in_groups = np.array([group.is_occluder for group in flags])[self.face_group]
         is_used = np.zeros((2, self.n_vertices), bool)
         for row, mask in enumerate((in_groups, ~in_groups)):
