@@ -90,9 +90,12 @@ def box_grid(
     lowest, highest = np.asarray(low, np.float64), np.asarray(high, np.float64)
     cells = np.asarray(count)
     if lowest.shape != (3,) or highest.shape != (3,) or not (lowest < highest).all():
-        raise MeshError(f"a volume needs corners low < high on every axis, got {low} and {high}")
+        raise MeshError(
+            "a volume needs corners low < high on every axis, "
+            f"got {lowest.tolist()} and {highest.tolist()}"
+        )
     if cells.shape != (3,) or cells.dtype.kind not in "iu" or not (cells >= 1).all():
-        raise MeshError(f"count must be three whole numbers of 1 or more, got {count}")
+        raise MeshError(f"count must be three whole numbers of 1 or more, got {cells.tolist()}")
     n_boxes = math.prod(cells.tolist())
     if n_boxes > MOST_BOXES:
         raise MeshError(f"a grid must have at most {MOST_BOXES:,} boxes, got {n_boxes:,}")

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.mesh import Mesh
-from rastercov.raster.contract import FaceCounts
+from rastercov.raster.contract import CountArray, FaceCounts
 from rastercov.raster.sample_grid import Box, SampleGrid
 
 FloatArray = NDArray[np.float64]
@@ -90,9 +90,9 @@ class TargetFaces:
         found: NDArray[np.int32] = names[face]
         return found
 
-    def _merged(self, opaque: NDArray[np.integer], targets: IntArray) -> NDArray[np.integer]:  # type: ignore[type-arg]
+    def _merged(self, opaque: CountArray, targets: IntArray) -> CountArray:
         n_faces = len(self.opaque) + len(self.rows)
-        merged = np.empty((len(targets), n_faces), opaque.dtype)
+        merged: CountArray = np.empty((len(targets), n_faces), opaque.dtype)
         merged[:, self.opaque] = opaque[:, : len(self.opaque)]
         merged[:, self.rows] = targets
         return merged

@@ -742,6 +742,7 @@ def short_search(monkeypatch):
 def test_every_example_plan_is_tried_here():
     assert {path.name for path in EXAMPLES.glob("*.toml")} == {
         "audit_rig.toml",
+        "eye_height.toml",
         "inspect_part.toml",
         "watch_room.toml",
     }
@@ -773,6 +774,24 @@ def test_the_room_is_watched_from_its_walls_and_ceiling(capsys, no_pages, short_
     for x, y, z in read_poses("room/poses.json")[:, :3, 3]:
         assert abs(abs(x) - 2.9) < 1e-9 or abs(abs(y) - 2.4) < 1e-9 or abs(z - 2.7) < 1e-9
         assert not (x >= 2 and abs(y) <= 0.6)  # over the door
+
+
+@pytest.mark.slow
+def test_faces_at_eye_height_are_watched_from_the_ceiling(capsys, no_pages, short_search):
+    code, out, _ = call(capsys, f"place {EXAMPLES / 'eye_height.toml'} --out eyes")
+    told = figures("eyes")
+    assert code == 0
+    roles = {group["name"]: group["role"] for group in told["network"]["groups"]}
+    assert roles == {
+        "room": "occluder",
+        "crates": "occluder",
+        "eyes": "target",
+        "capture": "target",
+    }
+    assert "capture (target)" in out
+    assert told["share"] > 0.5
+    poses = read_poses("eyes/poses.json")
+    assert len(poses) == 4
 
 
 @pytest.mark.slow
