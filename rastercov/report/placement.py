@@ -79,6 +79,7 @@ class PlanReport:
     sources: Sequence[str] = ()  # of each pose, K; taken from `candidates` unless given
     made_with: Mapping[str, Any] = field(default_factory=dict)  # for the end of the page
     notes: Sequence[str] = ()  # sentences for the top of the page
+    covered_area: Mapping[str, Any] | None = None  # of `AreaNetwork`; by face without it
 
     def __post_init__(self) -> None:
         count = len(self.network.pose_ids)
@@ -129,6 +130,7 @@ def page(report: PlanReport, progress: Progress = lambda done, total: None) -> s
     mesh, summary = report.mesh, report.network.summary()
     covered, figures = summary["covered"], summary["visibility_figures"]
     left = report.leftover.summary() if report.leftover else None
+    share = (report.covered_area or {"percent": covered["area_percent"]})["percent"]
     noun = "camera covers" if len(report.poses) == 1 else "cameras cover"
     return rendered(
         "placement.html",
@@ -142,7 +144,7 @@ def page(report: PlanReport, progress: Progress = lambda done, total: None) -> s
         n_occluders=int((~mesh.task_mask).sum()),
         extent=" x ".join(f"{side:.3g}" for side in np.ptp(mesh.bounds, axis=0)),
         wants=_thresholds(report),
-        answer=f"{len(report.poses)} {noun} {percent(covered['area_percent'] / 100)} of the area",
+        answer=f"{len(report.poses)} {noun} {percent(share / 100)} of the area",
         lines=_lines(report, summary),
         cameras=_cameras(report),
         groups=_groups(summary),
@@ -229,7 +231,8 @@ def _lines(report: PlanReport, summary: Mapping[str, Any]) -> list[str]:
     covered, zero = summary["covered"], summary["zero_in_every_camera"]
     lines = [
         f"{covered['faces']:,} of {summary['task_faces']:,} faces "
-        f"({percent(covered['percent'] / 100)}) are covered; "
+        f"({percent(covered['percent'] / 100)}) are covered"
+        f"{' as a whole, from one camera' if report.covered_area else ''}; "
         f"{percent(zero['percent'] / 100)} have coverage 0 in every camera",
         *report.notes,
     ]
