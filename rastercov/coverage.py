@@ -260,7 +260,18 @@ def _judged(
     observer: Observer, judge: CoveragePass, task: Task, poses: Poses, names: Sequence[str]
 ) -> Coverage:
     """Coverage of a batch."""
-    seen = _measured(observer, poses)
+    return judged(observer, judge, task, poses, _measured(observer, poses), names)
+
+
+def judged(
+    observer: Observer,
+    judge: CoveragePass,
+    task: Task,
+    poses: Poses,
+    seen: Measured,
+    names: Sequence[str],
+) -> Coverage:
+    """Coverage of poses from their measurement, with the named figures."""
     values = _arrays(names, (len(poses), observer.mesh.n_faces))
     judge.fill(seen, poses, values)
     return _coverage(observer, task, poses, seen.clipped, values)

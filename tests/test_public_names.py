@@ -18,13 +18,13 @@ ROOT = Path(rastercov.__file__).parent
 # Modules whose public classes and functions are the package's own names, and what they keep to
 # themselves: the links between the modules, which a caller of the package does not need.
 SURFACE = {
-    "area.cells": {"MOST_CELLS"},
+    "area.cells": {"FINEST_REL", "MOST_CELLS", "USUAL_CELLS", "rounded_up", "usual_size"},
     "area.regions": {"GAP_REL", "OF_A_FACE", "RegionPass", "check_pointwise"},
     "area.union": {"FLOOR_REL", "MOST_VIEWS", "WHOLE_PAIR_REL", "polygon_areas"},
     "camera": set(),
     "coverage": {
         *("EVALUATE_BUDGET", "FIGURES", "PAIRS_A_BATCH", "POSES_A_BATCH", "UNITS"),
-        *("batch_size", "check_observer", "measurements"),
+        *("batch_size", "check_observer", "judged", "measurements"),
     },
     "engine": {"BACKENDS", "METHODS"},
     "errors": set(),

@@ -6,6 +6,7 @@ is the area of the camera's regions in it, so that cells need not fit along the 
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,10 @@ FloatArray = NDArray[np.float64]
 
 MOST_CELLS = 5_000_000
 """Cells of a mesh."""
+USUAL_CELLS = 10_000
+"""Cells of `usual_size`, besides one a face."""
+FINEST_REL = 1 / 500
+"""Least size of `usual_size`, relative to the diagonal of the task faces."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +83,12 @@ class Cells:
 
     def __len__(self) -> int:
         return len(self.area)
+
+    @cached_property
+    def elements(self) -> Mesh:
+        """The cells as faces of a mesh, in the groups of their faces. It hides nothing."""
+        mesh = self.mesh
+        return Mesh(self.vertices, self.faces, mesh.groups, mesh.face_group[self.source_face])
 
     def share(self, regions: Regions) -> CellShares:
         """Share of each cell that each pose covers; `ConfigError` for regions of another mesh."""
@@ -150,7 +161,7 @@ def cells(mesh: Mesh, size: float) -> Cells:
         while count(fits) > MOST_CELLS:
             fits *= 1.25
         raise ResourceError(
-            f"cells of {longest:.3g} m are more than {MOST_CELLS:,}; {fits:.2g} m fits"
+            f"cells of {longest:.3g} m are more than {MOST_CELLS:,}; {rounded_up(fits):g} m fits"
         )
     n_cells = int(counts.sum())
     first_cell = np.concatenate([[0], counts.cumsum()])
@@ -164,3 +175,36 @@ def cells(mesh: Mesh, size: float) -> Cells:
     vertices = to_world(mesh, np.repeat(source, 3), triangles.reshape(-1, 2))
     faces = np.arange(3 * n_cells).reshape(-1, 3)
     return Cells(mesh, longest, vertices, faces, source, areas, trees)
+
+
+def usual_size(mesh: Mesh) -> float:
+    """Size of cells that suits a mesh, metres, two digits: 5,000 to 10,000 cells of large faces.
+
+    The smallest in steps of 2^(1/4) with at most `USUAL_CELLS` cells and one a face, and not below
+    `FINEST_REL` of the diagonal of the task faces.
+    """
+    from rastercov.area import cell_kernels as kernels
+    from rastercov.criteria_kernels import read_only
+
+    check_kind("mesh", mesh, Mesh, "a Mesh", MeshError)
+    frames = frames_of(mesh)
+    is_asked = mesh.task_mask & (frames.areas > 0)
+    if not is_asked.any():
+        return 1.0
+    most = min(USUAL_CELLS + int(is_asked.sum()), MOST_CELLS)
+    corners, asked = read_only(frames.corners, np.float64), read_only(is_asked, np.bool_)
+    counts, scratch = np.zeros(mesh.n_faces, np.int64), kernels.cell_scratch(0)
+    points = mesh.vertices[mesh.faces[is_asked]].reshape(-1, 3)
+    size = diagonal = float(np.linalg.norm(np.ptp(points, axis=0)))
+    while size / 2**0.25 >= FINEST_REL * diagonal:
+        finer = size / 2**0.25
+        if kernels.count_cells(corners, asked, finer, most, scratch.triangles, counts) > most:
+            break
+        size = finer
+    return rounded_up(size)
+
+
+def rounded_up(size: float) -> float:
+    """`size` rounded up to two digits."""
+    exponent = math.floor(math.log10(size)) - 1
+    return float(f"{math.ceil(size / 10.0**exponent - 1e-9)}e{exponent}")

@@ -85,7 +85,7 @@ def place(
         console = Console()
         console.print(report.cameras_table(placed))
         console.print(summary_table(report.summary(placed)["network"]))
-        left = placed.leftover.lines() if placed.leftover is not None else []
+        left = report.left_lines(placed)
         print("\n".join([size_line(placed.prepared.mesh), *report.lines(placed), *left]))
         print(folder / ("page.html" if has_page else "plan.json"))
     if placed.interrupted:

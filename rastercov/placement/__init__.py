@@ -38,7 +38,7 @@ from rastercov.placement.candidates.pool import (
 from rastercov.placement.candidates.segments import Segmentation, segment
 from rastercov.placement.explain.candidate_visibility import Sight
 from rastercov.placement.explain.uncovered import Leftover, what_is_left
-from rastercov.placement.improve.objective import Objective
+from rastercov.placement.improve.objective import CellObjective, Objective
 from rastercov.placement.improve.pose_space import Place, PoseSpace
 from rastercov.placement.improve.refine import Refined, refine
 from rastercov.placement.improve.search import Optimised, optimise
@@ -60,6 +60,7 @@ __all__ = [
     "Access",
     "BestCoverage",
     "Candidates",
+    "CellObjective",
     "FewestCameras",
     "Framing",
     "InstallationError",

@@ -2,7 +2,9 @@
 
     poses -> `evaluate_batches` -> shards -> `VisibilityMatrix` -> `problem_of` -> `select_*`
 
-Only pairs with coverage > 0 are kept, of faces that are scored. On disk a matrix is a folder:
+Only pairs with coverage > 0 are kept, of faces that are scored. With `cells` the elements are cells
+of the task surface, numbered like faces, and coverage is the covered share of the cell's area.
+On disk a matrix is a folder:
 
 header.json     inputs with hashes: mesh, camera, poses, task, method, version
 poses.npy       (C, 4, 4) the candidates
@@ -16,7 +18,7 @@ damaged, exchanged or deleted file again, bit for bit; where a folder is only re
 """
 
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import nullcontext
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -25,9 +27,15 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov._observers import ExactObserver
 from rastercov._typed import typed
+from rastercov.area.cells import Cells
+from rastercov.area.frames import check_same_mesh
+from rastercov.area.observer import RegionObserver
 from rastercov.camera import Camera
-from rastercov.coverage import Coverage, evaluate_batches
+from rastercov.coverage import Coverage, evaluate_batches, judged, measurements
+from rastercov.coverage_pass import CoveragePass
+from rastercov.engine import Engine
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.observer import Observer, open_observer
@@ -47,8 +55,11 @@ from rastercov.placement.shards import (
     shards_of,
     store,
 )
-from rastercov.pose import valid_poses
+from rastercov.pose import Poses, valid_poses
 from rastercov.task import Task
+
+Batch = tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32], BoolArray, int]
+"""Row, face, coverage and covered mask of each pair of some poses; and the number of poses."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +74,7 @@ class VisibilityMatrix:
     poses : (C, 4, 4) float64
         world_from_camera of the candidates.
     n_faces, n_task_faces : int
-        Faces F of the mesh, and how many of them are scored.
+        Faces F of the mesh, and how many of them are scored; of a matrix of cells, their number.
     task : Task
         Thresholds of coverage.
     indptr : (C + 1,) int64
@@ -89,6 +100,11 @@ class VisibilityMatrix:
     def n_poses(self) -> int:
         """Number of candidates C."""
         return len(self.poses)
+
+    @property
+    def is_of_cells(self) -> bool:
+        """True where the elements are cells, not faces."""
+        return "cells" in self.header
 
     @property
     def covered(self) -> BoolArray:
@@ -183,6 +199,7 @@ def build_matrix(
     task: Task | None = None,
     folder: str | Path | None = None,
     *,
+    cells: Cells | None = None,
     poses_a_shard: int | None = None,
     bounds: CandidateBounds | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
@@ -202,6 +219,10 @@ def build_matrix(
         Folder of the shards; made when it is missing. An interrupted run continues from its shards;
         a complete matrix is only read; damaged files are made again. Without a folder the matrix is
         in memory.
+    cells : Cells, optional
+        Elements of the matrix, in place of the faces; a pose covers a cell where it covers
+        `task.min_coverage` of its area, one half. The mesh hides, and the method is certified or
+        exact.
     poses_a_shard : int, optional
         Poses of each file; the number that gives `PAIRS_A_SHARD` pairs unless given.
     bounds : CandidateBounds, optional
@@ -214,26 +235,33 @@ def build_matrix(
     Raises
     ------
     ConfigError
-        When the folder holds a matrix of other inputs, or another process is writing to it.
+        When the folder holds a matrix of other inputs, or another process is writing to it; for
+        cells, also for a task with a threshold that is of a face, or method "sampled".
     PoseError
         For a pose that is no rigid motion.
     """
-    matrices, task = valid_poses(poses), task or Task()
-    done, figures = 0, ("coverage", *(FIGURES if bounds is not None else ()))
+    matrices, task, done = valid_poses(poses), task or Task(), 0
 
-    def batches(rows: slice) -> Iterator[Coverage]:
+    def batches(rows: slice) -> Iterator[Batch]:
         nonlocal done
-        for batch in evaluate_batches(observer, matrices[rows], task, fields=figures):
-            if len(batch.pose_ids):
+        found = (
+            _of_faces(observer, matrices[rows], task, bounds)
+            if cells is None
+            else _of_cells(observer, cells, matrices[rows], task, bounds)
+        )
+        for batch in found:
+            if batch[-1]:
                 yield batch
-                if bounds is not None:
-                    bounds.add(batch)
-                done += len(batch.pose_ids)
+                done += batch[-1]
                 progress(done, len(matrices))
 
-    opened = open_observer(*view) if isinstance(view, tuple) else nullcontext(view)
-    with opened as observer:
-        header = describe(observer, matrices, task, poses_a_shard)
+    with ExitStack() as opened:
+        observer: Observer = (
+            opened.enter_context(open_observer(*view)) if isinstance(view, tuple) else view
+        )
+        if cells is not None:
+            observer = opened.enter_context(_region_observer(observer, cells, task))
+        header = describe(observer, matrices, task, poses_a_shard, cells)
         if folder is None:
             progress(0, len(matrices))
             return VisibilityMatrix._of(matrices, header, *_gathered(batches(slice(None))))
@@ -263,27 +291,58 @@ def _rows_in(
     return None if file is None else int(file.metadata.num_rows)
 
 
+def _region_observer(observer: Observer, cells: Cells, task: Task) -> RegionObserver:
+    """Observer of the regions in the mesh of some cells, by the method of another one."""
+    check_same_mesh(cells.mesh, observer.mesh)
+    if not isinstance(observer, ExactObserver):
+        raise ConfigError("cells need method certified or exact, got sampled")
+    engine = Engine(observer.info.plan, threads=observer.threads)
+    return RegionObserver(observer.mesh, observer.camera, task, engine)
+
+
 def _gathered(
-    batches: Iterable[Coverage],
+    batches: Iterable[Batch],
 ) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32]]:
     """Pairs of each pose, and face and coverage of each pair."""
     counts, faces = [np.zeros(0, np.int64)], [np.zeros(0, np.int32)]
     values = [np.zeros(0, np.float32)]
-    for batch in batches:
-        pose, face, value, _ = _pairs(batch)
-        counts.append(np.bincount(pose, minlength=len(batch.pose_ids)))
+    for pose, face, value, _, n_poses in batches:
+        counts.append(np.bincount(pose, minlength=n_poses))
         faces.append(face)
         values.append(value)
     return np.concatenate(counts), np.concatenate(faces), np.concatenate(values)
 
 
-def _pairs(
-    batch: Coverage,
-) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32], BoolArray]:
-    """Row in the batch, face, coverage and covered mask of all pairs with coverage > 0."""
+def _of_faces(
+    observer: Observer, poses: FloatArray, task: Task, bounds: CandidateBounds | None
+) -> Iterator[Batch]:
+    """Pairs of poses and faces with coverage > 0."""
+    figures = ("coverage", *(FIGURES if bounds is not None else ()))
+    for batch in evaluate_batches(observer, poses, task, fields=figures):
+        yield _pairs(batch)
+        if bounds is not None and len(batch.pose_ids):
+            bounds.add(batch)
+
+
+def _pairs(batch: Coverage) -> Batch:
+    """Pairs of a batch with coverage > 0."""
     pose, face = np.nonzero((batch.coverage > 0) & batch.mesh.task_mask)
     short, covered = shortened(batch.coverage[pose, face], batch.task.min_coverage)
-    return pose, face.astype(np.int32), short, covered
+    return pose, face.astype(np.int32), short, covered, len(batch.pose_ids)
+
+
+def _of_cells(
+    observer: Any, cells: Cells, poses: FloatArray, task: Task, bounds: CandidateBounds | None
+) -> Iterator[Batch]:
+    """Pairs of poses and cells with a covered share; visibility is computed once for both."""
+    judge = CoveragePass(observer, task)
+    for part, seen in measurements(observer, Poses.of(poses)):
+        found = cells.share(seen.regions)  # type: ignore[union-attr] # of a RegionObserver
+        pose = np.repeat(np.arange(len(part)), np.diff(found.starts))
+        short, covered = shortened(found.share, task.min_coverage)
+        yield pose, found.cell, short, covered, len(part)
+        if bounds is not None and len(part):
+            bounds.add(judged(observer, judge, task, part, seen, FIGURES))
 
 
 def shortened(coverage: FloatArray, least: float) -> tuple[NDArray[np.float32], BoolArray]:
@@ -302,7 +361,7 @@ def shortened(coverage: FloatArray, least: float) -> tuple[NDArray[np.float32], 
 
 
 def _write_shard(
-    folder: Path, shard: str, header: dict[str, Any], batches: Iterable[Coverage], first: int
+    folder: Path, shard: str, header: dict[str, Any], batches: Iterable[Batch], first: int
 ) -> int:
     """Write the shard of the poses from number `first` on; the number of its pairs."""
     import pyarrow as pa
@@ -310,9 +369,8 @@ def _write_shard(
 
     schema, sink, n_pairs = schema_of(shard, header), pa.BufferOutputStream(), 0
     with pq.ParquetWriter(sink, schema, compression="zstd", write_page_checksum=True) as writer:
-        for batch in batches:
-            pose, face, value, covered = _pairs(batch)
-            of_all = (first + batch.pose_ids[pose]).astype(np.int32)
+        for pose, face, value, covered, _ in batches:
+            of_all = (first + pose).astype(np.int32)
             writer.write_table(pa.table([of_all, face, value, covered], schema=schema))
             n_pairs += len(face)
     store(folder, shard, memoryview(sink.getvalue()))

@@ -30,6 +30,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rastercov.area.cells import Cells
 from rastercov.errors import ConfigError
 from rastercov.observer import Observer
 from rastercov.placement._arrays import FloatArray
@@ -51,6 +52,7 @@ WORDS = {
     "format": "in another file format",
     "rastercov": "by another version of rastercov",
     "mesh": "from another mesh",
+    "cells": "for faces, or for cells of another size",
     "camera": "for another camera",
     "poses": "from other poses",
     "task": "for another task",
@@ -75,14 +77,22 @@ def log_warning(line: str) -> None:
 
 
 def describe(
-    observer: Observer, poses: FloatArray, task: Task, poses_a_shard: int | None
+    observer: Observer,
+    poses: FloatArray,
+    task: Task,
+    poses_a_shard: int | None,
+    cells: Cells | None = None,
 ) -> dict[str, Any]:
-    """Header of a matrix: all that it depends on, ready for JSON."""
+    """Header of a matrix: all that it depends on, ready for JSON.
+
+    That of a matrix of cells has their size under "cells", and counts them as faces.
+    """
     mesh, camera = observer.mesh, observer.camera
     groups = json.dumps([group.plain() for group in mesh.groups])
     if poses_a_shard is not None and (isinstance(poses_a_shard, bool) or poses_a_shard < 1):
         raise ConfigError(f"poses_a_shard must be 1 or more, got {poses_a_shard!r}")
-    return {
+    n_faces = mesh.n_faces if cells is None else len(cells)
+    header = {
         "format": FORMAT,
         "rastercov": version("rastercov"),
         "mesh": sha256(mesh.vertices, mesh.faces, mesh.face_group, groups),
@@ -91,11 +101,12 @@ def describe(
         "task": asdict(task),
         "measured_by": asdict(observer.info),
         "samples": observer.observe(np.empty((0, 4, 4))).samples_per_pixel,
-        "poses_a_shard": poses_a_shard or max(1, PAIRS_A_SHARD // mesh.n_faces),
+        "poses_a_shard": poses_a_shard or max(1, PAIRS_A_SHARD // max(1, n_faces)),
         "n_poses": len(poses),
-        "n_faces": mesh.n_faces,
-        "n_task_faces": int(mesh.task_mask.sum()),
+        "n_faces": n_faces,
+        "n_task_faces": int(mesh.task_mask.sum()) if cells is None else n_faces,
     }
+    return header if cells is None else header | {"cells": cells.size}
 
 
 @contextmanager
@@ -178,7 +189,7 @@ def _difference(kept: dict[str, Any], header: dict[str, Any], shard_size_given: 
     for name, words in WORDS.items():
         if name == "poses_a_shard" and not shard_size_given:
             continue
-        if kept.get(name) != header[name]:
+        if kept.get(name) != header.get(name):
             return words
     return None
 

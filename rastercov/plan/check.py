@@ -2,6 +2,7 @@
 
 Coverage is measured with bounds: a requirement holds when the certainly covered share reaches it,
 fails when the possibly covered share does not, and is undecided, which does not pass, in between.
+Shares are of the exact area where the plan counts that, and of whole faces otherwise.
 """
 
 import re
@@ -30,7 +31,7 @@ from rastercov.plan.network import (
     summary_of,
 )
 from rastercov.plan.prepare import Step, quiet
-from rastercov.plan.requirements import HOLDS, Requirement, counting, judge, limits_of
+from rastercov.plan.requirements import HOLDS, Requirement, counting, judge, judge_areas, limits_of
 from rastercov.plan.scene import scene
 from rastercov.pose import valid_poses
 from rastercov.pose_file import read_poses
@@ -98,7 +99,8 @@ class Checked:
             why = ", ".join(
                 f"{share['faces']} {reason.replace('_', ' ')}" for reason, share in shares
             )
-            text = f"group {name}: {entry['left']['faces']} faces uncovered: {why}"
+            how = "uncovered" if self.cameras.areas is None else "not covered as a whole"
+            text = f"group {name}: {entry['left']['faces']} faces {how}: {why}"
             if hidden := list(entry["hidden_by"]):
                 text += f"; in the way: {', '.join(hidden[:3])}"
             lines.append(text)
@@ -189,16 +191,22 @@ def check(
         with step("area") as progress:
             cameras = replace(cameras, areas=areas_of(plan, mesh, poses, views, progress))
         with step("what is left") as progress:
-            leftover = left_over(observer, cameras, progress)
+            leftover = left_over(observer, cameras, progress, views=counted["views"])
     masks, weights = (cameras.covered, cameras.certain, cameras.possible), objective.integer_weights
-    every = judge(mesh, weights, {name: limits.get(name, 0.0) for name in scored}, *masks)
+
+    def status_of(wanted: Limits) -> tuple[Requirement, ...]:
+        if cameras.areas is not None:
+            return judge_areas(cameras.areas, wanted, counted["views"])
+        return judge(mesh, weights, wanted, *masks)
+
+    every = status_of({name: limits.get(name, 0.0) for name in scored})
     return Checked(
         plan=plan,
         poses_file=poses_file,
         mesh=mesh,
         task=task,
         views=counted["views"],
-        requirements=judge(mesh, weights, limits, *masks),
+        requirements=status_of(limits),
         groups=tuple(sorted(every, key=lambda each: each.share)),
         cameras=cameras,
         leftover=leftover,

@@ -7,7 +7,7 @@ resolution has an error without a bound too.
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,7 @@ from rastercov.placement.explain.uncovered import (
 )
 from rastercov.placement.improve.objective import Objective
 from rastercov.plan.file import Plan
+from rastercov.plan.requirements import whole_faces
 from rastercov.pose import Poses
 from rastercov.task import Reason, Task
 
@@ -69,9 +70,9 @@ class Measured:
     covered, certain, possible : (F,) bool
         Faces that the network covers as measured, certainly, and possibly.
     curve : (K,) float64
-        Share covered by the first 1, 2, ..., K cameras.
+        Share covered by the first 1, 2, ..., K cameras; with `areas`, of the exact area.
     share : float
-        Share covered by all cameras.
+        Share covered by all cameras; with `areas`, of the exact area.
     areas : AreaNetwork or None
         Exact covered area; None where the plan counts faces.
     """
@@ -101,8 +102,7 @@ def areas_of(
     """
     if plan.unit_of_result()[0] == "face":
         return None
-    wanted = views or plan.task.views
-    most = max([1, *wanted.values()]) if isinstance(wanted, dict) else wanted
+    most = most_views(plan, views)
     areas = AreaNetwork(mesh, plan.build_task(most))
     finder = RegionPass(mesh, plan.build_camera(), plan.build_task(most), method=plan.task.method)
     done = 0
@@ -114,6 +114,33 @@ def areas_of(
     finally:
         finder.close()
     return areas
+
+
+def with_areas(
+    plan: Plan,
+    finder: RegionPass,
+    cameras: Measured,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Measured:
+    """The network with its exact covered area, and the share of it after each camera.
+
+    `finder` counts as many views as `plan` needs at most (`most_views`).
+    """
+    wanted, poses = plan.task.views, Poses.of(cameras.poses)
+    by_group = wanted if isinstance(wanted, dict) else None
+    areas, curve = AreaNetwork(finder.mesh, plan.build_task(most_views(plan))), []
+    for row in range(len(poses)):
+        areas.add(finder.find(poses[row : row + 1], closed=areas.closed))
+        curve.append(areas.summary(by_group)["percent"] / 100)
+        progress(row + 1, len(poses))
+    share = curve[-1] if curve else 0.0
+    return replace(cameras, areas=areas, curve=np.array(curve, np.float64), share=share)
+
+
+def most_views(plan: Plan, views: int | None = None) -> int:
+    """Largest number of views that a plan counts; `views` replaces its own."""
+    wanted = views or plan.task.views
+    return max([1, *wanted.values()]) if isinstance(wanted, dict) else wanted
 
 
 def summary_of(plan: Plan, cameras: Measured, views: int | None = None) -> dict[str, Any]:
@@ -184,15 +211,22 @@ def left_over(
     progress: Callable[[int, int], None],
     candidates: FloatArray | None = None,
     bounds: CandidateBounds | None = None,
+    views: int | Mapping[str, int] = 1,
 ) -> Leftover:
-    """Faces that a measured network does not cover, with reasons; arguments as for `left_by`."""
+    """Faces that a measured network does not cover, with reasons; arguments as for `left_by`.
+
+    By area, those that it does not cover as a whole; `views` are needed there.
+    """
+    covered = cameras.covered
+    if cameras.areas is not None:
+        covered = covered | whole_faces(cameras.areas, views)
     return left_by(
         observer,
         cameras.poses,
         cameras.network,
         cameras.nearest,
         candidates=np.zeros((0, 4, 4)) if candidates is None else candidates,
-        covered=cameras.covered,
+        covered=covered,
         progress=progress,
         bounds=bounds,
     )

@@ -19,9 +19,10 @@ from numpy.typing import NDArray
 
 from rastercov._format import percent
 from rastercov._output import named
+from rastercov.area.cells import Cells, cells, usual_size
 from rastercov.camera import Camera
 from rastercov.coverage import evaluate_batches
-from rastercov.errors import ConfigError
+from rastercov.errors import ConfigError, ResourceError
 from rastercov.mesh import Mesh
 from rastercov.observer import Observer
 from rastercov.placement.candidates.cavities import Openings, openings
@@ -44,6 +45,7 @@ from rastercov.plan.candidates import (
     keep_outs,
     segmentation_of,
 )
+from rastercov.plan.errors import PlanError
 from rastercov.plan.file import Plan
 from rastercov.plan.generators import PerCavity
 from rastercov.plan.requirements import OF, counting, goal_of
@@ -51,6 +53,7 @@ from rastercov.plan.sections import SelectionSection
 from rastercov.task import Reason, Task
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 N_DIAGNOSED = 32
 """Number of candidates examined for the reason why none covers a face."""
 OF_A_MATRIX = ("pairs/pairs-*.parquet", "poses.npy", "header.json", "sha256/*.sha256")
@@ -99,11 +102,17 @@ class Prepared:
     bounds : CandidateBounds
         Of the candidates that were measured in this run.
     pairs : int
-        Candidate-face pairs in the visibility matrix.
+        Candidate-face pairs in the visibility matrix, or candidate-cell pairs.
     measured_by : dict
         Method and device of the visibility matrix.
     problem : Problem
         With the goal of the plan, or the nearest one that can be reached.
+    cells : Cells or None
+        Elements of the problem where the result is by area; None for faces.
+    matrix : VisibilityMatrix or None
+        Shares of cells, for a stricter choice; None for faces.
+    least_share : float
+        Share of a cell that a candidate must cover, in the problem.
     """
 
     plan: Plan
@@ -119,6 +128,51 @@ class Prepared:
     measured_by: dict[str, Any]
     problem: Problem
     notes: tuple[str, ...]
+    cells: Cells | None = None
+    matrix: VisibilityMatrix | None = None
+    least_share: float = 0.5
+
+    def stricter(self, least_share: float) -> "Prepared":
+        """The same, with candidates that must cover more of a cell.
+
+        Raises
+        ------
+        ConfigError
+            Where all of them together do not reach the goal so.
+        """
+        assert self.cells is not None
+        assert self.matrix is not None
+        problem = problem_of(
+            self.matrix,
+            self.cells,
+            self.problem.goal,
+            costs=self.pool.costs,
+            min_coverage=least_share,
+            **counting(self.plan.task),
+        )
+        return replace(self, problem=problem, least_share=least_share)
+
+
+def cells_of(plan: Plan, mesh: Mesh) -> Cells | None:
+    """Cells to choose cameras on; None where the plan counts faces.
+
+    Raises
+    ------
+    PlanError
+        For a size that gives too many cells, or one where faces are counted.
+    """
+    unit, reason = plan.unit_of_result()
+    asked = plan.task.resolution_of_result
+    if unit == "face":
+        if asked is not None:
+            raise PlanError(
+                plan.name, [f"task.resolution_of_result: the result is by face, because {reason}"]
+            )
+        return None
+    try:
+        return cells(mesh, usual_size(mesh) if asked is None else asked)
+    except ResourceError as error:
+        raise PlanError(plan.name, [f"task.resolution_of_result: {error}"]) from None
 
 
 def prepare(
@@ -128,9 +182,14 @@ def prepare(
     task: Task,
     folder: Path,
     clock: Clock,
+    cells: Cells | None = None,
 ) -> Prepared:
-    """Candidates and their visibility matrix, with those into cavities where the plan has them."""
+    """Candidates and their visibility matrix, with those into cavities where the plan has them.
+
+    The elements of the matrix are the cells where there are some, and the faces otherwise.
+    """
     mesh, camera = observer.mesh, observer.camera
+    elements: Mesh | Cells = mesh if cells is None else cells
     goal: Goal = BestCoverage(cameras=0)
     notes: list[str] = []
     used: list[Path] = []
@@ -138,19 +197,22 @@ def prepare(
 
     def matrix_of(name: str, poses: FloatArray) -> VisibilityMatrix:
         """Matrix of the poses, in a folder named by a hash of all that it depends on."""
-        header = json.dumps(describe(observer, poses, task, None), sort_keys=True)
+        header = json.dumps(describe(observer, poses, task, None, cells), sort_keys=True)
         used.append(folder / hashlib.sha256(header.encode()).hexdigest()[:16])
         with clock(name) as progress, named(used[-1]):
-            return build_matrix(observer, poses, task, used[-1], bounds=bounds, progress=progress)
+            return build_matrix(
+                observer, poses, task, used[-1], cells=cells, bounds=bounds, progress=progress
+            )
 
     with clock("candidates"):
         segmentation = segmentation_of(plan, mesh)
         found = candidate_pool(plan, mesh, camera)
     matrix = matrix_of("visibility matrix", found.candidates.poses)
-    problem = problem_of(matrix, mesh, goal, costs=found.costs, **counting(plan.task))
+    problem = problem_of(matrix, elements, goal, costs=found.costs, **counting(plan.task))
     opened = None
     cavities = [entry for entry in plan.candidates if isinstance(entry, PerCavity)]
-    unseen = mesh.task_mask & ~mesh.degenerate_mask & ~problem.reachable
+    missed = ~problem.reachable
+    unseen = mesh.task_mask & ~mesh.degenerate_mask & _faces_with(missed, cells)
     if cavities and unseen.any():
         entry = cavities[0]
         with clock("cavities") as progress:
@@ -168,12 +230,16 @@ def prepare(
             found = extended_pool(plan, mesh, found, opened.candidates, entry.cost)
             further = found.candidates.poses[before:]
         matrix = joined(matrix, matrix_of("visibility matrix of cavities", further))
-        problem = problem_of(matrix, mesh, goal, costs=found.costs, **counting(plan.task))
-        now = unseen & problem.reachable
+        problem = problem_of(matrix, elements, goal, costs=found.costs, **counting(plan.task))
+        if cells is None:
+            missed = unseen
+        now = missed & problem.reachable
+        n_now = int((unseen & ~_faces_with(missed & ~now, cells)).sum())
         notes.append(
-            f"candidates of the other entries leave {int(unseen.sum())} faces "
-            f"({percent(problem.share(unseen))} of {OF[plan.task.weight_by]}) uncovered; "
-            f"{len(further)} into cavities cover {int(now.sum())} of these "
+            f"candidates of the other entries leave {'' if cells is None else 'parts of '}"
+            f"{int(unseen.sum())} faces "
+            f"({percent(problem.share(missed))} of {OF[plan.task.weight_by]}) uncovered; "
+            f"{len(further)} into cavities cover {n_now} of these "
             f"({percent(problem.share(now))})"
         )
     if not len(found.candidates):
@@ -187,9 +253,15 @@ def prepare(
     try:
         problem = replace(problem, goal=goal_of(selection))
     except ConfigError as error:
-        notes.append(f"{error}; these cover {percent(FALLBACK_SHARE)} of what can be covered")
+        on = "" if cells is None else f"on cells of {cells.size:g} m: "
+        notes.append(f"{on}{error}; these cover {percent(FALLBACK_SHARE)} of what can be covered")
         problem = replace(problem, goal=FewestCameras(FALLBACK_SHARE, of_reachable=True))
-    # The matrix is freed here: the problem holds all that selection needs.
+    if cells is not None and cells.size >= float(np.linalg.norm(np.ptp(mesh.bounds, axis=0))):
+        notes.append(
+            f"cells of {cells.size:g} m are whole faces; a smaller resolution_of_result makes the "
+            "choice more accurate"
+        )
+    # A matrix of faces is freed here: the problem holds all that selection needs.
     return Prepared(
         plan=plan,
         selection=selection,
@@ -204,7 +276,18 @@ def prepare(
         measured_by=matrix.header["measured_by"],
         problem=problem,
         notes=tuple(notes),
+        cells=cells,
+        matrix=None if cells is None else matrix,
     )
+
+
+def _faces_with(elements: BoolArray, cells: Cells | None) -> BoolArray:
+    """(F,) faces with one of some elements: cells, or faces."""
+    if cells is None:
+        return elements
+    faces = np.zeros(cells.mesh.n_faces, np.bool_)
+    faces[cells.source_face[elements]] = True
+    return faces
 
 
 def _why_nothing(observer: Observer, poses: FloatArray, task: Task) -> str:

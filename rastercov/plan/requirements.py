@@ -1,7 +1,8 @@
 """Requirements of a plan, and their status for a network.
 
-Shares are counted in integers, as in `Problem`. A measured share has bounds because visibility has:
-`low` counts the certainly covered faces, `high` the possibly covered ones.
+By face, shares are counted in integers, as in `Problem`. A measured share has bounds because
+visibility has: `low` counts the certainly covered faces, `high` the possibly covered ones. By area
+it is that of the exact area, with its bound.
 """
 
 import math
@@ -13,8 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov._format import percent
+from rastercov.area.network import AreaNetwork
 from rastercov.mesh import Mesh
-from rastercov.placement.select.problem import SHARE_TOLERANCE, BestCoverage, FewestCameras, Goal
+from rastercov.placement.select.problem import (
+    SHARE_TOLERANCE,
+    BestCoverage,
+    FewestCameras,
+    Goal,
+    views_of,
+)
 from rastercov.plan.entry import value_of
 from rastercov.plan.sections import FewestSelection, SelectionSection, TaskSection
 
@@ -79,6 +87,37 @@ class Requirement:
         return text
 
 
+@dataclass(frozen=True)
+class AreaRequirement(Requirement):
+    """A required share of the exact area; `low` and `high` are the share less and plus its bound.
+
+    Attributes
+    ----------
+    m2, bound_m2, of_m2 : float
+        Covered area, the bound of its error, and the area that the share is of.
+    faces, uncovered : int
+        Faces, and faces that are not covered as a whole.
+    """
+
+    m2: float = 0.0
+    bound_m2: float = 0.0
+    of_m2: float = 0.0
+
+    def words(self) -> str:
+        """The requirement and its outcome in one line."""
+        text = f"{self.name}: {percent(self.share)} of the area covered, {percent(self.limit)}"
+        text += " wanted"
+        if self.status == FAILS:
+            points = percent(self.short_by).removesuffix(" %")
+            return f"{text}: {points} points short, {self.of_m2 - self.m2:.3g} m² uncovered"
+        if self.status == UNDECIDED:
+            return (
+                f"{text}: not decided, the bound of the area allows {100 * self.low:.9g} % to "
+                f"{100 * self.high:.9g} %"
+            )
+        return text
+
+
 OF = {"area": "the area", "count": "the faces"}
 """Words for the whole of a share, by `weight_by`."""
 
@@ -128,6 +167,69 @@ def judge(
         is_partial = reachable is not None
         found.append(
             Requirement(group, limit, low, share, high, status, n_faces, uncovered, is_partial)
+        )
+    return tuple(found)
+
+
+WHOLE_REL = 1e-6
+"""Part of the area of a face that cameras may miss and still cover all of it, for people: the
+chords of the angle of incidence cut off as much."""
+
+
+def whole_faces(areas: AreaNetwork, views: int | Mapping[str, int]) -> BoolArray:
+    """(F,) faces that a network covers as a whole."""
+    from rastercov.area.frames import frames_of
+
+    mesh, rows = areas.mesh, np.arange(areas.mesh.n_faces)
+    level = np.minimum(views_of(mesh, views), areas.views) - 1
+    found: BoolArray = areas.covered.area[level, rows] >= (1 - WHOLE_REL) * frames_of(mesh).areas
+    return found
+
+
+def judge_areas(
+    areas: AreaNetwork, limits: Mapping[str | None, float], views: int | Mapping[str, int]
+) -> tuple[AreaRequirement, ...]:
+    """Evaluate each required share by exact area with its bound; arguments as for `judge`.
+
+    A requirement holds where the certainly covered area reaches it, fails where the area with its
+    bound does not.
+    """
+    mesh, is_whole = areas.mesh, whole_faces(areas, views)
+    found = []
+    for group, limit in limits.items():
+        faces, total, area, bound = np.zeros(mesh.n_faces, np.bool_), 0.0, 0.0, 0.0
+        for row, each in enumerate(mesh.groups):
+            if each.is_occluder or group not in (None, each.name):
+                continue
+            members = mesh.face_group == row
+            number = views.get(each.name, 1) if isinstance(views, Mapping) else views
+            figures = areas.of_faces(members, number)
+            faces |= members
+            total += figures["of_m2"]
+            area += figures["m2"]
+            bound += figures["bound_m2"]
+        whole = total if total > 0 else 1.0
+        low, share, high = (
+            min(max(each / whole, 0.0), 1.0) if total > 0 else 1.0
+            for each in (area - bound, area, area + bound)
+        )
+        needed = limit - SHARE_TOLERANCE
+        status = HOLDS if low >= needed else UNDECIDED if high >= needed else FAILS
+        uncovered = int((faces & ~is_whole).sum())
+        found.append(
+            AreaRequirement(
+                group,
+                limit,
+                low,
+                share,
+                high,
+                status,
+                int(faces.sum()),
+                uncovered,
+                m2=area,
+                bound_m2=bound,
+                of_m2=total,
+            )
         )
     return tuple(found)
 

@@ -2,18 +2,23 @@
 
     plan -> scene -> candidates -> matrix -> selection -> search, refinement -> uncovered faces
 
-The selection is saved before any step that may improve it.
+The selection is saved before any step that may improve it. Where the result is by area, cameras
+are selected and moved on cells of the surface, and the network is measured by its exact area.
 """
 
+import time
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.area.regions import RegionPass
+from rastercov.errors import ConfigError
 from rastercov.placement.explain.uncovered import Leftover
-from rastercov.placement.improve.objective import Objective
+from rastercov.placement.improve.objective import CellObjective, Objective
 from rastercov.placement.improve.refine import BUDGET, INTERRUPTED, Refined, refine
 from rastercov.placement.improve.search import Optimised, optimise
 from rastercov.placement.improve.tolerance import InstallationError, Tolerance, tolerance
@@ -24,14 +29,33 @@ from rastercov.placement.select.selection import Selection
 from rastercov.plan.entry import value_of
 from rastercov.plan.errors import PlanError
 from rastercov.plan.file import Plan
-from rastercov.plan.network import Measured, areas_of, left_over, measured, observer_of
-from rastercov.plan.prepare import Clock, Prepared, Progress, Step, prepare, quiet
-from rastercov.plan.requirements import HOLDS, Requirement, counting, judge, limits_of
+from rastercov.plan.network import (
+    Measured,
+    left_over,
+    measured,
+    most_views,
+    observer_of,
+    with_areas,
+)
+from rastercov.plan.prepare import Clock, Prepared, Progress, Step, cells_of, prepare, quiet
+from rastercov.plan.requirements import (
+    FAILS,
+    HOLDS,
+    Requirement,
+    counting,
+    goal_of,
+    judge,
+    judge_areas,
+    limits_of,
+)
 from rastercov.plan.scene import scene
 from rastercov.plan.sections import FewestSelection, SelectionSection
 
 FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+
+STRICTER = (0.75, 0.95, 0.999)
+"""Shares of a cell that a camera must cover, in turn, where a selection on half cells reaches the
+goal and its exact area does not: cells covered as a whole never promise too much."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +72,9 @@ class Placement:
         Seconds of each step.
     interrupted : str
         Step that Ctrl-C ended, or "".
+    kept_poses : tuple of str
+        Improvements on cells, "searched" or "refined", that were not taken: they would have lost
+        exact area.
     """
 
     prepared: Prepared
@@ -61,11 +88,25 @@ class Placement:
     leftover: Leftover | None = None
     steps: dict[str, float] = field(default_factory=dict)
     interrupted: str = ""
+    kept_poses: tuple[str, ...] = ()
 
     @property
     def is_met(self) -> bool:
         """True where every requirement holds."""
         return all(each.status == HOLDS for each in self.requirements)
+
+
+@dataclass(frozen=True, eq=False)
+class Objectives:
+    """Objectives of a network: by face, and on cells where the result is by area."""
+
+    faces: Objective
+    cells: CellObjective | None = None
+
+    @property
+    def moved(self) -> Objective:
+        """The one by which cameras are moved."""
+        return self.faces if self.cells is None else self.cells
 
 
 def place(
@@ -109,35 +150,114 @@ def place(
     clock = Clock(step)
     with clock("scene"):
         mesh, task = scene(plan), plan.build_task()
-    with observer_of(plan, mesh) as observer:
-        prepared = prepare(plan, selection, observer, task, folder / "matrix", clock)
+        cells = cells_of(plan, mesh)
+    with ExitStack() as opened:
+        observer = opened.enter_context(observer_of(plan, mesh))
+        faces = Objective.of(observer, task, **counting(plan.task))
+        on_cells = None
+        if cells is not None:
+            most = plan.build_task(most_views(plan))
+            finder = RegionPass(mesh, observer.camera, most, method=plan.task.method)
+            opened.enter_context(closing(finder))
+            on_cells = CellObjective.of_cells(observer, finder, cells, **counting(plan.task))
+        objectives = Objectives(faces, on_cells)
+        prepared = prepare(plan, selection, observer, task, folder / "matrix", clock, cells)
         with clock("selection"):
-            chosen = _select(prepared.problem, selection)
-        objective = Objective.of(observer, task, **counting(plan.task))
-        left, rows = prepared.pool.candidates, chosen.chosen
-        cameras = measured(objective, left.poses[rows])
-        placement = Placement(
-            prepared=prepared,
-            selection=chosen,
-            cameras=cameras,
-            origin=tuple(
-                source if index < 0 else f"{source} {index}"
-                for source, index in zip(left.source[rows], left.index[rows], strict=True)
-            ),
-            requirements=_required(prepared, cameras.covered),
-            steps=clock.seconds,
-            interrupted="selection" if chosen.status == "interrupted" else "",
-        )
+            chosen = _select(prepared.problem, selection, selection.time_limit)
+        placement = _placed(prepared, chosen, objectives, clock)
+        if on_cells is not None and not placement.interrupted:
+            try:
+                with clock("area") as progress:
+                    placement = _by_area(placement, on_cells, progress)
+                if _is_short(placement):
+                    with clock("stricter selection"):
+                        placement = _settled(placement, objectives, clock)
+            except KeyboardInterrupt:
+                placement = replace(placement, interrupted="area")
         for name, work in _later_steps(plan, selection):
             if placement.interrupted:
                 break
             try:
                 save(replace(placement, interrupted=name))
                 with clock(name) as progress:
-                    placement = work(placement, objective, progress)
+                    placement = work(placement, objectives, progress)
             except KeyboardInterrupt:
                 placement = replace(placement, interrupted=name)
     return placement
+
+
+def _placed(
+    prepared: Prepared, chosen: Selection, objectives: Objectives, clock: Clock
+) -> Placement:
+    """The network of a selection, measured by face."""
+    left, rows = prepared.pool.candidates, chosen.chosen
+    cameras = measured(objectives.faces, left.poses[rows])
+    return Placement(
+        prepared=prepared,
+        selection=chosen,
+        cameras=cameras,
+        origin=tuple(
+            source if index < 0 else f"{source} {index}"
+            for source, index in zip(left.source[rows], left.index[rows], strict=True)
+        ),
+        requirements=_required_by_face(prepared, cameras, objectives.faces),
+        steps=clock.seconds,
+        interrupted="selection" if chosen.status == "interrupted" else "",
+    )
+
+
+def _by_area(
+    placement: Placement,
+    on_cells: CellObjective,
+    progress: Progress = lambda done, total: None,
+) -> Placement:
+    """The placement with the exact area of its network, and requirements by it.
+
+    Those of what all candidates cover are judged on cells: the exact area of all is not known.
+    """
+    prepared, selection = placement.prepared, placement.prepared.selection
+    plan, limits = prepared.plan, limits_of(selection)
+    cameras = with_areas(plan, on_cells.finder, placement.cameras, progress)
+    assert cameras.areas is not None
+    required: tuple[Requirement, ...]
+    if isinstance(selection, FewestSelection) and selection.of_reachable:
+        problem, poses = prepared.problem, cameras.poses
+        covered = on_cells.covered(on_cells.covers(poses), poses[:, :3, 3])
+        cells, reachable = on_cells.elements, problem.reachable
+        required = judge(cells, problem.integer_weights, limits, covered, reachable=reachable)
+    else:
+        required = judge_areas(cameras.areas, limits, plan.task.views)
+    return replace(placement, cameras=cameras, requirements=required)
+
+
+def _is_short(placement: Placement) -> bool:
+    """True where cells meet the goal of the plan, and the exact area of the network does not."""
+    prepared = placement.prepared
+    is_goal = prepared.problem.goal == goal_of(prepared.selection)
+    return is_goal and any(each.status == FAILS for each in placement.requirements)
+
+
+def _settled(placement: Placement, objectives: Objectives, clock: Clock) -> Placement:
+    """The placement with cameras selected on stricter cells: the first that meets the goal.
+
+    The one that covers most where none does.
+    """
+    assert objectives.cells is not None
+    prepared, best = placement.prepared, placement
+    started = time.perf_counter()
+    for least in STRICTER:
+        try:
+            prepared = prepared.stricter(least)
+        except ConfigError:  # all candidates together do not reach the goal so
+            break
+        left = prepared.selection.time_limit - (time.perf_counter() - started)
+        chosen = _select(prepared.problem, prepared.selection, max(left, 1.0))
+        found = _by_area(_placed(prepared, chosen, objectives, clock), objectives.cells)
+        if found.cameras.share > best.cameras.share:
+            best = found
+        if not _is_short(found):
+            return found
+    return best
 
 
 def _watched(objective: Objective, progress: Progress, total: int) -> Objective:
@@ -153,21 +273,23 @@ def _watched(objective: Objective, progress: Progress, total: int) -> Objective:
     return replace(objective, watch=watch)
 
 
-def _select(problem: Problem, selection: SelectionSection) -> Selection:
+def _select(problem: Problem, selection: SelectionSection, seconds: float) -> Selection:
     if selection.method == "greedy":
         return select_greedy(problem, seed=selection.seed)
-    return select_integer(problem, time_limit=selection.time_limit, seed=selection.seed)
+    return select_integer(problem, time_limit=seconds, seed=selection.seed)
 
 
-def _required(prepared: Prepared, covered: BoolArray) -> tuple[Requirement, ...]:
-    selection, problem = prepared.selection, prepared.problem
-    is_partial = isinstance(selection, FewestSelection) and selection.of_reachable
-    reachable = problem.reachable if is_partial else None
-    limits = limits_of(selection)
-    return judge(prepared.mesh, problem.integer_weights, limits, covered, reachable=reachable)
+def _required_by_face(
+    prepared: Prepared, cameras: Measured, faces: Objective
+) -> tuple[Requirement, ...]:
+    selection, reachable = prepared.selection, None
+    if isinstance(selection, FewestSelection) and selection.of_reachable and prepared.cells is None:
+        reachable = prepared.problem.reachable
+    weights, limits = faces.integer_weights, limits_of(selection)
+    return judge(prepared.mesh, weights, limits, cameras.covered, reachable=reachable)
 
 
-Work = Callable[[Placement, Objective, Progress], Placement]
+Work = Callable[[Placement, Objectives, Progress], Placement]
 
 
 def _later_steps(plan: Plan, selection: SelectionSection) -> Iterator[tuple[str, Work]]:
@@ -178,19 +300,17 @@ def _later_steps(plan: Plan, selection: SelectionSection) -> Iterator[tuple[str,
         yield "refinement", _refine
     if selection.tolerance is not None:
         yield "tolerance", _tolerate
-    if plan.unit_of_result()[0] == "area":
-        yield "area", _measure_area
     yield "what is left", _explain_uncovered
 
 
-def _optimise(placement: Placement, objective: Objective, progress: Progress) -> Placement:
+def _optimise(placement: Placement, objectives: Objectives, progress: Progress) -> Placement:
     prepared, asked = placement.prepared, placement.prepared.selection.optimise
     assert asked is not None
     start = placement.cameras.poses
     if not len(start):
         return placement
     found = optimise(
-        _watched(objective, progress, asked.budget),
+        _watched(objectives.moved, progress, asked.budget),
         prepared.pool.space,
         len(start),
         asked.method,
@@ -200,57 +320,63 @@ def _optimise(placement: Placement, objective: Objective, progress: Progress) ->
         candidates=prepared.pool.candidates.poses,
         start=start,
     )
-    moved = _moved(placement, objective, found.poses, "searched")
+    moved = _moved(placement, objectives, found.poses, "searched")
     return replace(moved, optimised=found, interrupted="search" if found.is_interrupted else "")
 
 
-def _refine(placement: Placement, objective: Objective, progress: Progress) -> Placement:
+def _refine(placement: Placement, objectives: Objectives, progress: Progress) -> Placement:
     found = refine(
-        _watched(objective, progress, BUDGET),
+        _watched(objectives.moved, progress, BUDGET),
         placement.prepared.pool.space,
         placement.cameras.poses,
         seed=placement.prepared.selection.seed,
     )
-    moved = _moved(placement, objective, found.poses, "refined")
+    moved = _moved(placement, objectives, found.poses, "refined")
     is_interrupted = found.status == INTERRUPTED
     return replace(moved, refined=found, interrupted="refinement" if is_interrupted else "")
 
 
-def _tolerate(placement: Placement, objective: Objective, progress: Progress) -> Placement:
+def _tolerate(placement: Placement, objectives: Objectives, progress: Progress) -> Placement:
     selection, poses = placement.prepared.selection, placement.cameras.poses
     asked = selection.tolerance
     assert asked is not None
     error = value_of(asked, InstallationError)
-    watched = _watched(objective, progress, len(poses) * (asked.draws + 1))
+    watched = _watched(objectives.moved, progress, len(poses) * (asked.draws + 1))
     found = tolerance(watched, poses, error, draws=asked.draws, seed=selection.seed)
     return replace(placement, tolerance=found)
 
 
-def _explain_uncovered(placement: Placement, objective: Objective, progress: Progress) -> Placement:
+def _explain_uncovered(
+    placement: Placement, objectives: Objectives, progress: Progress
+) -> Placement:
     prepared = placement.prepared
     leftover = left_over(
-        objective.observer,
+        objectives.faces.observer,
         placement.cameras,
         progress,
         prepared.pool.candidates.poses,
         prepared.bounds,
+        prepared.plan.task.views,
     )
     return replace(placement, leftover=leftover)
 
 
-def _measure_area(placement: Placement, objective: Objective, progress: Progress) -> Placement:
-    prepared, cameras = placement.prepared, placement.cameras
-    areas = areas_of(prepared.plan, prepared.mesh, cameras.poses, progress=progress)
-    return replace(placement, cameras=replace(cameras, areas=areas))
+def _moved(placement: Placement, objectives: Objectives, poses: FloatArray, how: str) -> Placement:
+    """The placement with its cameras at new poses.
 
-
-def _moved(placement: Placement, objective: Objective, poses: FloatArray, how: str) -> Placement:
-    """The placement with its cameras at new poses."""
+    By area, cameras stay where moves that gain on cells lose in exact area.
+    """
     before = placement.cameras.poses
     origin = [
         name if (old == new).all() else f"{name}, {how}"
         for name, old, new in zip(placement.origin, before, poses, strict=True)
     ]
-    cameras = measured(objective, poses)
-    requirements = _required(placement.prepared, cameras.covered)
-    return replace(placement, cameras=cameras, origin=tuple(origin), requirements=requirements)
+    cameras = measured(objectives.faces, poses)
+    requirements = _required_by_face(placement.prepared, cameras, objectives.faces)
+    moved = replace(placement, cameras=cameras, origin=tuple(origin), requirements=requirements)
+    if objectives.cells is None:
+        return moved
+    moved = _by_area(moved, objectives.cells)
+    if moved.cameras.share < placement.cameras.share:
+        return replace(placement, kept_poses=(*placement.kept_poses, how))
+    return moved

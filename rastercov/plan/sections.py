@@ -207,6 +207,11 @@ class TaskSection(fields_of(Task, leave_out=("views",))):  # type: ignore[misc]
         description="Unit of results: exact area, or whole faces; area unless a threshold is of a "
         "face.",
     )
+    resolution_of_result: Positive | None = Field(
+        default=None,
+        description="Longest side of the cells that cameras are chosen on, m; by area only, chosen "
+        "from the scene if left out.",
+    )
     method: Literal["certified", "exact", "sampled"] = Field(
         default="certified", description="How occlusion is found."
     )
@@ -220,6 +225,10 @@ class TaskSection(fields_of(Task, leave_out=("views",))):  # type: ignore[misc]
             raise ValueError(f"supersample is for method sampled, got method {self.method}")
         if self.by == "area" and self.min_angle_deg > 0:
             raise ValueError('min_angle_deg is of a face; leave out by = "area"')
+        if self.by == "area" and self.weight_by == "count":
+            raise ValueError('weight_by = "count" is of faces; leave out by = "area"')
+        if self.by == "face" and self.resolution_of_result is not None:
+            raise ValueError('resolution_of_result is of cells; leave out by = "face"')
         return self
 
 

@@ -240,7 +240,8 @@ def _lines(report: PlanReport, summary: Mapping[str, Any]) -> list[str]:
     covered, zero = summary["covered"], summary["zero_in_every_camera"]
     lines = [
         f"{covered['faces']:,} of {summary['task_faces']:,} faces "
-        f"({percent(covered['percent'] / 100)}) are covered; "
+        f"({percent(covered['percent'] / 100)}) are covered"
+        f"{' as a whole, from one camera' if report.covered_area else ''}; "
         f"{percent(zero['percent'] / 100)} have coverage 0 in every camera",
         *report.notes,
     ]

@@ -41,6 +41,7 @@ STEP_FIGURES = {
     "refinement": ("status", "share", "start_share", "moved", "evaluations", "trace"),
 }
 """Figures of the steps that move cameras, as `plan.json` has them."""
+STEP_WORDS = {"search": "searched", "refinement": "refined"}
 PLACEMENT = ReportKind("place", re.compile(r"(poses|plan)\.json|page\.html"), last="plan.json")
 
 
@@ -78,8 +79,17 @@ def summary(placement: Placement) -> dict[str, Any]:
         if found is not None:
             seconds[step] = found.seconds
             moved[step] = {name: getattr(found, name) for name in STEP_FIGURES[step]}
+            if prepared.cells is not None:
+                moved[step]["taken"] = STEP_WORDS[step] not in placement.kept_poses
     assert plan.selection is not None
-    pairs = {"poses": len(prepared.pool.candidates), "pairs": prepared.pairs}
+    pairs: dict[str, Any] = {"poses": len(prepared.pool.candidates), "pairs": prepared.pairs}
+    if prepared.cells is not None:
+        pairs |= {
+            "cells": len(prepared.cells),
+            "cell_m": prepared.cells.size,
+            "least_share": prepared.least_share,
+        }
+        selection["cells_covered"] = selection["faces_covered"]
     opened = prepared.openings
     network = summary_of(plan, cameras)
     return {
@@ -182,8 +192,9 @@ def lines(placement: Placement) -> list[str]:
     """Sentences about a placement that no table has."""
     prepared, selection = placement.prepared, placement.selection
     said = [*prepared.pool.lines(), *prepared.notes, _selected(placement)]
-    said += area_lines(summary_of(prepared.plan, placement.cameras))
-    of = OF[prepared.plan.task.weight_by]
+    network = summary_of(prepared.plan, placement.cameras)
+    said += [line.replace("covered:", "exact area:") for line in area_lines(network)]
+    of = _of(prepared)
     if placement.optimised is not None:
         said.append(f"search over free poses: {percent(placement.optimised.share)} of {of}")
     if placement.refined is not None:
@@ -192,9 +203,14 @@ def lines(placement: Placement) -> list[str]:
             f"refinement moved {int(done.moved.sum())} of {len(done.poses)} cameras: "
             f"{percent(done.start_share)} -> {percent(done.share)} of {of} ({done.status})"
         )
+    said += [
+        f"the {how} poses cover less of the exact area than those before, and were not taken"
+        for how in placement.kept_poses
+    ]
     if placement.tolerance is not None:
         found = placement.tolerance
         error = f"{found.error.position_mm:g} mm, {found.error.angle_deg:g} deg"
+        error += "" if prepared.cells is None else ", on cells"
         text = (
             f"installed with errors of {error}: {percent(found.together.mean)} on average, "
             f"{percent(found.together.worst)} in the worst of {found.draws} draws"
@@ -220,12 +236,21 @@ def _interrupted(placement: Placement) -> str:
     return f"interrupted: this is what there was before {step}"
 
 
+def _of(prepared: Prepared) -> str:
+    """Words for the whole of a share on the elements of the selection."""
+    if prepared.cells is None:
+        return OF[prepared.plan.task.weight_by]
+    return f"the area on {len(prepared.cells):,} cells of {prepared.cells.size:g} m"
+
+
 def _selected(placement: Placement) -> str:
     """Result of the selection and its distance from the best."""
     prepared, found = placement.prepared, placement.selection
-    of = OF[prepared.plan.task.weight_by]
+    of = _of(prepared)
     text = f"{len(found.chosen)} of {len(prepared.pool.candidates)} candidates"
     text += f" cover {percent(found.share)} of {of}"
+    if prepared.cells is not None:
+        text += f" (one counts where a camera covers {100 * prepared.least_share:g} % of it)"
     if (prepared.pool.costs != 1).any():
         text += f" at a cost of {found.cost:g}"
     if found.status == "optimal":
@@ -234,6 +259,16 @@ def _selected(placement: Placement) -> str:
         return f"{text}; no selection covers more than {percent(found.bound)}"
     what = "costs less than" if (prepared.pool.costs != 1).any() else "takes fewer than"
     return f"{text}; no selection that does {what} {found.bound:g}"
+
+
+def left_lines(placement: Placement) -> list[str]:
+    """Sentences about the faces that the network leaves; by area, those it leaves a part of."""
+    if placement.leftover is None:
+        return []
+    said = placement.leftover.lines()
+    if placement.cameras.areas is None or not placement.leftover.left.any():
+        return said
+    return ["Faces of which some part is not covered, by the reason for the whole face:", *said]
 
 
 def write_page(placement: Placement, path: Path, progress: Progress) -> None:

@@ -6,14 +6,17 @@ on demand, in batches.
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov.area.cells import Cells
+from rastercov.area.regions import RegionPass
 from rastercov.coverage import evaluate_batches
 from rastercov.errors import ConfigError
+from rastercov.mesh import Mesh
 from rastercov.observer import Observer
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.select.problem import (
@@ -22,6 +25,7 @@ from rastercov.placement.select.problem import (
     views_of,
     weights_of,
 )
+from rastercov.pose import Poses
 from rastercov.task import Reason, Task
 
 
@@ -66,7 +70,20 @@ class Objective:
         min_angle_deg: float = 0.0,
     ) -> Self:
         """Objective of an open observer; arguments as for `problem_of`."""
-        mesh, task = observer.mesh, task or Task()
+        task = task or Task()
+        return cls(
+            observer, task, *cls._counted(observer.mesh, task, weight_by, views, min_angle_deg)
+        )
+
+    @staticmethod
+    def _counted(
+        mesh: Mesh,
+        task: Task,
+        weight_by: str,
+        views: int | Mapping[str, int] | None,
+        min_angle_deg: float,
+    ) -> tuple[IntArray, IntArray, float]:
+        """Integer weights, needs and least cosine of the faces of a mesh."""
         weights = in_whole_numbers(weights_of(mesh, weight_by))
         need = views_of(mesh, task.views if views is None else views)
         if (need < 1).any() or not np.issubdtype(need.dtype, np.integer):
@@ -74,7 +91,12 @@ class Objective:
         if not 0 <= min_angle_deg <= 180:
             raise ConfigError(f"min_angle_deg must be 0 to 180, got {min_angle_deg}")
         cosine = least_cosine(math.radians(min_angle_deg))
-        return cls(observer, task, weights, need.astype(np.int64), cosine)
+        return weights, need.astype(np.int64), cosine
+
+    @property
+    def elements(self) -> Mesh:
+        """Mesh whose faces are counted."""
+        return self.observer.mesh
 
     def covers(self, poses: FloatArray) -> BoolArray:
         """(P, F) faces that each pose covers."""
@@ -119,7 +141,7 @@ class Objective:
         """Arguments of the loops, those on the faces last."""
         from rastercov.criteria_kernels import read_only
 
-        every = (*arrays, self.observer.mesh.centroids, self.need)
+        every = (*arrays, self.elements.centroids, self.need)
         return [*(read_only(array, array.dtype.type) for array in every), float(self.min_cosine)]
 
     def worth(self, covered: BoolArray) -> IntArray:
@@ -135,3 +157,54 @@ class Objective:
         """Share that one network of (k, 4, 4) poses covers."""
         covered = self.covered(self.covers(poses), poses[:, :3, 3])
         return float(self.share(self.worth(covered)))
+
+
+@dataclass(frozen=True, eq=False)
+class CellObjective(Objective):
+    """Share of the area of cells that a network covers; make it with `CellObjective.of_cells`.
+
+    A pose covers a cell where it covers `task.min_coverage` of its area, one half, as in a matrix
+    of cells. Faces of `Objective` are cells here.
+
+    Attributes
+    ----------
+    cells : Cells
+    finder : RegionPass
+        Open, for the mesh and the camera.
+    """
+
+    cells: Cells = field(kw_only=True)
+    finder: RegionPass = field(kw_only=True)
+
+    @classmethod
+    def of_cells(
+        cls,
+        observer: Observer,
+        finder: RegionPass,
+        cells: Cells,
+        *,
+        weight_by: str = "area",
+        views: int | Mapping[str, int] | None = None,
+        min_angle_deg: float = 0.0,
+    ) -> Self:
+        """Objective on cells; arguments as for `problem_of`."""
+        task = finder.task
+        counted = cls._counted(cells.elements, task, weight_by, views, min_angle_deg)
+        return cls(observer, task, *counted, cells=cells, finder=finder)
+
+    @property
+    def elements(self) -> Mesh:
+        """Mesh of the cells."""
+        return self.cells.elements
+
+    def covers(self, poses: FloatArray) -> BoolArray:
+        """(P, C) cells that each pose covers."""
+        covers = np.zeros((len(poses), len(self.cells)), np.bool_)
+        if len(poses):
+            for regions in self.finder.batches(Poses.of(poses)):
+                found = self.cells.share(regions)
+                enough = found.share >= self.task.min_coverage
+                row = np.repeat(found.pose_ids, np.diff(found.starts))
+                covers[row[enough], found.cell[enough]] = True
+                self.watch(len(found.pose_ids))
+        return covers

@@ -19,6 +19,7 @@ from annotated_types import Ge, Le
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov._typed import check_fields, typed
+from rastercov.area.cells import Cells
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
@@ -227,7 +228,7 @@ class Problem:
 @typed
 def problem_of(
     matrix: VisibilityMatrix,
-    mesh: Mesh,
+    mesh: Mesh | Cells,
     goal: Goal,
     *,
     weight_by: str = "area",
@@ -240,8 +241,8 @@ def problem_of(
 
     Parameters
     ----------
-    mesh : Mesh
-        The one that the matrix was made for.
+    mesh : Mesh or Cells
+        Those that the matrix was made for; a problem of cells has them as its faces.
     weight_by : {"area", "count"}
         Weight of a face; only task faces count.
     views : int or mapping of str to int, optional
@@ -255,6 +256,11 @@ def problem_of(
         Least coverage, above 0, at which a camera covers a face; as in the matrix unless given.
         0 is the thesis' Table 6.1.
     """
+    if matrix.is_of_cells != isinstance(mesh, Cells):
+        wanted, got = ("cells", "a mesh") if matrix.is_of_cells else ("faces", "cells")
+        raise ConfigError(f"the matrix is of {wanted}, got {got}; give what it was made for")
+    if isinstance(mesh, Cells):
+        mesh = mesh.elements
     if matrix.n_faces != mesh.n_faces:
         raise ConfigError(
             f"the matrix is of a mesh of {matrix.n_faces} faces, got one of {mesh.n_faces}"

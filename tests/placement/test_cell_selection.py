@@ -1,0 +1,148 @@
+"""Selection on cells: as good as on exact areas, and independent of the triangles of the scene."""
+
+import json
+
+import numpy as np
+import pytest
+from exact_greedy import area_of, greedy_by_area, room_candidates
+from surface_cases import bisected, cut_at_random, room
+
+import rastercov as rc
+from rastercov.area.cells import USUAL_CELLS, usual_size
+from rastercov.area.regions import RegionPass
+from rastercov.errors import ConfigError
+from rastercov.placement.explain.candidate_visibility import CandidateBounds
+from rastercov.placement.improve.objective import CellObjective
+from rastercov.placement.matrix import VisibilityMatrix, build_matrix
+from rastercov.placement.select.greedy import select_greedy
+from rastercov.placement.select.problem import BestCoverage, problem_of
+
+TASK = rc.Task(max_incidence_deg=75, min_pixels_per_m2=4000)
+MESH, CAMERA, _ = room()
+DIAGONAL = float(np.linalg.norm(np.ptp(MESH.bounds, axis=0)))
+SIZE = 0.05 * DIAGONAL
+POSES = room_candidates(100)
+CAMERAS = 6
+
+
+def chosen_on_cells(mesh, size=SIZE, poses=POSES):
+    """Network that the greedy selection takes on cells, and the share that cells give it."""
+    cells = rc.cells(mesh, size)
+    matrix = build_matrix((mesh, CAMERA), poses, TASK, cells=cells)
+    found = select_greedy(problem_of(matrix, cells, BestCoverage(cameras=CAMERAS)))
+    return poses[found.chosen], found.share
+
+
+def test_cells_choose_as_well_as_greedy_on_exact_areas():
+    _, best = greedy_by_area(MESH, CAMERA, POSES, TASK, CAMERAS)
+    network, share = chosen_on_cells(MESH)
+    exact = area_of(MESH, CAMERA, network, TASK)
+    assert exact >= best - 0.005
+    assert abs(exact - share) <= 0.01
+
+
+def test_the_choice_does_not_depend_on_the_triangles():
+    finer = [MESH, cut_at_random(MESH, 1, 200)[0], bisected(MESH, DIAGONAL / 8)[0]]
+    shares = [area_of(MESH, CAMERA, chosen_on_cells(mesh)[0], TASK) for mesh in finer]
+    assert max(shares) - min(shares) <= 0.01
+
+
+def test_shares_of_cells_add_up_to_the_exact_area_of_each_pose():
+    cells = rc.cells(MESH, SIZE)
+    regions = rc.regions(MESH, CAMERA, POSES, TASK)
+    found = cells.share(regions)
+    row = np.repeat(np.arange(len(POSES)), np.diff(found.starts))
+    areas = np.bincount(row, found.share * cells.area[found.cell], len(POSES))
+    np.testing.assert_allclose(areas, regions.areas().sum(axis=1), rtol=1e-9)
+    matrix = build_matrix((MESH, CAMERA), POSES, TASK, cells=cells)
+    np.testing.assert_array_equal(matrix.indptr, found.starts)
+    np.testing.assert_array_equal(matrix.face, found.cell)
+    np.testing.assert_array_equal(matrix.covered, found.share >= 0.5)
+    np.testing.assert_allclose(matrix.coverage, found.share, rtol=1e-7)
+
+
+def test_an_objective_on_cells_counts_as_the_problem_does():
+    cells = rc.cells(MESH, SIZE)
+    matrix = build_matrix((MESH, CAMERA), POSES[:8], TASK, cells=cells)
+    views = {MESH.groups[0].name: 2}
+    problem = problem_of(matrix, cells, BestCoverage(cameras=8), views=views)
+    finder = RegionPass(MESH, CAMERA, TASK)
+    with rc.open_observer(MESH, CAMERA) as observer:
+        objective = CellObjective.of_cells(observer, finder, cells, views=views)
+        covers = objective.covers(POSES[:8])
+        covered = objective.covered(covers, POSES[:8, :3, 3])
+    finder.close()
+    np.testing.assert_array_equal(covered, problem.covered_by(np.arange(8))[1])
+    assert objective.share(objective.worth(covered)) == problem.share(problem.reachable)
+
+
+def test_bounds_of_faces_come_with_a_matrix_of_cells():
+    found = []
+    for cells in (None, rc.cells(MESH, SIZE)):
+        bounds = CandidateBounds(MESH.n_faces, MESH.task_mask)
+        build_matrix((MESH, CAMERA), POSES[:8], TASK, cells=cells, bounds=bounds)
+        found.append(bounds)
+    for name in ("low", "high", "covering", "n_poses"):
+        np.testing.assert_array_equal(getattr(found[0], name), getattr(found[1], name))
+
+
+def test_an_ended_run_keeps_its_shards_and_the_next_one_continues(tmp_path):
+    cells, poses = rc.cells(MESH, SIZE), POSES[:10]
+    done = []
+
+    def stop(count, total):
+        done.append(count)
+        if count == 6:
+            raise KeyboardInterrupt
+
+    options = {"cells": cells, "poses_a_shard": 2}
+    with pytest.raises(KeyboardInterrupt):
+        build_matrix((MESH, CAMERA), poses, TASK, tmp_path, **options, progress=stop)
+    shards = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.parquet")}
+    assert done == [0, 2, 4, 6]
+    assert len(shards) == 2
+    whole = build_matrix((MESH, CAMERA), poses, TASK, tmp_path, **options)
+    assert {path: path.stat().st_mtime_ns for path in shards} == shards
+    same = build_matrix((MESH, CAMERA), poses, TASK, **options)
+    for other in (same, VisibilityMatrix.load(tmp_path)):
+        for name in ("indptr", "face", "coverage"):
+            np.testing.assert_array_equal(getattr(whole, name), getattr(other, name))
+    assert json.loads((tmp_path / "header.json").read_text())["cells"] == cells.size
+
+
+def test_matrices_of_faces_and_of_cells_are_not_mistaken_for_each_other(tmp_path):
+    view, poses, cells = (MESH, CAMERA), POSES[:2], rc.cells(MESH, SIZE)
+    of_cells = build_matrix(view, poses, TASK, tmp_path / "cells", cells=cells)
+    of_faces = build_matrix(view, poses, TASK, tmp_path / "faces")
+    words = "was made for faces, or for cells of another size"
+    for folder, other in (("cells", None), ("faces", cells), ("cells", rc.cells(MESH, 2 * SIZE))):
+        with pytest.raises(ConfigError, match=words):
+            build_matrix(view, poses, TASK, tmp_path / folder, cells=other)
+    goal = BestCoverage(cameras=1)
+    with pytest.raises(ConfigError, match="the matrix is of cells, got a mesh"):
+        problem_of(of_cells, MESH, goal)
+    with pytest.raises(ConfigError, match="the matrix is of faces, got cells"):
+        problem_of(of_faces, cells, goal)
+    with pytest.raises(ConfigError, match="faces, got one of"):
+        problem_of(of_cells, rc.cells(MESH, 2 * SIZE), goal)
+
+
+def test_cells_need_exact_visibility_of_their_own_mesh():
+    cells, other = rc.cells(MESH, SIZE), room()[0]
+    with pytest.raises(ConfigError, match="compute all of them with the same Mesh"):
+        build_matrix((other, CAMERA), POSES[:1], TASK, cells=cells)
+    with (
+        rc.open_observer(MESH, CAMERA, "sampled", backend="cpu") as observer,
+        pytest.raises(ConfigError, match="got sampled"),
+    ):
+        build_matrix(observer, POSES[:1], TASK, cells=cells)
+    with pytest.raises(ConfigError, match="min_pixels is of a face"):
+        build_matrix((MESH, CAMERA), POSES[:1], rc.Task(min_pixels=3), cells=cells)
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+def test_the_usual_size_gives_thousands_of_cells_of_large_faces(scale):
+    mesh = rc.Mesh(MESH.vertices * scale, MESH.faces)
+    size = usual_size(mesh)
+    assert size == float(f"{size:.1e}")
+    assert USUAL_CELLS / 4 <= len(rc.cells(mesh, size)) <= USUAL_CELLS + mesh.n_faces

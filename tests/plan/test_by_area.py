@@ -1,0 +1,309 @@
+"""Plans whose result is by area: cameras are chosen on cells, networks judged by exact area."""
+
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from exact_greedy import area_of, greedy_by_area, room_candidates
+from surface_cases import room
+
+import rastercov as rc
+from rastercov.area.network import AreaNetwork
+from rastercov.plan import run as plan_run
+from rastercov.plan.check import check
+from rastercov.plan.errors import PlanError
+from rastercov.plan.file import read_plan
+from rastercov.plan.prepare import quiet
+from rastercov.plan.requirements import FAILS, HOLDS, UNDECIDED, judge_areas
+from rastercov.plan.run import place
+from rastercov.pose_file import write_poses
+from rastercov.report import plan as report
+
+PLAN = """
+[[meshes]]
+path = "room.obj"
+[camera]
+width = 1280
+height = 960
+fx = 700
+fy = 700
+focus_range = [0.3, 8.0]
+[task]
+max_incidence_deg = 75
+min_pixels_per_m2 = 4000
+resolution_of_result = 0.5
+[[candidates]]
+generator = "poses"
+file = "candidates.json"
+[selection]
+goal = "best_coverage"
+cameras = 4
+[outputs]
+page = false
+"""
+FEWEST = PLAN.replace('"best_coverage"\ncameras = 4', '"fewest_cameras"\ncoverage = 0.7')
+TASK = rc.Task(max_incidence_deg=75, min_pixels_per_m2=4000)
+MESH, CAMERA, RIG = room()
+POSES = room_candidates(40)
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    """A folder with the room as walls and boxes, and candidates under its ceiling."""
+    monkeypatch.chdir(tmp_path)
+    lines = ["v {!r} {!r} {!r}".format(*point) for point in MESH.vertices.tolist()]
+    for row, face in enumerate((MESH.faces + 1).tolist()):
+        lines += {0: ["g walls"], 12: ["g boxes"]}.get(row, [])
+        lines.append("f {} {} {}".format(*face))
+    Path("room.obj").write_text("\n".join(lines))
+    write_poses("candidates.json", POSES)
+    return tmp_path
+
+
+def plan_of(text):
+    Path("plan.toml").write_text(text)
+    return read_plan("plan.toml")
+
+
+def placed(text, step=quiet):
+    return place(plan_of(text), Path("out"), step)
+
+
+def exact_share(found):
+    return area_of(MESH, CAMERA, found.cameras.poses, TASK)
+
+
+# --- selection ------------------------------------------------------------------------------------
+
+
+def test_a_plan_by_area_chooses_about_as_well_as_greedy_on_exact_areas():
+    found = placed(PLAN)
+    _, best = greedy_by_area(MESH, CAMERA, POSES, TASK, 4)
+    assert found.cameras.share == pytest.approx(exact_share(found), abs=1e-9)
+    assert found.cameras.share >= best - 0.005
+    assert found.cameras.curve[-1] == found.cameras.share
+    assert (np.diff(found.cameras.curve) > 0).all()
+    by_face = placed(PLAN.replace("resolution_of_result = 0.5", 'by = "face"'))
+    assert exact_share(by_face) < found.cameras.share - 0.05
+
+
+def test_shares_on_cells_and_of_the_exact_area_are_both_named():
+    found = placed(PLAN)
+    told = report.summary(found)
+    n_cells = len(rc.cells(MESH, 0.5))
+    matrix = {name: told["matrix"][name] for name in ("cells", "cell_m", "least_share")}
+    assert matrix == {"cells": n_cells, "cell_m": 0.5, "least_share": 0.5}
+    assert told["selection"]["share"] == found.selection.share != told["share"]
+    assert told["share"] == pytest.approx(told["covered_area"]["percent"] / 100, abs=1e-12)
+    text = "\n".join(report.lines(found))
+    assert f"of the area on {n_cells:,} cells of 0.5 m (one counts where a camera" in text
+    assert "\nexact area: " in text
+
+
+def test_the_size_of_cells_is_chosen_from_the_scene():
+    found = placed(PLAN.replace("resolution_of_result = 0.5", ""))
+    assert 2_000 <= report.summary(found)["matrix"]["cells"] <= 10_048
+
+
+def test_a_plan_by_face_does_as_if_there_were_no_cells():
+    told = report.summary(placed(PLAN.replace("resolution_of_result = 0.5", 'by = "face"')))
+    assert told["matrix"].keys() == {"poses", "pairs"}
+    assert "covered_area" not in told
+
+
+def test_a_matrix_is_used_again_and_one_of_other_cells_is_not():
+    folders = []
+    for size in (0.5, 0.5, 0.4):
+        placed(PLAN.replace("= 0.5", f"= {size}"))
+        (made,) = Path("out/matrix").iterdir()
+        (shard,) = made.rglob("*.parquet")
+        folders.append((made, shard.stat().st_mtime_ns))
+    assert folders[0] == folders[1]
+    assert folders[2][0] != folders[0][0]
+
+
+# --- goals and requirements -----------------------------------------------------------------------
+
+
+def test_a_goal_is_met_by_exact_area_with_stricter_cells_where_half_ones_promise_too_much():
+    found = placed(FEWEST.replace("0.7", "0.8").replace("= 0.5", "= 4.0"))
+    (required,) = found.requirements
+    assert found.prepared.least_share > 0.5
+    assert found.is_met
+    assert required.low >= 0.8
+    assert required.share == pytest.approx(exact_share(found), abs=1e-9)
+    coarse = found.selection.share
+    assert coarse <= required.share + 0.05
+    assert "stricter selection" in found.steps
+
+
+def test_a_goal_out_of_reach_gives_most_of_what_cells_reach():
+    found = placed(FEWEST.replace("0.7", "1.0"))
+    assert not found.is_met
+    (required,) = found.requirements
+    assert required.status == FAILS
+    assert "cannot be reached" in found.prepared.notes[0]
+    assert "m² uncovered" in required.words()
+
+
+def test_a_share_of_what_is_reachable_is_judged_on_cells():
+    found = placed(FEWEST.replace("0.7", "0.9\nof_reachable = true"))
+    (required,) = found.requirements
+    assert required.of_reachable
+    assert found.is_met
+    assert (
+        0.9
+        <= required.share
+        == found.selection.share / found.prepared.problem.share(found.prepared.problem.reachable)
+    )
+
+
+@pytest.mark.parametrize("views", [1, 2, {"boxes": 2}])
+def test_a_required_area_holds_fails_or_is_not_decided(views):
+    labels = (np.arange(MESH.n_faces) >= 12).astype(np.int32)
+    mesh = rc.Mesh(MESH.vertices, MESH.faces, [rc.Group("walls"), rc.Group("boxes")], labels)
+    areas = AreaNetwork(mesh, rc.Task(max_incidence_deg=75, min_pixels_per_m2=4000, views=2))
+    regions = rc.regions(mesh, CAMERA, RIG, TASK)
+    areas.add(regions)
+    covered = rc.unite(regions, 2)
+    for group in (None, "walls", "boxes"):
+        (exact,) = judge_areas(areas, {group: 0.5}, views)
+        level = [
+            (views if isinstance(views, int) else views.get(n, 1)) - 1 for n in ("walls", "boxes")
+        ]
+        rows = [i for i, n in enumerate(("walls", "boxes")) if group in (None, n)]
+        expected = sum(covered.area[level[i]][labels == i].sum() for i in rows)
+        total = sum(mesh.areas[labels == i].sum() for i in rows)
+        assert exact.share == pytest.approx(expected / total, abs=1e-12)
+        assert exact.m2 == pytest.approx(expected)
+        assert exact.low < exact.share < exact.high
+        gap = exact.high - exact.share
+        limits = {exact.low - 2 * gap: HOLDS, exact.share: UNDECIDED, exact.high + 2 * gap: FAILS}
+        for limit, status in limits.items():
+            (found,) = judge_areas(areas, {group: limit}, views)
+            assert found.status == status
+            assert ("not decided" in found.words()) == (status == UNDECIDED)
+
+
+def test_check_judges_by_exact_area_and_place_agrees():
+    found = placed(FEWEST)
+    write_poses("rig.json", found.cameras.poses)
+    plan = plan_of(FEWEST)
+    checked = check(plan, Path("rig.json"), {None: 0.7, "boxes": 1.0})
+    assert checked.requirements[0].share == pytest.approx(found.requirements[0].share, abs=1e-12)
+    assert [each.status for each in checked.requirements] == [HOLDS, FAILS]
+    assert "not covered as a whole" in "\n".join(checked.lines())
+    shares = {each.group: each.m2 for each in checked.groups}
+    assert sum(shares.values()) == pytest.approx(checked.requirements[0].m2)
+
+
+# --- later steps ----------------------------------------------------------------------------------
+
+STEPS = """
+refine = true
+[selection.optimise]
+method = "random"
+budget = 80
+population = 4
+[selection.tolerance]
+position_mm = 20
+angle_deg = 1
+draws = 5
+"""
+
+
+def test_later_steps_work_on_cells_and_never_lose_exact_area(monkeypatch):
+    monkeypatch.setattr(plan_run, "BUDGET", 600)
+    plain, short = plan_run.refine, {"budget": 600, "halvings": 1}
+    monkeypatch.setattr(plan_run, "refine", lambda *given, **more: plain(*given, **more, **short))
+    alone = placed(PLAN)
+    found = placed(PLAN.replace("cameras = 4", "cameras = 4" + STEPS))
+    assert found.refined.share >= found.refined.start_share
+    assert found.cameras.share >= alone.cameras.share
+    assert found.cameras.share == pytest.approx(exact_share(found), abs=1e-9)
+    assert len(found.tolerance.face_chance) == len(rc.cells(MESH, 0.5))
+    assert found.leftover.left.any()
+    text = "\n".join(report.left_lines(found))
+    assert text.startswith("Faces of which some part is not covered")
+
+
+def test_moves_that_lose_exact_area_are_not_taken(monkeypatch):
+    def worse(objective, space, poses, **_):
+        found = plain(objective, space, poses, budget=len(poses), seed=0)
+        away = poses.copy()
+        away[:, :3, 3] = poses[0, :3, 3]
+        away[:, :3, :3] = poses[0, :3, :3]
+        object.__setattr__(found, "poses", away)
+        return found
+
+    plain = plan_run.refine
+    monkeypatch.setattr(plan_run, "refine", worse)
+    alone = placed(PLAN)
+    found = placed(PLAN.replace("cameras = 4", "cameras = 4\nrefine = true"))
+    assert found.kept_poses == ("refined",)
+    np.testing.assert_array_equal(found.cameras.poses, alone.cameras.poses)
+    assert "were not taken" in "\n".join(report.lines(found))
+    assert report.summary(found)["improvement"]["refinement"]["taken"] is False
+
+
+def test_an_interrupt_while_the_area_is_measured_keeps_the_selection():
+    @contextmanager
+    def step(name):
+        def progress(done, total):
+            if name == "area":
+                raise KeyboardInterrupt
+
+        yield progress
+
+    found = placed(PLAN, step)
+    assert found.interrupted == "area"
+    assert len(found.cameras.poses) == 4
+    assert found.cameras.areas is None
+    assert report.summary(found)["interrupted"] == "area"
+
+
+# --- refusals -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("entries", "line"),
+    [
+        ("resolution_of_result = 0", "task.resolution_of_result: wanted a number above 0, got 0"),
+        ("resolution_of_result = -1", "task.resolution_of_result: wanted a number above 0"),
+        ("resolution_of_result = nan", "task.resolution_of_result: wanted a"),
+        ("resolution_of_result = inf", "task.resolution_of_result: wanted a"),
+        ("resolution_of_result = 'fine'", "task.resolution_of_result: wanted a number, got 'fine'"),
+        ("resolution_of_result = 1\nby = 'face'", "task: resolution_of_result is of cells"),
+        ("weight_by = 'count'\nby = 'area'", 'task: weight_by = "count" is of faces'),
+        (
+            "resolution_of_result = 1e-5",
+            "task.resolution_of_result: cells of 1e-05 m are more than",
+        ),
+        ("resolution_of_result = 1e-300", "task.resolution_of_result: cells of 1e-300 m are more"),
+        (
+            "resolution_of_result = 1\nmin_pixels = 3",
+            "task.resolution_of_result: the result is by face, because min_pixels is of a face",
+        ),
+    ],
+)
+def test_a_resolution_that_cannot_be_is_one_line(entries, line):
+    with pytest.raises(PlanError) as caught:
+        placed(PLAN.replace("resolution_of_result = 0.5", entries))
+    (found,) = caught.value.lines
+    assert found.startswith(f"plan.toml: {line}")
+    assert not Path("out").exists()
+
+
+def test_the_size_that_is_named_fits():
+    with pytest.raises(PlanError) as caught:
+        placed(PLAN.replace("= 0.5", "= 1e-5"))
+    size = float(str(caught.value).split("; ")[1].split(" m")[0])
+    assert len(rc.cells(MESH, size)) <= 5_000_000
+
+
+def test_cells_larger_than_the_scene_are_whole_faces():
+    found = placed(PLAN.replace("= 0.5", "= 1e6"))
+    assert report.summary(found)["matrix"]["cells"] == MESH.n_faces
+    assert "are whole faces" in found.prepared.notes[0]
+    assert found.cameras.share == pytest.approx(exact_share(found), abs=1e-9)
