@@ -153,7 +153,7 @@ def measured(
     network, nearest = PlanNetwork(mesh, objective.task), NearestCameras(mesh.n_faces)
     masks = np.zeros((3, len(poses), mesh.n_faces), np.bool_)
     if len(poses):
-        figures = (*NETWORK_FIGURES, "projected_area", "pixel_density")
+        figures = (*NETWORK_FIGURES, "projected_area", "pixel_density", "facing_density")
         for batch in evaluate_batches(objective.observer, poses, objective.task, fields=figures):
             network.add(batch)
             nearest.add(batch)
@@ -212,6 +212,7 @@ def certain_and_possible(batch: Coverage) -> BoolArray:
     open_ones = (batch.reason == Reason.OCCLUDED) | (batch.reason == Reason.UNSAMPLED)
     open_ones &= batch.incidence <= math.radians(task.max_incidence_deg)
     open_ones &= batch.pixel_density >= task.min_pixel_density
+    open_ones &= batch.facing_density >= task.min_facing_density
     covered = batch.reason == Reason.COVERED
     ends = (
         (covered, np.maximum(batch.visibility - batch.visibility_bound, 0.0)),

@@ -218,7 +218,9 @@ def _thresholds(report: PlanReport) -> list[str]:
     if task.max_incidence_deg < 90:
         wants.append(f"seen within {task.max_incidence_deg:g}° of its normal")
     if task.min_pixel_density:
-        wants.append(f"{task.min_pixel_density:g} px/m")
+        wants.append(f"{task.min_pixel_density:g} px/m on the surface")
+    if task.min_facing_density:
+        wants.append(f"{task.min_facing_density:g} px/m facing the camera")
     if task.min_pixels_per_m2:
         wants.append(f"{task.min_pixels_per_m2:g} px/m²")
     return wants
