@@ -83,7 +83,7 @@ def test_a_plan_takes_names_and_keeps_numbers(tmp_path):
 
 def test_the_command_line_takes_names(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    line = "evaluate box -c khepra -p sphere:2 --pictures 0 --table none --json".split()
+    line = ["evaluate", "box", "-c", "khepra", "-p", "sphere:2", "--pictures", "0", "--json"]
     assert command([*line, "--min-facing-density", "0.25 px/mm", "-o", "out"]) == 0
     task = json.loads(capsys.readouterr().out)["run"]["task"]
     assert task["min_facing_density"] == 250.0
@@ -104,7 +104,7 @@ def test_facing_density_is_the_focal_length_by_the_greatest_depth():
 
 def test_it_is_the_least_singular_value_of_a_plane_across_the_ray():
     rng = np.random.default_rng(0)
-    points = rng.uniform(-2, 2, (500, 3)) + (0, 0, 3)
+    points = rng.uniform((-2, -2, 1), (2, 2, 5), (500, 3))
     across = -points / np.linalg.norm(points, axis=1, keepdims=True)
     least = np.linalg.svd(jacobian(CAMERA, points, across), compute_uv=False)[:, 1]
     assert np.allclose(least, 100 / points[:, 2], rtol=1e-12)

@@ -10,7 +10,7 @@ from rastercov.mesh import Mesh
 TASKS = [
     rc.Task(max_incidence_deg=75, min_pixels_per_m2=2000),
     rc.Task(max_incidence_deg=60, min_pixel_density=30),
-    rc.Task(max_incidence_deg=75, min_facing_density=120),
+    rc.Task(max_incidence_deg=75, min_facing_density=100),
 ]
 POINTS = 1e-4
 """Percentage points of all area that another cut may change."""
