@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from rastercov.area.network import AreaNetwork, in_words
 from rastercov.area.regions import RegionPass
+from rastercov.area.zone_report import zone_lines
 from rastercov.coverage import Coverage, evaluate_batches
 from rastercov.mesh import Mesh
 from rastercov.network import Network
@@ -122,14 +123,19 @@ def summary_of(plan: Plan, cameras: Measured, views: int | None = None) -> dict[
     found = cameras.network.summary() | {"by": unit, "by_face_because": reason}
     if cameras.areas is not None:
         wanted = views or plan.task.views
-        cameras.areas.add_to(found, wanted if isinstance(wanted, dict) else None)
+        by_group = wanted if isinstance(wanted, dict) else None
+        cameras.areas.add_to(found, by_group)
+        found |= cameras.areas.dead_zones(plan.build_camera(), cameras.poses, by_group)
     return found
 
 
 def area_lines(summary: Mapping[str, Any]) -> list[str]:
-    """Line about the covered area in a summary of `summary_of`, or why there is none."""
+    """Lines about the covered area and the largest dead zones, or why there are none.
+
+    `summary` is one of `summary_of`.
+    """
     if "covered_area" in summary:
-        return [f"covered: {in_words(summary['covered_area'])}"]
+        return [f"covered: {in_words(summary['covered_area'])}", *zone_lines(summary)]
     return [f"by face, because {reason}" for reason in [summary["by_face_because"]] if reason]
 
 
