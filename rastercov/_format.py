@@ -43,7 +43,10 @@ def area(square_metres: float) -> str:
     """Area as text, such as "85.2 m²": three digits."""
     units = (("m²", 1.0), ("cm²", 1e4), ("mm²", 1e6))
     unit, factor = next((each for each in units if square_metres * each[1] >= 1), ("µm²", 1e12))
-    return f"{number(square_metres * factor)} {unit}"
+    value = square_metres * factor
+    if value < 1000 or not math.isfinite(value):
+        return f"{number(value)} {unit}"
+    return f"{round(value, 2 - math.floor(math.log10(value))):,.0f} {unit}"
 
 
 def signed(value: float, digits: int = 2) -> str:

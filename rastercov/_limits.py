@@ -8,7 +8,8 @@ constructor (`check_limits`), the command line (`Doc` is the help of the option)
 import dataclasses
 import functools
 import math
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from collections.abc import Callable
+from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 from annotated_types import Ge, Gt, Le
 from typing_extensions import Doc
@@ -16,6 +17,19 @@ from typing_extensions import Doc
 from rastercov._arguments import check_choice, flag
 from rastercov._checks import finite_number, shown
 from rastercov.errors import ConfigError
+
+
+class Reads(NamedTuple):
+    """Metadata of a number that may be given as text: a name, or a number with a unit.
+
+    `read` makes the number of the text, or raises ValueError with what is wanted. `names` and the
+    regular expression `pattern` are for schemas, `metavar` for the command line.
+    """
+
+    read: Callable[[str], float]
+    names: tuple[str, ...]
+    pattern: str
+    metavar: str
 
 
 def check_limits(value: Any) -> None:
@@ -45,6 +59,11 @@ def metadata_of(hint: Any) -> tuple[Any, ...]:
     return next((found for member in members if (found := metadata_of(member))), ())
 
 
+def reader_of(hint: Any) -> Reads | None:
+    """`Reads` of an annotation, if it has any."""
+    return next((each for each in metadata_of(hint) if isinstance(each, Reads)), None)
+
+
 def documented(kind: type) -> dict[str, str]:
     """Description of each field of a dataclass that has a `Doc`."""
     return {
@@ -70,10 +89,16 @@ def _checked(name: str, value: Any, hint: Any) -> Any:
     if get_origin(kind) is Literal:
         check_choice(name, value, get_args(kind))
         return value
+    given, reader = value, reader_of(hint)
+    if reader is not None and isinstance(value, str):
+        try:
+            value = reader.read(value)
+        except ValueError as error:
+            raise ConfigError(f"{name} must be {error}") from None
     number, limits = finite_number(value), metadata_of(hint)
     is_whole = kind is not int or number.is_integer()
     if math.isnan(number) or not is_whole or not all(_holds(limit, number) for limit in limits):
-        raise ConfigError(f"{name} must be {_words(kind, limits)}, got {shown(value)}")
+        raise ConfigError(f"{name} must be {_words(kind, limits)}, got {shown(given)}")
     return kind(number)
 
 

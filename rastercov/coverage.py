@@ -60,6 +60,8 @@ class Coverage:
         for faces seen from the front.
     pixel_density : float64
         Pixels a metre on the surface along its worst direction.
+    facing_density : float64
+        Pixels a metre of a target that faces the camera at the deepest vertex.
     in_focus : bool
         (3.12).
     visibility, visibility_bound : float64
@@ -91,6 +93,7 @@ class Coverage:
     drawn_pixels: FloatArray = field(metadata=_figure(np.float64, "px"))
     resolution: FloatArray = field(metadata=_figure(np.float64))
     pixel_density: FloatArray = field(metadata=_figure(np.float64, "px/m"))
+    facing_density: FloatArray = field(metadata=_figure(np.float64, "px/m"))
     in_focus: BoolArray = field(metadata=_figure(np.bool_))
     visibility: FloatArray = field(metadata=_figure(np.float64))
     visibility_bound: FloatArray = field(metadata=_figure(np.float64))

@@ -20,6 +20,7 @@ from rastercov.criteria_kernels import (
     INSIDE,
     Z,
     camera_normal,
+    facing_density,
     image_of_face,
     incidence_angle,
     incidence_cosine,
@@ -74,6 +75,7 @@ class Figures(NamedTuple):
     drawn_pixels: NDArray[np.float64]
     resolution: NDArray[np.float64]
     pixel_density: NDArray[np.float64]
+    facing_density: NDArray[np.float64]
     in_focus: NDArray[np.bool_]
     visibility: NDArray[np.float64]
     visibility_bound: NDArray[np.float64]
@@ -133,6 +135,7 @@ class PairRows(NamedTuple):
     drawn_pixels: NDArray[np.float32]
     resolution: NDArray[np.float32]
     pixel_density: NDArray[np.float32]
+    facing_density: NDArray[np.float32]
     in_focus: NDArray[np.bool_]
     visibility: NDArray[np.float32]
     visibility_bound: NDArray[np.float32]
@@ -165,11 +168,11 @@ class Sink(NamedTuple):
 def judge(limits, is_degenerate, is_front, is_inside, is_focused, is_sampled, figures, cosine):
     """Coverage (3.6) of a face and its `Reason`.
 
-    `limits` is a `rastercov.task.Limits`; `figures` are resolution, pixels a metre and a square
-    metre, and visibility. One factor at a time: the reason is the first that brings the product
-    below the threshold.
+    `limits` is a `rastercov.task.Limits`; `figures` are resolution, pixels a metre of the surface
+    and of a target that faces the camera, pixels a square metre, and visibility. One factor at a
+    time: the reason is the first that brings the product below the threshold.
     """
-    resolution, density, per_m2, visibility = figures
+    resolution, density, facing, per_m2, visibility = figures
     if is_degenerate:
         return 0.0, DEGENERATE
     if not is_front:
@@ -182,7 +185,8 @@ def judge(limits, is_degenerate, is_front, is_inside, is_focused, is_sampled, fi
         return 0.0, UNSAMPLED
     reason = COVERED
     product = 0.0
-    if density >= limits.min_pixel_density and per_m2 >= limits.min_pixels_per_m2:
+    is_dense = density >= limits.min_pixel_density and facing >= limits.min_facing_density
+    if is_dense and per_m2 >= limits.min_pixels_per_m2:
         product = min(resolution, 1.0) if limits.cap_resolution else resolution
     if product < limits.min_coverage or product == 0:
         reason = TOO_COARSE
@@ -245,8 +249,8 @@ def judge_face(scene, lens, seen, limits, work, row, f, asks_density):
     """Figures of a face in one pose: geometry, areas, and the decision.
 
     Returns the cosine of the angle of incidence, the state of all vertices, the part of the image
-    of the face that is in the image, its area and density; True if it is seen, by definition not
-    from behind or outside the image; visible and drawn area, and visible fraction; resolution,
+    of the face that is in the image, its area and both densities; True if it is seen, by definition
+    not from behind or outside the image; visible and drawn area, and visible fraction; resolution,
     focus, coverage and reason.
     """
     points, pose, near = work.points, seen.poses[row], seen.near[row]
@@ -266,12 +270,13 @@ def judge_face(scene, lens, seen, limits, work, row, f, asks_density):
     per_m2 = 0.0
     if limits.min_pixels_per_m2 > 0:
         per_m2 = pixels_per_m2(points, i, j, k, normal, lens)
-    figures = resolution, density, per_m2, visibility
+    facing = facing_density(points, i, j, k, lens)
+    figures = resolution, density, facing, per_m2, visibility
     product, reason = judge(
         limits, scene.degenerate[f], is_front, state == INSIDE, is_focused, drawn > 0, figures,
         cosine,
     )  # fmt: skip
-    geometry = cosine, state, part, area, density
+    geometry = cosine, state, part, area, density, facing
     return geometry, is_seen, (visible, drawn, visibility), resolution, is_focused, product, reason
 
 
@@ -330,7 +335,7 @@ def judge_poses(rows, scene, lens, seen, work, limits, out):
             geometry, is_seen, areas, resolution, is_focused, product, reason = judge_face(
                 scene, lens, seen, limits, work, row, f, asks_density
             )
-            cosine, state, part, area, density = geometry
+            cosine, state, part, area, density, facing = geometry
             visible, drawn, visibility = areas
             bound, kind = 0.0, EXACT
             if asks_bound:
@@ -351,6 +356,8 @@ def judge_poses(rows, scene, lens, seen, work, limits, out):
                 out.resolution[row, f] = resolution
             if out.pixel_density.size:
                 out.pixel_density[row, f] = density
+            if out.facing_density.size:
+                out.facing_density[row, f] = facing
             if out.in_focus.size:
                 out.in_focus[row, f] = is_focused
             if out.visibility.size:
@@ -412,13 +419,14 @@ def add_row(at, pose_id, f, geometry, is_focused, resolution, areas, bound, kind
 
     The bound includes the rounding of the visible fraction to float32, so that it still holds.
     """
-    cosine, state, part, area, density = geometry
+    cosine, state, part, area, density, facing = geometry
     visible, drawn, visibility = areas
     rows.pose[at], rows.face[at] = pose_id, f
     rows.in_view[at], rows.in_focus[at] = state == INSIDE, is_focused
     rows.in_view_fraction[at], rows.projected_area[at] = part, area
     rows.visible_pixels[at], rows.drawn_pixels[at] = visible, drawn
     rows.resolution[at], rows.pixel_density[at] = resolution, density
+    rows.facing_density[at] = facing
     short = np.float32(visibility)
     bound += abs(short - visibility)
     short_bound = np.float32(bound)
@@ -467,12 +475,12 @@ def add_pose(row, turn, scene, lens, seen, work, limits, is_scored, sums, covere
                     scene, seen, points, row, f, areas[1], geometry[1], is_seen
                 )
             if is_row:
-                cosine, state, part, area, density = geometry
+                cosine, state, part, area, density, facing = geometry
                 if not asks_density:
                     density = density_of(
                         scene, lens, seen, points, row, f, reason > BACK_FACING, state, part
                     )
-                geometry = cosine, state, part, area, density
+                geometry = cosine, state, part, area, density, facing
                 at = turn * n_faces + sink.counts[turn]
                 sink.counts[turn] += 1
                 add_row(

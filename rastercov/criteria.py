@@ -40,6 +40,9 @@ class FaceGeometry:
     pixel_density : float64
         Pixels a metre on the surface along its worst direction, at its worst vertex; 0 for faces
         that are not front or not wholly beyond the near plane.
+    facing_density : float64
+        Pixels a metre along the worst direction of a target that faces the camera at the deepest
+        vertex, min(fx, fy) / z; 0 for faces not wholly beyond the near plane.
     depth : (F, 3) float64
         Camera z of the vertices, metres.
     incidence : float64
@@ -53,6 +56,7 @@ class FaceGeometry:
     projected_area: FloatArray
     perimeter: FloatArray
     pixel_density: FloatArray
+    facing_density: FloatArray
     depth: FloatArray
     incidence: FloatArray
 

@@ -65,6 +65,7 @@ class FaceArrays(NamedTuple):
     projected_area: NDArray[np.float64]
     perimeter: NDArray[np.float64]
     pixel_density: NDArray[np.float64]
+    facing_density: NDArray[np.float64]
     depth: NDArray[np.float64]
     incidence: NDArray[np.float64]
 
@@ -72,9 +73,9 @@ class FaceArrays(NamedTuple):
 def arrays_for(n_faces: int) -> FaceArrays:
     """Memory for the geometry of all faces in one pose."""
     front, in_view = np.empty((2, n_faces), np.bool_)
-    fraction, area, outline, density, incidence = np.empty((5, n_faces))
+    fraction, area, outline, density, facing, incidence = np.empty((6, n_faces))
     depth = np.empty((n_faces, 3))
-    return FaceArrays(front, in_view, fraction, area, outline, density, depth, incidence)
+    return FaceArrays(front, in_view, fraction, area, outline, density, facing, depth, incidence)
 
 
 def scene_of(mesh: Any) -> Scene:
@@ -304,6 +305,21 @@ def pixel_density(points, i, j, k, normal, lens):
 
 
 @part_with_arrays
+def facing_density(points, i, j, k, lens):
+    """Pixels a metre, worst direction, of a target that faces the camera at the deepest vertex.
+
+    The projection has the Jacobian J = D (1 0 -x/z; 0 1 -y/z) / z, D = diag(fx, fy), and J p = 0
+    for the ray p = (x, y, z): restricted to the plane perpendicular to it, it has the singular
+    values of J J^T = D (1 + q q^T) D / z^2 with q = (x/z, y/z), which is at least
+    min(fx, fy)^2 / z^2. The result is min(fx, fy) / z: exact for fx = fy, and where q is along the
+    axis of the greater one; a lower bound elsewhere. 0 for a face not wholly beyond the near plane.
+    """
+    if min(points[i, STATE], points[j, STATE], points[k, STATE]) == BEHIND:
+        return 0.0
+    return min(lens.fx, lens.fy) / max(points[i, Z], points[j, Z], points[k, Z])
+
+
+@part_with_arrays
 def pixels_per_m2(points, i, j, k, normal, lens):
     """Pixels on a square metre of a face at its deepest vertex, where they are fewest.
 
@@ -335,4 +351,5 @@ def measure(scene, pose, near, lens, work, out):
         if is_front and state != BEHIND and part > 0:
             density = pixel_density(points, i, j, k, normal, lens)
         out.pixel_density[f] = density
+        out.facing_density[f] = facing_density(points, i, j, k, lens)
         out.depth[f, 0], out.depth[f, 1], out.depth[f, 2] = points[i, Z], points[j, Z], points[k, Z]

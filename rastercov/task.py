@@ -21,6 +21,7 @@ from typing_extensions import Doc
 from rastercov._limits import check_limits
 from rastercov.camera import Camera
 from rastercov.criteria import FaceGeometry
+from rastercov.densities import PX_PER_M
 
 FloatArray = NDArray[np.float64]
 
@@ -63,6 +64,7 @@ class Limits(NamedTuple):
     max_incidence: float
     least_cosine: float
     min_pixel_density: float
+    min_facing_density: float
     min_pixels_per_m2: float
     min_coverage: float
     focus_of_centroid: bool
@@ -87,7 +89,11 @@ class Task:
     max_incidence_deg : float
         Largest angle between normal and ray, degrees, (0, 90].
     min_pixel_density : float
-        Least pixels a metre on the surface, along its worst direction.
+        Least pixels a metre on the surface, along its worst direction; this and the next are a
+        number of px/m, text with a unit, or a name: see `rastercov.densities`.
+    min_facing_density : float
+        Least pixels a metre of a target that faces the camera at the place of the surface,
+        min(fx, fy) / z: at the deepest vertex of a face, or at each point by area.
     min_pixels_per_m2 : float
         Least pixels on a square metre of the surface, fx fy h / z^3 with h the distance of the
         camera from the plane of the face: at its deepest vertex, or at each point by area.
@@ -118,7 +124,10 @@ class Task:
         float, Gt(0), Le(90), Doc("Largest angle between normal and ray.")
     ] = 90.0
     min_pixel_density: Annotated[
-        float, Ge(0), Doc("Least pixels a metre, in the worst direction.")
+        float, Ge(0), PX_PER_M, Doc("Least pixels a metre, in the worst direction.")
+    ] = 0.0
+    min_facing_density: Annotated[
+        float, Ge(0), PX_PER_M, Doc("Least pixels a metre of a target that faces the camera.")
     ] = 0.0
     min_pixels_per_m2: Annotated[
         float, Ge(0), Doc("Least pixels on a square metre of the surface.")
@@ -152,6 +161,7 @@ class Task:
             max_incidence=math.radians(self.max_incidence_deg),
             least_cosine=math.cos(math.radians(self.max_incidence_deg)),
             min_pixel_density=self.min_pixel_density,
+            min_facing_density=self.min_facing_density,
             min_pixels_per_m2=self.min_pixels_per_m2,
             min_coverage=self.min_coverage,
             focus_of_centroid=self.focus_rule == "centroid",

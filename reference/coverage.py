@@ -48,6 +48,7 @@ def figures_of_pose(
         "drawn_pixels": drawn,
         "resolution": resolution,
         "pixel_density": geometry.pixel_density,
+        "facing_density": geometry.facing_density,
         "in_focus": in_focus(geometry.depth, limits, task.focus_rule),
         "visibility": visibility,
         "visibility_bound": bound,
@@ -111,6 +112,7 @@ def judge(
     resolution, visibility = figures["resolution"], figures["visibility"]
     enough = np.minimum(resolution, 1.0) if task.cap_resolution else resolution
     is_dense = figures["pixel_density"] >= task.min_pixel_density
+    is_dense &= figures["facing_density"] >= task.min_facing_density
     if task.min_pixels_per_m2 > 0:
         is_dense &= figures["pixels_per_m2"] >= task.min_pixels_per_m2
     is_visible = visibility >= task.min_visibility

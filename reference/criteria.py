@@ -70,6 +70,7 @@ def face_geometry(mesh: Mesh, camera: Camera, pose: FloatArray) -> FaceGeometry:
     density = np.zeros(mesh.n_faces)
     counted = np.flatnonzero(is_front & ahead & (fraction > 0))
     density[counted] = _pixel_density(safe, mesh.faces[counted], normals[counted], camera)
+    facing = np.where(ahead, min(camera.fx, camera.fy) / safe[:, 2][corners].max(axis=0), 0.0)
     return FaceGeometry(
         is_front=is_front,
         in_view=in_view,
@@ -77,6 +78,7 @@ def face_geometry(mesh: Mesh, camera: Camera, pose: FloatArray) -> FaceGeometry:
         projected_area=area,
         perimeter=perimeter,
         pixel_density=density,
+        facing_density=facing,
         depth=points[:, 2][corners].T,
         incidence=np.arccos(np.clip(cosine, -1.0, 1.0)),
     )

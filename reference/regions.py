@@ -106,6 +106,8 @@ def meets_criteria(
             meets &= facing >= distance * math.cos(math.radians(task.max_incidence_deg))
         if task.min_pixels_per_m2 > 0:
             meets &= camera.fx * camera.fy * facing / z**3 >= task.min_pixels_per_m2
+        if task.min_facing_density > 0:
+            meets &= min(camera.fx, camera.fy) / z >= task.min_facing_density
     if task.min_pixel_density > 0:
         rows = np.flatnonzero(meets)
         jacobians = jacobian(camera, local[rows], normal[rows])

@@ -36,6 +36,7 @@ tasks = st.builds(
     min_visibility=st.floats(0, 1),
     max_incidence_deg=st.floats(5, 90),
     min_pixel_density=st.floats(0, 120),
+    min_facing_density=st.floats(0, 150),
     min_coverage=st.floats(0, 1),
     focus_rule=st.sampled_from(["vertices", "centroid"]),
     cap_resolution=st.booleans(),
@@ -77,7 +78,9 @@ def factors(found, task):
         Reason.OUTSIDE: found.in_view,
         Reason.OUT_OF_FOCUS: focus,
         Reason.UNSAMPLED: found.drawn_pixels > 0,
-        Reason.TOO_COARSE: enough * (found.pixel_density >= task.min_pixel_density),
+        Reason.TOO_COARSE: enough
+        * (found.pixel_density >= task.min_pixel_density)
+        * (found.facing_density >= task.min_facing_density),
         Reason.OCCLUDED: found.visibility * (found.visibility >= task.min_visibility),
         Reason.TOO_OBLIQUE: ~oblique,
     }

@@ -11,10 +11,15 @@ from rastercov._checks import shown
 from rastercov.area.frames import frames_of
 from rastercov.area.regions import Regions, check_pointwise
 from rastercov.area.union import Covered, RegionUnion
+from rastercov.area.zone_report import summary_of
+from rastercov.area.zones import dead_zones
+from rastercov.camera import Camera
 from rastercov.engine import Engine
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.task import Task
+
+FloatArray = NDArray[np.float64]
 
 UNITS = ("area", "face")
 """Units of a result: exact area, or whole faces as in the thesis."""
@@ -63,9 +68,10 @@ class AreaNetwork:
 
     def __init__(self, mesh: Mesh, task: Task) -> None:
         check_pointwise(task)
-        self.mesh, self.views = mesh, task.views
+        self.mesh, self.task, self.views = mesh, task, task.views
         self._union = RegionUnion(mesh, task.views)
         self._covered: Covered | None = None
+        self._zones: dict[Any, dict[str, Any]] = {}
 
     @property
     def closed(self) -> NDArray[np.bool_]:
@@ -83,6 +89,7 @@ class AreaNetwork:
         """Take in the regions of further poses."""
         self._union.add(regions)
         self._covered = None
+        self._zones.clear()
 
     def summary(self, views: Mapping[str, int] | None = None) -> dict[str, Any]:
         """Covered area of all task faces, ready for JSON.
@@ -109,6 +116,22 @@ class AreaNetwork:
                 wanted = None if views is None else views.get(group["name"], 1)
                 members = self.mesh.face_group == index
                 group["covered_area"] = self.of_faces(members, wanted)
+
+    def dead_zones(
+        self, camera: Camera, poses: FloatArray, views: Mapping[str, int] | None = None
+    ) -> dict[str, Any]:
+        """Dead zones with their reasons, ready for JSON; see `rastercov.area.zone_report`.
+
+        `camera` and `poses`, (P, 4, 4), are those of the regions; `views` as for `summary`. The
+        result is kept until regions are added.
+        """
+        names = [group.name for group in self.mesh.groups]
+        wanted = [self.views if views is None else views.get(name, 1) for name in names]
+        if (key := tuple(wanted)) not in self._zones:
+            of_face = np.minimum(wanted, self.views)[self.mesh.face_group]
+            zones = dead_zones(self.covered, of_face)
+            self._zones[key] = summary_of(zones, camera, self.task, poses)
+        return self._zones[key]
 
     def of_faces(self, members: NDArray[np.bool_], views: int | None = None) -> dict[str, Any]:
         """Covered area of some faces, (F,) bool: by at least `views` cameras, and by 1 ... views.

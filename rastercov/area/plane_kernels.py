@@ -53,7 +53,8 @@ class Planes(NamedTuple):
 class Rules(NamedTuple):
     """Pointwise criteria of a task for one camera.
 
-    `z_n` and `z_f` are the depth of field, metres; `tan_incidence` is 0 where there is no limit,
+    `z_n` and `z_f` are the depth of field, metres, the latter up to the depth at which a target
+    that faces the camera has enough pixels a metre; `tan_incidence` is 0 where there is no limit,
     and so are `min_per_m2` and `min_density`; `gap` is the largest distance between the arc of the
     incidence criterion and its chords, and the mean width of the strips that no test decides,
     metres.

@@ -334,10 +334,13 @@ def _rules(camera: Camera, task: Task, solver: Any) -> Any:
 
     thresholds = task.limits(camera)
     is_limited = task.max_incidence_deg < 90
+    # min(fx, fy) / z >= R is a half plane of depth, as the end of the depth of field is.
+    facing = task.min_facing_density
+    farthest = min(camera.fx, camera.fy) / facing if facing > 0 else np.inf
     return Rules(
         fx=float(camera.fx), fy=float(camera.fy), cx=float(camera.cx), cy=float(camera.cy),
         width=float(camera.width), height=float(camera.height),
-        z_n=thresholds.z_n, z_f=thresholds.z_f,
+        z_n=thresholds.z_n, z_f=min(thresholds.z_f, float(farthest)),
         min_per_m2=float(task.min_pixels_per_m2),
         cos_incidence=thresholds.least_cosine if is_limited else 0.0,
         tan_incidence=float(np.tan(thresholds.max_incidence)) if is_limited else 0.0,

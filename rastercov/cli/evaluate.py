@@ -101,6 +101,7 @@ def run_and_print(
 ) -> None:
     """Evaluate all poses, leave the report, and print a summary or the JSON."""
     from rastercov._output import json_text
+    from rastercov.area.zone_report import zone_lines
     from rastercov.report.coverage import run
     from rastercov.report.tables import run_table, summary_table
 
@@ -128,6 +129,8 @@ def run_and_print(
         console = Console()
         console.print(summary_table(summary))
         console.print(run_table(summary))
+        for line in zone_lines(summary):
+            print(line)
         sheet = out / "contact_sheet.png"
         print(sheet if sheet.exists() else out / "network.glb")
     if summary["interrupted"]:

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Union, get_args, get_origin
 import typer
 
 from rastercov import shapes
-from rastercov._limits import annotations_of, documented
+from rastercov._limits import annotations_of, documented, reader_of
 from rastercov.camera_file import PRESETS
 from rastercov.cli.console import out_option
 from rastercov.task import THESIS, Task
@@ -88,7 +88,7 @@ def with_task(command: Callable[..., None]) -> Callable[..., None]:
         new(
             name,
             default=defaults[name],
-            annotation=Annotated[_plain(hints[name]), typer.Option(help=text)],
+            annotation=_option(hints[name], text),
         )
         for name, text in docs.items()
     ]
@@ -110,6 +110,13 @@ def with_task(command: Callable[..., None]) -> Callable[..., None]:
     with_options.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined] # of Callable
     with_options.__annotations__ = {each.name: each.annotation for each in parameters}
     return with_options
+
+
+def _option(hint: Any, text: str) -> Any:
+    """Annotation of an option for a number; text where names and units are read, too."""
+    if (reader := reader_of(hint)) is not None:
+        return Annotated[str, typer.Option(help=text, metavar=reader.metavar)]
+    return Annotated[_plain(hint), typer.Option(help=text)]
 
 
 def _plain(hint: Any) -> Any:

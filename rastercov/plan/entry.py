@@ -9,12 +9,20 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import MISSING, fields
 from pathlib import Path
 from types import NoneType
-from typing import Annotated, Any, TypeVar, get_args, get_origin
+from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
 
 from annotated_types import Le
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInfo, create_model
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationInfo,
+    create_model,
+)
 
-from rastercov._limits import annotations_of, documented
+from rastercov._limits import Reads, annotations_of, documented, reader_of
 
 Value = TypeVar("Value")
 Boxed = TypeVar("Boxed", bound=Any)
@@ -82,8 +90,23 @@ def _plan_type(hint: Any) -> Any:
     if get_args(kind) == (float, float, float):
         return Triple
     if kind is float and not any(isinstance(limit, Le) for limit in limits):
-        return Annotated[hint, Field(allow_inf_nan=False)]
-    return hint
+        hint = Annotated[hint, Field(allow_inf_nan=False)]
+    reader = reader_of(hint)
+    return hint if reader is None else Annotated[hint, _read(hint, reader)]
+
+
+def _read(hint: Any, reader: Reads) -> BeforeValidator:
+    """Validator that reads text, with names and numbers with units in the schema."""
+
+    def number(value: Any) -> Any:
+        try:
+            return reader.read(value) if isinstance(value, str) else value
+        except ValueError as error:
+            raise ValueError(f"wanted {error}") from None
+
+    quantity = Annotated[str, Field(pattern=f"^({reader.pattern})$")]
+    shown = hint | Literal[reader.names] | quantity
+    return BeforeValidator(number, json_schema_input_type=shown)
 
 
 def _file(name: str, info: ValidationInfo) -> str:

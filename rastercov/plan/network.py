@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from rastercov.area.network import AreaNetwork, in_words
 from rastercov.area.regions import RegionPass
+from rastercov.area.zone_report import zone_lines
 from rastercov.coverage import Coverage, evaluate_batches
 from rastercov.mesh import Mesh
 from rastercov.network import Network
@@ -149,14 +150,19 @@ def summary_of(plan: Plan, cameras: Measured, views: int | None = None) -> dict[
     found = cameras.network.summary() | {"by": unit, "by_face_because": reason}
     if cameras.areas is not None:
         wanted = views or plan.task.views
-        cameras.areas.add_to(found, wanted if isinstance(wanted, dict) else None)
+        by_group = wanted if isinstance(wanted, dict) else None
+        cameras.areas.add_to(found, by_group)
+        found |= cameras.areas.dead_zones(plan.build_camera(), cameras.poses, by_group)
     return found
 
 
 def area_lines(summary: Mapping[str, Any]) -> list[str]:
-    """Line about the covered area in a summary of `summary_of`, or why there is none."""
+    """Lines about the covered area and the largest dead zones, or why there are none.
+
+    `summary` is one of `summary_of`.
+    """
     if "covered_area" in summary:
-        return [f"covered: {in_words(summary['covered_area'])}"]
+        return [f"covered: {in_words(summary['covered_area'])}", *zone_lines(summary)]
     return [f"by face, because {reason}" for reason in [summary["by_face_because"]] if reason]
 
 
@@ -180,7 +186,7 @@ def measured(
     network, nearest = PlanNetwork(mesh, objective.task), NearestCameras(mesh.n_faces)
     masks = np.zeros((3, len(poses), mesh.n_faces), np.bool_)
     if len(poses):
-        figures = (*NETWORK_FIGURES, "projected_area", "pixel_density")
+        figures = (*NETWORK_FIGURES, "projected_area", "pixel_density", "facing_density")
         for batch in evaluate_batches(objective.observer, poses, objective.task, fields=figures):
             network.add(batch)
             nearest.add(batch)
@@ -246,6 +252,7 @@ def certain_and_possible(batch: Coverage) -> BoolArray:
     open_ones = (batch.reason == Reason.OCCLUDED) | (batch.reason == Reason.UNSAMPLED)
     open_ones &= batch.incidence <= math.radians(task.max_incidence_deg)
     open_ones &= batch.pixel_density >= task.min_pixel_density
+    open_ones &= batch.facing_density >= task.min_facing_density
     covered = batch.reason == Reason.COVERED
     ends = (
         (covered, np.maximum(batch.visibility - batch.visibility_bound, 0.0)),

@@ -213,6 +213,9 @@ def _run(
     summary = network.summary() | {"by": unit, "by_face_because": reason}
     if areas is not None:
         areas.add_to(summary)
+        measured = np.isin(poses.ids, network.pose_ids)
+        with interrupts_held():
+            summary |= areas.dead_zones(camera, poses.world_from_camera[measured])
         write_areas(folder.file("areas.parquet"), mesh, areas.covered)
     summary |= {
         "interrupted": interrupted,

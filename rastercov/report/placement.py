@@ -229,7 +229,9 @@ def _thresholds(report: PlanReport) -> list[str]:
     if task.max_incidence_deg < 90:
         wants.append(f"seen within {task.max_incidence_deg:g}° of its normal")
     if task.min_pixel_density:
-        wants.append(f"{task.min_pixel_density:g} px/m")
+        wants.append(f"{task.min_pixel_density:g} px/m on the surface")
+    if task.min_facing_density:
+        wants.append(f"{task.min_facing_density:g} px/m facing the camera")
     if task.min_pixels_per_m2:
         wants.append(f"{task.min_pixels_per_m2:g} px/m²")
     return wants
@@ -241,7 +243,7 @@ def _lines(report: PlanReport, summary: Mapping[str, Any]) -> list[str]:
     lines = [
         f"{covered['faces']:,} of {summary['task_faces']:,} faces "
         f"({percent(covered['percent'] / 100)}) are covered"
-        f"{' as a whole, from one camera' if report.covered_area else ''}; "
+        f"{' as a whole, from one camera' if report.regions is not None else ''}; "
         f"{percent(zero['percent'] / 100)} have coverage 0 in every camera",
         *report.notes,
     ]

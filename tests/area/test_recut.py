@@ -10,6 +10,7 @@ from rastercov.mesh import Mesh
 TASKS = [
     rc.Task(max_incidence_deg=75, min_pixels_per_m2=2000),
     rc.Task(max_incidence_deg=60, min_pixel_density=30),
+    rc.Task(max_incidence_deg=75, min_facing_density=100),
 ]
 POINTS = 1e-4
 """Percentage points of all area that another cut may change."""
@@ -23,7 +24,7 @@ def shares(mesh, camera, poses, task, views):
     return np.array(percent), covered.area[0], 100 * covered.bound.sum() / total
 
 
-@pytest.mark.parametrize("task", TASKS, ids=["per m^2", "density"])
+@pytest.mark.parametrize("task", TASKS, ids=["per m^2", "density", "facing"])
 @pytest.mark.parametrize("scene", [room, building])
 def test_another_cut_of_the_same_surface_has_the_same_covered_area(scene, task):
     mesh, camera, poses = scene()

@@ -35,6 +35,7 @@ TASKS = {
     "oblique": rc.Task(max_incidence_deg=60),
     "per m^2": rc.Task(min_pixels_per_m2=4000),
     "density": rc.Task(min_pixel_density=60),
+    "facing": rc.Task(min_facing_density=120),
     "all": rc.Task(max_incidence_deg=70, min_pixels_per_m2=4000, min_pixel_density=55),
 }
 
@@ -64,6 +65,7 @@ def test_regions_of_hostile_scenes_hold_their_covered_points(seed):
         rc.Task(),
         rc.Task(max_incidence_deg=50),
         rc.Task(min_pixel_density=density, min_pixels_per_m2=density**2 / 2),
+        rc.Task(min_facing_density=density),
     ):
         assert_pointwise(mesh, camera, pose[None], task, 3000, seed % 1000)
 

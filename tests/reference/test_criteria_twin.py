@@ -24,7 +24,7 @@ from rastercov.reference import criteria as twin
 from rastercov.task import Task
 from rastercov.viewpoints import look_at
 
-SAME_BITS = ("is_front", "in_view", "perimeter", "pixel_density", "depth")
+SAME_BITS = ("is_front", "in_view", "perimeter", "pixel_density", "facing_density", "depth")
 CLOSE = ("projected_area", "in_view_fraction", "incidence")
 CUT = 1e-12
 """Relative difference of areas that numpy adds up in another order; of angles."""
@@ -73,6 +73,7 @@ def hostile_task(rng):
         min_visibility=float(rng.choice([0, 0.5, 1])),
         max_incidence_deg=float(rng.choice([1e-3, 30, 60, 89.999, 90])),
         min_pixel_density=float(rng.choice([0, 1e-9, 10, 1e5])),
+        min_facing_density=float(rng.choice([0, 1e-9, 10, 1e5])),
         min_pixels_per_m2=float(rng.choice([0, 1e-9, 1e3, 1e9])),
         min_coverage=float(rng.choice([0, 1e-9, 0.5, 1])),
         focus_rule=str(rng.choice(["vertices", "centroid"])),

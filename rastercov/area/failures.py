@@ -1,0 +1,131 @@
+"""Reasons why points of the surface are not covered: the first criterion that each camera fails.
+
+The criteria are those of docs/area.md, in the order of `rastercov.Reason`. Occlusion is a segment
+from the near plane to the point, traced through a tree of triangles; the first surface that it
+meets is the one that hides. `rastercov.reference.regions` judges points without a tree.
+"""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.area.frames import frames_of
+from rastercov.camera import Camera
+from rastercov.mesh import Mesh
+from rastercov.mesh.triangle_tree import TriangleTree
+from rastercov.near_plane import near_limit
+from rastercov.task import Reason, Task
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+MARGIN_REL = 1e-9
+"""Distance from the point up to which a surface hides nothing, relative to the diagonal of the
+mesh: coincident surfaces are not found."""
+
+
+def first_failures(
+    mesh: Mesh, camera: Camera, task: Task, poses: FloatArray, points: FloatArray, face: IntArray
+) -> Iterator[tuple[NDArray[np.uint8], IntArray]]:
+    """`Reason` of each point in each pose, (N,), and the face that hides it, or -1, (N,).
+
+    Parameters
+    ----------
+    mesh, camera, task
+        Scene, camera, thresholds of `rastercov.regions`.
+    poses : (P, 4, 4) float64
+        world_from_camera.
+    points, face : (N, 3) float64, (N,) int
+        Points of faces with an area, metres.
+    """
+    frames, sight = frames_of(mesh), _Sight(mesh)
+    axes = [each[face] for each in (frames.normal, frames.x_axis, frames.y_axis)]
+    for pose, near in zip(poses, near_limit(camera, mesh.bounds, poses), strict=True):
+        local = (points - pose[:3, 3]) @ pose[:3, :3]
+        reason = _failures(mesh, camera, task, near, local, face, [a @ pose[:3, :3] for a in axes])
+        hidden_by = np.full(len(points), -1)
+        rows = np.flatnonzero(reason >= Reason.OCCLUDED)
+        hidden_by[rows] = sight.in_front(points[rows], face[rows], pose, float(near))
+        reason[hidden_by >= 0] = Reason.OCCLUDED
+        yield reason, hidden_by
+
+
+def _failures(
+    mesh: Mesh,
+    camera: Camera,
+    task: Task,
+    near: float,
+    local: FloatArray,
+    face: IntArray,
+    axes: list[FloatArray],
+) -> NDArray[np.uint8]:
+    """First criterion but occlusion that points in camera axes fail; `COVERED` for none."""
+    normal, x_axis, y_axis = axes
+    x, y, z = local.T
+    z_n, z_f = camera.depth_of_field(task.max_blur)
+    with np.errstate(all="ignore"):
+        right, down = x / z, y / z
+        u, v = camera.fx * right + camera.cx, camera.fy * down + camera.cy
+        height = -np.einsum("ni,ni->n", normal, local)
+        facing = np.where(mesh.two_sided_mask[face], np.abs(height), height)
+        columns = [
+            (camera.fx * (axis[:, 0] - right * axis[:, 2]) / z,
+             camera.fy * (axis[:, 1] - down * axis[:, 2]) / z)
+            for axis in (x_axis, y_axis)
+        ]  # fmt: skip
+        (a, b), (c, d) = columns
+        det, total = np.abs(a * d - b * c), a * a + b * b + c * c + d * d
+        greatest = np.sqrt((total + np.sqrt(np.maximum(total**2 - 4 * det**2, 0))) / 2)
+        is_inside = (z >= near) & (u >= 0) & (u <= camera.width) & (v >= 0) & (v <= camera.height)
+        is_dense = camera.fx * camera.fy * facing / z**3 >= task.min_pixels_per_m2
+        is_dense &= min(camera.fx, camera.fy) / z >= task.min_facing_density
+        is_dense &= det / greatest >= task.min_pixel_density
+        distance = np.linalg.norm(local, axis=1)
+        is_oblique = facing < distance * task.limits(camera).least_cosine
+    failures = (
+        (Reason.BACK_FACING, ~(facing > 0)),
+        (Reason.OUTSIDE, ~is_inside),
+        (Reason.OUT_OF_FOCUS, ~((z_n <= z) & (z <= z_f))),
+        (Reason.TOO_COARSE, ~is_dense),
+        (Reason.TOO_OBLIQUE, is_oblique & (task.max_incidence_deg < 90)),
+    )
+    found = np.full(len(local), Reason.COVERED, np.uint8)
+    for reason, fails in reversed(failures):
+        found[fails] = reason
+    return found
+
+
+class _Sight:
+    """Segments from the near plane of a camera to points of faces."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        from rastercov.area import failure_kernels
+
+        self._kernels: Any = failure_kernels
+        self._centre = mesh.bounds.mean(axis=0)
+        self._diagonal = float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+        solid = np.flatnonzero(~mesh.degenerate_mask)
+        placed = (mesh.vertices - self._centre) / self._diagonal
+        self._tree = TriangleTree.over(placed, mesh.faces[solid])
+        self._face = solid[self._tree.order]
+        self._row = np.full(mesh.n_faces, -1)
+        self._row[self._face] = np.arange(len(self._face))
+
+    def in_front(
+        self, points: FloatArray, face: IntArray, pose: FloatArray, near: float
+    ) -> IntArray:
+        """(N,) face that a camera has in front of each point, which it has in view; -1 for none."""
+        ray = points - pose[:3, 3]
+        depth = ray @ pose[:3, 2]
+        share = near / depth
+        start = (pose[:3, 3] + share[:, None] * ray - self._centre) / self._diagonal
+        length = np.linalg.norm(ray, axis=1)
+        reach = length * (1 - share) / self._diagonal - MARGIN_REL
+        hit = np.empty(len(points), np.int64)
+        self._kernels.first_hits(
+            start, ray / length[:, None], reach, self._tree.corners, self._tree.nodes,
+            self._row[face], hit,
+        )  # fmt: skip
+        return np.where(hit >= 0, self._face[hit], -1)

@@ -1,0 +1,71 @@
+"""Pixel densities by the names of the standards, and as text with a unit.
+
+EN 62676-4. Video surveillance systems for use in security applications - Part 4: Application
+guidelines. 2015 (of IEC 62676-4:2014).
+IEC 62676-4. Video surveillance systems for use in security applications - Part 4: Application
+guidelines. 2025.
+"""
+
+import re
+
+from rastercov._checks import shown
+from rastercov._limits import Reads
+
+EDITIONS = {
+    "EN 62676-4:2015": {
+        "monitor": 12.5,
+        "detect": 25.0,
+        "observe": 62.5,
+        "recognise": 125.0,
+        "identify": 250.0,
+        "inspect": 1000.0,
+    },
+    "IEC 62676-4:2025": {
+        "overview": 20.0,
+        "outline": 40.0,
+        "discern": 80.0,
+        "perceive": 125.0,
+        "characterise": 250.0,
+        "validate": 500.0,
+        "scrutinise": 1500.0,
+    },
+}
+"""Least pixels a metre of each level, of a target that faces the camera. No name is of both."""
+_AMERICAN = ("recognize", "characterize", "scrutinize")
+_LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "ft": 0.3048, "in": 0.0254}
+"""Metres in the unit of "px/UNIT"."""
+LEVELS = {name: value for levels in EDITIONS.values() for name, value in levels.items()}
+"""Pixels a metre of every name."""
+_BY_NAME = LEVELS | {name: LEVELS[name.replace("ize", "ise")] for name in _AMERICAN}
+_QUANTITY = re.compile(r"([-+]?[0-9.]+(?:e[-+]?[0-9]+)?)\s*(?:px\s*/\s*(\w+))?")
+
+
+def pixels_per_metre(text: str) -> float:
+    """Pixels a metre of a name of `EDITIONS`, or of text such as "250", "250 px/m", "0.25 px/mm".
+
+    Raises
+    ------
+    ValueError
+        For other text; the message names what is wanted and all names with their figures.
+    """
+    words = text.strip().lower()
+    if words in _BY_NAME:
+        return _BY_NAME[words]
+    found = _QUANTITY.fullmatch(words)
+    try:
+        if found and (found[2] or "m") in _LENGTHS:
+            return float(found[1]) / _LENGTHS[found[2] or "m"]
+    except ValueError:  # several points
+        pass
+    names = "; ".join(
+        f"{', '.join(f'{name} {value:g}' for name, value in levels.items())} ({edition})"
+        for edition, levels in EDITIONS.items()
+    )
+    raise ValueError(
+        f"px/m, a number with a unit of {', '.join(f'px/{unit}' for unit in _LENGTHS)}, or a name: "
+        f"{names}; got {shown(text)}"
+    )
+
+
+PX_PER_M = Reads(pixels_per_metre, tuple(_BY_NAME), _QUANTITY.pattern, "PX/M|NAME")
+"""Metadata of a field that is a density, px/m."""

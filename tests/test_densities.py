@@ -1,0 +1,141 @@
+"""Densities by name and unit, and the threshold of a target that faces the camera."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from scenes import square
+
+import rastercov as rc
+from rastercov.cli import command
+from rastercov.densities import EDITIONS, LEVELS
+from rastercov.errors import ConfigError
+from rastercov.plan.file import read_plan
+from rastercov.reference.regions import jacobian
+
+AHEAD = np.eye(4)
+CAMERA = rc.Camera(width=200, height=200, fx=100, fy=100)
+PLAN = """
+[[meshes]]
+built_in = "box"
+[camera]
+width = 96
+height = 72
+fx = 90
+fy = 90
+[task]
+{line}
+"""
+
+
+def test_the_names_of_the_editions_are_disjoint():
+    old, new = (set(levels) for levels in EDITIONS.values())
+    assert not old & new
+    assert len(LEVELS) == len(old) + len(new) == 13
+
+
+@pytest.mark.parametrize(
+    ("text", "figure"),
+    [
+        ("monitor", 12.5), ("detect", 25), ("observe", 62.5), ("recognise", 125),
+        ("identify", 250), ("inspect", 1000), ("overview", 20), ("outline", 40), ("discern", 80),
+        ("perceive", 125), ("characterise", 250), ("validate", 500), ("scrutinise", 1500),
+        ("Recognize", 125), ("characterize", 250), ("scrutinize", 1500), (" identify ", 250),
+        ("250 px/m", 250), ("0.25 px/mm", 250), ("2.5px/cm", 250), ("76.2 px/ft", 250),
+        ("1e3", 1000), (250, 250), (np.float64(2.5), 2.5),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("threshold", ["min_pixel_density", "min_facing_density"])
+def test_a_density_is_a_number_a_name_or_text_with_a_unit(threshold, text, figure):
+    found = getattr(rc.Task(**{threshold: text}), threshold)
+    assert type(found) is float
+    assert math.isclose(found, figure, rel_tol=1e-15)
+
+
+@pytest.mark.parametrize("text", ["idntify", "", "250 px", "1.2.3", "250 px/mile", "nan", "px/m"])
+def test_a_wrong_name_gives_one_line_with_all_names_and_figures(text):
+    with pytest.raises(ConfigError, match=r"^min_facing_density must be px/m") as caught:
+        rc.Task(min_facing_density=text)
+    line = str(caught.value)
+    assert "\n" not in line
+    assert all(f"{name} {value:g}" in line for name, value in LEVELS.items())
+
+
+@pytest.mark.parametrize("value", [-1, "-1 px/m", math.nan, None, [250]])
+def test_a_density_within_no_limits_is_refused(value):
+    with pytest.raises(ConfigError, match="min_facing_density must be 0 or more"):
+        rc.Task(min_facing_density=value)
+
+
+def test_a_plan_takes_names_and_keeps_numbers(tmp_path):
+    path = tmp_path / "plan.toml"
+    path.write_text(PLAN.format(line='min_facing_density = "identify"\nmin_pixel_density = 20'))
+    task = read_plan(path).build_task()
+    assert (task.min_facing_density, task.min_pixel_density) == (250.0, 20.0)
+    path.write_text(PLAN.format(line='min_facing_density = "identfy"'))
+    with pytest.raises(ConfigError, match=r"task\.min_facing_density: wanted px/m.*monitor 12\.5"):
+        read_plan(path)
+    path.write_text(PLAN.format(line="min_facing_density = -2"))
+    with pytest.raises(ConfigError, match=r"wanted a number of 0 or more, got -2"):
+        read_plan(path)
+
+
+def test_the_command_line_takes_names(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    line = ["evaluate", "box", "-c", "khepra", "-p", "sphere:2", "--pictures", "0", "--json"]
+    assert command([*line, "--min-facing-density", "0.25 px/mm", "-o", "out"]) == 0
+    task = json.loads(capsys.readouterr().out)["run"]["task"]
+    assert task["min_facing_density"] == 250.0
+    assert command([*line, "--min-facing-density", "idntify", "-o", "out"]) == 2
+    assert "identify 250" in " ".join(capsys.readouterr().err.split())
+
+
+# --- the figure -----------------------------------------------------------------------------------
+
+
+def test_facing_density_is_the_focal_length_by_the_greatest_depth():
+    mesh = rc.Mesh([(0, 0, 2), (1, 0, 4), (0, 1, 3)], [(0, 2, 1)])
+    found = rc.evaluate(mesh, CAMERA, AHEAD[None])
+    assert found.facing_density.tolist() == [[25.0]]
+    behind = rc.Mesh([(0, 0, -2), (1, 0, 4), (0, 1, 3)], [(0, 2, 1)])
+    assert rc.evaluate(behind, CAMERA, AHEAD[None]).facing_density.tolist() == [[0.0]]
+
+
+def test_it_is_the_least_singular_value_of_a_plane_across_the_ray():
+    rng = np.random.default_rng(0)
+    points = rng.uniform((-2, -2, 1), (2, 2, 5), (500, 3))
+    across = -points / np.linalg.norm(points, axis=1, keepdims=True)
+    least = np.linalg.svd(jacobian(CAMERA, points, across), compute_uv=False)[:, 1]
+    assert np.allclose(least, 100 / points[:, 2], rtol=1e-12)
+    flat = rc.Camera(width=200, height=200, fx=100, fy=130)
+    least = np.linalg.svd(jacobian(flat, points, across), compute_uv=False)[:, 1]
+    assert (least >= 100 / points[:, 2] * (1 - 1e-12)).all()  # a lower bound ...
+    points[:, 0] = 0
+    across = -points / np.linalg.norm(points, axis=1, keepdims=True)
+    least = np.linalg.svd(jacobian(flat, points, across), compute_uv=False)[:, 1]
+    assert np.allclose(least, 100 / points[:, 2], rtol=1e-12)  # ... and exact on this axis
+
+
+@pytest.mark.parametrize("method", ["certified", "exact", "sampled"])
+def test_a_face_below_the_threshold_is_too_coarse(method):
+    options = {"backend": "cpu"} if method == "sampled" else {}
+    for limit, reason in ((50.0, rc.Reason.COVERED), (50.01, rc.Reason.TOO_COARSE)):
+        task = rc.Task(min_facing_density=limit)
+        found = rc.evaluate(square(1, 2), CAMERA, AHEAD[None], task, method=method, **options)
+        assert set(found.reason.ravel()) == {reason}
+
+
+def test_a_floor_seen_at_a_flat_angle_has_less_density_than_a_person_on_it():
+    floor = rc.Mesh([(-1, 1, 9), (1, 1, 9), (1, 1, 11), (-1, 1, 11)], [(0, 1, 2), (0, 2, 3)])
+    found = rc.evaluate(floor, CAMERA, AHEAD[None])
+    assert np.allclose(found.facing_density, 100 / 11)
+    # Along the line of sight: sin of the angle at which the floor is seen, about 1 / 11
+    assert (found.pixel_density < found.facing_density / 10).all()
+
+
+def test_by_area_the_threshold_is_a_depth():
+    floor = rc.Mesh([(-1, 1, 2), (1, 1, 2), (1, 1, 10), (-1, 1, 10)], [(0, 1, 2), (0, 2, 3)])
+    for limit, share in ((0, 1), ("20 px/m", 3 / 8), (12.5, 6 / 8), (60, 0)):
+        regions = rc.regions(floor, CAMERA, AHEAD[None], rc.Task(min_facing_density=limit))
+        assert math.isclose(regions.area.sum(), 16 * share, rel_tol=1e-12)
