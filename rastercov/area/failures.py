@@ -106,17 +106,21 @@ class _Sight:
         self._kernels: Any = failure_kernels
         self._centre = mesh.bounds.mean(axis=0)
         self._diagonal = float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
-        solid = np.flatnonzero(~mesh.degenerate_mask)
+        solid = np.flatnonzero(~mesh.degenerate_mask & ~mesh.target_mask)
         placed = (mesh.vertices - self._centre) / self._diagonal
-        self._tree = TriangleTree.over(placed, mesh.faces[solid])
-        self._face = solid[self._tree.order]
         self._row = np.full(mesh.n_faces, -1)
+        self._tree = TriangleTree.over(placed, mesh.faces[solid]) if len(solid) else None
+        if self._tree is None:
+            return
+        self._face = solid[self._tree.order]
         self._row[self._face] = np.arange(len(self._face))
 
     def in_front(
         self, points: FloatArray, face: IntArray, pose: FloatArray, near: float
     ) -> IntArray:
         """(N,) face that a camera has in front of each point, which it has in view; -1 for none."""
+        if self._tree is None:
+            return np.full(len(points), -1)
         ray = points - pose[:3, 3]
         depth = ray @ pose[:3, 2]
         share = near / depth

@@ -1,0 +1,87 @@
+"""Targets by area: their regions are exact, and those of the surface are as without them."""
+
+import numpy as np
+import pytest
+from exact_cases import hostile
+from exact_views import SEEDS
+from hypothesis import assume, given, settings
+from surface_cases import assert_pointwise, room
+from target_scenes import beside, only, sheet_at, some_as_targets
+
+import rastercov as rc
+from rastercov.area.network import AreaNetwork
+from rastercov.area.observer import RegionObserver
+from rastercov.area.rest import with_rest
+from rastercov.engine import Engine
+
+TASK = rc.Task(max_incidence_deg=80)
+
+
+def room_with_sheet():
+    """The room, with a sheet at 1.6 m in the middle of it."""
+    mesh, camera, poses = room()
+    return beside(mesh, sheet_at((0.5, 0.5), (7.5, 4.5), 1.6)), camera, poses
+
+
+def split(seed):
+    case = hostile(seed)
+    rng = np.random.default_rng(seed)
+    is_target = rng.random(case.mesh.n_faces) < 0.4
+    assume(is_target.any() and not is_target.all())
+    mesh = some_as_targets(case.mesh, is_target)
+    return mesh, is_target, case.camera, np.asarray(case.pose, float).reshape(-1, 4, 4)
+
+
+@pytest.mark.parametrize("method", ["certified", "exact"])
+def test_a_sheet_above_a_floor_is_covered_where_the_reference_says(method):
+    assert_pointwise(*room_with_sheet(), TASK, 20_000, method=method)
+
+
+def test_regions_of_the_room_are_those_without_the_sheet():
+    mesh, camera, poses = room_with_sheet()
+    bare = room()[0]
+    found, expected = (rc.regions(each, camera, poses, TASK).areas() for each in (mesh, bare))
+    assert np.array_equal(found[:, : bare.n_faces], expected)
+    assert (found[:, bare.n_faces :] > 0).any()
+
+
+@given(seed=SEEDS)
+@settings(max_examples=40)
+def test_targets_change_no_region_of_the_surface(seed):
+    mesh, is_target, camera, poses = split(seed)
+    bare = only(mesh, ~is_target)
+    # Lengths that all bounds are relative to are those of the whole mesh.
+    assume(np.array_equal(mesh.bounds, bare.bounds))
+    found, expected = (rc.regions(each, camera, poses) for each in (mesh, bare))
+    assert found.areas()[:, ~is_target] == pytest.approx(expected.areas(), rel=1e-9, abs=1e-300)
+
+
+@given(seed=SEEDS)
+@settings(max_examples=25)
+def test_regions_of_hostile_targets_hold_their_covered_points(seed):
+    mesh, _, camera, poses = split(seed)
+    assert_pointwise(mesh, camera, poses, rc.Task(), 1000, seed)
+
+
+@given(seed=SEEDS)
+@settings(max_examples=15)
+def test_an_observer_of_regions_measures_targets_as_an_exact_one_does(seed):
+    mesh, _, camera, poses = split(seed)
+    with rc.open_observer(mesh, camera) as plain:
+        expected = plain.observe(poses)
+    with RegionObserver(mesh, camera, rc.Task(), Engine()) as observer:
+        found = observer.observe(poses)
+    for name in ("visible_pixels", "drawn_pixels", "kind", "area_error"):
+        assert np.array_equal(getattr(found, name), getattr(expected, name)), name
+
+
+def test_targets_are_scored_by_area_and_have_a_rest():
+    mesh, camera, poses = room_with_sheet()
+    areas = AreaNetwork(mesh, TASK)
+    areas.add(rc.regions(mesh, camera, poses, TASK))
+    sheet = mesh.face_group == len(mesh.groups) - 1
+    found = areas.of_faces(sheet)
+    assert found["of_m2"] == pytest.approx(28)
+    assert 50 < found["percent"] < 100
+    parts = with_rest(areas.covered)
+    assert set(np.flatnonzero(sheet)) <= set(parts.face[parts.views == 0].tolist())
