@@ -30,6 +30,7 @@ from rastercov._interrupts import interrupts_held
 from rastercov._output import write_json
 from rastercov.area.network import AreaNetwork, unit_of_result
 from rastercov.area.observer import RegionObservation, RegionObserver
+from rastercov.area.regions import RegionPass
 from rastercov.camera import Camera
 from rastercov.criteria import face_geometry
 from rastercov.engine import Engine
@@ -42,12 +43,14 @@ from rastercov.pose import Poses
 from rastercov.provenance import Provenance
 from rastercov.raster import open_rasterizer
 from rastercov.raster.contract import Rasterizer
+from rastercov.report.area_pictures import SeenArea, best_and_views
 from rastercov.report.areas import write_areas
 from rastercov.report.coloured_mesh import write_coloured_mesh, write_covered_mesh
 from rastercov.report.coverage_table import CoverageTable
 from rastercov.report.doubts import doubts
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.images import (
+    area_title,
     contact_sheet,
     coverage_picture,
     coverage_pixels,
@@ -208,7 +211,8 @@ def _run(
             interrupted = True
         seconds = time.perf_counter() - started
     if drawn:
-        interrupted |= _draw(mesh, camera, poses, folder, options, task, drawn)
+        by_area = areas is not None
+        interrupted |= _draw(mesh, camera, poses, folder, options, task, drawn, by_area=by_area)
     done = len(network.pose_ids)
     summary = network.summary() | {"by": unit, "by_face_because": reason}
     if areas is not None:
@@ -282,6 +286,8 @@ def _draw(
     options: Options,
     task: Task,
     drawn: dict[int, NDArray[np.float64]],
+    *,
+    by_area: bool,
 ) -> bool:
     """Draw the chosen poses and a sheet of them; True when interrupted."""
     digits = len(str(max(drawn)))
@@ -290,14 +296,27 @@ def _draw(
     interrupted = False
     small = camera.resized(min(1.0, PICTURE_SIDE / max(camera.width, camera.height)))
     try:
-        with options.open_rasterizer(mesh, small) as rasterizer:
+        with ExitStack() as opened:
+            rasterizer = opened.enter_context(options.open_rasterizer(mesh, small))
+            finder = None
+            if by_area:
+                finder = RegionPass(mesh, camera, task, method=options.engine)
+                opened.callback(finder.close)
             for pose, values in drawn.items():
                 covers = (values >= task.min_coverage) & (values > 0)
                 title = pose_title(mesh, pose, covers)
                 matrix = poses.given[pose]
-                buffer = rasterizer.render(poses[poses.ids == pose])
-                pixels = coverage_pixels(buffer, values, mesh, matrix, small)
-                picture = coverage_picture(buffer, values, mesh, small, matrix, title, pixels)
+                own = poses[poses.ids == pose]
+                buffer, covered = rasterizer.render(own), None
+                if finder is not None:
+                    regions = finder.find(own)
+                    seen = SeenArea(regions, own.world_from_camera)
+                    covered = best_and_views(seen, small, matrix, buffer)[1] > 0
+                    title = area_title(mesh, pose, float(regions.area.sum()), covers)
+                pixels = coverage_pixels(buffer, values, mesh, matrix, small, covered)
+                picture = coverage_picture(
+                    buffer, values, mesh, small, matrix, title, pixels, by_area=by_area
+                )
                 faces = face_index_picture(buffer)
                 with interrupts_held():
                     save_picture(picture, folder.file(f"pose_{pose:0{digits}d}.png"))

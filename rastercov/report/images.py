@@ -52,6 +52,8 @@ def coverage_picture(
     pose: ArrayLike,
     title: str = "",
     pixels: Pixels | None = None,
+    *,
+    by_area: bool = False,
 ) -> Image.Image:
     """Picture of one pose, brighter where coverage is higher, with its scale below.
 
@@ -69,6 +71,8 @@ def coverage_picture(
         One line above; see `pose_title`.
     pixels : (H, W, 3) uint8, optional
         What `coverage_pixels` gives for these arguments, where it is known.
+    by_area : bool
+        Whether `pixels` are those of points that are covered or not.
 
     Returns
     -------
@@ -87,6 +91,12 @@ def coverage_picture(
     drawn = drawn[drawn >= 0]
     behind = mesh.task_mask[drawn] & ~facing(mesh, pose)[0][drawn]
     keys = [Key("coverage", _scale_pixels(_grey(np.linspace(0, 1, 256))), "0", "1")]
+    if by_area:
+        ends = (("covered", 1.0), ("not covered", 0.0))
+        keys = [
+            Key(name, np.broadcast_to(_grey(np.full((24, 24, 1), level)), (24, 24, 3)))
+            for name, level in ends
+        ]
     if behind.any():
         swatch = np.where(stripes((24, 24), 3)[..., None], BEHIND_STRIPE, BEHIND)
         keys.append(Key("seen from behind", swatch.astype(np.uint8)))
@@ -104,6 +114,7 @@ def coverage_pixels(
     mesh: Mesh,
     pose: ArrayLike,
     camera: Camera | None = None,
+    covered: NDArray[np.bool_] | None = None,
 ) -> Pixels:
     """Pixels of `coverage_picture` without its frame, (H, W, 3).
 
@@ -111,6 +122,7 @@ def coverage_pixels(
     scale, which keeps the form readable: of two faces the one whose coverage is 0.15 higher is
     brighter in any shading. Lines between faces fade out where faces are small.
 
+    With `covered`, (H, W), the grey of a pixel is that of its own point, which is covered or not.
     Targets, which have a hue, are laid over the image, translucent; only with a `camera`.
     """
     levels = np.clip(np.nan_to_num(np.asarray(values, np.float64)), 0.0, 1.0)
@@ -126,6 +138,10 @@ def coverage_pixels(
     palette[:-1][~mesh.task_mask] = (light * OCCLUDER)[~mesh.task_mask]
     palette[-1] = BACKGROUND
     pixels = palette[buffer.face]
+    if covered is not None:
+        shown = np.append(mesh.task_mask & is_front, False)[buffer.face]
+        greys = _grey(covered[shown].astype(np.float64), cosine[buffer.face[shown]])
+        pixels[shown] = greys[:, None]
     if behind.any():
         height, width = buffer.face.shape
         striped = np.append(behind, False)[buffer.face]
@@ -152,6 +168,13 @@ def pose_title(mesh: Mesh, pose: int, covers: NDArray[np.bool_]) -> str:
     by_count = 100 * (covers & task).sum() / max(1, task.sum())
     by_area = 100 * mesh.areas[covers & task].sum() / max(mesh.areas[task].sum(), 1e-300)
     return f"pose {pose}: covers {by_count:.1f} % of {task.sum()} faces, {by_area:.1f} % of area"
+
+
+def area_title(mesh: Mesh, pose: int, area: float, covers: NDArray[np.bool_]) -> str:
+    """Title of the picture of one pose by area: m^2 that it covers, and whole faces, (F,)."""
+    task = mesh.task_mask
+    share = 100 * area / max(mesh.areas[task].sum(), 1e-300)
+    return f"pose {pose}: covers {share:.1f} % of the area, {(covers & task).sum()} whole faces"
 
 
 def face_index_picture(buffer: VisibilityBuffer) -> Image.Image:
