@@ -1,7 +1,7 @@
 """Targets: surfaces that are scored but hide nothing, made for a scene and added to it.
 
-A sheet above a floor stands for faces of people at eye height, a grid of boxes for a capture
-volume. Both are plain meshes; `with_target` adds one to a scene as a group of its own.
+A sheet above a floor represents faces of people at eye height, a grid of boxes a capture volume.
+Both are plain meshes; `with_target` adds one to a scene as a group of its own.
 """
 
 import math
