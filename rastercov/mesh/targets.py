@@ -135,7 +135,8 @@ def count_for(low: ArrayLike, high: ArrayLike, spacing: float) -> NDArray[np.int
     lowest, highest = _corners(low, high)
     extent = highest - lowest
     # Lengths that are multiples of the spacing up to rounding get no extra cell.
-    wanted = np.clip(np.ceil(extent / spacing - 1e-9), 1, 2.0**31)
+    with np.errstate(over="ignore"):
+        wanted = np.clip(np.ceil(extent / spacing - 1e-9), 1, 2.0**31)
     cells: NDArray[np.int64] = wanted.astype(np.int64)
     return cells
 
