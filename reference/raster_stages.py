@@ -20,6 +20,7 @@ from rastercov.raster.cpu.memory import (
     STEPS,
     Window,
 )
+from rastercov.raster.target_kernels import TIE_REL
 
 Array = NDArray[Any]
 Arrays = tuple[Array, ...]
@@ -311,3 +312,26 @@ def write_face(owner: Array, chosen: Array, face: int) -> Any:
 def append_set_bits(listed: Array, bits: Array, base: int) -> Any:
     """List with base + index of each set bit behind it."""
     return np.append(listed, base + np.flatnonzero(bits))
+
+
+def count_triangle(
+    x: Array,
+    y: Array,
+    plane: tuple[float, float, float],
+    least: float,
+    greatest: float,
+    corner: tuple[int, int],
+    runs: tuple[Array, Array],
+    depth: Array,
+) -> tuple[int, int]:
+    """Samples that a part of a target covers, and those of them with no surface in front of it.
+
+    Arguments as of `rastercov.raster.target_kernels.count_triangle`.
+    """
+    rows, columns = np.mgrid[: depth.shape[0], : depth.shape[1]]
+    rows, columns = rows + corner[1], columns + corner[0]
+    covered = covers(np.stack((x, y), axis=-1), columns, rows)
+    covered &= (columns >= runs[0][rows]) & (columns < runs[1][rows])
+    inverse = np.clip(plane[0] + plane[2] * rows + plane[1] * columns, least, greatest)
+    seen = covered & (inverse * depth * (1 + TIE_REL) >= 1)
+    return int(covered.sum()), int(seen.sum())

@@ -301,16 +301,15 @@ class HalfPlaneSolver:
 
     def solve(self, targets: IntArray) -> None:
         """Compute `visible` and `area_error` of some faces, given by index."""
-        if self._target_image is not None:
-            is_opaque = targets < len(self.surface.faces)
-            self._solve_targets(targets[~is_opaque])
-            targets = targets[is_opaque]
-            if len(targets) == 0:
-                return
-        if not self._is_listed:
-            self._ask_for_all()
-            self._list_faces()
-        self._run(visible_areas_kernel, targets, self.projected)
+        is_opaque = targets < len(self.surface.faces)
+        opaque = targets[is_opaque]
+        if len(opaque):
+            if not self._is_listed:
+                self._ask_for_all()
+                self._list_faces()
+            self._run(visible_areas_kernel, opaque, self.projected)
+        # Last, so that nothing they leave in the grid changes the figures of opaque faces.
+        self._solve_targets(targets[~is_opaque])
 
     def solve_all(self) -> None:
         """Compute `visible` and `area_error` of every face."""

@@ -1,7 +1,7 @@
 """Targets: surfaces that are scored but hide nothing, made for a scene and added to it.
 
-A sheet above a floor stands for faces of people at eye height, a grid of boxes for a capture
-volume. Both are plain meshes; `with_target` adds one to a scene as a group of its own.
+A sheet above a floor represents faces of people at eye height, a grid of boxes a capture volume.
+Both are plain meshes; `with_target` adds one to a scene as a group of its own.
 """
 
 import math
@@ -10,9 +10,13 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov._arguments import finite_points
+from rastercov._typed import typed
 from rastercov.errors import MeshError
 from rastercov.mesh.groups import Group
 from rastercov.mesh.mesh import Mesh
+
+FloatArray = NDArray[np.float64]
 
 STEEPEST_DEG = 45.0
 """Slope up to which a face counts as facing up."""
@@ -27,6 +31,7 @@ BOX_FACES = np.array(
 """Outward faces of a box whose corner k has x, y, z from bits 0, 1, 2 of k."""
 
 
+@typed
 def sheet_above(mesh: Mesh, group: str, height: float) -> Mesh:
     """Faces of a group that face up, lifted by a height: a sheet that faces up.
 
@@ -44,6 +49,8 @@ def sheet_above(mesh: Mesh, group: str, height: float) -> Mesh:
     ------
     MeshError
         For an unknown group, one without a face that faces up, or a height that is not finite.
+    ConfigError
+        For an argument of another type.
     """
     names = [each.name for each in mesh.groups]
     if group not in names:
@@ -67,6 +74,7 @@ def sheet_above(mesh: Mesh, group: str, height: float) -> Mesh:
     return Mesh(mesh.vertices[used] + (0.0, 0.0, height), corners.reshape(-1, 3))
 
 
+@typed
 def box_grid(
     low: ArrayLike, high: ArrayLike, count: ArrayLike = (1, 1, 1), size: float | None = None
 ) -> Mesh:
@@ -86,10 +94,12 @@ def box_grid(
     ------
     MeshError
         For corners, counts or a size that make no boxes.
+    ConfigError
+        For an argument of another type, or corners that are not finite.
     """
-    lowest, highest = np.asarray(low, np.float64), np.asarray(high, np.float64)
+    lowest, highest = _corners(low, high)
     cells = np.asarray(count)
-    if lowest.shape != (3,) or highest.shape != (3,) or not (lowest < highest).all():
+    if not (lowest < highest).all():
         raise MeshError(
             "a volume needs corners low < high on every axis, "
             f"got {lowest.tolist()} and {highest.tolist()}"
@@ -114,15 +124,30 @@ def box_grid(
     return Mesh(vertices, faces.reshape(-1, 3))
 
 
+@typed
 def count_for(low: ArrayLike, high: ArrayLike, spacing: float) -> NDArray[np.int64]:
-    """(3,) fewest cells along each axis of a volume that are no longer than `spacing`, metres."""
-    extent = np.asarray(high, np.float64) - np.asarray(low, np.float64)
+    """(3,) fewest cells along each axis of a volume that are no longer than `spacing`, metres.
+
+    MeshError for a spacing of 0 or less; ConfigError as for `box_grid`.
+    """
+    if not spacing > 0:
+        raise MeshError(f"spacing must be above 0 m, got {spacing:g}")
+    lowest, highest = _corners(low, high)
+    extent = highest - lowest
     # Lengths that are multiples of the spacing up to rounding get no extra cell.
-    wanted = np.clip(np.ceil(extent / spacing - 1e-9), 1, 2.0**31)
+    with np.errstate(over="ignore"):
+        wanted = np.clip(np.ceil(extent / spacing - 1e-9), 1, 2.0**31)
     cells: NDArray[np.int64] = wanted.astype(np.int64)
     return cells
 
 
+def _corners(low: ArrayLike, high: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Corners of a volume, (3,) each, or ConfigError."""
+    wanted = "three finite numbers"
+    return finite_points("low", low, (3,), wanted), finite_points("high", high, (3,), wanted)
+
+
+@typed
 def with_target(mesh: Mesh, target: Mesh, name: str, *, two_sided: bool = False) -> Mesh:
     """Scene with the faces of another mesh as a target, in a group of its own behind the others.
 

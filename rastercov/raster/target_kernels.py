@@ -125,7 +125,7 @@ def count_triangle(x, y, plane, least, greatest, corner, runs, depth):
 
 
 @compiled
-def count_targets(corners, axes, eye, lens, near, corner, runs, depth, visible, drawn):
+def count_targets(corners, axes, eye, lens, near, rows, corner, runs, depth, visible, drawn):
     """Add the samples of targets in a tile of one pose to their counts.
 
     Parameters
@@ -139,6 +139,8 @@ def count_targets(corners, axes, eye, lens, near, corner, runs, depth, visible, 
         Of `SampleGrid`.
     near : float
         Depth of the near plane, metres.
+    rows : (N, 2) int64
+        Of `rows_of_targets`.
     corner, runs, depth
         The tile, as for `count_triangle`.
     visible, drawn : (N,) int64
@@ -148,6 +150,8 @@ def count_targets(corners, axes, eye, lens, near, corner, runs, depth, visible, 
     u, v, w = np.empty((3, CLIP_CORNERS))
     x, y = np.empty((2, 3), np.int64)
     for f in range(corners.shape[0]):
+        if rows[f, 1] <= corner[1] or rows[f, 0] >= corner[1] + depth.shape[0]:
+            continue
         put_in_camera(corners, f, axes, eye, polygon)
         ax, ay, az = polygon[0], polygon[1], polygon[2]
         dx, dy, dz = polygon[3] - ax, polygon[4] - ay, polygon[5] - az
@@ -180,18 +184,20 @@ def count_targets(corners, axes, eye, lens, near, corner, runs, depth, visible, 
 
 
 @compiled
-def rows_of_targets(corners, axes, eye, lens, near, height):
-    """First row of samples that a target may reach in one pose, and the one after the last."""
+def rows_of_targets(corners, axes, eye, lens, near, height, rows):
+    """Find the rows of samples that each target may reach in one pose.
+
+    Out: `rows`, (N, 2) int64, the first one and the one after the last; both 0 for none.
+    """
     polygon, out = np.empty(3 * CLIP_CORNERS), np.empty(3 * CLIP_CORNERS)
-    least, most = np.inf, -np.inf
     for f in range(corners.shape[0]):
         put_in_camera(corners, f, axes, eye, polygon)
         n = clip_to_canvas(polygon, lens, near, out)
+        least, most = np.inf, -np.inf
         for i in range(n if n >= 3 else 0):
             v = lens[1] * out[3 * i + 1] / out[3 * i + 2] + lens[3]
             least, most = min(least, v), max(most, v)
-    if not least <= most:
-        return 0, 0
-    first = np.int64(min(max(least - 1.0, 0.0), np.float64(height)))
-    last = np.int64(min(max(most + 2.0, 0.0), np.float64(height)))
-    return first, last
+        rows[f] = 0
+        if least <= most:
+            rows[f, 0] = np.int64(min(max(least - 1.0, 0.0), np.float64(height)))
+            rows[f, 1] = np.int64(min(max(most + 2.0, 0.0), np.float64(height)))

@@ -45,6 +45,10 @@ class TargetFaces:
         """Targets of a mesh; None where it has none."""
         if not mesh.has_targets:
             return None
+        from rastercov._jit import announce_compilation
+        from rastercov.raster import target_kernels  # loads numba
+
+        announce_compilation(target_kernels.count_targets)
         rows = np.flatnonzero(mesh.target_mask)
         corners = np.ascontiguousarray(mesh.vertices[mesh.faces[rows]])
         return cls(rows, np.flatnonzero(~mesh.target_mask), corners)
@@ -64,16 +68,18 @@ class TargetFaces:
         depths : callable
             Called once if a target is in view.
         """
-        from rastercov.raster import target_kernels as kernels  # loads numba
+        from rastercov.raster import target_kernels as kernels
 
         axes = np.ascontiguousarray(grid.axes(pose[None])[0, :3, :3])
         view = self.corners, axes, np.ascontiguousarray(pose[:3, 3]), grid.lens, float(near)
         visible, drawn = np.zeros((2, len(self.rows)), np.int64)
-        top, bottom = kernels.rows_of_targets(*view, grid.height)
-        if top < bottom:
+        rows = np.empty((len(self.rows), 2), np.int64)
+        kernels.rows_of_targets(*view, grid.height, rows)
+        in_view = rows[rows[:, 0] < rows[:, 1]]
+        if len(in_view):
             runs = grid.first, grid.last
-            for (x, y, _, _), depth in depths(top, bottom):
-                kernels.count_targets(*view, (x, y), runs, depth, visible, drawn)
+            for (x, y, _, _), depth in depths(int(in_view[:, 0].min()), int(in_view[:, 1].max())):
+                kernels.count_targets(*view, rows, (x, y), runs, depth, visible, drawn)
         return visible, drawn
 
     def added(self, counts: FaceCounts, visible: IntArray, drawn: IntArray) -> FaceCounts:

@@ -318,7 +318,7 @@ def test_a_target_may_be_a_file_or_a_group(capsys):
     assert roles == {
         "part/lid": "target",
         "part/rest": "task",
-        "case": "occluder",
+        "case/case": "occluder",
         "fixture/lid": "target",
         "fixture/rest": "target",
     }

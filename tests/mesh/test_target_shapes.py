@@ -6,7 +6,7 @@ from scenes import joined
 from target_scenes import sheet_at
 
 from rastercov import shapes
-from rastercov.errors import MeshError
+from rastercov.errors import MeshError, RastercovError
 from rastercov.mesh import Group, Mesh
 from rastercov.mesh.targets import MOST_BOXES, box_grid, count_for, sheet_above, with_target
 
@@ -49,7 +49,7 @@ def test_a_two_sided_floor_may_face_down():
     ("group", "height", "words"),
     [
         ("flor", 1.6, "no group 'flor'; groups are room, crates"),
-        ("room", np.nan, "height must be finite"),
+        ("room", np.inf, "height must be finite"),
     ],
 )
 def test_a_sheet_that_cannot_be_made_is_refused(group, height, words):
@@ -80,8 +80,9 @@ def test_boxes_may_fill_their_cells():
     ("arguments", "words"),
     [
         (((0, 0, 0), (1, 1, 0)), "low < high"),
-        (((0, 0), (1, 1)), "low < high"),
-        (((0, 0, 0), (1, 1, np.nan)), "low < high"),
+        (((0, 0), (1, 1)), "low must be three finite numbers"),
+        (((0, 0, 0), (1, 1, np.nan)), "high must be three finite numbers"),
+        (((0, 0, 0), "abc"), "high must be real numbers"),
         (((0, 0, 0), (1, 1, 1), (1, 1)), "three whole numbers"),
         (((0, 0, 0), (1, 1, 1), (1, 1, 0)), "three whole numbers"),
         (((0, 0, 0), (1, 1, 1), (1.5, 1, 1)), "three whole numbers"),
@@ -91,7 +92,7 @@ def test_boxes_may_fill_their_cells():
     ],
 )
 def test_boxes_that_cannot_be_made_are_refused(arguments, words):
-    with pytest.raises(MeshError, match=words):
+    with pytest.raises(RastercovError, match=words):
         box_grid(*arguments)
 
 
@@ -99,6 +100,8 @@ def test_cells_are_no_longer_than_the_spacing():
     assert count_for((0, 0, 0), (1, 2, 0.3), 0.5).tolist() == [2, 4, 1]
     assert count_for((0, 0, 0), (0.3, 0.7, 2.1), 0.1).tolist() == [3, 7, 21]
     assert (count_for((0, 0, 0), (1, 1, 1), 1e-300) > MOST_BOXES).all()
+    with pytest.raises(MeshError, match="spacing must be above 0"):
+        count_for((0, 0, 0), (1, 1, 1), 0.0)
 
 
 def test_a_target_is_added_behind_the_scene():

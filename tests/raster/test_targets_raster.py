@@ -15,7 +15,8 @@ from rastercov import shapes
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.raster.cpu import CPURasterizer
-from rastercov.raster.target_kernels import TIE_REL
+from rastercov.raster.target_kernels import TIE_REL, count_triangle
+from rastercov.reference import raster_stages as twin
 from rastercov.reference import samples
 from rastercov.viewpoints import look_at
 
@@ -186,3 +187,21 @@ def test_a_camera_inside_a_target_sees_through_it(open_raster):
     assert not counts.clipped.any()
     np.testing.assert_array_equal(counts.visible, counts.drawn)
     assert counts.visible[0, :2].sum() == counts.drawn[0, :2].sum() > 0
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@examples(200)
+def test_samples_of_a_triangle_are_those_of_the_twin(seed):
+    rng = np.random.default_rng(seed)
+    width, height = (int(side) for side in rng.integers(1, 40, 2))
+    corner = tuple(int(place) for place in rng.integers(0, 30, 2))
+    size = 256 * (corner[0] + width + 1)
+    x, y = rng.integers(-size // 2, size, (2, 3))
+    if rng.random() < 0.3:  # corners and edges on samples
+        x, y = x // 128 * 128, y // 128 * 128
+    first = rng.integers(0, corner[0] + 5, corner[1] + height).astype(np.int32)
+    last = np.maximum(first, rng.integers(0, corner[0] + width + 9, len(first)).astype(np.int32))
+    plane = 1.0, *rng.uniform(-0.05, 0.05, 2)
+    depth = rng.choice((0.5, 0.9, 1.0, 1.1, np.inf), (height, width)).astype(np.float32)
+    arguments = x, y, plane, 0.8, 1.2, corner, (first, last), depth
+    assert count_triangle(*arguments) == twin.count_triangle(*arguments)

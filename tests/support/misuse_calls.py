@@ -14,6 +14,7 @@ import numpy as np
 
 import rastercov as rc
 from rastercov import shapes
+from rastercov.mesh.targets import box_grid, count_for, sheet_above, with_target
 from rastercov.placement.candidates.cavities import openings
 from rastercov.placement.candidates.clearance import (
     KeepOutBox,
@@ -237,7 +238,11 @@ def calls():
         Call("Camera.depth_of_field", CAMERA.depth_of_field, {"max_blur": 1.0}),
         Call("Task", rc.Task, thresholds),
         Call("Task.thesis", rc.Task.thesis, thresholds),
-        Call("Group", rc.Group, {"name": "a", "is_occluder": False, "is_two_sided": True}),
+        Call(
+            "Group",
+            rc.Group,
+            {"name": "a", "is_occluder": False, "is_two_sided": True, "is_target": False},
+        ),
         Call("Mesh", rc.Mesh, arrays),
         Call(
             "Mesh in groups",
@@ -248,9 +253,26 @@ def calls():
         Call(
             "Mesh.load",
             rc.Mesh.load,
-            {"path": FOLDER / "none.stl", "unit": "mm", "occluders": (), "two_sided": ()},
+            {"path": FOLDER / "none.stl", "unit": "mm", "occluders": (), "two_sided": ()}
+            | {"targets": ()},
         ),
-        Call("Mesh.with_groups", MESH.with_groups, {"occluders": (), "two_sided": "all"}),
+        Call("sheet_above", sheet_above, {"mesh": MESH, "group": "mesh", "height": 1.6}),
+        Call(
+            "box_grid",
+            box_grid,
+            {"low": (0, 0, 0), "high": (1, 1, 1), "count": (1, 2, 1), "size": 0.1},
+        ),
+        Call("count_for", count_for, {"low": (0, 0, 0), "high": (1, 1, 1), "spacing": 0.5}),
+        Call(
+            "with_target",
+            with_target,
+            {"mesh": MESH, "target": MESH, "name": "sheet", "two_sided": True},
+        ),
+        Call(
+            "Mesh.with_groups",
+            MESH.with_groups,
+            {"occluders": (), "two_sided": "all", "targets": ()},
+        ),
         Call(
             "look_at",
             rc.look_at,
