@@ -190,7 +190,7 @@ def dead_zones(covered: Covered, views: ArrayLike | None = None) -> DeadZones:
 def _by_area(root: IntArray, areas: FloatArray) -> tuple[IntArray, FloatArray]:
     """Zone of each piece and area of each zone, the largest first."""
     _, zone = np.unique(root, return_inverse=True)
-    sums: FloatArray = np.bincount(zone, weights=areas)
+    sums: FloatArray = np.asarray(np.bincount(zone, weights=areas), np.float64)
     order = np.argsort(-sums, kind="stable")
     rank = np.empty(len(order), np.int64)
     rank[order] = np.arange(len(order))
