@@ -7,6 +7,7 @@ from rastercov import _moved as _moved
 from rastercov.area.cells import Cells, CellShares, cells
 from rastercov.area.regions import Regions, regions
 from rastercov.area.union import Covered, RegionUnion, unite
+from rastercov.area.zones import DeadZones, dead_zones
 from rastercov.camera import Camera
 from rastercov.coverage import Coverage, evaluate, evaluate_batches
 from rastercov.engine import Engine
@@ -44,6 +45,7 @@ __all__ = [
     "ConfigError",
     "Coverage",
     "Covered",
+    "DeadZones",
     "DeviceError",
     "Engine",
     "FaceCounts",
@@ -66,6 +68,7 @@ __all__ = [
     "Visibility",
     "VisibilityBuffer",
     "cells",
+    "dead_zones",
     "evaluate",
     "evaluate_batches",
     "look_at",

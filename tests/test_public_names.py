@@ -20,7 +20,11 @@ ROOT = Path(rastercov.__file__).parent
 SURFACE = {
     "area.cells": {"FINEST_REL", "MOST_CELLS", "USUAL_CELLS", "rounded_up", "usual_size"},
     "area.regions": {"GAP_REL", "OF_A_FACE", "RegionPass", "check_pointwise"},
-    "area.union": {"FLOOR_REL", "MOST_VIEWS", "WHOLE_PAIR_REL", "polygon_areas"},
+    "area.union": {"FLOOR_REL", "MOST_VIEWS", "WHOLE_PAIR_REL", "diagonal_floor", "polygon_areas"},
+    "area.zones": {
+        *("LEAST_REL", "MOST_ZONES", "OPEN_TOLERANCE_REL", "SLIVER_REL", "SWEEP"),
+        "TOLERANCE_REL",
+    },
     "camera": set(),
     "coverage": {
         *("EVALUATE_BUDGET", "FIGURES", "PAIRS_A_BATCH", "POSES_A_BATCH", "UNITS"),
@@ -115,7 +119,7 @@ def test_every_parameter_of_a_function_is_documented_and_typed(name):
 
 VALUES = ["Camera", "Coverage", "Engine", "FaceCounts", "Group", "Mesh", "Observation", "Poses"]
 VALUES += ["RasterizerInfo", "Task", "Visibility", "VisibilityBuffer"]
-VALUES += ["CellShares", "Cells", "Covered", "Regions"]
+VALUES += ["CellShares", "Cells", "Covered", "DeadZones", "Regions"]
 
 
 @pytest.mark.parametrize("name", VALUES)
@@ -129,7 +133,7 @@ def test_values_are_frozen(name):
 
 
 RESULTS = ["Coverage", "FaceCounts", "Observation", "Poses", "Visibility", "VisibilityBuffer"]
-RESULTS += ["CellShares", "Cells", "Covered", "Regions"]
+RESULTS += ["CellShares", "Cells", "Covered", "DeadZones", "Regions"]
 
 
 def test_every_dataclass_in_the_surface_is_listed():

@@ -37,6 +37,8 @@ WORDS = {
     "too_few_views": "covered by too few cameras",
 }
 """Words on a zone by the name of its reason."""
+ZONES = ("dead_zones", "other_dead_zones")
+"""Keys of `summary_of`."""
 MOST_LINES = 5
 """Zones that have a line for people."""
 LEAST_PERCENT = 1e-3

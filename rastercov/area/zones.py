@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov._arguments import check_kind
+from rastercov._checks import shown
 from rastercov.area.frames import frames_of, to_world
 from rastercov.area.rest import with_rest
 from rastercov.area.union import Covered, polygon_areas
@@ -158,9 +159,17 @@ def dead_zones(covered: Covered, views: ArrayLike | None = None) -> DeadZones:
 
     check_kind("covered", covered, Covered, "what unite gives", ConfigError)
     mesh, k = covered.mesh, len(covered.area)
-    wanted = np.broadcast_to(np.asarray(k if views is None else views), mesh.n_faces)
-    if not np.issubdtype(wanted.dtype, np.integer) or not ((wanted >= 1) & (wanted <= k)).all():
-        raise ConfigError(f"views must be whole numbers of 1 to {k}, as covered counts them")
+    wanted = np.asarray(k if views is None else views)
+    if (
+        wanted.shape not in ((), (mesh.n_faces,))
+        or not np.issubdtype(wanted.dtype, np.integer)
+        or not ((wanted >= 1) & (wanted <= k)).all()
+    ):
+        raise ConfigError(
+            f"views must be a whole number of 1 to {k}, as covered counts them, or one a face, "
+            f"got {shown(views)}"
+        )
+    wanted = np.broadcast_to(wanted, mesh.n_faces)
     announce_compilation(kernels.link_in_faces)
     whole = with_rest(covered)
     areas = polygon_areas(whole.xy, whole.starts)
@@ -181,9 +190,9 @@ def dead_zones(covered: Covered, views: ArrayLike | None = None) -> DeadZones:
 def _by_area(root: IntArray, areas: FloatArray) -> tuple[IntArray, FloatArray]:
     """Zone of each piece and area of each zone, the largest first."""
     _, zone = np.unique(root, return_inverse=True)
-    sums = np.bincount(zone, areas)
+    sums: FloatArray = np.asarray(np.bincount(zone, weights=areas), np.float64)
     order = np.argsort(-sums, kind="stable")
-    rank = np.empty_like(order)
+    rank = np.empty(len(order), np.int64)
     rank[order] = np.arange(len(order))
     return rank[zone], sums[order]
 

@@ -15,6 +15,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from rastercov._output import write_bytes
+from rastercov.area.zone_report import ZONES
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.placement.explain.uncovered import Leftover
@@ -217,6 +218,7 @@ def check(
 def plain(checked: Checked) -> dict[str, Any]:
     """The outcome, ready for JSON."""
     network = checked.summary()
+    zones = {name: network.pop(name) for name in ZONES if name in network}
     return {
         "plan": str(checked.plan.path),
         "poses": str(checked.poses_file),
@@ -232,6 +234,7 @@ def plain(checked: Checked) -> dict[str, Any]:
         ],
         "groups": [asdict(each) for each in checked.groups],
         **{name: network[name] for name in ("covered_area",) if name in network},
+        **zones,
         "network": network,
         "left": checked.leftover.summary(),
     }

@@ -24,6 +24,7 @@ from rastercov._format import percent
 from rastercov._interrupts import interrupts_held
 from rastercov._output import write_json
 from rastercov.area.regions import regions
+from rastercov.area.zone_report import ZONES
 from rastercov.placement.select.problem import BestCoverage
 from rastercov.plan.network import area_lines, summary_of
 from rastercov.plan.prepare import Prepared, Progress
@@ -92,6 +93,7 @@ def summary(placement: Placement) -> dict[str, Any]:
         selection["cells_covered"] = selection["faces_covered"]
     opened = prepared.openings
     network = summary_of(plan, cameras)
+    zones = {name: network.pop(name) for name in ZONES if name in network}
     return {
         "plan": plan.model_dump(),
         "met": placement.is_met,
@@ -101,6 +103,7 @@ def summary(placement: Placement) -> dict[str, Any]:
         "requirements": [asdict(each) for each in placement.requirements],
         "share": cameras.share,
         **{name: network[name] for name in ("covered_area",) if name in network},
+        **zones,
         "network": network,
         "cameras": _cameras(placement),
         "candidates": prepared.pool.summary()

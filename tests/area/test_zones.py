@@ -1,0 +1,269 @@
+"""Dead zones: connected parts that too few cameras cover, their areas, places and reasons."""
+
+import math
+
+import numpy as np
+import pytest
+from scenes import square
+from surface_cases import bisected, building, cut_at_random, hostile_scene, room
+
+import rastercov as rc
+from rastercov import shapes
+from rastercov.area.network import AreaNetwork
+from rastercov.area.points import first_failures
+from rastercov.area.union import RegionUnion, polygon_areas
+from rastercov.area.zone_report import WORDS, summary_of, zone_lines
+from rastercov.area.zones import dead_zones
+from rastercov.errors import ConfigError
+from rastercov.reference.regions import covers_points, points_on
+
+AHEAD = np.eye(4)[None]
+CAMERA = rc.Camera(width=200, height=200, fx=100, fy=100)
+TASK = rc.Task(max_incidence_deg=75, min_pixels_per_m2=2000)
+
+
+def covered_by(mesh, camera, poses, task=TASK, views=1):
+    return rc.unite(rc.regions(mesh, camera, poses, task), views)
+
+
+def sheet(*cells):
+    """Unit squares in the plane z = 4, facing the camera, by the places of their lower corners.
+
+    +--+--+
+    | /| /|    two faces a square, vertices not shared
+    +--+--+
+    """
+    vertices, faces = [], []
+    for x, y in cells:
+        at = len(vertices)
+        vertices += [(x, y, 4), (x + 1, y, 4), (x + 1, y + 1, 4), (x, y + 1, 4)]
+        faces += [(at, at + 2, at + 1), (at, at + 3, at + 2)]
+    return rc.Mesh(vertices, faces)
+
+
+def alone(mesh):
+    """Zones of a mesh without cameras."""
+    return dead_zones(RegionUnion(mesh).covered())
+
+
+# --- areas ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("views", [1, 2, 3])
+@pytest.mark.parametrize("scene", [room, building])
+def test_areas_of_zones_add_up_to_the_uncovered_area(scene, views):
+    mesh, camera, poses = scene()
+    covered = covered_by(mesh, camera, poses, views=views)
+    zones = dead_zones(covered)
+    missing = mesh.areas.sum() - covered.area[views - 1].sum()
+    assert abs(zones.area.sum() - missing) <= covered.bound.sum() + 1e-12 * mesh.areas.sum()
+    assert math.isclose(zones.piece_area.sum(), zones.area.sum(), rel_tol=1e-12)
+    assert (np.diff(zones.area) <= 0).all()
+    assert (zones.views < views).all()
+    assert np.allclose(polygon_areas(zones.xy, zones.starts), zones.piece_area)
+    sums = np.bincount(zones.zone, zones.piece_area)
+    assert np.allclose(sums, zones.area, rtol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_areas_add_up_on_hostile_scenes(seed):
+    mesh, camera, pose = hostile_scene(seed)
+    covered = covered_by(mesh, camera, pose[None], rc.Task())
+    zones = dead_zones(covered)
+    missing = mesh.areas[mesh.task_mask].sum() - covered.area[0][mesh.task_mask].sum()
+    assert abs(zones.area.sum() - missing) <= covered.bound.sum() + 1e-9 * mesh.areas.sum()
+
+
+@pytest.mark.parametrize("views", [1, 2])
+@pytest.mark.parametrize("scene", [room, building])
+def test_another_cut_of_the_same_surface_has_the_same_zones(scene, views):
+    mesh, camera, poses = scene()
+    whole = dead_zones(covered_by(mesh, camera, poses, views=views))
+    size = np.linalg.norm(np.ptp(mesh.bounds, axis=0))
+    for other in (cut_at_random(mesh, 1, 150)[0], bisected(mesh, size / 12)[0]):
+        zones = dead_zones(covered_by(other, camera, poses, views=views))
+        assert len(zones) == len(whole)
+        assert np.allclose(zones.area, whole.area, atol=1e-6 * mesh.areas.sum())
+        for one, same in zip(zones.places(3), whole.places(3), strict=True):
+            assert np.allclose(one["centroid"], same["centroid"], atol=1e-4 * size)
+            assert np.allclose(one["extent"], same["extent"], atol=1e-4 * size)
+
+
+def test_moving_mesh_and_cameras_together_moves_the_zones():
+    mesh, camera, poses = room()
+    motion = rc.look_at([(0.3, -0.2, 0.1)], [(1.0, 0.7, 0.4)])[0]
+    there = rc.Mesh(mesh.vertices @ motion[:3, :3].T + motion[:3, 3], mesh.faces)
+    one, other = covered_by(mesh, camera, poses), covered_by(there, camera, motion @ poses)
+    here, moved = dead_zones(one), dead_zones(other)
+    assert np.allclose(here.area, moved.area, rtol=0, atol=one.bound.sum() + other.bound.sum())
+    for one, same in zip(here.places(5), moved.places(5), strict=True):
+        assert np.allclose(
+            motion[:3, :3] @ one["centroid"] + motion[:3, 3], same["centroid"], atol=1e-4
+        )
+
+
+# --- what is connected ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("cells", "n"),
+    [
+        ([(0, 0)], 1),
+        ([(0, 0), (1, 0)], 1),
+        ([(0, 0), (1, 1)], 2),  # a corner does not connect
+        ([(0, 0), (2, 0)], 2),
+        ([(0, 0), (1, 0.5)], 1),  # a part of an edge does
+        ([(0, 0), (1, 0), (2, 0.25), (5, 0), (5, 1)], 2),
+        ([(0, 0), (1 + 1e-8, 0.5)], 1),  # a vertex of a float32 file
+        ([(0, 0), (1.001, 0)], 2),
+    ],
+)
+@pytest.mark.parametrize("offset", [0.0, 1000.0])
+def test_faces_are_connected_along_edges(cells, n, offset):
+    mesh = sheet(*cells)
+    for each in (mesh, rc.Mesh(mesh.vertices + offset, mesh.faces)):
+        assert len(alone(each)) == n
+
+
+def test_a_small_face_at_the_edge_of_a_large_one_is_connected():
+    # One edge of length 4 beside four of length 1
+    mesh = rc.Mesh(
+        [(0, 0, 0), (4, 0, 0), (2, 3, 0), *((x, 0, 0) for x in range(5)), (2, -1, 0)],
+        [(0, 1, 2), *((3 + k, 8, 4 + k) for k in range(4))],
+    )
+    assert len(alone(mesh)) == 1
+
+
+def test_a_closed_surface_without_cameras_is_one_zone():
+    zones = alone(shapes.box())
+    assert len(zones) == 1
+    (place,) = zones.places(1)
+    assert np.allclose(place["centroid"], np.mean(place["extent"], axis=0))
+    assert place["percent"] == pytest.approx(100)
+
+
+def test_a_covered_strip_divides_a_wall_into_two_zones():
+    # The image is a strip of width 1.6 down the middle of a wall of side 8.
+    camera = rc.Camera(width=40, height=400, fx=100, fy=100)
+    zones = dead_zones(covered_by(square(4, 4), camera, AHEAD, rc.Task()))
+    assert zones.area.tolist() == pytest.approx([25.6, 25.6])
+    centroids = sorted(place["centroid"] for place in zones.places(2))
+    assert np.allclose(centroids, [(-2.4, 0, 4), (2.4, 0, 4)])
+
+
+def test_every_group_may_want_its_own_number_of_cameras():
+    mesh = sheet((-1, -1), (0, 0))
+    mesh = rc.Mesh(mesh.vertices, mesh.faces, [rc.Group("a"), rc.Group("b")], [0, 0, 1, 1])
+    covered = covered_by(mesh, CAMERA, AHEAD, rc.Task(), views=2)
+    assert covered.area[0].sum() == pytest.approx(2)
+    assert len(dead_zones(covered, 1)) == 0
+    assert dead_zones(covered).area.tolist() == pytest.approx([1, 1])
+    zones = dead_zones(covered, [1, 1, 2, 2])
+    assert zones.area.tolist() == pytest.approx([1])
+    assert zones.places(1)[0]["groups"] == ["b"]
+    assert zones.places(1)[0]["m2_by_views"] == pytest.approx([0, 1])
+
+
+def test_occluders_are_no_part_of_a_zone():
+    mesh, groups = sheet((0, 0), (1, 0)), [rc.Group("floor"), rc.Group("crates", is_occluder=True)]
+    mesh = rc.Mesh(mesh.vertices, mesh.faces, groups, [0, 0, 1, 1])
+    assert alone(mesh).area.tolist() == pytest.approx([1])
+
+
+@pytest.mark.parametrize("views", [0, 3, 1.5, "1", [1, 2, 1]])
+def test_views_beyond_those_that_are_counted_are_refused(views):
+    covered = covered_by(sheet((0, 0)), CAMERA, AHEAD, rc.Task(), views=2)
+    with pytest.raises(ConfigError, match="views must be"):
+        dead_zones(covered, views)
+
+
+# --- reasons --------------------------------------------------------------------------------------
+
+
+def named(mesh, camera, poses, task):
+    """Summary of the zones of a network."""
+    network = AreaNetwork(mesh, task)
+    if len(poses):
+        network.add(rc.regions(mesh, camera, poses, task))
+    return network.dead_zones(camera, poses)
+
+
+@pytest.mark.parametrize(
+    ("reason", "task", "change"),
+    [
+        ("back_facing", {}, {"flip": True}),
+        ("outside", {}, {"move": (9, 0, 0)}),
+        ("out_of_focus", {}, {"focus_range": (0.5, 1)}),
+        ("too_coarse", {"min_facing_density": 26}, {}),
+        ("too_coarse", {"min_pixel_density": 26}, {}),
+        ("too_coarse", {"min_pixels_per_m2": 626}, {}),
+        ("too_oblique", {"max_incidence_deg": 1}, {"move": (0.2, 0.2, 0)}),
+        ("too_few_views", {"views": 2}, {}),
+    ],
+)
+def test_the_reason_of_a_zone(reason, task, change):
+    mesh = sheet((-0.1, -0.1))
+    faces = mesh.faces[:, ::-1] if "flip" in change else mesh.faces
+    mesh = rc.Mesh(mesh.vertices + change.get("move", 0), faces)
+    camera = rc.Camera(width=200, height=200, fx=100, fy=100, focus_range=change.get("focus_range"))
+    (zone,) = named(mesh, camera, AHEAD, rc.Task(**task))["dead_zones"]
+    assert (zone["reason"], zone["hidden_by"]) == (reason, None)
+    assert zone["area_m2"] == pytest.approx(1)
+    assert zone["reason"] in WORDS
+
+
+def test_without_cameras_the_reason_is_that():
+    found = named(sheet((0, 0)), CAMERA, np.empty((0, 4, 4)), rc.Task())
+    assert found["dead_zones"][0]["reason"] == "no_cameras"
+    assert found["other_dead_zones"] == {"zones": 0, "area_m2": 0.0, "percent": 0.0}
+
+
+def hidden_scene():
+    """A floor of side 4 at depth 4, seen from the origin, behind two sheets of other groups."""
+    low = np.array([(-1, -1, 2), (0, -1, 2), (0, 0, 2), (-1, 0, 2)], float)
+    vertices = np.concatenate([[(-2, -2, 4), (2, -2, 4), (2, 2, 4), (-2, 2, 4)], low, low / 2])
+    faces = [(k, k + 2, k + 1) for k in (0, 4, 8)] + [(k, k + 3, k + 2) for k in (0, 4, 8)]
+    groups = [rc.Group("floor"), *(rc.Group(name, is_occluder=True) for name in ("far", "near"))]
+    return rc.Mesh(vertices, faces, groups, [0, 1, 2, 0, 1, 2])
+
+
+def test_a_hidden_zone_names_the_group_in_front():
+    (zone,) = named(hidden_scene(), CAMERA, AHEAD, rc.Task())["dead_zones"]
+    assert zone["area_m2"] == pytest.approx(4)
+    assert (zone["reason"], zone["hidden_by"], zone["groups"]) == ("occluded", "near", ["floor"])
+    assert zone["centroid"] == pytest.approx([-1, -1, 4])
+    assert np.allclose(zone["extent"], [(-2, -2, 4), (0, 0, 4)])
+    assert zone_lines({"dead_zones": [zone]}) == [
+        "dead zone 4 m² at (-1.0, -1.0, 4.0) in group floor: occluded by near"
+    ]
+    assert zone_lines({}) == []
+
+
+@pytest.mark.parametrize("scene", [room, building])
+def test_points_fail_as_the_pointwise_reference_says(scene):
+    mesh, camera, poses = scene()
+    task = rc.Task(max_incidence_deg=70, min_facing_density=90, min_pixel_density=20)
+    points, face = points_on(mesh, 3000)
+    covers = covers_points(mesh, camera, poses, task, points, face)
+    failures = list(first_failures(mesh, camera, task, poses, points, face))
+    found = np.array([reason == rc.Reason.COVERED for reason, _ in failures])
+    assert (found != covers).mean() < 1e-3
+    assert covers.any()
+    for reason, hidden_by in failures:
+        assert ((hidden_by >= 0) == (reason == rc.Reason.OCCLUDED)).all()
+
+
+def test_the_summary_lists_a_hundred_zones_and_the_sum_of_the_rest():
+    mesh = sheet(*((2 * k % 40, 2 * (k // 20)) for k in range(150)))
+    found = summary_of(alone(mesh), CAMERA, rc.Task(), np.empty((0, 4, 4)))
+    assert len(found["dead_zones"]) == 100
+    assert found["other_dead_zones"]["zones"] == 50
+    total = sum(zone["area_m2"] for zone in found["dead_zones"])
+    assert total + found["other_dead_zones"]["area_m2"] == pytest.approx(150)
+    assert len(zone_lines(found)) == 5
+
+
+def test_a_covered_scene_has_no_zones():
+    found = named(sheet((0, 0)), CAMERA, AHEAD, rc.Task())
+    assert found["dead_zones"] == []
+    assert found["other_dead_zones"]["area_m2"] == pytest.approx(0, abs=1e-12)

@@ -1,0 +1,85 @@
+"""Dead zones in the answers of evaluate, place and check: JSON, and lines for people."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+import rastercov as rc
+from rastercov.cli import command
+
+ZONE = {
+    *("area_m2", "percent", "centroid", "extent", "groups", "m2_by_views", "reason", "hidden_by")
+}
+CAMERA = "width = 96\nheight = 72\nfx = 90\nfy = 90\n"
+PLAN = f"""
+[[meshes]]
+built_in = "box"
+[camera]
+{CAMERA}
+[task]
+min_facing_density = "observe"
+[[candidates]]
+generator = "on_sphere"
+count = 12
+distances = [1.4]
+[selection]
+goal = "best_coverage"
+cameras = 2
+[outputs]
+page = false
+"""
+LINE = re.compile(
+    r"dead zone .* m² at \(-?[\d.]+, -?[\d.]+, -?[\d.]+\) in group mesh: seen from behind only"
+)
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "camera.toml").write_text(CAMERA)
+    (tmp_path / "plan.toml").write_text(PLAN)
+    rc.write_poses("rig.json", rc.look_at([(1.4, 0, 0), (0, 1.4, 0)], np.zeros(3)))
+
+
+def call(capsys, line):
+    code = command(line.split())
+    return code, capsys.readouterr().out
+
+
+def assert_adds_up(found):
+    zones, others = found["dead_zones"], found["other_dead_zones"]
+    covered = found["covered_area"]
+    assert zones
+    assert all(set(zone) == ZONE for zone in zones)
+    total = sum(zone["area_m2"] for zone in zones) + others["area_m2"]
+    missing = covered["of_m2"] - covered["m2"]
+    assert abs(total - missing) <= covered["bound_m2"] + 1e-12 * covered["of_m2"]
+
+
+def test_evaluate_lists_dead_zones(capsys):
+    line = "evaluate box -c camera.toml -p rig.json --pictures 0 -o out"
+    code, out = call(capsys, f"{line} --json")
+    assert code == 0
+    assert_adds_up(json.loads(out))
+    _, out = call(capsys, line)
+    assert len(LINE.findall(out)) == 1
+    _, out = call(capsys, f"{line} --by face --json")
+    assert "dead_zones" not in json.loads(out)
+
+
+def test_place_and_check_list_dead_zones(capsys):
+    code, out = call(capsys, "place plan.toml --json -o out")
+    assert code == 0
+    found = json.loads(out)
+    assert found["plan"]["task"]["min_facing_density"] == 62.5
+    assert_adds_up(found)
+    assert "dead_zones" not in found["network"]
+    _, out = call(capsys, "place plan.toml -o out")
+    assert LINE.search(out)
+    code, out = call(capsys, "check plan.toml -p rig.json --min-coverage 0.1 --json")
+    assert code == 0
+    assert_adds_up(json.loads(out))
+    _, out = call(capsys, "check plan.toml -p rig.json --min-coverage 0.1")
+    assert len(LINE.findall(out)) == 1
