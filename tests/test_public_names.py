@@ -20,7 +20,7 @@ ROOT = Path(rastercov.__file__).parent
 SURFACE = {
     "area.cells": {"FINEST_REL", "MOST_CELLS", "USUAL_CELLS", "rounded_up", "usual_size"},
     "area.regions": {"GAP_REL", "OF_A_FACE", "RegionPass", "check_pointwise"},
-    "area.union": {"FLOOR_REL", "MOST_VIEWS", "WHOLE_PAIR_REL", "polygon_areas"},
+    "area.union": {"FLOOR_REL", "MOST_VIEWS", "WHOLE_PAIR_REL", "diagonal_floor", "polygon_areas"},
     "camera": set(),
     "coverage": {
         *("EVALUATE_BUDGET", "FIGURES", "PAIRS_A_BATCH", "POSES_A_BATCH", "UNITS"),
