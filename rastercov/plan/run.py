@@ -24,7 +24,7 @@ from rastercov.placement.improve.search import Optimised, optimise
 from rastercov.placement.improve.tolerance import InstallationError, Tolerance, tolerance
 from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.integer import select_integer
-from rastercov.placement.select.problem import Problem
+from rastercov.placement.select.problem import FewestCameras, Problem
 from rastercov.placement.select.selection import Selection
 from rastercov.plan.entry import value_of
 from rastercov.plan.errors import PlanError
@@ -43,7 +43,6 @@ from rastercov.plan.requirements import (
     HOLDS,
     Requirement,
     counting,
-    goal_of,
     judge,
     judge_areas,
     limits_of,
@@ -53,9 +52,11 @@ from rastercov.plan.sections import FewestSelection, SelectionSection
 
 FloatArray = NDArray[np.float64]
 
+RAISES = 3
+"""Times that the share to cover on half cells is raised where the exact area falls short of it."""
 STRICTER = (0.75, 0.95, 0.999)
-"""Shares of a cell that a camera must cover, in turn, where a selection on half cells reaches the
-goal and its exact area does not: cells covered as a whole never promise too much."""
+"""Shares of a cell that a camera must cover, in turn, where that does not help: cells covered as a
+whole never promise too much."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,32 +233,69 @@ def _by_area(
 
 def _is_short(placement: Placement) -> bool:
     """True where cells meet the goal of the plan, and the exact area of the network does not."""
-    prepared = placement.prepared
-    is_goal = prepared.problem.goal == goal_of(prepared.selection)
-    return is_goal and any(each.status == FAILS for each in placement.requirements)
+    goal, selection = placement.prepared.problem.goal, placement.prepared.selection
+    if not isinstance(goal, FewestCameras) or not isinstance(selection, FewestSelection):
+        return False
+    is_reached = goal.of_reachable == selection.of_reachable
+    return is_reached and any(each.status == FAILS for each in placement.requirements)
 
 
 def _settled(placement: Placement, objectives: Objectives, clock: Clock) -> Placement:
-    """The placement with cameras selected on stricter cells: the first that meets the goal.
+    """The placement with cameras selected anew until its exact area meets the goal.
 
-    The one that covers most where none does.
+    More is asked of half cells, and then cells must be covered better. The one that covers most
+    where neither helps.
     """
     assert objectives.cells is not None
-    prepared, best = placement.prepared, placement
-    started = time.perf_counter()
-    for least in STRICTER:
-        try:
-            prepared = prepared.stricter(least)
-        except ConfigError:  # all candidates together do not reach the goal so
-            break
-        left = prepared.selection.time_limit - (time.perf_counter() - started)
-        chosen = _select(prepared.problem, prepared.selection, max(left, 1.0))
-        found = _by_area(_placed(prepared, chosen, objectives, clock), objectives.cells)
+    on_cells, prepared, best = objectives.cells, placement.prepared, placement
+    until = time.perf_counter() + prepared.selection.time_limit
+
+    def selected(tighter: Prepared) -> Placement:
+        nonlocal best
+        left = max(until - time.perf_counter(), 1.0)
+        chosen = _select(tighter.problem, tighter.selection, left)
+        found = _by_area(_placed(tighter, chosen, objectives, clock), on_cells)
         if found.cameras.share > best.cameras.share:
             best = found
-        if not _is_short(found):
-            return found
+        return found
+
+    found = placement
+    try:
+        for _ in range(RAISES):
+            found = selected(_raised(found))
+            if not _is_short(found):
+                return found
+    except ConfigError:  # all candidates together do not reach that on half cells
+        pass
+    try:
+        for least in STRICTER:
+            found = selected(prepared.stricter(least))
+            if not _is_short(found):
+                return found
+    except ConfigError:
+        pass
     return best
+
+
+def _raised(placement: Placement) -> Prepared:
+    """The same task, with as much more to cover as the exact area falls short of it.
+
+    Raises
+    ------
+    ConfigError
+        Where all candidates together do not reach that.
+    """
+    prepared, goal = placement.prepared, placement.prepared.problem.goal
+    assert isinstance(goal, FewestCameras)
+    short = {each.group: 1.05 * each.short_by for each in placement.requirements}
+    raised = replace(
+        goal,
+        coverage=min(1.0, goal.coverage + short.get(None, 0.0)),
+        groups={
+            name: min(1.0, share + short.get(name, 0.0)) for name, share in goal.groups.items()
+        },
+    )
+    return replace(prepared, problem=replace(prepared.problem, goal=raised))
 
 
 def _watched(objective: Objective, progress: Progress, total: int) -> Objective:

@@ -25,10 +25,10 @@ from rastercov._interrupts import interrupts_held
 from rastercov._output import write_json
 from rastercov.area.regions import regions
 from rastercov.area.zone_report import ZONES
-from rastercov.placement.select.problem import BestCoverage
+from rastercov.placement.select.problem import BestCoverage, FewestCameras
 from rastercov.plan.network import area_lines, summary_of
 from rastercov.plan.prepare import Prepared, Progress
-from rastercov.plan.requirements import OF
+from rastercov.plan.requirements import OF, goal_of
 from rastercov.plan.run import Placement
 from rastercov.provenance import Provenance
 from rastercov.raster.contract import RasterizerInfo
@@ -194,7 +194,8 @@ def cameras_table(placement: Placement) -> Table:
 def lines(placement: Placement) -> list[str]:
     """Sentences about a placement that no table has."""
     prepared, selection = placement.prepared, placement.selection
-    said = [*prepared.pool.lines(), *prepared.notes, _selected(placement)]
+    said = [*prepared.pool.lines(), *prepared.notes, *_asked_of_cells(prepared)]
+    said.append(_selected(placement))
     network = summary_of(prepared.plan, placement.cameras)
     said += [line.replace("covered:", "exact area:") for line in area_lines(network)]
     of = _of(prepared)
@@ -237,6 +238,19 @@ def _interrupted(placement: Placement) -> str:
     if found.get(step):
         return f"interrupted in {step}: this is the best until then"
     return f"interrupted: this is what there was before {step}"
+
+
+def _asked_of_cells(prepared: Prepared) -> list[str]:
+    """Line about a share to cover on cells that is more than that of the plan."""
+    goal, wanted = prepared.problem.goal, goal_of(prepared.selection)
+    if not isinstance(goal, FewestCameras) or not isinstance(wanted, FewestCameras):
+        return []
+    if goal == wanted or goal.of_reachable != wanted.of_reachable:
+        return []
+    return [
+        f"{percent(goal.coverage)} of the area on cells were asked for, more than the "
+        f"{percent(wanted.coverage)} wanted, so that the exact area reaches it"
+    ]
 
 
 def _of(prepared: Prepared) -> str:

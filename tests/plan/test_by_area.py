@@ -126,16 +126,28 @@ def test_a_matrix_is_used_again_and_one_of_other_cells_is_not():
 # --- goals and requirements -----------------------------------------------------------------------
 
 
-def test_a_goal_is_met_by_exact_area_with_stricter_cells_where_half_ones_promise_too_much():
-    found = placed(FEWEST.replace("0.7", "0.8").replace("= 0.5", "= 4.0"))
+@pytest.mark.parametrize("share", [0.5, 0.6, 0.65, 0.7])
+@pytest.mark.parametrize("size", [0.5, 2.0])
+def test_a_goal_that_can_be_reached_is_met_by_exact_area(share, size):
+    found = placed(FEWEST.replace("= 0.5", f"= {size}").replace("0.7", f"{share}"))
     (required,) = found.requirements
-    assert found.prepared.least_share > 0.5
     assert found.is_met
-    assert required.low >= 0.8
+    assert required.low >= share - 1e-9
     assert required.share == pytest.approx(exact_share(found), abs=1e-9)
-    coarse = found.selection.share
-    assert coarse <= required.share + 0.05
-    assert "stricter selection" in found.steps
+    is_raised = found.prepared.problem.goal.coverage > share
+    assert is_raised <= ("stricter selection" in found.steps)
+    assert is_raised == ("so that the exact area reaches it" in "\n".join(report.lines(found)))
+
+
+def test_stricter_cells_promise_no_more_than_half_ones(monkeypatch):
+    monkeypatch.setattr(plan_run, "RAISES", 0)
+    half = placed(FEWEST.replace("= 0.5", "= 2.0").replace("0.7", "0.3")).prepared
+    whole = half.stricter(0.999)
+    assert whole.least_share == 0.999
+    assert (whole.problem.reachable <= half.problem.reachable).all()
+    reached = whole.problem.share(whole.problem.reachable)
+    exact = area_of(MESH, CAMERA, POSES, TASK)
+    assert reached <= exact
 
 
 def test_a_goal_out_of_reach_gives_most_of_what_cells_reach():
