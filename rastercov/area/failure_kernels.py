@@ -7,7 +7,7 @@ from rastercov.mesh.triangle_tree_kernels import LEAF, STACK_SIZE, meets_box, me
 
 
 @compiled
-def first_hits(origins, directions, reaches, corners, nodes, own, hit):  # type: ignore[no-untyped-def]
+def first_hits(origins, directions, reaches, corners, nodes, own, hit):
     """Set `hit` to the triangle that each segment meets first, -1 for none.
 
     As `rastercov.mesh.triangle_tree_kernels.hit_segments`, in a scene of diagonal 1 about the

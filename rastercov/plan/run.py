@@ -243,8 +243,8 @@ def _is_short(placement: Placement) -> bool:
 def _settled(placement: Placement, objectives: Objectives, clock: Clock) -> Placement:
     """The placement with cameras selected anew until its exact area meets the goal.
 
-    More is asked of half cells, and then cells must be covered better. The one that covers most
-    where neither helps.
+    First a larger share of the cells is wanted, and then a larger part of each cell. Where neither
+    helps, it is the placement that covers most.
     """
     assert objectives.cells is not None
     on_cells, prepared, best = objectives.cells, placement.prepared, placement
