@@ -86,16 +86,20 @@ def _write(
     if suffix not in (".glb", ".ply"):
         raise ConfigError(f"{path}: a coloured mesh is saved as .glb or .ply")
     if suffix == ".ply":
-        content = _coloured_soup(triangles, entry)
+        is_target = np.array([each.is_target for each in mesh.groups])[group]
+        content = _coloured_soup(triangles, entry, is_target)
     else:
         content = _coloured_scene(mesh, triangles, group, entry)
     write_bytes(path, content.export(file_type=suffix[1:]))
 
 
-def _coloured_soup(triangles: FloatArray, entry: NDArray[np.int64]) -> Any:
+def _coloured_soup(
+    triangles: FloatArray, entry: NDArray[np.int64], is_target: NDArray[np.bool_]
+) -> Any:
     """Separate triangles with vertex colours, in their order."""
     colours = np.full((len(triangles), 4), 255, np.uint8)
     colours[:, :3] = theme.coverage_colours()[entry]
+    colours[is_target, 3] = round(255 * OPACITY)
     corners = np.arange(3 * len(triangles)).reshape(-1, 3)
     return trimesh.Trimesh(
         triangles.reshape(-1, 3), corners, vertex_colors=np.repeat(colours, 3, axis=0),

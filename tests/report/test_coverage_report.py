@@ -263,11 +263,11 @@ def test_an_interrupt_while_drawing_leaves_out_the_rest_and_says_so(tmp_path, mo
     run(MESH, CAMERA, around(5), TASK, tmp_path, Options(pictures=5))
     drawn = []
 
-    def stop(*arguments):
+    def stop(*arguments, **options):
         drawn.append(arguments)
         if len(drawn) == 3:
             raise KeyboardInterrupt
-        return coverage_picture(*arguments)
+        return coverage_picture(*arguments, **options)
 
     monkeypatch.setattr("rastercov.report.coverage.coverage_picture", stop)
     summary = run(MESH, CAMERA, around(12), TASK, tmp_path, Options(pictures=12))
@@ -298,7 +298,7 @@ def test_a_run_that_fails_after_the_last_pose_leaves_the_old_report(tmp_path, mo
     run(MESH, CAMERA, around(6), TASK, tmp_path, Options(pictures=2))
     before = content(tmp_path)
 
-    def lose(*_):
+    def lose(*_, **__):
         raise DeviceError("gone")
 
     monkeypatch.setattr(f"rastercov.report.coverage.{step}", lose)
