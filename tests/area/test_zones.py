@@ -9,8 +9,8 @@ from surface_cases import bisected, building, cut_at_random, hostile_scene, room
 
 import rastercov as rc
 from rastercov import shapes
-from rastercov.area.network import AreaNetwork
 from rastercov.area.failures import first_failures
+from rastercov.area.network import AreaNetwork
 from rastercov.area.union import RegionUnion, polygon_areas
 from rastercov.area.zone_report import WORDS, summary_of, zone_lines
 from rastercov.area.zones import dead_zones
