@@ -372,12 +372,14 @@ def test_a_run_within_the_budget_is_returned_and_skipped_poses_are_free(how, mon
 
 NOT_NUMBERS = ["1", b"1", True, False, np.True_, [], (1,), np.array([1.0]), 1j, np.complex128(1)]
 NOT_FINITE = [math.nan, math.inf, -math.inf, np.float32(np.nan), 10**400]
+DENSITIES = ("min_pixel_density", "min_facing_density")
 RANGES = {
     "min_pixels": [0, -1, 0.0],
     "min_visibility": [-0.1, 1.1],
     "max_blur": [0, -2],
     "max_incidence_deg": [0, -10, 90.1],
-    "min_pixel_density": [-1],
+    "min_pixel_density": [-1, "-1 px/m"],
+    "min_facing_density": [-1, "-1 px/m"],
     "min_pixels_per_m2": [-1],
     "min_coverage": [-0.1, 1.1],
     "views": [0, -1, 1.5],
@@ -387,7 +389,8 @@ RANGES = {
 @pytest.mark.parametrize("name", RANGES)
 def test_a_threshold_outside_its_range_is_refused(name):
     nothing = [] if name == "max_blur" else [None]
-    for value in [*RANGES[name], *NOT_NUMBERS, *NOT_FINITE, *nothing]:
+    not_numbers = NOT_NUMBERS[1:] if name in DENSITIES else NOT_NUMBERS  # these may be text
+    for value in [*RANGES[name], *not_numbers, *NOT_FINITE, *nothing]:
         with pytest.raises(ConfigError, match=f"^{name} must be ") as caught:
             Task(**{name: value})
         assert "\n" not in str(caught.value)

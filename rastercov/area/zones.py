@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._arguments import check_kind
+from rastercov._arguments import check_kind, checked_array
 from rastercov._checks import shown
 from rastercov.area.frames import frames_of, to_world
 from rastercov.area.rest import with_rest
@@ -159,16 +159,11 @@ def dead_zones(covered: Covered, views: ArrayLike | None = None) -> DeadZones:
 
     check_kind("covered", covered, Covered, "what unite gives", ConfigError)
     mesh, k = covered.mesh, len(covered.area)
-    wanted = np.asarray(k if views is None else views)
-    if (
-        wanted.shape not in ((), (mesh.n_faces,))
-        or not np.issubdtype(wanted.dtype, np.integer)
-        or not ((wanted >= 1) & (wanted <= k)).all()
-    ):
-        raise ConfigError(
-            f"views must be a whole number of 1 to {k}, as covered counts them, or one a face, "
-            f"got {shown(views)}"
-        )
+    words = f"whole numbers of 1 to {k}, as covered counts them: one, or one a face"
+    wanted = checked_array("views", k if views is None else views, "iu", words, ConfigError)
+    is_shape = wanted.shape in ((), (mesh.n_faces,))
+    if not is_shape or not ((wanted >= 1) & (wanted <= k)).all():
+        raise ConfigError(f"views must be {words}, got {shown(views)}")
     wanted = np.broadcast_to(wanted, mesh.n_faces)
     announce_compilation(kernels.link_in_faces)
     whole = with_rest(covered)

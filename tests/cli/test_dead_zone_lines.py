@@ -19,14 +19,14 @@ built_in = "box"
 [camera]
 {CAMERA}
 [task]
-min_facing_density = "observe"
+min_facing_density = "detect"
 [[candidates]]
 generator = "on_sphere"
 count = 12
-distances = [1.4]
+distances = [3.0]
 [selection]
 goal = "best_coverage"
-cameras = 2
+cameras = 1
 [outputs]
 page = false
 """
@@ -40,7 +40,7 @@ def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "camera.toml").write_text(CAMERA)
     (tmp_path / "plan.toml").write_text(PLAN)
-    rc.write_poses("rig.json", rc.look_at([(1.4, 0, 0), (0, 1.4, 0)], np.zeros(3)))
+    rc.write_poses("rig.json", rc.look_at([(3, 0, 0), (0, 3, 0)], np.zeros(3)))
 
 
 def call(capsys, line):
@@ -73,7 +73,7 @@ def test_place_and_check_list_dead_zones(capsys):
     code, out = call(capsys, "place plan.toml --json -o out")
     assert code == 0
     found = json.loads(out)
-    assert found["plan"]["task"]["min_facing_density"] == 62.5
+    assert found["plan"]["task"]["min_facing_density"] == 25
     assert_adds_up(found)
     assert "dead_zones" not in found["network"]
     _, out = call(capsys, "place plan.toml -o out")

@@ -199,7 +199,7 @@ def calls():
     scene = {"mesh": MESH, "camera": CAMERA}
     seen = scene | {"poses": POSES}
     thresholds = {"min_pixels": 1, "min_visibility": 0, "max_blur": 1, "max_incidence_deg": 80}
-    thresholds |= {"min_pixel_density": 1, "min_coverage": 0.5, "views": 1}
+    thresholds |= {"min_pixel_density": 1, "min_facing_density": 1, "min_coverage": 0.5, "views": 1}
     thresholds |= {"focus_rule": "vertices", "cap_resolution": True}
     arrays = {"vertices": MESH.vertices, "faces": MESH.faces, "groups": None, "face_group": None}
     arrays |= {"source_face": None, "sources": (), "notes": ()}
@@ -305,6 +305,7 @@ def calls():
         Call("Rasterizer.render", rasterizer.render, {"pose": POSES[0]}),
         Call("regions", rc.regions, seen | {"task": TASK, "method": "certified", "threads": 1}),
         Call("unite", rc.unite, {"regions": covered, "views": 2}),
+        Call("dead_zones", rc.dead_zones, {"covered": rc.unite(covered, 2), "views": 2}),
         Call("RegionUnion", rc.RegionUnion, {"mesh": MESH, "views": 2}),
         Call("RegionUnion.add", rc.RegionUnion(MESH).add, {"regions": covered}),
         Call("Covered.share", rc.unite(covered).share, {"views": 1}),
