@@ -3,11 +3,14 @@
 `methods` gives each way to place k cameras the same number of poses to measure: the selections
 that many candidates, the searches that budget, and refinement half of it after greedy has had the
 other half as candidates. Candidates are square views of segments, views around the part (or from
-the walls of the room), and poses at random. `kills` builds a matrix under `kill -9`.
+the walls of the room), and poses at random. `kills` builds a matrix under `kill -9`. `cells`
+compares elements of a room of 48 triangles, faces and cells, with greedy selection on exact areas,
+and measures 10,000 candidates on cells.
 """
 
 import json
 import os
+import resource
 import statistics
 import subprocess
 import sys
@@ -20,6 +23,8 @@ from pathlib import Path
 import numpy as np
 from rows import SUPPORT, Report, arguments
 from set_cover_cases import COVERS, FOLDER, OPTIMA, read_set_cover, steiner
+from surface_cases import room
+from union_greedy import area_of, greedy_by_area, room_candidates
 
 import rastercov as rc
 from rastercov import shapes
@@ -42,7 +47,7 @@ from rastercov.placement.select.problem import (
 )
 from rastercov.placement.select.thesis import select_thesis
 
-PARTS = ("methods", "published", "best", "large", "kills")
+PARTS = ("methods", "published", "best", "large", "kills", "cells")
 
 
 def main() -> None:
@@ -66,9 +71,50 @@ def main() -> None:
             best_coverage(report, args.seconds)
         elif part == "kills":
             kills(report)
+        elif part == "cells":
+            elements(report, args.count)
         else:
             published(report)
     report.finish(args.json)
+
+
+CELLS_REL = (0.2, 0.1, 0.05, 0.025)
+"""Sizes of cells, relative to the diagonal of the room."""
+
+
+def elements(report: Report, count: int) -> None:
+    """Six cameras in a room by faces, by cells and by exact areas; and a large matrix of cells."""
+    mesh, camera, _ = room()
+    task, poses = rc.Task(max_incidence_deg=75, min_pixels_per_m2=4000), room_candidates(200)
+    diagonal = float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+    started = time.perf_counter()
+    _, best = greedy_by_area(mesh, camera, poses, task, 6)
+    report.add("room, 6 of 200: lazy greedy on exact areas", 100 * best, "% of the area")
+    report.add("  its time", time.perf_counter() - started, "s")
+    names = [("faces", None)] + [(f"cells of {size:g} diagonals", size) for size in CELLS_REL]
+    for name, size in names:
+        cells = None if size is None else rc.cells(mesh, size * diagonal)
+        started = time.perf_counter()
+        matrix = build_matrix((mesh, camera), poses, task, cells=cells)
+        seconds = time.perf_counter() - started
+        chosen = select_greedy(problem_of(matrix, cells or mesh, BestCoverage(6)), effort=0)
+        exact = area_of(mesh, camera, poses[chosen.chosen], task)
+        n = mesh.n_faces if cells is None else len(cells)
+        report.add(f"room, {n:,} {name}: the matrix says", 100 * chosen.share, "% of the area")
+        report.add("  exact", 100 * exact, "% of the area")
+        report.add("  a candidate", 1000 * seconds / len(poses), "ms")
+        if size is not None and size <= 0.05:
+            report.check("  within 0.5 points of exact areas", exact >= best - 0.005)
+    with tempfile.TemporaryDirectory() as folder:
+        cells = rc.cells(mesh, 0.05 * diagonal)
+        started = time.perf_counter()
+        matrix = build_matrix((mesh, camera), room_candidates(count, 1), task, folder, cells=cells)
+        select_greedy(problem_of(matrix, cells, BestCoverage(6)), effort=0)
+        of = f"{count:,} candidates on {len(cells):,} cells"
+        report.add(f"room, {of}: matrix and selection", time.perf_counter() - started, "s")
+        report.add("  pairs", len(matrix.face), "pairs")
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        report.add("  memory of the process at most", peak, "MiB", at_most=1024)
 
 
 def compile_loops() -> None:

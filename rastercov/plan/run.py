@@ -167,14 +167,16 @@ def place(
             chosen = _select(prepared.problem, selection, selection.time_limit)
         placement = _placed(prepared, chosen, objectives, clock)
         if on_cells is not None and not placement.interrupted:
+            name = "area"
             try:
-                with clock("area") as progress:
+                with clock(name) as progress:
                     placement = _by_area(placement, on_cells, progress)
                 if _is_short(placement):
-                    with clock("stricter selection"):
+                    name = "stricter selection"
+                    with clock(name):
                         placement = _settled(placement, objectives, clock)
             except KeyboardInterrupt:
-                placement = replace(placement, interrupted="area")
+                placement = replace(placement, interrupted=name)
         for name, work in _later_steps(plan, selection):
             if placement.interrupted:
                 break

@@ -206,7 +206,9 @@ def _drawn(report: PlanReport, progress: Progress) -> dict[str, Picture]:
     if (found := report.selection) and (goal := report.goal):
         charts["curve"] = (
             "Coverage by number of cameras",
-            lambda theme: plots.coverage_curve(found, goal, theme),
+            lambda theme: plots.coverage_curve(
+                found, goal, theme, "cells" if report.covered_area else "everything"
+            ),
         )
     total = len(parts) + len(charts)
     drawn: dict[str, Picture] = {}
@@ -260,7 +262,8 @@ def _cameras(report: PlanReport) -> dict[str, Any]:
     network, origins, tolerance = report.network, report.origins, report.tolerance
     headings = ["camera", *(["from"] if any(origins) else []), "x, m", "y, m", "z, m"]
     headings += ["looks along", "covers, faces", "mean coverage"]
-    headings += ["covered without it", "its own faces"] if tolerance else []
+    own = "cells" if report.covered_area else "faces"
+    headings += ["covered without it", f"its own {own}"] if tolerance else []
     rows = []
     for row, (name, pose) in enumerate(zip(report.names, report.poses, strict=True)):
         line = [name, *([origins[row]] if any(origins) else [])]
@@ -333,11 +336,12 @@ def _selection(report: PlanReport) -> list[list[str]] | None:
     if found is None or goal is None:
         return None
     is_best = isinstance(goal, BestCoverage)
+    share = "share on cells" if report.covered_area else "share"
     bound = percent if is_best else "{:g}".format
     return [
         ["method", found.method],
         ["cameras", str(len(found.chosen))],
-        ["share" if is_best else "cost", bound(found.objective)],
+        [share if is_best else "cost", bound(found.objective)],
         [f"no other {'covers more' if is_best else 'costs less'} than", bound(found.bound)],
         ["gap", f"{100 * found.gap:.2g} %"],
         ["which is", STATUS.get(found.status, found.status)],

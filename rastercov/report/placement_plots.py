@@ -61,8 +61,13 @@ def overlap_shares(network: Network) -> list[tuple[str, float, str]]:
     return bars
 
 
-def coverage_curve(selection: Selection, goal: Goal, theme: Theme) -> "Figure":
-    """Coverage by the first cameras of a selection, and the bound of any selection."""
+def coverage_curve(
+    selection: Selection, goal: Goal, theme: Theme, of: str = "everything"
+) -> "Figure":
+    """Coverage by the first cameras of a selection, and the bound of any selection.
+
+    `of` is named as the whole where it is not everything, such as "cells".
+    """
     shares = [0.0, *selection.curve.tolist()]
     curves = [Curve("chosen cameras, best first", list(enumerate(shares)), theme.series[0])]
     marks: list[tuple[str, float, str]] = []
@@ -76,7 +81,12 @@ def coverage_curve(selection: Selection, goal: Goal, theme: Theme) -> "Figure":
     return line_plot(
         "Coverage by number of cameras",
         Axis("cameras", 0, max(len(selection.chosen), 2), is_whole=True),
-        Axis("covered (of everything)" if of_all else "covered", 0, 1.04, is_percent=True),
+        Axis(
+            f"covered (of {of})" if of_all or of != "everything" else "covered",
+            0,
+            1.04,
+            is_percent=True,
+        ),
         curves,
         theme,
         marks=marks,

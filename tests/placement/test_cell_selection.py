@@ -4,8 +4,8 @@ import json
 
 import numpy as np
 import pytest
-from exact_greedy import area_of, greedy_by_area, room_candidates
 from surface_cases import bisected, cut_at_random, room
+from union_greedy import area_of, greedy_by_area, room_candidates
 
 import rastercov as rc
 from rastercov.area.cells import USUAL_CELLS, usual_size

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from exact_greedy import area_of, greedy_by_area, room_candidates
 from surface_cases import room
+from union_greedy import area_of, greedy_by_area, room_candidates
 
 import rastercov as rc
 from rastercov.area.network import AreaNetwork

@@ -28,6 +28,9 @@ from rastercov.placement.select.problem import (
 from rastercov.pose import Poses
 from rastercov.task import Reason, Task
 
+PAIRS_AT_ONCE = 1 << 28
+"""Pose-face pairs that are held unpacked: 256 MB."""
+
 
 @dataclass(frozen=True, eq=False)
 class Objective:
@@ -106,6 +109,15 @@ class Objective:
                 covers[batch.pose_ids] = batch.reason == Reason.COVERED
                 self.watch(len(batch.pose_ids))
         return covers
+
+    def packed_covers(self, poses: FloatArray) -> NDArray[np.uint8]:
+        """(P, F / 8) faces that each pose covers, as bits: `np.packbits` of `covers`."""
+        step = max(1, PAIRS_AT_ONCE // max(1, len(self.integer_weights)))
+        parts = [
+            np.packbits(self.covers(poses[at : at + step]), axis=1)
+            for at in range(0, max(1, len(poses)), step)
+        ]
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
     def covered(self, covers: BoolArray, eyes: FloatArray) -> BoolArray:
         """(F,) faces that a network covers, from the faces of its cameras, (k, F), and centres.

@@ -222,7 +222,7 @@ class _Search:
         if not missing:
             return True
         every = np.concatenate(moves)
-        covers = np.packbits(self.objective.covers(every), axis=1)
+        covers = self.objective.packed_covers(every)
         self.evaluations += len(every)
         ends = np.cumsum(counts)
         for row, end, count in zip(missing, ends, counts, strict=True):
@@ -234,8 +234,7 @@ class _Search:
         """Measure the candidates for exchange; False where the budget does not suffice."""
         if self.evaluations + len(candidates) > self.budget:
             return False
-        covers = self.objective.covers(candidates)
-        self._pool = (candidates, np.packbits(covers, axis=1))
+        self._pool = (candidates, self.objective.packed_covers(candidates))
         self.evaluations += len(candidates)
         return True
 
