@@ -207,7 +207,7 @@ def _drawn(report: PlanReport, progress: Progress) -> dict[str, Picture]:
         charts["curve"] = (
             "Coverage by number of cameras",
             lambda theme: plots.coverage_curve(
-                found, goal, theme, "cells" if report.covered_area else "everything"
+                found, goal, theme, "cells" if report.regions is not None else "everything"
             ),
         )
     total = len(parts) + len(charts)
@@ -262,7 +262,7 @@ def _cameras(report: PlanReport) -> dict[str, Any]:
     network, origins, tolerance = report.network, report.origins, report.tolerance
     headings = ["camera", *(["from"] if any(origins) else []), "x, m", "y, m", "z, m"]
     headings += ["looks along", "covers, faces", "mean coverage"]
-    own = "cells" if report.covered_area else "faces"
+    own = "cells" if report.regions is not None else "faces"
     headings += ["covered without it", f"its own {own}"] if tolerance else []
     rows = []
     for row, (name, pose) in enumerate(zip(report.names, report.poses, strict=True)):
@@ -336,7 +336,7 @@ def _selection(report: PlanReport) -> list[list[str]] | None:
     if found is None or goal is None:
         return None
     is_best = isinstance(goal, BestCoverage)
-    share = "share on cells" if report.covered_area else "share"
+    share = "share on cells" if report.regions is not None else "share"
     bound = percent if is_best else "{:g}".format
     return [
         ["method", found.method],
