@@ -1,19 +1,29 @@
 """Parts of the faces that no camera covers: what a partition of covered parts leaves."""
 
 from dataclasses import replace
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov._once import Once
 from rastercov.area.frames import frames_of
 from rastercov.area.union import Covered, diagonal_floor
+
+_WHOLE: WeakKeyDictionary[Covered, Once[Covered]] = WeakKeyDictionary()
 
 
 def with_rest(covered: Covered) -> Covered:
     """The partition with the rest of the task faces, as further pieces of 0 views.
 
     Their areas are sums of the same cuts: with the others they make up the faces, to rounding.
+    Computed at the first call, since dead zones and the coloured mesh both want it.
     """
+    return _WHOLE.setdefault(covered, Once()).get(lambda: _with_rest(covered))
+
+
+def _with_rest(covered: Covered) -> Covered:
+    """See `with_rest`."""
     from rastercov.area import union_kernels as kernels
     from rastercov.criteria_kernels import read_only
 

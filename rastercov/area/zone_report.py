@@ -101,7 +101,7 @@ def _reasons(
     is_seen = zones.views[piece] > 0
     reason = np.where(is_seen, Reason.COVERED, Reason.DEGENERATE).astype(np.uint8)
     mesh = zones.mesh
-    hidden = np.zeros((len(points), len(mesh.groups)), np.int64)
+    hidden = np.zeros((len(points), len(mesh.groups)), np.int32)
     rows = np.flatnonzero(~is_seen)
     for found, hidden_by in first_failures(mesh, camera, task, poses, points[rows], face[rows]):
         # No camera covers these points: where none of the criteria fails, it is a coincident

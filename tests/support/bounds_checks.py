@@ -5,6 +5,7 @@ from exact_cases import hostile
 from exact_views import PATHS, look
 
 import rastercov as rc
+from rastercov.area.zone_report import summary_of
 from rastercov.mesh.contacts import touching_faces
 
 SCENES = 100
@@ -30,7 +31,7 @@ def find_contacts():
 
 
 def cover_scenes():
-    """Regions, unions and cells of the scenes, of each mesh by three tasks at once."""
+    """Regions, unions, dead zones and cells of the scenes, of each mesh by three tasks at once."""
     for seed in range(SCENES):
         case = hostile(seed)
         density = 10.0 ** np.random.default_rng(seed).uniform(-1, 3)
@@ -42,6 +43,10 @@ def cover_scenes():
         parts = [rc.regions(case.mesh, case.camera, case.pose, task) for task in tasks]
         covered = rc.unite(parts, 2)
         assert (covered.area[1] <= covered.area[0] + 1e-12 * case.mesh.areas).all(), case
+        zones = rc.dead_zones(covered)
+        summary_of(zones, case.camera, tasks[0], case.pose[None])
+        scored = case.mesh.areas[case.mesh.task_mask].sum() - covered.area[1].sum()
+        assert abs(zones.area.sum() - scored) <= covered.bound.sum() + 1e-9 * case.mesh.areas.sum()
         size = np.linalg.norm(np.ptp(case.mesh.bounds, axis=0))
         cells = rc.cells(case.mesh, size / 10)
         for part in parts:
