@@ -103,7 +103,7 @@ def test_shares_on_cells_and_of_the_exact_area_are_both_named():
 
 def test_the_size_of_cells_is_chosen_from_the_scene():
     found = placed(PLAN.replace("resolution_of_result = 0.5", ""))
-    assert 2_000 <= report.summary(found)["matrix"]["cells"] <= 10_048
+    assert 2_000 <= report.summary(found)["matrix"]["cells"] <= 10_096
 
 
 def test_a_plan_by_face_does_as_if_there_were_no_cells():
