@@ -21,7 +21,7 @@ UNITS = ("area", "face")
 
 
 def unit_of_result(by: str | None, task: Task, engine: Engine) -> tuple[str, str]:
-    """Unit of a result, "area" or "face"; and what it is by face for, if nobody asked for that.
+    """Unit of a result, "area" or "face"; and why it is "face" where no unit was given.
 
     Without a choice it is "area", unless a threshold of the task is of a face or the method counts
     samples.

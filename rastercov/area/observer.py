@@ -30,7 +30,7 @@ class RegionObserver(ExactObserver):
     Attributes
     ----------
     closed : (F,) bool
-        Faces whose regions nobody asks for any more, such as those of `RegionUnion.closed`.
+        Faces whose regions are left out, such as those of `RegionUnion.closed`.
     """
 
     def __init__(self, mesh: Mesh, camera: Camera, task: Task, engine: Engine) -> None:

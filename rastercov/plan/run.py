@@ -247,8 +247,8 @@ def _is_short(placement: Placement) -> bool:
 def _settled(placement: Placement, objectives: Objectives, clock: Clock) -> Placement:
     """The placement with cameras selected anew until its exact area meets the goal.
 
-    More is asked of half cells, and then cells must be covered better. The one that covers most
-    where neither helps.
+    First with a higher share of half cells, then with cells that are covered better. The one that
+    covers most where neither helps.
     """
     assert objectives.cells is not None
     on_cells, prepared, best = objectives.cells, placement.prepared, placement

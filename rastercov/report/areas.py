@@ -15,8 +15,8 @@ from rastercov.mesh import Mesh
 def write_areas(path: Path, mesh: Mesh, covered: Covered) -> None:
     """Write a table of the task faces: Parquet, a row for each face and number of views.
 
-    Columns: `face` (int32), `group` (its name), `views` (int32), `m2` that at least so many cameras
-    cover, `bound_m2` of its error, and `area_m2` of the face (float64).
+    Columns: `face` (int32), `group` (its name), `views` (int32), `m2` that at least that number of
+    cameras cover, `bound_m2` of its error, and `area_m2` of the face (float64).
     """
     faces = np.flatnonzero(mesh.task_mask)
     k = len(covered.area)
