@@ -24,7 +24,7 @@ FloatArray = NDArray[np.float64]
 MOST_CELLS = 5_000_000
 """Cells of a mesh."""
 USUAL_CELLS = 10_000
-"""Cells of `usual_size`, besides one a face."""
+"""Cells of `usual_size`, besides two a face."""
 FINEST_REL = 1 / 500
 """Least size of `usual_size`, relative to the diagonal of the task faces."""
 
@@ -180,7 +180,7 @@ def cells(mesh: Mesh, size: float) -> Cells:
 def usual_size(mesh: Mesh) -> float:
     """Size of cells that suits a mesh, metres, two digits: 5,000 to 10,000 cells of large faces.
 
-    The smallest in steps of 2^(1/4) with at most `USUAL_CELLS` cells and one a face, and not below
+    The smallest in steps of 2^(1/4) with at most `USUAL_CELLS` cells and two a face, and not below
     `FINEST_REL` of the diagonal of the task faces.
     """
     from rastercov.area import cell_kernels as kernels
@@ -191,7 +191,7 @@ def usual_size(mesh: Mesh) -> float:
     is_asked = mesh.task_mask & (frames.areas > 0)
     if not is_asked.any():
         return 1.0
-    most = min(USUAL_CELLS + int(is_asked.sum()), MOST_CELLS)
+    most = min(USUAL_CELLS + 2 * int(is_asked.sum()), MOST_CELLS)
     corners, asked = read_only(frames.corners, np.float64), read_only(is_asked, np.bool_)
     counts, scratch = np.zeros(mesh.n_faces, np.int64), kernels.cell_scratch(0)
     points = mesh.vertices[mesh.faces[is_asked]].reshape(-1, 3)

@@ -369,8 +369,9 @@ def _write_shard(
 
     schema, sink, n_pairs = schema_of(shard, header), pa.BufferOutputStream(), 0
     with pq.ParquetWriter(sink, schema, compression="zstd", write_page_checksum=True) as writer:
-        for pose, face, value, covered, _ in batches:
+        for pose, face, value, covered, n_poses in batches:
             of_all = (first + pose).astype(np.int32)
+            first += n_poses
             writer.write_table(pa.table([of_all, face, value, covered], schema=schema))
             n_pairs += len(face)
     store(folder, shard, memoryview(sink.getvalue()))

@@ -249,7 +249,8 @@ def prepare(
         )
     _forget(folder, used)
     if not problem.reachable.any():
-        notes.append(_why_nothing(observer, found.candidates.poses, task))
+        what = "no face" if cells is None else "no cell"
+        notes.append(_why_nothing(observer, found.candidates.poses, task, what))
     try:
         problem = replace(problem, goal=goal_of(selection))
     except ConfigError as error:
@@ -290,7 +291,7 @@ def _faces_with(elements: BoolArray, cells: Cells | None) -> BoolArray:
     return faces
 
 
-def _why_nothing(observer: Observer, poses: FloatArray, task: Task) -> str:
+def _why_nothing(observer: Observer, poses: FloatArray, task: Task, what: str) -> str:
     """Reasons why the candidates cover nothing, from a sample of them."""
     some = poses[np.unique(np.linspace(0, len(poses) - 1, N_DIAGNOSED).astype(np.int64))]
     counts = np.zeros(len(Reason), np.int64)
@@ -305,7 +306,7 @@ def _why_nothing(observer: Observer, poses: FloatArray, task: Task) -> str:
         if counts[row]
     )
     return (
-        f"no face is covered, whichever candidates are chosen; of the faces before a camera: "
+        f"{what} is covered, whichever candidates are chosen; of the faces before a camera: "
         f"{why or 'none'}; the scene measures {observer.mesh.size_in_words}, see meshes.unit"
     )
 

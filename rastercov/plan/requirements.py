@@ -118,6 +118,15 @@ class AreaRequirement(Requirement):
         return text
 
 
+@dataclass(frozen=True)
+class CellRequirement(Requirement):
+    """A required share of what all candidates cover; `faces` and `uncovered` are cells."""
+
+    def words(self) -> str:
+        """The requirement and its outcome in one line."""
+        return f"{super().words().replace('faces', 'cells')} (on cells)"
+
+
 OF = {"area": "the area", "count": "the faces"}
 """Words for the whole of a share, by `weight_by`."""
 

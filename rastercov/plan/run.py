@@ -9,7 +9,7 @@ are selected and moved on cells of the surface, and the network is measured by i
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -41,6 +41,7 @@ from rastercov.plan.prepare import Clock, Prepared, Progress, Step, cells_of, pr
 from rastercov.plan.requirements import (
     FAILS,
     HOLDS,
+    CellRequirement,
     Requirement,
     counting,
     judge,
@@ -227,7 +228,8 @@ def _by_area(
         problem, poses = prepared.problem, cameras.poses
         covered = on_cells.covered(on_cells.covers(poses), poses[:, :3, 3])
         cells, reachable = on_cells.elements, problem.reachable
-        required = judge(cells, problem.integer_weights, limits, covered, reachable=reachable)
+        found = judge(cells, problem.integer_weights, limits, covered, reachable=reachable)
+        required = tuple(CellRequirement(**asdict(each)) for each in found)
     else:
         required = judge_areas(cameras.areas, limits, plan.task.views)
     return replace(placement, cameras=cameras, requirements=required)

@@ -103,7 +103,7 @@ def test_shares_on_cells_and_of_the_exact_area_are_both_named():
 
 def test_the_size_of_cells_is_chosen_from_the_scene():
     found = placed(PLAN.replace("resolution_of_result = 0.5", ""))
-    assert 2_000 <= report.summary(found)["matrix"]["cells"] <= 10_048
+    assert 2_000 <= report.summary(found)["matrix"]["cells"] <= 10_096
 
 
 def test_a_plan_by_face_does_as_if_there_were_no_cells():
@@ -159,10 +159,18 @@ def test_a_goal_out_of_reach_gives_most_of_what_cells_reach():
     assert "m² uncovered" in required.words()
 
 
+def test_nothing_that_can_be_covered_is_a_network_without_cameras():
+    found = placed(PLAN.replace("4000", "1e12"))
+    assert len(found.cameras.poses) == found.cameras.share == 0
+    assert found.prepared.notes[0].startswith("no cell is covered")
+    assert report.summary(found)["covered_area"]["m2"] == 0
+
+
 def test_a_share_of_what_is_reachable_is_judged_on_cells():
     found = placed(FEWEST.replace("0.7", "0.9\nof_reachable = true"))
     (required,) = found.requirements
     assert required.of_reachable
+    assert required.words().endswith("90.0 % wanted (on cells)")
     assert found.is_met
     assert (
         0.9
