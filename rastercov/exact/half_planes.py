@@ -265,19 +265,16 @@ class HalfPlaneSolver:
             rotation=np.ascontiguousarray(pose[:3, :3]), centre=pose[:3, 3].copy(), near=float(near)
         )
         n_faces = len(surface.faces)
-        project(surface.vertices, self.camera, self.projected.uvw)
-        while True:
-            n_live, self.n_clipped = set_up(
-                surface.vertices, surface.flat, self.camera, front_only, self.projected,
-                self.area_error[:n_faces], self._extent,
-            )  # fmt: skip
-            if self.n_clipped <= len(self.projected.clipped.polygons):
-                break
-            self._make_room_for_clipped(self.n_clipped)
+        self.projected, n_live, self.n_clipped = _set_up(
+            surface, self.camera, front_only, self.projected, self.area_error[:n_faces],
+            self._extent,
+        )  # fmt: skip
         if self._target_image is not None and surface.targets is not None:
-            self._target_image = self._target_image.after_set_up(
-                surface.targets, self.camera, self.projected, self.area_error[n_faces:]
-            )
+            its_image, *_ = _set_up(
+                surface.targets, self.camera, False, self._target_image.own,
+                self.area_error[n_faces:], np.empty(7),
+            )  # fmt: skip
+            self._target_image = self._target_image.beside(self.projected, its_image)
         self.visible.fill(0.0)
         self._marks.fill(-1)
         self._lay_grid(n_live)
@@ -389,9 +386,6 @@ class HalfPlaneSolver:
             )
         self._is_listed = True
 
-    def _make_room_for_clipped(self, n: int) -> None:
-        self.projected = self.projected._replace(clipped=_room_for_clipped(n))
-
     def _make_room_for_pieces(self, n: int) -> None:
         """Allocate room for n pieces of a face."""
         self._pieces = _room_for_pieces(n, PIECE_ROOM)
@@ -411,23 +405,13 @@ class TargetImage(NamedTuple):
     everything: Projected
     own: Projected
 
-    def after_set_up(
-        self, targets: Targets, camera: Pinhole, opaque: Projected, area_error: FloatArray
-    ) -> "TargetImage":
-        """Set up the targets, and join the vertices and clipped faces of both parts."""
-        own = self.own
-        project(targets.vertices, camera, own.uvw)
-        while True:
-            _, n_clipped = set_up(
-                targets.vertices, targets.flat, camera, False, own, area_error, np.empty(7)
-            )
-            if n_clipped <= len(own.clipped.polygons):
-                break
-            own = own._replace(clipped=_room_for_clipped(n_clipped))
-        joined, n_faces, n_vertices = self.everything, len(opaque.faces), len(opaque.uvw)
+    def beside(self, opaque: Projected, own: Projected) -> "TargetImage":
+        """The same after a set-up: `everything` gets the vertices and clipped faces of both."""
+        joined, n_clipped = self.everything, len(opaque.clipped.polygons)
+        n_vertices = len(opaque.uvw)
         joined.uvw[:n_vertices], joined.uvw[n_vertices:] = opaque.uvw, own.uvw
-        joined.state[n_faces:] |= TRANSPARENT
-        joined.clipped_index[n_faces:] += len(opaque.clipped.polygons)
+        joined.state[len(opaque.faces) :] |= TRANSPARENT
+        joined.clipped_index[len(opaque.faces) :] += n_clipped
         both = zip(opaque.clipped, own.clipped, strict=True)
         clipped = Clipped(*(np.concatenate(pair) for pair in both))
         return TargetImage(joined._replace(clipped=clipped), own)
@@ -465,6 +449,25 @@ def _part_of(everything: Projected, part: slice, faces: IntArray) -> Projected:
         clipped_index=everything.clipped_index[part],
         clipped=_room_for_clipped(8),
     )
+
+
+def _set_up(
+    surface: Surface | Targets,
+    camera: Pinhole,
+    front_only: bool,
+    projected: Projected,
+    area_error: FloatArray,
+    extent: FloatArray,
+) -> tuple[Projected, int, int]:
+    """Project and set up faces; the image, with room for clipped faces, live and clipped ones."""
+    project(surface.vertices, camera, projected.uvw)
+    while True:
+        n_live, n_clipped = set_up(
+            surface.vertices, surface.flat, camera, front_only, projected, area_error, extent
+        )
+        if n_clipped <= len(projected.clipped.polygons):
+            return projected, n_live, n_clipped
+        projected = projected._replace(clipped=_room_for_clipped(n_clipped))
 
 
 def _border(width: float, height: float) -> FloatArray:
