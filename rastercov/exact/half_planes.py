@@ -92,9 +92,9 @@ def visible_areas(
         The faces to measure, by default all F. All other faces hide them nevertheless.
     front_only : bool, optional
         True leaves out faces seen from behind, except targets: they neither hide nor are visible.
-        By default they
-        are left out where that changes nothing, which is proved pose by pose: the mesh is closed
-        and consistently wound, the camera outside it, and nothing is cut by the near plane.
+        By default they are left out where that changes nothing, which is proved pose by pose: the
+        mesh is closed and consistently wound, the camera outside it, and nothing is cut by the near
+        plane.
     threads : int, optional
         Poses measured in parallel; by default one per core.
 
