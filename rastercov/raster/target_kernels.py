@@ -131,10 +131,10 @@ def count_targets(corners, axes, eye, lens, near, rows, corner, runs, depth, vis
     Parameters
     ----------
     corners : (N, 3, 3) float64
-        World points, metres.
+        Points, metres.
     axes, eye : (3, 3), (3,) float64
         Rotation world_from_camera with its first two axes mixed as by `SampleGrid.axes`, and camera
-        centre.
+        centre, from the same origin as the points.
     lens : (4,) float64
         Of `SampleGrid`.
     near : float

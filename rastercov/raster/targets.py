@@ -33,12 +33,16 @@ class TargetFaces:
     rows, opaque : (N,), (O,) int64
         The targets, and all other faces.
     corners : (N, 3, 3) float64
-        World points of the targets, metres.
+        Points of the targets from the centre of the opaque faces, metres: as in the CPU rasteriser,
+        so that they are rounded alike.
+    centre : (3,) float64
+        That centre.
     """
 
     rows: IntArray
     opaque: IntArray
     corners: FloatArray
+    centre: FloatArray
 
     @classmethod
     def of(cls, mesh: Mesh) -> "TargetFaces | None":
@@ -50,8 +54,12 @@ class TargetFaces:
 
         announce_compilation(target_kernels.count_targets)
         rows = np.flatnonzero(mesh.target_mask)
-        corners = np.ascontiguousarray(mesh.vertices[mesh.faces[rows]])
-        return cls(rows, np.flatnonzero(~mesh.target_mask), corners)
+        centre = mesh.opaque.bounds.mean(axis=0)
+        corners = mesh.vertices[mesh.faces[rows]]
+        # As in `tie_order`: the order decides how a clipped face is cut into triangles.
+        order = np.lexsort(corners.transpose(2, 0, 1)[::-1], axis=1)
+        corners = np.take_along_axis(corners, order[:, :, None], axis=1) - centre
+        return cls(rows, np.flatnonzero(~mesh.target_mask), corners, centre)
 
     def count(
         self, grid: SampleGrid, pose: FloatArray, near: float, depths: Depths
@@ -71,7 +79,7 @@ class TargetFaces:
         from rastercov.raster import target_kernels as kernels
 
         axes = np.ascontiguousarray(grid.axes(pose[None])[0, :3, :3])
-        view = self.corners, axes, np.ascontiguousarray(pose[:3, 3]), grid.lens, float(near)
+        view = self.corners, axes, pose[:3, 3] - self.centre, grid.lens, float(near)
         visible, drawn = np.zeros((2, len(self.rows)), np.int64)
         rows = np.empty((len(self.rows), 2), np.int64)
         kernels.rows_of_targets(*view, grid.height, rows)
