@@ -323,6 +323,7 @@ def test_ctrl_c_ends_a_long_run_between_two_poses():
     mesh, camera, poses = room()
     many = np.repeat(poses, 5000, axis=0)
     finder = RegionPass(mesh, camera, TASKS["all"], threads=2)
+    finder.find(rc.Poses.of(poses))  # LLVM loses an interrupt while it loads compiled loops
     timer = threading.Timer(0.5, signal.raise_signal, [signal.SIGINT])
     timer.start()
     with pytest.raises(KeyboardInterrupt):
