@@ -24,6 +24,7 @@ from rastercov._threads import ScratchPool, share_poses
 from rastercov.errors import DeviceError, ResourceError
 from rastercov.exact import certificate as contour
 from rastercov.exact import half_planes as analytic
+from rastercov.exact import memory as images
 from rastercov.exact import surface
 from rastercov.mesh import contacts
 from rastercov.models.scott import coverage as scott_coverage
@@ -293,7 +294,7 @@ def test_scratch_memory_that_an_error_left_half_changed_is_not_used_again(monkey
     rng = np.random.default_rng(2)
     mesh = rc.Mesh(rng.normal(size=(900, 3)) * 3, np.arange(900).reshape(300, 3))
     expected = ask(OPENERS[kind](mesh, CAMERA, threads=1), np.eye(4))
-    make_room = analytic._room_for_clipped
+    make_room = images.room_for_clipped
 
     def interrupted(n):
         if n > 8:
@@ -301,7 +302,7 @@ def test_scratch_memory_that_an_error_left_half_changed_is_not_used_again(monkey
         return make_room(n)
 
     with OPENERS[kind](mesh, CAMERA, threads=1) as observer:
-        monkeypatch.setattr(analytic, "_room_for_clipped", interrupted)
+        monkeypatch.setattr(images, "room_for_clipped", interrupted)
         with pytest.raises(error):
             observer.observe(np.eye(4))
         monkeypatch.undo()

@@ -15,7 +15,7 @@ A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of S
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,25 +33,30 @@ from rastercov.exact.grid_kernels import (
 )
 from rastercov.exact.half_plane_kernels import visible_areas as visible_areas_kernel
 from rastercov.exact.intersection_kernels import MOST_INTERSECTIONS
+from rastercov.exact.memory import (
+    TargetImage,
+    border_of,
+    part_of,
+    room_for_image,
+    room_for_kept,
+    room_for_pieces,
+    set_up_image,
+)
 from rastercov.exact.records import (
-    BLOCK,
     CORNERS,
     LIVE,
     PIECE_ROOM,
     SIDES,
     STACK_ROOM,
     THIN,
-    TRANSPARENT,
     CellGrid,
-    Clipped,
-    Pieces,
     Pinhole,
     Projected,
     VisiblePieces,
     Work,
 )
-from rastercov.exact.setup_kernels import CLIP_MARGIN, UNIT_ROUNDING, project, set_up
-from rastercov.exact.surface import Surface, Targets, surface_of
+from rastercov.exact.setup_kernels import CLIP_MARGIN, UNIT_ROUNDING
+from rastercov.exact.surface import Surface, surface_of
 from rastercov.mesh import Mesh
 from rastercov.near_plane import limits
 from rastercov.pose import valid_poses
@@ -198,17 +203,17 @@ class HalfPlaneSolver:
             longest_ray=longest_ray,
             pixel_error=UNIT_ROUNDING * self.coordinate_scale,
             w_error_rel=UNIT_ROUNDING * (longest_ray / 2),
-            border=_border(width, height),
+            border=border_of(width, height),
         )
         self.area, self.visible, self.area_error = np.empty((3, n_all))
         self.is_certified: BoolArray = np.zeros(n_all, np.bool_)
         self._marks, self._extent = np.empty(n_faces, np.int32), np.empty(7)
-        self.projected = _room_for_image(surface, self.area)
+        self.projected = room_for_image(surface, self.area)
         self._target_image = None
         if surface.targets is not None:
             everything = self.projected
-            self.projected = _part_of(everything, slice(0, n_faces), surface.faces)
-            its_image = _part_of(everything, slice(n_faces, n_all), surface.targets.faces)
+            self.projected = part_of(everything, slice(0, n_faces), surface.faces)
+            its_image = part_of(everything, slice(n_faces, n_all), surface.targets.faces)
             self._target_image = TargetImage(everything, its_image)
         self.side, self.state = self.projected.side, self.projected.state
         self.grid = CellGrid(
@@ -244,15 +249,15 @@ class HalfPlaneSolver:
             values=np.empty(PIECE_ROOM),
             ranges=np.empty((MOST_RANGES, 2)),
             cell=np.empty((4, 5)),
-            parts=_room_for_pieces(STACK_ROOM, 2 * CORNERS),
+            parts=room_for_pieces(STACK_ROOM, 2 * CORNERS),
             levels=np.empty(STACK_ROOM, np.int64),
             intersections=np.empty((MOST_INTERSECTIONS, 7)),
-            kept=_room_for_kept(0, 0),
+            kept=room_for_kept(0, 0),
         )
 
     def keep_pieces(self) -> None:
         """Keep the visible pieces of all faces that are partly visible from now on."""
-        self._work = self._work._replace(kept=_room_for_kept(1024, 8192))
+        self._work = self._work._replace(kept=room_for_kept(1024, 8192))
 
     @property
     def kept_pieces(self) -> VisiblePieces:
@@ -284,12 +289,12 @@ class HalfPlaneSolver:
             rotation=np.ascontiguousarray(pose[:3, :3]), centre=pose[:3, 3].copy(), near=float(near)
         )
         n_faces = len(surface.faces)
-        self.projected, n_live, self.n_clipped = _set_up(
+        self.projected, n_live, self.n_clipped = set_up_image(
             surface, self.camera, front_only, self.projected, self.area_error[:n_faces],
             self._extent,
         )  # fmt: skip
         if self._target_image is not None and surface.targets is not None:
-            its_image, *_ = _set_up(
+            its_image, *_ = set_up_image(
                 surface.targets, self.camera, False, self._target_image.own,
                 self.area_error[n_faces:], np.empty(7),
             )  # fmt: skip
@@ -409,7 +414,7 @@ class HalfPlaneSolver:
 
     def _make_room_for_pieces(self, n: int) -> None:
         """Allocate room for n pieces of a face."""
-        self._pieces = _room_for_pieces(n, PIECE_ROOM)
+        self._pieces = room_for_pieces(n, PIECE_ROOM)
 
     def _grow_kept(self) -> bool:
         """Make twice the room for pieces that are kept, if there was too little; True if so."""
@@ -417,7 +422,7 @@ class HalfPlaneSolver:
         if not kept.used[2]:
             return False
         used = min(len(kept.faces), int(kept.used[0])), min(len(kept.corners), int(kept.used[1]))
-        more = _room_for_kept(2 * len(kept.faces), 2 * len(kept.corners))
+        more = room_for_kept(2 * len(kept.faces), 2 * len(kept.corners))
         more.corners[: used[1]], more.faces[: used[0]] = (
             kept.corners[: used[1]],
             kept.faces[: used[0]],
@@ -425,110 +430,3 @@ class HalfPlaneSolver:
         more.starts[: used[0] + 1], more.used[:2] = kept.starts[: used[0] + 1], kept.used[:2]
         self._work = self._work._replace(kept=more)
         return True
-
-
-class TargetImage(NamedTuple):
-    """Image of the targets of a surface.
-
-    Attributes
-    ----------
-    everything : Projected
-        Opaque faces and then targets, without `block_box`; it shares the memory of both parts.
-    own : Projected
-        The targets, with their own vertices.
-    """
-
-    everything: Projected
-    own: Projected
-
-    def beside(self, opaque: Projected, own: Projected) -> "TargetImage":
-        """The same after a set-up: `everything` gets the vertices and clipped faces of both."""
-        joined, n_clipped = self.everything, len(opaque.clipped.polygons)
-        n_vertices = len(opaque.uvw)
-        joined.uvw[:n_vertices], joined.uvw[n_vertices:] = opaque.uvw, own.uvw
-        joined.state[len(opaque.faces) :] |= TRANSPARENT
-        joined.clipped_index[len(opaque.faces) :] += n_clipped
-        both = zip(opaque.clipped, own.clipped, strict=True)
-        clipped = Clipped(*(np.concatenate(pair) for pair in both))
-        return TargetImage(joined._replace(clipped=clipped), own)
-
-
-def _room_for_image(surface: Surface, area: FloatArray) -> Projected:
-    """Memory for the image of all faces of a surface, the opaque ones first."""
-    n_all, vertices, faces = surface.n_faces, surface.vertices, surface.faces
-    if surface.targets is not None:
-        faces = np.concatenate((faces, surface.targets.faces + np.int32(len(vertices))))
-        vertices = np.concatenate((vertices, surface.targets.vertices))
-    return Projected(
-        faces=faces,
-        uvw=np.empty((len(vertices), 3)),
-        side=np.empty(n_all, np.int8),
-        state=np.empty(n_all, np.uint16),
-        box=np.empty((n_all, 6)),
-        block_box=np.empty((-(-len(surface.faces) // BLOCK), 4)),
-        area=area,
-        clipped_index=np.zeros(n_all, np.int32),
-        clipped=_room_for_clipped(8),
-    )
-
-
-def _part_of(everything: Projected, part: slice, faces: IntArray) -> Projected:
-    """Image of a part of all faces, with its own vertices and clipped faces."""
-    return everything._replace(
-        faces=faces,
-        uvw=np.empty((int(faces.max(initial=-1)) + 1, 3)),
-        side=everything.side[part],
-        state=everything.state[part],
-        box=everything.box[part],
-        block_box=np.empty((-(-len(faces) // BLOCK), 4)),
-        area=everything.area[part],
-        clipped_index=everything.clipped_index[part],
-        clipped=_room_for_clipped(8),
-    )
-
-
-def _set_up(
-    surface: Surface | Targets,
-    camera: Pinhole,
-    front_only: bool,
-    projected: Projected,
-    area_error: FloatArray,
-    extent: FloatArray,
-) -> tuple[Projected, int, int]:
-    """Project and set up faces; the image, with room for clipped faces, live and clipped ones."""
-    project(surface.vertices, camera, projected.uvw)
-    while True:
-        n_live, n_clipped = set_up(
-            surface.vertices, surface.flat, camera, front_only, projected, area_error, extent
-        )
-        if n_clipped <= len(projected.clipped.polygons):
-            return projected, n_live, n_clipped
-        projected = projected._replace(clipped=_room_for_clipped(n_clipped))
-
-
-def _border(width: float, height: float) -> FloatArray:
-    """(4, 5) sides of the image as lines, clockwise from the top left corner."""
-    corners = np.array([(0.0, 0.0), (width, 0.0), (width, height), (0.0, height)])
-    return np.column_stack((corners, np.roll(corners, -1, axis=0) - corners, np.zeros(4)))
-
-
-def _room_for_pieces(n: int, corners: int) -> Pieces:
-    return Pieces(np.empty((n, corners, 2)), np.empty(n, np.int64))
-
-
-def _room_for_kept(n: int, corners: int) -> VisiblePieces:
-    return VisiblePieces(
-        corners=np.empty((corners, 2)),
-        starts=np.zeros(n + 1, np.int64),
-        faces=np.empty(n, np.int32),
-        used=np.zeros(3, np.int64),
-    )
-
-
-def _room_for_clipped(n: int) -> Clipped:
-    return Clipped(
-        polygons=np.empty((n, CORNERS, 2)),
-        n_corners=np.empty(n, np.int32),
-        lines=np.empty((n, SIDES, 5)),
-        planes=np.empty((n, 7)),
-    )

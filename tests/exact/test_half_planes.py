@@ -26,7 +26,8 @@ from rastercov import shapes
 from rastercov.camera import Camera
 from rastercov.criteria import face_geometry
 from rastercov.errors import ConfigError
-from rastercov.exact.half_planes import HalfPlaneSolver, _room_for_clipped, visible_areas
+from rastercov.exact.half_planes import HalfPlaneSolver, visible_areas
+from rastercov.exact.memory import room_for_clipped
 from rastercov.exact.surface import surface_of
 from rastercov.mesh import Mesh
 from rastercov.observer import visibility
@@ -64,7 +65,7 @@ def test_faces_cut_in_space_make_room_for_themselves(path):
     assert view.n_clipped > 100
     assert len(view.projected.clipped.polygons) >= view.n_clipped
     again = path(surface_of(mesh), CAMERA)
-    again.projected = again.projected._replace(clipped=_room_for_clipped(1000))
+    again.projected = again.projected._replace(clipped=room_for_clipped(1000))
     see_again(again, mesh, CAMERA, AHEAD)
     assert np.array_equal(view.visible, again.visible)
 

@@ -57,8 +57,8 @@ def test_pieces_make_room_for_themselves(path, monkeypatch):
     mesh = soup(np.random.default_rng(3), n=80)
     wanted, n = pieces_of(solver_with_pieces(mesh, CAMERA, np.eye(4), path))
     assert n > 100
-    room = half_planes._room_for_kept
-    monkeypatch.setattr(half_planes, "_room_for_kept", lambda n, corners: room(
+    room = half_planes.room_for_kept
+    monkeypatch.setattr(half_planes, "room_for_kept", lambda n, corners: room(
         *((1, 4) if (n, corners) == (1024, 8192) else (n, corners))
     ))  # fmt: skip
     solver = solver_with_pieces(mesh, CAMERA, np.eye(4), path)

@@ -1,0 +1,133 @@
+"""Memory of the exact methods for one camera and thread, and the images of faces in it."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.exact.records import (
+    BLOCK,
+    CORNERS,
+    SIDES,
+    TRANSPARENT,
+    Clipped,
+    Pieces,
+    Pinhole,
+    Projected,
+    VisiblePieces,
+)
+from rastercov.exact.setup_kernels import project, set_up
+from rastercov.exact.surface import Surface, Targets
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int32]
+
+
+class TargetImage(NamedTuple):
+    """Image of the targets of a surface.
+
+    Attributes
+    ----------
+    everything : Projected
+        Opaque faces and then targets, without `block_box`; it shares the memory of both parts.
+    own : Projected
+        The targets, with their own vertices.
+    """
+
+    everything: Projected
+    own: Projected
+
+    def beside(self, opaque: Projected, own: Projected) -> "TargetImage":
+        """The same after a set-up: `everything` gets the vertices and clipped faces of both."""
+        joined, n_clipped = self.everything, len(opaque.clipped.polygons)
+        n_vertices = len(opaque.uvw)
+        joined.uvw[:n_vertices], joined.uvw[n_vertices:] = opaque.uvw, own.uvw
+        joined.state[len(opaque.faces) :] |= TRANSPARENT
+        joined.clipped_index[len(opaque.faces) :] += n_clipped
+        both = zip(opaque.clipped, own.clipped, strict=True)
+        clipped = Clipped(*(np.concatenate(pair) for pair in both))
+        return TargetImage(joined._replace(clipped=clipped), own)
+
+
+def room_for_image(surface: Surface, area: FloatArray) -> Projected:
+    """Memory for the image of all faces of a surface, the opaque ones first."""
+    n_all, vertices, faces = surface.n_faces, surface.vertices, surface.faces
+    if surface.targets is not None:
+        faces = np.concatenate((faces, surface.targets.faces + np.int32(len(vertices))))
+        vertices = np.concatenate((vertices, surface.targets.vertices))
+    return Projected(
+        faces=faces,
+        uvw=np.empty((len(vertices), 3)),
+        side=np.empty(n_all, np.int8),
+        state=np.empty(n_all, np.uint16),
+        box=np.empty((n_all, 6)),
+        block_box=np.empty((-(-len(surface.faces) // BLOCK), 4)),
+        area=area,
+        clipped_index=np.zeros(n_all, np.int32),
+        clipped=room_for_clipped(8),
+    )
+
+
+def part_of(everything: Projected, part: slice, faces: IntArray) -> Projected:
+    """Image of a part of all faces, with its own vertices and clipped faces."""
+    return everything._replace(
+        faces=faces,
+        uvw=np.empty((int(faces.max(initial=-1)) + 1, 3)),
+        side=everything.side[part],
+        state=everything.state[part],
+        box=everything.box[part],
+        block_box=np.empty((-(-len(faces) // BLOCK), 4)),
+        area=everything.area[part],
+        clipped_index=everything.clipped_index[part],
+        clipped=room_for_clipped(8),
+    )
+
+
+def set_up_image(
+    surface: Surface | Targets,
+    camera: Pinhole,
+    front_only: bool,
+    projected: Projected,
+    area_error: FloatArray,
+    extent: FloatArray,
+) -> tuple[Projected, int, int]:
+    """Project and set up faces; the image, with room for clipped faces, live and clipped ones."""
+    project(surface.vertices, camera, projected.uvw)
+    while True:
+        n_live, n_clipped = set_up(
+            surface.vertices, surface.flat, camera, front_only, projected, area_error, extent
+        )
+        if n_clipped <= len(projected.clipped.polygons):
+            return projected, n_live, n_clipped
+        projected = projected._replace(clipped=room_for_clipped(n_clipped))
+
+
+def border_of(width: float, height: float) -> FloatArray:
+    """(4, 5) sides of the image as lines, clockwise from the top left corner."""
+    corners = np.array([(0.0, 0.0), (width, 0.0), (width, height), (0.0, height)])
+    return np.column_stack((corners, np.roll(corners, -1, axis=0) - corners, np.zeros(4)))
+
+
+def room_for_pieces(n: int, corners: int) -> Pieces:
+    """Memory for n pieces of a number of corners each."""
+    return Pieces(np.empty((n, corners, 2)), np.empty(n, np.int64))
+
+
+def room_for_kept(n: int, corners: int) -> VisiblePieces:
+    """Memory for n pieces of a number of corners together."""
+    return VisiblePieces(
+        corners=np.empty((corners, 2)),
+        starts=np.zeros(n + 1, np.int64),
+        faces=np.empty(n, np.int32),
+        used=np.zeros(3, np.int64),
+    )
+
+
+def room_for_clipped(n: int) -> Clipped:
+    """Memory for n faces that are clipped in space."""
+    return Clipped(
+        polygons=np.empty((n, CORNERS, 2)),
+        n_corners=np.empty(n, np.int32),
+        lines=np.empty((n, SIDES, 5)),
+        planes=np.empty((n, 7)),
+    )
