@@ -323,10 +323,15 @@ def test_ctrl_c_ends_a_long_run_between_two_poses():
     mesh, camera, poses = room()
     many = np.repeat(poses, 5000, axis=0)
     finder = RegionPass(mesh, camera, TASKS["all"], threads=2)
-    finder.find(rc.Poses.of(poses))  # LLVM loses an interrupt while it loads compiled loops
+    finder.find(rc.Poses.of(poses))  # loads the compiled loops
+    # A shell starts what runs in the background with interrupts ignored.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
     timer = threading.Timer(0.5, signal.raise_signal, [signal.SIGINT])
     timer.start()
-    with pytest.raises(KeyboardInterrupt):
-        finder.find(rc.Poses.of(many))
-    timer.join()
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            finder.find(rc.Poses.of(many))
+    finally:
+        timer.join()
+        signal.signal(signal.SIGINT, before)
     assert len(finder.find(rc.Poses.of(poses))) > 0
