@@ -132,7 +132,7 @@ def jacobian(camera: Camera, local: FloatArray, normal: FloatArray) -> FloatArra
 
 
 @compiled
-def _find_hidden(corners, degenerate, target, near, local, face, rows, hidden):  # type: ignore[no-untyped-def]
+def _find_hidden(corners, degenerate, target, near, local, face, rows, hidden):  # type: ignore[no-untyped-def] # compiled
     """Mark the points, in camera axes, that some face in front of them hides.
 
     The ray through a point crosses a face if it is on the inner side of the planes through its

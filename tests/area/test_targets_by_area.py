@@ -9,10 +9,13 @@ from surface_cases import assert_pointwise, room
 from target_scenes import beside, only, sheet_at, some_as_targets
 
 import rastercov as rc
+from rastercov.area.failures import first_failures
 from rastercov.area.network import AreaNetwork
 from rastercov.area.observer import RegionObserver
 from rastercov.area.rest import with_rest
 from rastercov.engine import Engine
+from rastercov.reference.regions import covers_points, points_on
+from rastercov.task import Reason
 
 TASK = rc.Task(max_incidence_deg=80)
 
@@ -85,3 +88,16 @@ def test_targets_are_scored_by_area_and_have_a_rest():
     assert 50 < found["percent"] < 100
     parts = with_rest(areas.covered)
     assert set(np.flatnonzero(sheet)) <= set(parts.face[parts.views == 0].tolist())
+
+
+def test_a_target_is_no_reason_why_a_point_is_not_covered():
+    """A sheet before a floor hides none of it; without that rule the floor would be occluded."""
+    mesh, camera, poses = room_with_sheet()
+    points, face = points_on(mesh, 3000, 0)
+    truth = covers_points(mesh, camera, poses, TASK, points, face)
+    sheet = np.flatnonzero(mesh.target_mask)
+    for row, (reason, hidden_by) in enumerate(
+        first_failures(mesh, camera, TASK, poses, points, face)
+    ):
+        assert not np.isin(hidden_by, sheet).any()
+        assert np.count_nonzero((reason == Reason.COVERED) != truth[row]) <= 2

@@ -271,7 +271,7 @@ def test_a_covered_scene_has_no_zones():
 
 @pytest.mark.parametrize("seed", range(6))
 def test_zones_of_a_plane_are_the_parts_of_its_union_by_geos(seed):
-    shapely = pytest.importorskip("shapely")
+    shapely = pytest.importorskip("shapely", reason="GEOS is not installed")
     rng = np.random.default_rng(seed)
     # A floor of one face below 40 triangles that hide it from four cameras
     low = rng.uniform(-3, 3, (40, 1, 3)) * (1, 1, 0) + rng.uniform(-1, 1, (40, 3, 3))

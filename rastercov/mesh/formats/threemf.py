@@ -48,7 +48,7 @@ DAMAGED = (
     zlib.error,
     EOFError,
     OSError,
-    NotImplementedError,
+    NotImplementedError,  # zipfile: a version or a flag that it does not read
     RuntimeError,
     struct.error,
 )
