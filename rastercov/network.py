@@ -25,7 +25,7 @@ from rastercov.pose import Poses
 from rastercov.task import Limits, Reason, Task
 
 if TYPE_CHECKING:
-    from rastercov.coverage_kernels import PairRows, Sink
+    from rastercov.network_kernels import PairRows, Sink
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -156,10 +156,11 @@ class Network:
         check_observer(observer)
         if observer.mesh.n_faces != self.mesh.n_faces:
             raise ConfigError("a network adds up coverage of one mesh and one task")
+        from rastercov import network_kernels  # loads numba
         from rastercov._jit import announce_compilation
 
         judge = CoveragePass(observer, self.task)
-        announce_compilation(judge.kernels.add_pose)
+        announce_compilation(network_kernels.add_pose)
         n_faces = self.mesh.n_faces
         buffer = PairBuffer(pairs, min(len(poses), batch_size(n_faces)), n_faces)
         return (
@@ -304,11 +305,11 @@ class _Part:
     """
 
     def __init__(self, mesh: Mesh, n_poses: int) -> None:
-        from rastercov import coverage_kernels, criteria_kernels  # load numba
+        from rastercov import criteria_kernels, network_kernels  # load numba
 
-        self.kernels, n = coverage_kernels, mesh.n_faces
+        self.kernels, n = network_kernels, mesh.n_faces
         self._read_only = criteria_kernels.read_only
-        self.sums = coverage_kernels.Sums(
+        self.sums = network_kernels.Sums(
             views=np.zeros(n, np.int64),
             best=np.zeros(n),
             best_row=np.zeros(n, np.int64),

@@ -14,7 +14,7 @@ LAYERS = (
     "camera camera_file densities image_boxes pose pose_file viewpoints mesh projection shapes",
     "near_plane criteria criteria_kernels",
     "raster",
-    "observation coverage_kernels face_pass exact engine",
+    "observation coverage_kernels network_kernels face_pass exact engine",
     "_observers",
     "observer task",
     "coverage coverage_pass pairs network provenance",
