@@ -5,12 +5,15 @@ none of this: all is decided by the other faces, `Mesh.opaque`. Where nothing in
 camera is outside a closed mesh, faces seen from behind cannot be the nearest surface.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.camera import Camera
 from rastercov.image_boxes import box_corners
 from rastercov.mesh import Mesh
+from rastercov.pose import Poses
 from rastercov.projection import clip_near, clip_polygons, to_camera
 
 FloatArray = NDArray[np.float64]
@@ -30,6 +33,18 @@ def limits(
     mesh = mesh.opaque
     clipped = near_cuts(mesh.vertices, mesh.faces, mesh.bounds, camera, poses)
     return near_limit(camera, mesh.bounds, poses), can_cull(mesh, poses, clipped), clipped
+
+
+def limits_of_poses(
+    mesh: Mesh, cameras: Sequence[Camera], poses: Poses
+) -> tuple[FloatArray, NDArray[np.bool_], NDArray[np.bool_]]:
+    """`limits` of poses that may have different cameras."""
+    near, (can_cull, clipped) = np.empty(len(poses)), np.empty((2, len(poses)), np.bool_)
+    for index, rows in poses.by_camera():
+        near[rows], can_cull[rows], clipped[rows] = limits(
+            mesh, cameras[index], poses.world_from_camera[rows]
+        )
+    return near, can_cull, clipped
 
 
 def picture_limits(

@@ -39,6 +39,7 @@ SURFACE = {
     },
     "pose_file": set(),
     "raster.__init__": set(),
+    "rig": {"Cameras", "MOST_CAMERAS", "cameras_of", "check_scene", "only_camera"},
     "raster.contract": {"MAX_RENDERED", "MAX_SUPERSAMPLE", "check_counts", "check_picture"},
     "observation": set(),
     "observer": set(),
