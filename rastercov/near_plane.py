@@ -64,6 +64,7 @@ def near_limit(camera: Camera, bounds: FloatArray, poses: FloatArray) -> FloatAr
     It is max(camera.near, 1e-6 times the distance to the farthest corner of `bounds`), which are
     those of the opaque part of a mesh.
     """
+    camera.check_pinhole()
     reach = np.abs(bounds[None] - poses[:, None, :3, 3]).max(axis=1)
     farthest = np.sqrt((reach**2).sum(axis=1))
     limit: FloatArray = np.maximum(max(camera.near, LEAST_DEPTH), NEAR_TO_FAR * farthest)

@@ -119,7 +119,7 @@ def test_every_parameter_of_a_function_is_documented_and_typed(name):
 
 
 VALUES = ["Camera", "Coverage", "Engine", "FaceCounts", "Group", "Mesh", "Observation", "Poses"]
-VALUES += ["RasterizerInfo", "Task", "Visibility", "VisibilityBuffer"]
+VALUES += ["RasterizerInfo", "Rig", "Task", "Visibility", "VisibilityBuffer"]
 VALUES += ["CellShares", "Cells", "Covered", "DeadZones", "Regions"]
 
 

@@ -97,7 +97,7 @@ def describe(
         "format": FORMAT,
         "rastercov": version("rastercov"),
         "mesh": sha256(mesh.vertices, mesh.faces, mesh.face_group, groups),
-        "camera": sha256(json.dumps(asdict(camera), sort_keys=True)),
+        "camera": sha256(json.dumps(camera.plain(), sort_keys=True)),
         "poses": sha256(poses),
         "task": asdict(task),
         "measured_by": asdict(observer.info),
