@@ -23,6 +23,8 @@ BASES = (
     *("backward", "equirectangular"),
 )
 """Names of the bases, by their codes in `formulas`."""
+LARGEST = 1e12
+"""Largest coefficient: a lens with a larger one folds within 1e-12 rad of its axis."""
 MOST_TILT = math.radians(60)
 """Radians: largest tilt of a sensor."""
 
@@ -230,7 +232,13 @@ def _numbers(name: str, values: Sequence[float], most: int) -> list[float]:
         raise CameraError(f"{name} must be up to {most} numbers, got {values!r}") from None
     if len(given) > most:
         raise CameraError(f"{name} must be up to {most} numbers, got {len(given)}")
-    return [number(name, value) for value in given]
+    numbers = [number(name, value) for value in given]
+    for value in numbers:
+        if abs(value) > LARGEST:
+            raise CameraError(
+                f"{name} must be numbers within {LARGEST:g}, got {value:g}: check their units"
+            )
+    return numbers
 
 
 def _put(p: FloatArray, first: int, name: str, values: Sequence[float], most: int) -> None:

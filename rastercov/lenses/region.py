@@ -35,6 +35,10 @@ WIDEST_DEG = 179.0
 """Largest angle from the axis: the opposite ray has a circle of pixels."""
 PLANE_DEG = 89.9
 """Largest angle from the axis of a base on a plane in front of the camera."""
+NARROWEST = 1e-12
+"""Radians: least angle of a region; a camera of the longest focal length sees 1e-12 rad a pixel."""
+BELOW_LIMIT = 1 - 1e-6
+"""Share of the limit of a base that is used: at the limit itself a radius has half its digits."""
 MARGIN = 1.02
 """Radius of the region over the least that covers the image."""
 FIRST_CELL, LEAST_CELL = 1e-12, 1e-7
@@ -59,14 +63,18 @@ def base_limit(code: int, params: FloatArray) -> float:
     elif code == lens.DOUBLE_SPHERE:
         xi, alpha = params[lens.B0], params[lens.B1]
         w = min(alpha, 1.0 - alpha) / max(alpha, 1.0 - alpha)
-        limit = math.acos(-min(1.0, (w + xi) / math.sqrt(2.0 * w * xi + xi * xi + 1.0)))
+        # From the center of the second sphere, xi + c > -w sqrt(1 + 2 xi c + xi^2), c the cosine
+        # of the angle. The paper's (w + xi) / sqrt(2 w xi + xi^2 + 1) > -c is beyond the fold
+        # where xi < 0 and alpha is near 1.
+        rest = 1.0 - w * w
+        limit = math.acos(max(-1.0, -xi * rest - w * math.sqrt(1.0 - xi * xi * rest)))
     elif code == lens.DIVISION and params[lens.B0] > 0.0:
         limit = math.atan(0.5 / math.sqrt(params[lens.B0]))
     else:
         return math.radians(PLANE_DEG)
     if code == lens.DIVISION:
-        return min(limit * (1.0 - 1e-12), math.radians(PLANE_DEG))
-    return min(limit * (1.0 - 1e-9), math.radians(WIDEST_DEG))
+        return min(limit * BELOW_LIMIT, math.radians(PLANE_DEG))
+    return min(limit * BELOW_LIMIT, math.radians(WIDEST_DEG))
 
 
 def base_radius(code: int, params: FloatArray, angle: float) -> float:
@@ -197,10 +205,10 @@ def with_region(
     need = float(np.hypot(points[:, 0], points[:, 1]).max())  # NaN where one has no point
     radius = min(limit, MARGIN * need) if need < math.inf else limit
     angle = base_angle(code, params, radius)
-    if not angle > 0.0:
+    if not angle >= NARROWEST:
         raise CameraError(
-            f"the valid region of the lens must have an angle above 0, got {angle:g}: "
-            "check its coefficients"
+            f"the valid region of the lens must reach {NARROWEST:g} rad from the axis, got "
+            f"{angle:g}: check the order and the size of its coefficients"
         )
     slope = math.tan(angle)
     params[lens.SLOPE] = slope * math.cos(math.pi / SECTORS) if angle < math.pi / 2 else slope
