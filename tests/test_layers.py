@@ -12,8 +12,9 @@ LAYERS = (
     "_moved errors _files _format _jit _once _interrupts _closing _memory _checks _output _threads",
     "_double_double _arguments _limits _typed",
     "camera camera_file camera_models densities image_boxes pose pose_file rig viewpoints mesh "
-    "projection shapes",
-    "near_plane criteria criteria_kernels",
+    "projection shapes views",
+    "near_plane criteria criteria_kernels lenses",
+    "camera_formats",
     "raster",
     "observation coverage_kernels network_kernels face_pass exact engine",
     "_observers",
