@@ -40,7 +40,9 @@ def read_bundler(text: str, border: Border) -> Views:
     if not is_found.any():
         raise CameraError("cameras with a focal length wanted, got none")
     if not is_found.all():
-        border.note(f"{(~is_found).sum()} images without a camera left out: their focal length is 0")
+        border.note(
+            f"{(~is_found).sum()} images without a camera left out: their focal length is 0"
+        )
     rows = np.flatnonzero(is_found)
     poses = motions(values[rows, 3:12].reshape(-1, 3, 3), values[rows, 12:15])
     return _views(values[rows, :3], poses, [f"image {row}" for row in rows], border)

@@ -343,4 +343,3 @@ def _places(rigs: Rigs, row_of: dict[int, int], border: Border) -> Any:
     if len(rigs) > 1:
         border.note(f"places of cameras are those on {len(rigs)} rigs, each with its own origin")
     return places
-

@@ -48,7 +48,7 @@ class Conventions:
         Coordinate of the centre of the top-left pixel in the file: 0 or 0.5.
     lens_model : str, optional
         "brown" or "fisheye", for four coefficients of OpenCV.
-    unit : str or float, optional
+    pose_unit : str or float, optional
         Unit of lengths in the file: "m", "mm", ..., or metres per unit.
     image_size : (int, int), optional
         Width and height, px.
@@ -66,7 +66,7 @@ class Conventions:
 
     pixel_centre: float | None = None
     lens_model: str | None = None
-    unit: str | float | None = None
+    pose_unit: str | float | None = None
     image_size: tuple[int, int] | None = None
     pose_convention: str | None = None
     original_world: bool = False
@@ -81,8 +81,8 @@ class Conventions:
             raise ConfigError(
                 f"pose convention must be one of {known}, got {shown(self.pose_convention)}"
             )
-        if self.unit is not None:
-            metres_per(self.unit)
+        if self.pose_unit is not None:
+            metres_per(self.pose_unit)
         if self.image_size is not None:
             try:
                 width, height = two("image size", self.image_size)
@@ -151,6 +151,11 @@ class Border:
             )
         return self._given.lens_model == "fisheye"
 
+    def metres(self, default: float | None = None) -> float | None:
+        """Metres in the unit of lengths that was given, where the file may have another one."""
+        self._asked.add("pose_unit")
+        return default if self._given.pose_unit is None else metres_per(self._given.pose_unit)
+
     def undoes_world(self) -> bool:
         """True where the transform that a file says was applied to its world is to be undone."""
         self._asked.add("original_world")
@@ -174,6 +179,7 @@ class Border:
         rig_from_camera: ArrayLike | None = None,
         metres: float | None = None,
         scale: float = 1.0,
+        drift: float = DRIFT_OF_FILES,
     ) -> Views:
         """Views in metres, of what a reader has found.
 
@@ -192,24 +198,25 @@ class Border:
         rig_from_camera : (N, 4, 4), optional
             Places of the cameras.
         metres : float, optional
-            Metres in the file's unit; None where the file does not say, so that `unit` is asked.
+            Metres in the file's unit; None where the file does not say, and `pose_unit`
+            is asked.
         scale : float
             Factor that the file itself has for lengths.
+        drift : float
+            Largest element of R^T R - I of a rotation that is made orthonormal.
         """
         matrices = np.asarray(world_from_camera, dtype=np.float64).reshape(-1, 4, 4)
         has_lengths = len(matrices) > 0 or rig_from_camera is not None
         if metres is None:
-            self._asked.add("unit")
-            if self._given.unit is not None:
-                metres = metres_per(self._given.unit)
+            metres = self.metres()
         factor = scale * (1.0 if metres is None else metres)
-        poses = Poses.of(self._rigid(matrices, "pose", factor), camera=camera)
+        poses = Poses.of(self._rigid(matrices, "pose", factor, drift), camera=camera)
         rig = None
         if cameras is not None:
             places = None
             if rig_from_camera is not None:
                 given = np.asarray(rig_from_camera, dtype=np.float64).reshape(-1, 4, 4)
-                places = self._rigid(given, "place of camera", factor)
+                places = self._rigid(given, "place of camera", factor, drift)
             labels = [f"camera {row}" for row in range(len(cameras))] if names is None else names
             rig = Rig(cameras, unique(labels), places)
         self._note_what_was_not_asked()
@@ -223,16 +230,16 @@ class Border:
             has_unit=metres is not None or not has_lengths,
         )
 
-    def _rigid(self, matrices: FloatArray, what: str, factor: float) -> FloatArray:
+    def _rigid(self, matrices: FloatArray, what: str, factor: float, most: float) -> FloatArray:
         """Rigid motions of matrices that a file holds with few digits, lengths times `factor`."""
         out = matrices.copy()
         rotation = out[:, :3, :3]
-        is_finite = np.isfinite(out).all(axis=(1, 2))
+        is_finite: NDArray[np.bool_] = np.isfinite(out).all(axis=(1, 2))  # type: ignore[assignment] # an array
         with np.errstate(all="ignore"):
             drift = np.abs(rotation.transpose(0, 2, 1) @ rotation - np.eye(3)).max(
                 axis=(1, 2), initial=0
             )
-            is_bad = ~(drift <= DRIFT_OF_FILES)
+            is_bad = ~(drift <= most)
             out[:, :3, 3] *= factor
         if (bad := np.flatnonzero(~is_finite | is_bad)).size:
             row = int(bad[0])

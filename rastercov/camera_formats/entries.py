@@ -101,7 +101,7 @@ def checked(value: Any, what: str, *shapes: tuple[int, ...]) -> FloatArray:
     """Finite numbers of one of these shapes; `what` names them in errors."""
     most = max(int(np.prod(shape)) for shape in shapes)
     found: list[float] = []
-    shape = _collect(value, found, most, depth=2)
+    shape = _collect(value, found, most, depth=3)
     if shape not in shapes or len(found) != np.prod(shape) or not np.isfinite(found).all():
         words = " or ".join(" x ".join(map(str, each)) for each in shapes)
         raise CameraError(f"{what} must be {words} finite numbers, got {shown(value)}; correct it")

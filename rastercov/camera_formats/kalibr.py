@@ -55,7 +55,7 @@ def is_mine(content: Any) -> bool:
 def read(content: Any, border: Border) -> Views:
     """Cameras of a chain, with their places."""
     chain = Entries(content, "camchain")
-    names = []
+    names: list[str] = []
     while f"cam{len(names)}" in chain and len(names) < MOST_CAMERAS:
         names.append(f"cam{len(names)}")
     entries = [chain.table(name) for name in names]
@@ -118,7 +118,7 @@ def _camera(entries: Entries) -> Camera:
         cx=p["cx"] + 0.5,
         cy=p["cy"] + 0.5,
         model=ours,
-        distortion=[(p | d).get(name, 0.0) for name in wanted],
+        distortion=tuple((p | d).get(name, 0.0) for name in wanted),
     )
 
 

@@ -49,7 +49,7 @@ def read(content: Any, border: Border) -> Views:
         content = content[0]
     entries = Entries(content, "reconstruction")
     row_of: dict[str, int] = {}
-    cameras = []
+    cameras: list[Camera] = []
     for name, each in entries.tables("cameras"):
         row_of[name] = len(cameras)
         cameras.append(_camera(each))
@@ -89,9 +89,7 @@ def _camera(entries: Entries) -> Camera:
         fx, fy = entries.number("focal_x"), entries.number("focal_y")
     else:
         fx = fy = entries.number("focal")
-    values = tuple(
-        0.0 if name == "-" else entries.number(name, 0.0) for name in order.split()
-    )
+    values = tuple(0.0 if name == "-" else entries.number(name, 0.0) for name in order.split())
     if kind == "simple_radial":
         values = (*values, 0.0)
     lens = (ours, values) if ours else brown((*values, *[0.0] * (14 - len(values))))

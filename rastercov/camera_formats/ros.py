@@ -32,8 +32,10 @@ COUNTS = {
 
 def is_mine(content: Any) -> bool:
     """True for a camera_info, as a file or as a message."""
-    return isinstance(content, Mapping) and "distortion_model" in content and bool(
-        {"camera_matrix", "K", "k"} & content.keys()
+    return (
+        isinstance(content, Mapping)
+        and "distortion_model" in content
+        and bool({"camera_matrix", "K", "k"} & content.keys())
     )
 
 

@@ -5,13 +5,18 @@ from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element
 
-from rastercov._files import UnparsedError, file_bytes, one_line, parsed_json
+from rastercov._files import (
+    LARGEST_ARRAY,
+    UnparsedError,
+    file_bytes,
+    one_line,
+    parsed_json,
+    read_toml,
+)
 from rastercov.camera_formats.yaml_tree import parsed_yaml
 from rastercov.errors import CameraError, MeshError
 from rastercov.mesh.formats.xml_tree import parsed
 
-LARGEST_FILE = 512 << 20
-"""Bytes: a reconstruction with its points, as JSON or XML."""
 XML_BUDGET = 8 << 30
 """Bytes of memory that a tree of XML may need."""
 LARGEST_YAML = 16 << 20
@@ -27,7 +32,7 @@ class Source:
     @cached_property
     def data(self) -> bytes:
         """Its bytes."""
-        return file_bytes(self.path, LARGEST_FILE)
+        return file_bytes(self.path, LARGEST_ARRAY)
 
     @cached_property
     def text(self) -> str:
@@ -41,6 +46,11 @@ class Source:
     def json(self) -> Any:
         """Content of JSON; a name that comes twice in a table is an error."""
         return parsed_json(self.data)
+
+    @cached_property
+    def toml(self) -> dict[str, Any]:
+        """Table of TOML."""
+        return read_toml(self.path)
 
     @cached_property
     def yaml(self) -> Any:

@@ -36,9 +36,11 @@ MODELS = {
     "EQUIRECTANGULAR": "equirectangular",
     "FISHEYE624": "fisheye624",
 }
-INTRINSICS = ("fl_x", "fl_y", "cx", "cy", "w", "h", "k1", "k2", "k3", "k4", "p1", "p2")
-INTRINSICS += ("camera_model", "camera_angle_x", "camera_angle_y", "distortion_params")
-INTRINSICS += ("is_fisheye", "x_fov", "y_fov")
+INTRINSICS = (
+    *("fl_x", "fl_y", "cx", "cy", "w", "h", "k1", "k2", "k3", "k4", "p1", "p2"),
+    *("camera_model", "camera_angle_x", "camera_angle_y", "distortion_params"),
+    *("is_fisheye", "x_fov", "y_fov"),
+)
 
 
 def is_mine(content: Any) -> bool:
@@ -91,7 +93,8 @@ def _in_world(poses: NDArray[np.float64], content: Entries, border: Border) -> A
         return poses
     if not border.undoes_world():
         border.note(
-            "poses are in the world of the file, after applied_transform; --original-world undoes it"
+            "poses are in the world of the file, after applied_transform; undo it by "
+            "--original-world"
         )
         return poses
     try:
@@ -141,9 +144,7 @@ def _focal_lengths(entries: Entries, width: int, height: int) -> tuple[float, fl
             found.append(entries.number(name))
         elif angle in entries or degrees in entries:
             radians = (
-                entries.number(angle)
-                if angle in entries
-                else math.radians(entries.number(degrees))
+                entries.number(angle) if angle in entries else math.radians(entries.number(degrees))
             )
             if not 0 < radians < math.pi:
                 raise CameraError(

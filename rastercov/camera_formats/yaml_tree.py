@@ -11,8 +11,8 @@ from typing import Any
 import yaml
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
-from rastercov._files import UnparsedError, one_line
 from rastercov._checks import shown
+from rastercov._files import UnparsedError, one_line
 
 MOST_VALUES = 2_000_000
 """Values of a file, each alias counted as what it repeats."""
@@ -22,7 +22,9 @@ INFINITE = re.compile(r"[-+]?\.(inf|Inf|INF)$|\.(nan|NaN|NAN|Nan)$")
 OPENCV_TAGS = ("opencv-matrix", "opencv-nd-matrix", "opencv-sparse-matrix", "opencv-sequence-tree")
 PREFIX = "tag:yaml.org,2002:"
 
-_Base: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # the compiled parser, where there is one
+_Base: Any = getattr(
+    yaml, "CSafeLoader", yaml.SafeLoader
+)  # the compiled parser, where there is one
 
 
 class _Loader(_Base):  # type: ignore[misc] # chosen above
