@@ -1,13 +1,14 @@
 """Camera and pose files of other programs, in and out: docs/camera_files.md.
 
 A format is a module with a function that makes `Views` of a file through a `Border`, where its
-axes, direction, pixel centre and unit become ours. Formats are told apart by content, and by name
+axes, direction, pixel centre and unit become ours. Formats are recognised by content, and by name
 where the content says nothing. Nothing is guessed: a file that leaves a convention open is refused
 with the option that answers.
 """
 
 import os
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,6 @@ from rastercov.camera_formats import (
     bundler,
     colmap,
     colmap_files,
-    frusta,
     gltf,
     kalibr,
     metashape,
@@ -109,6 +109,13 @@ def read_views(
     ConfigError
         For a format that does not exist.
     """
+    border = Border(conventions or Conventions())
+    views = read_through(path, border, format)
+    return replace(views, notes=(*views.notes, *border.unused()))
+
+
+def read_through(path: StrPath, border: Border, format: str | None = None) -> Views:
+    """Views of a file as `read_views` reads it, with answers that other files may share."""
     try:
         place = Path(os.fspath(path))
     except TypeError:
@@ -120,13 +127,13 @@ def read_views(
     name = printable(str(path))
     try:
         place, found = _recognised(place, format)
-        return READERS[found](Source(place), Border(conventions or Conventions()))
+        return READERS[found](Source(place), border)
     except PoseError as error:
         prefix = "" if str(error).startswith(name) else f"{name}: "
         raise PoseError(f"{prefix}{error}", error.pose_ids) from None
     except RastercovError as error:
         raise type(error)(f"{name}: {error}") from None
-    except (UnreadableError, OSError, ValueError) as error:
+    except (UnreadableError, OSError) as error:
         raise CameraError(f"{name}: {error}") from None
 
 
@@ -288,8 +295,6 @@ def _contents(path: Path, views: Views, target: str) -> tuple[dict[str, bytes], 
     for camera, name in zip(rig, its.names, strict=True):
         if fields := lost(camera):
             notes.append(f"{name}: {', '.join(fields)} cannot be kept")
-        if target == "gltf" and (fields := frusta.lost(camera)):
-            notes.append(f"{name}: {', '.join(fields)} cannot be kept")
     if target in OF_ONE_CAMERA:
         if n_poses:
             notes.append(f"{n_poses} poses cannot be kept: the format has none")
@@ -298,6 +303,10 @@ def _contents(path: Path, views: Views, target: str) -> tuple[dict[str, bytes], 
     if views.has_unit and n_poses and target not in IN_METRES:
         notes.append("lengths are metres, which the format does not say")
     if target == "gltf":
+        from rastercov.camera_formats import frusta  # loads the equations of lenses
+
+        for camera, name in zip(rig, its.names, strict=True):
+            notes.append(f"{name}: {', '.join(frusta.lost(camera))} cannot be kept")
         return {"": frusta.glb_of(views)}, notes
     if target == "nerfstudio":
         return {"": json_bytes(transforms.content_of(views), indent=1) + b"\n"}, notes

@@ -29,7 +29,7 @@ LONGEST_LINE = 1 << 28
 """Bytes of a line of points."""
 LONGEST_NAME = 4096
 SUBFOLDERS = ("sparse/0", "sparse", "0")
-"""Where COLMAP's pipelines put a model within a project."""
+"""Folders of a project that COLMAP's pipelines put a model in."""
 
 
 class Image(NamedTuple):
@@ -103,7 +103,7 @@ def _ordered(table: dict[int, Camera]) -> tuple[list[Camera], dict[int, int]]:
 
 
 def _one_file(path: StrPath, parse: Any) -> Any:
-    """What `parse` makes of a file; errors name the file."""
+    """Result of `parse` on a file; errors name the file."""
     name = Path(path).name
     try:
         with open_file(path, LARGEST_FILE) as file:

@@ -11,10 +11,11 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov._arguments import flag
 from rastercov._checks import finite_number, image_side, shown, two
 from rastercov._files import printable
 from rastercov.camera import Camera
-from rastercov.errors import CameraError, ConfigError, PoseError
+from rastercov.errors import CameraError, ConfigError
 from rastercov.mesh.formats import METRES
 from rastercov.pose import DRIFT_TOLERANCE, Poses, inverse
 from rastercov.rig import Rig
@@ -57,6 +58,8 @@ class Conventions:
     original_world : bool
         Undo `applied_transform` of a transforms.json, so that poses are in the world of the
         program that it was made from.
+    skip_bad_poses : bool
+        Leave out poses that are no rigid motion.
 
     Raises
     ------
@@ -70,6 +73,7 @@ class Conventions:
     image_size: tuple[int, int] | None = None
     pose_convention: str | None = None
     original_world: bool = False
+    skip_bad_poses: bool = False
 
     def __post_init__(self) -> None:
         if self.pixel_centre is not None and self.pixel_centre not in (0, 0.5):
@@ -83,6 +87,8 @@ class Conventions:
             )
         if self.pose_unit is not None:
             metres_per(self.pose_unit)
+        for name in ("original_world", "skip_bad_poses"):
+            object.__setattr__(self, name, flag(name, getattr(self, name)))
         if self.image_size is not None:
             try:
                 width, height = two("image size", self.image_size)
@@ -116,7 +122,7 @@ class Border:
 
     def __init__(self, given: Conventions) -> None:
         self._given = given
-        self._asked: set[str] = set()
+        self._asked = {"skip_bad_poses"}
         self.notes: list[str] = []
 
     def note(self, text: str) -> None:
@@ -210,55 +216,57 @@ class Border:
         if metres is None:
             metres = self.metres()
         factor = scale * (1.0 if metres is None else metres)
-        poses = Poses.of(self._rigid(matrices, "pose", factor, drift), camera=camera)
+        poses = Poses.of(
+            self._rigid(matrices, factor, drift),
+            camera=camera,
+            skip_bad=self._given.skip_bad_poses,
+        )
         rig = None
         if cameras is not None:
             places = None
             if rig_from_camera is not None:
                 given = np.asarray(rig_from_camera, dtype=np.float64).reshape(-1, 4, 4)
-                places = self._rigid(given, "place of camera", factor, drift)
+                places = self._rigid(given, factor, drift)
             labels = [f"camera {row}" for row in range(len(cameras))] if names is None else names
             rig = Rig(cameras, unique(labels), places)
-        self._note_what_was_not_asked()
         if images is None:
-            images = [f"pose {row}" for row in range(len(poses))]
+            images = [f"pose {row}" for row in range(len(matrices))]
         return Views(
             rig=rig,
             poses=poses,
-            images=tuple(printable(name) for name in images),
+            images=tuple(printable(images[row]) for row in poses.ids),
             notes=tuple(self.notes),
             has_unit=metres is not None or not has_lengths,
         )
 
-    def _rigid(self, matrices: FloatArray, what: str, factor: float, most: float) -> FloatArray:
-        """Rigid motions of matrices that a file holds with few digits, lengths times `factor`."""
+    def _rigid(self, matrices: FloatArray, factor: float, most: float) -> FloatArray:
+        """Matrices with lengths times `factor`; rotations that a file has in few digits repaired.
+
+        Others are left as they came, for `Poses` to name.
+        """
         out = matrices.copy()
         rotation = out[:, :3, :3]
-        is_finite: NDArray[np.bool_] = np.isfinite(out).all(axis=(1, 2))  # type: ignore[assignment] # an array
         with np.errstate(all="ignore"):
+            out[:, :3, 3] *= factor
             drift = np.abs(rotation.transpose(0, 2, 1) @ rotation - np.eye(3)).max(
                 axis=(1, 2), initial=0
             )
-            is_bad = ~(drift <= most)
-            out[:, :3, 3] *= factor
-        if (bad := np.flatnonzero(~is_finite | is_bad)).size:
-            row = int(bad[0])
-            words = "is not finite"
-            if is_finite[row]:
-                words = f"is not a rotation: R^T R is off the identity by {drift[row]:.2g}"
-            raise PoseError(f"{what} {row} {words}; correct it", tuple(map(int, bad)))
-        if len(drift) and drift.max() > DRIFT_TOLERANCE:
-            u, _, vt = np.linalg.svd(rotation)
-            out[:, :3, :3] = u @ vt
-            self.note(f"rotations made orthonormal, off by up to {drift.max():.1g}")
+        rows = np.flatnonzero((drift > DRIFT_TOLERANCE) & (drift <= most))
+        if rows.size:
+            u, _, vt = np.linalg.svd(rotation[rows])
+            out[rows, :3, :3] = u @ vt
+            self.note(f"rotations made orthonormal, off by up to {drift[rows].max():.1g}")
         return out
 
-    def _note_what_was_not_asked(self) -> None:
-        for field in fields(self._given):
-            value = getattr(self._given, field.name)
-            if value not in (None, False) and field.name not in self._asked:
-                option = f"--{field.name.replace('_', '-')}"
-                self.note(f"the file leaves nothing open that {option} answers; it was not used")
+    def unused(self) -> list[str]:
+        """A line for each answer that nothing in the files asked for."""
+        return [
+            f"--{field.name.replace('_', '-')} was not used: the file leaves nothing open that it "
+            "answers"
+            for field in fields(self._given)
+            if getattr(self._given, field.name) not in (None, False)
+            and field.name not in self._asked
+        ]
 
 
 def inverse_of(matrices: FloatArray) -> FloatArray:

@@ -75,7 +75,7 @@ def panorama(width: int, height: int) -> Camera:
 
 
 def lost(camera: Camera) -> list[str]:
-    """What no format but our own keeps: depth of field, near, and the angle of trust."""
+    """Fields that are set and that no format but our own keeps, such as the aperture."""
     fields = ("focal_length", "pixel_size", "aperture", "focus_distance", "focus_range")
     found = [name for name in (*fields, "max_angle_deg") if getattr(camera, name) is not None]
     found += ["near"] if camera.near else []

@@ -40,7 +40,7 @@ TOP_REL = 0.15
 
 
 def lost(camera: Camera) -> list[str]:
-    """What glTF's own camera does not hold of this one."""
+    """Parts of this camera that glTF's own does not hold."""
     is_middle = (camera.cx, camera.cy) == (camera.width / 2, camera.height / 2)
     lost = ["image size"] + ([] if is_middle else ["principal point"])
     return lost + (["lens, which only the lines show"] if not camera.is_pinhole else [])

@@ -161,7 +161,7 @@ def _is_camera_matrix(value: FloatArray) -> bool:
 
 
 def _label(name: str) -> str:
-    """What tells cameras apart in the name of a matrix: "1" of cameraMatrix1, "left" of K_left."""
+    """Part of a name that tells cameras apart: "1" of cameraMatrix1, "left" of K_left."""
     words = re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|[0-9]+", name)
     return " ".join(w.lower() for w in words if w.isdecimal() or w.lower() in SIDES)
 

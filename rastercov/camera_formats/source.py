@@ -13,7 +13,6 @@ from rastercov._files import (
     parsed_json,
     read_toml,
 )
-from rastercov.camera_formats.yaml_tree import parsed_yaml
 from rastercov.errors import CameraError, MeshError
 from rastercov.mesh.formats.xml_tree import parsed
 
@@ -60,6 +59,8 @@ class Source:
                 f"at most {LARGEST_YAML} bytes of YAML wanted, got {len(self.data)}; leave out "
                 "what is no camera"
             )
+        from rastercov.camera_formats.yaml_tree import parsed_yaml  # loads PyYAML
+
         return parsed_yaml(self.text)
 
     @cached_property

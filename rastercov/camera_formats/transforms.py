@@ -2,7 +2,7 @@
 
 Poses are world_from_camera with OpenGL axes; pixels are ours; there is no unit. Intrinsics belong
 to the file or to each frame. `applied_transform` says what was done to the world of the program the
-poses came from: poses are read as they stand, unless the original world is asked for.
+poses came from: poses are read as they are, unless the original world is asked for.
 
 Sources: nerfstudio documentation, "Data conventions", and nerfstudio_dataparser.py; instant-ngp,
 docs/nerf_dataset_tips.md and nerf_loader.cu.
