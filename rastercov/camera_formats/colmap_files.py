@@ -41,6 +41,8 @@ def contents_of(views: Views, *, as_text: bool, notes: list[str]) -> dict[str, b
         )
     ]
     if as_text:
+        if any(" " in image for image in images):
+            notes.append("COLMAP ends names of a text model at spaces; write the binary one")
         cameras = [
             f"{number + 1} {model.name} {camera.width} {camera.height} "
             + " ".join(map(repr, values))

@@ -8,6 +8,7 @@ Source: OpenCV 5 documentation, "File Input and Output using XML / YAML / JSON f
 calibration With OpenCV"; samples/cpp/tutorial_code/calib3d/camera_calibration.
 """
 
+import math
 import re
 from collections.abc import Mapping
 from typing import Any
@@ -31,6 +32,8 @@ FloatArray = NDArray[np.float64]
 
 SIDES = ("left", "right", "l", "r", "rgb", "color", "depth", "ir")
 """Words of a name that tell cameras apart, beside numbers."""
+COEFFICIENT_NAME = re.compile(r"(?i)dist|coef|^d_?[0-9]*$|^kc")
+"""Names that distortion coefficients usually have."""
 WIDTHS = ("image_width", "imageWidth", "image_Width", "width", "cols", "img_width")
 HEIGHTS = ("image_height", "imageHeight", "image_Height", "height", "rows", "img_height")
 SIZES = ("image_size", "imageSize", "img_size", "size", "resolution")
@@ -44,7 +47,8 @@ def is_mine(content: Any) -> bool:
 
 
 def _is_matrix(value: Any) -> bool:
-    return isinstance(value, Mapping) and {"rows", "cols", "dt", "data"} <= value.keys()
+    is_one = isinstance(value, Mapping) and {"dt", "data"} <= value.keys()
+    return is_one and ({"rows", "cols"} <= value.keys() or "sizes" in value)
 
 
 def of_xml(root: Element) -> dict[str, Any]:
@@ -110,6 +114,11 @@ def read(content: Mapping[str, Any], border: Border) -> Views:
                 f"distortion_coefficients{label}"
             )
         if key is None:
+            if others := [name for name in content if COEFFICIENT_NAME.search(name)]:
+                raise CameraError(
+                    f"4, 5, 8, 12 or 14 distortion coefficients wanted, got {others[0]}: "
+                    f"{shown(content[others[0]])}; correct it"
+                )
             border.note(f"{name} has no distortion coefficients beside it: a pinhole")
         coefficients = vectors[key] if key is not None else np.zeros(0)
         cameras.append(_camera(content, label, matrices[name], coefficients, key, border))
@@ -121,7 +130,9 @@ def _arrays(content: Mapping[str, Any]) -> dict[str, FloatArray]:
     """Matrices of numbers by their names; lists of numbers, or of rows, are some as well."""
     found: dict[str, FloatArray] = {}
     for name, value in content.items():
-        if isinstance(value, Mapping) and {"rows", "cols", "data"} <= value.keys():
+        if _is_matrix(value) or (
+            isinstance(value, Mapping) and {"rows", "cols", "data"} <= value.keys()
+        ):
             found[name] = _matrix(name, value)
         elif isinstance(value, list) and len(value) <= 100:
             rows = [row if isinstance(row, list) else [row] for row in value]
@@ -133,7 +144,12 @@ def _arrays(content: Mapping[str, Any]) -> dict[str, FloatArray]:
 
 
 def _matrix(name: str, value: Mapping[str, Any]) -> FloatArray:
-    rows, cols, data = value["rows"], value["cols"], value["data"]
+    rows, cols, data = value.get("rows"), value.get("cols"), value["data"]
+    sizes = value.get("sizes")  # of a matrix with one dimension, or with three and more
+    if isinstance(sizes, int | list) and rows is None:
+        sides = sizes if isinstance(sizes, list) else [sizes]
+        is_whole = all(isinstance(side, int) and 0 < side <= MOST_VALUES for side in sides)
+        rows, cols = (math.prod(sides[1:]), sides[0]) if is_whole and sides else (sizes, None)
     dt = value.get("dt", "d")
     channels = 1
     if isinstance(dt, str) and (match := re.fullmatch(r"([1-4]?)([a-zA-Z])", dt.strip('"'))):
