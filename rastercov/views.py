@@ -82,11 +82,15 @@ class Views:
         return self.rig.cameras
 
     def of_camera(self, name: str | None = None) -> "Views":
-        """Views of one camera: the camera and its poses; without a name, the only camera."""
+        """Views of one camera: the camera and its poses; without a name, the only camera.
+
+        `Poses.ids` are still rows of the file, and what was rejected is still named.
+        """
         index = self._index(name)
         assert self.rig is not None
         rows = np.flatnonzero(self.poses.camera == index)
-        poses = Poses.of(self.poses.world_from_camera[rows])
+        poses = replace(self.poses[rows], camera=np.zeros(len(rows), np.int32))
+        poses = replace(poses, rejected=self.poses.rejected)
         rig = Rig(
             [self.rig.cameras[index]],
             [self.rig.names[index]],

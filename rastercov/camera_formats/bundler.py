@@ -53,9 +53,13 @@ def read_bal(text: str, border: Border) -> Views:
     words = text.split(maxsplit=3)
     n_cameras, _, n_observations = _counts(words[:3], "cameras, points and observations")
     rest = words[3] if words[3:] else ""
-    if 4 * n_observations > len(rest):
-        raise CameraError(f"{n_observations} observations wanted, got fewer; it is truncated")
-    values = _numbers(rest.split("\n", n_observations)[-1], n_cameras, 9)
+    lines = rest.split("\n", n_observations)
+    if len(lines) <= n_observations:
+        raise CameraError(
+            f"{n_observations} lines of observations wanted, got {len(lines) - 1}; the file is "
+            "truncated or broken"
+        )
+    values = _numbers(lines[-1], n_cameras, 9)
     poses = from_vectors(values[:, :3], values[:, 3:6])
     return _views(values[:, 6:9], poses, [f"image {row}" for row in range(n_cameras)], border)
 

@@ -1,7 +1,7 @@
 """Frusta of cameras as a glTF 2 scene (.glb), to look at a rig in any viewer.
 
-Each pose is a node with its name and its camera twice: as glTF's own, and as a pyramid of lines
-whose base is the border of the image, curved where the lens bends it, with a mark at its top.
+Each pose is a node with its name and a pyramid of lines whose base is the border of the image,
+curved where the lens bends it, with a mark at its top; and, below it, glTF's own camera.
 
 Source: Khronos Group. glTF 2.0 Specification. 2021, sections 3.5.3 and 3.10.
 """
@@ -73,26 +73,17 @@ def glb_of(views: Views, length: float | None = None) -> bytes:
         cameras.append({"name": name, "type": "perspective", "perspective": lens})
     matrices = poses @ OPENGL_AXES
     row_of = {row: number for number, row in enumerate(used)}
-    nodes: list[dict[str, Any]] = [
-        {
-            "name": "world",
-            "matrix": Y_UP.T.ravel().tolist(),
-            "children": list(range(1, len(poses) + 1)),
-            "extras": {WORLD: True},
-        }
-    ]
-    for image, index, matrix in zip(
-        views.images, views.poses.camera.tolist(), matrices, strict=True
+    n = len(poses)
+    world = {"name": "rig", "matrix": Y_UP.T.ravel().tolist(), "children": list(range(1, n + 1))}
+    nodes: list[dict[str, Any]] = [world | {"extras": {WORLD: True}}]
+    for row, (image, index) in enumerate(
+        zip(views.images, views.poses.camera.tolist(), strict=True)
     ):
-        number = row_of[index]
-        nodes.append(
-            {
-                "name": image,
-                "matrix": matrix.T.ravel().tolist(),
-                "camera": number,
-                "mesh": number,
-            }
-        )
+        matrix = matrices[row].T.ravel().tolist()
+        # The camera is a node below: some programs drop the mesh of a node that has a camera.
+        lines = {"name": image, "matrix": matrix, "mesh": row_of[index], "children": [n + 1 + row]}
+        nodes.append(lines)
+    nodes += [{"camera": row_of[index]} for index in views.poses.camera.tolist()]
     colour = {"baseColorFactor": [0.9, 0.35, 0.1, 1.0], "metallicFactor": 0.0}
     scene = {
         "asset": {"version": "2.0", "generator": "rastercov"},

@@ -27,6 +27,9 @@ FloatArray = NDArray[np.float64]
 WORLD = "rastercov_world"
 """Entry in `extras` of the node whose frame is the world: viewers have y up, and we have not."""
 
+MOST_ASPECT = 1.1
+"""Largest ratio of fx and fy: a larger one is an image size that does not belong to the scene."""
+
 
 def is_mine(content: Any) -> bool:
     """True for the JSON of a scene."""
@@ -45,20 +48,20 @@ def read(source: Source, border: Border) -> Views:
     scene = Entries(content, "scene")
     lenses = [each for _, each in scene.tables("cameras")] if "cameras" in scene else []
     nodes = [each for _, each in scene.tables("nodes")] if "nodes" in scene else []
-    found = _nodes_with_cameras(nodes, scene)
+    found = _nodes_with_cameras(nodes)
     if not found:
         raise CameraError("a node with a camera wanted, got none")
     size = border.image_size("a glTF scene")
     cameras: dict[int, tuple[int, Camera]] = {}
     index, images, poses = [], [], []
-    for node, matrix in found:
+    for node, name, matrix in found:
         number = _index(node, "camera", lenses)
         if lenses[number].text("type", "perspective") != "perspective":
             border.note("orthographic cameras left out")
             continue
         row, _ = cameras.setdefault(number, (len(cameras), _camera(lenses[number], size)))
         index.append(row)
-        images.append(node.text("name", f"node {node.where.rpartition(' ')[2]}"))
+        images.append(name)
         poses.append(matrix)
     if not poses:
         raise CameraError("perspective cameras wanted, got orthographic ones only")
@@ -72,15 +75,15 @@ def read(source: Source, border: Border) -> Views:
     )
 
 
-def _nodes_with_cameras(nodes: list[Entries], scene: Entries) -> list[tuple[Entries, FloatArray]]:
-    """Nodes with a camera, and world_from_node of each."""
+def _nodes_with_cameras(nodes: list[Entries]) -> list[tuple[Entries, str, FloatArray]]:
+    """Nodes with a camera, their names or those of the nodes above, and world_from_node."""
     children = [_children(node, len(nodes)) for node in nodes]
     is_child = {child for each in children for child in each}
-    stack = [(row, np.eye(4)) for row in range(len(nodes)) if row not in is_child][::-1]
+    stack = [(row, "", np.eye(4)) for row in range(len(nodes)) if row not in is_child][::-1]
     seen: set[int] = set()
     found = []
     while stack:
-        row, parent = stack.pop()
+        row, name, parent = stack.pop()
         if row in seen:
             raise CameraError(f"nodes must form a tree, node {row} has two parents; correct it")
         seen.add(row)
@@ -88,9 +91,10 @@ def _nodes_with_cameras(nodes: list[Entries], scene: Entries) -> list[tuple[Entr
         extras = node.get("extras")
         is_world = isinstance(extras, dict) and extras.get(WORLD) is True
         matrix = np.eye(4) if is_world else parent @ _matrix(node)
+        name = node.text("name", name or f"node {row}")
         if "camera" in node:
-            found.append((node, matrix))
-        stack += [(child, matrix) for child in reversed(children[row])]
+            found.append((node, name, matrix))
+        stack += [(child, name, matrix) for child in reversed(children[row])]
     if len(seen) < len(nodes):
         raise CameraError("nodes must form a tree, some form a ring; correct it")
     return found
@@ -143,10 +147,11 @@ def _camera(entries: Entries, size: tuple[int, int]) -> Camera:
     aspect = lens.number("aspectRatio", width / height)
     if not aspect > 0:
         raise CameraError(f"{lens.where}: aspectRatio must be positive, got {aspect:g}")
-    if not math.isclose(aspect * height, width, abs_tol=1.0, rel_tol=1e-3):
+    square = width / height / aspect
+    if not 1 / MOST_ASPECT <= square <= MOST_ASPECT:
         raise CameraError(
             f"{lens.where}: an image of aspectRatio {aspect:.6g} wanted, got --image-size "
             f"{width}x{height}; give one that fits, such as {round(aspect * height)}x{height}"
         )
     fy = height / 2 / math.tan(yfov / 2)
-    return Camera(width=width, height=height, fx=fy * width / height / aspect, fy=fy)
+    return Camera(width=width, height=height, fx=fy * square, fy=fy)

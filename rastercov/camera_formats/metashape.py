@@ -175,13 +175,15 @@ def _place(owner: Element) -> tuple[FloatArray, float | None]:
 
 
 def _each(owner: Element, group: str, name: str) -> list[Element]:
-    """Elements of a group, also those in groups within it."""
-    return [each for holder in children(owner, group) for each in _below(holder, name)]
-
-
-def _below(owner: Element, name: str) -> list[Element]:
-    found = children(owner, name)
-    return found + [each for group in children(owner, "group") for each in children(group, name)]
+    """Elements of a group in the order of the file, also those in groups within it."""
+    found: list[Element] = []
+    for holder in children(owner, group):
+        for element in holder:
+            if local_name(element) == name:
+                found.append(element)
+            elif local_name(element) == "group":
+                found += children(element, name)
+    return found
 
 
 def _text(owner: Element, name: str, default: str) -> str:

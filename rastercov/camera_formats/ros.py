@@ -74,7 +74,12 @@ def _numbers(info: Entries, name: str, *counts: int) -> Any:
     """Numbers of a list, or of a table with rows, cols and data."""
     value = info.need(name)
     if isinstance(value, Mapping):
-        value = Entries(value, f"{info.where}, {name}").need("data")
+        table = Entries(value, f"{info.where}, {name}")
+        value = table.need("data")
+        n = len(value) if isinstance(value, list) else 1
+        rows, cols = table.number("rows", 1.0), table.number("cols", float(n))
+        if rows * cols != n:
+            raise CameraError(f"{info.where}: {name}: {rows:g} x {cols:g} numbers wanted, got {n}")
     if isinstance(value, list) and not value and 0 in counts:
         return np.zeros(0)
     return checked(value, f"{info.where}: {name}", *((count,) for count in counts))

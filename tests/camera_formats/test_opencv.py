@@ -162,7 +162,7 @@ def test_what_we_write_is_read_by_cv2_and_by_us(tmp_path, model, distortion):
         ("K: !!python/object/apply:os.system ['true']\n", "a plain value wanted, got one with tag"),
         ("K: 1\nK: 2\n", "'K' comes twice"),
         ("a: &a [1]\nb: &b [*a, *a]\n", "a camera matrix"),
-        ("a: &a [*a]\n", "nested deeper than 50"),
+        ("a: &a [*a]\n", "alias 'a' repeats nothing before it"),
         ("[" * 5000, "nested|not valid YAML"),
         ("- " * 5000, "nested|not valid YAML"),
         ("a: [1", "not valid YAML"),
