@@ -81,8 +81,8 @@ def glb_of(views: Views, length: float | None = None) -> bytes:
     ):
         matrix = matrices[row].T.ravel().tolist()
         # The camera is a node below: some programs drop the mesh of a node that has a camera.
-        lines = {"name": image, "matrix": matrix, "mesh": row_of[index], "children": [n + 1 + row]}
-        nodes.append(lines)
+        node = {"name": image, "matrix": matrix, "mesh": row_of[index], "children": [n + 1 + row]}
+        nodes.append(node)
     nodes += [{"camera": row_of[index]} for index in views.poses.camera.tolist()]
     colour = {"baseColorFactor": [0.9, 0.35, 0.1, 1.0], "metallicFactor": 0.0}
     scene = {

@@ -144,7 +144,9 @@ def _arrays(content: Mapping[str, Any]) -> dict[str, FloatArray]:
 
 
 def _matrix(name: str, value: Mapping[str, Any]) -> FloatArray:
-    rows, cols, data = value.get("rows"), value.get("cols"), value["data"]
+    rows: Any = value.get("rows")
+    cols: Any = value.get("cols")
+    data = value["data"]
     sizes = value.get("sizes")  # of a matrix with one dimension, or with three and more
     if isinstance(sizes, int | list) and rows is None:
         sides = sizes if isinstance(sizes, list) else [sizes]

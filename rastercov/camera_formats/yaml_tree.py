@@ -107,7 +107,7 @@ class _Tree:
     def _table(self, depth: int) -> dict[str, Any]:
         found: dict[str, Any] = {}
         while not isinstance(event := next(self._events), MappingEndEvent):
-            line = event.start_mark.line + 1
+            line = event.start_mark.line + 1 if event.start_mark else 0
             if not isinstance(event, ScalarEvent):
                 raise _FaultError(f"a text as a name wanted, got a collection, line {line}")
             if event.value in found:

@@ -56,7 +56,7 @@ def test_a_storage_of_any_form_projects_as_cv2_does(tmp_path, suffix, n, shape):
 @pytest.mark.parametrize("model", ["brown", "fisheye"])
 def test_four_coefficients_are_asked_for(tmp_path, model):
     path = storage(tmp_path / "c.yml", image_width=640, image_height=480, K=K, D=FISHEYE)
-    with pytest.raises(rc.CameraError, match="in D are four.*--lens-model brown or fisheye"):
+    with pytest.raises(rc.CameraError, match=r"in D are four.*--lens-model brown or fisheye"):
         read_views(path)
     camera = read_views(path, conventions=Conventions(lens_model=model)).camera()
     wanted = cv_pixels(rays(), K, FISHEYE, fisheye=model == "fisheye")

@@ -17,7 +17,7 @@ RAYS = np.column_stack([RNG.uniform(-0.4, 0.4, (20, 2)), np.ones(20)])
 TURN, _ = cv2.Rodrigues(np.array([0.3, -0.2, 0.5]))
 SHIFT = np.array([1.0, -2.0, 3.0])
 
-# --- Metashape --------------------------------------------------------------------------------------
+# --- Metashape ------------------------------------------------------------------------------------
 
 METASHAPE = """<?xml version="1.0" encoding="UTF-8"?>
 <document version="2.0.0">
@@ -133,7 +133,7 @@ def test_each_fault_of_a_metashape_file_is_one_line(tmp_path, old, new, words):
         read_views(path)
 
 
-# --- OpenSfM ----------------------------------------------------------------------------------------
+# --- OpenSfM --------------------------------------------------------------------------------------
 
 
 def opensfm(path, its, **changes):
@@ -152,7 +152,7 @@ def theta_of(rays):
 
 def opensfm_pixels(camera, rays):
     """OpenSfM's equations: camera_projections_functions.h and camera_distortions_functions.h."""
-    c = dict.fromkeys(("k1 k2 k3 k4 k5 k6 p1 p2 s0 s1 s2 s3 c_x c_y").split(), 0.0) | camera
+    c = dict.fromkeys([*SIX, "s0", "s1", "s2", "s3", "c_x", "c_y"], 0.0) | camera
     x, y, r, theta = theta_of(rays)
     if c["projection_type"].startswith("fisheye"):
         x, y = x * theta / r, y * theta / r
@@ -222,7 +222,7 @@ def test_each_fault_of_opensfm_is_one_line(tmp_path, camera, changes, words):
         read_views(opensfm(tmp_path / "r.json", camera, **changes))
 
 
-# --- Bundler and BAL --------------------------------------------------------------------------------
+# --- Bundler and BAL ------------------------------------------------------------------------------
 
 
 def snavely(points, rotation, translation, f, k1, k2):
@@ -297,7 +297,7 @@ def test_cut_and_broken_texts_are_one_line(tmp_path, write):
             read_views(path, conventions=SIZE)
 
 
-# --- MVSNet -----------------------------------------------------------------------------------------
+# --- MVSNet ---------------------------------------------------------------------------------------
 
 
 def test_mvsnet_asks_for_size_and_pixel_centre_and_reads_a_folder(tmp_path):
@@ -310,7 +310,7 @@ def test_mvsnet_asks_for_size_and_pixel_centre_and_reads_a_folder(tmp_path):
         (tmp_path / "cams" / f"{row:08d}_cam.txt").write_text(text)
     with pytest.raises(rc.CameraError, match="--image-size"):
         read_views(tmp_path)
-    with pytest.raises(rc.CameraError, match="--pixel-centre 0 if .* or 0.5"):
+    with pytest.raises(rc.CameraError, match=r"--pixel-centre 0 if .* or 0.5"):
         read_views(tmp_path, conventions=SIZE)
     for centre, cx in ((0, 320.5), (0.5, 320.0)):
         answers = Conventions(image_size=(640, 480), pixel_centre=centre)

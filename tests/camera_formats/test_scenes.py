@@ -31,7 +31,7 @@ def views_of(n=5, **lens):
     return rc.Views(rc.Rig(cameras, ["left", "right"], places), poses, names)
 
 
-# --- glTF -------------------------------------------------------------------------------------------
+# --- glTF -----------------------------------------------------------------------------------------
 
 
 def scene(path, nodes, **perspective):
@@ -133,7 +133,7 @@ def test_frusta_have_the_turn_of_the_meshes_of_a_report(tmp_path):
     assert up.tolist() == [0, 1, 0, 0]  # z up becomes y up
 
 
-# --- our own ----------------------------------------------------------------------------------------
+# --- our own --------------------------------------------------------------------------------------
 
 
 def test_our_own_file_keeps_everything(tmp_path):
@@ -196,7 +196,7 @@ def test_bad_poses_are_named_or_left_out(tmp_path):
     poses[3, 0, 3] = np.nan
     np.save(tmp_path / "p.npy", poses)
     for name in ("opencv", "opengl-camera-from-world"):
-        with pytest.raises(rc.PoseError, match="p.npy: pose [23] is not") as caught:
+        with pytest.raises(rc.PoseError, match=r"p.npy: pose [23] is not") as caught:
             read_views(tmp_path / "p.npy", conventions=Conventions(pose_convention=name))
         assert caught.value.pose_ids == (2, 3)
     views = read_views(tmp_path / "p.npy", conventions=Conventions(skip_bad_poses=True))
@@ -210,8 +210,10 @@ def test_views_of_one_camera_are_its_poses():
     assert right.images == ("image 1", "image 3")
     assert right.rig.rig_from_camera[0, 0, 3] == 0.25
     assert right.camera() == views.cameras()[1]
-    for name, words in ((None, "there are 2 cameras, 'left', 'right'; choose one by --camera-name"),
-                        ("up", "there is no camera 'up'; cameras are 'left', 'right'")):  # fmt: skip
+    for name, words in (
+        (None, "there are 2 cameras, 'left', 'right'; choose one by --camera-name"),
+        ("up", "there is no camera 'up'; cameras are 'left', 'right'"),
+    ):
         with pytest.raises(rc.CameraError, match=words):
             views.camera(name)
 

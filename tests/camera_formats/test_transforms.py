@@ -156,7 +156,7 @@ def test_a_lens_without_a_model_is_refused_by_name(tmp_path):
     camera = rc.Camera(width=640, height=480, fx=400, fy=400, model="eucm", distortion=(0.5, 1.0))
     views = rc.Views(rc.Rig([camera], ["left"]), rc.Poses.of(np.eye(4)), ("a",))
     path = tmp_path / "transforms.json"
-    with pytest.raises(rc.CameraError, match="left: transforms.json has no model for eucm"):
+    with pytest.raises(rc.CameraError, match=r"left: transforms.json has no model for eucm"):
         write_views(path, views)
     assert not path.exists()
 

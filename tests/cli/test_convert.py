@@ -82,7 +82,7 @@ def test_overwrite_replaces_a_model_as_a_whole(here, capsys):
     assert len(read_views("taken").poses) == 4
 
 
-# --- cameras and poses of other commands ------------------------------------------------------------
+# --- cameras and poses of other commands ----------------------------------------------------------
 
 RENDER = "render box --device cpu --json -o out "
 
