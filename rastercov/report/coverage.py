@@ -311,7 +311,7 @@ def _draw(
                 if finder is not None:
                     regions = finder.find(own)
                     seen = SeenArea(regions, own.world_from_camera)
-                    covered = best_and_views(seen, small, matrix, buffer)[1] > 0
+                    covered = best_and_views(seen, small, matrix, buffer.face)[1] > 0
                     title = area_title(mesh, pose, float(regions.area.sum()), covers)
                 pixels = coverage_pixels(buffer, values, mesh, matrix, small, covered)
                 picture = coverage_picture(

@@ -37,7 +37,10 @@ def targets_in_view(
 
 
 def lay_over(pixels: Pixels, targets: NDArray[np.int32], colours: Pixels) -> None:
-    """Lay targets (H, W) over an image, in place, each face in its colour of (F, 3)."""
+    """Lay targets (H, W) over an image, in place, each face in its colour of (F, 3).
+
+    Colours of shape (H, W, 3) are those of pixels.
+    """
     share = np.where(targets >= 0, np.float32(OPACITY), np.float32(0))
     for step in ((0, 1), (1, 0)):
         here = targets[: targets.shape[0] - step[0], : targets.shape[1] - step[1]]
@@ -49,5 +52,6 @@ def lay_over(pixels: Pixels, targets: NDArray[np.int32], colours: Pixels) -> Non
             part[(here != following) & (pixel >= 0)] = OUTLINE
     shown = targets >= 0
     opacity = share[shown, None]
-    mixed = opacity * colours[targets[shown]] + (1 - opacity) * pixels[shown]
+    of_pixel = colours[shown] if colours.ndim == 3 else colours[targets[shown]]
+    mixed = opacity * of_pixel + (1 - opacity) * pixels[shown]
     pixels[shown] = mixed.astype(np.uint8)
