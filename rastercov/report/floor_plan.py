@@ -28,7 +28,7 @@ from rastercov.report.panorama import (
     turned_away,
 )
 from rastercov.report.target_pictures import lay_over
-from rastercov.report.theme import BEHIND, BEHIND_STRIPE, EXTERIOR, WALL_LINE, Pixels
+from rastercov.report.theme import BACK, BACK_STRIPE, EXTERIOR, WALL_LINE, Pixels
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -79,6 +79,19 @@ class FloorPlan:
             if layer is not None:
                 found = found | (layer >= 0)
         return found
+
+    def backs(self) -> NDArray[np.bool_]:
+        """(F,) task faces that are seen from behind from above."""
+        mesh = self.mesh
+        is_down = (mesh.normals[:, 2] < 0) & ~mesh.two_sided_mask & ~mesh.target_mask
+        found: NDArray[np.bool_] = mesh.task_mask & is_down
+        return found
+
+    def shows_backs(self) -> bool:
+        """True if a task face is seen from behind."""
+        layers = [self.face] if self.beneath is None else [self.face, self.beneath]
+        backs = np.append(self.backs(), False)
+        return any(bool(backs[layer].any()) for layer in layers)
 
     def places(self, points: ArrayLike) -> FloatArray:
         """(N, 2) positions of points (N, 2 or 3) in the picture, pixels."""
@@ -163,10 +176,9 @@ def _painted(plan: FloorPlan, face: FaceImage, own: OwnColours) -> Pixels:
     light = (LEAST_LIGHT + (1 - LEAST_LIGHT) * np.abs(np.append(mesh.normals[:, 2], 1.0)))[face]
     pixels: Pixels = (own(face) * light[..., None]).astype(np.uint8)
     pixels[face < 0] = EXTERIOR
-    is_back = mesh.task_mask & ~mesh.two_sided_mask & (mesh.normals[:, 2] < 0)
-    behind = np.append(is_back, False)[face]
-    pixels[behind] = BEHIND
-    pixels[behind & stripes(face.shape, 3 * FINE)] = BEHIND_STRIPE
+    behind = np.append(plan.backs(), False)[face]
+    pixels[behind] = BACK
+    pixels[behind & stripes(face.shape, 3 * FINE)] = BACK_STRIPE
     draw_lines(pixels, face, mesh.n_faces)
     return pixels
 
@@ -206,9 +218,7 @@ class _Upright:
     centre: FloatArray
     z: FloatArray
 
-    def drawn(
-        self, mesh: Mesh, rows: IntArray, cut: float | None
-    ) -> tuple[FaceImage, FloatArray]:
+    def drawn(self, mesh: Mesh, rows: IntArray, cut: float | None) -> tuple[FaceImage, FloatArray]:
         """Face of each pixel, of some faces below a height, and their z."""
         corners, of = mesh.vertices[mesh.faces[rows]], rows
         if cut is not None:
@@ -267,43 +277,35 @@ def below(corners: FloatArray, cut: float) -> tuple[FloatArray, IntArray]:
 def _draw_walls(image: Image.Image, plan: FloorPlan) -> None:
     """Draw upright faces as lines, unless a surface is above them."""
     mesh = plan.mesh
-    upright = np.flatnonzero(
-        (np.abs(mesh.normals[:, 2]) < UPRIGHT) & ~mesh.target_mask & ~mesh.degenerate_mask
-    )[:MOST_LINES]
-    corners = mesh.vertices[mesh.faces[upright]]
+    is_upright = np.abs(mesh.normals[:, 2]) < UPRIGHT
+    rows = np.flatnonzero(is_upright & ~mesh.target_mask & ~mesh.degenerate_mask)
+    corners = mesh.vertices[mesh.faces[rows]]
     if plan.cut is not None:
         corners = corners[corners[..., 2].min(axis=1) < plan.cut]
-    if not len(corners):
-        return
-    along = np.stack((-mesh.normals[upright, 1], mesh.normals[upright, 0]), axis=1)
-    along = along[: len(corners)] if plan.cut is None else _tangents(corners)
-    position = np.einsum("nki,ni->nk", corners[..., :2], along)
-    rows = np.arange(len(corners))
-    ends = np.stack(
-        [corners[rows, find(position, axis=1), :2] for find in (np.argmin, np.argmax)], axis=1
-    )
-    places = plan.places(ends.reshape(-1, 2)).reshape(-1, 2, 2)
+    corners = corners[:MOST_LINES]
+    along = np.einsum("nki,ni->nk", corners[..., :2], _tangents(corners))
+    each = np.arange(len(corners))
+    ends = np.stack([corners[each, at, :2] for at in (along.argmin(1), along.argmax(1))], axis=1)
+    places = np.rint(plan.places(ends.reshape(-1, 2))).reshape(-1, 4)
     top = corners[..., 2].max(axis=1)
-    pixels, first = np.unique(np.rint(np.sort(places, axis=1)).reshape(-1, 4), axis=0,
-                              return_index=True)  # fmt: skip
-    del pixels
     slack = 1e-3 * max(float(np.ptp(mesh.bounds[:, 2])), 1e-12)
     height, width = plan.face.shape
     draw = ImageDraw.Draw(image)
-    for row in first.tolist():
-        (u, v), reach = places[row].mean(axis=0), 2
-        if not (0 <= u < width and 0 <= v < height):
+    for row in np.unique(places, axis=0, return_index=True)[1].tolist():
+        line = places[row].reshape(2, 2)
+        (j, i), reach = line.mean(axis=0).astype(int).tolist(), 2
+        if not (0 <= j < width and 0 <= i < height):
             continue
-        j, i = int(u), int(v)
         around = plan.height[max(0, i - reach) : i + reach + 1, max(0, j - reach) : j + reach + 1]
         if around.min() <= top[row] + slack:
-            draw.line([tuple(end) for end in places[row].tolist()], WALL_LINE, FINE)
+            draw.line([tuple(end) for end in line.tolist()], WALL_LINE, FINE)
 
 
 def _tangents(corners: FloatArray) -> FloatArray:
-    """(N, 2) horizontal directions of upright triangles: those of their longest sides from above."""
+    """(N, 2) horizontal directions of upright triangles, with x or else y above 0."""
     sides = (np.roll(corners, -1, axis=1) - corners)[..., :2]
     longest = np.einsum("nki,nki->nk", sides, sides).argmax(axis=1)
     chosen = sides[np.arange(len(corners)), longest]
-    found: FloatArray = chosen / np.maximum(np.linalg.norm(chosen, axis=1, keepdims=True), 1e-300)
+    is_reversed = (chosen[:, 0] < 0) | ((chosen[:, 0] == 0) & (chosen[:, 1] < 0))
+    found: FloatArray = np.where(is_reversed[:, None], -chosen, chosen)
     return found

@@ -88,7 +88,7 @@ def draw_scale_bar(
     metres = max(m * power for m in (1, 2, 5) if m * power <= most / scale * (1 + 1e-9))
     draw = ImageDraw.Draw(image)
     (left, bottom), bar = corner, metres * scale
-    thick = max(2.0, bar * 0 + font.getbbox("0")[3] / 5)
+    thick = max(2.0, font.getbbox("0")[3] / 5)
     draw.rectangle((left, bottom - thick, left + bar, bottom), INK)
     draw.text((left + bar + 2 * thick, bottom), length_of_bar(metres), INK, font, anchor="ls")
 

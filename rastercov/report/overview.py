@@ -19,7 +19,7 @@ from rastercov.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.report import theme
 from rastercov.report.area_pictures import SeenArea, best_and_views_at, points_of_pixels
-from rastercov.report.floor_plan import FOOT, floor_plan, outline, paint_plan
+from rastercov.report.floor_plan import FOOT, FloorPlan, floor_plan, outline, paint_plan
 from rastercov.report.images import Font, Key, font_for, framed
 from rastercov.report.labels import draw_scale_bar, write_labels
 from rastercov.report.panorama import (
@@ -150,8 +150,9 @@ def overview_picture(shown: CameraColours, camera: Camera) -> Image.Image:
     direction = best_directions(mesh, mesh.task_mask, 1, shown.eyes, 4)[0]
     scene = look(mesh, direction, eyes=shown.eyes)
     image = _with_cameras(scene, camera, shown)
-    keys = [*shown.keys(), *scene_keys([scene])]
-    return framed(beside([image, _plan_picture(shown, camera)]), shown.title(), keys)
+    plan, plan_image = _plan_picture(shown, camera)
+    keys = [*shown.keys(), *scene_keys([scene, plan])]
+    return framed(beside([image, plan_image]), shown.title(), keys)
 
 
 def network_picture(shown: CameraColours, camera: Camera) -> Image.Image:
@@ -174,7 +175,7 @@ def _with_cameras(scene: Scene, camera: Camera, shown: CameraColours) -> Image.I
         return colours
 
     image = Image.fromarray(paint(scene, neutral(scene.mesh), own=own))
-    rows = np.flatnonzero(is_in_picture(scene, shown.eyes))
+    rows = np.flatnonzero(is_in_picture(scene, shown.eyes)).tolist()
     for row in rows:
         pyramid = _pyramid(camera, shown.poses[row], shown.reach)
         fill_in_space(image, scene, pyramid[1:], shown.colours[row])
@@ -185,8 +186,8 @@ def _with_cameras(scene: Scene, camera: Camera, shown: CameraColours) -> Image.I
     return smooth(image)
 
 
-def _plan_picture(shown: CameraColours, camera: Camera) -> Image.Image:
-    """Picture of the floor plan with all cameras."""
+def _plan_picture(shown: CameraColours, camera: Camera) -> tuple[FloorPlan, Image.Image]:
+    """The floor plan, and its picture with all cameras."""
     outlines = [outline(_pyramid(camera, pose, shown.reach)[:, :2]) for pose in shown.poses]
     plan = floor_plan(shown.mesh, shown.eyes, np.concatenate([*outlines, np.zeros((0, 2))]))
 
@@ -218,7 +219,7 @@ def _plan_picture(shown: CameraColours, camera: Camera) -> Image.Image:
     cut = "" if plan.cut is None else f", cut at z = {short(float(f'{plan.cut:.3g}'))} m"
     text = f"from above{cut}; x to the right, y up"
     draw.text((0.95 * WIDTH * FINE, corner[1]), text, theme.INK, font, anchor="rs")
-    return smooth(image)
+    return plan, smooth(image)
 
 
 def _pyramid(camera: Camera, pose: FloatArray, reach: float) -> FloatArray:

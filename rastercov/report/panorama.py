@@ -19,7 +19,7 @@ from rastercov.raster import open_rasterizer
 from rastercov.raster.contract import VisibilityBuffer
 from rastercov.report.images import draw_lines, facing, stripes
 from rastercov.report.target_pictures import lay_over, targets_in_view
-from rastercov.report.theme import BEHIND, BEHIND_STRIPE, EXTERIOR, Colour, Pixels
+from rastercov.report.theme import BACK, BACK_STRIPE, EXTERIOR, PAPER, Colour, Pixels
 from rastercov.viewpoints import look_at
 
 FloatArray = NDArray[np.float64]
@@ -237,8 +237,8 @@ def _painted(scene: Scene, face: FaceImage, colours: Pixels, own: OwnColours | N
     behind = is_task & ~np.append(is_front, True)[face]
     if behind.any():
         for colour, rows in (
-            (BEHIND, behind),
-            (BEHIND_STRIPE, behind & stripes(face.shape, 3 * FINE)),
+            (BACK, behind),
+            (BACK_STRIPE, behind & stripes(face.shape, 3 * FINE)),
         ):
             pixels[rows] = np.array(colour) * light[face[rows]]
     draw_lines(pixels, face, mesh.n_faces)
@@ -272,16 +272,18 @@ def draw_in_space(image: Image.Image, scene: Scene, lines: Sequence[Line]) -> No
             round(0.3 * c + 0.7 * g) for c, g in zip(line.colour, (205,) * 3, strict=True)
         )
         width = round(line.width * FINE)
+        places = [tuple(place) for place in image_points.tolist()]
+        for piece in range(PIECES):  # a border, so that the line shows on a surface of its colour
+            if (before & is_ahead)[piece : piece + 2].all():
+                draw.line(places[piece : piece + 2], PAPER, width + 2 * FINE)
         for piece in range(PIECES):
             if not (is_ahead[piece] and is_ahead[piece + 1]):
                 continue
             is_seen = before[piece] and before[piece + 1]
             if not is_seen and piece % 2:
                 continue
-            ends = [tuple(image_points[piece]), tuple(image_points[piece + 1])]
-            draw.line(
-                ends, line.colour if is_seen else faint, width if is_seen else max(1, width // 2)
-            )
+            colour, across = (line.colour, width) if is_seen else (faint, max(1, width // 2))
+            draw.line(places[piece : piece + 2], colour, across)
 
 
 def fill_in_space(
@@ -327,6 +329,11 @@ def place_in_image(scene: Scene, points: ArrayLike) -> FloatArray:
 def smooth(image: Image.Image) -> Image.Image:
     """The picture at its final size."""
     return image.reduce(FINE)
+
+
+def drawn_faces(mesh: Mesh, scene: Scene, rows: NDArray[np.int64]) -> FaceImage:
+    """(H, W) face image of some faces alone, as the scene shows the mesh."""
+    return _drawn(mesh, scene.camera, scene.pose, rows).face
 
 
 def _drawn(

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from rastercov._format import length, percent, signed
+from rastercov._format import area, length, percent, signed
 from rastercov._output import write_text
 from rastercov.area.regions import Regions
+from rastercov.area.zones import DeadZones
 from rastercov.camera import Camera
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
@@ -29,9 +30,17 @@ from rastercov.placement.select.problem import BestCoverage, Goal
 from rastercov.placement.select.selection import Selection
 from rastercov.report import placement_pictures as pictures
 from rastercov.report import placement_plots as plots
+from rastercov.report.camera_pictures import MANY, SIDE, SMALL, camera_picture, of_pose
 from rastercov.report.html import Picture, rendered
+from rastercov.report.overview import (
+    CameraColours,
+    camera_colours,
+    network_picture,
+    overview_picture,
+)
 from rastercov.report.plots import picture_of
 from rastercov.report.theme import DARK, LIGHT, Theme
+from rastercov.report.zone_pictures import zone_rows, zones_picture
 
 __all__ = ["PlanReport", "page", "write_page"]
 
@@ -82,6 +91,7 @@ class PlanReport:
     notes: Sequence[str] = ()  # sentences for the top of the page
     summary: Mapping[str, Any] | None = None  # figures; those of the network unless given
     regions: Regions | None = None  # of the poses, where the result is by area
+    zones: DeadZones | None = None  # of them, with `dead_zones` in `summary`
 
     def __post_init__(self) -> None:
         count = len(self.network.pose_ids)
@@ -99,6 +109,12 @@ class PlanReport:
     def names(self) -> list[str]:
         """Names of the cameras."""
         return list(self.camera_names) or [str(row + 1) for row in range(len(self.poses))]
+
+    @property
+    def colours(self) -> CameraColours:
+        """Colours of the surface by its cameras."""
+        best = self.network.best_pose
+        return camera_colours(self.mesh, self.poses, best, self.names, self.regions)
 
     @property
     def origins(self) -> list[str]:
@@ -154,6 +170,8 @@ def page(report: PlanReport, progress: Progress = lambda done, total: None) -> s
         n_certain=figures["certified"] + figures["exact"],
         clipped=[report.names[row] for row in summary["near_clipped_poses"]],
         left=left,
+        caution=report.colours.caution(),
+        zone_rows=zone_rows(summary) if report.zones is not None else [],
         share_headings=["faces", "of all faces", "of the area"],
         **(_uncovered(left) if left else {}),
         openings=_openings(report.openings),
@@ -165,37 +183,9 @@ def page(report: PlanReport, progress: Progress = lambda done, total: None) -> s
     )
 
 
-def _drawn(report: PlanReport, progress: Progress) -> dict[str, Picture]:
-    """Pictures and plots of a report, by name."""
-    mesh, network = report.mesh, report.network
-    parts: dict[str, tuple[str, Callable[[], Image.Image]]] = {
-        "network": (
-            "The cameras around the part, from two sides",
-            lambda: pictures.network_picture(
-                mesh, report.camera, report.poses, network.best_pose, report.names, report.regions
-            ),
-        ),
-        "coverage": (
-            "The part coloured by best coverage",
-            lambda: pictures.coverage_picture(mesh, network.best),
-        ),
-    }
-    if (regions := report.regions) is not None:
-        views = len((report.summary or {})["covered_area"]["by_views"])
-        parts["coverage"] = (
-            "The part coloured by the number of cameras that cover each point",
-            lambda: pictures.views_picture(mesh, report.poses, regions, views),
-        )
-    if left := report.leftover:
-        parts["leftover"] = (
-            "Faces that are not covered, by reason",
-            lambda: pictures.leftover_picture(left),
-        )
-    if segments := report.segmentation:
-        parts["segments"] = (
-            "The segments of the part",
-            lambda: pictures.segments_picture(mesh, segments),
-        )
+def _drawn(report: PlanReport, progress: Progress) -> dict[str, Any]:
+    """Pictures and plots of a report by name; "cameras" has a picture for each camera."""
+    network, summary = report.network, report.summary or {}
     charts: dict[str, tuple[str, Callable[[Theme], Any]]] = {
         "groups": ("Covered part of each group", lambda theme: plots.group_bars(network, theme)),
         "overlap": (
@@ -210,16 +200,73 @@ def _drawn(report: PlanReport, progress: Progress) -> dict[str, Picture]:
                 found, goal, theme, "cells" if report.regions is not None else "everything"
             ),
         )
-    total = len(parts) + len(charts)
-    drawn: dict[str, Picture] = {}
+    parts = _parts(report, summary)
+    n_cameras, done = len(report.poses), 0
+    total = len(parts) + len(charts) + n_cameras
+    drawn: dict[str, Any] = {"cameras": []}
     for name, (alt, draw) in parts.items():
-        progress(len(drawn), total)
+        progress(done, total)
         drawn[name] = Picture.of(alt, draw())
+        done += 1
     for name, (alt, chart) in charts.items():
-        progress(len(drawn), total)
+        progress(done, total)
         drawn[name] = picture_of(alt, chart(LIGHT), chart(DARK))
+        done += 1
+    colours, side = report.colours.colours, SIDE if n_cameras <= MANY else SMALL
+    for row, (name, pose) in enumerate(zip(report.names, report.poses, strict=True)):
+        progress(done, total)
+        own = None if report.regions is None else of_pose(report.regions, row)
+        image = camera_picture(
+            report.mesh, report.camera, pose, network.task, name, colours[row], own, side
+        )
+        drawn["cameras"].append(Picture.of(f"What camera {name} sees and covers", image))
+        done += 1
     progress(total, total)
     return drawn
+
+
+def _parts(
+    report: PlanReport, summary: Mapping[str, Any]
+) -> dict[str, tuple[str, Callable[[], Image.Image]]]:
+    """Pictures of the part by name: a description, and the function that draws it."""
+    mesh, network, eyes = report.mesh, report.network, report.poses[:, :3, 3]
+    parts: dict[str, tuple[str, Callable[[], Image.Image]]] = {
+        "overview": (
+            "The task in the colours of its cameras, and a floor plan",
+            lambda: overview_picture(report.colours, report.camera),
+        ),
+        "network": (
+            "The cameras around the part, from two sides",
+            lambda: network_picture(report.colours, report.camera),
+        ),
+        "coverage": (
+            "The part coloured by best coverage",
+            lambda: pictures.coverage_picture(mesh, network.best, eyes),
+        ),
+    }
+    if (regions := report.regions) is not None:
+        views = len(summary["covered_area"]["by_views"])
+        parts["coverage"] = (
+            "The part coloured by the number of cameras that cover each point",
+            lambda: pictures.views_picture(mesh, report.poses, regions, views),
+        )
+    if (zones := report.zones) is not None:
+        if len(zones):
+            parts["zones"] = (
+                "Dead zones by number and reason",
+                lambda: zones_picture(zones, summary, eyes),
+            )
+    elif left := report.leftover:
+        parts["leftover"] = (
+            "Faces that are not covered, by reason",
+            lambda: pictures.leftover_picture(left, eyes),
+        )
+    if segments := report.segmentation:
+        parts["segments"] = (
+            "The segments of the part",
+            lambda: pictures.segments_picture(mesh, segments),
+        )
+    return parts
 
 
 def _thresholds(report: PlanReport) -> list[str]:
@@ -262,6 +309,7 @@ def _cameras(report: PlanReport) -> dict[str, Any]:
     network, origins, tolerance = report.network, report.origins, report.tolerance
     headings = ["camera", *(["from"] if any(origins) else []), "x, m", "y, m", "z, m"]
     headings += ["looks along", "covers, faces", "mean coverage"]
+    headings += ["covers"] if report.regions is not None else []
     own = "cells" if report.regions is not None else "faces"
     headings += ["covered without it", f"its own {own}"] if tolerance else []
     rows = []
@@ -270,6 +318,8 @@ def _cameras(report: PlanReport) -> dict[str, Any]:
         line += [length(value) for value in pose[:3, 3]]
         line += [", ".join(signed(value) for value in pose[:3, 2])]
         line += [f"{network.covered_faces[row]:,}", f"{network.mean_coverage[row]:.3f}"]
+        if (regions := report.regions) is not None:
+            line.append(area(float(regions.area[regions.pair_pose == row].sum())))
         if tolerance:
             camera = tolerance.cameras[row]
             line += [percent(camera.without), f"{camera.own_faces:,}"]

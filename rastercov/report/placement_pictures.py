@@ -20,6 +20,7 @@ from rastercov.placement.candidates.segments import Segmentation
 from rastercov.placement.explain.uncovered import WORDS, Leftover
 from rastercov.report import theme
 from rastercov.report.area_pictures import SeenArea, best_and_views
+from rastercov.report.floor_plan import FloorPlan
 from rastercov.report.images import Key, framed, stripes
 from rastercov.report.panorama import (
     DIRECTIONS,
@@ -158,16 +159,15 @@ def key(name: str, colour: ArrayLike, stripe: ArrayLike | None = None) -> Key:
     return Key(name, swatch)
 
 
-def scene_keys(scenes: Sequence[Scene]) -> list[Key]:
+def scene_keys(scenes: Sequence[Scene | FloorPlan]) -> list[Key]:
     """Entries for what several pictures may have: occluders, backs, targets."""
     keys = []
-    mesh = scenes[0].mesh
-    if not mesh.task_mask.all():
+    if not scenes[0].mesh.task_mask.all():
         keys.append(key("occluder", theme.OCCLUDER_PALE))
     if any(scene.beneath is not None and (scene.beneath >= 0).any() for scene in scenes):
         keys.append(key("occluder in front of the task", theme.OCCLUDER_PALE, theme.COVERED))
     if any(scene.shows_backs() for scene in scenes):
-        keys.append(key("seen from behind", theme.BEHIND, theme.BEHIND_STRIPE))
+        keys.append(key("back of the task, from here", theme.BACK, theme.BACK_STRIPE))
     if any(scene.targets is not None and (scene.targets >= 0).any() for scene in scenes):
         keys.append(Key("targets are translucent, with outlines", _translucent()))
     return keys

@@ -294,10 +294,12 @@ def write_page(placement: Placement, path: Path, progress: Progress) -> None:
     from rastercov.report.placement import write_page as write  # with the first page only
 
     prepared = placement.prepared
-    found = None
-    if placement.cameras.areas is not None:
+    found = zones = None
+    if (areas := placement.cameras.areas) is not None:
         poses, method = placement.cameras.poses, prepared.plan.task.method
         found = regions(prepared.mesh, prepared.camera, poses, prepared.task, method=method)
+        views = prepared.plan.task.views
+        zones = areas.zones(views if isinstance(views, dict) else None)
     report = PlanReport(
         mesh=prepared.mesh,
         camera=prepared.camera,
@@ -319,5 +321,6 @@ def write_page(placement: Placement, path: Path, progress: Progress) -> None:
         notes=lines(placement),
         summary=summary_of(prepared.plan, placement.cameras),
         regions=found,
+        zones=zones,
     )
     write(path, report, progress)

@@ -53,6 +53,8 @@ OCCLUDER = (176, 140, 90)
 TARGET = (40, 200, 120)
 """Of a target with coverage 1."""
 BEHIND, BEHIND_STRIPE = (132, 96, 140), (158, 122, 166)
+BACK, BACK_STRIPE = (150, 142, 158), (178, 171, 186)
+"""Of task faces seen from behind in exterior views, where no camera is behind them."""
 DARKEST, GREY_SPAN, HEADLIGHT = 14, 205, 30
 """Grey of a face: DARKEST + GREY_SPAN * coverage + HEADLIGHT * cosine of incidence."""
 EXTERIOR = (246, 248, 250)
