@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from rastercov._format import area, percent
+from rastercov._format import area, percent, plural
 from rastercov.area.failures import first_failures
 from rastercov.area.points import covering_poses
 from rastercov.area.regions import Regions
@@ -62,6 +62,8 @@ class CameraImage:
         Occluders that hide a task face that turns its front to the camera.
     state, target_state : (H, W) uint8
         `Reason` of the point at each pixel of a task face and of a target, or `UNJUDGED`.
+    faces : int or None
+        Faces that the camera covers; None by area.
     """
 
     mesh: Mesh
@@ -72,6 +74,7 @@ class CameraImage:
     beneath: NDArray[np.bool_]
     state: States
     target_state: States
+    faces: int | None
 
 
 def camera_image(
@@ -99,12 +102,14 @@ def camera_image(
         with open_rasterizer(part, small, "cpu") as rasterizer:
             behind = rasterizer.render(pose).face >= 0
         beneath = behind & (buffer.face >= 0) & ~is_task[buffer.face]
+    n_covered = None
     if regions is None:
         reasons = evaluate(mesh, camera, pose[None], task, fields=("coverage", "reason")).reason[0]
         states = [np.append(reasons, UNJUDGED)[image] for image in (buffer.face, targets)]
+        n_covered = int((mesh.task_mask & (reasons == Reason.COVERED)).sum())
     else:
         states = [_states(regions, small, pose, image) for image in (buffer.face, targets)]
-    return CameraImage(mesh, small, pose, buffer.face, targets, beneath, *states)
+    return CameraImage(mesh, small, pose, buffer.face, targets, beneath, *states, n_covered)
 
 
 def _states(regions: Regions, small: Camera, pose: FloatArray, face: FaceImage) -> States:
@@ -209,6 +214,8 @@ def camera_picture(
     image = camera_image(mesh, camera, pose, task, regions, side)
     title = f"camera {name}"
     total = float(mesh.areas[mesh.task_mask].sum())
+    if image.faces is not None:
+        title += f" covers {plural(image.faces, 'whole face')}"
     if regions is not None and total > 0:
         covered = float(regions.area.sum())
         share = percent(min(1.0, covered / total))

@@ -15,8 +15,8 @@ FloatArray = NDArray[np.float64]
 
 DIRECTIONS, RINGS = 16, 14
 """Places that are tried around the point of a label: so many on each of so many rings."""
-UNITS = ((1e3, "km"), (1.0, "m"), (1e-2, "cm"), (1e-3, "mm"), (1e-6, "µm"))
-"""Units of a scale bar, the largest first: metres, and their names."""
+UNITS = ((1e3, "km"), (1.0, "m"), (1e-2, "cm"), (1e-3, "mm"))
+"""Units of a scale bar, the largest first: metres, and their names; the font has no micro sign."""
 
 
 def place_labels(anchors: ArrayLike, sizes: ArrayLike, picture: tuple[int, int]) -> FloatArray:

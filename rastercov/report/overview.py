@@ -51,6 +51,10 @@ WEDGE = 0.16
 """Opacity of view pyramids in a plan."""
 MANY = 30
 """Cameras up to which their labels are large."""
+CROWD = 16
+"""Cameras from which on their view pyramids get smaller."""
+FROM_BELOW = 0.6
+"""Worth of the task seen from below, relative to what is seen from above."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +85,8 @@ class CameraColours:
     def reach(self) -> float:
         """Length of the edges of drawn view pyramids, metres."""
         corners = np.concatenate((task_points(self.mesh), self.eyes))
-        return FRUSTUM * max(float(np.linalg.norm(np.ptp(corners, axis=0))) / 2, 1e-12)
+        size = max(float(np.linalg.norm(np.ptp(corners, axis=0))) / 2, 1e-12)
+        return FRUSTUM * size * min(1.0, (CROWD / max(len(self.poses), 1)) ** 0.5)
 
     @property
     def font(self) -> Font:
@@ -147,19 +152,26 @@ def overview_picture(shown: CameraColours, camera: Camera) -> Image.Image:
     pyramids from above.
     """
     mesh = shown.mesh
-    direction = best_directions(mesh, mesh.task_mask, 1, shown.eyes, 4)[0]
-    scene = look(mesh, direction, eyes=shown.eyes)
+    scene = look(mesh, _side(shown), eyes=shown.eyes)
     image = _with_cameras(scene, camera, shown)
     plan, plan_image = _plan_picture(shown, camera)
     keys = [*shown.keys(), *scene_keys([scene, plan])]
     return framed(beside([image, plan_image]), shown.title(), keys)
 
 
+def _side(shown: CameraColours) -> FloatArray:
+    """Direction that shows most of the task, an oblique one and from above if that serves."""
+    mesh = shown.mesh
+    found: FloatArray = best_directions(mesh, mesh.task_mask, 1, shown.eyes, 8, FROM_BELOW)[0]
+    return found
+
+
 def network_picture(shown: CameraColours, camera: Camera) -> Image.Image:
     """The cameras around the part as view pyramids, from two sides; figures 6.10 and 6.11."""
     pyramids = [_pyramid(camera, pose, shown.reach) for pose in shown.poses]
     more = np.concatenate([*pyramids, np.zeros((0, 3))])
-    scenes = [look(shown.mesh, direction, more, eyes=shown.eyes) for direction in DIRECTIONS[:2]]
+    sides = DIRECTIONS[[0, 1]] if _side(shown)[2] > 0 else DIRECTIONS[[4, 5]]
+    scenes = [look(shown.mesh, direction, more, eyes=shown.eyes) for direction in sides]
     images = [_with_cameras(scene, camera, shown) for scene in scenes]
     return framed(beside(images), shown.title(), [*shown.keys(), *scene_keys(scenes)])
 

@@ -168,12 +168,17 @@ def turned_away(mesh: Mesh, viewer: ArrayLike, eyes: ArrayLike = ()) -> BoolArra
 
 
 def best_directions(
-    mesh: Mesh, faces: BoolArray, count: int = 2, eyes: ArrayLike = (), among: int | None = None
+    mesh: Mesh,
+    faces: BoolArray,
+    count: int = 2,
+    eyes: ArrayLike = (),
+    among: int | None = None,
+    from_below: float = 1.0,
 ) -> FloatArray:
     """(count, 3) of `DIRECTIONS` that show most of some faces' fronts, chosen greedily.
 
     Each direction adds most to the visible pixels of those before it; `among` is the number of
-    directions to choose from, all unless given.
+    directions to choose from, all unless given; pixels seen from below count `from_below` times.
     """
     directions = DIRECTIONS[:among]
     if not faces.any():
@@ -183,6 +188,7 @@ def best_directions(
         scene = look(mesh, direction, scale=0.3, eyes=eyes)
         is_front = facing(mesh, scene.pose)[0]
         shown[row] = np.bincount(scene.faces, minlength=mesh.n_faces) * (faces & is_front)
+        shown[row] *= from_below if direction[2] < 0 else 1.0
     chosen: list[int] = []
     best = np.zeros(mesh.n_faces)
     for _ in range(count):

@@ -113,7 +113,10 @@ class PlanReport:
     @property
     def colours(self) -> CameraColours:
         """Colours of the surface by its cameras."""
-        best = self.network.best_pose
+        # The best camera of a face need not cover it.
+        network = self.network
+        is_covered = network.best >= max(network.task.min_coverage, np.finfo(np.float64).tiny)
+        best = np.where(is_covered, network.best_pose, -1)
         return camera_colours(self.mesh, self.poses, best, self.names, self.regions)
 
     @property
