@@ -6,6 +6,8 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov._memory import check_memory
 from rastercov.area.frames import to_plane
 from rastercov.area.regions import Regions
+from rastercov.area.rest import with_rest
+from rastercov.area.union import Covered
 from rastercov.area.zones import DeadZones
 
 SLACK_REL = 1e-9
@@ -56,8 +58,18 @@ def zones_at(zones: DeadZones, face: ArrayLike, points: ArrayLike, n: int) -> ND
     return np.where(found.any(axis=1), found.argmax(axis=1), -1)
 
 
+def views_at(covered: Covered, face: ArrayLike, points: ArrayLike) -> NDArray[np.int64]:
+    """(N,) cameras that cover each point of faces (N,), k of `covered` for k or more."""
+    whole = with_rest(covered)
+    found = _rows_at(whole, whole.views, len(covered.area) + 1, face, points)
+    # On an outline a point is in several pieces.
+    found[:, 0] |= ~found.any(axis=1)
+    most: NDArray[np.int64] = len(covered.area) - found[:, ::-1].argmax(axis=1)
+    return most
+
+
 def _rows_at(
-    pieces: Regions | DeadZones,
+    pieces: Regions | DeadZones | Covered,
     row: NDArray[np.int32],
     n_rows: int,
     face: ArrayLike,

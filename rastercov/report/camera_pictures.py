@@ -109,7 +109,10 @@ def camera_image(
         n_covered = int((mesh.task_mask & (reasons == Reason.COVERED)).sum())
     else:
         states = [_states(regions, small, pose, image) for image in (buffer.face, targets)]
-    return CameraImage(mesh, small, pose, buffer.face, targets, beneath, *states, n_covered)
+    state, target_state = states
+    return CameraImage(
+        mesh, small, pose, buffer.face, targets, beneath, state, target_state, n_covered
+    )
 
 
 def _states(regions: Regions, small: Camera, pose: FloatArray, face: FaceImage) -> States:
@@ -219,7 +222,8 @@ def camera_picture(
     if regions is not None and total > 0:
         covered = float(regions.area.sum())
         share = percent(min(1.0, covered / total))
-        title += f" covers {area(covered).replace('²', '^2')}, {share} of the task"
+        text = area(covered).replace("²", "^2").replace("µ", "u")  # the font has neither
+        title += f" covers {text}, {share} of the task" if covered > 0 else " covers nothing"
     return framed(camera_pixels(image, colour), title, camera_keys([image], colour, "covered"))
 
 

@@ -4,6 +4,8 @@ coverage.parquet   every figure of the pairs of pose and face that were asked fo
 areas.parquet      covered area of each face by 1 ... k cameras, where the result is by area
 summary.json       figures of the network, and their provenance
 network.glb        the mesh coloured by the best coverage of any camera
+overview.png       the mesh in the colours of the cameras, and a floor plan
+zones.png          dead zones, where the result is by area and there are any
 contact_sheet.png  the poses side by side
 pose_*.png         the mesh as one camera sees it, grey by coverage
 faces_*.png        the face index image of the same pose
@@ -16,7 +18,7 @@ import logging
 import re
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -58,17 +60,25 @@ from rastercov.report.images import (
     pose_title,
     save_picture,
 )
+from rastercov.report.overview import best_covering, camera_colours, overview_picture
+from rastercov.report.placement_pictures import coverage_picture as whole_faces_picture
+from rastercov.report.placement_pictures import views_picture
+from rastercov.report.target_pictures import targets_in_view
+from rastercov.report.zone_pictures import zones_picture
 from rastercov.task import Task
 
 LOG = logging.getLogger("rastercov")
 MOST_ROWS = 10_000_000
 """Rows of a table that was not asked for: about 250 MB."""
+MOST_COLOURS = 60
+"""Cameras that have a colour each in the overview."""
 PICTURE_SIDE = 1280
 """Pictures are drawn at the camera's size, or smaller where it exceeds this many pixels."""
 EVALUATION = ReportKind(
     "evaluate",
     re.compile(
-        r"coverage\.parquet|areas\.parquet|summary\.json|network\.glb|contact_sheet\.png|(pose|faces)_\d+\.png"
+        r"coverage\.parquet|areas\.parquet|summary\.json|network\.glb"
+        r"|(contact_sheet|overview|zones)\.png|(pose|faces)_\d+\.png"
     ),
     last="summary.json",
 )
@@ -221,6 +231,9 @@ def _run(
         with interrupts_held():
             summary |= areas.dead_zones(camera, poses.world_from_camera[measured])
         write_areas(folder.file("areas.parquet"), mesh, areas.covered)
+    if options.pictures and network.pose_ids:
+        measured = np.isin(poses.ids, network.pose_ids)
+        interrupted |= _draw_network(folder, network, camera, poses[measured], areas, summary)
     summary |= {
         "interrupted": interrupted,
         "table": {"pairs": pairs, "rows": table.n_rows if table is not None else 0},
@@ -246,6 +259,45 @@ def _run(
         write_json(folder.file("summary.json"), summary)
         folder.publish()
     return summary
+
+
+def _draw_network(
+    folder: ReportFolder,
+    network: Network,
+    camera: Camera,
+    poses: Poses,
+    areas: AreaNetwork | None,
+    summary: dict[str, Any],
+) -> bool:
+    """Draw what all cameras cover together, and dead zones; True when interrupted.
+
+    Of more than `MOST_COLOURS` cameras, it is the number of them that cover each point.
+    """
+    mesh, matrices = network.mesh, poses.world_from_camera
+    eyes = matrices[:, :3, 3]
+    try:
+        if len(poses) <= MOST_COLOURS:
+            found = None
+            if areas is not None:
+                with closing(RegionPass(mesh, camera, network.task)) as finder:
+                    found = finder.find(poses)
+            names = [str(row) for row in poses.ids.tolist()]
+            best = best_covering(network)
+            picture = overview_picture(camera_colours(mesh, matrices, best, names, found), camera)
+        elif areas is not None:
+            picture = views_picture(areas.covered, eyes)
+        else:
+            picture = whole_faces_picture(mesh, network.best, eyes)
+        zones = None
+        if areas is not None and len(areas.zones()):
+            zones = zones_picture(areas.zones(), summary, eyes)
+    except KeyboardInterrupt:
+        return True
+    with interrupts_held():
+        save_picture(picture, folder.file("overview.png"))
+        if zones is not None:
+            save_picture(zones, folder.file("zones.png"))
+    return False
 
 
 def _observer(
@@ -294,6 +346,7 @@ def _draw(
     pictures: list[Image.Image] = []
     titles: list[str] = []
     interrupted = False
+    named = ("covered", "not covered") if by_area else ()
     small = camera.resized(min(1.0, PICTURE_SIDE / max(camera.width, camera.height)))
     try:
         with ExitStack() as opened:
@@ -307,15 +360,18 @@ def _draw(
                 title = pose_title(mesh, pose, covers)
                 matrix = poses.given[pose]
                 own = poses[poses.ids == pose]
-                buffer, covered = rasterizer.render(own), None
+                buffer, covered, on_targets = rasterizer.render(own), None, None
                 if finder is not None:
                     regions = finder.find(own)
                     seen = SeenArea(regions, own.world_from_camera)
                     covered = best_and_views(seen, small, matrix, buffer.face)[1] > 0
+                    targets = targets_in_view(mesh, small, matrix, buffer.depth)
+                    if targets is not None:
+                        on_targets = best_and_views(seen, small, matrix, targets)[1] > 0
                     title = area_title(mesh, pose, float(regions.area.sum()), covers)
-                pixels = coverage_pixels(buffer, values, mesh, matrix, small, covered)
+                pixels = coverage_pixels(buffer, values, mesh, matrix, small, covered, on_targets)
                 picture = coverage_picture(
-                    buffer, values, mesh, small, matrix, title, pixels, by_area=by_area
+                    buffer, values, mesh, small, matrix, title, pixels, named=named
                 )
                 faces = face_index_picture(buffer)
                 with interrupts_held():

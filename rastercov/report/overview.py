@@ -6,6 +6,7 @@ E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks.
 and 6.11.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -17,6 +18,7 @@ from rastercov._format import short
 from rastercov.area.regions import Regions
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
+from rastercov.network import Network
 from rastercov.report import theme
 from rastercov.report.area_pictures import SeenArea, best_and_views_at, points_of_pixels
 from rastercov.report.floor_plan import FOOT, FloorPlan, floor_plan, outline, paint_plan
@@ -86,7 +88,7 @@ class CameraColours:
         """Length of the edges of drawn view pyramids, metres."""
         corners = np.concatenate((task_points(self.mesh), self.eyes))
         size = max(float(np.linalg.norm(np.ptp(corners, axis=0))) / 2, 1e-12)
-        return FRUSTUM * size * min(1.0, (CROWD / max(len(self.poses), 1)) ** 0.5)
+        return FRUSTUM * size * math.sqrt(min(1.0, CROWD / max(len(self.poses), 1)))
 
     @property
     def font(self) -> Font:
@@ -143,6 +145,15 @@ def camera_colours(
     matrices = np.asarray(poses, np.float64).reshape(-1, 4, 4)
     titles = names or [str(row + 1) for row in range(len(matrices))]
     return CameraColours(mesh, matrices, titles, best_pose, regions)
+
+
+def best_covering(network: Network) -> NDArray[np.int64]:
+    """(F,) place in `network.pose_ids` of the best camera, -1 where it does not cover the face."""
+    # The best camera of a face need not cover it.
+    least = max(network.task.min_coverage, np.finfo(np.float64).tiny)
+    place = {pose: row for row, pose in enumerate(network.pose_ids)}
+    rows = [place.get(pose, -1) for pose in network.best_pose.tolist()]
+    return np.where(network.best >= least, np.array(rows, np.int64), -1)
 
 
 def overview_picture(shown: CameraColours, camera: Camera) -> Image.Image:

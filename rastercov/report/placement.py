@@ -3,48 +3,25 @@
 Unknown parts have no section, so that a check of any network has a page, too.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from PIL import Image
 
 from rastercov._format import area, length, percent, signed
 from rastercov._output import write_text
-from rastercov.area.regions import Regions
-from rastercov.area.zones import DeadZones
-from rastercov.camera import Camera
-from rastercov.errors import ConfigError
-from rastercov.mesh import Mesh
-from rastercov.network import Network
 from rastercov.placement.candidates.cavities import Access, Openings
 from rastercov.placement.candidates.clearance import Dropped
 from rastercov.placement.candidates.pool import Candidates
-from rastercov.placement.candidates.segments import Segmentation
-from rastercov.placement.explain.uncovered import WORDS, Leftover
-from rastercov.placement.improve.tolerance import Tolerance
-from rastercov.placement.select.problem import BestCoverage, Goal
-from rastercov.placement.select.selection import Selection
-from rastercov.report import placement_pictures as pictures
-from rastercov.report import placement_plots as plots
-from rastercov.report.camera_pictures import MANY, SIDE, SMALL, camera_picture, of_pose
-from rastercov.report.html import Picture, rendered
-from rastercov.report.overview import (
-    CameraColours,
-    camera_colours,
-    network_picture,
-    overview_picture,
-)
-from rastercov.report.plots import picture_of
-from rastercov.report.theme import DARK, LIGHT, Theme
-from rastercov.report.zone_pictures import zone_rows, zones_picture
+from rastercov.placement.explain.uncovered import WORDS
+from rastercov.placement.select.problem import BestCoverage
+from rastercov.report.html import rendered
+from rastercov.report.placement_figures import Progress, drawn_for
+from rastercov.report.placement_report import PlanReport
+from rastercov.report.zone_pictures import zone_rows
 
 __all__ = ["PlanReport", "page", "write_page"]
-
-Progress = Callable[[int, int], None]
 
 MAX_SENTENCES = 12
 """Faces out of reach that have a sentence of their own."""
@@ -66,73 +43,6 @@ CANDIDATE_ANSWERS = {
     "seen_by_no_candidate": "none sees them (proved)",
     "unknown": "not decided",
 }
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class PlanReport:
-    """Content of a placement page; None and empty for unknown parts."""
-
-    mesh: Mesh
-    camera: Camera
-    network: Network  # of all cameras, in the order of `poses`
-    poses: NDArray[np.float64]  # world_from_camera, (K, 4, 4)
-    title: str = "Placement of cameras"
-    selection: Selection | None = None  # with its goal; both or none
-    goal: Goal | None = None
-    candidates: Candidates | None = None  # all of them; `selection.chosen` has rows of them
-    dropped: Dropped | None = None  # candidates that were rejected before the selection
-    segmentation: Segmentation | None = None
-    leftover: Leftover | None = None
-    openings: Openings | None = None
-    tolerance: Tolerance | None = None
-    camera_names: Sequence[str] = ()  # K; 1, 2, ... unless given
-    sources: Sequence[str] = ()  # of each pose, K; taken from `candidates` unless given
-    made_with: Mapping[str, Any] = field(default_factory=dict)  # for the end of the page
-    notes: Sequence[str] = ()  # sentences for the top of the page
-    summary: Mapping[str, Any] | None = None  # figures; those of the network unless given
-    regions: Regions | None = None  # of the poses, where the result is by area
-    zones: DeadZones | None = None  # of them, with `dead_zones` in `summary`
-
-    def __post_init__(self) -> None:
-        count = len(self.network.pose_ids)
-        if len(self.poses) != count:
-            raise ConfigError(
-                f"the network has {count} cameras, got {len(self.poses)} poses; add each to it"
-            )
-        for name in ("camera_names", "sources"):
-            if len(getattr(self, name)) not in (0, count):
-                raise ConfigError(
-                    f"{name} must be {count} words, one a camera, got {len(getattr(self, name))}"
-                )
-
-    @property
-    def names(self) -> list[str]:
-        """Names of the cameras."""
-        return list(self.camera_names) or [str(row + 1) for row in range(len(self.poses))]
-
-    @property
-    def colours(self) -> CameraColours:
-        """Colours of the surface by its cameras."""
-        # The best camera of a face need not cover it.
-        network = self.network
-        is_covered = network.best >= max(network.task.min_coverage, np.finfo(np.float64).tiny)
-        best = np.where(is_covered, network.best_pose, -1)
-        return camera_colours(self.mesh, self.poses, best, self.names, self.regions)
-
-    @property
-    def origins(self) -> list[str]:
-        """Source of each pose, "" where it is unknown."""
-        if self.sources:
-            return list(self.sources)
-        if self.candidates is None or self.selection is None:
-            return [""] * len(self.poses)
-        chosen = self.candidates.take(self.selection.chosen)
-        if len(chosen) != len(self.poses):
-            return [""] * len(self.poses)
-        return [
-            f"{source} {index}" if index >= 0 else str(source)
-            for source, index in zip(chosen.source, chosen.index, strict=True)
-        ]
 
 
 def write_page(
@@ -159,7 +69,7 @@ def page(report: PlanReport, progress: Progress = lambda done, total: None) -> s
         heading=report.title,
         report=report,
         summary=summary,
-        drawn=_drawn(report, progress),
+        drawn=drawn_for(report, progress),
         names=", ".join(source.name for source in mesh.sources),
         n_task=int(mesh.task_mask.sum()),
         n_occluders=int((~mesh.task_mask).sum()),
@@ -184,92 +94,6 @@ def page(report: PlanReport, progress: Progress = lambda done, total: None) -> s
         tolerance=_tolerance(report),
         made_with=_flat(report.made_with),
     )
-
-
-def _drawn(report: PlanReport, progress: Progress) -> dict[str, Any]:
-    """Pictures and plots of a report by name; "cameras" has a picture for each camera."""
-    network, summary = report.network, report.summary or {}
-    charts: dict[str, tuple[str, Callable[[Theme], Any]]] = {
-        "groups": ("Covered part of each group", lambda theme: plots.group_bars(network, theme)),
-        "overlap": (
-            "Part of the area by number of cameras",
-            lambda theme: plots.overlap_histogram(network, theme),
-        ),
-    }
-    if (found := report.selection) and (goal := report.goal):
-        charts["curve"] = (
-            "Coverage by number of cameras",
-            lambda theme: plots.coverage_curve(
-                found, goal, theme, "cells" if report.regions is not None else "everything"
-            ),
-        )
-    parts = _parts(report, summary)
-    n_cameras, done = len(report.poses), 0
-    total = len(parts) + len(charts) + n_cameras
-    drawn: dict[str, Any] = {"cameras": []}
-    for name, (alt, draw) in parts.items():
-        progress(done, total)
-        drawn[name] = Picture.of(alt, draw())
-        done += 1
-    for name, (alt, chart) in charts.items():
-        progress(done, total)
-        drawn[name] = picture_of(alt, chart(LIGHT), chart(DARK))
-        done += 1
-    colours, side = report.colours.colours, SIDE if n_cameras <= MANY else SMALL
-    for row, (name, pose) in enumerate(zip(report.names, report.poses, strict=True)):
-        progress(done, total)
-        own = None if report.regions is None else of_pose(report.regions, row)
-        image = camera_picture(
-            report.mesh, report.camera, pose, network.task, name, colours[row], own, side
-        )
-        drawn["cameras"].append(Picture.of(f"What camera {name} sees and covers", image))
-        done += 1
-    progress(total, total)
-    return drawn
-
-
-def _parts(
-    report: PlanReport, summary: Mapping[str, Any]
-) -> dict[str, tuple[str, Callable[[], Image.Image]]]:
-    """Pictures of the part by name: a description, and the function that draws it."""
-    mesh, network, eyes = report.mesh, report.network, report.poses[:, :3, 3]
-    parts: dict[str, tuple[str, Callable[[], Image.Image]]] = {
-        "overview": (
-            "The task in the colours of its cameras, and a floor plan",
-            lambda: overview_picture(report.colours, report.camera),
-        ),
-        "network": (
-            "The cameras around the part, from two sides",
-            lambda: network_picture(report.colours, report.camera),
-        ),
-        "coverage": (
-            "The part coloured by best coverage",
-            lambda: pictures.coverage_picture(mesh, network.best, eyes),
-        ),
-    }
-    if (regions := report.regions) is not None:
-        views = len(summary["covered_area"]["by_views"])
-        parts["coverage"] = (
-            "The part coloured by the number of cameras that cover each point",
-            lambda: pictures.views_picture(mesh, report.poses, regions, views),
-        )
-    if (zones := report.zones) is not None:
-        if len(zones):
-            parts["zones"] = (
-                "Dead zones by number and reason",
-                lambda: zones_picture(zones, summary, eyes),
-            )
-    elif left := report.leftover:
-        parts["leftover"] = (
-            "Faces that are not covered, by reason",
-            lambda: pictures.leftover_picture(left, eyes),
-        )
-    if segments := report.segmentation:
-        parts["segments"] = (
-            "The segments of the part",
-            lambda: pictures.segments_picture(mesh, segments),
-        )
-    return parts
 
 
 def _thresholds(report: PlanReport) -> list[str]:

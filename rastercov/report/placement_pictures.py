@@ -13,13 +13,14 @@ from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
 from rastercov._format import percent
-from rastercov.area.regions import Regions
+from rastercov.area.points import views_at
+from rastercov.area.union import Covered
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.placement.candidates.segments import Segmentation
 from rastercov.placement.explain.uncovered import WORDS, Leftover
 from rastercov.report import theme
-from rastercov.report.area_pictures import SeenArea, best_and_views
+from rastercov.report.area_pictures import points_of_pixels
 from rastercov.report.floor_plan import FloorPlan
 from rastercov.report.images import Key, framed, stripes
 from rastercov.report.panorama import (
@@ -68,9 +69,9 @@ def coverage_picture(mesh: Mesh, best: ArrayLike, eyes: ArrayLike = ()) -> Image
     return _two_sides(mesh, colours, "Best coverage of each face", keys, ALL_SIDES, zero, eyes)
 
 
-def views_picture(mesh: Mesh, poses: ArrayLike, regions: Regions, views: int) -> Image.Image:
+def views_picture(covered: Covered, eyes: ArrayLike = ()) -> Image.Image:
     """The part coloured by the number of cameras that cover each point, up to the required one."""
-    matrices = np.asarray(poses, np.float64).reshape(-1, 4, 4)
+    mesh, views = covered.mesh, len(covered.area)
     scale = theme.coverage_colours()
     levels = scale[theme.level_rows(np.arange(views + 1) / views)]
     keys = [key("covered by none", tuple(levels[0]))]
@@ -78,14 +79,15 @@ def views_picture(mesh: Mesh, poses: ArrayLike, regions: Regions, views: int) ->
         key(f"by {n}" + (" or more" if n == views else ""), tuple(levels[n]))
         for n in range(1, views + 1)
     ]
-    seen = SeenArea(regions, matrices)
-    scenes = [look(mesh, direction, eyes=matrices[:, :3, 3]) for direction in ALL_SIDES]
+    scenes = [look(mesh, direction, eyes=eyes) for direction in ALL_SIDES]
     images = []
     for scene in scenes:
 
         def own(face: FaceImage, scene: Scene = scene) -> Pixels:
-            counts = best_and_views(seen, scene.camera, scene.pose, face)[1]
-            found: Pixels = levels[np.minimum(counts, views)]
+            pixel = np.nonzero(np.append(mesh.task_mask, False)[face])
+            points = points_of_pixels(mesh, scene.camera, scene.pose, face[pixel], *pixel)
+            found = np.zeros((*face.shape, 3), np.uint8)
+            found[pixel] = levels[views_at(covered, face[pixel], points)]
             return found
 
         images.append(smooth(Image.fromarray(paint(scene, neutral(mesh), own=own))))

@@ -121,7 +121,8 @@ def zones_picture(
         keys.append(key("hidden from both sides, shown through", theme.COVERED, colours[hidden[0]]))
     percents = [part["percent"] for part in (*summary["dead_zones"], summary["other_dead_zones"])]
     count = f"{len(zones):,} dead zone{'' if len(zones) == 1 else 's'}"
-    title = f"{count}, {percent(sum(percents) / 100)} of the area; numbers as in the list"
+    share = percent(min(1.0, round(sum(percents) / 100, 9)))
+    title = f"{count}, {share} of the area; numbers as in the list"
     return framed(beside(pictures), title, [*keys, *scene_keys(scenes)])
 
 
