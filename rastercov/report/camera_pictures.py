@@ -23,8 +23,8 @@ from rastercov.report import theme
 from rastercov.report.area_pictures import PIXELS_AT_A_TIME, points_of_pixels
 from rastercov.report.images import Key, draw_lines, facing, framed, stripes
 from rastercov.report.panorama import LEAST_LIGHT, FaceImage
-from rastercov.report.placement_pictures import key
-from rastercov.report.target_pictures import lay_over, targets_in_view
+from rastercov.report.placement_pictures import key, target_key
+from rastercov.report.target_pictures import hatch_over, targets_in_view
 from rastercov.report.theme import Colour, Pixels
 from rastercov.task import Reason, Task
 
@@ -157,8 +157,7 @@ def camera_pixels(image: CameraImage, colour: Colour) -> Pixels:
     pixels: Pixels = (base * light[..., None]).astype(np.uint8)
     pixels[face < 0] = theme.BACKGROUND
     draw_lines(pixels, face, mesh.n_faces)
-    over = np.where(lines[..., None], striped[image.target_state], table[image.target_state])
-    lay_over(pixels, image.targets, over)
+    hatch_over(pixels, image.targets, striped[image.target_state], 3)
     return pixels
 
 
@@ -197,7 +196,7 @@ def camera_keys(images: Sequence[CameraImage], colour: Colour | None, name: str)
         swatch[stripes((24, 24), 4, 4)] = theme.REASONS["occluded"]
         keys.append(Key("occluder that hides the task", swatch))
     if any((image.targets >= 0).any() for image in images):
-        keys.append(key("targets are translucent", theme.COVERED))
+        keys.append(target_key())
     if any((image.face < 0).any() for image in images):
         keys.append(key("nothing", theme.BACKGROUND))
     return keys

@@ -27,7 +27,7 @@ from rastercov.report.panorama import (
     task_points,
     turned_away,
 )
-from rastercov.report.target_pictures import lay_over
+from rastercov.report.target_pictures import hatch_over
 from rastercov.report.theme import BACK, BACK_STRIPE, EXTERIOR, WALL_LINE, Pixels
 
 FloatArray = NDArray[np.float64]
@@ -164,7 +164,7 @@ def paint_plan(plan: FloorPlan, own: OwnColours) -> Image.Image:
         shown = (plan.beneath >= 0) & ~stripes(plan.face.shape, 2 * FINE, 3)
         pixels[shown] = _painted(plan, plan.beneath, own)[shown]
     if plan.targets is not None:
-        lay_over(pixels, plan.targets, own(plan.targets))
+        hatch_over(pixels, plan.targets, own(plan.targets), 3 * FINE)
     image = Image.fromarray(pixels)
     _draw_walls(image, plan)
     return image

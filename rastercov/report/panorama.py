@@ -18,7 +18,7 @@ from rastercov.projection import to_camera, to_image
 from rastercov.raster import open_rasterizer
 from rastercov.raster.contract import VisibilityBuffer
 from rastercov.report.images import draw_lines, facing, stripes
-from rastercov.report.target_pictures import lay_over, targets_in_view
+from rastercov.report.target_pictures import hatch_over, targets_in_view
 from rastercov.report.theme import BACK, BACK_STRIPE, EXTERIOR, PAPER, Colour, Pixels
 from rastercov.viewpoints import look_at
 
@@ -224,7 +224,8 @@ def paint(
         mixed = THROUGH * tints[shown] + (1 - THROUGH) * pixels[shown]
         pixels[shown] = mixed.astype(np.uint8)
     if scene.targets is not None:
-        lay_over(pixels, scene.targets, colours if own is None else own(scene.targets))
+        of_targets = colours if own is None else own(scene.targets)
+        hatch_over(pixels, scene.targets, of_targets, 3 * FINE)
     return pixels
 
 

@@ -32,6 +32,7 @@ from rastercov.report.panorama import (
     paint,
     smooth,
 )
+from rastercov.report.target_pictures import hatch_over
 from rastercov.report.theme import Pixels
 
 FloatArray = NDArray[np.float64]
@@ -171,13 +172,14 @@ def scene_keys(scenes: Sequence[Scene | FloorPlan]) -> list[Key]:
     if any(scene.shows_backs() for scene in scenes):
         keys.append(key("back of the task, from here", theme.BACK, theme.BACK_STRIPE))
     if any(scene.targets is not None and (scene.targets >= 0).any() for scene in scenes):
-        keys.append(Key("targets are translucent, with outlines", _translucent()))
+        keys.append(target_key())
     return keys
 
 
-def _translucent() -> Pixels:
-    """Swatch of a target: two pale colours with an outline."""
+def target_key() -> Key:
+    """Entry for targets: hatched, with an outline."""
     swatch = np.empty((24, 24, 3), np.uint8)
-    swatch[:, :12], swatch[:, 12:] = theme.COVERED, theme.EXTERIOR
+    swatch[:] = theme.PAPER
+    hatch_over(swatch, np.zeros((24, 24), np.int32), np.array([theme.OUTLINE_3D], np.uint8), 4)
     swatch[[0, 1, -2, -1]] = swatch[:, [0, 1, -2, -1]] = theme.OUTLINE_3D
-    return swatch
+    return Key("targets are hatched this way, in their colours", swatch)

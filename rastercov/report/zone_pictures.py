@@ -122,7 +122,7 @@ def zones_picture(
     percents = [part["percent"] for part in (*summary["dead_zones"], summary["other_dead_zones"])]
     count = f"{len(zones):,} dead zone{'' if len(zones) == 1 else 's'}"
     share = percent(min(1.0, round(sum(percents) / 100, 9)))
-    title = f"{count}, {share} of the area; numbers as in the list"
+    title = f"{count}, {share} of the area; numbered from the largest"
     return framed(beside(pictures), title, [*keys, *scene_keys(scenes)])
 
 
