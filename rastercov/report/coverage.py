@@ -220,9 +220,10 @@ def _run(
         except KeyboardInterrupt:
             interrupted = True
         seconds = time.perf_counter() - started
+    stopped = False
     if drawn:
         by_area = areas is not None
-        interrupted |= _draw(mesh, camera, poses, folder, options, task, drawn, by_area=by_area)
+        stopped = _draw(mesh, camera, poses, folder, options, task, drawn, by_area=by_area)
     done = len(network.pose_ids)
     summary = network.summary() | {"by": unit, "by_face_because": reason}
     if areas is not None:
@@ -231,9 +232,10 @@ def _run(
         with interrupts_held():
             summary |= areas.dead_zones(camera, poses.world_from_camera[measured])
         write_areas(folder.file("areas.parquet"), mesh, areas.covered)
-    if options.pictures and network.pose_ids:
+    if drawn and not stopped:
         measured = np.isin(poses.ids, network.pose_ids)
-        interrupted |= _draw_network(folder, network, camera, poses[measured], areas, summary)
+        stopped = _draw_network(folder, network, camera, poses[measured], areas, summary)
+    interrupted |= stopped
     summary |= {
         "interrupted": interrupted,
         "table": {"pairs": pairs, "rows": table.n_rows if table is not None else 0},

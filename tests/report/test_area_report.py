@@ -6,6 +6,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import trimesh
+from PIL import Image
 from surface_cases import room
 
 import rastercov as rc
@@ -78,3 +79,15 @@ def test_by_face_the_report_is_that_of_faces(tmp_path):
     assert summary["by"] == "face"
     assert "covered_area" not in summary
     assert not (tmp_path / "r" / "areas.parquet").exists()
+
+
+@pytest.mark.parametrize("n_colours", [60, 2])
+def test_the_network_and_its_dead_zones_are_drawn(tmp_path, monkeypatch, n_colours):
+    mesh, camera, poses = room()
+    monkeypatch.setattr("rastercov.report.coverage.MOST_COLOURS", n_colours)
+    run(mesh, camera, poses, TASK, tmp_path / "r", Options(pictures=1))
+    for name in ("overview.png", "zones.png"):
+        with Image.open(tmp_path / "r" / name) as picture:
+            assert picture.width == 1446
+            colours = {tuple(c) for c in np.asarray(picture)[60:-60:3, ::3].reshape(-1, 3).tolist()}
+        assert len(colours) > 10
