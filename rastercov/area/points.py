@@ -51,7 +51,7 @@ def zones_at(zones: DeadZones, face: ArrayLike, points: ArrayLike, n: int) -> ND
     face, points
         As for `covering_poses`.
     n : int
-        Zones that are told apart.
+        Zones that are distinguished.
     """
     row = np.minimum(zones.zone, n).astype(np.int32)
     found = _rows_at(zones, row, n + 1, face, points)

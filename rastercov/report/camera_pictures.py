@@ -52,7 +52,7 @@ FEW_REL = 2e-5
 
 @dataclass(frozen=True, eq=False)
 class CameraImage:
-    """What one camera sees, pixel by pixel.
+    """Image of one camera, judged pixel by pixel.
 
     Attributes
     ----------

@@ -14,7 +14,7 @@ from rastercov.report.theme import INK, PAPER, Colour
 FloatArray = NDArray[np.float64]
 
 DIRECTIONS, RINGS = 16, 14
-"""Places that are tried around the point of a label: so many on each of so many rings."""
+"""Places that are tried around the point of a label: directions, and rings of them."""
 UNITS = ((1e3, "km"), (1.0, "m"), (1e-2, "cm"), (1e-3, "mm"))
 """Units of a scale bar, the largest first: metres, and their names; the font has no micro sign."""
 
