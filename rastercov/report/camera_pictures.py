@@ -108,14 +108,16 @@ def camera_image(
         states = [np.append(reasons, UNJUDGED)[image] for image in (buffer.face, targets)]
         n_covered = int((mesh.task_mask & (reasons == Reason.COVERED)).sum())
     else:
-        states = [_states(regions, small, pose, image) for image in (buffer.face, targets)]
+        states = [_states(regions, camera, small, pose, image) for image in (buffer.face, targets)]
     state, target_state = states
     return CameraImage(
         mesh, small, pose, buffer.face, targets, beneath, state, target_state, n_covered
     )
 
 
-def _states(regions: Regions, small: Camera, pose: FloatArray, face: FaceImage) -> States:
+def _states(
+    regions: Regions, camera: Camera, small: Camera, pose: FloatArray, face: FaceImage
+) -> States:
     """State of the point at each pixel of a scored face."""
     mesh = regions.mesh
     found = np.full(face.shape, UNJUDGED, np.uint8)
@@ -129,9 +131,7 @@ def _states(regions: Regions, small: Camera, pose: FloatArray, face: FaceImage) 
         is_covered[part] = covering_poses(regions, faces[part], points[part]).any(axis=1)
     rows = np.flatnonzero(~is_covered)
     if len(rows):
-        judged = first_failures(
-            mesh, regions.camera, regions.task, pose[None], points[rows], faces[rows]
-        )
+        judged = first_failures(mesh, camera, regions.task, pose[None], points[rows], faces[rows])
         why, _ = next(iter(judged))
         # The point is in the image and nothing is in front of it: else it is rounding.
         why[np.isin(why, (Reason.COVERED, Reason.OCCLUDED, Reason.OUTSIDE))] = UNJUDGED

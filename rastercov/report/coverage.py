@@ -65,6 +65,7 @@ from rastercov.report.placement_pictures import coverage_picture as whole_faces_
 from rastercov.report.placement_pictures import views_picture
 from rastercov.report.target_pictures import targets_in_view
 from rastercov.report.zone_pictures import zones_picture
+from rastercov.rig import Cameras
 from rastercov.task import Task
 
 LOG = logging.getLogger("rastercov")
@@ -303,7 +304,7 @@ def _draw_network(
 
 
 def _observer(
-    mesh: Mesh, camera: Camera, task: Task, engine: Engine, areas: AreaNetwork | None
+    mesh: Mesh, camera: Cameras, task: Task, engine: Engine, areas: AreaNetwork | None
 ) -> Any:
     """Observer by the method, which finds regions, too, where the result is by area."""
     if areas is None:
