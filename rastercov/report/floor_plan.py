@@ -15,6 +15,7 @@ from rastercov.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer
 from rastercov.report.images import draw_lines, stripes
+from rastercov.report.interiors import is_enclosed, turned_away
 from rastercov.report.panorama import (
     FINE,
     HEIGHT,
@@ -23,9 +24,7 @@ from rastercov.report.panorama import (
     WIDTH,
     FaceImage,
     OwnColours,
-    is_inside,
     task_points,
-    turned_away,
 )
 from rastercov.report.target_pictures import hatch_over
 from rastercov.report.theme import BACK, BACK_STRIPE, EXTERIOR, WALL_LINE, Pixels
@@ -138,7 +137,7 @@ def floor_plan(mesh: Mesh, eyes: ArrayLike, more: ArrayLike = (), scale: float =
     cut, rows = None, np.arange(mesh.n_faces)
     above = bounds.mean(axis=0)
     above[2] += 1e6 * max(float(np.linalg.norm(np.ptp(bounds, axis=0))), 1e-12)
-    if is_inside(mesh, cameras):
+    if is_enclosed(mesh, cameras):
         cut = float(cameras[:, 2].max() + ABOVE_REL * np.ptp(bounds[:, 2]))
         rows = np.flatnonzero(~turned_away(mesh, above, cameras))
     surfaces = rows[~mesh.target_mask[rows]]

@@ -18,6 +18,7 @@ from rastercov.projection import to_camera, to_image
 from rastercov.raster import open_rasterizer
 from rastercov.raster.contract import VisibilityBuffer
 from rastercov.report.images import draw_lines, facing, stripes
+from rastercov.report.interiors import is_inside, outer_skin, turned_away
 from rastercov.report.target_pictures import hatch_over, targets_in_view
 from rastercov.report.theme import BACK, BACK_STRIPE, EXTERIOR, PAPER, Colour, Pixels
 from rastercov.viewpoints import look_at
@@ -113,7 +114,7 @@ def look(
     camera = Camera(width=width, height=height, fx=focal, fy=focal, cx=float(cx), cy=float(cy))
     rows = np.arange(mesh.n_faces)
     buffer = _drawn(mesh, camera, pose, rows)
-    away = turned_away(mesh, eye, eyes)
+    away = turned_away(mesh, eye, eyes) | outer_skin(mesh, eyes)
     # A view of mostly back faces looks into a room through its walls.
     counts = np.bincount(buffer.face[buffer.face >= 0], minlength=mesh.n_faces)
     is_interior = is_inside(mesh, eyes) or 2 * counts[away].sum() > counts.sum()
@@ -136,35 +137,6 @@ def task_points(mesh: Mesh) -> FloatArray:
     scored = mesh.faces[mesh.task_mask] if mesh.task_mask.any() else mesh.faces
     points: FloatArray = mesh.vertices[np.unique(scored)]
     return points
-
-
-def is_inside(mesh: Mesh, eyes: ArrayLike) -> bool:
-    """True if most of some cameras, (P, 3), are in the bounding box of the opaque faces."""
-    points = np.asarray(eyes, np.float64).reshape(-1, 3)
-    low, high = mesh.opaque.bounds
-    inside = ((points > low) & (points < high)).all(axis=1)
-    return 2 * int(inside.sum()) > len(points)
-
-
-def turned_away(mesh: Mesh, viewer: ArrayLike, eyes: ArrayLike = ()) -> BoolArray:
-    """(F,) faces that turn away from a viewer (3,).
-
-    A two-sided face does where the viewer is on one side of it and all cameras, (P, 3), on the
-    other, which is the side that they may cover.
-    """
-    pose = np.eye(4)
-    pose[:3, 3] = np.asarray(viewer, np.float64)
-    away = ~facing(mesh, pose)[0]
-    two_sided = np.flatnonzero(mesh.two_sided_mask)
-    points = np.asarray(eyes, np.float64).reshape(-1, 3)
-    if len(two_sided) and len(points):
-        normals, middles = mesh.normals[two_sided], mesh.centroids[two_sided]
-        own = np.einsum("fi,fi->f", normals, pose[:3, 3] - middles)
-        is_other = np.ones(len(two_sided), np.bool_)
-        for eye in points:
-            is_other &= np.einsum("fi,fi->f", normals, eye - middles) * own < 0
-        away[two_sided] = is_other
-    return away
 
 
 def best_directions(

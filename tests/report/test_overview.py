@@ -19,9 +19,10 @@ from rastercov.report import overview, theme
 from rastercov.report.area_pictures import points_of_pixels
 from rastercov.report.floor_plan import below, floor_plan, outline, paint_plan
 from rastercov.report.images import font_for
+from rastercov.report.interiors import is_enclosed, is_inside, outer_skin, turned_away
 from rastercov.report.labels import draw_scale_bar, length_of_bar, place_labels
 from rastercov.report.overview import best_covering, camera_colours
-from rastercov.report.panorama import is_inside, look, paint, turned_away
+from rastercov.report.panorama import look, paint
 from rastercov.report.placement_pictures import neutral
 
 TASK = rc.Task(max_incidence_deg=75)
@@ -135,6 +136,40 @@ def test_an_interior_is_cut_open_and_a_part_is_not(two_sided):
     assert not is_inside(shapes.box(), [])
 
 
+def thick_building():
+    """A room with walls, floor and roof 0.3 m thick, a crate in it, and ground around it."""
+    outside, crate = (
+        shapes.box((6.6, 5.6, 3.4), 1, (0, 0, 1.4)),
+        shapes.box((1, 1, 1), 1, (1, 1, 0.6)),
+    )
+    inside = shapes.box((6, 5, 2.8), 1, (0, 0, 1.4))
+    inside = Mesh(inside.vertices, inside.faces[:, ::-1])
+    return joined(joined(outside, inside), crate)
+
+
+def test_the_outside_of_a_building_is_left_out_where_the_cameras_are_indoors():
+    mesh = thick_building()
+    eyes = [(2.5, 2, 2.5), (-2.5, -2, 2.5), (0, 0, 2.6)]
+    assert is_enclosed(mesh, eyes)
+    assert (np.flatnonzero(outer_skin(mesh, eyes)) == np.arange(12)).all()
+    drawn = np.unique(look(mesh, (1, -1.5, 1), scale=0.3, eyes=eyes).faces)
+    assert set(drawn.tolist()) & set(range(12, 24))
+    assert set(drawn.tolist()) & set(range(24, 36))
+    outdoors = [(9, 0, 3), (0, 9, 3.0), (4, 4, 2.5)]
+    assert not outer_skin(mesh, outdoors).any()
+    plan = floor_plan(mesh, eyes, scale=0.3)
+    assert plan.cut == pytest.approx(2.6, abs=0.01)
+
+
+def test_cameras_between_buildings_are_not_indoors():
+    towers = [shapes.box((4, 4, 20), 1, (x, y, 10)) for x in (-10, 10) for y in (-10, 10)]
+    mesh = joined(joined(towers[0], towers[1]), joined(towers[2], towers[3]))
+    eyes = [(0, 0, 5), (3, 9, 6), (-3, 1, 8)]
+    assert is_inside(mesh, eyes)
+    assert not is_enclosed(mesh, eyes)
+    assert floor_plan(mesh, eyes, scale=0.3).cut is None
+
+
 def test_backs_of_the_task_have_no_cameras_colour():
     mesh = Mesh([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 2, 1)])  # faces down
     scene = look(mesh, (1, -1.5, 1), scale=0.3)
@@ -164,7 +199,8 @@ def top_below(mesh, rows, cut, x, y):
 @pytest.mark.parametrize("mesh", [MESH, shapes.teapot(3), shapes.room(2)], ids=str)
 def test_a_plan_shows_the_highest_surface_under_the_cut(mesh):
     low, high = mesh.bounds
-    eyes = np.array([0.5 * (low + high) + (0, 0, 0.3 * (high - low)[2])])
+    eyes = np.array([0.5 * (low + high) + (0.01, 0.02, 0.3 * (high - low)[2])])
+    assert is_enclosed(mesh, eyes)
     plan = floor_plan(mesh, eyes, scale=0.5)
     assert plan.cut == pytest.approx(eyes[0, 2], abs=0.01 * (high - low)[2])
     rows = np.flatnonzero(mesh.normals[:, 2] > 0)
