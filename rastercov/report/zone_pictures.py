@@ -15,6 +15,7 @@ from rastercov.mesh import Mesh
 from rastercov.report import theme
 from rastercov.report.area_pictures import PIXELS_AT_A_TIME, points_of_pixels
 from rastercov.report.images import font_for, framed, stripes
+from rastercov.report.interiors import outer_skin
 from rastercov.report.labels import write_labels
 from rastercov.report.panorama import (
     FINE,
@@ -100,6 +101,7 @@ def zones_picture(
     colours = [theme.REASONS[zone["reason"]] for zone in listed]
     faces = np.zeros(mesh.n_faces, np.bool_)
     faces[zones.face[zones.zone < max(1, len(listed))]] = True
+    faces &= ~outer_skin(mesh, eyes)
     directions = best_directions(mesh, faces, eyes=eyes)
     scenes = [look(mesh, direction, eyes=eyes) for direction in directions]
     images = [_numbers_of(zones, scene, scene.buffer.face, len(listed)) for scene in scenes]
@@ -110,10 +112,15 @@ def zones_picture(
             if layer is not None:
                 found = _numbers_of(zones, scene, layer, len(listed))
                 seen[found[found >= 0]] = True
-    hidden = np.flatnonzero(~seen[: len(listed)])
+    is_skin = outer_skin(mesh, eyes)[zones.face]
+    inside = np.unique(zones.zone[~is_skin])
+    unseen = np.flatnonzero(~seen[: len(listed)])
+    hidden = unseen[np.isin(unseen, inside)]
+    outside = unseen[~np.isin(unseen, inside)]
     pictures = [_drawn(zones, scene, colours, hidden) for scene in scenes]
     keys = [key("covered", theme.COVERED)]
-    for reason in dict.fromkeys(zone["reason"] for zone in listed):
+    drawn = [zone["reason"] for row, zone in enumerate(listed) if row not in outside]
+    for reason in dict.fromkeys(drawn):
         keys.append(key(WORDS[reason], theme.REASONS[reason]))
     if len(zones) > len(listed):
         keys.append(key("smaller zones, without a number", theme.UNCOVERED))
@@ -123,6 +130,9 @@ def zones_picture(
     count = f"{len(zones):,} dead zone{'' if len(zones) == 1 else 's'}"
     share = percent(min(1.0, round(sum(percents) / 100, 9)))
     title = f"{count}, {share} of the area; numbered from the largest"
+    if len(outside):
+        numbers = ", ".join(str(row + 1) for row in outside.tolist())
+        title += f"; not drawn, on the outside of the building: {numbers}"
     return framed(beside(pictures), title, [*keys, *scene_keys(scenes)])
 
 
