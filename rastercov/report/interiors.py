@@ -1,5 +1,7 @@
 """Interiors in exterior pictures: whether a scene is one, and the faces that are left out of it."""
 
+from weakref import WeakKeyDictionary
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -17,6 +19,7 @@ SKIN_REL = 0.02
 """Distance from the hull of a building up to which a face is of its skin, relative to the
 diagonal."""
 NORMALS_AT_A_TIME = 64
+_SKINS: WeakKeyDictionary[Mesh, tuple[bytes, BoolArray]] = WeakKeyDictionary()
 
 
 def is_inside(mesh: Mesh, eyes: ArrayLike) -> bool:
@@ -83,8 +86,17 @@ def outer_skin(mesh: Mesh, eyes: ArrayLike) -> BoolArray:
     """(F,) faces on the hull of a building that no camera, (P, 3), is in front of.
 
     None unless the cameras are indoors: then the outside of its walls and roof, which would hide
-    all that is inside.
+    all that is inside. The last answer for each mesh is kept.
     """
+    key = np.asarray(eyes, np.float64).tobytes()
+    kept = _SKINS.get(mesh)
+    if kept is None or kept[0] != key:
+        kept = _SKINS[mesh] = (key, _outer_skin(mesh, eyes))
+    return kept[1]
+
+
+def _outer_skin(mesh: Mesh, eyes: ArrayLike) -> BoolArray:
+    """See `outer_skin`."""
     found = np.zeros(mesh.n_faces, np.bool_)
     if not is_enclosed(mesh, eyes):
         return found
