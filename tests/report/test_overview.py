@@ -118,6 +118,11 @@ def test_a_target_hides_nothing():
     changed = (pixels != expected).any(axis=2)
     assert changed.sum() <= 0.6 * (scene.targets >= 0).sum()
     assert not changed[scene.targets < 0].any()
+    blocks = [mask[:560, :720].reshape(28, 20, 36, 20).mean(axis=(1, 3))
+              for mask in (scene.targets >= 0, changed)]  # fmt: skip
+    whole = blocks[0] == 1
+    assert whole.sum() > 50
+    assert blocks[1][whole].max() < 0.8  # what is behind shows everywhere
 
 
 @pytest.mark.parametrize("two_sided", [[], ["room", "crates"]])
