@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._jit import compiled
-from rastercov.mesh.triangle_tree_kernels import LEAF, STACK_SIZE, meets_triangle
+from rastercov._jit import compiled, inlined
+from rastercov.mesh.triangle_tree_kernels import LEAF, STACK_SIZE
 
 FloatArray = NDArray[np.float64]
 
@@ -54,24 +54,32 @@ class PointRules(NamedTuple):
     margin: float
 
 
-@compiled
-def meets_one(origin, direction, reach, corners, t, points):
-    """True if a segment meets triangle t; `points` (3, 3) is scratch."""
-    for corner in range(3):
-        for k in range(3):
-            points[corner, k] = corners[t, corner, k] - origin[k]
-    return meets_triangle(points, direction, reach)
+@inlined
+def meets_one(x, y, z, a, b, c, reach, triangles, t):
+    """True if a segment from (x, y, z) along the unit vector (a, b, c) meets triangle t."""
+    e_x, e_y, e_z = triangles[t, 3], triangles[t, 4], triangles[t, 5]
+    f_x, f_y, f_z = triangles[t, 6], triangles[t, 7], triangles[t, 8]
+    p_x, p_y, p_z = b * f_z - c * f_y, c * f_x - a * f_z, a * f_y - b * f_x
+    det = e_x * p_x + e_y * p_y + e_z * p_z
+    s_x, s_y, s_z = x - triangles[t, 0], y - triangles[t, 1], z - triangles[t, 2]
+    u = (s_x * p_x + s_y * p_y + s_z * p_z) / det
+    is_met = False
+    if 0.0 <= u <= 1.0:
+        q_x, q_y, q_z = s_y * e_z - s_z * e_y, s_z * e_x - s_x * e_z, s_x * e_y - s_y * e_x
+        v = (a * q_x + b * q_y + c * q_z) / det
+        if v >= 0.0 and u + v <= 1.0:
+            is_met = 0.0 <= (f_x * q_x + f_y * q_y + f_z * q_z) / det <= reach
+    return is_met
 
 
 @compiled
-def hider_of(origin, direction, reach, own, corners, nodes, stack, points):
+def hider_of(x, y, z, d_x, d_y, d_z, reach, own, triangles, nodes, stack):
     """Some triangle that a segment meets, other than `own`; -1 for none."""
     leaves = nodes.shape[0] // 2
-    x, y, z = origin[0], origin[1], origin[2]
     # A direction along an axis has no reciprocal; the box is grown by more than this moves it.
-    a = 1.0 / (direction[0] if abs(direction[0]) > LEAST_STEP else LEAST_STEP)
-    b = 1.0 / (direction[1] if abs(direction[1]) > LEAST_STEP else LEAST_STEP)
-    c = 1.0 / (direction[2] if abs(direction[2]) > LEAST_STEP else LEAST_STEP)
+    a = 1.0 / (d_x if abs(d_x) > LEAST_STEP else LEAST_STEP)
+    b = 1.0 / (d_y if abs(d_y) > LEAST_STEP else LEAST_STEP)
+    c = 1.0 / (d_z if abs(d_z) > LEAST_STEP else LEAST_STEP)
     stack[0], depth = 1, 1
     while depth:
         depth -= 1
@@ -89,23 +97,23 @@ def hider_of(origin, direction, reach, own, corners, nodes, stack, points):
             stack[depth], stack[depth + 1] = 2 * node, 2 * node + 1
             depth += 2
             continue
-        first = (node - leaves) * LEAF
-        for t in range(first, min(first + LEAF, corners.shape[0])):
-            if t != own and meets_one(origin, direction, reach, corners, t, points):
+        begin = (node - leaves) * LEAF
+        for t in range(begin, min(begin + LEAF, triangles.shape[0])):
+            if t != own and meets_one(x, y, z, d_x, d_y, d_z, reach, triangles, t):
                 return t
     return -1
 
 
 @compiled
-def list_covered(centres, rules, corners, nodes, rotation, eye, near, out):
+def list_covered(centres, rules, triangles, nodes, rotation, eye, near, out):
     """List the points that a pose covers, in ascending order; their number.
 
     Parameters
     ----------
     centres, rules
         Centres; PointRules.
-    corners, nodes : (T, 3, 3), (2 L, 6) float64
-        Tree of the triangles that hide.
+    triangles, nodes : (T, 9), (2 L, 6) float64
+        Tree of the triangles that hide: a corner of each, and the edges from it.
     rotation, eye : (3, 3), (3,) float64
         world_from_camera of the pose; `eye` in the scene of diagonal 1.
     near : float
@@ -113,8 +121,7 @@ def list_covered(centres, rules, corners, nodes, rotation, eye, near, out):
     out : (N,) int32
         Out: rows of the points.
     """
-    stack, scratch = np.empty(STACK_SIZE, np.int64), np.empty((3, 3))
-    start, d = np.empty(3), np.empty(3)
+    stack = np.empty(STACK_SIZE, np.int64)
     points, normals = centres.points, centres.normals
     count, last = 0, -1
     for i in range(points.shape[0]):
@@ -153,18 +160,18 @@ def list_covered(centres, rules, corners, nodes, rotation, eye, near, out):
             if det * det < rules.min_density**2 * 0.5 * (total + root):
                 continue
         share = near / depth
-        start[0], start[1], start[2] = eye[0] + share * x, eye[1] + share * y, eye[2] + share * z
-        d[0], d[1], d[2] = x / length, y / length, z / length
         reach = length * (1.0 - share) - rules.margin
         if reach > 0.0:
+            at_x, at_y, at_z = eye[0] + share * x, eye[1] + share * y, eye[2] + share * z
+            x, y, z = x / length, y / length, z / length
+            own = centres.own[i]
             # What hides the point before it often hides this one, too.
-            if (
-                last >= 0
-                and last != centres.own[i]
-                and meets_one(start, d, reach, corners, last, scratch)
-            ):
-                continue
-            hider = hider_of(start, d, reach, centres.own[i], corners, nodes, stack, scratch)
+            hider = -1
+            if last >= 0 and last != own:
+                is_met = meets_one(at_x, at_y, at_z, x, y, z, reach, triangles, last)
+                hider = last if is_met else -1
+            if hider < 0:
+                hider = hider_of(at_x, at_y, at_z, x, y, z, reach, own, triangles, nodes, stack)
             if hider >= 0:
                 last = hider
                 continue

@@ -1,5 +1,7 @@
-"""Cells whose centre a pose covers: an estimate of the cells that it covers, in a fraction of the
-time of exact regions. It serves searches over poses, which measure the best of them exactly.
+"""Cells whose centre a pose covers: an estimate of the cells that it covers.
+
+It takes a fraction of the time of exact regions, and serves searches over poses, which measure the
+best of them exactly.
 """
 
 from collections.abc import Callable
@@ -7,13 +9,13 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov._lists import Lists
 from rastercov._threads import share_poses, thread_count
 from rastercov.area.cells import Cells
 from rastercov.area.failures import MARGIN_REL, Sight
 from rastercov.area.frames import frames_of
 from rastercov.area.regions import check_pointwise
 from rastercov.camera import Camera
-from rastercov._lists import Lists
 from rastercov.near_plane import near_limit
 from rastercov.task import Task
 
@@ -51,6 +53,9 @@ class CentrePass:
         scale = sight.diagonal
         centres = cells.vertices.reshape(-1, 3, 3).mean(axis=1)
         face = cells.source_face
+        first = sight.corners[:, 0]
+        edges = sight.corners[:, 1] - first, sight.corners[:, 2] - first
+        self._triangles = read_only(np.concatenate([first, *edges], axis=1), np.float64)
         self._centres = kernels.Centres(
             points=read_only(sight.placed(centres), np.float64),
             normals=read_only(frames_of(mesh).normal[face], np.float64),
@@ -85,7 +90,7 @@ class CentrePass:
             def work(turn: slice) -> None:
                 for row in range(len(poses))[turn]:
                     count = self._kernels.list_covered(
-                        self._centres, self._rules, sight.corners, sight.nodes,
+                        self._centres, self._rules, self._triangles, sight.nodes,
                         np.ascontiguousarray(poses[row, :3, :3]), eyes[row], float(near[row]), out,
                     )  # fmt: skip
                     found[row] = out[:count].copy()

@@ -394,4 +394,3 @@ def _steps(space: PoseSpace, start: FloatArray, step: float | Sequence[float] | 
     if not ((steps > 0) & (steps < np.inf)).all():
         raise ConfigError(f"step must be positive and finite, got {step}")
     return steps
-
