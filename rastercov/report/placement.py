@@ -29,6 +29,7 @@ from rastercov.placement.select.problem import BestCoverage, Goal
 from rastercov.placement.select.selection import Selection
 from rastercov.report import placement_pictures as pictures
 from rastercov.report import placement_plots as plots
+from rastercov.report.directions import heading_and_tilt
 from rastercov.report.html import Picture, rendered
 from rastercov.report.plots import picture_of
 from rastercov.report.theme import DARK, LIGHT, Theme
@@ -261,7 +262,12 @@ def _cameras(report: PlanReport) -> dict[str, Any]:
     """Table of positions, directions and figures of the cameras."""
     network, origins, tolerance = report.network, report.origins, report.tolerance
     headings = ["camera", *(["from"] if any(origins) else []), "x, m", "y, m", "z, m"]
-    headings += ["looks along", "covers, faces", "mean coverage"]
+    headings += ["looks along", "heading", "down"]
+    regions = report.regions
+    areas = None
+    if regions is not None:
+        areas = np.bincount(regions.pair_pose, regions.area, len(report.poses))
+    headings += ["covers, faces", "mean coverage"] if areas is None else ["covers, m²"]
     own = "cells" if report.regions is not None else "faces"
     headings += ["covered without it", f"its own {own}"] if tolerance else []
     rows = []
@@ -269,7 +275,11 @@ def _cameras(report: PlanReport) -> dict[str, Any]:
         line = [name, *([origins[row]] if any(origins) else [])]
         line += [length(value) for value in pose[:3, 3]]
         line += [", ".join(signed(value) for value in pose[:3, 2])]
-        line += [f"{network.covered_faces[row]:,}", f"{network.mean_coverage[row]:.3f}"]
+        line += [f"{angle:.0f}°" for angle in heading_and_tilt(pose)]
+        if areas is None:
+            line += [f"{network.covered_faces[row]:,}", f"{network.mean_coverage[row]:.3f}"]
+        else:
+            line.append(f"{areas[row]:.3g}")
         if tolerance:
             camera = tolerance.cameras[row]
             line += [percent(camera.without), f"{camera.own_faces:,}"]

@@ -33,6 +33,7 @@ from rastercov.plan.run import Placement
 from rastercov.provenance import Provenance
 from rastercov.raster.contract import RasterizerInfo
 from rastercov.report.coverage import Options
+from rastercov.report.directions import heading_and_tilt
 from rastercov.report.folder import ReportFolder, ReportKind
 
 MAX_ROWS = 30
@@ -145,6 +146,7 @@ def _cameras(placement: Placement) -> list[dict[str, Any]]:
             "candidate": int(row),
             "position": pose[:3, 3],
             "direction": pose[:3, 2],
+            **dict(zip(("heading_deg", "down_deg"), heading_and_tilt(pose), strict=True)),
             "cost": costs[row],
             "covered_faces": faces,
             "share_so_far": share,
