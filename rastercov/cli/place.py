@@ -141,13 +141,18 @@ def check(
 
 
 def _doubts(plan: "Plan", cameras: "Measured") -> list[str]:
-    """Lines about the unit of the meshes, and the side that their faces show."""
+    """Lines about the unit of the meshes, the side that their faces show, and parts of faces."""
     from rastercov.report.doubts import doubts
+    from rastercov.report.half_covered import half_covered
 
-    return [
-        line.replace("--unit", "unit of [[meshes]]")
-        for line in doubts(cameras.network, plan.build_camera(), cameras.poses)
-    ]
+    network, camera = cameras.network, plan.build_camera()
+    found = doubts(network, camera, cameras.poses)
+    if cameras.areas is None:
+        found += half_covered(network, camera, cameras.poses, plan.task.method)
+    in_a_plan = {"--unit": "unit of [[meshes]]", "--by area": 'by = "area" in [task]'}
+    for option, entry in in_a_plan.items():
+        found = [line.replace(option, entry) for line in found]
+    return found
 
 
 def _plan(path: Path) -> "Plan":

@@ -49,6 +49,7 @@ from rastercov.report.coloured_mesh import write_coloured_mesh, write_covered_me
 from rastercov.report.coverage_table import CoverageTable
 from rastercov.report.doubts import doubts
 from rastercov.report.folder import ReportFolder, ReportKind
+from rastercov.report.half_covered import half_covered
 from rastercov.report.images import (
     area_title,
     contact_sheet,
@@ -215,11 +216,14 @@ def _run(
         interrupted |= _draw(mesh, camera, poses, folder, options, task, drawn, by_area=by_area)
     done = len(network.pose_ids)
     summary = network.summary() | {"by": unit, "by_face_because": reason}
-    if areas is not None:
+    measured = poses.world_from_camera[np.isin(poses.ids, network.pose_ids)]
+    parts: list[str] = []
+    if areas is None:
+        parts = half_covered(network, camera, measured, options.method)
+    else:
         areas.add_to(summary)
-        measured = np.isin(poses.ids, network.pose_ids)
         with interrupts_held():
-            summary |= areas.dead_zones(camera, poses.world_from_camera[measured])
+            summary |= areas.dead_zones(camera, measured)
         write_areas(folder.file("areas.parquet"), mesh, areas.covered)
     summary |= {
         "interrupted": interrupted,
@@ -230,7 +234,7 @@ def _run(
         "run": header,
         "size_m": np.ptp(mesh.bounds, axis=0).tolist(),
         "warnings": list(mesh.warnings),
-        "doubts": doubts(network, camera, poses.world_from_camera),
+        "doubts": [*doubts(network, camera, measured), *parts],
         "per_pose": [
             {"pose": pose, "covered_faces": covered, "mean_coverage": mean}
             for pose, covered, mean in zip(
