@@ -30,13 +30,13 @@ from rastercov._interrupts import interrupts_held
 from rastercov._output import write_json
 from rastercov.area.network import AreaNetwork, unit_of_result
 from rastercov.area.observer import RegionObservation, RegionObserver
-from rastercov.area.regions import RegionPass
+from rastercov.area.regions import RegionPass, Regions
 from rastercov.camera import Camera
 from rastercov.criteria import face_geometry
 from rastercov.engine import Engine
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
-from rastercov.network import Network
+from rastercov.network import JudgedPoses, Network
 from rastercov.observer import open_observer
 from rastercov.pairs import CHOICES
 from rastercov.pose import Poses
@@ -186,19 +186,26 @@ def _run(
         table = None
         if pairs != "none":
             path = folder.file("coverage.parquet")
-            table = opened.enter_context(CoverageTable(path, mesh, header))
+            table = opened.enter_context(
+                CoverageTable(path, mesh, header, by_area=areas is not None)
+            )
         started = time.perf_counter()
         batches = network.judge(observer, poses, pairs=pairs, keep=chosen)
         try:
             progress(0, total)
             for batch in batches:
                 with interrupts_held():
+                    found = None
+                    if isinstance(batch.measured, RegionObservation):
+                        found = batch.measured.regions
                     if table is not None:
-                        table.add(batch.rows)
+                        table.add(batch.rows, None if found is None else _of_rows(batch, found))
                     network.add(batch)
-                    if areas is not None and isinstance(batch.measured, RegionObservation):
-                        areas.add(batch.measured.regions)
-                        observer.closed = areas.closed
+                    if areas is not None and found is not None:
+                        areas.add(found)
+                        # The table has the area of every pair, also of faces that need no more.
+                        if table is None:
+                            observer.closed = areas.closed
                     drawn |= batch.kept
                 progress(len(network.pose_ids), total)
         except KeyboardInterrupt:
@@ -250,6 +257,14 @@ def _run(
         write_json(folder.file("summary.json"), summary)
         folder.publish()
     return summary
+
+
+def _of_rows(batch: JudgedPoses, found: Regions) -> NDArray[np.float32]:
+    """(R,) covered area of the pairs of a batch, m^2."""
+    dense = np.zeros((len(found.pose_ids), found.mesh.n_faces), np.float32)
+    dense[found.pair_pose, found.pair_face] = found.area
+    row = np.searchsorted(found.pose_ids, batch.rows.pose)
+    return dense[row, batch.rows.face]
 
 
 def _observer(
