@@ -94,7 +94,8 @@ def _at_equal_steps(areas: FloatArray, n: int) -> IntArray:
     """(n,) rows, at equal steps of the sum of their areas."""
     total = np.cumsum(areas)
     rows = np.searchsorted(total, (np.arange(n) + 0.5) / n * total[-1])
-    return np.minimum(rows, len(areas) - 1)
+    last: IntArray = np.minimum(rows, len(areas) - 1)
+    return last
 
 
 def _within(mesh: Mesh, face: IntArray) -> FloatArray:
