@@ -21,7 +21,7 @@ from rastercov.coverage import batch_size
 from rastercov.errors import ConfigError
 from rastercov.placement.explain.uncovered import Leftover
 from rastercov.placement.improve.objective import CellObjective, Objective
-from rastercov.placement.improve.refine import BUDGET, INTERRUPTED, Refined, refine
+from rastercov.placement.improve.refine import INTERRUPTED, Refined, refine
 from rastercov.placement.improve.search import Optimised, optimise
 from rastercov.placement.improve.tolerance import InstallationError, Tolerance, tolerance
 from rastercov.placement.select.greedy import select_greedy
@@ -396,11 +396,13 @@ def _optimise(placement: Placement, objectives: Objectives, progress: Progress) 
 
 
 def _refine(placement: Placement, objectives: Objectives, progress: Progress) -> Placement:
+    selection, start = placement.prepared.selection, placement.cameras.poses
     found = refine(
-        _watched(objectives.moved, progress, BUDGET),
+        _watched(objectives.moved, progress, selection.refine_budget),
         placement.prepared.pool.space,
-        placement.cameras.poses,
-        seed=placement.prepared.selection.seed,
+        start,
+        budget=max(selection.refine_budget, len(start)),
+        seed=selection.seed,
     )
     moved = _moved(placement, objectives, found.poses, "refined")
     is_interrupted = found.status == INTERRUPTED

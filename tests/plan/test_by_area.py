@@ -242,6 +242,7 @@ def test_check_judges_by_exact_area_and_place_agrees():
 
 STEPS = """
 refine = true
+refine_budget = 600
 [selection.optimise]
 method = "random"
 budget = 80
@@ -254,18 +255,36 @@ draws = 5
 
 
 def test_later_steps_work_on_cells_and_never_lose_exact_area(monkeypatch):
-    monkeypatch.setattr(plan_run, "BUDGET", 600)
-    plain, short = plan_run.refine, {"budget": 600, "halvings": 1}
+    plain, short = plan_run.refine, {"halvings": 1}
     monkeypatch.setattr(plan_run, "refine", lambda *given, **more: plain(*given, **more, **short))
     alone = placed(PLAN)
     found = placed(PLAN.replace("cameras = 4", "cameras = 4" + STEPS))
     assert found.refined.share >= found.refined.start_share
+    assert 4 < found.refined.evaluations <= 600
     assert found.cameras.share >= alone.cameras.share
     assert found.cameras.share == pytest.approx(exact_share(found), abs=1e-9)
     assert len(found.tolerance.face_chance) == len(rc.cells(MESH, 0.5))
     assert found.leftover.left.any()
     text = "\n".join(report.left_lines(found))
     assert text.startswith("Faces of which some part is not covered")
+
+
+def test_progress_of_a_refinement_has_its_budget_as_total():
+    seen = []
+
+    @contextmanager
+    def step(name):
+        yield lambda done, total: seen.append((done, total)) if name == "refinement" else None
+
+    entries = "cameras = 4\nrefine = true\nrefine_budget = 500"
+    found = placed(PLAN.replace("cameras = 4", entries), step)
+    done = [count for count, _ in seen]
+    assert seen[0] == (0, 500)
+    assert {total for _, total in seen} == {500}
+    assert done == sorted(done)
+    # What the start is estimated to cover is counted here only.
+    assert done[-1] == found.refined.evaluations + 4 <= 504
+    assert found.refined.status == "budget spent"
 
 
 def test_moves_that_lose_exact_area_are_not_taken(monkeypatch):
