@@ -25,7 +25,7 @@ from rastercov.task import Reason
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from rastercov.coverage_kernels import PairRows
+    from rastercov.network_kernels import PairRows
 
     Floats = NDArray[np.float32]
 

@@ -29,6 +29,7 @@ from rastercov.placement.select.problem import (
     weights_of,
 )
 from rastercov.pose import Poses
+from rastercov.rig import only_camera
 from rastercov.task import Reason, Task
 
 POSES_A_BATCH = 64
@@ -234,7 +235,7 @@ class CellObjective(Objective):
         """Objective on cells; arguments as for `problem_of`."""
         task = finder.task
         counted = cls._counted(cells.elements, task, weight_by, views, min_angle_deg)
-        centres = CentrePass(cells, finder.camera, task, finder.threads)
+        centres = CentrePass(cells, only_camera(finder.camera), task, finder.threads)
         return cls(observer, task, *counted, cells=cells, finder=finder, centres=centres)
 
     @property
