@@ -166,7 +166,7 @@ def report(placement):
         turn = np.degrees(np.arctan2(pose[1, 2], pose[0, 2]))
         down = np.degrees(np.arcsin(-pose[2, 2]))
         print(
-            f"camera {row} at ({x:.1f}, {y:.1f}, {z:.1f}) m, turned {turn:.0f}, {down:.0f} "
+            f"camera {row} at ({x:.1f}, {y:.1f}, {z:.1f}) m, turned {round(turn)}, {round(down)} "
             f"degrees down: {100 * so_far:.1f} % so far"
         )
     covered = cameras.areas.summary()

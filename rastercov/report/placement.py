@@ -198,10 +198,13 @@ def _drawn(report: PlanReport, progress: Progress) -> dict[str, Picture]:
             lambda: pictures.segments_picture(mesh, segments),
         )
     charts: dict[str, tuple[str, Callable[[Theme], Any]]] = {
-        "groups": ("Covered part of each group", lambda theme: plots.group_bars(network, theme)),
+        "groups": (
+            "Covered part of each group",
+            lambda theme: plots.group_bars(network, theme, report.summary),
+        ),
         "overlap": (
             "Part of the area by number of cameras",
-            lambda theme: plots.overlap_histogram(network, theme),
+            lambda theme: plots.overlap_histogram(network, theme, report.regions),
         ),
     }
     if (found := report.selection) and (goal := report.goal):
@@ -275,7 +278,7 @@ def _cameras(report: PlanReport) -> dict[str, Any]:
         line = [name, *([origins[row]] if any(origins) else [])]
         line += [length(value) for value in pose[:3, 3]]
         line += [", ".join(signed(value) for value in pose[:3, 2])]
-        line += [f"{angle:.0f}°" for angle in heading_and_tilt(pose)]
+        line += [f"{round(angle)}°" for angle in heading_and_tilt(pose)]
         if areas is None:
             line += [f"{network.covered_faces[row]:,}", f"{network.mean_coverage[row]:.3f}"]
         else:
