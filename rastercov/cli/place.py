@@ -122,6 +122,7 @@ def check(
     """
     asked = _plan(plan)
     from rastercov.plan import check as plan_check
+    from rastercov.report.half_covered import half_covered_lines
 
     if junit is not None:
         plan_check.refuse_junit(junit)
@@ -132,6 +133,7 @@ def check(
         plan_check.write_junit(junit, found)
     warn(found.mesh.warnings)
     warn(_doubts(asked, found.cameras))
+    warn(half_covered_lines(asked, found.cameras))
     if as_json:
         print(json.dumps(plan_check.plain(found), indent=2))
     else:
@@ -141,18 +143,13 @@ def check(
 
 
 def _doubts(plan: "Plan", cameras: "Measured") -> list[str]:
-    """Lines about the unit of the meshes, the side that their faces show, and parts of faces."""
+    """Lines about the unit of the meshes, and the side that their faces show."""
     from rastercov.report.doubts import doubts
-    from rastercov.report.half_covered import half_covered
 
-    network, camera = cameras.network, plan.build_camera()
-    found = doubts(network, camera, cameras.poses)
-    if cameras.areas is None:
-        found += half_covered(network, camera, cameras.poses, plan.task.method)
-    in_a_plan = {"--unit": "unit of [[meshes]]", "--by area": 'by = "area" in [task]'}
-    for option, entry in in_a_plan.items():
-        found = [line.replace(option, entry) for line in found]
-    return found
+    return [
+        line.replace("--unit", "unit of [[meshes]]")
+        for line in doubts(cameras.network, plan.build_camera(), cameras.poses)
+    ]
 
 
 def _plan(path: Path) -> "Plan":

@@ -5,6 +5,7 @@ A sample of points on the faces that are not covered as a whole is judged point 
 """
 
 from dataclasses import fields, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,10 @@ from rastercov.engine import Engine
 from rastercov.mesh import Mesh
 from rastercov.network import Network
 from rastercov.task import Reason, Task
+
+if TYPE_CHECKING:
+    from rastercov.plan.file import Plan
+    from rastercov.plan.network import Measured
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -53,6 +58,15 @@ def half_covered(
         f"about {percent(round(share, 2))} of the area is covered point by point, but in faces "
         "that are not covered as a whole: use --by area" + (f" ({obstacle})" if obstacle else "")
     ]
+
+
+def half_covered_lines(plan: "Plan", cameras: "Measured") -> list[str]:
+    """The same line for the network of a plan, in the words of plan files; none by area."""
+    if cameras.areas is not None:
+        return []
+    camera, method = plan.build_camera(), plan.task.method
+    lines = half_covered(cameras.network, camera, cameras.poses, method)
+    return [line.replace("--by area", 'by = "area" in [task]') for line in lines]
 
 
 def share_in_parts(network: Network, camera: Camera, poses: FloatArray) -> float:

@@ -112,6 +112,17 @@ def test_a_plan_by_face_does_as_if_there_were_no_cells():
     assert "covered_area" not in told
 
 
+def test_a_plan_by_face_names_what_it_leaves_out():
+    by_face = PLAN.replace("resolution_of_result = 0.5", 'by = "face"')
+    found = placed(by_face)
+    (line,) = [each for each in report.lines(found) if "point by point" in each]
+    assert line.endswith('use by = "area" in [task]')
+    share = float(line.split()[1]) / 100
+    whole = exact_share(found)
+    assert share == pytest.approx(whole - found.cameras.share, abs=0.03)
+    assert "point by point" not in "\n".join(report.lines(placed(PLAN)))
+
+
 def test_a_matrix_is_used_again_and_one_of_other_cells_is_not():
     folders = []
     for size in (0.5, 0.5, 0.4):
