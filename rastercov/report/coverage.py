@@ -32,13 +32,13 @@ from rastercov._interrupts import interrupts_held
 from rastercov._output import write_json
 from rastercov.area.network import AreaNetwork, unit_of_result
 from rastercov.area.observer import RegionObservation, RegionObserver
-from rastercov.area.regions import RegionPass
+from rastercov.area.regions import RegionPass, Regions
 from rastercov.camera import Camera
 from rastercov.criteria import face_geometry
 from rastercov.engine import Engine
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
-from rastercov.network import Network
+from rastercov.network import JudgedPoses, Network
 from rastercov.observer import open_observer
 from rastercov.pairs import CHOICES
 from rastercov.pose import Poses
@@ -51,6 +51,7 @@ from rastercov.report.coloured_mesh import write_coloured_mesh, write_covered_me
 from rastercov.report.coverage_table import CoverageTable
 from rastercov.report.doubts import doubts
 from rastercov.report.folder import ReportFolder, ReportKind
+from rastercov.report.half_covered import half_covered
 from rastercov.report.images import (
     area_title,
     contact_sheet,
@@ -196,19 +197,26 @@ def _run(
         table = None
         if pairs != "none":
             path = folder.file("coverage.parquet")
-            table = opened.enter_context(CoverageTable(path, mesh, header))
+            table = opened.enter_context(
+                CoverageTable(path, mesh, header, by_area=areas is not None)
+            )
         started = time.perf_counter()
         batches = network.judge(observer, poses, pairs=pairs, keep=chosen)
         try:
             progress(0, total)
             for batch in batches:
                 with interrupts_held():
+                    found = None
+                    if isinstance(batch.measured, RegionObservation):
+                        found = batch.measured.regions
                     if table is not None:
-                        table.add(batch.rows)
+                        table.add(batch.rows, None if found is None else _of_rows(batch, found))
                     network.add(batch)
-                    if areas is not None and isinstance(batch.measured, RegionObservation):
-                        areas.add(batch.measured.regions)
-                        observer.closed = areas.closed
+                    if areas is not None and found is not None:
+                        areas.add(found)
+                        # The table has the area of every pair, also of faces that need no more.
+                        if table is None:
+                            observer.closed = areas.closed
                     drawn |= batch.kept
                 progress(len(network.pose_ids), total)
         except KeyboardInterrupt:
@@ -227,15 +235,18 @@ def _run(
         stopped = _draw(mesh, camera, poses, folder, options, task, drawn, by_area=by_area)
     done = len(network.pose_ids)
     summary = network.summary() | {"by": unit, "by_face_because": reason}
-    if areas is not None:
+    measured_poses = poses[np.isin(poses.ids, network.pose_ids)]
+    measured = measured_poses.world_from_camera
+    parts: list[str] = []
+    if areas is None:
+        parts = half_covered(network, camera, measured, options.method)
+    else:
         areas.add_to(summary)
-        measured = np.isin(poses.ids, network.pose_ids)
         with interrupts_held():
-            summary |= areas.dead_zones(camera, poses.world_from_camera[measured])
+            summary |= areas.dead_zones(camera, measured)
         write_areas(folder.file("areas.parquet"), mesh, areas.covered)
     if drawn and not stopped:
-        measured = np.isin(poses.ids, network.pose_ids)
-        stopped = _draw_network(folder, network, camera, poses[measured], areas, summary)
+        stopped = _draw_network(folder, network, camera, measured_poses, areas, summary)
     interrupted |= stopped
     summary |= {
         "interrupted": interrupted,
@@ -246,7 +257,7 @@ def _run(
         "run": header,
         "size_m": np.ptp(mesh.bounds, axis=0).tolist(),
         "warnings": list(mesh.warnings),
-        "doubts": doubts(network, camera, poses.world_from_camera),
+        "doubts": [*doubts(network, camera, measured), *parts],
         "per_pose": [
             {"pose": pose, "covered_faces": covered, "mean_coverage": mean}
             for pose, covered, mean in zip(
@@ -301,6 +312,14 @@ def _draw_network(
         if zones is not None:
             save_picture(zones, folder.file("zones.png"))
     return False
+
+
+def _of_rows(batch: JudgedPoses, found: Regions) -> NDArray[np.float32]:
+    """(R,) covered area of the pairs of a batch, m^2."""
+    dense = np.zeros((len(found.pose_ids), found.mesh.n_faces), np.float32)
+    dense[found.pair_pose, found.pair_face] = found.area
+    row = np.searchsorted(found.pose_ids, batch.rows.pose)
+    return dense[row, batch.rows.face]
 
 
 def _observer(

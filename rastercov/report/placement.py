@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from rastercov._format import area, length, percent, signed
+from rastercov._format import length, percent, signed
 from rastercov._output import write_text
 from rastercov.placement.candidates.cavities import Access, Openings
 from rastercov.placement.candidates.clearance import Dropped
 from rastercov.placement.candidates.pool import Candidates
 from rastercov.placement.explain.uncovered import WORDS
 from rastercov.placement.select.problem import BestCoverage
+from rastercov.report.directions import heading_and_tilt
 from rastercov.report.html import rendered
 from rastercov.report.placement_figures import Progress, drawn_for
 from rastercov.report.placement_report import PlanReport
@@ -135,8 +136,12 @@ def _cameras(report: PlanReport) -> dict[str, Any]:
     """Table of positions, directions and figures of the cameras."""
     network, origins, tolerance = report.network, report.origins, report.tolerance
     headings = ["camera", *(["from"] if any(origins) else []), "x, m", "y, m", "z, m"]
-    headings += ["looks along", "covers, faces", "mean coverage"]
-    headings += ["covers"] if report.regions is not None else []
+    headings += ["looks along", "heading", "down"]
+    regions = report.regions
+    areas = None
+    if regions is not None:
+        areas = np.bincount(regions.pair_pose, regions.area, len(report.poses))
+    headings += ["covers, faces", "mean coverage"] if areas is None else ["covers, m²"]
     own = "cells" if report.regions is not None else "faces"
     headings += ["covered without it", f"its own {own}"] if tolerance else []
     rows = []
@@ -144,9 +149,11 @@ def _cameras(report: PlanReport) -> dict[str, Any]:
         line = [name, *([origins[row]] if any(origins) else [])]
         line += [length(value) for value in pose[:3, 3]]
         line += [", ".join(signed(value) for value in pose[:3, 2])]
-        line += [f"{network.covered_faces[row]:,}", f"{network.mean_coverage[row]:.3f}"]
-        if (regions := report.regions) is not None:
-            line.append(area(float(regions.area[regions.pair_pose == row].sum())))
+        line += [f"{round(angle)}°" for angle in heading_and_tilt(pose)]
+        if areas is None:
+            line += [f"{network.covered_faces[row]:,}", f"{network.mean_coverage[row]:.3f}"]
+        else:
+            line.append(f"{areas[row]:.3g}")
         if tolerance:
             camera = tolerance.cameras[row]
             line += [percent(camera.without), f"{camera.own_faces:,}"]

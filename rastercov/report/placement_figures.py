@@ -23,10 +23,13 @@ def drawn_for(report: PlanReport, progress: Progress) -> dict[str, Any]:
     """Pictures and plots of a report by name; "cameras" has a picture for each camera."""
     network, summary = report.network, report.summary or {}
     charts: dict[str, tuple[str, Callable[[Theme], Any]]] = {
-        "groups": ("Covered part of each group", lambda theme: plots.group_bars(network, theme)),
+        "groups": (
+            "Covered part of each group",
+            lambda theme: plots.group_bars(network, theme, report.summary),
+        ),
         "overlap": (
             "Part of the area by number of cameras",
-            lambda theme: plots.overlap_histogram(network, theme),
+            lambda theme: plots.overlap_histogram(network, theme, report.regions),
         ),
     }
     if (found := report.selection) and (goal := report.goal):

@@ -366,8 +366,8 @@ def test_a_signal_is_held_until_the_block_ends(number):
 def test_a_signal_in_a_batch_counts_it_everywhere_or_nowhere(tmp_path, monkeypatch):
     add = CoverageTable.add
 
-    def add_and_interrupt(table, batch):
-        add(table, batch)
+    def add_and_interrupt(table, batch, covered_m2):
+        add(table, batch, covered_m2)
         if batch.pose[0] == 4:
             signal.raise_signal(signal.SIGINT)
 

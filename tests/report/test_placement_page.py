@@ -360,6 +360,22 @@ def test_views_of_faces_make_up_the_whole_area():
     )
 
 
+def test_bars_by_area_are_those_of_the_exact_area():
+    mesh, task = shapes.room(4), rc.Task()
+    poses = rc.look_at([[2.5, 2, 2.5], [-2.5, 2, 2.5], [2.5, -2, 2.5]], [0, 0, 0.5])
+    network, regions = network_of(mesh, poses), rc.regions(mesh, CAMERA, poses, task)
+    covered = rc.unite(regions, views=3)
+    total = mesh.areas[mesh.task_mask].sum()
+    at_least = [1.0, *(covered.area.sum(axis=1) / total), 0.0]
+    bars = network_plots.overlap_shares(network, regions)
+    np.testing.assert_allclose([share for _, share, _ in bars], -np.diff(at_least), atol=1e-12)
+    assert bars[0][1] < network_plots.overlap_shares(network)[0][1]
+    groups = [{"name": group.name, "covered_area": {"percent": 12.5}} for group in mesh.groups]
+    assert {share for _, share, _ in network_plots.group_shares(network, {"groups": groups})} == {
+        0.125
+    }
+
+
 @pytest.fixture(scope="module")
 def matrix(report):
     return build_matrix((report.mesh, CAMERA), report.candidates.poses, TASK)
