@@ -132,6 +132,7 @@ def check(
     """
     asked = _plan(plan)
     from rastercov.plan import check as plan_check
+    from rastercov.report.half_covered import half_covered_lines
 
     if junit is not None:
         plan_check.refuse_junit(junit)
@@ -144,6 +145,7 @@ def check(
     warn(notes)
     warn(found.mesh.warnings)
     warn(_doubts(asked, found.cameras))
+    warn(half_covered_lines(asked, found.cameras))
     if as_json:
         print(json.dumps(plan_check.plain(found), indent=2))
     else:
