@@ -30,9 +30,9 @@ Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 PARTS = 12
 """Parts of each side of the image, so that the border of a distorted image is a curve."""
 LENGTH_REL = 0.4
-"""Length of a pyramid by the median distance of neighbouring cameras."""
+"""Longest edge of a pyramid by the median distance of neighbouring cameras."""
 LENGTH_ALONE = 0.1
-"""Metres: length of a pyramid of a camera by itself."""
+"""Metres: longest edge of the pyramid of a camera by itself."""
 MOST_NEIGHBOURS = 200
 """Cameras whose neighbours are looked for."""
 TOP_REL = 0.15
@@ -47,7 +47,7 @@ def lost(camera: Camera) -> list[str]:
 
 
 def glb_of(views: Views, length: float | None = None) -> bytes:
-    """A scene with a node for each pose: a camera, and a pyramid of lines `length` metres long."""
+    """A scene with a node for each pose: a camera, and a pyramid of lines whose longest edge is `length`."""
     if not len(views.poses):
         raise CameraError("a scene of frusta holds poses, and there are none to write")
     rig = views.rig
@@ -180,9 +180,10 @@ def _pyramid(camera: Camera, length: float) -> tuple[FloatArray, NDArray[np.int6
     with np.errstate(all="ignore"):
         if MODELS[camera.model].is_planar:
             rays = rays / rays[:, 2:]
-    base = rays * length
+    base = rays * (length / np.nanmax(np.linalg.norm(rays, axis=1), initial=1e-30))
     n = len(base)
-    top = base[PARTS // 2] + (0.0, -TOP_REL * 2 * length * camera.height / 2 / camera.fy, 0.0)
+    height = np.linalg.norm(base[PARTS // 2] - base[2 * PARTS + PARTS // 2])
+    top = base[PARTS // 2] + (0.0, -TOP_REL * height, 0.0)
     points = np.concatenate([base, [[0.0, 0.0, 0.0], top]])
     corners = range(0, n, PARTS)
     lines = [[row, (row + 1) % n] for row in range(n)] + [[n, row] for row in corners]
