@@ -47,7 +47,10 @@ def lost(camera: Camera) -> list[str]:
 
 
 def glb_of(views: Views, length: float | None = None) -> bytes:
-    """A scene with a node for each pose: a camera, and a pyramid of lines whose longest edge is `length`."""
+    """A scene with a node for each pose: a camera, and a pyramid of lines.
+
+    `length` is that of its longest edge, metres.
+    """
     if not len(views.poses):
         raise CameraError("a scene of frusta holds poses, and there are none to write")
     rig = views.rig

@@ -16,7 +16,7 @@ from rastercov.pose import inverse
 FloatArray = NDArray[np.float64]
 
 MOST_SHARE_GIVEN = 0.5
-"""Share of the poses that look at the mesh above which nothing is doubted: a third may by chance."""
+"""Share of the poses that look at the mesh above which nothing is doubted; a third do by chance."""
 LEAST_SHARE_OTHERWISE = 0.9
 """Share of the poses that must look at it in another convention."""
 MOST_POSES, MOST_POINTS = 100, 500

@@ -33,7 +33,8 @@ CameraOption = Annotated[
         "--camera",
         "-c",
         help="Camera file: ours (.toml, .json), or of COLMAP, nerfstudio, OpenCV, ROS, Kalibr, "
-        f"Metashape and others; or a preset: {', '.join(PRESETS)}.",
+        f"Metashape and others; a preset: {', '.join(PRESETS)}; or entries of a camera file, "
+        "'preset = \"khepra\", near = 0.1' or 'width = 1280, height = 800, hfov_deg = 60'.",
         show_default="the cameras of --poses",
     ),
 ]

@@ -5,6 +5,7 @@ one file may give both.
 """
 
 import os
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 
@@ -94,10 +95,27 @@ def poses_of(
 def _cameras(camera: str, poses: str, border: Border) -> Views:
     if camera in PRESETS:
         return _alone(Camera.preset(camera), camera)
+    if "=" in camera and not os.path.exists(camera):  # noqa: PTH110 - of a text
+        return _alone(_of_entries(camera), "camera")
     found = read_through(camera, border)
     if found.rig is None:
         raise CameraError(f"{camera} has poses and no camera; give a camera file")
     return found
+
+
+def _of_entries(text: str) -> Camera:
+    """Camera of the entries of a camera file, as one line."""
+    inside = text.strip().removeprefix("{").removesuffix("}")
+    try:
+        entries = tomllib.loads(f"camera = {{ {inside} }}")["camera"]
+        return Camera.from_dict(entries)
+    except CameraError as error:
+        raise CameraError(f"--camera {text}: {error}") from None
+    except (tomllib.TOMLDecodeError, RecursionError, AttributeError):
+        raise CameraError(
+            f'--camera {text}: a file, a preset, or entries such as \'preset = "khepra", near = '
+            "0.1' wanted; correct it"
+        ) from None
 
 
 def _alone(camera: Camera, name: str) -> Views:

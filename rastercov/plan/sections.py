@@ -188,7 +188,15 @@ class CameraSection(fields_of(Camera, is_optional=True, leave_out=("pixel_size",
     principal_point: Pair | None = Field(
         default=None, description="Metres from the top-left corner."
     )
-    f_number: Number | None = Field(default=None, description="f/N; with focus_distance.")
+    f_number: Number | None = Field(
+        default=None, description="f/N; with focus_distance, and pixel_size beside fx and fy."
+    )
+    hfov_deg: Number | None = Field(
+        default=None, description="Angle between left and right, deg; instead of fx."
+    )
+    vfov_deg: Number | None = Field(
+        default=None, description="Angle between top and bottom, deg; instead of fy."
+    )
     focus_range: list[float] | None = Field(
         default=None, description="[near, far] depths in focus, m; instead of an aperture."
     )

@@ -143,3 +143,15 @@ def test_evaluate_leaves_out_bad_poses_of_any_file(here, capsys):
     assert code == 0
     assert "pose 1 left out: it is not a rotation" in err
     assert json.loads(out)["poses"] == 1
+
+
+def test_a_camera_may_be_entries_on_the_command_line(here, capsys):
+    (here / "c.toml").write_text('preset = "khepra"\nnear = 0.5\nhfov_deg = 40\n')
+    wanted = rendered(capsys, "-c c.toml -p sphere:3")
+    line = "-c 'preset = \"khepra\", near = 0.5, hfov_deg = 40' -p sphere:3"
+    assert rendered(capsys, line) == wanted
+    for entries, words in (
+        ("widht = 3", "--camera widht = 3: unknown entry 'widht'"),
+        ("near = ", "a file, a preset, or entries such as"),
+    ):
+        assert words in refusal(capsys, [*RENDER.split(), "-c", entries, "-p", "sphere:3"])
