@@ -28,6 +28,7 @@ SURFACE = {
     "camera": set(),
     "camera_formats.__init__": {
         *("IN_FOLDERS", "IN_METRES", "OF_ONE_CAMERA", "READERS", "WRITERS", "format_of"),
+        "PARTS_OF_COLMAP",
         *("Reader", "read_through"),
     },
     "camera_formats.conventions": {

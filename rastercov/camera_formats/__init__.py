@@ -6,11 +6,15 @@ where the content says nothing. Nothing is guessed: a file that leaves a convent
 with the option that answers.
 """
 
+import io
+import json
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from rastercov._checks import shown
 from rastercov._files import StrPath, UnreadableError, printable
@@ -33,7 +37,7 @@ from rastercov.camera_formats.conventions import POSE_CONVENTIONS, Border, Conve
 from rastercov.camera_formats.equivalents import lost
 from rastercov.camera_formats.source import Source
 from rastercov.errors import CameraError, ConfigError, PoseError, RastercovError
-from rastercov.pose_file import read_poses, write_poses
+from rastercov.pose_file import read_poses
 from rastercov.views import Views
 
 __all__ = ["POSE_CONVENTIONS", "READERS", "WRITERS", "Conventions", "read_views", "write_views"]
@@ -78,6 +82,8 @@ IN_METRES = ("rastercov", "gltf")
 """Formats whose lengths are metres; the others have no unit."""
 OF_ONE_CAMERA = ("opencv", "ros")
 """Formats that hold one camera and no pose."""
+PARTS_OF_COLMAP = ("images", "rigs", "frames", "points3D")
+"""Files of a model beside its cameras; the whole model is read where one is named."""
 IN_FOLDERS = {"transforms.json": "nerfstudio", "reconstruction.json": "opensfm"}
 """Files by which a folder of a project is recognised."""
 
@@ -142,9 +148,8 @@ def _recognised(path: Path, format: str | None) -> tuple[Path, str]:
     if path.is_dir():
         return _of_folder(path, format)
     stem, suffix = path.stem, path.suffix.lower()
-    if suffix in (".bin", ".txt") and stem in ("images", "rigs", "frames", "points3D"):
-        path = path.parent
-        return path, format or "colmap"
+    if suffix in (".bin", ".txt") and stem in PARTS_OF_COLMAP and format in (None, "colmap"):
+        return path.parent, "colmap"
     if format is not None:
         return path, format
     if suffix in (".npy", ".toml"):
@@ -267,8 +272,6 @@ def write_views(
             colmap_files.write(place, contents, overwrite=overwrite)
         elif place.exists() and not overwrite:
             raise ConfigError("it is there already; give another name, or --overwrite")
-        elif target == "rastercov" and place.suffix.lower() == ".npy":
-            write_poses(place, views.poses)
         else:
             write_bytes(place, contents[""])
     except RastercovError as error:
@@ -286,9 +289,12 @@ def _contents(path: Path, views: Views, target: str) -> tuple[dict[str, bytes], 
     if target == "rastercov" and path.suffix.lower() == ".npy":
         if views.rig is not None:
             notes.append(".npy holds poses alone: cameras and names of images are left out")
-        return {"": b""}, notes
+        buffer = io.BytesIO()
+        np.save(buffer, views.poses.world_from_camera)
+        return {"": buffer.getvalue()}, notes
     if target == "rastercov":
-        return {"": json_bytes(own.content_of(views), indent=2) + b"\n"}, notes
+        # Not `json_bytes`, which has no infinity: a camera may be in focus as far as that.
+        return {"": (json.dumps(own.content_of(views), indent=1) + "\n").encode()}, notes
     rig = views.cameras()  # an error where there is none
     its = views.rig
     assert its is not None

@@ -16,7 +16,7 @@ def poses(n=30):
     rng = np.random.default_rng(0)
     eyes = rng.normal(size=(n, 3))
     eyes *= 5 / np.linalg.norm(eyes, axis=1, keepdims=True)
-    return rc.look_at(eyes=eyes + (1, 2, 3), targets=(1, 2, 3))
+    return rc.look_at(eyes=eyes + np.array([1, 2, 3]), targets=(1, 2, 3))
 
 
 def mesh():

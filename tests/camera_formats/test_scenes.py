@@ -150,6 +150,14 @@ def test_our_own_file_keeps_everything(tmp_path):
     same_pixels(views, again, some_points(np.random.default_rng(0)))
 
 
+def test_our_own_file_keeps_a_focus_to_infinity(tmp_path):
+    camera = rc.Camera(width=64, height=48, fx=50, fy=50, focus_range=(0.1, math.inf))
+    views = rc.Views(rc.Rig([camera]), rc.Poses.of(np.eye(4)), ("a",))
+    assert write_views(tmp_path / "c.json", views) == []
+    assert read_views(tmp_path / "c.json").camera() == camera
+    assert any("focus_range" in note for note in write_views(tmp_path / "model", views))
+
+
 def test_a_camera_file_and_a_pose_file_are_views_too(tmp_path):
     camera = views_of().cameras()[0]
     camera.save(tmp_path / "camera.json")
