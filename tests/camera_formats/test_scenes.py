@@ -122,6 +122,23 @@ def test_frusta_are_read_back_and_drawn_at_the_border_of_the_image(tmp_path, len
     assert lines.max() == len(points) - 1
 
 
+def test_a_border_that_no_ray_reaches_is_refused_and_one_that_some_reach_is_drawn(tmp_path):
+    poses, images = rc.Poses.of(np.eye(4)), ("a",)
+    for fx, is_drawn in ((100, False), (430, True), (2000, True)):
+        camera = rc.Camera(
+            width=640, height=480, fx=fx, fy=fx, model="opencv", distortion=(-0.35, 0, 0, 0)
+        )
+        views = rc.Views(rc.Rig([camera]), poses, images)
+        path = tmp_path / f"{fx}.glb"
+        if is_drawn:
+            write_views(path, views)
+            assert len(trimesh.load(path).geometry) == 1
+        else:
+            with pytest.raises(rc.CameraError, match="no pixel at the border of the image has a"):
+                write_views(path, views)
+            assert not path.exists()
+
+
 def test_frusta_have_the_turn_of_the_meshes_of_a_report(tmp_path):
     views = views_of()
     path = tmp_path / "rig.glb"
