@@ -21,7 +21,7 @@ FLAT = 1e-10
 """Pixels: a coordinate that stays this near to a border is taken to be on one side of it."""
 DEEPEST = 48
 """Halvings of an edge in the search for a root, and of one that meets a pole."""
-MOST_CUTS = 4 * MOST + 2
+MOST_CUTS = 12 * MOST
 NO_LEVEL, LEVEL_U, LEVEL_V = 0, 1, 2
 """What a cut of an edge is: an end of it, a border crossed by u, or one crossed by v."""
 
@@ -77,7 +77,7 @@ def bernstein_of(n, values, level, coefficients):
 
 @part_with_arrays
 def _changes(n, row):
-    """Changes of sign along coefficients, -1 where all are next to 0."""
+    """Changes of sign along coefficients, and True where all of these are next to 0."""
     changes, last, largest = 0, 0.0, 0.0
     for k in range(n + 1):
         c = row[k]
@@ -86,7 +86,7 @@ def _changes(n, row):
             if last != 0.0 and (c > 0.0) != (last > 0.0):
                 changes += 1
             last = c
-    return changes if largest > FLAT else -1
+    return changes, largest <= FLAT
 
 
 @part_with_arrays
@@ -106,7 +106,8 @@ def roots(n, stack, low, spare, out, kinds, kind, count):
 
     Coefficients are in stack[0], (DEEPEST + 2, MOST + 1); `low` (DEEPEST + 2, 2) has room for the
     places and lengths of parts. By Descartes' rule a part whose coefficients change their sign once
-    has one root, one where they do not has none; others are halved. Returns the new count.
+    has one root, one where they do not has none; others are halved, until they are next to 0. An
+    edge that is next to 0 from end to end has no root. Returns the new count.
     """
     top = 1
     low[0, 0], low[0, 1] = 0.0, 1.0
@@ -114,10 +115,10 @@ def roots(n, stack, low, spare, out, kinds, kind, count):
         top -= 1
         row = stack[top]
         start, length = low[top, 0], low[top, 1]
-        changes = _changes(n, row)
-        if changes <= 0:
+        changes, is_flat = _changes(n, row)
+        if changes == 0 or (is_flat and length == 1.0):
             continue
-        if changes == 1 and row[0] != 0.0 and row[n] != 0.0:
+        if changes == 1 and row[0] != 0.0 and row[n] != 0.0 and not is_flat:
             a, b = 0.0, 1.0
             is_up = row[0] < 0.0
             fa, fb = row[0], row[n]
@@ -138,7 +139,7 @@ def roots(n, stack, low, spare, out, kinds, kind, count):
                 out[count], kinds[count] = start + length * (0.5 * (a + b)), kind
                 count += 1
             continue
-        if top + 2 > DEEPEST or length < 1e-13:
+        if is_flat or top + 2 > DEEPEST or length < 1e-13:
             if count < out.shape[0] - 1:
                 out[count], kinds[count] = start + 0.5 * length, kind
                 count += 1
@@ -151,7 +152,11 @@ def roots(n, stack, low, spare, out, kinds, kind, count):
                 row[k] = 0.5 * (row[k] + row[k + 1])
         low[top, 0], low[top, 1] = start + 0.5 * length, 0.5 * length
         low[top + 1, 0], low[top + 1, 1] = start, 0.5 * length
-        # Step r leaves coefficient n - r of the row as that of the right half.
+        # Step r leaves coefficient n - r of the row as that of the right half. A root where they
+        # meet is an end of both, and neither has it within.
+        if row[0] == 0.0 and count < out.shape[0] - 1:
+            out[count], kinds[count] = start + 0.5 * length, kind
+            count += 1
         top += 2
     return count
 
