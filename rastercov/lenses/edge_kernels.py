@@ -1,9 +1,9 @@
 """Areas of polygons of an ideal plane in the image of a lens, edge by edge; by numba.
 
-The area of a polygon's image is the closed integral of u dv along its border, by Green's theorem;
-the part of it inside the image, 0 <= u <= W and 0 <= v <= H, that of clamp(u, 0, W) d clamp(v, 0, H),
-because the clamped border encloses that part and pieces of no area. So each edge is integrated by
-itself: no curve is ever cut by another.
+The area of a polygon's image is the closed integral of u dv along its border, by Green's theorem.
+The part of it inside the image, 0 <= u <= W and 0 <= v <= H, is that of clamp(u, 0, W)
+d clamp(v, 0, H), because the clamped border encloses that part and pieces of no area. So each edge
+is integrated by itself: no curve is ever cut by another.
 
 Edges are evaluated at points that depend on the edge alone and not on its direction, so that two
 polygons that share one agree on it to the last bits.
@@ -23,7 +23,7 @@ DEEPEST = 48
 """Halvings of an edge in the search for a root, and of one that meets a pole."""
 MOST_CUTS = 12 * MOST
 NO_LEVEL, LEVEL_U, LEVEL_V = 0, 1, 2
-"""What a cut of an edge is: an end of it, a border crossed by u, or one crossed by v."""
+"""Kinds of the cuts of an edge: an end of it, a border crossed by u, one crossed by v."""
 
 
 @part_with_arrays
@@ -58,11 +58,11 @@ def under_edge(n, U, V, u0):
 
 @part_with_arrays
 def nodes_for(half, longest, parts_of):
-    """Rule for an edge of a half length, and the number of parts that it is cut into: (n, parts)."""
+    """Rule for an edge of a half length, and the number of its parts: (n, parts)."""
     for n in range(FEWEST, MOST + 1):
         if half <= longest[n]:
             return n, 1
-    return parts_of, int(math.ceil(half / longest[parts_of]))
+    return parts_of, math.ceil(half / longest[parts_of])
 
 
 @part_with_arrays

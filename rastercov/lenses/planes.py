@@ -102,11 +102,18 @@ class IdealPlane:
 
         An edge of length L px in the pinhole's image leaves its chord by at most bend L^2 / 8 px.
         """
-        least = math.inf
+        bounds = [2.0 * math.hypot(u, v) / (r * r) for r, u, v in self.reaches()]
+        return min(bounds, default=math.inf) / (self.camera.fx * self.camera.fx)
+
+    def reaches(self) -> list[tuple[float, float, float]]:
+        """Radii with their reach, those at which it is finite."""
+        found = []
         for radius in RADII:
             across, down = self.reach(radius)
-            least = min(least, 2.0 * math.hypot(across, down) / (radius * radius))
-        return least / (self.camera.fx * self.camera.fx)
+            if not max(across, down) < math.inf:
+                break  # a larger radius meets the same pole
+            found.append((radius, across, down))
+        return found
 
     def _cells(self) -> tuple[FloatArray, FloatArray, tuple[float, float]]:
         """Centres of cells that cover the region, and half their sides."""

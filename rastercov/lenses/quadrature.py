@@ -16,7 +16,8 @@ rule's value at most sum |S_ij| <= 8 n. So a pair of degrees a + b = s > 2 n is 
 
     |error| <= 4 M_u M_v sum over s > 2 n of (s + 1) (2 s + 8 n) rho^-s.
 
-Points of the ellipse are within R = h (rho + 1 / rho) / 2 of the middle of an edge of half length h.
+Points of the ellipse are within R = h (rho + 1 / rho) / 2 of the middle of an edge, h half its
+length.
 """
 
 import math
@@ -27,7 +28,7 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from rastercov.errors import CameraError
-from rastercov.lenses.planes import RADII, IdealPlane
+from rastercov.lenses.planes import IdealPlane
 
 FloatArray = NDArray[np.float64]
 
@@ -130,10 +131,10 @@ def edge_table(plane: IdealPlane, tolerance: float = 1e-9) -> EdgeTable:
     CameraError
         If the lens has a pole on its valid region.
     """
-    reaches = [(radius, *plane.reach(radius)) for radius in RADII]
+    reaches = plane.reaches()
     longest = np.zeros(MOST + 1)
     for n in range(FEWEST, MOST + 1):
-        longest[n] = max(_longest(tolerance, n, *found) for found in reaches)
+        longest[n] = max((_longest(tolerance, n, *found) for found in reaches), default=0.0)
     if not longest[MOST] > 0:
         raise CameraError(
             "the lens must be analytic on its valid region, and it has a pole there: "

@@ -42,7 +42,7 @@ BELOW_LIMIT = 1 - 1e-6
 MARGIN = 1.02
 """Radius of the region over the least that covers the image."""
 FIRST_CELL, LEAST_CELL = 1e-12, 1e-7
-"""Radius of the first proof, and length of a cell over its place below which a proof fails."""
+"""Length of a cell, and over its place, below which a proof fails."""
 MOST_CELLS = 20_000
 FAR = 1e100
 """Radius beyond all pixels."""
@@ -124,7 +124,7 @@ def certified_radius(params: FloatArray, top: float) -> float:
     numbers = params.tolist()
     done, cell = 0.0, min(top, 1.0) / 16
     for _ in range(MOST_CELLS):
-        if done >= top or cell < max(LEAST_CELL * done, FIRST_CELL):
+        if done >= top or cell < max(LEAST_CELL * done, FIRST_CELL * min(top, 1.0)):
             break
         following = min(done + cell, top)
         if is_certified(numbers, done, following):

@@ -11,7 +11,6 @@ from numpy.polynomial import chebyshev
 
 from rastercov.lenses import edge_kernels as kernels
 from rastercov.lenses import formulas
-from rastercov.lenses.planes import RADII
 from rastercov.lenses.quadrature import (
     FEWEST,
     MOST,
@@ -87,7 +86,7 @@ def test_bound_of_an_edge_holds(name):
     fine = lobatto(FINE)
     tightest = math.inf
     for plane in lens.planes:
-        reaches = [(radius, *plane.reach(radius)) for radius in RADII]
+        reaches = plane.reaches()
         table = edge_table(plane, 1e-6)
         ends = rng.dirichlet(np.full(len(plane.region), 0.05), (2, 4000)) @ plane.region
         a, b = ends
