@@ -13,9 +13,9 @@ import math
 
 import numpy as np
 
-from rastercov._jit import compiled, inlined, part_with_arrays
+from rastercov._jit import allocation_free, compiled, part_with_arrays
 from rastercov.lenses.kernels import project
-from rastercov.lenses.quadrature import BERNSTEIN, FEWEST, MOST, NODES, RULE
+from rastercov.lenses.quadrature import BERNSTEIN, FEWEST, GROWTH, MOST, NODES, RULE
 
 FLAT = 1e-10
 """Pixels: a coordinate that stays this near to a border is taken to be on one side of it."""
@@ -26,7 +26,7 @@ NO_LEVEL, LEVEL_U, LEVEL_V = 0, 1, 2
 """Kinds of the cuts of an edge: an end of it, a border crossed by u, one crossed by v."""
 
 
-@part_with_arrays
+@allocation_free
 def edge_values(code, p, frame, ax, ay, bx, by, n, U, V):
     """Fill U, V with the pixels of the n + 1 nodes of the edge from (ax, ay) to (bx, by)."""
     for k in range(n + 1):
@@ -76,6 +76,15 @@ def bernstein_of(n, values, level, coefficients):
 
 
 @part_with_arrays
+def may_cross(n, values, level):
+    """False where the polynomial through values at the nodes cannot take a level on its edge."""
+    low = high = values[0]
+    for k in range(1, n + 1):
+        low, high = min(low, values[k]), max(high, values[k])
+    return abs(level - 0.5 * (low + high)) <= GROWTH[n] * 0.5 * (high - low)
+
+
+@part_with_arrays
 def _changes(n, row):
     """Changes of sign along coefficients, and True where all of these are next to 0."""
     changes, last, largest = 0, 0.0, 0.0
@@ -100,7 +109,7 @@ def _value(n, row, t, spare):
     return spare[0]
 
 
-@part_with_arrays
+@allocation_free
 def roots(n, stack, low, spare, out, kinds, kind, count):
     """Append the places in (0, 1) where a polynomial in Bernstein form changes its sign.
 
@@ -161,7 +170,7 @@ def roots(n, stack, low, spare, out, kinds, kind, count):
     return count
 
 
-@part_with_arrays
+@allocation_free
 def edge_is_inside(n, U, V, W, H, stack, low, spare, out, kinds):
     """True where the image of an edge stays within 0 <= u <= W and 0 <= v <= H."""
     for k in range(n + 1):
@@ -169,13 +178,14 @@ def edge_is_inside(n, U, V, W, H, stack, low, spare, out, kinds):
             return False
     count = 0
     for side in range(4):
-        level = (0.0, W, 0.0, H)[side]
-        bernstein_of(n, U if side < 2 else V, level, stack[0])
-        count = roots(n, stack, low, spare, out, kinds, LEVEL_U, count)
+        level, values = (0.0, W, 0.0, H)[side], U if side < 2 else V
+        if may_cross(n, values, level):
+            bernstein_of(n, values, level, stack[0])
+            count = roots(n, stack, low, spare, out, kinds, LEVEL_U, count)
     return count == 0
 
 
-@inlined
+@allocation_free
 def clamped_edge(code, p, frame, ax, ay, bx, by, n, W, H, U, V, stack, low, spare, cuts, kinds):
     """Integral of clamp(u, 0, W) d clamp(v, 0, H) along the image of an edge, px^2, and its pieces.
 
@@ -186,10 +196,11 @@ def clamped_edge(code, p, frame, ax, ay, bx, by, n, W, H, U, V, stack, low, spar
         is_in = is_in and 0.0 < U[k] < W and 0.0 < V[k] < H
     count = 0
     for side in range(4):
-        level = (0.0, W, 0.0, H)[side]
-        kind = LEVEL_U if side < 2 else LEVEL_V
-        bernstein_of(n, U if side < 2 else V, level, stack[0])
-        count = roots(n, stack, low, spare, cuts, kinds, kind, count)
+        level, values = (0.0, W, 0.0, H)[side], U if side < 2 else V
+        if may_cross(n, values, level):
+            kind = LEVEL_U if side < 2 else LEVEL_V
+            bernstein_of(n, values, level, stack[0])
+            count = roots(n, stack, low, spare, cuts, kinds, kind, count)
     total = 0.0
     if count == 0 and is_in:
         total = under_edge(n, U, V, 0.0)
@@ -228,7 +239,7 @@ def clamped_edge(code, p, frame, ax, ay, bx, by, n, W, H, U, V, stack, low, spar
     return total, count + 1
 
 
-@inlined
+@part_with_arrays
 def _is_short(ax, ay, bx, by, longest):
     """True where an edge of a plane with a pole is short for its distance from the pole."""
     half = 0.5 * math.hypot(bx - ax, by - ay)

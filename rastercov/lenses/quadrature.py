@@ -66,6 +66,8 @@ def _tables() -> tuple[FloatArray, FloatArray, FloatArray]:
 
 NODES, RULE, BERNSTEIN = _tables()
 """By n: places of the nodes, S, and Bernstein coefficients from values."""
+GROWTH = np.abs(BERNSTEIN).sum(axis=2).max(axis=1)
+"""By n: largest Bernstein coefficient of a polynomial that is at most 1 at the nodes."""
 
 
 def error_bound(reach_u: float, reach_v: float, radius: float, half: float, n: int) -> float:
