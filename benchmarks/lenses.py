@@ -29,6 +29,7 @@ from lens_cases import (
 from lens_oracles import colmap_pixels, opencv_fisheye_pixels, opencv_pixels
 from lens_rooms import on_plane, room
 
+from rastercov.lenses import formulas, make_lens
 from rastercov.lenses.areas import polygon_areas
 from rastercov.lenses.quadrature import edge_table
 
@@ -54,6 +55,7 @@ def main() -> None:
         )
         report.add(f"{name}: room less image", abs(total - WIDTH * HEIGHT), "px^2",
                    at_most=MOST_PX2)  # fmt: skip
+    report.add("k1 = -0.2, f = 900: folded directions", 100 * folded_share(), "% of those in image")
     for name in ("opencv brown", "opencv prism", "opencv fisheye", "kalibr ds", "backward"):
         plane = lenses[name].planes[0]
         table = edge_table(plane)
@@ -82,6 +84,16 @@ def add_agreement(report: Report, name: str, lens: object, n: int) -> None:
         return
     error = np.nanmax(np.abs(lens.project(given) - theirs))
     report.add(f"{name}: pixels", error, "px", at_most=MOST_PX)
+
+
+def folded_share() -> float:
+    """Share of the directions within 89 degrees with a pixel in the image that are folded there."""
+    lens = make_lens("pinhole", WIDTH, HEIGHT, fx=900, fy=900, radial=(-0.2,))
+    given = rays(400_000, least_z=np.cos(np.radians(89)))
+    u, v = formulas.project(lens.code, lens.params, *given.T)
+    is_in = (u >= 0) & (u <= WIDTH) & (v >= 0) & (v <= HEIGHT)
+    angle = np.arccos(given[is_in, 2])
+    return float((angle > np.arctan(np.sqrt(1 / 0.6))).mean())
 
 
 def add_cost(report: Report, name: str, lens: object, rounds: int) -> None:
