@@ -23,6 +23,7 @@ from rastercov.lenses.quadrature import (
 
 LENSES = of_all_kinds()
 FINE = 40
+QUICK = {"opencv prism", "kalibr ds", "colmap EQUIRECTANGULAR"}
 
 
 def exact(a, b):
@@ -78,7 +79,10 @@ def bulges(plane, a, b, n, rule, nodes):
     return np.einsum("in,ij,jn->n", u, rule, v)
 
 
-@pytest.mark.parametrize("name", LENSES)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in LENSES],
+)
 def test_bound_of_an_edge_holds(name):
     """Against n = 40, for edges of all lengths and directions; the table's choice, too."""
     lens = LENSES[name]
