@@ -33,6 +33,7 @@ from rastercov.raster import (
     VisibilityBuffer,
     open_rasterizer,
 )
+from rastercov.rig import Rig
 from rastercov.task import Reason, Task
 from rastercov.viewpoints import look_at, sphere_of_poses
 
@@ -64,6 +65,7 @@ __all__ = [
     "RegionUnion",
     "Regions",
     "ResourceError",
+    "Rig",
     "Task",
     "Visibility",
     "VisibilityBuffer",

@@ -91,17 +91,6 @@ def image_side(name: str, value: Any) -> int:
     return int(result)
 
 
-def refuse_distortion(skew: Any, distortion: Any) -> None:
-    """Accept no skew and no distortion: zeros are all that is supported yet."""
-    if number("skew", skew) != 0:
-        raise CameraError(f"skew is not supported yet, got {skew:g}: rectify the images first")
-    if any(number("distortion", c) != 0 for c in coefficients_of(distortion)):
-        raise CameraError(
-            f"lens distortion is not supported yet, got {shown(distortion)}: "
-            "undistort the images and give the undistorted K"
-        )
-
-
 def coefficients_of(distortion: Any) -> tuple[Any, ...]:
     """Coefficients of a lens, one after the other, from a number, a sequence or an array."""
     try:

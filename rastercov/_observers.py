@@ -11,15 +11,15 @@ from numpy.typing import ArrayLike
 from rastercov._closing import Closing
 from rastercov._memory import check_memory
 from rastercov._threads import ScratchPool, share_poses, thread_count
-from rastercov.camera import Camera
 from rastercov.errors import DeviceError
 from rastercov.face_pass import FacePass, Measured
 from rastercov.mesh import Mesh
-from rastercov.near_plane import limits
+from rastercov.near_plane import limits_of_poses
 from rastercov.observation import BoundKind, Observation, Visibility
 from rastercov.pose import Poses
-from rastercov.raster import open_rasterizer
 from rastercov.raster.contract import FaceCounts, RasterizerInfo
+from rastercov.raster.several import Rasterizers
+from rastercov.rig import Cameras, cameras_of
 
 ROLL = 0.4
 """Radians by which the grid of samples is turned against the image: 23 degrees, far from every
@@ -30,7 +30,7 @@ class OpenObserver(Closing, ABC):
     """An observer that is open until it is closed."""
 
     mesh: Mesh
-    camera: Camera
+    camera: Cameras
     info: RasterizerInfo
     threads: int
     """Threads that share the poses of a call."""
@@ -42,7 +42,7 @@ class OpenObserver(Closing, ABC):
 
     def visibility(self, poses: ArrayLike | Poses) -> Visibility:
         """Visible fraction of each face in each pose; see `Observer.visibility`."""
-        accepted = Poses.of(poses)
+        accepted = self._accepted(poses)
         check_visibility(len(accepted), self.mesh.n_faces)
         measured = self.measure(accepted)
         found = FacePass(self.mesh, self.camera, self.threads).fractions(measured, accepted)
@@ -52,9 +52,13 @@ class OpenObserver(Closing, ABC):
         """Result of `observe`, or the counts it is made of where these are less work."""
         return self.observe(poses)
 
-    def _check_open(self) -> None:
+    def _accepted(self, poses: ArrayLike | Poses) -> Poses:
+        """Poses that this observer can measure."""
         if not self._is_open:
             raise DeviceError("this observer is closed; open a new one")
+        accepted = Poses.of(poses)
+        accepted.check_cameras(len(cameras_of(self.camera)))
+        return accepted
 
     def _check_memory(self, n_poses: int) -> None:
         """Raise `ResourceError` where an `Observation` takes too much memory."""
@@ -79,39 +83,37 @@ class SampledObserver(OpenObserver):
     """Observer that counts samples of a rasteriser."""
 
     def __init__(
-        self, mesh: Mesh, camera: Camera, backend: str, supersample: int, options: dict[str, Any]
+        self, mesh: Mesh, camera: Cameras, backend: str, supersample: int, options: dict[str, Any]
     ) -> None:
-        self._rasterizer = open_rasterizer(
-            mesh, camera, backend, supersample=supersample, roll=ROLL, **options
+        self._rasterizers = Rasterizers(
+            mesh, cameras_of(camera), backend, supersample=supersample, roll=ROLL, **options
         )
-        self.mesh, self.camera, self.info = mesh, camera, self._rasterizer.info
+        self.mesh, self.camera, self.info = mesh, camera, self._rasterizers.info
         self.threads = thread_count(options.get("threads"))
 
     def observe(self, poses: ArrayLike | Poses) -> Observation:
-        self._check_open()
-        accepted = Poses.of(poses)
+        accepted = self._accepted(poses)
         self._check_memory(len(accepted))
         return Observation.of_counts(self.measure(accepted))
 
     def measure(self, poses: Poses) -> FaceCounts:
-        self._check_open()
-        return self._rasterizer.count(poses)
+        return self._rasterizers.count(self._accepted(poses))
 
     def close(self) -> None:
-        self._rasterizer.close()  # refuses in a thread that may not, and all stays open
+        self._rasterizers.close()  # refuses in a thread that may not, and all stays open
         self._is_open = False
 
 
 class ExactObserver(OpenObserver):
     """Observer that computes areas by half planes, all of them or where no proof decides."""
 
-    def __init__(self, mesh: Mesh, camera: Camera, method: str, threads: int | None) -> None:
+    def __init__(self, mesh: Mesh, camera: Cameras, method: str, threads: int | None) -> None:
         # These compile, or load what was compiled.
         from rastercov.exact import certificate, half_planes
         from rastercov.exact.surface import surface_of
 
         certificate.compile_once()
-        self.mesh, self.camera = mesh, camera
+        self.mesh, self.camera, cameras = mesh, camera, cameras_of(camera)
         self.info = RasterizerInfo(
             backend="analytic",
             plan=method,
@@ -126,15 +128,16 @@ class ExactObserver(OpenObserver):
             certificate.CertificateSolver if method == "certified" else half_planes.HalfPlaneSolver
         )
         self._surface = surface_of(mesh)
-        make = partial(solver_type, self._surface, camera)
+        make = partial(solver_type, self._surface, cameras[0])
         self._scratch: ScratchPool[half_planes.HalfPlaneSolver] = ScratchPool(make, self.threads)
 
     def observe(self, poses: ArrayLike | Poses) -> Observation:
-        self._check_open()
-        matrices = Poses.of(poses).world_from_camera
+        accepted = self._accepted(poses)
+        matrices = accepted.world_from_camera
         n_poses, n_faces = len(matrices), self.mesh.n_faces
         self._check_memory(n_poses)
-        near, front_only, clipped = limits(self.mesh, self.camera, matrices)
+        cameras = cameras_of(self.camera)
+        near, front_only, clipped = limits_of_poses(self.mesh, cameras, accepted)
         visible, area, error = np.empty((3, n_poses, n_faces))
         kind = np.full((n_poses, n_faces), BoundKind.EXACT, np.uint8)
         rows = self._surface.rows
@@ -142,6 +145,7 @@ class ExactObserver(OpenObserver):
         def worker(solver: Any) -> Any:
             def work(turn: slice) -> None:
                 for row in range(n_poses)[turn]:
+                    solver.set_camera(cameras[accepted.camera[row]])
                     solver.set_pose(matrices[row], near[row], front_only[row])
                     solver.solve_all()
                     visible[row], area[row], error[row] = (

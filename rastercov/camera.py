@@ -1,7 +1,8 @@
-"""Pinhole cameras and their depth of field.
+"""Cameras: lens, image and depth of field.
 
-A camera is its image size and intrinsic matrix K in pixels, and, where focus matters, the lens that
-made it. Pixels follow COLMAP and OpenGL: the centre of the top-left pixel is at (0.5, 0.5).
+A camera is its image size and intrinsic matrix K in pixels, the model of its lens with its
+coefficients, and, where focus matters, focal length and aperture. Pixels follow COLMAP and OpenGL:
+the centre of the top-left pixel is at (0.5, 0.5).
 
 E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks. 2020, section 3.
 """
@@ -26,17 +27,17 @@ from rastercov._checks import (
     pair,
     positive,
     principal_point_px,
-    refuse_distortion,
     two,
 )
 from rastercov._files import StrPath
 from rastercov.camera_file import arguments_of, naming, read_entries, write_entries
+from rastercov.camera_models import MODELS, checked_model
 from rastercov.errors import CameraError
 
 
 @dataclass(frozen=True, kw_only=True)
 class Camera:
-    """A pinhole camera: image size and intrinsics in pixels, lens in metres.
+    """A camera: image size and intrinsics in pixels, model of the lens, focus in metres.
 
     Parameters
     ----------
@@ -63,8 +64,15 @@ class Camera:
     focus_range : (float, float), optional
         The depths between which the camera is in focus, metres, when they are known directly.
         Excludes `aperture`.
-    skew, distortion
-        Accepted only when zero: neither is supported yet.
+    skew : float, optional
+        u = fx x + skew y + cx, px.
+    model : str, optional
+        Model of the lens, one of `rastercov.camera_models.MODELS`: "pinhole" unless given.
+    distortion : sequence of float, optional
+        Coefficients of the model, in its order.
+    max_angle_deg : float, optional
+        Largest angle from the optical axis at which the lens is trusted; otherwise as far as the
+        image reaches, or as the model is proved not to fold.
 
     Raises
     ------
@@ -87,8 +95,12 @@ class Camera:
     focus_range: Annotated[
         tuple[float, float] | None, Doc("[near, far] depths in focus, m; instead of an aperture.")
     ] = None
-    skew: float = 0.0
-    distortion: tuple[float, ...] = ()
+    skew: Annotated[float, Doc("Pixels: u = fx x + skew y + cx.")] = 0.0
+    model: Annotated[str, Doc("Model of the lens.")] = "pinhole"
+    distortion: Annotated[tuple[float, ...], Doc("Coefficients of the model, in its order.")] = ()
+    max_angle_deg: Annotated[
+        float | None, Doc("Largest angle from the axis at which the lens is trusted, deg.")
+    ] = None
 
     def __post_init__(self) -> None:
         for name in ("width", "height"):
@@ -107,8 +119,15 @@ class Camera:
                 f"near must be 0 or more metres, at most {LARGEST_COORDINATE:g}, got {near:g}"
             )
         object.__setattr__(self, "near", near)
-        refuse_distortion(self.skew, self.distortion)
-        object.__setattr__(self, "distortion", ())
+        object.__setattr__(self, "skew", number("skew", self.skew))
+        model, coefficients = checked_model(self.model, self.distortion)
+        object.__setattr__(self, "model", model)
+        object.__setattr__(self, "distortion", coefficients)
+        if self.max_angle_deg is not None:
+            angle = number("max_angle_deg", self.max_angle_deg)
+            if not 0 < angle <= 180:
+                raise CameraError(f"max_angle_deg must be above 0 and at most 180, got {angle:g}")
+            object.__setattr__(self, "max_angle_deg", angle)
         self._check_lens()
 
     def _check_lens(self) -> None:
@@ -121,6 +140,16 @@ class Camera:
             raise CameraError("aperture and focus_distance come together: give both or neither")
         if self.aperture is not None and (self.focal_length is None or self.pixel_size is None):
             raise CameraError("aperture needs focal_length and pixel_size: see Camera.from_lens")
+        if self.aperture is not None and not MODELS[self.model].is_planar:
+            raise CameraError(
+                f"a lens of model {self.model} has no plane in focus; give focus_range, in metres "
+                "from the camera, instead of an aperture"
+            )
+        if self.aperture is not None and any(self.distortion[12:]):
+            raise CameraError(
+                "the plane in focus of a tilted sensor is tilted; give focus_range instead of an "
+                "aperture"
+            )
         if (self.focus_distance or np.inf) <= (self.focal_length or 0):
             raise CameraError(
                 f"focus_distance must exceed focal_length {self.focal_length:g} m, "
@@ -167,7 +196,7 @@ class Camera:
         aperture : float, optional
             Diameter A, metres.
         **others
-            `cx`, `cy`, `near`, `focus_distance`, `max_blur`, `focus_range` as for `Camera`.
+            All others of `Camera`.
         """
         f = positive("focal_length", focal_length)
         s_u, s_v = pair("pixel_size", pixel_size)
@@ -196,7 +225,14 @@ class Camera:
 
     @classmethod
     def from_opencv(
-        cls, K: ArrayLike, width: int, height: int, distortion: Sequence[float] = (), **others: Any
+        cls,
+        K: ArrayLike,
+        width: int,
+        height: int,
+        distortion: Sequence[float] = (),
+        *,
+        fisheye: bool = False,
+        **others: Any,
     ) -> "Camera":
         """Camera from an OpenCV calibration, which counts pixels from their centres.
 
@@ -207,7 +243,9 @@ class Camera:
         width, height : int
             Image size in pixels.
         distortion : sequence of float, optional
-            OpenCV's `distCoeffs`; must be zero.
+            OpenCV's `distCoeffs`: 4, 5, 8, 12 or 14 numbers, or none.
+        fisheye : bool
+            The calibration is of `cv2.fisheye`; `distortion` is its D, of 4 numbers.
         **others
             Further arguments of `Camera`.
         """
@@ -215,7 +253,8 @@ class Camera:
         if k.shape != (3, 3):
             raise CameraError(f"K must have shape (3, 3), got {k.shape}")
         if k[1, 0] != 0 or not np.array_equal(k[2], (0, 0, 1)):
-            raise CameraError("K must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
+            raise CameraError("K must be [[fx, skew, cx], [0, fy, cy], [0, 0, 1]]")
+        coefficients = coefficients_of(distortion)
         return cls(
             width=width,
             height=height,
@@ -224,7 +263,8 @@ class Camera:
             cx=float(k[0, 2]) + 0.5,
             cy=float(k[1, 2]) + 0.5,
             skew=float(k[0, 1]),
-            distortion=coefficients_of(distortion),
+            model="opencv_fisheye" if fisheye else "opencv" if coefficients else "pinhole",
+            distortion=coefficients,
             **others,
         )
 
@@ -250,7 +290,27 @@ class Camera:
 
     def save(self, path: StrPath) -> None:
         """Write the camera as a `.json` file that `load` reads back to an equal camera."""
-        write_entries(path, {k: v for k, v in asdict(self).items() if v not in (None, ())})
+        write_entries(path, self.plain())
+
+    def plain(self) -> dict[str, Any]:
+        """Arguments of the constructor that are set, ready for JSON; `model` unless a pinhole."""
+        fields = {k: v for k, v in asdict(self).items() if v not in (None, ())}
+        if self.model == "pinhole":
+            del fields["model"]
+        return fields
+
+    @property
+    def is_pinhole(self) -> bool:
+        """True where the lens is all in fx, fy, cx and cy."""
+        return self.model == "pinhole" and self.skew == 0 and self.max_angle_deg is None
+
+    def check_pinhole(self) -> None:
+        """Raise `CameraError` for a lens that is no pinhole, where only these can be used."""
+        if not self.is_pinhole:
+            raise CameraError(
+                f"a lens of model {self.model}{', with skew' if self.skew else ''} is not "
+                "supported here yet; undistort the images, and give the undistorted K"
+            )
 
     @property
     def K(self) -> NDArray[np.float64]:  # noqa: N802 - the field's name for it
@@ -290,6 +350,7 @@ class Camera:
             fy=self.fy * down,
             cx=self.cx * across,
             cy=self.cy * down,
+            skew=self.skew * across,
             pixel_size=sizes,
             max_blur=self.max_blur * min(across, down),
         )

@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._arguments import check_kind, check_scene
+from rastercov._arguments import check_kind
 from rastercov._checks import shown
-from rastercov.camera import Camera
 from rastercov.coverage_pass import CoveragePass
 from rastercov.errors import ConfigError, ResourceError
 from rastercov.face_pass import Measured
@@ -21,6 +20,7 @@ from rastercov.mesh import Mesh
 from rastercov.observer import Observer, open_observer
 from rastercov.pose import Poses
 from rastercov.raster.contract import RasterizerInfo
+from rastercov.rig import Cameras, check_scene
 from rastercov.task import Task
 
 FloatArray = NDArray[np.float64]
@@ -81,7 +81,7 @@ class Coverage:
     """
 
     mesh: Mesh
-    camera: Camera
+    camera: Cameras
     task: Task
     info: RasterizerInfo
     pose_ids: IntArray
@@ -135,7 +135,7 @@ UNITS: dict[str, str] = {
 
 def evaluate(
     mesh: Mesh,
-    camera: Camera,
+    camera: Cameras,
     poses: ArrayLike,
     task: Task | None = None,
     *,
@@ -150,8 +150,10 @@ def evaluate(
 
     Parameters
     ----------
-    mesh, camera
-        What is looked at, and by what.
+    mesh : Mesh
+        What is looked at.
+    camera : Camera, Rig or sequence of Camera
+        What looks; where there are several, `Poses.camera` says which of them is in each pose.
     poses : (P, 4, 4) array_like, or Poses
         world_from_camera.
     task : Task, optional

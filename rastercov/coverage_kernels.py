@@ -1,8 +1,7 @@
-"""Coverage (3.6) of each face in some poses, and its sums over poses, compiled by numba.
+"""Coverage (3.6) of each face in some poses, compiled by numba.
 
-`judge_poses` takes what an observer measured and gives every figure of `rastercov.Coverage`;
-`add_pose` adds them to the sums of a network and keeps those of chosen pairs as rows of a table.
-Their twins are in `rastercov.reference.coverage`.
+`judge_poses` takes what an observer measured and gives every figure of `rastercov.Coverage`. Its
+twin is in `rastercov.reference.coverage`.
 
 E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks. 2020, section 3.3.
 """
@@ -44,8 +43,6 @@ LARGEST_RESOLUTION = 1e300
 DEGENERATE, BACK_FACING, OUTSIDE, OUT_OF_FOCUS = 0, 1, 2, 3
 UNSAMPLED, TOO_COARSE, OCCLUDED, TOO_OBLIQUE, COVERED = 4, 5, 6, 7, 8
 """Values of `rastercov.Reason`."""
-NO_PAIRS, COVERED_PAIRS, SEEN_PAIRS, ALL_PAIRS = range(4)
-"""Indices of `rastercov.pairs.CHOICES`."""
 
 
 class Seen(NamedTuple):
@@ -103,65 +100,6 @@ def record(arrays: Mapping[str, NDArray[Any]]) -> Figures:
             for name in Figures._fields
         )
     )
-
-
-class Sums(NamedTuple):
-    """Sums of one thread over poses, see `rastercov.Network`; (F,) unless noted.
-
-    `best_row` is the row of the pose in its batch. `bounds` has the largest bound in view and the
-    largest of a covered pair, (2,).
-    """
-
-    views: NDArray[np.int64]
-    best: NDArray[np.float64]
-    best_row: NDArray[np.int64]
-    reason: NDArray[np.uint8]
-    kinds: NDArray[np.int64]
-    bounds: NDArray[np.float64]
-
-
-class PairRows(NamedTuple):
-    """Columns of a table of pairs of pose and face, (R,) each: their indices, then the figures.
-
-    Figures are named as in `Figures`, floats are float32, and what has a name is its code.
-    """
-
-    pose: NDArray[np.int32]
-    face: NDArray[np.int32]
-    in_view: NDArray[np.bool_]
-    in_view_fraction: NDArray[np.float32]
-    projected_area: NDArray[np.float32]
-    visible_pixels: NDArray[np.float32]
-    drawn_pixels: NDArray[np.float32]
-    resolution: NDArray[np.float32]
-    pixel_density: NDArray[np.float32]
-    facing_density: NDArray[np.float32]
-    in_focus: NDArray[np.bool_]
-    visibility: NDArray[np.float32]
-    visibility_bound: NDArray[np.float32]
-    visibility_kind: NDArray[np.int32]
-    incidence: NDArray[np.float32]
-    coverage: NDArray[np.float32]
-    reason: NDArray[np.int32]
-
-
-ROW_TYPES: dict[str, type] = {
-    name: np.bool_ if name in ("in_view", "in_focus") else np.float32 for name in PairRows._fields
-} | dict.fromkeys(("pose", "face", "visibility_kind", "reason"), np.int32)
-"""Types of the columns of `PairRows`."""
-
-
-class Sink(NamedTuple):
-    """Memory for the rows of a batch of P poses: room for all P * F pairs.
-
-    The rows of the poses that a thread takes together, `turn` the first of them, are the
-    `counts[turn]` from `turn * F` on.
-    """
-
-    choice: int  # NO_PAIRS, ...
-    pose_ids: NDArray[np.int64]
-    counts: NDArray[np.int64]
-    rows: PairRows
 
 
 @part_of
@@ -372,120 +310,3 @@ def judge_poses(rows, scene, lens, seen, work, limits, out):
                 out.coverage[row, f] = product
             if out.reason.size:
                 out.reason[row, f] = reason
-
-
-@part_with_arrays
-def add_pair(row, f, is_scored, coverage, reason, bound, kind, fraction, sums):
-    """Add the figures of a face in one pose; returns 1 if it is scored and covered.
-
-    Of equal coverages the least row of the batch is the best, whatever the order in which rows
-    come. A pair that fails no later than for its back is not in view.
-    """
-    covers = reason == COVERED
-    if covers:
-        sums.views[f] += 1
-    if coverage > 0:
-        best = sums.best[f]
-        if coverage > best or (coverage == best and row < sums.best_row[f]):
-            sums.best[f], sums.best_row[f] = coverage, row
-    if reason > sums.reason[f]:
-        sums.reason[f] = reason
-    if is_scored[f] and reason > BACK_FACING and fraction > 0:
-        sums.kinds[min(kind, EXACT)] += 1
-        sums.bounds[0] = max(sums.bounds[0], bound)
-    if is_scored[f] and covers:
-        sums.bounds[1] = max(sums.bounds[1], bound)
-        return 1
-    return 0
-
-
-@allocation_free
-def add_rows(is_scored, coverage, reason, bound, kind, fraction, sums, covered_faces):
-    """Add rows of figures, (P, F) each, to `sums`.
-
-    Out: `covered_faces`, (P,), the scored faces that each pose covers.
-    """
-    for row in range(coverage.shape[0]):
-        for f in range(coverage.shape[1]):
-            covered_faces[row] += add_pair(
-                row, f, is_scored, coverage[row, f], reason[row, f], bound[row, f],
-                int(kind[row, f]), fraction[row, f], sums,
-            )  # fmt: skip
-
-
-@part_with_arrays
-def add_row(at, pose_id, f, geometry, is_focused, resolution, areas, bound, kind, decision, rows):
-    """Put the figures of a pair into row `at`.
-
-    The bound includes the rounding of the visible fraction to float32, so that it still holds.
-    """
-    cosine, state, part, area, density, facing = geometry
-    visible, drawn, visibility = areas
-    rows.pose[at], rows.face[at] = pose_id, f
-    rows.in_view[at], rows.in_focus[at] = state == INSIDE, is_focused
-    rows.in_view_fraction[at], rows.projected_area[at] = part, area
-    rows.visible_pixels[at], rows.drawn_pixels[at] = visible, drawn
-    rows.resolution[at], rows.pixel_density[at] = resolution, density
-    rows.facing_density[at] = facing
-    short = np.float32(visibility)
-    bound += abs(short - visibility)
-    short_bound = np.float32(bound)
-    if short_bound < bound:
-        short_bound = np.nextafter(short_bound, np.float32(np.inf))
-    rows.visibility[at], rows.visibility_bound[at] = short, short_bound
-    rows.visibility_kind[at] = kind
-    rows.incidence[at] = incidence_angle(cosine)
-    rows.coverage[at], rows.reason[at] = decision
-
-
-@allocation_free
-def add_pose(row, turn, scene, lens, seen, work, limits, is_scored, sums, covered_faces, coverage,
-             sink):  # fmt: skip
-    """Judge the faces in one pose and add them to `sums`, as `judge_poses` and `add_rows` would.
-
-    Out: an element of `covered_faces`, (P,), and `coverage`, (F,); and in `sink`, behind those of
-    this turn, the rows of the pairs that it asks for.
-    """
-    points, pose, choice, n_faces = work.points, seen.poses[row], sink.choice, scene.faces.shape[0]
-    asks_density = limits.min_pixel_density > 0
-    x, y, z = pose[0, 3], pose[1, 3], pose[2, 3]
-    rounding = PLANE_ROUNDING * (abs(x) + abs(y) + abs(z) + scene.reach)
-    project(scene.vertices, pose, seen.near[row], lens, points)
-    for f in range(n_faces):
-        product, reason, bound, kind, part = 0.0, BACK_FACING, 0.0, EXACT, 0.0
-        normals = scene.normals
-        height = normals[f, 0] * x + normals[f, 1] * y + normals[f, 2] * z - scene.offsets[f]
-        is_behind = height < -rounding and not scene.two_sided[f]
-        if scene.degenerate[f]:
-            is_behind, reason = True, DEGENERATE
-        if not is_behind or choice == ALL_PAIRS:
-            geometry, is_seen, areas, resolution, is_focused, product, reason = judge_face(
-                scene, lens, seen, limits, work, row, f, asks_density
-            )
-            part = geometry[2]
-            is_row = choice != NO_PAIRS and (
-                choice == ALL_PAIRS
-                or reason == COVERED
-                or (choice == SEEN_PAIRS and reason > BACK_FACING and part > 0)
-            )
-            # The sums hold the largest bounds, and none exceeds 1.
-            bound, kind = 1.0, kind_of(seen, row, f) if is_seen else EXACT
-            if is_row or sums.bounds[0] < 1 or (reason == COVERED and sums.bounds[1] < 1):
-                bound, kind = bound_and_kind(
-                    scene, seen, points, row, f, areas[1], geometry[1], is_seen
-                )
-            if is_row:
-                cosine, state, part, area, density, facing = geometry
-                if not asks_density:
-                    density = density_of(
-                        scene, lens, seen, points, row, f, reason > BACK_FACING, state, part
-                    )
-                geometry = cosine, state, part, area, density, facing
-                at = turn * n_faces + sink.counts[turn]
-                sink.counts[turn] += 1
-                add_row(
-                    at, sink.pose_ids[row], f, geometry, is_focused, resolution, areas, bound,
-                    kind, (product, reason), sink.rows,
-                )  # fmt: skip
-        coverage[f] = product
-        covered_faces[row] += add_pair(row, f, is_scored, product, reason, bound, kind, part, sums)

@@ -3,13 +3,13 @@
 `coverage` keeps the figures, `network` adds them up; `coverage_kernels` computes them.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from numpy.typing import NDArray
 
 from rastercov._threads import thread_count
-from rastercov.face_pass import FacePass, Measured
+from rastercov.face_pass import FacePass, Measured, Scope, Worker
 from rastercov.observer import Observer
 from rastercov.pose import Poses
 from rastercov.task import Task
@@ -23,7 +23,7 @@ class CoveragePass(FacePass):
         if not isinstance(threads, int):
             threads = thread_count(None)
         super().__init__(observer.mesh, observer.camera, threads)
-        self.limits = task.limits(observer.camera)
+        self.limits = [task.limits(camera) for camera in self.cameras]
 
     def fill(self, measured: Measured, poses: Poses, figures: Mapping[str, NDArray[Any]]) -> None:
         """Fill (P, F) arrays with the figures of the poses of a measurement."""
@@ -32,9 +32,9 @@ class CoveragePass(FacePass):
         announce_compilation(self.kernels.judge_poses)
         out = self.kernels.record(figures)
 
-        def worker(scope: tuple[Any, ...]) -> Callable[[slice], None]:
-            return lambda turn: self.kernels.judge_poses(
-                (turn.start, turn.stop), *scope, self.limits, out
+        def worker(scope: Scope) -> Worker:
+            return lambda rows, index: self.kernels.judge_poses(
+                (rows.start, rows.stop), *scope(index), self.limits[index], out
             )
 
         self.share(measured, poses, worker)

@@ -93,6 +93,7 @@ def scene_of(mesh: Any) -> Scene:
 
 def lens_of(camera: Any) -> Lens:
     """Numbers of a `Camera`."""
+    camera.check_pinhole()
     size = float(camera.width), float(camera.height)
     return Lens(float(camera.fx), float(camera.fy), float(camera.cx), float(camera.cy), *size)
 

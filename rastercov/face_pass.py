@@ -10,20 +10,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov._threads import share_poses
-from rastercov.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.near_plane import near_limit
 from rastercov.observation import Observation
 from rastercov.pose import Poses
 from rastercov.raster.contract import FaceCounts
+from rastercov.rig import Cameras, cameras_of
 
 Measured = Observation | FaceCounts
 """Measurement of some poses: areas, or the counts of a rasteriser, which become areas face by face:
 arrays of them would take as long as half the judging."""
+Scope = Callable[[int], tuple[Any, ...]]
+"""Arguments scene, lens, seen and work of the loops, by the index of the camera."""
+Worker = Callable[[slice, int], None]
+"""Does the work of consecutive poses of one camera, given by its index."""
 
 
 class FacePass:
-    """Pass over the faces of a mesh through a camera; any number of threads may use it.
+    """Pass over the faces of a mesh through cameras; any number of threads may use it.
 
     Parameters
     ----------
@@ -33,12 +37,13 @@ class FacePass:
         Threads that share the poses of a call.
     """
 
-    def __init__(self, mesh: Mesh, camera: Camera, threads: int) -> None:
+    def __init__(self, mesh: Mesh, camera: Cameras, threads: int) -> None:
         from rastercov import coverage_kernels, criteria_kernels  # load numba
 
-        self.mesh, self.camera, self._threads = mesh, camera, threads
+        self.mesh, self.cameras, self._threads = mesh, cameras_of(camera), threads
         self.kernels, self._geometry = coverage_kernels, criteria_kernels
-        self._scene, self._lens = criteria_kernels.scene_of(mesh), criteria_kernels.lens_of(camera)
+        self._scene = criteria_kernels.scene_of(mesh)
+        self._lenses = [criteria_kernels.lens_of(each) for each in self.cameras]
 
     def fractions(
         self, measured: Measured, poses: Poses
@@ -54,28 +59,32 @@ class FacePass:
         shape = len(poses), self.mesh.n_faces
         out = np.empty(shape), np.empty(shape), np.empty(shape, np.uint8)
 
-        def worker(scope: tuple[Any, ...]) -> Callable[[slice], None]:
-            return lambda turn: self.kernels.find_fractions((turn.start, turn.stop), *scope, *out)
+        def worker(scope: Scope) -> Worker:
+            return lambda rows, index: self.kernels.find_fractions(
+                (rows.start, rows.stop), *scope(index), *out
+            )
 
         self.share(measured, poses, worker)
         return out
 
     def share(
-        self,
-        measured: Measured,
-        poses: Poses,
-        make_worker: Callable[[tuple[Any, ...]], Callable[[slice], None]],
+        self, measured: Measured, poses: Poses, make_worker: Callable[[Scope], Worker]
     ) -> None:
         """Share poses among workers, one for each thread.
 
-        Each is made from the arguments scene, lens, seen and work of the loops.
+        Each is made from a function of the camera, by its index, that gives the arguments scene,
+        lens, seen and work of the loops; it is called with consecutive poses of one camera.
         """
-        shared = self._scene, self._lens, self._seen(measured, poses)
+        seen = self._seen(measured, poses)
         workers = [
-            make_worker((*shared, self._geometry.workspace(self.mesh.n_vertices)))
+            _by_camera(make_worker(self._scope(seen)), poses.camera)
             for _ in range(max(1, min(self._threads, len(poses))))
         ]
         share_poses(len(poses), workers)
+
+    def _scope(self, seen: Any) -> Scope:
+        work = self._geometry.workspace(self.mesh.n_vertices)
+        return lambda index: (self._scene, self._lenses[index], seen, work)
 
     def _seen(self, measured: Measured, poses: Poses) -> Any:
         """Measurement of an observer, for the loops."""
@@ -97,7 +106,7 @@ class FacePass:
                 error = measured.area_error
         return self.kernels.Seen(
             read_only(matrices, np.float64),
-            read_only(near_limit(self.camera, self.mesh.opaque.bounds, matrices), np.float64),
+            read_only(self._near(poses), np.float64),
             read_only(visible, dtype),
             read_only(drawn, dtype),
             scale,
@@ -105,3 +114,26 @@ class FacePass:
             read_only(error, np.float64),
             samples,
         )
+
+    def _near(self, poses: Poses) -> NDArray[np.float64]:
+        """Near limit of each pose."""
+        near = np.empty(len(poses))
+        for index, rows in poses.by_camera():
+            matrices = poses.world_from_camera[rows]
+            near[rows] = near_limit(self.cameras[index], self.mesh.opaque.bounds, matrices)
+        return near
+
+
+def _by_camera(worker: Worker, camera: NDArray[np.int32]) -> Callable[[slice], None]:
+    """Worker for turns of poses, of one for runs of poses of the same camera."""
+
+    def work(turn: slice) -> None:
+        start = turn.start
+        while start < turn.stop:
+            stop = start + 1
+            while stop < turn.stop and camera[stop] == camera[start]:
+                stop += 1
+            worker(slice(start, stop), int(camera[start]))
+            start = stop
+
+    return work

@@ -15,6 +15,7 @@ def image_boxes(points: FloatArray, camera: Camera, poses: FloatArray) -> IntArr
     The boxes (P, 4) are left, top, right, bottom in pixels, within the image, a pixel wider than
     need be; the whole image when a point lies behind the camera.
     """
+    camera.check_pinhole()
     boxes = np.tile(np.array((0, 0, camera.width, camera.height)), (len(poses), 1))
     for row, pose in enumerate(poses):  # 10 us and 12 ns a point; all at once is no faster
         x, y, z = pose[:3, :3].T @ (points - pose[:3, 3]).T

@@ -5,12 +5,15 @@ none of this: all is decided by the other faces, `Mesh.opaque`. Where nothing in
 camera is outside a closed mesh, faces seen from behind cannot be the nearest surface.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.camera import Camera
 from rastercov.image_boxes import box_corners
 from rastercov.mesh import Mesh
+from rastercov.pose import Poses
 from rastercov.projection import clip_near, clip_polygons, to_camera
 
 FloatArray = NDArray[np.float64]
@@ -32,6 +35,18 @@ def limits(
     return near_limit(camera, mesh.bounds, poses), can_cull(mesh, poses, clipped), clipped
 
 
+def limits_of_poses(
+    mesh: Mesh, cameras: Sequence[Camera], poses: Poses
+) -> tuple[FloatArray, NDArray[np.bool_], NDArray[np.bool_]]:
+    """`limits` of poses that may have different cameras."""
+    near, (can_cull, clipped) = np.empty(len(poses)), np.empty((2, len(poses)), np.bool_)
+    for index, rows in poses.by_camera():
+        near[rows], can_cull[rows], clipped[rows] = limits(
+            mesh, cameras[index], poses.world_from_camera[rows]
+        )
+    return near, can_cull, clipped
+
+
 def picture_limits(
     mesh: Mesh, camera: Camera, poses: FloatArray
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
@@ -49,6 +64,7 @@ def near_limit(camera: Camera, bounds: FloatArray, poses: FloatArray) -> FloatAr
     It is max(camera.near, 1e-6 times the distance to the farthest corner of `bounds`), which are
     those of the opaque part of a mesh.
     """
+    camera.check_pinhole()
     reach = np.abs(bounds[None] - poses[:, None, :3, 3]).max(axis=1)
     farthest = np.sqrt((reach**2).sum(axis=1))
     limit: FloatArray = np.maximum(max(camera.near, LEAST_DEPTH), NEAR_TO_FAR * farthest)

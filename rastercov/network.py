@@ -4,7 +4,7 @@ E. S. Eissa. Image Space Coverage Model. 2020, section 6.4.1 and Table 6.1, wher
 not covered when its coverage is 0 in every camera.
 """
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -16,7 +16,7 @@ from rastercov._arguments import check_kind
 from rastercov.coverage import Coverage, batch_size, check_observer, measurements
 from rastercov.coverage_pass import CoveragePass
 from rastercov.errors import ConfigError, MeshError
-from rastercov.face_pass import Measured
+from rastercov.face_pass import Measured, Scope, Worker
 from rastercov.mesh import Mesh
 from rastercov.observation import BoundKind
 from rastercov.observer import Observer
@@ -25,7 +25,7 @@ from rastercov.pose import Poses
 from rastercov.task import Limits, Reason, Task
 
 if TYPE_CHECKING:
-    from rastercov.coverage_kernels import PairRows, Sink
+    from rastercov.network_kernels import PairRows, Sink
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -156,10 +156,11 @@ class Network:
         check_observer(observer)
         if observer.mesh.n_faces != self.mesh.n_faces:
             raise ConfigError("a network adds up coverage of one mesh and one task")
+        from rastercov import network_kernels  # loads numba
         from rastercov._jit import announce_compilation
 
         judge = CoveragePass(observer, self.task)
-        announce_compilation(judge.kernels.add_pose)
+        announce_compilation(network_kernels.add_pose)
         n_faces = self.mesh.n_faces
         buffer = PairBuffer(pairs, min(len(poses), batch_size(n_faces)), n_faces)
         return (
@@ -180,7 +181,7 @@ class Network:
         kept = {pose: np.empty(self.mesh.n_faces) for pose in poses.ids.tolist() if pose in keep}
         parts: list[_Part] = []
 
-        def worker(scope: tuple[Any, ...]) -> Callable[[slice], None]:
+        def worker(scope: Scope) -> Worker:
             parts.append(_Part(self.mesh, len(poses)))
             return partial(parts[-1].add_poses, scope, judge.limits, sink, kept)
 
@@ -304,11 +305,11 @@ class _Part:
     """
 
     def __init__(self, mesh: Mesh, n_poses: int) -> None:
-        from rastercov import coverage_kernels, criteria_kernels  # load numba
+        from rastercov import criteria_kernels, network_kernels  # load numba
 
-        self.kernels, n = coverage_kernels, mesh.n_faces
+        self.kernels, n = network_kernels, mesh.n_faces
         self._read_only = criteria_kernels.read_only
-        self.sums = coverage_kernels.Sums(
+        self.sums = network_kernels.Sums(
             views=np.zeros(n, np.int64),
             best=np.zeros(n),
             best_row=np.zeros(n, np.int64),
@@ -335,17 +336,19 @@ class _Part:
 
     def add_poses(
         self,
-        scope: tuple[Any, ...],
-        limits: Limits,
+        scope: Scope,
+        limits: Sequence[Limits],
         sink: "Sink",
         kept: dict[int, FloatArray],
-        turn: slice,
+        rows: slice,
+        index: int,
     ) -> None:
-        """Judge some poses of the batch and add them; their rows go to `sink`."""
-        seen, coverage = scope[2], self._coverage
+        """Judge some poses of one camera of the batch and add them; their rows go to `sink`."""
+        arguments, coverage = scope(index), self._coverage
+        seen = arguments[2]
         own = self._is_scored, self.sums, self.covered_faces, coverage
-        for row in range(turn.start, turn.stop):
-            self.kernels.add_pose(row, turn.start, *scope, limits, *own, sink)
+        for row in range(rows.start, rows.stop):
+            self.kernels.add_pose(row, rows.start, *arguments, limits[index], *own, sink)
             drawn = seen.drawn[row]
             if seen.scale != 1 or drawn.dtype != np.float64:
                 drawn = np.divide(drawn, seen.scale, out=self._drawn)

@@ -1,4 +1,4 @@
-"""Observers: one mesh through one camera, measured in many poses by one of three methods.
+"""Observers: one mesh through one camera or several, measured in many poses by three methods.
 
 certified
     Regions of faces that no event edge crosses are proved wholly visible or wholly hidden; the
@@ -14,16 +14,15 @@ from typing import Any, Protocol, Self
 
 from numpy.typing import ArrayLike
 
-from rastercov._arguments import check_scene
 from rastercov._checks import finite_number, shown
 from rastercov._observers import ExactObserver, SampledObserver, check_visibility
-from rastercov.camera import Camera
 from rastercov.engine import METHODS, Engine
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.observation import Observation, Visibility
 from rastercov.pose import Poses
 from rastercov.raster.contract import RasterizerInfo
+from rastercov.rig import Cameras, check_scene
 
 
 class Observer(Protocol):
@@ -34,7 +33,7 @@ class Observer(Protocol):
     """
 
     mesh: Mesh
-    camera: Camera
+    camera: Cameras
     info: RasterizerInfo
 
     def observe(self, poses: ArrayLike | Poses) -> Observation:
@@ -74,19 +73,21 @@ class Observer(Protocol):
 
 def open_observer(
     mesh: Mesh,
-    camera: Camera,
+    camera: Cameras,
     method: str | Engine = "certified",
     *,
     backend: str = "auto",
     supersample: int = 1,
     **options: Any,
 ) -> Observer:
-    """Observer of a mesh through a camera; use it in a `with` block.
+    """Observer of a mesh through a camera, or several; use it in a `with` block.
 
     Parameters
     ----------
-    mesh, camera
-        Scene and camera.
+    mesh : Mesh
+        The scene.
+    camera : Camera, Rig or sequence of Camera
+        Where there are several, `Poses.camera` says which of them is in each pose.
     method : {"certified", "exact", "sampled"}, or Engine
         Method, see this module; or an `Engine` or its text form, such as "sampled:cpu@4", which
         then replaces the other arguments.
@@ -128,7 +129,7 @@ def open_observer(
 
 def visibility(
     mesh: Mesh,
-    camera: Camera,
+    camera: Cameras,
     poses: ArrayLike | Poses,
     method: str | Engine = "certified",
     *,
@@ -141,7 +142,7 @@ def visibility(
     Parameters
     ----------
     mesh, camera
-        Scene and camera.
+        Scene and camera, or cameras.
     poses : (P, 4, 4) array_like, or Poses
         world_from_camera.
     method, backend, supersample, **options

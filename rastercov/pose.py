@@ -4,7 +4,7 @@ p_world = world_from_camera @ p_camera. Camera axes are OpenCV's: +x right, +y d
 thesis' frame (6.8-6.11), X left and Y up, is ours turned by 180 degrees about Z.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -91,31 +91,49 @@ class Poses:
         All rows of the input, those that were rejected as they came.
     rejected : dict of int to str
         Rows that were left out, and the fault of each.
+    camera : (P,) int32
+        Index of the camera of each pose, where there are several; 0 unless given.
     """
 
     world_from_camera: FloatArray
     ids: NDArray[np.int64]
     given: FloatArray
     rejected: Mapping[int, str] = field(default_factory=dict)
+    camera: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))
+
+    def __post_init__(self) -> None:
+        if len(self.camera) != len(self.ids):
+            object.__setattr__(self, "camera", np.zeros(len(self.ids), np.int32))
 
     @classmethod
-    def of(cls, poses: "ArrayLike | Poses", *, skip_bad: bool = False) -> "Poses":
+    def of(
+        cls,
+        poses: "ArrayLike | Poses",
+        *,
+        camera: ArrayLike | None = None,
+        skip_bad: bool = False,
+    ) -> "Poses":
         """Check poses.
 
         Parameters
         ----------
         poses : (P, 4, 4) or (4, 4) array_like, or Poses
             world_from_camera; `Poses` are returned as they are.
+        camera : (P,) int array_like, optional
+            Index of the camera of each pose, among those that an observer has.
         skip_bad : bool
             Leave out poses that are no rigid motion instead of raising.
 
         Raises
         ------
         PoseError
-            For a pose that is no rigid motion, naming its rows.
+            For a pose that is no rigid motion, naming its rows; for camera indices that are none.
         """
         skip_bad = flag("skip_bad_poses", skip_bad)
         if isinstance(poses, Poses):
+            if camera is not None:
+                indices = _camera_indices(camera, len(poses))
+                return Poses(poses.world_from_camera, poses.ids, poses.given, {}, indices)
             return poses
         matrices, faults = check_poses(poses)
         if faults and not skip_bad:
@@ -123,20 +141,57 @@ class Poses:
             others = f" (and {len(faults) - 1} more poses)" if len(faults) > 1 else ""
             raise PoseError(f"pose {row} {text}{others}", tuple(sorted(faults)))
         ids = np.arange(len(matrices))
+        indices = _camera_indices(0 if camera is None else camera, len(matrices))
         if not faults:
-            return cls(matrices, ids, matrices)
+            return cls(matrices, ids, matrices, {}, indices)
         ids = np.delete(ids, list(faults))
-        return cls(matrices[ids], ids, matrices, faults)
+        return cls(matrices[ids], ids, matrices, faults, indices[ids])
 
     def __len__(self) -> int:
         return len(self.ids)
 
     def __getitem__(self, rows: "slice | NDArray[Any]") -> "Poses":
         """Some of the poses, by their rows among the accepted ones."""
-        return Poses(self.world_from_camera[rows], self.ids[rows], self.given)
+        return Poses(
+            self.world_from_camera[rows], self.ids[rows], self.given, {}, self.camera[rows]
+        )
+
+    def by_camera(self) -> "Iterator[tuple[int, slice | NDArray[np.int64]]]":
+        """Index of each camera that is used, and rows of its poses; a slice where it has all."""
+        used = np.unique(self.camera)
+        if len(used) == 1:
+            yield int(used[0]), slice(None)
+            return
+        for index in used:
+            yield int(index), np.flatnonzero(self.camera == index)
+
+    def check_cameras(self, n_cameras: int) -> None:
+        """Raise `PoseError` if a pose has a camera beyond these."""
+        if len(self) and int(self.camera.max()) >= n_cameras:
+            row = int(self.camera.argmax())
+            raise PoseError(
+                f"pose {self.ids[row]} has camera {self.camera[row]}, but there are {n_cameras} "
+                "cameras, from 0; give all cameras, or correct the index"
+            )
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> FloatArray:
         return np.array(self.world_from_camera, dtype, copy=copy)
+
+
+def _camera_indices(camera: ArrayLike, n_poses: int) -> NDArray[np.int32]:
+    """(P,) indices of cameras; one number serves all poses."""
+    indices = checked_array(
+        "camera", camera, "iu", f"{n_poses} indices, one for each pose", PoseError
+    )
+    if indices.ndim == 0:
+        indices = np.broadcast_to(indices, n_poses)
+    if indices.shape != (n_poses,):
+        raise PoseError(
+            f"camera must have one index for each of {n_poses} poses, got shape {indices.shape}"
+        )
+    if n_poses and not 0 <= int(indices.min()) <= int(indices.max()) < 2**31:
+        raise PoseError(f"camera indices must be 0 or more, got {int(indices.min())}")
+    return indices.astype(np.int32)
 
 
 def inverse(poses: FloatArray) -> FloatArray:

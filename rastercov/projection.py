@@ -32,6 +32,7 @@ def to_image(points: FloatArray, camera: Camera) -> FloatArray:
     u = fx x/z + cx, v = fy y/z + cy, (3.2) with (3.5) put right. z must not be 0; points behind the
     camera come out mirrored: clip first.
     """
+    camera.check_pinhole()
     return points[..., :2] / points[..., 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
 
 

@@ -58,7 +58,7 @@ class Provenance:
                 "groups": [group.plain() for group in mesh.groups],
             },
             "poses": {"sha256": sha256(self.poses), "n_poses": len(self.poses)},
-            "camera": {k: v for k, v in asdict(self.camera).items() if v not in (None, ())},
+            "camera": self.camera.plain(),
             **{name: entry for name, entry in optional.items() if entry is not None},
             "versions": {
                 "python": platform.python_version(),

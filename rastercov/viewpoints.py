@@ -146,6 +146,7 @@ def half_angles(camera: Camera) -> tuple[float, float]:
 
     Where the axis is in the middle of the image these are the halves of the fields of view.
     """
+    camera.check_pinhole()
     across = min(camera.cx, camera.width - camera.cx) / camera.fx
     down = min(camera.cy, camera.height - camera.cy) / camera.fy
     if not (across > 0 and down > 0):

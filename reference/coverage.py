@@ -1,4 +1,4 @@
-"""Coverage with whole arrays: the twin of `rastercov.coverage_kernels`.
+"""Coverage with whole arrays: the twin of `rastercov.coverage_kernels` and `network_kernels`.
 
 E. S. Eissa. Image Space Coverage Model. 2020, section 3.3.
 """
@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from rastercov.camera import Camera
 from rastercov.coverage import FIGURES, Coverage
-from rastercov.coverage_kernels import ROW_TYPES, PairRows
 from rastercov.criteria import FaceGeometry, in_focus
 from rastercov.mesh import Mesh
+from rastercov.network_kernels import ROW_TYPES, PairRows
 from rastercov.observation import BoundKind, Observation
 from rastercov.reference.criteria import face_geometry
 from rastercov.task import Reason, Task

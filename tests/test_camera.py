@@ -9,9 +9,13 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+import rastercov as rc
+from rastercov import shapes
 from rastercov._checks import MAX_IMAGE_SIDE
 from rastercov.camera import Camera
 from rastercov.camera_file import PRESETS
+from rastercov.camera_models import MODELS
+from rastercov.criteria import face_geometry
 from rastercov.errors import CameraError
 
 INTRINSICS = {"width": 640, "height": 480, "fx": 500.0, "fy": 510.0}
@@ -126,7 +130,6 @@ def test_opencv_centre_of_the_top_left_pixel_is_the_origin():
         (np.diag([1, 1, 2]), r"K must be \[\["),
         (np.diag([1, 0, 1]), "fy must be positive"),
         (np.diag([np.nan, 1, 1]), "fx must be finite"),
-        ([[9, 1, 0], [0, 9, 0], [0, 0, 1]], "skew is not supported yet"),
     ],
 )
 def test_a_matrix_that_is_no_calibration_is_refused(K, match):
@@ -318,10 +321,73 @@ def test_no_distortion_may_be_said_in_zeros(distortion):
 
 
 @pytest.mark.parametrize("distortion", [1e-9, (0, 0.1), [0.0] * 40 + [2], np.full((1, 5), 0.1)])
-def test_distortion_is_never_ignored(distortion):
-    refused("distortion is not supported yet.*undistort", **INTRINSICS, distortion=distortion)
-    with pytest.raises(CameraError, match="distortion is not supported yet"):
-        Camera.from_opencv(Camera(**INTRINSICS).opencv_K, 640, 480, distortion)
+def test_distortion_needs_a_model(distortion):
+    refused("a pinhole has no distortion.*give model", **INTRINSICS, distortion=distortion)
+
+
+@pytest.mark.parametrize(
+    ("model", "n", "wanted"),
+    [
+        ("opencv", 1, "4 or 5 or 8 or 12 or 14 numbers .k1 k2 p1 p2 k3.*got 1"),
+        ("opencv", 41, "got 41"),
+        ("opencv_fisheye", 5, "0 or 4 numbers .k1 k2 k3 k4., got 5"),
+        ("fov", 0, "1 numbers .omega., got 0"),
+        ("equirectangular", 1, "0 numbers, got 1"),
+        ("OPENCV", 4, "model must be one of pinhole, opencv"),
+        (3, 4, "model must be one of"),
+    ],
+)
+def test_a_model_has_its_number_of_coefficients(model, n, wanted):
+    refused(wanted, **INTRINSICS, model=model, distortion=[0.1] * n)
+
+
+@pytest.mark.parametrize("n", [4, 5, 8, 12, 14])
+def test_an_opencv_calibration_keeps_its_coefficients(n):
+    coefficients = tuple(0.01 * k for k in range(1, n + 1))
+    K = [[500, 1.5, 319.5], [0, 490, 239.5], [0, 0, 1]]
+    camera = Camera.from_opencv(K, 640, 480, coefficients)
+    assert (camera.model, camera.distortion, camera.skew) == ("opencv", coefficients, 1.5)
+    assert not camera.is_pinhole
+    fisheye = Camera.from_opencv(K, 640, 480, coefficients[:4], fisheye=True)
+    assert (fisheye.model, fisheye.distortion) == ("opencv_fisheye", coefficients[:4])
+
+
+@pytest.mark.parametrize(("model", "its"), MODELS.items())
+def test_a_camera_of_any_model_survives_its_file(model, its, tmp_path):
+    n = len(its.coefficients.split())
+    camera = Camera(**INTRINSICS, model=model, distortion=[0.01] * n, skew=0.5, max_angle_deg=80)
+    camera.save(tmp_path / "camera.json")
+    assert Camera.load(tmp_path / "camera.json") == camera
+    assert not camera.is_pinhole
+
+
+def test_a_fisheye_and_a_tilted_sensor_have_no_plane_in_focus():
+    focus = {"focal_length": 0.01, "pixel_size": 1e-5, "aperture": 0.005, "focus_distance": 2}
+    refused("no plane in focus", **INTRINSICS, **focus, model="opencv_fisheye")
+    refused("tilted sensor", **INTRINSICS, **focus, model="opencv", distortion=[0] * 13 + [0.1])
+    Camera(**INTRINSICS, **focus, model="opencv", distortion=[0.1] * 12 + [0, 0])
+    Camera(**INTRINSICS, focus_range=(1, 2), model="opencv_fisheye")
+
+
+@pytest.mark.parametrize("angle", [0, -1, 181, math.nan, "wide"])
+def test_the_largest_angle_is_one(angle):
+    refused("max_angle_deg", **INTRINSICS, max_angle_deg=angle)
+
+
+def test_what_needs_a_pinhole_refuses_other_lenses():
+    mesh, pose = shapes.torus(8, 6), np.eye(4)[None]
+    for camera in (
+        Camera(**INTRINSICS, model="opencv", distortion=[0.1] * 4),
+        Camera(**INTRINSICS, skew=1e-9),
+        Camera(**INTRINSICS, max_angle_deg=30),
+    ):
+        for use in (rc.evaluate, rc.visibility, rc.regions):
+            with pytest.raises(CameraError, match="not supported here yet"):
+                use(mesh, camera, pose)
+        with pytest.raises(CameraError, match="not supported here yet"):
+            rc.open_rasterizer(mesh, camera, "cpu")
+        with pytest.raises(CameraError, match="not supported here yet"):
+            face_geometry(mesh, camera, pose[0])
 
 
 @pytest.mark.parametrize("distortion", ["k1", None, (0, "0"), (math.nan,), {"k1": 0.1}, [[0], "x"]])
@@ -332,7 +398,7 @@ def test_distortion_is_numbers(distortion):
 
 
 def test_skew_is_never_ignored():
-    refused("skew is not supported yet, got 0.1", **INTRINSICS, skew=0.1)
+    assert not Camera(**INTRINSICS, skew=0.1).is_pinhole
     refused("skew must be", **INTRINSICS, skew=math.nan)
 
 

@@ -39,6 +39,7 @@ SURFACE = {
     },
     "pose_file": set(),
     "raster.__init__": set(),
+    "rig": {"Cameras", "MOST_CAMERAS", "cameras_of", "check_scene", "only_camera"},
     "raster.contract": {"MAX_RENDERED", "MAX_SUPERSAMPLE", "check_counts", "check_picture"},
     "observation": set(),
     "observer": set(),
@@ -118,7 +119,7 @@ def test_every_parameter_of_a_function_is_documented_and_typed(name):
 
 
 VALUES = ["Camera", "Coverage", "Engine", "FaceCounts", "Group", "Mesh", "Observation", "Poses"]
-VALUES += ["RasterizerInfo", "Task", "Visibility", "VisibilityBuffer"]
+VALUES += ["RasterizerInfo", "Rig", "Task", "Visibility", "VisibilityBuffer"]
 VALUES += ["CellShares", "Cells", "Covered", "DeadZones", "Regions"]
 
 

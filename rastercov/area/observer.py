@@ -7,11 +7,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov._observers import ExactObserver
 from rastercov.area.regions import RegionPass, Regions
-from rastercov.camera import Camera
 from rastercov.engine import Engine
 from rastercov.mesh import Mesh
 from rastercov.observation import Observation
 from rastercov.pose import Poses
+from rastercov.rig import Cameras
 from rastercov.task import Task
 
 
@@ -33,15 +33,14 @@ class RegionObserver(ExactObserver):
         Faces whose regions are left out from now on, such as those of `RegionUnion.closed`.
     """
 
-    def __init__(self, mesh: Mesh, camera: Camera, task: Task, engine: Engine) -> None:
+    def __init__(self, mesh: Mesh, camera: Cameras, task: Task, engine: Engine) -> None:
         super().__init__(mesh, camera, engine.method, engine.threads)
         self._finder = RegionPass(mesh, camera, task, method=engine)
         self.closed: NDArray[np.bool_] = np.zeros(mesh.n_faces, np.bool_)
 
     def observe(self, poses: ArrayLike | Poses) -> RegionObservation:
         """Areas and regions of every face in each pose."""
-        self._check_open()
-        accepted = Poses.of(poses)
+        accepted = self._accepted(poses)
         n_poses, n_faces = len(accepted), self.mesh.n_faces
         self._check_memory(n_poses)
         areas = np.empty((3, n_poses, n_faces))

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._arguments import check_kind, check_scene
+from rastercov._arguments import check_kind
 from rastercov._threads import ScratchPool, share_poses, thread_count
 from rastercov.area.frames import frames_of, to_world
 from rastercov.camera import Camera
@@ -22,9 +22,10 @@ from rastercov.coverage import batch_size
 from rastercov.engine import Engine
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
-from rastercov.near_plane import limits
+from rastercov.near_plane import limits_of_poses
 from rastercov.observation import BoundKind
 from rastercov.pose import Poses
+from rastercov.rig import Cameras, cameras_of, check_scene
 from rastercov.task import Task
 
 FloatArray = NDArray[np.float64]
@@ -74,7 +75,7 @@ class Regions:
     """
 
     mesh: Mesh
-    camera: Camera
+    camera: Cameras
     task: Task
     pose_ids: NDArray[np.int64]
     xy: FloatArray
@@ -110,7 +111,7 @@ class Regions:
 
 def regions(
     mesh: Mesh,
-    camera: Camera,
+    camera: Cameras,
     poses: ArrayLike | Poses,
     task: Task | None = None,
     *,
@@ -122,7 +123,7 @@ def regions(
     Parameters
     ----------
     mesh, camera
-        The surface, and the camera that sees it.
+        The surface, and the camera that sees it, or several: see `Poses.camera`.
     poses : (P, 4, 4) array_like, or Poses
         world_from_camera.
     task : Task, optional
@@ -145,7 +146,7 @@ def regions(
 
 
 class RegionPass:
-    """Regions of one mesh through one camera by one task; any number of threads may use it.
+    """Regions of one mesh through its cameras by one task; any number of threads may use it.
 
     Parameters are those of `regions`.
     """
@@ -153,13 +154,14 @@ class RegionPass:
     def __init__(
         self,
         mesh: Mesh,
-        camera: Camera,
+        camera: Cameras,
         task: Task | None = None,
         *,
         method: str | Engine = "certified",
         threads: int | None = None,
     ) -> None:
         check_scene(mesh, camera)
+        cameras = cameras_of(camera)
         task = Task() if task is None else task
         check_kind("task", task, Task, "a Task or None", ConfigError)
         check_pointwise(task)
@@ -173,11 +175,11 @@ class RegionPass:
 
         certificate.compile_once()
         announce_compilation(region_kernels.cut_regions)
-        self.mesh, self.camera, self.task = mesh, camera, task
+        self.mesh, self.camera, self.cameras, self.task = mesh, camera, cameras, task
         self.threads = thread_count(engine.threads if threads is None else threads)
         is_certified = engine.method == "certified"
         self._scratch: ScratchPool[_Finder] = ScratchPool(
-            lambda: _Finder(mesh, camera, task, is_certified), self.threads
+            lambda: _Finder(mesh, cameras, task, is_certified), self.threads
         )
 
     def find(
@@ -201,7 +203,8 @@ class RegionPass:
         """
         matrices = poses.world_from_camera
         n_poses = len(matrices)
-        near, front_only, _ = limits(self.mesh, self.camera, matrices)
+        poses.check_cameras(len(self.cameras))
+        near, front_only, _ = limits_of_poses(self.mesh, self.cameras, poses)
         found: list[Any] = [None] * n_poses
 
         def worker(finder: _Finder) -> Callable[[slice], None]:
@@ -209,6 +212,7 @@ class RegionPass:
 
             def work(turn: slice) -> None:
                 for row in range(n_poses)[turn]:
+                    finder.take_camera(poses.camera[row])
                     found[row] = finder.find(matrices[row], near[row], front_only[row])
                     if areas is not None and kind is not None:
                         finder.copy_areas(areas[:, row], kind[row])
@@ -222,7 +226,7 @@ class RegionPass:
 
     def clipped(self, poses: Poses) -> NDArray[np.bool_]:
         """(P,) whether the near plane cuts away a surface in view."""
-        return limits(self.mesh, self.camera, poses.world_from_camera)[2]
+        return limits_of_poses(self.mesh, self.cameras, poses)[2]
 
     def close(self) -> None:
         """Release the scratch memory."""
@@ -257,7 +261,9 @@ class RegionPass:
 class _Finder:
     """Regions one pose at a time, with the scratch memory of one thread."""
 
-    def __init__(self, mesh: Mesh, camera: Camera, task: Task, is_certified: bool) -> None:
+    def __init__(
+        self, mesh: Mesh, cameras: Sequence[Camera], task: Task, is_certified: bool
+    ) -> None:
         from rastercov.area import plane_kernels, region_kernels
         from rastercov.criteria_kernels import read_only
         from rastercov.exact.certificate import CertificateSolver
@@ -267,7 +273,7 @@ class _Finder:
         solver_type = CertificateSolver if is_certified else HalfPlaneSolver
         self.kernels, self._planes_of = region_kernels, plane_kernels
         surface = surface_of(mesh)
-        self.solver = solver_type(surface, camera)
+        self.solver = solver_type(surface, cameras[0])
         # The solver has the targets behind the opaque faces.
         self._rows = surface.rows
         self._face_of: NDArray[np.int32] = np.arange(surface.n_faces, dtype=np.int32)
@@ -284,9 +290,17 @@ class _Finder:
                 read_only(is_asked, np.bool_),
             ]
         )
-        self.rules = _rules(camera, task, self.solver)
+        self._cameras, self._task, self._rules = cameras, task, dict[int, Any]()
         self._work = plane_kernels.scratch_for(mesh.n_faces)
         self._found = plane_kernels.room_for_found(1024, 8192, mesh.n_faces)
+
+    def take_camera(self, index: int) -> None:
+        """Find the regions of one of the cameras from now on."""
+        camera = self._cameras[index]
+        self.solver.set_camera(camera)
+        if index not in self._rules:
+            self._rules[index] = _rules(camera, self._task, self.solver)
+        self.rules = self._rules[index]
 
     def leave_out(self, closed: NDArray[np.bool_] | None) -> None:
         """Find no regions of some faces, (F,) bool, from now on."""

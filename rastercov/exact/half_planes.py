@@ -175,36 +175,12 @@ class HalfPlaneSolver:
         Largest number that image positions are computed from, pixels: rounding is relative to it.
     """
 
+    _camera: Camera | None = None
+
     def __init__(self, surface: Surface, camera: Camera) -> None:
         self.surface = surface
         n_faces, n_all = len(surface.faces), surface.n_faces
-        width, height = float(camera.width), float(camera.height)
-        fx, fy, cx, cy = map(float, (camera.fx, camera.fy, camera.cx, camera.cy))
-        # Off the axis, rounding of z moves a point in proportion to its distance from the axis.
-        steep = max(width * width / fx, height * height / fy)
-        self.coordinate_scale = max(width, height, fx, fy, abs(cx), abs(cy), steep)
-        across, down = max(cx, width - cx), max(cy, height - cy)
-        x, y = 1.5 * across / fx, 1.5 * down / fy
-        longest_ray = math.sqrt(1.0 + x * x + y * y)
-        self.camera = Pinhole(
-            rotation=np.eye(3),
-            centre=np.zeros(3),
-            near=1.0,
-            fx=fx,
-            fy=fy,
-            cx=cx,
-            cy=cy,
-            width=width,
-            height=height,
-            u_min=-CLIP_MARGIN * width - 1,
-            u_max=(1 + CLIP_MARGIN) * width + 1,
-            v_min=-CLIP_MARGIN * height - 1,
-            v_max=(1 + CLIP_MARGIN) * height + 1,
-            longest_ray=longest_ray,
-            pixel_error=UNIT_ROUNDING * self.coordinate_scale,
-            w_error_rel=UNIT_ROUNDING * (longest_ray / 2),
-            border=border_of(width, height),
-        )
+        self.set_camera(camera)
         self.area, self.visible, self.area_error = np.empty((3, n_all))
         self.is_certified: BoolArray = np.zeros(n_all, np.bool_)
         self._marks, self._extent = np.empty(n_faces, np.int32), np.empty(7)
@@ -253,6 +229,40 @@ class HalfPlaneSolver:
             levels=np.empty(STACK_ROOM, np.int64),
             intersections=np.empty((MOST_INTERSECTIONS, 7)),
             kept=room_for_kept(0, 0),
+        )
+
+    def set_camera(self, camera: Camera) -> None:
+        """Take another camera, for the poses from now on."""
+        if camera is self._camera:
+            return
+        camera.check_pinhole()
+        self._camera = camera
+        width, height = float(camera.width), float(camera.height)
+        fx, fy, cx, cy = map(float, (camera.fx, camera.fy, camera.cx, camera.cy))
+        # Off the axis, rounding of z moves a point in proportion to its distance from the axis.
+        steep = max(width * width / fx, height * height / fy)
+        self.coordinate_scale = max(width, height, fx, fy, abs(cx), abs(cy), steep)
+        across, down = max(cx, width - cx), max(cy, height - cy)
+        x, y = 1.5 * across / fx, 1.5 * down / fy
+        longest_ray = math.sqrt(1.0 + x * x + y * y)
+        self.camera = Pinhole(
+            rotation=np.eye(3),
+            centre=np.zeros(3),
+            near=1.0,
+            fx=fx,
+            fy=fy,
+            cx=cx,
+            cy=cy,
+            width=width,
+            height=height,
+            u_min=-CLIP_MARGIN * width - 1,
+            u_max=(1 + CLIP_MARGIN) * width + 1,
+            v_min=-CLIP_MARGIN * height - 1,
+            v_max=(1 + CLIP_MARGIN) * height + 1,
+            longest_ray=longest_ray,
+            pixel_error=UNIT_ROUNDING * self.coordinate_scale,
+            w_error_rel=UNIT_ROUNDING * (longest_ray / 2),
+            border=border_of(width, height),
         )
 
     def keep_pieces(self) -> None:

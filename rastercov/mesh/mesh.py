@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov._arguments import check_kind, members
-from rastercov._checks import finite_number, shown
 from rastercov._files import StrPath
 from rastercov.errors import MeshError
 from rastercov.mesh.arrays import (
@@ -25,11 +24,12 @@ from rastercov.mesh.arrays import (
     face_labels,
     frozen,
     normals_and_areas,
-    rotation_about,
     some,
 )
+from rastercov.mesh.diagnosis import size_in_words, surface_faults
 from rastercov.mesh.formats import LARGEST_FILE, metres_per, read_files
 from rastercov.mesh.groups import Group, checked_groups, flagged
+from rastercov.mesh.motion import moved_points, with_moved_faces
 from rastercov.mesh.topology import Topology, first_equal_row
 
 if TYPE_CHECKING:
@@ -38,39 +38,11 @@ if TYPE_CHECKING:
 __all__ = ["Group", "Mesh", "MeshSource"]
 
 DEPENDS_ON_TARGETS = {
-    "topology", "is_closed_outward", "can_cull_back_faces", "contacts", "_inside_out"
+    "topology", "is_closed_outward", "can_cull_back_faces", "contacts", "inside_out_mask"
 }  # fmt: skip
 """Cached properties of a mesh that depend on which faces are targets."""
 TRIMESH_GROUPS = "rastercov_groups"
 """Key of the groups in the metadata of a `trimesh.Trimesh`."""
-
-
-def size_in_words(extent: ArrayLike) -> str:
-    """Lengths in metres as text, such as "85 x 62 x 20 m": three digits, one unit for all."""
-    lengths = np.atleast_1d(np.asarray(extent, dtype=np.float64))
-    largest = float(lengths.max())
-    unit, factor = next(
-        (each for each in (("m", 1.0), ("mm", 1e3)) if largest * each[1] >= 1), ("µm", 1e6)
-    )
-    digits = int(np.clip(2 - np.floor(np.log10(largest * factor)), 0, 2)) if largest > 0 else 0
-    return " x ".join(_rounded(length * factor, digits) for length in lengths) + f" {unit}"
-
-
-def _rounded(value: float, digits: int) -> str:
-    """`value` with at most these decimals and no zeros at their end."""
-    text = f"{value:,.{digits}f}"
-    return text.rstrip("0").rstrip(".") if "." in text else text
-
-
-def _triple(name: str, values: ArrayLike) -> NDArray[np.float64]:
-    """(3,) finite numbers, or MeshError."""
-    try:
-        triple = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        triple = np.empty(0)
-    if triple.shape != (3,) or not np.isfinite(triple).all():
-        raise MeshError(f"{name} must be three finite numbers, got {shown(values)}; correct it")
-    return triple
 
 
 @dataclass(frozen=True)
@@ -356,43 +328,16 @@ class Mesh:
         MeshError
             A value is not finite or outside its range, or the result is no mesh.
         """
-        factor, angle = finite_number(scale), np.radians(finite_number(angle_deg))
-        direction, offset = _triple("axis", axis), _triple("translation", translation)
-        length = np.linalg.norm(direction)
-        if not factor > 0:
-            raise MeshError(f"scale must be a number above 0, got {shown(scale)}; correct it")
-        if not np.isfinite(angle):
-            raise MeshError(f"angle_deg must be a finite number, got {shown(angle_deg)}")
-        if not length > 0:
-            raise MeshError(f"axis must be a direction, got {direction.tolist()}; correct it")
-        with np.errstate(over="ignore", invalid="ignore"):  # the constructor finds what overflows
-            vertices = self.vertices * factor
-            if angle:
-                vertices = vertices @ rotation_about(direction, angle).T
-            vertices = vertices + offset
-        faces = self.faces
+        faces, vertices = (
+            self.faces,
+            moved_points(self.vertices, scale, axis, angle_deg, translation),
+        )
         if groups is not None:
-            vertices, faces = self._partly_replaced(vertices, groups)
+            moving = flagged(self.groups, groups, None, None)  # refuses unknown names
+            is_moved = np.array([group.is_occluder for group in moving])[self.face_group]
+            vertices, faces = with_moved_faces(self.vertices, vertices, faces, is_moved)
         others = {name: getattr(self, name) for name in self.__dataclass_fields__}
         return Mesh(**(others | {"vertices": vertices, "faces": faces}))
-
-    def _partly_replaced(
-        self, vertices: NDArray[np.float64], groups: Iterable[str]
-    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Vertices and faces of a mesh whose faces in these groups have other `vertices`."""
-        flags = flagged(self.groups, groups, None, None)  # refuses unknown names
-        in_groups = np.array([group.is_occluder for group in flags])[self.face_group]
-        is_used = np.zeros((2, self.n_vertices), bool)
-        for row, mask in enumerate((in_groups, ~in_groups)):
-            is_used[row, self.faces[mask]] = True
-        shared = np.flatnonzero(is_used.all(axis=0))
-        number = np.arange(self.n_vertices)
-        number[shared] = self.n_vertices + np.arange(len(shared))
-        faces = self.faces.copy()
-        faces[in_groups] = number[faces[in_groups]]
-        moves = is_used[0] & ~is_used[1]
-        kept = np.where(moves[:, None], vertices, self.vertices)
-        return np.concatenate([kept, vertices[shared]]), faces
 
     @property
     def n_faces(self) -> int:
@@ -565,7 +510,9 @@ class Mesh:
     @cached_property
     def is_closed_outward(self) -> bool:
         """True if closed, consistently wound, and no component is inside out."""
-        return bool(self.is_closed and self.is_consistently_wound and not self._inside_out.any())
+        return bool(
+            self.is_closed and self.is_consistently_wound and not self.inside_out_mask.any()
+        )
 
     @cached_property
     def contacts(self) -> "Contacts":
@@ -584,7 +531,7 @@ class Mesh:
         return self.contacts.faces_within_components()
 
     @cached_property
-    def _inside_out(self) -> NDArray[np.bool_]:
+    def inside_out_mask(self) -> NDArray[np.bool_]:
         """(C,) components of a closed, consistently wound mesh without positive volume."""
         part = self.topology.components()
         has_edges = np.zeros(int(part.max()) + 1, bool)
@@ -597,36 +544,20 @@ class Mesh:
 
         Open, overlapping or inconsistently wound targets are no faults: they hide nothing.
         """
+        found = list(self.notes)
         if self.has_targets:
-            found = list(self.notes)
             if not self.target_mask.all():
                 found += self.opaque.warnings
             n_flat = int((self.degenerate_mask & self.target_mask).sum())
             if n_flat:
                 found.append(f"{n_flat} degenerate faces of targets, without area")
             return tuple(found)
-        topology = self.topology
-        found = list(self.notes)
-        if topology.n_boundary_edges:
-            found.append(f"open surface: {topology.n_boundary_edges} boundary edges")
-        if topology.n_nonmanifold_edges:
-            found.append(f"{topology.n_nonmanifold_edges} edges have more than two faces")
-        if topology.n_inconsistent_edges:
-            share = topology.n_inconsistent_edges / topology.n_shared_edges
-            found.append(
-                f"inconsistent winding at {topology.n_inconsistent_edges} of "
-                f"{topology.n_shared_edges} shared edges ({share:.1%}); declare groups two_sided"
-            )
-        if self.is_closed and self.is_consistently_wound and self._inside_out.any():
-            found.append(
-                f"inside out: {self._inside_out.sum()} of {len(self._inside_out)} closed "
-                "components enclose no positive volume (a cavity does that, too)"
-            )
-        if self.is_closed_outward and self.self_contact_mask.any():
-            found.append(
-                f"the closed surface cuts or touches itself at {self.self_contact_mask.sum()} "
-                f"faces, face {self.self_contact_mask.argmax()} among them: its back may show"
-            )
+        is_oriented = self.is_closed and self.is_consistently_wound
+        found += surface_faults(
+            self.topology,
+            self.inside_out_mask if is_oriented else None,
+            self.self_contact_mask if self.is_closed_outward else None,
+        )
         if self.degenerate_mask.any():
             found.append(f"{self.degenerate_mask.sum()} degenerate faces without area")
         if self.duplicate_mask.any():

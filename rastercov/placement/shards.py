@@ -35,6 +35,7 @@ from rastercov.errors import ConfigError
 from rastercov.observer import Observer
 from rastercov.placement._arrays import FloatArray
 from rastercov.provenance import sha256
+from rastercov.rig import only_camera
 from rastercov.task import Task
 
 if TYPE_CHECKING:
@@ -87,7 +88,7 @@ def describe(
 
     That of a matrix of cells has their size under "cells", and counts them as faces.
     """
-    mesh, camera = observer.mesh, observer.camera
+    mesh, camera = observer.mesh, only_camera(observer.camera)
     groups = json.dumps([group.plain() for group in mesh.groups])
     if poses_a_shard is not None and (isinstance(poses_a_shard, bool) or poses_a_shard < 1):
         raise ConfigError(f"poses_a_shard must be 1 or more, got {poses_a_shard!r}")
@@ -96,7 +97,7 @@ def describe(
         "format": FORMAT,
         "rastercov": version("rastercov"),
         "mesh": sha256(mesh.vertices, mesh.faces, mesh.face_group, groups),
-        "camera": sha256(json.dumps(asdict(camera), sort_keys=True)),
+        "camera": sha256(json.dumps(camera.plain(), sort_keys=True)),
         "poses": sha256(poses),
         "task": asdict(task),
         "measured_by": asdict(observer.info),

@@ -50,6 +50,7 @@ from rastercov.plan.file import Plan
 from rastercov.plan.generators import PerCavity
 from rastercov.plan.requirements import OF, counting, goal_of
 from rastercov.plan.sections import SelectionSection
+from rastercov.rig import only_camera
 from rastercov.task import Reason, Task
 
 FloatArray = NDArray[np.float64]
@@ -188,7 +189,7 @@ def prepare(
 
     The elements of the matrix are the cells where there are some, and the faces otherwise.
     """
-    mesh, camera = observer.mesh, observer.camera
+    mesh, camera = observer.mesh, only_camera(observer.camera)
     elements: Mesh | Cells = mesh if cells is None else cells
     goal: Goal = BestCoverage(cameras=0)
     notes: list[str] = []

@@ -53,6 +53,7 @@ class SampleGrid:
     """
 
     def __init__(self, camera: Camera, supersample: int = 1, roll: float = 0.0) -> None:
+        camera.check_pinhole()
         self.supersample = scale = int(supersample)
         angle = math.remainder(roll, math.pi / 2)
         self._c, self._s = c, s = math.cos(angle), math.sin(angle)

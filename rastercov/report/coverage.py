@@ -58,6 +58,7 @@ from rastercov.report.images import (
     pose_title,
     save_picture,
 )
+from rastercov.rig import Cameras
 from rastercov.task import Task
 
 LOG = logging.getLogger("rastercov")
@@ -249,7 +250,7 @@ def _run(
 
 
 def _observer(
-    mesh: Mesh, camera: Camera, task: Task, engine: Engine, areas: AreaNetwork | None
+    mesh: Mesh, camera: Cameras, task: Task, engine: Engine, areas: AreaNetwork | None
 ) -> Any:
     """Observer by the method, which finds regions, too, where the result is by area."""
     if areas is None:

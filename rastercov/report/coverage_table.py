@@ -23,7 +23,7 @@ from rastercov.observation import BoundKind
 from rastercov.task import Reason
 
 if TYPE_CHECKING:
-    from rastercov.coverage_kernels import PairRows
+    from rastercov.network_kernels import PairRows
 
 CODES = {"visibility_kind": BoundKind, "reason": Reason}
 """Columns that are written by name."""

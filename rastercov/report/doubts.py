@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
-from rastercov.mesh.mesh import size_in_words
+from rastercov.mesh.diagnosis import size_in_words
 from rastercov.near_plane import near_limit
 from rastercov.network import Network
 

@@ -8,7 +8,7 @@ from rich.text import Text
 
 from rastercov._format import area
 from rastercov.area.network import in_words
-from rastercov.mesh.mesh import size_in_words
+from rastercov.mesh.diagnosis import size_in_words
 
 BY_FACE = ("faces", "covered %", "by area %", "uncovered", "at zero")
 BY_AREA = ("area", "covered %", "faces", "not whole", "at zero")

@@ -14,6 +14,7 @@ from rastercov.criteria import face_geometry
 from rastercov.mesh import Mesh
 from rastercov.observer import Observer
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
+from rastercov.rig import only_camera
 from rastercov.task import Task
 
 SEEN_NOTHING = 1e-6
@@ -111,7 +112,7 @@ def batches_in_view(
         block = poses[start : start + POSES_A_STEP]
         facing = np.empty(len(block), np.bool_)
         for row, pose in enumerate(block):  # a tenth of a millisecond for a hundred faces
-            seen = face_geometry(part, observer.camera, pose)
+            seen = face_geometry(part, only_camera(observer.camera), pose)
             in_image = (seen.in_view_fraction > 0) | seen.in_view
             facing[row] = bool((seen.is_front & in_image).any())
         rows = np.flatnonzero(facing)

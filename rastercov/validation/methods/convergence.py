@@ -113,7 +113,7 @@ def converge(
                 started = time.perf_counter()
                 seen = observer.observe(faces.pose[None])
                 spent += time.perf_counter() - started
-                value = FacePass(mesh, lens, 1).fractions(seen, Poses.of(faces.pose))[0][0]
+                value = FacePass(mesh, (lens,), 1).fractions(seen, Poses.of(faces.pose))[0][0]
                 off = value[faces.face[rows]] - faces.truth[rows]
                 square[level, done : done + len(rows)] = off**2
                 done += len(rows)

@@ -1,0 +1,170 @@
+"""Rigs: poses that each have their own camera are measured as by an observer of that camera."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rastercov import shapes
+from rastercov.area.observer import RegionObserver
+from rastercov.area.regions import regions
+from rastercov.camera import Camera
+from rastercov.coverage import FIGURES, evaluate
+from rastercov.engine import Engine
+from rastercov.errors import CameraError, ConfigError, PoseError
+from rastercov.network import Network
+from rastercov.observer import open_observer, visibility
+from rastercov.pose import Poses
+from rastercov.rig import Rig, cameras_of, only_camera
+from rastercov.task import Task
+from rastercov.viewpoints import look_at, sphere_of_poses
+
+MESH = shapes.torus(24, 12)
+WIDE = Camera(width=160, height=120, fx=90, fy=90)
+LONG = Camera(width=240, height=240, fx=400, fy=400, cx=100, near=0.5, focus_range=(2, 6))
+TALL = Camera(width=60, height=200, fx=120, fy=130)
+CAMERAS = (WIDE, LONG, TALL)
+TASK = Task(min_pixels=4)
+POSES = sphere_of_poses((0, 0, 0), 4.0, 9)
+
+assignments = st.lists(st.integers(0, 2), min_size=9, max_size=9)
+methods = pytest.mark.parametrize("method", ["certified", "exact", "sampled:cpu@2"])
+
+
+def rows_of(indices, camera):
+    return np.flatnonzero(np.array(indices) == camera)
+
+
+@methods
+@given(indices=assignments)
+def test_each_pose_has_the_figures_of_its_own_camera(method, indices):
+    together = evaluate(MESH, CAMERAS, Poses.of(POSES, camera=indices), TASK, method=method)
+    for number, camera in enumerate(CAMERAS):
+        rows = rows_of(indices, number)
+        alone = evaluate(MESH, camera, POSES[rows], TASK, method=method)
+        for name in FIGURES:
+            np.testing.assert_array_equal(getattr(together, name)[rows], getattr(alone, name))
+        np.testing.assert_array_equal(together.clipped[rows], alone.clipped)
+
+
+@methods
+def test_a_network_adds_up_cameras_of_several_kinds(method):
+    poses = Poses.of(POSES, camera=[0, 1, 2, 2, 1, 0, 0, 1, 2])
+    added, judged = Network(MESH, TASK), Network(MESH, TASK)
+    added.add(evaluate(MESH, CAMERAS, poses, TASK, method=method))
+    with open_observer(MESH, CAMERAS, method) as observer:
+        judged.add_poses(observer, poses)
+    assert added.summary() == judged.summary()
+    np.testing.assert_array_equal(added.best_pose, judged.best_pose)
+
+
+@given(indices=assignments)
+def test_each_pose_has_the_regions_of_its_own_camera(indices):
+    together = regions(MESH, CAMERAS, Poses.of(POSES, camera=indices))
+    areas, bounds = together.areas(), together.bounds()
+    for number, camera in enumerate(CAMERAS):
+        rows = rows_of(indices, number)
+        alone = regions(MESH, camera, POSES[rows])
+        np.testing.assert_array_equal(areas[rows], alone.areas())
+        np.testing.assert_array_equal(bounds[rows], alone.bounds())
+
+
+def test_an_observer_of_regions_takes_several_cameras():
+    poses = Poses.of(POSES, camera=[2, 1, 0] * 3)
+    with (
+        RegionObserver(MESH, CAMERAS, Task(), Engine()) as finder,
+        open_observer(MESH, CAMERAS) as observer,
+    ):
+        found, known = finder.observe(poses), observer.observe(poses)
+    np.testing.assert_array_equal(found.visible_pixels, known.visible_pixels)
+    np.testing.assert_array_equal(found.kind, known.kind)
+    np.testing.assert_array_equal(found.regions.areas(), regions(MESH, CAMERAS, poses).areas())
+
+
+def test_more_cameras_than_open_rasterisers():
+    cameras = [Camera(width=20 + k, height=30, fx=40, fy=40) for k in range(20)]
+    poses = np.repeat(POSES[:1], 40, axis=0)
+    indices = [*range(20), *reversed(range(20))]
+    seen = visibility(MESH, cameras, Poses.of(poses, camera=indices), "sampled:cpu")
+    np.testing.assert_array_equal(seen.value[:20], seen.value[:19:-1])
+    alone = visibility(MESH, cameras[7], poses[:1], "sampled:cpu")
+    np.testing.assert_array_equal(seen.value[7], alone.value[0])
+
+
+def test_a_slice_of_poses_keeps_their_cameras():
+    poses = Poses.of(POSES, camera=np.arange(9) % 3)
+    np.testing.assert_array_equal(poses[2:5].camera, [2, 0, 1])
+    np.testing.assert_array_equal(poses[np.array([8, 0])].camera, [2, 0])
+    assert Poses.of(POSES).camera.tolist() == [0] * 9
+    assert Poses.of(poses) is poses
+    assert Poses.of(Poses.of(POSES), camera=1).camera.tolist() == [1] * 9
+
+
+def test_poses_left_out_take_their_cameras_with_them():
+    matrices = POSES.copy()
+    matrices[4, 0, 0] = 5.0
+    poses = Poses.of(matrices, camera=np.arange(9), skip_bad=True)
+    assert poses.ids.tolist() == poses.camera.tolist() == [0, 1, 2, 3, 5, 6, 7, 8]
+
+
+def test_a_rig_carries_its_cameras():
+    turned = look_at((0.1, 0, 0), (0.1, 0, 1), (0, -1, 0))[0]
+    rig = Rig([WIDE, LONG], ["left", "right"], [np.eye(4), turned])
+    poses = rig.poses(POSES[:3])
+    assert poses.camera.tolist() == [0, 1] * 3
+    np.testing.assert_array_equal(poses.world_from_camera[::2], POSES[:3])
+    np.testing.assert_allclose(poses.world_from_camera[3], POSES[1] @ turned, atol=1e-15)
+    assert evaluate(MESH, rig, poses).camera is rig
+    assert cameras_of(rig) == (WIDE, LONG)
+    assert len(rig) == 2
+
+
+@pytest.mark.parametrize(
+    ("camera", "text"),
+    [
+        ([], "1 to"),
+        ([WIDE, "khepra"], "must be a Camera"),
+        ("khepra", "must be a Camera"),
+        (3, "must be a Camera"),
+    ],
+)
+def test_what_is_no_camera_is_refused(camera, text):
+    with pytest.raises(CameraError, match=text):
+        evaluate(MESH, camera, POSES)
+
+
+@pytest.mark.parametrize(
+    ("camera", "text"),
+    [
+        ([0, 1], "one index for each of 9"),
+        ([0] * 8 + [-1], "0 or more, got -1"),
+        ([0.5] * 9, "9 indices"),
+        ([2**40] * 9, "0 or more"),
+    ],
+)
+def test_indices_that_are_none_are_refused(camera, text):
+    with pytest.raises(PoseError, match=text):
+        Poses.of(POSES, camera=camera)
+
+
+@methods
+def test_a_camera_that_is_not_there_is_refused(method):
+    poses = Poses.of(POSES, camera=[0] * 8 + [2])
+    with pytest.raises(PoseError, match="pose 8 has camera 2, but there are 2"):
+        evaluate(MESH, CAMERAS[:2], poses, method=method)
+    with pytest.raises(PoseError, match="pose 8 has camera 2, but there are 2"):
+        regions(MESH, CAMERAS[:2], poses)
+
+
+@pytest.mark.parametrize("names", [["a"], ["a", "a"], ["a", ""], ["a", 3]])
+def test_names_of_a_rig_are_different_texts(names):
+    with pytest.raises(CameraError, match="texts"):
+        Rig([WIDE, LONG], names)
+
+
+def test_one_camera_is_asked_for_by_name():
+    assert only_camera(WIDE) is only_camera([WIDE]) is WIDE
+    with pytest.raises(CameraError, match="one camera is wanted here, got 3"):
+        only_camera(CAMERAS)
+    with pytest.raises(ConfigError):
+        evaluate(MESH, CAMERAS, POSES, method="unknown")
