@@ -39,7 +39,11 @@ CASES = [
     ("division", *colmap("DIVISION")),
     ("omni", kalibr("omni", [0.9, 900, 900, 640, 512], RADTAN), (0.9, *RADTAN)),
     ("eucm", kalibr("eucm", [0.6, 1.1, 480, 480, 640, 512], RADTAN), (0.6, 1.1, *RADTAN)),
-    ("double_sphere", kalibr("ds", [-0.2, 0.55, 480, 480, 640, 512], RADTAN), (-0.2, 0.55, *RADTAN)),
+    (
+        "double_sphere",
+        kalibr("ds", [-0.2, 0.55, 480, 480, 640, 512], RADTAN),
+        (-0.2, 0.55, *RADTAN),
+    ),
     ("metashape", *metashape("frame")),
     ("metashape_fisheye", *metashape("fisheye")),
     ("metashape_equisolid", *metashape("equisolid_fisheye")),
