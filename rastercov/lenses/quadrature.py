@@ -131,7 +131,7 @@ def edge_table(plane: IdealPlane, tolerance: float = 1e-9) -> EdgeTable:
     Raises
     ------
     CameraError
-        If the lens has a pole on its valid region.
+        If no bound of the lens is found on its valid region: it reaches a pole, or nearly.
     """
     reaches = plane.reaches()
     longest = np.zeros(MOST + 1)
@@ -139,8 +139,8 @@ def edge_table(plane: IdealPlane, tolerance: float = 1e-9) -> EdgeTable:
         longest[n] = max((_longest(tolerance, n, *found) for found in reaches), default=0.0)
     if not longest[MOST] > 0:
         raise CameraError(
-            "the lens must be analytic on its valid region, and it has a pole there: "
-            "give a smaller max_angle_deg"
+            "the lens must be bounded around its valid region, which reaches a pole of it, or "
+            "89.9 degrees from the axis: give a smaller max_angle_deg"
         )
     # Cost of a length: values are n a part, and products n^2 / 2, which are a tenth of a value.
     cost = [n * (1 + n / 20) / max(longest[n], 1e-300) for n in range(FEWEST, MOST + 1)]

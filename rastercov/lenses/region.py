@@ -31,8 +31,9 @@ from rastercov.lenses.kernels import SECTORS, base_points, rays_of, unproject_ma
 
 FloatArray = NDArray[np.float64]
 
-WIDEST_DEG = 179.0
-"""Largest angle from the axis: the opposite ray has a circle of pixels."""
+WIDEST_DEG = 175.0
+"""Largest angle from the axis: the opposite ray has a circle of pixels, and next to it edges bend
+without limit. No lens sees that far."""
 PLANE_DEG = 89.9
 """Largest angle from the axis of a base on a plane in front of the camera."""
 NARROWEST = 1e-12
@@ -182,15 +183,18 @@ def with_region(
     params = given.copy()
     if code == lens.EQUIRECT:
         params[lens.LIMIT], params[lens.SLOPE] = math.inf, 0.0
-        return params, math.pi, True
+        rays = np.empty((4 * BORDER, 3))
+        unproject_many(code, params, border_pixels(width, height), rays)
+        return params, math.pi, bool(np.isfinite(rays).all())
     top = min(base_limit(code, params), math.pi if max_angle is None else max_angle)
     edge = base_radius(code, params, top)
     # The distortion of a BACKWARD lens acts on the image: how far, the image itself says.
     points = np.empty((4 * BORDER, 2))
     if code == lens.BACKWARD:
         reached = _sensor_radius(params, width, height)
-        inner = certified_radius(params, MARGIN * reached)
-        limit = forward_radius(params, inner) if inner > 0.0 else 0.0
+        inner = certified_radius(params, MARGIN * MARGIN * reached)
+        # Below the limit by more than rounding, so that the inverse has an answer at the border.
+        limit = BELOW_LIMIT * forward_radius(params, inner) if inner > 0.0 else 0.0
         params[lens.LIMIT] = inner
     else:
         inner = limit = certified_radius(params, edge)

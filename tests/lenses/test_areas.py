@@ -173,3 +173,35 @@ def test_a_lens_with_a_pole_in_its_region_has_no_table():
     bad.params[26] = 0.5  # a division lens, used beyond its fold
     with pytest.raises(CameraError, match="max_angle_deg"):
         edge_table(bad)
+
+
+@pytest.mark.parametrize("limit", [None, 95.0])
+def test_image_circle_of_a_fisheye_leaves_the_corners_blind(limit):
+    lens = make_lens("equidistant", 900, 800, fx=120, fy=120, max_angle_deg=limit)
+    angle = math.radians(limit or 175.0)
+    assert lens.valid_angle == pytest.approx(angle, rel=1e-5)
+    assert not lens.is_whole
+    circle = math.pi * (120 * angle) ** 2
+    assert 900 * 800 - blind_area(lens) == pytest.approx(circle, rel=1e-3)
+
+
+@pytest.mark.parametrize("base", ["fov", "division"])
+def test_lenses_on_a_plane_may_see_up_to_its_horizon(base):
+    lens = make_lens(base, 1280, 1024, fx=90, fy=90, of_base=(0.9,) if base == "fov" else (-0.2,))
+    assert math.degrees(lens.valid_angle) > 89
+    assert len(lens.planes) == 5
+    assert 0 < blind_area(lens) < 1280 * 1024
+    total = sum(
+        polygon_areas(lens, plane, on_plane(plane, room(2))).inside.sum() for plane in lens.planes
+    )
+    assert abs(total + blind_area(lens) - 1280 * 1024) <= 1e-6
+
+
+def test_pixels_beyond_a_panorama_see_nothing():
+    lens = sources.equirectangular(1000, 500, 900, 450)
+    assert not lens.is_whole
+    assert blind_area(lens) == pytest.approx(1000 * 500 - 900 * 450)
+    assert np.isnan(lens.unproject([950.0, 200.0])).all()
+    part = make_lens("equirectangular", 500, 400, fx=300, fy=300)
+    assert part.is_whole
+    assert abs(blind_area(part)) < 1e-8
