@@ -25,6 +25,8 @@ CELLS = 24
 """Cells of a side of a plane's bounding box over which bounds are taken."""
 INVERSE_CELLS = 64
 """The same for a lens that is inverted by Krawczyk's test, which needs smaller cells."""
+SAME_CORNER = 1e-9
+"""Distance of corners of a region that are one, in units of the plane."""
 DEEPEST_CELL, MOST_CELLS = 6, 20_000
 """Divisions of a cell that is too large for a bound, and cells at which they end."""
 RADII = tuple(np.geomspace(1e-3, 1.5, 24).tolist())
@@ -200,7 +202,10 @@ def _on_plane(slope: float, frame: FloatArray, box: FloatArray) -> tuple[FloatAr
         polygon = keep(polygon, a, b, c)
         if len(polygon) < 3:
             return np.empty((0, 2)), slope > 0
-    return polygon, slope > 0
+    # Corners of the cone lie on edges of the cube. What rounding makes two corners of would be an
+    # edge without a direction.
+    size = np.abs(polygon - np.roll(polygon, 1, axis=0)).max(axis=1)
+    return polygon[size > SAME_CORNER], slope > 0
 
 
 def ideal_planes(

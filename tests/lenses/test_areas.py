@@ -205,3 +205,16 @@ def test_pixels_beyond_a_panorama_see_nothing():
     part = make_lens("equirectangular", 500, 400, fx=300, fy=300)
     assert part.is_whole
     assert abs(blind_area(part)) < 1e-8
+
+
+@pytest.mark.parametrize("name", LENSES)
+def test_regions_and_holes_are_convex_with_edges_that_have_a_direction(name):
+    for plane in LENSES[name].planes:
+        for polygon in (plane.region, plane.hole):
+            if polygon is None:
+                continue
+            side = np.roll(polygon, -1, axis=0) - polygon
+            assert np.hypot(*side.T).min() > 5e-10
+            following = np.roll(side, -1, axis=0)
+            turn = side[:, 0] * following[:, 1] - side[:, 1] * following[:, 0]
+            assert (turn > -1e-12).all()
