@@ -18,6 +18,7 @@ import numpy as np
 
 from rastercov._checks import shown
 from rastercov._files import StrPath, UnreadableError, printable
+from rastercov._format import plural
 from rastercov._output import json_bytes, write_bytes
 from rastercov.camera_formats import (
     bundler,
@@ -300,10 +301,10 @@ def _contents(path: Path, views: Views, target: str) -> tuple[dict[str, bytes], 
     assert its is not None
     for camera, name in zip(rig, its.names, strict=True):
         if fields := lost(camera):
-            notes.append(f"{name}: {', '.join(fields)} cannot be kept")
+            notes.append(f"{name}: left out: {', '.join(fields)}")
     if target in OF_ONE_CAMERA:
         if n_poses:
-            notes.append(f"{n_poses} poses cannot be kept: the format has none")
+            notes.append(f"left out: {plural(n_poses, 'pose')}, which the format does not hold")
         module = opencv if target == "opencv" else ros
         return {"": module.text_of(views).encode()}, notes
     if views.has_unit and n_poses and target not in IN_METRES:
@@ -312,7 +313,7 @@ def _contents(path: Path, views: Views, target: str) -> tuple[dict[str, bytes], 
         from rastercov.camera_formats import frusta  # loads the equations of lenses
 
         for camera, name in zip(rig, its.names, strict=True):
-            notes.append(f"{name}: {', '.join(frusta.lost(camera))} cannot be kept")
+            notes.append(f"{name}: left out: {', '.join(frusta.lost(camera))}")
         return {"": frusta.glb_of(views)}, notes
     if target == "nerfstudio":
         return {"": json_bytes(transforms.content_of(views), indent=1) + b"\n"}, notes

@@ -213,7 +213,7 @@ class Border:
         """
         matrices = np.asarray(world_from_camera, dtype=np.float64).reshape(-1, 4, 4)
         has_lengths = len(matrices) > 0 or rig_from_camera is not None
-        if metres is None:
+        if metres is None and has_lengths:
             metres = self.metres()
         factor = scale * (1.0 if metres is None else metres)
         poses = Poses.of(

@@ -43,7 +43,7 @@ def lost(camera: Camera) -> list[str]:
     """Parts of this camera that glTF's own does not hold."""
     is_middle = (camera.cx, camera.cy) == (camera.width / 2, camera.height / 2)
     lost = ["image size"] + ([] if is_middle else ["principal point"])
-    return lost + (["lens, which only the lines show"] if not camera.is_pinhole else [])
+    return lost + (["lens (only the lines show it)"] if not camera.is_pinhole else [])
 
 
 def glb_of(views: Views, length: float | None = None) -> bytes:

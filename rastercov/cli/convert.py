@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from rastercov._format import plural
 from rastercov.camera_formats import READERS, WRITERS, format_of, read_views, write_views
 from rastercov.camera_formats.conventions import Conventions
 from rastercov.cli import options
@@ -73,4 +74,4 @@ def convert(
     if as_json:
         print(json.dumps(result, indent=2))
     else:
-        print(f"{len(names)} cameras, {len(views.poses)} poses: {target}")
+        print(f"{plural(len(names), 'camera')}, {plural(len(views.poses), 'pose')}: {target}")

@@ -83,9 +83,10 @@ def test_a_missing_size_is_asked_for(tmp_path):
 
 def test_an_answer_that_is_not_needed_is_noted_and_changes_nothing(tmp_path):
     path = storage(tmp_path / "c.yml", image_width=640, image_height=480, K=K, D=BROWN[:5])
-    views = read_views(path, conventions=Conventions(image_size=(9, 9), pixel_centre=0.5))
+    answers = Conventions(image_size=(9, 9), pixel_centre=0.5, pose_unit="mm")
+    views = read_views(path, conventions=answers)
     assert (views.camera().width, views.camera().cx) == (640, 318.75)
-    assert sum("was not used" in note for note in views.notes) == 2
+    assert sum("was not used" in note for note in views.notes) == 3
 
 
 @pytest.mark.parametrize("pair", [("K1 K2", "D1 D2"), ("K_left K_right", "D_left D_right"),
