@@ -52,10 +52,10 @@ class Views:
     has_unit: bool = True
 
     def __post_init__(self) -> None:
+        check_kind("poses", self.poses, Poses, "Poses (Poses.of makes them)", PoseError)
         if self.rig is not None:
             check_kind("rig", self.rig, Rig, "a Rig, or None", CameraError)
             self.poses.check_cameras(len(self.rig))
-        check_kind("poses", self.poses, Poses, "Poses (Poses.of makes them)", PoseError)
         for name in ("images", "notes"):
             words = members(name, getattr(self, name), str, "texts", CameraError)
             object.__setattr__(self, name, words)

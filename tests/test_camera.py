@@ -293,7 +293,7 @@ def test_near_may_be_0_and_may_be_whole():
         ("come together", LENS | {"aperture": 1e-3}),
         ("come together", LENS | {"focus_distance": 1.0}),
         ("come together", LENS | {"f_number": 2.0}),
-        ("aperture need the focal length in metres", INTRINSICS | FOCUS),
+        ("aperture needs? ", INTRINSICS | FOCUS),
         ("f_number or aperture, not both", LENS | FOCUS | {"f_number": 2.0}),
         ("focus_range or aperture, not both", LENS | FOCUS | {"focus_range": (1, 2)}),
         ("principal_point or cx", LENS | {"principal_point": (1e-3, 1e-3), "cx": 3.0}),

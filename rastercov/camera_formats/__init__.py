@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from rastercov._checks import shown
-from rastercov._files import StrPath, UnreadableError, printable
+from rastercov._arguments import check_choice, check_kind, flag
+from rastercov._files import StrPath, UnreadableError, one_line, printable
 from rastercov._format import plural
 from rastercov._output import json_bytes, write_bytes
 from rastercov.camera_formats import (
@@ -116,21 +116,18 @@ def read_views(
     ConfigError
         For a format that does not exist.
     """
-    border = Border(conventions or Conventions())
+    given = Conventions() if conventions is None else conventions
+    check_kind("conventions", given, Conventions, "Conventions, or None", ConfigError)
+    border = Border(given)
     views = read_through(path, border, format)
     return replace(views, notes=(*views.notes, *border.unused()))
 
 
 def read_through(path: StrPath, border: Border, format: str | None = None) -> Views:
     """Views of a file as `read_views` reads it, with answers that other files may share."""
-    try:
-        place = Path(os.fspath(path))
-    except TypeError:
-        raise CameraError(
-            f"a path wanted, got {type(path).__name__}; pass a string or a Path"
-        ) from None
-    if format is not None and format not in READERS:
-        raise ConfigError(f"format must be one of {', '.join(READERS)}, got {shown(format)}")
+    place = _path(path)
+    if format is not None:
+        check_choice("format", format, tuple(READERS))
     name = printable(str(path))
     try:
         place, found = _recognised(place, format)
@@ -141,7 +138,13 @@ def read_through(path: StrPath, border: Border, format: str | None = None) -> Vi
     except RastercovError as error:
         raise type(error)(f"{name}: {error}") from None
     except (UnreadableError, OSError) as error:
-        raise CameraError(f"{name}: {error}") from None
+        raise CameraError(f"{name}: {one_line(error)}") from None
+
+
+def _path(path: StrPath) -> Path:
+    if not isinstance(path, str | os.PathLike) or isinstance(os.fspath(path), bytes):
+        raise CameraError(f"a path wanted, got {type(path).__name__}; pass a string or a Path")
+    return Path(path)
 
 
 def _recognised(path: Path, format: str | None) -> tuple[Path, str]:
@@ -261,10 +264,12 @@ def write_views(
         For a file that is there already, poses without a unit for a format that is in metres, and
         a format that does not exist.
     """
-    place, target = Path(path), format or format_of(path)
+    place = _path(path)
+    check_kind("views", views, Views, "Views (read_views reads a file)", CameraError)
+    overwrite = flag("overwrite", overwrite)
+    target = format_of(place) if format is None else format
     name = printable(str(path))
-    if target not in WRITERS:
-        raise ConfigError(f"format must be one of {', '.join(WRITERS)}, got {shown(target)}")
+    check_choice("format", target, WRITERS)
     if target in IN_METRES and not views.has_unit:
         raise ConfigError(f"{name} is in metres, and the poses have no unit; give --pose-unit")
     try:
@@ -278,8 +283,9 @@ def write_views(
     except RastercovError as error:
         prefix = "" if str(error).startswith(name) else f"{name}: "
         raise type(error)(f"{prefix}{error}") from None
-    except OSError as error:
-        raise ConfigError(f"{name}: cannot be written ({error.strerror or error})") from None
+    except (OSError, ValueError) as error:  # ValueError: a zero byte in the path
+        reason = getattr(error, "strerror", None) or one_line(error)
+        raise ConfigError(f"{name}: cannot be written ({reason})") from None
     return notes
 
 

@@ -14,7 +14,7 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 
 from rastercov._checks import image_side, shown
-from rastercov._files import StrPath, UnreadableError, open_file
+from rastercov._files import StrPath, UnreadableError, open_file, printable
 from rastercov.camera import Camera
 from rastercov.camera_formats.colmap_models import BY_ID, IDS, ColmapModel, camera_of
 from rastercov.camera_formats.conventions import Border
@@ -55,6 +55,8 @@ def read(path: Path, border: Border) -> Views:
         table = _one_file(path, _cameras_of(path.suffix == ".bin"))
         cameras, _ = _ordered(table)
         return border.views(cameras, _names(sorted(table)))
+    if not path.exists():
+        raise CameraError("cannot be read (No such file or directory)")
     folder = model_folder(path)
     if folder is None:
         raise CameraError("a COLMAP model wanted, got a folder without cameras.bin or cameras.txt")
@@ -104,7 +106,7 @@ def _ordered(table: dict[int, Camera]) -> tuple[list[Camera], dict[int, int]]:
 
 def _one_file(path: StrPath, parse: Any) -> Any:
     """Result of `parse` on a file; errors name the file."""
-    name = Path(path).name
+    name = printable(Path(path).name)
     try:
         with open_file(path, LARGEST_FILE) as file:
             return parse(file)

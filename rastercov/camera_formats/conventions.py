@@ -11,7 +11,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._arguments import flag
+from rastercov._arguments import check_choice, flag
 from rastercov._checks import finite_number, image_side, shown, two
 from rastercov._files import printable
 from rastercov.camera import Camera
@@ -76,15 +76,12 @@ class Conventions:
     skip_bad_poses: bool = False
 
     def __post_init__(self) -> None:
-        if self.pixel_centre is not None and self.pixel_centre not in (0, 0.5):
+        if self.pixel_centre is not None and finite_number(self.pixel_centre) not in (0, 0.5):
             raise ConfigError(f"pixel centre must be 0 or 0.5, got {shown(self.pixel_centre)}")
-        if self.lens_model is not None and self.lens_model not in LENS_MODELS:
-            raise ConfigError(f"lens model must be brown or fisheye, got {shown(self.lens_model)}")
-        if self.pose_convention is not None and self.pose_convention not in POSE_CONVENTIONS:
-            known = ", ".join(POSE_CONVENTIONS)
-            raise ConfigError(
-                f"pose convention must be one of {known}, got {shown(self.pose_convention)}"
-            )
+        if self.lens_model is not None:
+            check_choice("lens model", self.lens_model, LENS_MODELS)
+        if self.pose_convention is not None:
+            check_choice("pose convention", self.pose_convention, tuple(POSE_CONVENTIONS))
         if self.pose_unit is not None:
             metres_per(self.pose_unit)
         for name in ("original_world", "skip_bad_poses"):

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rastercov._files import printable
 from rastercov.camera import Camera
 from rastercov.camera_formats.conventions import Border, inverse_of
 from rastercov.camera_formats.entries import checked
@@ -39,7 +40,7 @@ def read(sources: Sequence[Source], border: Border) -> Views:
     cameras: dict[Camera, int] = {}
     index, poses, images = [], [], []
     for source in sources:
-        name = source.path.name
+        name = printable(source.path.name)
         words = source.text[:10_000].split()
         if len(words) < 27 or words[0] != "extrinsic" or words[17] != "intrinsic":
             raise CameraError(

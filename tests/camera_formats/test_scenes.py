@@ -273,7 +273,10 @@ def test_each_fault_of_our_own_file_is_one_line(tmp_path, entries, words):
         ({"pose_unit": -1}, "unit must be one of m, mm"),
         ({"image_size": (640, -1)}, "image height must be a whole number"),
         ({"image_size": 640}, "image size must be two numbers"),
-        ({"pose_convention": "blender"}, "pose convention must be one of opencv, opengl"),
+        (
+            {"pose_convention": "blender"},
+            "pose convention must be opencv, opengl, camera-from-world or",
+        ),
         ({"skip_bad_poses": 1}, "skip_bad_poses must be True or False"),
     ],
 )
