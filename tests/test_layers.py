@@ -21,6 +21,7 @@ LAYERS = (
     "coverage coverage_pass pairs network provenance",
     "area",
     "models placement",
+    "audit",
     "plan validation",
     "report",
     "cli",
