@@ -1,0 +1,212 @@
+"""Bounds of lenses over complex numbers: the equations on balls, and `reach` and `bend` from them.
+
+A ball is a centre and a radius, complex numbers within the radius of the centre; an operation gives
+a ball that holds all its results. Values are arrays: many balls are computed at once. Where a
+ball meets a pole or a branch, the radius is infinite.
+
+By Cauchy's estimate a bound M of |u - u0| within R of a point bounds the derivatives there: the
+second is at most 2 M / R^2. By Bernstein's, it bounds the error of a quadrature (`edge_rule`).
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov.lenses import formulas
+from rastercov.lenses.intervals import Jet
+
+FloatArray = NDArray[np.float64]
+
+ROUNDING = 1 + 1e-9
+"""Factor on a bound, for the rounding of the operations on centres and radii."""
+INFLATIONS = 8
+
+
+class Ball:
+    """Complex numbers within `radius` of `centre`, arrays of one shape."""
+
+    __array_ufunc__ = None  # numpy leaves the operations to this class
+
+    def __init__(self, centre: ArrayLike, radius: ArrayLike) -> None:
+        self.centre = np.asarray(centre, np.complex128)
+        self.radius = np.asarray(radius, np.float64)
+
+    @staticmethod
+    def of(value: Any) -> "Ball":
+        """The value itself, or numbers as balls of radius 0."""
+        return value if isinstance(value, Ball) else Ball(value, 0.0)
+
+    def __add__(self, other: Any) -> "Ball":
+        other = Ball.of(other)
+        return Ball(self.centre + other.centre, self.radius + other.radius)
+
+    __radd__ = __add__
+
+    def __neg__(self) -> "Ball":
+        return Ball(-self.centre, self.radius)
+
+    def __sub__(self, other: Any) -> "Ball":
+        return self + -Ball.of(other)
+
+    def __rsub__(self, other: Any) -> "Ball":
+        return Ball.of(other) + -self
+
+    def __mul__(self, other: Any) -> "Ball":
+        other = Ball.of(other)
+        a, b = np.abs(self.centre), np.abs(other.centre)
+        radius = a * other.radius + b * self.radius + self.radius * other.radius
+        return _ball(self.centre * other.centre, radius, radius < np.inf)
+
+    __rmul__ = __mul__
+
+    def _inverse(self) -> "Ball":
+        size = np.abs(self.centre)
+        is_good = size > self.radius
+        return _ball(1 / self.centre, self.radius / (size * (size - self.radius)), is_good)
+
+    def __truediv__(self, other: Any) -> "Ball":
+        return self * Ball.of(other)._inverse()
+
+    def __rtruediv__(self, other: Any) -> "Ball":
+        return Ball.of(other) * self._inverse()
+
+
+def _ball(centre: Any, radius: Any, is_good: Any) -> Ball:
+    """A ball where it is good, else one without limit."""
+    return Ball(np.where(is_good, centre, 0), np.where(is_good, radius, np.inf))
+
+
+def _smaller(one: Ball, other: Ball) -> Ball:
+    is_one = one.radius <= other.radius
+    return Ball(
+        np.where(is_one, one.centre, other.centre), np.where(is_one, one.radius, other.radius)
+    )
+
+
+def _sqrt(z: Any) -> Any:
+    if not isinstance(z, Ball):
+        return np.sqrt(z)
+    # |sqrt z - sqrt c| = |z - c| / |sqrt z + sqrt c|; both roots are within 45 degrees of 1.
+    is_good = z.centre.real > z.radius
+    return _ball(np.sqrt(z.centre), z.radius / np.sqrt(np.abs(z.centre)), is_good)
+
+
+def _atan(z: Ball) -> Ball:
+    # The derivative is 1 / ((z - i)(z + i)); the cuts are on the imaginary axis beyond i and -i.
+    to_i = np.abs(z.centre - 1j) - z.radius
+    to_minus_i = np.abs(z.centre + 1j) - z.radius
+    is_good = (to_i > 0) & (to_minus_i > 0)
+    is_good &= (np.abs(z.centre.imag) + z.radius < 1) | (np.abs(z.centre.real) > z.radius)
+    return _ball(np.arctan(z.centre), z.radius / (to_i * to_minus_i), is_good)
+
+
+def _angle_over_r(r2: Ball, z: Any) -> Ball:
+    z = Ball.of(z)
+    # Near the axis: h(s) / z, h(s) = integral of 1 / (1 + s t^2) over t in [0, 1], s = r2 / z^2;
+    # |h'| <= 1 / (3 m^2), m the least of |1 + s t^2|.
+    s = r2 / (z * z)
+    least = np.minimum(1.0, 1.0 + s.centre.real - s.radius)
+    root = np.sqrt(s.centre)
+    is_small = np.abs(root) < 1e-4
+    t = s.centre
+    series = 1 - t / 3 + t * t / 5
+    h = np.where(is_small, series, np.arctan(root) / np.where(is_small, 1, root))
+    near = _ball(h, s.radius / (3 * least * least), (least > 0) & (z.centre.real > z.radius)) / z
+    r = _sqrt(r2)
+    return _smaller(near, (np.pi / 2 - _atan(z / r)) / r)
+
+
+def _atan2(y: Ball, x: Ball) -> Ball:
+    # Valid on the half plane x > 0 and around the y axis; a base turns the longitude to be there.
+    right = _atan(y / x)
+    right = _ball(right.centre, right.radius, x.centre.real > x.radius)
+    side = np.where(y.centre.real >= 0, np.pi / 2, -np.pi / 2) - _atan(x / y)
+    side = _ball(side.centre, side.radius, np.abs(y.centre.real) > y.radius)
+    return _smaller(right, side)
+
+
+_PLAIN = {"sqrt": _sqrt, "atan2": _atan2, "angle_over_r": _angle_over_r}
+_distorted = formulas.bound_to(_PLAIN, given=(formulas.radial_factor, formulas.distorted))[
+    "distorted"
+]
+
+
+def _undo_distortion(p: FloatArray, x: Ball, y: Ball) -> tuple[Ball, Ball]:
+    """Inverse of the distortion over balls, proved by Krawczyk's test.
+
+    K(B) = c - A (F(c) - target) + (1 - A F'(B)) (B - c), A an inverse of F' at the centre c. If
+    K(B) is within B, F has exactly one root in B for each target.
+    """
+    a, b = formulas.undo_distortion(p, x.centre, y.centre)
+    zero = np.zeros(a.shape)
+    f, g = _distorted(p, Ball(a, zero), Ball(b, zero))
+
+    def slopes(radius: FloatArray) -> list[Ball]:
+        one, none = Ball(1.0 + zero, zero), Ball(zero, zero)
+        left, right = Ball(a, radius), Ball(b, radius)
+        by_a = _distorted(p, Jet(left, one), Jet(right, none))
+        by_b = _distorted(p, Jet(left, none), Jet(right, one))
+        return [by_a[0].slope, by_b[0].slope, by_a[1].slope, by_b[1].slope]
+
+    fa, fb, ga, gb = (ball.centre for ball in slopes(zero))
+    det = fa * gb - fb * ga
+    inverse = [gb / det, -fb / det, -ga / det, fa / det]
+    off_x, off_y = f - x, g - y
+    far = [
+        Ball(inverse[0], zero) * off_x + Ball(inverse[1], zero) * off_y,
+        Ball(inverse[2], zero) * off_x + Ball(inverse[3], zero) * off_y,
+    ]
+    least = np.maximum(*(np.abs(ball.centre) + ball.radius for ball in far))
+    best = np.full(least.shape, np.inf)
+    for k in range(INFLATIONS):
+        radius = least * (1.05 + 0.2 * k * k) + 1e-14
+        fa_, fb_, ga_, gb_ = slopes(radius)
+        rest = np.zeros(least.shape)
+        for row, unit in ((inverse[:2], (1.0, 0.0)), (inverse[2:], (0.0, 1.0))):
+            total = np.zeros(least.shape)
+            for (one, two), diagonal in zip(((fa_, ga_), (fb_, gb_)), unit, strict=True):
+                entry = diagonal - (Ball(row[0], zero) * one + Ball(row[1], zero) * two)
+                total = total + np.abs(entry.centre) + entry.radius
+            rest = np.maximum(rest, total)
+        is_proved = least + rest * radius <= radius
+        best = np.where(is_proved & (best == np.inf), radius, best)
+    return Ball(a, best), Ball(b, best)
+
+
+_project = formulas.bound_to({**_PLAIN, "undo_distortion": _undo_distortion})["project"]
+
+
+def reach(
+    code: int, params: FloatArray, frame: FloatArray, x: FloatArray, y: FloatArray, radius: Any
+) -> tuple[FloatArray, FloatArray]:
+    """Bounds of |u - u0| and |v - v0|, px, over complex points near points of an ideal plane.
+
+    Parameters
+    ----------
+    code, params
+        The lens.
+    frame : (3, 3) float64
+        Axes of the plane's camera, as columns, in axes of the lens.
+    x, y : (N,) float64
+        Points of the plane, X / Z and Y / Z.
+    radius : float or (N,) float64
+        Both coordinates of a complex point are within it of those of its (x, y).
+
+    Returns
+    -------
+    (N,) float64, (N,) float64
+        u0, v0 is the pixel of (x, y); infinite where the lens has a pole or a branch that near.
+    """
+    zero = np.zeros(np.shape(x))
+    X, Y, Z = Ball(x, radius + zero), Ball(y, radius + zero), Ball(1.0 + zero, zero)
+    rays = [frame[i, 0] * X + frame[i, 1] * Y + frame[i, 2] * Z for i in range(3)]
+    with np.errstate(all="ignore"):
+        u, v = _project(code, params, *rays)
+    return _limited(u.radius), _limited(v.radius)
+
+
+def _limited(radius: FloatArray) -> FloatArray:
+    with np.errstate(all="ignore"):
+        result: FloatArray = np.where(radius < np.inf, radius * ROUNDING, np.inf)
+    return result

@@ -1,0 +1,179 @@
+"""Equations of the lenses, written once for every arithmetic.
+
+A lens maps a ray (X, Y, Z) of the camera, x right, y down, z forward, to pixels in four steps:
+
+    base         (X, Y, Z) -> (x, y)    law of the ideal lens: pinhole, equidistant, unified, ...
+    distortion   (x, y) -> (a, b)       radial, tangential and thin-prism terms
+    tilt         (a, b) -> (a, b)       homography of a tilted sensor
+    pixels       u = fx a + skew b + cx,  v = fy b + cy
+
+This module runs as it is on floats and numpy arrays. `bound_to` gives the same functions on another
+arithmetic: compiled scalars and their derivatives (`kernels`), intervals (`region`), and complex
+balls (`balls`). So branches depend on coefficients only, never on rays.
+
+D. C. Brown. Close-range camera calibration. 1971. J. Kannala, S. Brandt. A generic camera model.
+2006. F. Devernay, O. Faugeras. Straight lines have to be straight. 2001. C. Mei, P. Rives. Single
+view point omnidirectional camera calibration. 2007. B. Khomutenko et al. An enhanced unified camera
+model. 2016. V. Usenko et al. The double sphere camera model. 2018. A. Fitzgibbon. Simultaneous
+linear estimation of multiple view geometry and lens distortion. 2001.
+"""
+
+from types import FunctionType
+
+import numpy as np
+
+PINHOLE, EQUIDISTANT, EQUISOLID, FOV, UNIFIED, DOUBLE_SPHERE, DIVISION, BACKWARD, EQUIRECT = range(
+    9
+)
+"""Codes of the bases. BACKWARD is a pinhole whose distortion is given from the image to the plane,
+(a, b) -> (x, y)."""
+
+SIZE = 32
+"""Parameters of a lens, float64."""
+FX, FY, CX, CY, SKEW = range(5)
+K1, K2, K3, K4, K5, K6 = range(5, 11)
+"""Radial numerator: 1 + K1 q + ... + K6 q^6, q = x^2 + y^2."""
+D1, D2, D3 = range(11, 14)
+"""Radial denominator: 1 + D1 q + D2 q^2 + D3 q^3."""
+P1, P2, S1, S2, S3, S4 = range(14, 20)
+"""Tangential terms and thin prism, with OpenCV's letters."""
+T00, T10, T11, T20, T21, T22 = range(20, 26)
+"""Homography of the tilted sensor; its other entries are 0."""
+B0, B1, B2 = range(26, 29)
+"""Parameters of the base."""
+LATE = 29
+"""1 where tangential and prism terms take the radially distorted point, else 0."""
+LIMIT = 30
+"""Largest radius of the plane of the base on which the distortion is certified to be injective."""
+SLOPE = 31
+"""Border of the valid region, see `kernels.is_valid`."""
+
+
+def angle_over_r(r2, z):
+    """Angle from the z axis over r, of a point at distance r = sqrt(r2) from the axis."""
+    r = np.sqrt(r2)
+    return np.where(r > 0, np.arctan2(r, z) / np.where(r > 0, r, 1.0), 1.0 / z)
+
+
+def undo_distortion(p, x, y):
+    """Invert `distorted` by Newton's method, from the plane of the base to itself."""
+    a, b = x, y
+    for _ in range(60):
+        ax, ay = distorted(p, a + 1e-30j, b + 0j)
+        bx, by = distorted(p, a + 0j, b + 1e-30j)
+        xx, yx, xy, yy = ax.imag * 1e30, ay.imag * 1e30, bx.imag * 1e30, by.imag * 1e30
+        det = xx * yy - xy * yx
+        dx, dy = x - ax.real, y - ay.real
+        a, b = a + (yy * dx - xy * dy) / det, b + (xx * dy - yx * dx) / det
+    return a, b
+
+
+sqrt = np.sqrt
+atan2 = np.arctan2
+
+
+def based(code, p, X, Y, Z):
+    """Base of the lens: point (x, y) of its plane."""
+    if code == EQUIDISTANT:
+        g = angle_over_r(X * X + Y * Y, Z)
+    elif code == EQUISOLID:  # 2 sin(theta / 2)
+        rho = sqrt(X * X + Y * Y + Z * Z)
+        g = 1.4142135623730951 / sqrt(rho * (rho + Z))
+    elif code == UNIFIED:
+        g = 1.0 / (p[B0] * sqrt(p[B2] * (X * X + Y * Y) + Z * Z) + p[B1] * Z)
+    elif code == DOUBLE_SPHERE:
+        r2 = X * X + Y * Y
+        c = p[B0] * sqrt(r2 + Z * Z) + Z
+        g = 1.0 / (p[B1] * sqrt(r2 + c * c) + (1.0 - p[B1]) * c)
+    elif code == FOV:  # atan(B0 r) / (B0 r) B1
+        w = 1.0 / Z
+        x = X * w
+        y = Y * w
+        g = w * (angle_over_r((x * x + y * y) * (p[B0] * p[B0]), 1.0 + 0.0 * x) * p[B1])
+    elif code == DIVISION:
+        w = 1.0 / Z
+        x = X * w
+        y = Y * w
+        g = w * (2.0 / (1.0 + sqrt(1.0 - 4.0 * p[B0] * (x * x + y * y))))
+    else:
+        g = 1.0 / Z
+    return X * g, Y * g
+
+
+def radial_factor(p, q):
+    """Radial distortion at squared radius q: distorted radius over radius."""
+    factor = p[K6]
+    factor = q * factor + p[K5]
+    factor = q * factor + p[K4]
+    factor = q * factor + p[K3]
+    factor = q * factor + p[K2]
+    factor = q * factor + p[K1]
+    factor = q * factor + 1.0
+    if p[D1] != 0.0 or p[D2] != 0.0 or p[D3] != 0.0:
+        factor = factor / (q * (q * (q * p[D3] + p[D2]) + p[D1]) + 1.0)
+    return factor
+
+
+def distorted(p, x, y):
+    """Radial, tangential and thin-prism distortion of a point of the plane of the base."""
+    radial = radial_factor(p, x * x + y * y)
+    a = x * radial
+    b = y * radial
+    if p[P1] != 0.0 or p[P2] != 0.0 or p[S1] != 0.0 or p[S2] != 0.0 or p[S3] != 0.0 or p[S4] != 0.0:
+        if p[LATE] != 0.0:
+            x = a
+            y = b
+        q = x * x + y * y
+        xy = 2.0 * (x * y)
+        a = a + p[P1] * xy + p[P2] * (q + 2.0 * (x * x)) + q * (q * p[S2] + p[S1])
+        b = b + p[P1] * (q + 2.0 * (y * y)) + p[P2] * xy + q * (q * p[S4] + p[S3])
+    return a, b
+
+
+def imaged(p, a, b):
+    """Tilt and pixels of a distorted point."""
+    if p[T20] != 0.0 or p[T21] != 0.0:
+        w = 1.0 / (p[T20] * a + p[T21] * b + p[T22])
+        b = (p[T10] * a + p[T11] * b) * w
+        a = p[T00] * a * w
+    return p[FX] * a + p[SKEW] * b + p[CX], p[FY] * b + p[CY]
+
+
+def project(code, p, X, Y, Z):
+    """Pixel (u, v) of a ray by the equations alone, wherever it is."""
+    if code == EQUIRECT:  # longitude is continuous within half a turn of B0
+        a = p[B0] + atan2(X * p[B1] - Z * p[B2], Z * p[B1] + X * p[B2])
+        b = atan2(Y, sqrt(X * X + Z * Z))
+    elif code == BACKWARD:
+        w = 1.0 / Z
+        a, b = undo_distortion(p, X * w, Y * w)
+    else:
+        x, y = based(code, p, X, Y, Z)
+        a, b = distorted(p, x, y)
+    return imaged(p, a, b)
+
+
+EQUATIONS = (based, radial_factor, distorted, imaged, project)
+"""In the order in which they call one another."""
+PRIMITIVES = ("sqrt", "atan2", "angle_over_r", "undo_distortion")
+
+
+def bound_to(primitives, compile_one=None, given=EQUATIONS):
+    """Equations on another arithmetic, by name.
+
+    Parameters
+    ----------
+    primitives : dict
+        The functions of `PRIMITIVES` that the equations use, on that arithmetic.
+    compile_one : callable, optional
+        Applied to each equation, from the first to the last.
+    given : tuple of functions
+        Equations to bind; all of them unless given.
+    """
+    names = {name: value for name, value in globals().items() if name.isupper()}
+    space = {"__builtins__": __builtins__, "__name__": __name__, **names, **primitives}
+    for equation in given:
+        bound = FunctionType(equation.__code__, space, equation.__name__)
+        bound.__doc__ = equation.__doc__
+        space[equation.__name__] = compile_one(bound) if compile_one else bound
+    return space

@@ -1,0 +1,187 @@
+"""Laws of every lens: rays and pixels are inverse, and all arithmetics have one result."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from lens_cases import BROWN, HEIGHT, WIDTH, K, of_all_kinds, pixels
+
+from rastercov.errors import CameraError
+from rastercov.lenses import Lens, formulas, make_lens, sources
+
+LENSES = of_all_kinds()
+
+
+@pytest.fixture(params=LENSES)
+def lens(request):
+    return LENSES[request.param]
+
+
+def test_pixel_to_ray_and_back(lens):
+    given = pixels(4000)
+    found = lens.unproject(given)
+    assert np.isfinite(found).all()
+    assert lens.is_whole
+    assert np.abs(np.linalg.norm(found, axis=1) - 1).max() < 1e-15
+    assert np.abs(lens.project(found) - given).max() < 1e-9
+    again = lens.unproject(lens.project(found))
+    assert np.abs(again - found).max() <= 1e-11
+
+
+def test_length_of_a_ray_does_not_matter(lens):
+    found = lens.unproject(pixels(50))
+    scale = np.geomspace(1e-6, 1e9, 50)[:, None]
+    assert np.abs(lens.project(scale * found) - lens.project(found)).max() < 1e-9
+
+
+def test_jacobian_is_the_derivative(lens):
+    found = lens.unproject(pixels(200, margin=5.0))
+    step, error = 1e-4, []
+    for i in range(3):
+        d = step * np.eye(3)[i]
+        far = lens.project(found + 2 * d) - lens.project(found - 2 * d)
+        near = lens.project(found + d) - lens.project(found - d)
+        slope = (8 * near - far) / (12 * step)  # to the fourth power of the step
+        error.append(np.abs(slope - lens.jacobian(found)[:, :, i]))
+    scale = np.abs(lens.jacobian(found)).max()
+    assert np.nanmax(error) < 1e-6 * scale
+    # A pixel does not move along its ray.
+    along = np.einsum("nij,nj->ni", lens.jacobian(found), found)
+    assert np.abs(along).max() < 1e-12 * scale
+
+
+def test_jacobian_on_the_axis(lens):
+    if not np.isfinite(lens.project([0.0, 0.0, 1.0])).all():
+        pytest.skip("its axis is beyond the valid region")
+    at_axis = lens.jacobian([0.0, 0.0, 1.0])
+    beside = lens.jacobian([1e-9, -1e-9, 1.0])
+    assert np.abs(at_axis - beside).max() < 1e-5 * np.abs(at_axis).max()
+
+
+def test_arrays_and_compiled_scalars_agree(lens):
+    found = lens.unproject(pixels(1000))
+    u, v = formulas.project(lens.code, lens.params, *found.T)
+    assert np.abs(np.column_stack((u, v)) - lens.project(found)).max() < 1e-9
+
+
+def test_shapes_are_kept(lens):
+    found = lens.unproject(pixels(6).reshape(2, 3, 2))
+    assert found.shape == (2, 3, 3)
+    assert lens.project(found).shape == (2, 3, 2)
+    assert lens.jacobian(found).shape == (2, 3, 2, 3)
+    assert lens.project(found[0, 0]).shape == (2,)
+    assert lens.project(np.empty((0, 3))).shape == (0, 2)
+
+
+def test_a_lens_is_a_value():
+    one, other = (sources.opencv(K, WIDTH, HEIGHT, BROWN) for _ in range(2))
+    assert one == other
+    assert hash(one) == hash(other)
+    assert one != dataclasses.replace(one, max_angle_deg=30.0)
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        one.width = 3
+    one.params[0] = 0.0
+    assert one.params[0] == 900
+
+
+def test_rays_that_are_none_have_no_pixel(lens):
+    bad = [[math.nan, 0, 1], [0, 0, 0], [math.inf, 0, 1], [0, math.nan, 0]]
+    assert np.isnan(lens.project(bad)).all()
+    assert np.isnan(lens.jacobian(bad)).all()
+    assert np.isnan(lens.unproject([[math.nan, 3], [math.inf, 3]])).all()
+
+
+PLAIN = {"width": WIDTH, "height": HEIGHT, "fx": 900, "fy": 900}
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: make_lens("fish", **PLAIN), "base of a lens must be one of"),
+        (lambda: make_lens("pinhole", **{**PLAIN, "fx": 0}), "fx must be positive"),
+        (lambda: make_lens("pinhole", **PLAIN, radial=[math.nan]), "radial must be finite"),
+        (lambda: make_lens("pinhole", **PLAIN, radial=[1e13]), "radial must be numbers within"),
+        (lambda: make_lens("pinhole", **PLAIN, radial=[-1e12] * 6), "must reach 1e-12 rad"),
+        (lambda: make_lens("pinhole", **PLAIN, radial=[0.1] * 7), "up to 6 numbers, got 7"),
+        (lambda: make_lens("pinhole", **PLAIN, radial=3), "up to 6 numbers, got 3"),
+        (lambda: make_lens("pinhole", **PLAIN, tilt=(3, 0)), "tilt must be within"),
+        (lambda: make_lens("pinhole", **PLAIN, of_base=(1,)), "must have 0 parameters"),
+        (lambda: make_lens("fov", **PLAIN, of_base=(4,)), "omega of base fov"),
+        (lambda: make_lens("unified", **PLAIN, of_base=(-1, 1, 1)), "A of base unified"),
+        (lambda: make_lens("unified", **PLAIN, of_base=(1, 1, 0)), "beta of base unified"),
+        (lambda: make_lens("unified", **PLAIN, of_base=(0, 0, 1)), "B of base unified"),
+        (lambda: make_lens("double_sphere", **PLAIN, of_base=(-2, 1)), "xi of base"),
+        (lambda: make_lens("double_sphere", **PLAIN, of_base=(0, 2)), "alpha of base"),
+        (lambda: make_lens("pinhole", **PLAIN, max_angle_deg=0), "max_angle_deg must be above 0"),
+        (lambda: make_lens("equirectangular", **PLAIN, radial=[0.1]), "has no distortion"),
+        (lambda: make_lens("pinhole", **PLAIN, tangential=(1e12, 0)), "folds there"),
+        (lambda: make_lens("pinhole", **PLAIN, prism=(1e12, 1, 1, 1)), "folds there"),
+        (lambda: sources.opencv(K, WIDTH, HEIGHT, [0.1]), "0, 4, 5, 8, 12 or 14 numbers"),
+        (lambda: sources.opencv(K[:2], WIDTH, HEIGHT), "K must have shape"),
+        (lambda: sources.opencv(K.T, WIDTH, HEIGHT), "K must be"),
+        (lambda: sources.opencv_fisheye(K, WIDTH, HEIGHT, [0.1] * 5), "0 or 4 numbers"),
+        (lambda: sources.colmap("OPENCV2", 9, 9, []), "COLMAP model must be one of"),
+        (lambda: sources.colmap("RADIAL", 9, 9, [1, 2]), "must have 5 parameters: f cx cy k1 k2"),
+        (lambda: sources.kalibr("ds", [1] * 6, "equi", [0] * 4, (9, 9)), "must come with"),
+        (lambda: sources.kalibr("pinhole", [9] * 4, "none", [], 9), "width and height"),
+        (lambda: sources.metashape(9, 9, f=9, kind="film"), "kind of a Metashape sensor"),
+        (lambda: LENSES["opencv brown"].project([1, 2]), "rays must have shape"),
+        (lambda: LENSES["opencv brown"].unproject(["a", "b"]), "pixels must be real numbers"),
+        (lambda: LENSES["opencv brown"].project(3.0), "rays must have shape"),
+    ],
+)
+def test_what_is_no_lens_is_refused_in_one_line(call, words):
+    with pytest.raises(CameraError, match=words) as caught:
+        call()
+    assert "\n" not in str(caught.value)
+
+
+def test_constructors_of_one_lens_agree():
+    from_opencv = sources.opencv(K, WIDTH, HEIGHT, BROWN)
+    from_kalibr = sources.kalibr(
+        "pinhole", [900, 880, 654.75, 500.0], "radtan", BROWN[:4], (WIDTH, HEIGHT)
+    )
+    given = from_kalibr.unproject(pixels(100))
+    plain = sources.opencv(K, WIDTH, HEIGHT, BROWN[:4])
+    assert np.abs(from_kalibr.project(given) - plain.project(given)).max() < 1e-12
+    shape = sources.metashape(
+        *(WIDTH, HEIGHT), f=880, b1=20, cx=655.25 - WIDTH / 2, cy=500.5 - HEIGHT / 2,
+        k1=BROWN[0], k2=BROWN[1], k3=BROWN[4], p1=BROWN[3], p2=BROWN[2],
+    )  # fmt: skip
+    assert np.abs(shape.project(given) - from_opencv.project(given)).max() < 1e-12
+
+
+def test_a_unified_lens_is_the_same_in_two_notations():
+    xi, given = 0.8, pixels(200)
+    omni = sources.kalibr("omni", [xi, 900, 910, 640, 512], "none", [], (WIDTH, HEIGHT))
+    alpha = xi / (1 + xi)
+    focal = (900 / (1 + xi), 910 / (1 + xi), 640, 512)
+    eucm = sources.kalibr("eucm", [alpha, 1.0, *focal], "none", [], (WIDTH, HEIGHT))
+    assert np.abs(omni.unproject(given) - eucm.unproject(given)).max() < 1e-12
+
+
+def test_the_center_of_a_double_sphere_is_a_unified_lens():
+    given = pixels(200)
+    double = sources.kalibr("ds", [0.0, 0.6, 420, 420, 640, 512], "none", [], (WIDTH, HEIGHT))
+    eucm = sources.kalibr("eucm", [0.6, 1.0, 420, 420, 640, 512], "none", [], (WIDTH, HEIGHT))
+    assert np.abs(double.unproject(given) - eucm.unproject(given)).max() < 1e-12
+
+
+def test_backward_is_the_inverse_of_forward():
+    terms = {"radial": (-0.1, 0.02), "tangential": (1e-3, 5e-4)}
+    same = {"width": 1000, "height": 1000, "fx": 500.0, "fy": 500.0}
+    backward, forward = (
+        make_lens("backward", **same, **terms),
+        make_lens("pinhole", **same, **terms),
+    )
+    # Forward moves (x, y) to (a, b); backward sees (x, y) at pixel (x, y) along the ray (a, b, 1).
+    xy = np.random.default_rng(3).uniform(-0.9, 0.9, (500, 2))
+    ones = np.ones((500, 1))
+    ab = (forward.project(np.hstack((xy, ones))) - 500) / 500
+    assert np.abs(backward.project(np.hstack((ab, ones))) - (500 * xy + 500)).max() < 1e-9
+
+
+def test_lens_is_named_by_its_base():
+    assert LENSES["kalibr ds"].base == "double_sphere"
+    assert isinstance(LENSES["backward"], Lens)

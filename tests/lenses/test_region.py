@@ -1,0 +1,259 @@
+"""Valid regions: nothing outside is answered, and the proof reaches the fold and not beyond."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from lens_cases import HEIGHT, WIDTH, K, of_all_kinds, rays
+
+from rastercov.errors import CameraError
+from rastercov.lenses import Lens, formulas, make_lens, sources
+from rastercov.lenses.intervals import Interval, Jet
+from rastercov.lenses.region import base_limit, border_pixels, certified_radius
+
+SIDE = {"width": WIDTH, "height": HEIGHT}
+
+
+def square(base, f, *radial, **others):
+    return make_lens(base, **SIDE, fx=f, fy=f, radial=radial, **others)
+
+
+# Lens, the radius in the plane of the base at which it folds, and whether corners have a ray.
+FOLDING = {
+    "k1 k2 k3": (square("pinhole", 900, -0.28, 0.09, -0.01), 2.1102, True),
+    "monotone": (square("pinhole", 640, -0.45, 0.25), math.inf, True),
+    "simple radial": (square("pinhole", 900, -0.2), math.sqrt(1 / 0.6), False),
+    "wide": (square("pinhole", 600, -0.35), math.sqrt(1 / 1.05), False),
+    "fisheye": (square("equidistant", 600, -0.05, 0.01, -0.03, 0.005), 1.3933, False),
+}
+
+
+@pytest.fixture(params=FOLDING)
+def folding(request):
+    return FOLDING[request.param]
+
+
+def slope_of(lens, r):
+    """Derivative of the radial part at radius r, by numpy."""
+    p = lens.params
+    numerator = np.polynomial.Polynomial([0, 1, 0, p[5], 0, p[6], 0, p[7], 0, p[8]])
+    return numerator.deriv()(r)
+
+
+def test_proof_reaches_the_fold(folding):
+    lens, fold, _ = folding
+    found = certified_radius(lens.params, 50.0)
+    if math.isfinite(fold):
+        assert 0.999 * fold <= found
+        assert slope_of(lens, found) > 0
+        assert slope_of(lens, 1.001 * found) < 0
+    else:
+        assert found == 50.0
+
+
+def test_region_ends_at_the_fold_or_at_the_image(folding):
+    lens, fold, is_whole = folding
+    plane = lens.valid_angle if lens.base == "equidistant" else math.tan(lens.valid_angle)
+    assert plane <= fold
+    assert lens.is_whole == is_whole
+    if not is_whole:
+        assert plane >= 0.99 * fold
+    else:
+        border = lens.unproject(border_pixels(WIDTH, HEIGHT))
+        assert plane <= 1.021 * np.hypot(*(border[:, :2] / border[:, 2:]).T).max()
+
+
+def test_no_ray_outside_the_region_is_answered(folding):
+    lens, fold, _ = folding
+    given = rays(200_000)
+    angle = np.arctan2(np.hypot(given[:, 0], given[:, 1]), given[:, 2])
+    answered = np.isfinite(lens.project(given)).all(axis=1)
+    assert not answered[angle > lens.valid_angle].any()
+    assert answered[angle < 0.999 * lens.valid_angle].all()
+    limit = fold if lens.base == "equidistant" else math.atan(fold)
+    assert not answered[angle > limit].any()
+    # The equations alone would put some of those into the image.
+    if math.isfinite(fold):
+        with np.errstate(all="ignore"):
+            u, v = formulas.project(lens.code, lens.params, *given[given[:, 2] > 0.02].T)
+        folded = angle[given[:, 2] > 0.02] > limit
+        inside = (u >= 0) & (v >= 0) & (u <= WIDTH) & (v <= HEIGHT)
+        assert (folded & inside).mean() > 0.02
+
+
+def test_corners_beyond_the_fold_see_nothing(folding):
+    lens, _, is_whole = folding
+    corners = lens.unproject([[2, 2], [WIDTH - 2, HEIGHT - 2]])
+    assert np.isfinite(corners).all() == is_whole
+    middle = lens.unproject([WIDTH / 2 + 1, HEIGHT / 2])
+    assert np.isfinite(middle).all()
+
+
+def test_region_is_no_larger_than_it_is_allowed():
+    lens = square("pinhole", 900, -0.2, max_angle_deg=30)
+    assert lens.valid_angle == pytest.approx(math.radians(30))
+    assert np.isnan(lens.project([math.tan(math.radians(30.1)), 0, 1])).all()
+    assert np.isfinite(lens.project([math.tan(math.radians(29.9)), 0, 1])).all()
+    assert not lens.is_whole
+
+
+@pytest.mark.parametrize("name", of_all_kinds())
+def test_map_is_injective_on_the_region(name):
+    """Determinants of the derivative along the sphere keep one sign."""
+    lens = of_all_kinds()[name]
+    given = rays(20_000, seed=5)
+    slopes = lens.jacobian(given)
+    is_valid = np.isfinite(slopes).all(axis=(1, 2))
+    slopes, given = slopes[is_valid], given[is_valid]
+    # On the tangent plane of the unit sphere: det of (u', v', ray).
+    det = np.linalg.det(np.concatenate((slopes, given[:, None]), axis=1))
+    assert (det > 0).all()
+
+
+@settings(max_examples=25)
+@given(
+    st.sampled_from(["unified", "double_sphere", "division"]),
+    st.floats(0.0, 1.0),
+    st.floats(-0.99, 1.0),
+    st.floats(0.3, 3.0),
+)
+def test_base_rises_up_to_its_limit(base, alpha, xi, beta):
+    parameters = {
+        "unified": (alpha, 1 - alpha, beta),
+        "double_sphere": (xi, alpha),
+        "division": (xi,),
+    }[base]
+    lens = square(base, 400.0, of_base=parameters)
+    limit = base_limit(lens.code, lens.params)
+    angle = np.linspace(0, limit, 20_001)
+    with np.errstate(all="ignore"):
+        radius, _ = formulas.based(lens.code, lens.params, np.sin(angle), 0 * angle, np.cos(angle))
+    radius = radius[:-2]  # the last may be rounded
+    assert (np.diff(radius) > 0).all()
+
+
+COEFFICIENT = st.one_of(
+    st.floats(-0.5, 0.5), st.floats(-1e3, 1e3), st.sampled_from([1e12, -1e12, 1e300, 1e-300, 0.0])
+)
+
+
+@settings(max_examples=25)
+@given(
+    st.sampled_from(["pinhole", "equidistant", "equisolid", "backward"]),
+    st.lists(COEFFICIENT, max_size=6),
+    st.lists(COEFFICIENT, max_size=3),
+    st.lists(COEFFICIENT, max_size=2),
+    st.lists(COEFFICIENT, max_size=4),
+    st.tuples(st.floats(-1, 1), st.floats(-1, 1)),
+    st.booleans(),
+    st.floats(50, 5000),
+)
+def test_any_coefficients_give_an_injective_lens_or_one_line(
+    base, radial, denominator, tangential, prism, tilt, is_late, focal
+):
+    try:
+        lens = make_lens(
+            *(base, 640, 480),
+            fx=focal,
+            fy=0.9 * focal,
+            radial=radial,
+            denominator=denominator,
+            tangential=tangential,
+            prism=prism,
+            tilt=tilt,
+            is_late=is_late,
+        )
+    except CameraError as error:
+        assert "\n" not in str(error)
+        return
+    check_injective(lens)
+
+
+def check_injective(lens: Lens) -> None:
+    """Each pixel has a ray that is projected to it, and each valid ray is that of its pixel."""
+    turn = np.random.default_rng(1).uniform(0, 2 * np.pi, 300)
+    angle = lens.valid_angle * np.sqrt(np.random.default_rng(2).uniform(0, 1, 300))
+    sine = np.sin(angle)
+    found = np.column_stack((sine * np.cos(turn), sine * np.sin(turn), np.cos(angle)))
+    seen = lens.project(found)
+    is_valid = np.isfinite(seen).all(axis=1)
+    back = lens.unproject(seen[is_valid])
+    slopes = lens.jacobian(found[is_valid])
+    det = np.linalg.det(np.concatenate((slopes, found[is_valid][:, None]), axis=1))
+    norm = np.sqrt((slopes**2).sum(axis=(1, 2)))
+    assert (det > -1e-9 * norm**2).all()
+    # Rays next to the border of the region may be rounded across it.
+    is_found = np.isfinite(back).all(axis=1)
+    inner = angle[is_valid] < lens.valid_angle * (1 - 1e-6)
+    assert is_found[inner].all()
+    error = np.abs(lens.project(back[is_found]) - seen[is_valid][is_found])
+    size = np.abs(seen[is_valid][is_found]) + norm[is_found, None] + 1000
+    assert (np.nan_to_num(error) <= 1e-8 * size).all()
+
+
+def test_pole_inside_the_image_ends_the_region():
+    lens = square("pinhole", 900, 0.1, denominator=(-3.0,))
+    assert math.tan(lens.valid_angle) < 1 / math.sqrt(3)
+    check_injective(lens)
+
+
+def test_horizon_of_a_tilt_ends_the_region():
+    lens = make_lens("pinhole", **SIDE, fx=400, fy=400, tilt=(0.9, 0.0))
+    assert math.tan(lens.valid_angle) < 1 / math.tan(0.9)
+    check_injective(lens)
+
+
+def test_tangential_terms_end_the_region():
+    lens = make_lens("pinhole", **SIDE, fx=300, fy=300, tangential=(0.3, 0.2))
+    assert math.tan(lens.valid_angle) <= 1 / (6 * math.hypot(0.3, 0.2)) + 1e-9
+    check_injective(lens)
+
+
+def test_wide_region_is_all_but_a_cone_behind():
+    lens = square("equidistant", 300, 0.01)
+    assert math.degrees(lens.valid_angle) > 140
+    behind = math.pi - lens.valid_angle
+    assert np.isnan(lens.project([math.sin(0.99 * behind), 0, -math.cos(0.99 * behind)])).all()
+    assert np.isfinite(lens.project([math.sin(1.001 * behind), 0, -math.cos(1.001 * behind)])).all()
+    assert np.isfinite(lens.project([1, 0, 0.0])).all()
+
+
+def test_a_pinhole_has_the_rays_of_its_matrix():
+    lens = sources.opencv(K, **SIDE)
+    given = rays(1000, least_z=0.8)
+    image = given @ (K + [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]).T
+    seen = lens.project(given)
+    assert np.abs(seen - image[:, :2] / image[:, 2:]).max() < 1e-12 * 2000
+
+
+NUMBERS = st.floats(-10, 10)
+
+
+@settings(max_examples=25)
+@given(NUMBERS, NUMBERS, NUMBERS, NUMBERS, st.floats(0, 1), st.floats(0, 1))
+def test_intervals_hold_all_results(a, b, c, d, s, t):
+    one, other = Interval(min(a, b), max(a, b)), Interval(min(c, d), max(c, d))
+    x = min(max(a + s * (b - a), one.low), one.high)
+    y = min(max(c + t * (d - c), other.low), other.high)
+    for interval, value in (
+        (one + other, x + y),
+        (one - other, x - y),
+        (one * other, x * y),
+        (3.0 - one, 3.0 - x),
+        (2.0 * one * other + 1.0, 2.0 * x * y + 1.0),
+    ):
+        assert interval.low <= value <= interval.high
+    if y and not other.low <= 0 <= other.high:
+        quotient = one / other
+        assert quotient.low <= x / y <= quotient.high
+    assert (one / Interval(-1.0, 1.0)).high == math.inf
+
+
+def test_jets_have_the_derivative():
+    x = Jet(1.7, 1.0)
+    value = (2.0 * x * x + 1.0) / (x * x * x + 3.0)
+    step = 1e-6
+    near = [(2 * z * z + 1) / (z**3 + 3) for z in (1.7 - step, 1.7 + step)]
+    assert value.slope == pytest.approx((near[1] - near[0]) / (2 * step), rel=1e-8)

@@ -1,0 +1,88 @@
+"""Lenses that the tests of `rastercov.lenses` share, and rays for them."""
+
+import numpy as np
+
+from rastercov.lenses import make_lens, sources
+
+WIDTH, HEIGHT = 1280, 1024
+FOCAL, CENTRE = (900.0, 880.0), (655.25, 500.5)
+K = np.array([[900.0, 0, 654.75], [0, 880.0, 500.0], [0, 0, 1]])
+BROWN = (-0.28, 0.09, 8e-4, -5e-4, -0.01)
+RATIONAL = (*BROWN[:4], 0.03, 0.12, -0.05, 0.01)
+PRISM = (*RATIONAL, 1e-3, -2e-4, 5e-4, 1e-4)
+TILTED = (*PRISM, 0.06, -0.04)
+KANNALA = (0.03, -0.012, 0.004, -0.001)
+
+COLMAP = {
+    "SIMPLE_PINHOLE": (900, *CENTRE),
+    "PINHOLE": (*FOCAL, *CENTRE),
+    "SIMPLE_RADIAL": (900, *CENTRE, -0.1),
+    "RADIAL": (900, *CENTRE, -0.2, 0.05),
+    "OPENCV": (*FOCAL, *CENTRE, *BROWN[:4]),
+    "OPENCV_FISHEYE": (480, 470, *CENTRE, *KANNALA),
+    "FULL_OPENCV": (*FOCAL, *CENTRE, *RATIONAL),
+    "FOV": (*FOCAL, *CENTRE, 0.9),
+    "SIMPLE_RADIAL_FISHEYE": (600, *CENTRE, 0.02),
+    "RADIAL_FISHEYE": (600, *CENTRE, 0.02, -0.003),
+    "THIN_PRISM_FISHEYE": (600, 590, *CENTRE, 0.03, -0.01, 1e-3, -2e-3, 0.004, -0.001, 2e-3, -1e-3),
+    "RAD_TAN_THIN_PRISM_FISHEYE": (
+        *(600, 590, *CENTRE, 0.03, -0.01, 0.004, -0.001, 2e-4, -1e-5),
+        *(1e-3, -2e-3, 2e-3, -1e-3, 5e-4, 3e-4),
+    ),
+    "SIMPLE_DIVISION": (800, *CENTRE, -0.2),
+    "DIVISION": (*FOCAL, *CENTRE, 0.1),
+    "SIMPLE_FISHEYE": (600, *CENTRE),
+    "FISHEYE": (600, 590, *CENTRE),
+    "EUCM": (420, 430, *CENTRE, 0.6, 1.1),
+    "EQUIRECTANGULAR": (WIDTH, HEIGHT),
+}
+"""A camera of each of COLMAP's models."""
+
+
+def of_all_kinds():
+    """Lenses of all bases and distortions by name, each of which sees the whole image."""
+    lenses = {
+        f"colmap {name}": sources.colmap(name, WIDTH, HEIGHT, COLMAP[name]) for name in COLMAP
+    }
+    for name, distortion in (("brown", BROWN), ("prism", PRISM), ("tilted", TILTED)):
+        lenses[f"opencv {name}"] = sources.opencv(K, WIDTH, HEIGHT, distortion)
+    wide = K * [[0.55, 1, 1], [1, 0.55, 1], [1, 1, 1]]
+    lenses["opencv fisheye"] = sources.opencv_fisheye(wide, WIDTH, HEIGHT, KANNALA)
+    lenses["opencv skew"] = sources.opencv(
+        np.add(K, [[0, 7.5, 0], [0, 0, 0], [0, 0, 0]]), WIDTH, HEIGHT, BROWN
+    )
+    lenses["kalibr omni"] = sources.kalibr(
+        *("omni", [1.2, 1000, 1010, 640, 512], "radtan", [-0.2, 0.05, 1e-3, -2e-3]), (WIDTH, HEIGHT)
+    )
+    lenses["kalibr ds"] = sources.kalibr(
+        *("ds", [-0.2, 0.55, 420, 425, 640, 512], "none", []), (WIDTH, HEIGHT)
+    )
+    lenses["metashape frame"] = sources.metashape(
+        *(WIDTH, HEIGHT), f=1100, cx=7, cy=-4, b1=3, b2=-2, k1=-0.1, k2=0.05, k3=-0.02, k4=0.003,
+        p1=1e-3, p2=-5e-4,
+    )  # fmt: skip
+    lenses["metashape equisolid"] = sources.metashape(
+        *(WIDTH, HEIGHT), f=430, k1=0.01, p1=1e-4, kind="equisolid_fisheye"
+    )
+    lenses["wide equidistant"] = make_lens(
+        "equidistant", WIDTH, HEIGHT, fx=300, fy=300, radial=(0.01,)
+    )
+    lenses["backward"] = make_lens(
+        *("backward", WIDTH, HEIGHT), fx=1100, fy=1090, radial=(-0.1, 0.02), tangential=(1e-3, 5e-4)
+    )
+    return lenses
+
+
+def pixels(n, seed=0, margin=0.0):
+    """`n` random pixels of the image, (n, 2), at least a margin from its border."""
+    rng = np.random.default_rng(seed)
+    return rng.uniform((margin, margin), (WIDTH - margin, HEIGHT - margin), (n, 2))
+
+
+def rays(n, seed=0, least_z=-1.0):
+    """`n` random directions of unit length, (n, 3), with Z of at least `least_z`."""
+    rng = np.random.default_rng(seed)
+    z = rng.uniform(least_z, 1, n)
+    turn = rng.uniform(0, 2 * np.pi, n)
+    r = np.sqrt(1 - z * z)
+    return np.column_stack((r * np.cos(turn), r * np.sin(turn), z))
