@@ -23,6 +23,8 @@ ONE_PLANE_DEG = 72.0
 """Largest angle from the axis of a lens with one plane, unless its base is a plane itself."""
 CELLS = 24
 """Cells of a side of a plane's bounding box over which bounds are taken."""
+INVERSE_CELLS = 64
+"""The same for a lens that is inverted by Krawczyk's test, which needs smaller cells."""
 RADII = tuple(np.geomspace(1e-3, 1.5, 24).tolist())
 """Radii, in units of the plane, at which bounds are tried."""
 
@@ -55,6 +57,8 @@ class IdealPlane:
     code : int
     params : (32,) float64
         The lens for the kernels, with longitudes that are continuous on this plane.
+    has_pole : bool
+        True where (0, 0) is a pole of an equirectangular image, at the border of the region.
     """
 
     frame: FloatArray
@@ -63,6 +67,7 @@ class IdealPlane:
     hole: FloatArray | None
     code: int
     params: FloatArray
+    has_pole: bool = False
 
     def reach(self, radius: float) -> tuple[float, float]:
         """Bounds of |u - u0| and |v - v0|, px, of complex points near a real one of the region.
@@ -70,7 +75,8 @@ class IdealPlane:
         Parameters
         ----------
         radius : float
-            Both coordinates are within it of those of the real point, in units of the plane.
+            Both coordinates are within it of those of the real point, in units of the plane; of a
+            plane with a pole, in units of the distance of the real point from the pole.
 
         Returns
         -------
@@ -78,7 +84,17 @@ class IdealPlane:
             Infinite where the lens has a pole or a branch that near.
         """
         x, y, half = self._cells()
-        across, down = balls.reach(self.code, self.params, self.frame, x, y, radius + max(half))
+        near: FloatArray = radius + np.full(len(x), max(half))
+        if self.has_pole:
+            # Longitude does not change with the distance from the pole, and latitude changes less
+            # and less: the ring from 1/2 outwards bounds all smaller ones, and a few are tried.
+            size = np.hypot(x, y)
+            is_ring = size >= 0.5 - max(half)
+            x, y, size = x[is_ring], y[is_ring], size[is_ring]
+            x, y, near = (
+                np.concatenate([z, z / 2, z / 4, z / 8]) for z in (x, y, radius * size + max(half))
+            )
+        across, down = balls.reach(self.code, self.params, self.frame, x, y, near)
         return float(across.max(initial=0.0)), float(down.max(initial=0.0))
 
     def bend(self) -> float:
@@ -95,8 +111,9 @@ class IdealPlane:
     def _cells(self) -> tuple[FloatArray, FloatArray, tuple[float, float]]:
         """Centres of cells that cover the region, and half their sides."""
         low, high = self.region.min(axis=0), self.region.max(axis=0)
-        half = (high - low) / (2 * CELLS)
-        centre = low[:, None] + half[:, None] * (2 * np.arange(CELLS) + 1)
+        cells = INVERSE_CELLS if self.code == formulas.BACKWARD else CELLS
+        half = (high - low) / (2 * cells)
+        centre = low[:, None] + half[:, None] * (2 * np.arange(cells) + 1)
         x, y = (grid.ravel() for grid in np.meshgrid(*centre))
         is_near = _distance(self.region, x, y) <= math.hypot(*half)
         if self.hole is not None:
@@ -172,7 +189,8 @@ def ideal_planes(
                     hole = polygon
             is_all = hole is not None and abs(_area(hole) - _area(region)) < 1e-12
             if len(region) >= 3 and not is_all:
-                planes.append(IdealPlane(frame, camera, region, hole, code, own))
+                has_pole = code == formulas.EQUIRECT and frame[1, 2] != 0
+                planes.append(IdealPlane(frame, camera, region, hole, code, own, has_pole))
     return tuple(planes)
 
 

@@ -1,0 +1,172 @@
+"""Areas in the image of a lens: sums, references, and bounds."""
+
+import math
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from lens_cases import HEIGHT, WIDTH, K, of_all_kinds
+from lens_rooms import on_plane, room
+
+import rastercov as rc
+from rastercov.errors import CameraError
+from rastercov.lenses import formulas, make_lens, sources
+from rastercov.lenses.areas import blind_area, polygon_areas
+from rastercov.lenses.quadrature import edge_table
+from rastercov.reference.polygons import image_area
+
+LENSES = of_all_kinds()
+QUICK = {"opencv tilted", "kalibr ds", "wide equidistant", "colmap EQUIRECTANGULAR"}
+SLOW_TOO = [
+    name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in LENSES
+]
+
+
+@pytest.mark.parametrize("name", LENSES)
+def test_the_region_covers_the_image(name):
+    lens = LENSES[name]
+    assert lens.is_whole
+    assert abs(blind_area(lens)) <= 1e-8
+
+
+@pytest.mark.parametrize("name", SLOW_TOO)
+def test_walls_of_a_room_add_up_to_the_image(name):
+    lens = LENSES[name]
+    triangles = room(3, seed=len(name))
+    total, bound = 0.0, 0.0
+    for plane in lens.planes:
+        areas = polygon_areas(lens, plane, on_plane(plane, triangles))
+        assert (areas.inside >= -1e-9).all()
+        assert (areas.inside <= areas.whole + 1e-8).all()
+        total += areas.inside.sum()
+        bound += areas.bound.sum()
+    assert abs(total - WIDTH * HEIGHT) <= 1e-6
+    assert bound < 1e-4
+
+
+def test_a_room_seen_by_a_folding_lens_adds_up_to_what_is_not_blind():
+    lens = make_lens("pinhole", WIDTH, HEIGHT, fx=900, fy=900, radial=(-0.2,))
+    blind = blind_area(lens)
+    # The image circle has radius 900 r (1 - 0.2 r^2) at the end of the region.
+    edge = math.tan(lens.valid_angle)
+    radius = 900 * edge * (1 - 0.2 * edge**2)
+    circle = shapely.Point(WIDTH / 2, HEIGHT / 2).buffer(radius, quad_segs=4096)
+    outside = WIDTH * HEIGHT - shapely.box(0, 0, WIDTH, HEIGHT).intersection(circle).area
+    assert outside > 1000
+    assert blind == pytest.approx(outside, abs=2e-3 * radius)  # the region is a polygon
+    total = 0.0
+    for plane in lens.planes:
+        total += polygon_areas(lens, plane, on_plane(plane, room(3))).inside.sum()
+    assert abs(total + blind - WIDTH * HEIGHT) <= 1e-6
+
+
+def test_longer_edges_than_the_table_allows_are_cut():
+    lens, triangles = LENSES["opencv brown"], room(1)
+    (plane,) = lens.planes
+    polygons = on_plane(plane, triangles)
+    table = edge_table(plane, 1e-13)
+    assert max(np.ptp(polygon) for polygon in polygons) > 4 * table.longest.max()
+    fine = polygon_areas(lens, plane, polygons, table)
+    coarse = polygon_areas(lens, plane, polygons)
+    assert np.abs(fine.inside - coarse.inside).max() <= 1e-7
+
+
+def test_without_distortion_areas_are_those_of_the_reference():
+    matrix = K - [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]
+    lens = sources.opencv(matrix, WIDTH, HEIGHT)
+    camera = rc.Camera(width=WIDTH, height=HEIGHT, fx=900, fy=880, cx=654.75, cy=500.0)
+    (plane,) = lens.planes
+    rng = np.random.default_rng(4)
+    middle = rng.uniform((-0.8, -0.7), (0.8, 0.7), (300, 1, 2))
+    corners = middle + rng.normal(size=(300, 3, 2)) * rng.choice([0.02, 0.2, 0.6], (300, 1, 1))
+    z = rng.uniform(1, 3, (300, 3, 1))
+    points = np.concatenate((corners * z, z), axis=2)
+    mesh = rc.Mesh(vertices=points.reshape(-1, 3), faces=np.arange(900).reshape(-1, 3))
+    wanted = image_area(mesh, camera, np.eye(4))
+    assert ((wanted > 0).sum(), (wanted == 0).sum()) > (200, 10)
+    found = np.zeros(300)
+    for i in range(300):
+        polygons = on_plane(plane, points[i : i + 1])
+        if polygons:
+            found[i] = abs(polygon_areas(lens, plane, polygons).inside.sum())
+    assert np.abs(found - wanted).max() <= 2e-9
+
+
+def densified(plane, polygon, n):
+    """Areas of the image of a polygon of a plane, by polygons of 3 n corners: whole and inside."""
+    t = np.arange(n)[:, None] / n
+    ends = np.roll(polygon, -1, axis=0)
+    points = np.concatenate([a + t * (b - a) for a, b in zip(polygon, ends, strict=True)])
+    rays = np.column_stack((points, np.ones(len(points)))) @ plane.frame.T
+    whole = shapely.Polygon(np.column_stack(formulas.project(plane.code, plane.params, *rays.T)))
+    inside = whole.intersection(shapely.box(0, 0, WIDTH, HEIGHT))
+    return np.array((whole.area, inside.area))
+
+
+@pytest.mark.parametrize("name", ["opencv prism", "kalibr omni", "wide equidistant"])
+def test_areas_are_those_of_polygons_of_many_corners(name):
+    lens = LENSES[name]
+    rng = np.random.default_rng(5)
+    for plane in lens.planes[:2]:
+        polygons = []
+        for _ in range(12):
+            weights = rng.dirichlet(np.full(len(plane.region), 0.1), 3)
+            triangle = weights @ plane.region
+            one, two = triangle[1] - triangle[0], triangle[2] - triangle[0]
+            polygons.append(triangle if one[0] * two[1] > one[1] * two[0] else triangle[::-1])
+        areas = polygon_areas(lens, plane, polygons)
+        for polygon, whole, inside in zip(polygons, areas.whole, areas.inside, strict=True):
+            coarse, fine = densified(plane, polygon, 1000), densified(plane, polygon, 2000)
+            # Chords cut off a share of a bulge that falls with the square of their number.
+            error = np.abs((4 * fine - coarse) / 3 - (whole, inside))
+            assert error[0] <= 1e-6
+            # Except where the border cuts them at an end of one of them.
+            assert error[1] <= 0.1 * np.abs(fine - coarse).max() + 1e-6
+
+
+def test_reversed_polygons_have_the_negative_area():
+    lens = LENSES["opencv prism"]
+    (plane,) = lens.planes
+    polygons = on_plane(plane, room(2))
+    one = polygon_areas(lens, plane, polygons)
+    other = polygon_areas(lens, plane, [polygon[::-1] for polygon in polygons])
+    assert np.abs(one.inside + other.inside).max() <= 1e-8
+    assert np.abs(one.whole + other.whole).max() <= 1e-8
+
+
+def test_edges_along_the_border_of_the_image():
+    """Corners of polygons on the border, and edges along it, count once."""
+    lens = make_lens("pinhole", 1000, 1000, fx=500, fy=500)
+    (plane,) = lens.planes
+    square = np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]])
+    areas = polygon_areas(lens, plane, [square, square * 0.5, square[[0, 1, 2]], square + 0.015])
+    assert np.abs(areas.whole - [1e6, 2.5e5, 5e5, 1e6]).max() <= 1e-8
+    assert np.abs(areas.inside - [1e6, 2.5e5, 5e5, 992.5**2]).max() <= 1e-8
+
+
+@settings(max_examples=25)
+@given(st.integers(0, 2**32 - 1), st.sampled_from(sorted(LENSES)))
+def test_parts_of_a_polygon_add_up(seed, name):
+    lens = LENSES[name]
+    rng = np.random.default_rng(seed)
+    plane = lens.planes[rng.integers(len(lens.planes))]
+    if plane.hole is not None:
+        return
+    weights = rng.dirichlet(np.full(len(plane.region), 0.05), 3)
+    triangle = weights @ plane.region
+    inner = rng.dirichlet(np.ones(3)) @ triangle
+    parts = [np.array([triangle[i - 1], triangle[i], inner]) for i in range(3)]
+    areas = polygon_areas(lens, plane, [triangle, *parts])
+    for values in (areas.whole, areas.inside):
+        assert abs(values[0] - values[1:].sum()) <= areas.bound.sum() + 1e-8
+
+
+def test_a_lens_with_a_pole_in_its_region_has_no_table():
+    lens = make_lens("pinhole", WIDTH, HEIGHT, fx=900, fy=900)
+    plane = lens.planes[0]
+    bad = type(plane)(plane.frame, plane.camera, plane.region + 5, None, 6, plane.params)
+    bad.params[26] = 0.5  # a division lens, used beyond its fold
+    with pytest.raises(CameraError, match="max_angle_deg"):
+        edge_table(bad)

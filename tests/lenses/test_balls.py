@@ -1,0 +1,169 @@
+"""Balls hold all values of a lens at complex points near a real one, and bounds hold with them."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from lens_cases import of_all_kinds
+
+from rastercov.lenses import balls, formulas
+from rastercov.lenses.balls import Ball
+
+LENSES = of_all_kinds()
+
+
+@pytest.fixture(params=LENSES)
+def lens(request):
+    return LENSES[request.param]
+
+
+def complex_atan2(y, x):
+    """atan2 at complex points next to real ones with the same branch."""
+    angle = np.arctan2(y.real, x.real)
+    turned = (np.cos(angle) * y - np.sin(angle) * x) / (np.cos(angle) * x + np.sin(angle) * y)
+    return angle + np.arctan(turned)
+
+
+def complex_angle_over_r(r2, z):
+    r = np.sqrt(r2)
+    return complex_atan2(r, z + 0 * r) / r
+
+
+COMPLEX = formulas.bound_to(
+    {
+        "sqrt": np.sqrt,
+        "atan2": complex_atan2,
+        "angle_over_r": complex_angle_over_r,
+        "undo_distortion": None,
+    }
+)["project"]
+
+
+def points_of(plane, n, rng):
+    """Random points of the region of a plane, outside its hole."""
+    weights = rng.dirichlet(np.full(len(plane.region), 0.05), n)
+    points = weights @ plane.region
+    if plane.hole is not None:
+        middle = plane.hole.mean(axis=0)
+        size = np.abs(plane.hole - middle).max()
+        points = points[np.abs(points - middle).max(axis=1) > size]
+    return points
+
+
+@pytest.mark.parametrize("name", [name for name in LENSES if name != "backward"])
+def test_values_at_complex_points_are_within_reach(name):
+    lens, rng = LENSES[name], np.random.default_rng(7)
+    for plane in lens.planes:
+        points = points_of(plane, 60, rng)
+        for radius in (0.003, 0.03, 0.1):
+            off = np.sqrt(rng.uniform(0, 1, (2, 20, len(points))))
+            turn = np.exp(2j * np.pi * rng.uniform(0, 1, off.shape))
+            own = radius * np.ones(len(points))
+            if plane.has_pole:
+                own = radius * np.hypot(*points.T)
+            near = points.T[:, None] + own * off * turn
+            reach = balls.reach(plane.code, plane.params, plane.frame, *points.T, own)
+            rays = np.stack((*near, 1 + 0 * near[0]), axis=-1) @ plane.frame.T
+            base = np.column_stack((points, np.ones(len(points)))) @ plane.frame.T
+            with np.errstate(all="ignore"):
+                at = COMPLEX(plane.code, plane.params, *np.moveaxis(rays, -1, 0))
+                real = formulas.project(plane.code, plane.params, *base.T)
+            for k in range(2):
+                far = np.abs(at[k] - real[k])
+                is_good = reach[k] < np.inf
+                assert (far[:, is_good] <= reach[k][is_good] * (1 + 1e-9) + 1e-9).all()
+                # One bound for the plane holds for all of its points.
+                assert plane.reach(radius)[k] >= reach[k].max(initial=0.0) * (1 - 1e-9)
+
+
+def test_bounds_of_small_balls_are_close_to_the_derivative(lens):
+    rng = np.random.default_rng(8)
+    plane = lens.planes[0]
+    points = points_of(plane, 200, rng) * 0.9
+    radius = 1e-5
+    reach = balls.reach(plane.code, plane.params, plane.frame, *points.T, radius)
+    rays = np.column_stack((points, np.ones(len(points)))) @ plane.frame.T
+    slopes = lens.jacobian(rays) @ plane.frame[:, :2]
+    for k in range(2):
+        largest = radius * np.abs(slopes[:, k]).sum(axis=1)  # both coordinates move
+        assert (reach[k] >= largest * (1 - 1e-6)).all()
+        assert np.median(reach[k] / largest) < 12
+
+
+def test_an_edge_bends_no_more_than_its_bound(lens):
+    rng = np.random.default_rng(9)
+    for plane in lens.planes:
+        if plane.has_pole:
+            continue  # a pole bends edges without limit
+        bend = plane.bend()
+        assert bend < math.inf
+        ends = points_of(plane, 400, rng)
+        ends = ends[: len(ends) // 2 * 2].reshape(2, -1, 2)
+        length = rng.uniform(0.001, 0.1, (ends.shape[1], 1))
+        towards = ends[1] - ends[0]
+        towards *= length / np.hypot(*towards.T)[:, None]
+        a, b = ends[0], ends[0] + towards
+        middle = (a + b) / 2
+        seen = [
+            np.column_stack(
+                formulas.project(
+                    plane.code, plane.params, *(plane.frame @ np.vstack((z.T, np.ones(len(z)))))
+                )
+            )
+            for z in (a, middle, b)
+        ]
+        chord = np.linalg.norm(seen[1] - (seen[0] + seen[2]) / 2, axis=1)
+        bound = bend * (length[:, 0] * plane.camera.fx) ** 2 / 8
+        valid = [lens.project(plane.frame @ np.append(z, 1.0)) for z in b]
+        is_valid = np.isfinite(valid).all(axis=1)
+        assert (chord[is_valid] <= bound[is_valid] * (1 + 1e-9) + 1e-9).all()
+
+
+NUMBERS = st.complex_numbers(max_magnitude=5, allow_nan=False)
+RADII = st.floats(0, 2)
+SHARES = st.tuples(st.floats(0, 1), st.floats(0, 2 * math.pi))
+
+
+@settings(max_examples=25)
+@given(NUMBERS, RADII, SHARES, NUMBERS, RADII, SHARES)
+def test_balls_hold_all_results(a, r, s, b, q, t):
+    one, other = Ball([a], [r]), Ball([b], [q])
+    z = a + r * s[0] * np.exp(1j * s[1])
+    w = b + q * t[0] * np.exp(1j * t[1])
+    with np.errstate(all="ignore"):
+        cases = [(one + other, z + w), (one - other, z - w), (one * other, z * w)]
+        cases += [(3.0 - one, 3 - z), (2.0 * one + 1.0, 2 * z + 1)]
+        if w:
+            cases.append((one / other, z / w))
+        cases.append((balls._sqrt(one), np.sqrt(z)))
+        cases.append((balls._atan(one), np.arctan(z)))
+    for ball, value in cases:
+        if ball.radius[0] < np.inf:
+            assert abs(ball.centre[0] - value) <= ball.radius[0] * (1 + 1e-9) + 1e-12
+
+
+def test_the_inverse_over_balls_is_an_inverse():
+    lens = LENSES["backward"]
+    x, y = np.random.default_rng(3).uniform(-0.4, 0.4, (2, 50))
+    radius = 1e-3
+    with np.errstate(all="ignore"):
+        a, b = balls._undo_distortion(lens.params, Ball(x, radius), Ball(y, radius))
+    assert (a.radius < 0.1).all()
+    turn = np.exp(2j * np.pi * np.random.default_rng(4).uniform(0, 1, (2, 200, 50)))
+    # Newton's method from the real root reaches the complex one that is next to it.
+    targets = x + radius * turn[0], y + radius * turn[1]
+    p, q = a.centre + 0 * turn[0], b.centre + 0 * turn[0]
+    params = lens.params
+    for _ in range(8):
+        f, g = formulas.distorted(params, p, q)
+        step = 1e-6
+        fp, gp = formulas.distorted(params, p + step, q)
+        fq, gq = formulas.distorted(params, p, q + step)
+        fp, gp, fq, gq = (fp - f) / step, (gp - g) / step, (fq - f) / step, (gq - g) / step
+        det = fp * gq - fq * gp
+        p = p + (gq * (targets[0] - f) - fq * (targets[1] - g)) / det
+        q = q + (fp * (targets[1] - g) - gp * (targets[0] - f)) / det
+    assert (np.abs(p - a.centre) <= a.radius).all()
+    assert (np.abs(q - b.centre) <= b.radius).all()
