@@ -13,16 +13,19 @@ from numpy.typing import NDArray
 from rastercov._jit import allocation_free, inlined
 from rastercov.exact.polygon_kernels import twice_area
 from rastercov.exact.records import CLIPPED, LIVE, THIN, U, V, W
+from rastercov.lenses.polygon_kernels import polygon_image
 
 FloatArray = NDArray[np.float64]
 
 MOST_CORNERS = 256
 """Room for a piece of up to `PIECE_ROOM` corners cut by a region of up to 128 sides."""
+MOST_SIDES = 8
+"""Sides of a region that a vertex is compared with; a region of more is nearly a disc."""
 OUTLINE, PIECE = 0, 1
 """Kinds of polygons: the whole of a face in the plane, or a visible part of it."""
-PART_ROUNDING = 2.0**-44
-"""Rounding of the area of an edge or part of one, relative to the area of the image: positions to
-2^-50 of its size, each times its width or height, some ten times over."""
+EDGE_ROUNDING = 2.0**-46
+"""Rounding of the area under an edge, relative to its length and the size of the image: positions
+to 2^-50 of the size, some ten times over."""
 
 
 class Polygons(NamedTuple):
@@ -36,6 +39,19 @@ class Polygons(NamedTuple):
     face: NDArray[np.int32]
     kind: NDArray[np.int8]
     used: NDArray[np.int64]
+
+
+class Seen(NamedTuple):
+    """Images of the vertices and edges of a surface in one plane.
+
+    `xy` and `uv`, (V, 2), are in units of the plane and in px, `is_inside`, (V,), vertices of its
+    region, and `bulge`, (E,), areas between the image of an edge and its chord; NaN where unknown.
+    """
+
+    xy: FloatArray
+    uv: FloatArray
+    is_inside: NDArray[np.bool_]
+    bulge: FloatArray
 
 
 class Scratch(NamedTuple):
@@ -157,6 +173,92 @@ def append_cut(polygon, n, face, kind, plane, spare, found):
             append(spare, n, face, kind, found)
 
 
+@allocation_free
+def vertices_in_plane(uvw, camera, plane, xy, is_inside):
+    """Vertices (V, 2) in units of a plane, and (V,) whether they are inside its region.
+
+    A vertex next to a curved border of the region may count as outside; with a hole all do.
+    """
+    region = plane.region
+    m = region.shape[0]
+    is_disc, radius2 = m > MOST_SIDES, np.inf
+    for s in range(m):
+        t = s + 1 if s + 1 < m else 0
+        dx, dy = region[t, 0] - region[s, 0], region[t, 1] - region[s, 1]
+        height = dx * region[s, 1] - dy * region[s, 0]
+        size = dx * dx + dy * dy
+        if size > 0:
+            radius2 = min(radius2, height * height / size)
+    for i in range(uvw.shape[0]):
+        is_inside[i] = False
+        if not uvw[i, W] > 0 or plane.hole.shape[0] > 0:
+            continue
+        x, y = (uvw[i, U] - camera.cx) / camera.fx, (uvw[i, V] - camera.cy) / camera.fy
+        xy[i, 0], xy[i, 1] = x, y
+        if is_disc:
+            is_inside[i] = x * x + y * y <= radius2
+            continue
+        is_inside[i] = True
+        for s in range(m):
+            t = s + 1 if s + 1 < m else 0
+            dx, dy = region[t, 0] - region[s, 0], region[t, 1] - region[s, 1]
+            if dx * (y - region[s, 1]) - dy * (x - region[s, 0]) < 0:
+                is_inside[i] = False
+
+
+@allocation_free
+def measure_simple(faces, edges, is_flat, state, seen, plane, own, is_done, out):
+    """Measure the faces that are wholly inside the image or outside it, by shared edges.
+
+    Parameters
+    ----------
+    faces : (O, 3) int32
+        The opaque faces.
+    edges : Edges
+    seen : Seen
+        Images of vertices and edges.
+    own : (F,) float64
+        Out: drawn area of each face in this plane; 0 for those that are not measured.
+    is_done : (F,) bool
+        Out: faces that are measured, or need not be.
+    out : Figures
+    """
+    xy, uv, is_inside, bulge = seen.xy, seen.uv, seen.is_inside, seen.bulge
+    W_, H_ = plane.width, plane.height
+    rounding = EDGE_ROUNDING * (W_ + H_)
+    for f in range(own.shape[0]):
+        own[f], is_done[f] = 0.0, bool(is_flat[f]) or state[f] & THIN != 0
+    for f in range(faces.shape[0]):
+        i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
+        if is_done[f] or not (is_inside[i] and is_inside[j] and is_inside[k]):
+            continue
+        total, longest2 = 0.0, 0.0
+        for p in range(3):
+            e, a = edges.of_face[f, p], faces[f, p]
+            b = faces[f, p + 1 if p < 2 else 0]
+            total += bulge[e] if edges.vertices[e, 0] == a else -bulge[e]
+            dx, dy = xy[b, 0] - xy[a, 0], xy[b, 1] - xy[a, 1]
+            longest2 = max(longest2, dx * dx + dy * dy)
+        u0, v0, u1, v1, u2, v2 = uv[i, 0], uv[i, 1], uv[j, 0], uv[j, 1], uv[k, 0], uv[k, 1]
+        low_u, high_u = min(u0, u1, u2), max(u0, u1, u2)
+        low_v, high_v = min(v0, v1, v2), max(v0, v1, v2)
+        stray = plane.bend * longest2 / 8
+        if high_u < -stray or high_v < -stray or low_u > W_ + stray or low_v > H_ + stray:
+            is_done[f] = True
+            continue
+        is_in = low_u > stray and low_v > stray and high_u < W_ - stray and high_v < H_ - stray
+        total += 0.5 * ((u1 - u0) * (v2 - v0) - (u2 - u0) * (v1 - v0))
+        if is_in and total == total:
+            is_done[f] = True
+            twice = (xy[j, 0] - xy[i, 0]) * (xy[k, 1] - xy[i, 1])
+            twice -= (xy[k, 0] - xy[i, 0]) * (xy[j, 1] - xy[i, 1])
+            own[f] = total if twice > 0 else -total
+            out.area[f] += own[f]
+            # No side is longer than the box, and a bulge, is wide and high.
+            around = 2 * (high_u - low_u + high_v - low_v) + 6 * stray
+            out.area_error[f] += 3 * plane.tolerance + rounding * around
+
+
 @inlined
 def cut_in_space(points, n, a, b, c, d, spare):
     """Keep the part of a polygon in space where a X + b Y + c Z >= d, in place; its corner count."""
@@ -230,13 +332,14 @@ def is_out_of_image(uvw, faces, f, camera):
 
 
 @allocation_free
-def collect(vertices, is_flat, projected, kept, camera, plane, scratch, found):
-    """List the outlines of the faces, and the kept pieces, in units of an ideal plane.
+def collect(vertices, is_done, projected, kept, camera, plane, scratch, found):
+    """List the outlines of the other faces, and the kept pieces, in units of an ideal plane.
 
     Parameters
     ----------
-    vertices, is_flat : (V, 3) float64, (F,) bool
-        Of the surface.
+    vertices : (V, 3) float64
+    is_done : (F,) bool
+        Of `measure_simple`.
     projected : Projected
     kept : VisiblePieces
     camera : Pinhole
@@ -251,7 +354,7 @@ def collect(vertices, is_flat, projected, kept, camera, plane, scratch, found):
     found.used[0] = found.used[1] = 0
     found.starts[0] = 0
     for f in range(state.shape[0]):
-        if state[f] & THIN or is_flat[f]:
+        if is_done[f]:
             continue
         if not state[f] & LIVE:
             # Out of sight, or seen from behind and left out.
@@ -291,6 +394,27 @@ def collect(vertices, is_flat, projected, kept, camera, plane, scratch, found):
         append_cut(polygon, n, kept.faces[i], PIECE, plane, spare, found)
 
 
+@inlined
+def length_of(corners, first, last, plane):
+    """Length of the outline of a polygon, px of the pinhole; at most twice its box is as good."""
+    low_x = low_y = np.inf
+    high_x = high_y = -np.inf
+    for i in range(first, last):
+        low_x, high_x = min(low_x, corners[i, 0]), max(high_x, corners[i, 0])
+        low_y, high_y = min(low_y, corners[i, 1]), max(high_y, corners[i, 1])
+    return 2 * ((high_x - low_x) * plane.fx + (high_y - low_y) * plane.fy)
+
+
+@allocation_free
+def measure_images(found, plane, scratch, images):
+    """Fill `images`, (M, 3), with the whole area, the area inside, and the edges of polygons."""
+    for i in range(found.used[0]):
+        whole, inside, rules = polygon_image(
+            plane, found.corners, found.starts[i], found.starts[i + 1], scratch
+        )
+        images[i, 0], images[i, 1], images[i, 2] = whole, inside, rules
+
+
 @allocation_free
 def add_areas(found, images, projected, kept, pinhole, plane, own, out):
     """Add the images of polygons to the figures of faces.
@@ -299,22 +423,22 @@ def add_areas(found, images, projected, kept, pinhole, plane, own, out):
     ----------
     found : Polygons
     images : (M, 3) float64
-        Area inside the image and number of edges of each, see `lenses.edge_kernels.image_areas`.
+        Of `measure_images`.
     pinhole : tuple
         Visible area (F,), error (F,) and certificates (F,) of the pinhole, px^2 of its image.
     own : (F,) float64
-        Scratch: the drawn area of each face in this plane; -1 where it has pieces.
+        Of `measure_simple`, and lost.
     out : Figures
     """
     state, (visible, area_error, is_certified) = projected.state, pinhole
     n_faces = state.shape[0]
-    size = plane.width * plane.height
-    for f in range(n_faces):
-        own[f] = 0.0
+    rounding = EDGE_ROUNDING * (plane.width + plane.height) * plane.speed
     # A face with pieces is partly visible; one without is wholly visible or wholly hidden.
     for i in range(found.used[0]):
         f, inside = found.face[i], images[i, 1]
-        out.area_error[f] += images[i, 2] * (plane.tolerance + PART_ROUNDING * size)
+        out.area_error[f] += images[i, 2] * plane.tolerance + rounding * length_of(
+            found.corners, found.starts[i], found.starts[i + 1], plane
+        )
         if found.kind[i] == OUTLINE:
             own[f] += inside
             out.area[f] += inside

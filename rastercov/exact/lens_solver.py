@@ -14,8 +14,9 @@ from rastercov.camera import Camera
 from rastercov.exact import lens_kernels as kernels
 from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.exact.surface import Surface
-from rastercov.lenses.edge_kernels import image_areas
+from rastercov.lenses import lane_kernels
 from rastercov.lenses.of_camera import PlaneRecord, planes_of
+from rastercov.lenses.polygon_kernels import edge_scratch
 
 FloatArray = NDArray[np.float64]
 
@@ -50,9 +51,19 @@ class LensSolver:
         self.figures = kernels.Figures(*np.empty((3, n)), *np.empty((3, n), np.int8))
         self.area, self.visible, self.area_error = self.figures[:3]
         self.is_certified = np.zeros(n, np.bool_)
+        n_vertices, n_edges = len(surface.vertices), len(surface.edges.kind)
+        self._seen = kernels.Seen(
+            xy=np.empty((n_vertices, 2)),
+            uv=np.empty((n_vertices, 2)),
+            is_inside=np.empty(n_vertices, np.bool_),
+            bulge=np.empty(n_edges),
+        )
+        self._lanes = lane_kernels.lane_scratch()
+        self._rule, self._order = np.empty(n_edges, np.uint8), np.empty(n_edges, np.int32)
+        self._is_done = np.empty(n, np.bool_)
         self._own, self._scratch = np.empty(n), kernels.scratch()
         self._found = kernels.room_for_polygons(1024, 8192)
-        self._images = np.empty((1024, 3))
+        self._images, self._edges = np.empty((1024, 3)), edge_scratch()
         self._flat: NDArray[np.bool_] = surface.flat
         self._vertices: FloatArray = surface.vertices
         if surface.targets is not None:
@@ -108,12 +119,24 @@ class LensSolver:
 
     def _measure(self, record: PlaneRecord) -> None:
         """Add the images of all faces and pieces in one plane."""
-        solver = self._solver
+        solver, seen, lanes = self._solver, self._seen, self._lanes
         projected, kept = solver.image_of_all, solver.kept_pieces
+        surface, n_vertices = self.surface, len(self.surface.vertices)
+        own, is_done, uvw = self._own, self._is_done, projected.uvw[:n_vertices]
+        kernels.vertices_in_plane(uvw, solver.camera, record, seen.xy, seen.is_inside)
+        lane_kernels.vertex_images(record, seen.xy, seen.is_inside, lanes, seen.uv)
+        lane_kernels.edge_bulges(
+            record, surface.edges.vertices, seen.xy, seen.uv, seen.is_inside, self._rule,
+            self._order, lanes, seen.bulge,
+        )  # fmt: skip
+        kernels.measure_simple(
+            surface.faces, surface.edges, self._flat, projected.state, seen, record, own, is_done,
+            self.figures,
+        )  # fmt: skip
         while True:
             found = self._found
             kernels.collect(
-                self._vertices, self._flat, projected, kept, solver.camera, record, self._scratch,
+                self._vertices, is_done, projected, kept, solver.camera, record, self._scratch,
                 found,
             )  # fmt: skip
             n, corners = found.used.tolist()
@@ -123,9 +146,6 @@ class LensSolver:
         if len(self._images) < n:
             self._images = np.empty((n * 5 // 4, 3))
         images = self._images[:n]
-        image_areas(
-            record.code, record.params, record.frame, found.corners, found.starts[: n + 1],
-            record.longest, record.parts_of, record.is_graded, record.width, record.height, images,
-        )  # fmt: skip
+        kernels.measure_images(found, record, self._edges, images)
         pinhole = solver.visible, solver.area_error, solver.is_certified
-        kernels.add_areas(found, images, projected, kept, pinhole, record, self._own, self.figures)
+        kernels.add_areas(found, images, projected, kept, pinhole, record, own, self.figures)

@@ -15,7 +15,7 @@ from rastercov.lenses.quadrature import edge_table
 
 FloatArray = NDArray[np.float64]
 
-TOLERANCE = 1e-10
+TOLERANCE = 1e-9
 """Bound of the error of each edge or part of an edge, px^2."""
 MOST_LENSES = 1024
 """Lenses that are kept: a reconstruction may have one for each image."""
@@ -38,8 +38,12 @@ class PlaneRecord(NamedTuple):
         Of an `EdgeTable`.
     width, height : float
         Size of the image of the lens, px.
+    bend : float
+        Bound of the second derivative of pixels along lines of the plane, px.
     stretch : float
         Greatest area in the image of the lens, px^2, for each px^2 of the pinhole's.
+    speed : float
+        Greatest length in the image of the lens, px, for each px of the pinhole's.
     tolerance : float
         Bound of the error of each edge or part of one, px^2.
     """
@@ -58,7 +62,9 @@ class PlaneRecord(NamedTuple):
     is_graded: bool
     width: float
     height: float
+    bend: float
     stretch: float
+    speed: float
     tolerance: float
 
 
@@ -92,7 +98,7 @@ def planes_of(camera: Camera) -> tuple[tuple[IdealPlane, PlaneRecord], ...]:
 
 def _record(plane: IdealPlane, camera: Camera) -> PlaneRecord:
     table = edge_table(plane, TOLERANCE)
-    pinhole = plane.camera
+    pinhole, (speed, bend) = plane.camera, _derivatives(plane)
     return PlaneRecord(
         code=plane.code,
         params=_read_only(plane.params),
@@ -108,23 +114,27 @@ def _record(plane: IdealPlane, camera: Camera) -> PlaneRecord:
         is_graded=table.is_graded,
         width=float(camera.width),
         height=float(camera.height),
-        stretch=_stretch(plane),
+        bend=bend,
+        stretch=speed**2 / 2 / (pinhole.fx * pinhole.fy),
+        speed=speed / min(pinhole.fx, pinhole.fy),
         tolerance=TOLERANCE,
     )
 
 
-def _stretch(plane: IdealPlane) -> float:
-    """Bound of the Jacobian determinant of a plane, px^2 for each px^2 of its pinhole.
+def _derivatives(plane: IdealPlane) -> tuple[float, float]:
+    """Bounds of the first and the second derivative of pixels along lines of a plane, px.
 
-    Of an analytic u with |u - u0| <= M within R the derivative is at most M / R, by Cauchy.
+    Of an analytic u with |u - u0| <= M within R the first is at most M / R, and the second 2 M /
+    R^2, by Cauchy. Both coordinates together change by (x^2 + y^2)^(1/2) times 2^(1/2) at most.
     """
     if plane.has_pole:
-        return math.inf
-    least = math.inf
+        return math.inf, math.inf
+    speed = bend = math.inf
     for radius in RADII:
-        across, down = plane.reach(radius)
-        least = min(least, 2.0 * across * down / (radius * radius))
-    return least / (plane.camera.fx * plane.camera.fy)
+        reach = math.hypot(*plane.reach(radius))
+        speed = min(speed, math.sqrt(2) * reach / radius)
+        bend = min(bend, 4 * reach / radius**2)
+    return speed, bend
 
 
 def _read_only(values: Any) -> FloatArray:
