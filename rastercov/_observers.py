@@ -129,7 +129,7 @@ class ExactObserver(OpenObserver):
         )
         self._surface = surface_of(mesh)
         if all(each.is_pinhole for each in cameras):
-            make = partial(solver_type, self._surface, cameras[0])
+            make: Any = partial(solver_type, self._surface, cameras[0])
         else:
             from rastercov.exact.lens_solver import LensSolver
 

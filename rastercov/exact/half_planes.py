@@ -235,7 +235,6 @@ class HalfPlaneSolver:
         """Take another camera, for the poses from now on."""
         if camera is self._camera:
             return
-        camera.check_pinhole()
         self._camera = camera
         width, height = float(camera.width), float(camera.height)
         fx, fy, cx, cy = map(float, (camera.fx, camera.fy, camera.cx, camera.cy))

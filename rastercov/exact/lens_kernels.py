@@ -13,12 +13,15 @@ from numpy.typing import NDArray
 from rastercov._jit import allocation_free, inlined
 from rastercov.exact.polygon_kernels import twice_area
 from rastercov.exact.records import CLIPPED, LIVE, THIN, U, V, W
-from rastercov.lenses.polygon_kernels import polygon_image
+from rastercov.lenses.polygon_kernels import (
+    MOST_CORNERS,
+    cut_to_region,
+    is_in_region,
+    polygon_image,
+)
 
 FloatArray = NDArray[np.float64]
 
-MOST_CORNERS = 256
-"""Room for a piece of up to `PIECE_ROOM` corners cut by a region of up to 128 sides."""
 MOST_SIDES = 8
 """Sides of a region that a vertex is compared with; a region of more is nearly a disc."""
 OUTLINE, PIECE = 0, 1
@@ -92,54 +95,6 @@ def room_for_polygons(n: int, corners: int) -> Polygons:
 def scratch() -> Scratch:
     """Memory for one polygon."""
     return Scratch(*np.empty((2, MOST_CORNERS, 2)), *np.empty((2, MOST_CORNERS, 3)))
-
-
-@inlined
-def is_in_region(polygon, n, region):
-    """True where all corners lie inside a convex polygon, counter-clockwise in (x, y)."""
-    m = region.shape[0]
-    for i in range(m):
-        j = i + 1 if i + 1 < m else 0
-        x0, y0 = region[i, 0], region[i, 1]
-        dx, dy = region[j, 0] - x0, region[j, 1] - y0
-        for p in range(n):
-            if dx * (polygon[p, 1] - y0) - dy * (polygon[p, 0] - x0) < 0:
-                return False
-    return True
-
-
-@inlined
-def cut_to_side(polygon, n, x0, y0, dx, dy, out):
-    """Keep the part of a polygon to the left of a line; returns its corner count."""
-    kept = 0
-    for i in range(n):
-        j = i + 1 if i + 1 < n else 0
-        here = dx * (polygon[i, 1] - y0) - dy * (polygon[i, 0] - x0)
-        there = dx * (polygon[j, 1] - y0) - dy * (polygon[j, 0] - x0)
-        if here >= 0 and kept < out.shape[0]:
-            out[kept, 0], out[kept, 1] = polygon[i, 0], polygon[i, 1]
-            kept += 1
-        if ((here > 0 and there < 0) or (here < 0 and there > 0)) and kept < out.shape[0]:
-            t = here / (here - there)
-            out[kept, 0] = polygon[i, 0] + t * (polygon[j, 0] - polygon[i, 0])
-            out[kept, 1] = polygon[i, 1] + t * (polygon[j, 1] - polygon[i, 1])
-            kept += 1
-    return kept
-
-
-@inlined
-def cut_to_region(polygon, n, region, spare):
-    """Cut a polygon in place to a convex region; returns its corner count."""
-    m = region.shape[0]
-    for i in range(m):
-        j = i + 1 if i + 1 < m else 0
-        x0, y0 = region[i, 0], region[i, 1]
-        n = cut_to_side(polygon, n, x0, y0, region[j, 0] - x0, region[j, 1] - y0, spare)
-        for p in range(n):
-            polygon[p, 0], polygon[p, 1] = spare[p, 0], spare[p, 1]
-        if n < 3:
-            return 0
-    return n
 
 
 @inlined
@@ -261,7 +216,7 @@ def measure_simple(faces, edges, is_flat, state, seen, plane, own, is_done, out)
 
 @inlined
 def cut_in_space(points, n, a, b, c, d, spare):
-    """Keep the part of a polygon in space where a X + b Y + c Z >= d, in place; its corner count."""
+    """Keep the part of a polygon in space with a X + b Y + c Z >= d, in place; its corner count."""
     kept = 0
     for i in range(n):
         j = i + 1 if i + 1 < n else 0

@@ -71,18 +71,15 @@ class LaneScratch(NamedTuple):
     total: NDArray[np.float64]
     U: NDArray[np.float64]
     V: NDArray[np.float64]
-    index: NDArray[np.int64]
+    row: NDArray[np.int64]
     starts: NDArray[np.int64]
 
 
 def lane_scratch() -> LaneScratch:
     """Memory for `LANES` rays or edges; all numbers are finite, also those of unused lanes."""
-    return LaneScratch(
-        *np.zeros((6, LANES)),
-        *np.zeros((2, MOST + 1, LANES)),
-        np.zeros(LANES, np.int64),
-        np.zeros(NO_RULE + 2, np.int64),
-    )
+    sizes = [(LANES,)] * 6 + [(MOST + 1, LANES)] * 2
+    row, starts = np.zeros(LANES, np.int64), np.zeros(NO_RULE + 2, np.int64)
+    return LaneScratch._make([*(np.zeros(size) for size in sizes), row, starts])
 
 
 @part_of
@@ -104,7 +101,7 @@ def angle_over_r(r2, z):
 
 @allocation_free
 def base_lanes(code, b0, b1, b2, x, y, z):
-    """Bases of the lenses that have a closed form, see `formulas.based`; rays (x, y, z) in place."""
+    """Bases that have a closed form, see `formulas.based`; rays (x, y, z) in place."""
     if code == EQUIDISTANT:
         for i in range(LANES):
             g = angle_over_r(x[i] * x[i] + y[i] * y[i], z[i])
@@ -216,7 +213,7 @@ def vertex_images(plane, xy, is_inside, lanes, uv):
     m = 0
     for i in range(xy.shape[0]):
         if is_inside[i]:
-            lanes.index[m], lanes.x[m], lanes.y[m] = i, xy[i, 0], xy[i, 1]
+            lanes.row[m], lanes.x[m], lanes.y[m] = i, xy[i, 0], xy[i, 1]
             m += 1
         else:
             uv[i, 0] = uv[i, 1] = math.nan
@@ -233,7 +230,7 @@ def vertex_images(plane, xy, is_inside, lanes, uv):
                 lanes.V[0],
             )
             for k in range(m):
-                uv[lanes.index[k], 0], uv[lanes.index[k], 1] = lanes.U[0, k], lanes.V[0, k]
+                uv[lanes.row[k], 0], uv[lanes.row[k], 1] = lanes.U[0, k], lanes.V[0, k]
             m = 0
 
 

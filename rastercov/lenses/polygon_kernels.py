@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._jit import allocation_free
+from rastercov._jit import allocation_free, inlined
 from rastercov.lenses.edge_kernels import (
     DEEPEST,
     MOST_CUTS,
@@ -23,6 +23,8 @@ from rastercov.lenses.quadrature import MOST
 
 FloatArray = NDArray[np.float64]
 
+MOST_CORNERS = 256
+"""Room for a polygon of up to 64 corners cut by a region of up to 132 sides."""
 MOST_WAITING = 64
 """Parts of an edge that wait to be halved, on a plane with a pole."""
 
@@ -42,14 +44,10 @@ class EdgeScratch(NamedTuple):
 
 def edge_scratch() -> EdgeScratch:
     """Memory for one edge."""
-    return EdgeScratch(
-        *np.empty((3, MOST + 1)),
-        np.empty((DEEPEST + 2, MOST + 1)),
-        np.empty((DEEPEST + 2, 2)),
-        np.empty(MOST_CUTS),
-        np.empty(MOST_CUTS, np.int64),
-        np.empty((MOST_WAITING, 2)),
-    )
+    deep = DEEPEST + 2
+    sizes = [(MOST + 1,)] * 3 + [(deep, MOST + 1), (deep, 2), (MOST_CUTS,)]
+    kinds, waiting = np.empty(MOST_CUTS, np.int64), np.empty((MOST_WAITING, 2))
+    return EdgeScratch._make([*(np.empty(size) for size in sizes), kinds, waiting])
 
 
 @allocation_free
@@ -174,3 +172,51 @@ def _is_short(ax, ay, bx, by, longest, top):
     half = 0.5 * math.hypot(bx - ax, by - ay)
     distance = 0.5 * math.hypot(ax + bx, ay + by)
     return half <= longest * distance or half < 1e-15 or top >= MOST_WAITING - 2
+
+
+@inlined
+def is_in_region(polygon, n, region):
+    """True where all corners lie inside a convex polygon, counter-clockwise in (x, y)."""
+    m = region.shape[0]
+    for i in range(m):
+        j = i + 1 if i + 1 < m else 0
+        x0, y0 = region[i, 0], region[i, 1]
+        dx, dy = region[j, 0] - x0, region[j, 1] - y0
+        for p in range(n):
+            if dx * (polygon[p, 1] - y0) - dy * (polygon[p, 0] - x0) < 0:
+                return False
+    return True
+
+
+@inlined
+def cut_to_side(polygon, n, x0, y0, dx, dy, out):
+    """Keep the part of a polygon to the left of a line; returns its corner count."""
+    kept = 0
+    for i in range(n):
+        j = i + 1 if i + 1 < n else 0
+        here = dx * (polygon[i, 1] - y0) - dy * (polygon[i, 0] - x0)
+        there = dx * (polygon[j, 1] - y0) - dy * (polygon[j, 0] - x0)
+        if here >= 0 and kept < out.shape[0]:
+            out[kept, 0], out[kept, 1] = polygon[i, 0], polygon[i, 1]
+            kept += 1
+        if ((here > 0 and there < 0) or (here < 0 and there > 0)) and kept < out.shape[0]:
+            t = here / (here - there)
+            out[kept, 0] = polygon[i, 0] + t * (polygon[j, 0] - polygon[i, 0])
+            out[kept, 1] = polygon[i, 1] + t * (polygon[j, 1] - polygon[i, 1])
+            kept += 1
+    return kept
+
+
+@inlined
+def cut_to_region(polygon, n, region, spare):
+    """Cut a polygon in place to a convex region; returns its corner count."""
+    m = region.shape[0]
+    for i in range(m):
+        j = i + 1 if i + 1 < m else 0
+        x0, y0 = region[i, 0], region[i, 1]
+        n = cut_to_side(polygon, n, x0, y0, region[j, 0] - x0, region[j, 1] - y0, spare)
+        for p in range(n):
+            polygon[p, 0], polygon[p, 1] = spare[p, 0], spare[p, 1]
+        if n < 3:
+            return 0
+    return n
