@@ -18,6 +18,8 @@ from rows import Report, arguments
 from surface_cases import in_regions, off_clipper2, room
 
 import rastercov as rc
+from rastercov.area.cells import usual_size
+from rastercov.area.centres import CentrePass
 from rastercov.area.regions import RegionPass
 from rastercov.reference.regions import covers_points, points_on
 
@@ -150,6 +152,20 @@ def measure(
     report.add(f"{name}: shares of {len(cells):,} cells", 1e3 * statistics.median(taken), "ms/pose")
     pairs = len(shares.cell) / n
     report.add(f"{name}: shares of 10,000 candidates", 12 * 1e4 * pairs / 1e9, "GB", at_most=1.0)
+    usual = rc.cells(mesh, usual_size(mesh))
+    centres = CentrePass(usual, camera, task, threads=1)
+    listed, halves = centres.find(chosen.world_from_camera), usual.share(found)
+    taken = [seconds(lambda: centres.find(chosen.world_from_camera)) / n for _ in range(rounds)]
+    report.add(
+        f"{name}: centres of {len(usual):,} cells", 1e3 * statistics.median(taken), "ms/pose"
+    )
+    is_listed, is_half = np.zeros((2, n, len(usual)), np.bool_)
+    for row in range(n):
+        is_listed[row, listed.row(row)] = True
+        part = slice(halves.starts[row], halves.starts[row + 1])
+        is_half[row, halves.cell[part][halves.share[part] >= 0.5]] = True
+    off = ((is_listed != is_half) @ usual.area).sum() / (is_half @ usual.area).sum()
+    report.add(f"{name}: cells that centres take wrongly", 100 * off, "% of the covered area")
 
 
 def seconds(work: Callable[[], object], repeats: int = 1) -> float:

@@ -42,9 +42,10 @@ def length(metres: float) -> str:
 def area(square_metres: float) -> str:
     """Area as text, such as "85.2 m²": three digits."""
     units = (("m²", 1.0), ("cm²", 1e4), ("mm²", 1e6))
-    unit, factor = next((each for each in units if square_metres * each[1] >= 1), ("µm²", 1e12))
+    # A value that rounds to 1 has the larger unit.
+    unit, factor = next((u for u in units if square_metres * u[1] >= 0.9995), ("µm²", 1e12))
     value = square_metres * factor
-    if value < 1000 or not math.isfinite(value):
+    if value < 999.5 or not math.isfinite(value):
         return f"{number(value)} {unit}"
     return f"{round(value, 2 - math.floor(math.log10(value))):,.0f} {unit}"
 

@@ -86,8 +86,10 @@ def occlusion(
     Raises
     ------
     ValueError
-        For a reading or a test that does not exist.
+        For a reading or a test that does not exist, or a mesh with targets.
     """
+    if mesh.has_targets:
+        raise ValueError("Algorithm 1 has no targets: every face hides; pass mesh.opaque")
     matrix = np.asarray(pose, dtype=np.float64)
     triangles = image_triangles(mesh, camera, matrix, clip=clip)
     is_back = self_occluding(mesh, matrix, self_occlusion)

@@ -13,7 +13,9 @@ import rastercov as rc
 from rastercov import shapes
 from rastercov.coverage import FIGURES
 from rastercov.mesh import Mesh
+from rastercov.models import MODELS
 from rastercov.placement import what_is_left
+from rastercov.reference.algorithm1 import occlusion
 from rastercov.reference.coverage import figures_of_pose
 from rastercov.task import Reason
 
@@ -142,3 +144,17 @@ def test_a_mesh_without_targets_costs_nothing_more():
     assert mesh.opaque is mesh
     with rc.open_rasterizer(mesh, CAMERA, "cpu") as rasterizer:
         assert rasterizer._targets is None
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_target_changes_no_model_of_any_other_face(name):
+    found = MODELS[name](scene(), CAMERA, VIEWS, TASK)
+    expected = MODELS[name](ROOM, CAMERA, VIEWS, TASK)
+    np.testing.assert_array_equal(found[:, : ROOM.n_faces], expected)
+    assert found[:, ROOM.n_faces :].any()
+
+
+def test_algorithm_1_refuses_targets():
+    with pytest.raises(ValueError, match=r"Algorithm 1 has no targets.*pass mesh\.opaque"):
+        occlusion(scene(), CAMERA, VIEWS[0])
+    assert len(occlusion(scene().opaque, CAMERA, VIEWS[0])) == ROOM.n_faces

@@ -40,7 +40,7 @@ def first_failures(
     points, face : (N, 3) float64, (N,) int
         Points of faces with an area, metres.
     """
-    frames, sight = frames_of(mesh), _Sight(mesh)
+    frames, sight = frames_of(mesh), Sight(mesh)
     axes = [each[face] for each in (frames.normal, frames.x_axis, frames.y_axis)]
     for pose, near in zip(poses, near_limit(camera, mesh.bounds, poses), strict=True):
         local = (points - pose[:3, 3]) @ pose[:3, :3]
@@ -97,39 +97,55 @@ def _failures(
     return found
 
 
-class _Sight:
-    """Segments from the near plane of a camera to points of faces."""
+class Sight:
+    """Segments from the near plane of a camera to points of faces.
+
+    Attributes
+    ----------
+    diagonal : float
+        Of the mesh, metres.
+    row : (F,) int64
+        Triangle of each face in the tree; -1 for those that hide nothing.
+    corners, nodes : (T, 3, 3), (2 L, 6) float64
+        Tree over the faces that hide, see `rastercov.mesh.triangle_tree`, in the scene of
+        `placed`.
+    """
 
     def __init__(self, mesh: Mesh) -> None:
         from rastercov.area import failure_kernels
 
         self._kernels: Any = failure_kernels
         self._centre = mesh.bounds.mean(axis=0)
-        self._diagonal = float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+        self.diagonal = float(np.linalg.norm(np.ptp(mesh.bounds, axis=0))) or 1.0
         solid = np.flatnonzero(~mesh.degenerate_mask & ~mesh.target_mask)
-        placed = (mesh.vertices - self._centre) / self._diagonal
-        self._row = np.full(mesh.n_faces, -1)
-        self._tree = TriangleTree.over(placed, mesh.faces[solid]) if len(solid) else None
-        if self._tree is None:
-            return
-        self._face = solid[self._tree.order]
-        self._row[self._face] = np.arange(len(self._face))
+        self.row = np.full(mesh.n_faces, -1)
+        self.corners, self.nodes = np.empty((0, 3, 3)), np.full((4, 6), np.inf)
+        self._face = np.empty(0, np.int64)
+        if len(solid):
+            tree = TriangleTree.over(self.placed(mesh.vertices), mesh.faces[solid])
+            self.corners, self.nodes, self._face = tree.corners, tree.nodes, solid[tree.order]
+            self.row[self._face] = np.arange(len(self._face))
+
+    def placed(self, points: FloatArray) -> FloatArray:
+        """Points (N, 3) in a scene of diagonal 1 about the origin."""
+        found: FloatArray = (points - self._centre) / self.diagonal
+        return found
 
     def in_front(
         self, points: FloatArray, face: IntArray, pose: FloatArray, near: float
     ) -> IntArray:
         """(N,) face that a camera has in front of each point, which it has in view; -1 for none."""
-        if self._tree is None:
+        if not len(self._face):
             return np.full(len(points), -1)
         ray = points - pose[:3, 3]
         depth = ray @ pose[:3, 2]
         share = near / depth
-        start = (pose[:3, 3] + share[:, None] * ray - self._centre) / self._diagonal
+        start = self.placed(pose[:3, 3] + share[:, None] * ray)
         length = np.linalg.norm(ray, axis=1)
-        reach = length * (1 - share) / self._diagonal - MARGIN_REL
+        reach = length * (1 - share) / self.diagonal - MARGIN_REL
         hit = np.empty(len(points), np.int64)
         self._kernels.first_hits(
-            start, ray / length[:, None], reach, self._tree.corners, self._tree.nodes,
-            self._row[face], hit,
+            start, ray / length[:, None], reach, self.corners, self.nodes,
+            self.row[face], hit,
         )  # fmt: skip
         return np.where(hit >= 0, self._face[hit], -1)

@@ -12,7 +12,7 @@ from rastercov.area.frames import frames_of
 from rastercov.area.regions import Regions, check_pointwise
 from rastercov.area.union import Covered, RegionUnion
 from rastercov.area.zone_report import summary_of
-from rastercov.area.zones import dead_zones
+from rastercov.area.zones import DeadZones, dead_zones
 from rastercov.camera import Camera
 from rastercov.engine import Engine
 from rastercov.errors import ConfigError
@@ -71,7 +71,8 @@ class AreaNetwork:
         self.mesh, self.task, self.views = mesh, task, task.views
         self._union = RegionUnion(mesh, task.views)
         self._covered: Covered | None = None
-        self._zones: dict[Any, dict[str, Any]] = {}
+        self._zones: dict[tuple[int, ...], DeadZones] = {}
+        self._said: dict[tuple[int, ...], dict[str, Any]] = {}
 
     @property
     def closed(self) -> NDArray[np.bool_]:
@@ -90,6 +91,7 @@ class AreaNetwork:
         self._union.add(regions)
         self._covered = None
         self._zones.clear()
+        self._said.clear()
 
     def summary(self, views: Mapping[str, int] | None = None) -> dict[str, Any]:
         """Covered area of all task faces, ready for JSON.
@@ -125,13 +127,21 @@ class AreaNetwork:
         `camera` and `poses`, (P, 4, 4), are those of the regions; `views` as for `summary`. The
         result is kept until regions are added.
         """
-        names = [group.name for group in self.mesh.groups]
-        wanted = [self.views if views is None else views.get(name, 1) for name in names]
-        if (key := tuple(wanted)) not in self._zones:
-            of_face = np.minimum(wanted, self.views)[self.mesh.face_group]
-            zones = dead_zones(self.covered, of_face)
-            self._zones[key] = summary_of(zones, camera, self.task, poses)
+        if (key := self._wanted(views)) not in self._said:
+            self._said[key] = summary_of(self.zones(views), camera, self.task, poses)
+        return self._said[key]
+
+    def zones(self, views: Mapping[str, int] | None = None) -> DeadZones:
+        """Dead zones, kept like their summary; `views` as for `summary`."""
+        if (key := self._wanted(views)) not in self._zones:
+            of_face = np.minimum(key, self.views)[self.mesh.face_group]
+            self._zones[key] = dead_zones(self.covered, of_face)
         return self._zones[key]
+
+    def _wanted(self, views: Mapping[str, int] | None) -> tuple[int, ...]:
+        """Cameras that each group needs."""
+        names = [group.name for group in self.mesh.groups]
+        return tuple(self.views if views is None else views.get(name, 1) for name in names)
 
     def of_faces(self, members: NDArray[np.bool_], views: int | None = None) -> dict[str, Any]:
         """Covered area of some faces, (F,) bool: by at least `views` cameras, and by 1 ... views.

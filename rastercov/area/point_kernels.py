@@ -5,7 +5,7 @@ from rastercov.exact.records import U, V
 
 
 @allocation_free
-def find_covering(xy, face, order, of_face, corners, starts, row, slack, out):
+def find_covering(xy, face, order, of_face, corners, starts, boxes, row, slack, out):
     """Mark the poses that cover points of faces.
 
     Parameters
@@ -16,6 +16,8 @@ def find_covering(xy, face, order, of_face, corners, starts, row, slack, out):
         Pieces sorted by face; those of face f are order[of_face[f]] ... order[of_face[f + 1] - 1].
     corners, starts, row : (C, 2) float64, (M + 1,) int64, (M,) int32
         Pieces, counter-clockwise, and the row of the pose of each.
+    boxes : (M, 4) float64
+        Least and most x, least and most y of each piece.
     slack : float
         Distance beyond a side up to which a point is inside, metres.
     out : (N, P) bool
@@ -25,7 +27,9 @@ def find_covering(xy, face, order, of_face, corners, starts, row, slack, out):
         f, x, y = face[i], xy[i, U], xy[i, V]
         for at in range(of_face[f], of_face[f + 1]):
             piece = order[at]
-            if out[i, row[piece]]:
+            if x < boxes[piece, 0] - slack or x > boxes[piece, 1] + slack:
+                continue
+            if y < boxes[piece, 2] - slack or y > boxes[piece, 3] + slack or out[i, row[piece]]:
                 continue
             first, last = starts[piece], starts[piece + 1]
             is_inside = True

@@ -7,13 +7,15 @@ of the image is cut in its own plane. Depth is affine in the plane, so focus and
 half planes, and so are the borders of the image and the near plane.
 """
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rastercov._jit import allocation_free, inlined
-from rastercov.area.arc_kernels import append_within_angle
+from rastercov.area.arc_kernels import FEWEST_CHORDS, append_within_angle
+from rastercov.area.density_kernels import append_dense
 from rastercov.area.plane_kernels import (
     ERROR,
     FAR_LINE,
@@ -35,9 +37,17 @@ from rastercov.area.plane_kernels import (
     set_line,
     set_side,
 )
-from rastercov.exact.polygon_kernels import copy_polygon, keep_inside, line_at, twice_area
-from rastercov.exact.records import DOUBTFUL, LIVE, THIN, U, V
+from rastercov.exact.polygon_kernels import (
+    copy_polygon,
+    keep_inside,
+    line_at,
+    line_value,
+    twice_area,
+)
+from rastercov.exact.records import DOUBTFUL, LINE_ERROR, LIVE, THIN, U, V
 
+LEAST_INNER_REL = math.cos(math.pi / FEWEST_CHORDS) * (1 - 1e-9)
+"""Radius within the chords of any circle of incidence, relative to its own."""
 FARTHEST = 2.0
 """Depth up to which a corner is brought back, relative to the deepest corner of its face."""
 
@@ -161,6 +171,26 @@ def set_sides(planes, f, sides):
         )  # fmt: skip
 
 
+@inlined
+def is_well_inside(corners, lines, plane, rules):
+    """True if a face meets all criteria of `lines` and of incidence by more than rounding.
+
+    It is then a piece as it is: most faces of a fine mesh are decided here.
+    """
+    reach = abs(plane[HEIGHT]) * rules.tan_incidence * LEAST_INNER_REL
+    reach -= plane[ERROR] * (2 + rules.tan_incidence)
+    is_inside = True
+    for p in range(3):
+        u, v = corners[p, U], corners[p, V]
+        for s in range(N_LINES):
+            if not line_value(line_at(lines, s), u, v) > lines[s, LINE_ERROR]:
+                is_inside = False
+        x, y = u - plane[FOOT_X], v - plane[FOOT_Y]
+        if rules.tan_incidence > 0 and not (reach > 0 and x * x + y * y < reach * reach):
+            is_inside = False
+    return is_inside
+
+
 @allocation_free
 def cut_regions(planes, rules, seen, scratch, out):
     """Regions of all faces that one pose covers.
@@ -199,6 +229,17 @@ def cut_regions(planes, rules, seen, scratch, out):
             continue
         for p in range(3):
             base[p, U], base[p, V] = corners[f, p, U], corners[f, p, V]
+        if (
+            seen.visible[f] >= seen.area[f]
+            and seen.visible[f] > 0
+            and image_error == 0
+            and height > error
+            and rules.min_density == 0
+            and is_well_inside(base, lines, plane, rules)
+        ):
+            append_dense(f, base, 3, rules, scratch, out)
+            bound[f] = min(bound[f], planes.areas[f])
+            continue
         n, strips = cut_by_lines(base, np.int64(3), lines, 0, N_LINES, spare)
         if n < 3:
             bound[f] = min(strips, planes.areas[f])

@@ -131,9 +131,10 @@ class RegionUnion:
         lost = (regions.bound + np.maximum(missing, 0.0))[is_open]
         bound += np.bincount(regions.pair_face[is_open], lost, minlength=n_faces)
         keys = regions.pair_pose.astype(np.int64) * n_faces + regions.pair_face
-        of_piece = np.searchsorted(keys, regions.pose.astype(np.int64) * n_faces + regions.face)
-        chosen = np.flatnonzero(~is_whole[of_piece] & is_open[of_piece])
-        areas = self._areas_of(regions, chosen)
+        chosen = np.flatnonzero(~self._is_closed[regions.face])
+        own = regions.pose[chosen].astype(np.int64) * n_faces + regions.face[chosen]
+        chosen = chosen[~is_whole[np.searchsorted(keys, own)]]
+        areas = polygon_areas(*_taken(regions.xy, regions.starts, chosen))
         order = chosen[np.lexsort((-areas, regions.face[chosen]))]
         new = (
             read_only(regions.xy, np.float64),
@@ -170,13 +171,19 @@ class RegionUnion:
             area[level] = np.bincount(face[rows], areas[rows], minlength=self.mesh.n_faces)
         return Covered(self.mesh, area, self._bound.copy(), xy, starts, face, views)
 
-    def _areas_of(self, regions: Regions, chosen: NDArray[np.int64]) -> FloatArray:
-        return polygon_areas(regions.xy, regions.starts)[chosen]
-
 
 def diagonal_floor(mesh: Mesh) -> float:
     """Least distance of two corners that do not coincide, metres."""
     return FLOOR_REL * float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+
+
+def _taken(
+    xy: FloatArray, starts: NDArray[np.int64], chosen: NDArray[np.int64]
+) -> tuple[FloatArray, NDArray[np.int64]]:
+    """Corners and starts of some polygons."""
+    counts = starts[chosen + 1] - starts[chosen]
+    ends = np.concatenate([np.zeros(1, np.int64), counts.cumsum()])
+    return xy[np.repeat(starts[chosen] - ends[:-1], counts) + np.arange(ends[-1])], ends
 
 
 def polygon_areas(xy: FloatArray, starts: NDArray[np.int64]) -> FloatArray:

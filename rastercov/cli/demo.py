@@ -28,5 +28,5 @@ def demo(
 
     mesh, camera = shapes.by_name(shape), Camera.preset("icube-ns4133bu-8mm")
     matrices = read_view_points(f"sphere:{poses}", mesh, camera)
-    task = Task(min_pixels=10, max_incidence_deg=75)
+    task = Task(max_incidence_deg=75)
     run_and_print(mesh, camera, matrices, task, out, Options(device=device), as_json)

@@ -122,6 +122,7 @@ def check(
     """
     asked = _plan(plan)
     from rastercov.plan import check as plan_check
+    from rastercov.report.half_covered import half_covered_lines
 
     if junit is not None:
         plan_check.refuse_junit(junit)
@@ -132,6 +133,7 @@ def check(
         plan_check.write_junit(junit, found)
     warn(found.mesh.warnings)
     warn(_doubts(asked, found.cameras))
+    warn(half_covered_lines(asked, found.cameras))
     if as_json:
         print(json.dumps(plan_check.plain(found), indent=2))
     else:

@@ -22,6 +22,8 @@ def render(
     out: Annotated[Path, out_option("Folder for the files.")] = Path("render"),
     unit: options.Unit = options.UNIT,
     transform: options.Transform = [],  # noqa: B006 - typer copies it
+    occluder: options.Occluders = [],  # noqa: B006 - typer copies it
+    target: options.Targets = [],  # noqa: B006 - the same
     drop_invalid: options.DropInvalid = False,
     device: options.Device = "auto",
     as_json: options.AsJson = False,
@@ -40,7 +42,8 @@ def render(
         save_picture,
     )
 
-    scene, eye = read_scene(meshes, unit, transform, [], [], drop_invalid), read_camera(camera)
+    scene = read_scene(meshes, unit, transform, occluder, [], drop_invalid, target)
+    eye = read_camera(camera)
     matrices = read_view_points(poses, scene, eye)
     if pose >= len(matrices):
         raise PoseError(f"--pose {pose} is not there: {poses} has {len(matrices)} poses, from 0")
@@ -51,11 +54,14 @@ def render(
         with Options(device=device).open_rasterizer(scene, eye) as rasterizer:
             buffer = rasterizer.render(matrices[pose])
             info = rasterizer.info
-        seen = np.unique(buffer.face[buffer.face >= 0])
-        shown = np.zeros(scene.n_faces)
-        shown[seen] = 1.0
-        title = f"pose {pose}: {len(seen)} of {scene.n_faces} faces have a pixel"
-        picture = coverage_picture(buffer, shown, scene, eye, matrices[pose], title)
+            is_seen = np.isin(np.arange(scene.n_faces), buffer.face)
+            if scene.has_targets:  # the image has none
+                is_seen |= rasterizer.count(matrices[pose]).visible[0] > 0
+        n_seen = int(is_seen.sum())
+        title = f"pose {pose}: {n_seen} of {scene.n_faces} faces have a pixel"
+        picture = coverage_picture(
+            buffer, is_seen, scene, eye, matrices[pose], title, named=("seen from the front",)
+        )
         save_picture(picture, folder.file("picture.png"))
         save_picture(face_index_picture(buffer), folder.file("faces.png"))
         save_picture(depth_picture(buffer), folder.file("depth.png"))
@@ -66,7 +72,7 @@ def render(
         "pose": pose,
         "faces": scene.n_faces,
         "size_m": np.ptp(scene.bounds, axis=0).tolist(),
-        "faces_with_a_pixel": len(seen),
+        "faces_with_a_pixel": n_seen,
         "pixels_covered": int((buffer.face >= 0).sum()),
         "renderer": info.renderer,
         "files": files,

@@ -30,7 +30,8 @@ Caveats
 - d_r is measured along the optical axis, so a face seen from the front but off the axis can have 0.
   A face seen from behind is not covered whatever d_r is.
 - The frustum ends at the limits of the depth of field. Where these are infinite, it ends at the
-  nearest and farthest vertex: then the ideal distance is that of the centre of the part.
+  nearest and farthest vertex: then the ideal distance is that of the centre of the part. Vertices
+  of targets do not count, unless no other is ahead.
 - The distance takes the place of the resolution of the tables: nearer than the ideal is as bad as
   farther. R_min and the density of a task have no effect.
 """
@@ -46,6 +47,7 @@ from rastercov.criteria import face_geometry
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.models.base import (
+    BoolArray,
     Criteria,
     FloatArray,
     check_number,
@@ -117,13 +119,14 @@ def coverage(
     """
     limits = camera.depth_of_field(task.max_blur)
     tracer = LineOfSight(mesh, parameters.tracer)
+    is_surface = ~mesh.target_mask
 
     def strength(pose: FloatArray, near: float) -> FloatArray:
         view = face_geometry(mesh, camera, pose)
         seen = in_view_and_focus(camera, task, view)
         if not seen.any():
             return np.zeros(mesh.n_faces)
-        z_n, z_f = parameters.depth_range or _depths_in_focus(limits, view.depth, near)
+        z_n, z_f = parameters.depth_range or _depths_in_focus(limits, view.depth, is_surface, near)
         centre, tensor = frustum(camera, z_n, z_f)
         size = schatten_norm(tensor, parameters.schatten_order) ** parameters.norm_power
         away = np.linalg.norm(to_camera(mesh.centroids, pose) - centre, axis=1)
@@ -167,8 +170,10 @@ def schatten_norm(tensor: FloatArray, order: float) -> float:
 
 
 def _depths_in_focus(
-    limits: tuple[float, float], depth: FloatArray, near: float
+    limits: tuple[float, float], depth: FloatArray, is_surface: BoolArray, near: float
 ) -> tuple[float, float]:
     """Depth of field (z_n, z_f), clipped to the nearest and farthest vertex ahead, metres."""
-    ahead = depth[depth >= near]
+    ahead = depth[is_surface][depth[is_surface] >= near]
+    if not ahead.size:
+        ahead = depth[depth >= near]
     return max(limits[0], float(ahead.min())), min(limits[1], float(ahead.max()))

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from rastercov._format import percent
 from rastercov._output import named
 from rastercov.area.cells import Cells, cells, usual_size
+from rastercov.area.network import AreaNetwork
 from rastercov.camera import Camera
 from rastercov.coverage import evaluate_batches
 from rastercov.errors import ConfigError, ResourceError
@@ -114,6 +115,9 @@ class Prepared:
         Shares of cells, for a stricter choice; None for faces.
     least_share : float
         Share of a cell that a candidate must cover, in the problem.
+    reachable : AreaNetwork or None
+        Exact area that all candidates together cover, where the plan asks for a share of it and it
+        is affordable.
     """
 
     plan: Plan
@@ -132,6 +136,7 @@ class Prepared:
     cells: Cells | None = None
     matrix: VisibilityMatrix | None = None
     least_share: float = 0.5
+    reachable: AreaNetwork | None = None
 
     def stricter(self, least_share: float) -> "Prepared":
         """The same, with candidates that must cover more of a cell.

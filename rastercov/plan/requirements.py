@@ -105,8 +105,8 @@ class AreaRequirement(Requirement):
 
     def words(self) -> str:
         """The requirement and its outcome in one line."""
-        text = f"{self.name}: {percent(self.share)} of the area covered, {percent(self.limit)}"
-        text += " wanted"
+        of = "of the area that all candidates cover" if self.of_reachable else "of the area covered"
+        text = f"{self.name}: {percent(self.share)} {of}, {percent(self.limit)} wanted"
         if self.status == FAILS:
             points = percent(self.short_by).removesuffix(" %")
             return f"{text}: {points} points short, {self.of_m2 - self.m2:.3g} m² uncovered"
@@ -196,17 +196,21 @@ def whole_faces(areas: AreaNetwork, views: int | Mapping[str, int]) -> BoolArray
 
 
 def judge_areas(
-    areas: AreaNetwork, limits: Mapping[str | None, float], views: int | Mapping[str, int]
+    areas: AreaNetwork,
+    limits: Mapping[str | None, float],
+    views: int | Mapping[str, int],
+    reachable: AreaNetwork | None = None,
 ) -> tuple[AreaRequirement, ...]:
     """Evaluate each required share by exact area with its bound; arguments as for `judge`.
 
     A requirement holds where the certainly covered area reaches it, fails where the area with its
-    bound does not.
+    bound does not. With `reachable`, shares are of the area that it covers, with its bound, too.
     """
     mesh, is_whole = areas.mesh, whole_faces(areas, views)
     found = []
     for group, limit in limits.items():
         faces, total, area, bound = np.zeros(mesh.n_faces, np.bool_), 0.0, 0.0, 0.0
+        of_bound = 0.0
         for row, each in enumerate(mesh.groups):
             if each.is_occluder or group not in (None, each.name):
                 continue
@@ -214,13 +218,17 @@ def judge_areas(
             number = views.get(each.name, 1) if isinstance(views, Mapping) else views
             figures = areas.of_faces(members, number)
             faces |= members
-            total += figures["of_m2"]
+            if reachable is None:
+                total += figures["of_m2"]
+            else:
+                most = reachable.of_faces(members, number)
+                total += most["m2"]
+                of_bound += most["bound_m2"]
             area += figures["m2"]
             bound += figures["bound_m2"]
-        whole = total if total > 0 else 1.0
+        ends = ((area - bound, total + of_bound), (area, total), (area + bound, total - of_bound))
         low, share, high = (
-            min(max(each / whole, 0.0), 1.0) if total > 0 else 1.0
-            for each in (area - bound, area, area + bound)
+            min(max(part / whole, 0.0), 1.0) if whole > 0 else 1.0 for part, whole in ends
         )
         needed = limit - SHARE_TOLERANCE
         status = HOLDS if low >= needed else UNDECIDED if high >= needed else FAILS
@@ -235,6 +243,7 @@ def judge_areas(
                 status,
                 int(faces.sum()),
                 uncovered,
+                reachable is not None,
                 m2=area,
                 bound_m2=bound,
                 of_m2=total,

@@ -15,11 +15,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.area.network import AreaNetwork
 from rastercov.area.regions import RegionPass
+from rastercov.coverage import batch_size
 from rastercov.errors import ConfigError
 from rastercov.placement.explain.uncovered import Leftover
 from rastercov.placement.improve.objective import CellObjective, Objective
-from rastercov.placement.improve.refine import BUDGET, INTERRUPTED, Refined, refine
+from rastercov.placement.improve.refine import INTERRUPTED, Refined, refine
 from rastercov.placement.improve.search import Optimised, optimise
 from rastercov.placement.improve.tolerance import InstallationError, Tolerance, tolerance
 from rastercov.placement.select.greedy import select_greedy
@@ -50,11 +52,15 @@ from rastercov.plan.requirements import (
 )
 from rastercov.plan.scene import scene
 from rastercov.plan.sections import FewestSelection, SelectionSection
+from rastercov.pose import Poses
 
 FloatArray = NDArray[np.float64]
 
 RAISES = 3
 """Times that the share to cover on half cells is raised where the exact area falls short of it."""
+MOST_PAIRS = 50_000_000
+"""Pairs of candidate and face up to which the exact area of all candidates is computed: about as
+long as their visibility matrix takes."""
 STRICTER = (0.75, 0.95, 0.999)
 """Shares of a cell that a camera must cover, in turn, where that does not help: cells covered as a
 whole never promise too much."""
@@ -164,6 +170,8 @@ def place(
             on_cells = CellObjective.of_cells(observer, finder, cells, **counting(plan.task))
         objectives = Objectives(faces, on_cells)
         prepared = prepare(plan, selection, observer, task, folder / "matrix", clock, cells)
+        if on_cells is not None:
+            prepared = _with_reachable(prepared, on_cells.finder, clock)
         with clock("selection"):
             chosen = _select(prepared.problem, selection, selection.time_limit)
         placement = _placed(prepared, chosen, objectives, clock)
@@ -217,22 +225,43 @@ def _by_area(
 ) -> Placement:
     """The placement with the exact area of its network, and requirements by it.
 
-    Those of what all candidates cover are judged on cells: the exact area of all is not known.
+    Shares of what all candidates cover are judged on cells where the exact area of all candidates
+    is not known.
     """
     prepared, selection = placement.prepared, placement.prepared.selection
     plan, limits = prepared.plan, limits_of(selection)
     cameras = with_areas(plan, on_cells.finder, placement.cameras, progress)
     assert cameras.areas is not None
     required: tuple[Requirement, ...]
-    if isinstance(selection, FewestSelection) and selection.of_reachable:
+    if _is_of_reachable(selection) and prepared.reachable is None:
         problem, poses = prepared.problem, cameras.poses
         covered = on_cells.covered(on_cells.covers(poses), poses[:, :3, 3])
         cells, reachable = on_cells.elements, problem.reachable
         found = judge(cells, problem.integer_weights, limits, covered, reachable=reachable)
         required = tuple(CellRequirement(**asdict(each)) for each in found)
     else:
-        required = judge_areas(cameras.areas, limits, plan.task.views)
+        required = judge_areas(cameras.areas, limits, plan.task.views, prepared.reachable)
     return replace(placement, cameras=cameras, requirements=required)
+
+
+def _is_of_reachable(selection: SelectionSection) -> bool:
+    """True where the required shares are of what all candidates cover."""
+    return isinstance(selection, FewestSelection) and selection.of_reachable
+
+
+def _with_reachable(prepared: Prepared, finder: RegionPass, clock: Clock) -> Prepared:
+    """With the exact area of all candidates where shares are of it and it is affordable."""
+    poses = Poses.of(prepared.pool.candidates.poses)
+    is_affordable = len(poses) * prepared.mesh.n_faces <= MOST_PAIRS
+    if not _is_of_reachable(prepared.selection) or not is_affordable:
+        return prepared
+    areas = AreaNetwork(prepared.mesh, finder.task)
+    step = batch_size(prepared.mesh.n_faces)
+    with clock("area of all candidates") as progress:
+        for at in range(0, len(poses), step):
+            areas.add(finder.find(poses[at : at + step], closed=areas.closed))
+            progress(min(at + step, len(poses)), len(poses))
+    return replace(prepared, reachable=areas)
 
 
 def _is_short(placement: Placement) -> bool:
@@ -367,11 +396,13 @@ def _optimise(placement: Placement, objectives: Objectives, progress: Progress) 
 
 
 def _refine(placement: Placement, objectives: Objectives, progress: Progress) -> Placement:
+    selection, start = placement.prepared.selection, placement.cameras.poses
     found = refine(
-        _watched(objectives.moved, progress, BUDGET),
+        _watched(objectives.moved, progress, selection.refine_budget),
         placement.prepared.pool.space,
-        placement.cameras.poses,
-        seed=placement.prepared.selection.seed,
+        start,
+        budget=max(selection.refine_budget, len(start)),
+        seed=selection.seed,
     )
     moved = _moved(placement, objectives, found.poses, "refined")
     is_interrupted = found.status == INTERRUPTED

@@ -14,6 +14,7 @@ from rastercov.camera import Camera
 from rastercov.camera_file import PRESETS
 from rastercov.mesh.formats import METRES, READERS, metres_per
 from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere
+from rastercov.placement.improve.refine import BUDGET
 from rastercov.placement.improve.tolerance import InstallationError
 from rastercov.placement.select.problem import BestCoverage, FewestCameras
 from rastercov.plan.entry import (
@@ -314,6 +315,9 @@ class SelectionBase(Entry):
     time_limit: Positive = Field(default=60.0, description="Of method integer, seconds.")
     refine: bool = Field(
         default=False, description="Move the selected cameras until no move gains."
+    )
+    refine_budget: Count = Field(
+        default=BUDGET, description="Poses that refinement measures or estimates."
     )
     optimise: Optimise | None = Field(
         default=None, description="Search free poses, before refining."

@@ -9,8 +9,6 @@ from rastercov.area.points import covering_poses
 from rastercov.area.regions import Regions
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
-from rastercov.projection import to_camera
-from rastercov.raster.contract import VisibilityBuffer
 
 FloatArray = NDArray[np.float64]
 PIXELS_AT_A_TIME = 1 << 16
@@ -25,7 +23,7 @@ class SeenArea(NamedTuple):
 
 
 def best_and_views(
-    seen: SeenArea, camera: Camera, pose: ArrayLike, buffer: VisibilityBuffer
+    seen: SeenArea, camera: Camera, pose: ArrayLike, face: NDArray[np.int32]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Poses that cover the surface at the centre of each pixel.
 
@@ -35,8 +33,8 @@ def best_and_views(
         Regions of the mesh in the image.
     camera, pose
         Of the image, (H, W).
-    buffer : VisibilityBuffer
-        The image.
+    face : (H, W) int32
+        Face at each pixel, -1 for none.
 
     Returns
     -------
@@ -44,20 +42,35 @@ def best_and_views(
         The pose with most pixels on a m^2 there, -1 where none covers the point; and the number of
         poses that do.
     """
-    regions = seen.regions
-    best = np.full(buffer.face.shape, -1, np.int64)
-    views = np.zeros(buffer.face.shape, np.int64)
-    mesh = regions.mesh
-    rows, columns = np.nonzero(np.append(mesh.task_mask, False)[buffer.face])
-    for at in range(0, len(rows), PIXELS_AT_A_TIME):
-        pixel = rows[at : at + PIXELS_AT_A_TIME], columns[at : at + PIXELS_AT_A_TIME]
-        face = buffer.face[pixel]
-        points = points_of_pixels(mesh, camera, np.asarray(pose, np.float64), face, *pixel)
-        covers = covering_poses(regions, face, points)
-        views[pixel] = covers.sum(axis=1)
-        worth = np.where(covers, _density(mesh, seen.poses, face, points), -np.inf)
-        if worth.shape[1]:
-            best[pixel] = np.where(covers.any(axis=1), worth.argmax(axis=1), -1)
+    best = np.full(face.shape, -1, np.int64)
+    views = np.zeros(face.shape, np.int64)
+    mesh = seen.regions.mesh
+    pixel = np.nonzero(np.append(mesh.task_mask, False)[face])
+    points = points_of_pixels(mesh, camera, np.asarray(pose, np.float64), face[pixel], *pixel)
+    best[pixel], views[pixel] = best_and_views_at(seen, face[pixel], points)
+    return best, views
+
+
+def best_and_views_at(
+    seen: SeenArea, face: NDArray[np.int32], points: FloatArray
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Poses that cover points (N, 3) of faces (N,): the best and their number, (N,) each."""
+    best = np.full(len(face), -1, np.int64)
+    views = np.zeros(len(face), np.int64)
+    mesh = seen.regions.mesh
+    if not len(seen.poses):
+        return best, views
+    for at in range(0, len(face), PIXELS_AT_A_TIME):
+        part = slice(at, at + PIXELS_AT_A_TIME)
+        covers = covering_poses(seen.regions, face[part], points[part])
+        views[part] = covers.sum(axis=1)
+        worth = np.full(len(covers), -np.inf)
+        for pose in np.flatnonzero(covers.any(axis=0)).tolist():  # few cameras, many points
+            rows = np.flatnonzero(covers[:, pose])
+            density = _density(mesh, seen.poses[pose], face[part][rows], points[part][rows])
+            is_better = density > worth[rows]
+            worth[rows[is_better]] = density[is_better]
+            best[at + rows[is_better]] = pose
     return best, views
 
 
@@ -72,8 +85,9 @@ def points_of_pixels(
     """(N, 3) points where the rays through the centres of pixels meet the planes of faces (N,)."""
     across = (columns + 0.5 - camera.cx) / camera.fx
     down = (rows + 0.5 - camera.cy) / camera.fy
-    rays = np.stack((across, down, np.ones(len(rows))), axis=1) @ pose[:3, :3].T
-    normals, eye = mesh.normals[face], pose[:3, 3]
+    rotation, eye = pose[:3, :3], pose[:3, 3]
+    rays = across[:, None] * rotation[:, 0] + down[:, None] * rotation[:, 1] + rotation[:, 2]
+    normals = mesh.normals[face]
     slope = np.einsum("ni,ni->n", normals, rays)
     height = np.einsum("ni,ni->n", normals, mesh.vertices[mesh.faces[face, 0]] - eye)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -82,13 +96,11 @@ def points_of_pixels(
 
 
 def _density(
-    mesh: Mesh, poses: FloatArray, face: NDArray[np.int32], points: FloatArray
+    mesh: Mesh, pose: FloatArray, face: NDArray[np.int32], points: FloatArray
 ) -> FloatArray:
-    """(N, P) pixels on a m^2 of each pose at points of faces, up to a common factor."""
-    found = np.empty((len(points), len(poses)))
-    for column, pose in enumerate(poses):  # few cameras, many points
-        away = points - pose[:3, 3]
-        height = abs(np.einsum("ni,ni->n", mesh.normals[face], away))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            found[:, column] = np.nan_to_num(height / to_camera(points, pose)[:, 2] ** 3)
+    """(N,) pixels on a m^2 of a pose at points of faces, up to a common factor."""
+    away = points - pose[:3, 3]
+    height = abs(np.einsum("ni,ni->n", mesh.normals[face], away))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found: FloatArray = np.nan_to_num(height / np.einsum("ni,i->n", away, pose[:3, 2]) ** 3)
     return found

@@ -4,6 +4,8 @@ coverage.parquet   every figure of the pairs of pose and face that were asked fo
 areas.parquet      covered area of each face by 1 ... k cameras, where the result is by area
 summary.json       figures of the network, and their provenance
 network.glb        the mesh coloured by the best coverage of any camera
+overview.png       the mesh in the colours of the cameras, and a floor plan
+zones.png          dead zones, where the result is by area and there are any
 contact_sheet.png  the poses side by side
 pose_*.png         the mesh as one camera sees it, grey by coverage
 faces_*.png        the face index image of the same pose
@@ -16,7 +18,7 @@ import logging
 import re
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -30,13 +32,13 @@ from rastercov._interrupts import interrupts_held
 from rastercov._output import write_json
 from rastercov.area.network import AreaNetwork, unit_of_result
 from rastercov.area.observer import RegionObservation, RegionObserver
-from rastercov.area.regions import RegionPass
+from rastercov.area.regions import RegionPass, Regions
 from rastercov.camera import Camera
 from rastercov.criteria import face_geometry
 from rastercov.engine import Engine
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
-from rastercov.network import Network
+from rastercov.network import JudgedPoses, Network
 from rastercov.observer import open_observer
 from rastercov.pairs import CHOICES
 from rastercov.pose import Poses
@@ -49,6 +51,7 @@ from rastercov.report.coloured_mesh import write_coloured_mesh, write_covered_me
 from rastercov.report.coverage_table import CoverageTable
 from rastercov.report.doubts import doubts
 from rastercov.report.folder import ReportFolder, ReportKind
+from rastercov.report.half_covered import half_covered
 from rastercov.report.images import (
     area_title,
     contact_sheet,
@@ -58,18 +61,26 @@ from rastercov.report.images import (
     pose_title,
     save_picture,
 )
+from rastercov.report.overview import best_covering, camera_colours, overview_picture
+from rastercov.report.placement_pictures import coverage_picture as whole_faces_picture
+from rastercov.report.placement_pictures import views_picture
+from rastercov.report.target_pictures import targets_in_view
+from rastercov.report.zone_pictures import zones_picture
 from rastercov.rig import Cameras
 from rastercov.task import Task
 
 LOG = logging.getLogger("rastercov")
 MOST_ROWS = 10_000_000
 """Rows of a table that was not asked for: about 250 MB."""
+MOST_COLOURS = 60
+"""Cameras that have a colour each in the overview."""
 PICTURE_SIDE = 1280
 """Pictures are drawn at the camera's size, or smaller where it exceeds this many pixels."""
 EVALUATION = ReportKind(
     "evaluate",
     re.compile(
-        r"coverage\.parquet|areas\.parquet|summary\.json|network\.glb|contact_sheet\.png|(pose|faces)_\d+\.png"
+        r"coverage\.parquet|areas\.parquet|summary\.json|network\.glb"
+        r"|(contact_sheet|overview|zones)\.png|(pose|faces)_\d+\.png"
     ),
     last="summary.json",
 )
@@ -186,19 +197,26 @@ def _run(
         table = None
         if pairs != "none":
             path = folder.file("coverage.parquet")
-            table = opened.enter_context(CoverageTable(path, mesh, header))
+            table = opened.enter_context(
+                CoverageTable(path, mesh, header, by_area=areas is not None)
+            )
         started = time.perf_counter()
         batches = network.judge(observer, poses, pairs=pairs, keep=chosen)
         try:
             progress(0, total)
             for batch in batches:
                 with interrupts_held():
+                    found = None
+                    if isinstance(batch.measured, RegionObservation):
+                        found = batch.measured.regions
                     if table is not None:
-                        table.add(batch.rows)
+                        table.add(batch.rows, None if found is None else _of_rows(batch, found))
                     network.add(batch)
-                    if areas is not None and isinstance(batch.measured, RegionObservation):
-                        areas.add(batch.measured.regions)
-                        observer.closed = areas.closed
+                    if areas is not None and found is not None:
+                        areas.add(found)
+                        # The table has the area of every pair, also of faces that need no more.
+                        if table is None:
+                            observer.closed = areas.closed
                     drawn |= batch.kept
                 progress(len(network.pose_ids), total)
         except KeyboardInterrupt:
@@ -211,17 +229,25 @@ def _run(
         except KeyboardInterrupt:
             interrupted = True
         seconds = time.perf_counter() - started
+    stopped = False
     if drawn:
         by_area = areas is not None
-        interrupted |= _draw(mesh, camera, poses, folder, options, task, drawn, by_area=by_area)
+        stopped = _draw(mesh, camera, poses, folder, options, task, drawn, by_area=by_area)
     done = len(network.pose_ids)
     summary = network.summary() | {"by": unit, "by_face_because": reason}
-    if areas is not None:
+    measured_poses = poses[np.isin(poses.ids, network.pose_ids)]
+    measured = measured_poses.world_from_camera
+    parts: list[str] = []
+    if areas is None:
+        parts = half_covered(network, camera, measured, options.method)
+    else:
         areas.add_to(summary)
-        measured = np.isin(poses.ids, network.pose_ids)
         with interrupts_held():
-            summary |= areas.dead_zones(camera, poses.world_from_camera[measured])
+            summary |= areas.dead_zones(camera, measured)
         write_areas(folder.file("areas.parquet"), mesh, areas.covered)
+    if drawn and not stopped:
+        stopped = _draw_network(folder, network, camera, measured_poses, areas, summary)
+    interrupted |= stopped
     summary |= {
         "interrupted": interrupted,
         "table": {"pairs": pairs, "rows": table.n_rows if table is not None else 0},
@@ -231,7 +257,7 @@ def _run(
         "run": header,
         "size_m": np.ptp(mesh.bounds, axis=0).tolist(),
         "warnings": list(mesh.warnings),
-        "doubts": doubts(network, camera, poses.world_from_camera),
+        "doubts": [*doubts(network, camera, measured), *parts],
         "per_pose": [
             {"pose": pose, "covered_faces": covered, "mean_coverage": mean}
             for pose, covered, mean in zip(
@@ -247,6 +273,53 @@ def _run(
         write_json(folder.file("summary.json"), summary)
         folder.publish()
     return summary
+
+
+def _draw_network(
+    folder: ReportFolder,
+    network: Network,
+    camera: Camera,
+    poses: Poses,
+    areas: AreaNetwork | None,
+    summary: dict[str, Any],
+) -> bool:
+    """Draw what all cameras cover together, and dead zones; True when interrupted.
+
+    Of more than `MOST_COLOURS` cameras, it is the number of them that cover each point.
+    """
+    mesh, matrices = network.mesh, poses.world_from_camera
+    eyes = matrices[:, :3, 3]
+    try:
+        if len(poses) <= MOST_COLOURS:
+            found = None
+            if areas is not None:
+                with closing(RegionPass(mesh, camera, network.task)) as finder:
+                    found = finder.find(poses)
+            names = [str(row) for row in poses.ids.tolist()]
+            best = best_covering(network)
+            picture = overview_picture(camera_colours(mesh, matrices, best, names, found), camera)
+        elif areas is not None:
+            picture = views_picture(areas.covered, eyes)
+        else:
+            picture = whole_faces_picture(mesh, network.best, eyes)
+        zones = None
+        if areas is not None and len(areas.zones()):
+            zones = zones_picture(areas.zones(), summary, eyes)
+    except KeyboardInterrupt:
+        return True
+    with interrupts_held():
+        save_picture(picture, folder.file("overview.png"))
+        if zones is not None:
+            save_picture(zones, folder.file("zones.png"))
+    return False
+
+
+def _of_rows(batch: JudgedPoses, found: Regions) -> NDArray[np.float32]:
+    """(R,) covered area of the pairs of a batch, m^2."""
+    dense = np.zeros((len(found.pose_ids), found.mesh.n_faces), np.float32)
+    dense[found.pair_pose, found.pair_face] = found.area
+    row = np.searchsorted(found.pose_ids, batch.rows.pose)
+    return dense[row, batch.rows.face]
 
 
 def _observer(
@@ -295,6 +368,7 @@ def _draw(
     pictures: list[Image.Image] = []
     titles: list[str] = []
     interrupted = False
+    named = ("covered", "not covered") if by_area else ()
     small = camera.resized(min(1.0, PICTURE_SIDE / max(camera.width, camera.height)))
     try:
         with ExitStack() as opened:
@@ -308,15 +382,18 @@ def _draw(
                 title = pose_title(mesh, pose, covers)
                 matrix = poses.given[pose]
                 own = poses[poses.ids == pose]
-                buffer, covered = rasterizer.render(own), None
+                buffer, covered, on_targets = rasterizer.render(own), None, None
                 if finder is not None:
                     regions = finder.find(own)
                     seen = SeenArea(regions, own.world_from_camera)
-                    covered = best_and_views(seen, small, matrix, buffer)[1] > 0
+                    covered = best_and_views(seen, small, matrix, buffer.face)[1] > 0
+                    targets = targets_in_view(mesh, small, matrix, buffer.depth)
+                    if targets is not None:
+                        on_targets = best_and_views(seen, small, matrix, targets)[1] > 0
                     title = area_title(mesh, pose, float(regions.area.sum()), covers)
-                pixels = coverage_pixels(buffer, values, mesh, matrix, small, covered)
+                pixels = coverage_pixels(buffer, values, mesh, matrix, small, covered, on_targets)
                 picture = coverage_picture(
-                    buffer, values, mesh, small, matrix, title, pixels, by_area=by_area
+                    buffer, values, mesh, small, matrix, title, pixels, named=named
                 )
                 faces = face_index_picture(buffer)
                 with interrupts_held():

@@ -23,8 +23,14 @@ from rastercov.observation import BoundKind
 from rastercov.task import Reason
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from rastercov.network_kernels import PairRows
 
+    Floats = NDArray[np.float32]
+
+COVERED_M2 = "covered_m2"
+"""Column by area only."""
 CODES = {"visibility_kind": BoundKind, "reason": Reason}
 """Columns that are written by name."""
 ROWS_A_GROUP = 1 << 18
@@ -50,6 +56,8 @@ class CoverageTable:
     header : mapping, optional
         Description of the run (inputs with hashes, settings, device), kept as JSON under the key
         "rastercov" of the schema's metadata.
+    by_area : bool
+        Adds the column `covered_m2`, float32: the part of the face that the pose covers.
 
     Notes
     -----
@@ -60,7 +68,12 @@ class CoverageTable:
     """
 
     def __init__(
-        self, path: str | Path, mesh: Mesh, header: Mapping[str, Any] | None = None
+        self,
+        path: str | Path,
+        mesh: Mesh,
+        header: Mapping[str, Any] | None = None,
+        *,
+        by_area: bool = False,
     ) -> None:
         self.path, self.mesh = Path(path), mesh
         names = pa.dictionary(pa.int32(), pa.string())
@@ -68,8 +81,11 @@ class CoverageTable:
         for name, kind in FIGURES.items():
             kinds[name] = pa.bool_() if kind is np.bool_ else pa.float32()
         kinds |= dict.fromkeys(CODES, names)
+        if by_area:
+            kinds[COVERED_M2] = pa.float32()
+        units = UNITS | {COVERED_M2: "m^2"}
         fields = [
-            pa.field(name, kind, False, {"unit": UNITS[name]} if name in UNITS else None)
+            pa.field(name, kind, False, {"unit": units[name]} if name in units else None)
             for name, kind in kinds.items()
         ]
         self.schema = pa.schema(fields, {"rastercov": json_bytes(header or {})})
@@ -81,7 +97,9 @@ class CoverageTable:
         self._writer: Any = None
         self._pending: Any = None
         self._thread: threading.Thread | None = None
-        self._waiting: queue.Queue[PairRows | None] = queue.Queue(BATCHES_WAITING)
+        self._waiting: queue.Queue[tuple[PairRows, Floats | None] | None] = queue.Queue(
+            BATCHES_WAITING
+        )
         self._error: BaseException | None = None
         self._stack = ExitStack()
 
@@ -94,6 +112,7 @@ class CoverageTable:
             # zstd would take as long again as the rest: 111 in place of 49 ns a row, for 10 % of
             # the size.
             floats = [name for name, kind in FIGURES.items() if kind is not np.bool_]
+            floats += [COVERED_M2] if COVERED_M2 in self.schema.names else []
             self._writer = stack.enter_context(
                 pq.ParquetWriter(
                     file,
@@ -113,16 +132,19 @@ class CoverageTable:
             self._stack = stack.pop_all()
         return self
 
-    def add(self, rows: "PairRows") -> None:
-        """Append rows; they are not copied, so must not change any more."""
+    def add(self, rows: "PairRows", covered_m2: "Floats | None" = None) -> None:
+        """Append rows; they are not copied, so must not change any more.
+
+        `covered_m2` of each row is needed by area.
+        """
         if self._writer is None:
             raise ConfigError("a table takes rows inside its with block only; open it there")
         self._raise_error()
         self.n_rows += len(rows.pose)
         if self._thread is None:
-            self._write(rows)
+            self._write(rows, covered_m2)
         else:
-            self._waiting.put(rows)
+            self._waiting.put((rows, covered_m2))
 
     def __exit__(self, *error: Any) -> None:
         if self._thread is not None:
@@ -149,15 +171,17 @@ class CoverageTable:
 
     def _write_all(self) -> None:
         """Write what waits until the end; after an error, drop it, so that `add` does not wait."""
-        while (rows := self._waiting.get()) is not None:
+        while (part := self._waiting.get()) is not None:
             if self._error is None:
                 try:
-                    self._write(rows)
+                    self._write(*part)
                 except BaseException as error:
                     self._error = error
 
-    def _write(self, rows: "PairRows") -> None:
+    def _write(self, rows: "PairRows", covered_m2: "Floats | None") -> None:
         columns: dict[str, Any] = rows._asdict()
+        if COVERED_M2 in self.schema.names:
+            columns[COVERED_M2] = covered_m2
         columns["group"] = self._group_of_face[rows.face]
         for name, names in self._names.items():
             columns[name] = pa.DictionaryArray.from_arrays(columns[name], names)

@@ -53,7 +53,7 @@ def coverage_picture(
     title: str = "",
     pixels: Pixels | None = None,
     *,
-    by_area: bool = False,
+    named: Sequence[str] = (),
 ) -> Image.Image:
     """Picture of one pose, brighter where coverage is higher, with its scale below.
 
@@ -71,8 +71,8 @@ def coverage_picture(
         One line above; see `pose_title`.
     pixels : (H, W, 3) uint8, optional
         What `coverage_pixels` gives for these arguments, where it is known.
-    by_area : bool
-        Whether `pixels` are those of points that are covered or not.
+    named : sequence of str
+        Words on level 1, and on level 0 if there is any, where nothing is between them.
 
     Returns
     -------
@@ -91,8 +91,8 @@ def coverage_picture(
     drawn = drawn[drawn >= 0]
     behind = mesh.task_mask[drawn] & ~facing(mesh, pose)[0][drawn]
     keys = [Key("coverage", _scale_pixels(_grey(np.linspace(0, 1, 256))), "0", "1")]
-    if by_area:
-        ends = (("covered", 1.0), ("not covered", 0.0))
+    ends = [(name, 1.0 - row) for row, name in enumerate(named)]
+    if ends:
         keys = [
             Key(name, np.broadcast_to(_grey(np.full((24, 24, 1), level)), (24, 24, 3)))
             for name, level in ends
@@ -102,7 +102,11 @@ def coverage_picture(
         keys.append(Key("seen from behind", swatch.astype(np.uint8)))
     if not mesh.task_mask[drawn].all():
         keys.append(Key("occluder", np.full((24, 24, 3), OCCLUDER, np.uint8)))
-    if mesh.has_targets:
+    if mesh.has_targets and ends:
+        for name, level in ends:
+            tint = _tinted(np.array([level]))
+            keys.append(Key(f"target, {name}", np.broadcast_to(tint, (24, 24, 3)).copy()))
+    elif mesh.has_targets:
         scale = np.repeat(_tinted(np.linspace(0, 1, 256))[None], 24, axis=0)
         keys.append(Key("coverage of a target", scale, "0", "1"))
     return framed(pixels, title, keys)
@@ -115,6 +119,7 @@ def coverage_pixels(
     pose: ArrayLike,
     camera: Camera | None = None,
     covered: NDArray[np.bool_] | None = None,
+    covered_targets: NDArray[np.bool_] | None = None,
 ) -> Pixels:
     """Pixels of `coverage_picture` without its frame, (H, W, 3).
 
@@ -123,7 +128,8 @@ def coverage_pixels(
     brighter in any shading. Lines between faces fade out where faces are small.
 
     With `covered`, (H, W), the grey of a pixel is that of its own point, which is covered or not.
-    Targets, which have a hue, are laid over the image, translucent; only with a `camera`.
+    Targets, which have a hue, are laid over the image, translucent; only with a `camera`, and with
+    `covered_targets`, (H, W), by their points.
     """
     levels = np.clip(np.nan_to_num(np.asarray(values, np.float64)), 0.0, 1.0)
     if levels.shape != (mesh.n_faces,):
@@ -152,7 +158,10 @@ def coverage_pixels(
     if camera is not None:
         targets = targets_in_view(mesh, camera, pose, buffer.depth)
         if targets is not None:
-            lay_over(pixels, targets, _tinted(levels))
+            tints = _tinted(levels)
+            if covered_targets is not None:
+                tints = _tinted(np.array([0.0, 1.0]))[covered_targets.astype(np.int64)]
+            lay_over(pixels, targets, tints)
     return pixels
 
 

@@ -18,6 +18,7 @@ from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer
 from rastercov.raster.contract import VisibilityBuffer
 from rastercov.report.images import Key, contact_sheet, coverage_picture, coverage_pixels, framed
+from rastercov.report.target_pictures import OPACITY, targets_in_view
 from rastercov.report.theme import ENLARGED, FALSELY_SEEN, MISSED
 
 FloatArray = NDArray[np.float64]
@@ -103,13 +104,17 @@ def difference_picture(look: Look, bivalent: FloatArray, graded: FloatArray) -> 
     The strength of the colour grows with the difference.
     """
     mesh = look.mesh
-    pixels = coverage_pixels(look.buffer, graded, mesh, look.pose).astype(np.float64)
-    off = np.append(np.where(mesh.task_mask, graded - bivalent, 0.0), 0.0)[look.buffer.face]
-    pixels = 0.55 * pixels + 0.45 * 205
-    for sign, colour in ((1, MISSED), (-1, FALSELY_SEEN)):
-        rows = sign * off > MIN_DIFFERENCE
-        strength = 0.35 + 0.65 * np.abs(off[rows])[:, None]
-        pixels[rows] = (1 - strength) * pixels[rows] + strength * np.array(colour)
+    shown = coverage_pixels(look.buffer, graded, mesh, look.pose, look.camera)
+    pixels = 0.55 * shown + 0.45 * 205
+    differs = np.append(np.where(mesh.task_mask, graded - bivalent, 0.0), 0.0)
+    targets = targets_in_view(mesh, look.camera, look.pose, look.buffer.depth)
+    layers = [(look.buffer.face, 1.0)] + ([] if targets is None else [(targets, OPACITY)])
+    for face, opacity in layers:
+        off = differs[face]
+        for sign, colour in ((1, MISSED), (-1, FALSELY_SEEN)):
+            rows = sign * off > MIN_DIFFERENCE
+            strength = opacity * (0.35 + 0.65 * np.abs(off[rows])[:, None])
+            pixels[rows] = (1 - strength) * pixels[rows] + strength * np.array(colour)
     keys = [
         Key("seen, but called hidden", _swatch(MISSED), "0", "1"),
         Key("hidden, but called seen", _swatch(FALSELY_SEEN), "0", "1"),

@@ -3,39 +3,26 @@
 Unknown parts have no section, so that a check of any network has a page, too.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from PIL import Image
 
 from rastercov._format import length, percent, signed
 from rastercov._output import write_text
-from rastercov.area.regions import Regions
-from rastercov.camera import Camera
-from rastercov.errors import ConfigError
-from rastercov.mesh import Mesh
-from rastercov.network import Network
 from rastercov.placement.candidates.cavities import Access, Openings
 from rastercov.placement.candidates.clearance import Dropped
 from rastercov.placement.candidates.pool import Candidates
-from rastercov.placement.candidates.segments import Segmentation
-from rastercov.placement.explain.uncovered import WORDS, Leftover
-from rastercov.placement.improve.tolerance import Tolerance
-from rastercov.placement.select.problem import BestCoverage, Goal
-from rastercov.placement.select.selection import Selection
-from rastercov.report import placement_pictures as pictures
-from rastercov.report import placement_plots as plots
-from rastercov.report.html import Picture, rendered
-from rastercov.report.plots import picture_of
-from rastercov.report.theme import DARK, LIGHT, Theme
+from rastercov.placement.explain.uncovered import WORDS
+from rastercov.placement.select.problem import BestCoverage
+from rastercov.report.directions import heading_and_tilt
+from rastercov.report.html import rendered
+from rastercov.report.placement_figures import Progress, drawn_for
+from rastercov.report.placement_report import PlanReport
+from rastercov.report.zone_pictures import zone_rows
 
 __all__ = ["PlanReport", "page", "write_page"]
-
-Progress = Callable[[int, int], None]
 
 MAX_SENTENCES = 12
 """Faces out of reach that have a sentence of their own."""
@@ -57,63 +44,6 @@ CANDIDATE_ANSWERS = {
     "seen_by_no_candidate": "none sees them (proved)",
     "unknown": "not decided",
 }
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class PlanReport:
-    """Content of a placement page; None and empty for unknown parts."""
-
-    mesh: Mesh
-    camera: Camera
-    network: Network  # of all cameras, in the order of `poses`
-    poses: NDArray[np.float64]  # world_from_camera, (K, 4, 4)
-    title: str = "Placement of cameras"
-    selection: Selection | None = None  # with its goal; both or none
-    goal: Goal | None = None
-    candidates: Candidates | None = None  # all of them; `selection.chosen` has rows of them
-    dropped: Dropped | None = None  # candidates that were rejected before the selection
-    segmentation: Segmentation | None = None
-    leftover: Leftover | None = None
-    openings: Openings | None = None
-    tolerance: Tolerance | None = None
-    camera_names: Sequence[str] = ()  # K; 1, 2, ... unless given
-    sources: Sequence[str] = ()  # of each pose, K; taken from `candidates` unless given
-    made_with: Mapping[str, Any] = field(default_factory=dict)  # for the end of the page
-    notes: Sequence[str] = ()  # sentences for the top of the page
-    summary: Mapping[str, Any] | None = None  # figures; those of the network unless given
-    regions: Regions | None = None  # of the poses, where the result is by area
-
-    def __post_init__(self) -> None:
-        count = len(self.network.pose_ids)
-        if len(self.poses) != count:
-            raise ConfigError(
-                f"the network has {count} cameras, got {len(self.poses)} poses; add each to it"
-            )
-        for name in ("camera_names", "sources"):
-            if len(getattr(self, name)) not in (0, count):
-                raise ConfigError(
-                    f"{name} must be {count} words, one a camera, got {len(getattr(self, name))}"
-                )
-
-    @property
-    def names(self) -> list[str]:
-        """Names of the cameras."""
-        return list(self.camera_names) or [str(row + 1) for row in range(len(self.poses))]
-
-    @property
-    def origins(self) -> list[str]:
-        """Source of each pose, "" where it is unknown."""
-        if self.sources:
-            return list(self.sources)
-        if self.candidates is None or self.selection is None:
-            return [""] * len(self.poses)
-        chosen = self.candidates.take(self.selection.chosen)
-        if len(chosen) != len(self.poses):
-            return [""] * len(self.poses)
-        return [
-            f"{source} {index}" if index >= 0 else str(source)
-            for source, index in zip(chosen.source, chosen.index, strict=True)
-        ]
 
 
 def write_page(
@@ -140,7 +70,7 @@ def page(report: PlanReport, progress: Progress = lambda done, total: None) -> s
         heading=report.title,
         report=report,
         summary=summary,
-        drawn=_drawn(report, progress),
+        drawn=drawn_for(report, progress),
         names=", ".join(source.name for source in mesh.sources),
         n_task=int(mesh.task_mask.sum()),
         n_occluders=int((~mesh.task_mask).sum()),
@@ -154,6 +84,8 @@ def page(report: PlanReport, progress: Progress = lambda done, total: None) -> s
         n_certain=figures["certified"] + figures["exact"],
         clipped=[report.names[row] for row in summary["near_clipped_poses"]],
         left=left,
+        caution=report.colours.caution(),
+        zone_rows=zone_rows(summary) if report.zones is not None else [],
         share_headings=["faces", "of all faces", "of the area"],
         **(_uncovered(left) if left else {}),
         openings=_openings(report.openings),
@@ -163,63 +95,6 @@ def page(report: PlanReport, progress: Progress = lambda done, total: None) -> s
         tolerance=_tolerance(report),
         made_with=_flat(report.made_with),
     )
-
-
-def _drawn(report: PlanReport, progress: Progress) -> dict[str, Picture]:
-    """Pictures and plots of a report, by name."""
-    mesh, network = report.mesh, report.network
-    parts: dict[str, tuple[str, Callable[[], Image.Image]]] = {
-        "network": (
-            "The cameras around the part, from two sides",
-            lambda: pictures.network_picture(
-                mesh, report.camera, report.poses, network.best_pose, report.names, report.regions
-            ),
-        ),
-        "coverage": (
-            "The part coloured by best coverage",
-            lambda: pictures.coverage_picture(mesh, network.best),
-        ),
-    }
-    if (regions := report.regions) is not None:
-        views = len((report.summary or {})["covered_area"]["by_views"])
-        parts["coverage"] = (
-            "The part coloured by the number of cameras that cover each point",
-            lambda: pictures.views_picture(mesh, report.poses, regions, views),
-        )
-    if left := report.leftover:
-        parts["leftover"] = (
-            "Faces that are not covered, by reason",
-            lambda: pictures.leftover_picture(left),
-        )
-    if segments := report.segmentation:
-        parts["segments"] = (
-            "The segments of the part",
-            lambda: pictures.segments_picture(mesh, segments),
-        )
-    charts: dict[str, tuple[str, Callable[[Theme], Any]]] = {
-        "groups": ("Covered part of each group", lambda theme: plots.group_bars(network, theme)),
-        "overlap": (
-            "Part of the area by number of cameras",
-            lambda theme: plots.overlap_histogram(network, theme),
-        ),
-    }
-    if (found := report.selection) and (goal := report.goal):
-        charts["curve"] = (
-            "Coverage by number of cameras",
-            lambda theme: plots.coverage_curve(
-                found, goal, theme, "cells" if report.regions is not None else "everything"
-            ),
-        )
-    total = len(parts) + len(charts)
-    drawn: dict[str, Picture] = {}
-    for name, (alt, draw) in parts.items():
-        progress(len(drawn), total)
-        drawn[name] = Picture.of(alt, draw())
-    for name, (alt, chart) in charts.items():
-        progress(len(drawn), total)
-        drawn[name] = picture_of(alt, chart(LIGHT), chart(DARK))
-    progress(total, total)
-    return drawn
 
 
 def _thresholds(report: PlanReport) -> list[str]:
@@ -261,7 +136,12 @@ def _cameras(report: PlanReport) -> dict[str, Any]:
     """Table of positions, directions and figures of the cameras."""
     network, origins, tolerance = report.network, report.origins, report.tolerance
     headings = ["camera", *(["from"] if any(origins) else []), "x, m", "y, m", "z, m"]
-    headings += ["looks along", "covers, faces", "mean coverage"]
+    headings += ["looks along", "heading", "down"]
+    regions = report.regions
+    areas = None
+    if regions is not None:
+        areas = np.bincount(regions.pair_pose, regions.area, len(report.poses))
+    headings += ["covers, faces", "mean coverage"] if areas is None else ["covers, m²"]
     own = "cells" if report.regions is not None else "faces"
     headings += ["covered without it", f"its own {own}"] if tolerance else []
     rows = []
@@ -269,7 +149,11 @@ def _cameras(report: PlanReport) -> dict[str, Any]:
         line = [name, *([origins[row]] if any(origins) else [])]
         line += [length(value) for value in pose[:3, 3]]
         line += [", ".join(signed(value) for value in pose[:3, 2])]
-        line += [f"{network.covered_faces[row]:,}", f"{network.mean_coverage[row]:.3f}"]
+        line += [f"{round(angle)}°" for angle in heading_and_tilt(pose)]
+        if areas is None:
+            line += [f"{network.covered_faces[row]:,}", f"{network.mean_coverage[row]:.3f}"]
+        else:
+            line.append(f"{areas[row]:.3g}")
         if tolerance:
             camera = tolerance.cameras[row]
             line += [percent(camera.without), f"{camera.own_faces:,}"]

@@ -1,8 +1,11 @@
 """Plots of a placement: coverage by group and by number of cameras, overlap of cameras."""
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 from rastercov._format import percent
+from rastercov.area.regions import Regions
+from rastercov.area.union import unite
 from rastercov.network import Network, share_of_faces
 from rastercov.placement.select.problem import BestCoverage, FewestCameras, Goal
 from rastercov.placement.select.selection import Selection
@@ -14,48 +17,78 @@ if TYPE_CHECKING:
 
 MAX_GROUPS = 24
 """Groups in a plot: those of the greatest area."""
+MOST_BARS = 11
+"""Largest number of cameras that has a bar of its own, unless more are needed."""
 
 
-def group_bars(network: Network, theme: Theme) -> "Figure":
-    """Share of each group's area that is covered, the largest groups first."""
-    bars = group_shares(network)
+def group_bars(
+    network: Network, theme: Theme, summary: Mapping[str, Any] | None = None
+) -> "Figure":
+    """Share of each group's area that is covered, the largest groups first.
+
+    By exact area where `summary`, of the network, has it.
+    """
+    bars = group_shares(network, summary)
     left_out = len(bars) - MAX_GROUPS
     note = f"and {left_out} smaller groups, see the table" if left_out > 0 else ""
     return bar_plot("Covered, by group", bars[:MAX_GROUPS], theme, note)
 
 
-def group_shares(network: Network) -> list[tuple[str, float, str]]:
+def group_shares(
+    network: Network, summary: Mapping[str, Any] | None = None
+) -> list[tuple[str, float, str]]:
     """Name, covered share and its text for each task group, the largest first."""
     mesh = network.mesh
+    by_area = {
+        group["name"]: group["covered_area"]["percent"] / 100
+        for group in (summary or {}).get("groups", [])
+        if "covered_area" in group
+    }
     rows = []
     for index, group in enumerate(mesh.groups):
         members = mesh.face_group == index
         if not group.is_occluder and members.any():
-            share = share_of_faces(mesh, members & network.covered, members)["area_percent"] / 100
+            whole = share_of_faces(mesh, members & network.covered, members)["area_percent"] / 100
+            share = by_area.get(group.name, whole)
             rows.append((float(mesh.areas[members].sum()), group.name, share))
     rows.sort(key=lambda row: -row[0])
     return [(name, share, f"{percent(share)} of the area") for _, name, share in rows]
 
 
-def overlap_histogram(network: Network, theme: Theme) -> "Figure":
-    """Share of the task's area by the number of cameras that cover it."""
+def overlap_histogram(network: Network, theme: Theme, regions: Regions | None = None) -> "Figure":
+    """Share of the task's area by the number of cameras that cover it.
+
+    By exact area where the regions of the network are given, by whole faces otherwise.
+    """
     need = network.task.views
-    note = f"a face is covered from {need} on" if need > 1 else ""
-    return bar_plot(
-        "Area by number of covering cameras", overlap_shares(network), theme, note, need
-    )
+    what = "a face" if regions is None else "a point"
+    note = f"{what} is covered from {need} on" if need > 1 else ""
+    bars = overlap_shares(network, regions)
+    return bar_plot("Area by number of covering cameras", bars, theme, note, need)
 
 
-def overlap_shares(network: Network) -> list[tuple[str, float, str]]:
+def overlap_shares(
+    network: Network, regions: Regions | None = None
+) -> list[tuple[str, float, str]]:
     """Number of cameras, share of the task's area that they cover, and its text."""
     mesh, task = network.mesh, network.mesh.task_mask
-    most = int(network.views[task].max(initial=0))
-    last = min(most, max(network.task.views, 11))
+    limit = max(network.task.views, MOST_BARS)
+    if regions is None:
+        most = int(network.views[task].max(initial=0))
+        shares = [
+            share_of_faces(mesh, task & (network.views >= count), task)["area_percent"] / 100
+            for count in range(min(most, limit) + 1)
+        ]
+    else:
+        covered = unite(regions, min(max(len(regions.pose_ids), 1), limit + 1))
+        shares = [1.0, *(covered.share(count + 1) for count in range(len(covered.area)))]
+        most = max(count for count, share in enumerate(shares) if share > 0)
+    last = min(most, limit)
     bars = []
     for count in range(last + 1):
         is_open = count == last and most > last
-        faces = task & ((network.views >= count) if is_open else (network.views == count))
-        share = share_of_faces(mesh, faces, task)["area_percent"] / 100
+        above = shares[count + 1] if count < last else 0.0
+        share = shares[count] - above
         word = "camera" if count == 1 else "cameras"
         bars.append((f"{count}{'+' if is_open else ''} {word}", share, percent(share)))
     return bars

@@ -33,7 +33,9 @@ from rastercov.plan.run import Placement
 from rastercov.provenance import Provenance
 from rastercov.raster.contract import RasterizerInfo
 from rastercov.report.coverage import Options
+from rastercov.report.directions import heading_and_tilt
 from rastercov.report.folder import ReportFolder, ReportKind
+from rastercov.report.half_covered import half_covered_lines
 
 MAX_ROWS = 30
 """Cameras that a table lists."""
@@ -145,6 +147,7 @@ def _cameras(placement: Placement) -> list[dict[str, Any]]:
             "candidate": int(row),
             "position": pose[:3, 3],
             "direction": pose[:3, 2],
+            **dict(zip(("heading_deg", "down_deg"), heading_and_tilt(pose), strict=True)),
             "cost": costs[row],
             "covered_faces": faces,
             "share_so_far": share,
@@ -223,6 +226,7 @@ def lines(placement: Placement) -> list[str]:
             left = percent(found.cameras[found.critical].without)
             text += f"; without camera {found.critical} only {left} are left"
         said.append(text)
+    said += half_covered_lines(prepared.plan, placement.cameras)
     said += [f"{each.status}: {each.words()}" for each in placement.requirements]
     if placement.interrupted:
         said.append(_interrupted(placement))
@@ -294,10 +298,12 @@ def write_page(placement: Placement, path: Path, progress: Progress) -> None:
     from rastercov.report.placement import write_page as write  # with the first page only
 
     prepared = placement.prepared
-    found = None
-    if placement.cameras.areas is not None:
+    found = zones = None
+    if (areas := placement.cameras.areas) is not None:
         poses, method = placement.cameras.poses, prepared.plan.task.method
         found = regions(prepared.mesh, prepared.camera, poses, prepared.task, method=method)
+        views = prepared.plan.task.views
+        zones = areas.zones(views if isinstance(views, dict) else None)
     report = PlanReport(
         mesh=prepared.mesh,
         camera=prepared.camera,
@@ -319,5 +325,6 @@ def write_page(placement: Placement, path: Path, progress: Progress) -> None:
         notes=lines(placement),
         summary=summary_of(prepared.plan, placement.cameras),
         regions=found,
+        zones=zones,
     )
     write(path, report, progress)

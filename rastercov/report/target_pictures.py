@@ -1,4 +1,8 @@
-"""Targets in pictures: translucent, with their outlines, so that all behind them shows."""
+"""Targets in pictures: translucent or hatched, with outlines, so that all behind them shows.
+
+Over greys they are translucent. Over a surface in many hues they are hatched, since a mixture of
+two hues would be a third one.
+"""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -37,17 +41,36 @@ def targets_in_view(
 
 
 def lay_over(pixels: Pixels, targets: NDArray[np.int32], colours: Pixels) -> None:
-    """Lay targets (H, W) over an image, in place, each face in its colour of (F, 3)."""
+    """Lay targets (H, W) over an image, in place, each face in its colour of (F, 3).
+
+    Colours of shape (H, W, 3) are those of pixels.
+    """
     share = np.where(targets >= 0, np.float32(OPACITY), np.float32(0))
+    share[_outlines(targets)] = OUTLINE
+    shown = targets >= 0
+    opacity = share[shown, None]
+    of_pixel = colours[shown] if colours.ndim == 3 else colours[targets[shown]]
+    mixed = opacity * of_pixel + (1 - opacity) * pixels[shown]
+    pixels[shown] = mixed.astype(np.uint8)
+
+
+def hatch_over(pixels: Pixels, targets: NDArray[np.int32], colours: Pixels, width: int) -> None:
+    """Hatch targets (H, W) over an image, in place, every other stripe in their own colours.
+
+    `colours` are as for `lay_over`, stripes `width` pixels wide; between them is the image.
+    """
+    rows, columns = np.ogrid[: targets.shape[0], : targets.shape[1]]
+    shown = (targets >= 0) & ((rows - columns) // width % 2 == 0)
+    shown |= _outlines(targets)
+    pixels[shown] = colours[shown] if colours.ndim == 3 else colours[targets[shown]]
+
+
+def _outlines(targets: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """(H, W) pixels of targets beside one of another target or of none."""
+    found = np.zeros(targets.shape, np.bool_)
     for step in ((0, 1), (1, 0)):
         here = targets[: targets.shape[0] - step[0], : targets.shape[1] - step[1]]
         following = targets[step[0] :, step[1] :]
-        for part, pixel in (
-            (share[: here.shape[0], : here.shape[1]], here),
-            (share[step[0] :, step[1] :], following),
-        ):
-            part[(here != following) & (pixel >= 0)] = OUTLINE
-    shown = targets >= 0
-    opacity = share[shown, None]
-    mixed = opacity * colours[targets[shown]] + (1 - opacity) * pixels[shown]
-    pixels[shown] = mixed.astype(np.uint8)
+        found[: here.shape[0], : here.shape[1]] |= (here != following) & (here >= 0)
+        found[step[0] :, step[1] :] |= (here != following) & (following >= 0)
+    return found

@@ -3,6 +3,7 @@
 Colours of pages and plots are CSS strings, those of pictures sRGB triples.
 """
 
+import colorsys
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,11 +53,17 @@ OCCLUDER = (176, 140, 90)
 TARGET = (40, 200, 120)
 """Of a target with coverage 1."""
 BEHIND, BEHIND_STRIPE = (132, 96, 140), (158, 122, 166)
+BACK, BACK_STRIPE = (150, 142, 158), (178, 171, 186)
+"""Of task faces seen from behind in exterior views, where no camera is behind them."""
 DARKEST, GREY_SPAN, HEADLIGHT = 14, 205, 30
 """Grey of a face: DARKEST + GREY_SPAN * coverage + HEADLIGHT * cosine of incidence."""
 EXTERIOR = (246, 248, 250)
 """Background of exterior views."""
 COVERED, UNCOVERED = (214, 220, 226), (52, 56, 62)
+OCCLUDER_PALE = (238, 228, 208)
+"""Of occluders in exterior views and plans."""
+WALL_LINE = (84, 90, 100)
+"""Lines of upright faces in a plan."""
 REASONS: dict[str, Colour] = {
     "occluded": (214, 39, 40),
     "outside": (0, 114, 178),
@@ -71,10 +78,12 @@ REASONS: dict[str, Colour] = {
 }
 """Colours of uncovered faces, by the name of the reason."""
 CAMERAS: tuple[Colour, ...] = (
-    (0, 114, 178), (230, 126, 0), (0, 158, 115), (204, 80, 150), (86, 160, 220), (150, 110, 0),
-    (213, 48, 40), (110, 80, 170), (120, 180, 40), (0, 150, 160), (180, 100, 70), (90, 100, 115),
+    (0, 114, 178), (230, 126, 0), (0, 158, 115), (204, 80, 150), (100, 185, 245), (236, 206, 60),
+    (213, 48, 40), (120, 84, 190), (130, 190, 40), (40, 50, 140), (250, 160, 170), (0, 205, 205),
 )  # fmt: skip
-"""Colours of the first cameras; the following ones have those of indices."""
+"""Colours of the first cameras, all vivid: grey, dark and pale have other meanings."""
+MORE_CAMERAS = ((0.78, 0.86), (0.5, 0.97), (0.9, 0.62))
+"""Saturation and value of those of further cameras, in turn."""
 MISSED, FALSELY_SEEN = (232, 92, 16), (24, 88, 214)
 """Visible but called hidden by the bivalent test, and hidden but called visible."""
 ENLARGED = (240, 190, 0)
@@ -137,6 +146,10 @@ def index_colours(indices: ArrayLike) -> Pixels:
 
 def camera_colours(count: int) -> Pixels:
     """(K, 3) colours of cameras; the first twelve are easy to tell apart."""
-    colours = index_colours(np.arange(count))
-    colours[: len(CAMERAS)] = np.array(CAMERAS, np.uint8)[:count]
+    more = [
+        colorsys.hsv_to_rgb(0.618033988749895 * row % 1, *MORE_CAMERAS[row % len(MORE_CAMERAS)])
+        for row in range(len(CAMERAS), count)
+    ]
+    chosen = np.rint(255 * np.array(more).reshape(-1, 3))
+    colours: Pixels = np.concatenate((np.array(CAMERAS), chosen)).astype(np.uint8)[:count]
     return colours

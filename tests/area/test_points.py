@@ -52,7 +52,7 @@ def test_pixels_show_the_area_that_is_covered():
     regions = rc.regions(mesh, camera, poses, TASK)
     with rc.open_rasterizer(mesh, camera, "cpu") as rasterizer:
         buffer = rasterizer.render(poses[0])
-    best, views = best_and_views(SeenArea(regions, poses), camera, poses[0], buffer)
+    best, views = best_and_views(SeenArea(regions, poses), camera, poses[0], buffer.face)
     assert ((best >= 0) == (views > 0)).all()
     assert best.max() < len(poses)
     rows, columns = np.nonzero(buffer.face >= 0)
@@ -61,6 +61,6 @@ def test_pixels_show_the_area_that_is_covered():
     assert depth == pytest.approx(buffer.depth[rows, columns], rel=1e-4)
     covered = covering_poses(regions, buffer.face[rows, columns], points)[:, 0].mean()
     alone = rc.regions(mesh, camera, poses[:1], TASK)
-    one, _ = best_and_views(SeenArea(alone, poses[:1]), camera, poses[0], buffer)
+    one, _ = best_and_views(SeenArea(alone, poses[:1]), camera, poses[0], buffer.face)
     assert (one[rows, columns] == 0).mean() == pytest.approx(covered)
     assert 0.1 < covered < 1

@@ -254,7 +254,7 @@ def test_files_units_and_groups(capsys):
     assert "lid" in out
     assert out.endswith("report/contact_sheet.png\n")
     pictures = {f"{name}_{pose}.png" for name in ("pose", "faces") for pose in range(4)}
-    assert names("report") == REPORT | pictures | {"contact_sheet.png", MANIFEST}
+    assert names("report") == REPORT | pictures | {"contact_sheet.png", "overview.png", MANIFEST}
     summary = json.loads(Path("report/summary.json").read_text())
     assert (summary["faces"], summary["task_faces"]) == (12, 10)
     assert summary["covered"]["faces"] == 10

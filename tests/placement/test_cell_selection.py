@@ -41,6 +41,16 @@ def test_cells_choose_as_well_as_greedy_on_exact_areas():
     assert abs(exact - share) <= 0.01
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("rel", [0.05, 0.03])
+def test_cells_up_to_a_twentieth_of_the_diagonal_lose_half_a_point_at_most(seed, rel):
+    poses = room_candidates(60, seed)
+    _, best = greedy_by_area(MESH, CAMERA, poses, TASK, CAMERAS)
+    network, _ = chosen_on_cells(MESH, rel * DIAGONAL, poses)
+    assert area_of(MESH, CAMERA, network, TASK) >= best - 0.005
+
+
 def test_the_choice_does_not_depend_on_the_triangles():
     finer = [MESH, cut_at_random(MESH, 1, 200)[0], bisected(MESH, DIAGONAL / 8)[0]]
     shares = [area_of(MESH, CAMERA, chosen_on_cells(mesh)[0], TASK) for mesh in finer]

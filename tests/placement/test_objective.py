@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from nightly import examples
 
+from rastercov._lists import Lists
 from rastercov.placement.improve.objective import Objective
 from rastercov.reference.views import covered_faces
 from rastercov.task import Task
@@ -21,7 +22,7 @@ def objective(rng, n_faces, angle_deg):
     cosine = np.cos(np.radians(angle_deg)) + 1e-12 if angle_deg else 2.0
     need = rng.integers(1, 4, n_faces)
     observer = SimpleNamespace(mesh=mesh)
-    return Objective(observer, Task(), np.ones(n_faces, np.int64), need, cosine)
+    return Objective(observer, Task(), rng.integers(0, 9, n_faces), need, cosine)
 
 
 @pytest.mark.parametrize("angle_deg", ANGLES_DEG)
@@ -45,3 +46,7 @@ def test_faces_are_covered_as_in_the_twin_by_the_first_cameras_and_with_each_oth
     for trial in range(3):
         both = np.vstack((covers, others[trial])), np.vstack((eyes, centres[trial]))
         np.testing.assert_array_equal(found[trial], covered_faces(*both, *given_by))
+    lists = Lists.of([np.flatnonzero(row) for row in others])
+    without = judge.worth(judge.covered(covers, eyes))
+    added = judge.worth_added(covers, eyes, lists, centres)
+    np.testing.assert_array_equal(without + added, judge.worth(found))

@@ -1,4 +1,5 @@
-from dataclasses import replace
+from contextlib import closing
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -7,12 +8,18 @@ from hypothesis import strategies as st
 from nightly import examples, nightly
 from test_search import CAMERA, KEPT_OUT, MESH, SPACE, TASK, holds
 
+from rastercov._lists import Lists
+from rastercov.area.cells import cells
+from rastercov.area.regions import RegionPass
 from rastercov.errors import ConfigError
 from rastercov.observer import open_observer
 from rastercov.placement.improve import refine as refine_module
-from rastercov.placement.improve.objective import Objective
+from rastercov.placement.improve.objective import CellObjective, Objective
 from rastercov.placement.improve.refine import refine
+from rastercov.task import Task
 from rastercov.viewpoints import sphere_of_poses
+
+TASK_BY_AREA = Task(max_incidence_deg=70, min_pixels_per_m2=300)
 
 
 @pytest.fixture(scope="module")
@@ -137,6 +144,84 @@ def test_a_budget_that_is_spent_is_told(objective):
     assert result.evaluations <= 50
     result = refine(objective, SPACE, network(2, 1), budget=3, candidates=network(2, 2))
     assert result.status == "budget spent"
+
+
+# --- on cells, by estimates -----------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def on_cells():
+    finder = RegionPass(MESH, CAMERA, TASK_BY_AREA)
+    with open_observer(MESH, CAMERA) as observer, closing(finder):
+        yield CellObjective.of_cells(observer, finder, cells(MESH, 0.3))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Misled(CellObjective):
+    """Estimates without any truth in them."""
+
+    seed: int = 0
+
+    def estimated(self, poses):
+        self.watch(len(poses))
+        draws = np.random.default_rng((self.seed, len(poses))).random((len(poses), len(self.cells)))
+        return Lists.of([np.flatnonzero(row < 0.5) for row in draws])
+
+
+@pytest.mark.slow
+def test_refinement_on_cells_gains_by_measured_cells_only(on_cells):
+    measured = []
+    start = network(2, 6)
+    watched = replace(on_cells, watch=measured.append)
+    result = refine(watched, SPACE, start, halvings=1)
+    assert result.status == "local optimum"
+    assert result.share > result.start_share == on_cells.share_of(start)
+    assert result.share == on_cells.share_of(result.poses)
+    assert (np.diff(result.trace) > 0).all()
+    # What the start is estimated to cover is counted by the display of progress only.
+    assert sum(measured) == result.evaluations + len(start)
+    again = refine(on_cells, SPACE, start, halvings=1)
+    np.testing.assert_array_equal(result.poses, again.poses)
+
+
+@pytest.mark.slow
+def test_estimates_find_about_as_much_as_measurements(on_cells):
+    start = network(2, 7)
+    plain = PlainCells(**vars(on_cells))
+    quick, thorough = (refine(each, SPACE, start, halvings=2) for each in (on_cells, plain))
+    assert quick.share - quick.start_share > 0.9 * (thorough.share - thorough.start_share) > 0
+
+
+class PlainCells(CellObjective):
+    """Without estimates."""
+
+    is_estimated = False
+    estimated = CellObjective.listed
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
+def test_estimates_that_mislead_never_lose_anything(on_cells, seed):
+    misled = Misled(**vars(on_cells), seed=seed)
+    start = network(2, seed)
+    result = refine(misled, SPACE, start, halvings=0, budget=400)
+    assert result.evaluations <= 400
+    assert result.share == on_cells.share_of(result.poses) >= on_cells.share_of(start)
+    assert (np.diff(result.trace) > 0).all()
+
+
+def test_an_interrupt_while_trials_are_measured_keeps_the_best_so_far(on_cells):
+    ends = []
+
+    def watch(count):
+        ends.append(count)
+        if len(ends) == 12:
+            raise KeyboardInterrupt
+
+    start = network(2, 6)
+    result = refine(replace(on_cells, watch=watch), SPACE, start)
+    assert result.status == "interrupted"
+    assert result.share == on_cells.share_of(result.poses) >= result.start_share
 
 
 def test_a_network_without_cameras_is_a_local_optimum(objective):

@@ -112,6 +112,17 @@ def test_a_plan_by_face_does_as_if_there_were_no_cells():
     assert "covered_area" not in told
 
 
+def test_a_plan_by_face_names_what_it_leaves_out():
+    by_face = PLAN.replace("resolution_of_result = 0.5", 'by = "face"')
+    found = placed(by_face)
+    (line,) = [each for each in report.lines(found) if "point by point" in each]
+    assert line.endswith('use by = "area" in [task]')
+    share = float(line.split()[1]) / 100
+    whole = exact_share(found)
+    assert share == pytest.approx(whole - found.cameras.share, abs=0.03)
+    assert "point by point" not in "\n".join(report.lines(placed(PLAN)))
+
+
 def test_a_matrix_is_used_again_and_one_of_other_cells_is_not():
     folders = []
     for size in (0.5, 0.5, 0.4):
@@ -166,17 +177,37 @@ def test_nothing_that_can_be_covered_is_a_network_without_cameras():
     assert report.summary(found)["covered_area"]["m2"] == 0
 
 
-def test_a_share_of_what_is_reachable_is_judged_on_cells():
-    found = placed(FEWEST.replace("0.7", "0.9\nof_reachable = true"))
+OF_REACHABLE = FEWEST.replace("0.7", "0.9\nof_reachable = true")
+
+
+@pytest.mark.parametrize("views", ["1", "2", "{ boxes = 2 }"])
+def test_a_share_of_what_is_reachable_is_of_the_exact_area_of_all_candidates(views):
+    found = placed(
+        OF_REACHABLE.replace("resolution_of_result", f"views = {views}\nresolution_of_result")
+    )
+    (required,) = found.requirements
+    assert required.of_reachable
+    covered = [
+        rc.unite(rc.regions(MESH, CAMERA, poses, TASK), 2).area
+        for poses in (found.cameras.poses, POSES)
+    ]
+    need = np.where(np.arange(MESH.n_faces) < 12, *{"1": (1, 1), "2": (2, 2)}.get(views, (1, 2)))
+    own, most = (area[need - 1, np.arange(MESH.n_faces)].sum() for area in covered)
+    assert required.share == pytest.approx(own / most, abs=1e-6)
+    assert required.of_m2 == pytest.approx(most)
+    assert required.low <= required.share <= required.high
+    assert found.is_met
+    assert "of the area that all candidates cover, 90.0 % wanted" in required.words()
+
+
+def test_a_share_of_what_is_reachable_is_judged_on_cells_where_the_area_is_not_known(monkeypatch):
+    monkeypatch.setattr(plan_run, "MOST_PAIRS", 0)
+    found = placed(OF_REACHABLE)
     (required,) = found.requirements
     assert required.of_reachable
     assert required.words().endswith("90.0 % wanted (on cells)")
-    assert found.is_met
-    assert (
-        0.9
-        <= required.share
-        == found.selection.share / found.prepared.problem.share(found.prepared.problem.reachable)
-    )
+    reached = found.prepared.problem.share(found.prepared.problem.reachable)
+    assert 0.9 <= required.share == found.selection.share / reached
 
 
 @pytest.mark.parametrize("views", [1, 2, {"boxes": 2}])
@@ -222,6 +253,7 @@ def test_check_judges_by_exact_area_and_place_agrees():
 
 STEPS = """
 refine = true
+refine_budget = 600
 [selection.optimise]
 method = "random"
 budget = 80
@@ -234,18 +266,36 @@ draws = 5
 
 
 def test_later_steps_work_on_cells_and_never_lose_exact_area(monkeypatch):
-    monkeypatch.setattr(plan_run, "BUDGET", 600)
-    plain, short = plan_run.refine, {"budget": 600, "halvings": 1}
+    plain, short = plan_run.refine, {"halvings": 1}
     monkeypatch.setattr(plan_run, "refine", lambda *given, **more: plain(*given, **more, **short))
     alone = placed(PLAN)
     found = placed(PLAN.replace("cameras = 4", "cameras = 4" + STEPS))
     assert found.refined.share >= found.refined.start_share
+    assert 4 < found.refined.evaluations <= 600
     assert found.cameras.share >= alone.cameras.share
     assert found.cameras.share == pytest.approx(exact_share(found), abs=1e-9)
     assert len(found.tolerance.face_chance) == len(rc.cells(MESH, 0.5))
     assert found.leftover.left.any()
     text = "\n".join(report.left_lines(found))
     assert text.startswith("Faces of which some part is not covered")
+
+
+def test_progress_of_a_refinement_has_its_budget_as_total():
+    seen = []
+
+    @contextmanager
+    def step(name):
+        yield lambda done, total: seen.append((done, total)) if name == "refinement" else None
+
+    entries = "cameras = 4\nrefine = true\nrefine_budget = 500"
+    found = placed(PLAN.replace("cameras = 4", entries), step)
+    done = [count for count, _ in seen]
+    assert seen[0] == (0, 500)
+    assert {total for _, total in seen} == {500}
+    assert done == sorted(done)
+    # What the start is estimated to cover is counted here only.
+    assert done[-1] == found.refined.evaluations + 4 <= 504
+    assert found.refined.status == "budget spent"
 
 
 def test_moves_that_lose_exact_area_are_not_taken(monkeypatch):

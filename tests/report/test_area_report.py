@@ -6,6 +6,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import trimesh
+from PIL import Image
 from surface_cases import room
 
 import rastercov as rc
@@ -78,3 +79,37 @@ def test_by_face_the_report_is_that_of_faces(tmp_path):
     assert summary["by"] == "face"
     assert "covered_area" not in summary
     assert not (tmp_path / "r" / "areas.parquet").exists()
+
+
+@pytest.mark.parametrize("n_colours", [60, 2])
+def test_the_network_and_its_dead_zones_are_drawn(tmp_path, monkeypatch, n_colours):
+    mesh, camera, poses = room()
+    monkeypatch.setattr("rastercov.report.coverage.MOST_COLOURS", n_colours)
+    run(mesh, camera, poses, TASK, tmp_path / "r", Options(pictures=1))
+    for name in ("overview.png", "zones.png"):
+        with Image.open(tmp_path / "r" / name) as picture:
+            assert picture.width == 1446
+            colours = {tuple(c) for c in np.asarray(picture)[60:-60:3, ::3].reshape(-1, 3).tolist()}
+        assert len(colours) > 10
+
+
+@pytest.mark.parametrize("pairs", ["covered", "seen", "all"])
+def test_the_table_of_pairs_has_the_exact_area_of_each(tmp_path, pairs):
+    mesh, camera, poses = room()
+    poses = np.concatenate([poses, poses])  # faces are closed after the first half
+    task = rc.Task(max_incidence_deg=75)
+    run(mesh, camera, poses, task, tmp_path / "r", Options(pictures=0, table=pairs))
+    table = pq.read_table(tmp_path / "r" / "coverage.parquet")
+    pose, face, found = (table[name].to_numpy() for name in ("pose", "face", "covered_m2"))
+    expected = rc.regions(mesh, camera, poses, task).areas()
+    np.testing.assert_allclose(found, expected[pose, face], rtol=1e-6)
+    assert found.max() > 1
+    assert table.schema.field("covered_m2").metadata == {b"unit": b"m^2"}
+    if pairs != "covered":
+        assert found.sum() == pytest.approx(expected.sum(), rel=1e-6)
+
+
+def test_a_table_by_face_has_no_column_of_area(tmp_path):
+    mesh, camera, poses = room()
+    run(mesh, camera, poses, TASK, tmp_path / "r", Options(pictures=0, by="face"))
+    assert "covered_m2" not in pq.read_schema(tmp_path / "r" / "coverage.parquet").names

@@ -187,7 +187,7 @@ def test_every_input_changes_the_header(tmp_path):
 def test_pictures_are_spread_evenly(tmp_path, wanted, drawn):
     run(MESH, CAMERA, around(10), TASK, tmp_path, Options(pictures=wanted))
     pictures = {f"{kind}_{pose}.png" for kind in ("pose", "faces") for pose in drawn}
-    sheet = {"contact_sheet.png"} if pictures else set()
+    sheet = {"contact_sheet.png", "overview.png"} if pictures else set()
     assert names(tmp_path) == {"coverage.parquet", "summary.json", "network.glb"} | pictures | sheet
 
 
@@ -208,6 +208,7 @@ def test_a_second_run_replaces_the_report_and_nothing_else(tmp_path):
         "summary.json",
         "network.glb",
         "contact_sheet.png",
+        "overview.png",
         "pose_0.png",
         "faces_0.png",
         "notes.txt",
@@ -293,7 +294,9 @@ def test_an_interrupt_while_the_table_is_closed_comes_after_it(tmp_path, monkeyp
     assert names(tmp_path) == {"coverage.parquet", "summary.json", "network.glb"}
 
 
-@pytest.mark.parametrize("step", ["coverage_picture", "contact_sheet", "write_coloured_mesh"])
+@pytest.mark.parametrize(
+    "step", ["coverage_picture", "contact_sheet", "overview_picture", "write_coloured_mesh"]
+)
 def test_a_run_that_fails_after_the_last_pose_leaves_the_old_report(tmp_path, monkeypatch, step):
     run(MESH, CAMERA, around(6), TASK, tmp_path, Options(pictures=2))
     before = content(tmp_path)
@@ -363,8 +366,8 @@ def test_a_signal_is_held_until_the_block_ends(number):
 def test_a_signal_in_a_batch_counts_it_everywhere_or_nowhere(tmp_path, monkeypatch):
     add = CoverageTable.add
 
-    def add_and_interrupt(table, batch):
-        add(table, batch)
+    def add_and_interrupt(table, batch, covered_m2):
+        add(table, batch, covered_m2)
         if batch.pose[0] == 4:
             signal.raise_signal(signal.SIGINT)
 

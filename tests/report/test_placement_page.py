@@ -30,10 +30,11 @@ from rastercov.placement.matrix import build_matrix
 from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.problem import BestCoverage, FewestCameras, problem_of
 from rastercov.report import placement as page_module
+from rastercov.report import placement_figures, plots, theme
 from rastercov.report import placement_pictures as pictures
 from rastercov.report import placement_plots as network_plots
-from rastercov.report import plots, theme
-from rastercov.report.panorama import DIRECTIONS, best_directions, look, paint
+from rastercov.report.overview import camera_colours, network_picture
+from rastercov.report.panorama import DIRECTIONS, best_directions, look, paint, place_in_image
 from rastercov.report.placement import PlanReport, page, write_page
 from rastercov.report.theme import DARK, LIGHT
 from rastercov.task import Task
@@ -92,7 +93,7 @@ def report():
 @pytest.fixture
 def without_pictures(monkeypatch):
     """Pages take no time to draw."""
-    monkeypatch.setattr(page_module, "_drawn", lambda report, progress: {})
+    monkeypatch.setattr(page_module, "drawn_for", lambda report, progress: {})
 
 
 @pytest.fixture
@@ -148,7 +149,7 @@ def test_what_is_not_known_has_no_section(report, whole, missing, heading):
 def test_a_network_alone_has_a_page(report):
     bare = PlanReport(mesh=report.mesh, camera=CAMERA, network=report.network, poses=report.poses)
     text = page(bare)
-    assert len(read_alone(text).loads) == 2 + 2 * 2  # two pictures, two plots for light and dark
+    assert len(read_alone(text).loads) == 3 + 2 + 2 * 2  # pictures, cameras; plots for two themes
     assert ">Segments</h" not in text
 
 
@@ -185,15 +186,15 @@ def test_the_file_stands_alone_and_is_whole_or_what_was_there_before(report, tmp
     calls = []
     assert write_page(path, report, lambda done, total: calls.append((done, total))) == path
     before = path.read_text(encoding="utf-8")
-    assert len(read_alone(before).loads) == 4 + 2 * 3  # pictures; plots for light and dark
+    assert len(read_alone(before).loads) == 5 + 2 + 2 * 3  # pictures, cameras; plots for two themes
     assert ">Segments</h" in before
     assert before.endswith("</html>\n")
-    assert calls[-1] == (7, 7)
+    assert calls[-1] == (10, 10)
 
     def fail(*arguments):
         raise OSError("no more ink")
 
-    monkeypatch.setattr(pictures, "network_picture", fail)
+    monkeypatch.setattr(placement_figures, "network_picture", fail)
     with pytest.raises(OSError, match="ink"):
         write_page(path, report)
     assert path.read_text(encoding="utf-8") == before
@@ -263,16 +264,14 @@ def test_segments_have_colours_of_their_own():
 
 
 def test_each_camera_is_drawn_in_its_colour_inside_the_picture(report):
-    image = pixels_of(
-        pictures.network_picture(report.mesh, CAMERA, report.poses, report.network.best_pose)
-    )
-    bare = pixels_of(pictures.network_picture(report.mesh, CAMERA, report.poses[:0]))
+    image = pixels_of(network_picture(report.colours, CAMERA))
+    bare = pixels_of(network_picture(camera_colours(report.mesh, report.poses[:0]), CAMERA))
     for colour in theme.camera_colours(2):
         assert share_of_hue(image[60:], colour) > share_of_hue(bare[60:], colour) + 0.001
     for direction in DIRECTIONS[:2]:
         eyes = report.poses[:, :3, 3]
         scene = look(report.mesh, direction, eyes)
-        u, v = pictures.place_in_image(scene, eyes).T
+        u, v = place_in_image(scene, eyes).T
         assert ((u > 0) & (u < scene.camera.width) & (v > 0) & (v < scene.camera.height)).all()
 
 
@@ -289,7 +288,7 @@ def test_all_of_the_mesh_is_in_the_picture_from_everywhere(direction):
     mesh = Mesh(vertices=shapes.aeroplane().vertices * 1e-3 + 100, faces=shapes.aeroplane().faces)
     scene = look(mesh, direction, scale=0.2)
     size = scene.camera.width, scene.camera.height
-    places = pictures.place_in_image(scene, mesh.vertices)
+    places = place_in_image(scene, mesh.vertices)
     assert (places >= 0).all()
     assert (places <= size).all()
     assert (np.ptp(places, axis=0) / size).max() > 0.85
@@ -359,6 +358,22 @@ def test_views_of_faces_make_up_the_whole_area():
     assert [bar.get_width() for bar in axes.patches[len(shares) :]] == pytest.approx(
         [share for _, share, _ in shares]
     )
+
+
+def test_bars_by_area_are_those_of_the_exact_area():
+    mesh, task = shapes.room(4), rc.Task()
+    poses = rc.look_at([[2.5, 2, 2.5], [-2.5, 2, 2.5], [2.5, -2, 2.5]], [0, 0, 0.5])
+    network, regions = network_of(mesh, poses), rc.regions(mesh, CAMERA, poses, task)
+    covered = rc.unite(regions, views=3)
+    total = mesh.areas[mesh.task_mask].sum()
+    at_least = [1.0, *(covered.area.sum(axis=1) / total), 0.0]
+    bars = network_plots.overlap_shares(network, regions)
+    np.testing.assert_allclose([share for _, share, _ in bars], -np.diff(at_least), atol=1e-12)
+    assert bars[0][1] < network_plots.overlap_shares(network)[0][1]
+    groups = [{"name": group.name, "covered_area": {"percent": 12.5}} for group in mesh.groups]
+    assert {share for _, share, _ in network_plots.group_shares(network, {"groups": groups})} == {
+        0.125
+    }
 
 
 @pytest.fixture(scope="module")

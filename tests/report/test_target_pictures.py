@@ -1,6 +1,7 @@
 """Targets in pictures: translucent, so that what is behind them shows."""
 
 import numpy as np
+import pytest
 import trimesh
 from exact_cases import AHEAD
 from scenes import square
@@ -12,8 +13,10 @@ from rastercov.raster import open_rasterizer
 from rastercov.report import placement_pictures
 from rastercov.report.coloured_mesh import write_coloured_mesh
 from rastercov.report.images import coverage_picture, coverage_pixels
+from rastercov.report.model_pictures import difference_picture, look_at_part
 from rastercov.report.panorama import look
-from rastercov.report.target_pictures import lay_over, targets_in_view
+from rastercov.report.target_pictures import hatch_over, lay_over, targets_in_view
+from rastercov.validation.methods.closeup import neighbourhood
 
 CAMERA = Camera(width=80, height=80, fx=80, fy=80)
 WALL = square(2, 4)
@@ -84,3 +87,52 @@ def test_coloured_meshes_have_translucent_targets(tmp_path):
     ply = trimesh.load_mesh(tmp_path / "mesh.ply", process=False)
     assert set(ply.visual.face_colors[:2, 3]) == {255}
     assert set(ply.visual.face_colors[2:, 3]) == {102}
+
+
+def test_a_face_beside_a_target_is_seen_whole_in_its_close_up():
+    square_behind = square(2, 4)
+    scene = beside(square_behind, square(0.25, 2))
+    for mesh in (square_behind, scene):
+        around = neighbourhood(mesh, CAMERA, AHEAD, 0)
+        assert around.hidden.area == pytest.approx(0, abs=1e-9)
+        assert all(shape.area > 0 for shape, _ in around.others)
+    assert neighbourhood(scene, CAMERA, AHEAD, 2).seen.area > 0
+
+
+def test_the_difference_of_models_shows_targets_and_what_is_behind_them():
+    look = look_at_part(SCENE, CAMERA, AHEAD)
+    bare = look_at_part(beside(WALL), CAMERA, AHEAD)
+    graded, bivalent = np.ones(6), np.ones(6)
+    bivalent[2:4] = 0.0
+    changed = difference_picture(look, bivalent, graded)
+    plain = difference_picture(bare, np.ones(2), np.ones(2))
+    pixels, expected = (np.asarray(image.convert("RGB"), int) for image in (changed, plain))
+    inside = targets_in_view(SCENE, look.camera, AHEAD, look.buffer.depth) >= 0
+    top = (pixels != expected[: len(pixels)]).any(axis=2)[: inside.shape[0]]
+    assert top[inside].mean() > 0.9
+    assert top[~inside].mean() < 0.05
+
+
+def test_by_area_a_target_is_coloured_point_by_point():
+    levels = np.zeros((80, 80), bool)
+    levels[:40] = True
+    buffer = buffer_of(SCENE)
+    pixels = coverage_pixels(
+        buffer, np.ones(6), SCENE, AHEAD, CAMERA, np.ones((80, 80), bool), levels
+    ).astype(int)
+    shown = targets_in_view(SCENE, CAMERA, AHEAD, buffer.depth) >= 0
+    upper, lower = (pixels[rows][shown[rows]] for rows in (slice(0, 40), slice(40, 80)))
+    assert upper[:, 1].mean() > lower[:, 1].mean() + 30
+
+
+def test_hatching_leaves_every_other_stripe_as_it_is():
+    pixels = np.full((60, 60, 3), 200, np.uint8)
+    targets = np.full((60, 60), -1, np.int32)
+    targets[10:50, 10:50] = 0
+    hatch_over(pixels, targets, np.array([(7, 8, 9)], np.uint8), 4)
+    inside = pixels[12:48, 12:48].reshape(-1, 3)
+    own = (inside == (7, 8, 9)).all(axis=1)
+    assert own.mean() == pytest.approx(0.5, abs=0.05)
+    assert (inside[~own] == 200).all()
+    assert (pixels[10, 10:50] == (7, 8, 9)).all()
+    assert (pixels[targets < 0] == 200).all()

@@ -7,12 +7,15 @@ on demand, in batches.
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov._lists import Lists
 from rastercov.area.cells import Cells
+from rastercov.area.centres import CentrePass
 from rastercov.area.regions import RegionPass
 from rastercov.coverage import evaluate_batches
 from rastercov.errors import ConfigError
@@ -26,10 +29,11 @@ from rastercov.placement.select.problem import (
     weights_of,
 )
 from rastercov.pose import Poses
+from rastercov.rig import only_camera
 from rastercov.task import Reason, Task
 
-PAIRS_AT_ONCE = 1 << 28
-"""Pose-face pairs that are held unpacked: 256 MB."""
+POSES_A_BATCH = 64
+"""Poses between two calls of `Objective.watch` where they are estimated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,23 +105,30 @@ class Objective:
         """Mesh whose faces are counted."""
         return self.observer.mesh
 
+    @property
+    def is_estimated(self) -> bool:
+        """True where `estimated` differs from `listed`."""
+        return False
+
+    def listed(self, poses: FloatArray) -> Lists:
+        """Faces that each of (P, 4, 4) poses covers, in ascending order."""
+        rows: list[NDArray[Any]] = []
+        if len(poses):
+            for batch in evaluate_batches(self.observer, poses, self.task, fields=("reason",)):
+                rows += [np.flatnonzero(row) for row in batch.reason == Reason.COVERED]
+                self.watch(len(batch.pose_ids))
+        return Lists.of(rows)
+
+    def estimated(self, poses: FloatArray) -> Lists:
+        """Faces that each pose covers, by the quickest estimate there is; here `listed`."""
+        return self.listed(poses)
+
     def covers(self, poses: FloatArray) -> BoolArray:
         """(P, F) faces that each pose covers."""
         covers = np.zeros((len(poses), len(self.integer_weights)), np.bool_)
-        if len(poses):
-            for batch in evaluate_batches(self.observer, poses, self.task, fields=("reason",)):
-                covers[batch.pose_ids] = batch.reason == Reason.COVERED
-                self.watch(len(batch.pose_ids))
+        found = self.listed(poses)
+        covers[np.repeat(np.arange(len(poses)), np.diff(found.starts)), found.items] = True
         return covers
-
-    def packed_covers(self, poses: FloatArray) -> NDArray[np.uint8]:
-        """(P, F / 8) faces that each pose covers, as bits: `np.packbits` of `covers`."""
-        step = max(1, PAIRS_AT_ONCE // max(1, len(self.integer_weights)))
-        parts = [
-            np.packbits(self.covers(poses[at : at + step]), axis=1)
-            for at in range(0, max(1, len(poses)), step)
-        ]
-        return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
     def covered(self, covers: BoolArray, eyes: FloatArray) -> BoolArray:
         """(F,) faces that a network covers, from the faces of its cameras, (k, F), and centres.
@@ -148,6 +159,25 @@ class Objective:
         covered = np.empty(trials.shape, np.bool_)
         covered_with_one(*self._given((rest, rest_eyes, trials, trial_eyes)), covered)
         return covered
+
+    def worth_added(
+        self, rest: BoolArray, rest_eyes: FloatArray, trials: Lists, trial_eyes: FloatArray
+    ) -> IntArray:
+        """(M,) integer weight that each of M trial cameras adds to what the rest covers.
+
+        `rest` are the faces of each other camera, (k - 1, F); `trials` those of the trials, and
+        the cost is proportional to these.
+        """
+        from rastercov.placement.improve.objective_kernels import worth_added
+
+        n_rest = np.add.reduce(rest, axis=0, dtype=np.int64)
+        is_covered = n_rest >= self.need
+        if self.min_cosine <= 1:
+            is_covered = self.covered(rest, rest_eyes)
+        added = np.empty(trials.n, np.int64)
+        of_faces = (n_rest, is_covered, self.integer_weights)
+        worth_added(*self._given((rest, rest_eyes, *trials, trial_eyes, *of_faces)), added)
+        return added
 
     def _given(self, arrays: Sequence[NDArray[Any]]) -> list[Any]:
         """Arguments of the loops, those on the faces last."""
@@ -183,10 +213,13 @@ class CellObjective(Objective):
     cells : Cells
     finder : RegionPass
         Open, for the mesh and the camera.
+    centres : CentrePass
+        Estimates for the same cells, camera and task.
     """
 
     cells: Cells = field(kw_only=True)
     finder: RegionPass = field(kw_only=True)
+    centres: CentrePass = field(kw_only=True)
 
     @classmethod
     def of_cells(
@@ -202,21 +235,36 @@ class CellObjective(Objective):
         """Objective on cells; arguments as for `problem_of`."""
         task = finder.task
         counted = cls._counted(cells.elements, task, weight_by, views, min_angle_deg)
-        return cls(observer, task, *counted, cells=cells, finder=finder)
+        centres = CentrePass(cells, only_camera(finder.camera), task, finder.threads)
+        return cls(observer, task, *counted, cells=cells, finder=finder, centres=centres)
 
     @property
     def elements(self) -> Mesh:
         """Mesh of the cells."""
         return self.cells.elements
 
-    def covers(self, poses: FloatArray) -> BoolArray:
-        """(P, C) cells that each pose covers."""
-        covers = np.zeros((len(poses), len(self.cells)), np.bool_)
+    @property
+    def is_estimated(self) -> bool:
+        """True: the centre of a cell is an estimate of half of it."""
+        return True
+
+    def listed(self, poses: FloatArray) -> Lists:
+        """Cells that each of (P, 4, 4) poses covers, in ascending order."""
+        rows: list[NDArray[Any]] = []
         if len(poses):
             for regions in self.finder.batches(Poses.of(poses)):
                 found = self.cells.share(regions)
-                enough = found.share >= self.task.min_coverage
-                row = np.repeat(found.pose_ids, np.diff(found.starts))
-                covers[row[enough], found.cell[enough]] = True
+                for first, last in pairwise(found.starts.tolist()):
+                    cell, share = found.cell[first:last], found.share[first:last]
+                    rows.append(cell[share >= self.task.min_coverage])
                 self.watch(len(found.pose_ids))
-        return covers
+        return Lists.of(rows)
+
+    def estimated(self, poses: FloatArray) -> Lists:
+        """Cells whose centre each pose covers, in about a seventh of the time of `listed`."""
+        rows: list[NDArray[Any]] = []
+        for at in range(0, len(poses), POSES_A_BATCH):
+            found = self.centres.find(poses[at : at + POSES_A_BATCH])
+            rows += [found.row(row) for row in range(found.n)]
+            self.watch(found.n)
+        return Lists.of(rows)

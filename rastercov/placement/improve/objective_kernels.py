@@ -113,3 +113,50 @@ def covered_with_one(
                 else:
                     keep_ray(trial_eyes, m, centroids, f, rays, n)
                     covered[m, f] = differs(rays, n, min_cosine)
+
+
+@compiled
+def worth_added(
+    rest, rest_eyes, starts, items, trial_eyes, n_rest, is_covered, weights, centroids, need,
+    min_cosine, added,
+):  # fmt: skip
+    """Weight that each of M cameras adds to what some others cover.
+
+    Parameters
+    ----------
+    rest, rest_eyes
+        As for `covered_with_one`.
+    starts, items : (M + 1,) int64, (N,) int32
+        Faces of camera m: items[starts[m]] ... items[starts[m + 1] - 1].
+    trial_eyes : (M, 3) float64
+        Their centres, metres.
+    n_rest, is_covered : (F,) int64, (F,) bool
+        Number of the others that cover each face, and whether these are enough.
+    weights : (F,) int64
+        Weight of each face.
+    centroids, need, min_cosine
+        As for `cameras_until_covered`.
+    added : (M,) int64
+        Out: weight of the faces that are covered with the camera and not without.
+    """
+    rays = np.empty((rest.shape[0] + 1, 3))
+    for m in range(trial_eyes.shape[0]):
+        total = 0
+        for at in range(starts[m], starts[m + 1]):
+            f = items[at]
+            if is_covered[f] or n_rest[f] + 1 < need[f]:
+                continue
+            is_enough = min_cosine > 1
+            n = 0
+            if not is_enough:
+                for c in range(rest.shape[0]):
+                    if rest[c, f]:
+                        keep_ray(rest_eyes, c, centroids, f, rays, n)
+                        is_enough = is_enough or differs(rays, n, min_cosine)
+                        n += 1
+                if not is_enough:
+                    keep_ray(trial_eyes, m, centroids, f, rays, n)
+                    is_enough = differs(rays, n, min_cosine)
+            if is_enough:
+                total += weights[f]
+        added[m] = total

@@ -6,19 +6,24 @@ moves are among them, because a count of covered faces has plateaus where no mov
 gains. All trials of all cameras are one batch. The share never falls, and the search ends where no
 move of one camera at any step gains: a local optimum with respect to those moves only.
 
+Where the objective has an estimate that is cheaper than a measurement, trials are estimated, and
+those that seem to gain are measured, the best first: a camera moves only where a measured trial
+gains. What a trial covers does not depend on the other cameras, so nothing is measured twice.
+
 R. Hooke, T. A. Jeeves. "Direct Search" Solution of Numerical and Statistical Problems. 1961.
 T. G. Kolda, R. M. Lewis, V. Torczon. Optimization by Direct Search. 2003.
 """
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import product
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov._interrupts import interrupts_held
+from rastercov._lists import Lists
 from rastercov._typed import typed
 from rastercov.errors import ConfigError
 from rastercov.mesh.arrays import frozen
@@ -43,8 +48,19 @@ RANDOM_MOVES = 24
 
 EXCHANGE = -1
 """Level number of the exchange for a candidate."""
-Trials = tuple[FloatArray, NDArray[np.uint8]]
-"""Poses, (M, 4, 4), and the faces they cover, packed, (M, F / 8)."""
+
+
+@dataclass(eq=False)
+class _Trials:
+    """Poses one move away from a camera, (M, 4, 4), and the faces that each covers.
+
+    `measured` are those of the trials whose faces in `covers` are an estimate and that were
+    measured since.
+    """
+
+    poses: FloatArray
+    covers: Lists
+    measured: dict[int, NDArray[np.int32]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,14 +76,14 @@ class Refined:
     trace : (N,) float64
         Share at the start and after each move.
     trace_evaluations : (N,) int64
-        Poses measured until then.
+        Poses measured or estimated until then.
     moved : (k,) bool
         Cameras whose pose changed.
     status : {"local optimum", "everything covered", "budget spent", "interrupted"}
         No move of one camera gains at any step, nor its exchange for a candidate; all of the weight
         is covered; or the budget or an interrupt ended the search.
     evaluations : int
-        Poses that were measured.
+        Poses that were measured or estimated.
     seconds : float
     """
 
@@ -121,7 +137,7 @@ def refine(
         Poses for which any camera may be exchanged where no move gains. Those at forbidden
         positions are left out.
     budget : int
-        Greatest number of poses to measure.
+        Greatest number of poses to measure or estimate.
     seed : int
         Seed of the random moves. The same start and seed give the same network.
 
@@ -197,12 +213,17 @@ class _Search:
         self.poses = start.copy()
         self.covers = objective.covers(start)
         self.evaluations = len(start)
+        # What a trial is estimated to cover is compared with the same estimate of the camera.
+        self._own: list[NDArray[np.int32] | None] = [None] * len(start)
+        if objective.is_estimated:
+            found = objective.estimated(start)
+            self._own = [found.row(row) for row in range(len(start))]
         self.worth = int(objective.worth(objective.covered(self.covers, start[:, :3, 3])))
         self.trace, self.trace_evaluations = [self.worth], [self.evaluations]
         self._moves_made = np.zeros(len(start), np.int64)
-        # Poses and packed faces of the trials of each camera and level, until the camera moves.
-        self._trials: list[dict[int, Trials]] = [{} for _ in start]
-        self._pool: Trials | None = None
+        # Trials of each camera and level, until the camera moves.
+        self._trials: list[dict[int, _Trials]] = [{} for _ in start]
+        self._pool: _Trials | None = None
 
     @property
     def has_room(self) -> bool:
@@ -210,7 +231,7 @@ class _Search:
         return self.worth < int(self.objective.integer_weights.sum())
 
     def sharpen(self, level: int, steps: FloatArray, turn: float) -> bool:
-        """Measure the unknown trials of a level; False where the budget does not suffice."""
+        """Estimate the unknown trials of a level; False where the budget does not suffice."""
         missing = [row for row in range(len(self.poses)) if level not in self._trials[row]]
         moves = []
         for row in missing:
@@ -221,20 +242,18 @@ class _Search:
             return False
         if not missing:
             return True
-        every = np.concatenate(moves)
-        covers = self.objective.packed_covers(every)
-        self.evaluations += len(every)
-        ends = np.cumsum(counts)
-        for row, end, count in zip(missing, ends, counts, strict=True):
-            part = slice(end - count, end)
-            self._trials[row][level] = (every[part], covers[part])
+        found = self.objective.estimated(np.concatenate(moves))
+        self.evaluations += sum(counts)
+        ends = np.cumsum(counts).tolist()
+        for row, poses, end in zip(missing, moves, ends, strict=True):
+            self._trials[row][level] = _Trials(poses, found.part(end - len(poses), end))
         return True
 
     def exchange(self, candidates: FloatArray) -> bool:
-        """Measure the candidates for exchange; False where the budget does not suffice."""
+        """Estimate the candidates for exchange; False where the budget does not suffice."""
         if self.evaluations + len(candidates) > self.budget:
             return False
-        self._pool = (candidates, self.objective.packed_covers(candidates))
+        self._pool = _Trials(candidates, self.objective.estimated(candidates))
         self.evaluations += len(candidates)
         return True
 
@@ -243,38 +262,82 @@ class _Search:
         waiting = set(range(len(self.poses)))
         while waiting:
             gains = {row: self._best(row, level) for row in sorted(waiting)}
+            if self._measure({row: best for row, (gain, best) in gains.items() if gain > 0}, level):
+                continue
             row = max(gains, key=lambda row: (gains[row][0], -row))
-            worth, trial = gains[row]
-            if worth <= self.worth:
+            gain, trial = gains[row]
+            if gain <= 0:
                 break
             self._move(row, level, trial)
             waiting.remove(row)
         return len(waiting) < len(self.poses)
 
-    def _of(self, row: int, level: int) -> "Trials":
-        trials = self._pool if level == EXCHANGE else self._trials[row][level]
+    def _of(self, row: int, level: int) -> _Trials:
+        trials = self._pool if level == EXCHANGE else self._trials[row].get(level)
         assert trials is not None
         return trials
 
     def _best(self, row: int, level: int) -> tuple[int, int]:
-        """Weight covered with the best trial of a camera, and the index of that trial."""
-        poses, packed = self._of(row, level)
-        if not len(poses):
+        """Weight that the best trial of a camera gains, and the index of that trial.
+
+        Trials that were measured are judged by that, the others by their estimates.
+        """
+        trials = self._of(row, level)
+        if not len(trials.poses):
             return -1, -1
-        trials = _unpacked(packed, self.covers.shape[1])
         rest = np.arange(len(self.poses)) != row
-        covered = self.objective.covered_with(
-            self.covers[rest], self.poses[rest, :3, 3], trials, poses[:, :3, 3]
-        )
-        worth = self.objective.worth(covered)
-        best = int(worth.argmax())
-        return int(worth[best]), best
+        covers, eyes = self.covers[rest], self.poses[rest, :3, 3]
+
+        def added(lists: Lists, poses: FloatArray) -> IntArray:
+            return self.objective.worth_added(covers, eyes, lists, poses[:, :3, 3])
+
+        gains = added(trials.covers, trials.poses)
+        own = self._own[row]
+        if own is None:
+            own = np.flatnonzero(self.covers[row]).astype(np.int32)
+        here = self.poses[row : row + 1]
+        gains -= added(Lists.of([own]), here)
+        if trials.measured:
+            rows = np.array(list(trials.measured))
+            exact = np.flatnonzero(self.covers[row])
+            gains[rows] = added(Lists.of(list(trials.measured.values())), trials.poses[rows])
+            gains[rows] -= added(Lists.of([exact]), here)
+        best = int(gains.argmax())
+        return int(gains[best]), best
+
+    def _measure(self, chosen: dict[int, int], level: int) -> bool:
+        """Measure those of some trials that are estimates, one a camera; True where any was.
+
+        Where the budget does not suffice they count as no gain.
+        """
+        if not self.objective.is_estimated:
+            return False
+        missing = {
+            row: trial
+            for row, trial in chosen.items()
+            if trial not in self._of(row, level).measured
+        }
+        if not missing:
+            return False
+        if self.evaluations + len(missing) > self.budget:
+            for row, trial in missing.items():
+                self._of(row, level).measured[trial] = np.empty(0, np.int32)
+            return True
+        poses = np.array([self._of(row, level).poses[trial] for row, trial in missing.items()])
+        found = self.objective.listed(poses)
+        self.evaluations += len(poses)
+        for at, (row, trial) in enumerate(missing.items()):
+            self._of(row, level).measured[trial] = found.row(at)
+        return True
 
     def _move(self, row: int, level: int, trial: int) -> None:
-        poses, packed = self._of(row, level)
+        trials = self._of(row, level)
         with interrupts_held():
-            self.poses[row] = poses[trial]
-            self.covers[row] = _unpacked(packed[trial : trial + 1], self.covers.shape[1])[0]
+            self.poses[row] = trials.poses[trial]
+            self.covers[row] = False
+            self.covers[row, trials.measured.get(trial, trials.covers.row(trial))] = True
+            if self.objective.is_estimated:
+                self._own[row] = trials.covers.row(trial).copy()
             self._trials[row].clear()
             self._moves_made[row] += 1
             covered = self.objective.covered(self.covers, self.poses[:, :3, 3])
@@ -331,7 +394,3 @@ def _steps(space: PoseSpace, start: FloatArray, step: float | Sequence[float] | 
     if not ((steps > 0) & (steps < np.inf)).all():
         raise ConfigError(f"step must be positive and finite, got {step}")
     return steps
-
-
-def _unpacked(packed: NDArray[np.uint8], n_faces: int) -> BoolArray:
-    return np.unpackbits(packed, axis=1, count=n_faces).view(np.bool_)

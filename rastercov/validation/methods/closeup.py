@@ -30,7 +30,7 @@ class Neighbourhood:
     image: Any  # the part of the face inside the image
     seen: Any  # its visible part
     hidden: Any  # the rest
-    others: list[tuple[Any, float]]  # visible parts of other faces, and |cos| of their incidence
+    others: list[tuple[Any, float]]  # of opaque faces: visible part, |cos| of the incidence
 
 
 def neighbourhood(mesh: Mesh, camera: Camera, pose: FloatArray, face: int) -> Neighbourhood | None:
@@ -56,7 +56,7 @@ def neighbourhood(mesh: Mesh, camera: Camera, pose: FloatArray, face: int) -> Ne
     place = int(np.searchsorted(kept, face))
     if place == len(kept) or kept[place] != face:
         return None
-    part = Mesh(vertices=mesh.vertices, faces=mesh.faces[kept])
+    part = Mesh(mesh.vertices, mesh.faces[kept], mesh.groups, mesh.face_group[kept])
     asked = np.arange(len(kept)) if len(kept) <= MAX_FACES else np.array([place])
     try:
         alone = Mesh(vertices=mesh.vertices, faces=mesh.faces[[face]])
@@ -71,7 +71,9 @@ def neighbourhood(mesh: Mesh, camera: Camera, pose: FloatArray, face: int) -> Ne
     reach = np.maximum(np.linalg.norm(ray, axis=1), 1e-300)
     squarely = np.abs((part.normals * ray).sum(axis=1)) / reach
     others = [
-        (shape, float(squarely[i])) for i, shape in zip(asked, shapes, strict=True) if i != place
+        (shape, float(squarely[i]))
+        for i, shape in zip(asked, shapes, strict=True)
+        if i != place and not part.target_mask[i]
     ]
     return Neighbourhood(outline, seen, outline.difference(seen), others)
 

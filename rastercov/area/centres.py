@@ -1,0 +1,101 @@
+"""Cells whose centre a pose covers: an estimate of the cells that it covers.
+
+It takes a fraction of the time of exact regions, and serves searches over poses, which measure the
+best of them exactly.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov._lists import Lists
+from rastercov._threads import share_poses, thread_count
+from rastercov.area.cells import Cells
+from rastercov.area.failures import MARGIN_REL, Sight
+from rastercov.area.frames import frames_of
+from rastercov.area.regions import check_pointwise
+from rastercov.camera import Camera
+from rastercov.near_plane import near_limit
+from rastercov.task import Task
+
+FloatArray = NDArray[np.float64]
+
+
+class CentrePass:
+    """Cells whose centre a pose covers; any number of threads may use it.
+
+    A point is judged as in `rastercov.area.failures`: coincident surfaces hide nothing.
+
+    Parameters
+    ----------
+    cells : Cells
+        Cells of the scene.
+    camera, task
+        Camera, and thresholds of `rastercov.regions`.
+    threads : int, optional
+        Poses judged in parallel; by default one per core.
+    """
+
+    def __init__(
+        self, cells: Cells, camera: Camera, task: Task, threads: int | None = None
+    ) -> None:
+        from rastercov._jit import announce_compilation
+        from rastercov.area import centre_kernels as kernels
+        from rastercov.criteria_kernels import read_only
+
+        check_pointwise(task)
+        announce_compilation(kernels.list_covered)
+        mesh = cells.mesh
+        self._kernels, self._n_cells = kernels, len(cells)
+        self._camera, self._mesh = camera, mesh
+        self._sight = sight = Sight(mesh)
+        scale = sight.diagonal
+        centres = cells.vertices.reshape(-1, 3, 3).mean(axis=1)
+        face = cells.source_face
+        first = sight.corners[:, 0]
+        edges = sight.corners[:, 1] - first, sight.corners[:, 2] - first
+        self._triangles = read_only(np.concatenate([first, *edges], axis=1), np.float64)
+        self._centres = kernels.Centres(
+            points=read_only(sight.placed(centres), np.float64),
+            normals=read_only(frames_of(mesh).normal[face], np.float64),
+            two_sided=read_only(mesh.two_sided_mask[face], np.bool_),
+            own=read_only(sight.row[face], np.int64),
+        )
+        z_n, z_f = camera.depth_of_field(task.max_blur)
+        facing = task.min_facing_density
+        if facing > 0:
+            z_f = min(z_f, min(camera.fx, camera.fy) / facing)
+        is_limited = task.max_incidence_deg < 90
+        self._rules = kernels.PointRules(
+            fx=float(camera.fx), fy=float(camera.fy), cx=float(camera.cx), cy=float(camera.cy),
+            width=float(camera.width), height=float(camera.height),
+            z_n=float(z_n) / scale, z_f=float(z_f) / scale,
+            min_per_m2=float(task.min_pixels_per_m2) * scale**2,
+            min_density=float(task.min_pixel_density) * scale,
+            cos_incidence=float(task.limits(camera).least_cosine) if is_limited else 0.0,
+            margin=MARGIN_REL,
+        )  # fmt: skip
+        self._threads = thread_count(threads)
+
+    def find(self, poses: FloatArray) -> Lists:
+        """Cells whose centre each of (P, 4, 4) poses covers."""
+        sight, found = self._sight, [np.empty(0, np.int32)] * len(poses)
+        near = near_limit(self._camera, self._mesh.opaque.bounds, poses) / sight.diagonal
+        eyes = sight.placed(poses[:, :3, 3])
+
+        def worker() -> Callable[[slice], None]:
+            out = np.empty(self._n_cells, np.int32)
+
+            def work(turn: slice) -> None:
+                for row in range(len(poses))[turn]:
+                    count = self._kernels.list_covered(
+                        self._centres, self._rules, self._triangles, sight.nodes,
+                        np.ascontiguousarray(poses[row, :3, :3]), eyes[row], float(near[row]), out,
+                    )  # fmt: skip
+                    found[row] = out[:count].copy()
+
+            return work
+
+        share_poses(len(poses), [worker() for _ in range(max(1, min(self._threads, len(poses))))])
+        return Lists.of(found)

@@ -1,0 +1,245 @@
+"""The own image of each camera of a network: what it covers, and why not what else it sees.
+
+By area every pixel is judged by its own point, with `rastercov.area`; by face by its face. Covered
+parts have the camera's colour; others are hatched in the colour of the criterion that fails.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from rastercov._format import area, percent, plural
+from rastercov.area.failures import first_failures
+from rastercov.area.points import covering_poses
+from rastercov.area.regions import Regions
+from rastercov.camera import Camera
+from rastercov.coverage import evaluate
+from rastercov.mesh import Mesh
+from rastercov.raster import open_rasterizer
+from rastercov.report import theme
+from rastercov.report.area_pictures import PIXELS_AT_A_TIME, points_of_pixels
+from rastercov.report.images import Key, draw_lines, facing, framed, stripes
+from rastercov.report.panorama import LEAST_LIGHT, FaceImage
+from rastercov.report.placement_pictures import key, target_key
+from rastercov.report.target_pictures import hatch_over, targets_in_view
+from rastercov.report.theme import Colour, Pixels
+from rastercov.task import Reason, Task
+
+FloatArray = NDArray[np.float64]
+States = NDArray[np.uint8]
+
+SIDE, SMALL, MANY = 720, 480, 24
+"""Larger side of a picture, pixels: of up to `MANY` cameras, and of more."""
+WORDS = {
+    Reason.BACK_FACING: "seen from behind",
+    Reason.OUTSIDE: "not all of the face in the image",
+    Reason.OUT_OF_FOCUS: "out of focus",
+    Reason.UNSAMPLED: "too small for a sample",
+    Reason.TOO_COARSE: "too few pixels",
+    Reason.OCCLUDED: "face hidden too far",
+    Reason.TOO_OBLIQUE: "seen too flatly",
+    Reason.DEGENERATE: "without area",
+}
+"""Legend of the criteria that fail."""
+UNJUDGED = 255
+"""State of a pixel whose point lies on the outline of a region: drawn like a line of the mesh."""
+FEW_REL = 2e-5
+"""Part of the image up to which the pixels of a state are such."""
+
+
+@dataclass(frozen=True, eq=False)
+class CameraImage:
+    """Image of one camera, judged pixel by pixel.
+
+    Attributes
+    ----------
+    face, targets : (H, W) int32
+        Nearest face, and target over it; -1 for none.
+    beneath : (H, W) bool
+        Occluders that hide a task face that turns its front to the camera.
+    state, target_state : (H, W) uint8
+        `Reason` of the point at each pixel of a task face and of a target, or `UNJUDGED`.
+    faces : int or None
+        Faces that the camera covers; None by area.
+    """
+
+    mesh: Mesh
+    camera: Camera
+    pose: FloatArray
+    face: FaceImage
+    targets: FaceImage
+    beneath: NDArray[np.bool_]
+    state: States
+    target_state: States
+    faces: int | None
+
+
+def camera_image(
+    mesh: Mesh,
+    camera: Camera,
+    pose: FloatArray,
+    task: Task,
+    regions: Regions | None = None,
+    side: int = SIDE,
+) -> CameraImage:
+    """Judge the pixels of a camera's image, at a size of at most `side`.
+
+    With `regions`, of this pose alone, each pixel is judged by its point; else by its face.
+    """
+    small = camera.resized(min(1.0, side / max(camera.width, camera.height)))
+    with open_rasterizer(mesh, small, "cpu") as rasterizer:
+        buffer = rasterizer.render(pose)
+    in_view = targets_in_view(mesh, small, pose, buffer.depth)
+    targets = np.full_like(buffer.face, -1) if in_view is None else in_view
+    is_task = np.append(mesh.task_mask, False)
+    beneath = np.zeros(buffer.face.shape, np.bool_)
+    scored = np.flatnonzero(mesh.task_mask & ~mesh.target_mask & facing(mesh, pose)[0])
+    if not mesh.task_mask.all() and len(scored):
+        part = Mesh(vertices=mesh.vertices, faces=mesh.faces[scored])
+        with open_rasterizer(part, small, "cpu") as rasterizer:
+            behind = rasterizer.render(pose).face >= 0
+        beneath = behind & (buffer.face >= 0) & ~is_task[buffer.face]
+    n_covered = None
+    if regions is None:
+        reasons = evaluate(mesh, camera, pose[None], task, fields=("coverage", "reason")).reason[0]
+        states = [np.append(reasons, UNJUDGED)[image] for image in (buffer.face, targets)]
+        n_covered = int((mesh.task_mask & (reasons == Reason.COVERED)).sum())
+    else:
+        states = [_states(regions, camera, small, pose, image) for image in (buffer.face, targets)]
+    state, target_state = states
+    return CameraImage(
+        mesh, small, pose, buffer.face, targets, beneath, state, target_state, n_covered
+    )
+
+
+def _states(
+    regions: Regions, camera: Camera, small: Camera, pose: FloatArray, face: FaceImage
+) -> States:
+    """State of the point at each pixel of a scored face."""
+    mesh = regions.mesh
+    found = np.full(face.shape, UNJUDGED, np.uint8)
+    pixel = np.nonzero(np.append(mesh.task_mask, False)[face])
+    faces = face[pixel].astype(np.int64)
+    points = points_of_pixels(mesh, small, pose, face[pixel], *pixel)
+    states = np.full(len(faces), np.uint8(Reason.COVERED))
+    is_covered = np.zeros(len(faces), np.bool_)
+    for at in range(0, len(faces), PIXELS_AT_A_TIME):
+        part = slice(at, at + PIXELS_AT_A_TIME)
+        is_covered[part] = covering_poses(regions, faces[part], points[part]).any(axis=1)
+    rows = np.flatnonzero(~is_covered)
+    if len(rows):
+        judged = first_failures(mesh, camera, regions.task, pose[None], points[rows], faces[rows])
+        why, _ = next(iter(judged))
+        # The point is in the image and nothing is in front of it: else it is rounding.
+        why[np.isin(why, (Reason.COVERED, Reason.OCCLUDED, Reason.OUTSIDE))] = UNJUDGED
+        states[rows] = why
+    count = np.bincount(states, minlength=256)
+    states[count[states] <= FEW_REL * face.size] = UNJUDGED
+    found[pixel] = states
+    return found
+
+
+def camera_pixels(image: CameraImage, colour: Colour) -> Pixels:
+    """(H, W, 3) pixels of a camera's image, with what it covers in its colour."""
+    mesh, face = image.mesh, image.face
+    _, cosine = facing(mesh, image.pose)
+    light = (LEAST_LIGHT + (1 - LEAST_LIGHT) * np.append(cosine, 1.0))[face]
+    table, striped = _colours(colour)
+    lines = stripes(face.shape, max(3, round(max(face.shape) / 180)))
+    base = np.where(lines[..., None], striped[image.state], table[image.state])
+    is_occluder = np.append(~mesh.task_mask, False)[face]
+    base[is_occluder] = theme.OCCLUDER_PALE
+    hidden = image.beneath & stripes(face.shape, max(2, round(max(face.shape) / 240)), 4)
+    base[hidden] = theme.REASONS["occluded"]
+    pixels: Pixels = (base * light[..., None]).astype(np.uint8)
+    pixels[face < 0] = theme.BACKGROUND
+    draw_lines(pixels, face, mesh.n_faces)
+    hatch_over(pixels, image.targets, striped[image.target_state], 3)
+    return pixels
+
+
+def _colours(colour: Colour) -> tuple[Pixels, Pixels]:
+    """(256, 3) colours of states, and of the stripes over them."""
+    table = np.empty((256, 3), np.uint8)
+    table[:] = theme.COVERED
+    striped = table.copy()
+    for reason in WORDS:
+        striped[reason] = theme.REASONS[reason.name.lower()]
+    table[Reason.BACK_FACING], striped[Reason.BACK_FACING] = theme.BEHIND, theme.BEHIND_STRIPE
+    table[Reason.COVERED] = striped[Reason.COVERED] = colour
+    table[UNJUDGED] = striped[UNJUDGED] = theme.WALL_LINE
+    return table, striped
+
+
+def camera_keys(images: Sequence[CameraImage], colour: Colour | None, name: str) -> list[Key]:
+    """Legend of pictures of cameras: everything that is in at least one of them."""
+    shown = np.zeros(256, np.bool_)
+    for image in images:
+        is_task = np.append(image.mesh.task_mask, False)[image.face]
+        shown[np.unique(image.state[is_task])] = True
+        shown[np.unique(image.target_state[image.targets >= 0])] = True
+    table, striped = _colours(colour or theme.PAPER)
+    keys = [key(name, colour)] if colour is not None else []
+    keys += [
+        key(words, table[reason], striped[reason])
+        for reason, words in WORDS.items()
+        if shown[reason]
+    ]
+    if any((~image.mesh.task_mask[image.face[image.face >= 0]]).any() for image in images):
+        keys.append(key("occluder", theme.OCCLUDER_PALE))
+    if any(image.beneath.any() for image in images):
+        swatch = np.empty((24, 24, 3), np.uint8)
+        swatch[:] = theme.OCCLUDER_PALE
+        swatch[stripes((24, 24), 4, 4)] = theme.REASONS["occluded"]
+        keys.append(Key("occluder that hides the task", swatch))
+    if any((image.targets >= 0).any() for image in images):
+        keys.append(target_key())
+    if any((image.face < 0).any() for image in images):
+        keys.append(key("nothing", theme.BACKGROUND))
+    return keys
+
+
+def camera_picture(
+    mesh: Mesh,
+    camera: Camera,
+    pose: FloatArray,
+    task: Task,
+    name: str,
+    colour: Colour,
+    regions: Regions | None = None,
+    side: int = SIDE,
+) -> Image.Image:
+    """Picture of what one camera covers, with title and legend; arguments as of `camera_image`."""
+    image = camera_image(mesh, camera, pose, task, regions, side)
+    title = f"camera {name}"
+    total = float(mesh.areas[mesh.task_mask].sum())
+    if image.faces is not None:
+        title += f" covers {plural(image.faces, 'whole face')}"
+    if regions is not None and total > 0:
+        covered = float(regions.area.sum())
+        share = percent(min(1.0, covered / total))
+        text = area(covered).replace("²", "^2").replace("µ", "u")  # the font has neither
+        title += f" covers {text}, {share} of the task" if covered > 0 else " covers nothing"
+    return framed(camera_pixels(image, colour), title, camera_keys([image], colour, "covered"))
+
+
+def of_pose(regions: Regions, row: int) -> Regions:
+    """Regions of one pose alone."""
+    pieces = np.flatnonzero(regions.pose == row)
+    pairs = np.flatnonzero(regions.pair_pose == row)
+    counts = np.diff(regions.starts)
+    corners = np.repeat(regions.pose == row, counts)
+    return Regions(
+        regions.mesh, regions.camera, regions.task, regions.pose_ids[row : row + 1],
+        xy=regions.xy[corners],
+        starts=np.concatenate([np.zeros(1, np.int64), np.cumsum(counts[pieces])]),
+        face=regions.face[pieces],
+        pose=np.zeros(len(pieces), np.int32),
+        pair_pose=np.zeros(len(pairs), np.int32),
+        pair_face=regions.pair_face[pairs],
+        area=regions.area[pairs],
+        bound=regions.bound[pairs],
+    )  # fmt: skip

@@ -1,0 +1,265 @@
+"""Overview of a network: the task in the colours of its cameras, and a floor plan.
+
+Only the covered part of the surface has a camera's colour: by area exactly, point by point.
+
+E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks. 2020, figures 6.10
+and 6.11.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from PIL import Image, ImageDraw
+
+from rastercov._format import short
+from rastercov.area.regions import Regions
+from rastercov.camera import Camera
+from rastercov.mesh import Mesh
+from rastercov.network import Network
+from rastercov.report import theme
+from rastercov.report.area_pictures import SeenArea, best_and_views_at, points_of_pixels
+from rastercov.report.floor_plan import FOOT, FloorPlan, floor_plan, outline, paint_plan
+from rastercov.report.images import Font, Key, font_for, framed
+from rastercov.report.labels import draw_scale_bar, write_labels
+from rastercov.report.panorama import (
+    DIRECTIONS,
+    FINE,
+    HEIGHT,
+    WIDTH,
+    FaceImage,
+    Line,
+    Scene,
+    best_directions,
+    draw_in_space,
+    fill_in_space,
+    is_in_picture,
+    look,
+    paint,
+    place_in_image,
+    smooth,
+    task_points,
+)
+from rastercov.report.placement_pictures import beside, key, neutral, scene_keys
+from rastercov.report.theme import Colour, Pixels
+
+FloatArray = NDArray[np.float64]
+
+FRUSTUM = 0.16
+"""Length of the edges of a drawn view pyramid, relative to half the diagonal of the scene."""
+WEDGE = 0.16
+"""Opacity of view pyramids in a plan."""
+MANY = 30
+"""Cameras up to which their labels are large."""
+CROWD = 16
+"""Cameras from which on their view pyramids get smaller."""
+FROM_BELOW = 0.6
+"""Worth of the task seen from below, relative to what is seen from above."""
+
+
+@dataclass(frozen=True, eq=False)
+class CameraColours:
+    """Colours of the surface by the camera that covers it best: of its covered part, no more.
+
+    With `regions` of the poses it is coloured point by point, by the camera with most pixels on it;
+    else face by face, by `best_pose`, (F,), -1 for none; without either it has no camera's colour.
+    """
+
+    mesh: Mesh
+    poses: FloatArray
+    names: Sequence[str]
+    best_pose: ArrayLike | None = None
+    regions: Regions | None = None
+
+    @property
+    def eyes(self) -> FloatArray:
+        """(K, 3) positions of the cameras."""
+        return self.poses[:, :3, 3]
+
+    @property
+    def colours(self) -> list[Colour]:
+        """Colours of the cameras."""
+        return [(r, g, b) for r, g, b in theme.camera_colours(len(self.poses)).tolist()]
+
+    @property
+    def reach(self) -> float:
+        """Length of the edges of drawn view pyramids, metres."""
+        corners = np.concatenate((task_points(self.mesh), self.eyes))
+        size = max(float(np.linalg.norm(np.ptp(corners, axis=0))) / 2, 1e-12)
+        return FRUSTUM * size * math.sqrt(min(1.0, CROWD / max(len(self.poses), 1)))
+
+    @property
+    def font(self) -> Font:
+        """Font of the cameras' names."""
+        return font_for(round(FINE * (850 if len(self.poses) <= MANY else 600)))
+
+    def of_points(self, face: NDArray[np.int32], points: FloatArray) -> Pixels:
+        """(N, 3) colours of points (N, 3) of faces (N,)."""
+        found = neutral(self.mesh)[face]
+        if self.regions is not None:
+            best, _ = best_and_views_at(SeenArea(self.regions, self.poses), face, points)
+        elif self.best_pose is not None:
+            best = np.asarray(self.best_pose, np.int64)[face]
+        else:
+            return found
+        is_task = self.mesh.task_mask[face]
+        found[is_task] = np.array([*self.colours, theme.UNCOVERED], np.uint8)[best[is_task]]
+        return found
+
+    def keys(self) -> list[Key]:
+        """Legend: each camera with its name, and what none covers."""
+        keys = [
+            key(f"camera {name}" if row == 0 else str(name), colour)
+            for row, (name, colour) in enumerate(zip(self.names, self.colours, strict=True))
+        ]
+        is_known = self.regions is not None or self.best_pose is not None
+        return [*keys, key("covered by none", theme.UNCOVERED)] if is_known else keys
+
+    def title(self) -> str:
+        """Number of cameras, and words on their colours."""
+        count = len(self.poses)
+        text = f"{count} camera{'' if count == 1 else 's'}"
+        if count and self.regions is not None:
+            text += ". Covered surface has the colour of the camera with most pixels on it"
+        elif count and self.best_pose is not None:
+            text += ". Covered faces have the colour of the camera that covers them best"
+        return text
+
+    def caution(self) -> str:
+        """Words on cameras that have no colour of their own, or ""."""
+        n = len(theme.CAMERAS)
+        many = f"Of the {len(self.poses)} colours, those from the {n + 1}th on may look alike."
+        return many if len(self.poses) > n else ""
+
+
+def camera_colours(
+    mesh: Mesh,
+    poses: ArrayLike,
+    best_pose: ArrayLike | None = None,
+    names: Sequence[str] = (),
+    regions: Regions | None = None,
+) -> CameraColours:
+    """Colours by the cameras of poses (K, 4, 4), with names 1, 2, ... unless K are given."""
+    matrices = np.asarray(poses, np.float64).reshape(-1, 4, 4)
+    titles = names or [str(row + 1) for row in range(len(matrices))]
+    return CameraColours(mesh, matrices, titles, best_pose, regions)
+
+
+def best_covering(network: Network) -> NDArray[np.int64]:
+    """(F,) place in `network.pose_ids` of the best camera, -1 where it does not cover the face."""
+    # The best camera of a face need not cover it.
+    least = max(network.task.min_coverage, np.finfo(np.float64).tiny)
+    place = {pose: row for row, pose in enumerate(network.pose_ids)}
+    rows = [place.get(pose, -1) for pose in network.best_pose.tolist()]
+    return np.where(network.best >= least, np.array(rows, np.int64), -1)
+
+
+def overview_picture(shown: CameraColours, camera: Camera) -> Image.Image:
+    """The task, which fills the picture, in the colours of its cameras; beside it a floor plan.
+
+    Cameras are drawn where they are in the picture; the plan has all of them, with their view
+    pyramids from above.
+    """
+    mesh = shown.mesh
+    scene = look(mesh, _side(shown), eyes=shown.eyes)
+    image = _with_cameras(scene, camera, shown)
+    plan, plan_image = _plan_picture(shown, camera)
+    keys = [*shown.keys(), *scene_keys([scene, plan])]
+    return framed(beside([image, plan_image]), shown.title(), keys)
+
+
+def _side(shown: CameraColours) -> FloatArray:
+    """Direction that shows most of the task, an oblique one and from above if that serves."""
+    mesh = shown.mesh
+    found: FloatArray = best_directions(mesh, mesh.task_mask, 1, shown.eyes, 8, FROM_BELOW)[0]
+    return found
+
+
+def network_picture(shown: CameraColours, camera: Camera) -> Image.Image:
+    """The cameras around the part as view pyramids, from two sides; figures 6.10 and 6.11."""
+    pyramids = [_pyramid(camera, pose, shown.reach) for pose in shown.poses]
+    more = np.concatenate([*pyramids, np.zeros((0, 3))])
+    sides = DIRECTIONS[[0, 1]] if _side(shown)[2] > 0 else DIRECTIONS[[4, 5]]
+    scenes = [look(shown.mesh, direction, more, eyes=shown.eyes) for direction in sides]
+    images = [_with_cameras(scene, camera, shown) for scene in scenes]
+    return framed(beside(images), shown.title(), [*shown.keys(), *scene_keys(scenes)])
+
+
+def _with_cameras(scene: Scene, camera: Camera, shown: CameraColours) -> Image.Image:
+    """A scene in the colours of its cameras, with those cameras that are in the picture."""
+
+    def own(face: FaceImage) -> Pixels:
+        pixel = np.nonzero(face >= 0)
+        colours = np.zeros((*face.shape, 3), np.uint8)
+        points = points_of_pixels(scene.mesh, scene.camera, scene.pose, face[pixel], *pixel)
+        colours[pixel] = shown.of_points(face[pixel], points)
+        return colours
+
+    image = Image.fromarray(paint(scene, neutral(scene.mesh), own=own))
+    rows = np.flatnonzero(is_in_picture(scene, shown.eyes)).tolist()
+    for row in rows:
+        pyramid = _pyramid(camera, shown.poses[row], shown.reach)
+        fill_in_space(image, scene, pyramid[1:], shown.colours[row])
+        draw_in_space(image, scene, _edges(pyramid, shown.colours[row]))
+    places = place_in_image(scene, shown.eyes[rows])
+    names = [shown.names[row] for row in rows]
+    write_labels(image, places, names, [shown.colours[row] for row in rows], shown.font, FINE)
+    return smooth(image)
+
+
+def _plan_picture(shown: CameraColours, camera: Camera) -> tuple[FloorPlan, Image.Image]:
+    """The floor plan, and its picture with all cameras."""
+    outlines = [outline(_pyramid(camera, pose, shown.reach)[:, :2]) for pose in shown.poses]
+    plan = floor_plan(shown.mesh, shown.eyes, np.concatenate([*outlines, np.zeros((0, 2))]))
+
+    def own(face: FaceImage) -> Pixels:
+        colours = np.zeros((*face.shape, 3), np.uint8)
+        faces, points, pixel = plan.points(face)
+        colours[pixel] = shown.of_points(faces, points)
+        return colours
+
+    image = paint_plan(plan, own)
+    for wedge, colour in zip(outlines, shown.colours, strict=True):
+        places = [tuple(place) for place in plan.places(wedge).tolist()]
+        if len(places) > 2:
+            mask = Image.new("L", image.size)
+            ImageDraw.Draw(mask).polygon(places, round(255 * WEDGE))
+            mask.paste(0, (0, 0), Image.fromarray(plan.shows_task()))
+            image.paste(colour, (0, 0), mask)
+        draw = ImageDraw.Draw(image)
+        draw.line([*places, places[0]], theme.PAPER, 4 * FINE, "curve")
+        draw.line([*places, places[0]], colour, 2 * FINE, "curve")
+    eyes = plan.places(shown.eyes)
+    write_labels(image, eyes, list(shown.names), shown.colours, shown.font, FINE)
+    foot = FOOT * FINE
+    draw = ImageDraw.Draw(image)
+    draw.rectangle((0, HEIGHT * FINE - foot, *image.size), theme.EXTERIOR)
+    corner = (0.05 * WIDTH * FINE, HEIGHT * FINE - 0.35 * foot)
+    font = font_for(FINE * 750)
+    draw_scale_bar(image, corner, plan.scale, 0.25 * WIDTH * FINE, font)
+    cut = "" if plan.cut is None else f", cut at z = {short(float(f'{plan.cut:.3g}'))} m"
+    text = f"from above{cut}; x to the right, y up"
+    draw.text((0.95 * WIDTH * FINE, corner[1]), text, theme.INK, font, anchor="rs")
+    return plan, smooth(image)
+
+
+def _pyramid(camera: Camera, pose: FloatArray, reach: float) -> FloatArray:
+    """(5, 3) camera centre and the corners of its image; the edges are `reach` long."""
+    u = np.array([0, camera.width, camera.width, 0]) - camera.cx
+    v = np.array([0, 0, camera.height, camera.height]) - camera.cy
+    rays = np.stack((u / camera.fx, v / camera.fy, np.ones(4)), axis=1)
+    # The same length for every field of view.
+    rays *= reach / np.linalg.norm(rays, axis=1).max()
+    corners: FloatArray = rays @ pose[:3, :3].T + pose[:3, 3]
+    return np.concatenate((pose[None, :3, 3], corners))
+
+
+def _edges(pyramid: FloatArray, colour: Colour) -> list[Line]:
+    """The eight edges of a view pyramid; the upper edge of its base is the widest."""
+    points = [tuple(point) for point in pyramid.tolist()]
+    lines = [Line(points[0], corner, colour, 1.6) for corner in points[1:]]
+    for row in range(4):
+        lines.append(Line(points[1 + row], points[1 + (row + 1) % 4], colour, 1.6 if row else 4.0))
+    return lines

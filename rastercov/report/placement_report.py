@@ -1,0 +1,88 @@
+"""Content of a placement page."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.area.regions import Regions
+from rastercov.area.zones import DeadZones
+from rastercov.camera import Camera
+from rastercov.errors import ConfigError
+from rastercov.mesh import Mesh
+from rastercov.network import Network
+from rastercov.placement.candidates.cavities import Openings
+from rastercov.placement.candidates.clearance import Dropped
+from rastercov.placement.candidates.pool import Candidates
+from rastercov.placement.candidates.segments import Segmentation
+from rastercov.placement.explain.uncovered import Leftover
+from rastercov.placement.improve.tolerance import Tolerance
+from rastercov.placement.select.problem import Goal
+from rastercov.placement.select.selection import Selection
+from rastercov.report.overview import CameraColours, best_covering, camera_colours
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PlanReport:
+    """Content of a placement page; None and empty for unknown parts."""
+
+    mesh: Mesh
+    camera: Camera
+    network: Network  # of all cameras, in the order of `poses`
+    poses: NDArray[np.float64]  # world_from_camera, (K, 4, 4)
+    title: str = "Placement of cameras"
+    selection: Selection | None = None  # with its goal; both or none
+    goal: Goal | None = None
+    candidates: Candidates | None = None  # all of them; `selection.chosen` has rows of them
+    dropped: Dropped | None = None  # candidates that were rejected before the selection
+    segmentation: Segmentation | None = None
+    leftover: Leftover | None = None
+    openings: Openings | None = None
+    tolerance: Tolerance | None = None
+    camera_names: Sequence[str] = ()  # K; 1, 2, ... unless given
+    sources: Sequence[str] = ()  # of each pose, K; taken from `candidates` unless given
+    made_with: Mapping[str, Any] = field(default_factory=dict)  # for the end of the page
+    notes: Sequence[str] = ()  # sentences for the top of the page
+    summary: Mapping[str, Any] | None = None  # figures; those of the network unless given
+    regions: Regions | None = None  # of the poses, where the result is by area
+    zones: DeadZones | None = None  # of them, with `dead_zones` in `summary`
+
+    def __post_init__(self) -> None:
+        count = len(self.network.pose_ids)
+        if len(self.poses) != count:
+            raise ConfigError(
+                f"the network has {count} cameras, got {len(self.poses)} poses; add each to it"
+            )
+        for name in ("camera_names", "sources"):
+            if len(getattr(self, name)) not in (0, count):
+                raise ConfigError(
+                    f"{name} must be {count} words, one a camera, got {len(getattr(self, name))}"
+                )
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the cameras."""
+        return list(self.camera_names) or [str(row + 1) for row in range(len(self.poses))]
+
+    @property
+    def colours(self) -> CameraColours:
+        """Colours of the surface by its cameras."""
+        best = best_covering(self.network)
+        return camera_colours(self.mesh, self.poses, best, self.names, self.regions)
+
+    @property
+    def origins(self) -> list[str]:
+        """Source of each pose, "" where it is unknown."""
+        if self.sources:
+            return list(self.sources)
+        if self.candidates is None or self.selection is None:
+            return [""] * len(self.poses)
+        chosen = self.candidates.take(self.selection.chosen)
+        if len(chosen) != len(self.poses):
+            return [""] * len(self.poses)
+        return [
+            f"{source} {index}" if index >= 0 else str(source)
+            for source, index in zip(chosen.source, chosen.index, strict=True)
+        ]

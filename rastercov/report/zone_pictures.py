@@ -1,0 +1,215 @@
+"""Picture of the dead zones of a network: numbered, each in the colour of its reason, exact."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from PIL import Image
+
+from rastercov._format import area, percent, signed
+from rastercov.area.points import zones_at
+from rastercov.area.zone_report import WORDS
+from rastercov.area.zones import DeadZones
+from rastercov.mesh import Mesh
+from rastercov.report import theme
+from rastercov.report.area_pictures import PIXELS_AT_A_TIME, points_of_pixels
+from rastercov.report.images import font_for, framed, stripes
+from rastercov.report.interiors import outer_skin
+from rastercov.report.labels import write_labels
+from rastercov.report.panorama import (
+    FINE,
+    FaceImage,
+    Scene,
+    best_directions,
+    drawn_faces,
+    look,
+    paint,
+    smooth,
+)
+from rastercov.report.placement_pictures import beside, key, neutral, scene_keys
+from rastercov.report.theme import Colour, Pixels
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+MOST = 30
+"""Zones with a number."""
+LEAST_PERCENT = 0.01
+"""Part of the task, in percent, from which a zone has one."""
+
+
+def numbered(summary: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """The zones of a summary that have a number in the picture and in the list: 1, 2, ..."""
+    zones = summary.get("dead_zones", ())
+    return [zone for zone in zones if zone["percent"] >= LEAST_PERCENT][:MOST]
+
+
+def zone_rows(summary: Mapping[str, Any]) -> list[list[str]]:
+    """Rows of the list: number, area, share of the task, place, groups, reason; and the rest."""
+    shown = numbered(summary)
+    digits = _digits(summary)
+    rows = []
+    for number, zone in enumerate(shown, start=1):
+        first, *others = zone["groups"]
+        why = WORDS[zone["reason"]]
+        if zone["hidden_by"] is not None:
+            why += f" by {'itself' if zone['hidden_by'] == first else zone['hidden_by']}"
+        place = ", ".join(signed(value, digits) for value in zone["centroid"])
+        rows.append(
+            [
+                str(number),
+                area(zone["area_m2"]),
+                percent(zone["percent"] / 100),
+                place,
+                first + (f" and {len(others)} more" if others else ""),
+                why,
+            ]
+        )
+    unlisted = summary.get("dead_zones", ())[len(shown) :]
+    count = len(unlisted) + summary["other_dead_zones"]["zones"]
+    if count:
+        parts = [*unlisted, summary["other_dead_zones"]]
+        square_metres = sum(part["area_m2"] for part in parts)
+        share = sum(part["percent"] for part in parts) / 100
+        rows.append([f"{count:,} more", area(square_metres), percent(share), "", "", ""])
+    return rows
+
+
+def _digits(summary: Mapping[str, Any]) -> int:
+    """Decimals of places: three digits of the largest extent."""
+    ends = [zone["extent"] for zone in summary.get("dead_zones", ())]
+    far = max([float(np.abs(end).max()) for end in ends], default=1.0)
+    return int(np.clip(2 - np.floor(np.log10(max(far, 1e-9))), 0, 9))
+
+
+def zones_picture(
+    zones: DeadZones, summary: Mapping[str, Any], eyes: ArrayLike = ()
+) -> Image.Image:
+    """The dead zones by exact pieces, from the two directions that show most of them.
+
+    Parameters
+    ----------
+    zones : DeadZones
+        Zones, the largest first.
+    summary : mapping
+        `rastercov.area.zone_report.summary_of` of them.
+    eyes : (P, 3) array_like
+        Cameras, as for `look`.
+    """
+    mesh, listed = zones.mesh, numbered(summary)
+    colours = [theme.REASONS[zone["reason"]] for zone in listed]
+    faces = np.zeros(mesh.n_faces, np.bool_)
+    faces[zones.face[zones.zone < max(1, len(listed))]] = True
+    faces &= ~outer_skin(mesh, eyes)
+    directions = best_directions(mesh, faces, eyes=eyes)
+    scenes = [look(mesh, direction, eyes=eyes) for direction in directions]
+    images = [_numbers_of(zones, scene, scene.buffer.face, len(listed)) for scene in scenes]
+    seen = np.zeros(len(listed) + 1, np.bool_)
+    for scene, image in zip(scenes, images, strict=True):
+        seen[image[image >= 0]] = True
+        for layer in (scene.targets, scene.beneath):
+            if layer is not None:
+                found = _numbers_of(zones, scene, layer, len(listed))
+                seen[found[found >= 0]] = True
+    is_skin = outer_skin(mesh, eyes)[zones.face]
+    inside = np.unique(zones.zone[~is_skin])
+    unseen = np.flatnonzero(~seen[: len(listed)])
+    hidden = unseen[np.isin(unseen, inside)]
+    outside = unseen[~np.isin(unseen, inside)]
+    pictures = [_drawn(zones, scene, colours, hidden) for scene in scenes]
+    keys = [key("covered", theme.COVERED)]
+    drawn = [zone["reason"] for row, zone in enumerate(listed) if row not in outside]
+    for reason in dict.fromkeys(drawn):
+        keys.append(key(WORDS[reason], theme.REASONS[reason]))
+    if len(zones) > len(listed):
+        keys.append(key("smaller zones, without a number", theme.UNCOVERED))
+    if len(hidden):
+        keys.append(key("hidden from both sides, shown through", theme.COVERED, colours[hidden[0]]))
+    percents = [part["percent"] for part in (*summary["dead_zones"], summary["other_dead_zones"])]
+    count = f"{len(zones):,} dead zone{'' if len(zones) == 1 else 's'}"
+    share = percent(min(1.0, round(sum(percents) / 100, 9)))
+    title = f"{count}, {share} of the area; numbered from the largest"
+    if len(outside):
+        numbers = ", ".join(str(row + 1) for row in outside.tolist())
+        title += f"; not drawn, on the outside of the building: {numbers}"
+    return framed(beside(pictures), title, [*keys, *scene_keys(scenes)])
+
+
+def _numbers_of(zones: DeadZones, scene: Scene, face: FaceImage, n: int) -> IntArray:
+    """(H, W) zone at each pixel: its row, n for those without a number, -1 for none."""
+    mesh = zones.mesh
+    found = np.full(face.shape, -1, np.int64)
+    pixel = np.nonzero(np.append(mesh.task_mask, False)[face])
+    points = points_of_pixels(mesh, scene.camera, scene.pose, face[pixel], *pixel)
+    zone = np.full(len(points), -1, np.int64)
+    for at in range(0, len(points), PIXELS_AT_A_TIME):
+        part = slice(at, at + PIXELS_AT_A_TIME)
+        zone[part] = zones_at(zones, face[pixel][part], points[part], n)
+    found[pixel] = zone
+    return found
+
+
+def _drawn(
+    zones: DeadZones, scene: Scene, colours: Sequence[Colour], hidden: IntArray
+) -> Image.Image:
+    """One view of the zones, with their numbers."""
+    mesh, n = zones.mesh, len(colours)
+    table = np.array([*colours, theme.UNCOVERED, theme.COVERED], np.uint8)
+
+    def own(face: FaceImage) -> Pixels:
+        return _coloured(mesh, face, table[_numbers_of(zones, scene, face, n)])
+
+    pixels = paint(scene, neutral(mesh), own=own)
+    shown = _numbers_of(zones, scene, scene.buffer.face, n)
+    for layer in (scene.beneath, scene.targets):
+        if layer is not None:
+            of_layer = _numbers_of(zones, scene, layer, n)
+            shown = np.where(of_layer >= 0, of_layer, shown)
+    if len(hidden):
+        faces = np.unique(zones.face[np.isin(zones.zone, hidden)]).astype(np.int64)
+        behind = _numbers_of(zones, scene, drawn_faces(mesh, scene, faces), n)
+        behind[~np.isin(behind, hidden)] = -1
+        through = (behind >= 0) & stripes(behind.shape, 3 * FINE)
+        pixels[through] = table[behind[through]]
+        shown = np.where(behind >= 0, behind, shown)
+    _outline(pixels, shown, n)
+    image = Image.fromarray(pixels)
+    rows = [row for row in range(n) if (shown == row).any()]
+    places = [_middle(shown == row) for row in rows]
+    names = [str(row + 1) for row in rows]
+    write_labels(
+        image, np.array(places).reshape(-1, 2), names, [colours[row] for row in rows],
+        font_for(round(FINE * 850)), FINE,
+    )  # fmt: skip
+    return smooth(image)
+
+
+def _coloured(mesh: Mesh, face: FaceImage, colours: Pixels) -> Pixels:
+    """Colours of points, where an occluder keeps its own."""
+    colours[np.append(~mesh.task_mask, False)[face]] = theme.OCCLUDER_PALE
+    return colours
+
+
+def _outline(pixels: Pixels, zone: IntArray, n: int) -> None:
+    """Draw the borders between zones with a number, in place."""
+    for step in ((0, 1), (1, 0)):
+        here = zone[: zone.shape[0] - step[0], : zone.shape[1] - step[1]]
+        other = zone[step[0] :, step[1] :]
+        is_numbered = ((here >= 0) & (here < n)) | ((other >= 0) & (other < n))
+        rows, columns = np.nonzero((here != other) & is_numbered)
+        pixels[rows, columns] = theme.INK
+
+
+def _middle(mask: NDArray[np.bool_]) -> FloatArray:
+    """Place (x, y) of the pixel of a mask that is furthest from its outline, in city blocks."""
+    rows, columns = np.nonzero(mask)
+    top, left = rows.min(), columns.min()
+    layer = np.pad(mask[top : rows.max() + 1, left : columns.max() + 1], 1)
+    depth = np.zeros(layer.shape, np.int64)
+    while layer.any():  # an erosion a turn, half as many as the zone is pixels thick
+        depth += layer
+        inner = layer[1:-1, 1:-1] & layer[:-2, 1:-1] & layer[2:, 1:-1]
+        layer = np.pad(inner & layer[1:-1, :-2] & layer[1:-1, 2:], 1)
+    row, column = np.unravel_index(int(depth.argmax()), depth.shape)
+    return np.array([left + column - 0.5, top + row - 0.5])

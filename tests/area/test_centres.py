@@ -1,0 +1,93 @@
+"""Cells whose centre a pose covers: against the definition at each centre, and beside regions."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from nightly import examples
+from surface_cases import building, room
+
+import rastercov as rc
+from rastercov.area.centres import CentrePass
+from rastercov.errors import ConfigError
+from rastercov.reference.regions import covers_points
+
+TASKS = [
+    rc.Task(),
+    rc.Task(max_incidence_deg=60),
+    rc.Task(min_pixel_density=150),
+    rc.Task(min_pixels_per_m2=20_000, max_incidence_deg=75),
+    rc.Task(min_facing_density=200),
+]
+SCENES = {"room": room(), "building": building()}
+SIZES = {"room": 1.0, "building": 12.0}
+CELLS = {name: rc.cells(mesh, SIZES[name]) for name, (mesh, _, _) in SCENES.items()}
+
+
+def listed(cells, camera, task, poses, threads=None):
+    """(P, C) mask of the cells whose centre each pose covers."""
+    lists = CentrePass(cells, camera, task, threads).find(poses)
+    found = np.zeros((len(poses), len(cells)), np.bool_)
+    for row in range(lists.n):
+        found[row, lists.row(row)] = True
+    return found
+
+
+def expected(cells, camera, task, poses):
+    centres = cells.vertices.reshape(-1, 3, 3).mean(axis=1)
+    return covers_points(cells.mesh, camera, poses, task, centres, cells.source_face)
+
+
+@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("task", TASKS)
+@given(seed=st.integers(0, 2**32 - 1))
+@examples(5)
+def test_a_centre_is_covered_exactly_where_the_definition_says_so(name, task, seed):
+    mesh, camera, poses = SCENES[name]
+    rng = np.random.default_rng(seed)
+    moved = poses.copy()
+    moved[:, :3, 3] += rng.normal(size=(len(poses), 3)) * 0.3
+    if seed % 2:  # either side of every face counts
+        mesh = rc.Mesh(mesh.vertices, mesh.faces, [rc.Group("all", is_two_sided=True)])
+    cells = rc.cells(mesh, SIZES[name]) if seed % 2 else CELLS[name]
+    found = listed(cells, camera, task, moved)
+    np.testing.assert_array_equal(found, expected(cells, camera, task, moved))
+
+
+def test_targets_hide_nothing_and_are_seen():
+    mesh, camera, poses = SCENES["room"]
+    names = [rc.Group("room"), rc.Group("sheet", is_target=True)]
+    sheet = np.array([(0, 0, 2), (8, 0, 2), (8, 5, 2), (0, 5, 2)], float)
+    faces = np.array([(0, 1, 2), (0, 2, 3)]) + len(mesh.vertices)
+    labels = np.repeat([0, 1], (mesh.n_faces, 2))
+    with_sheet = rc.Mesh(
+        np.vstack((mesh.vertices, sheet)), np.vstack((mesh.faces, faces)), names, labels
+    )
+    cells, before = rc.cells(with_sheet, 1.0), CELLS["room"]
+    found = listed(cells, camera, TASKS[0], poses)
+    is_target = cells.source_face >= mesh.n_faces
+    np.testing.assert_array_equal(found[:, ~is_target], listed(before, camera, TASKS[0], poses))
+    assert found[:, is_target].any()
+
+
+def test_threads_change_nothing():
+    _, camera, poses = SCENES["room"]
+    one, many = (listed(CELLS["room"], camera, TASKS[3], poses, n) for n in (1, 3))
+    np.testing.assert_array_equal(one, many)
+    assert one.any()
+    assert CentrePass(CELLS["room"], camera, TASKS[0]).find(poses[:0]).n == 0
+
+
+def test_the_estimate_is_near_the_exact_area():
+    mesh, camera, poses = SCENES["room"]
+    task = TASKS[3]
+    cells = rc.cells(mesh, 0.25)
+    estimate = listed(cells, camera, task, poses) @ cells.area
+    exact = rc.regions(mesh, camera, poses, task).areas().sum(axis=1)
+    np.testing.assert_allclose(estimate, exact, atol=0.02 * exact.max())
+
+
+def test_a_threshold_of_a_face_is_refused():
+    _, camera, _ = SCENES["room"]
+    with pytest.raises(ConfigError, match="min_pixels is of a face"):
+        CentrePass(CELLS["room"], camera, rc.Task(min_pixels=3))

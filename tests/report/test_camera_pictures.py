@@ -1,0 +1,113 @@
+"""Pictures of what single cameras see and cover, by points and by faces."""
+
+import numpy as np
+import pytest
+from scenes import joined
+from surface_cases import room
+from target_scenes import beside, sheet_at
+
+import rastercov as rc
+from rastercov import shapes
+from rastercov.mesh import Group, Mesh
+from rastercov.reference.regions import covers_points
+from rastercov.report import theme
+from rastercov.report.area_pictures import points_of_pixels
+from rastercov.report.camera_pictures import (
+    UNJUDGED,
+    camera_image,
+    camera_keys,
+    camera_picture,
+    camera_pixels,
+    of_pose,
+)
+from rastercov.task import Reason
+
+TASK = rc.Task(max_incidence_deg=60, min_pixels_per_m2=12_000)
+MESH, CAMERA, POSES = room()
+COLOUR = (200, 30, 200)
+
+
+def test_regions_of_one_pose_are_those_it_has_alone():
+    regions = rc.regions(MESH, CAMERA, POSES, TASK)
+    for row in (0, 3):
+        one, alone = of_pose(regions, row), rc.regions(MESH, CAMERA, POSES[row], TASK)
+        assert one.xy == pytest.approx(alone.xy)
+        assert (one.face == alone.face).all()
+        assert one.areas() == pytest.approx(alone.areas())
+
+
+@pytest.mark.parametrize("row", [0, 5])
+def test_pixels_are_covered_exactly_where_their_points_are(row):
+    regions = of_pose(rc.regions(MESH, CAMERA, POSES, TASK), row)
+    image = camera_image(MESH, CAMERA, POSES[row], TASK, regions, side=320)
+    rows, columns = np.nonzero(image.face >= 0)
+    face = image.face[rows, columns]
+    points = points_of_pixels(MESH, image.camera, POSES[row], face, rows, columns)
+    truth = covers_points(MESH, CAMERA, POSES[row : row + 1], TASK, points, face.astype(np.int64))[
+        0
+    ]
+    state = image.state[rows, columns]
+    judged = state != UNJUDGED
+    assert judged.mean() > 0.995
+    assert ((state == Reason.COVERED) == truth)[judged].mean() > 0.9995
+    assert {Reason.COVERED, Reason.TOO_COARSE, Reason.TOO_OBLIQUE} & set(np.unique(state).tolist())
+    pixels = camera_pixels(image, COLOUR)[rows, columns].astype(int)
+    is_pink = pixels[:, 0] > 3 * pixels[:, 1]
+    assert (is_pink == (state == Reason.COVERED))[judged].mean() > 0.999
+
+
+def test_everything_in_a_picture_is_in_its_legend():
+    regions = of_pose(rc.regions(MESH, CAMERA, POSES, TASK), 0)
+    image = camera_image(MESH, CAMERA, POSES[0], TASK, regions, side=320)
+    words = {key.name for key in camera_keys([image], COLOUR, "covered")}
+    states = set(np.unique(image.state[image.face >= 0]).tolist()) - {UNJUDGED, Reason.COVERED}
+    assert len(words) == 1 + len(states) + bool((image.face < 0).any())
+
+
+def scene():
+    """A wall with a plate before its middle, which only hides, and a target before both."""
+    wall, plate = shapes.box((4, 0.1, 4), 1), shapes.box((1, 0.1, 1), 1, (0, -1, 0))
+    whole = joined(wall, plate)
+    groups = (Group("wall"), Group("plate", is_occluder=True))
+    mesh = Mesh(whole.vertices, whole.faces, groups, np.repeat([0, 1], [12, 12]))
+    return beside(mesh, sheet_at((-0.4, -2.5), (0.4, -2.0), 0.0), is_two_sided=True)
+
+
+def test_an_occluder_is_marked_where_it_hides_the_task_and_a_target_where_it_is():
+    mesh = scene()
+    camera = rc.Camera(width=320, height=240, fx=200, fy=200)
+    pose = rc.look_at((0, -5, 0.5), (0, 0, 0))[0]
+    for regions in (rc.regions(mesh, camera, pose, rc.Task()), None):
+        image = camera_image(mesh, camera, pose, rc.Task(), regions)
+        is_plate = np.append(~mesh.task_mask, False)[image.face]
+        assert (image.beneath == is_plate).mean() > 0.995
+        assert (image.target_state[image.targets >= 0] == Reason.COVERED).all()
+        names = {key.name for key in camera_keys([image], COLOUR, "covered")}
+        assert {"covered", "occluder", "occluder that hides the task"} <= names
+        pixels = camera_pixels(image, COLOUR)
+        bare = camera_pixels(camera_image(mesh.opaque, camera, pose, rc.Task(), None), COLOUR)
+        beyond = image.targets < 0
+        if regions is None:
+            assert (pixels[beyond] == bare[beyond]).all()
+            assert (pixels[~beyond] == bare[~beyond]).all(
+                axis=1
+            ).mean() > 0.15  # a thin one: outlines
+
+
+def test_the_back_of_a_face_is_never_covered():
+    mesh = Mesh([(-1, 0, -1), (1, 0, -1), (1, 0, 1), (-1, 0, 1)], [(0, 2, 1), (0, 3, 2)])
+    camera = rc.Camera(width=160, height=120, fx=100, fy=100)
+    pose = rc.look_at((0, -3, 0), (0, 0, 0))[0]
+    image = camera_image(mesh, camera, pose, rc.Task(), rc.regions(mesh, camera, pose))
+    assert (image.state[image.face >= 0] == Reason.BACK_FACING).all()
+    colours = camera_pixels(image, COLOUR)[image.face >= 0]
+    assert not (colours == COLOUR).all(axis=1).any()
+    assert theme.BEHIND[0] >= colours.max() - 60
+
+
+@pytest.mark.parametrize("by_area", [True, False])
+def test_a_picture_has_its_title_and_legend_around_the_image(by_area):
+    regions = of_pose(rc.regions(MESH, CAMERA, POSES, rc.Task()), 1) if by_area else None
+    picture = camera_picture(MESH, CAMERA, POSES[1], rc.Task(), "1", COLOUR, regions, side=400)
+    assert picture.width == 400
+    assert picture.height > 300 + 2 * 10

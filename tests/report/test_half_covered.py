@@ -1,0 +1,73 @@
+"""The line about parts of faces that a count of whole faces leaves out."""
+
+import re
+
+import numpy as np
+import pytest
+from surface_cases import bisected, room
+
+import rastercov as rc
+from rastercov import shapes
+from rastercov.report.half_covered import half_covered, share_in_parts
+from rastercov.viewpoints import sphere_of_poses
+
+MESH, CAMERA, POSES = room()
+
+
+def network_of(mesh, camera, poses, task, method="certified"):
+    network = rc.Network(mesh, task)
+    network.add(rc.evaluate(mesh, camera, poses, task, method=method))
+    return network
+
+
+@pytest.mark.parametrize("views", [1, 2])
+def test_the_share_is_what_the_exact_area_has_and_whole_faces_have_not(views):
+    task = rc.Task(max_incidence_deg=75, min_pixels_per_m2=4000, views=views)
+    network = network_of(MESH, CAMERA, POSES, task)
+    covered = rc.unite(rc.regions(MESH, CAMERA, POSES, task), views).area[-1]
+    left = network.views < views
+    expected = covered[left].sum() / MESH.areas.sum()
+    assert share_in_parts(network, CAMERA, POSES) == pytest.approx(expected, abs=0.02)
+    (line,) = half_covered(network, CAMERA, POSES)
+    share = float(re.match(r"about ([\d.]+) % of the area", line)[1])
+    assert share == pytest.approx(100 * expected, abs=2.5)
+    assert line.endswith("use --by area")
+
+
+@pytest.mark.slow
+def test_a_finer_mesh_has_less_in_parts():
+    task = rc.Task(max_incidence_deg=75, min_pixels_per_m2=4000)
+    finer = bisected(MESH, np.linalg.norm(np.ptp(MESH.bounds, axis=0)) / 20)[0]
+    shares = [
+        share_in_parts(network_of(mesh, CAMERA, POSES, task), CAMERA, POSES)
+        for mesh in (MESH, finer)
+    ]
+    assert shares[1] < 0.3 * shares[0]
+
+
+def test_nothing_is_said_where_whole_faces_tell_it_all():
+    mesh, camera = shapes.by_name("torus"), rc.Camera(width=640, height=480, fx=600, fy=600)
+    poses = sphere_of_poses(mesh.bounds.mean(axis=0), 8.0, 12)
+    task = rc.Task(min_pixels=3)
+    assert half_covered(network_of(mesh, camera, poses, task), camera, poses) == []
+
+
+def test_faces_with_too_few_pixels_are_no_parts():
+    mesh, camera = shapes.by_name("torus"), rc.Camera(width=640, height=480, fx=600, fy=600)
+    poses = sphere_of_poses(mesh.bounds.mean(axis=0), 8.0, 12)
+    network = network_of(mesh, camera, poses, rc.Task(min_pixels=1e5))
+    assert (network.views == 0).all()
+    assert half_covered(network, camera, poses) == []
+
+
+def test_what_prevents_a_result_by_area_is_named():
+    network = network_of(MESH, CAMERA, POSES, rc.Task(min_pixels=10))
+    (line,) = half_covered(network, CAMERA, POSES)
+    assert "use --by area (min_pixels is of a face; give min_pixels_per_m2" in line
+    network = network_of(MESH, CAMERA, POSES, rc.Task())
+    assert "method sampled counts whole" in half_covered(network, CAMERA, POSES, "sampled")[0]
+
+
+def test_without_poses_there_is_no_line():
+    network = rc.Network(MESH, rc.Task())
+    assert half_covered(network, CAMERA, POSES[:0]) == []
