@@ -15,7 +15,7 @@ from rastercov._jit import allocation_free
 from rastercov.camera import Camera
 from rastercov.camera_models import MODELS
 from rastercov.lenses import kernels
-from rastercov.lenses.of_camera import PlaneRecord, lens_of, planes_of
+from rastercov.lenses.of_camera import lens_of, planes_of
 from rastercov.lenses.polygon_kernels import (
     MOST_CORNERS,
     EdgeScratch,
@@ -23,6 +23,7 @@ from rastercov.lenses.polygon_kernels import (
     edge_scratch,
     polygon_image,
 )
+from rastercov.lenses.records import PlaneRecord
 from rastercov.vertex_columns import AHEAD, BEHIND, INSIDE, STATE, U, V, X, Y, Z
 
 FloatArray = NDArray[np.float64]

@@ -50,6 +50,8 @@ def half_covered(
     method : str
         Method of visibility of the network.
     """
+    if not camera.is_pinhole:
+        return []
     share = share_in_parts(network, camera, poses)
     if share < LEAST_SHARE:
         return []
