@@ -10,7 +10,9 @@ from this source for these arguments; otherwise the loop is compiled again. A re
 written is not kept, and one notice per process says so.
 """
 
+import functools
 import hashlib
+import inspect
 import logging
 import os
 import pickle
@@ -28,6 +30,7 @@ import numba
 from numba.core import caching
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.serialize import dumps
+from numba.extending import overload
 from numba.misc.appdirs import AppDirs
 
 from rastercov._files import UnreadableError, file_bytes
@@ -243,6 +246,32 @@ def part_with_arrays(function: Callable[..., Any]) -> Any:
     """
     options: dict[str, Any] = {"forceinline": True, "_nrt": False}
     return numba.njit(nogil=True, error_model="numpy", **options)(function)
+
+
+def by_type(argument: str, kind: type, other: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile a function as `part_with_arrays`, or `other` where an argument is of some type.
+
+    The type of the argument is a NamedTuple, and the choice is made when a loop is compiled. Both
+    functions have the same arguments and can be called in compiled loops only.
+    """
+
+    def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
+        names = list(inspect.signature(function).parameters)
+        at = names.index(argument)
+
+        def chosen(*types: Any) -> Callable[..., Any]:
+            is_other = getattr(types[at], "instance_class", None) is kind
+            return other if is_other else function
+
+        def stub(*arguments: Any) -> Any:
+            raise TypeError(f"{function.__name__} is for compiled loops")
+
+        functools.update_wrapper(stub, function)
+        options: Any = {"forceinline": True, "_nrt": False, "nogil": True, "error_model": "numpy"}
+        overload(stub, jit_options=options, strict=False)(chosen)
+        return stub
+
+    return decorate
 
 
 def inlined(function: Callable[..., Any]) -> Any:

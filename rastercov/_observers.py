@@ -128,7 +128,12 @@ class ExactObserver(OpenObserver):
             certificate.CertificateSolver if method == "certified" else half_planes.HalfPlaneSolver
         )
         self._surface = surface_of(mesh)
-        make = partial(solver_type, self._surface, cameras[0])
+        if all(each.is_pinhole for each in cameras):
+            make: Any = partial(solver_type, self._surface, cameras[0])
+        else:
+            from rastercov.exact.lens_solver import LensSolver
+
+            make = partial(LensSolver, self._surface, cameras[0], solver_type)
         self._scratch: ScratchPool[half_planes.HalfPlaneSolver] = ScratchPool(make, self.threads)
 
     def observe(self, poses: ArrayLike | Poses) -> Observation:

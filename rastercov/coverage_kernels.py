@@ -15,11 +15,9 @@ from numpy.typing import NDArray
 
 from rastercov._jit import allocation_free, part_of, part_with_arrays
 from rastercov.criteria_kernels import (
-    BEHIND,
-    INSIDE,
-    Z,
     camera_normal,
     facing_density,
+    focus_depth,
     image_of_face,
     incidence_angle,
     incidence_cosine,
@@ -28,6 +26,7 @@ from rastercov.criteria_kernels import (
     pixels_per_m2,
     project,
 )
+from rastercov.vertex_columns import BEHIND, INSIDE
 
 STATISTICAL, EXACT = 0, 2
 """Values of `rastercov.BoundKind`."""
@@ -143,9 +142,10 @@ def judge(limits, is_degenerate, is_front, is_inside, is_focused, is_sampled, fi
 
 
 @part_with_arrays
-def in_focus(points, i, j, k, limits):
+def in_focus(points, i, j, k, lens, limits):
     """True if a face is within the depth of field, (3.12), by the rule of the task."""
-    a, b, c = points[i, Z], points[j, Z], points[k, Z]
+    a, b = focus_depth(points, i, lens), focus_depth(points, j, lens)
+    c = focus_depth(points, k, lens)
     if limits.focus_of_centroid:
         centre = (a + b + c) / 3
         return limits.z_n <= centre and centre <= limits.z_f
@@ -196,15 +196,17 @@ def judge_face(scene, lens, seen, limits, work, row, f, asks_density):
     normal = camera_normal(scene.normals, f, pose)
     cosine = incidence_cosine(points, i, j, k, normal, scene.two_sided[f])
     is_front = cosine > 0 and not scene.degenerate[f]
-    state, part, area = image_of_face(points, i, j, k, near, lens, work)
+    visible, drawn = seen.visible[row, f] / seen.scale, seen.drawn[row, f] / seen.scale
+    # A count is no area.
+    known = drawn if seen.kind.size else -1.0
+    state, part, area = image_of_face(points, i, j, k, near, lens, work, known)
     density = 0.0
     if asks_density:
         density = density_of(scene, lens, seen, points, row, f, is_front, state, part)
-    visible, drawn = seen.visible[row, f] / seen.scale, seen.drawn[row, f] / seen.scale
     resolution = min(drawn / limits.min_pixels, LARGEST_RESOLUTION)
     is_seen = is_front and (part != 0 or state == INSIDE)
     visibility = visible / drawn if is_seen and drawn > 0 else 0.0
-    is_focused = in_focus(points, i, j, k, limits)
+    is_focused = in_focus(points, i, j, k, lens, limits)
     per_m2 = 0.0
     if limits.min_pixels_per_m2 > 0:
         per_m2 = pixels_per_m2(points, i, j, k, normal, lens)
@@ -248,10 +250,11 @@ def find_fractions(rows, scene, lens, seen, work, value, bound, kind):
             i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
             normal = camera_normal(scene.normals, f, pose)
             cosine = incidence_cosine(points, i, j, k, normal, scene.two_sided[f])
-            state, part, _ = image_of_face(points, i, j, k, near, lens, work)
+            visible, drawn = seen.visible[row, f] / seen.scale, seen.drawn[row, f] / seen.scale
+            known = drawn if seen.kind.size else -1.0
+            state, part, _ = image_of_face(points, i, j, k, near, lens, work, known)
             is_front = cosine > 0 and not scene.degenerate[f]
             is_seen = is_front and (part != 0 or state == INSIDE)
-            visible, drawn = seen.visible[row, f] / seen.scale, seen.drawn[row, f] / seen.scale
             value[row, f] = visible / drawn if is_seen and drawn > 0 else 0.0
             bound[row, f], kind[row, f] = bound_and_kind(
                 scene, seen, points, row, f, drawn, state, is_seen

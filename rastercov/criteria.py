@@ -70,7 +70,7 @@ def face_geometry(mesh: Mesh, camera: Camera, pose: FloatArray) -> FaceGeometry:
     near = float(near_limit(camera, mesh.opaque.bounds, pose[None])[0])
     found = kernels.arrays_for(mesh.n_faces)
     scene, lens = kernels.scene_of(mesh), kernels.lens_of(camera)
-    work = kernels.workspace(mesh.n_vertices)
+    work = kernels.workspace(mesh.n_vertices, lens)
     kernels.measure(scene, kernels.read_only(pose, np.float64), near, lens, work, found)
     return FaceGeometry(*found)
 

@@ -14,12 +14,22 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._jit import allocation_free, part_of, part_with_arrays
+from rastercov._jit import allocation_free, by_type, part_of, part_with_arrays
+from rastercov.lenses import face_kernels
+from rastercov.vertex_columns import (
+    AHEAD,
+    BEHIND,
+    DOWN,
+    INSIDE,
+    RIGHT,
+    STATE,
+    U,
+    V,
+    X,
+    Y,
+    Z,
+)
 
-X, Y, Z, RIGHT, DOWN, U, V, STATE = range(8)
-"""Columns of a projected vertex: camera axes, metres; x/z and y/z; pixels; and its state."""
-BEHIND, AHEAD, INSIDE = 0.0, 1.0, 2.0
-"""States: before the near plane; beyond it; beyond it and inside the image."""
 MOST_CORNERS = 20
 """Corners of a face after five cuts: n corners have c crossings, c even and at most n, and keep at
 most n - c/2 of themselves, so that n becomes n + c/2 at most: 3, 4, 6, 9, 13, 19."""
@@ -91,15 +101,18 @@ def scene_of(mesh: Any) -> Scene:
     )
 
 
-def lens_of(camera: Any) -> Lens:
-    """Numbers of a `Camera`."""
-    camera.check_pinhole()
+def lens_of(camera: Any) -> Lens | face_kernels.CurvedLens:
+    """Numbers of a `Camera`; the loops are compiled for either kind."""
+    if not camera.is_pinhole:
+        return face_kernels.curved_lens(camera)
     size = float(camera.width), float(camera.height)
     return Lens(float(camera.fx), float(camera.fy), float(camera.cx), float(camera.cy), *size)
 
 
-def workspace(n_vertices: int) -> Workspace:
-    """Memory for one thread."""
+def workspace(n_vertices: int, lens: Any = None) -> Workspace | face_kernels.CurvedWorkspace:
+    """Memory for one thread, for a lens."""
+    if isinstance(lens, face_kernels.CurvedLens):
+        return face_kernels.curved_workspace(n_vertices)
     return Workspace(np.empty((n_vertices, 8)), *np.empty((2, MOST_CORNERS, 2)))
 
 
@@ -110,7 +123,12 @@ def read_only(array: NDArray[Any], dtype: type) -> NDArray[Any]:
     return view
 
 
-@allocation_free
+def by_lens(curved: Any) -> Any:
+    """Function of a pinhole that is `curved` for other lenses; both have the argument `lens`."""
+    return by_type("lens", face_kernels.CurvedLens, curved)
+
+
+@by_lens(face_kernels.project)
 def project(vertices, pose, near, lens, points):
     """Transform the vertices to camera axes and project those beyond the near plane.
 
@@ -170,12 +188,12 @@ def incidence_angle(cosine):
     return math.acos(min(1.0, max(-1.0, cosine)))
 
 
-@part_with_arrays
-def image_of_face(points, i, j, k, near, lens, work):
+@by_lens(face_kernels.image_of_face)
+def image_of_face(points, i, j, k, near, lens, work, drawn):
     """Field of view of a face: state of all its vertices, part of its area in the image, area.
 
     The state is that of its worst vertex. The area, px^2, is that of the part beyond the near
-    plane, (3.9).
+    plane, (3.9). `drawn` is not looked at.
     """
     worst = min(points[i, STATE], points[j, STATE], points[k, STATE])
     if worst == BEHIND:
@@ -272,7 +290,7 @@ def perimeter(points, i, j, k):
     return total
 
 
-@part_with_arrays
+@by_lens(face_kernels.pixel_density)
 def pixel_density(points, i, j, k, normal, lens):
     """Least singular value of the projection restricted to the face's plane, px/m.
 
@@ -305,7 +323,7 @@ def pixel_density(points, i, j, k, normal, lens):
     return worst
 
 
-@part_with_arrays
+@by_lens(face_kernels.facing_density)
 def facing_density(points, i, j, k, lens):
     """Pixels a metre, worst direction, of a target that faces the camera at the deepest vertex.
 
@@ -320,7 +338,7 @@ def facing_density(points, i, j, k, lens):
     return min(lens.fx, lens.fy) / max(points[i, Z], points[j, Z], points[k, Z])
 
 
-@part_with_arrays
+@by_lens(face_kernels.pixels_per_m2)
 def pixels_per_m2(points, i, j, k, normal, lens):
     """Pixels on a square metre of a face at its deepest vertex, where they are fewest.
 
@@ -329,6 +347,12 @@ def pixels_per_m2(points, i, j, k, normal, lens):
     z = max(points[i, Z], points[j, Z], points[k, Z])
     height = abs(normal[0] * points[i, X] + normal[1] * points[i, Y] + normal[2] * points[i, Z])
     return (lens.fx / z) * (lens.fy / z) * (height / z) if z > 0 else 0.0
+
+
+@by_lens(face_kernels.focus_depth)
+def focus_depth(points, p, lens):
+    """Depth of a vertex that its sharpness depends on, metres."""
+    return points[p, Z]
 
 
 @allocation_free
@@ -341,7 +365,7 @@ def measure(scene, pose, near, lens, work, out):
         normal = camera_normal(scene.normals, f, pose)
         cosine = incidence_cosine(points, i, j, k, normal, scene.two_sided[f])
         is_front = cosine > 0 and not scene.degenerate[f]
-        state, part, area = image_of_face(points, i, j, k, near, lens, work)
+        state, part, area = image_of_face(points, i, j, k, near, lens, work, -1.0)
         out.is_front[f] = is_front
         out.in_view[f] = state == INSIDE
         out.in_view_fraction[f] = part
@@ -353,4 +377,6 @@ def measure(scene, pose, near, lens, work, out):
             density = pixel_density(points, i, j, k, normal, lens)
         out.pixel_density[f] = density
         out.facing_density[f] = facing_density(points, i, j, k, lens)
-        out.depth[f, 0], out.depth[f, 1], out.depth[f, 2] = points[i, Z], points[j, Z], points[k, Z]
+        out.depth[f, 0] = focus_depth(points, i, lens)
+        out.depth[f, 1] = focus_depth(points, j, lens)
+        out.depth[f, 2] = focus_depth(points, k, lens)

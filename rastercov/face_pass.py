@@ -83,8 +83,15 @@ class FacePass:
         share_poses(len(poses), workers)
 
     def _scope(self, seen: Any) -> Scope:
-        work = self._geometry.workspace(self.mesh.n_vertices)
-        return lambda index: (self._scene, self._lenses[index], seen, work)
+        spaces: dict[type, Any] = {}
+
+        def scope(index: int) -> tuple[Any, ...]:
+            lens = self._lenses[index]
+            if type(lens) not in spaces:
+                spaces[type(lens)] = self._geometry.workspace(self.mesh.n_vertices, lens)
+            return self._scene, lens, seen, spaces[type(lens)]
+
+        return scope
 
     def _seen(self, measured: Measured, poses: Poses) -> Any:
         """Measurement of an observer, for the loops."""

@@ -6,6 +6,7 @@ camera is outside a closed mesh, faces seen from behind cannot be the nearest su
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,8 +32,24 @@ def limits(
 ) -> tuple[FloatArray, NDArray[np.bool_], NDArray[np.bool_]]:
     """Near plane, whether back faces can be left out, and whether a surface is cut; (P,) each."""
     mesh = mesh.opaque
-    clipped = near_cuts(mesh.vertices, mesh.faces, mesh.bounds, camera, poses)
+    clipped = np.zeros(len(poses), np.bool_)
+    for pinhole, its_poses in pinholes(camera, poses):
+        clipped |= near_cuts(mesh.vertices, mesh.faces, mesh.bounds, pinhole, its_poses)
     return near_limit(camera, mesh.bounds, poses), can_cull(mesh, poses, clipped), clipped
+
+
+def pinholes(camera: Camera, poses: FloatArray) -> list[tuple[Camera, FloatArray]]:
+    """Pinholes, each with its poses, that together see all that a camera sees."""
+    if camera.is_pinhole:
+        return [(camera, poses)]
+    from rastercov.lenses.of_camera import planes_of  # loads numba
+
+    found = {}
+    for plane, _ in planes_of(camera):
+        frame = np.eye(4)
+        frame[:3, :3] = plane.frame
+        found[plane.frame.tobytes()] = replace(plane.camera, near=camera.near), poses @ frame
+    return list(found.values())
 
 
 def limits_of_poses(
@@ -53,8 +70,10 @@ def picture_limits(
     """The first two of `limits`, which take less time without the third."""
     mesh = mesh.opaque
     cull = can_cull(mesh, poses, np.zeros(len(poses), np.bool_))
-    outside = poses[cull]
-    cull[cull] = ~near_cuts(mesh.vertices, mesh.faces, mesh.bounds, camera, outside)
+    outside, cut = poses[cull], np.zeros(int(cull.sum()), np.bool_)
+    for pinhole, its_poses in pinholes(camera, outside):
+        cut |= near_cuts(mesh.vertices, mesh.faces, mesh.bounds, pinhole, its_poses)
+    cull[cull] = ~cut
     return near_limit(camera, mesh.bounds, poses), cull
 
 
@@ -64,7 +83,6 @@ def near_limit(camera: Camera, bounds: FloatArray, poses: FloatArray) -> FloatAr
     It is max(camera.near, 1e-6 times the distance to the farthest corner of `bounds`), which are
     those of the opaque part of a mesh.
     """
-    camera.check_pinhole()
     reach = np.abs(bounds[None] - poses[:, None, :3, 3]).max(axis=1)
     farthest = np.sqrt((reach**2).sum(axis=1))
     limit: FloatArray = np.maximum(max(camera.near, LEAST_DEPTH), NEAR_TO_FAR * farthest)

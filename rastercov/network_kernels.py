@@ -22,7 +22,11 @@ from rastercov.coverage_kernels import (
     judge_face,
     kind_of,
 )
-from rastercov.criteria_kernels import INSIDE, incidence_angle, project
+from rastercov.criteria_kernels import (
+    incidence_angle,
+    project,
+)
+from rastercov.vertex_columns import INSIDE
 
 NO_PAIRS, COVERED_PAIRS, SEEN_PAIRS, ALL_PAIRS = range(4)
 """Indices of `rastercov.pairs.CHOICES`."""

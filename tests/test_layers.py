@@ -11,10 +11,10 @@ ROOT = Path(rastercov.__file__).parent
 LAYERS = (
     "_moved errors _files _format _jit _once _interrupts _closing _memory _checks _output _threads",
     "_double_double _arguments _limits _typed",
-    "camera camera_file camera_models densities image_boxes pose pose_file rig viewpoints mesh "
-    "projection shapes views",
-    "near_plane criteria criteria_kernels lenses",
-    "camera_formats",
+    "camera camera_file camera_models densities pose pose_file rig views mesh",
+    "lenses vertex_columns",
+    "camera_formats image_boxes viewpoints projection shapes",
+    "near_plane criteria criteria_kernels",
     "raster",
     "observation coverage_kernels network_kernels face_pass exact engine",
     "_observers",
@@ -22,6 +22,7 @@ LAYERS = (
     "coverage coverage_pass pairs network provenance",
     "area",
     "models placement",
+    "audit",
     "plan validation",
     "report",
     "cli",

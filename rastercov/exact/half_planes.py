@@ -235,7 +235,6 @@ class HalfPlaneSolver:
         """Take another camera, for the poses from now on."""
         if camera is self._camera:
             return
-        camera.check_pinhole()
         self._camera = camera
         width, height = float(camera.width), float(camera.height)
         fx, fy, cx, cy = map(float, (camera.fx, camera.fy, camera.cx, camera.cy))
@@ -276,10 +275,14 @@ class HalfPlaneSolver:
         return kept
 
     @property
+    def image_of_all(self) -> Projected:
+        """Image of the opaque faces and then of the targets."""
+        return self.projected if self._target_image is None else self._target_image.everything
+
+    @property
     def state_of_all(self) -> NDArray[np.uint16]:
         """(F,) state of the opaque faces and then of the targets, see `records.Projected`."""
-        image = self.projected if self._target_image is None else self._target_image.everything
-        state: NDArray[np.uint16] = image.state
+        state: NDArray[np.uint16] = self.image_of_all.state
         return state
 
     def set_pose(self, pose: FloatArray, near: float, front_only: bool) -> None:

@@ -11,9 +11,7 @@ polygons that share one agree on it to the last bits.
 
 import math
 
-import numpy as np
-
-from rastercov._jit import allocation_free, compiled, part_with_arrays
+from rastercov._jit import allocation_free, part_with_arrays
 from rastercov.lenses.kernels import project
 from rastercov.lenses.quadrature import BERNSTEIN, FEWEST, GROWTH, MOST, NODES, RULE
 
@@ -237,76 +235,3 @@ def clamped_edge(code, p, frame, ax, ay, bx, by, n, W, H, U, V, stack, low, spar
                         total += U[0] * (V[0] - first) + U[n] * (last - V[n])
             start, start_kind = end, end_kind
     return total, count + 1
-
-
-@part_with_arrays
-def _is_short(ax, ay, bx, by, longest):
-    """True where an edge of a plane with a pole is short for its distance from the pole."""
-    half = 0.5 * math.hypot(bx - ax, by - ay)
-    return half <= longest * 0.5 * math.hypot(ax + bx, ay + by) or half < 1e-15
-
-
-@compiled
-def image_areas(code, p, frame, polygons, starts, longest, parts_of, is_graded, W, H, out):
-    """Areas of the images of polygons of an ideal plane, whole and inside the image.
-
-    Parameters
-    ----------
-    code, p, frame
-        The lens, and the axes of the plane.
-    polygons : (N, 2) float64
-        Corners, in units of the plane, inside its region.
-    starts : (M + 1,) int64
-        Rows of the first corners of the polygons.
-    longest, parts_of, is_graded
-        Of an `EdgeTable`.
-    W, H : float
-        Image size, px.
-    out : (M, 3) float64
-        Filled with the signed area of the whole image, px^2, of the part of it inside the image,
-        and the number of edges, parts and pieces of them that were integrated.
-    """
-    U, V, spare = np.empty(MOST + 1), np.empty(MOST + 1), np.empty(MOST + 1)
-    stack, low = np.empty((DEEPEST + 2, MOST + 1)), np.empty((DEEPEST + 2, 2))
-    cuts, kinds = np.empty(MOST_CUTS), np.empty(MOST_CUTS, np.int64)
-    waiting = np.empty((64, 2))
-    for polygon in range(starts.shape[0] - 1):
-        first, last = starts[polygon], starts[polygon + 1]
-        whole = inside = 0.0
-        rules = 0
-        u0 = 0.0
-        for i in range(first, last):
-            j = i + 1 if i + 1 < last else first
-            ax, ay, bx, by = polygons[i, 0], polygons[i, 1], polygons[j, 0], polygons[j, 1]
-            half = 0.5 * math.hypot(bx - ax, by - ay)
-            if half == 0.0:
-                continue
-            if is_graded:
-                n, parts = parts_of, 1
-            else:
-                n, parts = nodes_for(half, longest, parts_of)
-            for part in range(parts):
-                top = 1
-                waiting[0, 0], waiting[0, 1] = part / parts, (part + 1) / parts
-                while top > 0:
-                    top -= 1
-                    s, e = waiting[top, 0], waiting[top, 1]
-                    x0, y0 = (1.0 - s) * ax + s * bx, (1.0 - s) * ay + s * by
-                    x1, y1 = (1.0 - e) * ax + e * bx, (1.0 - e) * ay + e * by
-                    if is_graded and not _is_short(x0, y0, x1, y1, longest[n]) and top < 62:
-                        m = 0.5 * (s + e)
-                        waiting[top, 0], waiting[top, 1] = m, e
-                        waiting[top + 1, 0], waiting[top + 1, 1] = s, m
-                        top += 2
-                        continue
-                    edge_values(code, p, frame, x0, y0, x1, y1, n, U, V)
-                    if rules == 0:
-                        u0 = U[0]
-                    whole += under_edge(n, U, V, u0)
-                    own, pieces = clamped_edge(
-                        code, p, frame, x0, y0, x1, y1, n, W, H,
-                        U, V, stack, low, spare, cuts, kinds,
-                    )  # fmt: skip
-                    inside += own
-                    rules += pieces
-        out[polygon, 0], out[polygon, 1], out[polygon, 2] = whole, inside, rules

@@ -1,0 +1,5 @@
+"""Audit of existing cameras: what each sees, what it adds, and the smallest subset."""
+
+from rastercov.audit.audit import Audit, audit
+
+__all__ = ["Audit", "audit"]

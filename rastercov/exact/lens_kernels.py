@@ -1,0 +1,404 @@
+"""Polygons of an ideal plane whose images in a lens are measured; compiled by numba.
+
+`HalfPlaneSolver` has divided the faces of an ideal pinhole into visible pieces. `collect` lists the
+outlines of the faces and these pieces in units of the plane, cut to the region of the lens;
+`rastercov.lenses` measures their images, and `add_areas` adds them up by face.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov._jit import allocation_free, inlined
+from rastercov.exact.polygon_kernels import twice_area
+from rastercov.exact.records import CLIPPED, LIVE, THIN, U, V, W
+from rastercov.lenses.polygon_kernels import (
+    MOST_CORNERS,
+    cut_to_region,
+    is_in_region,
+)
+
+FloatArray = NDArray[np.float64]
+
+MOST_SIDES = 8
+"""Sides of a region that a vertex is compared with; a region of more is nearly a disc."""
+OUTLINE, PIECE = 0, 1
+"""Kinds of polygons: the whole of a face in the plane, or a visible part of it."""
+EDGE_ROUNDING = 2.0**-46
+"""Rounding of the area under an edge, relative to its length and the size of the image: positions
+to 2^-50 of the size, some ten times over."""
+
+
+class Polygons(NamedTuple):
+    """Polygons of an ideal plane: corners (C, 2), starts (N + 1,), and face and kind (N,) of each.
+
+    `used`, (2,), counts the polygons and the corners.
+    """
+
+    corners: FloatArray
+    starts: NDArray[np.int64]
+    face: NDArray[np.int32]
+    kind: NDArray[np.int8]
+    used: NDArray[np.int64]
+
+
+class Seen(NamedTuple):
+    """Images of the vertices and edges of a surface in one plane.
+
+    `xy` and `uv`, (V, 2), are in units of the plane and in px, `is_inside`, (V,), vertices of its
+    region, and `bulge`, (E,), areas between the image of an edge and its chord; NaN where unknown.
+    """
+
+    xy: FloatArray
+    uv: FloatArray
+    is_inside: NDArray[np.bool_]
+    bulge: FloatArray
+
+
+class Scratch(NamedTuple):
+    """Scratch for one polygon: (MOST_CORNERS, 2) and (MOST_CORNERS, 3) float64."""
+
+    polygon: FloatArray
+    spare: FloatArray
+    points: FloatArray
+    spare_points: FloatArray
+
+
+class Figures(NamedTuple):
+    """Sums over the planes of a camera, (F,): areas, px^2, and planes by the kind of their figure.
+
+    `n_certified` counts planes with a certified figure, `n_visible` those of them in which the face
+    is visible, `n_computed` the others that show it.
+    """
+
+    area: FloatArray
+    visible: FloatArray
+    area_error: FloatArray
+    n_certified: NDArray[np.int8]
+    n_visible: NDArray[np.int8]
+    n_computed: NDArray[np.int8]
+
+
+def room_for_polygons(n: int, corners: int) -> Polygons:
+    """Memory for n polygons of a number of corners together."""
+    return Polygons(
+        np.empty((corners, 2)),
+        np.empty(n + 1, np.int64),
+        np.empty(n, np.int32),
+        np.empty(n, np.int8),
+        np.zeros(2, np.int64),
+    )
+
+
+def scratch() -> Scratch:
+    """Memory for one polygon."""
+    return Scratch(*np.empty((2, MOST_CORNERS, 2)), *np.empty((2, MOST_CORNERS, 3)))
+
+
+@inlined
+def append(polygon, n, face, kind, found):
+    """Append a polygon to the list; counts it only where there is no room."""
+    at, corner = found.used[0], found.used[1]
+    if at < found.face.shape[0] and corner + n <= found.corners.shape[0]:
+        for p in range(n):
+            found.corners[corner + p, 0] = polygon[p, 0]
+            found.corners[corner + p, 1] = polygon[p, 1]
+        found.face[at], found.kind[at] = face, kind
+        found.starts[at + 1] = corner + n
+    found.used[0], found.used[1] = at + 1, corner + n
+
+
+@inlined
+def append_cut(polygon, n, face, kind, plane, spare, found):
+    """Append the parts of a convex polygon in the region and outside the hole of a plane."""
+    if not is_in_region(polygon, n, plane.region):
+        n = cut_to_region(polygon, n, plane.region, spare)
+    if n < 3:
+        return
+    append(polygon, n, face, kind, found)
+    m = plane.hole.shape[0]
+    if m > 0:
+        # The image of what is in the hole is taken off: it is listed the other way round.
+        n = cut_to_region(polygon, n, plane.hole, spare)
+        if n >= 3:
+            for p in range(n):
+                spare[p, 0], spare[p, 1] = polygon[n - 1 - p, 0], polygon[n - 1 - p, 1]
+            append(spare, n, face, kind, found)
+
+
+@allocation_free
+def vertices_in_plane(uvw, camera, plane, xy, is_inside):
+    """Vertices (V, 2) in units of a plane, and (V,) whether they are inside its region.
+
+    A vertex next to a curved border of the region may count as outside; with a hole all do.
+    """
+    region = plane.region
+    m = region.shape[0]
+    is_disc, radius2 = m > MOST_SIDES, np.inf
+    for s in range(m):
+        t = s + 1 if s + 1 < m else 0
+        dx, dy = region[t, 0] - region[s, 0], region[t, 1] - region[s, 1]
+        height = dx * region[s, 1] - dy * region[s, 0]
+        size = dx * dx + dy * dy
+        if size > 0:
+            radius2 = min(radius2, height * height / size)
+    for i in range(uvw.shape[0]):
+        is_inside[i] = False
+        if not uvw[i, W] > 0 or plane.hole.shape[0] > 0:
+            continue
+        x, y = (uvw[i, U] - camera.cx) / camera.fx, (uvw[i, V] - camera.cy) / camera.fy
+        xy[i, 0], xy[i, 1] = x, y
+        if is_disc:
+            is_inside[i] = x * x + y * y <= radius2
+            continue
+        is_inside[i] = True
+        for s in range(m):
+            t = s + 1 if s + 1 < m else 0
+            dx, dy = region[t, 0] - region[s, 0], region[t, 1] - region[s, 1]
+            if dx * (y - region[s, 1]) - dy * (x - region[s, 0]) < 0:
+                is_inside[i] = False
+
+
+@allocation_free
+def measure_simple(faces, edges, is_flat, state, seen, plane, own, is_done, out):
+    """Measure the faces that are wholly inside the image or outside it, by shared edges.
+
+    Parameters
+    ----------
+    faces : (O, 3) int32
+        The opaque faces.
+    edges : Edges
+    seen : Seen
+        Images of vertices and edges.
+    own : (F,) float64
+        Out: drawn area of each face in this plane; 0 for those that are not measured.
+    is_done : (F,) bool
+        Out: faces that are measured, or need not be.
+    out : Figures
+    """
+    xy, uv, is_inside, bulge = seen.xy, seen.uv, seen.is_inside, seen.bulge
+    W_, H_ = plane.width, plane.height
+    rounding = EDGE_ROUNDING * (W_ + H_)
+    for f in range(own.shape[0]):
+        own[f], is_done[f] = 0.0, bool(is_flat[f]) or state[f] & THIN != 0
+    for f in range(faces.shape[0]):
+        i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
+        if is_done[f] or not (is_inside[i] and is_inside[j] and is_inside[k]):
+            continue
+        total, longest2 = 0.0, 0.0
+        for p in range(3):
+            e, a = edges.of_face[f, p], faces[f, p]
+            b = faces[f, p + 1 if p < 2 else 0]
+            total += bulge[e] if edges.vertices[e, 0] == a else -bulge[e]
+            dx, dy = xy[b, 0] - xy[a, 0], xy[b, 1] - xy[a, 1]
+            longest2 = max(longest2, dx * dx + dy * dy)
+        u0, v0, u1, v1, u2, v2 = uv[i, 0], uv[i, 1], uv[j, 0], uv[j, 1], uv[k, 0], uv[k, 1]
+        low_u, high_u = min(u0, u1, u2), max(u0, u1, u2)
+        low_v, high_v = min(v0, v1, v2), max(v0, v1, v2)
+        stray = plane.bend * longest2 / 8
+        if high_u < -stray or high_v < -stray or low_u > W_ + stray or low_v > H_ + stray:
+            is_done[f] = True
+            continue
+        is_in = low_u > stray and low_v > stray and high_u < W_ - stray and high_v < H_ - stray
+        total += 0.5 * ((u1 - u0) * (v2 - v0) - (u2 - u0) * (v1 - v0))
+        if is_in and total == total:
+            is_done[f] = True
+            twice = (xy[j, 0] - xy[i, 0]) * (xy[k, 1] - xy[i, 1])
+            twice -= (xy[k, 0] - xy[i, 0]) * (xy[j, 1] - xy[i, 1])
+            own[f] = total if twice > 0 else -total
+            out.area[f] += own[f]
+            # No side is longer than the box, and a bulge, is wide and high.
+            around = 2 * (high_u - low_u + high_v - low_v) + 6 * stray
+            out.area_error[f] += 3 * plane.tolerance + rounding * around
+
+
+@inlined
+def cut_in_space(points, n, a, b, c, d, spare):
+    """Keep the part of a polygon in space with a X + b Y + c Z >= d, in place; its corner count."""
+    kept = 0
+    for i in range(n):
+        j = i + 1 if i + 1 < n else 0
+        here = a * points[i, 0] + b * points[i, 1] + c * points[i, 2] - d
+        there = a * points[j, 0] + b * points[j, 1] + c * points[j, 2] - d
+        if here >= 0 and kept < spare.shape[0]:
+            for k in range(3):
+                spare[kept, k] = points[i, k]
+            kept += 1
+        if ((here > 0 and there < 0) or (here < 0 and there > 0)) and kept < spare.shape[0]:
+            t = here / (here - there)
+            for k in range(3):
+                spare[kept, k] = points[i, k] + t * (points[j, k] - points[i, k])
+            kept += 1
+    for i in range(kept):
+        for k in range(3):
+            points[i, k] = spare[i, k]
+    return kept
+
+
+@inlined
+def outline_in_space(vertices, faces, f, camera, region, points, spare, polygon):
+    """Fill `polygon` with the part of a face beyond the near plane and in a region of the plane.
+
+    In units of the plane, counter-clockwise in (x, y). Returns the corner count, 0 for none.
+    """
+    rotation, eye = camera.rotation, camera.centre
+    for p in range(3):
+        i = faces[f, p]
+        x, y, z = vertices[i, 0] - eye[0], vertices[i, 1] - eye[1], vertices[i, 2] - eye[2]
+        for k in range(3):
+            points[p, k] = x * rotation[0, k] + y * rotation[1, k] + z * rotation[2, k]
+    # On which side of the plane of the face the camera is decides the direction of its image.
+    ax, ay, az = points[0, 0], points[0, 1], points[0, 2]
+    bx, by, bz = points[1, 0] - ax, points[1, 1] - ay, points[1, 2] - az
+    cx, cy, cz = points[2, 0] - ax, points[2, 1] - ay, points[2, 2] - az
+    height = (by * cz - bz * cy) * ax + (bz * cx - bx * cz) * ay + (bx * cy - by * cx) * az
+    n = cut_in_space(points, np.int64(3), 0.0, 0.0, 1.0, camera.near, spare)
+    m = region.shape[0]
+    for i in range(m):
+        if n < 3:
+            return np.int64(0)
+        j = i + 1 if i + 1 < m else 0
+        x0, y0 = region[i, 0], region[i, 1]
+        dx, dy = region[j, 0] - x0, region[j, 1] - y0
+        n = cut_in_space(points, n, -dy, dx, dy * x0 - dx * y0, 0.0, spare)
+    if n < 3:
+        return np.int64(0)
+    for p in range(n):
+        q = p if height > 0 else n - 1 - p
+        polygon[p, 0], polygon[p, 1] = points[q, 0] / points[q, 2], points[q, 1] / points[q, 2]
+    return np.int64(n)
+
+
+@inlined
+def is_out_of_image(uvw, faces, f, camera):
+    """True where all of a projected face is beyond one side of the pinhole's image."""
+    left = right = above = below = True
+    for p in range(3):
+        i = faces[f, p]
+        if not uvw[i, W] > 0:
+            return False
+        left = left and uvw[i, U] <= 0
+        right = right and uvw[i, U] >= camera.width
+        above = above and uvw[i, V] <= 0
+        below = below and uvw[i, V] >= camera.height
+    return left or right or above or below
+
+
+@allocation_free
+def collect(vertices, is_done, projected, kept, camera, plane, scratch, found):
+    """List the outlines of the other faces, and the kept pieces, in units of an ideal plane.
+
+    Parameters
+    ----------
+    vertices : (V, 3) float64
+    is_done : (F,) bool
+        Of `measure_simple`.
+    projected : Projected
+    kept : VisiblePieces
+    camera : Pinhole
+    plane : PlaneRecord
+    scratch : Scratch
+    found : Polygons
+        Out: the polygons; `used` counts them and their corners also where there is no room.
+    """
+    faces, uvw, state = projected.faces, projected.uvw, projected.state
+    polygon, spare = scratch.polygon, scratch.spare
+    points, spare_points = scratch.points, scratch.spare_points
+    found.used[0] = found.used[1] = 0
+    found.starts[0] = 0
+    for f in range(state.shape[0]):
+        if is_done[f]:
+            continue
+        if not state[f] & LIVE:
+            # Out of sight, or seen from behind and left out.
+            if not is_out_of_image(uvw, faces, f, camera):
+                n = outline_in_space(
+                    vertices, faces, f, camera, plane.region, points, spare_points, polygon
+                )
+                if n >= 3:
+                    append_cut(polygon, n, f, OUTLINE, plane, spare, found)
+            continue
+        if state[f] & CLIPPED:
+            s = projected.clipped_index[f]
+            n = np.int64(projected.clipped.n_corners[s])
+            for p in range(n):
+                polygon[p, U] = projected.clipped.polygons[s, p, U]
+                polygon[p, V] = projected.clipped.polygons[s, p, V]
+        else:
+            n = np.int64(3)
+            for p in range(3):
+                polygon[p, U], polygon[p, V] = uvw[faces[f, p], U], uvw[faces[f, p], V]
+        if n < 3:
+            continue
+        is_reversed = twice_area(polygon, n) < 0
+        for p in range(n):
+            q = n - 1 - p if is_reversed else p
+            spare[p, 0] = (polygon[q, U] - camera.cx) / camera.fx
+            spare[p, 1] = (polygon[q, V] - camera.cy) / camera.fy
+        for p in range(n):
+            polygon[p, 0], polygon[p, 1] = spare[p, 0], spare[p, 1]
+        append_cut(polygon, n, f, OUTLINE, plane, spare, found)
+    for i in range(kept.used[0]):
+        start = kept.starts[i]
+        n = kept.starts[i + 1] - start
+        for p in range(n):
+            polygon[p, 0] = (kept.corners[start + p, U] - camera.cx) / camera.fx
+            polygon[p, 1] = (kept.corners[start + p, V] - camera.cy) / camera.fy
+        append_cut(polygon, n, kept.faces[i], PIECE, plane, spare, found)
+
+
+@inlined
+def length_of(corners, first, last, plane):
+    """Length of the outline of a polygon, px of the pinhole; at most twice its box is as good."""
+    low_x = low_y = np.inf
+    high_x = high_y = -np.inf
+    for i in range(first, last):
+        low_x, high_x = min(low_x, corners[i, 0]), max(high_x, corners[i, 0])
+        low_y, high_y = min(low_y, corners[i, 1]), max(high_y, corners[i, 1])
+    return 2 * ((high_x - low_x) * plane.fx + (high_y - low_y) * plane.fy)
+
+
+@allocation_free
+def add_areas(found, images, projected, kept, pinhole, plane, own, out):
+    """Add the images of polygons to the figures of faces.
+
+    Parameters
+    ----------
+    found : Polygons
+    images : (M, 3) float64
+        Of `rastercov.lenses.polygon_kernels.measure_polygons`.
+    pinhole : tuple
+        Visible area (F,), error (F,) and certificates (F,) of the pinhole, px^2 of its image.
+    own : (F,) float64
+        Of `measure_simple`, and lost.
+    out : Figures
+    """
+    state, (visible, area_error, is_certified) = projected.state, pinhole
+    n_faces = state.shape[0]
+    rounding = EDGE_ROUNDING * (plane.width + plane.height) * plane.speed
+    # A face with pieces is partly visible; one without is wholly visible or wholly hidden.
+    for i in range(found.used[0]):
+        f, inside = found.face[i], images[i, 1]
+        out.area_error[f] += images[i, 2] * plane.tolerance + rounding * length_of(
+            found.corners, found.starts[i], found.starts[i + 1], plane
+        )
+        if found.kind[i] == OUTLINE:
+            own[f] += inside
+            out.area[f] += inside
+        else:
+            out.visible[f] += inside
+    for i in range(kept.used[0]):
+        own[kept.faces[i]] = -1.0
+    for f in range(n_faces):
+        if not state[f] & LIVE:
+            continue
+        if own[f] > 0.0 and visible[f] > 0.0:
+            out.visible[f] += own[f]
+        if is_certified[f]:
+            out.n_certified[f] += 1
+            if visible[f] > 0.0:
+                out.n_visible[f] += 1
+        else:
+            out.n_computed[f] += 1
+            out.area_error[f] += plane.stretch * area_error[f]

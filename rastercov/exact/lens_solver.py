@@ -1,0 +1,152 @@
+"""Exact visible areas in the image of any lens: seen in ideal planes, measured in the image.
+
+A lens bends lines and hides nothing: what is in front of what is decided on each ray. So visibility
+is computed in pinholes that together see the valid region of the lens (`rastercov.lenses.planes`),
+and the faces and their visible pieces are mapped to pixels, where their areas are integrals along
+their edges (`rastercov.lenses.edge_kernels`).
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov._jit import announce_compilation
+from rastercov.camera import Camera
+from rastercov.exact import lens_kernels as kernels
+from rastercov.exact.half_planes import HalfPlaneSolver
+from rastercov.exact.surface import Surface
+from rastercov.lenses import lane_kernels
+from rastercov.lenses.of_camera import planes_of
+from rastercov.lenses.polygon_kernels import edge_scratch, measure_polygons
+from rastercov.lenses.records import PlaneRecord
+
+FloatArray = NDArray[np.float64]
+
+
+class LensSolver:
+    """Exact visible areas of a surface through cameras with any lens, one pose at a time.
+
+    Parameters
+    ----------
+    surface, camera
+        As for `HalfPlaneSolver`.
+    solver_type : type
+        `HalfPlaneSolver` or `CertificateSolver`.
+
+    Attributes
+    ----------
+    area, visible, area_error : (F,) float64
+        As of `HalfPlaneSolver`, px^2 in the image of the lens.
+    is_certified : (F,) bool
+        Faces known to be wholly visible or wholly hidden.
+    """
+
+    def __init__(
+        self, surface: Surface, camera: Camera, solver_type: type[HalfPlaneSolver]
+    ) -> None:
+        announce_compilation(kernels.collect)
+        n = surface.n_faces
+        self.surface = surface
+        self._camera, self._planes = camera, planes_of(camera)
+        self._solver = solver_type(surface, self._pinhole)
+        self._solver.keep_pieces()
+        self.figures = kernels.Figures(*np.empty((3, n)), *np.empty((3, n), np.int8))
+        self.area, self.visible, self.area_error = self.figures[:3]
+        self.is_certified = np.zeros(n, np.bool_)
+        n_vertices, n_edges = len(surface.vertices), len(surface.edges.kind)
+        self._seen = kernels.Seen(
+            xy=np.empty((n_vertices, 2)),
+            uv=np.empty((n_vertices, 2)),
+            is_inside=np.empty(n_vertices, np.bool_),
+            bulge=np.empty(n_edges),
+        )
+        self._lanes = lane_kernels.lane_scratch()
+        self._rule, self._order = np.empty(n_edges, np.uint8), np.empty(n_edges, np.int32)
+        self._is_done = np.empty(n, np.bool_)
+        self._own, self._scratch = np.empty(n), kernels.scratch()
+        self._found = kernels.room_for_polygons(1024, 8192)
+        self._images, self._edges = np.empty((1024, 3)), edge_scratch()
+        self._flat: NDArray[np.bool_] = surface.flat
+        self._vertices: FloatArray = surface.vertices
+        if surface.targets is not None:
+            self._flat = np.concatenate((surface.flat, surface.targets.flat))
+            self._vertices = np.concatenate((surface.vertices, surface.targets.vertices))
+
+    def set_camera(self, camera: Camera) -> None:
+        """Take another camera, for the poses from now on."""
+        if camera is not self._camera:
+            self._camera, self._planes = camera, planes_of(camera)
+
+    @property
+    def _pinhole(self) -> Camera:
+        """The camera if it is a pinhole, otherwise that of its first plane."""
+        return self._camera if self._camera.is_pinhole else self._planes[0][0].camera
+
+    def set_pose(self, pose: FloatArray, near: float, front_only: bool) -> None:
+        """Take a pose; arguments are those of `HalfPlaneSolver.set_pose`."""
+        self._pose = pose, near, front_only
+
+    def solve_all(self) -> None:
+        """Compute all figures of every face."""
+        if self._camera.is_pinhole:
+            solver = self._solver
+            self._solve(self._camera, np.eye(3))
+            self.area[:], self.visible[:] = solver.area, solver.visible
+            self.area_error[:], self.is_certified[:] = solver.area_error, solver.is_certified
+            return
+        for array in self.figures:
+            array[:] = 0
+        solved: FloatArray | None = None
+        for plane, record in self._planes:
+            if solved is None or not np.array_equal(plane.frame, solved):
+                self._solve(plane.camera, plane.frame)
+                solved = plane.frame
+            self._measure(record)
+        n_certified, n_visible, n_computed = self.figures[3:]
+        is_whole = (n_visible == 0) | (n_visible == n_certified)
+        self.is_certified[:] = (n_certified > 0) & (n_computed == 0) & is_whole
+        whole = self.is_certified & (n_visible > 0)
+        self.visible[whole] = self.area[whole]
+        largest = 2.0 * self._camera.width * self._camera.height
+        np.minimum(self.area_error, largest, out=self.area_error)
+
+    def _solve(self, camera: Camera, frame: FloatArray) -> None:
+        """Visibility in one pinhole."""
+        pose, near, front_only = self._pose
+        turned = pose.copy()
+        turned[:3, :3] = pose[:3, :3] @ frame
+        self._solver.set_camera(camera)
+        self._solver.set_pose(turned, near, front_only)
+        self._solver.solve_all()
+
+    def _measure(self, record: PlaneRecord) -> None:
+        """Add the images of all faces and pieces in one plane."""
+        solver, seen, lanes = self._solver, self._seen, self._lanes
+        projected, kept = solver.image_of_all, solver.kept_pieces
+        surface, n_vertices = self.surface, len(self.surface.vertices)
+        own, is_done, uvw = self._own, self._is_done, projected.uvw[:n_vertices]
+        kernels.vertices_in_plane(uvw, solver.camera, record, seen.xy, seen.is_inside)
+        lane_kernels.vertex_images(record, seen.xy, seen.is_inside, lanes, seen.uv)
+        lane_kernels.edge_bulges(
+            record, surface.edges.vertices, seen.xy, seen.uv, seen.is_inside, self._rule,
+            self._order, lanes, seen.bulge,
+        )  # fmt: skip
+        kernels.measure_simple(
+            surface.faces, surface.edges, self._flat, projected.state, seen, record, own, is_done,
+            self.figures,
+        )  # fmt: skip
+        while True:
+            found = self._found
+            kernels.collect(
+                self._vertices, is_done, projected, kept, solver.camera, record, self._scratch,
+                found,
+            )  # fmt: skip
+            n, corners = found.used.tolist()
+            if n <= len(found.face) and corners <= len(found.corners):
+                break
+            self._found = kernels.room_for_polygons(n * 5 // 4, corners * 5 // 4)
+        if len(self._images) < n:
+            self._images = np.empty((n * 5 // 4, 3))
+        images = self._images[:n]
+        measure_polygons(record, found.corners, found.starts, self._edges, images)
+        pinhole = solver.visible, solver.area_error, solver.is_certified
+        kernels.add_areas(found, images, projected, kept, pinhole, record, own, self.figures)

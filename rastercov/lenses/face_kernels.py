@@ -1,0 +1,397 @@
+"""Criteria of each face in the image of a lens, compiled by numba.
+
+These are the functions of `rastercov.criteria_kernels` for a lens that is no pinhole: the same
+arguments, the same results. Density comes from the derivative of the lens at the vertices, the area
+and the field of view from integrals along the edges.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov._jit import allocation_free
+from rastercov.camera import Camera
+from rastercov.camera_models import MODELS
+from rastercov.lenses import kernels
+from rastercov.lenses.of_camera import lens_of, planes_of
+from rastercov.lenses.polygon_kernels import (
+    MOST_CORNERS,
+    EdgeScratch,
+    cut_to_region,
+    edge_scratch,
+    polygon_image,
+)
+from rastercov.lenses.records import PlaneRecord
+from rastercov.vertex_columns import AHEAD, BEHIND, INSIDE, STATE, U, V, X, Y, Z
+
+FloatArray = NDArray[np.float64]
+
+MOST_SIDES = 132
+"""Room for the sides of a region: a cone of 128 sides cut by a square."""
+OUTSIDE_TOLERANCE = 1e-9
+"""Area outside the image, px^2 and relative to the face, up to which a face is inside it."""
+
+
+class CurvedLens(NamedTuple):
+    """A lens for the loops over faces; arrays read-only, one row for each of its planes.
+
+    Attributes
+    ----------
+    code, params
+        The lens.
+    width, height : float
+        Image size, px.
+    by_distance : bool
+        Sharpness depends on the distance, not on the depth.
+    frames : (N, 3, 3) float64
+        lens_from_plane.
+    own_params : (N, 32) float64
+    regions, holes : (N, MOST_SIDES, 2) float64
+    region_sides, hole_sides : (N,) int64
+    longest : (N, M) float64
+    parts_of : (N,) int64
+    is_graded : (N,) bool
+    bends : (N,) float64
+    tolerance : float
+        See `PlaneRecord`.
+    """
+
+    code: int
+    params: FloatArray
+    width: float
+    height: float
+    by_distance: bool
+    frames: FloatArray
+    own_params: FloatArray
+    regions: FloatArray
+    region_sides: NDArray[np.int64]
+    holes: FloatArray
+    hole_sides: NDArray[np.int64]
+    longest: FloatArray
+    parts_of: NDArray[np.int64]
+    is_graded: NDArray[np.bool_]
+    bends: FloatArray
+    tolerance: float
+
+
+class CurvedWorkspace(NamedTuple):
+    """Memory of one thread: the projected vertices (V, 8), and polygons of a plane."""
+
+    points: FloatArray
+    polygon: FloatArray
+    spare: FloatArray
+    corners: FloatArray
+    spare_corners: FloatArray
+    edges: EdgeScratch
+
+
+def curved_lens(camera: Camera) -> CurvedLens:
+    """Lens of a camera for the loops."""
+    lens, records = lens_of(camera), [record for _, record in planes_of(camera)]
+
+    def padded(polygons: list[FloatArray]) -> tuple[Any, Any]:
+        rows = np.zeros((len(polygons), MOST_SIDES, 2))
+        for row, polygon in zip(rows, polygons, strict=True):
+            row[: len(polygon)] = polygon
+        return read_only(rows), read_only(np.array([len(each) for each in polygons], np.int64))
+
+    regions, region_sides = padded([record.region for record in records])
+    holes, hole_sides = padded([record.hole for record in records])
+    return CurvedLens(
+        code=lens.code,
+        params=read_only(lens.params),
+        width=float(camera.width),
+        height=float(camera.height),
+        by_distance=not MODELS[camera.model].is_planar,
+        frames=read_only(np.stack([record.frame for record in records])),
+        own_params=read_only(np.stack([record.params for record in records])),
+        regions=regions,
+        region_sides=region_sides,
+        holes=holes,
+        hole_sides=hole_sides,
+        longest=read_only(np.stack([record.longest for record in records])),
+        parts_of=read_only(np.array([record.parts_of for record in records], np.int64)),
+        is_graded=read_only(np.array([record.is_graded for record in records])),
+        bends=read_only(np.array([record.bend for record in records])),
+        tolerance=records[0].tolerance,
+    )
+
+
+def curved_workspace(n_vertices: int) -> CurvedWorkspace:
+    """Memory for one thread."""
+    sizes = [(n_vertices, 8)] + [(MOST_CORNERS, 2)] * 2 + [(MOST_CORNERS, 3)] * 2
+    return CurvedWorkspace._make([*(np.empty(size) for size in sizes), edge_scratch()])
+
+
+def read_only(array: NDArray[Any]) -> NDArray[Any]:
+    """Contiguous view that is not writable: numba compiles for each layout of an argument."""
+    view: NDArray[Any] = np.ascontiguousarray(array).view()
+    view.flags.writeable = False
+    return view
+
+
+def project(vertices, pose, near, lens, points):
+    """Transform the vertices to camera axes and project those in the valid region of the lens."""
+    is_wide = lens.frames.shape[0] > 1
+    for i in range(vertices.shape[0]):
+        a = vertices[i, 0] - pose[0, 3]
+        b = vertices[i, 1] - pose[1, 3]
+        c = vertices[i, 2] - pose[2, 3]
+        x = a * pose[0, 0] + b * pose[1, 0] + c * pose[2, 0]
+        y = a * pose[0, 1] + b * pose[1, 1] + c * pose[2, 1]
+        z = a * pose[0, 2] + b * pose[1, 2] + c * pose[2, 2]
+        # A wide lens has a cube of near planes.
+        depth = max(abs(x), abs(y), abs(z)) if is_wide else z
+        state, u, v = BEHIND, math.nan, math.nan
+        if depth >= near and kernels.is_valid(lens.params, x, y, z):
+            state = AHEAD
+            u, v = kernels.project(lens.code, lens.params, x, y, z)
+            if 0 <= u <= lens.width and 0 <= v <= lens.height:
+                state = INSIDE
+        points[i, X], points[i, Y], points[i, Z] = x, y, z
+        points[i, U], points[i, V] = u, v
+        points[i, STATE] = state
+
+
+def image_of_face(points, i, j, k, near, lens, work, drawn):
+    """Field of view of a face: state of all of it, part of its area in the image, area, px^2.
+
+    The state is that of its worst vertex, but not `INSIDE` where an edge leaves the image. `drawn`
+    is the area in the image where that is known; negative otherwise.
+    """
+    worst = min(points[i, STATE], points[j, STATE], points[k, STATE])
+    if worst == INSIDE and drawn > 0 and _stays_inside(points, i, j, k, lens):
+        return worst, 1.0, drawn
+    if worst == BEHIND and _is_out_of_sight(points, i, j, k, near, lens):
+        return worst, 0.0, 0.0
+    whole, inside = curved_areas(points, i, j, k, near, lens, work)
+    if not whole > 0:
+        return worst, 0.0, 0.0
+    if worst == INSIDE:
+        if whole - inside <= OUTSIDE_TOLERANCE * (1.0 + whole):
+            return worst, 1.0, whole
+        worst = AHEAD
+    part = inside / whole
+    return worst, min(1.0, max(0.0, part)), whole
+
+
+@allocation_free
+def _stays_inside(points, i, j, k, lens):
+    """True where no edge of a face can leave the image, because its corners are far from it.
+
+    A line of length L in a plane leaves its chord in the image by at most bend L^2 / 8.
+    """
+    if lens.frames.shape[0] > 1:
+        return False
+    low_u, high_u = min(points[i, U], points[j, U], points[k, U]), 0.0
+    high_u = max(points[i, U], points[j, U], points[k, U])
+    low_v = min(points[i, V], points[j, V], points[k, V])
+    high_v = max(points[i, V], points[j, V], points[k, V])
+    longest2 = 0.0
+    for s in range(3):
+        p = i if s == 0 else j if s == 1 else k
+        q = j if s == 0 else k if s == 1 else i
+        x = points[p, X] / points[p, Z] - points[q, X] / points[q, Z]
+        y = points[p, Y] / points[p, Z] - points[q, Y] / points[q, Z]
+        longest2 = max(longest2, x * x + y * y)
+    stray = lens.bends[0] * longest2 / 8
+    return (
+        low_u >= stray
+        and low_v >= stray
+        and high_u <= lens.width - stray
+        and high_v <= lens.height - stray
+    )
+
+
+@allocation_free
+def _is_out_of_sight(points, i, j, k, near, lens):
+    """True where all of a face is before the near plane, or beyond one side, in every plane."""
+    for n in range(lens.frames.shape[0]):
+        frame = lens.frames[n]
+        low_x = low_y = math.inf
+        high_x = high_y = -math.inf
+        for s in range(lens.region_sides[n]):
+            low_x, high_x = min(low_x, lens.regions[n, s, 0]), max(high_x, lens.regions[n, s, 0])
+            low_y, high_y = min(low_y, lens.regions[n, s, 1]), max(high_y, lens.regions[n, s, 1])
+        before = left = right = above = below = True
+        for s in range(3):
+            p = i if s == 0 else j if s == 1 else k
+            x, y, z = _turned(points, p, frame)
+            before = before and z < near
+            left, right = left and x < low_x * z, right and x > high_x * z
+            above, below = above and y < low_y * z, below and y > high_y * z
+        if not (before or left or right or above or below):
+            return False
+    return True
+
+
+@allocation_free
+def _turned(points, p, frame):
+    """Vertex in the axes of a plane."""
+    a, b, c = points[p, X], points[p, Y], points[p, Z]
+    return (
+        frame[0, 0] * a + frame[1, 0] * b + frame[2, 0] * c,
+        frame[0, 1] * a + frame[1, 1] * b + frame[2, 1] * c,
+        frame[0, 2] * a + frame[1, 2] * b + frame[2, 2] * c,
+    )
+
+
+@allocation_free
+def curved_areas(points, i, j, k, near, lens, work):
+    """Area of the image of a face in the valid region, and of its part in the image, px^2."""
+    whole = inside = 0.0
+    corners, spare, polygon = work.corners, work.spare_corners, work.polygon
+    for n in range(lens.frames.shape[0]):
+        for s in range(3):
+            p = i if s == 0 else j if s == 1 else k
+            corners[s, 0], corners[s, 1], corners[s, 2] = _turned(points, p, lens.frames[n])
+        m = _cut_to_near(corners, 3, near, spare)
+        if m < 3:
+            continue
+        for p in range(m):
+            polygon[p, 0] = spare[p, 0] / spare[p, 2]
+            polygon[p, 1] = spare[p, 1] / spare[p, 2]
+        plane = PlaneRecord(
+            lens.code, lens.own_params[n], lens.frames[n], 1.0, 1.0, 0.0, 0.0,
+            lens.regions[n, : lens.region_sides[n]], lens.holes[n, : lens.hole_sides[n]],
+            lens.longest[n], lens.parts_of[n], lens.is_graded[n], lens.width, lens.height,
+            lens.bends[n], 1.0, 1.0, lens.tolerance,
+        )  # fmt: skip
+        m = cut_to_region(polygon, m, plane.region, work.spare)
+        if m < 3:
+            continue
+        area, part, _ = polygon_image(plane, polygon, 0, m, work.edges)
+        sign = 1.0
+        if area < 0:
+            sign = -1.0
+        whole += sign * area
+        inside += sign * part
+        if lens.hole_sides[n] > 0:
+            m = cut_to_region(polygon, m, plane.hole, work.spare)
+            if m >= 3:
+                area, part, _ = polygon_image(plane, polygon, 0, m, work.edges)
+                whole -= sign * area
+                inside -= sign * part
+    return whole, inside
+
+
+@allocation_free
+def _cut_to_near(corners, n, near, out):
+    """Keep the part of a polygon in space with z >= near; returns its corner count."""
+    kept = 0
+    for i in range(n):
+        j = i + 1 if i + 1 < n else 0
+        here, there = corners[i, 2] - near, corners[j, 2] - near
+        if here >= 0:
+            for c in range(3):
+                out[kept, c] = corners[i, c]
+            kept += 1
+        if (here > 0 and there < 0) or (here < 0 and there > 0):
+            t = here / (here - there)
+            for c in range(3):
+                out[kept, c] = corners[i, c] + t * (corners[j, c] - corners[i, c])
+            out[kept, 2] = near
+            kept += 1
+    return kept
+
+
+def pixel_density(points, i, j, k, normal, lens):
+    """Least singular value of the derivative of the lens in the face's plane, px/m.
+
+    The result is the worst of the vertices.
+    """
+    worst = math.inf
+    for s in range(3):
+        p = i if s == 0 else j if s == 1 else k
+        least = density_of_ray(
+            lens, points[p, X], points[p, Y], points[p, Z], normal[0], normal[1], normal[2]
+        )
+        if not least >= worst:
+            worst = least
+    return worst
+
+
+@allocation_free
+def density_of_ray(lens, X_, Y_, Z_, x, y, z):
+    """Least singular value of J (e_1 e_2), px/m.
+
+    J is the (2, 3) derivative of pixels at the point (X_, Y_, Z_) in camera axes, and e_1, e_2 are
+    tangents of a plane with the normal (x, y, z).
+    """
+    sign = math.copysign(1.0, z)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    ux, uy, uz, vx, vy, vz = kernels.jacobian(lens.code, lens.params, X_, Y_, Z_)
+    first = 1 + sign * x * x * a, sign * b, -sign * x
+    second = b, sign + y * y * a, -y
+    return _least_singular(
+        ux * first[0] + uy * first[1] + uz * first[2],
+        ux * second[0] + uy * second[1] + uz * second[2],
+        vx * first[0] + vy * first[1] + vz * first[2],
+        vx * second[0] + vy * second[1] + vz * second[2],
+    )
+
+
+@allocation_free
+def _least_singular(a1, a2, b1, b2):
+    """Least singular value of ((a1, a2), (b1, b2))."""
+    total = a1 * a1 + a2 * a2 + b1 * b1 + b2 * b2
+    det = abs(a1 * b2 - a2 * b1)
+    gap = total * total - 4 * (det * det)
+    greatest = math.sqrt((total + math.sqrt(gap if gap > 0 else 0.0)) / 2)
+    return det / greatest if greatest > 0 else 0.0
+
+
+def facing_density(points, i, j, k, lens):
+    """Pixels a metre, worst direction, of a target that faces the camera at the worst vertex.
+
+    The least singular value of the derivative J: J is 0 along the ray, so that is its least in the
+    plane perpendicular to it. 0 for a face not wholly in the valid region.
+    """
+    if min(points[i, STATE], points[j, STATE], points[k, STATE]) == BEHIND:
+        return 0.0
+    worst = math.inf
+    for s in range(3):
+        p = i if s == 0 else j if s == 1 else k
+        ux, uy, uz, vx, vy, vz = kernels.jacobian(
+            lens.code, lens.params, points[p, X], points[p, Y], points[p, Z]
+        )
+        # Eigenvalues of J J^T.
+        uu, vv = ux * ux + uy * uy + uz * uz, vx * vx + vy * vy + vz * vz
+        uv = ux * vx + uy * vy + uz * vz
+        gap = math.sqrt((uu - vv) * (uu - vv) + 4 * uv * uv)
+        det = uu * vv - uv * uv
+        largest = (uu + vv + gap) / 2
+        least = math.sqrt(max(det, 0.0) / largest) if largest > 0 else 0.0
+        worst = min(worst, least)
+    return worst
+
+
+def pixels_per_m2(points, i, j, k, normal, lens):
+    """Pixels on a square metre of a face at the vertex where they are fewest.
+
+    |J_u x J_v . n|, J_u and J_v the rows of the derivative; 0 outside the valid region.
+    """
+    if min(points[i, STATE], points[j, STATE], points[k, STATE]) == BEHIND:
+        return 0.0
+    worst = math.inf
+    for s in range(3):
+        p = i if s == 0 else j if s == 1 else k
+        ux, uy, uz, vx, vy, vz = kernels.jacobian(
+            lens.code, lens.params, points[p, X], points[p, Y], points[p, Z]
+        )
+        det = (
+            (uy * vz - uz * vy) * normal[0]
+            + (uz * vx - ux * vz) * normal[1]
+            + (ux * vy - uy * vx) * normal[2]
+        )
+        worst = min(worst, abs(det))
+    return worst
+
+
+def focus_depth(points, p, lens):
+    """Depth of a vertex that its sharpness depends on: z, or the distance for a wide lens."""
+    x, y, z = points[p, X], points[p, Y], points[p, Z]
+    return math.sqrt(x * x + y * y + z * z) if lens.by_distance else z

@@ -1,0 +1,310 @@
+"""Images of the vertices and edges of a surface in a lens, many at a time; compiled by numba.
+
+Rays are projected in groups of `LANES`, step by step along arrays, which the compiler turns into
+vector instructions. An edge that two faces share is integrated once.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov._jit import allocation_free, part_of, part_with_arrays
+from rastercov.lenses.formulas import (
+    B0,
+    B1,
+    B2,
+    BACKWARD,
+    CX,
+    CY,
+    D1,
+    D2,
+    D3,
+    DIVISION,
+    DOUBLE_SPHERE,
+    EQUIDISTANT,
+    EQUIRECT,
+    EQUISOLID,
+    FOV,
+    FX,
+    FY,
+    K1,
+    K2,
+    K3,
+    K4,
+    K5,
+    K6,
+    LATE,
+    P1,
+    P2,
+    S1,
+    S2,
+    S3,
+    S4,
+    SKEW,
+    T00,
+    T10,
+    T11,
+    T20,
+    T21,
+    T22,
+    UNIFIED,
+)
+from rastercov.lenses.kernels import project
+from rastercov.lenses.quadrature import FEWEST, MOST, NODES, RULE
+
+LANES = 64
+"""Rays that are projected together."""
+NO_RULE = MOST + 1
+"""Edges that no rule integrates as a whole."""
+
+
+class LaneScratch(NamedTuple):
+    """Scratch for `LANES` rays or edges: nodes of edges are (MOST + 1, LANES)."""
+
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+    z: NDArray[np.float64]
+    u0: NDArray[np.float64]
+    v0: NDArray[np.float64]
+    total: NDArray[np.float64]
+    U: NDArray[np.float64]
+    V: NDArray[np.float64]
+    row: NDArray[np.int64]
+    starts: NDArray[np.int64]
+
+
+def lane_scratch() -> LaneScratch:
+    """Memory for `LANES` rays or edges; all numbers are finite, also those of unused lanes."""
+    sizes = [(LANES,)] * 6 + [(MOST + 1, LANES)] * 2
+    row, starts = np.zeros(LANES, np.int64), np.zeros(NO_RULE + 2, np.int64)
+    return LaneScratch._make([*(np.zeros(size) for size in sizes), row, starts])
+
+
+@part_of
+def angle_over_r(r2, z):
+    """Angle from the z axis over r, of a point at distance r = sqrt(r2) from the axis.
+
+    tan(a / 2) = tan(a) / (1 + sqrt(1 + tan(a)^2)), four times, and the series of atan: without a
+    branch, also at r = 0. The error is a few units in the last place.
+    """
+    c = 1.0 / (z + math.sqrt(r2 + z * z))
+    c = c / (1.0 + math.sqrt(1.0 + r2 * c * c))
+    c = c / (1.0 + math.sqrt(1.0 + r2 * c * c))
+    c = c / (1.0 + math.sqrt(1.0 + r2 * c * c))
+    q = r2 * c * c  # tan^2 of a sixteenth, less than 0.04
+    series = 1.0 / 13.0 - q * (1.0 / 15.0 - q * (1.0 / 17.0 - q * (1.0 / 19.0 - q / 21.0)))
+    series = 1.0 / 7.0 - q * (1.0 / 9.0 - q * (1.0 / 11.0 - q * series))
+    return 16.0 * c * (1.0 - q * (1.0 / 3.0 - q * (1.0 / 5.0 - q * series)))
+
+
+@allocation_free
+def base_lanes(code, b0, b1, b2, x, y, z):
+    """Bases that have a closed form, see `formulas.based`; rays (x, y, z) in place."""
+    if code == EQUIDISTANT:
+        for i in range(LANES):
+            g = angle_over_r(x[i] * x[i] + y[i] * y[i], z[i])
+            x[i], y[i] = x[i] * g, y[i] * g
+    elif code == EQUISOLID:
+        for i in range(LANES):
+            rho = math.sqrt(x[i] * x[i] + y[i] * y[i] + z[i] * z[i])
+            g = 1.4142135623730951 / math.sqrt(rho * (rho + z[i]))
+            x[i], y[i] = x[i] * g, y[i] * g
+    elif code == UNIFIED:
+        for i in range(LANES):
+            r2 = x[i] * x[i] + y[i] * y[i]
+            g = 1.0 / (b0 * math.sqrt(b2 * r2 + z[i] * z[i]) + b1 * z[i])
+            x[i], y[i] = x[i] * g, y[i] * g
+    elif code == DOUBLE_SPHERE:
+        for i in range(LANES):
+            r2 = x[i] * x[i] + y[i] * y[i]
+            c = b0 * math.sqrt(r2 + z[i] * z[i]) + z[i]
+            g = 1.0 / (b1 * math.sqrt(r2 + c * c) + (1.0 - b1) * c)
+            x[i], y[i] = x[i] * g, y[i] * g
+    else:
+        for i in range(LANES):
+            w = 1.0 / z[i]
+            x[i], y[i] = x[i] * w, y[i] * w
+        if code == FOV:
+            for i in range(LANES):
+                g = b1 * angle_over_r((x[i] * x[i] + y[i] * y[i]) * (b0 * b0), 1.0)
+                x[i], y[i] = x[i] * g, y[i] * g
+        elif code == DIVISION:
+            for i in range(LANES):
+                r2 = x[i] * x[i] + y[i] * y[i]
+                g = 2.0 / (1.0 + math.sqrt(1.0 - 4.0 * b0 * r2))
+                x[i], y[i] = x[i] * g, y[i] * g
+
+
+@allocation_free
+def project_lanes(code, p, frame, x, y, z, m, u, v):
+    """Project the first m points (x, y) of a plane into u, v; x, y and z are lost.
+
+    The equations are those of `formulas.project`, with all terms of a polynomial, be they 0.
+    """
+    if code in (BACKWARD, EQUIRECT):
+        for i in range(m):
+            X = frame[0, 0] * x[i] + frame[0, 1] * y[i] + frame[0, 2]
+            Y = frame[1, 0] * x[i] + frame[1, 1] * y[i] + frame[1, 2]
+            Z = frame[2, 0] * x[i] + frame[2, 1] * y[i] + frame[2, 2]
+            u[i], v[i] = project(code, p, X, Y, Z)
+        return
+    f00, f01, f02 = frame[0, 0], frame[0, 1], frame[0, 2]
+    f10, f11, f12 = frame[1, 0], frame[1, 1], frame[1, 2]
+    f20, f21, f22 = frame[2, 0], frame[2, 1], frame[2, 2]
+    for i in range(LANES):
+        X = f00 * x[i] + f01 * y[i] + f02
+        Y = f10 * x[i] + f11 * y[i] + f12
+        z[i] = f20 * x[i] + f21 * y[i] + f22
+        x[i], y[i] = X, Y
+    base_lanes(code, p[B0], p[B1], p[B2], x, y, z)
+    k1, k2, k3, k4, k5, k6 = p[K1], p[K2], p[K3], p[K4], p[K5], p[K6]
+    d1, d2, d3 = p[D1], p[D2], p[D3]
+    if d1 == 0.0 and d2 == 0.0 and d3 == 0.0:
+        for i in range(LANES):
+            q = x[i] * x[i] + y[i] * y[i]
+            f = 1.0 + q * (k1 + q * (k2 + q * (k3 + q * (k4 + q * (k5 + q * k6)))))
+            u[i], v[i] = x[i] * f, y[i] * f
+    else:
+        for i in range(LANES):
+            q = x[i] * x[i] + y[i] * y[i]
+            f = 1.0 + q * (k1 + q * (k2 + q * (k3 + q * (k4 + q * (k5 + q * k6)))))
+            f = f / (1.0 + q * (d1 + q * (d2 + q * d3)))
+            u[i], v[i] = x[i] * f, y[i] * f
+    p1, p2, s1, s2, s3, s4 = p[P1], p[P2], p[S1], p[S2], p[S3], p[S4]
+    if p1 != 0.0 or p2 != 0.0 or s1 != 0.0 or s2 != 0.0 or s3 != 0.0 or s4 != 0.0:
+        is_late = p[LATE] != 0.0
+        for i in range(LANES):
+            a = u[i] if is_late else x[i]
+            b = v[i] if is_late else y[i]
+            q = a * a + b * b
+            ab = 2.0 * (a * b)
+            u[i] += p1 * ab + p2 * (q + 2.0 * (a * a)) + q * (q * s2 + s1)
+            v[i] += p1 * (q + 2.0 * (b * b)) + p2 * ab + q * (q * s4 + s3)
+    if p[T20] != 0.0 or p[T21] != 0.0:
+        t00, t10, t11, t20, t21, t22 = p[T00], p[T10], p[T11], p[T20], p[T21], p[T22]
+        for i in range(LANES):
+            w = 1.0 / (t20 * u[i] + t21 * v[i] + t22)
+            b = (t10 * u[i] + t11 * v[i]) * w
+            u[i] = t00 * u[i] * w
+            v[i] = b
+    fx, fy, cx, cy, skew = p[FX], p[FY], p[CX], p[CY], p[SKEW]
+    for i in range(LANES):
+        a = fx * u[i] + skew * v[i] + cx
+        v[i] = fy * v[i] + cy
+        u[i] = a
+
+
+@allocation_free
+def vertex_images(plane, xy, is_inside, lanes, uv):
+    """Project vertices (V, 2) of a plane that are inside its region; NaN for the others.
+
+    Parameters
+    ----------
+    plane : PlaneRecord
+    xy : (V, 2) float64
+        In units of the plane.
+    is_inside : (V,) bool
+    lanes : LaneScratch
+    uv : (V, 2) float64
+        Out, px.
+    """
+    m = 0
+    for i in range(xy.shape[0]):
+        if is_inside[i]:
+            lanes.row[m], lanes.x[m], lanes.y[m] = i, xy[i, 0], xy[i, 1]
+            m += 1
+        else:
+            uv[i, 0] = uv[i, 1] = math.nan
+        if m == LANES or (m > 0 and i == xy.shape[0] - 1):
+            project_lanes(
+                plane.code,
+                plane.params,
+                plane.frame,
+                lanes.x,
+                lanes.y,
+                lanes.z,
+                m,
+                lanes.U[0],
+                lanes.V[0],
+            )
+            for k in range(m):
+                uv[lanes.row[k], 0], uv[lanes.row[k], 1] = lanes.U[0, k], lanes.V[0, k]
+            m = 0
+
+
+@part_with_arrays
+def rule_for(length2, plane):
+    """Least n whose rule integrates an edge of that squared length, or NO_RULE."""
+    for n in range(FEWEST, MOST + 1):
+        if length2 <= 4.0 * plane.longest[n] * plane.longest[n]:
+            return n
+    return NO_RULE
+
+
+@allocation_free
+def edge_bulges(plane, ends, xy, uv, is_inside, rule, order, lanes, bulge):
+    """Area between the image of each edge and its chord, px^2, from its first end to its second.
+
+    Parameters
+    ----------
+    plane : PlaneRecord
+        Without a pole.
+    ends : (E, 2) int32
+        Vertices of the edges.
+    xy, uv, is_inside
+        Of `vertex_images`.
+    rule, order : (E,) uint8, (E,) int32
+        Scratch.
+    lanes : LaneScratch
+    bulge : (E,) float64
+        Out; NaN for an edge with an end outside the region, and for one too long for any rule.
+    """
+    starts = lanes.starts
+    for n in range(NO_RULE + 2):
+        starts[n] = 0
+    for e in range(ends.shape[0]):
+        a, b = ends[e, 0], ends[e, 1]
+        rule[e] = NO_RULE
+        if is_inside[a] and is_inside[b]:
+            dx, dy = xy[b, 0] - xy[a, 0], xy[b, 1] - xy[a, 1]
+            rule[e] = rule_for(dx * dx + dy * dy, plane)
+        starts[rule[e] + 1] += 1
+    for n in range(NO_RULE + 1):
+        starts[n + 1] += starts[n]
+    for e in range(ends.shape[0]):
+        order[starts[rule[e]]] = e
+        starts[rule[e]] += 1
+    # Each start is now the end of its rule, which is the start of the next.
+    U, V, x, y, total = lanes.U, lanes.V, lanes.x, lanes.y, lanes.total
+    for n in range(FEWEST, NO_RULE):
+        at, stop = starts[n - 1], starts[n]
+        while at < stop:
+            m = min(LANES, stop - at)
+            for k in range(1, n):
+                t, s = NODES[n, k], NODES[n, n - k]
+                for i in range(m):
+                    a, b = ends[order[at + i], 0], ends[order[at + i], 1]
+                    x[i], y[i] = s * xy[a, 0] + t * xy[b, 0], s * xy[a, 1] + t * xy[b, 1]
+                project_lanes(plane.code, plane.params, plane.frame, x, y, lanes.z, m, U[k], V[k])
+            for i in range(m):
+                a, b = ends[order[at + i], 0], ends[order[at + i], 1]
+                lanes.u0[i], lanes.v0[i] = uv[a, 0], uv[a, 1]
+                U[n, i], V[n, i] = uv[b, 0], uv[b, 1]
+            for k in range(1, n + 1):
+                for i in range(LANES):
+                    U[k, i] -= lanes.u0[i]
+                    V[k, i] -= lanes.v0[i]
+            for i in range(LANES):
+                total[i] = 0.0
+            for k in range(2, n + 1):
+                for j in range(1, k):
+                    weight = RULE[n, k, j]
+                    for i in range(LANES):
+                        total[i] += weight * (U[k, i] * V[j, i] - U[j, i] * V[k, i])
+            for i in range(m):
+                bulge[order[at + i]] = total[i]
+            at += m
+    for index in range(starts[NO_RULE - 1], starts[NO_RULE]):
+        bulge[order[index]] = math.nan
