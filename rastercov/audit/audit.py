@@ -172,7 +172,8 @@ def audit(
     task : Task, optional
         Thresholds; `Task()` unless given.
     names : sequence of str, optional
-        Name of each pose, such as of its image; "0", "1", ... unless given.
+        Name of each pose, such as of its image, or of each without fault; "0", "1", ... unless
+        given.
     by : {"area", "face"}, optional
         Unit of the result; "area" unless a threshold is of a face or the method counts samples.
     resolution_of_result : float, optional
@@ -329,6 +330,8 @@ def _names(names: Sequence[str] | None, poses: Poses) -> tuple[str, ...]:
     if names is None:
         return tuple(map(str, poses.ids))
     found = members("names", names, str, "a list of texts", ConfigError)
+    if len(found) == len(poses):
+        return found
     if len(found) != len(poses.given):
         raise ConfigError(
             f"names must have one text for each of {len(poses.given)} poses, got {len(found)}"

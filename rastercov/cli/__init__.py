@@ -13,7 +13,7 @@ from typing import Annotated
 import typer
 
 import rastercov
-from rastercov.cli import compare, convert, demo, doctor, evaluate, place, render, validate
+from rastercov.cli import audit, compare, convert, demo, doctor, evaluate, place, render, validate
 from rastercov.cli.console import exit_code, leave, notices_shown
 
 app = typer.Typer(
@@ -40,6 +40,7 @@ def _start(
 
 for _command in (
     *(evaluate.evaluate, demo.demo, render.render, compare.compare, place.place, place.check),
+    audit.audit,
     convert.convert,
     doctor.doctor,
 ):

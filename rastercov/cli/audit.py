@@ -1,0 +1,97 @@
+"""The command `audit`: what the images of an existing rig or reconstruction see."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rastercov._format import area, percent, plural
+from rastercov.camera_formats import read_through
+from rastercov.camera_formats.conventions import Border, Conventions
+from rastercov.cli import options
+from rastercov.cli.console import progress_bar, warn
+from rastercov.cli.inputs import read_scene
+from rastercov.errors import CameraError, PoseError
+from rastercov.task import Task
+
+MOST_NAMED = 5
+"""Cameras that are named one by one."""
+
+
+@options.with_conventions
+@options.with_task
+def audit(
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="CAMERAS",
+            help="Cameras and poses: a COLMAP folder, transforms.json, Metashape XML, or others.",
+            show_default=False,
+        ),
+    ],
+    meshes: options.Meshes,
+    conventions: Conventions = Conventions(),  # noqa: B008 - becomes options
+    out: options.Out = Path("audit"),
+    unit: options.Unit = options.UNIT,
+    transform: options.Transform = [],  # noqa: B006 - typer copies it
+    occluder: options.Occluders = [],  # noqa: B006 - the same
+    target: options.Targets = [],  # noqa: B006 - the same
+    two_sided: options.TwoSided = [],  # noqa: B006 - the same
+    drop_invalid: options.DropInvalid = False,
+    task: Task = Task(),  # noqa: B008 - becomes options
+    min_angle_deg: Annotated[
+        float, typer.Option(help="Least angle between the rays to two cameras of an element.")
+    ] = 0.0,
+    by: Annotated[
+        str | None, typer.Option(help="Unit of the result: area or face.", show_default="area")
+    ] = None,
+    resolution_of_result: Annotated[
+        float | None, typer.Option(help="Longest side of a cell, m.", show_default="by the scene")
+    ] = None,
+    method: Annotated[str, typer.Option(help="certified, exact or sampled.")] = "certified",
+    as_json: options.AsJson = False,
+) -> None:
+    """Audit existing cameras: what each sees, what is lost without it, and the smallest subset.
+
+    [bold]Example[/]: rastercov audit sparse/0 mesh.ply --pose-unit 1 -o audit/
+    """
+    from rastercov._output import json_text
+    from rastercov.report.audit import run  # loads pyarrow
+
+    scene = read_scene(meshes, unit, transform, occluder, two_sided, drop_invalid, target)
+    border = Border(conventions)
+    views = read_through(source, border)
+    if views.rig is None:
+        raise CameraError(f"{source}: there are poses and no cameras; convert it with its cameras")
+    if not views.has_unit:
+        raise PoseError(
+            f"{source}: the poses have no unit, and the mesh is in metres; give --pose-unit, 1 if "
+            "they are in metres"
+        )
+    warn([*scene.warnings, *views.notes, *border.unused()])
+    with progress_bar() as progress:
+        summary = run(
+            scene, views, task, out, progress, by=by, resolution_of_result=resolution_of_result,
+            min_angle_deg=min_angle_deg, method=method,
+        )  # fmt: skip
+    if as_json:
+        print(json_text(summary))
+        return
+    subset = summary["subset"]
+    print(
+        f"{plural(summary['cameras'], 'image')} cover {percent(summary['covered_percent'] / 100)} "
+        f"of the area, on {summary['elements']:,} {'cells' if summary['cell_size_m'] else 'faces'}"
+    )
+    print(
+        f"median density {summary['median_density_px_per_m']:.3g} px/m, median angle between views "
+        f"{summary['median_widest_angle_deg']:.3g} degrees"
+    )
+    print(
+        f"{plural(subset['cameras'], 'image')} cover the same; none fewer than {subset['bound']:g}"
+    )
+    print(f"{summary['redundant_cameras']} could be left out one at a time")
+    worth = sorted(summary["per_camera"], key=lambda entry: -entry["lost_m2"])
+    for entry in worth[:MOST_NAMED]:
+        if entry["lost_m2"] > 0:
+            print(f"  without {entry['name']}: {area(entry['lost_m2'])} less")
+    print(out / "audit.json")

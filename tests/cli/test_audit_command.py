@@ -1,0 +1,75 @@
+"""`rastercov audit`: the figures of the function, in tables, arrays and a coloured mesh."""
+
+import json
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from commands import call, enter
+
+from rastercov import shapes
+from rastercov.audit import audit
+from rastercov.camera import Camera
+from rastercov.camera_formats import write_views
+from rastercov.pose import Poses
+from rastercov.rig import Rig
+from rastercov.task import Task
+from rastercov.viewpoints import sphere_of_poses
+from rastercov.views import Views
+
+MESH = shapes.by_name("torus")
+CAMERAS = (
+    Camera(width=640, height=480, fx=500, fy=500, model="opencv", distortion=(-0.2, 0.02, 0, 0)),
+    Camera(width=400, height=400, fx=400, fy=400),
+)
+POSES = Poses.of(sphere_of_poses(MESH.bounds.mean(axis=0), 4.0, 8), camera=[0, 1] * 4)
+IMAGES = tuple(f"image {row}.jpg" for row in range(8))
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    enter(tmp_path, monkeypatch)
+    write_views("sparse", Views(Rig(CAMERAS, ["wide", "long"]), POSES, IMAGES))
+    return tmp_path
+
+
+def test_an_audit_of_a_reconstruction_is_that_of_the_function(here, capsys):
+    line = "audit sparse torus --pose-unit 1 --min-pixels 4 -o out --json"
+    code, printed, error = call(capsys, line)
+    assert code == 0, error
+    found = audit(MESH, CAMERAS, POSES, Task(min_pixels=4), names=IMAGES)
+    summary = json.loads(printed)
+    assert summary["by"] == "face"
+    assert summary["covered_percent"] == pytest.approx(found.summary()["covered_percent"])
+    assert summary["subset"]["cameras"] == len(found.subset.chosen)
+    assert json.loads((here / "out/audit.json").read_text())["per_camera"] == summary["per_camera"]
+    elements = pq.read_table(here / "out/elements.parquet")
+    np.testing.assert_array_equal(elements["views"].to_numpy(), found.views)
+    np.testing.assert_allclose(elements["best_density_px_per_m"].to_numpy(), found.best_density)
+    with np.load(here / "out/elements.npz") as arrays:
+        np.testing.assert_array_equal(arrays["covered"], found.covered)
+    cameras = pq.read_table(here / "out/cameras.parquet").to_pydict()
+    assert cameras["name"] == list(IMAGES)
+    assert len(set(cameras["camera"])) == 2
+    assert sum(cameras["in_subset"]) == len(found.subset.chosen)
+    assert (here / "out/audit.glb").stat().st_size > 1000
+
+
+def test_pinholes_are_audited_by_area(here, capsys):
+    write_views("transforms.json", Views(Rig(CAMERAS[1:]), Poses.of(np.array(POSES)), IMAGES))
+    code, printed, error = call(capsys, "audit transforms.json torus --pose-unit 1 -o out")
+    assert code == 0, error
+    assert "8 images cover" in printed
+    assert "cells" in printed
+    assert json.loads((here / "out/audit.json").read_text())["covered_area"]["m2"] > 0
+
+
+def test_what_cannot_be_audited_is_refused_in_one_line(here, capsys):
+    code, _, error = call(capsys, "audit sparse torus -o out")
+    assert code == 2
+    assert "give --pose-unit" in error
+    assert not (here / "out").exists()
+    np.save("poses.npy", np.array(POSES))
+    code, _, error = call(capsys, "audit poses.npy torus --pose-unit 1 -o out")
+    assert code == 2
+    assert "no cameras" in error
