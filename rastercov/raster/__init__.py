@@ -66,6 +66,8 @@ def open_rasterizer(
         raise ConfigError(f"roll must be an angle in radians, got {shown(roll)}")
     common: dict[str, Any] = {"supersample": int(supersample), "roll": float(roll)}
     check_choice("backend", backend, ("auto", "cpu", "gl"))
+    if not camera.is_pinhole:
+        return _open_lens(mesh, camera, backend, common | options)
     if backend == "auto":
         if not options and (hardware := _open_hardware(mesh, camera, common)):
             return hardware
@@ -77,6 +79,18 @@ def open_rasterizer(
     from rastercov.raster.gl import GLRasterizer  # imports OpenGL only when it is wanted
 
     return GLRasterizer(mesh, camera, **common, **options)
+
+
+def _open_lens(mesh: Mesh, camera: Camera, backend: str, options: dict[str, Any]) -> Rasterizer:
+    """Rasteriser of a camera that is no pinhole, on the CPU."""
+    if backend == "gl" or options.keys() - {"supersample", "roll", "threads"}:
+        raise ConfigError(
+            f"OpenGL draws pinholes only, got a lens of model {camera.model}; "
+            "take backend cpu or method certified"
+        )
+    from rastercov.raster.cpu.lens_rasterizer import LensRasterizer  # compiles, or loads
+
+    return LensRasterizer(mesh, camera, **options)
 
 
 def _open_hardware(mesh: Mesh, camera: Camera, common: dict[str, Any]) -> Rasterizer | None:
