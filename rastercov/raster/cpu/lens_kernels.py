@@ -15,9 +15,13 @@ M. Olano, T. Greer. Triangle Scan Conversion using 2D Homogeneous Coordinates. 1
 from typing import NamedTuple
 
 import numpy as np
+from numba.core import types
 from numpy.typing import NDArray
 
 from rastercov._jit import allocation_free, part_with_arrays
+from rastercov.raster.cpu.memory import LANES
+from rastercov.raster.cpu.simd import DOUBLE, LONG, SINGLE, WORD, pack
+from rastercov.raster.cpu.simd_kernel import pointer, simd, when
 from rastercov.raster.target_kernels import TIE_REL
 
 FloatArray = NDArray[np.float64]
@@ -257,54 +261,54 @@ def is_beside(e, at, boxes, block):
     return e.a2 * (x1 if e.a2 > 0 else x0) + e.b2 * (y1 if e.b2 > 0 else y0) + e.c2 < e.t2
 
 
-@part_with_arrays
-def inverse_at(e, x, y):
-    """Whether a face covers a sample, and its 1/z there, as float32."""
+def lanes_of(e, x, y):
+    """Return the mask of `LANES` samples that a face covers, and their 1/z as float32."""
+    is_in = e.a0 * x + e.b0 * y + e.c0 >= e.t0
+    is_in = is_in & (e.a1 * x + e.b1 * y + e.c1 >= e.t1)
+    is_in = is_in & (e.a2 * x + e.b2 * y + e.c2 >= e.t2)
     w = e.a3 * x + e.b3 * y + e.c3
-    is_in = (
-        (e.a0 * x + e.b0 * y + e.c0 >= e.t0)
-        & (e.a1 * x + e.b1 * y + e.c1 >= e.t1)
-        & (e.a2 * x + e.b2 * y + e.c2 >= e.t2)
-        & (w > e.behind)
-        & (w <= e.cut)
-    )
-    w = e.least if w < e.least else w
-    return is_in, np.float32(e.greatest if w > e.greatest else w)
+    is_in = is_in & (w > e.behind) & (w <= e.cut)
+    return is_in, w.maximum(e.least).minimum(e.greatest).to(SINGLE)
 
 
-@part_with_arrays
-def cover(e, f, x, y, inverse, face, block):
+def rows_of(block, *arrays):
+    """Rows of `LANES` samples of a block in each of some arrays."""
+    start = block.to(LONG) * SAMPLES
+    return [array.at(start) for array in arrays]
+
+
+@simd(returns=types.int64)
+def cover(e, f, block, x, y, inverse, face):
     """Put a face on the samples of a block where nothing is nearer; returns how many it covers."""
-    covered = 0
-    for s in range(SAMPLES):
-        is_in, w = inverse_at(e, x[block, s], y[block, s])
-        is_nearer = is_in & (w > inverse[block, s])
-        inverse[block, s] = w if is_nearer else inverse[block, s]
-        face[block, s] = np.int32(f) if is_nearer else face[block, s]
-        covered += is_in
-    return covered
+    x, y, inverse, face = rows_of(block, x, y, inverse, face)
+    masks = []
+    for k in range(SAMPLES // LANES):
+        is_in, w = lanes_of(e, x[k], y[k])
+        before = inverse[k]
+        is_nearer = is_in & (w > before)
+        with when(is_nearer.bits() > 0):
+            inverse[k] = w.where(is_nearer, before)
+            face[k] = f.to(WORD).broadcast(LANES).where(is_nearer, face[k])
+        masks.append(is_in)
+    return pack(*masks).count_bits()
 
 
-@part_with_arrays
-def count_covered(e, x, y, block):
+@simd(returns=types.int64)
+def count_covered(e, block, x, y):
     """Samples of a block that a face covers."""
-    covered = 0
-    for s in range(SAMPLES):
-        is_in, _ = inverse_at(e, x[block, s], y[block, s])
-        covered += is_in
-    return covered
+    x, y = rows_of(block, x, y)
+    return pack(*(lanes_of(e, x[k], y[k])[0] for k in range(SAMPLES // LANES))).count_bits()
 
 
-@part_with_arrays
-def count_seen(e, x, y, inverse, is_touched, block):
-    """Samples of a block that a target covers, and those that no surface hides."""
-    covered = seen = 0
-    for s in range(SAMPLES):
-        is_in, w = inverse_at(e, x[block, s], y[block, s])
-        surface = inverse[block, s] if is_touched else np.float32(0.0)
-        covered += is_in
-        seen += is_in & (w * (1.0 + TIE_REL) >= surface)
-    return covered, seen
+@simd(returns=types.int64)
+def count_seen(e, block, x, y, inverse):
+    """Samples of a block that a target covers and that no surface hides."""
+    x, y, inverse = rows_of(block, x, y, inverse)
+    masks = []
+    for k in range(SAMPLES // LANES):
+        is_in, w = lanes_of(e, x[k], y[k])
+        masks.append(is_in & (w.to(DOUBLE) * (1.0 + TIE_REL) >= inverse[k].to(DOUBLE)))
+    return pack(*masks).count_bits()
 
 
 @part_with_arrays
@@ -334,6 +338,8 @@ def draw(points, faces, near, front_only, patch, image, drawn, with_drawn):
     drawn : (F,) int32
         Not used where `with_drawn` is False.
     """
+    x, y = pointer(patch.x), pointer(patch.y)
+    inverse, face = pointer(image.inverse), pointer(image.face)
     for f in range(faces.shape[0]):
         i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
         if not max(points[i, 2], points[j, 2], points[k, 2]) >= near:
@@ -358,9 +364,9 @@ def draw(points, faces, near, front_only, patch, image, drawn, with_drawn):
                     if is_drawn:
                         if not image.is_touched[block]:
                             clear(image, block)
-                        covered += cover(e, f, patch.x, patch.y, image.inverse, image.face, block)
+                        covered += cover(e, f, block, x, y, inverse, face)
                     else:
-                        covered += count_covered(e, patch.x, patch.y, block)
+                        covered += count_covered(e, block, x, y)
             if with_drawn:
                 drawn[f] += covered
 
@@ -368,6 +374,7 @@ def draw(points, faces, near, front_only, patch, image, drawn, with_drawn):
 @allocation_free
 def count_targets(points, faces, near, patch, image, visible, drawn):
     """Add the samples of targets to their counts, (N,) each; arguments as for `draw`."""
+    x, y, inverse = pointer(patch.x), pointer(patch.y), pointer(image.inverse)
     for f in range(faces.shape[0]):
         i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
         if not max(points[i, 2], points[j, 2], points[k, 2]) >= near:
@@ -383,12 +390,12 @@ def count_targets(points, faces, near, patch, image, visible, drawn):
                     block = patch.block_at[row, column]
                     if block < 0 or is_beside(e, at, patch.boxes, block):
                         continue
-                    is_touched = image.is_touched[block]
-                    covered, seen = count_seen(
-                        e, patch.x, patch.y, image.inverse, is_touched, block
-                    )
+                    covered = count_covered(e, block, x, y)
                     drawn[f] += covered
-                    visible[f] += seen
+                    if image.is_touched[block]:
+                        visible[f] += count_seen(e, block, x, y, inverse)
+                    else:
+                        visible[f] += covered
 
 
 @allocation_free
