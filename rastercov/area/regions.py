@@ -162,6 +162,8 @@ class RegionPass:
     ) -> None:
         check_scene(mesh, camera)
         cameras = cameras_of(camera)
+        for each in cameras:
+            each.check_pinhole()
         task = Task() if task is None else task
         check_kind("task", task, Task, "a Task or None", ConfigError)
         check_pointwise(task)

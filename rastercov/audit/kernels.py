@@ -6,10 +6,27 @@ Pairs come by element in compressed rows, as `placement.select.presolve_kernels.
 
 import math
 
-from rastercov._jit import allocation_free, part_with_arrays
+from rastercov._jit import allocation_free
+from rastercov.criteria_kernels import by_lens
+from rastercov.lenses.face_kernels import density_of_ray
+from rastercov.lenses.kernels import is_valid
 
 
-@part_with_arrays
+def density_through_lens(x, y, z, pose, normal, lens):
+    """The same for a lens that is no pinhole, by its derivative; 0 outside its valid region."""
+    a, b, c = x - pose[0, 3], y - pose[1, 3], z - pose[2, 3]
+    right = a * pose[0, 0] + b * pose[1, 0] + c * pose[2, 0]
+    down = a * pose[0, 1] + b * pose[1, 1] + c * pose[2, 1]
+    depth = a * pose[0, 2] + b * pose[1, 2] + c * pose[2, 2]
+    if not is_valid(lens.params, right, down, depth):
+        return 0.0
+    nx = normal[0] * pose[0, 0] + normal[1] * pose[1, 0] + normal[2] * pose[2, 0]
+    ny = normal[0] * pose[0, 1] + normal[1] * pose[1, 1] + normal[2] * pose[2, 1]
+    nz = normal[0] * pose[0, 2] + normal[1] * pose[1, 2] + normal[2] * pose[2, 2]
+    return density_of_ray(lens, right, down, depth, nx, ny, nz)
+
+
+@by_lens(density_through_lens)
 def density_at(x, y, z, pose, normal, lens):
     """Pixels a metre along the worst direction of a surface at a point, in a pinhole camera.
 

@@ -17,7 +17,6 @@ from rastercov.lenses.polygon_kernels import (
     MOST_CORNERS,
     cut_to_region,
     is_in_region,
-    polygon_image,
 )
 
 FloatArray = NDArray[np.float64]
@@ -361,16 +360,6 @@ def length_of(corners, first, last, plane):
 
 
 @allocation_free
-def measure_images(found, plane, scratch, images):
-    """Fill `images`, (M, 3), with the whole area, the area inside, and the edges of polygons."""
-    for i in range(found.used[0]):
-        whole, inside, rules = polygon_image(
-            plane, found.corners, found.starts[i], found.starts[i + 1], scratch
-        )
-        images[i, 0], images[i, 1], images[i, 2] = whole, inside, rules
-
-
-@allocation_free
 def add_areas(found, images, projected, kept, pinhole, plane, own, out):
     """Add the images of polygons to the figures of faces.
 
@@ -378,7 +367,7 @@ def add_areas(found, images, projected, kept, pinhole, plane, own, out):
     ----------
     found : Polygons
     images : (M, 3) float64
-        Of `measure_images`.
+        Of `rastercov.lenses.polygon_kernels.measure_polygons`.
     pinhole : tuple
         Visible area (F,), error (F,) and certificates (F,) of the pinhole, px^2 of its image.
     own : (F,) float64

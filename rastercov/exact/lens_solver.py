@@ -15,8 +15,9 @@ from rastercov.exact import lens_kernels as kernels
 from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.exact.surface import Surface
 from rastercov.lenses import lane_kernels
-from rastercov.lenses.of_camera import PlaneRecord, planes_of
-from rastercov.lenses.polygon_kernels import edge_scratch
+from rastercov.lenses.of_camera import planes_of
+from rastercov.lenses.polygon_kernels import edge_scratch, measure_polygons
+from rastercov.lenses.records import PlaneRecord
 
 FloatArray = NDArray[np.float64]
 
@@ -146,6 +147,6 @@ class LensSolver:
         if len(self._images) < n:
             self._images = np.empty((n * 5 // 4, 3))
         images = self._images[:n]
-        kernels.measure_images(found, record, self._edges, images)
+        measure_polygons(record, found.corners, found.starts, self._edges, images)
         pinhole = solver.visible, solver.area_error, solver.is_certified
         kernels.add_areas(found, images, projected, kept, pinhole, record, own, self.figures)

@@ -171,6 +171,8 @@ def _undo_distortion(p: FloatArray, x: Ball, y: Ball) -> tuple[Ball, Ball]:
             rest = np.maximum(rest, total)
         is_proved = least + rest * radius <= radius
         best = np.where(is_proved & (best == np.inf), radius, best)
+        if (best < np.inf).all():
+            break
     return Ball(a, best), Ball(b, best)
 
 

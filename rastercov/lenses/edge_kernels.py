@@ -1,9 +1,9 @@
 """Areas of polygons of an ideal plane in the image of a lens, edge by edge; by numba.
 
-The area of a polygon's image is the closed integral of u dv along its border, by Green's theorem;
-the part of it inside the image, 0 <= u <= W and 0 <= v <= H, that of clamp(u, 0, W) d clamp(v, 0, H),
-because the clamped border encloses that part and pieces of no area. So each edge is integrated by
-itself: no curve is ever cut by another.
+The area of a polygon's image is the closed integral of u dv along its border, by Green's theorem.
+The part of it inside the image, 0 <= u <= W and 0 <= v <= H, is that of clamp(u, 0, W)
+d clamp(v, 0, H), because the clamped border encloses that part and pieces of no area. So each edge
+is integrated by itself: no curve is ever cut by another.
 
 Edges are evaluated at points that depend on the edge alone and not on its direction, so that two
 polygons that share one agree on it to the last bits.
@@ -11,22 +11,20 @@ polygons that share one agree on it to the last bits.
 
 import math
 
-import numpy as np
-
-from rastercov._jit import compiled, inlined, part_with_arrays
+from rastercov._jit import allocation_free, part_with_arrays
 from rastercov.lenses.kernels import project
-from rastercov.lenses.quadrature import BERNSTEIN, FEWEST, MOST, NODES, RULE
+from rastercov.lenses.quadrature import BERNSTEIN, FEWEST, GROWTH, MOST, NODES, RULE
 
 FLAT = 1e-10
 """Pixels: a coordinate that stays this near to a border is taken to be on one side of it."""
 DEEPEST = 48
 """Halvings of an edge in the search for a root, and of one that meets a pole."""
-MOST_CUTS = 4 * MOST + 2
+MOST_CUTS = 12 * MOST
 NO_LEVEL, LEVEL_U, LEVEL_V = 0, 1, 2
-"""What a cut of an edge is: an end of it, a border crossed by u, or one crossed by v."""
+"""Kinds of the cuts of an edge: an end of it, a border crossed by u, one crossed by v."""
 
 
-@part_with_arrays
+@allocation_free
 def edge_values(code, p, frame, ax, ay, bx, by, n, U, V):
     """Fill U, V with the pixels of the n + 1 nodes of the edge from (ax, ay) to (bx, by)."""
     for k in range(n + 1):
@@ -58,11 +56,11 @@ def under_edge(n, U, V, u0):
 
 @part_with_arrays
 def nodes_for(half, longest, parts_of):
-    """Rule for an edge of a half length, and the number of parts that it is cut into: (n, parts)."""
+    """Rule for an edge of a half length, and the number of its parts: (n, parts)."""
     for n in range(FEWEST, MOST + 1):
         if half <= longest[n]:
             return n, 1
-    return parts_of, int(math.ceil(half / longest[parts_of]))
+    return parts_of, math.ceil(half / longest[parts_of])
 
 
 @part_with_arrays
@@ -76,8 +74,17 @@ def bernstein_of(n, values, level, coefficients):
 
 
 @part_with_arrays
+def may_cross(n, values, level):
+    """False where the polynomial through values at the nodes cannot take a level on its edge."""
+    low = high = values[0]
+    for k in range(1, n + 1):
+        low, high = min(low, values[k]), max(high, values[k])
+    return abs(level - 0.5 * (low + high)) <= GROWTH[n] * 0.5 * (high - low)
+
+
+@part_with_arrays
 def _changes(n, row):
-    """Changes of sign along coefficients, -1 where all are next to 0."""
+    """Changes of sign along coefficients, and True where all of these are next to 0."""
     changes, last, largest = 0, 0.0, 0.0
     for k in range(n + 1):
         c = row[k]
@@ -86,7 +93,7 @@ def _changes(n, row):
             if last != 0.0 and (c > 0.0) != (last > 0.0):
                 changes += 1
             last = c
-    return changes if largest > FLAT else -1
+    return changes, largest <= FLAT
 
 
 @part_with_arrays
@@ -100,13 +107,14 @@ def _value(n, row, t, spare):
     return spare[0]
 
 
-@part_with_arrays
+@allocation_free
 def roots(n, stack, low, spare, out, kinds, kind, count):
     """Append the places in (0, 1) where a polynomial in Bernstein form changes its sign.
 
     Coefficients are in stack[0], (DEEPEST + 2, MOST + 1); `low` (DEEPEST + 2, 2) has room for the
     places and lengths of parts. By Descartes' rule a part whose coefficients change their sign once
-    has one root, one where they do not has none; others are halved. Returns the new count.
+    has one root, one where they do not has none; others are halved, until they are next to 0. An
+    edge that is next to 0 from end to end has no root. Returns the new count.
     """
     top = 1
     low[0, 0], low[0, 1] = 0.0, 1.0
@@ -114,10 +122,10 @@ def roots(n, stack, low, spare, out, kinds, kind, count):
         top -= 1
         row = stack[top]
         start, length = low[top, 0], low[top, 1]
-        changes = _changes(n, row)
-        if changes <= 0:
+        changes, is_flat = _changes(n, row)
+        if changes == 0 or (is_flat and length == 1.0):
             continue
-        if changes == 1 and row[0] != 0.0 and row[n] != 0.0:
+        if changes == 1 and row[0] != 0.0 and row[n] != 0.0 and not is_flat:
             a, b = 0.0, 1.0
             is_up = row[0] < 0.0
             fa, fb = row[0], row[n]
@@ -138,7 +146,7 @@ def roots(n, stack, low, spare, out, kinds, kind, count):
                 out[count], kinds[count] = start + length * (0.5 * (a + b)), kind
                 count += 1
             continue
-        if top + 2 > DEEPEST or length < 1e-13:
+        if is_flat or top + 2 > DEEPEST or length < 1e-13:
             if count < out.shape[0] - 1:
                 out[count], kinds[count] = start + 0.5 * length, kind
                 count += 1
@@ -151,12 +159,16 @@ def roots(n, stack, low, spare, out, kinds, kind, count):
                 row[k] = 0.5 * (row[k] + row[k + 1])
         low[top, 0], low[top, 1] = start + 0.5 * length, 0.5 * length
         low[top + 1, 0], low[top + 1, 1] = start, 0.5 * length
-        # Step r leaves coefficient n - r of the row as that of the right half.
+        # Step r leaves coefficient n - r of the row as that of the right half. A root where they
+        # meet is an end of both, and neither has it within.
+        if row[0] == 0.0 and count < out.shape[0] - 1:
+            out[count], kinds[count] = start + 0.5 * length, kind
+            count += 1
         top += 2
     return count
 
 
-@part_with_arrays
+@allocation_free
 def edge_is_inside(n, U, V, W, H, stack, low, spare, out, kinds):
     """True where the image of an edge stays within 0 <= u <= W and 0 <= v <= H."""
     for k in range(n + 1):
@@ -164,13 +176,14 @@ def edge_is_inside(n, U, V, W, H, stack, low, spare, out, kinds):
             return False
     count = 0
     for side in range(4):
-        level = (0.0, W, 0.0, H)[side]
-        bernstein_of(n, U if side < 2 else V, level, stack[0])
-        count = roots(n, stack, low, spare, out, kinds, LEVEL_U, count)
+        level, values = (0.0, W, 0.0, H)[side], U if side < 2 else V
+        if may_cross(n, values, level):
+            bernstein_of(n, values, level, stack[0])
+            count = roots(n, stack, low, spare, out, kinds, LEVEL_U, count)
     return count == 0
 
 
-@inlined
+@allocation_free
 def clamped_edge(code, p, frame, ax, ay, bx, by, n, W, H, U, V, stack, low, spare, cuts, kinds):
     """Integral of clamp(u, 0, W) d clamp(v, 0, H) along the image of an edge, px^2, and its pieces.
 
@@ -181,10 +194,11 @@ def clamped_edge(code, p, frame, ax, ay, bx, by, n, W, H, U, V, stack, low, spar
         is_in = is_in and 0.0 < U[k] < W and 0.0 < V[k] < H
     count = 0
     for side in range(4):
-        level = (0.0, W, 0.0, H)[side]
-        kind = LEVEL_U if side < 2 else LEVEL_V
-        bernstein_of(n, U if side < 2 else V, level, stack[0])
-        count = roots(n, stack, low, spare, cuts, kinds, kind, count)
+        level, values = (0.0, W, 0.0, H)[side], U if side < 2 else V
+        if may_cross(n, values, level):
+            kind = LEVEL_U if side < 2 else LEVEL_V
+            bernstein_of(n, values, level, stack[0])
+            count = roots(n, stack, low, spare, cuts, kinds, kind, count)
     total = 0.0
     if count == 0 and is_in:
         total = under_edge(n, U, V, 0.0)
@@ -221,76 +235,3 @@ def clamped_edge(code, p, frame, ax, ay, bx, by, n, W, H, U, V, stack, low, spar
                         total += U[0] * (V[0] - first) + U[n] * (last - V[n])
             start, start_kind = end, end_kind
     return total, count + 1
-
-
-@inlined
-def _is_short(ax, ay, bx, by, longest):
-    """True where an edge of a plane with a pole is short for its distance from the pole."""
-    half = 0.5 * math.hypot(bx - ax, by - ay)
-    return half <= longest * 0.5 * math.hypot(ax + bx, ay + by) or half < 1e-15
-
-
-@compiled
-def image_areas(code, p, frame, polygons, starts, longest, parts_of, is_graded, W, H, out):
-    """Areas of the images of polygons of an ideal plane, whole and inside the image.
-
-    Parameters
-    ----------
-    code, p, frame
-        The lens, and the axes of the plane.
-    polygons : (N, 2) float64
-        Corners, in units of the plane, inside its region.
-    starts : (M + 1,) int64
-        Rows of the first corners of the polygons.
-    longest, parts_of, is_graded
-        Of an `EdgeTable`.
-    W, H : float
-        Image size, px.
-    out : (M, 3) float64
-        Filled with the signed area of the whole image, px^2, of the part of it inside the image,
-        and the number of edges, parts and pieces of them that were integrated.
-    """
-    U, V, spare = np.empty(MOST + 1), np.empty(MOST + 1), np.empty(MOST + 1)
-    stack, low = np.empty((DEEPEST + 2, MOST + 1)), np.empty((DEEPEST + 2, 2))
-    cuts, kinds = np.empty(MOST_CUTS), np.empty(MOST_CUTS, np.int64)
-    waiting = np.empty((64, 2))
-    for polygon in range(starts.shape[0] - 1):
-        first, last = starts[polygon], starts[polygon + 1]
-        whole = inside = 0.0
-        rules = 0
-        u0 = 0.0
-        for i in range(first, last):
-            j = i + 1 if i + 1 < last else first
-            ax, ay, bx, by = polygons[i, 0], polygons[i, 1], polygons[j, 0], polygons[j, 1]
-            half = 0.5 * math.hypot(bx - ax, by - ay)
-            if half == 0.0:
-                continue
-            if is_graded:
-                n, parts = parts_of, 1
-            else:
-                n, parts = nodes_for(half, longest, parts_of)
-            for part in range(parts):
-                top = 1
-                waiting[0, 0], waiting[0, 1] = part / parts, (part + 1) / parts
-                while top > 0:
-                    top -= 1
-                    s, e = waiting[top, 0], waiting[top, 1]
-                    x0, y0 = (1.0 - s) * ax + s * bx, (1.0 - s) * ay + s * by
-                    x1, y1 = (1.0 - e) * ax + e * bx, (1.0 - e) * ay + e * by
-                    if is_graded and not _is_short(x0, y0, x1, y1, longest[n]) and top < 62:
-                        m = 0.5 * (s + e)
-                        waiting[top, 0], waiting[top, 1] = m, e
-                        waiting[top + 1, 0], waiting[top + 1, 1] = s, m
-                        top += 2
-                        continue
-                    edge_values(code, p, frame, x0, y0, x1, y1, n, U, V)
-                    if rules == 0:
-                        u0 = U[0]
-                    whole += under_edge(n, U, V, u0)
-                    own, pieces = clamped_edge(
-                        code, p, frame, x0, y0, x1, y1, n, W, H,
-                        U, V, stack, low, spare, cuts, kinds,
-                    )  # fmt: skip
-                    inside += own
-                    rules += pieces
-        out[polygon, 0], out[polygon, 1], out[polygon, 2] = whole, inside, rules

@@ -15,7 +15,7 @@ from rastercov._jit import allocation_free
 from rastercov.camera import Camera
 from rastercov.camera_models import MODELS
 from rastercov.lenses import kernels
-from rastercov.lenses.of_camera import PlaneRecord, lens_of, planes_of
+from rastercov.lenses.of_camera import lens_of, planes_of
 from rastercov.lenses.polygon_kernels import (
     MOST_CORNERS,
     EdgeScratch,
@@ -23,6 +23,7 @@ from rastercov.lenses.polygon_kernels import (
     edge_scratch,
     polygon_image,
 )
+from rastercov.lenses.records import PlaneRecord
 from rastercov.vertex_columns import AHEAD, BEHIND, INSIDE, STATE, U, V, X, Y, Z
 
 FloatArray = NDArray[np.float64]
@@ -299,30 +300,38 @@ def _cut_to_near(corners, n, near, out):
 def pixel_density(points, i, j, k, normal, lens):
     """Least singular value of the derivative of the lens in the face's plane, px/m.
 
-    J (e_1 e_2), J the (2, 3) derivative of pixels by camera axes at a vertex and e_1, e_2 tangents
-    of the face; the result is the worst of the vertices.
+    The result is the worst of the vertices.
     """
-    x, y, z = normal
-    sign = math.copysign(1.0, z)
-    a = -1.0 / (sign + z)
-    b = x * y * a
     worst = math.inf
     for s in range(3):
         p = i if s == 0 else j if s == 1 else k
-        ux, uy, uz, vx, vy, vz = kernels.jacobian(
-            lens.code, lens.params, points[p, X], points[p, Y], points[p, Z]
-        )
-        first = 1 + sign * x * x * a, sign * b, -sign * x
-        second = b, sign + y * y * a, -y
-        least = _least_singular(
-            ux * first[0] + uy * first[1] + uz * first[2],
-            ux * second[0] + uy * second[1] + uz * second[2],
-            vx * first[0] + vy * first[1] + vz * first[2],
-            vx * second[0] + vy * second[1] + vz * second[2],
+        least = density_of_ray(
+            lens, points[p, X], points[p, Y], points[p, Z], normal[0], normal[1], normal[2]
         )
         if not least >= worst:
             worst = least
     return worst
+
+
+@allocation_free
+def density_of_ray(lens, X_, Y_, Z_, x, y, z):
+    """Least singular value of J (e_1 e_2), px/m.
+
+    J is the (2, 3) derivative of pixels at the point (X_, Y_, Z_) in camera axes, and e_1, e_2 are
+    tangents of a plane with the normal (x, y, z).
+    """
+    sign = math.copysign(1.0, z)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    ux, uy, uz, vx, vy, vz = kernels.jacobian(lens.code, lens.params, X_, Y_, Z_)
+    first = 1 + sign * x * x * a, sign * b, -sign * x
+    second = b, sign + y * y * a, -y
+    return _least_singular(
+        ux * first[0] + uy * first[1] + uz * first[2],
+        ux * second[0] + uy * second[1] + uz * second[2],
+        vx * first[0] + vy * first[1] + vz * first[2],
+        vx * second[0] + vy * second[1] + vz * second[2],
+    )
 
 
 @allocation_free

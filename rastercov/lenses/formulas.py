@@ -85,16 +85,10 @@ def based(code, p, X, Y, Z):
         r2 = X * X + Y * Y
         c = p[B0] * sqrt(r2 + Z * Z) + Z
         g = 1.0 / (p[B1] * sqrt(r2 + c * c) + (1.0 - p[B1]) * c)
-    elif code == FOV:  # atan(B0 r) / (B0 r) B1
-        w = 1.0 / Z
-        x = X * w
-        y = Y * w
-        g = w * (angle_over_r((x * x + y * y) * (p[B0] * p[B0]), 1.0 + 0.0 * x) * p[B1])
+    elif code == FOV:  # atan(B0 R / Z) B1 / (B0 R)
+        g = angle_over_r((X * X + Y * Y) * (p[B0] * p[B0]), Z) * p[B1]
     elif code == DIVISION:
-        w = 1.0 / Z
-        x = X * w
-        y = Y * w
-        g = w * (2.0 / (1.0 + sqrt(1.0 - 4.0 * p[B0] * (x * x + y * y))))
+        g = 2.0 / (Z + sqrt(Z * Z - 4.0 * p[B0] * (X * X + Y * Y)))
     else:
         g = 1.0 / Z
     return X * g, Y * g

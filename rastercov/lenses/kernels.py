@@ -10,7 +10,7 @@ Using complex variables to estimate derivatives of real functions. 1998]
 
 import math
 
-from rastercov._jit import compiled, part_of, part_with_arrays
+from rastercov._jit import allocation_free, compiled, part_of, part_with_arrays
 from rastercov.lenses import formulas
 from rastercov.lenses.formulas import (
     B0,
@@ -117,7 +117,7 @@ def is_radial(p):
     return plain and p[S3] == 0.0 and p[S4] == 0.0
 
 
-@part_with_arrays
+@allocation_free
 def undo_radial(p, size):
     """Radius that radial distortion moves to `size`, on the branch that rises from 0; else NaN."""
     low, high = 0.0, p[LIMIT]
@@ -143,7 +143,7 @@ def undo_radial(p, size):
     return r
 
 
-@part_with_arrays
+@allocation_free
 def _newton(p, a, b, x, y):
     """Newton's method with halved steps: (x, y, True) where it converges within the limit."""
     limit2 = p[LIMIT] * p[LIMIT] * (1.0 + 1e-9)
@@ -172,7 +172,7 @@ def _newton(p, a, b, x, y):
     return x, y, left <= ROUNDING * size < math.inf and x * x + y * y <= limit2
 
 
-@part_with_arrays
+@allocation_free
 def undo_distortion(p, a, b):
     """Point (x, y) within LIMIT of the axis that `distorted` moves to (a, b); else NaN.
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._checks import MAX_IMAGE_SIDE
+from rastercov._checks import LONGEST, MAX_IMAGE_SIDE
 from rastercov.camera import Camera
 from rastercov.lenses import balls, formulas
 from rastercov.lenses.kernels import SECTORS, jacobian_many, unproject_many
@@ -25,6 +25,10 @@ CELLS = 24
 """Cells of a side of a plane's bounding box over which bounds are taken."""
 INVERSE_CELLS = 64
 """The same for a lens that is inverted by Krawczyk's test, which needs smaller cells."""
+SAME_CORNER = 1e-9
+"""Distance of corners of a region that are one, in units of the plane."""
+DEEPEST_CELL, MOST_CELLS = 6, 20_000
+"""Divisions of a cell that is too large for a bound, and cells at which they end."""
 RADII = tuple(np.geomspace(1e-3, 1.5, 24).tolist())
 """Radii, in units of the plane, at which bounds are tried."""
 
@@ -84,7 +88,6 @@ class IdealPlane:
             Infinite where the lens has a pole or a branch that near.
         """
         x, y, half = self._cells()
-        near: FloatArray = radius + np.full(len(x), max(half))
         if self.has_pole:
             # Longitude does not change with the distance from the pole, and latitude changes less
             # and less: the ring from 1/2 outwards bounds all smaller ones, and a few are tried.
@@ -94,19 +97,50 @@ class IdealPlane:
             x, y, near = (
                 np.concatenate([z, z / 2, z / 4, z / 8]) for z in (x, y, radius * size + max(half))
             )
-        across, down = balls.reach(self.code, self.params, self.frame, x, y, near)
-        return float(across.max(initial=0.0)), float(down.max(initial=0.0))
+            across, down = balls.reach(self.code, self.params, self.frame, x, y, near)
+            return float(across.max(initial=0.0)), float(down.max(initial=0.0))
+        most_u = most_v = 0.0
+        for depth in range(DEEPEST_CELL + 1):
+            across, down = self._reach_at(x, y, radius + max(half))
+            is_good = np.maximum(across, down) < math.inf
+            most_u = max(most_u, float(across[is_good].max(initial=0.0)))
+            most_v = max(most_v, float(down[is_good].max(initial=0.0)))
+            if is_good.all():
+                return most_u, most_v
+            x, y = x[~is_good], y[~is_good]
+            is_hopeless = not np.isfinite(self._reach_at(x, y, radius)).all(axis=0).any()
+            if depth == DEEPEST_CELL or is_hopeless or len(x) > MOST_CELLS:
+                break
+            # A cell that meets a pole only for its size is divided into four.
+            half = (half[0] / 2, half[1] / 2)
+            x = np.concatenate([x + i * half[0] for i in (-1, 1, -1, 1)])
+            y = np.concatenate([y + i * half[1] for i in (-1, -1, 1, 1)])
+            is_near = self._meets(x, y, half)
+            x, y = x[is_near], y[is_near]
+        return math.inf, math.inf
+
+    def _reach_at(
+        self, x: FloatArray, y: FloatArray, radius: float
+    ) -> tuple[FloatArray, FloatArray]:
+        return balls.reach(self.code, self.params, self.frame, x, y, radius)
 
     def bend(self) -> float:
         """Bound of the second derivative of pixels along lines of the plane, px / (plane px)^2.
 
         An edge of length L px in the pinhole's image leaves its chord by at most bend L^2 / 8 px.
         """
-        least = math.inf
+        bounds = [2.0 * math.hypot(u, v) / (r * r) for r, u, v in self.reaches()]
+        return min(bounds, default=math.inf) / (self.camera.fx * self.camera.fx)
+
+    def reaches(self) -> list[tuple[float, float, float]]:
+        """Radii with their reach, those at which it is finite."""
+        found = []
         for radius in RADII:
             across, down = self.reach(radius)
-            least = min(least, 2.0 * math.hypot(across, down) / (radius * radius))
-        return least / (self.camera.fx * self.camera.fx)
+            if not max(across, down) < math.inf:
+                break  # a larger radius meets the same pole
+            found.append((radius, across, down))
+        return found
 
     def _cells(self) -> tuple[FloatArray, FloatArray, tuple[float, float]]:
         """Centres of cells that cover the region, and half their sides."""
@@ -115,10 +149,16 @@ class IdealPlane:
         half = (high - low) / (2 * cells)
         centre = low[:, None] + half[:, None] * (2 * np.arange(cells) + 1)
         x, y = (grid.ravel() for grid in np.meshgrid(*centre))
-        is_near = _distance(self.region, x, y) <= math.hypot(*half)
+        own = (float(half[0]), float(half[1]))
+        is_near = self._meets(x, y, own)
+        return x[is_near], y[is_near], own
+
+    def _meets(self, x: FloatArray, y: FloatArray, half: tuple[float, float]) -> NDArray[np.bool_]:
+        """True for cells that may have a point of the region, by their centres."""
+        is_near: NDArray[np.bool_] = _distance(self.region, x, y) <= math.hypot(*half)
         if self.hole is not None:
             is_near &= _distance(self.hole, x, y) >= -math.hypot(*half)
-        return x[is_near], y[is_near], (float(half[0]), float(half[1]))
+        return is_near
 
 
 def _distance(polygon: FloatArray, x: FloatArray, y: FloatArray) -> FloatArray:
@@ -162,14 +202,17 @@ def _on_plane(slope: float, frame: FloatArray, box: FloatArray) -> tuple[FloatAr
         polygon = keep(polygon, a, b, c)
         if len(polygon) < 3:
             return np.empty((0, 2)), slope > 0
-    return polygon, slope > 0
+    # Corners of the cone lie on edges of the cube. What rounding makes two corners of would be an
+    # edge without a direction.
+    size = np.abs(polygon - np.roll(polygon, 1, axis=0)).max(axis=1)
+    return polygon[size > SAME_CORNER], slope > 0
 
 
 def ideal_planes(
     code: int, params: FloatArray, width: int, height: int, angle: float
 ) -> tuple[IdealPlane, ...]:
     """Planes that hold the valid region of a lens, which ends at `angle` radians from its axis."""
-    on_a_plane = code in (formulas.PINHOLE, formulas.FOV, formulas.DIVISION, formulas.BACKWARD)
+    on_a_plane = code in (formulas.PINHOLE, formulas.BACKWARD)
     if on_a_plane or angle <= math.radians(ONE_PLANE_DEG):
         return (_one_plane(code, params, width, height, angle),)
     focal = _central_focal(code, params)
@@ -229,7 +272,7 @@ def _central_focal(code: int, params: FloatArray) -> float:
     slopes = np.empty((1, 2, 3))
     jacobian_many(code, params, np.array([[0.0, 0.0, 1.0]]), slopes)
     (a, b), (c, d) = slopes[0, :, :2]
-    return math.sqrt(abs(float(a * d - b * c)))
+    return min(math.sqrt(abs(float(a * d - b * c))), LONGEST)
 
 
 def _one_plane(code: int, params: FloatArray, width: int, height: int, angle: float) -> IdealPlane:

@@ -114,6 +114,17 @@ def polygon_image(plane, corners, first, last, scratch):
 
 
 @allocation_free
+def measure_polygons(plane, corners, starts, scratch, out):
+    """Fill `out`, (M, 3), with the whole area, the area inside, and the edges of polygons.
+
+    See `polygon_image`; the corners of polygon i are rows starts[i] ... starts[i + 1] - 1.
+    """
+    for i in range(out.shape[0]):
+        whole, inside, rules = polygon_image(plane, corners, starts[i], starts[i + 1], scratch)
+        out[i, 0], out[i, 1], out[i, 2] = whole, inside, rules
+
+
+@allocation_free
 def _clamped(plane, corners, first, last, scratch):
     """Area of the part inside the image, and the pieces of edges that were integrated."""
     inside, rules = 0.0, 0

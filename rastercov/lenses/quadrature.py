@@ -16,7 +16,8 @@ rule's value at most sum |S_ij| <= 8 n. So a pair of degrees a + b = s > 2 n is 
 
     |error| <= 4 M_u M_v sum over s > 2 n of (s + 1) (2 s + 8 n) rho^-s.
 
-Points of the ellipse are within R = h (rho + 1 / rho) / 2 of the middle of an edge of half length h.
+Points of the ellipse are within R = h (rho + 1 / rho) / 2 of the middle of an edge, h half its
+length.
 """
 
 import math
@@ -27,7 +28,7 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from rastercov.errors import CameraError
-from rastercov.lenses.planes import RADII, IdealPlane
+from rastercov.lenses.planes import IdealPlane
 
 FloatArray = NDArray[np.float64]
 
@@ -65,6 +66,8 @@ def _tables() -> tuple[FloatArray, FloatArray, FloatArray]:
 
 NODES, RULE, BERNSTEIN = _tables()
 """By n: places of the nodes, S, and Bernstein coefficients from values."""
+GROWTH = np.abs(BERNSTEIN).sum(axis=2).max(axis=1)
+"""By n: largest Bernstein coefficient of a polynomial that is at most 1 at the nodes."""
 
 
 def error_bound(reach_u: float, reach_v: float, radius: float, half: float, n: int) -> float:
@@ -128,16 +131,16 @@ def edge_table(plane: IdealPlane, tolerance: float = 1e-9) -> EdgeTable:
     Raises
     ------
     CameraError
-        If the lens has a pole on its valid region.
+        If no bound of the lens is found on its valid region: it reaches a pole, or nearly.
     """
-    reaches = [(radius, *plane.reach(radius)) for radius in RADII]
+    reaches = plane.reaches()
     longest = np.zeros(MOST + 1)
     for n in range(FEWEST, MOST + 1):
-        longest[n] = max(_longest(tolerance, n, *found) for found in reaches)
+        longest[n] = max((_longest(tolerance, n, *found) for found in reaches), default=0.0)
     if not longest[MOST] > 0:
         raise CameraError(
-            "the lens must be analytic on its valid region, and it has a pole there: "
-            "give a smaller max_angle_deg"
+            "the lens must be bounded around its valid region, which reaches a pole of it, or "
+            "89.9 degrees from the axis: give a smaller max_angle_deg"
         )
     # Cost of a length: values are n a part, and products n^2 / 2, which are a tenth of a value.
     cost = [n * (1 + n / 20) / max(longest[n], 1e-300) for n in range(FEWEST, MOST + 1)]

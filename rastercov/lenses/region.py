@@ -31,8 +31,9 @@ from rastercov.lenses.kernels import SECTORS, base_points, rays_of, unproject_ma
 
 FloatArray = NDArray[np.float64]
 
-WIDEST_DEG = 179.0
-"""Largest angle from the axis: the opposite ray has a circle of pixels."""
+WIDEST_DEG = 175.0
+"""Largest angle from the axis: the opposite ray has a circle of pixels, and next to it edges bend
+without limit. No lens sees that far."""
 PLANE_DEG = 89.9
 """Largest angle from the axis of a base on a plane in front of the camera."""
 NARROWEST = 1e-12
@@ -42,7 +43,7 @@ BELOW_LIMIT = 1 - 1e-6
 MARGIN = 1.02
 """Radius of the region over the least that covers the image."""
 FIRST_CELL, LEAST_CELL = 1e-12, 1e-7
-"""Radius of the first proof, and length of a cell over its place below which a proof fails."""
+"""Length of a cell, and over its place, below which a proof fails."""
 MOST_CELLS = 20_000
 FAR = 1e100
 """Radius beyond all pixels."""
@@ -124,7 +125,7 @@ def certified_radius(params: FloatArray, top: float) -> float:
     numbers = params.tolist()
     done, cell = 0.0, min(top, 1.0) / 16
     for _ in range(MOST_CELLS):
-        if done >= top or cell < max(LEAST_CELL * done, FIRST_CELL):
+        if done >= top or cell < max(LEAST_CELL * done, FIRST_CELL * min(top, 1.0)):
             break
         following = min(done + cell, top)
         if is_certified(numbers, done, following):
@@ -182,15 +183,18 @@ def with_region(
     params = given.copy()
     if code == lens.EQUIRECT:
         params[lens.LIMIT], params[lens.SLOPE] = math.inf, 0.0
-        return params, math.pi, True
+        rays = np.empty((4 * BORDER, 3))
+        unproject_many(code, params, border_pixels(width, height), rays)
+        return params, math.pi, bool(np.isfinite(rays).all())
     top = min(base_limit(code, params), math.pi if max_angle is None else max_angle)
     edge = base_radius(code, params, top)
     # The distortion of a BACKWARD lens acts on the image: how far, the image itself says.
     points = np.empty((4 * BORDER, 2))
     if code == lens.BACKWARD:
         reached = _sensor_radius(params, width, height)
-        inner = certified_radius(params, MARGIN * reached)
-        limit = forward_radius(params, inner) if inner > 0.0 else 0.0
+        inner = certified_radius(params, MARGIN * MARGIN * reached)
+        # Below the limit by more than rounding, so that the inverse has an answer at the border.
+        limit = BELOW_LIMIT * forward_radius(params, inner) if inner > 0.0 else 0.0
         params[lens.LIMIT] = inner
     else:
         inner = limit = certified_radius(params, edge)

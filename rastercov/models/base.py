@@ -59,7 +59,7 @@ class CoverageModel(Protocol[P_contra]):
 
 
 def coverage_model(
-    defaults: P, criteria: Criteria | None = None
+    defaults: P, criteria: Criteria | None = None, *, any_lens: bool = False
 ) -> Callable[[Callable[[Mesh, Camera, ArrayLike, Task, P], FloatArray]], CoverageModel[P]]:
     """Decorator that gives `answers(mesh, camera, poses, task, parameters)` the public signature.
 
@@ -69,6 +69,8 @@ def coverage_model(
         Parameters of the model unless a call gives others.
     criteria : Criteria, optional
         For the table of a comparison.
+    any_lens : bool
+        The model takes lenses that are no pinholes; they are refused otherwise.
     """
 
     def decorate(
@@ -82,6 +84,8 @@ def coverage_model(
             *,
             parameters: P = defaults,
         ) -> FloatArray:
+            if not any_lens and isinstance(camera, Camera):
+                camera.check_pinhole()
             return answers(mesh, camera, poses, task or Task(), parameters)
 
         coverage.__doc__ = f"""{cleandoc(answers.__doc__ or "")}

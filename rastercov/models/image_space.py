@@ -57,6 +57,7 @@ class ImageSpaceParameters:
         occlusion="graded area",
         angle="limit",
     ),
+    any_lens=True,
 )
 def coverage(
     mesh: Mesh, camera: Camera, poses: ArrayLike, task: Task, parameters: ImageSpaceParameters

@@ -50,10 +50,12 @@ def half_covered(
     method : str
         Method of visibility of the network.
     """
+    if not camera.is_pinhole:
+        return []
     share = share_in_parts(network, camera, poses)
     if share < LEAST_SHARE:
         return []
-    _, obstacle = unit_of_result(None, network.task, Engine.of(method))
+    _, obstacle = unit_of_result(None, network.task, Engine.of(method), camera)
     return [
         f"about {percent(round(share, 2))} of the area is covered point by point, but in faces "
         "that are not covered as a whole: use --by area" + (f" ({obstacle})" if obstacle else "")

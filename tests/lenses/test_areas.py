@@ -1,6 +1,7 @@
 """Areas in the image of a lens: sums, references, and bounds."""
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from rastercov.lenses.quadrature import edge_table
 from rastercov.reference.polygons import image_area
 
 LENSES = of_all_kinds()
+table_of = cache(lambda name, k: edge_table(LENSES[name].planes[k]))
 QUICK = {"opencv tilted", "kalibr ds", "wide equidistant", "colmap EQUIRECTANGULAR"}
 SLOW_TOO = [
     name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in LENSES
@@ -86,11 +88,11 @@ def test_without_distortion_areas_are_those_of_the_reference():
     mesh = rc.Mesh(vertices=points.reshape(-1, 3), faces=np.arange(900).reshape(-1, 3))
     wanted = image_area(mesh, camera, np.eye(4))
     assert ((wanted > 0).sum(), (wanted == 0).sum()) > (200, 10)
-    found = np.zeros(300)
+    found, table = np.zeros(300), edge_table(plane)
     for i in range(300):
         polygons = on_plane(plane, points[i : i + 1])
         if polygons:
-            found[i] = abs(polygon_areas(lens, plane, polygons).inside.sum())
+            found[i] = abs(polygon_areas(lens, plane, polygons, table).inside.sum())
     assert np.abs(found - wanted).max() <= 2e-9
 
 
@@ -151,14 +153,15 @@ def test_edges_along_the_border_of_the_image():
 def test_parts_of_a_polygon_add_up(seed, name):
     lens = LENSES[name]
     rng = np.random.default_rng(seed)
-    plane = lens.planes[rng.integers(len(lens.planes))]
+    k = rng.integers(len(lens.planes))
+    plane = lens.planes[k]
     if plane.hole is not None:
         return
     weights = rng.dirichlet(np.full(len(plane.region), 0.05), 3)
     triangle = weights @ plane.region
     inner = rng.dirichlet(np.ones(3)) @ triangle
     parts = [np.array([triangle[i - 1], triangle[i], inner]) for i in range(3)]
-    areas = polygon_areas(lens, plane, [triangle, *parts])
+    areas = polygon_areas(lens, plane, [triangle, *parts], table_of(name, k))
     for values in (areas.whole, areas.inside):
         assert abs(values[0] - values[1:].sum()) <= areas.bound.sum() + 1e-8
 
@@ -170,3 +173,48 @@ def test_a_lens_with_a_pole_in_its_region_has_no_table():
     bad.params[26] = 0.5  # a division lens, used beyond its fold
     with pytest.raises(CameraError, match="max_angle_deg"):
         edge_table(bad)
+
+
+@pytest.mark.parametrize("limit", [None, 95.0])
+def test_image_circle_of_a_fisheye_leaves_the_corners_blind(limit):
+    lens = make_lens("equidistant", 900, 800, fx=120, fy=120, max_angle_deg=limit)
+    angle = math.radians(limit or 175.0)
+    assert lens.valid_angle == pytest.approx(angle, rel=1e-5)
+    assert not lens.is_whole
+    circle = math.pi * (120 * angle) ** 2
+    assert 900 * 800 - blind_area(lens) == pytest.approx(circle, rel=1e-3)
+
+
+@pytest.mark.parametrize("base", ["fov", "division"])
+def test_lenses_on_a_plane_may_see_up_to_its_horizon(base):
+    lens = make_lens(base, 1280, 1024, fx=90, fy=90, of_base=(0.9,) if base == "fov" else (-0.2,))
+    assert math.degrees(lens.valid_angle) > 89
+    assert len(lens.planes) == 5
+    assert 0 < blind_area(lens) < 1280 * 1024
+    total = sum(
+        polygon_areas(lens, plane, on_plane(plane, room(2))).inside.sum() for plane in lens.planes
+    )
+    assert abs(total + blind_area(lens) - 1280 * 1024) <= 1e-6
+
+
+def test_pixels_beyond_a_panorama_see_nothing():
+    lens = sources.equirectangular(1000, 500, 900, 450)
+    assert not lens.is_whole
+    assert blind_area(lens) == pytest.approx(1000 * 500 - 900 * 450)
+    assert np.isnan(lens.unproject([950.0, 200.0])).all()
+    part = make_lens("equirectangular", 500, 400, fx=300, fy=300)
+    assert part.is_whole
+    assert abs(blind_area(part)) < 1e-8
+
+
+@pytest.mark.parametrize("name", LENSES)
+def test_regions_and_holes_are_convex_with_edges_that_have_a_direction(name):
+    for plane in LENSES[name].planes:
+        for polygon in (plane.region, plane.hole):
+            if polygon is None:
+                continue
+            side = np.roll(polygon, -1, axis=0) - polygon
+            assert np.hypot(*side.T).min() > 5e-10
+            following = np.roll(side, -1, axis=0)
+            turn = side[:, 0] * following[:, 1] - side[:, 1] * following[:, 0]
+            assert (turn > -1e-12).all()

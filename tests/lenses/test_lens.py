@@ -102,7 +102,7 @@ PLAIN = {"width": WIDTH, "height": HEIGHT, "fx": 900, "fy": 900}
         (lambda: make_lens("pinhole", **{**PLAIN, "fx": 0}), "fx must be positive"),
         (lambda: make_lens("pinhole", **PLAIN, radial=[math.nan]), "radial must be finite"),
         (lambda: make_lens("pinhole", **PLAIN, radial=[1e13]), "radial must be numbers within"),
-        (lambda: make_lens("pinhole", **PLAIN, radial=[-1e12] * 6), "must reach 1e-12 rad"),
+        (lambda: make_lens("pinhole", **PLAIN, max_angle_deg=1e-14), "must reach 1e-12 rad"),
         (lambda: make_lens("pinhole", **PLAIN, radial=[0.1] * 7), "up to 6 numbers, got 7"),
         (lambda: make_lens("pinhole", **PLAIN, radial=3), "up to 6 numbers, got 3"),
         (lambda: make_lens("pinhole", **PLAIN, tilt=(3, 0)), "tilt must be within"),

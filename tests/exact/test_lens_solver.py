@@ -1,0 +1,241 @@
+"""Exact areas through lenses: laws that hold for any lens, and the pinhole as a lens."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from lens_cameras import CAMERAS
+from scenes import joined, square
+
+from rastercov import shapes
+from rastercov.camera import Camera
+from rastercov.coverage import FIGURES, evaluate
+from rastercov.exact.certificate import CertificateSolver
+from rastercov.exact.half_planes import HalfPlaneSolver
+from rastercov.exact.lens_solver import LensSolver
+from rastercov.exact.surface import surface_of
+from rastercov.lenses.of_camera import lens_of, planes_of
+from rastercov.mesh import Group, Mesh
+from rastercov.near_plane import limits
+from rastercov.observation import BoundKind
+from rastercov.observer import open_observer
+from rastercov.rig import Rig
+from rastercov.task import Task
+from rastercov.viewpoints import look_at, sphere_of_poses
+
+ROOM = shapes.room()
+TORUS = shapes.torus(40, 20)
+PINHOLE = Camera(width=640, height=480, fx=500, fy=510)
+SAME = Camera(width=640, height=480, fx=500, fy=510, max_angle_deg=80)
+"""The same camera through the path of lenses."""
+each_lens = pytest.mark.parametrize("name", CAMERAS)
+
+
+def inside(mesh, seed):
+    """A pose inside the bounding box of a mesh, in any direction."""
+    rng = np.random.default_rng(seed)
+    low, high = mesh.bounds
+    eye = low + (high - low) * rng.uniform(0.2, 0.8, 3)
+    return look_at(eye, eye + rng.normal(size=3), rng.normal(size=3))[0]
+
+
+def solved(mesh, camera, pose, kind=CertificateSolver, near=1e-3):
+    solver = LensSolver(surface_of(mesh), camera, kind)
+    solver.set_pose(pose, near, False)
+    solver.solve_all()
+    return solver
+
+
+@each_lens
+@pytest.mark.parametrize("seed", range(3))
+def test_visible_areas_in_a_closed_room_add_up_to_the_image(name, seed):
+    camera = CAMERAS[name]
+    found = solved(ROOM, camera, inside(ROOM, seed))
+    assert abs(found.visible.sum() - camera.width * camera.height) < 1e-6
+    assert np.all(found.visible <= found.area + found.area_error + 1e-9)
+
+
+@pytest.mark.slow
+@each_lens
+def test_half_planes_and_the_certificate_agree(name):
+    camera = CAMERAS[name]
+    for seed in range(2):
+        pose = inside(ROOM, 10 + seed)
+        one = solved(ROOM, camera, pose)
+        other = solved(ROOM, camera, pose, HalfPlaneSolver)
+        apart = np.abs(one.visible - other.visible)
+        assert np.all(apart <= one.area_error + other.area_error)
+        np.testing.assert_allclose(one.area, other.area, atol=1e-7)
+
+
+@each_lens
+def test_turning_scene_and_camera_together_changes_no_area(name):
+    camera, pose = CAMERAS[name], inside(ROOM, 5)
+    turn = look_at((0, 0, 0), (1, 2, 3), (3, -1, 1))[0]
+    turned = Mesh(ROOM.vertices @ turn[:3, :3].T, ROOM.faces)
+    one = solved(Mesh(ROOM.vertices, ROOM.faces), camera, pose)
+    other = solved(turned, camera, turn @ pose)
+    np.testing.assert_allclose(one.visible, other.visible, atol=1e-6)
+    np.testing.assert_allclose(one.area, other.area, atol=1e-6)
+
+
+@pytest.mark.parametrize("method", ["certified", "exact"])
+def test_a_pinhole_as_a_lens_has_the_figures_of_a_pinhole(method):
+    poses = sphere_of_poses((0, 0, 0), 2.4, 5)
+    task = Task(min_pixels=3, max_incidence_deg=70)
+    one = evaluate(TORUS, PINHOLE, poses, task, method=method)
+    other = evaluate(TORUS, SAME, poses, task, method=method)
+    for figure in set(FIGURES) - {"facing_density", "visibility_bound", "visibility_kind"}:
+        first, second = getattr(one, figure), getattr(other, figure)
+        if first.dtype == np.float64:
+            np.testing.assert_allclose(first, second, rtol=1e-11, atol=2e-9, err_msg=figure)
+        else:
+            np.testing.assert_array_equal(first, second, err_msg=figure)
+    # Of a pinhole it is a bound, exact for square pixels.
+    assert np.all(other.facing_density >= one.facing_density * (1 - 1e-12))
+    assert np.all(other.facing_density <= one.facing_density * (510 / 500 + 1e-12))
+
+
+def test_certificates_are_those_of_the_pinhole():
+    pose = sphere_of_poses((0, 0, 0), 6.0, 1)[0]  # all of it in the image
+    near, cull, _ = limits(TORUS, PINHOLE, pose[None])
+    one = CertificateSolver(surface_of(TORUS), PINHOLE)
+    other = LensSolver(surface_of(TORUS), SAME, CertificateSolver)
+    for solver in (one, other):
+        solver.set_pose(pose, near[0], cull[0])
+        solver.solve_all()
+    np.testing.assert_array_equal(one.is_certified, other.is_certified)
+    assert one.is_certified.sum() > 500
+    whole = other.is_certified & (other.visible > 0)
+    np.testing.assert_array_equal(other.visible[whole], other.area[whole])
+
+
+def pixel_areas(mesh, camera, pose, per_side=3):
+    """Visible area of each face by one ray through each of some points of the image, px^2."""
+    step = 1 / per_side
+    u, v = np.meshgrid(
+        np.arange(step / 2, camera.width, step), np.arange(step / 2, camera.height, step)
+    )
+    rays = lens_of(camera).unproject(np.column_stack((u.ravel(), v.ravel())))
+    seen = np.isfinite(rays).all(axis=1)
+    directions = rays[seen] @ pose[:3, :3].T
+    nearest = np.full(len(directions), np.inf)
+    face = np.full(len(directions), -1)
+    corners = mesh.vertices[mesh.faces] - pose[:3, 3]
+    for f, (a, b, c) in enumerate(corners):
+        normal = np.cross(b - a, c - a)
+        slope = directions @ normal
+        with np.errstate(all="ignore"):
+            t = (normal @ a) / slope
+        sides = [directions @ np.cross(p, q) for p, q in ((a, b), (b, c), (c, a))]
+        hit = np.all([s >= 0 for s in sides], axis=0) | np.all([s <= 0 for s in sides], axis=0)
+        hit &= (t > 1e-3) & (t < nearest)
+        nearest[hit], face[hit] = t[hit], f
+    return np.bincount(face[face >= 0], minlength=mesh.n_faces) * step**2
+
+
+@pytest.mark.parametrize(
+    "name", ["brown", "rational and prism", "wide fisheye", "double sphere", "equirectangular"]
+)
+def test_areas_are_those_of_rays_through_the_unprojected_pixels(name):
+    big = CAMERAS[name]
+    camera = big.resized(1 / 16)
+    mesh = ROOM
+    pose = inside(mesh, 3)
+    found = solved(mesh, camera, pose)
+    counted = pixel_areas(mesh, camera, pose)
+    outline = 4 * np.sqrt(np.maximum(found.area, 1)) + 8
+    assert np.all(np.abs(found.visible - counted) <= 0.35 * outline)
+    assert abs(found.visible.sum() - counted.sum()) < 1e-6 * camera.width * camera.height
+
+
+@each_lens
+def test_what_is_hidden_has_no_area_and_a_lone_face_has_all_of_it(name):
+    camera = CAMERAS[name]
+    front, back = square(0.2, 1.0), square(0.19, 1.5)
+    both = joined(front, back)
+    found = solved(both, camera, np.eye(4))
+    np.testing.assert_array_equal(found.visible[:2], found.area[:2])
+    assert np.all(found.area[:2] > 100)
+    assert np.all(found.visible[2:] <= found.area_error[2:])
+    assert np.all(found.area[2:] > 50)
+
+
+def test_a_bulging_edge_leaves_the_image_though_its_corners_do_not():
+    barrel = Camera(
+        width=200, height=200, fx=150, fy=150, model="opencv", distortion=(-0.15, 0.01, 0, 0)
+    )
+    rays = lens_of(barrel).unproject([[2, 2], [198, 2], [198, 198], [2, 198]])
+    corners = rays / rays[:, 2:] * 3.0
+    bulging = Mesh(corners, [(0, 2, 1), (0, 3, 2)])
+    seen = evaluate(bulging, barrel, np.eye(4)[None])
+    assert not seen.in_view.any()
+    assert np.all(seen.in_view_fraction < 1)
+    smaller = Mesh(corners * (0.5, 0.5, 1), [(0, 2, 1), (0, 3, 2)])
+    assert evaluate(smaller, barrel, np.eye(4)[None]).in_view.all()
+
+
+def test_pixels_without_a_ray_see_nothing():
+    folding = Camera(
+        width=640, height=480, fx=300, fy=300, model="opencv", distortion=(-0.35, 0, 0, 0)
+    )
+    lens = lens_of(folding)
+    assert not lens.is_whole
+    found = solved(ROOM, folding, inside(ROOM, 1))
+    u, v = np.meshgrid(np.arange(0.5, 640), np.arange(0.5, 480))
+    seen = np.isfinite(lens.unproject(np.column_stack((u.ravel(), v.ravel())))).all(axis=1)
+    assert found.visible.sum() == pytest.approx(seen.sum(), rel=2e-3)
+    assert found.visible.sum() < 640 * 480 - 100
+
+
+@settings(max_examples=15)
+@given(
+    seed=st.integers(0, 10_000),
+    k1=st.floats(-0.3, 0.5),
+    k2=st.floats(-0.1, 0.2),
+    p1=st.floats(-5e-3, 5e-3),
+    tau=st.floats(-0.05, 0.05),
+    focal=st.floats(200, 2000),
+)
+def test_the_law_of_the_room_holds_for_random_lenses(seed, k1, k2, p1, tau, focal):
+    camera = Camera(
+        width=800, height=600, fx=focal, fy=1.1 * focal, cx=390, cy=310, skew=0.5, model="opencv",
+        distortion=(k1, k2, p1, -p1 / 2, 0, 0, 0, 0, 0, 0, 0, 0, tau, -tau),
+    )  # fmt: skip
+    if not lens_of(camera).is_whole:
+        return
+    found = solved(ROOM, camera, inside(ROOM, seed))
+    assert abs(found.visible.sum() - 800 * 600) < 1e-6
+
+
+def test_a_rig_of_pinholes_and_lenses():
+    rig = Rig([PINHOLE, CAMERAS["brown"].resized(0.5), CAMERAS["wide fisheye"].resized(0.25)])
+    poses = rig.poses(sphere_of_poses((0, 0, 0), 2.4, 3))
+    with open_observer(TORUS, rig) as observer:
+        together = observer.observe(poses)
+    for index, camera in enumerate(rig.cameras):
+        rows = np.flatnonzero(poses.camera == index)
+        with open_observer(TORUS, camera) as observer:
+            alone = observer.observe(poses.world_from_camera[rows])
+        np.testing.assert_array_equal(together.visible_pixels[rows], alone.visible_pixels)
+        np.testing.assert_array_equal(together.kind[rows], alone.kind)
+        assert (alone.kind == BoundKind.CERTIFIED).any()
+
+
+def test_targets_hide_nothing_and_are_measured():
+    sheet, wall = square(0.3, 1.0), square(0.3, 2.0)
+    scene = joined(sheet, wall)
+    marked = Mesh(
+        scene.vertices, scene.faces, [Group("sheet", is_target=True), Group("wall")], [0, 0, 1, 1]
+    )
+    camera = CAMERAS["brown"]
+    with open_observer(marked, camera) as observer:
+        seen = observer.observe(np.eye(4)[None])
+    np.testing.assert_allclose(seen.visible_pixels, seen.drawn_pixels, rtol=1e-12)
+    with open_observer(wall, camera) as observer:
+        alone = observer.observe(np.eye(4)[None])
+    np.testing.assert_allclose(seen.visible_pixels[0, 2:], alone.visible_pixels[0], rtol=1e-12)
+
+
+def test_planes_of_a_lens_are_found_once():
+    assert planes_of(CAMERAS["brown"]) is planes_of(CAMERAS["brown"])

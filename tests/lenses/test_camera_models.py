@@ -1,0 +1,65 @@
+"""Models of a `Camera` are the lenses of the programs that they are named for."""
+
+import numpy as np
+import pytest
+from lens_cases import BROWN, COLMAP, HEIGHT, KANNALA, PRISM, RATIONAL, TILTED, WIDTH, K, pixels
+
+from rastercov.camera_models import MODELS, lens_terms
+from rastercov.lenses import make_lens, sources
+
+SIZE = (WIDTH, HEIGHT)
+
+
+def kalibr(model, parameters, distortion):
+    return sources.kalibr(model, parameters, "radtan", distortion, SIZE)
+
+
+def metashape(kind):
+    lens = sources.metashape(
+        *SIZE, f=600, k1=0.02, k2=-0.01, k3=0.002, k4=-1e-4, p1=1e-3, p2=-2e-3, kind=kind
+    )
+    return lens, (0.02, -0.01, 0.002, -1e-4, 1e-3, -2e-3)
+
+
+def colmap(model):
+    values = COLMAP[model]
+    return sources.colmap(model, *SIZE, values), values[4:]
+
+
+RADTAN = (-0.1, 0.02, 1e-3, -5e-4)
+MATRIX = K * [[0.6, 1, 1], [1, 0.6, 1], [1, 1, 1]]
+CASES = [
+    ("pinhole", sources.opencv(K, *SIZE), ()),
+    *(("opencv", sources.opencv(K, *SIZE, d), d) for d in (BROWN[:4], BROWN, RATIONAL, PRISM)),
+    ("opencv", sources.opencv(K, *SIZE, TILTED), TILTED),
+    ("opencv_fisheye", sources.opencv_fisheye(MATRIX, *SIZE, KANNALA), KANNALA),
+    ("thin_prism_fisheye", *colmap("THIN_PRISM_FISHEYE")),
+    ("rad_tan_thin_prism_fisheye", *colmap("RAD_TAN_THIN_PRISM_FISHEYE")),
+    ("fov", *colmap("FOV")),
+    ("division", *colmap("DIVISION")),
+    ("omni", kalibr("omni", [0.9, 900, 900, 640, 512], RADTAN), (0.9, *RADTAN)),
+    ("eucm", kalibr("eucm", [0.6, 1.1, 480, 480, 640, 512], RADTAN), (0.6, 1.1, *RADTAN)),
+    (
+        "double_sphere",
+        kalibr("ds", [-0.2, 0.55, 480, 480, 640, 512], RADTAN),
+        (-0.2, 0.55, *RADTAN),
+    ),
+    ("metashape", *metashape("frame")),
+    ("metashape_fisheye", *metashape("fisheye")),
+    ("metashape_equisolid", *metashape("equisolid_fisheye")),
+    ("equirectangular", sources.equirectangular(*SIZE), ()),
+]
+
+
+@pytest.mark.parametrize(("model", "lens", "distortion"), CASES, ids=lambda c: str(c)[:30])
+def test_model_of_a_camera_is_that_lens(model, lens, distortion):
+    fx, fy, cx, cy = lens.params[:4]
+    own = make_lens(
+        width=WIDTH, height=HEIGHT, fx=fx, fy=fy, cx=cx, cy=cy, **lens_terms(model, distortion)
+    )
+    assert own == lens
+    assert np.array_equal(own.unproject(pixels(50)), lens.unproject(pixels(50)))
+
+
+def test_every_model_is_compared():
+    assert {model for model, *_ in CASES} == set(MODELS)

@@ -1,0 +1,235 @@
+"""The rule of an edge: its exactness, its bound, and the search for roots along it."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from lens_cases import HEIGHT, WIDTH, of_all_kinds
+from numpy.polynomial import chebyshev
+
+from rastercov.lenses import edge_kernels as kernels
+from rastercov.lenses import formulas
+from rastercov.lenses.quadrature import (
+    FEWEST,
+    MOST,
+    NODES,
+    RULE,
+    edge_table,
+    error_bound,
+    lobatto,
+)
+
+LENSES = of_all_kinds()
+FINE = 40
+QUICK = {"opencv prism", "kalibr ds", "colmap EQUIRECTANGULAR"}
+
+
+def exact(a, b):
+    """Integral of half (T_a dT_b - T_b dT_a) over [-1, 1], less that of the chord."""
+    ta, tb = np.eye(a + 1)[a], np.eye(b + 1)[b]
+    product = chebyshev.chebmul(ta, chebyshev.chebder(tb) if b else [0.0])
+    product = chebyshev.chebsub(
+        product, chebyshev.chebmul(tb, chebyshev.chebder(ta) if a else [0.0])
+    )
+    whole = chebyshev.chebint(product) / 2
+    return chebyshev.chebval(1, whole) - chebyshev.chebval(-1, whole)
+
+
+@pytest.mark.parametrize("n", range(FEWEST, MOST + 1))
+def test_rule_is_exact_to_its_degree_and_bounded_beyond(n):
+    x, rule, _ = lobatto(n)
+    at = [chebyshev.chebval(2 * x - 1, np.eye(k + 1)[k]) for k in range(25)]
+    for a in range(25):
+        for b in range(25):
+            error = abs(at[a] @ rule @ at[b] - exact(a, b))
+            if a + b <= 2 * n:
+                assert error < 1e-12
+            assert error <= 2 * (a + b) + 8 * n
+    # So it holds for all degrees: the rule's value is at most this, the integral at most a + b.
+    assert np.abs(rule).sum() <= 8 * n
+    assert np.abs(rule + rule.T).max() == 0
+
+
+@pytest.mark.parametrize("n", range(FEWEST, MOST + 1))
+def test_nodes_are_symmetric(n):
+    assert np.abs(NODES[n, : n + 1] + NODES[n, n::-1] - 1).max() <= 2.3e-16
+    assert (NODES[n, 0], NODES[n, n]) == (0, 1)
+
+
+@pytest.mark.parametrize("n", range(FEWEST, MOST + 1))
+def test_series_of_the_bound_is_its_sum(n):
+    for ratio in (1.2, 2.0, 10.0):
+        rho = ratio + math.sqrt(ratio**2 - 1)
+        s = np.arange(2 * n + 1, 3000, dtype=np.float64)
+        wanted = 4 * 3 * 5 * ((s + 1) * (2 * s + 8 * n) * rho**-s).sum()
+        assert error_bound(3, 5, ratio, 1.0, n) == pytest.approx(wanted, rel=1e-10)
+    assert error_bound(3, 5, 1.0, 1.0, n) == math.inf
+    assert error_bound(math.inf, 5, 2.0, 1.0, n) == math.inf
+
+
+def bulges(plane, a, b, n, rule, nodes):
+    """Bulges of edges from a to b, (N, 2) each, px^2, by numpy."""
+    t = nodes[:, None, None]
+    points = (1 - t) * a + t * b
+    rays = np.concatenate((points, np.ones((*points.shape[:2], 1))), axis=2) @ plane.frame.T
+    u, v = formulas.project(plane.code, plane.params, *np.moveaxis(rays, -1, 0))
+    u, v = u - u[0], v - v[0]
+    return np.einsum("in,ij,jn->n", u, rule, v)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in LENSES],
+)
+def test_bound_of_an_edge_holds(name):
+    """Against n = 40, for edges of all lengths and directions; the table's choice, too."""
+    lens = LENSES[name]
+    rng = np.random.default_rng(len(name))
+    fine = lobatto(FINE)
+    tightest = math.inf
+    for plane in lens.planes:
+        reaches = plane.reaches()
+        table = edge_table(plane, 1e-6)
+        ends = rng.dirichlet(np.full(len(plane.region), 0.05), (2, 4000)) @ plane.region
+        a, b = ends
+        half = 10 ** rng.uniform(-3.5, -0.3, (len(a), 1))
+        b = a + 2 * half * (b - a) / np.hypot(*(b - a).T)[:, None]
+        if plane.hole is not None:
+            size = np.abs(plane.hole - plane.hole.mean(axis=0)).max()
+            far = np.abs((a + b) / 2 - plane.hole.mean(axis=0)).max(axis=1) > size + half[:, 0]
+            a, b, half = a[far], b[far], half[far]
+        rays = [np.column_stack((z, np.ones(len(z)))) @ plane.frame.T for z in (a, b, (a + b) / 2)]
+        inside = np.isfinite([lens.project(ray) for ray in rays]).all(axis=(0, 2))
+        inside &= np.abs(b).max(axis=1) <= np.abs(plane.region).max()
+        if plane.has_pole:
+            side = np.sign(plane.region[:, 0].sum())
+            inside &= (b[:, 0] * side > 0) & (a[:, 0] * side > 0)
+        a, b, half = a[inside], b[inside], half[inside, 0]
+        unit = np.hypot(*((a + b) / 2).T) if plane.has_pole else np.ones(len(a))
+        wanted = bulges(plane, a, b, FINE, fine[1], fine[0])
+        scale = 1e-12 * (1 + np.abs(wanted)) + 1e-10 * lens.width * half
+        for n in (2, 3, 4, 5, 7, 9, 11):
+            own = slice(n + 1)
+            error = np.abs(bulges(plane, a, b, n, RULE[n, own, own], NODES[n, own]) - wanted)
+            bound = [
+                min(error_bound(mu, mv, r, h / u, n) for r, mu, mv in reaches)
+                for h, u in zip(half[:150], unit[:150], strict=True)
+            ]
+            bound = np.array(bound)
+            assert (error[:150] <= bound + scale[:150]).all()
+            is_short = half <= table.longest[n] * unit
+            assert (error[is_short] <= table.tolerance + scale[is_short]).all()
+            is_clear = (error[:150] > 10 * scale[:150]) & (bound < math.inf)
+            ratio = bound[is_clear] / error[:150][is_clear]
+            tightest = min(tightest, ratio.min(initial=math.inf))
+    # Edges are long enough to show an error, unless straight ones stay straight.
+    assert tightest < 1e9 or "PINHOLE" in name
+
+
+def test_tables_allow_longer_edges_with_more_nodes():
+    table = edge_table(LENSES["opencv brown"].planes[0])
+    assert (np.diff(table.longest[FEWEST:]) > 0).all()
+    loose = edge_table(LENSES["opencv brown"].planes[0], 1e-6)
+    assert (loose.longest[FEWEST:] > table.longest[FEWEST:]).all()
+    assert kernels.nodes_for(table.longest[3], table.longest, table.parts_of) == (3, 1)
+    n, parts = kernels.nodes_for(10 * table.longest[MOST], table.longest, table.parts_of)
+    assert n == table.parts_of
+    assert 10 * table.longest[MOST] / parts <= table.longest[n]
+
+
+class Room:
+    """Memory for the search for roots."""
+
+    def __init__(self):
+        self.stack = np.empty((kernels.DEEPEST + 2, MOST + 1))
+        self.low = np.empty((kernels.DEEPEST + 2, 2))
+        self.spare = np.empty(MOST + 1)
+        self.cuts, self.kinds = np.empty(kernels.MOST_CUTS), np.empty(kernels.MOST_CUTS, np.int64)
+
+    def roots(self, n, values, level):
+        kernels.bernstein_of(n, values, level, self.stack[0])
+        count = kernels.roots(
+            *(n, self.stack, self.low, self.spare, self.cuts, self.kinds, kernels.LEVEL_U, 0)
+        )
+        return np.sort(self.cuts[:count])
+
+    def is_inside(self, n, u, v):
+        return kernels.edge_is_inside(
+            *(n, u, v, float(WIDTH), float(HEIGHT)),
+            *(self.stack, self.low, self.spare, self.cuts, self.kinds),
+        )
+
+
+@settings(max_examples=25)
+@given(
+    st.integers(FEWEST, MOST),
+    st.lists(st.floats(-0.5, 1.5), min_size=1, max_size=6),
+    st.floats(0.1, 1000),
+    st.floats(-100, 100),
+)
+def test_roots_are_found(n, places, scale, level):
+    places = np.sort(places[:n])
+    t = NODES[n, : n + 1]
+    values = np.full(MOST + 1, level)
+    values[: n + 1] += scale * np.prod([t - place for place in places], axis=0)
+    found = Room().roots(n, values, level)
+    fine = np.linspace(0, 1, 2001)
+    at = scale * np.prod([fine - place for place in places], axis=0)
+    # Between the roots that were found the polynomial keeps its sign, to rounding.
+    part = np.searchsorted(found, fine)
+    noise = max(2 * kernels.FLAT, 1e-13 * (abs(level) + scale))
+    near = np.abs(fine[:, None] - found).min(axis=1, initial=1.0) < 1e-9
+    for k in range(len(found) + 1):
+        own = at[(part == k) & ~near]
+        assert not ((own > noise).any() and (own < -noise).any())
+    # And there are no more than it has, unless it is flat there.
+    for root in found:
+        slack = np.abs(np.prod([root - place for place in places])) * scale
+        assert slack <= 1e-9 * (1 + scale + abs(level))
+
+
+def test_a_root_in_the_middle_is_found():
+    t = NODES[3]
+    for places in ([0.25, 0.2, 0.2], [0.5, 0.2, 0.1], [0.5, 2.0, 2.0]):
+        values = np.prod([t - place for place in places], axis=0)
+        found = Room().roots(3, values, 0.0)
+        assert np.abs(found - places[0]).min() < 1e-12
+
+
+def test_a_flat_edge_has_no_root():
+    room, values = Room(), np.zeros(MOST + 1)
+    assert len(room.roots(5, values, 0.0)) == 0
+    values[:6] = 1e-12 * np.array([1, -1, 1, -1, 1, -1])
+    assert len(room.roots(5, values, 0.0)) == 0
+
+
+@pytest.mark.parametrize("name", ["opencv brown", "opencv prism", "colmap DIVISION"])
+def test_faces_with_all_corners_in_the_image_may_leave_it(name):
+    """`edge_is_inside` against places along the edge; corners alone are not enough."""
+    lens = LENSES[name]
+    (plane,) = lens.planes
+    rng = np.random.default_rng(6)
+    room, n, left = Room(), 9, 0
+    t = NODES[n, : n + 1, None]
+    fine = np.linspace(0, 1, 400)[:, None]
+    for _ in range(400):
+        # Ends near the border, on any two of its sides.
+        ends = lens.unproject(
+            rng.uniform((0, 0), (WIDTH, HEIGHT), (2, 2)).clip(
+                *(((40.0, 2.0), (WIDTH - 40.0, 2.0)) if rng.uniform() < 0.5 else (2.0, 1000.0))
+            )
+        )
+        a, b = ends[:, :2] / ends[:, 2:]
+        u, v = np.zeros((2, MOST + 1))
+        for places, out in ((t, (u, v)), (fine, None)):
+            points = (1 - places) * a + places * b
+            x, y = formulas.project(plane.code, plane.params, *points.T, 1.0)
+            if out:
+                out[0][: n + 1], out[1][: n + 1] = x, y
+        gap = np.min([x.min(), WIDTH - x.max(), y.min(), HEIGHT - y.max()])
+        if abs(gap) > 1e-3:
+            assert room.is_inside(n, u, v) == (gap > 0)
+            left += gap < 0
+    assert left > 20 or name == "colmap DIVISION"

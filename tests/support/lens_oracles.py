@@ -1,0 +1,39 @@
+"""Pixels of OpenCV and COLMAP for the lenses of `lens_cases`; they share no code with ours."""
+
+import numpy as np
+from lens_cases import COLMAP, HEIGHT, WIDTH
+
+
+def opencv_pixels(matrix, distortion, rays):
+    """Pixels (N, 2) of rays (N, 3) by cv2.projectPoints, with our origin."""
+    import cv2
+
+    none, distortion = np.zeros(3), np.array(distortion, np.float64)
+    pixels, _ = cv2.projectPoints(rays[:, None], none, none, np.array(matrix), distortion)
+    return pixels[:, 0] + 0.5
+
+
+def opencv_fisheye_pixels(matrix, distortion, rays):
+    """Pixels (N, 2) of rays (N, 3) by cv2.fisheye.projectPoints, with our origin."""
+    import cv2
+
+    none, distortion = np.zeros(3), np.array(distortion, np.float64)
+    pixels, _ = cv2.fisheye.projectPoints(rays[:, None], none, none, np.array(matrix), distortion)
+    return pixels[:, 0] + 0.5
+
+
+def colmap_camera(model):
+    """pycolmap's camera of `lens_cases.COLMAP`."""
+    import pycolmap
+
+    return pycolmap.Camera(model=model, width=WIDTH, height=HEIGHT, params=COLMAP[model])
+
+
+def colmap_pixels(model, rays):
+    """Pixels (N, 2) of rays (N, 3) by COLMAP; NaN where it has none, or is known to be coarse."""
+    camera = colmap_camera(model)
+    found = [camera.img_from_cam(ray) for ray in rays]
+    pixels = np.array([(np.nan, np.nan) if pixel is None else pixel for pixel in found])
+    if model == "FOV":  # a short series where r^2 < 1e-4, off by up to 1e-10 px
+        pixels[np.hypot(rays[:, 0], rays[:, 1]) < 0.011 * np.abs(rays[:, 2])] = np.nan
+    return pixels
