@@ -385,8 +385,6 @@ def test_what_needs_a_pinhole_refuses_other_lenses():
             with pytest.raises(CameraError, match="not supported here yet"):
                 use(mesh, camera, pose)
         with pytest.raises(CameraError, match="not supported here yet"):
-            rc.open_rasterizer(mesh, camera, "cpu")
-        with pytest.raises(CameraError, match="not supported here yet"):
             face_geometry(mesh, camera, pose[0])
 
 

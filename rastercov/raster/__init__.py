@@ -38,7 +38,8 @@ def open_rasterizer(
         Image size and intrinsics.
     backend : {"auto", "cpu", "gl"}
         "cpu" needs no graphics library. "auto" takes a hardware OpenGL device when one opens, and
-        the CPU otherwise: it is several times as fast as OpenGL in software.
+        the CPU otherwise: it is several times as fast as OpenGL in software. Cameras that are no
+        pinholes are drawn on the CPU.
     supersample : int
         S; the samples are a regular S x S grid in each pixel.
     roll : float
@@ -53,7 +54,8 @@ def open_rasterizer(
     Raises
     ------
     ConfigError
-        For an unknown backend, a supersample that is not 1 to 64, or a roll that is no angle.
+        For an unknown backend, a supersample that is not 1 to 64, a roll that is no angle, or
+        OpenGL for a camera that is no pinhole.
     DeviceError
         When the device cannot be opened or fails its self-test.
     """

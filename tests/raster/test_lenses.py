@@ -22,9 +22,7 @@ BIG = {"width": 1280, "height": 1024, "cx": 655.25, "cy": 500.5}
 LENSES = {
     "brown": Camera(**BIG, fx=900, fy=880, model="opencv", distortion=lens_cases.BROWN),
     "rational": Camera(**BIG, fx=900, fy=880, model="opencv", distortion=lens_cases.RATIONAL),
-    "kannala": Camera(
-        **BIG, fx=700, fy=690, model="opencv_fisheye", distortion=lens_cases.KANNALA
-    ),
+    "kannala": Camera(**BIG, fx=700, fy=690, model="opencv_fisheye", distortion=lens_cases.KANNALA),
     "wide": Camera(**BIG, fx=330, fy=330, model="opencv_fisheye", distortion=(0.01, 0, 0, 0)),
     "skew": Camera(**BIG, fx=900, fy=880, skew=30),
     "equirectangular": Camera(
@@ -282,7 +280,9 @@ def test_targets_hide_nothing_and_are_counted_against_surfaces():
     faces = np.array([(0, 1, 2), (0, 2, 3)])
     opaque = Mesh(vertices=wall, faces=faces)
     all_faces = np.vstack([faces + 4 * k for k in range(3)])
-    plain = Mesh(vertices=wall + front + back, faces=all_faces, groups={"wall": (0, 2), "t": (2, 6)})
+    plain = Mesh(
+        vertices=wall + front + back, faces=all_faces, groups={"wall": (0, 2), "t": (2, 6)}
+    )
     mesh = plain.with_groups(targets=["t"])
     with open_rasterizer(mesh, camera, "cpu") as rasterizer:
         counts, image = rasterizer.count(np.eye(4)[None]), rasterizer.render(np.eye(4))

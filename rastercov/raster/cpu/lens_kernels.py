@@ -463,6 +463,15 @@ def merge_cells(cells, starts, widths, heights):
             cells[c, 1] = cells[c, 3] = -1
         for j in range(heights[level - 1]):
             for i in range(widths[level - 1]):
-                a, b = starts[level] + (j >> 1) * width + (i >> 1), below + j * widths[level - 1] + i
-                cells[a, 0], cells[a, 1] = min(cells[a, 0], cells[b, 0]), max(cells[a, 1], cells[b, 1])
-                cells[a, 2], cells[a, 3] = min(cells[a, 2], cells[b, 2]), max(cells[a, 3], cells[b, 3])
+                a, b = (
+                    starts[level] + (j >> 1) * width + (i >> 1),
+                    below + j * widths[level - 1] + i,
+                )
+                cells[a, 0], cells[a, 1] = (
+                    min(cells[a, 0], cells[b, 0]),
+                    max(cells[a, 1], cells[b, 1]),
+                )
+                cells[a, 2], cells[a, 3] = (
+                    min(cells[a, 2], cells[b, 2]),
+                    max(cells[a, 3], cells[b, 3]),
+                )

@@ -216,7 +216,12 @@ class _Worker:
         self.visible, self.drawn = np.zeros((2, len(scene.faces)), np.int32)
 
     def draw(
-        self, pose: FloatArray, near: float, cull: bool, patch: Patch, drawn: NDArray[np.int32] | None
+        self,
+        pose: FloatArray,
+        near: float,
+        cull: bool,
+        patch: Patch,
+        drawn: NDArray[np.int32] | None,
     ) -> Image:
         """Draw the opaque faces, and add what each covers to (F,) `drawn`."""
         scene, n = self.scene, len(patch.x)
@@ -263,4 +268,6 @@ class _Worker:
 
 def _image(n: int) -> Image:
     """Memory for n blocks."""
-    return Image(np.empty((n, SAMPLES), np.float32), np.empty((n, SAMPLES), np.int32), np.empty(n, np.bool_))
+    return Image(
+        np.empty((n, SAMPLES), np.float32), np.empty((n, SAMPLES), np.int32), np.empty(n, np.bool_)
+    )

@@ -97,7 +97,10 @@ class SampleTables:
                 last = min(first + ROWS_A_TURN, bottom - top)
                 found = self._lens.unproject(grid.positions(top + first, top + last))
                 column = np.arange(grid.width)
-                begin, end = grid.first[top + first : top + last], grid.last[top + first : top + last]
+                begin, end = (
+                    grid.first[top + first : top + last],
+                    grid.last[top + first : top + last],
+                )
                 found[(column < begin[:, None]) | (column >= end[:, None])] = np.nan
                 rays[first:last, : grid.width] = found
 
