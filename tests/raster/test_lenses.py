@@ -2,22 +2,23 @@
 
 import math
 
+import lens_cases
+import lens_rooms
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from target_scenes import some_as_targets
 
 from rastercov import Camera, ConfigError, Mesh, look_at, open_observer, open_rasterizer, shapes
 from rastercov.lenses.of_camera import lens_of
 from rastercov.raster.cpu import lens_samples
 from rastercov.raster.cpu.lens_rasterizer import LensRasterizer
 from rastercov.viewpoints import sphere_of_poses
-import lens_cases
-import lens_rooms
 
 SCALE = 0.1
 EDGE_PX = 4e-3
-"""Distance from an edge, px, within which a sample may show either side: as by snapping to 1/256."""
+"""Px from an edge within which a sample may show either side: snapping moves edges by as much."""
 BIG = {"width": 1280, "height": 1024, "cx": 655.25, "cy": 500.5}
 LENSES = {
     "brown": Camera(**BIG, fx=900, fy=880, model="opencv", distortion=lens_cases.BROWN),
@@ -280,10 +281,8 @@ def test_targets_hide_nothing_and_are_counted_against_surfaces():
     faces = np.array([(0, 1, 2), (0, 2, 3)])
     opaque = Mesh(vertices=wall, faces=faces)
     all_faces = np.vstack([faces + 4 * k for k in range(3)])
-    plain = Mesh(
-        vertices=wall + front + back, faces=all_faces, groups={"wall": (0, 2), "t": (2, 6)}
-    )
-    mesh = plain.with_groups(targets=["t"])
+    plain = Mesh(vertices=wall + front + back, faces=all_faces)
+    mesh = some_as_targets(plain, np.arange(6) >= 2)
     with open_rasterizer(mesh, camera, "cpu") as rasterizer:
         counts, image = rasterizer.count(np.eye(4)[None]), rasterizer.render(np.eye(4))
     with open_rasterizer(opaque, camera, "cpu") as rasterizer:
@@ -312,7 +311,9 @@ def test_bands_of_rows_add_up_to_the_whole():
 
 
 def test_pixels_without_a_ray_are_background():
-    camera = Camera(width=200, height=160, fx=110, fy=110, model="opencv", distortion=(-0.35, 0))
+    camera = Camera(
+        width=200, height=160, fx=110, fy=110, model="opencv", distortion=(-0.35, 0, 0, 0)
+    )
     directions = rays(camera, pixels(camera))
     dead = np.isnan(directions[:, 0]).sum()
     assert dead > 100

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from rastercov._jit import allocation_free, part_with_arrays
 from rastercov.raster.cpu.memory import LANES
 from rastercov.raster.cpu.simd import DOUBLE, LONG, SINGLE, WORD, pack
-from rastercov.raster.cpu.simd_kernel import pointer, simd, when
+from rastercov.raster.cpu.simd_kernel import Variable, pointer, simd, when
 from rastercov.raster.target_kernels import TIE_REL
 
 FloatArray = NDArray[np.float64]
@@ -32,6 +32,9 @@ SAMPLES = BLOCK * BLOCK
 """Samples of a block."""
 LOOKUPS = 2
 """Cells of a side, less one, that are looked up for a face."""
+DOUBT_REL = 1e-14
+"""Rounding of an edge at a sample relative to both its corners and the sample, with a factor of
+5."""
 ROUNDING_REL = 1e-14
 """Rounding of n.a relative to the cube of the largest coordinate, with a factor of 5."""
 SLACK = 1e-7
@@ -66,6 +69,8 @@ class Patch(NamedTuple):
         Corner of the grid.
     cells_a_unit : float
         Cells of the first level in a unit of the plane.
+    reach : float
+        1 + |x| + |y| at most, of any sample.
     """
 
     frame: FloatArray
@@ -80,6 +85,7 @@ class Patch(NamedTuple):
     heights: NDArray[np.int64]
     low: FloatArray
     cells_a_unit: float
+    reach: float
 
 
 class Image(NamedTuple):
@@ -110,23 +116,26 @@ class Blocks(NamedTuple):
 class FacePlanes(NamedTuple):
     """Planes of a face: three through the eye and its edges, inner side positive, and 1/z.
 
-    A sample is covered where e_i = a_i x + b_i y + c_i >= t_i for i < 3, and 1/z = a_3 x + ... is
-    above `behind` and not above `cut`. 1/z is then put between `least` and `greatest`, its values
-    at the corners: a sample is beyond them by rounding alone.
+    A sample is inside where e_i = a_i x + b_i y + c_i > d_i for i < 3, and outside where one of
+    them is below -d_i: d_i is more than rounding. Between them `is_inside_exactly` decides, from
+    the corners p, q, r, `side`, and t_i of `least_sum`.
+
+    1/z = a_3 x + b_3 y + c_3 must be above `behind` and not above `cut`. It is then put between
+    `least` and `greatest`, its values at the corners: a sample is beyond them by rounding alone.
     """
 
     a0: float
     b0: float
     c0: float
-    t0: float
+    d0: float
     a1: float
     b1: float
     c1: float
-    t1: float
+    d1: float
     a2: float
     b2: float
     c2: float
-    t2: float
+    d2: float
     a3: float
     b3: float
     c3: float
@@ -134,6 +143,19 @@ class FacePlanes(NamedTuple):
     cut: float
     least: float
     greatest: float
+    px: float
+    py: float
+    pz: float
+    qx: float
+    qy: float
+    qz: float
+    rx: float
+    ry: float
+    rz: float
+    side: float
+    t0: float
+    t1: float
+    t2: float
 
 
 @allocation_free
@@ -220,14 +242,21 @@ def height_of(points, i, j, k):
 
 
 @part_with_arrays
-def planes_of(points, i, j, k, height, side, near):
-    """Planes of a face, with the inner side of its edges where their sign is that of `side`."""
+def planes_of(points, i, j, k, height, side, near, reach):
+    """Planes of a face, with the inner side of its edges where their sign is that of `side`.
+
+    `reach` is 1 + |x| + |y| at most, of any sample.
+    """
     ax, ay, az = points[i, 0], points[i, 1], points[i, 2]
     bx, by, bz = points[j, 0], points[j, 1], points[j, 2]
     cx, cy, cz = points[k, 0], points[k, 1], points[k, 2]
     a0, b0, c0 = side * (ay * bz - az * by), side * (az * bx - ax * bz), side * (ax * by - ay * bx)
     a1, b1, c1 = side * (by * cz - bz * cy), side * (bz * cx - bx * cz), side * (bx * cy - by * cx)
     a2, b2, c2 = side * (cy * az - cz * ay), side * (cz * ax - cx * az), side * (cx * ay - cy * ax)
+    size_a, size_b = max(abs(ax), abs(ay), abs(az)), max(abs(bx), abs(by), abs(bz))
+    size_c = max(abs(cx), abs(cy), abs(cz))
+    doubt = DOUBT_REL * reach
+    d0, d1, d2 = doubt * size_a * size_b, doubt * size_b * size_c, doubt * size_c * size_a
     bx, by, bz, cx, cy, cz = bx - ax, by - ay, bz - az, cx - ax, cy - ay, cz - az
     a3, b3 = (by * cz - bz * cy) / height, (bz * cx - bx * cz) / height
     c3 = (bx * cy - by * cx) / height
@@ -239,8 +268,10 @@ def planes_of(points, i, j, k, height, side, near):
     if not (np.isfinite(a3) and np.isfinite(b3) and np.isfinite(c3)):
         a3, b3, c3 = 0.0, 0.0, greatest
     return FacePlanes(
-        a0, b0, c0, least_sum(a0, b0, c0), a1, b1, c1, least_sum(a1, b1, c1),
-        a2, b2, c2, least_sum(a2, b2, c2), a3, b3, c3, behind, cut, least, greatest,
+        a0, b0, c0, d0, a1, b1, c1, d1, a2, b2, c2, d2, a3, b3, c3, behind, cut, least, greatest,
+        ax, ay, az, points[j, 0], points[j, 1], points[j, 2],
+        points[k, 0], points[k, 1], points[k, 2],
+        side, least_sum(a0, b0, c0), least_sum(a1, b1, c1), least_sum(a2, b2, c2),
     )  # fmt: skip
 
 
@@ -254,20 +285,40 @@ def is_beside(e, at, boxes, block):
     x0, x1, y0, y1 = boxes[block, 0], boxes[block, 1], boxes[block, 2], boxes[block, 3]
     if not (x1 >= at.x0 and x0 <= at.x1 and y1 >= at.y0 and y0 <= at.y1):
         return True
-    if e.a0 * (x1 if e.a0 > 0 else x0) + e.b0 * (y1 if e.b0 > 0 else y0) + e.c0 < e.t0:
+    if e.a0 * (x1 if e.a0 > 0 else x0) + e.b0 * (y1 if e.b0 > 0 else y0) + e.c0 < -e.d0:
         return True
-    if e.a1 * (x1 if e.a1 > 0 else x0) + e.b1 * (y1 if e.b1 > 0 else y0) + e.c1 < e.t1:
+    if e.a1 * (x1 if e.a1 > 0 else x0) + e.b1 * (y1 if e.b1 > 0 else y0) + e.c1 < -e.d1:
         return True
-    return e.a2 * (x1 if e.a2 > 0 else x0) + e.b2 * (y1 if e.b2 > 0 else y0) + e.c2 < e.t2
+    return e.a2 * (x1 if e.a2 > 0 else x0) + e.b2 * (y1 if e.b2 > 0 else y0) + e.c2 < -e.d2
+
+
+def is_inside_exactly(e, x, y):
+    """Mask of the samples inside a face, for those next to an edge.
+
+    (p x q).(x, y, 1) is the product of the vectors from the sample to p and to q. Each vector is
+    rounded once for all edges at its corner, so their signs say on which side of the sample each
+    edge passes without contradiction: no sample falls between faces at a corner, or in two.
+    """
+    ax, ay = -(x * e.pz) + e.px, -(y * e.pz) + e.py
+    bx, by = -(x * e.qz) + e.qx, -(y * e.qz) + e.qy
+    cx, cy = -(x * e.rz) + e.rx, -(y * e.rz) + e.ry
+    is_in = (ax * by - ay * bx) * e.side >= e.t0
+    is_in = is_in & ((bx * cy - by * cx) * e.side >= e.t1)
+    return is_in & ((cx * ay - cy * ax) * e.side >= e.t2)
 
 
 def lanes_of(e, x, y):
     """Return the mask of `LANES` samples that a face covers, and their 1/z as float32."""
-    is_in = e.a0 * x + e.b0 * y + e.c0 >= e.t0
-    is_in = is_in & (e.a1 * x + e.b1 * y + e.c1 >= e.t1)
-    is_in = is_in & (e.a2 * x + e.b2 * y + e.c2 >= e.t2)
+    e0 = e.a0 * x + e.b0 * y + e.c0
+    e1 = e.a1 * x + e.b1 * y + e.c1
+    e2 = e.a2 * x + e.b2 * y + e.c2
+    is_in = (e0 > e.d0) & (e1 > e.d1) & (e2 > e.d2)
+    may_be_in = (e0 >= -e.d0) & (e1 >= -e.d1) & (e2 >= -e.d2)
+    found = Variable(is_in)
+    with when((may_be_in & ~is_in).bits() > 0, likely=False):
+        found.now = is_inside_exactly(e, x, y)
     w = e.a3 * x + e.b3 * y + e.c3
-    is_in = is_in & (w > e.behind) & (w <= e.cut)
+    is_in = found.now & (w > e.behind) & (w <= e.cut)
     return is_in, w.maximum(e.least).minimum(e.greatest).to(SINGLE)
 
 
@@ -354,7 +405,7 @@ def draw(points, faces, near, front_only, patch, image, drawn, with_drawn):
         is_both = abs(height) <= rounding
         for turn in range(2 if is_both else 1):
             side = 1.0 if (height > 0.0) != (turn == 1) else -1.0
-            e = planes_of(points, i, j, k, height, side, near)
+            e = planes_of(points, i, j, k, height, side, near, patch.reach)
             covered = 0
             for row in range(at.first_row, at.last_row + 1):
                 for column in range(at.first_column, at.last_column + 1):
@@ -384,7 +435,7 @@ def count_targets(points, faces, near, patch, image, visible, drawn):
         at = blocks_in(x0, x1, y0, y1, patch)
         for turn in range(2 if abs(height) <= rounding else 1):
             side = 1.0 if (height > 0.0) != (turn == 1) else -1.0
-            e = planes_of(points, i, j, k, height, side, near)
+            e = planes_of(points, i, j, k, height, side, near, patch.reach)
             for row in range(at.first_row, at.last_row + 1):
                 for column in range(at.first_column, at.last_column + 1):
                     block = patch.block_at[row, column]

@@ -16,6 +16,7 @@ and depth is compared as float32 1/z. A sample without a ray meets no face and i
 from collections.abc import Callable
 from functools import partial
 from importlib.metadata import version
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -136,8 +137,9 @@ class LensRasterizer(Closing):
         mesh, kind = scene.mesh, tables.grid.count_type
         check_counts(len(poses), mesh.n_faces, np.dtype(kind).itemsize * (1 + with_drawn))
         near, cull, clipped = limits(mesh, camera, poses)
-        visible = np.zeros((len(poses), mesh.n_faces), kind)
-        drawn = np.zeros((len(poses), mesh.n_faces), kind) if with_drawn else None
+        shape = len(poses), mesh.n_faces
+        visible: Any = np.zeros(shape, kind)
+        drawn: Any = np.zeros(shape, kind) if with_drawn else None
         filled = np.zeros(len(poses), np.int64)
         workers = scratch.take(max(1, min(self._threads, len(poses))))
         for band in range(tables.n_bands):
@@ -227,7 +229,8 @@ class _Worker:
         scene, n = self.scene, len(patch.x)
         if len(self.image.is_touched) < n:
             self.image = _image(n)
-        image = Image(*(array[:n] for array in self.image))
+        inverse, face, is_touched = self.image
+        image = Image(inverse[:n], face[:n], is_touched[:n])
         image.is_touched[:] = False
         axes = np.ascontiguousarray(pose[:3, :3] @ patch.frame)
         kernels.put_in_plane(scene.vertices, pose[:3, 3] - scene.centre, axes, self.points)

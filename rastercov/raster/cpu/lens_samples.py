@@ -169,7 +169,8 @@ def _patch(frame: FloatArray, x: FloatArray, y: FloatArray, top: int) -> Patch |
         heights=heights,
         low=low,
         cells_a_unit=1 / side,
+        reach=1 + float(np.abs(boxes[:, :2]).max() + np.abs(boxes[:, 2:]).max()),
     )
-    for array in patch[:-1]:
+    for array in patch[:-2]:
         array.flags.writeable = False
     return patch
