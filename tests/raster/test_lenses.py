@@ -190,7 +190,7 @@ def test_counts_are_of_rays_at_the_samples_of_the_grid(lens, supersample, roll):
 @pytest.mark.parametrize("scene", SCENES)
 def test_without_distortion_counts_are_those_of_the_pinhole(scene):
     mesh, poses = SCENES[scene]
-    camera = Camera(width=320, height=256, fx=230, fy=220, cx=163.2, cy=125.1)
+    camera = Camera(width=160, height=128, fx=115, fy=110, cx=81.6, cy=62.5)
     with open_rasterizer(mesh, camera, "cpu") as pinhole, LensRasterizer(mesh, camera) as table:
         one, other = pinhole.count(poses), table.count(poses)
         image, by_table = pinhole.render(poses[0]), table.render(poses[0])

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from rastercov._jit import allocation_free, part_with_arrays
 from rastercov.raster.cpu.memory import LANES
 from rastercov.raster.cpu.simd import DOUBLE, LONG, SINGLE, WORD, pack
-from rastercov.raster.cpu.simd_kernel import Variable, pointer, simd, when
+from rastercov.raster.cpu.simd_kernel import Variable, pointer, pointers, simd, when
 from rastercov.raster.target_kernels import TIE_REL
 
 FloatArray = NDArray[np.float64]
@@ -30,11 +30,15 @@ BLOCK = 8
 """Samples of a side of a block."""
 SAMPLES = BLOCK * BLOCK
 """Samples of a block."""
-LOOKUPS = 2
+LOOKUPS = 4
 """Cells of a side, less one, that are looked up for a face."""
 DOUBT_REL = 1e-14
 """Rounding of an edge at a sample relative to both its corners and the sample, with a factor of
 5."""
+DOUBT32_REL = 1e-6
+"""Rounding to float32 of an edge at a sample relative to its change within a block, where the edge
+crosses the block: 2^-24 for each of its value at the center, two products and two sums, all of them
+at most three times the change, with a factor of 2."""
 ROUNDING_REL = 1e-14
 """Rounding of n.a relative to the cube of the largest coordinate, with a factor of 5."""
 SLACK = 1e-7
@@ -50,9 +54,11 @@ class Patch(NamedTuple):
     ----------
     frame : (3, 3) float64
         lens_from_plane.
-    x, y : (B, 64) float64
-        Places of the samples of each block, in units of the plane; NaN for a sample of another
-        plane, or of none.
+    centres : (B, 2) float64
+        Place (x, y) in each block, in units of the plane.
+    x, y : (B, 64) float32
+        Places of the samples of each block from there; NaN for a sample of another plane, or of
+        none.
     boxes : (B, 4) float64
         Least and greatest x, least and greatest y of each block.
     places : (B, 2) int32
@@ -71,11 +77,14 @@ class Patch(NamedTuple):
         Cells of the first level in a unit of the plane.
     reach : float
         1 + |x| + |y| at most, of any sample.
+    half : float
+        Largest distance in x or y of a sample from the centre of its block.
     """
 
     frame: FloatArray
-    x: FloatArray
-    y: FloatArray
+    centres: FloatArray
+    x: NDArray[np.float32]
+    y: NDArray[np.float32]
     boxes: FloatArray
     places: NDArray[np.int32]
     block_at: NDArray[np.int32]
@@ -86,6 +95,15 @@ class Patch(NamedTuple):
     low: FloatArray
     cells_a_unit: float
     reach: float
+    half: float
+
+
+class Samples(NamedTuple):
+    """Arrays of a `Patch` that `cover` reads."""
+
+    centres: FloatArray
+    x: NDArray[np.float32]
+    y: NDArray[np.float32]
 
 
 class Image(NamedTuple):
@@ -117,8 +135,8 @@ class FacePlanes(NamedTuple):
     """Planes of a face: three through the eye and its edges, inner side positive, and 1/z.
 
     A sample is inside where e_i = a_i x + b_i y + c_i > d_i for i < 3, and outside where one of
-    them is below -d_i: d_i is more than rounding. Between them `is_inside_exactly` decides, from
-    the corners p, q, r, `side`, and t_i of `least_sum`.
+    them is below -d_i: d_i is more than rounding, to float32 within a block. Between them
+    `is_inside_exactly` decides, from the corners p, q, r, `side`, and t_i of `least_sum`.
 
     1/z = a_3 x + b_3 y + c_3 must be above `behind` and not above `cut`. It is then put between
     `least` and `greatest`, its values at the corners: a sample is beyond them by rounding alone.
@@ -242,26 +260,35 @@ def height_of(points, i, j, k):
 
 
 @part_with_arrays
-def planes_of(points, i, j, k, height, side, near, reach):
-    """Planes of a face, with the inner side of its edges where their sign is that of `side`.
+def scale_of(a, b, c):
+    """Factor that brings a plane to the size of 1, the same for both faces of an edge."""
+    size = abs(a) + abs(b) + abs(c)
+    return 1.0 / size if size > 0.0 else 1.0
 
-    `reach` is 1 + |x| + |y| at most, of any sample.
-    """
-    ax, ay, az = points[i, 0], points[i, 1], points[i, 2]
-    bx, by, bz = points[j, 0], points[j, 1], points[j, 2]
-    cx, cy, cz = points[k, 0], points[k, 1], points[k, 2]
-    a0, b0, c0 = side * (ay * bz - az * by), side * (az * bx - ax * bz), side * (ax * by - ay * bx)
-    a1, b1, c1 = side * (by * cz - bz * cy), side * (bz * cx - bx * cz), side * (bx * cy - by * cx)
-    a2, b2, c2 = side * (cy * az - cz * ay), side * (cz * ax - cx * az), side * (cx * ay - cy * ax)
-    size_a, size_b = max(abs(ax), abs(ay), abs(az)), max(abs(bx), abs(by), abs(bz))
-    size_c = max(abs(cx), abs(cy), abs(cz))
-    doubt = DOUBT_REL * reach
-    d0, d1, d2 = doubt * size_a * size_b, doubt * size_b * size_c, doubt * size_c * size_a
-    bx, by, bz, cx, cy, cz = bx - ax, by - ay, bz - az, cx - ax, cy - ay, cz - az
-    a3, b3 = (by * cz - bz * cy) / height, (bz * cx - bx * cz) / height
-    c3 = (bx * cy - by * cx) / height
-    nearest = min(points[i, 2], points[j, 2], points[k, 2])
-    least = 1.0 / max(points[i, 2], points[j, 2], points[k, 2])
+
+@part_with_arrays
+def planes_of(points, i, j, k, height, side, near, patch):
+    """Planes of a face, with the inner side of its edges where their sign is that of `side`."""
+    px, py, pz = points[i, 0], points[i, 1], points[i, 2]
+    qx, qy, qz = points[j, 0], points[j, 1], points[j, 2]
+    rx, ry, rz = points[k, 0], points[k, 1], points[k, 2]
+    a0, b0, c0 = side * (py * qz - pz * qy), side * (pz * qx - px * qz), side * (px * qy - py * qx)
+    a1, b1, c1 = side * (qy * rz - qz * ry), side * (qz * rx - qx * rz), side * (qx * ry - qy * rx)
+    a2, b2, c2 = side * (ry * pz - rz * py), side * (rz * px - rx * pz), side * (rx * py - ry * px)
+    t0, t1, t2 = least_sum(a0, b0, c0), least_sum(a1, b1, c1), least_sum(a2, b2, c2)
+    s0, s1, s2 = scale_of(a0, b0, c0), scale_of(a1, b1, c1), scale_of(a2, b2, c2)
+    a0, b0, c0, a1, b1, c1 = a0 * s0, b0 * s0, c0 * s0, a1 * s1, b1 * s1, c1 * s1
+    a2, b2, c2 = a2 * s2, b2 * s2, c2 * s2
+    p, q = max(abs(px), abs(py), abs(pz)), max(abs(qx), abs(qy), abs(qz))
+    r = max(abs(rx), abs(ry), abs(rz))
+    doubt, doubt32 = DOUBT_REL * patch.reach, DOUBT32_REL * patch.half
+    d0 = doubt * p * q * s0 + doubt32 * (abs(a0) + abs(b0))
+    d1 = doubt * q * r * s1 + doubt32 * (abs(a1) + abs(b1))
+    d2 = doubt * r * p * s2 + doubt32 * (abs(a2) + abs(b2))
+    ux, uy, uz, vx, vy, vz = qx - px, qy - py, qz - pz, rx - px, ry - py, rz - pz
+    a3, b3 = (uy * vz - uz * vy) / height, (uz * vx - ux * vz) / height
+    c3 = (ux * vy - uy * vx) / height
+    nearest, least = min(pz, qz, rz), 1.0 / max(pz, qz, rz)
     behind, cut, greatest = -np.inf, np.inf, 1.0 / max(nearest, near)
     if nearest < near:
         behind, cut = 0.0, greatest
@@ -269,9 +296,7 @@ def planes_of(points, i, j, k, height, side, near, reach):
         a3, b3, c3 = 0.0, 0.0, greatest
     return FacePlanes(
         a0, b0, c0, d0, a1, b1, c1, d1, a2, b2, c2, d2, a3, b3, c3, behind, cut, least, greatest,
-        ax, ay, az, points[j, 0], points[j, 1], points[j, 2],
-        points[k, 0], points[k, 1], points[k, 2],
-        side, least_sum(a0, b0, c0), least_sum(a1, b1, c1), least_sum(a2, b2, c2),
+        px, py, pz, qx, qy, qz, rx, ry, rz, side, t0, t1, t2,
     )  # fmt: skip
 
 
@@ -307,19 +332,38 @@ def is_inside_exactly(e, x, y):
     return is_in & ((cx * ay - cy * ax) * e.side >= e.t2)
 
 
-def lanes_of(e, x, y):
-    """Return the mask of `LANES` samples that a face covers, and their 1/z as float32."""
-    e0 = e.a0 * x + e.b0 * y + e.c0
-    e1 = e.a1 * x + e.b1 * y + e.c1
-    e2 = e.a2 * x + e.b2 * y + e.c2
-    is_in = (e0 > e.d0) & (e1 > e.d1) & (e2 > e.d2)
-    may_be_in = (e0 >= -e.d0) & (e1 >= -e.d1) & (e2 >= -e.d2)
-    found = Variable(is_in)
-    with when((may_be_in & ~is_in).bits() > 0, likely=False):
-        found.now = is_inside_exactly(e, x, y)
-    w = e.a3 * x + e.b3 * y + e.c3
-    is_in = found.now & (w > e.behind) & (w <= e.cut)
-    return is_in, w.maximum(e.least).minimum(e.greatest).to(SINGLE)
+def in_block(a, b, c, centre_x, centre_y):
+    """Slopes and value at the centre of a block, in float32, of a plane."""
+    return (each.to(SINGLE) for each in (a, b, a * centre_x + b * centre_y + c))
+
+
+def lanes_of(e, centre, x, y):
+    """Return the masks of the samples of a block that a face covers, and their 1/z, by rows.
+
+    A generator over rows of `LANES` samples.
+    """
+    edges = [
+        [*in_block(*plane, *centre), doubt.to(SINGLE)]
+        for *plane, doubt in (
+            (e.a0, e.b0, e.c0, e.d0),
+            (e.a1, e.b1, e.c1, e.d1),
+            (e.a2, e.b2, e.c2, e.d2),
+        )
+    ]
+    a3, b3, c3 = in_block(e.a3, e.b3, e.c3, *centre)
+    behind, cut = e.behind.to(SINGLE), e.cut.to(SINGLE)
+    for k in range(SAMPLES // LANES):
+        dx, dy = x[k], y[k]
+        w = a3 * dx + b3 * dy + c3
+        is_in = may_be_in = (w > behind) & (w <= cut)
+        for a, b, c, doubt in edges:
+            value = a * dx + b * dy + c
+            is_in, may_be_in = is_in & (value > doubt), may_be_in & (value >= -doubt)
+        found = Variable(is_in)
+        with when((may_be_in & ~is_in).bits() > 0, likely=False):
+            place = dx.to(DOUBLE) + centre[0], dy.to(DOUBLE) + centre[1]
+            found.now = may_be_in & is_inside_exactly(e, *place)
+        yield k, found.now, w.maximum(e.least.to(SINGLE)).minimum(e.greatest.to(SINGLE))
 
 
 def rows_of(block, *arrays):
@@ -328,13 +372,18 @@ def rows_of(block, *arrays):
     return [array.at(start) for array in arrays]
 
 
+def centre_of(block, centres):
+    """Centre of a block."""
+    at = block.to(LONG) * 2
+    return centres.value(at), centres.value(at + 1)
+
+
 @simd(returns=types.int64)
-def cover(e, f, block, x, y, inverse, face):
+def cover(e, f, block, samples, inverse, face):
     """Put a face on the samples of a block where nothing is nearer; returns how many it covers."""
-    x, y, inverse, face = rows_of(block, x, y, inverse, face)
+    x, y, inverse, face = rows_of(block, samples.x, samples.y, inverse, face)
     masks = []
-    for k in range(SAMPLES // LANES):
-        is_in, w = lanes_of(e, x[k], y[k])
+    for k, is_in, w in lanes_of(e, centre_of(block, samples.centres), x, y):
         before = inverse[k]
         is_nearer = is_in & (w > before)
         with when(is_nearer.bits() > 0):
@@ -345,19 +394,19 @@ def cover(e, f, block, x, y, inverse, face):
 
 
 @simd(returns=types.int64)
-def count_covered(e, block, x, y):
+def count_covered(e, block, samples):
     """Samples of a block that a face covers."""
-    x, y = rows_of(block, x, y)
-    return pack(*(lanes_of(e, x[k], y[k])[0] for k in range(SAMPLES // LANES))).count_bits()
+    x, y = rows_of(block, samples.x, samples.y)
+    found = lanes_of(e, centre_of(block, samples.centres), x, y)
+    return pack(*(is_in for _, is_in, _ in found)).count_bits()
 
 
 @simd(returns=types.int64)
-def count_seen(e, block, x, y, inverse):
+def count_seen(e, block, samples, inverse):
     """Samples of a block that a target covers and that no surface hides."""
-    x, y, inverse = rows_of(block, x, y, inverse)
+    x, y, inverse = rows_of(block, samples.x, samples.y, inverse)
     masks = []
-    for k in range(SAMPLES // LANES):
-        is_in, w = lanes_of(e, x[k], y[k])
+    for k, is_in, w in lanes_of(e, centre_of(block, samples.centres), x, y):
         masks.append(is_in & (w.to(DOUBLE) * (1.0 + TIE_REL) >= inverse[k].to(DOUBLE)))
     return pack(*masks).count_bits()
 
@@ -389,7 +438,7 @@ def draw(points, faces, near, front_only, patch, image, drawn, with_drawn):
     drawn : (F,) int32
         Not used where `with_drawn` is False.
     """
-    x, y = pointer(patch.x), pointer(patch.y)
+    samples = pointers(Samples(patch.centres, patch.x, patch.y))
     inverse, face = pointer(image.inverse), pointer(image.face)
     for f in range(faces.shape[0]):
         i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
@@ -405,7 +454,7 @@ def draw(points, faces, near, front_only, patch, image, drawn, with_drawn):
         is_both = abs(height) <= rounding
         for turn in range(2 if is_both else 1):
             side = 1.0 if (height > 0.0) != (turn == 1) else -1.0
-            e = planes_of(points, i, j, k, height, side, near, patch.reach)
+            e = planes_of(points, i, j, k, height, side, near, patch)
             covered = 0
             for row in range(at.first_row, at.last_row + 1):
                 for column in range(at.first_column, at.last_column + 1):
@@ -415,9 +464,9 @@ def draw(points, faces, near, front_only, patch, image, drawn, with_drawn):
                     if is_drawn:
                         if not image.is_touched[block]:
                             clear(image, block)
-                        covered += cover(e, f, block, x, y, inverse, face)
+                        covered += cover(e, f, block, samples, inverse, face)
                     else:
-                        covered += count_covered(e, block, x, y)
+                        covered += count_covered(e, block, samples)
             if with_drawn:
                 drawn[f] += covered
 
@@ -425,7 +474,8 @@ def draw(points, faces, near, front_only, patch, image, drawn, with_drawn):
 @allocation_free
 def count_targets(points, faces, near, patch, image, visible, drawn):
     """Add the samples of targets to their counts, (N,) each; arguments as for `draw`."""
-    x, y, inverse = pointer(patch.x), pointer(patch.y), pointer(image.inverse)
+    samples = pointers(Samples(patch.centres, patch.x, patch.y))
+    inverse = pointer(image.inverse)
     for f in range(faces.shape[0]):
         i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
         if not max(points[i, 2], points[j, 2], points[k, 2]) >= near:
@@ -435,16 +485,16 @@ def count_targets(points, faces, near, patch, image, visible, drawn):
         at = blocks_in(x0, x1, y0, y1, patch)
         for turn in range(2 if abs(height) <= rounding else 1):
             side = 1.0 if (height > 0.0) != (turn == 1) else -1.0
-            e = planes_of(points, i, j, k, height, side, near, patch.reach)
+            e = planes_of(points, i, j, k, height, side, near, patch)
             for row in range(at.first_row, at.last_row + 1):
                 for column in range(at.first_column, at.last_column + 1):
                     block = patch.block_at[row, column]
                     if block < 0 or is_beside(e, at, patch.boxes, block):
                         continue
-                    covered = count_covered(e, block, x, y)
+                    covered = count_covered(e, block, samples)
                     drawn[f] += covered
                     if image.is_touched[block]:
-                        visible[f] += count_seen(e, block, x, y, inverse)
+                        visible[f] += count_seen(e, block, samples, inverse)
                     else:
                         visible[f] += covered
 
@@ -483,7 +533,8 @@ def read_image(image, patch, by_ray, face, depth):
             if image.face[block, s] >= 0 and row < height and column < width:
                 z = 1.0 / np.float64(image.inverse[block, s])
                 if by_ray:
-                    x, y = patch.x[block, s], patch.y[block, s]
+                    x = patch.centres[block, 0] + patch.x[block, s]
+                    y = patch.centres[block, 1] + patch.y[block, s]
                     z *= np.sqrt(1.0 + x * x + y * y)
                 face[row, column], depth[row, column] = image.face[block, s], z
 

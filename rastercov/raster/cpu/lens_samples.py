@@ -26,7 +26,7 @@ from rastercov.raster.sample_grid import SampleGrid
 FloatArray = NDArray[np.float64]
 
 MAX_TABLE = 1 << 22
-"""Most samples of a table, of 16 bytes each; larger images are drawn in bands of rows."""
+"""Most samples of a table, of 8 bytes each; larger images are drawn in bands of rows."""
 MOST_KEPT = 4
 """Tables of a camera that are kept; those of further bands are made again for each call."""
 BYTES_A_SAMPLE = 100
@@ -139,6 +139,15 @@ def _patch(frame: FloatArray, x: FloatArray, y: FloatArray, top: int) -> Patch |
     places = np.stack((at // n_columns, at % n_columns), axis=1).astype(np.int32)
     block_at = np.full(n_rows * n_columns, -1, np.int32)
     block_at[at] = np.arange(len(at))
+    # Float32 from the middle of each block: within 2^-24 of half its side.
+    low_x, high_x, low_y, high_y = (
+        limit(each, axis=1) for each in (x, y) for limit in (np.nanmin, np.nanmax)
+    )
+    centres = np.stack(((low_x + high_x) / 2, (low_y + high_y) / 2), axis=1)
+    from_x, from_y = (
+        (each - centres[:, k, None]).astype(np.float32) for k, each in ((0, x), (1, y))
+    )
+    x, y = centres[:, :1] + from_x, centres[:, 1:] + from_y
     sides = (np.nanmin(x, axis=1), np.nanmax(x, axis=1), np.nanmin(y, axis=1), np.nanmax(y, axis=1))
     boxes = np.stack(sides, axis=1)
     low = np.ascontiguousarray(boxes[:, [0, 2]].min(axis=0))
@@ -158,8 +167,9 @@ def _patch(frame: FloatArray, x: FloatArray, y: FloatArray, top: int) -> Patch |
     places[:, 0] += top
     patch = Patch(
         frame=np.ascontiguousarray(frame),
-        x=x,
-        y=y,
+        centres=centres,
+        x=from_x,
+        y=from_y,
         boxes=boxes,
         places=places,
         block_at=block_at.reshape(n_rows, n_columns),
@@ -170,7 +180,8 @@ def _patch(frame: FloatArray, x: FloatArray, y: FloatArray, top: int) -> Patch |
         low=low,
         cells_a_unit=1 / side,
         reach=1 + float(np.abs(boxes[:, :2]).max() + np.abs(boxes[:, 2:]).max()),
+        half=float(max(np.nanmax(np.abs(from_x)), np.nanmax(np.abs(from_y)))),
     )
-    for array in patch[:-2]:
+    for array in patch[:-3]:
         array.flags.writeable = False
     return patch
