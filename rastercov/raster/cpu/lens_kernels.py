@@ -12,24 +12,13 @@ same number for a sample, but for the sign, and exactly one of them owns a sampl
 M. Olano, T. Greer. Triangle Scan Conversion using 2D Homogeneous Coordinates. 1997.
 """
 
-from typing import NamedTuple
-
 import numpy as np
-from numba.core import types
-from numpy.typing import NDArray
 
 from rastercov._jit import allocation_free, part_with_arrays
-from rastercov.raster.cpu.memory import LANES
-from rastercov.raster.cpu.simd import DOUBLE, LONG, SINGLE, WORD, pack
-from rastercov.raster.cpu.simd_kernel import Variable, pointer, pointers, simd, when
-from rastercov.raster.target_kernels import TIE_REL
+from rastercov.raster.cpu.lens_cover import count_covered, count_seen, cover
+from rastercov.raster.cpu.lens_records import BLOCK, SAMPLES, Blocks, FacePlanes, Samples
+from rastercov.raster.cpu.simd_kernel import pointer, pointers
 
-FloatArray = NDArray[np.float64]
-
-BLOCK = 8
-"""Samples of a side of a block."""
-SAMPLES = BLOCK * BLOCK
-"""Samples of a block."""
 LOOKUPS = 4
 """Cells of a side, less one, that are looked up for a face."""
 DOUBT_REL = 1e-14
@@ -45,135 +34,6 @@ SLACK = 1e-7
 """Plane units, relative: by so much the box of a face is grown, for rounding."""
 LEAST = 5e-324
 """Smallest positive number: e >= LEAST is e > 0."""
-
-
-class Patch(NamedTuple):
-    """Samples of an image that one ideal plane sees, in blocks of 8 x 8, arrays read-only.
-
-    Attributes
-    ----------
-    frame : (3, 3) float64
-        lens_from_plane.
-    centres : (B, 2) float64
-        Place (x, y) in each block, in units of the plane.
-    x, y : (B, 64) float32
-        Places of the samples of each block from there; NaN for a sample of another plane, or of
-        none.
-    boxes : (B, 4) float64
-        Least and greatest x, least and greatest y of each block.
-    places : (B, 2) int32
-        Row and column of each block on the canvas.
-    block_at : (rows, columns) int32
-        Block at each place of the canvas, -1 for none.
-    cells : (N, 4) int32
-        First and last column, first and last row of blocks with samples in each cell of a grid on
-        the plane, level by level: a cell of a level is four of the level before. First is after
-        last where there is none.
-    starts, widths, heights : (L,) int64
-        First cell of each level, and its numbers of columns and rows.
-    low : (2,) float64
-        Corner of the grid.
-    cells_a_unit : float
-        Cells of the first level in a unit of the plane.
-    reach : float
-        1 + |x| + |y| at most, of any sample.
-    half : float
-        Largest distance in x or y of a sample from the centre of its block.
-    """
-
-    frame: FloatArray
-    centres: FloatArray
-    x: NDArray[np.float32]
-    y: NDArray[np.float32]
-    boxes: FloatArray
-    places: NDArray[np.int32]
-    block_at: NDArray[np.int32]
-    cells: NDArray[np.int32]
-    starts: NDArray[np.int64]
-    widths: NDArray[np.int64]
-    heights: NDArray[np.int64]
-    low: FloatArray
-    cells_a_unit: float
-    reach: float
-    half: float
-
-
-class Samples(NamedTuple):
-    """Arrays of a `Patch` that `cover` reads."""
-
-    centres: FloatArray
-    x: NDArray[np.float32]
-    y: NDArray[np.float32]
-
-
-class Image(NamedTuple):
-    """What is drawn on the blocks of a patch.
-
-    `inverse`, (B, 64) float32, has 1/z and `face`, (B, 64) int32, the face of each sample, 0 and -1
-    for none; both are valid only where `is_touched`, (B,).
-    """
-
-    inverse: NDArray[np.float32]
-    face: NDArray[np.int32]
-    is_touched: NDArray[np.bool_]
-
-
-class Blocks(NamedTuple):
-    """Blocks that a face may reach: a box of the plane, and columns and rows, last included."""
-
-    x0: float
-    x1: float
-    y0: float
-    y1: float
-    first_column: int
-    last_column: int
-    first_row: int
-    last_row: int
-
-
-class FacePlanes(NamedTuple):
-    """Planes of a face: three through the eye and its edges, inner side positive, and 1/z.
-
-    A sample is inside where e_i = a_i x + b_i y + c_i > d_i for i < 3, and outside where one of
-    them is below -d_i: d_i is more than rounding, to float32 within a block. Between them
-    `is_inside_exactly` decides, from the corners p, q, r, `side`, and t_i of `least_sum`.
-
-    1/z = a_3 x + b_3 y + c_3 must be above `behind` and not above `cut`. It is then put between
-    `least` and `greatest`, its values at the corners: a sample is beyond them by rounding alone.
-    """
-
-    a0: float
-    b0: float
-    c0: float
-    d0: float
-    a1: float
-    b1: float
-    c1: float
-    d1: float
-    a2: float
-    b2: float
-    c2: float
-    d2: float
-    a3: float
-    b3: float
-    c3: float
-    behind: float
-    cut: float
-    least: float
-    greatest: float
-    px: float
-    py: float
-    pz: float
-    qx: float
-    qy: float
-    qz: float
-    rx: float
-    ry: float
-    rz: float
-    side: float
-    t0: float
-    t1: float
-    t2: float
 
 
 @allocation_free
@@ -315,100 +175,6 @@ def is_beside(e, at, boxes, block):
     if e.a1 * (x1 if e.a1 > 0 else x0) + e.b1 * (y1 if e.b1 > 0 else y0) + e.c1 < -e.d1:
         return True
     return e.a2 * (x1 if e.a2 > 0 else x0) + e.b2 * (y1 if e.b2 > 0 else y0) + e.c2 < -e.d2
-
-
-def is_inside_exactly(e, x, y):
-    """Mask of the samples inside a face, for those next to an edge.
-
-    (p x q).(x, y, 1) is the product of the vectors from the sample to p and to q. Each vector is
-    rounded once for all edges at its corner, so their signs say on which side of the sample each
-    edge passes without contradiction: no sample falls between faces at a corner, or in two.
-    """
-    ax, ay = -(x * e.pz) + e.px, -(y * e.pz) + e.py
-    bx, by = -(x * e.qz) + e.qx, -(y * e.qz) + e.qy
-    cx, cy = -(x * e.rz) + e.rx, -(y * e.rz) + e.ry
-    is_in = (ax * by - ay * bx) * e.side >= e.t0
-    is_in = is_in & ((bx * cy - by * cx) * e.side >= e.t1)
-    return is_in & ((cx * ay - cy * ax) * e.side >= e.t2)
-
-
-def in_block(a, b, c, centre_x, centre_y):
-    """Slopes and value at the centre of a block, in float32, of a plane."""
-    return (each.to(SINGLE) for each in (a, b, a * centre_x + b * centre_y + c))
-
-
-def lanes_of(e, centre, x, y):
-    """Return the masks of the samples of a block that a face covers, and their 1/z, by rows.
-
-    A generator over rows of `LANES` samples.
-    """
-    edges = [
-        [*in_block(*plane, *centre), doubt.to(SINGLE)]
-        for *plane, doubt in (
-            (e.a0, e.b0, e.c0, e.d0),
-            (e.a1, e.b1, e.c1, e.d1),
-            (e.a2, e.b2, e.c2, e.d2),
-        )
-    ]
-    a3, b3, c3 = in_block(e.a3, e.b3, e.c3, *centre)
-    behind, cut = e.behind.to(SINGLE), e.cut.to(SINGLE)
-    for k in range(SAMPLES // LANES):
-        dx, dy = x[k], y[k]
-        w = a3 * dx + b3 * dy + c3
-        is_in = may_be_in = (w > behind) & (w <= cut)
-        for a, b, c, doubt in edges:
-            value = a * dx + b * dy + c
-            is_in, may_be_in = is_in & (value > doubt), may_be_in & (value >= -doubt)
-        found = Variable(is_in)
-        with when((may_be_in & ~is_in).bits() > 0, likely=False):
-            place = dx.to(DOUBLE) + centre[0], dy.to(DOUBLE) + centre[1]
-            found.now = may_be_in & is_inside_exactly(e, *place)
-        yield k, found.now, w.maximum(e.least.to(SINGLE)).minimum(e.greatest.to(SINGLE))
-
-
-def rows_of(block, *arrays):
-    """Rows of `LANES` samples of a block in each of some arrays."""
-    start = block.to(LONG) * SAMPLES
-    return [array.at(start) for array in arrays]
-
-
-def centre_of(block, centres):
-    """Centre of a block."""
-    at = block.to(LONG) * 2
-    return centres.value(at), centres.value(at + 1)
-
-
-@simd(returns=types.int64)
-def cover(e, f, block, samples, inverse, face):
-    """Put a face on the samples of a block where nothing is nearer; returns how many it covers."""
-    x, y, inverse, face = rows_of(block, samples.x, samples.y, inverse, face)
-    masks = []
-    for k, is_in, w in lanes_of(e, centre_of(block, samples.centres), x, y):
-        before = inverse[k]
-        is_nearer = is_in & (w > before)
-        with when(is_nearer.bits() > 0):
-            inverse[k] = w.where(is_nearer, before)
-            face[k] = f.to(WORD).broadcast(LANES).where(is_nearer, face[k])
-        masks.append(is_in)
-    return pack(*masks).count_bits()
-
-
-@simd(returns=types.int64)
-def count_covered(e, block, samples):
-    """Samples of a block that a face covers."""
-    x, y = rows_of(block, samples.x, samples.y)
-    found = lanes_of(e, centre_of(block, samples.centres), x, y)
-    return pack(*(is_in for _, is_in, _ in found)).count_bits()
-
-
-@simd(returns=types.int64)
-def count_seen(e, block, samples, inverse):
-    """Samples of a block that a target covers and that no surface hides."""
-    x, y, inverse = rows_of(block, samples.x, samples.y, inverse)
-    masks = []
-    for k, is_in, w in lanes_of(e, centre_of(block, samples.centres), x, y):
-        masks.append(is_in & (w.to(DOUBLE) * (1.0 + TIE_REL) >= inverse[k].to(DOUBLE)))
-    return pack(*masks).count_bits()
 
 
 @part_with_arrays

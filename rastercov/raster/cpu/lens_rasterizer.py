@@ -5,12 +5,13 @@
     once:         lens, sample grid          Patch for each plane      lens_samples
     for each band of rows, pose and plane:
     1 project     vertices, pose             points in the plane       lens_kernels
-    2 set up      points of a face           edges, 1/z, blocks        lens_kernels
-    3 cover       planes, places of samples  Image: 1/z, face          lens_kernels
+    2 set up      points of a face           FacePlanes, Blocks        lens_kernels
+    3 cover       FacePlanes, Patch          Image: 1/z, face          lens_cover
     4 count       Image                      visible, background       lens_kernels
 
-Nothing is rounded to a grid: samples are tested in float64 at the places that the lens gives them,
-and depth is compared as float32 1/z. A sample without a ray meets no face and is background.
+Nothing is rounded to a grid: samples are tested at the places that the lens gives them, to 2^-24 of
+half a block, and depth is compared as float32 1/z. A sample without a ray meets no face and is
+background.
 """
 
 from collections.abc import Callable
@@ -40,7 +41,7 @@ from rastercov.raster.contract import (
     check_picture,
 )
 from rastercov.raster.cpu import lens_kernels as kernels
-from rastercov.raster.cpu.lens_kernels import SAMPLES, Image, Patch
+from rastercov.raster.cpu.lens_records import SAMPLES, Image, Patch
 from rastercov.raster.cpu.lens_samples import SampleTables, tables_of
 from rastercov.raster.tie_order import in_one_order
 

@@ -20,7 +20,7 @@ from rastercov._threads import share_poses
 from rastercov.camera import Camera
 from rastercov.lenses.of_camera import lens_of, planes_of
 from rastercov.raster.cpu import lens_kernels as kernels
-from rastercov.raster.cpu.lens_kernels import BLOCK, SAMPLES, Patch
+from rastercov.raster.cpu.lens_records import BLOCK, SAMPLES, Patch
 from rastercov.raster.sample_grid import SampleGrid
 
 FloatArray = NDArray[np.float64]
@@ -144,9 +144,8 @@ def _patch(frame: FloatArray, x: FloatArray, y: FloatArray, top: int) -> Patch |
         limit(each, axis=1) for each in (x, y) for limit in (np.nanmin, np.nanmax)
     )
     centres = np.stack(((low_x + high_x) / 2, (low_y + high_y) / 2), axis=1)
-    from_x, from_y = (
-        (each - centres[:, k, None]).astype(np.float32) for k, each in ((0, x), (1, y))
-    )
+    from_x = (x - centres[:, :1]).astype(np.float32)
+    from_y = (y - centres[:, 1:]).astype(np.float32)
     x, y = centres[:, :1] + from_x, centres[:, 1:] + from_y
     sides = (np.nanmin(x, axis=1), np.nanmax(x, axis=1), np.nanmin(y, axis=1), np.nanmax(y, axis=1))
     boxes = np.stack(sides, axis=1)
