@@ -293,7 +293,7 @@ def test_near_may_be_0_and_may_be_whole():
         ("come together", LENS | {"aperture": 1e-3}),
         ("come together", LENS | {"focus_distance": 1.0}),
         ("come together", LENS | {"f_number": 2.0}),
-        ("aperture needs focal_length and pixel_size", INTRINSICS | FOCUS),
+        ("aperture needs? ", INTRINSICS | FOCUS),
         ("f_number or aperture, not both", LENS | FOCUS | {"f_number": 2.0}),
         ("focus_range or aperture, not both", LENS | FOCUS | {"focus_range": (1, 2)}),
         ("principal_point or cx", LENS | {"principal_point": (1e-3, 1e-3), "cx": 3.0}),
@@ -384,6 +384,8 @@ def test_what_needs_a_pinhole_refuses_other_lenses():
         for use in (rc.evaluate, rc.visibility, rc.regions):
             with pytest.raises(CameraError, match="not supported here yet"):
                 use(mesh, camera, pose)
+        with pytest.raises(CameraError, match="not supported here yet"):
+            rc.open_rasterizer(mesh, camera, "cpu")
         with pytest.raises(CameraError, match="not supported here yet"):
             face_geometry(mesh, camera, pose[0])
 
@@ -484,7 +486,28 @@ FILES = {
     "date.toml": ("width = 1\nheight = 1\nfx = 1\nfy = 2020-01-01", "fy must be a number, got"),
     "mixed.toml": (
         "width = 1\nheight = 1\nfx = 1\nfy = 1\nf_number = 2",
-        "f_number goes with focal_length",
+        "f_number and aperture need the focal length in metres; give pixel_size",
+    ),
+    "unfit.toml": (
+        "width = 1\nheight = 1\nfx = 100\nfy = 200\npixel_size = 1e-6\nf_number = 2",
+        r"give focal lengths of 0\.0001 m and 0\.0002 m; correct pixel_size",
+    ),
+    "angles.toml": (
+        "width = 1\nheight = 1\nhfov_deg = 60\nfx = 3",
+        "give hfov_deg and vfov_deg, or",
+    ),
+    "flat.toml": (
+        "width = 1\nheight = 1\nhfov_deg = 180",
+        "hfov_deg must be above 0 and below 180",
+    ),
+    "sideless.toml": ("height = 1\nhfov_deg = 60", "missing width; hfov_deg needs it"),
+    "outside.toml": (
+        "width = 9\nheight = 9\nvfov_deg = 60\ncy = -1",
+        "vfov_deg needs a principal point inside the image",
+    ),
+    "wide.toml": (
+        'width = 1\nheight = 1\nhfov_deg = 60\nmodel = "opencv_fisheye"',
+        "hfov_deg and vfov_deg are of a pinhole",
     ),
     "preset.toml": ('preset = "leica"', "no camera preset 'leica'; there are"),
     "presets.json": ('{"preset": ["khepra"]}', "no camera preset"),
@@ -503,6 +526,37 @@ def test_a_file_that_holds_no_camera_is_named(tmp_path, name, content, match):
         Camera.load(tmp_path / name)
     assert str(caught.value).startswith(f"{tmp_path / name}: ")
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("degrees", [1.0, 60.0, 90.0, 120.0, 179.0])
+@pytest.mark.parametrize("centre", [None, 100.0])
+def test_a_field_of_view_gives_the_focal_length_that_has_it(degrees, centre):
+    entries = {"width": 640, "height": 480, "hfov_deg": degrees}
+    entries |= {} if centre is None else {"cx": centre}
+    camera = Camera.from_dict(entries)
+    assert math.degrees(camera.hfov) == pytest.approx(degrees, rel=1e-12)
+    assert camera.fx == camera.fy  # square pixels
+    both = Camera.from_dict({"width": 640, "height": 480, "hfov_deg": degrees, "vfov_deg": 50})
+    assert math.degrees(both.vfov) == pytest.approx(50, rel=1e-12)
+
+
+def test_a_preset_is_changed_by_a_field_of_view():
+    camera = Camera.from_dict({"preset": "khepra", "vfov_deg": 40, "near": 0.2})
+    assert math.degrees(camera.vfov) == pytest.approx(40)
+    assert (camera.width, camera.near, camera.focus_range) == (1280, 0.2, (0.1, 5.0))
+    assert camera.focal_length is None
+
+
+def test_a_calibrated_matrix_and_a_pixel_size_give_the_aperture_of_an_f_number():
+    entries = INTRINSICS | {"pixel_size": 5e-6, "f_number": 4, "focus_distance": 1.0}
+    camera = Camera.from_dict(entries)
+    f = (INTRINSICS["fx"] + INTRINSICS["fy"]) / 2 * 5e-6
+    assert camera.focal_length == pytest.approx(f)
+    assert camera.aperture == pytest.approx(f / 4)
+    assert (camera.fx, camera.fy) == (INTRINSICS["fx"], INTRINSICS["fy"])
+    by_diameter = entries | {"aperture": f / 4}
+    del by_diameter["f_number"]
+    assert Camera.from_dict(by_diameter) == camera
 
 
 def test_a_file_that_cannot_be_read_is_named(tmp_path):
@@ -528,7 +582,7 @@ keys = st.sampled_from(
     [
         *("width", "height", "fx", "fy", "cx", "cy", "near", "focal_length", "pixel_size"),
         *("aperture", "f_number", "focus_distance", "max_blur", "focus_range", "skew"),
-        *("distortion", "principal_point", "preset", "", "fz"),
+        *("distortion", "principal_point", "preset", "", "fz", "hfov_deg", "vfov_deg"),
     ]
 )
 
