@@ -24,7 +24,7 @@ from tracer import Tracer, need_open3d
 import rastercov as rc
 from rastercov import shapes
 from rastercov._observers import ROLL
-from rastercov.cli.inputs import read_view_points
+from rastercov.cli.inputs import poses_around
 from rastercov.criteria import face_geometry
 from rastercov.exact.certificate import CertificateSolver
 from rastercov.exact.half_planes import HalfPlaneSolver
@@ -154,7 +154,7 @@ def _race(report: Report, rounds: int) -> None:
     camera = rc.Camera(width=1280, height=1024, fx=1228.8, fy=1228.8)
     for name in ("torus", "aeroplane-9856"):
         mesh = shapes.by_name(name)
-        poses = read_view_points("sphere:64", mesh, camera)
+        poses = poses_around("sphere:64", mesh, camera)
         what = f"{name}, {mesh.n_faces:,} closed faces, 1280 x 1024"
         tracer = Tracer(mesh, camera, poses, THREADS)
         with rc.open_observer(mesh, camera, threads=THREADS) as observer:
@@ -275,7 +275,7 @@ class _Run:
         self, kind: type[HalfPlaneSolver], mesh: rc.Mesh, front_only: bool, poses: int
     ) -> None:
         self.scratch = kind(surface_of(mesh), CAMERA)
-        self.poses = read_view_points(f"sphere:{poses}", mesh, CAMERA)
+        self.poses = poses_around(f"sphere:{poses}", mesh, CAMERA)
         self.near = near_limit(CAMERA, mesh.bounds, self.poses)
         self.front_only = front_only
 

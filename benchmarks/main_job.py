@@ -30,7 +30,7 @@ from rows import Report, arguments
 import rastercov as rc
 from rastercov import shapes
 from rastercov._observers import ROLL
-from rastercov.cli.inputs import read_camera, read_view_points
+from rastercov.cli import inputs
 from rastercov.coverage import FIGURES, batch_size
 from rastercov.mesh.formats import READERS
 from rastercov.network import Network
@@ -64,7 +64,7 @@ def main() -> None:
         size = float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
         poses = rc.sphere_of_poses(mesh.bounds.mean(axis=0), 1.2 * size, args.poses)
         compare_judging(report, name, mesh, rc.Poses.of(poses), args.rounds, args.threads)
-    khepra = read_camera("khepra")
+    khepra = rc.Camera.preset("khepra")
     in_focus = replace(khepra, focus_range=None)
     aeroplane = shapes.aeroplane(9856)
     compare_reports(report, "aeroplane", aeroplane, in_focus, args.report_poses, args.rounds)
@@ -149,7 +149,7 @@ def compare_reports(report: Report, name, mesh, camera, n_poses: int, n_rounds: 
 
 def poses_around(mesh, camera, n_poses: int) -> rc.Poses:
     """Poses of `--poses sphere:N`."""
-    return rc.Poses.of(read_view_points(f"sphere:{n_poses}", mesh, camera))
+    return rc.Poses.of(inputs.poses_around(f"sphere:{n_poses}", mesh, camera))
 
 
 def timed(jobs: Sequence[Callable[[], object]], n_rounds: int) -> list[list[tuple[float, float]]]:

@@ -9,6 +9,8 @@ from rastercov.area.regions import Regions, regions
 from rastercov.area.union import Covered, RegionUnion, unite
 from rastercov.area.zones import DeadZones, dead_zones
 from rastercov.camera import Camera
+from rastercov.camera_formats import read_views, write_views
+from rastercov.camera_formats.conventions import Conventions
 from rastercov.coverage import Coverage, evaluate, evaluate_batches
 from rastercov.engine import Engine
 from rastercov.errors import (
@@ -36,6 +38,7 @@ from rastercov.raster import (
 from rastercov.rig import Rig
 from rastercov.task import Reason, Task
 from rastercov.viewpoints import look_at, sphere_of_poses
+from rastercov.views import Views
 
 __all__ = [
     "BoundKind",
@@ -44,6 +47,7 @@ __all__ = [
     "CellShares",
     "Cells",
     "ConfigError",
+    "Conventions",
     "Coverage",
     "Covered",
     "DeadZones",
@@ -67,6 +71,7 @@ __all__ = [
     "ResourceError",
     "Rig",
     "Task",
+    "Views",
     "Visibility",
     "VisibilityBuffer",
     "cells",
@@ -77,11 +82,13 @@ __all__ = [
     "open_observer",
     "open_rasterizer",
     "read_poses",
+    "read_views",
     "regions",
     "sphere_of_poses",
     "unite",
     "visibility",
     "write_poses",
+    "write_views",
 ]
 __version__ = "0.1.0"
 

@@ -112,12 +112,17 @@ def written_file(path: StrPath) -> Iterator[BinaryIO]:
 
 def read_json(path: StrPath, most: int = LARGEST_TEXT) -> Any:
     """Content of a JSON file; UnreadableError for anything else, and where a name comes twice."""
-    return _parsed("JSON", lambda text: json.loads(text, object_pairs_hook=_table), path, most)
+    return parsed_json(file_bytes(path, most))
+
+
+def parsed_json(data: bytes) -> Any:
+    """Content of JSON, as `read_json` reads it."""
+    return _parsed("JSON", lambda text: json.loads(text, object_pairs_hook=_table), data)
 
 
 def read_toml(path: StrPath, most: int = LARGEST_TEXT) -> dict[str, Any]:
     """Table of a TOML file; UnreadableError for anything else."""
-    table: dict[str, Any] = _parsed("TOML", tomllib.loads, path, most)
+    table: dict[str, Any] = _parsed("TOML", tomllib.loads, file_bytes(path, most))
     return table
 
 
@@ -127,8 +132,7 @@ def one_line(error: Exception) -> str:
     return text if len(text) <= 200 else text[:197] + "..."
 
 
-def _parsed(form: str, parse: Callable[[str], Any], path: StrPath, most: int) -> Any:
-    data = file_bytes(path, most)
+def _parsed(form: str, parse: Callable[[str], Any], data: bytes) -> Any:
     try:
         return parse(data.decode("utf-8-sig"))  # some editors put a byte order mark first
     except UnicodeDecodeError as error:

@@ -43,6 +43,9 @@ MODELS: Mapping[str, Model] = {
     "rad_tan_thin_prism_fisheye": Model(
         "equidistant", "k1 k2 k3 k4 k5 k6 p2 p1 s1 s2 s3 s4", is_planar=False
     ),
+    "fisheye62": Model(
+        "equidistant", "k1 k2 k3 k4 k5 k6 p1 p2 s1 s2 s3 s4", (8, 12), is_planar=False
+    ),
     "fov": Model("fov", "omega"),
     "division": Model("division", "k"),
     "omni": Model("unified", "xi k1 k2 p1 p2", (1, 5), is_planar=False),
@@ -54,8 +57,8 @@ MODELS: Mapping[str, Model] = {
     "equirectangular": Model("equirectangular", is_planar=False),
 }
 """Models by name. "opencv" and "opencv_fisheye" are OpenCV's; the next two, "fov" and "division"
-COLMAP's THIN_PRISM_FISHEYE, RAD_TAN_THIN_PRISM_FISHEYE, FOV and DIVISION; "omni", "eucm" and
-"double_sphere" Kalibr's with radtan distortion."""
+COLMAP's THIN_PRISM_FISHEYE, RAD_TAN_THIN_PRISM_FISHEYE, FOV and DIVISION; "fisheye62" OpenSfM's
+fisheye62 and fisheye624; "omni", "eucm" and "double_sphere" Kalibr's with radtan distortion."""
 
 
 def checked_model(model: Any, distortion: Any) -> tuple[str, tuple[float, ...]]:

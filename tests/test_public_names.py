@@ -26,6 +26,15 @@ SURFACE = {
         "TOLERANCE_REL",
     },
     "camera": set(),
+    "camera_formats.__init__": {
+        *("IN_FOLDERS", "IN_METRES", "OF_ONE_CAMERA", "READERS", "WRITERS", "format_of"),
+        "PARTS_OF_COLMAP",
+        *("Reader", "read_through"),
+    },
+    "camera_formats.conventions": {
+        *("Border", "DRIFT_OF_FILES", "LENS_MODELS", "OPENGL_AXES", "POSE_CONVENTIONS"),
+        *("inverse_of", "metres_per", "unique"),
+    },
     "coverage": {
         *("EVALUATE_BUDGET", "FIGURES", "PAIRS_A_BATCH", "POSES_A_BATCH", "UNITS"),
         *("batch_size", "check_observer", "judged", "measurements"),
@@ -44,6 +53,7 @@ SURFACE = {
     "observation": set(),
     "observer": set(),
     "task": {"THESIS", "Limits"},
+    "views": {"MOST_NAMES"},
     "viewpoints": {"enclosing_distance", "fibonacci_sphere", "half_angles"},
 }
 MESH = {"Group", "Mesh"}
@@ -121,6 +131,7 @@ def test_every_parameter_of_a_function_is_documented_and_typed(name):
 VALUES = ["Camera", "Coverage", "Engine", "FaceCounts", "Group", "Mesh", "Observation", "Poses"]
 VALUES += ["RasterizerInfo", "Rig", "Task", "Visibility", "VisibilityBuffer"]
 VALUES += ["CellShares", "Cells", "Covered", "DeadZones", "Regions"]
+VALUES += ["Conventions", "Views"]
 
 
 @pytest.mark.parametrize("name", VALUES)
@@ -134,7 +145,7 @@ def test_values_are_frozen(name):
 
 
 RESULTS = ["Coverage", "FaceCounts", "Observation", "Poses", "Visibility", "VisibilityBuffer"]
-RESULTS += ["CellShares", "Cells", "Covered", "DeadZones", "Regions"]
+RESULTS += ["CellShares", "Cells", "Covered", "DeadZones", "Regions", "Views"]
 
 
 def test_every_dataclass_in_the_surface_is_listed():

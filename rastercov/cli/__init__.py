@@ -1,4 +1,4 @@
-"""The `rastercov` command: evaluate, render, compare, place, check, validate, demo, doctor.
+"""The `rastercov` command, with a module for each of its commands.
 
 Exit codes: 0 done, 1 a check failed, 2 bad usage or input, 130 interrupted. Results go to standard
 output; warnings, errors and progress to standard error, an error as one line.
@@ -13,7 +13,7 @@ from typing import Annotated
 import typer
 
 import rastercov
-from rastercov.cli import compare, demo, doctor, evaluate, place, render, validate
+from rastercov.cli import compare, convert, demo, doctor, evaluate, place, render, validate
 from rastercov.cli.console import exit_code, leave, notices_shown
 
 app = typer.Typer(
@@ -40,6 +40,7 @@ def _start(
 
 for _command in (
     *(evaluate.evaluate, demo.demo, render.render, compare.compare, place.place, place.check),
+    convert.convert,
     doctor.doctor,
 ):
     app.command()(_command)

@@ -9,19 +9,24 @@ from numpy.typing import NDArray
 from rich.console import Console
 
 from rastercov.camera import Camera
+from rastercov.camera_formats.conventions import Conventions
 from rastercov.cli import options
 from rastercov.cli.console import out_option, progress_bar, size_line, warn
-from rastercov.cli.inputs import read_camera, read_scene, read_view_points
+from rastercov.cli.inputs import read_scene
+from rastercov.cli.views import read_eyes
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 
 COMPARED = ["certified", "sampled", "sampled@4"]
 
 
+@options.with_conventions
 def compare(
     meshes: options.Meshes,
-    camera: options.CameraOption,
     poses: options.PosesOption,
+    camera: options.CameraOption = None,
+    conventions: Conventions = Conventions(),  # noqa: B008 - becomes options
+    camera_name: options.CameraName = None,
     method: Annotated[
         list[str],
         typer.Option(
@@ -55,11 +60,10 @@ def compare(
 
     [bold]Without files[/]: rastercov compare teapot -c khepra -p sphere:4 --method sampled@2
     """
-    scene, eye = (
-        read_scene(meshes, unit, transform, [], two_sided, drop_invalid),
-        read_camera(camera),
-    )
-    matrices = read_view_points(poses, scene, eye)
+    scene = read_scene(meshes, unit, transform, [], two_sided, drop_invalid)
+    eyes = read_eyes(scene, camera, poses, conventions, camera_name)
+    eye, matrices = eyes.camera(), eyes.poses.world_from_camera
+    warn(eyes.notes)
     if models:
         if method != COMPARED or against != "exact":
             raise ConfigError("--models takes neither --method nor --against; leave them out")

@@ -8,7 +8,7 @@ import typer
 from rastercov import shapes
 from rastercov.camera import Camera
 from rastercov.cli.evaluate import run_and_print
-from rastercov.cli.inputs import read_view_points
+from rastercov.cli.inputs import poses_around
 from rastercov.cli.options import AsJson, Device, Out
 from rastercov.task import Task
 
@@ -27,6 +27,6 @@ def demo(
     from rastercov.report.coverage import Options
 
     mesh, camera = shapes.by_name(shape), Camera.preset("icube-ns4133bu-8mm")
-    matrices = read_view_points(f"sphere:{poses}", mesh, camera)
+    matrices = poses_around(f"sphere:{poses}", mesh, camera)
     task = Task(max_incidence_deg=75)
     run_and_print(mesh, camera, matrices, task, out, Options(device=device), as_json)

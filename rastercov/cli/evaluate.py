@@ -1,5 +1,7 @@
 """The command `evaluate`: coverage of every pose, and a report."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -9,9 +11,11 @@ from numpy.typing import NDArray
 from rich.console import Console
 
 from rastercov.camera import Camera
+from rastercov.camera_formats.conventions import Conventions
 from rastercov.cli import options
 from rastercov.cli.console import progress_bar, warn
-from rastercov.cli.inputs import read_camera, read_scene, read_view_points
+from rastercov.cli.inputs import read_scene
+from rastercov.cli.views import read_eyes
 from rastercov.errors import PoseError
 from rastercov.mesh import Mesh
 from rastercov.pose import Poses
@@ -44,11 +48,14 @@ Table = Annotated[
 Pictures = Annotated[int, typer.Option(min=0, help="Poses to draw, spread over the run.")]
 
 
+@options.with_conventions
 @options.with_task
 def evaluate(
     meshes: options.Meshes,
-    camera: options.CameraOption,
     poses: options.PosesOption,
+    camera: options.CameraOption = None,
+    conventions: Conventions = Conventions(),  # noqa: B008 - becomes options
+    camera_name: options.CameraName = None,
     out: options.Out = Path("report"),
     unit: options.Unit = options.UNIT,
     transform: options.Transform = [],  # noqa: B006 - typer copies it
@@ -57,9 +64,7 @@ def evaluate(
     two_sided: options.TwoSided = [],  # noqa: B006 - the same
     drop_invalid: options.DropInvalid = False,
     task: Task = Task(),  # noqa: B008 - becomes options
-    skip_bad_poses: Annotated[
-        bool, typer.Option("--skip-bad-poses", help="Leave out poses that are no rigid motion.")
-    ] = False,
+    skip_bad_poses: options.SkipBadPoses = False,
     table: Table = None,
     pictures: Pictures = 12,
     by: By = None,
@@ -77,7 +82,9 @@ def evaluate(
     from rastercov.report.coverage import Options  # loads pyarrow
 
     scene = read_scene(meshes, unit, transform, occluder, two_sided, drop_invalid, target)
-    eye = read_camera(camera)
+    with _remedy():
+        eyes = read_eyes(scene, camera, poses, conventions, camera_name)
+    warn(eyes.notes)
     settings = Options(
         method=method,
         supersample=supersample,
@@ -87,13 +94,23 @@ def evaluate(
         pictures=pictures,
         skip_bad_poses=skip_bad_poses,
     )
-    run_and_print(scene, eye, read_view_points(poses, scene, eye), task, out, settings, as_json)
+    run_and_print(scene, eyes.camera(), eyes.poses, task, out, settings, as_json)
+
+
+@contextmanager
+def _remedy() -> Iterator[None]:
+    """Name the option that leaves out poses which are none."""
+    try:
+        yield
+    except PoseError as error:
+        remedy = "; correct it or pass --skip-bad-poses" if error.pose_ids else ""
+        raise PoseError(f"{error}{remedy}", error.pose_ids) from None
 
 
 def run_and_print(
     mesh: Mesh,
     camera: Camera,
-    poses: FloatArray,
+    poses: FloatArray | Poses,
     task: Task,
     out: Path,
     settings: Any,
@@ -105,11 +122,7 @@ def run_and_print(
     from rastercov.report.coverage import run
     from rastercov.report.tables import run_table, summary_table
 
-    try:
-        accepted = Poses.of(poses, skip_bad=settings.skip_bad_poses)
-    except PoseError as error:
-        remedy = "; correct it or pass --skip-bad-poses" if error.pose_ids else ""
-        raise PoseError(f"{error}{remedy}", error.pose_ids) from None
+    accepted = Poses.of(poses)
     warn(mesh.warnings)
     skipped = sorted(accepted.rejected.items())
     warn(f"pose {row} left out: it {text}" for row, text in skipped[:MOST_WARNINGS])

@@ -1,6 +1,6 @@
-"""Values that the command line names: a scene, a camera, poses.
+"""Values that the command line names: a scene, and poses around it.
 
-Between `cli` and the chain: files and built-in meshes, presets, poses on a sphere.
+Between `cli` and the chain: files and built-in meshes. `views` has cameras and pose files.
 """
 
 import tomllib
@@ -13,11 +13,9 @@ from numpy.typing import NDArray
 from rastercov import shapes
 from rastercov._arguments import MOST_POSES
 from rastercov.camera import Camera
-from rastercov.camera_file import PRESETS
 from rastercov.errors import ConfigError, MeshError, PoseError
 from rastercov.mesh import Mesh
 from rastercov.mesh.formats import READERS
-from rastercov.pose_file import read_poses
 from rastercov.viewpoints import enclosing_distance, sphere_of_poses
 
 
@@ -148,15 +146,8 @@ def _unit(unit: str) -> str | float:
         return unit
 
 
-def read_camera(name: str) -> Camera:
-    """Camera of that preset or file."""
-    return Camera.preset(name) if name in PRESETS else Camera.load(name)
-
-
-def read_view_points(source: str, mesh: Mesh, camera: Camera) -> NDArray[np.float64]:
-    """Poses of a file, or sphere:N around the mesh at the distance where it fills the image."""
-    if not source.startswith("sphere:"):
-        return read_poses(source)
+def poses_around(source: str, mesh: Mesh, camera: Camera) -> NDArray[np.float64]:
+    """Poses of sphere:N: N around the mesh, at the distance where it fills the image."""
     count = source.removeprefix("sphere:")
     if not count.isdecimal() or not 1 <= float(count) <= MOST_POSES:
         raise PoseError(f"--poses sphere:N wants a whole number 1 to {MOST_POSES}, got {source!r}")

@@ -2,6 +2,7 @@
 
 import functools
 import inspect
+import re
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
@@ -13,7 +14,9 @@ import typer
 from rastercov import shapes
 from rastercov._limits import annotations_of, documented, reader_of
 from rastercov.camera_file import PRESETS
+from rastercov.camera_formats.conventions import POSE_CONVENTIONS, Conventions
 from rastercov.cli.console import out_option
+from rastercov.errors import ConfigError
 from rastercov.task import THESIS, Task
 
 Meshes = Annotated[
@@ -25,9 +28,14 @@ Meshes = Annotated[
     ),
 ]
 CameraOption = Annotated[
-    str,
+    str | None,
     typer.Option(
-        "--camera", "-c", help=f"Camera file (.toml, .json) or preset: {', '.join(PRESETS)}."
+        "--camera",
+        "-c",
+        help="Camera file: ours (.toml, .json), or of COLMAP, nerfstudio, OpenCV, ROS, Kalibr, "
+        f"Metashape and others; a preset: {', '.join(PRESETS)}; or entries of a camera file, "
+        "'preset = \"khepra\", near = 0.1' or 'width = 1280, height = 800, hfov_deg = 60'.",
+        show_default="the cameras of --poses",
     ),
 ]
 PosesOption = Annotated[
@@ -35,8 +43,8 @@ PosesOption = Annotated[
     typer.Option(
         "--poses",
         "-p",
-        help="Pose file (.json, .npy), or sphere:N for N poses around the mesh that look at it "
-        "from where it fills the image.",
+        help="Pose file: ours (.json, .npy), or of COLMAP, nerfstudio and others; or sphere:N for "
+        "N poses around the mesh that look at it from where it fills the image.",
     ),
 ]
 Out = Annotated[Path, out_option("Folder for the report.")]
@@ -72,6 +80,77 @@ DropInvalid = Annotated[bool, typer.Option(help="Drop faces that are not finite,
 Device = Annotated[str, typer.Option(help="auto, cpu, or OpenGL: egl:0, surfaceless, osmesa.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for machines.")]
 Thesis = Annotated[bool, typer.Option("--thesis", help="(3.6) to the letter; any coverage counts.")]
+
+
+CameraName = Annotated[
+    str | None, typer.Option(help="Camera of a file with several, by its name there.")
+]
+SkipBadPoses = Annotated[
+    bool, typer.Option("--skip-bad-poses", help="Leave out poses that are no rigid motion.")
+]
+CONVENTIONS = {
+    "pixel_centre": (
+        float | None,
+        "Coordinate of the centre of the top-left pixel in the camera file: 0 or 0.5; for files "
+        "that do not say.",
+    ),
+    "lens_model": (
+        str | None,
+        "brown or fisheye: what four coefficients of a camera file are, where it does not say.",
+    ),
+    "pose_unit": (
+        str | None,
+        "Unit of poses: m, mm, cm, um, in, ft, or metres per unit; for files that do not say.",
+    ),
+    "image_size": (str | None, "WIDTHxHEIGHT, px, for camera files that do not say."),
+    "pose_convention": (
+        str | None,
+        f"Convention of bare matrices: {', '.join(POSE_CONVENTIONS)}.",
+    ),
+    "original_world": (bool, "Undo the applied_transform of a transforms.json."),
+}
+"""Types and words of the options that answer what a file leaves open."""
+
+
+def with_conventions(command: Callable[..., None]) -> Callable[..., None]:
+    """Replace the parameter `conventions` of a command by an option for each of its answers."""
+    new = functools.partial(inspect.Parameter, kind=inspect.Parameter.POSITIONAL_OR_KEYWORD)
+    given = []
+    for name, (hint, text) in CONVENTIONS.items():
+        words = (f"--{name.replace('_', '-')}",) if hint is bool else ()
+        option: Any = Annotated[hint, typer.Option(*words, help=text)]
+        given.append(new(name, default=False if hint is bool else None, annotation=option))
+
+    @functools.wraps(command)
+    def with_options(**values: Any) -> None:
+        answers = {name: values.pop(name) for name in CONVENTIONS}
+        answers["image_size"] = _image_size(answers["image_size"])
+        answers["pose_unit"] = _number_or_name(answers["pose_unit"])
+        answers["skip_bad_poses"] = values.get("skip_bad_poses", False)
+        command(conventions=Conventions(**answers), **values)
+
+    signature = inspect.signature(command)
+    parameters: list[inspect.Parameter] = []
+    for parameter in signature.parameters.values():
+        parameters += given if parameter.name == "conventions" else [parameter]
+    with_options.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined] # of Callable
+    with_options.__annotations__ = {each.name: each.annotation for each in parameters}
+    return with_options
+
+
+def _image_size(text: str | None) -> tuple[int, int] | None:
+    if text is None:
+        return None
+    if (match := re.fullmatch(r"(\d{1,9})[xX×](\d{1,9})", text.strip())) is None:
+        raise ConfigError(f"--image-size wants WIDTHxHEIGHT such as 1280x1024, got {text!r}")
+    return int(match[1]), int(match[2])
+
+
+def _number_or_name(text: str | None) -> str | float | None:
+    try:
+        return None if text is None else float(text)
+    except ValueError:
+        return text
 
 
 def with_task(command: Callable[..., None]) -> Callable[..., None]:

@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
+from rastercov.camera_formats.conventions import Conventions
 from rastercov.cli.console import out_option, progress_bar, say, size_line, warn
-from rastercov.cli.options import AsJson
+from rastercov.cli.options import AsJson, CameraName, with_conventions
+from rastercov.cli.views import poses_of
 
 if TYPE_CHECKING:
     from rastercov.plan.file import Plan
@@ -94,11 +96,19 @@ def place(
         raise typer.Exit(1)
 
 
+@with_conventions
 def check(
     plan: PlanFile,
     poses: Annotated[
-        str, typer.Option("--poses", "-p", help="Pose file (.json, .npy) of the rig.")
+        str,
+        typer.Option(
+            "--poses",
+            "-p",
+            help="Pose file of the rig: ours (.json, .npy), or of COLMAP and others.",
+        ),
     ],
+    conventions: Conventions = Conventions(),  # noqa: B008 - becomes options
+    camera_name: CameraName = None,
     min_coverage: Annotated[
         float | None,
         typer.Option(min=0, max=1, help="Share to cover; the plan's own unless given."),
@@ -128,9 +138,11 @@ def check(
         plan_check.refuse_junit(junit)
     with _errors_by_line():
         limits = plan_check.limits(asked, min_coverage, group)
-        found = plan_check.check(asked, Path(poses), limits, views, _step)
+        rig, notes = poses_of(Path(poses), conventions, camera_name)
+        found = plan_check.check(asked, Path(poses), limits, views, _step, poses=rig)
     if junit is not None:
         plan_check.write_junit(junit, found)
+    warn(notes)
     warn(found.mesh.warnings)
     warn(_doubts(asked, found.cameras))
     warn(half_covered_lines(asked, found.cameras))

@@ -8,16 +8,21 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from rastercov.camera_formats.conventions import Conventions
 from rastercov.cli import options
 from rastercov.cli.console import out_option, size_line, warn
-from rastercov.cli.inputs import read_camera, read_scene, read_view_points
+from rastercov.cli.inputs import read_scene
+from rastercov.cli.views import read_eyes
 from rastercov.errors import PoseError
 
 
+@options.with_conventions
 def render(
     meshes: options.Meshes,
-    camera: options.CameraOption,
     poses: options.PosesOption,
+    camera: options.CameraOption = None,
+    conventions: Conventions = Conventions(),  # noqa: B008 - becomes options
+    camera_name: options.CameraName = None,
     pose: Annotated[int, typer.Option(min=0, help="Row of the pose file.")] = 0,
     out: Annotated[Path, out_option("Folder for the files.")] = Path("render"),
     unit: options.Unit = options.UNIT,
@@ -43,8 +48,9 @@ def render(
     )
 
     scene = read_scene(meshes, unit, transform, occluder, [], drop_invalid, target)
-    eye = read_camera(camera)
-    matrices = read_view_points(poses, scene, eye)
+    eyes = read_eyes(scene, camera, poses, conventions, camera_name)
+    eye, matrices = eyes.camera(), eyes.poses.world_from_camera
+    warn(eyes.notes)
     if pose >= len(matrices):
         raise PoseError(f"--pose {pose} is not there: {poses} has {len(matrices)} poses, from 0")
     warn(scene.warnings)

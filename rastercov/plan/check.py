@@ -13,9 +13,11 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from rastercov._output import write_bytes
 from rastercov.area.zone_report import ZONES
+from rastercov.camera_formats import read_views
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.placement.explain.uncovered import Leftover
@@ -34,8 +36,7 @@ from rastercov.plan.network import (
 from rastercov.plan.prepare import Step, quiet
 from rastercov.plan.requirements import HOLDS, Requirement, counting, judge, judge_areas, limits_of
 from rastercov.plan.scene import scene
-from rastercov.pose import valid_poses
-from rastercov.pose_file import read_poses
+from rastercov.pose import Poses, valid_poses
 from rastercov.task import Task
 
 Limits = Mapping[str | None, float]
@@ -151,6 +152,8 @@ def check(
     limits: Limits,
     views: int | None = None,
     step: Step = quiet,
+    *,
+    poses: ArrayLike | Poses | None = None,
 ) -> Checked:
     """Check a rig against the mesh, camera and task of a plan.
 
@@ -166,6 +169,8 @@ def check(
         Cameras a face, instead of the plan's.
     step : callable
         As for `place`.
+    poses : (P, 4, 4) array_like or Poses, optional
+        Poses of the rig, instead of reading the file.
 
     Raises
     ------
@@ -176,7 +181,7 @@ def check(
     ConfigError
         For a limit of an unknown group, or of an occluder.
     """
-    poses = valid_poses(read_poses(poses_file))
+    rig = valid_poses(read_views(poses_file).poses if poses is None else poses)
     with step("scene"):
         mesh = scene(plan)
     scored = [group.name for group in mesh.groups if not group.is_occluder]
@@ -188,9 +193,9 @@ def check(
     with observer_of(plan, mesh) as observer:
         objective = Objective.of(observer, task, **counted)
         with step("coverage") as progress:
-            cameras = measured(objective, poses, progress)
+            cameras = measured(objective, rig, progress)
         with step("area") as progress:
-            cameras = replace(cameras, areas=areas_of(plan, mesh, poses, views, progress))
+            cameras = replace(cameras, areas=areas_of(plan, mesh, rig, views, progress))
         with step("what is left") as progress:
             leftover = left_over(observer, cameras, progress, views=counted["views"])
     masks, weights = (cameras.covered, cameras.certain, cameras.possible), objective.integer_weights

@@ -161,7 +161,9 @@ class PoseFile(Generator):
     """The poses of a file."""
 
     generator: Literal["poses"]
-    file: File = Field(description="Pose file (.json, .npy).")
+    file: File = Field(
+        description="Pose file, ours (.json, .npy) or of another program that states its unit."
+    )
 
 
 CandidateEntry = Annotated[

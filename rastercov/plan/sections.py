@@ -12,6 +12,9 @@ from pydantic import AfterValidator, Field, ValidationInfo, model_validator
 
 from rastercov.camera import Camera
 from rastercov.camera_file import PRESETS
+from rastercov.camera_formats import read_views
+from rastercov.camera_formats.conventions import Conventions
+from rastercov.errors import CameraError, RastercovError
 from rastercov.mesh.formats import METRES, READERS, metres_per
 from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere
 from rastercov.placement.improve.refine import BUDGET
@@ -48,6 +51,8 @@ def _unit(unit: str | float) -> str | float:
 BuiltIn = Annotated[
     str, AfterValidator(among(NAMES)), Field(json_schema_extra={"enum": list(NAMES)})
 ]
+OF_FILES = ("pixel_centre", "lens_model", "image_size")
+"""Entries that answer what a camera file leaves open."""
 Preset = Annotated[
     str, AfterValidator(among(PRESETS)), Field(json_schema_extra={"enum": list(PRESETS)})
 ]
@@ -160,7 +165,19 @@ class CameraSection(fields_of(Camera, is_optional=True, leave_out=("pixel_size",
     """The camera: a preset, a file, or the entries of a camera file, which also change a preset."""
 
     file: File | None = Field(
-        default=None, description="Camera file (.toml, .json), and nothing else."
+        default=None,
+        description="Camera file, ours (.toml, .json) or of another program; with the entries that "
+        "answer what it leaves open, and no others.",
+    )
+    name: str | None = Field(default=None, description="Camera of a file with several.")
+    pixel_centre: float | None = Field(
+        default=None, description="Coordinate of the first pixel's centre in the file: 0 or 0.5."
+    )
+    lens_model: Literal["brown", "fisheye"] | None = Field(
+        default=None, description="Model of four coefficients in the file."
+    )
+    image_size: list[Count] | None = Field(
+        default=None, description="[width, height], px, for a file without."
     )
     preset: Preset | None = Field(
         default=None, description="Camera of the thesis; other entries change it."
@@ -171,7 +188,15 @@ class CameraSection(fields_of(Camera, is_optional=True, leave_out=("pixel_size",
     principal_point: Pair | None = Field(
         default=None, description="Metres from the top-left corner."
     )
-    f_number: Number | None = Field(default=None, description="f/N; with focus_distance.")
+    f_number: Number | None = Field(
+        default=None, description="f/N; with focus_distance, and pixel_size beside fx and fy."
+    )
+    hfov_deg: Number | None = Field(
+        default=None, description="Angle between left and right, deg; instead of fx."
+    )
+    vfov_deg: Number | None = Field(
+        default=None, description="Angle between top and bottom, deg; instead of fy."
+    )
     focus_range: list[float] | None = Field(
         default=None, description="[near, far] depths in focus, m; instead of an aperture."
     )
@@ -186,10 +211,17 @@ class CameraSection(fields_of(Camera, is_optional=True, leave_out=("pixel_size",
         entries = self.model_dump(exclude_none=True)
         if self.file is None:
             return Camera.from_dict(entries)
-        if len(entries) > 1:
-            others = ", ".join(sorted(entries.keys() - {"file"}))
+        if others := ", ".join(sorted(entries.keys() - {"file", "name", *OF_FILES})):
             raise ValueError(f"file stands alone, got {others} too; put them into the file")
-        return Camera.load(folder / self.file)
+        try:
+            given = {name: entries[name] for name in OF_FILES if name in entries}
+            conventions = Conventions(**given)
+            return read_views(folder / self.file, conventions=conventions).camera(self.name)
+        except RastercovError as error:
+            text = str(error).replace("--camera-name", "name")
+            for name in OF_FILES:
+                text = text.replace(f"--{name.replace('_', '-')}", f"{name} =")
+            raise CameraError(text.replace("= WIDTHxHEIGHT", "= [width, height]")) from None
 
 
 class TaskSection(fields_of(Task, leave_out=("views",))):  # type: ignore[misc]

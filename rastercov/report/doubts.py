@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.camera import Camera
+from rastercov.camera_formats.pose_doubts import convention_doubts
 from rastercov.mesh import Mesh
 from rastercov.mesh.diagnosis import size_in_words
 from rastercov.near_plane import near_limit
@@ -44,6 +45,7 @@ def doubts(network: Network, camera: Camera, poses: NDArray[np.float64]) -> list
     return [
         *_unit(network.mesh, camera, poses[:, :3, 3]),
         *_sides(network, camera, poses[_spread(len(poses), MOST_POSES)]),
+        *convention_doubts(network.mesh, camera, poses),
     ]
 
 

@@ -152,7 +152,7 @@ def test_help_does_not_load_what_it_does_not_need():
         ("evaluate part.obj -c khepra -p sphere:2 --unit part:", ["unit must be", "''"]),
         ("evaluate part.obj ./part.obj -c khepra -p sphere:2 --unit part:mm", ["2 files have"]),
         ("evaluate box -c no.toml -p sphere:2", ["no.toml", "No such file"]),
-        ("evaluate box -c part.obj -p sphere:2", ["part.obj", ".json or .toml"]),
+        ("evaluate box -c part.obj -p sphere:2", ["part.obj", "not recognised", "--from"]),
         ("evaluate box -c khepra -p no.json", ["no.json", "No such file"]),
         ("evaluate box -c khepra -p sphere:0", ["whole number", "'sphere:0'"]),
         ("evaluate box -c khepra -p sphere:²", ["whole number", "'sphere:²'"]),

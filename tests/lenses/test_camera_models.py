@@ -26,6 +26,13 @@ def colmap(model):
     return sources.colmap(model, *SIZE, values), values[4:]
 
 
+def opensfm():
+    """fisheye624 of OpenSfM, whose equations tests/camera_formats compares."""
+    values = (0.02, -0.01, 0.003, 1e-3, 2e-4, 1e-4, 1e-3, -2e-3, 1e-3, 2e-3, 3e-3, 4e-3)
+    terms = {"radial": values[:6], "tangential": values[6:8], "prism": values[8:]}
+    return make_lens("equidistant", *SIZE, fx=400, fy=410, cx=640, cy=500, **terms), values
+
+
 RADTAN = (-0.1, 0.02, 1e-3, -5e-4)
 MATRIX = K * [[0.6, 1, 1], [1, 0.6, 1], [1, 1, 1]]
 CASES = [
@@ -35,6 +42,7 @@ CASES = [
     ("opencv_fisheye", sources.opencv_fisheye(MATRIX, *SIZE, KANNALA), KANNALA),
     ("thin_prism_fisheye", *colmap("THIN_PRISM_FISHEYE")),
     ("rad_tan_thin_prism_fisheye", *colmap("RAD_TAN_THIN_PRISM_FISHEYE")),
+    ("fisheye62", *opensfm()),
     ("fov", *colmap("FOV")),
     ("division", *colmap("DIVISION")),
     ("omni", kalibr("omni", [0.9, 900, 900, 640, 512], RADTAN), (0.9, *RADTAN)),

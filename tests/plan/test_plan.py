@@ -230,6 +230,8 @@ def test_the_task_section_holds_what_a_task_does_with_the_same_defaults():
 def test_the_camera_section_holds_what_a_camera_file_does():
     known = {field.name for field in fields(rc.Camera)}
     known |= {"preset", "file", "principal_point", "f_number"}
+    known |= {"hfov_deg", "vfov_deg"}
+    known |= {"name", "pixel_centre", "lens_model", "image_size"}  # of files of other programs
     assert known == set(plan_model.CameraSection.model_fields)
 
 

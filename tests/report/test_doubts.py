@@ -52,11 +52,13 @@ def test_a_room_seen_from_inside_has_a_line_only_with_its_normals_outwards():
     assert lines(turned(mesh), pose, wide) == []
 
 
-def test_cameras_that_look_away_have_no_line():
+def test_cameras_that_look_away_have_a_line_about_their_convention_and_no_other():
     mesh = shapes.by_name("sphere")
     poses = around(mesh)
     poses[:, :3, [0, 2]] *= -1
-    assert lines(turned(mesh), poses) == []
+    (line,) = lines(turned(mesh), poses)
+    assert line.startswith("0 of 20 cameras look at the mesh, and 20 would if the poses are")
+    assert "--pose-convention opengl?" in line
 
 
 def test_two_sided_faces_have_no_line():

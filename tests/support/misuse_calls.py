@@ -285,6 +285,21 @@ def calls():
         ),
         Call("read_poses", rc.read_poses, {"path": FOLDER / "none.npy"}),
         Call("write_poses", rc.write_poses, {"path": FOLDER / "poses.npy", "poses": POSES}),
+        Call(
+            "read_views",
+            rc.read_views,
+            {"path": FOLDER / "none.json", "format": "colmap", "conventions": rc.Conventions()},
+        ),
+        Call(
+            "write_views",
+            rc.write_views,
+            {
+                "path": FOLDER / "views.json",
+                "views": rc.Views(rc.Rig([CAMERA]), rc.Poses.of(POSES), ("a",) * len(POSES)),
+                "format": "rastercov",
+                "overwrite": True,
+            },
+        ),
         Call("visibility", rc.visibility, seen | {"method": "certified", "threads": 1}),
         Call("visibility, sampled", rc.visibility, seen | sampled),
         Call("evaluate", rc.evaluate, seen | exact | {"task": TASK, "skip_bad_poses": False}),

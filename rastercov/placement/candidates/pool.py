@@ -18,14 +18,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov._typed import typed
 from rastercov.camera import Camera
-from rastercov.errors import ConfigError
+from rastercov.camera_formats import read_views
+from rastercov.errors import ConfigError, PoseError
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
 from rastercov.placement._arrays import FloatArray, IntArray
 from rastercov.placement.candidates.framing import DEFAULT, Framing, rolled_frames, square_views
 from rastercov.placement.candidates.segments import Segmentation
 from rastercov.pose import valid_poses
-from rastercov.pose_file import read_poses
 
 FOLDED_COSINE = -1 + 1e-9
 """Cosine between the normals of two faces back to back: the edge of a sheet, not of a corner."""
@@ -206,7 +206,8 @@ def from_poses(
     Parameters
     ----------
     poses : (C, 4, 4) array_like or path
-        world_from_camera; a file as `read_poses` takes it. Stand-off limits do not apply.
+        world_from_camera; a file as `read_views` takes it, with a unit. Stand-off limits do not
+        apply.
 
     Returns
     -------
@@ -219,7 +220,10 @@ def from_poses(
         For a file that cannot be read, or a row that is not a pose.
     """
     if isinstance(poses, (str, Path)):
-        poses = read_poses(poses)
+        views = read_views(poses)
+        if not views.has_unit:
+            raise PoseError(f"{poses}: the poses have no unit; convert them, with --pose-unit")
+        poses = views.poses
     given = valid_poses(poses)
     return rolled_candidates(given, "poses", np.arange(len(given)), framing)
 

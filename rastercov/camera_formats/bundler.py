@@ -1,0 +1,116 @@
+"""Bundler's bundle.out, and the problems of Bundle Adjustment in the Large (BAL).
+
+Both have the same camera: looking along -z with y up, camera_from_world, a focal length, two radial
+coefficients, and pixels from the middle of the image, whose size they do not have; nor a unit.
+
+Sources: N. Snavely. Bundler v0.4 User's Manual. 2010. S. Agarwal et al. Bundle Adjustment in the
+Large. 2010.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov._checks import shown
+from rastercov.camera import Camera
+from rastercov.camera_formats.conventions import OPENGL_AXES, Border, inverse_of
+from rastercov.camera_formats.equivalents import brown
+from rastercov.camera_formats.rotations import from_vectors, motions
+from rastercov.errors import CameraError
+from rastercov.views import Views
+
+FloatArray = NDArray[np.float64]
+
+HEADER = "# Bundle file"
+PER_CAMERA = {"bundler": 15, "bal": 9}
+
+
+def is_bal(text: str) -> bool:
+    """True for text that begins with three counts and an observation."""
+    words = text[:400].split(maxsplit=7)
+    return len(words) > 6 and all(word.isdecimal() for word in words[:5])
+
+
+def read_bundler(text: str, border: Border) -> Views:
+    """Cameras and poses of a bundle.out; cameras with focal length 0 were not found."""
+    lines = text.split("\n", 1)
+    words = (lines[1] if lines[1:] else "").split(maxsplit=2)
+    n_cameras = _counts(words[:2], "cameras and points")[0]
+    values = _numbers(words[2] if words[2:] else "", n_cameras, 15)
+    is_found = values[:, 0] != 0
+    if not is_found.any():
+        raise CameraError("cameras with a focal length wanted, got none")
+    if not is_found.all():
+        border.note(
+            f"{(~is_found).sum()} images without a camera left out: their focal length is 0"
+        )
+    rows = np.flatnonzero(is_found)
+    poses = motions(values[rows, 3:12].reshape(-1, 3, 3), values[rows, 12:15])
+    return _views(values[rows, :3], poses, [f"image {row}" for row in rows], border)
+
+
+def read_bal(text: str, border: Border) -> Views:
+    """Cameras and poses of a problem of BAL."""
+    words = text.split(maxsplit=3)
+    n_cameras, _, n_observations = _counts(words[:3], "cameras, points and observations")
+    rest = words[3] if words[3:] else ""
+    lines = rest.split("\n", n_observations)
+    if len(lines) <= n_observations:
+        raise CameraError(
+            f"{n_observations} lines of observations wanted, got {len(lines) - 1}; the file is "
+            "truncated or broken"
+        )
+    values = _numbers(lines[-1], n_cameras, 9)
+    poses = from_vectors(values[:, :3], values[:, 3:6])
+    return _views(values[:, 6:9], poses, [f"image {row}" for row in range(n_cameras)], border)
+
+
+def _counts(words: list[str], what: str) -> list[int]:
+    if not words or not all(word.isdecimal() and len(word) < 10 for word in words):
+        raise CameraError(f"the numbers of {what} wanted, got {shown(' '.join(words))}")
+    return [int(word) for word in words] if len(words) > 1 else [int(words[0]), 0]
+
+
+def _numbers(text: str, n_cameras: int, per_camera: int) -> FloatArray:
+    """(n_cameras, per_camera) of the words of a text."""
+    wanted = n_cameras * per_camera
+    if n_cameras < 1 or 2 * wanted - 1 > len(text):
+        raise CameraError(
+            f"{n_cameras} cameras wanted, got numbers for fewer; the file is truncated or broken"
+        )
+    words = text.split(maxsplit=wanted)[:wanted]
+    try:
+        if any("_" in word for word in words):
+            raise ValueError
+        found = np.array(words, dtype=np.float64)
+    except ValueError:
+        raise CameraError(
+            "numbers of cameras wanted, got a word that is none; correct the file"
+        ) from None
+    if len(found) < wanted or not np.isfinite(found).all():
+        raise CameraError(
+            f"{wanted} finite numbers of {n_cameras} cameras wanted, got "
+            f"{np.isfinite(found).sum()}; the file is truncated or broken"
+        )
+    return found.reshape(n_cameras, per_camera)
+
+
+def _views(lenses: FloatArray, poses: FloatArray, images: list[str], border: Border) -> Views:
+    """Views of f k1 k2 and camera_from_world with OpenGL axes."""
+    width, height = border.image_size()
+    cameras: dict[Camera, int] = {}
+    index = []
+    for row, (f, k1, k2) in enumerate(lenses.tolist()):
+        model, coefficients = brown((k1, k2, *[0.0] * 12))
+        try:
+            camera = Camera(
+                width=width, height=height, fx=f, fy=f, model=model, distortion=coefficients
+            )
+        except CameraError as error:
+            raise CameraError(f"{images[row]}: {error}") from None
+        index.append(cameras.setdefault(camera, len(cameras)))
+    return border.views(
+        list(cameras),
+        world_from_camera=inverse_of(poses) @ OPENGL_AXES,
+        camera=index,
+        images=images,
+    )

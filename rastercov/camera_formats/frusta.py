@@ -1,0 +1,208 @@
+"""Frusta of cameras as a glTF 2 scene (.glb), to look at a rig in any viewer.
+
+Each pose is a node with its name and a pyramid of lines whose base is the border of the image,
+curved where the lens bends it, with a mark at its top; and, below it, glTF's own camera.
+
+Source: Khronos Group. glTF 2.0 Specification. 2021, sections 3.5.3 and 3.10.
+"""
+
+import json
+import math
+import struct
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.camera import Camera
+from rastercov.camera_formats.conventions import OPENGL_AXES
+from rastercov.camera_formats.gltf import WORLD
+from rastercov.camera_models import MODELS, lens_terms
+from rastercov.errors import CameraError
+from rastercov.lenses import make_lens
+from rastercov.mesh.formats.glb_container import BINARY_CHUNK, JSON_CHUNK
+from rastercov.views import Views
+
+FloatArray = NDArray[np.float64]
+
+Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+"""Turn from z up to y up, as in network.glb of a report."""
+PARTS = 12
+"""Parts of each side of the image, so that the border of a distorted image is a curve."""
+LENGTH_REL = 0.4
+"""Longest edge of a pyramid by the median distance of neighbouring cameras."""
+LENGTH_ALONE = 0.1
+"""Metres: longest edge of the pyramid of a camera by itself."""
+MOST_NEIGHBOURS = 200
+"""Cameras whose neighbours are looked for."""
+TOP_REL = 0.15
+"""Height of the mark by the height of the base."""
+
+
+def lost(camera: Camera) -> list[str]:
+    """Parts of this camera that glTF's own does not hold."""
+    is_middle = (camera.cx, camera.cy) == (camera.width / 2, camera.height / 2)
+    lost = ["image size"] + ([] if is_middle else ["principal point"])
+    return lost + (["lens (only the lines show it)"] if not camera.is_pinhole else [])
+
+
+def glb_of(views: Views, length: float | None = None) -> bytes:
+    """A scene with a node for each pose: a camera, and a pyramid of lines.
+
+    `length` is that of its longest edge, metres.
+    """
+    if not len(views.poses):
+        raise CameraError("a scene of frusta holds poses, and there are none to write")
+    rig = views.rig
+    assert rig is not None
+    poses = views.poses.world_from_camera
+    size = _usual_length(poses[:, :3, 3]) if length is None else length
+    used = np.unique(views.poses.camera).tolist()
+    pieces = [_pyramid(rig.cameras[row], size) for row in used]
+    buffer = _Buffer()
+    meshes, cameras = [], []
+    for row, (points, lines) in zip(used, pieces, strict=True):
+        name, camera = rig.names[row], rig.cameras[row]
+        primitive = {
+            "attributes": {"POSITION": buffer.add(points.astype("<f4"), "VEC3")},
+            "indices": buffer.add(lines.astype("<u4"), "SCALAR"),
+            "mode": 1,  # lines
+            "material": 0,
+        }
+        meshes.append({"name": name, "primitives": [primitive]})
+        vertical = 2 * math.atan(camera.height / 2 / camera.fy)
+        ratio = camera.width / camera.height * camera.fy / camera.fx
+        lens = {"yfov": vertical, "aspectRatio": ratio, "znear": max(camera.near, size / 100)}
+        cameras.append({"name": name, "type": "perspective", "perspective": lens})
+    matrices = poses @ OPENGL_AXES
+    row_of = {row: number for number, row in enumerate(used)}
+    n = len(poses)
+    world = {"name": "rig", "matrix": Y_UP.T.ravel().tolist(), "children": list(range(1, n + 1))}
+    nodes: list[dict[str, Any]] = [world | {"extras": {WORLD: True}}]
+    for row, (image, index) in enumerate(
+        zip(views.images, views.poses.camera.tolist(), strict=True)
+    ):
+        matrix = matrices[row].T.ravel().tolist()
+        # The camera is a node below: some programs drop the mesh of a node that has a camera.
+        node = {"name": image, "matrix": matrix, "mesh": row_of[index], "children": [n + 1 + row]}
+        nodes.append(node)
+    nodes += [{"camera": row_of[index]} for index in views.poses.camera.tolist()]
+    colour = {"baseColorFactor": [0.9, 0.35, 0.1, 1.0], "metallicFactor": 0.0}
+    scene = {
+        "asset": {"version": "2.0", "generator": "rastercov"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": nodes,
+        "cameras": cameras,
+        "meshes": meshes,
+        "materials": [
+            {
+                "name": "frusta",
+                "pbrMetallicRoughness": colour,
+                "extensions": {"KHR_materials_unlit": {}},
+            }
+        ],
+        "extensionsUsed": ["KHR_materials_unlit"],
+        **buffer.tables(),
+    }
+    text = json.dumps(scene, allow_nan=False).encode()
+    text += b" " * (-len(text) % 4)
+    body = bytes(buffer.data) + bytes(-len(buffer.data) % 4)
+    total = 12 + 8 + len(text) + 8 + len(body)
+    return b"".join(
+        (
+            struct.pack("<4sII", b"glTF", 2, total),
+            struct.pack("<II", len(text), JSON_CHUNK) + text,
+            struct.pack("<II", len(body), BINARY_CHUNK) + body,
+        )
+    )
+
+
+class _Buffer:
+    """Binary chunk of a file, its views and accessors."""
+
+    def __init__(self) -> None:
+        self.data = bytearray()
+        self._views: list[dict[str, Any]] = []
+        self._accessors: list[dict[str, Any]] = []
+
+    def add(self, array: NDArray[Any], kind: str) -> int:
+        """Index of a new accessor."""
+        self._views.append({"buffer": 0, "byteOffset": len(self.data), "byteLength": array.nbytes})
+        accessor: dict[str, Any] = {
+            "bufferView": len(self._views) - 1,
+            "componentType": 5126 if array.dtype.kind == "f" else 5125,
+            "count": len(array),
+            "type": kind,
+        }
+        if kind == "VEC3":  # required of positions
+            accessor |= {"min": array.min(axis=0).tolist(), "max": array.max(axis=0).tolist()}
+        self._accessors.append(accessor)
+        self.data += array.tobytes()
+        return len(self._accessors) - 1
+
+    def tables(self) -> dict[str, Any]:
+        length = len(self.data) + -len(self.data) % 4
+        return {
+            "buffers": [{"byteLength": length}],
+            "bufferViews": self._views,
+            "accessors": self._accessors,
+        }
+
+
+def _usual_length(centres: FloatArray) -> float:
+    """Length of the pyramids, so that neighbours do not hide each other."""
+    rows = np.linspace(0, len(centres) - 1, min(len(centres), MOST_NEIGHBOURS)).astype(np.int64)
+    nearest = []
+    for row in rows:  # 200 at most
+        distance = np.linalg.norm(centres - centres[row], axis=1)
+        nearest.append(float(distance[distance > 0].min(initial=np.inf)))
+    found = [each for each in nearest if math.isfinite(each)]
+    return LENGTH_REL * float(np.median(found)) if found else LENGTH_ALONE
+
+
+def _pyramid(camera: Camera, length: float) -> tuple[FloatArray, NDArray[np.int64]]:
+    """Points (N, 3) in OpenGL axes, and indices of their lines, two a line."""
+    t = np.arange(PARTS) / PARTS
+    zero, one = np.zeros(PARTS), np.ones(PARTS)
+    # Around the image from its top left corner, clockwise.
+    u = np.concatenate([t, one, 1 - t, zero]) * camera.width
+    v = np.concatenate([zero, t, one, 1 - t]) * camera.height
+    rays = _rays(camera, u, v)
+    with np.errstate(all="ignore"):
+        if MODELS[camera.model].is_planar:
+            rays = rays / rays[:, 2:]
+    # fmax passes over NaN, of pixels without a ray.
+    base = rays * (length / float(np.fmax.reduce(np.linalg.norm(rays, axis=1), initial=1e-30)))
+    n = len(base)
+    height = np.linalg.norm(base[PARTS // 2] - base[2 * PARTS + PARTS // 2])
+    top = base[PARTS // 2] + (0.0, -TOP_REL * height, 0.0)
+    points = np.concatenate([base, [[0.0, 0.0, 0.0], top]])
+    corners = range(0, n, PARTS)
+    lines = [[row, (row + 1) % n] for row in range(n)] + [[n, row] for row in corners]
+    lines += [[PARTS // 4, n + 1], [n + 1, PARTS - PARTS // 4]]
+    # A pixel without a ray has no point.
+    whole = [pair for pair in lines if np.isfinite(points[pair]).all()]
+    if not whole:
+        raise CameraError("no pixel at the border of the image has a ray: the lens folds within it")
+    used, indices = np.unique(np.array(whole), return_inverse=True)
+    return points[used] * (1.0, -1.0, -1.0), indices.ravel()
+
+
+def _rays(camera: Camera, u: FloatArray, v: FloatArray) -> FloatArray:
+    """Rays (N, 3) of pixels; NaN where there is none."""
+    if camera.is_pinhole:  # whose region need not be certified, which takes 8 ms a camera
+        x, y = (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy
+        return np.stack([x, y, np.ones_like(x)], axis=1)
+    lens = make_lens(
+        width=camera.width,
+        height=camera.height,
+        fx=camera.fx,
+        fy=camera.fy,
+        cx=camera.cx,
+        cy=camera.cy,
+        skew=camera.skew,
+        max_angle_deg=camera.max_angle_deg,
+        **lens_terms(camera.model, camera.distortion),
+    )
+    return lens.unproject(np.stack([u, v], axis=1))

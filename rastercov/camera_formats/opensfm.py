@@ -1,0 +1,105 @@
+"""Reconstructions of OpenSfM: reconstruction.json with cameras and shots, and camera_models.json.
+
+Poses are camera_from_world as rotation vectors; axes are ours; lengths in the image are parts of
+its longer side, from the middle; there is no unit that the file states.
+
+Source: OpenSfM documentation, "Coordinate Systems", "Camera Models"; opensfm/io.py;
+opensfm/src/geometry/camera_distortions_functions.h.
+"""
+
+from typing import Any
+
+from rastercov._checks import shown
+from rastercov.camera import Camera
+from rastercov.camera_formats.conventions import Border
+from rastercov.camera_formats.entries import Entries
+from rastercov.camera_formats.equivalents import brown, panorama
+from rastercov.camera_formats.rotations import from_vectors
+from rastercov.errors import CameraError
+from rastercov.pose import inverse
+from rastercov.views import Views
+
+FISHEYE_62 = "k1 k2 k3 k4 k5 k6 p1 p2"
+MODELS = {
+    "perspective": ("", "k1 k2"),
+    "simple_radial": ("", "k1"),
+    "radial": ("", "k1 k2"),
+    "brown": ("", "k1 k2 p1 p2 k3"),
+    "fisheye": ("opencv_fisheye", "k1 k2 - -"),
+    "fisheye_opencv": ("opencv_fisheye", "k1 k2 k3 k4"),
+    "fisheye62": ("fisheye62", FISHEYE_62),
+    "fisheye624": ("fisheye62", f"{FISHEYE_62} s0 s1 s2 s3"),
+    "spherical": ("equirectangular", ""),
+    "equirectangular": ("equirectangular", ""),
+}
+"""Our model by OpenSfM's projection_type, empty for Brown's, and its coefficients in our order."""
+
+
+def is_mine(content: Any) -> bool:
+    """True for reconstructions."""
+    first = content[0] if isinstance(content, list) and content else content
+    return isinstance(first, dict) and "shots" in first and "cameras" in first
+
+
+def read(content: Any, border: Border) -> Views:
+    """Cameras and poses of the first reconstruction."""
+    if isinstance(content, list):
+        if len(content) > 1:
+            border.note(f"the first of {len(content)} reconstructions; they share no frame")
+        content = content[0]
+    entries = Entries(content, "reconstruction")
+    row_of: dict[str, int] = {}
+    cameras: list[Camera] = []
+    for name, each in entries.tables("cameras"):
+        row_of[name] = len(cameras)
+        cameras.append(_camera(each))
+    index, vectors, translations, images = [], [], [], []
+    for name, shot in entries.tables("shots"):
+        camera = shot.text("camera")
+        if camera not in row_of:
+            raise CameraError(f"{shot.where}: there is no camera {shown(camera)}")
+        index.append(row_of[camera])
+        vectors.append(shot.array("rotation", (3,)))
+        translations.append(shot.array("translation", (3,)))
+        images.append(name)
+    if not cameras:
+        raise CameraError("a reconstruction with cameras wanted, got none")
+    return border.views(
+        cameras,
+        list(row_of),
+        world_from_camera=inverse(from_vectors(vectors, translations)),
+        camera=index,
+        images=images,
+    )
+
+
+def _camera(entries: Entries) -> Camera:
+    kind = entries.text("projection_type", "perspective")
+    if kind not in MODELS:
+        raise CameraError(
+            f"{entries.where}: projection_type must be one of {', '.join(MODELS)}, got "
+            f"{shown(kind)}; undistort first"
+        )
+    width, height = entries.side("width"), entries.side("height")
+    ours, order = MODELS[kind]
+    if ours == "equirectangular":
+        return panorama(width, height)
+    side = max(width, height)
+    if "focal_x" in entries:
+        fx, fy = entries.number("focal_x"), entries.number("focal_y")
+    else:
+        fx = fy = entries.number("focal")
+    values = tuple(0.0 if name == "-" else entries.number(name, 0.0) for name in order.split())
+    if kind == "simple_radial":
+        values = (*values, 0.0)
+    lens = (ours, values) if ours else brown((*values, *[0.0] * (14 - len(values))))
+    return Camera(
+        width=width,
+        height=height,
+        fx=fx * side,
+        fy=fy * side,
+        cx=width / 2 + entries.number("c_x", 0.0) * side,
+        cy=height / 2 + entries.number("c_y", 0.0) * side,
+        model=lens[0],
+        distortion=lens[1],
+    )

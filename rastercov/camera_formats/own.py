@@ -1,0 +1,112 @@
+"""Our own files: a camera or a pose file as they always were, and both with names in one JSON.
+
+    {"cameras": [{"name": "left", "width": 1280, ...}], "rig_from_camera": [...],
+     "world_from_camera": [...], "camera": [0, 1, ...], "images": ["left/0.png", ...]}
+
+`read_poses` reads the poses of such a file, too. Lengths are metres.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov._checks import shown
+from rastercov.camera import Camera
+from rastercov.camera_formats.conventions import Border
+from rastercov.camera_formats.entries import Entries
+from rastercov.errors import CameraError, PoseError
+from rastercov.pose import DRIFT_TOLERANCE, as_matrices, real_numbers
+from rastercov.views import Views
+
+
+def is_mine(content: Any) -> bool:
+    """True for poses, for named cameras, and for the entries of a camera."""
+    return isinstance(content, Mapping) and bool(
+        {"world_from_camera", "cameras", "width", "preset"} & content.keys()
+    )
+
+
+def of_matrices(matrices: NDArray[Any], border: Border) -> Views:
+    """Views of bare poses."""
+    found = as_matrices(matrices[None] if matrices.shape == (4, 4) else matrices)
+    return border.views(
+        None,
+        world_from_camera=border.of_convention(found),
+        metres=border.metres(1.0),
+        drift=DRIFT_TOLERANCE,
+    )
+
+
+def read(content: Any, border: Border) -> Views:
+    """Views of a JSON or TOML table."""
+    entries = Entries(content, "the file")
+    if "cameras" not in entries:
+        if "world_from_camera" not in entries:
+            return border.views([Camera.from_dict(content)], metres=1.0)
+        return of_matrices(_matrices(entries), border)
+    cameras: list[Camera] = []
+    names: list[str] = []
+    for number, each in entries.tables("cameras"):
+        names.append(each.text("name", f"camera {number}"))
+        fields = {k: v for k, v in entries.get("cameras")[len(cameras)].items() if k != "name"}
+        try:
+            cameras.append(Camera.from_dict(fields))
+        except CameraError as error:
+            raise CameraError(f"camera {shown(names[-1])}: {error}") from None
+    if not cameras:
+        raise CameraError("at least one camera wanted, got none")
+    poses: NDArray[Any] = np.zeros((0, 4, 4))
+    if "world_from_camera" in entries:
+        poses = border.of_convention(as_matrices(_matrices(entries)))
+    index = entries.get("camera")
+    if index is not None:
+        wanted = f"{len(poses)} indices of {len(cameras)} cameras"
+        is_list = isinstance(index, list) and len(index) == len(poses)
+        if not is_list or not all(type(i) is int and 0 <= i < len(cameras) for i in index):
+            raise PoseError(f"camera must be {wanted}, got {shown(index)}")
+    images = entries.get("images")
+    if images is not None and not (
+        isinstance(images, list)
+        and len(images) == len(poses)
+        and all(isinstance(image, str) for image in images)
+    ):
+        raise PoseError(f"images must be {len(poses)} texts, got {shown(images)}")
+    places = None
+    if "rig_from_camera" in entries:
+        places = entries.array("rig_from_camera", (len(cameras), 4, 4))
+    return border.views(
+        cameras,
+        names,
+        world_from_camera=poses,
+        camera=index,
+        images=images,
+        rig_from_camera=places,
+        metres=border.metres(1.0),
+        drift=DRIFT_TOLERANCE,
+    )
+
+
+def _matrices(entries: Entries) -> NDArray[Any]:
+    return real_numbers("poses", entries.need("world_from_camera"), "(P, 4, 4)")
+
+
+def content_of(views: Views) -> dict[str, Any]:
+    """The table for these views; nothing is lost."""
+    content: dict[str, Any] = {}
+    if views.rig is not None:
+        content["cameras"] = [
+            {"name": name, **camera.plain()}
+            for name, camera in zip(views.rig.names, views.rig.cameras, strict=True)
+        ]
+        if not np.array_equal(
+            views.rig.rig_from_camera, np.tile(np.eye(4), (len(views.rig), 1, 1))
+        ):
+            content["rig_from_camera"] = views.rig.rig_from_camera.tolist()
+    if len(views.poses):
+        content["world_from_camera"] = views.poses.world_from_camera.tolist()
+        if views.rig is not None:
+            content["camera"] = views.poses.camera.tolist()
+        content["images"] = list(views.images)
+    return content

@@ -1,0 +1,70 @@
+"""Poses that were probably given in another convention: they look away from the mesh.
+
+A pose file of bare matrices does not state its convention. Where few cameras have a part of
+the mesh in their images, and nearly all would in another convention, a line names that one.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.camera import Camera
+from rastercov.camera_formats.conventions import OPENGL_AXES, POSE_CONVENTIONS
+from rastercov.camera_models import MODELS
+from rastercov.mesh import Mesh
+from rastercov.pose import inverse
+
+FloatArray = NDArray[np.float64]
+
+MOST_SHARE_GIVEN = 0.5
+"""Share of the poses that look at the mesh above which nothing is doubted; a third do by chance."""
+LEAST_SHARE_OTHERWISE = 0.9
+"""Share of the poses that must look at it in another convention."""
+MOST_POSES, MOST_POINTS = 100, 500
+"""Poses and vertices that are looked at, spread evenly: about 5 ms."""
+
+
+def convention_doubts(mesh: Mesh, camera: Camera, poses: FloatArray) -> list[str]:
+    """A line where the poses look away from the mesh and would not in another convention.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The scene.
+    camera : Camera
+        Its image is what a part of the mesh must be in.
+    poses : (P, 4, 4) float64
+        world_from_camera as it was taken.
+    """
+    if not len(poses):
+        return []
+    rows = np.linspace(0, len(poses) - 1, min(len(poses), MOST_POSES)).astype(np.int64)
+    used = np.unique(mesh.faces)
+    points = mesh.vertices[used[:: max(1, len(used) // MOST_POINTS)]]
+    seen = _looking(points, camera, poses[rows])
+    if seen > MOST_SHARE_GIVEN * len(rows):
+        return []
+    found = {}
+    for name, (has_opengl_axes, is_inverse) in POSE_CONVENTIONS.items():
+        taken = inverse(poses[rows]) if is_inverse else poses[rows]
+        found[name] = _looking(points, camera, taken @ OPENGL_AXES if has_opengl_axes else taken)
+    name = max(found, key=found.__getitem__)
+    if found[name] < LEAST_SHARE_OTHERWISE * len(rows):
+        return []
+    return [
+        f"{seen} of {len(rows)} cameras look at the mesh, and {found[name]} would if the poses are "
+        f"in another convention: --pose-convention {name}?"
+    ]
+
+
+def _looking(points: FloatArray, camera: Camera, poses: FloatArray) -> int:
+    """Number of poses with a point in the image; in front, for a lens that is no plane."""
+    count = 0
+    for pose in poses:  # 100 at most
+        inside = (points - pose[:3, 3]) @ pose[:3, :3]
+        ahead = inside[inside[:, 2] > 0]
+        if MODELS[camera.model].is_planar:
+            with np.errstate(all="ignore"):
+                pixels = (ahead @ camera.K.T)[:, :2] / ahead[:, 2:]
+            ahead = ahead[((pixels >= 0) & (pixels <= (camera.width, camera.height))).all(axis=1)]
+        count += len(ahead) > 0
+    return count

@@ -1,0 +1,77 @@
+"""The command `convert`: camera and pose files of one program for another."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rastercov._format import plural
+from rastercov.camera_formats import READERS, WRITERS, format_of, read_views, write_views
+from rastercov.camera_formats.conventions import Conventions
+from rastercov.cli import options
+from rastercov.cli.console import warn
+from rastercov.errors import ConfigError
+
+
+@options.with_conventions
+def convert(
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="IN",
+            help="File or folder to read: COLMAP, transforms.json, OpenCV, ROS, Kalibr, "
+            "Metashape, OpenSfM, Bundler, BAL, glTF, MVSNet, or our own.",
+            show_default=False,
+        ),
+    ],
+    target: Annotated[
+        Path,
+        typer.Argument(
+            metavar="OUT",
+            help="File to write; by its name: .json, transforms.json, .yaml (OpenCV), .glb "
+            "(frusta), .npy (poses), or a folder (COLMAP).",
+            show_default=False,
+        ),
+    ],
+    read_as: Annotated[
+        str | None,
+        typer.Option("--from", help=f"Format of IN: {', '.join(READERS)}; else by its content."),
+    ] = None,
+    write_as: Annotated[
+        str | None,
+        typer.Option("--to", help=f"Format of OUT: {', '.join(WRITERS)}; else by its name."),
+    ] = None,
+    conventions: Conventions = Conventions(),  # noqa: B008 - becomes options
+    camera_name: options.CameraName = None,
+    skip_bad_poses: options.SkipBadPoses = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace OUT.")] = False,
+    as_json: options.AsJson = False,
+) -> None:
+    """Convert camera and pose files between programs; whatever is lost is said.
+
+    [bold]Example[/]: rastercov convert sparse/0 transforms.json
+
+    [bold]Look at a rig[/]: rastercov convert camchain.yaml rig.glb
+    """
+    views = read_views(source, format=read_as, conventions=conventions)
+    if camera_name is not None:
+        views = views.of_camera(camera_name)
+    if source.resolve() == target.resolve():
+        raise ConfigError(f"{target}: it is what is read; give another name")
+    warn(f"{source}: {note}" for note in views.notes)
+    lost = write_views(target, views, format=write_as, overwrite=overwrite)
+    warn(f"{target}: {note}" for note in lost)
+    names = [] if views.rig is None else list(views.rig.names)
+    result = {
+        "cameras": names,
+        "poses": len(views.poses),
+        "has_unit": views.has_unit,
+        "format": write_as or format_of(target),
+        "notes": [*views.notes, *lost],
+        "file": str(target),
+    }
+    if as_json:
+        print(json.dumps(result, indent=2))
+    else:
+        print(f"{plural(len(names), 'camera')}, {plural(len(views.poses), 'pose')}: {target}")

@@ -1,0 +1,112 @@
+"""Views: cameras and poses as files of calibrations and reconstructions hold them together.
+
+Between `rastercov.camera_formats`, which reads and writes them, and whatever takes a camera or
+poses. Everything is in the conventions of this package: axes x right, y down, z forward,
+world_from_camera, centre of the top-left pixel at (0.5, 0.5).
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rastercov._arguments import check_kind, members
+from rastercov._checks import shown
+from rastercov.camera import Camera
+from rastercov.errors import CameraError, PoseError
+from rastercov.pose import Poses
+from rastercov.rig import Rig
+
+MOST_NAMES = 8
+"""Names of cameras that a message lists."""
+
+
+@dataclass(frozen=True, eq=False)
+class Views:
+    """Cameras with names, poses, and a name for the image of each pose.
+
+    Parameters
+    ----------
+    rig : Rig, optional
+        The cameras, with their names and places; None for a file of poses alone.
+    poses : Poses
+        world_from_camera, with the index of the camera of each; none for a file of cameras alone.
+    images : tuple of str
+        Name of the image of each pose.
+    notes : tuple of str
+        What was converted, and what could not be kept.
+    has_unit : bool
+        True where lengths are metres; False where the file does not state its unit.
+
+    Raises
+    ------
+    CameraError
+        For something else than a rig and texts.
+    PoseError
+        For a pose with a camera that the rig does not have, or another number of images.
+    """
+
+    rig: Rig | None
+    poses: Poses
+    images: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    has_unit: bool = True
+
+    def __post_init__(self) -> None:
+        check_kind("poses", self.poses, Poses, "Poses (Poses.of makes them)", PoseError)
+        if self.rig is not None:
+            check_kind("rig", self.rig, Rig, "a Rig, or None", CameraError)
+            self.poses.check_cameras(len(self.rig))
+        for name in ("images", "notes"):
+            words = members(name, getattr(self, name), str, "texts", CameraError)
+            object.__setattr__(self, name, words)
+        if len(self.images) != len(self.poses):
+            raise PoseError(
+                f"images must have a name for each of {len(self.poses)} poses, "
+                f"got {len(self.images)}"
+            )
+
+    def camera(self, name: str | None = None) -> Camera:
+        """The camera of that name; the only one if no name is given.
+
+        Raises
+        ------
+        CameraError
+            Where there is none, or several to choose from.
+        """
+        return self.cameras()[self._index(name)]
+
+    def cameras(self) -> tuple[Camera, ...]:
+        """All cameras; CameraError where the file has poses alone."""
+        if self.rig is None:
+            raise CameraError("there are poses and no camera; give a camera as well")
+        return self.rig.cameras
+
+    def of_camera(self, name: str | None = None) -> "Views":
+        """Views of one camera: the camera and its poses; without a name, the only camera.
+
+        `Poses.ids` are still rows of the file, and what was rejected is still named.
+        """
+        index = self._index(name)
+        assert self.rig is not None
+        rows = np.flatnonzero(self.poses.camera == index)
+        poses = replace(self.poses[rows], camera=np.zeros(len(rows), np.int32))
+        poses = replace(poses, rejected=self.poses.rejected)
+        rig = Rig(
+            [self.rig.cameras[index]],
+            [self.rig.names[index]],
+            self.rig.rig_from_camera[index][None],
+        )
+        return replace(self, rig=rig, poses=poses, images=tuple(self.images[row] for row in rows))
+
+    def _index(self, name: str | None) -> int:
+        n = len(self.cameras())
+        assert self.rig is not None
+        if name is None and n == 1:
+            return 0
+        known = ", ".join(map(shown, self.rig.names[:MOST_NAMES]))
+        known += ", ..." if n > MOST_NAMES else ""
+        if name is None:
+            raise CameraError(f"there are {n} cameras, {known}; choose one by --camera-name")
+        if name not in self.rig.names:
+            raise CameraError(f"there is no camera {shown(name)}; cameras are {known}")
+        return self.rig.names.index(name)

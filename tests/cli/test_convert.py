@@ -1,0 +1,208 @@
+"""The command `convert`, and cameras and poses of other programs in all others."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+from commands import call, enter, refusal
+
+import rastercov as rc
+from rastercov.camera_formats import read_views, write_views
+from rastercov.plan.file import read_plan
+
+
+def rig(n=4):
+    cameras = [rc.Camera(width=64, height=48, fx=50.0 + row, fy=50) for row in range(2)]
+    poses = rc.look_at(eyes=[(3.0, row, 1) for row in range(n)], targets=(0, 0, 0))
+    poses = rc.Poses.of(poses, camera=np.arange(n) % 2)
+    return rc.Views(
+        rc.Rig(cameras, ["left", "right"]), poses, tuple(f"{row}.png" for row in range(n))
+    )
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    enter(tmp_path, monkeypatch)
+    write_views("model", rig())
+    return tmp_path
+
+
+def test_a_model_passes_through_every_format_with_poses(here, capsys):
+    line = "convert model transforms.json && convert transforms.json text --to colmap-text"
+    for command in line.split(" && "):
+        assert call(capsys, command)[0] == 0
+    code, out, err = call(capsys, "convert text rig.json --pose-unit mm --json")
+    assert (code, err) == (0, "")
+    found = json.loads(out)
+    assert (found["poses"], found["has_unit"], found["format"]) == (4, True, "rastercov")
+    wanted = rig().poses.world_from_camera
+    poses = read_views("rig.json").poses.world_from_camera
+    np.testing.assert_allclose(poses[:, :3, 3], wanted[:, :3, 3] / 1000, atol=1e-15)
+    np.testing.assert_allclose(poses[:, :3, :3], wanted[:, :3, :3], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("convert nothing.json out.json", "nothing.json: cannot be read"),
+        ("convert model rig.json", "has no unit|have no unit; give --pose-unit"),
+        ("convert model out.yaml", "there are 2 cameras, 'camera 1', 'camera 2'; choose one by"),
+        ("convert model out.yaml --camera-name up", "there is no camera 'up'"),
+        ("convert model out.tif", "wanted; name the format by --to"),
+        ("convert model x --to colmp", "format must be rastercov, colmap, "),
+        ("convert model x --from colmp", "format must be rastercov, colmap, "),
+        ("convert model model", "it is what is read"),
+        ("convert model taken", "cameras.bin is there already"),
+        ("convert model taken.json --pose-unit m", "taken.json: it is there already"),
+        ("convert model nowhere/out.json --pose-unit m", "its folder does not exist"),
+        ("convert model nowhere/out", "nowhere/out: cannot be written"),
+        ("convert model x --image-size 640", "--image-size wants WIDTHxHEIGHT"),
+        ("convert model x --pose-unit inches", "unit must be one of m, mm"),
+        ("convert model x --pixel-centre 1", "pixel centre must be 0 or 0.5"),
+        ("convert model rig.json --from opencv", "model: cannot be read .*got a folder"),
+    ],
+)
+def test_each_bad_line_is_refused_and_leaves_nothing(here, capsys, line, words):
+    write_views("taken", rig())
+    write_views("taken.json", rig())
+    before = {path: path.stat().st_mtime_ns for path in here.rglob("*")}
+    assert re.search(words, refusal(capsys, line))
+    assert {path: path.stat().st_mtime_ns for path in here.rglob("*")} == before
+
+
+def test_overwrite_replaces_a_model_as_a_whole(here, capsys):
+    write_views("taken", rig(2), format="colmap-text")
+    code, _, _ = call(capsys, "convert model taken --overwrite")
+    assert code == 0
+    assert sorted(path.name for path in (here / "taken").iterdir()) == [
+        "cameras.bin",
+        "images.bin",
+        "points3D.bin",
+    ]
+    assert len(read_views("taken").poses) == 4
+
+
+# --- cameras and poses of other commands ----------------------------------------------------------
+
+RENDER = "render box --device cpu --json -o out "
+
+
+def rendered(capsys, line):
+    code, out, err = call(capsys, RENDER + line)
+    assert code == 0, err
+    return json.loads(out)["pixels_covered"]
+
+
+def test_one_file_gives_camera_and_poses_to_a_command(here, capsys):
+    right = "--camera-name 'camera 2' --pose-unit m"
+    wanted = rendered(capsys, f"-c model -p model {right}")
+    assert wanted > 0
+    assert rendered(capsys, f"-p model {right}") == wanted
+    write_views("right.json", rig().of_camera("right"))
+    assert rendered(capsys, "-p right.json") == wanted
+    rc.write_poses("p.npy", rig().of_camera("right").poses.world_from_camera)
+    assert rendered(capsys, f"-c model -p p.npy {right.replace('--pose-unit m', '')}") == wanted
+
+
+def test_bare_poses_have_the_convention_that_is_named(here, capsys):
+    poses = rig().poses.world_from_camera
+    rc.write_poses("ours.npy", poses)
+    np.save("opengl.npy", poses @ np.diag([1.0, -1, -1, 1]))
+    wanted = rendered(capsys, "-c khepra -p ours.npy")
+    assert rendered(capsys, "-c khepra -p opengl.npy --pose-convention opengl") == wanted
+    assert rendered(capsys, "-c khepra -p opengl.npy") != wanted
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("-p model", "the poses have no unit, and the mesh is in metres; give --pose-unit"),
+        ("-p model --pose-unit m", "there are 2 cameras, .*choose one by --camera-name"),
+        ("-p sphere:3", "sphere:N needs a camera; give --camera"),
+        ("-c model -p sphere:3", "there are 2 cameras"),
+        ("-p ours.npy", "ours.npy has poses and no camera; give --camera"),
+        ("-c ours.npy -p ours.npy", "ours.npy has poses and no camera"),
+        ("-c khepra -p eye.json", "eye.json: there are cameras and no poses"),
+    ],
+)
+def test_what_a_command_lacks_is_one_line(here, capsys, line, words):
+    rc.write_poses("ours.npy", rig().poses.world_from_camera)
+    rig().cameras()[0].save("eye.json")
+    assert re.search(words, refusal(capsys, RENDER + line))
+
+
+def test_evaluate_leaves_out_bad_poses_of_any_file(here, capsys):
+    views = rig().of_camera("left")
+    write_views("transforms.json", views)
+    content = json.loads((here / "transforms.json").read_text())
+    content["frames"][1]["transform_matrix"][0][0] = 9
+    (here / "transforms.json").write_text(json.dumps(content))
+    line = "evaluate box -p transforms.json --pose-unit m --pictures 0 --json -o out"
+    assert "pose 1 is not a rotation" in refusal(capsys, line)
+    code, out, err = call(capsys, line + " --skip-bad-poses")
+    assert code == 0
+    assert "pose 1 left out: it is not a rotation" in err
+    assert json.loads(out)["poses"] == 1
+
+
+def test_a_camera_may_be_entries_on_the_command_line(here, capsys):
+    (here / "c.toml").write_text('preset = "khepra"\nnear = 0.5\nhfov_deg = 40\n')
+    wanted = rendered(capsys, "-c c.toml -p sphere:3")
+    line = "-c 'preset = \"khepra\", near = 0.5, hfov_deg = 40' -p sphere:3"
+    assert rendered(capsys, line) == wanted
+    for entries, words in (
+        ("widht = 3", "--camera widht = 3: unknown entry 'widht'"),
+        ("near = ", "a file, a preset, or entries such as"),
+    ):
+        assert words in refusal(capsys, [*RENDER.split(), "-c", entries, "-p", "sphere:3"])
+
+
+PLAN = """
+[[meshes]]
+built_in = "box"
+[camera]
+file = "calibration.yaml"
+{answers}
+[task]
+min_pixels = 1
+by = "face"
+[[candidates]]
+generator = "poses"
+file = "rig.json"
+[selection]
+goal = "fewest_cameras"
+coverage = 0.1
+"""
+CALIBRATION = """%YAML:1.0
+---
+K1: [[50.0, 0, 31.5], [0, 50, 23.5], [0, 0, 1]]
+K2: [[60.0, 0, 31.5], [0, 60, 23.5], [0, 0, 1]]
+D1: [0, 0, 0, 0]
+D2: [0, 0, 0, 0]
+"""
+
+
+def test_a_plan_takes_files_of_other_programs_and_its_own_answers(here, capsys):
+    (here / "calibration.yaml").write_text(CALIBRATION)
+    views = rig().of_camera("right")
+    write_views("rig.json", views)
+    for answers, words in (
+        ("", r"plan\.toml: camera: .*no image size; give image_size = \[width, height\]"),
+        (
+            "image_size = [64, 48]",
+            r"there are 2 cameras, 'camera 1', 'camera 2'; choose one by name",
+        ),
+        ('image_size = [64, 48]\nname = "left"', "there is no camera 'left'"),
+        ("image_size = [64, 48]\nnear = 1", "file stands alone, got near too"),
+    ):
+        (here / "plan.toml").write_text(PLAN.format(answers=answers))
+        assert re.search(words, refusal(capsys, "check plan.toml -p rig.json"))
+    whole = PLAN.format(answers='image_size = [64, 48]\nname = "camera 2"')
+    (here / "plan.toml").write_text(whole)
+    assert read_plan("plan.toml").build_camera().fx == 60
+    write_views("right", views)
+    code, _, err = call(capsys, "check plan.toml -p right --pose-unit m --json")
+    assert code == 0, err
+    wanted = refusal(capsys, "check plan.toml -p right")
+    assert "the poses have no unit; give --pose-unit" in wanted
