@@ -74,8 +74,8 @@ class FaceCounts:
         Samples the face would own if it were alone in the scene, inside the image, from either
         side; None when it was not asked for.
     background : (P,) int64
-        Samples that meet no face but those of targets; with the visible samples of all other faces
-        they add up to all samples inside the image.
+        Samples that meet no face but those of targets, and those to which the lens gives no ray;
+        with the visible samples of all other faces they add up to all samples inside the image.
     clipped : (P,) bool
         Whether the near plane cut away a surface, not a target, inside the viewing pyramid.
     supersample : int
@@ -116,7 +116,8 @@ class VisibilityBuffer:
     face : (H, W) int32
         Index of the nearest face at each pixel centre, never of a target; -1 where there is none.
     depth : (H, W) float32
-        Camera z of that surface in metres, inf where there is none.
+        Camera z of that surface in metres, inf where there is none. Of a lens that sees too wide
+        for one ideal plane, `rastercov.lenses.planes`, the distance along the ray.
     """
 
     face: NDArray[np.int32]

@@ -49,11 +49,10 @@ class SampleGrid:
     width, height : int
         Size of the canvas in samples; without a roll, S times that of the image.
     lens : (4,) float64
-        fx, fy, cx, cy of the canvas in samples, for the axes of `axes`.
+        fx, fy, cx, cy of the canvas in samples, for the axes of `axes`; of pinholes only.
     """
 
     def __init__(self, camera: Camera, supersample: int = 1, roll: float = 0.0) -> None:
-        camera.check_pinhole()
         self.supersample = scale = int(supersample)
         angle = math.remainder(roll, math.pi / 2)
         self._c, self._s = c, s = math.cos(angle), math.sin(angle)
@@ -122,6 +121,19 @@ class SampleGrid:
         first = np.clip(np.ceil(low + x - 0.5), 0, self.width).astype(np.int32)
         last = np.clip(np.floor(high + x - 0.5) + 1, 0, self.width).astype(np.int32)
         return first, np.maximum(first, last)
+
+    def positions(self, top: int, bottom: int) -> FloatArray:
+        """Pixels (u, v) of the samples of some rows of the canvas, (bottom - top, width, 2)."""
+        x, y = np.arange(self.width) + 0.5, np.arange(top, bottom)[:, None] + 0.5
+        found = np.empty((bottom - top, self.width, 2))
+        if not self.is_rolled:
+            found[..., 0], found[..., 1] = x / self.supersample, y / self.supersample
+            return found
+        c, s, (a, b) = self._c, self._s, self._half
+        x, y = x - self._middle[0], y - self._middle[1]
+        found[..., 0] = (c * x - s * y + a) / self.supersample
+        found[..., 1] = (s * x + c * y + b) / self.supersample
+        return found
 
     def tiles(self, size: tuple[int, int]) -> Iterator[Box]:
         """Yield tiles of the canvas of at most `size` (width, height)."""

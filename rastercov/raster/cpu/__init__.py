@@ -109,6 +109,7 @@ class CPURasterizer(Closing):
         roll: float = 0.0,
         threads: int | None = None,
     ) -> None:
+        camera.check_pinhole()
         self._grid = SampleGrid(camera, supersample, roll)
         side = max(self._grid.width, self._grid.height)
         if side > MAX_SIDE:

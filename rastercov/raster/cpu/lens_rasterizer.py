@@ -1,0 +1,277 @@
+"""CPU rasteriser of cameras with any lens: faces as they are, samples where the lens puts them.
+
+    stage         reads                      writes                    file
+    ------------  -------------------------  ------------------------  ------------
+    once:         lens, sample grid          Patch for each plane      lens_samples
+    for each band of rows, pose and plane:
+    1 project     vertices, pose             points in the plane       lens_kernels
+    2 set up      points of a face           FacePlanes, Blocks        lens_kernels
+    3 cover       FacePlanes, Patch          Image: 1/z, face          lens_cover
+    4 count       Image                      visible, background       lens_kernels
+
+Nothing is rounded to a grid: samples are tested at the places that the lens gives them, to 2^-24 of
+half a block, and depth is compared as float32 1/z. A sample without a ray meets no face and is
+background.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov._arguments import flag
+from rastercov._closing import Closing
+from rastercov._jit import announce_compilation
+from rastercov._threads import ScratchPool, share_poses, thread_count
+from rastercov.camera import Camera
+from rastercov.errors import ConfigError, DeviceError
+from rastercov.mesh import Mesh
+from rastercov.near_plane import limits, picture_limits
+from rastercov.pose import Poses as AcceptedPoses
+from rastercov.pose import valid_poses
+from rastercov.raster import self_test
+from rastercov.raster.contract import (
+    FaceCounts,
+    RasterizerInfo,
+    VisibilityBuffer,
+    check_counts,
+    check_picture,
+)
+from rastercov.raster.cpu import lens_kernels as kernels
+from rastercov.raster.cpu.lens_records import SAMPLES, Image, Patch
+from rastercov.raster.cpu.lens_samples import SampleTables, tables_of
+from rastercov.raster.tie_order import in_one_order
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+
+class LensRasterizer(Closing):
+    """Rasteriser of cameras with any lens, compiled by numba.
+
+    Any number of threads may use one rasteriser at once, and so may a forked process.
+
+    Parameters
+    ----------
+    mesh, camera, supersample, roll
+        As for `open_rasterizer`.
+    threads : int, optional
+        Number of threads, by default one for each core; each takes whole poses.
+    """
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        camera: Camera,
+        *,
+        supersample: int = 1,
+        roll: float = 0.0,
+        threads: int | None = None,
+    ) -> None:
+        self._threads = thread_count(threads)
+        self.mesh, self.camera, self.supersample, self.roll = mesh, camera, supersample, roll
+        self.info = RasterizerInfo(
+            backend="cpu",
+            plan="threads",
+            renderer=f"numba {version('numba')}",
+            driver="",
+            device="cpu",
+            depth="float32 1/z",
+            shaders="",
+        )
+        self._is_open = True
+        announce_compilation(kernels.draw)
+        self._scene = _Scene(mesh)
+        self._tables = tables_of(camera, supersample, roll)
+        self._scratch = ScratchPool(partial(_Worker, self._scene), self._threads)
+        self._check()
+
+    def count(self, poses: ArrayLike, *, drawn: bool = True) -> FaceCounts:
+        """Samples of each face in each pose; see `Rasterizer.count`."""
+        self._check_open()
+        matrices, drawn = valid_poses(poses), flag("drawn", drawn)
+        return self._count(self._scratch, self._scene, self.camera, self._tables, matrices, drawn)
+
+    def render(self, pose: ArrayLike) -> VisibilityBuffer:
+        """Face index and depth at each pixel centre; see `Rasterizer.render`."""
+        self._check_open()
+        accepted = AcceptedPoses.of(pose)
+        if len(accepted) != 1:
+            raise ConfigError(f"render takes one pose, got {len(accepted)}")
+        check_picture(self.camera)
+        matrix = accepted.world_from_camera
+        near, cull = picture_limits(self.mesh, self.camera, matrix)
+        shape = self.camera.height, self.camera.width
+        face, depth = np.full(shape, -1, np.int32), np.full(shape, np.inf, np.float32)
+        tables = tables_of(self.camera, 1, 0.0)
+        by_ray = len(tables.frames) > 1
+        (worker,) = self._scratch.take(1)
+        for band in range(tables.n_bands):
+            for patch in tables.band(band, self._threads):
+                image = worker.draw(matrix[0], near[0], cull[0], patch, None)
+                kernels.read_image(image, patch, by_ray, face, depth)
+        self._scratch.give_back([worker])
+        return VisibilityBuffer(self._scene.name_of[face], depth)
+
+    def close(self) -> None:
+        """Release its memory: later calls raise `DeviceError`, calls in other threads complete."""
+        self._is_open = False
+        self._scratch.close()
+
+    def _check_open(self) -> None:
+        if not self._is_open:
+            raise DeviceError("this rasteriser is closed; open a new one")
+
+    def _count(
+        self,
+        scratch: "ScratchPool[_Worker]",
+        scene: "_Scene",
+        camera: Camera,
+        tables: SampleTables,
+        poses: FloatArray,
+        with_drawn: bool,
+    ) -> FaceCounts:
+        mesh, kind = scene.mesh, tables.grid.count_type
+        check_counts(len(poses), mesh.n_faces, np.dtype(kind).itemsize * (1 + with_drawn))
+        near, cull, clipped = limits(mesh, camera, poses)
+        shape = len(poses), mesh.n_faces
+        visible: Any = np.zeros(shape, kind)
+        drawn: Any = np.zeros(shape, kind) if with_drawn else None
+        filled = np.zeros(len(poses), np.int64)
+        workers = scratch.take(max(1, min(self._threads, len(poses))))
+        for band in range(tables.n_bands):
+            patches = tables.band(band, self._threads)
+
+            def work_of(
+                worker: _Worker, patches: tuple[Patch, ...] = patches
+            ) -> Callable[[slice], None]:
+                def work(turn: slice) -> None:
+                    for row in range(turn.start, turn.stop):
+                        counts = visible[row], None if drawn is None else drawn[row]
+                        for patch in patches:
+                            filled[row] += worker.count(
+                                poses[row], near[row], cull[row], patch, *counts
+                            )
+
+                return work
+
+            share_poses(len(poses), [work_of(worker) for worker in workers])
+        scratch.give_back(workers)
+        return FaceCounts(
+            visible,
+            drawn,
+            tables.grid.n_samples - filled,
+            clipped,
+            tables.grid.supersample,
+            self.info,
+            self.roll,
+        )
+
+    def _check(self) -> None:
+        """Count the self-test scene; DeviceError where a miscompiled loop counts it wrongly."""
+        scene = _Scene(self_test.MESH)
+        counts = self._count(
+            ScratchPool(partial(_Worker, scene), 0),
+            scene,
+            self_test.CAMERA,
+            tables_of(self_test.CAMERA, 1, 0.0),
+            self_test.POSES,
+            with_drawn=True,
+        )
+        assert counts.drawn is not None
+        is_equal = np.array_equal(counts.visible, self_test.VISIBLE)
+        if not is_equal or not np.array_equal(counts.drawn, self_test.DRAWN):
+            raise DeviceError(
+                f"{self.info.renderer} counted a known scene wrongly; its answers cannot be "
+                "trusted: remove the numba cache"
+            )
+
+
+class _Scene:
+    """Mesh with its opaque faces and its targets apart, corners in the order for ties."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        self.mesh = mesh
+        # The centre is that of `Mesh.opaque` in both, so that points are rounded alike.
+        self.centre: FloatArray = mesh.opaque.bounds.mean(axis=0)
+        self.vertices = np.ascontiguousarray(mesh.vertices - self.centre)
+        self.opaque: IntArray = np.flatnonzero(~mesh.target_mask)
+        self.targets: IntArray = np.flatnonzero(mesh.target_mask)
+        faces = in_one_order(mesh).astype(np.int32)
+        if mesh.has_targets and mesh.opaque.can_cull_back_faces:
+            faces = mesh.faces.astype(np.int32)  # winding decides which faces are left out
+        self.faces = np.ascontiguousarray(faces[self.opaque])
+        self.target_faces = np.ascontiguousarray(faces[self.targets])
+        self.name_of = np.append(self.opaque, -1).astype(np.int32)
+
+
+class _Worker:
+    """Scratch memory of one thread, and its calls of the compiled loops."""
+
+    def __init__(self, scene: _Scene) -> None:
+        self.scene = scene
+        self.points = np.empty(scene.vertices.shape)
+        self.image = _image(0)
+        self.visible, self.drawn = np.zeros((2, len(scene.faces)), np.int32)
+
+    def draw(
+        self,
+        pose: FloatArray,
+        near: float,
+        cull: bool,
+        patch: Patch,
+        drawn: NDArray[np.int32] | None,
+    ) -> Image:
+        """Draw the opaque faces, and add what each covers to (F,) `drawn`."""
+        scene, n = self.scene, len(patch.x)
+        if len(self.image.is_touched) < n:
+            self.image = _image(n)
+        inverse, face, is_touched = self.image
+        image = Image(inverse[:n], face[:n], is_touched[:n])
+        image.is_touched[:] = False
+        axes = np.ascontiguousarray(pose[:3, :3] @ patch.frame)
+        kernels.put_in_plane(scene.vertices, pose[:3, 3] - scene.centre, axes, self.points)
+        with_drawn = drawn is not None
+        kernels.draw(
+            self.points, scene.faces, float(near), bool(cull), patch, image,
+            self.drawn if drawn is None else drawn, with_drawn,
+        )  # fmt: skip
+        return image
+
+    def count(
+        self,
+        pose: FloatArray,
+        near: float,
+        cull: bool,
+        patch: Patch,
+        visible: NDArray[np.integer],
+        drawn: NDArray[np.integer] | None,
+    ) -> int:
+        """Add the samples of a patch to rows (F,) of counts; returns how many show a face."""
+        scene = self.scene
+        self.visible[:], self.drawn[:] = 0, 0
+        image = self.draw(pose, near, cull, patch, None if drawn is None else self.drawn)
+        filled = int(kernels.count_visible(image, self.visible))
+        visible[scene.opaque] += self.visible
+        if drawn is not None:
+            drawn[scene.opaque] += self.drawn
+        if len(scene.targets):
+            seen, covered = np.zeros((2, len(scene.targets)), np.int64)
+            kernels.count_targets(
+                self.points, scene.target_faces, float(near), patch, image, seen, covered
+            )
+            visible[scene.targets] += seen
+            if drawn is not None:
+                drawn[scene.targets] += covered
+        return filled
+
+
+def _image(n: int) -> Image:
+    """Memory for n blocks."""
+    return Image(
+        np.empty((n, SAMPLES), np.float32), np.empty((n, SAMPLES), np.int32), np.empty(n, np.bool_)
+    )

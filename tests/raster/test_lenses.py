@@ -1,0 +1,333 @@
+"""The rasteriser of any lens: each sample shows the face that its ray meets first."""
+
+import math
+
+import lens_cases
+import lens_rooms
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from target_scenes import some_as_targets
+
+from rastercov import Camera, ConfigError, Mesh, look_at, open_observer, open_rasterizer, shapes
+from rastercov.lenses.of_camera import lens_of
+from rastercov.observation import BoundKind
+from rastercov.raster.cpu import lens_samples
+from rastercov.raster.cpu.lens_rasterizer import LensRasterizer
+from rastercov.viewpoints import sphere_of_poses
+
+SCALE = 0.1
+EDGE_PX = 4e-3
+"""Px from an edge within which a sample may show either side: snapping moves edges by as much."""
+BIG = {"width": 1280, "height": 1024, "cx": 655.25, "cy": 500.5}
+LENSES = {
+    "brown": Camera(**BIG, fx=900, fy=880, model="opencv", distortion=lens_cases.BROWN),
+    "rational": Camera(**BIG, fx=900, fy=880, model="opencv", distortion=lens_cases.RATIONAL),
+    "kannala": Camera(**BIG, fx=700, fy=690, model="opencv_fisheye", distortion=lens_cases.KANNALA),
+    "wide": Camera(**BIG, fx=330, fy=330, model="opencv_fisheye", distortion=(0.01, 0, 0, 0)),
+    "skew": Camera(**BIG, fx=900, fy=880, skew=30),
+    "equirectangular": Camera(
+        width=1280, height=640, fx=640 / math.pi, fy=640 / math.pi, model="equirectangular"
+    ),
+}
+CAMERAS = {name: camera.resized(SCALE) for name, camera in LENSES.items()}
+
+
+def around(mesh, n=5):
+    """Poses around a mesh that see all of it."""
+    centre, size = mesh.bounds.mean(axis=0), np.linalg.norm(np.ptp(mesh.bounds, axis=0))
+    return sphere_of_poses(centre, 0.75 * size, n)
+
+
+INSIDE = look_at([(0.2, 0.1, 1.5)], [(1, 1, 1)])
+SCENES = {
+    "torus": (shapes.torus(20, 40), around(shapes.torus(20, 40))[1:2]),
+    "aeroplane": (shapes.aeroplane(), around(shapes.aeroplane())[1:2]),
+    "room": (shapes.room(6), INSIDE),
+}
+
+
+def pixels(camera):
+    """Pixel centres (H W, 2)."""
+    u, v = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
+    return np.stack((u.ravel(), v.ravel()), axis=1)
+
+
+def rays(camera, points):
+    """Unit rays (N, 3) in camera axes, NaN where there is none."""
+    return lens_of(camera).unproject(points)
+
+
+def first_hits(corners, directions):
+    """Nearest face of corners (F, 3, 3) on each of some rays (N, 3), -1 for none, and distances."""
+    a, b, c = corners.transpose(1, 0, 2)
+    normal = np.cross(b - a, c - a)
+    height = np.einsum("fk,fk->f", normal, a)
+    sides = np.stack((np.cross(b, c), np.cross(c, a), np.cross(a, b)))
+    sides *= np.sign(height)[None, :, None]
+    face, distance = np.full(len(directions), -1), np.full(len(directions), np.inf)
+    for start in range(0, len(directions), 128):
+        r = directions[start : start + 128]
+        inside = (sides[0] @ r.T >= 0) & (sides[1] @ r.T >= 0) & (sides[2] @ r.T >= 0)
+        with np.errstate(all="ignore"):
+            t = np.where(inside, height[:, None] / (normal @ r.T), np.inf)
+        nearest = t.argmin(axis=0)
+        found = t[nearest, np.arange(len(r))]
+        distance[start : start + 128] = found
+        face[start : start + 128] = np.where(np.isfinite(found), nearest, -1)
+    return face, distance
+
+
+def edge_distance(camera, corners, ray):
+    """Distance of a ray from the nearest edge of a face (3, 3), px of the image, to first order."""
+    planes = np.cross(corners, np.roll(corners, -1, axis=0))
+    pixel = lens_of(camera).jacobian(ray)
+    slope = planes @ np.linalg.pinv(pixel)
+    return np.min(np.abs(planes @ ray) / np.linalg.norm(slope, axis=1))
+
+
+def wrong_samples(camera, corners, directions, shown):
+    """Samples that show another face than their ray meets, further than `EDGE_PX` from an edge."""
+    expected, distance = first_hits(corners, directions)
+    wrong = []
+    for n in np.flatnonzero(shown != expected):
+        named = [f for f in (shown[n], expected[n]) if f >= 0]
+        if min(edge_distance(camera, corners[f], directions[n]) for f in named) <= EDGE_PX:
+            continue
+        if len(named) == 2:
+            _, own = first_hits(corners[[shown[n]]], directions[n : n + 1])
+            if own[0] <= distance[n] * (1 + 1e-6):
+                continue
+        wrong.append(n)
+    return wrong, expected, distance
+
+
+def in_camera(mesh, pose):
+    """Corners (F, 3, 3) in camera axes."""
+    return ((mesh.vertices - pose[:3, 3]) @ pose[:3, :3])[mesh.faces]
+
+
+@pytest.mark.parametrize("lens", CAMERAS)
+@pytest.mark.parametrize("scene", SCENES)
+def test_each_sample_shows_the_face_its_ray_meets(scene, lens):
+    (mesh, poses), camera = SCENES[scene], CAMERAS[lens]
+    directions = rays(camera, pixels(camera))
+    is_live = ~np.isnan(directions[:, 0])
+    with open_rasterizer(mesh, camera, "cpu") as rasterizer:
+        for pose in poses:
+            image = rasterizer.render(pose)
+            shown, depth = image.face.ravel(), image.depth.ravel()
+            assert (shown[~is_live] == -1).all()
+            corners = in_camera(mesh, pose)
+            wrong, expected, distance = wrong_samples(
+                camera, corners, directions[is_live], shown[is_live]
+            )
+            assert wrong == []
+            assert (expected >= 0).mean() > (0.99 if scene == "room" else 0.005)
+            same = (shown[is_live] == expected) & (expected >= 0)
+            assert (shown[is_live] != expected).sum() <= 3
+            if lens not in ("wide", "equirectangular"):
+                distance = distance * directions[is_live, 2]
+            np.testing.assert_allclose(depth[is_live][same], distance[same], rtol=1e-6)
+            assert np.isinf(depth[shown < 0]).all()
+
+
+def test_positions_agree_with_opencv():
+    cv2 = pytest.importorskip("cv2")
+    camera = CAMERAS["brown"]
+    points = pixels(camera)
+    criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 300, 1e-14)
+    found = cv2.undistortPoints(
+        (points - 0.5)[:, None], camera.opencv_K, np.array(camera.distortion), criteria=criteria
+    )[:, 0]
+    mesh, poses = SCENES["torus"]
+    directions = np.column_stack((found, np.ones(len(found))))
+    with open_rasterizer(mesh, camera, "cpu") as rasterizer:
+        shown = rasterizer.render(poses[0]).face.ravel()
+    wrong, expected, _ = wrong_samples(camera, in_camera(mesh, poses[0]), directions, shown)
+    assert wrong == []
+    assert (expected >= 0).mean() > 0.1
+
+
+@pytest.mark.parametrize("lens", CAMERAS)
+@pytest.mark.parametrize(("supersample", "roll"), [(1, 0.0), (2, 0.0), (1, 0.4), (3, -1.1)])
+def test_closed_room_leaves_no_live_sample_without_a_face(lens, supersample, roll):
+    corners, camera = lens_rooms.room(5, seed=2), CAMERAS[lens]
+    mesh = Mesh(vertices=corners.reshape(-1, 3), faces=np.arange(3 * len(corners)).reshape(-1, 3))
+    with LensRasterizer(mesh, camera, supersample=supersample, roll=roll) as rasterizer:
+        grid = rasterizer._tables.grid
+        counts = rasterizer.count(np.eye(4)[None])
+    places = grid.positions(0, grid.height)
+    column = np.arange(grid.width)
+    inside = (column >= grid.first[:, None]) & (column < grid.last[:, None])
+    dead = np.isnan(rays(camera, places[inside])[:, 0]).sum()
+    assert counts.background[0] == dead
+    assert counts.visible.sum() + dead == grid.n_samples
+    # One surface a ray: each live sample is drawn once, so no edge is owned twice.
+    assert counts.drawn.sum() == counts.visible.sum()
+
+
+@pytest.mark.parametrize("lens", ["brown", "wide"])
+@pytest.mark.parametrize(("supersample", "roll"), [(2, 0.0), (1, 0.4)])
+def test_counts_are_of_rays_at_the_samples_of_the_grid(lens, supersample, roll):
+    (mesh, poses), camera = SCENES["torus"], CAMERAS[lens]
+    with open_rasterizer(mesh, camera, "cpu", supersample=supersample, roll=roll) as rasterizer:
+        counts = rasterizer.count(poses[:1])
+        grid = rasterizer._tables.grid
+    c, s = math.cos(roll), math.sin(roll)
+    x, y = np.meshgrid(np.arange(grid.width) + 0.5, np.arange(grid.height) + 0.5)
+    x, y = x.ravel() - grid.width / 2, y.ravel() - grid.height / 2
+    points = np.stack((c * x - s * y, s * x + c * y), axis=1) / supersample
+    points += np.array((camera.width, camera.height)) / 2
+    is_in = ((points > 0) & (points < (camera.width, camera.height))).all(axis=1)
+    directions = rays(camera, points[is_in])
+    expected, _ = first_hits(in_camera(mesh, poses[0]), directions)
+    seen = np.bincount(expected[expected >= 0], minlength=mesh.n_faces)
+    assert np.abs(counts.visible[0] - seen).sum() <= 4
+    assert counts.visible.sum() + counts.background[0] == grid.n_samples
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_without_distortion_counts_are_those_of_the_pinhole(scene):
+    mesh, poses = SCENES[scene]
+    camera = Camera(width=160, height=128, fx=115, fy=110, cx=81.6, cy=62.5)
+    with open_rasterizer(mesh, camera, "cpu") as pinhole, LensRasterizer(mesh, camera) as table:
+        one, other = pinhole.count(poses), table.count(poses)
+        image, by_table = pinhole.render(poses[0]), table.render(poses[0])
+    n = np.maximum(one.drawn, 1)
+    assert np.abs(one.background - other.background).max() <= 8
+    # Snapping moves edges by 1/512 px: the samples that it moves them over are few.
+    assert np.abs(one.drawn - other.drawn).sum() <= 0.01 * n.sum()
+    assert np.abs(one.visible - other.visible).max() <= 0.2 * n.max()
+    np.testing.assert_array_equal(one.clipped, other.clipped)
+    differ = (image.face != by_table.face).ravel()
+    directions = rays(camera, pixels(camera))
+    corners = in_camera(mesh, poses[0])
+    assert wrong_samples(camera, corners, directions, by_table.face.ravel())[0] == []
+    for n in np.flatnonzero(differ):
+        named = [f for f in (image.face.ravel()[n], by_table.face.ravel()[n]) if f >= 0]
+        assert min(edge_distance(camera, corners[f], directions[n]) for f in named) <= EDGE_PX
+    same = ~differ.reshape(image.face.shape)
+    np.testing.assert_allclose(image.depth[same], by_table.depth[same], rtol=1e-5)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.sampled_from(list(CAMERAS)), st.booleans())
+def test_sample_at_a_corner_of_a_fan_belongs_to_one_face(seed, lens, is_welded):
+    """Corners on the rays of samples: exactly there edges decide."""
+    rng = np.random.default_rng(seed)
+    camera = CAMERAS[lens]
+    points = np.floor(rng.uniform(0.3, 0.7, 2) * (camera.width, camera.height)) + 0.5
+    (axis,) = rays(camera, points[None])
+    others = axis + rng.normal(size=(rng.integers(3, 9), 3)) * 0.2
+    across = np.linalg.svd(axis[None])[2][1:]
+    angle = np.arctan2(others @ across[1], others @ across[0])
+    ring = others[np.argsort(angle)]
+    gaps = np.diff(np.append(np.sort(angle), np.sort(angle)[0] + 2 * np.pi))
+    if gaps.max() > 0.95 * np.pi or gaps.min() < 1e-3:
+        return
+    vertices = np.vstack((axis * rng.uniform(0.5, 2), ring * rng.uniform(0.5, 2)))
+    n = len(ring)
+    faces = np.array([(0, 1 + i, 1 + (i + 1) % n) for i in range(n)])
+    if not is_welded:
+        vertices, faces = vertices[faces].reshape(-1, 3), np.arange(3 * n).reshape(n, 3)
+    with LensRasterizer(Mesh(vertices=vertices, faces=faces), camera) as rasterizer:
+        counts = rasterizer.count(np.eye(4)[None])
+        image = rasterizer.render(np.eye(4))
+    column, row = points.astype(int)
+    assert image.face[row, column] >= 0
+    assert counts.drawn.sum() == counts.visible.sum() == (image.face >= 0).sum()
+
+
+@pytest.mark.parametrize("lens", ["brown", "wide"])
+def test_near_plane_cuts_as_in_the_exact_method(lens):
+    camera = CAMERAS[lens]
+    # A ramp that begins behind the camera, 0.3 m below it.
+    ramp = Mesh(
+        vertices=[(-1, 0.3, -2), (1, 0.3, -2), (1, 0.4, 4), (-1, 0.4, 4)],
+        faces=[(0, 1, 2), (0, 2, 3)],
+    )
+    for near in (0.0, 0.9):
+        cut = Camera(**{**camera.plain(), "near": near})
+        with open_observer(ramp, cut, "certified") as exact:
+            area = exact.observe(np.eye(4)[None]).drawn_pixels[0]
+        with open_rasterizer(ramp, cut, "cpu", supersample=4) as rasterizer:
+            counts = rasterizer.count(np.eye(4)[None])
+        assert counts.clipped[0] == (near > 0)
+        np.testing.assert_allclose(counts.drawn_pixels[0], area, rtol=0.01, atol=2)
+        assert area.sum() > 100
+
+
+@pytest.mark.parametrize("lens", ["brown", "kannala", "wide"])
+def test_sampled_areas_are_within_their_bound_of_certified_ones(lens):
+    (mesh, poses), camera = SCENES["torus"], CAMERAS[lens]
+    with open_observer(mesh, camera, "certified") as exact:
+        expected, areas = exact.visibility(poses), exact.observe(poses)
+    with open_observer(mesh, camera, "sampled", backend="cpu", supersample=4) as sampled:
+        found, counts = sampled.visibility(poses), sampled.observe(poses)
+    assert (found.kind == BoundKind.STATISTICAL).any()
+    error = np.abs(found.value - expected.value)
+    assert (error <= found.bound + expected.bound).mean() > 0.995
+    is_informed = (found.bound < 0.5) & (areas.drawn_pixels > 1)
+    assert is_informed.sum() > 20
+    assert error[is_informed].mean() < 0.02
+    assert counts.visible_pixels.sum() == pytest.approx(areas.visible_pixels.sum(), rel=2e-3)
+
+
+def test_targets_hide_nothing_and_are_counted_against_surfaces():
+    camera = CAMERAS["brown"]
+    wall = [(-9, -9, 2), (9, -9, 2), (9, 9, 2), (-9, 9, 2)]
+    front = [(-0.3, -0.3, 1), (0.3, -0.3, 1), (0.3, 0.3, 1), (-0.3, 0.3, 1)]
+    back = [(-0.5, -0.5, 3), (0.5, -0.5, 3), (0.5, 0.5, 3), (-0.5, 0.5, 3)]
+    faces = np.array([(0, 1, 2), (0, 2, 3)])
+    opaque = Mesh(vertices=wall, faces=faces)
+    all_faces = np.vstack([faces + 4 * k for k in range(3)])
+    plain = Mesh(vertices=wall + front + back, faces=all_faces)
+    mesh = some_as_targets(plain, np.arange(6) >= 2)
+    with open_rasterizer(mesh, camera, "cpu") as rasterizer:
+        counts, image = rasterizer.count(np.eye(4)[None]), rasterizer.render(np.eye(4))
+    with open_rasterizer(opaque, camera, "cpu") as rasterizer:
+        alone = rasterizer.count(np.eye(4)[None])
+    np.testing.assert_array_equal(counts.visible[0, :2], alone.visible[0])
+    np.testing.assert_array_equal(counts.background, alone.background)
+    assert set(np.unique(image.face)) <= {-1, 0, 1}
+    assert (counts.visible[0, 2:4] == counts.drawn[0, 2:4]).all()
+    assert counts.drawn[0, 2:].min() > 50
+    assert (counts.visible[0, 4:] == 0).all()
+
+
+def test_bands_of_rows_add_up_to_the_whole():
+    (mesh, poses), camera = SCENES["torus"], CAMERAS["wide"]
+    with LensRasterizer(mesh, camera, supersample=2, roll=0.3) as rasterizer:
+        whole = rasterizer.count(poses)
+        rasterizer._tables = lens_samples.SampleTables(camera, 2, 0.3, max_table=9000)
+        assert rasterizer._tables.n_bands > lens_samples.MOST_KEPT
+        parts = rasterizer.count(poses)
+        no_drawn = rasterizer.count(poses, drawn=False)
+    np.testing.assert_array_equal(whole.visible, parts.visible)
+    np.testing.assert_array_equal(whole.drawn, parts.drawn)
+    np.testing.assert_array_equal(whole.background, parts.background)
+    np.testing.assert_array_equal(whole.visible, no_drawn.visible)
+    assert no_drawn.drawn is None
+
+
+def test_pixels_without_a_ray_are_background():
+    camera = Camera(
+        width=200, height=160, fx=110, fy=110, model="opencv", distortion=(-0.35, 0, 0, 0)
+    )
+    directions = rays(camera, pixels(camera))
+    dead = np.isnan(directions[:, 0]).sum()
+    assert dead > 100
+    with open_rasterizer(shapes.room(3), camera, "cpu") as rasterizer:
+        assert rasterizer.count(INSIDE).background[0] == dead
+
+
+def test_opengl_refuses_in_one_line_and_auto_takes_the_cpu():
+    mesh, camera = SCENES["room"][0], CAMERAS["brown"]
+    for options in ({"backend": "gl"}, {"device": "egl:0"}):
+        with pytest.raises(ConfigError, match="backend cpu or method certified") as caught:
+            open_rasterizer(mesh, camera, **options)
+        assert "\n" not in str(caught.value)
+    with open_rasterizer(mesh, camera) as rasterizer:
+        assert rasterizer.info.backend == "cpu"
