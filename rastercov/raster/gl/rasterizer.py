@@ -100,6 +100,7 @@ class GLRasterizer(Closing):
             raise ConfigError(
                 f"max_tile, max_faces_a_draw and image_budget must be 1 or more, got {limits}"
             )
+        camera.check_pinhole()
         self.mesh, self.camera, self.supersample, self.roll = mesh, camera, supersample, roll
         self._is_open = True
         self._owns_context = not isinstance(device, HeadlessContext)
