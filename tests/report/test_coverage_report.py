@@ -474,4 +474,4 @@ def test_memory_does_not_grow_with_the_batches(tmp_path, small_batches, monkeypa
 
     peak(8)  # what is made once
     few, many = peak(20), peak(70)
-    assert (many - few) / 50 < 2000
+    assert (many - few) / 50 < 4000

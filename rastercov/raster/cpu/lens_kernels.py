@@ -6,8 +6,8 @@ eye and its edges, and r = (r.(b x c) a + r.(c x a) b + r.(a x b) c) / a.(b x c)
     1/z = n.r / n.a,    n = (b - a) x (c - a)
 
 is the sum of the three weights, whatever lies behind the eye: no face is clipped. A product a x b
-is -(b x a) to the bit, in IEEE arithmetic without contraction. So both faces of an edge compute the
-same number for a sample, but for the sign, and exactly one of them owns a sample of which it is 0.
+is -(b x a) to the bit, in IEEE arithmetic without contraction. So both faces of an edge compute a
+number of one size for a sample, of opposite signs, and exactly one owns a sample where it is 0.
 
 M. Olano, T. Greer. Triangle Scan Conversion using 2D Homogeneous Coordinates. 1997.
 """
@@ -31,7 +31,7 @@ at most three times the change, with a factor of 2."""
 ROUNDING_REL = 1e-14
 """Rounding of n.a relative to the cube of the largest coordinate, with a factor of 5."""
 SLACK = 1e-7
-"""Plane units, relative: by so much the box of a face is grown, for rounding."""
+"""Margin of the box of a face for rounding, relative, in units of the plane."""
 LEAST = 5e-324
 """Smallest positive number: e >= LEAST is e > 0."""
 

@@ -73,7 +73,7 @@ class Samples(NamedTuple):
 
 
 class Image(NamedTuple):
-    """What is drawn on the blocks of a patch.
+    """Image of the blocks of a patch.
 
     `inverse`, (B, 64) float32, has 1/z and `face`, (B, 64) int32, the face of each sample, 0 and -1
     for none; both are valid only where `is_touched`, (B,).
