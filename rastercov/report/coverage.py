@@ -326,7 +326,7 @@ def no_pictures(camera: Camera, options: Options) -> list[str]:
     """Line that no poses are drawn, where they were to be and cannot; often none."""
     if camera.is_pinhole or not options.pictures:
         return []
-    return [f"no pictures: poses are drawn through pinholes, and the lens is {camera.model}"]
+    return [f"no pictures: reports draw through pinholes, and the lens is {camera.model}"]
 
 
 def _observer(
