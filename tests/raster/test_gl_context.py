@@ -471,13 +471,14 @@ print(resident_kib() - before)
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["context", "our-osmesa", "rasteriser"])
-def test_a_context_that_was_closed_leaves_less_than_a_page_behind(context, kind):
+def test_a_context_that_was_closed_leaves_less_than_two_pages_behind(context, kind):
     if kind == "our-osmesa":
         open_or_skip("osmesa").release()
     script = Path(__file__).parents[2] / "benchmarks" / "contexts.py"
-    done = run_python(script, "--kind", kind, "--rounds", "60")
+    done = run_python(script, "--kind", kind, "--rounds", "150")
     grown = json.loads(done.stdout)
-    assert grown["resident"] < 4, grown  # KiB; it was 46 with what moderngl keeps
+    # KiB. 39 to 46 with what moderngl keeps; up to 750 KiB of noise are shared by all rounds.
+    assert grown["resident"] < 8, grown
     assert grown["malloc"] < 1, grown
 
 
