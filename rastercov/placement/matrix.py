@@ -41,16 +41,13 @@ from rastercov.mesh import Mesh
 from rastercov.observer import Observer, open_observer
 from rastercov.placement._arrays import BoolArray, FloatArray
 from rastercov.placement.explain.candidate_visibility import FIGURES, CandidateBounds
+from rastercov.placement.matrix_folder import MatrixFolder, rows_in
 from rastercov.placement.shards import (
-    DamagedError,
     Note,
     claim,
     describe,
     locked,
     log_warning,
-    open_shard,
-    read_header,
-    read_poses,
     schema_of,
     shards_of,
     store,
@@ -131,44 +128,23 @@ class VisibilityMatrix:
         ConfigError
             When there is none, when it is incomplete, or when one of its files is damaged.
         """
-        folder = Path(folder)
-        try:
-            header = read_header(folder)
-            if header is None:
-                raise ConfigError(f"{folder}: there is no matrix in this folder")
-            shards = list(shards_of(header["n_poses"], header["poses_a_shard"]))
-            sizes = [_rows_in(folder, shard, header) for shard, _ in shards]
-            if None in sizes:
-                raise ConfigError(
-                    f"{folder}: {sizes.count(None)} of {len(shards)} shards are missing; "
-                    "call build_matrix with the same inputs to make them"
-                )
-            return cls._read(folder, header, sum(size or 0 for size in sizes))
-        except DamagedError as error:
-            raise ConfigError(
-                f"{error}; call build_matrix with the same inputs to make it again"
-            ) from None
+        return cls._read(MatrixFolder.open(folder))
 
     @classmethod
-    def _read(cls, folder: Path, header: dict[str, Any], n_pairs: int) -> Self:
-        """Matrix of a complete folder with `n_pairs` pairs."""
-        poses = read_poses(folder, header)
-        if poses is None:
-            raise DamagedError(folder / "poses.npy", "it is missing")
-        face, coverage = np.empty(n_pairs, np.int32), np.empty(n_pairs, np.float32)
+    def _read(cls, folder: MatrixFolder) -> Self:
+        """Matrix of a complete folder."""
+        poses = folder.poses()
+        face, coverage = np.empty(folder.n_pairs, np.int32), np.empty(folder.n_pairs, np.float32)
         counts = np.zeros(len(poses), np.int64)
         done = 0
-        for shard, rows in shards_of(len(poses), header["poses_a_shard"]):
-            file = open_shard(folder, shard, header)
-            if file is None or done + file.metadata.num_rows > n_pairs:
-                raise DamagedError(folder / shard, "it changed while it was read")
-            table = file.read(["pose", "face", "coverage"], use_threads=False)
-            part = slice(done, done + len(table))
-            face[part], coverage[part] = table["face"].to_numpy(), table["coverage"].to_numpy()
-            of_pose = table["pose"].to_numpy() - rows.start
-            counts[rows] = np.bincount(of_pose, minlength=rows.stop - rows.start)
+        for shard, rows in folder.shards():
+            counts[rows], faces, values = folder.pairs_of(shard, rows)
+            part = slice(done, done + len(faces))
+            if part.stop > folder.n_pairs:
+                raise ConfigError(f"{folder.path / shard}: it changed while it was read")
+            face[part], coverage[part] = faces, values
             done = part.stop
-        return cls._of(poses, header, counts, face, coverage)
+        return cls._of(poses, folder.header, counts, face, coverage)
 
     @classmethod
     def _of(
@@ -240,6 +216,45 @@ def build_matrix(
     PoseError
         For a pose that is no rigid motion.
     """
+    found = _measured(view, poses, task, folder, cells, poses_a_shard, bounds, progress, note)
+    return found if isinstance(found, VisibilityMatrix) else VisibilityMatrix._read(found)
+
+
+@typed
+def measure_matrix(
+    view: Observer | tuple[Mesh, Camera],
+    poses: ArrayLike,
+    task: Task | None,
+    folder: str | Path,
+    *,
+    cells: Cells | None = None,
+    poses_a_shard: int | None = None,
+    bounds: CandidateBounds | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+    note: Note = log_warning,
+) -> MatrixFolder:
+    """Folder with all shards of a visibility matrix, of which nothing is in memory.
+
+    For matrices that are larger than the memory: `BitMatrix.of` has their covered pairs. Arguments
+    and errors are those of `build_matrix`.
+    """
+    found = _measured(view, poses, task, Path(folder), cells, poses_a_shard, bounds, progress, note)
+    assert isinstance(found, MatrixFolder)  # it was given a folder
+    return found
+
+
+def _measured(
+    view: Observer | tuple[Mesh, Camera],
+    poses: ArrayLike,
+    task: Task | None,
+    folder: str | Path | None,
+    cells: Cells | None,
+    poses_a_shard: int | None,
+    bounds: CandidateBounds | None,
+    progress: Callable[[int, int], None],
+    note: Note,
+) -> MatrixFolder | VisibilityMatrix:
+    """Folder of a matrix with all its shards; without a folder, the matrix itself."""
     matrices, task, done = valid_poses(poses), task or Task(), 0
 
     def batches(rows: slice) -> Iterator[Batch]:
@@ -268,27 +283,13 @@ def build_matrix(
         with locked(Path(folder)) as place:
             kept = claim(place, header, matrices, poses_a_shard is not None, note)
             shards = list(shards_of(len(matrices), kept["poses_a_shard"]))
-            sizes = {shard: _rows_in(place, shard, kept, note) for shard, _ in shards}
+            sizes = {shard: rows_in(place, shard, kept, note) for shard, _ in shards}
             missing = [(shard, rows) for shard, rows in shards if sizes[shard] is None]
             done = len(matrices) - sum(rows.stop - rows.start for _, rows in missing)
             progress(done, len(matrices))
             for shard, rows in missing:
                 sizes[shard] = _write_shard(place, shard, kept, batches(rows), rows.start)
-            return VisibilityMatrix._read(place, kept, sum(size or 0 for size in sizes.values()))
-
-
-def _rows_in(
-    folder: Path, shard: str, header: dict[str, Any], note: Note | None = None
-) -> int | None:
-    """Pairs in a shard, None where it is missing, or damaged and `note` is given."""
-    try:
-        file = open_shard(folder, shard, header)
-    except DamagedError as error:
-        if note is None:
-            raise
-        note(f"{error}; its poses are measured again")
-        return None
-    return None if file is None else int(file.metadata.num_rows)
+            return MatrixFolder(place, kept, sum(size or 0 for size in sizes.values()))
 
 
 def _region_observer(observer: Observer, cells: Cells, task: Task) -> RegionObserver:
