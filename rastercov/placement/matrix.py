@@ -19,7 +19,7 @@ damaged, exchanged or deleted file again, bit for bit; where a folder is only re
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Self
@@ -27,20 +27,23 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._observers import ExactObserver
 from rastercov._typed import typed
 from rastercov.area.cells import Cells
-from rastercov.area.frames import check_same_mesh
-from rastercov.area.observer import RegionObserver
 from rastercov.camera import Camera
-from rastercov.coverage import Coverage, evaluate_batches, judged, measurements
-from rastercov.coverage_pass import CoveragePass
-from rastercov.engine import Engine
+from rastercov.cluster import Job, Made, Workers, make_shards
+from rastercov.cluster.quarantine import forget, quarantined
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.observer import Observer, open_observer
 from rastercov.placement._arrays import BoolArray, FloatArray
-from rastercov.placement.explain.candidate_visibility import FIGURES, CandidateBounds
+from rastercov.placement.explain.candidate_visibility import CandidateBounds
+from rastercov.placement.matrix_shards import (
+    Batch,
+    batches_of,
+    region_observer,
+    write_scene,
+    write_shard,
+)
 from rastercov.placement.shards import (
     DamagedError,
     Note,
@@ -51,15 +54,13 @@ from rastercov.placement.shards import (
     open_shard,
     read_header,
     read_poses,
-    schema_of,
     shards_of,
-    store,
 )
-from rastercov.pose import Poses, valid_poses
+from rastercov.pose import valid_poses
 from rastercov.task import Task
 
-Batch = tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32], BoolArray, int]
-"""Row, face, coverage and covered mask of each pair of some poses; and the number of poses."""
+SHARD_FUNCTION = "rastercov.placement.shard_work:make"
+"""Function by which workers make a shard."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +86,8 @@ class VisibilityMatrix:
         the covered pairs.
     header : dict
         Inputs of the matrix.
+    quarantined : dict of int to str
+        Poses without pairs because they kill the process that measures them, each with its end.
     """
 
     poses: FloatArray
@@ -95,6 +98,7 @@ class VisibilityMatrix:
     face: NDArray[np.int32]
     coverage: NDArray[np.float32]
     header: dict[str, Any] = field(default_factory=dict)
+    quarantined: dict[int, str] = field(default_factory=dict)
 
     @property
     def n_poses(self) -> int:
@@ -168,7 +172,8 @@ class VisibilityMatrix:
             of_pose = table["pose"].to_numpy() - rows.start
             counts[rows] = np.bincount(of_pose, minlength=rows.stop - rows.start)
             done = part.stop
-        return cls._of(poses, header, counts, face, coverage)
+        found = cls._of(poses, header, counts, face, coverage)
+        return replace(found, quarantined=_quarantined(folder, header))
 
     @classmethod
     def _of(
@@ -202,7 +207,9 @@ def build_matrix(
     cells: Cells | None = None,
     poses_a_shard: int | None = None,
     bounds: CandidateBounds | None = None,
+    workers: Workers | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
+    watch: Callable[[Made], None] = lambda made: None,
     note: Note = log_warning,
 ) -> VisibilityMatrix:
     """Visibility matrix of the poses, measured in batches.
@@ -226,9 +233,15 @@ def build_matrix(
     poses_a_shard : int, optional
         Poses of each file; the number that gives `PAIRS_A_SHARD` pairs unless given.
     bounds : CandidateBounds, optional
-        Takes in the poses that are measured, not those of shards that are there.
+        Takes in the poses that are measured by this process, not those of shards that are there.
+    workers : Workers, optional
+        Processes that make the shards, in a folder that all of them share; this one unless given.
+        The bytes of the shards are the same. Poses that kill their process are left out, see
+        `VisibilityMatrix.quarantined`.
     progress : callable
         Called with the poses done and the total.
+    watch : callable
+        Called with each shard that a worker made.
     note : callable
         Called with a line on each damaged file; logs it as a warning unless given.
 
@@ -236,31 +249,28 @@ def build_matrix(
     ------
     ConfigError
         When the folder holds a matrix of other inputs, or another process is writing to it; for
-        cells, also for a task with a threshold that is of a face, or method "sampled".
+        cells, also for a task with a threshold that is of a face, or method "sampled"; for workers
+        without a folder, and where a worker or its scheduler fails.
     PoseError
         For a pose that is no rigid motion.
     """
+    if workers is not None and folder is None:
+        raise ConfigError("workers make shards in a folder; name one, or leave out workers")
     matrices, task, done = valid_poses(poses), task or Task(), 0
 
     def batches(rows: slice) -> Iterator[Batch]:
         nonlocal done
-        found = (
-            _of_faces(observer, matrices[rows], task, bounds)
-            if cells is None
-            else _of_cells(observer, cells, matrices[rows], task, bounds)
-        )
-        for batch in found:
-            if batch[-1]:
-                yield batch
-                done += batch[-1]
-                progress(done, len(matrices))
+        for batch in batches_of(observer, matrices[rows], task, cells, bounds):
+            yield batch
+            done += batch[-1]
+            progress(done, len(matrices))
 
     with ExitStack() as opened:
         observer: Observer = (
             opened.enter_context(open_observer(*view)) if isinstance(view, tuple) else view
         )
         if cells is not None:
-            observer = opened.enter_context(_region_observer(observer, cells, task))
+            observer = opened.enter_context(region_observer(observer, cells, task))
         header = describe(observer, matrices, task, poses_a_shard, cells)
         if folder is None:
             progress(0, len(matrices))
@@ -272,9 +282,55 @@ def build_matrix(
             missing = [(shard, rows) for shard, rows in shards if sizes[shard] is None]
             done = len(matrices) - sum(rows.stop - rows.start for _, rows in missing)
             progress(done, len(matrices))
+            if workers is not None and missing:
+
+                def made(shard: Made) -> None:
+                    nonlocal done
+                    done += shard.n_poses
+                    progress(done, len(matrices))
+                    watch(shard)
+
+                write_scene(place, observer)
+                _make_by_workers(workers, place, shards, dict(missing), made, note)
+                sizes = {shard: _rows_in(place, shard, kept) for shard, _ in shards}
+                missing = []
             for shard, rows in missing:
-                sizes[shard] = _write_shard(place, shard, kept, batches(rows), rows.start)
+                numbers = np.arange(rows.start, rows.stop)
+                sizes[shard] = write_shard(place, shard, kept, batches(rows), numbers)
+                forget(place, shards.index((shard, rows)))
             return VisibilityMatrix._read(place, kept, sum(size or 0 for size in sizes.values()))
+
+
+def _make_by_workers(
+    workers: Workers,
+    folder: Path,
+    shards: list[tuple[str, slice]],
+    missing: dict[str, slice],
+    made: Callable[[Made], None],
+    note: Note,
+) -> None:
+    """Have the missing shards made by workers."""
+    for shard in missing:
+        (folder / shard).unlink(missing_ok=True)  # a damaged one
+
+    def left() -> dict[int, int]:
+        return {
+            number: rows.stop - rows.start
+            for number, (shard, rows) in enumerate(shards)
+            if shard in missing and not (folder / shard).exists()
+        }
+
+    make_shards(workers, Job.of(folder, SHARD_FUNCTION), left, made, note)
+
+
+def _quarantined(folder: Path, header: dict[str, Any]) -> dict[int, str]:
+    """Poses of a folder that were left out, by their number in the matrix."""
+    shards = list(shards_of(header["n_poses"], header["poses_a_shard"]))
+    return {
+        shards[number][1].start + pose: why
+        for number, poses in quarantined(folder, len(shards)).items()
+        for pose, why in poses.items()
+    }
 
 
 def _rows_in(
@@ -291,15 +347,6 @@ def _rows_in(
     return None if file is None else int(file.metadata.num_rows)
 
 
-def _region_observer(observer: Observer, cells: Cells, task: Task) -> RegionObserver:
-    """Observer of the regions in the mesh of some cells, by the method of another one."""
-    check_same_mesh(cells.mesh, observer.mesh)
-    if not isinstance(observer, ExactObserver):
-        raise ConfigError("cells need method certified or exact, got sampled")
-    engine = Engine(observer.info.plan, threads=observer.threads)
-    return RegionObserver(observer.mesh, observer.camera, task, engine)
-
-
 def _gathered(
     batches: Iterable[Batch],
 ) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32]]:
@@ -311,68 +358,3 @@ def _gathered(
         faces.append(face)
         values.append(value)
     return np.concatenate(counts), np.concatenate(faces), np.concatenate(values)
-
-
-def _of_faces(
-    observer: Observer, poses: FloatArray, task: Task, bounds: CandidateBounds | None
-) -> Iterator[Batch]:
-    """Pairs of poses and faces with coverage > 0."""
-    figures = ("coverage", *(FIGURES if bounds is not None else ()))
-    for batch in evaluate_batches(observer, poses, task, fields=figures):
-        yield _pairs(batch)
-        if bounds is not None and len(batch.pose_ids):
-            bounds.add(batch)
-
-
-def _pairs(batch: Coverage) -> Batch:
-    """Pairs of a batch with coverage > 0."""
-    pose, face = np.nonzero((batch.coverage > 0) & batch.mesh.task_mask)
-    short, covered = shortened(batch.coverage[pose, face], batch.task.min_coverage)
-    return pose, face.astype(np.int32), short, covered, len(batch.pose_ids)
-
-
-def _of_cells(
-    observer: Any, cells: Cells, poses: FloatArray, task: Task, bounds: CandidateBounds | None
-) -> Iterator[Batch]:
-    """Pairs of poses and cells with a covered share; visibility is computed once for both."""
-    judge = CoveragePass(observer, task)
-    for part, seen in measurements(observer, Poses.of(poses)):
-        found = cells.share(seen.regions)  # type: ignore[union-attr] # of a RegionObserver
-        pose = np.repeat(np.arange(len(part)), np.diff(found.starts))
-        short, covered = shortened(found.share, task.min_coverage)
-        yield pose, found.cell, short, covered, len(part)
-        if bounds is not None and len(part):
-            bounds.add(judged(observer, judge, task, part, seen, FIGURES))
-
-
-def shortened(coverage: FloatArray, least: float) -> tuple[NDArray[np.float32], BoolArray]:
-    """Coverage in float32, and the mask of values of at least `least`; both are consistent.
-
-    No value is rounded across the threshold, nor down to 0. Thresholds other than 0 are 1e-30 or
-    more, which is near the least float32.
-    """
-    covered: BoolArray = coverage >= least
-    short = coverage.astype(np.float32)
-    too_low = (covered & (short.astype(np.float64) < least)) | (short == 0)
-    too_high = ~covered & (short.astype(np.float64) >= least) & ~too_low
-    short[too_low] = np.nextafter(short[too_low], np.float32(np.inf))
-    short[too_high] = np.nextafter(short[too_high], np.float32(-np.inf))
-    return short, covered
-
-
-def _write_shard(
-    folder: Path, shard: str, header: dict[str, Any], batches: Iterable[Batch], first: int
-) -> int:
-    """Write the shard of the poses from number `first` on; the number of its pairs."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    schema, sink, n_pairs = schema_of(shard, header), pa.BufferOutputStream(), 0
-    with pq.ParquetWriter(sink, schema, compression="zstd", write_page_checksum=True) as writer:
-        for pose, face, value, covered, n_poses in batches:
-            of_all = (first + pose).astype(np.int32)
-            first += n_poses
-            writer.write_table(pa.table([of_all, face, value, covered], schema=schema))
-            n_pairs += len(face)
-    store(folder, shard, memoryview(sink.getvalue()))
-    return n_pairs
