@@ -13,7 +13,14 @@ from rich.console import Console
 
 from rastercov.camera_formats.conventions import Conventions
 from rastercov.cli.console import out_option, progress_bar, say, size_line, warn
-from rastercov.cli.options import AsJson, CameraName, with_conventions
+from rastercov.cli.options import (
+    AsJson,
+    CameraName,
+    JsonProgress,
+    SchedulerOption,
+    WorkersOption,
+    with_conventions,
+)
 from rastercov.cli.views import poses_of
 
 if TYPE_CHECKING:
@@ -46,6 +53,15 @@ def place(
             help="Print the JSON schema of plan files, for editors.",
         ),
     ] = False,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
+    skip_bad_poses: Annotated[
+        bool,
+        typer.Option(
+            "--skip-bad-poses", help="Accept that poses which kill a worker are left out."
+        ),
+    ] = False,
+    json_progress: JsonProgress = False,
     as_json: AsJson = False,
 ) -> None:
     """Find out where cameras go: carry out a plan file; 1 when its goal is not reached.
@@ -57,14 +73,18 @@ def place(
     """
     asked = _plan(plan)
     from rastercov._output import json_text
+    from rastercov.cluster import Workers
     from rastercov.plan.run import place as run
     from rastercov.report import plan as report
     from rastercov.report.folder import ReportFolder
 
     folder = out or asked.folder / (asked.outputs.folder or asked.path.stem)
+    staff = Workers.of(workers, scheduler)
     with ReportFolder(folder, report.PLACEMENT) as files:
         with _errors_by_line():
-            placed = run(asked, folder, _step, lambda found: report.save_unfinished(found, files))
+            placed = run(
+                asked, folder, _step, lambda found: report.save_unfinished(found, files), staff
+            )
         warn(placed.prepared.mesh.warnings)
         warn(_doubts(asked, placed.cameras))
         has_page = asked.outputs.page
@@ -90,9 +110,14 @@ def place(
         left = report.left_lines(placed)
         print("\n".join([size_line(placed.prepared.mesh), *report.lines(placed), *left]))
         print(folder / ("page.html" if has_page else "plan.json"))
+        for line in placed.prepared.tally.lines():
+            say(line)
     if placed.interrupted:
         raise KeyboardInterrupt
-    if not placed.is_met:
+    left_out = {} if skip_bad_poses else placed.prepared.quarantined
+    if left_out:
+        warn([f"{len(left_out)} candidates are left out; --skip-bad-poses accepts that"])
+    if left_out or not placed.is_met:
         raise typer.Exit(1)
 
 
@@ -186,8 +211,8 @@ def _errors_by_line() -> Iterator[None]:
 
 @contextmanager
 def _step(name: str) -> Iterator[Callable[[int, int], None]]:
-    """A step with its name and its progress, on a terminal only."""
+    """A step and its progress, see `progress_bar`; its name stays on a terminal."""
     if sys.stderr.isatty():
         say(name, 0)
-    with progress_bar("done") as progress:  # poses or faces
+    with progress_bar(name) as progress:  # poses or faces
         yield progress

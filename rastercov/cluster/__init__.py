@@ -12,11 +12,13 @@ workers.py      `Workers`: the choice of processes, and their client
 job.py          `Job`: a folder and a function; what a worker does with a number
 run.py          `make_shards`: numbers in flight, retries, a scheduler that is lost
 quarantine.py   the poses of a shard that kill their process
+tally.py        where the time went, by worker
 scene_file.py   mesh and cameras in a job folder
 """
 
 from rastercov.cluster.job import Job, Made
 from rastercov.cluster.run import make_shards
+from rastercov.cluster.tally import Tally
 from rastercov.cluster.workers import Workers
 
-__all__ = ["Job", "Made", "Workers", "make_shards"]
+__all__ = ["Job", "Made", "Tally", "Workers", "make_shards"]

@@ -8,9 +8,9 @@ import hashlib
 import json
 import re
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from rastercov._output import named
 from rastercov.area.cells import Cells, cells, usual_size
 from rastercov.area.network import AreaNetwork
 from rastercov.camera import Camera
+from rastercov.cluster import Tally, Workers
 from rastercov.coverage import evaluate_batches
 from rastercov.errors import ConfigError, ResourceError
 from rastercov.mesh import Mesh
@@ -118,6 +119,10 @@ class Prepared:
     reachable : AreaNetwork or None
         Exact area that all candidates together cover, where the plan asks for a share of it and it
         is affordable.
+    quarantined : mapping of int to str
+        Candidates that kill the process that measures them, and its end.
+    tally : Tally
+        Time of the workers that measured candidates, where there were any.
     """
 
     plan: Plan
@@ -137,6 +142,8 @@ class Prepared:
     matrix: VisibilityMatrix | None = None
     least_share: float = 0.5
     reachable: AreaNetwork | None = None
+    quarantined: Mapping[int, str] = field(default_factory=dict)
+    tally: Tally = field(default_factory=Tally)
 
     def stricter(self, least_share: float) -> "Prepared":
         """The same, with candidates that must cover more of a cell.
@@ -189,6 +196,7 @@ def prepare(
     folder: Path,
     clock: Clock,
     cells: Cells | None = None,
+    workers: Workers | None = None,
 ) -> Prepared:
     """Candidates and their visibility matrix, with those into cavities where the plan has them.
 
@@ -200,6 +208,7 @@ def prepare(
     notes: list[str] = []
     used: list[Path] = []
     bounds = CandidateBounds(mesh.n_faces, mesh.task_mask)
+    tally = Tally()
 
     def matrix_of(name: str, poses: FloatArray) -> VisibilityMatrix:
         """Matrix of the poses, in a folder named by a hash of all that it depends on."""
@@ -207,8 +216,9 @@ def prepare(
         used.append(folder / hashlib.sha256(header.encode()).hexdigest()[:16])
         with clock(name) as progress, named(used[-1]):
             return build_matrix(
-                observer, poses, task, used[-1], cells=cells, bounds=bounds, progress=progress
-            )
+                observer, poses, task, used[-1], cells=cells, bounds=bounds, workers=workers,
+                progress=progress, watch=tally.add,
+            )  # fmt: skip
 
     with clock("candidates"):
         segmentation = segmentation_of(plan, mesh)
@@ -254,6 +264,10 @@ def prepare(
             "allow more, or add some"
         )
     _forget(folder, used)
+    notes += [
+        f"candidate {pose} is left out: the process that measured it {end}"
+        for pose, end in matrix.quarantined.items()
+    ]
     if not problem.reachable.any():
         what = "no face" if cells is None else "no cell"
         notes.append(_why_nothing(observer, found.candidates.poses, task, what))
@@ -285,6 +299,8 @@ def prepare(
         notes=tuple(notes),
         cells=cells,
         matrix=None if cells is None else matrix,
+        quarantined=matrix.quarantined,
+        tally=tally,
     )
 
 
@@ -347,4 +363,6 @@ def joined(first: VisibilityMatrix, other: VisibilityMatrix) -> VisibilityMatrix
         indptr=np.concatenate((first.indptr, first.indptr[-1] + other.indptr[1:])),
         face=np.concatenate((first.face, other.face)),
         coverage=np.concatenate((first.coverage, other.coverage)),
+        quarantined=first.quarantined
+        | {first.n_poses + pose: end for pose, end in other.quarantined.items()},
     )

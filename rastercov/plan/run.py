@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from rastercov.area.network import AreaNetwork
 from rastercov.area.regions import RegionPass
+from rastercov.cluster import Workers
 from rastercov.coverage import batch_size
 from rastercov.errors import ConfigError
 from rastercov.placement.explain.uncovered import Leftover
@@ -122,6 +123,7 @@ def place(
     folder: Path,
     step: Step = quiet,
     save: Callable[[Placement], None] = lambda placement: None,
+    workers: Workers | None = None,
 ) -> Placement:
     """Carry out a plan.
 
@@ -142,6 +144,8 @@ def place(
     save : callable
         Called with the results so far before each step after the selection, with the name of the
         step as `Placement.interrupted`: the saved state is then right if the run is killed.
+    workers : Workers, optional
+        Processes that measure the candidates; this one unless given.
 
     Raises
     ------
@@ -169,7 +173,9 @@ def place(
             opened.enter_context(closing(finder))
             on_cells = CellObjective.of_cells(observer, finder, cells, **counting(plan.task))
         objectives = Objectives(faces, on_cells)
-        prepared = prepare(plan, selection, observer, task, folder / "matrix", clock, cells)
+        prepared = prepare(
+            plan, selection, observer, task, folder / "matrix", clock, cells, workers
+        )
         if on_cells is not None:
             prepared = _with_reachable(prepared, on_cells.finder, clock)
         with clock("selection"):

@@ -76,6 +76,8 @@ def summary(placement: Placement) -> dict[str, Any]:
     prepared, cameras = placement.prepared, placement.cameras
     plan, selection = prepared.plan, dict(placement.selection.summary())
     seconds: dict[str, Any] = {"steps": placement.steps, "selection": selection.pop("seconds")}
+    if workers := prepared.tally.plain():
+        seconds["workers"] = workers
     moved: dict[str, Any] = {}
     steps = {"search": placement.optimised, "refinement": placement.refined}
     for step, found in steps.items():
@@ -112,6 +114,7 @@ def summary(placement: Placement) -> dict[str, Any]:
         | {"segments": prepared.segmentation.n_segments if prepared.segmentation else None},
         "cavities": opened.summary() if opened is not None else None,
         "matrix": pairs,
+        "quarantined": {str(pose): end for pose, end in prepared.quarantined.items()},
         "goal": asdict(prepared.problem.goal),
         "selection": selection,
         "improvement": moved,
