@@ -39,6 +39,7 @@ from rastercov.placement._arrays import BoolArray, FloatArray
 from rastercov.placement.explain.candidate_visibility import CandidateBounds
 from rastercov.placement.matrix_shards import (
     Batch,
+    add_bounds,
     batches_of,
     region_observer,
     write_scene,
@@ -292,6 +293,8 @@ def build_matrix(
 
                 write_scene(place, observer)
                 _make_by_workers(workers, place, shards, dict(missing), made, note)
+                if bounds is not None:
+                    add_bounds(place, range(len(shards)), bounds)
                 sizes = {shard: _rows_in(place, shard, kept) for shard, _ in shards}
                 missing = []
             for shard, rows in missing:

@@ -1,6 +1,7 @@
 """Pairs of a visibility matrix as they are measured, and the shards they are written to."""
 
-from collections.abc import Iterable, Iterator
+import io
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +20,14 @@ from rastercov.errors import ConfigError
 from rastercov.observer import Observer
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.explain.candidate_visibility import FIGURES, CandidateBounds
-from rastercov.placement.shards import contents, schema_of, store
+from rastercov.placement.shards import DamagedError, contents, schema_of, store
 from rastercov.pose import Poses
 from rastercov.task import Task
 
 SCENE = "scene.npz"
 """Mesh and cameras in the folder of a matrix that workers make."""
+BOUNDS = "bounds"
+"""Folder of the bounds that workers found, a file for each."""
 Batch = tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32], BoolArray, int]
 """Row, face, coverage and covered mask of each pair of some poses; and the number of poses."""
 
@@ -34,6 +37,37 @@ def write_scene(folder: Path, observer: Observer) -> None:
     data = scene_bytes(observer.mesh, observer.camera)
     if contents(folder, SCENE) != data:
         store(folder, SCENE, data)
+
+
+def write_bounds(folder: Path, name: str, bounds: CandidateBounds, shards: list[int]) -> None:
+    """Write the bounds that a worker has of the poses of its shards so far, in place of earlier."""
+    file = io.BytesIO()
+    np.savez(
+        file, low=bounds.low, high=bounds.high, covering=bounds.covering, n_poses=bounds.n_poses,
+        shards=np.array(shards, np.int64),
+    )  # fmt: skip
+    (folder / BOUNDS).mkdir(exist_ok=True)
+    store(folder, f"{BOUNDS}/{name}.npz", file.getvalue())
+
+
+def add_bounds(folder: Path, shards: Sequence[int], bounds: CandidateBounds) -> None:
+    """Add the bounds that workers left of these shards, unless some are missing or damaged."""
+    found = []
+    for path in sorted((folder / BOUNDS).glob("*.npz")):
+        try:
+            data = contents(folder, f"{BOUNDS}/{path.name}")
+        except DamagedError:
+            return
+        with np.load(io.BytesIO(data or b""), allow_pickle=False) as file:
+            found.append({name: file[name] for name in file.files})
+    of_file = [part["shards"] for part in found]
+    if not found or sorted(np.concatenate(of_file).tolist()) != sorted(shards):
+        return  # a shard was made again, by another worker
+    for part in found:
+        np.maximum(bounds.low, part["low"], out=bounds.low)
+        np.maximum(bounds.high, part["high"], out=bounds.high)
+        bounds.covering += part["covering"]
+        bounds.n_poses += int(part["n_poses"])
 
 
 def batches_of(

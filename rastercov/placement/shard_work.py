@@ -1,6 +1,8 @@
 """Shards of a visibility matrix made by a worker, from the folder of the matrix alone."""
 
 import math
+import os
+import secrets
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict
@@ -17,11 +19,13 @@ from rastercov.engine import Engine
 from rastercov.errors import ConfigError
 from rastercov.observer import open_observer
 from rastercov.placement._arrays import FloatArray
+from rastercov.placement.explain.candidate_visibility import CandidateBounds
 from rastercov.placement.matrix_shards import (
     SCENE,
     Batch,
     batches_of,
     region_observer,
+    write_bounds,
     write_shard,
 )
 from rastercov.placement.shards import contents, read_header, read_poses, shards_of
@@ -39,6 +43,9 @@ class _Open(NamedTuple):
     observer: Any
     cells: Cells | None
     task: Task
+    bounds: CandidateBounds
+    bounded: list[int]
+    file: str
 
 
 def make(
@@ -62,12 +69,14 @@ def make(
             pass
         return len(only)
     chosen = np.delete(chosen, list(leave_out))
-    write_shard(folder, shard, header, _batches(opened, chosen), chosen)
+    write_shard(folder, shard, header, _batches(opened, chosen, opened.bounds), chosen)
+    opened.bounded.append(number)
+    write_bounds(folder, opened.file, opened.bounds, opened.bounded)
     return int(rows.stop - rows.start)
 
 
-def _batches(opened: _Open, chosen: Any) -> Iterator[Batch]:
-    return batches_of(opened.observer, opened.poses[chosen], opened.task, opened.cells)
+def _batches(opened: _Open, chosen: Any, bounds: CandidateBounds | None = None) -> Iterator[Batch]:
+    return batches_of(opened.observer, opened.poses[chosen], opened.task, opened.cells, bounds)
 
 
 def _modified(folder: Path) -> int:
@@ -100,7 +109,9 @@ def _opened(folder: Path, modified: int) -> _Open:
                 f"{header['measured_by']['renderer']}; use the same versions and devices"
             )
         opened.pop_all()
-    return _Open(header, poses, observer, made_on, task)
+    bounds = CandidateBounds(scene.mesh.n_faces, scene.mesh.task_mask)
+    file = f"{os.uname().nodename}-{os.getpid()}-{secrets.token_hex(4)}"
+    return _Open(header, poses, observer, made_on, task, bounds, [], file)
 
 
 def _engine_of(header: dict[str, Any]) -> Engine:

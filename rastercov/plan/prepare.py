@@ -59,7 +59,10 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 N_DIAGNOSED = 32
 """Number of candidates examined for the reason why none covers a face."""
-OF_A_MATRIX = ("pairs/pairs-*.parquet", "poses.npy", "header.json", "sha256/*.sha256")
+OF_A_MATRIX = (
+    "pairs/pairs-*.parquet", "bounds/*.npz", "quarantine/shard-*.json", "scene.npz", "poses.npy",
+    "header.json", "sha256/*.sha256",
+)  # fmt: skip
 """Files of a visibility matrix, see `shards`, in an order of removal that is safe to interrupt."""
 FALLBACK_SHARE = 0.99
 """Share of the reachable weight to cover where a plan requires more than is reachable."""
@@ -144,6 +147,11 @@ class Prepared:
     reachable: AreaNetwork | None = None
     quarantined: Mapping[int, str] = field(default_factory=dict)
     tally: Tally = field(default_factory=Tally)
+
+    @property
+    def candidates(self) -> FloatArray:
+        """(C, 4, 4) candidates, without those that kill the process that measures them."""
+        return np.delete(self.pool.candidates.poses, list(self.quarantined), axis=0)
 
     def stricter(self, least_share: float) -> "Prepared":
         """The same, with candidates that must cover more of a cell.
@@ -270,7 +278,8 @@ def prepare(
     ]
     if not problem.reachable.any():
         what = "no face" if cells is None else "no cell"
-        notes.append(_why_nothing(observer, found.candidates.poses, task, what))
+        some = np.delete(found.candidates.poses, list(matrix.quarantined), axis=0)
+        notes.append(_why_nothing(observer, some, task, what))
     try:
         problem = replace(problem, goal=goal_of(selection))
     except ConfigError as error:

@@ -257,7 +257,7 @@ def _is_of_reachable(selection: SelectionSection) -> bool:
 
 def _with_reachable(prepared: Prepared, finder: RegionPass, clock: Clock) -> Prepared:
     """With the exact area of all candidates where shares are of it and it is affordable."""
-    poses = Poses.of(prepared.pool.candidates.poses)
+    poses = Poses.of(prepared.candidates)
     is_affordable = len(poses) * prepared.mesh.n_faces <= MOST_PAIRS
     if not _is_of_reachable(prepared.selection) or not is_affordable:
         return prepared
@@ -394,7 +394,7 @@ def _optimise(placement: Placement, objectives: Objectives, progress: Progress) 
         budget=max(asked.budget, len(start)),
         population=asked.population,
         seed=prepared.selection.seed,
-        candidates=prepared.pool.candidates.poses,
+        candidates=prepared.candidates,
         start=start,
     )
     moved = _moved(placement, objectives, found.poses, "searched")
@@ -433,7 +433,7 @@ def _explain_uncovered(
         objectives.faces.observer,
         placement.cameras,
         progress,
-        prepared.pool.candidates.poses,
+        prepared.candidates,
         prepared.bounds,
         prepared.plan.task.views,
     )
