@@ -17,7 +17,7 @@ most its current shard; run again with the same inputs it continues from there. 
 damaged, exchanged or deleted file again, bit for bit; where a folder is only read it is refused.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -41,6 +41,7 @@ from rastercov.placement.matrix_shards import (
     Batch,
     add_bounds,
     batches_of,
+    gathered,
     region_observer,
     write_scene,
     write_shard,
@@ -275,7 +276,7 @@ def build_matrix(
         header = describe(observer, matrices, task, poses_a_shard, cells)
         if folder is None:
             progress(0, len(matrices))
-            return VisibilityMatrix._of(matrices, header, *_gathered(batches(slice(None))))
+            return VisibilityMatrix._of(matrices, header, *gathered(batches(slice(None)))[:3])
         with locked(Path(folder)) as place:
             kept = claim(place, header, matrices, poses_a_shard is not None, note)
             shards = list(shards_of(len(matrices), kept["poses_a_shard"]))
@@ -348,16 +349,3 @@ def _rows_in(
         note(f"{error}; its poses are measured again")
         return None
     return None if file is None else int(file.metadata.num_rows)
-
-
-def _gathered(
-    batches: Iterable[Batch],
-) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32]]:
-    """Pairs of each pose, and face and coverage of each pair."""
-    counts, faces = [np.zeros(0, np.int64)], [np.zeros(0, np.int32)]
-    values = [np.zeros(0, np.float32)]
-    for pose, face, value, _, n_poses in batches:
-        counts.append(np.bincount(pose, minlength=n_poses))
-        faces.append(face)
-        values.append(value)
-    return np.concatenate(counts), np.concatenate(faces), np.concatenate(values)

@@ -3,7 +3,7 @@
 import io
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,8 @@ SCENE = "scene.npz"
 """Mesh and cameras in the folder of a matrix that workers make."""
 BOUNDS = "bounds"
 """Folder of the bounds that workers found, a file for each."""
+ROWS_A_GROUP = 1 << 20
+"""Rows of a shard that Parquet compresses together."""
 Batch = tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32], BoolArray, int]
 """Row, face, coverage and covered mask of each pair of some poses; and the number of poses."""
 
@@ -68,6 +70,26 @@ def add_bounds(folder: Path, shards: Sequence[int], bounds: CandidateBounds) -> 
         np.maximum(bounds.high, part["high"], out=bounds.high)
         bounds.covering += part["covering"]
         bounds.n_poses += int(part["n_poses"])
+
+
+class Pairs(NamedTuple):
+    """Number of pairs of each pose; face, coverage and covered mask of each pair."""
+
+    counts: IntArray
+    face: NDArray[np.int32]
+    coverage: NDArray[np.float32]
+    covered: BoolArray
+
+
+def gathered(batches: Iterable[Batch]) -> Pairs:
+    """Pairs of all batches."""
+    parts = [
+        Pairs(np.bincount(pose, minlength=n_poses), face, value, covered)
+        for pose, face, value, covered, n_poses in batches
+    ]
+    none = np.zeros(0, np.int64)
+    parts.append(Pairs(none, none.astype(np.int32), none.astype(np.float32), none > 0))
+    return Pairs(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 def batches_of(
@@ -152,12 +174,10 @@ def write_shard(
     import pyarrow.parquet as pq
 
     schema, sink = schema_of(shard, header), pa.BufferOutputStream()
-    first = n_pairs = 0
+    counts, *columns = gathered(batches)
+    table = pa.table([np.repeat(numbers, counts).astype(np.int32), *columns], schema=schema)
+    # In one piece: the bytes depend on neither batches nor threads.
     with pq.ParquetWriter(sink, schema, compression="zstd", write_page_checksum=True) as writer:
-        for pose, face, value, covered, n_poses in batches:
-            of_all = numbers[first + pose].astype(np.int32)
-            first += n_poses
-            writer.write_table(pa.table([of_all, face, value, covered], schema=schema))
-            n_pairs += len(face)
+        writer.write_table(table, row_group_size=ROWS_A_GROUP)
     store(folder, shard, memoryview(sink.getvalue()))
-    return n_pairs
+    return len(table)
