@@ -32,6 +32,9 @@ SETTINGS = {
     "distributed.worker.profile.enabled": False,
 }
 
+LOGS = ("distributed", "distributed.client")
+"""Channels that Dask sets a level of."""
+
 
 @dataclass(frozen=True)
 class Workers:
@@ -149,10 +152,11 @@ def _connected(address: str) -> Iterator[Any]:
 @contextmanager
 def _quiet_log() -> Iterator[None]:
     """Messages of Dask about workers that die are left to `run`, which says what follows."""
-    log = logging.getLogger("distributed")
-    level = log.level
-    log.setLevel(logging.CRITICAL)
+    before = {name: logging.getLogger(name).level for name in LOGS}
+    for name in LOGS:
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         yield
     finally:
-        log.setLevel(level)
+        for name, level in before.items():
+            logging.getLogger(name).setLevel(level)
