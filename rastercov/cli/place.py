@@ -13,8 +13,8 @@ from rich.console import Console
 
 from rastercov.camera_formats.conventions import Conventions
 from rastercov.cli.console import out_option, progress_bar, say, size_line, warn
-from rastercov.cli.options import AsJson, CameraName, with_conventions
-from rastercov.cli.views import poses_of
+from rastercov.cli.options import AsJson, CameraName, CamerasOption, with_conventions
+from rastercov.cli.views import read_rig
 
 if TYPE_CHECKING:
     from rastercov.plan.file import Plan
@@ -108,6 +108,7 @@ def check(
         ),
     ],
     conventions: Conventions = Conventions(),  # noqa: B008 - becomes options
+    camera: CamerasOption = [],  # noqa: B006 - typer copies it
     camera_name: CameraName = None,
     min_coverage: Annotated[
         float | None,
@@ -138,14 +139,16 @@ def check(
         plan_check.refuse_junit(junit)
     with _errors_by_line():
         limits = plan_check.limits(asked, min_coverage, group)
-        rig, notes = poses_of(Path(poses), conventions, camera_name)
-        found = plan_check.check(asked, Path(poses), limits, views, _step, poses=rig)
+        eyes = read_rig(camera, Path(poses), conventions, camera_name)
+        if camera and eyes.rig is not None:
+            asked = asked.without_cameras()
+        found = plan_check.check(asked, Path(poses), limits, views, _step, poses=eyes)
     if junit is not None:
         plan_check.write_junit(junit, found)
-    warn(notes)
+    warn(eyes.notes)
     warn(found.mesh.warnings)
-    warn(_doubts(asked, found.cameras))
-    warn(half_covered_lines(asked, found.cameras))
+    warn(_doubts(found.plan, found.cameras))
+    warn(half_covered_lines(found.plan, found.cameras))
     if as_json:
         print(json.dumps(plan_check.plain(found), indent=2))
     else:
@@ -160,7 +163,7 @@ def _doubts(plan: "Plan", cameras: "Measured") -> list[str]:
 
     return [
         line.replace("--unit", "unit of [[meshes]]")
-        for line in doubts(cameras.network, plan.build_camera(), cameras.poses)
+        for line in doubts(cameras.network, plan.rig, cameras.placed)
     ]
 
 

@@ -32,7 +32,6 @@ from rastercov._typed import typed
 from rastercov.area.cells import Cells
 from rastercov.area.frames import check_same_mesh
 from rastercov.area.observer import RegionObserver
-from rastercov.camera import Camera
 from rastercov.coverage import Coverage, evaluate_batches, judged, measurements
 from rastercov.coverage_pass import CoveragePass
 from rastercov.engine import Engine
@@ -55,7 +54,8 @@ from rastercov.placement.shards import (
     shards_of,
     store,
 )
-from rastercov.pose import Poses, valid_poses
+from rastercov.pose import Poses, renumbered
+from rastercov.rig import Cameras
 from rastercov.task import Task
 
 Batch = tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32], BoolArray, int]
@@ -100,6 +100,11 @@ class VisibilityMatrix:
     def n_poses(self) -> int:
         """Number of candidates C."""
         return len(self.poses)
+
+    @property
+    def camera(self) -> NDArray[np.int32]:
+        """(C,) index of the camera of each pose; 0 where there is one."""
+        return np.array(self.header.get("pose_camera", [0] * self.n_poses), np.int32)
 
     @property
     def is_of_cells(self) -> bool:
@@ -194,8 +199,8 @@ class VisibilityMatrix:
 
 @typed
 def build_matrix(
-    view: Observer | tuple[Mesh, Camera],
-    poses: ArrayLike,
+    view: Observer | tuple[Mesh, Cameras],
+    poses: ArrayLike | Poses,
     task: Task | None = None,
     folder: str | Path | None = None,
     *,
@@ -210,9 +215,10 @@ def build_matrix(
     Parameters
     ----------
     view : Observer or (Mesh, Camera)
-        An open observer, or the arguments to open one with method "certified".
-    poses : (C, 4, 4) array_like
-        world_from_camera of the candidates.
+        An open observer, or the arguments to open one with method "certified"; several cameras are
+        a Rig or a sequence.
+    poses : (C, 4, 4) array_like, or Poses
+        world_from_camera of the candidates; `Poses.camera` is the camera of each.
     task : Task, optional
         Thresholds; `Task()` unless given.
     folder : path, optional
@@ -240,20 +246,20 @@ def build_matrix(
     PoseError
         For a pose that is no rigid motion.
     """
-    matrices, task, done = valid_poses(poses), task or Task(), 0
+    placed, task, done = renumbered(poses), task or Task(), 0
 
     def batches(rows: slice) -> Iterator[Batch]:
         nonlocal done
         found = (
-            _of_faces(observer, matrices[rows], task, bounds)
+            _of_faces(observer, placed[rows], task, bounds)
             if cells is None
-            else _of_cells(observer, cells, matrices[rows], task, bounds)
+            else _of_cells(observer, cells, placed[rows], task, bounds)
         )
         for batch in found:
             if batch[-1]:
                 yield batch
                 done += batch[-1]
-                progress(done, len(matrices))
+                progress(done, len(placed))
 
     with ExitStack() as opened:
         observer: Observer = (
@@ -261,9 +267,10 @@ def build_matrix(
         )
         if cells is not None:
             observer = opened.enter_context(_region_observer(observer, cells, task))
-        header = describe(observer, matrices, task, poses_a_shard, cells)
+        header = describe(observer, placed, task, poses_a_shard, cells)
+        matrices = placed.world_from_camera
         if folder is None:
-            progress(0, len(matrices))
+            progress(0, len(placed))
             return VisibilityMatrix._of(matrices, header, *_gathered(batches(slice(None))))
         with locked(Path(folder)) as place:
             kept = claim(place, header, matrices, poses_a_shard is not None, note)
@@ -314,7 +321,7 @@ def _gathered(
 
 
 def _of_faces(
-    observer: Observer, poses: FloatArray, task: Task, bounds: CandidateBounds | None
+    observer: Observer, poses: Poses, task: Task, bounds: CandidateBounds | None
 ) -> Iterator[Batch]:
     """Pairs of poses and faces with coverage > 0."""
     figures = ("coverage", *(FIGURES if bounds is not None else ()))
@@ -332,11 +339,11 @@ def _pairs(batch: Coverage) -> Batch:
 
 
 def _of_cells(
-    observer: Any, cells: Cells, poses: FloatArray, task: Task, bounds: CandidateBounds | None
+    observer: Any, cells: Cells, poses: Poses, task: Task, bounds: CandidateBounds | None
 ) -> Iterator[Batch]:
     """Pairs of poses and cells with a covered share; visibility is computed once for both."""
     judge = CoveragePass(observer, task)
-    for part, seen in measurements(observer, Poses.of(poses)):
+    for part, seen in measurements(observer, poses):
         found = cells.share(seen.regions)  # type: ignore[union-attr] # of a RegionObserver
         pose = np.repeat(np.arange(len(part)), np.diff(found.starts))
         short, covered = shortened(found.share, task.min_coverage)

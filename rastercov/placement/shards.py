@@ -34,8 +34,9 @@ from rastercov.area.cells import Cells
 from rastercov.errors import ConfigError
 from rastercov.observer import Observer
 from rastercov.placement._arrays import FloatArray
+from rastercov.pose import Poses
 from rastercov.provenance import sha256
-from rastercov.rig import only_camera
+from rastercov.rig import cameras_of
 from rastercov.task import Task
 
 if TYPE_CHECKING:
@@ -56,6 +57,7 @@ WORDS = {
     "cells": "for faces, or for cells of another size",
     "camera": "for another camera",
     "poses": "from other poses",
+    "pose_camera": "for other cameras of the poses",
     "task": "for another task",
     "measured_by": "by another method or device",
     "samples": "with another supersample",
@@ -79,7 +81,7 @@ def log_warning(line: str) -> None:
 
 def describe(
     observer: Observer,
-    poses: FloatArray,
+    poses: Poses,
     task: Task,
     poses_a_shard: int | None,
     cells: Cells | None = None,
@@ -88,7 +90,9 @@ def describe(
 
     That of a matrix of cells has their size under "cells", and counts them as faces.
     """
-    mesh, camera = observer.mesh, only_camera(observer.camera)
+    mesh, cameras = observer.mesh, cameras_of(observer.camera)
+    poses.check_cameras(len(cameras))
+    plain = [json.dumps(camera.plain(), sort_keys=True) for camera in cameras]
     groups = json.dumps([group.plain() for group in mesh.groups])
     if poses_a_shard is not None and (isinstance(poses_a_shard, bool) or poses_a_shard < 1):
         raise ConfigError(f"poses_a_shard must be 1 or more, got {poses_a_shard!r}")
@@ -97,8 +101,8 @@ def describe(
         "format": FORMAT,
         "rastercov": version("rastercov"),
         "mesh": sha256(mesh.vertices, mesh.faces, mesh.face_group, groups),
-        "camera": sha256(json.dumps(camera.plain(), sort_keys=True)),
-        "poses": sha256(poses),
+        "camera": sha256(*plain),
+        "poses": sha256(poses.world_from_camera),
         "task": asdict(task),
         "measured_by": asdict(observer.info),
         "samples": observer.observe(np.empty((0, 4, 4))).samples_per_pixel,
@@ -107,6 +111,8 @@ def describe(
         "n_faces": n_faces,
         "n_task_faces": int(mesh.task_mask.sum()) if cells is None else n_faces,
     }
+    if len(cameras) > 1:
+        header["pose_camera"] = poses.camera.tolist()
     return header if cells is None else header | {"cells": cells.size}
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rastercov.area.network import AreaNetwork, in_words
 from rastercov.area.regions import RegionPass
@@ -30,7 +30,7 @@ from rastercov.placement.explain.uncovered import (
 from rastercov.placement.improve.objective import Objective
 from rastercov.plan.file import Plan
 from rastercov.plan.requirements import whole_faces
-from rastercov.pose import Poses
+from rastercov.pose import Poses, renumbered
 from rastercov.task import Reason, Task
 
 FloatArray = NDArray[np.float64]
@@ -53,7 +53,7 @@ class PlanNetwork(Network):
 def observer_of(plan: Plan, mesh: Mesh) -> Observer:
     """Observer of a mesh by the camera and the method of a plan; to be closed."""
     own = plan.task
-    return open_observer(mesh, plan.build_camera(), own.method, supersample=own.supersample)
+    return open_observer(mesh, plan.rig, own.method, supersample=own.supersample)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,8 @@ class Measured:
 
     Attributes
     ----------
-    poses : (K, 4, 4) float64
+    placed : Poses
+        K poses with the camera of each.
     network : PlanNetwork
     nearest : (F,) int64
         Camera that comes nearest to covering each face, as for `Leftover.nearest_camera`.
@@ -78,7 +79,7 @@ class Measured:
         Exact covered area; None where the plan counts faces.
     """
 
-    poses: FloatArray
+    placed: Poses
     network: PlanNetwork
     nearest: NDArray[np.int64]
     covers: BoolArray
@@ -89,15 +90,20 @@ class Measured:
     share: float
     areas: AreaNetwork | None = None
 
+    @property
+    def poses(self) -> FloatArray:
+        """(K, 4, 4) world_from_camera."""
+        return self.placed.world_from_camera
+
 
 def areas_of(
     plan: Plan,
     mesh: Mesh,
-    poses: FloatArray,
+    poses: Poses,
     views: int | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> AreaNetwork | None:
-    """Exact area that cameras cover, poses (K, 4, 4); None where the plan counts faces.
+    """Exact area that K cameras cover; None where the plan counts faces.
 
     `views` replaces those of the plan.
     """
@@ -105,10 +111,10 @@ def areas_of(
         return None
     most = most_views(plan, views)
     areas = AreaNetwork(mesh, plan.build_task(most))
-    finder = RegionPass(mesh, plan.build_camera(), plan.build_task(most), method=plan.task.method)
+    finder = RegionPass(mesh, plan.rig, plan.build_task(most), method=plan.task.method)
     done = 0
     try:
-        for regions in finder.batches(Poses.of(poses)):
+        for regions in finder.batches(poses):
             areas.add(regions)
             done += len(regions.pose_ids)
             progress(done, len(poses))
@@ -127,7 +133,7 @@ def with_areas(
 
     `finder` counts as many views as `plan` needs at most (`most_views`).
     """
-    wanted, poses = plan.task.views, Poses.of(cameras.poses)
+    wanted, poses = plan.task.views, cameras.placed
     by_group = wanted if isinstance(wanted, dict) else None
     areas, curve = AreaNetwork(finder.mesh, plan.build_task(most_views(plan))), []
     for row in range(len(poses)):
@@ -152,7 +158,7 @@ def summary_of(plan: Plan, cameras: Measured, views: int | None = None) -> dict[
         wanted = views or plan.task.views
         by_group = wanted if isinstance(wanted, dict) else None
         cameras.areas.add_to(found, by_group)
-        found |= cameras.areas.dead_zones(plan.build_camera(), cameras.poses, by_group)
+        found |= cameras.areas.dead_zones(plan.rig, cameras.placed, by_group)
     return found
 
 
@@ -168,7 +174,7 @@ def area_lines(summary: Mapping[str, Any]) -> list[str]:
 
 def measured(
     objective: Objective,
-    poses: FloatArray,
+    poses: ArrayLike | Poses,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Measured:
     """Coverage of a network, with its bounds.
@@ -177,29 +183,29 @@ def measured(
     ----------
     objective : Objective
         Weights and an open observer.
-    poses : (K, 4, 4) float64
-        world_from_camera; K may be 0.
+    poses : (K, 4, 4) array_like, or Poses
+        world_from_camera, with the camera of each; K may be 0.
     progress : callable
         Called with the poses done and the total.
     """
-    mesh = objective.observer.mesh
+    mesh, placed = objective.observer.mesh, renumbered(poses)
     network, nearest = PlanNetwork(mesh, objective.task), NearestCameras(mesh.n_faces)
-    masks = np.zeros((3, len(poses), mesh.n_faces), np.bool_)
-    if len(poses):
+    masks = np.zeros((3, len(placed), mesh.n_faces), np.bool_)
+    if len(placed):
         figures = (*NETWORK_FIGURES, "projected_area", "pixel_density", "facing_density")
-        for batch in evaluate_batches(objective.observer, poses, objective.task, fields=figures):
+        for batch in evaluate_batches(objective.observer, placed, objective.task, fields=figures):
             network.add(batch)
             nearest.add(batch)
             masks[0, batch.pose_ids] = batch.reason == Reason.COVERED
             masks[1:, batch.pose_ids] = certain_and_possible(batch)
-            progress(len(network.pose_ids), len(poses))
-    eyes = poses[:, :3, 3]
+            progress(len(network.pose_ids), len(placed))
+    eyes = placed.world_from_camera[:, :3, 3]
     covered, certain, possible = (objective.covered(mask, eyes) for mask in masks)
     network.is_covered = covered
     until = objective.cameras_until_covered(masks[0], eyes)
-    worth = [objective.worth(until <= n) for n in range(1, len(poses) + 1)]
+    worth = [objective.worth(until <= n) for n in range(1, len(placed) + 1)]
     return Measured(
-        poses=poses,
+        placed=placed,
         network=network,
         nearest=nearest.camera,
         covers=masks[0],
@@ -215,7 +221,7 @@ def left_over(
     observer: Observer,
     cameras: Measured,
     progress: Callable[[int, int], None],
-    candidates: FloatArray | None = None,
+    candidates: Poses | None = None,
     bounds: CandidateBounds | None = None,
     views: int | Mapping[str, int] = 1,
 ) -> Leftover:
@@ -228,10 +234,10 @@ def left_over(
         covered = covered | whole_faces(cameras.areas, views)
     return left_by(
         observer,
-        cameras.poses,
+        cameras.placed,
         cameras.network,
         cameras.nearest,
-        candidates=np.zeros((0, 4, 4)) if candidates is None else candidates,
+        candidates=renumbered(np.zeros((0, 4, 4)) if candidates is None else candidates),
         covered=covered,
         progress=progress,
         bounds=bounds,

@@ -21,7 +21,6 @@ from rastercov._format import percent
 from rastercov._output import named
 from rastercov.area.cells import Cells, cells, usual_size
 from rastercov.area.network import AreaNetwork
-from rastercov.camera import Camera
 from rastercov.coverage import evaluate_batches
 from rastercov.errors import ConfigError, ResourceError
 from rastercov.mesh import Mesh
@@ -40,6 +39,7 @@ from rastercov.placement.select.problem import (
 from rastercov.placement.shards import describe, locked, read_header
 from rastercov.plan.candidates import (
     CandidatePool,
+    cameras_of_entry,
     candidate_pool,
     extended_pool,
     framing_of,
@@ -51,10 +51,10 @@ from rastercov.plan.file import Plan
 from rastercov.plan.generators import PerCavity
 from rastercov.plan.requirements import OF, counting, goal_of
 from rastercov.plan.sections import SelectionSection
-from rastercov.rig import only_camera
+from rastercov.pose import Poses, renumbered
+from rastercov.rig import Rig
 from rastercov.task import Reason, Task
 
-FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 N_DIAGNOSED = 32
 """Number of candidates examined for the reason why none covers a face."""
@@ -123,7 +123,7 @@ class Prepared:
     plan: Plan
     selection: SelectionSection
     mesh: Mesh
-    camera: Camera
+    camera: Rig
     task: Task
     pool: CandidatePool
     segmentation: Segmentation | None
@@ -194,14 +194,14 @@ def prepare(
 
     The elements of the matrix are the cells where there are some, and the faces otherwise.
     """
-    mesh, camera = observer.mesh, only_camera(observer.camera)
+    mesh, rig = observer.mesh, plan.rig
     elements: Mesh | Cells = mesh if cells is None else cells
     goal: Goal = BestCoverage(cameras=0)
     notes: list[str] = []
     used: list[Path] = []
     bounds = CandidateBounds(mesh.n_faces, mesh.task_mask)
 
-    def matrix_of(name: str, poses: FloatArray) -> VisibilityMatrix:
+    def matrix_of(name: str, poses: Poses) -> VisibilityMatrix:
         """Matrix of the poses, in a folder named by a hash of all that it depends on."""
         header = json.dumps(describe(observer, poses, task, None, cells), sort_keys=True)
         used.append(folder / hashlib.sha256(header.encode()).hexdigest()[:16])
@@ -212,8 +212,8 @@ def prepare(
 
     with clock("candidates"):
         segmentation = segmentation_of(plan, mesh)
-        found = candidate_pool(plan, mesh, camera)
-    matrix = matrix_of("visibility matrix", found.candidates.poses)
+        found = candidate_pool(plan, mesh, rig)
+    matrix = matrix_of("visibility matrix", found.candidates.placed)
     problem = problem_of(matrix, elements, goal, costs=found.costs, **counting(plan.task))
     opened = None
     cavities = [entry for entry in plan.candidates if isinstance(entry, PerCavity)]
@@ -222,19 +222,22 @@ def prepare(
     if cavities and unseen.any():
         entry = cavities[0]
         with clock("cavities") as progress:
-            opened = openings(
-                mesh,
-                camera,
-                framing_of(plan, entry),
-                faces=unseen,
-                clearance=plan.constraints.clearance,
-                keep_out=keep_outs(plan),
-                views=entry.views,
-                progress=progress,
-            )
+            parts = []
+            for index, cost in cameras_of_entry(plan, entry):
+                opened = openings(
+                    mesh,
+                    rig.cameras[index],
+                    framing_of(plan, entry),
+                    faces=unseen,
+                    clearance=plan.constraints.clearance,
+                    keep_out=keep_outs(plan),
+                    views=entry.views,
+                    progress=progress,
+                )
+                parts.append((opened.candidates.of_camera(index), cost))
             before = len(found.candidates)
-            found = extended_pool(plan, mesh, found, opened.candidates, entry.cost)
-            further = found.candidates.poses[before:]
+            found = extended_pool(plan, mesh, found, parts)
+            further = renumbered(found.candidates.placed[before:])
         matrix = joined(matrix, matrix_of("visibility matrix of cavities", further))
         problem = problem_of(matrix, elements, goal, costs=found.costs, **counting(plan.task))
         if cells is None:
@@ -256,7 +259,7 @@ def prepare(
     _forget(folder, used)
     if not problem.reachable.any():
         what = "no face" if cells is None else "no cell"
-        notes.append(_why_nothing(observer, found.candidates.poses, task, what))
+        notes.append(_why_nothing(observer, found.candidates.placed, task, what))
     try:
         problem = replace(problem, goal=goal_of(selection))
     except ConfigError as error:
@@ -273,7 +276,7 @@ def prepare(
         plan=plan,
         selection=selection,
         mesh=mesh,
-        camera=camera,
+        camera=rig,
         task=task,
         pool=found,
         segmentation=segmentation,
@@ -297,7 +300,7 @@ def _faces_with(elements: BoolArray, cells: Cells | None) -> BoolArray:
     return faces
 
 
-def _why_nothing(observer: Observer, poses: FloatArray, task: Task, what: str) -> str:
+def _why_nothing(observer: Observer, poses: Poses, task: Task, what: str) -> str:
     """Reasons why the candidates cover nothing, from a sample of them."""
     some = poses[np.unique(np.linspace(0, len(poses) - 1, N_DIAGNOSED).astype(np.int64))]
     counts = np.zeros(len(Reason), np.int64)

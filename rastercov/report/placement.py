@@ -135,7 +135,9 @@ def _lines(report: PlanReport, summary: Mapping[str, Any]) -> list[str]:
 def _cameras(report: PlanReport) -> dict[str, Any]:
     """Table of positions, directions and figures of the cameras."""
     network, origins, tolerance = report.network, report.origins, report.tolerance
-    headings = ["camera", *(["from"] if any(origins) else []), "x, m", "y, m", "z, m"]
+    types = report.types
+    headings = ["camera", *(["type"] if any(types) else []), *(["from"] if any(origins) else [])]
+    headings += ["x, m", "y, m", "z, m"]
     headings += ["looks along", "heading", "down"]
     regions = report.regions
     areas = None
@@ -146,7 +148,8 @@ def _cameras(report: PlanReport) -> dict[str, Any]:
     headings += ["covered without it", f"its own {own}"] if tolerance else []
     rows = []
     for row, (name, pose) in enumerate(zip(report.names, report.poses, strict=True)):
-        line = [name, *([origins[row]] if any(origins) else [])]
+        line = [name, *([types[row]] if any(types) else [])]
+        line += [origins[row]] if any(origins) else []
         line += [length(value) for value in pose[:3, 3]]
         line += [", ".join(signed(value) for value in pose[:3, 2])]
         line += [f"{round(angle)}°" for angle in heading_and_tilt(pose)]
