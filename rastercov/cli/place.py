@@ -82,11 +82,15 @@ def place(
     if as_json:
         print(json_text(report.summary(placed)))
     else:
+        from rastercov.report.by_camera import camera_table
         from rastercov.report.tables import summary_table
 
         console = Console()
         console.print(report.cameras_table(placed))
-        console.print(summary_table(report.summary(placed)["network"]))
+        network = report.summary(placed)["network"]
+        console.print(summary_table(network))
+        if (by_camera := camera_table(network)) is not None:
+            console.print(by_camera)
         left = report.left_lines(placed)
         print("\n".join([size_line(placed.prepared.mesh), *report.lines(placed), *left]))
         print(folder / ("page.html" if has_page else "plan.json"))
@@ -133,6 +137,7 @@ def check(
     """
     asked = _plan(plan)
     from rastercov.plan import check as plan_check
+    from rastercov.report.by_camera import camera_table
     from rastercov.report.half_covered import half_covered_lines
 
     if junit is not None:
@@ -153,6 +158,8 @@ def check(
         print(json.dumps(plan_check.plain(found), indent=2))
     else:
         print("\n".join([*found.lines(), size_line(found.mesh)]))
+        if (by_camera := camera_table(found.summary())) is not None:
+            Console().print(by_camera)
     if not found.is_met:
         raise typer.Exit(1)
 

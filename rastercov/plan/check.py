@@ -7,7 +7,7 @@ Shares are of the exact area where the plan counts that, and of whole faces othe
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -203,7 +203,7 @@ def check(
         with step("coverage") as progress:
             cameras = measured(objective, rig, progress)
         with step("area") as progress:
-            cameras = replace(cameras, areas=areas_of(plan, mesh, rig, views, progress))
+            cameras = areas_of(plan, mesh, cameras, views, progress)
         with step("what is left") as progress:
             leftover = left_over(observer, cameras, progress, views=counted["views"])
     masks, weights = (cameras.covered, cameras.certain, cameras.possible), objective.integer_weights

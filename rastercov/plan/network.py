@@ -13,12 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov.area.by_camera import AreasByCamera, cameras_apart
 from rastercov.area.network import AreaNetwork, in_words
 from rastercov.area.regions import RegionPass
 from rastercov.area.zone_report import zone_lines
 from rastercov.coverage import Coverage, evaluate_batches
 from rastercov.mesh import Mesh
-from rastercov.network import Network
+from rastercov.network import Network, share_of_faces
 from rastercov.observer import Observer, open_observer
 from rastercov.placement.explain.candidate_visibility import CandidateBounds
 from rastercov.placement.explain.uncovered import (
@@ -31,6 +32,7 @@ from rastercov.placement.improve.objective import Objective
 from rastercov.plan.file import Plan
 from rastercov.plan.requirements import whole_faces
 from rastercov.pose import Poses, renumbered
+from rastercov.rig import Rig
 from rastercov.task import Reason, Task
 
 FloatArray = NDArray[np.float64]
@@ -77,6 +79,8 @@ class Measured:
         Share covered by all cameras; with `areas`, of the exact area.
     areas : AreaNetwork or None
         Exact covered area; None where the plan counts faces.
+    apart : AreasByCamera or None
+        That of each camera, where there are several.
     """
 
     placed: Poses
@@ -89,6 +93,7 @@ class Measured:
     curve: FloatArray
     share: float
     areas: AreaNetwork | None = None
+    apart: AreasByCamera | None = None
 
     @property
     def poses(self) -> FloatArray:
@@ -99,28 +104,30 @@ class Measured:
 def areas_of(
     plan: Plan,
     mesh: Mesh,
-    poses: Poses,
+    cameras: Measured,
     views: int | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
-) -> AreaNetwork | None:
-    """Exact area that K cameras cover; None where the plan counts faces.
+) -> Measured:
+    """The network with its exact covered area; as it is where the plan counts faces.
 
     `views` replaces those of the plan.
     """
     if plan.unit_of_result()[0] == "face":
-        return None
-    most = most_views(plan, views)
+        return cameras
+    most, poses = most_views(plan, views), cameras.placed
     areas = AreaNetwork(mesh, plan.build_task(most))
+    apart = AreasByCamera(mesh, areas.task, cameras_apart(plan.rig, poses))
     finder = RegionPass(mesh, plan.rig, plan.build_task(most), method=plan.task.method)
     done = 0
     try:
         for regions in finder.batches(poses):
             areas.add(regions)
+            apart.add(regions, poses.camera[done : done + len(regions.pose_ids)])
             done += len(regions.pose_ids)
             progress(done, len(poses))
     finally:
         finder.close()
-    return areas
+    return replace(cameras, areas=areas, apart=apart)
 
 
 def with_areas(
@@ -136,12 +143,16 @@ def with_areas(
     wanted, poses = plan.task.views, cameras.placed
     by_group = wanted if isinstance(wanted, dict) else None
     areas, curve = AreaNetwork(finder.mesh, plan.build_task(most_views(plan))), []
+    apart = AreasByCamera(finder.mesh, areas.task, cameras_apart(plan.rig, poses))
     for row in range(len(poses)):
-        areas.add(finder.find(poses[row : row + 1], closed=areas.closed))
+        found = finder.find(poses[row : row + 1], closed=apart.closed(areas.closed))
+        areas.add(found)
+        apart.add(found, poses.camera[row : row + 1])
         curve.append(areas.summary(by_group)["percent"] / 100)
         progress(row + 1, len(poses))
     share = curve[-1] if curve else 0.0
-    return replace(cameras, areas=areas, curve=np.array(curve, np.float64), share=share)
+    curve_of_area = np.array(curve, np.float64)
+    return replace(cameras, areas=areas, apart=apart, curve=curve_of_area, share=share)
 
 
 def most_views(plan: Plan, views: int | None = None) -> int:
@@ -159,6 +170,22 @@ def summary_of(plan: Plan, cameras: Measured, views: int | None = None) -> dict[
         by_group = wanted if isinstance(wanted, dict) else None
         cameras.areas.add_to(found, by_group)
         found |= cameras.areas.dead_zones(plan.rig, cameras.placed, by_group)
+    if apart := _by_camera(plan.rig, cameras):
+        found["by_camera"] = apart
+    return found
+
+
+def _by_camera(rig: Rig, cameras: Measured) -> list[dict[str, Any]]:
+    """What the poses of each of several cameras cover, ready for JSON."""
+    mesh, of_pose = cameras.network.mesh, cameras.placed.camera
+    found = []
+    for index in cameras_apart(rig, cameras.placed):
+        own = of_pose == index
+        covered = share_of_faces(
+            mesh, cameras.covers[own].any(axis=0) & mesh.task_mask, mesh.task_mask
+        )
+        entry = {"camera": rig.names[index], "poses": int(own.sum()), "covered": covered}
+        found.append(entry | (cameras.apart.entry(index) if cameras.apart else {}))
     return found
 
 

@@ -13,21 +13,18 @@ from numpy.typing import NDArray
 from rich.table import Table
 from rich.text import Text
 
-from rastercov._format import area
-from rastercov.area.network import AreaNetwork
+from rastercov._format import area, percent
+from rastercov.area.by_camera import AreasByCamera, cameras_apart
 from rastercov.area.regions import Regions
 from rastercov.mesh import Mesh
 from rastercov.network import JudgedPoses, Network
 from rastercov.pose import Poses
-from rastercov.rig import Cameras, cameras_of, names_of
+from rastercov.rig import Cameras, names_of
 from rastercov.task import Task
-
-MOST = 64
-"""Cameras with figures of their own: each takes 50 bytes a face."""
 
 
 class ByCamera:
-    """Networks of the poses of each camera; empty for one camera, and for more than `MOST`.
+    """Networks of the poses of each camera; of no camera where there is one, or too many.
 
     Parameters
     ----------
@@ -44,11 +41,9 @@ class ByCamera:
     def __init__(
         self, mesh: Mesh, task: Task, camera: Cameras, poses: Poses, *, by_area: bool
     ) -> None:
-        one = replace(task, views=1)
-        used = np.unique(poses.camera).tolist() if len(cameras_of(camera)) > 1 else []
-        self.names, self.left_out = names_of(camera), len(used) > MOST
-        self._networks = {index: Network(mesh, one) for index in used if not self.left_out}
-        self._areas = {index: AreaNetwork(mesh, one) for index in self._networks if by_area}
+        self.names, indices = names_of(camera), cameras_apart(camera, poses)
+        self._networks = {index: Network(mesh, replace(task, views=1)) for index in indices}
+        self._areas = AreasByCamera(mesh, task, indices if by_area else [])
 
     @property
     def is_asked(self) -> bool:
@@ -57,19 +52,14 @@ class ByCamera:
 
     def closed(self, closed: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Those of some faces, (F,) bool, that no camera needs regions of any more."""
-        for areas in self._areas.values():
-            closed = closed & areas.closed
-        return closed
+        return self._areas.closed(closed)
 
     def add(self, batch: JudgedPoses, regions: Regions | None) -> None:
         """Take in a batch of poses, and their regions where the result is by area."""
         for index, network in self._networks.items():
-            own = batch.poses.camera == index
-            if not own.any():
-                continue
             network.add(batch, index)
-            if regions is not None and index in self._areas:
-                self._areas[index].add(regions.of_poses(own))
+        if regions is not None:
+            self._areas.add(regions, batch.poses.camera)
 
     def summary(self) -> list[dict[str, Any]]:
         """Figures of each camera, ready for JSON."""
@@ -80,28 +70,33 @@ class ByCamera:
                 "camera": self.names[index],
                 "poses": whole["poses"],
                 "covered": whole["covered"],
-                "mean_best_coverage": whole["mean_best_coverage"],
             }
-            if index in self._areas:
-                entry["covered_area"] = self._areas[index].summary()
-            found.append(entry)
+            found.append(entry | self._areas.entry(index))
         return found
 
 
-def camera_table(summary: Mapping[str, Any], rows: int = 20) -> Table | None:
+def camera_rows(summary: Mapping[str, Any]) -> list[list[str]]:
+    """Name, poses, covered area or faces, and its share, of each camera; often none."""
+    rows = []
+    for entry in summary.get("by_camera", ()):
+        covered = entry.get("covered_area")
+        size = f"{entry['covered']['faces']:,} faces" if covered is None else area(covered["m2"])
+        share = (covered or entry["covered"])["percent"]
+        rows.append([entry["camera"], f"{entry['poses']:,}", size, percent(share / 100)])
+    return rows
+
+
+def camera_table(summary: Mapping[str, Any], most: int = 20) -> Table | None:
     """Figures by camera for a terminal of 80 columns; None where there are none."""
-    entries = summary.get("by_camera")
-    if not entries:
+    rows = camera_rows(summary)
+    if not rows:
         return None
     table = Table(title="Covered by each camera alone", title_justify="left")
     table.add_column("camera", no_wrap=True, max_width=30)
-    by_area = "covered_area" in entries[0]
-    for name in ("poses", "area" if by_area else "faces", "covered %"):
+    for name in ("poses", "covered", "share"):
         table.add_column(name, justify="right", no_wrap=True)
-    for entry in entries[:rows]:
-        covered = entry["covered_area"] if by_area else entry["covered"]
-        size = area(covered["m2"]) if by_area else str(covered["faces"])
-        table.add_row(Text(entry["camera"]), str(entry["poses"]), size, f"{covered['percent']:.1f}")
-    if entries[rows:]:
-        table.add_row(f"... {len(entries) - rows} more", style="dim")
+    for name, *figures in rows[:most]:
+        table.add_row(Text(name), *figures)
+    if rows[most:]:
+        table.add_row(f"... {len(rows) - most} more", style="dim")
     return table
