@@ -38,6 +38,16 @@ CameraOption = Annotated[
         show_default="the cameras of --poses",
     ),
 ]
+CamerasOption = Annotated[
+    list[str],
+    typer.Option(
+        "--camera",
+        "-c",
+        help="As for one camera: a file, a preset or entries; a file may have several cameras. Or "
+        "NAME=FILE, once for each camera, for poses that name theirs.",
+        show_default="the cameras of --poses",
+    ),
+]
 PosesOption = Annotated[
     str,
     typer.Option(

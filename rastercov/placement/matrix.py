@@ -29,7 +29,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov._typed import typed
 from rastercov.area.cells import Cells
-from rastercov.camera import Camera
 from rastercov.cluster import Job, Made, Workers, make_shards
 from rastercov.cluster.quarantine import forget, quarantined
 from rastercov.errors import ConfigError
@@ -58,7 +57,8 @@ from rastercov.placement.shards import (
     read_poses,
     shards_of,
 )
-from rastercov.pose import valid_poses
+from rastercov.pose import Poses, renumbered
+from rastercov.rig import Cameras
 from rastercov.task import Task
 
 SHARD_FUNCTION = "rastercov.placement.shard_work:make"
@@ -88,6 +88,8 @@ class VisibilityMatrix:
         the covered pairs.
     header : dict
         Inputs of the matrix.
+    camera : (C,) int32
+        Index of the camera of each pose; 0 where there is one.
     quarantined : dict of int to str
         Poses without pairs because they kill the process that measures them, each with its end.
     """
@@ -100,7 +102,12 @@ class VisibilityMatrix:
     face: NDArray[np.int32]
     coverage: NDArray[np.float32]
     header: dict[str, Any] = field(default_factory=dict)
+    camera: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))
     quarantined: dict[int, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if len(self.camera) != len(self.poses):
+            object.__setattr__(self, "camera", np.zeros(len(self.poses), np.int32))
 
     @property
     def n_poses(self) -> int:
@@ -180,7 +187,7 @@ class VisibilityMatrix:
     @classmethod
     def _of(
         cls,
-        poses: FloatArray,
+        poses: Poses,
         header: dict[str, Any],
         counts: NDArray[np.int64],
         face: NDArray[np.int32],
@@ -188,7 +195,8 @@ class VisibilityMatrix:
     ) -> Self:
         """Matrix of all pairs, from the number of pairs of each pose."""
         return cls(
-            poses=poses,
+            poses=poses.world_from_camera,
+            camera=poses.camera,
             n_faces=header["n_faces"],
             n_task_faces=header["n_task_faces"],
             task=Task(**header["task"]),
@@ -201,8 +209,8 @@ class VisibilityMatrix:
 
 @typed
 def build_matrix(
-    view: Observer | tuple[Mesh, Camera],
-    poses: ArrayLike,
+    view: Observer | tuple[Mesh, Cameras],
+    poses: ArrayLike | Poses,
     task: Task | None = None,
     folder: str | Path | None = None,
     *,
@@ -219,9 +227,10 @@ def build_matrix(
     Parameters
     ----------
     view : Observer or (Mesh, Camera)
-        An open observer, or the arguments to open one with method "certified".
-    poses : (C, 4, 4) array_like
-        world_from_camera of the candidates.
+        An open observer, or the arguments to open one with method "certified"; several cameras are
+        a Rig or a sequence.
+    poses : (C, 4, 4) array_like, or Poses
+        world_from_camera of the candidates; `Poses.camera` is the camera of each.
     task : Task, optional
         Thresholds; `Task()` unless given.
     folder : path, optional
@@ -258,14 +267,14 @@ def build_matrix(
     """
     if workers is not None and folder is None:
         raise ConfigError("workers make shards in a folder; name one, or leave out workers")
-    matrices, task, done = valid_poses(poses), task or Task(), 0
+    placed, task, done = renumbered(poses), task or Task(), 0
 
     def batches(rows: slice) -> Iterator[Batch]:
         nonlocal done
-        for batch in batches_of(observer, matrices[rows], task, cells, bounds):
+        for batch in batches_of(observer, placed[rows], task, cells, bounds):
             yield batch
             done += batch[-1]
-            progress(done, len(matrices))
+            progress(done, len(placed))
 
     with ExitStack() as opened:
         observer: Observer = (
@@ -273,23 +282,23 @@ def build_matrix(
         )
         if cells is not None:
             observer = opened.enter_context(region_observer(observer, cells, task))
-        header = describe(observer, matrices, task, poses_a_shard, cells)
+        header = describe(observer, placed, task, poses_a_shard, cells)
         if folder is None:
-            progress(0, len(matrices))
-            return VisibilityMatrix._of(matrices, header, *gathered(batches(slice(None)))[:3])
+            progress(0, len(placed))
+            return VisibilityMatrix._of(placed, header, *gathered(batches(slice(None)))[:3])
         with locked(Path(folder)) as place:
-            kept = claim(place, header, matrices, poses_a_shard is not None, note)
-            shards = list(shards_of(len(matrices), kept["poses_a_shard"]))
+            kept = claim(place, header, placed, poses_a_shard is not None, note)
+            shards = list(shards_of(len(placed), kept["poses_a_shard"]))
             sizes = {shard: _rows_in(place, shard, kept, note) for shard, _ in shards}
             missing = [(shard, rows) for shard, rows in shards if sizes[shard] is None]
-            done = len(matrices) - sum(rows.stop - rows.start for _, rows in missing)
-            progress(done, len(matrices))
+            done = len(placed) - sum(rows.stop - rows.start for _, rows in missing)
+            progress(done, len(placed))
             if workers is not None and missing:
 
                 def made(shard: Made) -> None:
                     nonlocal done
                     done += shard.n_poses
-                    progress(done, len(matrices))
+                    progress(done, len(placed))
                     watch(shard)
 
                 write_scene(place, observer)

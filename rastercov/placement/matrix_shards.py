@@ -94,7 +94,7 @@ def gathered(batches: Iterable[Batch]) -> Pairs:
 
 def batches_of(
     observer: Observer,
-    poses: FloatArray,
+    poses: Poses,
     task: Task,
     cells: Cells | None,
     bounds: CandidateBounds | None = None,
@@ -120,7 +120,7 @@ def region_observer(observer: Observer, cells: Cells, task: Task) -> RegionObser
 
 
 def _of_faces(
-    observer: Observer, poses: FloatArray, task: Task, bounds: CandidateBounds | None
+    observer: Observer, poses: Poses, task: Task, bounds: CandidateBounds | None
 ) -> Iterator[Batch]:
     """Pairs of poses and faces with coverage > 0."""
     figures = ("coverage", *(FIGURES if bounds is not None else ()))
@@ -138,11 +138,11 @@ def _pairs(batch: Coverage) -> Batch:
 
 
 def _of_cells(
-    observer: Any, cells: Cells, poses: FloatArray, task: Task, bounds: CandidateBounds | None
+    observer: Any, cells: Cells, poses: Poses, task: Task, bounds: CandidateBounds | None
 ) -> Iterator[Batch]:
     """Pairs of poses and cells with a covered share; visibility is computed once for both."""
     judge = CoveragePass(observer, task)
-    for part, seen in measurements(observer, Poses.of(poses)):
+    for part, seen in measurements(observer, poses):
         found = cells.share(seen.regions)  # type: ignore[union-attr] # of a RegionObserver
         pose = np.repeat(np.arange(len(part)), np.diff(found.starts))
         short, covered = shortened(found.share, task.min_coverage)

@@ -18,7 +18,6 @@ from rastercov.cluster.scene_file import read_scene
 from rastercov.engine import Engine
 from rastercov.errors import ConfigError
 from rastercov.observer import open_observer
-from rastercov.placement._arrays import FloatArray
 from rastercov.placement.explain.candidate_visibility import CandidateBounds
 from rastercov.placement.matrix_shards import (
     SCENE,
@@ -29,6 +28,7 @@ from rastercov.placement.matrix_shards import (
     write_shard,
 )
 from rastercov.placement.shards import contents, read_header, read_poses, shards_of
+from rastercov.pose import Poses, renumbered
 from rastercov.task import Task
 
 OPEN = 2
@@ -39,7 +39,7 @@ class _Open(NamedTuple):
     """Matrix that this process makes shards of."""
 
     header: dict[str, Any]
-    poses: FloatArray
+    poses: Poses
     observer: Any
     cells: Cells | None
     task: Task
@@ -76,7 +76,9 @@ def make(
 
 
 def _batches(opened: _Open, chosen: Any, bounds: CandidateBounds | None = None) -> Iterator[Batch]:
-    return batches_of(opened.observer, opened.poses[chosen], opened.task, opened.cells, bounds)
+    return batches_of(
+        opened.observer, renumbered(opened.poses[chosen]), opened.task, opened.cells, bounds
+    )
 
 
 def _modified(folder: Path) -> int:
