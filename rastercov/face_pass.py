@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rastercov._threads import share_poses
 from rastercov.mesh import Mesh
-from rastercov.near_plane import near_limit
+from rastercov.near_plane import near_limits
 from rastercov.observation import Observation
 from rastercov.pose import Poses
 from rastercov.raster.contract import FaceCounts
@@ -124,11 +124,7 @@ class FacePass:
 
     def _near(self, poses: Poses) -> NDArray[np.float64]:
         """Near limit of each pose."""
-        near = np.empty(len(poses))
-        for index, rows in poses.by_camera():
-            matrices = poses.world_from_camera[rows]
-            near[rows] = near_limit(self.cameras[index], self.mesh.opaque.bounds, matrices)
-        return near
+        return near_limits(self.cameras, self.mesh.opaque.bounds, poses)
 
 
 def _by_camera(worker: Worker, camera: NDArray[np.int32]) -> Callable[[slice], None]:

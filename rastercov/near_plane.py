@@ -64,6 +64,14 @@ def limits_of_poses(
     return near, can_cull, clipped
 
 
+def near_limits(cameras: Sequence[Camera], bounds: FloatArray, poses: Poses) -> FloatArray:
+    """`near_limit` of poses that may have different cameras."""
+    near = np.empty(len(poses))
+    for index, rows in poses.by_camera():
+        near[rows] = near_limit(cameras[index], bounds, poses.world_from_camera[rows])
+    return near
+
+
 def picture_limits(
     mesh: Mesh, camera: Camera, poses: FloatArray
 ) -> tuple[FloatArray, NDArray[np.bool_]]:

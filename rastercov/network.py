@@ -6,7 +6,6 @@ not covered when its coverage is 0 in every camera.
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -92,10 +91,13 @@ class Network:
         self.largest_image = 0.0
         self.clipped_poses: list[int] = []
 
-    def add(self, coverage: "Coverage | JudgedPoses") -> None:
-        """Take in the next poses; ConfigError when they are of another mesh or task."""
+    def add(self, coverage: "Coverage | JudgedPoses", camera: int | None = None) -> None:
+        """Take in the next poses; ConfigError when they are of another mesh or task.
+
+        With `camera`, an index, only those of one camera, of poses that were judged apart.
+        """
         if isinstance(coverage, JudgedPoses):
-            self._take(coverage.pose_ids, coverage.clipped, coverage.parts)
+            self._take_judged(coverage, camera)
             return
         check_kind("coverage", coverage, Coverage, "what evaluate gives", ConfigError)
         if coverage.task != self.task or coverage.mesh.n_faces != self.mesh.n_faces:
@@ -103,7 +105,7 @@ class Network:
         if len(coverage.pose_ids):
             part = _Part(self.mesh, len(coverage.pose_ids))
             part.add_coverage(coverage)
-            self._take(coverage.pose_ids, coverage.clipped, [part])
+            self._take(coverage.pose_ids, coverage.clipped, part)
 
     def add_poses(
         self, observer: Observer, poses: ArrayLike | Poses, *, skip_bad_poses: bool = False
@@ -133,7 +135,13 @@ class Network:
             self.add(batch)
 
     def judge(
-        self, observer: Observer, poses: Poses, *, pairs: str = "none", keep: Collection[int] = ()
+        self,
+        observer: Observer,
+        poses: Poses,
+        *,
+        pairs: str = "none",
+        keep: Collection[int] = (),
+        apart: bool = False,
     ) -> "Iterator[JudgedPoses]":
         """Measure poses, a few at a time, for `add`; at least one batch, maybe empty.
 
@@ -147,6 +155,8 @@ class Network:
             Pairs of pose and face whose figures are kept as rows; see `rastercov.pairs`.
         keep : collection of int
             Ids of poses whose coverage is kept.
+        apart : bool
+            Keep the sums of each camera apart, so that networks may add those of one camera.
 
         Raises
         ------
@@ -164,7 +174,7 @@ class Network:
         n_faces = self.mesh.n_faces
         buffer = PairBuffer(pairs, min(len(poses), batch_size(n_faces)), n_faces)
         return (
-            self._judged(judge, batch, seen, buffer, keep)
+            self._judged(judge, batch, seen, buffer, keep, apart)
             for batch, seen in measurements(observer, poses)
         )
 
@@ -175,42 +185,65 @@ class Network:
         seen: Measured,
         buffer: PairBuffer,
         keep: Collection[int],
+        apart: bool,
     ) -> "JudgedPoses":
         """Judge the poses of a measurement."""
         sink = buffer.sink(poses.ids)
         kept = {pose: np.empty(self.mesh.n_faces) for pose in poses.ids.tolist() if pose in keep}
-        parts: list[_Part] = []
+        parts: list[tuple[int, _Part]] = []
 
         def worker(scope: Scope) -> Worker:
-            parts.append(_Part(self.mesh, len(poses)))
-            return partial(parts[-1].add_poses, scope, judge.limits, sink, kept)
+            own: dict[int, _Part] = {}
+
+            def work(rows: slice, index: int) -> None:
+                camera = index if apart else -1
+                if camera not in own:
+                    own[camera] = _Part(self.mesh, len(poses))
+                    parts.append((camera, own[camera]))
+                own[camera].add_poses(scope, judge.limits, sink, kept, rows, index)
+
+            return work
 
         if len(poses):
             judge.share(seen, poses, worker)
-        return JudgedPoses(poses.ids, seen.clipped, buffer.rows(), kept, seen, parts)
+        return JudgedPoses(poses, seen.clipped, buffer.rows(), kept, seen, parts)
 
-    def _take(self, pose_ids: IntArray, clipped: BoolArray, parts: "list[_Part]") -> None:
-        """Add the sums of the parts of a batch of poses."""
+    def _take_judged(self, batch: "JudgedPoses", camera: int | None) -> None:
+        """Add the sums of a batch, or those of one of its cameras."""
+        parts = [part for index, part in batch.parts if camera in (None, index)]
         if not parts:
             return
-        first, *others = parts
-        for other in others:
-            first.merge(other)
+        whole, *others = parts
+        if others:
+            whole = _Part(self.mesh, len(batch.poses))
+            for part in parts:
+                whole.merge(part)
+        own = slice(None) if camera is None else batch.poses.camera == camera
+        self._take(batch.pose_ids, batch.clipped, whole, own)
+
+    def _take(
+        self,
+        pose_ids: IntArray,
+        clipped: BoolArray,
+        first: "_Part",
+        own: slice | BoolArray = slice(None),
+    ) -> None:
+        """Add the sums of a batch of poses; `own` are those that count."""
         sums = first.sums
         self.views += sums.views
         better = sums.best > self.best
         self.best[better] = sums.best[better]
         self.best_pose[better] = pose_ids[sums.best_row[better]]
         self.reason = np.maximum(self.reason, sums.reason)
-        self.pose_ids += pose_ids.tolist()
-        self.covered_faces += first.covered_faces.tolist()
+        self.pose_ids += pose_ids[own].tolist()
+        self.covered_faces += first.covered_faces[own].tolist()
         n_scored = max(1, int(self.mesh.task_mask.sum()))
-        self.mean_coverage += (first.totals / n_scored).tolist()
+        self.mean_coverage += (first.totals[own] / n_scored).tolist()
         self.largest_image = max(self.largest_image, float(first.images.max()))
         self.kinds += sums.kinds
         self.largest_bound = max(self.largest_bound, float(sums.bounds[0]))
         self.largest_covered_bound = max(self.largest_covered_bound, float(sums.bounds[1]))
-        self.clipped_poses += pose_ids[clipped].tolist()
+        self.clipped_poses += pose_ids[own][clipped[own]].tolist()
 
     @property
     def covered(self) -> BoolArray:
@@ -278,8 +311,8 @@ class JudgedPoses:
 
     Attributes
     ----------
-    pose_ids : (P,) int64
-        Row of each pose in the input.
+    poses : Poses
+        The poses.
     clipped : (P,) bool
         Whether the near plane cut away a surface in view.
     rows : PairRows
@@ -290,12 +323,17 @@ class JudgedPoses:
         Measurement of the poses.
     """
 
-    pose_ids: IntArray
+    poses: Poses
     clipped: BoolArray
     rows: "PairRows"
     kept: dict[int, FloatArray]
     measured: Measured
-    parts: "list[_Part]"
+    parts: "list[tuple[int, _Part]]"
+
+    @property
+    def pose_ids(self) -> IntArray:
+        """(P,) row of each pose in the input."""
+        return self.poses.ids
 
 
 class _Part:

@@ -77,6 +77,13 @@ def valid_poses(poses: "ArrayLike | Poses") -> FloatArray:
     return Poses.of(poses).world_from_camera
 
 
+def renumbered(poses: "ArrayLike | Poses") -> "Poses":
+    """Valid poses that are numbered from 0, each with its camera; faults as for `valid_poses`."""
+    placed = Poses.of(poses)
+    n, matrices = len(placed), placed.world_from_camera
+    return Poses(matrices, np.arange(n), matrices, {}, placed.camera)
+
+
 @dataclass(frozen=True, eq=False)
 class Poses:
     """Camera poses that were checked, once: every function that takes poses takes them as they are.

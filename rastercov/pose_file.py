@@ -1,11 +1,17 @@
-"""Pose files: `.npy` of (P, 4, 4), or JSON `{"world_from_camera": [...]}`."""
+"""Pose files: `.npy` of (P, 4, 4), or JSON `{"world_from_camera": [...], "camera": [...]}`.
+
+`camera`, the name of the camera of each pose, may be left out.
+"""
 
 import json
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov._arguments import members
+from rastercov._checks import shown
 from rastercov._files import (
     LARGEST_ARRAY,
     StrPath,
@@ -75,24 +81,42 @@ def _read_json(path: StrPath) -> NDArray[Any]:
         raise PoseError(f"not a pose file ({error})") from None
 
 
-def write_poses(path: StrPath, poses: ArrayLike) -> None:
+def write_poses(path: StrPath, poses: ArrayLike, camera: Sequence[str] | None = None) -> None:
     """Write poses as `.npy` or `.json`; `read_poses` gives them back bit for bit.
+
+    Parameters
+    ----------
+    path : str or Path
+        File to write.
+    poses : (P, 4, 4) array_like
+        world_from_camera.
+    camera : sequence of str, optional
+        Name of the camera of each pose, for JSON; `read_views` reads it.
 
     Raises
     ------
     PoseError
-        For poses at fault, and for a file that cannot be written.
+        For poses at fault, names of another number or for `.npy`, and for a file that cannot be
+        written.
     """
     array = valid_poses(poses)
+    content: dict[str, Any] = {"world_from_camera": array.tolist()}
+    if camera is not None:
+        content["camera"] = members("camera", camera, str, "the name of each camera", PoseError)
+        if len(content["camera"]) != len(array) or not all(content["camera"]):
+            raise PoseError(
+                f"camera must have a name for each of {len(array)} poses, got {shown(camera)}"
+            )
     try:
         suffix = suffix_of(path)
         if suffix not in (".npy", ".json"):
             raise PoseError("a pose file ends in .npy or .json")
+        if camera is not None and suffix == ".npy":
+            raise PoseError("names of cameras need a .json file; .npy holds matrices alone")
         with written_file(path) as file:
             if suffix == ".npy":
                 np.save(file, array)
             else:
-                text = json.dumps({"world_from_camera": array.tolist()})
-                file.write((text + "\n").encode())
+                file.write((json.dumps(content) + "\n").encode())
     except ValueError as error:
         raise PoseError(f"{printable(str(path))}: {error}") from None

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.raster.contract import RasterizerInfo
+from rastercov.rig import Cameras, cameras_of, names_of
 from rastercov.task import Task
 
 
@@ -22,7 +22,9 @@ class Provenance:
 
     Attributes
     ----------
-    mesh, camera : Mesh, Camera
+    mesh : Mesh
+    camera : Camera, Rig or sequence of Camera
+        Entry "camera" of the one camera, or "cameras" of all, with their names where they have any.
     poses : (P, 4, 4) float64
         world_from_camera, those that were rejected included.
     task : Task or None
@@ -35,7 +37,7 @@ class Provenance:
     """
 
     mesh: Mesh
-    camera: Camera
+    camera: Cameras
     poses: NDArray[np.float64]
     task: Task | None = None
     options: Mapping[str, Any] | None = None
@@ -58,13 +60,26 @@ class Provenance:
                 "groups": [group.plain() for group in mesh.groups],
             },
             "poses": {"sha256": sha256(self.poses), "n_poses": len(self.poses)},
-            "camera": self.camera.plain(),
+            **plain_cameras(self.camera),
             **{name: entry for name, entry in optional.items() if entry is not None},
             "versions": {
                 "python": platform.python_version(),
                 **{name: _version(name) for name in self.packages},
             },
         }
+
+
+def plain_cameras(camera: Cameras) -> dict[str, Any]:
+    """Entry "camera" of one camera, or "cameras" with the names of all, ready for JSON."""
+    cameras = cameras_of(camera)
+    if len(cameras) == 1:
+        return {"camera": cameras[0].plain()}
+    return {
+        "cameras": [
+            {"name": name} | each.plain()
+            for name, each in zip(names_of(camera), cameras, strict=True)
+        ]
+    }
 
 
 def sha256(*parts: NDArray[Any] | str) -> str:

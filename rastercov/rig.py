@@ -56,7 +56,7 @@ class Rig:
         found = _checked(cameras)
         n = len(found)
         if names is None:
-            names = [f"camera {row}" for row in range(n)]
+            names = names_of(found)
         words = members("names", names, str, f"{n} texts", CameraError)
         if len(words) != n or len(set(words)) != n or not all(words):
             raise CameraError(
@@ -98,6 +98,13 @@ def cameras_of(cameras: Any) -> tuple[Camera, ...]:
     if isinstance(cameras, Camera):
         return (cameras,)
     return cameras.cameras if isinstance(cameras, Rig) else _checked(cameras)
+
+
+def names_of(cameras: Cameras) -> tuple[str, ...]:
+    """Names of the cameras; "camera 0", ... where they have none of their own."""
+    if isinstance(cameras, Rig):
+        return cameras.names
+    return tuple(f"camera {row}" for row in range(len(cameras_of(cameras))))
 
 
 def only_camera(cameras: Cameras) -> Camera:

@@ -5,6 +5,7 @@ poses. Everything is in the conventions of this package: axes x right, y down, z
 world_from_camera, centre of the top-left pixel at (0.5, 0.5).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,6 +37,9 @@ class Views:
         What was converted, and what could not be kept.
     has_unit : bool
         True where lengths are metres; False where the file does not state its unit.
+    camera_names : tuple of str
+        Names of the cameras that `Poses.camera` counts, where the file names them and has none of
+        them; with a rig they are those of the rig.
 
     Raises
     ------
@@ -50,13 +54,17 @@ class Views:
     images: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     has_unit: bool = True
+    camera_names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         check_kind("poses", self.poses, Poses, "Poses (Poses.of makes them)", PoseError)
         if self.rig is not None:
             check_kind("rig", self.rig, Rig, "a Rig, or None", CameraError)
             self.poses.check_cameras(len(self.rig))
-        for name in ("images", "notes"):
+            object.__setattr__(self, "camera_names", self.rig.names)
+        elif self.camera_names:
+            self.poses.check_cameras(len(self.camera_names))
+        for name in ("images", "notes", "camera_names"):
             words = members(name, getattr(self, name), str, "texts", CameraError)
             object.__setattr__(self, name, words)
         if len(self.images) != len(self.poses):
@@ -98,15 +106,47 @@ class Views:
         )
         return replace(self, rig=rig, poses=poses, images=tuple(self.images[row] for row in rows))
 
+    def with_cameras(self, rig: Rig) -> "Views":
+        """The same poses, each with the camera of its name in a rig.
+
+        Raises
+        ------
+        PoseError
+            Where the poses name no cameras, or one that the rig does not have.
+        """
+        known = _listed(rig.names)
+        if not self.camera_names:
+            raise PoseError(
+                f"the poses do not say which camera each is of, and there are {len(rig)}, {known}; "
+                "name them under camera in the pose file, or choose one by --camera-name"
+            )
+        used = np.unique(self.poses.camera).tolist()
+        if unknown := [
+            name for name in map(self.camera_names.__getitem__, used) if name not in rig.names
+        ]:
+            raise PoseError(
+                f"the poses are of a camera {shown(unknown[0])}, and cameras are {known}; give it, "
+                "or correct the name"
+            )
+        index = np.zeros(len(self.camera_names), np.int32)
+        for row in used:
+            index[row] = rig.names.index(self.camera_names[row])
+        poses = replace(self.poses, camera=index[self.poses.camera])
+        return replace(self, rig=rig, poses=poses)
+
     def _index(self, name: str | None) -> int:
         n = len(self.cameras())
         assert self.rig is not None
         if name is None and n == 1:
             return 0
-        known = ", ".join(map(shown, self.rig.names[:MOST_NAMES]))
-        known += ", ..." if n > MOST_NAMES else ""
+        known = _listed(self.rig.names)
         if name is None:
             raise CameraError(f"there are {n} cameras, {known}; choose one by --camera-name")
         if name not in self.rig.names:
             raise CameraError(f"there is no camera {shown(name)}; cameras are {known}")
         return self.rig.names.index(name)
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Names for a message, at most `MOST_NAMES`."""
+    return ", ".join(map(shown, names[:MOST_NAMES])) + (", ..." if len(names) > MOST_NAMES else "")

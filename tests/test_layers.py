@@ -12,7 +12,7 @@ LAYERS = (
     "_moved errors _files _format _jit _once _interrupts _closing _memory _checks _output _threads",
     "_double_double _arguments _limits _typed",
     "camera camera_file camera_models densities pose pose_file rig views mesh",
-    "lenses vertex_columns",
+    "lenses vertex_columns cluster",
     "camera_formats image_boxes viewpoints projection shapes",
     "near_plane criteria criteria_kernels",
     "raster",

@@ -5,9 +5,10 @@ best of them exactly.
 """
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
 from rastercov._lists import Lists
 from rastercov._threads import share_poses, thread_count
@@ -16,10 +17,10 @@ from rastercov.area.failures import MARGIN_REL, Sight
 from rastercov.area.frames import frames_of
 from rastercov.area.regions import check_pointwise
 from rastercov.camera import Camera
-from rastercov.near_plane import near_limit
+from rastercov.near_plane import near_limits
+from rastercov.pose import Poses
+from rastercov.rig import Cameras, cameras_of
 from rastercov.task import Task
-
-FloatArray = NDArray[np.float64]
 
 
 class CentrePass:
@@ -32,13 +33,13 @@ class CentrePass:
     cells : Cells
         Cells of the scene.
     camera, task
-        Camera, and thresholds of `rastercov.regions`.
+        Camera or cameras, and thresholds of `rastercov.regions`.
     threads : int, optional
         Poses judged in parallel; by default one per core.
     """
 
     def __init__(
-        self, cells: Cells, camera: Camera, task: Task, threads: int | None = None
+        self, cells: Cells, camera: Cameras, task: Task, threads: int | None = None
     ) -> None:
         from rastercov._jit import announce_compilation
         from rastercov.area import centre_kernels as kernels
@@ -48,9 +49,8 @@ class CentrePass:
         announce_compilation(kernels.list_covered)
         mesh = cells.mesh
         self._kernels, self._n_cells = kernels, len(cells)
-        self._camera, self._mesh = camera, mesh
+        self._cameras, self._mesh = cameras_of(camera), mesh
         self._sight = sight = Sight(mesh)
-        scale = sight.diagonal
         centres = cells.vertices.reshape(-1, 3, 3).mean(axis=1)
         face = cells.source_face
         first = sight.corners[:, 0]
@@ -62,12 +62,18 @@ class CentrePass:
             two_sided=read_only(mesh.two_sided_mask[face], np.bool_),
             own=read_only(sight.row[face], np.int64),
         )
+        self._rules = [self._rules_of(each, task) for each in self._cameras]
+        self._threads = thread_count(threads)
+
+    def _rules_of(self, camera: Camera, task: Task) -> Any:
+        """Criteria of a camera, in the scene of diagonal 1."""
+        scale = self._sight.diagonal
         z_n, z_f = camera.depth_of_field(task.max_blur)
         facing = task.min_facing_density
         if facing > 0:
             z_f = min(z_f, min(camera.fx, camera.fy) / facing)
         is_limited = task.max_incidence_deg < 90
-        self._rules = kernels.PointRules(
+        return self._kernels.PointRules(
             fx=float(camera.fx), fy=float(camera.fy), cx=float(camera.cx), cy=float(camera.cy),
             width=float(camera.width), height=float(camera.height),
             z_n=float(z_n) / scale, z_f=float(z_f) / scale,
@@ -76,26 +82,31 @@ class CentrePass:
             cos_incidence=float(task.limits(camera).least_cosine) if is_limited else 0.0,
             margin=MARGIN_REL,
         )  # fmt: skip
-        self._threads = thread_count(threads)
 
-    def find(self, poses: FloatArray) -> Lists:
+    def find(self, poses: ArrayLike | Poses) -> Lists:
         """Cells whose centre each of (P, 4, 4) poses covers."""
-        sight, found = self._sight, [np.empty(0, np.int32)] * len(poses)
-        near = near_limit(self._camera, self._mesh.opaque.bounds, poses) / sight.diagonal
-        eyes = sight.placed(poses[:, :3, 3])
+        placed = Poses.of(poses)
+        placed.check_cameras(len(self._cameras))
+        matrices = placed.world_from_camera
+        sight, found = self._sight, [np.empty(0, np.int32)] * len(placed)
+        near = near_limits(self._cameras, self._mesh.opaque.bounds, placed) / sight.diagonal
+        eyes = sight.placed(matrices[:, :3, 3])
 
         def worker() -> Callable[[slice], None]:
             out = np.empty(self._n_cells, np.int32)
 
             def work(turn: slice) -> None:
-                for row in range(len(poses))[turn]:
+                for row in range(len(placed))[turn]:
+                    rules = self._rules[placed.camera[row]]
                     count = self._kernels.list_covered(
-                        self._centres, self._rules, self._triangles, sight.nodes,
-                        np.ascontiguousarray(poses[row, :3, :3]), eyes[row], float(near[row]), out,
+                        self._centres, rules, self._triangles, sight.nodes,
+                        np.ascontiguousarray(matrices[row, :3, :3]), eyes[row], float(near[row]),
+                        out,
                     )  # fmt: skip
                     found[row] = out[:count].copy()
 
             return work
 
-        share_poses(len(poses), [worker() for _ in range(max(1, min(self._threads, len(poses))))])
+        n_workers = max(1, min(self._threads, len(placed)))
+        share_poses(len(placed), [worker() for _ in range(n_workers)])
         return Lists.of(found)

@@ -9,13 +9,15 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rastercov.area.frames import frames_of
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.mesh.triangle_tree import TriangleTree
-from rastercov.near_plane import near_limit
+from rastercov.near_plane import near_limits
+from rastercov.pose import Poses
+from rastercov.rig import Cameras, cameras_of
 from rastercov.task import Reason, Task
 
 FloatArray = NDArray[np.float64]
@@ -27,24 +29,32 @@ mesh: coincident surfaces are not found."""
 
 
 def first_failures(
-    mesh: Mesh, camera: Camera, task: Task, poses: FloatArray, points: FloatArray, face: IntArray
+    mesh: Mesh,
+    camera: Cameras,
+    task: Task,
+    poses: ArrayLike | Poses,
+    points: FloatArray,
+    face: IntArray,
 ) -> Iterator[tuple[NDArray[np.uint8], IntArray]]:
     """`Reason` of each point in each pose, (N,), and the face that hides it, or -1, (N,).
 
     Parameters
     ----------
     mesh, camera, task
-        Scene, camera, thresholds of `rastercov.regions`.
-    poses : (P, 4, 4) float64
+        Scene, camera or cameras, thresholds of `rastercov.regions`.
+    poses : (P, 4, 4) array_like, or Poses
         world_from_camera.
     points, face : (N, 3) float64, (N,) int
         Points of faces with an area, metres.
     """
     frames, sight = frames_of(mesh), Sight(mesh)
     axes = [each[face] for each in (frames.normal, frames.x_axis, frames.y_axis)]
-    for pose, near in zip(poses, near_limit(camera, mesh.bounds, poses), strict=True):
+    cameras, placed = cameras_of(camera), Poses.of(poses)
+    near_of = near_limits(cameras, mesh.bounds, placed)
+    for pose, index, near in zip(placed.world_from_camera, placed.camera, near_of, strict=True):
         local = (points - pose[:3, 3]) @ pose[:3, :3]
-        reason = _failures(mesh, camera, task, near, local, face, [a @ pose[:3, :3] for a in axes])
+        turned = [each @ pose[:3, :3] for each in axes]
+        reason = _failures(mesh, cameras[index], task, near, local, face, turned)
         hidden_by = np.full(len(points), -1)
         rows = np.flatnonzero(reason >= Reason.OCCLUDED)
         hidden_by[rows] = sight.in_front(points[rows], face[rows], pose, float(near))

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rastercov._checks import shown
 from rastercov.area.frames import frames_of
@@ -13,10 +13,10 @@ from rastercov.area.regions import Regions, check_pointwise
 from rastercov.area.union import Covered, RegionUnion
 from rastercov.area.zone_report import summary_of
 from rastercov.area.zones import DeadZones, dead_zones
-from rastercov.camera import Camera
 from rastercov.engine import Engine
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
+from rastercov.pose import Poses
 from rastercov.rig import Cameras, cameras_of
 from rastercov.task import Task
 
@@ -125,12 +125,15 @@ class AreaNetwork:
                 group["covered_area"] = self.of_faces(members, wanted)
 
     def dead_zones(
-        self, camera: Camera, poses: FloatArray, views: Mapping[str, int] | None = None
+        self,
+        camera: Cameras,
+        poses: ArrayLike | Poses,
+        views: Mapping[str, int] | None = None,
     ) -> dict[str, Any]:
         """Dead zones with their reasons, ready for JSON; see `rastercov.area.zone_report`.
 
-        `camera` and `poses`, (P, 4, 4), are those of the regions; `views` as for `summary`. The
-        result is kept until regions are added.
+        `camera`, one or several, and `poses`, (P, 4, 4) or `Poses`, are those of the regions;
+        `views` as for `summary`. The result is kept until regions are added.
         """
         if (key := self._wanted(views)) not in self._said:
             self._said[key] = summary_of(self.zones(views), camera, self.task, poses)

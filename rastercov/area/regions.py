@@ -103,6 +103,23 @@ class Regions:
         counts = np.diff(self.starts)
         return to_world(self.mesh, np.repeat(self.face, counts), self.xy)
 
+    def of_poses(self, chosen: NDArray[np.bool_]) -> "Regions":
+        """Regions of some of the poses, (P,) bool."""
+        row = (np.cumsum(chosen) - 1).astype(np.int32)
+        pieces, pairs = chosen[self.pose], chosen[self.pair_pose]
+        counts = np.diff(self.starts)
+        return Regions(
+            self.mesh, self.camera, self.task, self.pose_ids[chosen],
+            xy=self.xy[np.repeat(pieces, counts)],
+            starts=np.concatenate([np.zeros(1, np.int64), np.cumsum(counts[pieces])]),
+            face=self.face[pieces],
+            pose=row[self.pose[pieces]],
+            pair_pose=row[self.pair_pose[pairs]],
+            pair_face=self.pair_face[pairs],
+            area=self.area[pairs],
+            bound=self.bound[pairs],
+        )  # fmt: skip
+
     def _dense(self, values: FloatArray) -> FloatArray:
         full = np.zeros((len(self.pose_ids), self.mesh.n_faces))
         full[self.pair_pose, self.pair_face] = values

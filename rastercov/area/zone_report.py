@@ -9,14 +9,15 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rastercov._format import area as in_square_metres
 from rastercov._format import signed
 from rastercov.area.failures import first_failures
 from rastercov.area.frames import to_world
 from rastercov.area.zones import DeadZones
-from rastercov.camera import Camera
+from rastercov.pose import Poses
+from rastercov.rig import Cameras
 from rastercov.task import Reason, Task
 
 FloatArray = NDArray[np.float64]
@@ -45,7 +46,9 @@ LEAST_PERCENT = 1e-3
 """Part of the task, in percent, from which a zone has one."""
 
 
-def summary_of(zones: DeadZones, camera: Camera, task: Task, poses: FloatArray) -> dict[str, Any]:
+def summary_of(
+    zones: DeadZones, camera: Cameras, task: Task, poses: ArrayLike | Poses
+) -> dict[str, Any]:
     """`dead_zones`, the largest first, and the sum of all that are not listed.
 
     A zone has its area, centroid (which may lie off a bent surface), extent, groups by falling
@@ -56,12 +59,12 @@ def summary_of(zones: DeadZones, camera: Camera, task: Task, poses: FloatArray) 
     zones : DeadZones
         What the cameras leave.
     camera, task
-        Camera, and thresholds of its regions.
-    poses : (P, 4, 4) float64
+        Camera or cameras, and thresholds of their regions.
+    poses : (P, 4, 4) array_like, or Poses
         world_from_camera of all cameras.
     """
     n = zones.listed()
-    why = _reasons(zones, camera, task, poses, n)
+    why = _reasons(zones, camera, task, Poses.of(poses), n)
     return {
         "dead_zones": [place | said for place, said in zip(zones.places(n), why, strict=True)],
         "other_dead_zones": zones.others(),
@@ -88,7 +91,7 @@ def _line(zone: Mapping[str, Any]) -> str:
 
 
 def _reasons(
-    zones: DeadZones, camera: Camera, task: Task, poses: FloatArray, n: int
+    zones: DeadZones, camera: Cameras, task: Task, poses: Poses, n: int
 ) -> list[dict[str, Any]]:
     """Reason and hiding group of the first n zones."""
     if not len(poses):

@@ -27,7 +27,7 @@ from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.network import Network
 from rastercov.observer import open_observer
-from rastercov.placement.matrix import shortened
+from rastercov.placement.matrix_shards import shortened
 from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.problem import FewestCameras, Problem, views_of, weights_of
 from rastercov.placement.select.selection import Selection

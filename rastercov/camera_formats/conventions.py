@@ -178,6 +178,7 @@ class Border:
         *,
         world_from_camera: ArrayLike = (),
         camera: ArrayLike | None = None,
+        camera_names: Sequence[str] = (),
         images: Sequence[str] | None = None,
         rig_from_camera: ArrayLike | None = None,
         metres: float | None = None,
@@ -196,6 +197,8 @@ class Border:
             In our axes, and in the file's unit.
         camera : (P,) int, optional
             Index of the camera of each pose.
+        camera_names : sequence of str
+            Names of the cameras of these indices, where the file has no cameras.
         images : sequence of str, optional
             Names of the images; "pose 0", ... unless given.
         rig_from_camera : (N, 4, 4), optional
@@ -234,6 +237,7 @@ class Border:
             images=tuple(printable(images[row]) for row in poses.ids),
             notes=tuple(self.notes),
             has_unit=metres is not None or not has_lengths,
+            camera_names=tuple(camera_names),
         )
 
     def _rigid(self, matrices: FloatArray, factor: float, most: float) -> FloatArray:

@@ -3,7 +3,9 @@
     {"cameras": [{"name": "left", "width": 1280, ...}], "rig_from_camera": [...],
      "world_from_camera": [...], "camera": [0, 1, ...], "images": ["left/0.png", ...]}
 
-`read_poses` reads the poses of such a file, too. Lengths are metres.
+`camera` has the index or the name of the camera of each pose; a file of poses alone may have names
+of cameras that another file holds. `read_poses` reads the poses of such files, too. Lengths are
+metres.
 """
 
 from collections.abc import Mapping
@@ -28,12 +30,19 @@ def is_mine(content: Any) -> bool:
     )
 
 
-def of_matrices(matrices: NDArray[Any], border: Border) -> Views:
-    """Views of bare poses."""
+def of_matrices(matrices: NDArray[Any], border: Border, names: Any = None) -> Views:
+    """Views of bare poses, maybe with the name of the camera of each."""
     found = as_matrices(matrices[None] if matrices.shape == (4, 4) else matrices)
+    known: list[str] = []
+    if names is not None:
+        if not isinstance(names, list) or len(names) != len(found) or not _are_names(names):
+            raise PoseError(f"camera must be {len(found)} names of cameras, got {shown(names)}")
+        known = list(dict.fromkeys(names))
     return border.views(
         None,
         world_from_camera=border.of_convention(found),
+        camera=None if names is None else [known.index(name) for name in names],
+        camera_names=known,
         metres=border.metres(1.0),
         drift=DRIFT_TOLERANCE,
     )
@@ -45,7 +54,7 @@ def read(content: Any, border: Border) -> Views:
     if "cameras" not in entries:
         if "world_from_camera" not in entries:
             return border.views([Camera.from_dict(content)], metres=1.0)
-        return of_matrices(_matrices(entries), border)
+        return of_matrices(_matrices(entries), border, entries.get("camera"))
     cameras: list[Camera] = []
     names: list[str] = []
     for number, each in entries.tables("cameras"):
@@ -62,8 +71,10 @@ def read(content: Any, border: Border) -> Views:
         poses = border.of_convention(as_matrices(_matrices(entries)))
     index = entries.get("camera")
     if index is not None:
-        wanted = f"{len(poses)} indices of {len(cameras)} cameras"
+        wanted = f"{len(poses)} indices or names of {len(cameras)} cameras"
         is_list = isinstance(index, list) and len(index) == len(poses)
+        if is_list and index and _are_names(index) and set(index) <= set(names):
+            index = [names.index(name) for name in index]
         if not is_list or not all(type(i) is int and 0 <= i < len(cameras) for i in index):
             raise PoseError(f"camera must be {wanted}, got {shown(index)}")
     images = entries.get("images")
@@ -88,6 +99,10 @@ def read(content: Any, border: Border) -> Views:
     )
 
 
+def _are_names(values: list[Any]) -> bool:
+    return all(isinstance(value, str) and value for value in values)
+
+
 def _matrices(entries: Entries) -> NDArray[Any]:
     return real_numbers("poses", entries.need("world_from_camera"), "(P, 4, 4)")
 
@@ -108,5 +123,7 @@ def content_of(views: Views) -> dict[str, Any]:
         content["world_from_camera"] = views.poses.world_from_camera.tolist()
         if views.rig is not None:
             content["camera"] = views.poses.camera.tolist()
+        elif views.camera_names:
+            content["camera"] = [views.camera_names[index] for index in views.poses.camera]
         content["images"] = list(views.images)
     return content

@@ -4,14 +4,17 @@ A pose file of bare matrices does not state its convention. Where few cameras ha
 the mesh in their images, and nearly all would in another convention, a line names that one.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rastercov.camera import Camera
 from rastercov.camera_formats.conventions import OPENGL_AXES, POSE_CONVENTIONS
 from rastercov.camera_models import MODELS
 from rastercov.mesh import Mesh
-from rastercov.pose import inverse
+from rastercov.pose import Poses, inverse
+from rastercov.rig import Cameras, cameras_of
 
 FloatArray = NDArray[np.float64]
 
@@ -23,30 +26,33 @@ MOST_POSES, MOST_POINTS = 100, 500
 """Poses and vertices that are looked at, spread evenly: about 5 ms."""
 
 
-def convention_doubts(mesh: Mesh, camera: Camera, poses: FloatArray) -> list[str]:
+def convention_doubts(mesh: Mesh, camera: Cameras, poses: ArrayLike | Poses) -> list[str]:
     """A line where the poses look away from the mesh and would not in another convention.
 
     Parameters
     ----------
     mesh : Mesh
         The scene.
-    camera : Camera
+    camera : Camera, or several
         Its image is what a part of the mesh must be in.
-    poses : (P, 4, 4) float64
+    poses : (P, 4, 4) array_like, or Poses
         world_from_camera as it was taken.
     """
-    if not len(poses):
+    placed, cameras = Poses.of(poses), cameras_of(camera)
+    if not len(placed):
         return []
-    rows = np.linspace(0, len(poses) - 1, min(len(poses), MOST_POSES)).astype(np.int64)
+    rows = np.linspace(0, len(placed) - 1, min(len(placed), MOST_POSES)).astype(np.int64)
+    own = [cameras[index] for index in placed.camera[rows]]
+    matrices = placed.world_from_camera[rows]
     used = np.unique(mesh.faces)
     points = mesh.vertices[used[:: max(1, len(used) // MOST_POINTS)]]
-    seen = _looking(points, camera, poses[rows])
+    seen = _looking(points, own, matrices)
     if seen > MOST_SHARE_GIVEN * len(rows):
         return []
     found = {}
     for name, (has_opengl_axes, is_inverse) in POSE_CONVENTIONS.items():
-        taken = inverse(poses[rows]) if is_inverse else poses[rows]
-        found[name] = _looking(points, camera, taken @ OPENGL_AXES if has_opengl_axes else taken)
+        taken = inverse(matrices) if is_inverse else matrices
+        found[name] = _looking(points, own, taken @ OPENGL_AXES if has_opengl_axes else taken)
     name = max(found, key=found.__getitem__)
     if found[name] < LEAST_SHARE_OTHERWISE * len(rows):
         return []
@@ -56,10 +62,10 @@ def convention_doubts(mesh: Mesh, camera: Camera, poses: FloatArray) -> list[str
     ]
 
 
-def _looking(points: FloatArray, camera: Camera, poses: FloatArray) -> int:
+def _looking(points: FloatArray, cameras: Sequence[Camera], poses: FloatArray) -> int:
     """Number of poses with a point in the image; in front, for a lens that is no plane."""
     count = 0
-    for pose in poses:  # 100 at most
+    for pose, camera in zip(poses, cameras, strict=True):  # 100 at most
         inside = (points - pose[:3, 3]) @ pose[:3, :3]
         ahead = inside[inside[:, 2] > 0]
         if MODELS[camera.model].is_planar:

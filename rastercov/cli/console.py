@@ -3,9 +3,12 @@
 Results go to standard output; warnings, errors and progress to standard error.
 """
 
+import json
 import logging
+import math
 import os
 import sys
+import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -127,11 +130,30 @@ def _folder(text: str | Path) -> Path:
     return Path(text)
 
 
+_as_json = False
+"""Progress is for machines; the process of a command sets it once."""
+SECONDS_A_LINE = 1.0
+"""Time between two lines of progress for machines."""
+
+
+def progress_as_json(wanted: bool) -> bool:
+    """Make `progress_bar` print JSON; the callback of an option."""
+    global _as_json
+    _as_json = wanted
+    return wanted
+
+
 @contextmanager
 def progress_bar(what: str = "poses") -> Iterator[Callable[[int, int], None]]:
-    """Progress bar on a terminal, nothing elsewhere, whatever FORCE_COLOR says."""
+    """Progress with rate and time left: a bar on a terminal, nothing elsewhere.
+
+    After `progress_as_json`, lines of JSON instead, a second apart, on standard error.
+    """
+    if _as_json:
+        yield _json_lines(what)
+        return
     console = Console(stderr=True)
-    if not (console.is_terminal and sys.stderr.isatty()):
+    if not (console.is_terminal and sys.stderr.isatty()):  # whatever FORCE_COLOR says
         yield lambda done, total: None
         return
     from rich.progress import (
@@ -142,7 +164,52 @@ def progress_bar(what: str = "poses") -> Iterator[Callable[[int, int], None]]:
         TimeRemainingColumn,
     )
 
-    columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    rate = TextColumn("{task.fields[rate]}")
+    columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), rate, TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task(what, total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
+        task = bar.add_task(what, total=None, rate="")
+        speed = _Speed()
+
+        def update(done: int, total: int) -> None:
+            rate = speed.of(done)
+            words = "" if rate is None else f"{rate:.3g}/s"
+            bar.update(task, completed=done, total=total, rate=words)
+
+        yield update
+
+
+class _Speed:
+    """Rate of a step since its first report: what an earlier run had done does not count."""
+
+    def __init__(self) -> None:
+        self.first: tuple[float, int] | None = None
+
+    def of(self, done: int) -> float | None:
+        """Units a second, None before the second report."""
+        now = time.monotonic()
+        if self.first is None:
+            self.first = now, done
+        started, before = self.first
+        return (done - before) / (now - started) if done > before and now > started else None
+
+
+def _json_lines(what: str) -> Callable[[int, int], None]:
+    speed, said = _Speed(), -math.inf
+
+    def update(done: int, total: int) -> None:
+        nonlocal said
+        rate, now = speed.of(done), time.monotonic()
+        if now - said < SECONDS_A_LINE and done < total:
+            return
+        said = now
+        left = None if rate is None else round((total - done) / rate, 1)
+        entries = {
+            "step": what,
+            "done": done,
+            "total": total,
+            "per_second": None if rate is None else round(rate, 3),
+            "seconds_left": left,
+        }
+        say(json.dumps(entries))
+
+    return update

@@ -10,7 +10,6 @@ import typer
 from numpy.typing import NDArray
 from rich.console import Console
 
-from rastercov.camera import Camera
 from rastercov.camera_formats.conventions import Conventions
 from rastercov.cli import options
 from rastercov.cli.console import progress_bar, warn
@@ -19,6 +18,7 @@ from rastercov.cli.views import read_eyes
 from rastercov.errors import PoseError
 from rastercov.mesh import Mesh
 from rastercov.pose import Poses
+from rastercov.rig import Cameras
 from rastercov.task import Task
 
 FloatArray = NDArray[np.float64]
@@ -53,7 +53,7 @@ Pictures = Annotated[int, typer.Option(min=0, help="Poses to draw, spread over t
 def evaluate(
     meshes: options.Meshes,
     poses: options.PosesOption,
-    camera: options.CameraOption = None,
+    camera: options.CamerasOption = [],  # noqa: B006 - typer copies it
     conventions: Conventions = Conventions(),  # noqa: B008 - becomes options
     camera_name: options.CameraName = None,
     out: options.Out = Path("report"),
@@ -77,13 +77,15 @@ def evaluate(
 
     [bold]Example[/]: rastercov evaluate part.stl --unit mm -c camera.toml -p poses.json -o report/
 
+    [bold]Two cameras[/]: rastercov evaluate part.stl -c left=l.yaml -c right=r.yaml -p poses.json
+
     [bold]Without files[/]: rastercov evaluate teapot -c khepra -p sphere:40 -o report/
     """
     from rastercov.report.coverage import Options  # loads pyarrow
 
     scene = read_scene(meshes, unit, transform, occluder, two_sided, drop_invalid, target)
     with _remedy():
-        eyes = read_eyes(scene, camera, poses, conventions, camera_name)
+        eyes = read_eyes(scene, camera, poses, conventions, camera_name, several=True)
     warn(eyes.notes)
     settings = Options(
         method=method,
@@ -94,7 +96,8 @@ def evaluate(
         pictures=pictures,
         skip_bad_poses=skip_bad_poses,
     )
-    run_and_print(scene, eyes.camera(), eyes.poses, task, out, settings, as_json)
+    assert eyes.rig is not None
+    run_and_print(scene, eyes.rig, eyes.poses, task, out, settings, as_json)
 
 
 @contextmanager
@@ -109,7 +112,7 @@ def _remedy() -> Iterator[None]:
 
 def run_and_print(
     mesh: Mesh,
-    camera: Camera,
+    camera: Cameras,
     poses: FloatArray | Poses,
     task: Task,
     out: Path,
@@ -119,6 +122,7 @@ def run_and_print(
     """Evaluate all poses, leave the report, and print a summary or the JSON."""
     from rastercov._output import json_text
     from rastercov.area.zone_report import zone_lines
+    from rastercov.report.by_camera import camera_table
     from rastercov.report.coverage import run
     from rastercov.report.tables import run_table, summary_table
 
@@ -141,6 +145,8 @@ def run_and_print(
     else:
         console = Console()
         console.print(summary_table(summary))
+        if (table := camera_table(summary)) is not None:
+            console.print(table)
         console.print(run_table(summary))
         for line in zone_lines(summary):
             print(line)

@@ -15,7 +15,7 @@ from rastercov import shapes
 from rastercov._limits import annotations_of, documented, reader_of
 from rastercov.camera_file import PRESETS
 from rastercov.camera_formats.conventions import POSE_CONVENTIONS, Conventions
-from rastercov.cli.console import out_option
+from rastercov.cli.console import out_option, progress_as_json
 from rastercov.errors import ConfigError
 from rastercov.task import THESIS, Task
 
@@ -35,6 +35,16 @@ CameraOption = Annotated[
         help="Camera file: ours (.toml, .json), or of COLMAP, nerfstudio, OpenCV, ROS, Kalibr, "
         f"Metashape and others; a preset: {', '.join(PRESETS)}; or entries of a camera file, "
         "'preset = \"khepra\", near = 0.1' or 'width = 1280, height = 800, hfov_deg = 60'.",
+        show_default="the cameras of --poses",
+    ),
+]
+CamerasOption = Annotated[
+    list[str],
+    typer.Option(
+        "--camera",
+        "-c",
+        help="As for one camera: a file, a preset or entries; a file may have several cameras. Or "
+        "NAME=FILE, once for each camera, for poses that name theirs.",
         show_default="the cameras of --poses",
     ),
 ]
@@ -87,6 +97,28 @@ CameraName = Annotated[
 ]
 SkipBadPoses = Annotated[
     bool, typer.Option("--skip-bad-poses", help="Leave out poses that are no rigid motion.")
+]
+WorkersOption = Annotated[
+    int | None,
+    typer.Option(
+        "--workers", help="Worker processes on this machine.", show_default="threads of this one"
+    ),
+]
+SchedulerOption = Annotated[
+    str | None,
+    typer.Option(
+        "--scheduler",
+        help="Dask scheduler whose workers do the work: tcp://127.0.0.1:8786, or tls://.",
+        show_default="none",
+    ),
+]
+JsonProgress = Annotated[
+    bool,
+    typer.Option(
+        "--json-progress",
+        callback=lambda wanted: progress_as_json(wanted),
+        help="Print progress as JSON, a line a second, on standard error.",
+    ),
 ]
 CONVENTIONS = {
     "pixel_centre": (

@@ -13,8 +13,16 @@ from rich.console import Console
 
 from rastercov.camera_formats.conventions import Conventions
 from rastercov.cli.console import out_option, progress_bar, say, size_line, warn
-from rastercov.cli.options import AsJson, CameraName, with_conventions
-from rastercov.cli.views import poses_of
+from rastercov.cli.options import (
+    AsJson,
+    CameraName,
+    CamerasOption,
+    JsonProgress,
+    SchedulerOption,
+    WorkersOption,
+    with_conventions,
+)
+from rastercov.cli.views import read_rig
 
 if TYPE_CHECKING:
     from rastercov.plan.file import Plan
@@ -46,6 +54,15 @@ def place(
             help="Print the JSON schema of plan files, for editors.",
         ),
     ] = False,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
+    skip_bad_poses: Annotated[
+        bool,
+        typer.Option(
+            "--skip-bad-poses", help="Accept that poses which kill a worker are left out."
+        ),
+    ] = False,
+    json_progress: JsonProgress = False,
     as_json: AsJson = False,
 ) -> None:
     """Find out where cameras go: carry out a plan file; 1 when its goal is not reached.
@@ -57,14 +74,18 @@ def place(
     """
     asked = _plan(plan)
     from rastercov._output import json_text
+    from rastercov.cluster import Workers
     from rastercov.plan.run import place as run
     from rastercov.report import plan as report
     from rastercov.report.folder import ReportFolder
 
     folder = out or asked.folder / (asked.outputs.folder or asked.path.stem)
+    staff = Workers.of(workers, scheduler)
     with ReportFolder(folder, report.PLACEMENT) as files:
         with _errors_by_line():
-            placed = run(asked, folder, _step, lambda found: report.save_unfinished(found, files))
+            placed = run(
+                asked, folder, _step, lambda found: report.save_unfinished(found, files), staff
+            )
         warn(placed.prepared.mesh.warnings)
         warn(_doubts(asked, placed.cameras))
         has_page = asked.outputs.page
@@ -82,17 +103,26 @@ def place(
     if as_json:
         print(json_text(report.summary(placed)))
     else:
+        from rastercov.report.by_camera import camera_table
         from rastercov.report.tables import summary_table
 
         console = Console()
         console.print(report.cameras_table(placed))
-        console.print(summary_table(report.summary(placed)["network"]))
+        network = report.summary(placed)["network"]
+        console.print(summary_table(network))
+        if (by_camera := camera_table(network)) is not None:
+            console.print(by_camera)
         left = report.left_lines(placed)
         print("\n".join([size_line(placed.prepared.mesh), *report.lines(placed), *left]))
         print(folder / ("page.html" if has_page else "plan.json"))
+        for line in placed.prepared.tally.lines():
+            say(line)
     if placed.interrupted:
         raise KeyboardInterrupt
-    if not placed.is_met:
+    left_out = {} if skip_bad_poses else placed.prepared.quarantined
+    if left_out:
+        warn([f"{len(left_out)} candidates are left out; --skip-bad-poses accepts that"])
+    if left_out or not placed.is_met:
         raise typer.Exit(1)
 
 
@@ -108,6 +138,7 @@ def check(
         ),
     ],
     conventions: Conventions = Conventions(),  # noqa: B008 - becomes options
+    camera: CamerasOption = [],  # noqa: B006 - typer copies it
     camera_name: CameraName = None,
     min_coverage: Annotated[
         float | None,
@@ -132,24 +163,29 @@ def check(
     """
     asked = _plan(plan)
     from rastercov.plan import check as plan_check
+    from rastercov.report.by_camera import camera_table
     from rastercov.report.half_covered import half_covered_lines
 
     if junit is not None:
         plan_check.refuse_junit(junit)
     with _errors_by_line():
         limits = plan_check.limits(asked, min_coverage, group)
-        rig, notes = poses_of(Path(poses), conventions, camera_name)
-        found = plan_check.check(asked, Path(poses), limits, views, _step, poses=rig)
+        eyes = read_rig(camera, Path(poses), conventions, camera_name)
+        if camera and eyes.rig is not None:
+            asked = asked.without_cameras()
+        found = plan_check.check(asked, Path(poses), limits, views, _step, poses=eyes)
     if junit is not None:
         plan_check.write_junit(junit, found)
-    warn(notes)
+    warn(eyes.notes)
     warn(found.mesh.warnings)
-    warn(_doubts(asked, found.cameras))
-    warn(half_covered_lines(asked, found.cameras))
+    warn(_doubts(found.plan, found.cameras))
+    warn(half_covered_lines(found.plan, found.cameras))
     if as_json:
         print(json.dumps(plan_check.plain(found), indent=2))
     else:
         print("\n".join([*found.lines(), size_line(found.mesh)]))
+        if (by_camera := camera_table(found.summary())) is not None:
+            Console().print(by_camera)
     if not found.is_met:
         raise typer.Exit(1)
 
@@ -160,7 +196,7 @@ def _doubts(plan: "Plan", cameras: "Measured") -> list[str]:
 
     return [
         line.replace("--unit", "unit of [[meshes]]")
-        for line in doubts(cameras.network, plan.build_camera(), cameras.poses)
+        for line in doubts(cameras.network, plan.rig, cameras.placed)
     ]
 
 
@@ -186,8 +222,8 @@ def _errors_by_line() -> Iterator[None]:
 
 @contextmanager
 def _step(name: str) -> Iterator[Callable[[int, int], None]]:
-    """A step with its name and its progress, on a terminal only."""
+    """A step and its progress, see `progress_bar`; its name stays on a terminal."""
     if sys.stderr.isatty():
         say(name, 0)
-    with progress_bar("done") as progress:  # poses or faces
+    with progress_bar(name) as progress:  # poses or faces
         yield progress

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rastercov.errors import ConfigError
 from rastercov.placement._arrays import FloatArray
@@ -27,6 +28,8 @@ class BitMatrix:
     ----------
     poses : (C, 4, 4) float64
         world_from_camera of the candidates.
+    camera : (C,) int32
+        Index of the camera of each pose; 0 where there is one.
     folders : tuple of MatrixFolder
         Folders of the matrices of consecutive candidates.
     bits : CoveredBits
@@ -36,6 +39,7 @@ class BitMatrix:
     """
 
     poses: FloatArray
+    camera: NDArray[np.int32]
     folders: tuple[MatrixFolder, ...]
     bits: CoveredBits
     mean_coverage: FloatArray
@@ -64,7 +68,9 @@ class BitMatrix:
         """
         header = folder.header
         bits, total = covered_bits(folder, Task(**header["task"]).min_coverage, progress)
-        return cls(folder.poses(), (folder,), bits, total / max(1, header["n_task_faces"]))
+        mean = total / max(1, header["n_task_faces"])
+        poses = folder.poses()
+        return cls(poses.world_from_camera, poses.camera, (folder,), bits, mean)
 
     @classmethod
     def load(cls, folder: str | Path) -> Self:
@@ -101,6 +107,15 @@ class BitMatrix:
         """True where the elements are cells, not faces."""
         return "cells" in self.header
 
+    @property
+    def quarantined(self) -> dict[int, str]:
+        """Poses without pairs because they kill the process that measures them, with its end."""
+        found, first = {}, 0
+        for folder in self.folders:
+            found |= {first + pose: end for pose, end in folder.quarantined().items()}
+            first += folder.header["n_poses"]
+        return found
+
     def covered_at(self, least: float) -> CoveredBits:
         """Pairs with coverage of at least `least`, from another file that is made where missing."""
         if least == self.task.min_coverage:
@@ -114,6 +129,7 @@ class BitMatrix:
             raise ConfigError("matrices of other faces or another task cannot be joined")
         return BitMatrix(
             np.concatenate((self.poses, other.poses)),
+            np.concatenate((self.camera, other.camera)),
             (*self.folders, *other.folders),
             self.bits.joined(other.bits),
             np.concatenate((self.mean_coverage, other.mean_coverage)),

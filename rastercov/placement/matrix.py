@@ -17,9 +17,9 @@ most its current shard; run again with the same inputs it continues from there. 
 damaged, exchanged or deleted file again, bit for bit; where a folder is only read it is refused.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Self
@@ -27,36 +27,39 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._observers import ExactObserver
 from rastercov._typed import typed
 from rastercov.area.cells import Cells
-from rastercov.area.frames import check_same_mesh
-from rastercov.area.observer import RegionObserver
-from rastercov.camera import Camera
-from rastercov.coverage import Coverage, evaluate_batches, judged, measurements
-from rastercov.coverage_pass import CoveragePass
-from rastercov.engine import Engine
+from rastercov.cluster import Job, Made, Workers, make_shards
+from rastercov.cluster.quarantine import forget
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.observer import Observer, open_observer
 from rastercov.placement._arrays import BoolArray, FloatArray
-from rastercov.placement.explain.candidate_visibility import FIGURES, CandidateBounds
+from rastercov.placement.explain.candidate_visibility import CandidateBounds
 from rastercov.placement.matrix_folder import MatrixFolder, rows_in
+from rastercov.placement.matrix_shards import (
+    Batch,
+    add_bounds,
+    batches_of,
+    gathered,
+    region_observer,
+    write_scene,
+    write_shard,
+)
 from rastercov.placement.shards import (
     Note,
     claim,
     describe,
     locked,
     log_warning,
-    schema_of,
     shards_of,
-    store,
 )
-from rastercov.pose import Poses, valid_poses
+from rastercov.pose import Poses, renumbered
+from rastercov.rig import Cameras
 from rastercov.task import Task
 
-Batch = tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32], BoolArray, int]
-"""Row, face, coverage and covered mask of each pair of some poses; and the number of poses."""
+SHARD_FUNCTION = "rastercov.placement.shard_work:make"
+"""Function by which workers make a shard."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +85,10 @@ class VisibilityMatrix:
         the covered pairs.
     header : dict
         Inputs of the matrix.
+    camera : (C,) int32
+        Index of the camera of each pose; 0 where there is one.
+    quarantined : dict of int to str
+        Poses without pairs because they kill the process that measures them, each with its end.
     """
 
     poses: FloatArray
@@ -92,6 +99,12 @@ class VisibilityMatrix:
     face: NDArray[np.int32]
     coverage: NDArray[np.float32]
     header: dict[str, Any] = field(default_factory=dict)
+    camera: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))
+    quarantined: dict[int, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if len(self.camera) != len(self.poses):
+            object.__setattr__(self, "camera", np.zeros(len(self.poses), np.int32))
 
     @property
     def n_poses(self) -> int:
@@ -144,12 +157,13 @@ class VisibilityMatrix:
                 raise ConfigError(f"{folder.path / shard}: it changed while it was read")
             face[part], coverage[part] = faces, values
             done = part.stop
-        return cls._of(poses, folder.header, counts, face, coverage)
+        found = cls._of(poses, folder.header, counts, face, coverage)
+        return replace(found, quarantined=folder.quarantined())
 
     @classmethod
     def _of(
         cls,
-        poses: FloatArray,
+        poses: Poses,
         header: dict[str, Any],
         counts: NDArray[np.int64],
         face: NDArray[np.int32],
@@ -157,7 +171,8 @@ class VisibilityMatrix:
     ) -> Self:
         """Matrix of all pairs, from the number of pairs of each pose."""
         return cls(
-            poses=poses,
+            poses=poses.world_from_camera,
+            camera=poses.camera,
             n_faces=header["n_faces"],
             n_task_faces=header["n_task_faces"],
             task=Task(**header["task"]),
@@ -170,15 +185,17 @@ class VisibilityMatrix:
 
 @typed
 def build_matrix(
-    view: Observer | tuple[Mesh, Camera],
-    poses: ArrayLike,
+    view: Observer | tuple[Mesh, Cameras],
+    poses: ArrayLike | Poses,
     task: Task | None = None,
     folder: str | Path | None = None,
     *,
     cells: Cells | None = None,
     poses_a_shard: int | None = None,
     bounds: CandidateBounds | None = None,
+    workers: Workers | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
+    watch: Callable[[Made], None] = lambda made: None,
     note: Note = log_warning,
 ) -> VisibilityMatrix:
     """Visibility matrix of the poses, measured in batches.
@@ -186,9 +203,10 @@ def build_matrix(
     Parameters
     ----------
     view : Observer or (Mesh, Camera)
-        An open observer, or the arguments to open one with method "certified".
-    poses : (C, 4, 4) array_like
-        world_from_camera of the candidates.
+        An open observer, or the arguments to open one with method "certified"; several cameras are
+        a Rig or a sequence.
+    poses : (C, 4, 4) array_like, or Poses
+        world_from_camera of the candidates; `Poses.camera` is the camera of each.
     task : Task, optional
         Thresholds; `Task()` unless given.
     folder : path, optional
@@ -202,9 +220,15 @@ def build_matrix(
     poses_a_shard : int, optional
         Poses of each file; the number that gives `PAIRS_A_SHARD` pairs unless given.
     bounds : CandidateBounds, optional
-        Takes in the poses that are measured, not those of shards that are there.
+        Takes in the poses that are measured by this process, not those of shards that are there.
+    workers : Workers, optional
+        Processes that make the shards, in a folder that all of them share; this one unless given.
+        The bytes of the shards are the same. Poses that kill their process are left out, see
+        `VisibilityMatrix.quarantined`.
     progress : callable
         Called with the poses done and the total.
+    watch : callable
+        Called with each shard that a worker made.
     note : callable
         Called with a line on each damaged file; logs it as a warning unless given.
 
@@ -212,25 +236,32 @@ def build_matrix(
     ------
     ConfigError
         When the folder holds a matrix of other inputs, or another process is writing to it; for
-        cells, also for a task with a threshold that is of a face, or method "sampled".
+        cells, also for a task with a threshold that is of a face, or method "sampled"; for workers
+        without a folder, and where a worker or its scheduler fails.
     PoseError
         For a pose that is no rigid motion.
     """
-    found = _measured(view, poses, task, folder, cells, poses_a_shard, bounds, progress, note)
+    if workers is not None and folder is None:
+        raise ConfigError("workers make shards in a folder; name one, or leave out workers")
+    found = _measured(
+        view, poses, task, folder, cells, poses_a_shard, bounds, workers, progress, watch, note
+    )
     return found if isinstance(found, VisibilityMatrix) else VisibilityMatrix._read(found)
 
 
 @typed
 def measure_matrix(
-    view: Observer | tuple[Mesh, Camera],
-    poses: ArrayLike,
+    view: Observer | tuple[Mesh, Cameras],
+    poses: ArrayLike | Poses,
     task: Task | None,
     folder: str | Path,
     *,
     cells: Cells | None = None,
     poses_a_shard: int | None = None,
     bounds: CandidateBounds | None = None,
+    workers: Workers | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
+    watch: Callable[[Made], None] = lambda made: None,
     note: Note = log_warning,
 ) -> MatrixFolder:
     """Folder with all shards of a visibility matrix, of which nothing is in memory.
@@ -238,142 +269,91 @@ def measure_matrix(
     For matrices that are larger than the memory: `BitMatrix.of` has their covered pairs. Arguments
     and errors are those of `build_matrix`.
     """
-    found = _measured(view, poses, task, Path(folder), cells, poses_a_shard, bounds, progress, note)
+    found = _measured(
+        view, poses, task, folder, cells, poses_a_shard, bounds, workers, progress, watch, note
+    )
     assert isinstance(found, MatrixFolder)  # it was given a folder
     return found
 
 
 def _measured(
-    view: Observer | tuple[Mesh, Camera],
-    poses: ArrayLike,
+    view: Observer | tuple[Mesh, Cameras],
+    poses: ArrayLike | Poses,
     task: Task | None,
     folder: str | Path | None,
     cells: Cells | None,
     poses_a_shard: int | None,
     bounds: CandidateBounds | None,
+    workers: Workers | None,
     progress: Callable[[int, int], None],
+    watch: Callable[[Made], None],
     note: Note,
 ) -> MatrixFolder | VisibilityMatrix:
     """Folder of a matrix with all its shards; without a folder, the matrix itself."""
-    matrices, task, done = valid_poses(poses), task or Task(), 0
+    placed, task, done = renumbered(poses), task or Task(), 0
 
     def batches(rows: slice) -> Iterator[Batch]:
         nonlocal done
-        found = (
-            _of_faces(observer, matrices[rows], task, bounds)
-            if cells is None
-            else _of_cells(observer, cells, matrices[rows], task, bounds)
-        )
-        for batch in found:
-            if batch[-1]:
-                yield batch
-                done += batch[-1]
-                progress(done, len(matrices))
+        for batch in batches_of(observer, placed[rows], task, cells, bounds):
+            yield batch
+            done += batch[-1]
+            progress(done, len(placed))
 
     with ExitStack() as opened:
         observer: Observer = (
             opened.enter_context(open_observer(*view)) if isinstance(view, tuple) else view
         )
         if cells is not None:
-            observer = opened.enter_context(_region_observer(observer, cells, task))
-        header = describe(observer, matrices, task, poses_a_shard, cells)
+            observer = opened.enter_context(region_observer(observer, cells, task))
+        header = describe(observer, placed, task, poses_a_shard, cells)
         if folder is None:
-            progress(0, len(matrices))
-            return VisibilityMatrix._of(matrices, header, *_gathered(batches(slice(None))))
+            progress(0, len(placed))
+            return VisibilityMatrix._of(placed, header, *gathered(batches(slice(None)))[:3])
         with locked(Path(folder)) as place:
-            kept = claim(place, header, matrices, poses_a_shard is not None, note)
-            shards = list(shards_of(len(matrices), kept["poses_a_shard"]))
+            kept = claim(place, header, placed, poses_a_shard is not None, note)
+            shards = list(shards_of(len(placed), kept["poses_a_shard"]))
             sizes = {shard: rows_in(place, shard, kept, note) for shard, _ in shards}
             missing = [(shard, rows) for shard, rows in shards if sizes[shard] is None]
-            done = len(matrices) - sum(rows.stop - rows.start for _, rows in missing)
-            progress(done, len(matrices))
+            done = len(placed) - sum(rows.stop - rows.start for _, rows in missing)
+            progress(done, len(placed))
+            if workers is not None and missing:
+
+                def made(shard: Made) -> None:
+                    nonlocal done
+                    done += shard.n_poses
+                    progress(done, len(placed))
+                    watch(shard)
+
+                write_scene(place, observer)
+                _make_by_workers(workers, place, shards, dict(missing), made, note)
+                if bounds is not None:
+                    add_bounds(place, range(len(shards)), bounds)
+                sizes = {shard: rows_in(place, shard, kept) for shard, _ in shards}
+                missing = []
             for shard, rows in missing:
-                sizes[shard] = _write_shard(place, shard, kept, batches(rows), rows.start)
+                numbers = np.arange(rows.start, rows.stop)
+                sizes[shard] = write_shard(place, shard, kept, batches(rows), numbers)
+                forget(place, shards.index((shard, rows)))
             return MatrixFolder(place, kept, sum(size or 0 for size in sizes.values()))
 
 
-def _region_observer(observer: Observer, cells: Cells, task: Task) -> RegionObserver:
-    """Observer of the regions in the mesh of some cells, by the method of another one."""
-    check_same_mesh(cells.mesh, observer.mesh)
-    if not isinstance(observer, ExactObserver):
-        raise ConfigError("cells need method certified or exact, got sampled")
-    engine = Engine(observer.info.plan, threads=observer.threads)
-    return RegionObserver(observer.mesh, observer.camera, task, engine)
+def _make_by_workers(
+    workers: Workers,
+    folder: Path,
+    shards: list[tuple[str, slice]],
+    missing: dict[str, slice],
+    made: Callable[[Made], None],
+    note: Note,
+) -> None:
+    """Have the missing shards made by workers."""
+    for shard in missing:
+        (folder / shard).unlink(missing_ok=True)  # a damaged one
 
+    def left() -> dict[int, int]:
+        return {
+            number: rows.stop - rows.start
+            for number, (shard, rows) in enumerate(shards)
+            if shard in missing and not (folder / shard).exists()
+        }
 
-def _gathered(
-    batches: Iterable[Batch],
-) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32]]:
-    """Pairs of each pose, and face and coverage of each pair."""
-    counts, faces = [np.zeros(0, np.int64)], [np.zeros(0, np.int32)]
-    values = [np.zeros(0, np.float32)]
-    for pose, face, value, _, n_poses in batches:
-        counts.append(np.bincount(pose, minlength=n_poses))
-        faces.append(face)
-        values.append(value)
-    return np.concatenate(counts), np.concatenate(faces), np.concatenate(values)
-
-
-def _of_faces(
-    observer: Observer, poses: FloatArray, task: Task, bounds: CandidateBounds | None
-) -> Iterator[Batch]:
-    """Pairs of poses and faces with coverage > 0."""
-    figures = ("coverage", *(FIGURES if bounds is not None else ()))
-    for batch in evaluate_batches(observer, poses, task, fields=figures):
-        yield _pairs(batch)
-        if bounds is not None and len(batch.pose_ids):
-            bounds.add(batch)
-
-
-def _pairs(batch: Coverage) -> Batch:
-    """Pairs of a batch with coverage > 0."""
-    pose, face = np.nonzero((batch.coverage > 0) & batch.mesh.task_mask)
-    short, covered = shortened(batch.coverage[pose, face], batch.task.min_coverage)
-    return pose, face.astype(np.int32), short, covered, len(batch.pose_ids)
-
-
-def _of_cells(
-    observer: Any, cells: Cells, poses: FloatArray, task: Task, bounds: CandidateBounds | None
-) -> Iterator[Batch]:
-    """Pairs of poses and cells with a covered share; visibility is computed once for both."""
-    judge = CoveragePass(observer, task)
-    for part, seen in measurements(observer, Poses.of(poses)):
-        found = cells.share(seen.regions)  # type: ignore[union-attr] # of a RegionObserver
-        pose = np.repeat(np.arange(len(part)), np.diff(found.starts))
-        short, covered = shortened(found.share, task.min_coverage)
-        yield pose, found.cell, short, covered, len(part)
-        if bounds is not None and len(part):
-            bounds.add(judged(observer, judge, task, part, seen, FIGURES))
-
-
-def shortened(coverage: FloatArray, least: float) -> tuple[NDArray[np.float32], BoolArray]:
-    """Coverage in float32, and the mask of values of at least `least`; both are consistent.
-
-    No value is rounded across the threshold, nor down to 0. Thresholds other than 0 are 1e-30 or
-    more, which is near the least float32.
-    """
-    covered: BoolArray = coverage >= least
-    short = coverage.astype(np.float32)
-    too_low = (covered & (short.astype(np.float64) < least)) | (short == 0)
-    too_high = ~covered & (short.astype(np.float64) >= least) & ~too_low
-    short[too_low] = np.nextafter(short[too_low], np.float32(np.inf))
-    short[too_high] = np.nextafter(short[too_high], np.float32(-np.inf))
-    return short, covered
-
-
-def _write_shard(
-    folder: Path, shard: str, header: dict[str, Any], batches: Iterable[Batch], first: int
-) -> int:
-    """Write the shard of the poses from number `first` on; the number of its pairs."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    schema, sink, n_pairs = schema_of(shard, header), pa.BufferOutputStream(), 0
-    with pq.ParquetWriter(sink, schema, compression="zstd", write_page_checksum=True) as writer:
-        for pose, face, value, covered, n_poses in batches:
-            of_all = (first + pose).astype(np.int32)
-            first += n_poses
-            writer.write_table(pa.table([of_all, face, value, covered], schema=schema))
-            n_pairs += len(face)
-    store(folder, shard, memoryview(sink.getvalue()))
-    return n_pairs
+    make_shards(workers, Job.of(folder, SHARD_FUNCTION), left, made, note)

@@ -9,8 +9,9 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.cluster.quarantine import quarantined
 from rastercov.errors import ConfigError
-from rastercov.placement._arrays import FloatArray, IntArray
+from rastercov.placement._arrays import IntArray
 from rastercov.placement.shards import (
     DamagedError,
     Note,
@@ -19,6 +20,7 @@ from rastercov.placement.shards import (
     read_poses,
     shards_of,
 )
+from rastercov.pose import Poses
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,13 +67,22 @@ class MatrixFolder:
         """Name and poses of each shard."""
         return list(shards_of(self.header["n_poses"], self.header["poses_a_shard"]))
 
-    def poses(self) -> FloatArray:
-        """(C, 4, 4) world_from_camera of the candidates; ConfigError where they are damaged."""
+    def poses(self) -> Poses:
+        """Candidates; ConfigError where they are damaged."""
         with remade_by_build():
             found = read_poses(self.path, self.header)
             if found is None:
                 raise DamagedError(self.path / "poses.npy", "it is missing")
             return found
+
+    def quarantined(self) -> dict[int, str]:
+        """Poses without pairs because they kill the process that measures them, with its end."""
+        shards = self.shards()
+        return {
+            shards[number][1].start + pose: why
+            for number, poses in quarantined(self.path, len(shards)).items()
+            for pose, why in poses.items()
+        }
 
     def pairs_of(
         self, shard: str, rows: slice

@@ -29,13 +29,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rastercov.area.cells import Cells
 from rastercov.errors import ConfigError
 from rastercov.observer import Observer
-from rastercov.placement._arrays import FloatArray
+from rastercov.pose import Poses
 from rastercov.provenance import sha256
-from rastercov.rig import only_camera
+from rastercov.rig import cameras_of
 from rastercov.task import Task
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ if TYPE_CHECKING:
 PAIRS_A_SHARD = 1 << 22
 """Pose-face pairs, seen or not, of one shard: several seconds of work."""
 FORMAT = 2
-HEADER, POSES = "header.json", "poses.npy"
+HEADER, POSES, CAMERAS = "header.json", "poses.npy", "cameras.npy"
 PAIRS, SUMS = "pairs", "sha256"
 """Folders of the shards, and of the checksums of all files."""
 WORDS = {
@@ -56,6 +57,7 @@ WORDS = {
     "cells": "for faces, or for cells of another size",
     "camera": "for another camera",
     "poses": "from other poses",
+    "pose_camera": "for other cameras of the poses",
     "task": "for another task",
     "measured_by": "by another method or device",
     "samples": "with another supersample",
@@ -79,7 +81,7 @@ def log_warning(line: str) -> None:
 
 def describe(
     observer: Observer,
-    poses: FloatArray,
+    poses: Poses,
     task: Task,
     poses_a_shard: int | None,
     cells: Cells | None = None,
@@ -88,7 +90,9 @@ def describe(
 
     That of a matrix of cells has their size under "cells", and counts them as faces.
     """
-    mesh, camera = observer.mesh, only_camera(observer.camera)
+    mesh, cameras = observer.mesh, cameras_of(observer.camera)
+    poses.check_cameras(len(cameras))
+    plain = [json.dumps(camera.plain(), sort_keys=True) for camera in cameras]
     groups = json.dumps([group.plain() for group in mesh.groups])
     if poses_a_shard is not None and (isinstance(poses_a_shard, bool) or poses_a_shard < 1):
         raise ConfigError(f"poses_a_shard must be 1 or more, got {poses_a_shard!r}")
@@ -97,8 +101,8 @@ def describe(
         "format": FORMAT,
         "rastercov": version("rastercov"),
         "mesh": sha256(mesh.vertices, mesh.faces, mesh.face_group, groups),
-        "camera": sha256(json.dumps(camera.plain(), sort_keys=True)),
-        "poses": sha256(poses),
+        "camera": sha256(*plain),
+        "poses": sha256(poses.world_from_camera),
         "task": asdict(task),
         "measured_by": asdict(observer.info),
         "samples": observer.observe(np.empty((0, 4, 4))).samples_per_pixel,
@@ -107,6 +111,8 @@ def describe(
         "n_faces": n_faces,
         "n_task_faces": int(mesh.task_mask.sum()) if cells is None else n_faces,
     }
+    if len(cameras) > 1:
+        header["pose_camera"] = sha256(poses.camera)
     return header if cells is None else header | {"cells": cells.size}
 
 
@@ -140,7 +146,7 @@ def locked(folder: Path) -> Iterator[Path]:
 def claim(
     folder: Path,
     header: dict[str, Any],
-    poses: FloatArray,
+    poses: Poses,
     shard_size_given: bool,
     note: Note,
 ) -> dict[str, Any]:
@@ -175,9 +181,10 @@ def claim(
         note(f"{error}; made again")
         is_missing = True
     if is_missing:
-        file = io.BytesIO()
-        np.save(file, poses)
-        store(folder, POSES, file.getvalue())
+        for name, array in _arrays_of(poses, kept):
+            file = io.BytesIO()
+            np.save(file, array)
+            store(folder, name, file.getvalue())
     shards = {folder / name for name, _ in shards_of(len(poses), kept["poses_a_shard"])}
     for stray in sorted(set((folder / PAIRS).glob("pairs-*.parquet")) - shards):
         note(f"{stray}: no shard of this matrix; removed")
@@ -240,24 +247,41 @@ def _has_sums(folder: Path) -> bool:
     return any((folder / SUMS).glob("*.sha256"))
 
 
-def read_poses(folder: Path, header: dict[str, Any]) -> FloatArray | None:
-    """(C, 4, 4) poses of a matrix, None where the file is missing.
+def read_poses(folder: Path, header: dict[str, Any]) -> Poses | None:
+    """Poses of a matrix, each with its camera, None where a file is missing.
 
     Raises
     ------
     DamagedError
         As for `contents`, and for poses of another matrix.
     """
-    data = contents(folder, POSES)
-    if data is None:
-        return None
-    try:
-        poses: FloatArray = np.load(io.BytesIO(data), allow_pickle=False)
-    except (ValueError, EOFError):
-        raise DamagedError(folder / POSES, "this is no array") from None
-    if sha256(poses) != header["poses"]:
-        raise DamagedError(folder / POSES, "these are poses of another matrix")
-    return poses
+    arrays = []
+    for name, key in _files_of_poses(header):
+        data = contents(folder, name)
+        if data is None:
+            return None
+        try:
+            arrays.append(np.load(io.BytesIO(data), allow_pickle=False))
+        except (ValueError, EOFError):
+            raise DamagedError(folder / name, "this is no array") from None
+        if sha256(arrays[-1]) != header[key]:
+            raise DamagedError(
+                folder / name, f"these are {key} of another matrix".replace("_", " ")
+            )
+    return Poses.of(arrays[0], camera=arrays[1] if arrays[1:] else None)
+
+
+def _files_of_poses(header: dict[str, Any]) -> list[tuple[str, str]]:
+    """Name of each file of poses, and the entry of the header with its hash."""
+    files = [(POSES, "poses"), (CAMERAS, "pose_camera")]
+    return files if "pose_camera" in header else files[:1]
+
+
+def _arrays_of(poses: Poses, header: dict[str, Any]) -> Iterator[tuple[str, NDArray[Any]]]:
+    """Name and array of each file of poses."""
+    arrays: tuple[NDArray[Any], ...] = (poses.world_from_camera, poses.camera)
+    for (name, _), array in zip(_files_of_poses(header), arrays, strict=False):
+        yield name, array
 
 
 def shards_of(n_poses: int, poses_a_shard: int) -> Iterator[tuple[str, slice]]:

@@ -24,6 +24,7 @@ from rastercov.plan import generators as entries
 from rastercov.plan.entry import no_limit, value_of
 from rastercov.plan.errors import PlanError
 from rastercov.plan.file import Plan
+from rastercov.rig import Cameras, cameras_of
 
 FloatArray = NDArray[np.float64]
 
@@ -87,8 +88,10 @@ def segmentation_of(plan: Plan, mesh: Mesh) -> Segmentation | None:
     return next((_segmented(mesh, entry) for entry in own), None)
 
 
-def candidate_pool(plan: Plan, mesh: Mesh, camera: Camera) -> CandidatePool:
+def candidate_pool(plan: Plan, mesh: Mesh, camera: Cameras) -> CandidatePool:
     """Candidates of all entries but `per_cavity`, which depends on the visibility of the others.
+
+    There are some for each camera of an entry, of `camera` by the names of the plan.
 
     Raises
     ------
@@ -101,7 +104,9 @@ def candidate_pool(plan: Plan, mesh: Mesh, camera: Camera) -> CandidatePool:
         if isinstance(entry, entries.PerCavity):
             continue
         try:
-            parts += [(part, entry.cost) for part in _made(plan, mesh, camera, entry)]
+            for index, cost in cameras_of_entry(plan, entry):
+                made = _made(plan, mesh, cameras_of(camera)[index], entry)
+                parts += [(part.of_camera(index), cost) for part in made]
         except RastercovError as error:
             lines.append(f"candidates[{row}]: {error}")
     if lines:
@@ -109,11 +114,18 @@ def candidate_pool(plan: Plan, mesh: Mesh, camera: Camera) -> CandidatePool:
     return _filtered(plan, mesh, parts, [])
 
 
+def cameras_of_entry(plan: Plan, entry: entries.Generator) -> list[tuple[int, float]]:
+    """Index of each camera of an entry, and its cost at a place of it."""
+    names = plan.rig.names
+    chosen = [name for name in names if name in entry.cameras or not entry.cameras]
+    return [(names.index(name), plan.cost_of(name, entry.cost)) for name in chosen]
+
+
 def extended_pool(
-    plan: Plan, mesh: Mesh, before: CandidatePool, found: Candidates, cost: float
+    plan: Plan, mesh: Mesh, before: CandidatePool, parts: Sequence[tuple[Candidates, float]]
 ) -> CandidatePool:
-    """The pool with further candidates at the same cost each."""
-    fresh = _filtered(plan, mesh, [(found, cost)], before.boxes)
+    """The pool with further candidates, each part with the cost of one of them."""
+    fresh = _filtered(plan, mesh, parts, before.boxes)
     return replace(
         fresh,
         candidates=before.candidates + fresh.candidates,

@@ -7,7 +7,7 @@ Shares are of the exact area where the plan counts that, and of whole faces othe
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from rastercov._output import write_bytes
 from rastercov.area.zone_report import ZONES
 from rastercov.camera_formats import read_views
-from rastercov.errors import ConfigError
+from rastercov.errors import ConfigError, PoseError
 from rastercov.mesh import Mesh
 from rastercov.placement.explain.uncovered import Leftover
 from rastercov.placement.improve.objective import Objective
@@ -36,8 +36,9 @@ from rastercov.plan.network import (
 from rastercov.plan.prepare import Step, quiet
 from rastercov.plan.requirements import HOLDS, Requirement, counting, judge, judge_areas, limits_of
 from rastercov.plan.scene import scene
-from rastercov.pose import Poses, valid_poses
+from rastercov.pose import Poses, renumbered
 from rastercov.task import Task
+from rastercov.views import Views
 
 Limits = Mapping[str | None, float]
 MOST_GROUPS = 5
@@ -153,14 +154,15 @@ def check(
     views: int | None = None,
     step: Step = quiet,
     *,
-    poses: ArrayLike | Poses | None = None,
+    poses: ArrayLike | Poses | Views | None = None,
 ) -> Checked:
     """Check a rig against the mesh, camera and task of a plan.
 
     Parameters
     ----------
     plan : Plan
-        Its candidates and constraints are not used.
+        Its candidates and constraints are not used. Where it has several cameras, the poses name
+        theirs; where it has none, they are those of the file.
     poses_file : Path
         The rig.
     limits : mapping of group name or None to share
@@ -169,19 +171,25 @@ def check(
         Cameras a face, instead of the plan's.
     step : callable
         As for `place`.
-    poses : (P, 4, 4) array_like or Poses, optional
-        Poses of the rig, instead of reading the file.
+    poses : (P, 4, 4) array_like, Poses or Views, optional
+        Poses of the rig, instead of reading the file; `Poses.camera` counts the cameras of the
+        plan, and views are taken as those of a file.
 
     Raises
     ------
     PlanError
         For a plan that does not fit its meshes.
     PoseError
-        For a file that cannot be read, or a row that is not a pose.
+        For a file that cannot be read, a row that is not a pose, and a pose of a camera that the
+        plan does not have.
     ConfigError
         For a limit of an unknown group, or of an occluder.
     """
-    rig = valid_poses(read_views(poses_file).poses if poses is None else poses)
+    given = read_views(poses_file) if poses is None else poses
+    if isinstance(given, Views):
+        plan, given = seen_by_cameras(plan, given)
+    rig = renumbered(given)
+    rig.check_cameras(len(plan.rig))
     with step("scene"):
         mesh = scene(plan)
     scored = [group.name for group in mesh.groups if not group.is_occluder]
@@ -195,7 +203,7 @@ def check(
         with step("coverage") as progress:
             cameras = measured(objective, rig, progress)
         with step("area") as progress:
-            cameras = replace(cameras, areas=areas_of(plan, mesh, rig, views, progress))
+            cameras = areas_of(plan, mesh, cameras, views, progress)
         with step("what is left") as progress:
             leftover = left_over(observer, cameras, progress, views=counted["views"])
     masks, weights = (cameras.covered, cameras.certain, cameras.possible), objective.integer_weights
@@ -220,6 +228,31 @@ def check(
     )
 
 
+def seen_by_cameras(plan: Plan, views: Views) -> tuple[Plan, Poses]:
+    """The plan with its cameras, or those of the file, and the poses with the camera of each.
+
+    Raises
+    ------
+    PlanError
+        For a plan without cameras and a file without.
+    PoseError
+        For poses of several cameras where the plan has one, and for names that it does not have.
+    """
+    if not plan.has_cameras and views.rig is not None:
+        return plan.with_cameras(views.rig), views.poses
+    if plan.cameras and (len(plan.cameras) > 1 or views.camera_names):
+        return plan, views.with_cameras(plan.rig).poses
+    used = np.unique(views.poses.camera)
+    if len(used) > 1:
+        names = ", ".join(views.camera_names[row] for row in used[:MOST_GROUPS])
+        raise PoseError(
+            f"the poses are of {len(used)} cameras, {names}, and {plan.name} has one: name them as "
+            "[cameras.NAME], leave out [camera] to use those of the file, or choose one by "
+            "--camera-name"
+        )
+    return plan, Poses.of(views.poses, camera=0)
+
+
 def plain(checked: Checked) -> dict[str, Any]:
     """The outcome, ready for JSON."""
     network = checked.summary()
@@ -231,7 +264,7 @@ def plain(checked: Checked) -> dict[str, Any]:
         "views": checked.views,
         "min_angle_deg": checked.plan.task.min_angle_deg,
         "weight_by": checked.plan.task.weight_by,
-        "cameras": len(checked.cameras.poses),
+        "cameras": len(checked.cameras.placed),
         "size_m": np.ptp(checked.mesh.bounds, axis=0).tolist(),
         "requirements": [
             asdict(each) | {"short_by": each.short_by, "reasons": checked.reasons(each)}

@@ -32,7 +32,14 @@ class Generator(Entry):
         default=[0.0], description="A candidate for each: turned about its axis."
     )
     up: Direction = Field(default=[0.0, 0.0, 1.0], description="Upwards in the image.")
-    cost: NotNegative = Field(default=1.0, description="Of a camera of this entry.")
+    cost: NotNegative | None = Field(
+        default=None,
+        description="Of a place of this entry, added to that of the camera; 1 where neither has "
+        "one.",
+    )
+    cameras: list[Name] = Field(
+        default=[], description="Types of cameras at these places; all if empty."
+    )
 
 
 class Framed(Generator):

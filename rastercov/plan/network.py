@@ -11,14 +11,15 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from rastercov.area.by_camera import AreasByCamera, cameras_apart
 from rastercov.area.network import AreaNetwork, in_words
 from rastercov.area.regions import RegionPass
 from rastercov.area.zone_report import zone_lines
 from rastercov.coverage import Coverage, evaluate_batches
 from rastercov.mesh import Mesh
-from rastercov.network import Network
+from rastercov.network import Network, share_of_faces
 from rastercov.observer import Observer, open_observer
 from rastercov.placement.explain.candidate_visibility import CandidateBounds
 from rastercov.placement.explain.uncovered import (
@@ -30,7 +31,8 @@ from rastercov.placement.explain.uncovered import (
 from rastercov.placement.improve.objective import Objective
 from rastercov.plan.file import Plan
 from rastercov.plan.requirements import whole_faces
-from rastercov.pose import Poses
+from rastercov.pose import Poses, renumbered
+from rastercov.rig import Rig
 from rastercov.task import Reason, Task
 
 FloatArray = NDArray[np.float64]
@@ -53,7 +55,7 @@ class PlanNetwork(Network):
 def observer_of(plan: Plan, mesh: Mesh) -> Observer:
     """Observer of a mesh by the camera and the method of a plan; to be closed."""
     own = plan.task
-    return open_observer(mesh, plan.build_camera(), own.method, supersample=own.supersample)
+    return open_observer(mesh, plan.rig, own.method, supersample=own.supersample)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +64,8 @@ class Measured:
 
     Attributes
     ----------
-    poses : (K, 4, 4) float64
+    placed : Poses
+        K poses with the camera of each.
     network : PlanNetwork
     nearest : (F,) int64
         Camera that comes nearest to covering each face, as for `Leftover.nearest_camera`.
@@ -76,9 +79,11 @@ class Measured:
         Share covered by all cameras; with `areas`, of the exact area.
     areas : AreaNetwork or None
         Exact covered area; None where the plan counts faces.
+    apart : AreasByCamera or None
+        That of each camera, where there are several.
     """
 
-    poses: FloatArray
+    placed: Poses
     network: PlanNetwork
     nearest: NDArray[np.int64]
     covers: BoolArray
@@ -88,33 +93,41 @@ class Measured:
     curve: FloatArray
     share: float
     areas: AreaNetwork | None = None
+    apart: AreasByCamera | None = None
+
+    @property
+    def poses(self) -> FloatArray:
+        """(K, 4, 4) world_from_camera."""
+        return self.placed.world_from_camera
 
 
 def areas_of(
     plan: Plan,
     mesh: Mesh,
-    poses: FloatArray,
+    cameras: Measured,
     views: int | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
-) -> AreaNetwork | None:
-    """Exact area that cameras cover, poses (K, 4, 4); None where the plan counts faces.
+) -> Measured:
+    """The network with its exact covered area; as it is where the plan counts faces.
 
     `views` replaces those of the plan.
     """
     if plan.unit_of_result()[0] == "face":
-        return None
-    most = most_views(plan, views)
+        return cameras
+    most, poses = most_views(plan, views), cameras.placed
     areas = AreaNetwork(mesh, plan.build_task(most))
-    finder = RegionPass(mesh, plan.build_camera(), plan.build_task(most), method=plan.task.method)
+    apart = AreasByCamera(mesh, areas.task, cameras_apart(plan.rig, poses))
+    finder = RegionPass(mesh, plan.rig, plan.build_task(most), method=plan.task.method)
     done = 0
     try:
-        for regions in finder.batches(Poses.of(poses)):
+        for regions in finder.batches(poses):
             areas.add(regions)
+            apart.add(regions, poses.camera[done : done + len(regions.pose_ids)])
             done += len(regions.pose_ids)
             progress(done, len(poses))
     finally:
         finder.close()
-    return areas
+    return replace(cameras, areas=areas, apart=apart)
 
 
 def with_areas(
@@ -127,15 +140,19 @@ def with_areas(
 
     `finder` counts as many views as `plan` needs at most (`most_views`).
     """
-    wanted, poses = plan.task.views, Poses.of(cameras.poses)
+    wanted, poses = plan.task.views, cameras.placed
     by_group = wanted if isinstance(wanted, dict) else None
     areas, curve = AreaNetwork(finder.mesh, plan.build_task(most_views(plan))), []
+    apart = AreasByCamera(finder.mesh, areas.task, cameras_apart(plan.rig, poses))
     for row in range(len(poses)):
-        areas.add(finder.find(poses[row : row + 1], closed=areas.closed))
+        found = finder.find(poses[row : row + 1], closed=apart.closed(areas.closed))
+        areas.add(found)
+        apart.add(found, poses.camera[row : row + 1])
         curve.append(areas.summary(by_group)["percent"] / 100)
         progress(row + 1, len(poses))
     share = curve[-1] if curve else 0.0
-    return replace(cameras, areas=areas, curve=np.array(curve, np.float64), share=share)
+    curve_of_area = np.array(curve, np.float64)
+    return replace(cameras, areas=areas, apart=apart, curve=curve_of_area, share=share)
 
 
 def most_views(plan: Plan, views: int | None = None) -> int:
@@ -152,7 +169,23 @@ def summary_of(plan: Plan, cameras: Measured, views: int | None = None) -> dict[
         wanted = views or plan.task.views
         by_group = wanted if isinstance(wanted, dict) else None
         cameras.areas.add_to(found, by_group)
-        found |= cameras.areas.dead_zones(plan.build_camera(), cameras.poses, by_group)
+        found |= cameras.areas.dead_zones(plan.rig, cameras.placed, by_group)
+    if apart := _by_camera(plan.rig, cameras):
+        found["by_camera"] = apart
+    return found
+
+
+def _by_camera(rig: Rig, cameras: Measured) -> list[dict[str, Any]]:
+    """What the poses of each of several cameras cover, ready for JSON."""
+    mesh, of_pose = cameras.network.mesh, cameras.placed.camera
+    found = []
+    for index in cameras_apart(rig, cameras.placed):
+        own = of_pose == index
+        covered = share_of_faces(
+            mesh, cameras.covers[own].any(axis=0) & mesh.task_mask, mesh.task_mask
+        )
+        entry = {"camera": rig.names[index], "poses": int(own.sum()), "covered": covered}
+        found.append(entry | (cameras.apart.entry(index) if cameras.apart else {}))
     return found
 
 
@@ -168,7 +201,7 @@ def area_lines(summary: Mapping[str, Any]) -> list[str]:
 
 def measured(
     objective: Objective,
-    poses: FloatArray,
+    poses: ArrayLike | Poses,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Measured:
     """Coverage of a network, with its bounds.
@@ -177,29 +210,29 @@ def measured(
     ----------
     objective : Objective
         Weights and an open observer.
-    poses : (K, 4, 4) float64
-        world_from_camera; K may be 0.
+    poses : (K, 4, 4) array_like, or Poses
+        world_from_camera, with the camera of each; K may be 0.
     progress : callable
         Called with the poses done and the total.
     """
-    mesh = objective.observer.mesh
+    mesh, placed = objective.observer.mesh, renumbered(poses)
     network, nearest = PlanNetwork(mesh, objective.task), NearestCameras(mesh.n_faces)
-    masks = np.zeros((3, len(poses), mesh.n_faces), np.bool_)
-    if len(poses):
+    masks = np.zeros((3, len(placed), mesh.n_faces), np.bool_)
+    if len(placed):
         figures = (*NETWORK_FIGURES, "projected_area", "pixel_density", "facing_density")
-        for batch in evaluate_batches(objective.observer, poses, objective.task, fields=figures):
+        for batch in evaluate_batches(objective.observer, placed, objective.task, fields=figures):
             network.add(batch)
             nearest.add(batch)
             masks[0, batch.pose_ids] = batch.reason == Reason.COVERED
             masks[1:, batch.pose_ids] = certain_and_possible(batch)
-            progress(len(network.pose_ids), len(poses))
-    eyes = poses[:, :3, 3]
+            progress(len(network.pose_ids), len(placed))
+    eyes = placed.world_from_camera[:, :3, 3]
     covered, certain, possible = (objective.covered(mask, eyes) for mask in masks)
     network.is_covered = covered
     until = objective.cameras_until_covered(masks[0], eyes)
-    worth = [objective.worth(until <= n) for n in range(1, len(poses) + 1)]
+    worth = [objective.worth(until <= n) for n in range(1, len(placed) + 1)]
     return Measured(
-        poses=poses,
+        placed=placed,
         network=network,
         nearest=nearest.camera,
         covers=masks[0],
@@ -215,7 +248,7 @@ def left_over(
     observer: Observer,
     cameras: Measured,
     progress: Callable[[int, int], None],
-    candidates: FloatArray | None = None,
+    candidates: Poses | None = None,
     bounds: CandidateBounds | None = None,
     views: int | Mapping[str, int] = 1,
 ) -> Leftover:
@@ -228,10 +261,10 @@ def left_over(
         covered = covered | whole_faces(cameras.areas, views)
     return left_by(
         observer,
-        cameras.poses,
+        cameras.placed,
         cameras.network,
         cameras.nearest,
-        candidates=np.zeros((0, 4, 4)) if candidates is None else candidates,
+        candidates=renumbered(np.zeros((0, 4, 4)) if candidates is None else candidates),
         covered=covered,
         progress=progress,
         bounds=bounds,

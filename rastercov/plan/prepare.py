@@ -8,9 +8,9 @@ import hashlib
 import json
 import re
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,12 +21,13 @@ from rastercov._format import percent
 from rastercov._output import named
 from rastercov.area.cells import Cells, cells, usual_size
 from rastercov.area.network import AreaNetwork
-from rastercov.camera import Camera
+from rastercov.cluster import Tally, Workers
 from rastercov.coverage import evaluate_batches
 from rastercov.errors import ConfigError, ResourceError
 from rastercov.mesh import Mesh
 from rastercov.observer import Observer
 from rastercov.placement.candidates.cavities import Openings, openings
+from rastercov.placement.candidates.pool import Candidates
 from rastercov.placement.candidates.segments import Segmentation
 from rastercov.placement.explain.candidate_visibility import CandidateBounds
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
@@ -40,6 +41,7 @@ from rastercov.placement.select.problem import (
 from rastercov.placement.shards import describe, locked, read_header
 from rastercov.plan.candidates import (
     CandidatePool,
+    cameras_of_entry,
     candidate_pool,
     extended_pool,
     framing_of,
@@ -51,14 +53,18 @@ from rastercov.plan.file import Plan
 from rastercov.plan.generators import PerCavity
 from rastercov.plan.requirements import OF, counting, goal_of
 from rastercov.plan.sections import SelectionSection
-from rastercov.rig import only_camera
+from rastercov.pose import Poses, renumbered
+from rastercov.rig import Rig
 from rastercov.task import Reason, Task
 
-FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 N_DIAGNOSED = 32
 """Number of candidates examined for the reason why none covers a face."""
-OF_A_MATRIX = ("pairs/pairs-*.parquet", "poses.npy", "header.json", "sha256/*.sha256")
+OF_A_MATRIX = (
+    "pairs/pairs-*.parquet", "bounds/*.npz", "quarantine/shard-*.json", "scene.npz", "poses.npy",
+    "cameras.npy",
+    "header.json", "sha256/*.sha256",
+)  # fmt: skip
 """Files of a visibility matrix, see `shards`, in an order of removal that is safe to interrupt."""
 FALLBACK_SHARE = 0.99
 """Share of the reachable weight to cover where a plan requires more than is reachable."""
@@ -118,12 +124,16 @@ class Prepared:
     reachable : AreaNetwork or None
         Exact area that all candidates together cover, where the plan asks for a share of it and it
         is affordable.
+    quarantined : mapping of int to str
+        Candidates that kill the process that measures them, and its end.
+    tally : Tally
+        Time of the workers that measured candidates, where there were any.
     """
 
     plan: Plan
     selection: SelectionSection
     mesh: Mesh
-    camera: Camera
+    camera: Rig
     task: Task
     pool: CandidatePool
     segmentation: Segmentation | None
@@ -137,6 +147,13 @@ class Prepared:
     matrix: VisibilityMatrix | None = None
     least_share: float = 0.5
     reachable: AreaNetwork | None = None
+    quarantined: Mapping[int, str] = field(default_factory=dict)
+    tally: Tally = field(default_factory=Tally)
+
+    @property
+    def measured(self) -> Poses:
+        """Candidates, without those that kill the process that measures them."""
+        return without(self.pool.candidates, self.quarantined)
 
     def stricter(self, least_share: float) -> "Prepared":
         """The same, with candidates that must cover more of a cell.
@@ -189,31 +206,34 @@ def prepare(
     folder: Path,
     clock: Clock,
     cells: Cells | None = None,
+    workers: Workers | None = None,
 ) -> Prepared:
     """Candidates and their visibility matrix, with those into cavities where the plan has them.
 
     The elements of the matrix are the cells where there are some, and the faces otherwise.
     """
-    mesh, camera = observer.mesh, only_camera(observer.camera)
+    mesh, rig = observer.mesh, plan.rig
     elements: Mesh | Cells = mesh if cells is None else cells
     goal: Goal = BestCoverage(cameras=0)
     notes: list[str] = []
     used: list[Path] = []
     bounds = CandidateBounds(mesh.n_faces, mesh.task_mask)
+    tally = Tally()
 
-    def matrix_of(name: str, poses: FloatArray) -> VisibilityMatrix:
+    def matrix_of(name: str, poses: Poses) -> VisibilityMatrix:
         """Matrix of the poses, in a folder named by a hash of all that it depends on."""
         header = json.dumps(describe(observer, poses, task, None, cells), sort_keys=True)
         used.append(folder / hashlib.sha256(header.encode()).hexdigest()[:16])
         with clock(name) as progress, named(used[-1]):
             return build_matrix(
-                observer, poses, task, used[-1], cells=cells, bounds=bounds, progress=progress
-            )
+                observer, poses, task, used[-1], cells=cells, bounds=bounds, workers=workers,
+                progress=progress, watch=tally.add,
+            )  # fmt: skip
 
     with clock("candidates"):
         segmentation = segmentation_of(plan, mesh)
-        found = candidate_pool(plan, mesh, camera)
-    matrix = matrix_of("visibility matrix", found.candidates.poses)
+        found = candidate_pool(plan, mesh, rig)
+    matrix = matrix_of("visibility matrix", found.candidates.placed)
     problem = problem_of(matrix, elements, goal, costs=found.costs, **counting(plan.task))
     opened = None
     cavities = [entry for entry in plan.candidates if isinstance(entry, PerCavity)]
@@ -222,19 +242,22 @@ def prepare(
     if cavities and unseen.any():
         entry = cavities[0]
         with clock("cavities") as progress:
-            opened = openings(
-                mesh,
-                camera,
-                framing_of(plan, entry),
-                faces=unseen,
-                clearance=plan.constraints.clearance,
-                keep_out=keep_outs(plan),
-                views=entry.views,
-                progress=progress,
-            )
+            parts = []
+            for index, cost in cameras_of_entry(plan, entry):
+                opened = openings(
+                    mesh,
+                    rig.cameras[index],
+                    framing_of(plan, entry),
+                    faces=unseen,
+                    clearance=plan.constraints.clearance,
+                    keep_out=keep_outs(plan),
+                    views=entry.views,
+                    progress=progress,
+                )
+                parts.append((opened.candidates.of_camera(index), cost))
             before = len(found.candidates)
-            found = extended_pool(plan, mesh, found, opened.candidates, entry.cost)
-            further = found.candidates.poses[before:]
+            found = extended_pool(plan, mesh, found, parts)
+            further = renumbered(found.candidates.placed[before:])
         matrix = joined(matrix, matrix_of("visibility matrix of cavities", further))
         problem = problem_of(matrix, elements, goal, costs=found.costs, **counting(plan.task))
         if cells is None:
@@ -254,9 +277,14 @@ def prepare(
             "allow more, or add some"
         )
     _forget(folder, used)
+    notes += [
+        f"candidate {pose} is left out: the process that measured it {end}"
+        for pose, end in matrix.quarantined.items()
+    ]
     if not problem.reachable.any():
         what = "no face" if cells is None else "no cell"
-        notes.append(_why_nothing(observer, found.candidates.poses, task, what))
+        some = without(found.candidates, matrix.quarantined)
+        notes.append(_why_nothing(observer, some, task, what))
     try:
         problem = replace(problem, goal=goal_of(selection))
     except ConfigError as error:
@@ -273,7 +301,7 @@ def prepare(
         plan=plan,
         selection=selection,
         mesh=mesh,
-        camera=camera,
+        camera=rig,
         task=task,
         pool=found,
         segmentation=segmentation,
@@ -285,6 +313,8 @@ def prepare(
         notes=tuple(notes),
         cells=cells,
         matrix=None if cells is None else matrix,
+        quarantined=matrix.quarantined,
+        tally=tally,
     )
 
 
@@ -297,7 +327,7 @@ def _faces_with(elements: BoolArray, cells: Cells | None) -> BoolArray:
     return faces
 
 
-def _why_nothing(observer: Observer, poses: FloatArray, task: Task, what: str) -> str:
+def _why_nothing(observer: Observer, poses: Poses, task: Task, what: str) -> str:
     """Reasons why the candidates cover nothing, from a sample of them."""
     some = poses[np.unique(np.linspace(0, len(poses) - 1, N_DIAGNOSED).astype(np.int64))]
     counts = np.zeros(len(Reason), np.int64)
@@ -339,6 +369,13 @@ def _forget(folder: Path, used: list[Path]) -> None:
             continue
 
 
+def without(candidates: Candidates, quarantined: Mapping[int, str]) -> Poses:
+    """Poses of candidates but for some."""
+    is_left = np.ones(len(candidates), np.bool_)
+    is_left[list(quarantined)] = False
+    return renumbered(candidates.take(is_left).placed)
+
+
 def joined(first: VisibilityMatrix, other: VisibilityMatrix) -> VisibilityMatrix:
     """Matrix of the poses of both, of one mesh and one task."""
     return replace(
@@ -347,4 +384,7 @@ def joined(first: VisibilityMatrix, other: VisibilityMatrix) -> VisibilityMatrix
         indptr=np.concatenate((first.indptr, first.indptr[-1] + other.indptr[1:])),
         face=np.concatenate((first.face, other.face)),
         coverage=np.concatenate((first.coverage, other.coverage)),
+        camera=np.concatenate((first.camera, other.camera)),
+        quarantined=first.quarantined
+        | {first.n_poses + pose: end for pose, end in other.quarantined.items()},
     )

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from rastercov.area.network import AreaNetwork
 from rastercov.area.regions import RegionPass
+from rastercov.cluster import Workers
 from rastercov.coverage import batch_size
 from rastercov.errors import ConfigError
 from rastercov.placement.explain.uncovered import Leftover
@@ -30,7 +31,7 @@ from rastercov.placement.select.problem import FewestCameras, Problem
 from rastercov.placement.select.selection import Selection
 from rastercov.plan.entry import value_of
 from rastercov.plan.errors import PlanError
-from rastercov.plan.file import Plan
+from rastercov.plan.file import NO_CAMERA, Plan
 from rastercov.plan.network import (
     Measured,
     left_over,
@@ -122,6 +123,7 @@ def place(
     folder: Path,
     step: Step = quiet,
     save: Callable[[Placement], None] = lambda placement: None,
+    workers: Workers | None = None,
 ) -> Placement:
     """Carry out a plan.
 
@@ -142,6 +144,8 @@ def place(
     save : callable
         Called with the results so far before each step after the selection, with the name of the
         step as `Placement.interrupted`: the saved state is then right if the run is killed.
+    workers : Workers, optional
+        Processes that measure the candidates; this one unless given.
 
     Raises
     ------
@@ -152,6 +156,7 @@ def place(
     """
     selection = plan.selection
     missing = [] if plan.candidates else ["candidates: missing; place needs one entry or more"]
+    missing += [] if plan.has_cameras else [NO_CAMERA]
     missing += [] if selection else ["selection: missing; place needs a goal"]
     if selection is None or missing:
         raise PlanError(plan.name, missing)
@@ -169,7 +174,9 @@ def place(
             opened.enter_context(closing(finder))
             on_cells = CellObjective.of_cells(observer, finder, cells, **counting(plan.task))
         objectives = Objectives(faces, on_cells)
-        prepared = prepare(plan, selection, observer, task, folder / "matrix", clock, cells)
+        prepared = prepare(
+            plan, selection, observer, task, folder / "matrix", clock, cells, workers
+        )
         if on_cells is not None:
             prepared = _with_reachable(prepared, on_cells.finder, clock)
         with clock("selection"):
@@ -203,7 +210,7 @@ def _placed(
 ) -> Placement:
     """The network of a selection, measured by face."""
     left, rows = prepared.pool.candidates, chosen.chosen
-    cameras = measured(objectives.faces, left.poses[rows])
+    cameras = measured(objectives.faces, left.placed[rows])
     return Placement(
         prepared=prepared,
         selection=chosen,
@@ -234,8 +241,8 @@ def _by_area(
     assert cameras.areas is not None
     required: tuple[Requirement, ...]
     if _is_of_reachable(selection) and prepared.reachable is None:
-        problem, poses = prepared.problem, cameras.poses
-        covered = on_cells.covered(on_cells.covers(poses), poses[:, :3, 3])
+        problem, covers = prepared.problem, on_cells.covers(cameras.placed)
+        covered = on_cells.covered(covers, cameras.poses[:, :3, 3])
         cells, reachable = on_cells.elements, problem.reachable
         found = judge(cells, problem.integer_weights, limits, covered, reachable=reachable)
         required = tuple(CellRequirement(**asdict(each)) for each in found)
@@ -251,7 +258,7 @@ def _is_of_reachable(selection: SelectionSection) -> bool:
 
 def _with_reachable(prepared: Prepared, finder: RegionPass, clock: Clock) -> Prepared:
     """With the exact area of all candidates where shares are of it and it is affordable."""
-    poses = Poses.of(prepared.pool.candidates.poses)
+    poses = prepared.measured
     is_affordable = len(poses) * prepared.mesh.n_faces <= MOST_PAIRS
     if not _is_of_reachable(prepared.selection) or not is_affordable:
         return prepared
@@ -388,15 +395,16 @@ def _optimise(placement: Placement, objectives: Objectives, progress: Progress) 
         budget=max(asked.budget, len(start)),
         population=asked.population,
         seed=prepared.selection.seed,
-        candidates=prepared.pool.candidates.poses,
+        candidates=prepared.measured.world_from_camera,
         start=start,
+        camera=placement.cameras.placed.camera,
     )
     moved = _moved(placement, objectives, found.poses, "searched")
     return replace(moved, optimised=found, interrupted="search" if found.is_interrupted else "")
 
 
 def _refine(placement: Placement, objectives: Objectives, progress: Progress) -> Placement:
-    selection, start = placement.prepared.selection, placement.cameras.poses
+    selection, start = placement.prepared.selection, placement.cameras.placed
     found = refine(
         _watched(objectives.moved, progress, selection.refine_budget),
         placement.prepared.pool.space,
@@ -410,7 +418,7 @@ def _refine(placement: Placement, objectives: Objectives, progress: Progress) ->
 
 
 def _tolerate(placement: Placement, objectives: Objectives, progress: Progress) -> Placement:
-    selection, poses = placement.prepared.selection, placement.cameras.poses
+    selection, poses = placement.prepared.selection, placement.cameras.placed
     asked = selection.tolerance
     assert asked is not None
     error = value_of(asked, InstallationError)
@@ -427,7 +435,7 @@ def _explain_uncovered(
         objectives.faces.observer,
         placement.cameras,
         progress,
-        prepared.pool.candidates.poses,
+        prepared.measured,
         prepared.bounds,
         prepared.plan.task.views,
     )
@@ -444,7 +452,8 @@ def _moved(placement: Placement, objectives: Objectives, poses: FloatArray, how:
         name if (old == new).all() else f"{name}, {how}"
         for name, old, new in zip(placement.origin, before, poses, strict=True)
     ]
-    cameras = measured(objectives.faces, poses)
+    camera = placement.cameras.placed.camera
+    cameras = measured(objectives.faces, Poses.of(poses, camera=camera))
     requirements = _required_by_face(placement.prepared, cameras, objectives.faces)
     moved = replace(placement, cameras=cameras, origin=tuple(origin), requirements=requirements)
     if objectives.cells is None:

@@ -208,7 +208,7 @@ class CameraSection(fields_of(Camera, is_optional=True, leave_out=("pixel_size",
 
     def build(self, folder: Path) -> Camera:
         """The camera; CameraError where the entries do not make one."""
-        entries = self.model_dump(exclude_none=True)
+        entries = self.model_dump(exclude_none=True, exclude={"cost"})
         if self.file is None:
             return Camera.from_dict(entries)
         if others := ", ".join(sorted(entries.keys() - {"file", "name", *OF_FILES})):
@@ -222,6 +222,18 @@ class CameraSection(fields_of(Camera, is_optional=True, leave_out=("pixel_size",
             for name in OF_FILES:
                 text = text.replace(f"--{name.replace('_', '-')}", f"{name} =")
             raise CameraError(text.replace("= WIDTHxHEIGHT", "= [width, height]")) from None
+
+
+ONE_CAMERA = "camera"
+"""Name of the camera of a plan with one."""
+
+
+class CameraType(CameraSection):
+    """One of several types of cameras, by its name."""
+
+    cost: NotNegative | None = Field(
+        default=None, description="Of one of them, added to that of its place; 1 unless given."
+    )
 
 
 class TaskSection(fields_of(Task, leave_out=("views",))):  # type: ignore[misc]
@@ -410,7 +422,12 @@ class PlanModel(Entry):
     targets: list[TargetEntry] = Field(
         default=[], description="Further surfaces to be seen, which hide nothing."
     )
-    camera: CameraSection = Field(description="The camera that all poses share.")
+    camera: CameraSection | None = Field(
+        default=None, description="The camera that all poses share."
+    )
+    cameras: dict[Name, CameraType] = Field(
+        default={}, description="Types of cameras by name, instead of the one camera."
+    )
     task: TaskSection = Field(
         default=TaskSection(), description="Thresholds that a face must meet to be covered."
     )
@@ -422,3 +439,23 @@ class PlanModel(Entry):
     outputs: Outputs = Field(
         default=Outputs(), description="Files that are written, and their folder."
     )
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.camera is not None and self.cameras:
+            raise ValueError("camera and cameras exclude each other; put it among the cameras")
+        known = self.camera_names
+        for row, entry in enumerate(self.candidates):
+            for name in entry.cameras:
+                if name not in known:
+                    listed = ", ".join(known) or "none"
+                    raise ValueError(
+                        f"candidates[{row}].cameras: there is no camera {name!r}; cameras are "
+                        f"{listed}"
+                    )
+        return self
+
+    @property
+    def camera_names(self) -> tuple[str, ...]:
+        """Names of the cameras; "camera" of the one that all poses share."""
+        return (ONE_CAMERA,) if self.camera is not None else tuple(self.cameras)

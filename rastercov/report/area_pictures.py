@@ -9,6 +9,8 @@ from rastercov.area.points import covering_poses
 from rastercov.area.regions import Regions
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
+from rastercov.pose import Poses
+from rastercov.rig import cameras_of
 
 FloatArray = NDArray[np.float64]
 PIXELS_AT_A_TIME = 1 << 16
@@ -16,10 +18,10 @@ PIXELS_AT_A_TIME = 1 << 16
 
 
 class SeenArea(NamedTuple):
-    """Regions, and the poses (P, 4, 4) that they are of."""
+    """Regions, and the poses that they are of, (P, 4, 4) or with the camera of each."""
 
     regions: Regions
-    poses: FloatArray
+    poses: FloatArray | Poses
 
 
 def best_and_views(
@@ -58,8 +60,12 @@ def best_and_views_at(
     best = np.full(len(face), -1, np.int64)
     views = np.zeros(len(face), np.int64)
     mesh = seen.regions.mesh
-    if not len(seen.poses):
+    placed = Poses.of(seen.poses)
+    matrices = placed.world_from_camera
+    if not len(placed):
         return best, views
+    pixels = [each.fx * each.fy for each in cameras_of(seen.regions.camera)]
+    scales = [pixels[index] / pixels[0] for index in placed.camera]
     for at in range(0, len(face), PIXELS_AT_A_TIME):
         part = slice(at, at + PIXELS_AT_A_TIME)
         covers = covering_poses(seen.regions, face[part], points[part])
@@ -67,7 +73,8 @@ def best_and_views_at(
         worth = np.full(len(covers), -np.inf)
         for pose in np.flatnonzero(covers.any(axis=0)).tolist():  # few cameras, many points
             rows = np.flatnonzero(covers[:, pose])
-            density = _density(mesh, seen.poses[pose], face[part][rows], points[part][rows])
+            density = _density(mesh, matrices[pose], face[part][rows], points[part][rows])
+            density *= scales[pose]
             is_better = density > worth[rows]
             worth[rows[is_better]] = density[is_better]
             best[at + rows[is_better]] = pose

@@ -60,12 +60,7 @@ def run(
             mesh, views.rig, views.poses, task, names=views.images or None, progress=progress,
             **options,
         )  # fmt: skip
-        header = Provenance(mesh, views.rig.cameras[0], views.poses.given, task, options).as_dict()
-        header["cameras"] = [
-            {"name": name} | camera.plain()
-            for name, camera in zip(views.rig.names, views.rig.cameras, strict=True)
-        ]
-        del header["camera"]
+        header = Provenance(mesh, views.rig, views.poses.given, task, options).as_dict()
         summary = found.summary() | {"notes": list(views.notes), "run": header}
         with interrupts_held():
             _write_elements(folder.file("elements.parquet"), found)

@@ -228,18 +228,4 @@ def camera_picture(
 
 def of_pose(regions: Regions, row: int) -> Regions:
     """Regions of one pose alone."""
-    pieces = np.flatnonzero(regions.pose == row)
-    pairs = np.flatnonzero(regions.pair_pose == row)
-    counts = np.diff(regions.starts)
-    corners = np.repeat(regions.pose == row, counts)
-    return Regions(
-        regions.mesh, regions.camera, regions.task, regions.pose_ids[row : row + 1],
-        xy=regions.xy[corners],
-        starts=np.concatenate([np.zeros(1, np.int64), np.cumsum(counts[pieces])]),
-        face=regions.face[pieces],
-        pose=np.zeros(len(pieces), np.int32),
-        pair_pose=np.zeros(len(pairs), np.int32),
-        pair_face=regions.pair_face[pairs],
-        area=regions.area[pairs],
-        bound=regions.bound[pairs],
-    )  # fmt: skip
+    return regions.of_poses(np.arange(len(regions.pose_ids)) == row)

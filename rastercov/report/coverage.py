@@ -17,9 +17,9 @@ describes runs that are killed.
 import logging
 import re
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, closing
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +47,7 @@ from rastercov.raster import open_rasterizer
 from rastercov.raster.contract import Rasterizer
 from rastercov.report.area_pictures import SeenArea, best_and_views
 from rastercov.report.areas import write_areas
+from rastercov.report.by_camera import ByCamera
 from rastercov.report.coloured_mesh import write_coloured_mesh, write_covered_mesh
 from rastercov.report.coverage_table import CoverageTable
 from rastercov.report.doubts import doubts
@@ -66,7 +67,7 @@ from rastercov.report.placement_pictures import coverage_picture as whole_faces_
 from rastercov.report.placement_pictures import views_picture
 from rastercov.report.target_pictures import targets_in_view
 from rastercov.report.zone_pictures import zones_picture
-from rastercov.rig import Cameras
+from rastercov.rig import Cameras, cameras_of, names_of
 from rastercov.task import Task
 
 LOG = logging.getLogger("rastercov")
@@ -127,7 +128,7 @@ class Options:
 
 def run(
     mesh: Mesh,
-    camera: Camera,
+    camera: Cameras,
     poses: ArrayLike | Poses,
     task: Task,
     out: Path,
@@ -172,7 +173,7 @@ def run(
 def _run(
     folder: ReportFolder,
     mesh: Mesh,
-    camera: Camera,
+    camera: Cameras,
     poses: Poses,
     task: Task,
     options: Options,
@@ -183,11 +184,17 @@ def _run(
     unit, reason = unit_of_result(options.by, task, options.engine, camera)
     areas = AreaNetwork(mesh, task) if unit == "area" else None
     evenly = np.linspace(0, total - 1, min(options.pictures, total)).astype(int)
-    chosen = set(poses.ids[np.unique(evenly)].tolist()) if camera.is_pinhole else set()
+    cameras = cameras_of(camera)
+    poses.check_cameras(len(cameras))
+    rows = [row for row in np.unique(evenly) if cameras[poses.camera[row]].is_pinhole]
+    chosen = set(poses.ids[rows].tolist())
     drawn: dict[int, NDArray[np.float64]] = {}
     if chosen and options.device not in ("auto", "cpu"):
-        options.open_rasterizer(mesh, camera).close()  # a broken device fails before the work
+        options.open_rasterizer(
+            mesh, cameras[poses.camera[rows[0]]]
+        ).close()  # a broken device fails before the work
     pairs = table_of(mesh, camera, poses) if options.table is None else options.table
+    apart = ByCamera(mesh, task, camera, poses, by_area=areas is not None)
     interrupted = False
     with ExitStack() as opened:
         observer = opened.enter_context(_observer(mesh, camera, task, options.engine, areas))
@@ -198,10 +205,16 @@ def _run(
         if pairs != "none":
             path = folder.file("coverage.parquet")
             table = opened.enter_context(
-                CoverageTable(path, mesh, header, by_area=areas is not None)
+                CoverageTable(
+                    path,
+                    mesh,
+                    header,
+                    by_area=areas is not None,
+                    cameras=_cameras_of_poses(camera, poses),
+                )
             )
         started = time.perf_counter()
-        batches = network.judge(observer, poses, pairs=pairs, keep=chosen)
+        batches = network.judge(observer, poses, pairs=pairs, keep=chosen, apart=apart.is_asked)
         try:
             progress(0, total)
             for batch in batches:
@@ -212,11 +225,12 @@ def _run(
                     if table is not None:
                         table.add(batch.rows, None if found is None else _of_rows(batch, found))
                     network.add(batch)
+                    apart.add(batch, found)
                     if areas is not None and found is not None:
                         areas.add(found)
                         # The table has the area of every pair, also of faces that need no more.
                         if table is None:
-                            observer.closed = areas.closed
+                            observer.closed = apart.closed(areas.closed)
                     drawn |= batch.kept
                 progress(len(network.pose_ids), total)
         except KeyboardInterrupt:
@@ -236,14 +250,13 @@ def _run(
     done = len(network.pose_ids)
     summary = network.summary() | {"by": unit, "by_face_because": reason}
     measured_poses = poses[np.isin(poses.ids, network.pose_ids)]
-    measured = measured_poses.world_from_camera
     parts: list[str] = []
     if areas is None:
-        parts = half_covered(network, camera, measured, options.method)
+        parts = half_covered(network, camera, measured_poses, options.method)
     else:
         areas.add_to(summary)
         with interrupts_held():
-            summary |= areas.dead_zones(camera, measured)
+            summary |= areas.dead_zones(camera, measured_poses)
         write_areas(folder.file("areas.parquet"), mesh, areas.covered)
     if drawn and not stopped:
         stopped = _draw_network(folder, network, camera, measured_poses, areas, summary)
@@ -257,7 +270,7 @@ def _run(
         "run": header,
         "size_m": np.ptp(mesh.bounds, axis=0).tolist(),
         "warnings": list(mesh.warnings),
-        "doubts": [*doubts(network, camera, measured), *parts, *no_pictures(camera, options)],
+        "doubts": [*doubts(network, camera, measured_poses), *parts, *no_pictures(camera, options)],
         "per_pose": [
             {"pose": pose, "covered_faces": covered, "mean_coverage": mean}
             for pose, covered, mean in zip(
@@ -265,6 +278,8 @@ def _run(
             )
         ],
     }
+    if len(cameras) > 1:
+        summary |= _of_cameras(apart, measured_poses, summary["per_pose"])
     with interrupts_held():
         if areas is None:
             write_coloured_mesh(folder.file("network.glb"), mesh, network.best)
@@ -275,10 +290,32 @@ def _run(
     return summary
 
 
+def _cameras_of_poses(
+    camera: Cameras, poses: Poses
+) -> tuple[Sequence[str], NDArray[np.int32]] | None:
+    """Names of several cameras, and the index of the camera of each pose of the input."""
+    if len(cameras_of(camera)) == 1:
+        return None
+    index = np.zeros(len(poses.given), np.int32)
+    index[poses.ids] = poses.camera
+    return names_of(camera), index
+
+
+def _of_cameras(
+    apart: ByCamera, poses: Poses, per_pose: Sequence[Mapping[str, Any]]
+) -> dict[str, Any]:
+    """Entries of a summary by camera, and those of each pose with the name of its camera."""
+    named = [
+        dict(entry) | {"camera": apart.names[index]}
+        for entry, index in zip(per_pose, poses.camera.tolist(), strict=True)
+    ]
+    return {"by_camera": apart.summary(), "per_pose": named}
+
+
 def _draw_network(
     folder: ReportFolder,
     network: Network,
-    camera: Camera,
+    camera: Cameras,
     poses: Poses,
     areas: AreaNetwork | None,
     summary: dict[str, Any],
@@ -287,8 +324,7 @@ def _draw_network(
 
     Of more than `MOST_COLOURS` cameras, it is the number of them that cover each point.
     """
-    mesh, matrices = network.mesh, poses.world_from_camera
-    eyes = matrices[:, :3, 3]
+    mesh, eyes = network.mesh, poses.world_from_camera[:, :3, 3]
     try:
         if len(poses) <= MOST_COLOURS:
             found = None
@@ -297,7 +333,7 @@ def _draw_network(
                     found = finder.find(poses)
             names = [str(row) for row in poses.ids.tolist()]
             best = best_covering(network)
-            picture = overview_picture(camera_colours(mesh, matrices, best, names, found), camera)
+            picture = overview_picture(camera_colours(mesh, poses, best, names, found), camera)
         elif areas is not None:
             picture = views_picture(areas.covered, eyes)
         else:
@@ -322,11 +358,12 @@ def _of_rows(batch: JudgedPoses, found: Regions) -> NDArray[np.float32]:
     return dense[row, batch.rows.face]
 
 
-def no_pictures(camera: Camera, options: Options) -> list[str]:
-    """Line that no poses are drawn, where they were to be and cannot; often none."""
-    if camera.is_pinhole or not options.pictures:
+def no_pictures(camera: Cameras, options: Options) -> list[str]:
+    """Line on lenses through which no poses are drawn, where they were to be; often none."""
+    models = sorted({each.model for each in cameras_of(camera) if not each.is_pinhole})
+    if not models or not options.pictures:
         return []
-    return [f"no pictures: reports draw through pinholes, and the lens is {camera.model}"]
+    return [f"no pictures: reports draw through pinholes, and the lens is {', '.join(models)}"]
 
 
 def _observer(
@@ -338,7 +375,7 @@ def _observer(
     return RegionObserver(mesh, camera, task, engine)
 
 
-def table_of(mesh: Mesh, camera: Camera, poses: Poses) -> str:
+def table_of(mesh: Mesh, camera: Cameras, poses: Poses) -> str:
     """Pairs of the table by default: "seen", but "none" above `MOST_ROWS`, with a line.
 
     Rows are estimated from one pose in 64, at most 16 of them, spread evenly over the run.
@@ -347,7 +384,11 @@ def table_of(mesh: Mesh, camera: Camera, poses: Poses) -> str:
     if total * mesh.n_faces <= MOST_ROWS:
         return "seen"
     some = np.linspace(0, total - 1, min(16, 1 + total // 64)).astype(int)
-    views = (face_geometry(mesh, camera, poses.world_from_camera[row]) for row in some)
+    cameras = cameras_of(camera)
+    views = (
+        face_geometry(mesh, cameras[poses.camera[row]], poses.world_from_camera[row])
+        for row in some
+    )
     seen = [np.count_nonzero(view.is_front & (view.in_view_fraction > 0)) for view in views]
     rows = round(float(np.mean(seen)) * total)
     if rows <= MOST_ROWS:
@@ -361,7 +402,7 @@ def table_of(mesh: Mesh, camera: Camera, poses: Poses) -> str:
 
 def _draw(
     mesh: Mesh,
-    camera: Camera,
+    camera: Cameras,
     poses: Poses,
     folder: ReportFolder,
     options: Options,
@@ -372,44 +413,49 @@ def _draw(
 ) -> bool:
     """Draw the chosen poses and a sheet of them; True when interrupted."""
     digits = len(str(max(drawn)))
-    pictures: list[Image.Image] = []
-    titles: list[str] = []
+    found: dict[int, tuple[Image.Image, str]] = {}
     interrupted = False
     named = ("covered", "not covered") if by_area else ()
-    small = camera.resized(min(1.0, PICTURE_SIDE / max(camera.width, camera.height)))
+    some, cameras = poses[np.isin(poses.ids, list(drawn))], cameras_of(camera)
     try:
-        with ExitStack() as opened:
-            rasterizer = opened.enter_context(options.open_rasterizer(mesh, small))
-            finder = None
-            if by_area:
-                finder = RegionPass(mesh, camera, task, method=options.engine)
-                opened.callback(finder.close)
-            for pose, values in drawn.items():
-                covers = (values >= task.min_coverage) & (values > 0)
-                title = pose_title(mesh, pose, covers)
-                matrix = poses.given[pose]
-                own = poses[poses.ids == pose]
-                buffer, covered, on_targets = rasterizer.render(own), None, None
-                if finder is not None:
-                    regions = finder.find(own)
-                    seen = SeenArea(regions, own.world_from_camera)
-                    covered = best_and_views(seen, small, matrix, buffer.face)[1] > 0
-                    targets = targets_in_view(mesh, small, matrix, buffer.depth)
-                    if targets is not None:
-                        on_targets = best_and_views(seen, small, matrix, targets)[1] > 0
-                    title = area_title(mesh, pose, float(regions.area.sum()), covers)
-                pixels = coverage_pixels(buffer, values, mesh, matrix, small, covered, on_targets)
-                picture = coverage_picture(
-                    buffer, values, mesh, small, matrix, title, pixels, named=named
-                )
-                faces = face_index_picture(buffer)
-                with interrupts_held():
-                    save_picture(picture, folder.file(f"pose_{pose:0{digits}d}.png"))
-                    save_picture(faces, folder.file(f"faces_{pose:0{digits}d}.png"))
-                    pictures.append(Image.fromarray(pixels))
-                    titles.append(title)
+        for index, rows in some.by_camera():
+            eye = cameras[index]
+            small = eye.resized(min(1.0, PICTURE_SIDE / max(eye.width, eye.height)))
+            with ExitStack() as opened:
+                rasterizer = opened.enter_context(options.open_rasterizer(mesh, small))
+                finder = None
+                if by_area:
+                    finder = RegionPass(mesh, eye, task, method=options.engine)
+                    opened.callback(finder.close)
+                for pose in some[rows].ids.tolist():
+                    values, matrix = drawn[pose], poses.given[pose]
+                    covers = (values >= task.min_coverage) & (values > 0)
+                    title = pose_title(mesh, pose, covers)
+                    own = replace(poses[poses.ids == pose], camera=np.zeros(1, np.int32))
+                    buffer, covered, on_targets = rasterizer.render(own), None, None
+                    if finder is not None:
+                        regions = finder.find(own)
+                        seen = SeenArea(regions, own)
+                        covered = best_and_views(seen, small, matrix, buffer.face)[1] > 0
+                        targets = targets_in_view(mesh, small, matrix, buffer.depth)
+                        if targets is not None:
+                            on_targets = best_and_views(seen, small, matrix, targets)[1] > 0
+                        title = area_title(mesh, pose, float(regions.area.sum()), covers)
+                    pixels = coverage_pixels(
+                        buffer, values, mesh, matrix, small, covered, on_targets
+                    )
+                    picture = coverage_picture(
+                        buffer, values, mesh, small, matrix, title, pixels, named=named
+                    )
+                    faces = face_index_picture(buffer)
+                    with interrupts_held():
+                        save_picture(picture, folder.file(f"pose_{pose:0{digits}d}.png"))
+                        save_picture(faces, folder.file(f"faces_{pose:0{digits}d}.png"))
+                        found[pose] = Image.fromarray(pixels), title
     except KeyboardInterrupt:
         interrupted = True
-    if pictures:
-        save_picture(contact_sheet(pictures, titles), folder.file("contact_sheet.png"))
+    if found:
+        pictures, titles = zip(*(found[pose] for pose in sorted(found)), strict=True)
+        sheet = contact_sheet(list(pictures), list(titles))
+        save_picture(sheet, folder.file("contact_sheet.png"))
     return interrupted

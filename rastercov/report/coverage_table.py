@@ -6,7 +6,7 @@ names the file.
 
 import queue
 import threading
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -58,6 +58,9 @@ class CoverageTable:
         "rastercov" of the schema's metadata.
     by_area : bool
         Adds the column `covered_m2`, float32: the part of the face that the pose covers.
+    cameras : (sequence of str, (N,) int32), optional
+        Names of several cameras, and the index of the camera of each pose of the input: adds the
+        column `camera`, the name, dictionary-encoded.
 
     Notes
     -----
@@ -74,10 +77,13 @@ class CoverageTable:
         header: Mapping[str, Any] | None = None,
         *,
         by_area: bool = False,
+        cameras: "tuple[Sequence[str], NDArray[np.int32]] | None" = None,
     ) -> None:
         self.path, self.mesh = Path(path), mesh
         names = pa.dictionary(pa.int32(), pa.string())
         kinds = {"pose": pa.int32(), "face": pa.int32(), "group": names}
+        if cameras is not None:
+            kinds["camera"] = names
         for name, kind in FIGURES.items():
             kinds[name] = pa.bool_() if kind is np.bool_ else pa.float32()
         kinds |= dict.fromkeys(CODES, names)
@@ -94,6 +100,8 @@ class CoverageTable:
         self._names = {"group": _names(group.name for group in mesh.groups)} | {
             name: _names(code.name.lower() for code in codes) for name, codes in CODES.items()
         }
+        if cameras is not None:
+            self._names["camera"], self._camera_of_pose = _names(cameras[0]), cameras[1]
         self._writer: Any = None
         self._pending: Any = None
         self._thread: threading.Thread | None = None
@@ -118,7 +126,7 @@ class CoverageTable:
                     file,
                     self.schema,
                     compression="snappy",
-                    use_dictionary=["pose", "group", *CODES],
+                    use_dictionary=["pose", *self._names],
                     use_byte_stream_split=[name for name in floats if name not in CODES],
                     column_encoding={"face": "DELTA_BINARY_PACKED"},
                     write_statistics=["pose", "face"],
@@ -183,6 +191,8 @@ class CoverageTable:
         if COVERED_M2 in self.schema.names:
             columns[COVERED_M2] = covered_m2
         columns["group"] = self._group_of_face[rows.face]
+        if "camera" in self._names:
+            columns["camera"] = self._camera_of_pose[rows.pose]
         for name, names in self._names.items():
             columns[name] = pa.DictionaryArray.from_arrays(columns[name], names)
         pending = pa.concat_tables([self._pending, pa.table(columns, schema=self.schema)])

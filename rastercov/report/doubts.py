@@ -4,15 +4,19 @@ Between a finished network and the commands that print it. Every line is a guess
 scene, says so by the figure, and names what to try.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rastercov.camera import Camera
 from rastercov.camera_formats.pose_doubts import convention_doubts
 from rastercov.mesh import Mesh
 from rastercov.mesh.diagnosis import size_in_words
-from rastercov.near_plane import near_limit
+from rastercov.near_plane import near_limits
 from rastercov.network import Network
+from rastercov.pose import Poses
+from rastercov.rig import Cameras, cameras_of
 
 UNLIKELY_RATIO = 300.0
 """Size of the mesh by the range of the cameras above which the unit is asked for, or below its
@@ -28,24 +32,26 @@ MOST_FACES, MOST_POSES = 2000, 16
 """Faces and cameras whose lines of sight are traced, spread evenly: about 0.1 s."""
 
 
-def doubts(network: Network, camera: Camera, poses: NDArray[np.float64]) -> list[str]:
+def doubts(network: Network, camera: Cameras, poses: ArrayLike | Poses) -> list[str]:
     """Lines about the unit of the mesh and the side that its faces show; often none.
 
     Parameters
     ----------
     network : Network
         The result.
-    camera : Camera
+    camera : Camera, or several
         Its depth of field is compared with the size of the mesh.
-    poses : (P, 4, 4) float64
+    poses : (P, 4, 4) array_like, or Poses
         world_from_camera of the network.
     """
-    if not len(poses):
+    placed, cameras = Poses.of(poses), cameras_of(camera)
+    if not len(placed):
         return []
+    far = max(cameras[index].depth_of_field()[1] for index in np.unique(placed.camera))
     return [
-        *_unit(network.mesh, camera, poses[:, :3, 3]),
-        *_sides(network, camera, poses[_spread(len(poses), MOST_POSES)]),
-        *convention_doubts(network.mesh, camera, poses),
+        *_unit(network.mesh, float(far), placed.world_from_camera[:, :3, 3]),
+        *_sides(network, cameras, placed[_spread(len(placed), MOST_POSES)]),
+        *convention_doubts(network.mesh, cameras, placed),
     ]
 
 
@@ -54,13 +60,15 @@ def _spread(n_rows: int, most: int) -> NDArray[np.int64]:
     return np.linspace(0, n_rows - 1, min(n_rows, most)).astype(np.int64)
 
 
-def _unit(mesh: Mesh, camera: Camera, eyes: NDArray[np.float64]) -> list[str]:
-    """A line where the mesh is very large or very small beside the range of the cameras."""
+def _unit(mesh: Mesh, far: float, eyes: NDArray[np.float64]) -> list[str]:
+    """A line where the mesh is very large or very small beside the range of the cameras.
+
+    `far` is the greatest depth in focus, metres.
+    """
     size = float(np.ptp(mesh.bounds, axis=0).max())
     if not size > 0:
         return []
     words = f"the mesh measures {mesh.size_in_words}"
-    _, far = camera.depth_of_field()
     if np.isfinite(far) and size > UNLIKELY_RATIO * far:
         return [f"{words}, and the camera is in focus to {size_in_words(far)}: --unit mm?"]
     apart = np.maximum(np.maximum(mesh.bounds[0] - eyes, eyes - mesh.bounds[1]), 0)
@@ -73,7 +81,7 @@ def _unit(mesh: Mesh, camera: Camera, eyes: NDArray[np.float64]) -> list[str]:
     return []
 
 
-def _sides(network: Network, camera: Camera, poses: NDArray[np.float64]) -> list[str]:
+def _sides(network: Network, cameras: Sequence[Camera], poses: Poses) -> list[str]:
     """A line where most of what the cameras look at is seen from behind.
 
     The reasons of the faces do not tell it: a closed surface that is inside out is back-facing on
@@ -90,7 +98,9 @@ def _sides(network: Network, camera: Camera, poses: NDArray[np.float64]) -> list
     faces = faces[_spread(len(faces), MOST_FACES)]
     points, sight = mesh.centroids[faces], LineOfSight(mesh, "own")
     front = behind = 0.0
-    for pose, near in zip(poses, near_limit(camera, mesh.bounds, poses), strict=True):
+    near_of = near_limits(cameras, mesh.bounds, poses)
+    for pose, index, near in zip(poses.world_from_camera, poses.camera, near_of, strict=True):
+        camera = cameras[index]
         in_camera = (points - pose[:3, 3]) @ pose[:3, :3]
         depth = np.where(in_camera[:, 2] > near, in_camera[:, 2], np.nan)
         pixel = (in_camera @ camera.K.T)[:, :2] / depth[:, None]

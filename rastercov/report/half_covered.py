@@ -8,16 +8,17 @@ from dataclasses import fields, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rastercov._format import percent
 from rastercov.area.failures import first_failures
 from rastercov.area.network import unit_of_result
 from rastercov.area.regions import OF_A_FACE
-from rastercov.camera import Camera
 from rastercov.engine import Engine
 from rastercov.mesh import Mesh
 from rastercov.network import Network
+from rastercov.pose import Poses
+from rastercov.rig import Cameras, cameras_of
 from rastercov.task import Reason, Task
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ MOST_POSES, PAIRS = 1000, 200_000
 
 
 def half_covered(
-    network: Network, camera: Camera, poses: FloatArray, method: str = "certified"
+    network: Network, camera: Cameras, poses: ArrayLike | Poses, method: str = "certified"
 ) -> list[str]:
     """Line about parts of faces that cameras cover and no count of whole faces has; often none.
 
@@ -44,13 +45,13 @@ def half_covered(
     ----------
     network : Network
         The result, by face.
-    camera : Camera
-    poses : (P, 4, 4) float64
+    camera : Camera, or several
+    poses : (P, 4, 4) array_like, or Poses
         world_from_camera of the network.
     method : str
         Method of visibility of the network.
     """
-    if not camera.is_pinhole:
+    if not all(each.is_pinhole for each in cameras_of(camera)):
         return []
     share = share_in_parts(network, camera, poses)
     if share < LEAST_SHARE:
@@ -66,35 +67,36 @@ def half_covered_lines(plan: "Plan", cameras: "Measured") -> list[str]:
     """The same line for the network of a plan, in the words of plan files; none by area."""
     if cameras.areas is not None:
         return []
-    camera, method = plan.build_camera(), plan.task.method
-    lines = half_covered(cameras.network, camera, cameras.poses, method)
+    lines = half_covered(cameras.network, plan.rig, cameras.placed, plan.task.method)
     return [line.replace("--by area", 'by = "area" in [task]') for line in lines]
 
 
-def share_in_parts(network: Network, camera: Camera, poses: FloatArray) -> float:
+def share_in_parts(network: Network, camera: Cameras, poses: ArrayLike | Poses) -> float:
     """Share of the task's area that is covered in faces that are not covered as a whole.
 
     At least: of more than `MOST_POSES` poses some are left out.
     """
-    mesh, task = network.mesh, network.task
+    mesh, task, placed, cameras = network.mesh, network.task, Poses.of(poses), cameras_of(camera)
     scored = mesh.task_mask & ~mesh.degenerate_mask
     left = np.flatnonzero(scored & (network.views < task.views))
     total, area = float(mesh.areas[scored].sum()), float(mesh.areas[left].sum())
-    if not len(poses) or not area or area < LEAST_SHARE * total:
+    if not len(placed) or not area or area < LEAST_SHARE * total:
         return 0.0
-    some = poses[np.unique(np.linspace(0, len(poses) - 1, MOST_POSES).astype(np.int64))]
+    some = placed[np.unique(np.linspace(0, len(placed) - 1, MOST_POSES).astype(np.int64))]
     n = int(np.clip(PAIRS // len(some), LEAST_POINTS, MOST_POINTS))
     face = left[_at_equal_steps(mesh.areas[left], n)]
     points = _within(mesh, face)
     normals = mesh.normals[face]
     wanted = task.min_pixels * task.min_coverage / mesh.areas[face]
     found = np.zeros(n, np.int64)
-    failures = first_failures(mesh, camera, _pointwise(task), some, points, face)
-    for pose, (reason, _) in zip(some, failures, strict=True):
+    failures = first_failures(mesh, cameras, _pointwise(task), some, points, face)
+    eyes = zip(some.world_from_camera, some.camera, strict=True)
+    for (pose, index), (reason, _) in zip(eyes, failures, strict=True):
         away = points - pose[:3, 3]
         depth = np.maximum(away @ pose[:3, 2], 0.0)
         height = np.abs(np.einsum("ni,ni->n", normals, away))
-        is_enough = camera.fx * camera.fy * height >= wanted * depth**3
+        fx, fy = cameras[index].fx, cameras[index].fy
+        is_enough = fx * fy * height >= wanted * depth**3
         found += (reason == Reason.COVERED) & is_enough
     return float((found >= task.views).mean()) * area / total
 

@@ -19,6 +19,7 @@ from rastercov.area.regions import Regions
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.network import Network
+from rastercov.pose import Poses
 from rastercov.report import theme
 from rastercov.report.area_pictures import SeenArea, best_and_views_at, points_of_pixels
 from rastercov.report.floor_plan import FOOT, FloorPlan, floor_plan, outline, paint_plan
@@ -44,6 +45,7 @@ from rastercov.report.panorama import (
 )
 from rastercov.report.placement_pictures import beside, key, neutral, scene_keys
 from rastercov.report.theme import Colour, Pixels
+from rastercov.rig import Cameras, cameras_of
 
 FloatArray = NDArray[np.float64]
 
@@ -65,6 +67,7 @@ class CameraColours:
 
     With `regions` of the poses it is coloured point by point, by the camera with most pixels on it;
     else face by face, by `best_pose`, (F,), -1 for none; without either it has no camera's colour.
+    `camera`, (K,), is the index of the camera of each pose; 0 unless given.
     """
 
     mesh: Mesh
@@ -72,6 +75,20 @@ class CameraColours:
     names: Sequence[str]
     best_pose: ArrayLike | None = None
     regions: Regions | None = None
+    camera: NDArray[np.int32] | None = None
+
+    @property
+    def placed(self) -> Poses:
+        """The poses with the camera of each."""
+        return Poses.of(self.poses, camera=self.camera)
+
+    def pyramids(self, camera: Cameras) -> list[FloatArray]:
+        """(5, 3) corners of the view pyramid of each pose."""
+        cameras, placed = cameras_of(camera), self.placed
+        return [
+            _pyramid(cameras[index], pose, self.reach)
+            for pose, index in zip(self.poses, placed.camera, strict=True)
+        ]
 
     @property
     def eyes(self) -> FloatArray:
@@ -99,7 +116,7 @@ class CameraColours:
         """(N, 3) colours of points (N, 3) of faces (N,)."""
         found = neutral(self.mesh)[face]
         if self.regions is not None:
-            best, _ = best_and_views_at(SeenArea(self.regions, self.poses), face, points)
+            best, _ = best_and_views_at(SeenArea(self.regions, self.placed), face, points)
         elif self.best_pose is not None:
             best = np.asarray(self.best_pose, np.int64)[face]
         else:
@@ -136,7 +153,7 @@ class CameraColours:
 
 def camera_colours(
     mesh: Mesh,
-    poses: ArrayLike,
+    poses: ArrayLike | Poses,
     best_pose: ArrayLike | None = None,
     names: Sequence[str] = (),
     regions: Regions | None = None,
@@ -144,7 +161,8 @@ def camera_colours(
     """Colours by the cameras of poses (K, 4, 4), with names 1, 2, ... unless K are given."""
     matrices = np.asarray(poses, np.float64).reshape(-1, 4, 4)
     titles = names or [str(row + 1) for row in range(len(matrices))]
-    return CameraColours(mesh, matrices, titles, best_pose, regions)
+    index = poses.camera if isinstance(poses, Poses) else None
+    return CameraColours(mesh, matrices, titles, best_pose, regions, index)
 
 
 def best_covering(network: Network) -> NDArray[np.int64]:
@@ -156,7 +174,7 @@ def best_covering(network: Network) -> NDArray[np.int64]:
     return np.where(network.best >= least, np.array(rows, np.int64), -1)
 
 
-def overview_picture(shown: CameraColours, camera: Camera) -> Image.Image:
+def overview_picture(shown: CameraColours, camera: Cameras) -> Image.Image:
     """The task, which fills the picture, in the colours of its cameras; beside it a floor plan.
 
     Cameras are drawn where they are in the picture; the plan has all of them, with their view
@@ -177,9 +195,9 @@ def _side(shown: CameraColours) -> FloatArray:
     return found
 
 
-def network_picture(shown: CameraColours, camera: Camera) -> Image.Image:
+def network_picture(shown: CameraColours, camera: Cameras) -> Image.Image:
     """The cameras around the part as view pyramids, from two sides; figures 6.10 and 6.11."""
-    pyramids = [_pyramid(camera, pose, shown.reach) for pose in shown.poses]
+    pyramids = shown.pyramids(camera)
     more = np.concatenate([*pyramids, np.zeros((0, 3))])
     sides = DIRECTIONS[[0, 1]] if _side(shown)[2] > 0 else DIRECTIONS[[4, 5]]
     scenes = [look(shown.mesh, direction, more, eyes=shown.eyes) for direction in sides]
@@ -187,7 +205,7 @@ def network_picture(shown: CameraColours, camera: Camera) -> Image.Image:
     return framed(beside(images), shown.title(), [*shown.keys(), *scene_keys(scenes)])
 
 
-def _with_cameras(scene: Scene, camera: Camera, shown: CameraColours) -> Image.Image:
+def _with_cameras(scene: Scene, camera: Cameras, shown: CameraColours) -> Image.Image:
     """A scene in the colours of its cameras, with those cameras that are in the picture."""
 
     def own(face: FaceImage) -> Pixels:
@@ -199,8 +217,9 @@ def _with_cameras(scene: Scene, camera: Camera, shown: CameraColours) -> Image.I
 
     image = Image.fromarray(paint(scene, neutral(scene.mesh), own=own))
     rows = np.flatnonzero(is_in_picture(scene, shown.eyes)).tolist()
+    pyramids = shown.pyramids(camera)
     for row in rows:
-        pyramid = _pyramid(camera, shown.poses[row], shown.reach)
+        pyramid = pyramids[row]
         fill_in_space(image, scene, pyramid[1:], shown.colours[row])
         draw_in_space(image, scene, _edges(pyramid, shown.colours[row]))
     places = place_in_image(scene, shown.eyes[rows])
@@ -209,9 +228,9 @@ def _with_cameras(scene: Scene, camera: Camera, shown: CameraColours) -> Image.I
     return smooth(image)
 
 
-def _plan_picture(shown: CameraColours, camera: Camera) -> tuple[FloorPlan, Image.Image]:
+def _plan_picture(shown: CameraColours, camera: Cameras) -> tuple[FloorPlan, Image.Image]:
     """The floor plan, and its picture with all cameras."""
-    outlines = [outline(_pyramid(camera, pose, shown.reach)[:, :2]) for pose in shown.poses]
+    outlines = [outline(pyramid[:, :2]) for pyramid in shown.pyramids(camera)]
     plan = floor_plan(shown.mesh, shown.eyes, np.concatenate([*outlines, np.zeros((0, 2))]))
 
     def own(face: FaceImage) -> Pixels:

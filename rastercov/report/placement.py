@@ -16,11 +16,13 @@ from rastercov.placement.candidates.clearance import Dropped
 from rastercov.placement.candidates.pool import Candidates
 from rastercov.placement.explain.uncovered import WORDS
 from rastercov.placement.select.problem import BestCoverage
+from rastercov.report.by_camera import camera_rows
 from rastercov.report.directions import heading_and_tilt
 from rastercov.report.html import rendered
 from rastercov.report.placement_figures import Progress, drawn_for
 from rastercov.report.placement_report import PlanReport
 from rastercov.report.zone_pictures import zone_rows
+from rastercov.rig import cameras_of, names_of
 
 __all__ = ["PlanReport", "page", "write_page"]
 
@@ -80,6 +82,8 @@ def page(report: PlanReport, progress: Progress = lambda done, total: None) -> s
         answer=f"{len(report.poses)} {noun} {percent(by_area / 100)} of the area",
         lines=_lines(report, summary),
         cameras=_cameras(report),
+        sizes=_sizes(report),
+        camera_rows=camera_rows(summary),
         groups=_groups(summary),
         n_certain=figures["certified"] + figures["exact"],
         clipped=[report.names[row] for row in summary["near_clipped_poses"]],
@@ -94,6 +98,17 @@ def page(report: PlanReport, progress: Progress = lambda done, total: None) -> s
         dropped=_dropped(report.dropped),
         tolerance=_tolerance(report),
         made_with=_flat(report.made_with),
+    )
+
+
+def _sizes(report: PlanReport) -> str:
+    """Width and height of the images of each camera, px, with its name where there are several."""
+    cameras = cameras_of(report.camera)
+    sizes = [f"{each.width} x {each.height}" for each in cameras]
+    if len(cameras) == 1:
+        return sizes[0]
+    return ", ".join(
+        f"{size} ({name})" for size, name in zip(sizes, names_of(report.camera), strict=True)
     )
 
 
@@ -135,7 +150,9 @@ def _lines(report: PlanReport, summary: Mapping[str, Any]) -> list[str]:
 def _cameras(report: PlanReport) -> dict[str, Any]:
     """Table of positions, directions and figures of the cameras."""
     network, origins, tolerance = report.network, report.origins, report.tolerance
-    headings = ["camera", *(["from"] if any(origins) else []), "x, m", "y, m", "z, m"]
+    types = report.types
+    headings = ["camera", *(["type"] if any(types) else []), *(["from"] if any(origins) else [])]
+    headings += ["x, m", "y, m", "z, m"]
     headings += ["looks along", "heading", "down"]
     regions = report.regions
     areas = None
@@ -146,7 +163,8 @@ def _cameras(report: PlanReport) -> dict[str, Any]:
     headings += ["covered without it", f"its own {own}"] if tolerance else []
     rows = []
     for row, (name, pose) in enumerate(zip(report.names, report.poses, strict=True)):
-        line = [name, *([origins[row]] if any(origins) else [])]
+        line = [name, *([types[row]] if any(types) else [])]
+        line += [origins[row]] if any(origins) else []
         line += [length(value) for value in pose[:3, 3]]
         line += [", ".join(signed(value) for value in pose[:3, 2])]
         line += [f"{round(angle)}°" for angle in heading_and_tilt(pose)]

@@ -15,6 +15,7 @@ from rastercov.report.placement_report import PlanReport
 from rastercov.report.plots import picture_of
 from rastercov.report.theme import DARK, LIGHT, Theme
 from rastercov.report.zone_pictures import zones_picture
+from rastercov.rig import cameras_of
 
 Progress = Callable[[int, int], None]
 
@@ -52,11 +53,19 @@ def drawn_for(report: PlanReport, progress: Progress) -> dict[str, Any]:
         drawn[name] = picture_of(alt, chart(LIGHT), chart(DARK))
         done += 1
     colours, side = report.colours.colours, SIDE if n_cameras <= MANY else SMALL
+    cameras, placed = cameras_of(report.camera), report.placed
     for row, (name, pose) in enumerate(zip(report.names, report.poses, strict=True)):
         progress(done, total)
         own = None if report.regions is None else of_pose(report.regions, row)
         image = camera_picture(
-            report.mesh, report.camera, pose, network.task, name, colours[row], own, side
+            report.mesh,
+            cameras[placed.camera[row]],
+            pose,
+            network.task,
+            name,
+            colours[row],
+            own,
+            side,
         )
         drawn["cameras"].append(Picture.of(f"What camera {name} sees and covers", image))
         done += 1

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from rastercov.area.regions import Regions
 from rastercov.area.zones import DeadZones
-from rastercov.camera import Camera
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.network import Network
@@ -21,7 +20,9 @@ from rastercov.placement.explain.uncovered import Leftover
 from rastercov.placement.improve.tolerance import Tolerance
 from rastercov.placement.select.problem import Goal
 from rastercov.placement.select.selection import Selection
+from rastercov.pose import Poses
 from rastercov.report.overview import CameraColours, best_covering, camera_colours
+from rastercov.rig import Cameras, names_of
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -29,9 +30,10 @@ class PlanReport:
     """Content of a placement page; None and empty for unknown parts."""
 
     mesh: Mesh
-    camera: Camera
+    camera: Cameras
     network: Network  # of all cameras, in the order of `poses`
     poses: NDArray[np.float64]  # world_from_camera, (K, 4, 4)
+    camera_of: NDArray[np.int32] | None = None  # index of the camera of each pose, (K,)
     title: str = "Placement of cameras"
     selection: Selection | None = None  # with its goal; both or none
     goal: Goal | None = None
@@ -62,6 +64,17 @@ class PlanReport:
                 )
 
     @property
+    def placed(self) -> Poses:
+        """The poses with the camera of each."""
+        return Poses.of(self.poses, camera=self.camera_of)
+
+    @property
+    def types(self) -> list[str]:
+        """Name of the camera of each pose; "" where there is one."""
+        names = names_of(self.camera)
+        return [names[index] if len(names) > 1 else "" for index in self.placed.camera]
+
+    @property
     def names(self) -> list[str]:
         """Names of the cameras."""
         return list(self.camera_names) or [str(row + 1) for row in range(len(self.poses))]
@@ -70,7 +83,7 @@ class PlanReport:
     def colours(self) -> CameraColours:
         """Colours of the surface by its cameras."""
         best = best_covering(self.network)
-        return camera_colours(self.mesh, self.poses, best, self.names, self.regions)
+        return camera_colours(self.mesh, self.placed, best, self.names, self.regions)
 
     @property
     def origins(self) -> list[str]:

@@ -30,7 +30,7 @@ from rastercov.plan.network import area_lines, summary_of
 from rastercov.plan.prepare import Prepared, Progress
 from rastercov.plan.requirements import OF, goal_of
 from rastercov.plan.run import Placement
-from rastercov.provenance import Provenance
+from rastercov.provenance import Provenance, plain_cameras
 from rastercov.raster.contract import RasterizerInfo
 from rastercov.report.coverage import Options
 from rastercov.report.directions import heading_and_tilt
@@ -63,12 +63,22 @@ def save_unfinished(placement: Placement, folder: ReportFolder) -> None:
 
 
 def poses_of(placement: Placement) -> dict[str, Any]:
-    """Content of the pose file, with the origin of each camera."""
-    return {
-        "world_from_camera": placement.cameras.poses,
-        "origin": placement.origin,
-        "candidate": placement.selection.chosen,
-    }
+    """Content of the pose file, with the origin of each camera.
+
+    Where there are several cameras, with all of them and the name of that of each pose.
+    """
+    rig, content = (
+        placement.prepared.camera,
+        {
+            "world_from_camera": placement.cameras.poses,
+            "origin": placement.origin,
+            "candidate": placement.selection.chosen,
+        },
+    )
+    if len(rig) == 1:
+        return content
+    names = [rig.names[index] for index in placement.cameras.placed.camera]
+    return plain_cameras(rig) | content | {"camera": names}
 
 
 def summary(placement: Placement) -> dict[str, Any]:
@@ -76,6 +86,8 @@ def summary(placement: Placement) -> dict[str, Any]:
     prepared, cameras = placement.prepared, placement.cameras
     plan, selection = prepared.plan, dict(placement.selection.summary())
     seconds: dict[str, Any] = {"steps": placement.steps, "selection": selection.pop("seconds")}
+    if workers := prepared.tally.plain():
+        seconds["workers"] = workers
     moved: dict[str, Any] = {}
     steps = {"search": placement.optimised, "refinement": placement.refined}
     for step, found in steps.items():
@@ -112,6 +124,7 @@ def summary(placement: Placement) -> dict[str, Any]:
         | {"segments": prepared.segmentation.n_segments if prepared.segmentation else None},
         "cavities": opened.summary() if opened is not None else None,
         "matrix": pairs,
+        "quarantined": {str(pose): end for pose, end in prepared.quarantined.items()},
         "goal": asdict(prepared.problem.goal),
         "selection": selection,
         "improvement": moved,
@@ -141,21 +154,24 @@ def made_from(prepared: Prepared) -> dict[str, Any]:
 def _cameras(placement: Placement) -> list[dict[str, Any]]:
     """Position, direction, cost and coverage of each camera, and the share covered so far."""
     cameras, costs = placement.cameras, placement.prepared.pool.costs
+    rig = placement.prepared.camera
     return [
         {
             "origin": name,
             "candidate": int(row),
             "position": pose[:3, 3],
             "direction": pose[:3, 2],
+            **({"camera": rig.names[index]} if len(rig) > 1 else {}),
             **dict(zip(("heading_deg", "down_deg"), heading_and_tilt(pose), strict=True)),
             "cost": costs[row],
             "covered_faces": faces,
             "share_so_far": share,
         }
-        for name, row, pose, faces, share in zip(
+        for name, row, pose, index, faces, share in zip(
             placement.origin,
             placement.selection.chosen,
             cameras.poses,
+            cameras.placed.camera.tolist(),
             cameras.network.covered_faces,
             cameras.curve,
             strict=True,
@@ -167,6 +183,9 @@ def cameras_table(placement: Placement) -> Table:
     """The cameras for a terminal of 80 columns, the largest gain first."""
     table = Table(title="Cameras", title_justify="left")
     table.add_column("", justify="right", style="dim")
+    several = len(placement.prepared.camera) > 1
+    if several:
+        table.add_column("camera", overflow="fold")
     table.add_column("from", overflow="fold")
     table.add_column("at, m", justify="right")
     table.add_column("towards", justify="right")
@@ -182,6 +201,7 @@ def cameras_table(placement: Placement) -> Table:
         if row < MAX_ROWS:
             table.add_row(
                 str(row),
+                *([Text(entry["camera"])] if several else []),
                 Text(entry["origin"]),
                 " ".join(f"{value:.{digits}f}" for value in entry["position"]),
                 " ".join(f"{value:.2f}" for value in entry["direction"]),
@@ -190,7 +210,7 @@ def cameras_table(placement: Placement) -> Table:
             )
         before = share
     if len(placement.origin) > MAX_ROWS:
-        table.add_row("", f"... {len(placement.origin) - MAX_ROWS} more")
+        table.add_row(*["", ""][: 1 + several], f"... {len(placement.origin) - MAX_ROWS} more")
     return table
 
 
@@ -300,7 +320,7 @@ def write_page(placement: Placement, path: Path, progress: Progress) -> None:
     prepared = placement.prepared
     found = zones = None
     if (areas := placement.cameras.areas) is not None:
-        poses, method = placement.cameras.poses, prepared.plan.task.method
+        poses, method = placement.cameras.placed, prepared.plan.task.method
         found = regions(prepared.mesh, prepared.camera, poses, prepared.task, method=method)
         views = prepared.plan.task.views
         zones = areas.zones(views if isinstance(views, dict) else None)
@@ -309,6 +329,7 @@ def write_page(placement: Placement, path: Path, progress: Progress) -> None:
         camera=prepared.camera,
         network=placement.cameras.network,
         poses=placement.cameras.poses,
+        camera_of=placement.cameras.placed.camera,
         title=f"Placement of cameras: {prepared.plan.name}",
         selection=placement.selection,
         goal=prepared.problem.goal,

@@ -19,7 +19,8 @@ import rastercov as rc
 from rastercov import shapes
 from rastercov.errors import ConfigError, PoseError
 from rastercov.placement import shards as shards_module
-from rastercov.placement.matrix import VisibilityMatrix, build_matrix, shortened
+from rastercov.placement.matrix import VisibilityMatrix, build_matrix
+from rastercov.placement.matrix_shards import shortened
 from rastercov.placement.select.problem import BestCoverage, FewestCameras, problem_of
 from rastercov.placement.shards import locked
 

@@ -10,7 +10,7 @@ J. L. Alarcon-Herrera, X. Chen, X. Zhang. Viewpoint Selection for Vision Systems
 Inspection. 2014 (averages over convex regions).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +25,7 @@ from rastercov.mesh.arrays import frozen
 from rastercov.placement._arrays import FloatArray, IntArray
 from rastercov.placement.candidates.framing import DEFAULT, Framing, rolled_frames, square_views
 from rastercov.placement.candidates.segments import Segmentation
-from rastercov.pose import valid_poses
+from rastercov.pose import Poses, valid_poses
 
 FOLDED_COSINE = -1 + 1e-9
 """Cosine between the normals of two faces back to back: the edge of a sheet, not of a corner."""
@@ -47,12 +47,19 @@ class Candidates:
         Segment, face, vertex or row of the pose file that each was made for; -1 for none.
     sources : tuple of str
         Names of the generators.
+    camera : (C,) int32
+        Index of the camera of each, where there are several; 0 unless given.
     """
 
     poses: FloatArray
     source_code: NDArray[np.int16]
     index: IntArray
     sources: tuple[str, ...]
+    camera: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))
+
+    def __post_init__(self) -> None:
+        if len(self.camera) != len(self.poses):
+            object.__setattr__(self, "camera", frozen(np.zeros(len(self.poses), np.int32)))
 
     @classmethod
     def of(cls, poses: FloatArray, source: str, index: ArrayLike = -1) -> "Candidates":
@@ -79,7 +86,17 @@ class Candidates:
             source_code=frozen(np.concatenate(codes)),
             index=frozen(np.concatenate((self.index, other.index))),
             sources=names,
+            camera=frozen(np.concatenate((self.camera, other.camera))),
         )
+
+    @property
+    def placed(self) -> Poses:
+        """The poses with the camera of each."""
+        return Poses.of(self.poses, camera=self.camera)
+
+    def of_camera(self, index: int) -> "Candidates":
+        """The same poses, all of the camera of an index."""
+        return replace(self, camera=frozen(np.full(len(self), index, np.int32)))
 
     @property
     def source(self) -> NDArray[np.str_]:
@@ -90,9 +107,9 @@ class Candidates:
         """Candidates that a mask or rows choose, in their order."""
         rows = np.atleast_1d(np.asarray(chosen))
         rows = rows if rows.size else rows.astype(np.int64)  # an empty list has dtype float64
-        parts = (self.poses[rows], self.source_code[rows], self.index[rows])
-        poses, codes, index = (frozen(part) for part in parts)
-        return Candidates(poses, codes, index, self.sources)
+        parts = (self.poses, self.source_code, self.index, self.camera)
+        poses, codes, index, camera = (frozen(part[rows]) for part in parts)
+        return Candidates(poses, codes, index, self.sources, camera)
 
     def counts(self) -> dict[str, int]:
         """Number of poses of each source."""

@@ -13,8 +13,9 @@ from rastercov.coverage import Coverage, evaluate_batches
 from rastercov.criteria import face_geometry
 from rastercov.mesh import Mesh
 from rastercov.observer import Observer
-from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
-from rastercov.rig import only_camera
+from rastercov.placement._arrays import BoolArray, IntArray
+from rastercov.pose import Poses, renumbered
+from rastercov.rig import cameras_of
 from rastercov.task import Task
 
 SEEN_NOTHING = 1e-6
@@ -90,7 +91,7 @@ class CandidateBounds:
 
 
 def batches_in_view(
-    observer: Observer, poses: FloatArray, task: Task, chosen: BoolArray
+    observer: Observer, poses: Poses, task: Task, chosen: BoolArray
 ) -> Iterator[tuple[Coverage, int]]:
     """Batches of candidates with one of the chosen faces in view, and the number processed so far.
 
@@ -99,7 +100,7 @@ def batches_in_view(
     """
     if not chosen.any():
         return
-    mesh = observer.mesh
+    mesh, cameras = observer.mesh, cameras_of(observer.camera)
     used, corners = np.unique(mesh.faces[chosen], return_inverse=True)
     # The bounds of a part are smaller and its near limit nearer: conservative.
     part = Mesh(
@@ -111,13 +112,13 @@ def batches_in_view(
     for start in range(0, len(poses), POSES_A_STEP):
         block = poses[start : start + POSES_A_STEP]
         facing = np.empty(len(block), np.bool_)
-        for row, pose in enumerate(block):  # a tenth of a millisecond for a hundred faces
-            seen = face_geometry(part, only_camera(observer.camera), pose)
+        for row, pose in enumerate(block.world_from_camera):  # 0.1 ms for a hundred faces
+            seen = face_geometry(part, cameras[block.camera[row]], pose)
             in_image = (seen.in_view_fraction > 0) | seen.in_view
             facing[row] = bool((seen.is_front & in_image).any())
         rows = np.flatnonzero(facing)
         if not len(rows):
             continue
-        for batch in evaluate_batches(observer, block[rows], task, fields=FIGURES):
+        for batch in evaluate_batches(observer, renumbered(block[rows]), task, fields=FIGURES):
             last = batch.pose_ids[-1] if len(batch.pose_ids) else -1
             yield batch, start + int(rows[last]) + 1

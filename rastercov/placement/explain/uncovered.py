@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov._typed import typed
-from rastercov.camera import Camera
 from rastercov.coverage import Coverage, evaluate_batches
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
@@ -27,7 +26,8 @@ from rastercov.observer import Observer, open_observer
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.explain.blockers import in_front
 from rastercov.placement.explain.candidate_visibility import CandidateBounds, Sight, batches_in_view
-from rastercov.pose import valid_poses
+from rastercov.pose import Poses, renumbered
+from rastercov.rig import Cameras
 from rastercov.task import Reason, Task
 
 __all__ = ["Leftover", "Sight", "what_is_left"]
@@ -195,11 +195,11 @@ class Leftover:
 
 @typed
 def what_is_left(
-    view: Observer | tuple[Mesh, Camera],
-    poses: ArrayLike,
+    view: Observer | tuple[Mesh, Cameras],
+    poses: ArrayLike | Poses,
     task: Task | None = None,
     *,
-    candidates: ArrayLike | None = None,
+    candidates: ArrayLike | Poses | None = None,
     covered: ArrayLike | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Leftover:
@@ -214,11 +214,11 @@ def what_is_left(
     view : Observer or (Mesh, Camera)
         An open observer, or the arguments to open one with method "certified". Sampled figures
         prove nothing: with them no face is reported as seen by no candidate.
-    poses : (K, 4, 4) array_like
-        world_from_camera of the network; it may be empty.
+    poses : (K, 4, 4) array_like, or Poses
+        world_from_camera of the network; it may be empty. `Poses.camera` is the camera of each.
     task : Task, optional
         Thresholds; `Task()` unless given.
-    candidates : (C, 4, 4) array_like, optional
+    candidates : (C, 4, 4) array_like or Poses, optional
         Further poses to examine.
     covered : (F,) bool array_like, optional
         Faces that count as covered, such as `Selection.covered` where views must differ by an
@@ -234,8 +234,8 @@ def what_is_left(
     PoseError
         For a pose that is no rigid motion.
     """
-    network_poses, task = valid_poses(poses), task or Task()
-    others = np.zeros((0, 4, 4)) if candidates is None else valid_poses(candidates)
+    network_poses, task = renumbered(poses), task or Task()
+    others = renumbered(np.zeros((0, 4, 4)) if candidates is None else candidates)
     n_poses = len(network_poses)
     opened = open_observer(*view) if isinstance(view, tuple) else nullcontext(view)
     with opened as observer:
@@ -258,11 +258,11 @@ def what_is_left(
 
 def left_by(
     observer: Observer,
-    poses: FloatArray,
+    poses: Poses,
     network: Network,
     nearest: IntArray,
     *,
-    candidates: FloatArray,
+    candidates: Poses,
     covered: NDArray[Any],
     progress: Callable[[int, int], None],
     bounds: CandidateBounds | None = None,
@@ -291,7 +291,7 @@ def left_by(
     progress(len(candidates), total)
     shares = in_front(
         mesh,
-        poses[nearest[hidden], :3, 3],
+        poses.world_from_camera[nearest[hidden], :3, 3],
         hidden,
         lambda done, _: progress(len(candidates) + done, total),
     )

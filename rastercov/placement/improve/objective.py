@@ -29,7 +29,6 @@ from rastercov.placement.select.problem import (
     weights_of,
 )
 from rastercov.pose import Poses
-from rastercov.rig import only_camera
 from rastercov.task import Reason, Task
 
 POSES_A_BATCH = 64
@@ -110,7 +109,7 @@ class Objective:
         """True where `estimated` differs from `listed`."""
         return False
 
-    def listed(self, poses: FloatArray) -> Lists:
+    def listed(self, poses: FloatArray | Poses) -> Lists:
         """Faces that each of (P, 4, 4) poses covers, in ascending order."""
         rows: list[NDArray[Any]] = []
         if len(poses):
@@ -119,11 +118,11 @@ class Objective:
                 self.watch(len(batch.pose_ids))
         return Lists.of(rows)
 
-    def estimated(self, poses: FloatArray) -> Lists:
+    def estimated(self, poses: FloatArray | Poses) -> Lists:
         """Faces that each pose covers, by the quickest estimate there is; here `listed`."""
         return self.listed(poses)
 
-    def covers(self, poses: FloatArray) -> BoolArray:
+    def covers(self, poses: FloatArray | Poses) -> BoolArray:
         """(P, F) faces that each pose covers."""
         covers = np.zeros((len(poses), len(self.integer_weights)), np.bool_)
         found = self.listed(poses)
@@ -195,9 +194,10 @@ class Objective:
         total = int(self.integer_weights.sum())
         return np.asarray(worth) / total if total else np.ones(np.shape(worth))
 
-    def share_of(self, poses: FloatArray) -> float:
+    def share_of(self, poses: ArrayLike | Poses) -> float:
         """Share that one network of (k, 4, 4) poses covers."""
-        covered = self.covered(self.covers(poses), poses[:, :3, 3])
+        placed = Poses.of(poses)
+        covered = self.covered(self.covers(placed), placed.world_from_camera[:, :3, 3])
         return float(self.share(self.worth(covered)))
 
 
@@ -235,7 +235,7 @@ class CellObjective(Objective):
         """Objective on cells; arguments as for `problem_of`."""
         task = finder.task
         counted = cls._counted(cells.elements, task, weight_by, views, min_angle_deg)
-        centres = CentrePass(cells, only_camera(finder.camera), task, finder.threads)
+        centres = CentrePass(cells, finder.camera, task, finder.threads)
         return cls(observer, task, *counted, cells=cells, finder=finder, centres=centres)
 
     @property
@@ -248,7 +248,7 @@ class CellObjective(Objective):
         """True: the centre of a cell is an estimate of half of it."""
         return True
 
-    def listed(self, poses: FloatArray) -> Lists:
+    def listed(self, poses: FloatArray | Poses) -> Lists:
         """Cells that each of (P, 4, 4) poses covers, in ascending order."""
         rows: list[NDArray[Any]] = []
         if len(poses):
@@ -260,7 +260,7 @@ class CellObjective(Objective):
                 self.watch(len(found.pose_ids))
         return Lists.of(rows)
 
-    def estimated(self, poses: FloatArray) -> Lists:
+    def estimated(self, poses: FloatArray | Poses) -> Lists:
         """Cells whose centre each pose covers, in about a seventh of the time of `listed`."""
         rows: list[NDArray[Any]] = []
         for at in range(0, len(poses), POSES_A_BATCH):

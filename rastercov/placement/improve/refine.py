@@ -30,7 +30,7 @@ from rastercov.mesh.arrays import frozen
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.pose_space import PoseSpace
-from rastercov.pose import valid_poses
+from rastercov.pose import Poses, renumbered
 
 LOCAL_OPTIMUM = "local optimum"
 BUDGET_SPENT = "budget spent"
@@ -107,12 +107,12 @@ class Refined:
 def refine(
     objective: Objective,
     space: PoseSpace,
-    poses: ArrayLike,
+    poses: ArrayLike | Poses,
     *,
     step: float | Sequence[float] | None = None,
     turn_deg: float = TURN_DEG,
     halvings: int = HALVINGS,
-    candidates: ArrayLike | None = None,
+    candidates: ArrayLike | Poses | None = None,
     budget: int = BUDGET,
     seed: int = 0,
 ) -> Refined:
@@ -124,8 +124,9 @@ def refine(
 
     Parameters
     ----------
-    poses : (k, 4, 4) array_like
-        Start: the poses of a selection, of a search, or of a rig.
+    poses : (k, 4, 4) array_like, or Poses
+        Start: the poses of a selection, of a search, or of a rig. `Poses.camera` is the camera of
+        each, which it keeps.
     step : float or (k,) floats, optional
         First step of each camera, metres; a quarter of its distance to the nearest task face by
         default.
@@ -133,9 +134,9 @@ def refine(
         First turn, degrees, (0, 90].
     halvings : int
         Number of times that steps and turns are halved.
-    candidates : (C, 4, 4) array_like, optional
-        Poses for which any camera may be exchanged where no move gains. Those at forbidden
-        positions are left out.
+    candidates : (C, 4, 4) array_like or Poses, optional
+        Poses for which any camera of theirs may be exchanged where no move gains. Those at
+        forbidden positions are left out.
     budget : int
         Greatest number of poses to measure or estimate.
     seed : int
@@ -147,7 +148,8 @@ def refine(
         For a camera at a forbidden position, or a value outside its range.
     """
     began = time.perf_counter()
-    start = valid_poses(poses)
+    placed = renumbered(poses)
+    start = placed.world_from_camera
     steps = _steps(space, start, step)
     if not 0 < turn_deg <= 90:
         raise ConfigError(f"turn_deg must be more than 0, up to 90, got {turn_deg}")
@@ -156,7 +158,7 @@ def refine(
             raise ConfigError(f"{name} must be a whole number, {low} or more, got {value}")
     space.require(start, "camera")
 
-    search = _Search(objective, space, start, budget, seed)
+    search = _Search(objective, space, placed, budget, seed)
     try:
         status = _descend(search, steps, np.radians(turn_deg), halvings, candidates)
     except KeyboardInterrupt:
@@ -180,13 +182,13 @@ def _descend(
     steps: FloatArray,
     turn: float,
     halvings: int,
-    candidates: ArrayLike | None,
+    candidates: ArrayLike | Poses | None,
 ) -> str:
     """Move cameras until no level gains; the status."""
     last = halvings
     if candidates is not None and len(search.poses):
-        poses = valid_poses(candidates)
-        if not search.exchange(poses[search.space.allows(poses[:, :3, 3])]):
+        poses = renumbered(candidates)
+        if not search.exchange(poses[search.space.allows(poses.world_from_camera[:, :3, 3])]):
             return BUDGET_SPENT
         last += 1
     level = fails = 0
@@ -207,23 +209,25 @@ class _Search:
     """A network, the faces it covers, and the measured trials around each camera."""
 
     def __init__(
-        self, objective: Objective, space: PoseSpace, start: FloatArray, budget: int, seed: int
+        self, objective: Objective, space: PoseSpace, placed: Poses, budget: int, seed: int
     ) -> None:
         self.objective, self.space, self.budget, self.seed = objective, space, budget, seed
+        start, self.camera = placed.world_from_camera, placed.camera
         self.poses = start.copy()
-        self.covers = objective.covers(start)
+        self.covers = objective.covers(placed)
         self.evaluations = len(start)
         # What a trial is estimated to cover is compared with the same estimate of the camera.
         self._own: list[NDArray[np.int32] | None] = [None] * len(start)
         if objective.is_estimated:
-            found = objective.estimated(start)
+            found = objective.estimated(placed)
             self._own = [found.row(row) for row in range(len(start))]
         self.worth = int(objective.worth(objective.covered(self.covers, start[:, :3, 3])))
         self.trace, self.trace_evaluations = [self.worth], [self.evaluations]
         self._moves_made = np.zeros(len(start), np.int64)
         # Trials of each camera and level, until the camera moves.
         self._trials: list[dict[int, _Trials]] = [{} for _ in start]
-        self._pool: _Trials | None = None
+        # Candidates for exchange, by the camera that they are of.
+        self._pools: dict[int, _Trials] = {}
 
     @property
     def has_room(self) -> bool:
@@ -242,18 +246,21 @@ class _Search:
             return False
         if not missing:
             return True
-        found = self.objective.estimated(np.concatenate(moves))
+        camera = np.repeat(self.camera[missing], counts)
+        found = self.objective.estimated(Poses.of(np.concatenate(moves), camera=camera))
         self.evaluations += sum(counts)
         ends = np.cumsum(counts).tolist()
         for row, poses, end in zip(missing, moves, ends, strict=True):
             self._trials[row][level] = _Trials(poses, found.part(end - len(poses), end))
         return True
 
-    def exchange(self, candidates: FloatArray) -> bool:
+    def exchange(self, candidates: Poses) -> bool:
         """Estimate the candidates for exchange; False where the budget does not suffice."""
         if self.evaluations + len(candidates) > self.budget:
             return False
-        self._pool = _Trials(candidates, self.objective.estimated(candidates))
+        for index in np.unique(self.camera).tolist():
+            own = renumbered(candidates[candidates.camera == index])
+            self._pools[index] = _Trials(own.world_from_camera, self.objective.estimated(own))
         self.evaluations += len(candidates)
         return True
 
@@ -273,9 +280,9 @@ class _Search:
         return len(waiting) < len(self.poses)
 
     def _of(self, row: int, level: int) -> _Trials:
-        trials = self._pool if level == EXCHANGE else self._trials[row].get(level)
-        assert trials is not None
-        return trials
+        if level == EXCHANGE:
+            return self._pools[int(self.camera[row])]
+        return self._trials[row][level]
 
     def _best(self, row: int, level: int) -> tuple[int, int]:
         """Weight that the best trial of a camera gains, and the index of that trial.
@@ -324,7 +331,7 @@ class _Search:
                 self._of(row, level).measured[trial] = np.empty(0, np.int32)
             return True
         poses = np.array([self._of(row, level).poses[trial] for row, trial in missing.items()])
-        found = self.objective.listed(poses)
+        found = self.objective.listed(Poses.of(poses, camera=self.camera[list(missing)]))
         self.evaluations += len(poses)
         for at, (row, trial) in enumerate(missing.items()):
             self._of(row, level).measured[trial] = found.row(at)

@@ -26,7 +26,7 @@ from rastercov.mesh.arrays import frozen
 from rastercov.placement._arrays import FloatArray, IntArray
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.pose_space import PoseSpace
-from rastercov.pose import valid_poses
+from rastercov.pose import Poses, valid_poses
 
 METHODS = ("random", "pso", "ga", "de")
 KNOWN_PLACES = 256
@@ -80,6 +80,7 @@ def optimise(
     seed: int = 0,
     candidates: ArrayLike | None = None,
     start: ArrayLike | None = None,
+    camera: ArrayLike = 0,
 ) -> Optimised:
     """Best network of a number of cameras found by a search within a budget.
 
@@ -106,6 +107,8 @@ def optimise(
         out.
     start : (k, 4, 4) or (S, k, 4, 4) array_like, optional
         Networks among the first; the result is no worse than any of them.
+    camera : int or (k,) int array_like
+        Index of the camera of each, where the observer has several.
 
     Raises
     ------
@@ -115,6 +118,7 @@ def optimise(
     began = time.perf_counter()
     networks = _checked(cameras, method, budget, population)
     check_seed(seed)
+    own = Poses.of(np.tile(np.eye(4), (cameras, 1, 1)), camera=camera).camera
     rng = np.random.default_rng(seed)
     code = _Code(space, cameras, space.somewhere(KNOWN_PLACES, rng))
     first = rng.random((population, code.n_variables))
@@ -131,7 +135,8 @@ def optimise(
         while left > 0:
             variables = ask()
             poses = code.poses(variables)[:left]  # the last generation may be cut short
-            covers = objective.covers(poses.reshape(-1, 4, 4))
+            placed = Poses.of(poses.reshape(-1, 4, 4), camera=np.tile(own, len(poses)))
+            covers = objective.covers(placed)
             covers = covers.reshape(len(poses), cameras, -1)
             worth = objective.worth(objective.covered(covers, poses[:, :, :3, 3]))
             with interrupts_held():

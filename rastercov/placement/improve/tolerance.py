@@ -20,7 +20,7 @@ from rastercov.errors import ConfigError
 from rastercov.mesh.arrays import frozen
 from rastercov.placement._arrays import FloatArray
 from rastercov.placement.improve.objective import Objective
-from rastercov.pose import valid_poses
+from rastercov.pose import Poses, renumbered
 
 LEVELS = (0.0, 0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)
 """Reported quantiles; the first is the worst of all draws."""
@@ -190,7 +190,7 @@ def _first_least(values: list[float]) -> int:
 @typed
 def tolerance(
     objective: Objective,
-    poses: ArrayLike,
+    poses: ArrayLike | Poses,
     error: InstallationError,
     *,
     draws: int = 200,
@@ -202,8 +202,8 @@ def tolerance(
 
     Parameters
     ----------
-    poses : (k, 4, 4) array_like
-        world_from_camera, as planned.
+    poses : (k, 4, 4) array_like, or Poses
+        world_from_camera, as planned; `Poses.camera` is the camera of each.
     error : InstallationError
         Distribution of the errors; each camera has its own.
     draws : int
@@ -222,9 +222,10 @@ def tolerance(
     check_seed(seed)
     if draws < 1:
         raise ConfigError(f"draws must be a whole number, 1 or more, got {draws}")
-    planned = valid_poses(poses)
+    placed = renumbered(poses)
+    planned = placed.world_from_camera
     eyes = planned[:, :3, 3]
-    covers = objective.covers(planned)
+    covers = objective.covers(placed)
     covered = objective.covered(covers, eyes)
     disturbed = disturbed_poses(planned, error, draws, np.random.default_rng(seed))
 
@@ -236,7 +237,8 @@ def tolerance(
     for begin in range(0, draws, step):
         part = slice(begin, min(begin + step, draws))
         network = disturbed[part]
-        seen = objective.covers(network.reshape(-1, 4, 4))
+        camera = np.tile(placed.camera, len(network))
+        seen = objective.covers(Poses.of(network.reshape(-1, 4, 4), camera=camera))
         seen = seen.reshape(*network.shape[:2], covers.shape[1])
         covered_now = objective.covered(seen, network[:, :, :3, 3])
         together[part] = objective.worth(covered_now)

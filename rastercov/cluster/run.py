@@ -1,0 +1,185 @@
+"""Shards of a job made by workers: numbers in flight, retries, workers and schedulers that die."""
+
+import errno
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
+from queue import Empty, SimpleQueue
+from typing import Any
+
+from rastercov.cluster.job import Job, Made, work
+from rastercov.cluster.quarantine import alone
+from rastercov.cluster.workers import Workers
+from rastercov.errors import ConfigError, RastercovError
+
+IN_FLIGHT = 4
+"""Shards with the scheduler at a time, for each thread of the workers."""
+FOLDER_PATIENCE = 300.0
+"""Seconds without any shard made after which a lost folder ends the run."""
+SCHEDULER_PATIENCE = 60.0
+"""Seconds to wait for a lost scheduler to come back, and for a first worker."""
+FULL = (errno.ENOSPC, errno.EDQUOT)
+Note = Callable[[str], None]
+
+
+class _SchedulerLostError(Exception):
+    """The scheduler does not answer any more."""
+
+
+def make_shards(
+    workers: Workers,
+    job: Job,
+    missing: Callable[[], Mapping[int, int]],
+    done: Callable[[Made], None],
+    note: Note,
+) -> None:
+    """Make all missing shards of a job.
+
+    Parameters
+    ----------
+    workers : Workers
+    job : Job
+    missing : callable
+        Gives the number of poses of each missing shard; asked again after a scheduler was lost.
+    done : callable
+        Called with each shard that was made, in any order.
+    note : callable
+        Called with a line on what went wrong and was mended.
+
+    Raises
+    ------
+    ConfigError
+        Where no scheduler answers or has workers, the folder stays lost or its disk is full, or a
+        shard cannot be made. Shards that were made stay.
+    """
+    until = None
+    while shards := missing():
+        try:
+            with workers.client() as client:
+                _Run(client, job, shards, done, note).make()
+        except _SchedulerLostError:
+            until = time.monotonic() + SCHEDULER_PATIENCE
+            note(f"{workers.scheduler}: the scheduler is lost; waiting for it to come back")
+        except ConfigError:
+            if until is None or time.monotonic() > until:
+                raise
+            time.sleep(1)  # it is still lost
+
+
+class _Run:
+    """Shards of a job through one client."""
+
+    def __init__(
+        self,
+        client: Any,
+        job: Job,
+        shards: Mapping[int, int],
+        done: Callable[[Made], None],
+        note: Note,
+    ) -> None:
+        self.client, self.job, self.shards = client, job, shards
+        self.done, self.note = done, note
+        self.finished: SimpleQueue[Any] = SimpleQueue()
+        self.in_flight: dict[str, tuple[int, Any]] = {}
+        self.attempts = 0
+        self.room = IN_FLIGHT
+        self.last_made = self.asked = time.monotonic()
+
+    def make(self) -> None:
+        """Make all shards: side by side, and those whose worker died alone in a process."""
+        try:
+            suspects = self._all_of(sorted(self.shards), self._usual)
+            if suspects:
+                self.note(
+                    f"a worker died; {len(suspects)} shards are made once more, each in a process "
+                    "of its own"
+                )
+                again = self._all_of(suspects, self._alone)
+                if again:
+                    raise ConfigError(
+                        f"workers died while they watched shards {again}; shards that were made "
+                        "stay: run again"
+                    )
+        finally:
+            with suppress(Exception):  # a lost scheduler
+                self.client.cancel([future for _, future in self.in_flight.values()])
+
+    def _usual(self, number: int, key: str) -> Any:
+        return self.client.submit(work, self.job, number, key=key, pure=False)
+
+    def _alone(self, number: int, key: str) -> Any:
+        return self.client.submit(alone, self.job, number, self.shards[number], key=key, pure=False)
+
+    def _all_of(self, numbers: Iterable[int], submit: Callable[[int, str], Any]) -> list[int]:
+        """Make these shards; gives those whose worker died."""
+        waiting, suspects = deque(numbers), []
+        while waiting or self.in_flight:
+            self._watch_workers()
+            while waiting and len(self.in_flight) < self.room:
+                number = waiting.popleft()
+                self.attempts += 1
+                key = f"rastercov-{id(self):x}-{number}-{self.attempts}"
+                future = submit(number, key)
+                self.in_flight[key] = number, future
+                future.add_done_callback(self.finished.put)
+            try:
+                future = self.finished.get(timeout=1)
+            except Empty:
+                continue
+            number = self.in_flight.pop(future.key)[0]
+            outcome = self._outcome(future)
+            if outcome == "killed":
+                suspects.append(number)
+            elif outcome == "again":
+                waiting.append(number)
+        return suspects
+
+    def _outcome(self, future: Any) -> str:
+        """Result of a shard: "made", "killed" with its worker, or "again"."""
+        from distributed.scheduler import KilledWorker
+
+        if future.status == "finished":
+            self.done(future.result())
+            self.last_made = time.monotonic()
+            return "made"
+        if future.status != "error":  # cancelled, or lost
+            raise _SchedulerLostError
+        error = future.exception()
+        if isinstance(error, KilledWorker):
+            return "killed"
+        if isinstance(error, RastercovError):
+            raise error
+        if not isinstance(error, OSError):
+            raise RastercovError(f"a worker failed: {type(error).__name__}: {error}") from error
+        if error.errno in FULL:
+            raise ConfigError(
+                f"{self.job.folder}: the disk is full; shards that were made stay: free some "
+                "space and run again"
+            )
+        if time.monotonic() - self.last_made > FOLDER_PATIENCE:
+            raise ConfigError(
+                f"{error}; the folder must be there for every worker under the same name"
+            )
+        self.note(f"{error}; trying again")
+        time.sleep(1)
+        return "again"
+
+    def _watch_workers(self) -> None:
+        """Count the threads of the workers from time to time; give up where there are none."""
+        now = time.monotonic()
+        if self.client.status != "running":
+            raise _SchedulerLostError
+        if now < self.asked:
+            return
+        try:
+            threads = sum(self.client.nthreads().values())
+        except (OSError, TimeoutError):
+            raise _SchedulerLostError from None
+        if threads:
+            self.room, self.asked = IN_FLIGHT * threads, now + 5
+        elif now - max(self.last_made, self.asked) > SCHEDULER_PATIENCE:
+            raise ConfigError(
+                f"{self.client.scheduler.address}: the scheduler has no workers; start some with "
+                "`dask worker`"
+            )

@@ -1,0 +1,51 @@
+"""Mesh and cameras of a job in one file, so that each worker reads them once."""
+
+import io
+import json
+from dataclasses import asdict
+from typing import NamedTuple
+
+import numpy as np
+
+from rastercov.camera import Camera
+from rastercov.mesh import Group, Mesh
+from rastercov.mesh.mesh import MeshSource
+from rastercov.rig import Cameras, cameras_of
+
+ARRAYS = ("vertices", "faces", "face_group", "source_face")
+
+
+class Scene(NamedTuple):
+    """Mesh and its cameras."""
+
+    mesh: Mesh
+    cameras: tuple[Camera, ...]
+
+
+def scene_bytes(mesh: Mesh, cameras: Cameras) -> bytes:
+    """File of a scene; equal scenes give the same bytes."""
+    words = {
+        "groups": [group.plain() for group in mesh.groups],
+        "sources": [asdict(source) for source in mesh.sources],
+        "notes": list(mesh.notes),
+        "cameras": [camera.plain() for camera in cameras_of(cameras)],
+    }
+    file = io.BytesIO()
+    arrays = {name: getattr(mesh, name) for name in ARRAYS}
+    text = np.frombuffer(json.dumps(words, sort_keys=True).encode(), np.uint8)
+    np.savez(file, words=text, **arrays)
+    return file.getvalue()
+
+
+def read_scene(data: bytes) -> Scene:
+    """Scene of a file that `scene_bytes` made."""
+    with np.load(io.BytesIO(data), allow_pickle=False) as file:
+        arrays = {name: file[name] for name in ARRAYS}
+        words = json.loads(file["words"].tobytes())
+    mesh = Mesh(
+        **arrays,
+        groups=[Group(**group) for group in words["groups"]],
+        sources=[MeshSource(**source) for source in words["sources"]],
+        notes=words["notes"],
+    )
+    return Scene(mesh, tuple(Camera(**camera) for camera in words["cameras"]))

@@ -1,0 +1,183 @@
+"""Pairs of a visibility matrix as they are measured, and the shards they are written to."""
+
+import io
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov._observers import ExactObserver
+from rastercov.area.cells import Cells
+from rastercov.area.frames import check_same_mesh
+from rastercov.area.observer import RegionObserver
+from rastercov.cluster.scene_file import scene_bytes
+from rastercov.coverage import Coverage, evaluate_batches, judged, measurements
+from rastercov.coverage_pass import CoveragePass
+from rastercov.engine import Engine
+from rastercov.errors import ConfigError
+from rastercov.observer import Observer
+from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
+from rastercov.placement.explain.candidate_visibility import FIGURES, CandidateBounds
+from rastercov.placement.shards import DamagedError, contents, schema_of, store
+from rastercov.pose import Poses
+from rastercov.task import Task
+
+SCENE = "scene.npz"
+"""Mesh and cameras in the folder of a matrix that workers make."""
+BOUNDS = "bounds"
+"""Folder of the bounds that workers found, a file for each."""
+ROWS_A_GROUP = 1 << 20
+"""Rows of a shard that Parquet compresses together."""
+Batch = tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32], BoolArray, int]
+"""Row, face, coverage and covered mask of each pair of some poses; and the number of poses."""
+
+
+def write_scene(folder: Path, observer: Observer) -> None:
+    """Write mesh and camera into the folder of a matrix: what workers need beside its header."""
+    data = scene_bytes(observer.mesh, observer.camera)
+    if contents(folder, SCENE) != data:
+        store(folder, SCENE, data)
+
+
+def write_bounds(folder: Path, name: str, bounds: CandidateBounds, shards: list[int]) -> None:
+    """Write the bounds that a worker has of the poses of its shards so far, in place of earlier."""
+    file = io.BytesIO()
+    np.savez(
+        file, low=bounds.low, high=bounds.high, covering=bounds.covering, n_poses=bounds.n_poses,
+        shards=np.array(shards, np.int64),
+    )  # fmt: skip
+    (folder / BOUNDS).mkdir(exist_ok=True)
+    store(folder, f"{BOUNDS}/{name}.npz", file.getvalue())
+
+
+def add_bounds(folder: Path, shards: Sequence[int], bounds: CandidateBounds) -> None:
+    """Add the bounds that workers left of these shards, unless some are missing or damaged."""
+    found = []
+    for path in sorted((folder / BOUNDS).glob("*.npz")):
+        try:
+            data = contents(folder, f"{BOUNDS}/{path.name}")
+        except DamagedError:
+            return
+        with np.load(io.BytesIO(data or b""), allow_pickle=False) as file:
+            found.append({name: file[name] for name in file.files})
+    of_file = [part["shards"] for part in found]
+    if not found or sorted(np.concatenate(of_file).tolist()) != sorted(shards):
+        return  # a shard was made again, by another worker
+    for part in found:
+        np.maximum(bounds.low, part["low"], out=bounds.low)
+        np.maximum(bounds.high, part["high"], out=bounds.high)
+        bounds.covering += part["covering"]
+        bounds.n_poses += int(part["n_poses"])
+
+
+class Pairs(NamedTuple):
+    """Number of pairs of each pose; face, coverage and covered mask of each pair."""
+
+    counts: IntArray
+    face: NDArray[np.int32]
+    coverage: NDArray[np.float32]
+    covered: BoolArray
+
+
+def gathered(batches: Iterable[Batch]) -> Pairs:
+    """Pairs of all batches."""
+    parts = [
+        Pairs(np.bincount(pose, minlength=n_poses), face, value, covered)
+        for pose, face, value, covered, n_poses in batches
+    ]
+    none = np.zeros(0, np.int64)
+    parts.append(Pairs(none, none.astype(np.int32), none.astype(np.float32), none > 0))
+    return Pairs(*map(np.concatenate, zip(*parts, strict=True)))
+
+
+def batches_of(
+    observer: Observer,
+    poses: Poses,
+    task: Task,
+    cells: Cells | None,
+    bounds: CandidateBounds | None = None,
+) -> Iterator[Batch]:
+    """Pairs of some poses and faces, or cells, batch by batch."""
+    found = (
+        _of_faces(observer, poses, task, bounds)
+        if cells is None
+        else _of_cells(observer, cells, poses, task, bounds)
+    )
+    for batch in found:
+        if batch[-1]:
+            yield batch
+
+
+def region_observer(observer: Observer, cells: Cells, task: Task) -> RegionObserver:
+    """Observer of the regions in the mesh of some cells, by the method of another one."""
+    check_same_mesh(cells.mesh, observer.mesh)
+    if not isinstance(observer, ExactObserver):
+        raise ConfigError("cells need method certified or exact, got sampled")
+    engine = Engine(observer.info.plan, threads=observer.threads)
+    return RegionObserver(observer.mesh, observer.camera, task, engine)
+
+
+def _of_faces(
+    observer: Observer, poses: Poses, task: Task, bounds: CandidateBounds | None
+) -> Iterator[Batch]:
+    """Pairs of poses and faces with coverage > 0."""
+    figures = ("coverage", *(FIGURES if bounds is not None else ()))
+    for batch in evaluate_batches(observer, poses, task, fields=figures):
+        yield _pairs(batch)
+        if bounds is not None and len(batch.pose_ids):
+            bounds.add(batch)
+
+
+def _pairs(batch: Coverage) -> Batch:
+    """Pairs of a batch with coverage > 0."""
+    pose, face = np.nonzero((batch.coverage > 0) & batch.mesh.task_mask)
+    short, covered = shortened(batch.coverage[pose, face], batch.task.min_coverage)
+    return pose, face.astype(np.int32), short, covered, len(batch.pose_ids)
+
+
+def _of_cells(
+    observer: Any, cells: Cells, poses: Poses, task: Task, bounds: CandidateBounds | None
+) -> Iterator[Batch]:
+    """Pairs of poses and cells with a covered share; visibility is computed once for both."""
+    judge = CoveragePass(observer, task)
+    for part, seen in measurements(observer, poses):
+        found = cells.share(seen.regions)  # type: ignore[union-attr] # of a RegionObserver
+        pose = np.repeat(np.arange(len(part)), np.diff(found.starts))
+        short, covered = shortened(found.share, task.min_coverage)
+        yield pose, found.cell, short, covered, len(part)
+        if bounds is not None and len(part):
+            bounds.add(judged(observer, judge, task, part, seen, FIGURES))
+
+
+def shortened(coverage: FloatArray, least: float) -> tuple[NDArray[np.float32], BoolArray]:
+    """Coverage in float32, and the mask of values of at least `least`; both are consistent.
+
+    No value is rounded across the threshold, nor down to 0. Thresholds other than 0 are 1e-30 or
+    more, which is near the least float32.
+    """
+    covered: BoolArray = coverage >= least
+    short = coverage.astype(np.float32)
+    too_low = (covered & (short.astype(np.float64) < least)) | (short == 0)
+    too_high = ~covered & (short.astype(np.float64) >= least) & ~too_low
+    short[too_low] = np.nextafter(short[too_low], np.float32(np.inf))
+    short[too_high] = np.nextafter(short[too_high], np.float32(-np.inf))
+    return short, covered
+
+
+def write_shard(
+    folder: Path, shard: str, header: dict[str, Any], batches: Iterable[Batch], numbers: IntArray
+) -> int:
+    """Write the shard of the poses of these numbers; gives the number of its pairs."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    schema, sink = schema_of(shard, header), pa.BufferOutputStream()
+    counts, *columns = gathered(batches)
+    table = pa.table([np.repeat(numbers, counts).astype(np.int32), *columns], schema=schema)
+    # In one piece: the bytes depend on neither batches nor threads.
+    with pq.ParquetWriter(sink, schema, compression="zstd", write_page_checksum=True) as writer:
+        writer.write_table(table, row_group_size=ROWS_A_GROUP)
+    store(folder, shard, memoryview(sink.getvalue()))
+    return len(table)

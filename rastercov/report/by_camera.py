@@ -1,0 +1,102 @@
+"""Figures of each camera of a rig alone, beside those of all cameras together.
+
+A point, or a face, counts for a camera where any of its poses covers it, whatever number of views
+the task wants of all cameras together.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.table import Table
+from rich.text import Text
+
+from rastercov._format import area, percent
+from rastercov.area.by_camera import AreasByCamera, cameras_apart
+from rastercov.area.regions import Regions
+from rastercov.mesh import Mesh
+from rastercov.network import JudgedPoses, Network
+from rastercov.pose import Poses
+from rastercov.rig import Cameras, names_of
+from rastercov.task import Task
+
+
+class ByCamera:
+    """Networks of the poses of each camera; of no camera where there is one, or too many.
+
+    Parameters
+    ----------
+    mesh, task
+        As of the network of all cameras.
+    camera : Camera, Rig or sequence of Camera
+        The cameras.
+    poses : Poses
+        All poses of the run.
+    by_area : bool
+        True where the result is by area.
+    """
+
+    def __init__(
+        self, mesh: Mesh, task: Task, camera: Cameras, poses: Poses, *, by_area: bool
+    ) -> None:
+        self.names, indices = names_of(camera), cameras_apart(camera, poses)
+        self._networks = {index: Network(mesh, replace(task, views=1)) for index in indices}
+        self._areas = AreasByCamera(mesh, task, indices if by_area else [])
+
+    @property
+    def is_asked(self) -> bool:
+        """True where there are figures by camera."""
+        return bool(self._networks)
+
+    def closed(self, closed: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Those of some faces, (F,) bool, that no camera needs regions of any more."""
+        return self._areas.closed(closed)
+
+    def add(self, batch: JudgedPoses, regions: Regions | None) -> None:
+        """Take in a batch of poses, and their regions where the result is by area."""
+        for index, network in self._networks.items():
+            network.add(batch, index)
+        if regions is not None:
+            self._areas.add(regions, batch.poses.camera)
+
+    def summary(self) -> list[dict[str, Any]]:
+        """Figures of each camera, ready for JSON."""
+        found = []
+        for index, network in self._networks.items():
+            whole = network.summary()
+            entry = {
+                "camera": self.names[index],
+                "poses": whole["poses"],
+                "covered": whole["covered"],
+            }
+            found.append(entry | self._areas.entry(index))
+        return found
+
+
+def camera_rows(summary: Mapping[str, Any]) -> list[list[str]]:
+    """Name, poses, covered area or faces, and its share, of each camera; often none."""
+    rows = []
+    for entry in summary.get("by_camera", ()):
+        covered = entry.get("covered_area")
+        size = f"{entry['covered']['faces']:,} faces" if covered is None else area(covered["m2"])
+        share = (covered or entry["covered"])["percent"]
+        rows.append([entry["camera"], f"{entry['poses']:,}", size, percent(share / 100)])
+    return rows
+
+
+def camera_table(summary: Mapping[str, Any], most: int = 20) -> Table | None:
+    """Figures by camera for a terminal of 80 columns; None where there are none."""
+    rows = camera_rows(summary)
+    if not rows:
+        return None
+    table = Table(title="Covered by each camera alone", title_justify="left")
+    table.add_column("camera", no_wrap=True, max_width=30)
+    for name in ("poses", "covered", "share"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for name, *figures in rows[:most]:
+        table.add_row(Text(name), *figures)
+    if rows[most:]:
+        table.add_row(f"... {len(rows) - most} more", style="dim")
+    return table

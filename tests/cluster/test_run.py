@@ -1,0 +1,251 @@
+"""Shards made by workers that are killed, and from folders that are lost."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+
+import cluster_job
+import pytest
+
+from rastercov.cluster import Workers, make_shards
+from rastercov.cluster import run as run_module
+from rastercov.cluster.quarantine import quarantined
+from rastercov.errors import ConfigError, RastercovError
+
+pytestmark = pytest.mark.slow
+SUPPORT = Path(cluster_job.__file__).parent
+
+
+class Watch:
+    """Shards made and lines said; `act` is called after some of the shards."""
+
+    def __init__(self, after=None, act=None):
+        self.made, self.lines, self.after, self.act = [], [], after, act
+
+    def done(self, made):
+        self.made.append(made)
+        if len(self.made) == self.after:
+            self.act(made)
+
+    @property
+    def numbers(self):
+        return sorted(made.number for made in self.made)
+
+
+def run(job, missing, watch, workers=None):
+    make_shards(workers or Workers(2), job, missing, watch.done, watch.lines.append)
+    assert not missing()
+
+
+def kill(made):
+    os.kill(int(made.worker.rpartition(":")[2]), signal.SIGKILL)
+
+
+def shards(folder):
+    return {path.name: json.loads(path.read_text()) for path in (folder / "shards").iterdir()}
+
+
+def test_all_shards_are_made_once_by_both_workers(tmp_path):
+    job, missing = cluster_job.prepared(tmp_path / "job", 12, seconds=0.1)
+    watch = Watch()
+    run(job, missing, watch)
+    assert watch.numbers == list(range(12))
+    assert len({made.worker for made in watch.made}) == 2
+    assert not watch.lines
+
+
+def test_a_killed_worker_costs_a_shard_at_most(tmp_path):
+    job, missing = cluster_job.prepared(tmp_path / "job", 12, seconds=0.2)
+    watch = Watch(after=4, act=kill)
+    run(job, missing, watch)
+    assert watch.numbers == list(range(12))
+    assert all(len(poses) == 8 for poses in shards(tmp_path / "job").values())
+    assert not quarantined(tmp_path / "job", 12)
+
+
+def test_poses_that_kill_are_found_and_left_out(tmp_path):
+    folder = tmp_path / "job"
+    job, missing = cluster_job.prepared(folder, 6, kill=[11, 12, 39])
+    watch = Watch()
+    run(job, missing, watch)
+    assert watch.numbers == list(range(6))
+    found = quarantined(folder, 6)
+    assert {n: set(poses) for n, poses in found.items()} == {1: {3, 4}, 4: {7}}
+    assert set(found[1].values()) == {"was killed by SIGKILL"}
+    assert {made.number: made.quarantined for made in watch.made if made.quarantined} == found
+    left = {name: set(range(8)) - set(poses) for name, poses in shards(folder).items()}
+    assert {int(name): poses for name, poses in left.items() if poses} == {1: {3, 4}, 4: {7}}
+    assert any("worker died" in line for line in watch.lines)
+
+
+def test_a_lost_folder_is_waited_for(tmp_path):
+    folder, aside = tmp_path / "job", tmp_path / "aside"
+    job, missing = cluster_job.prepared(folder, 12, seconds=0.2)
+
+    def lose(made):
+        folder.rename(aside)
+        threading.Timer(2.0, aside.rename, [folder]).start()
+
+    watch = Watch(after=4, act=lose)
+    run(job, missing, watch)
+    assert watch.numbers == list(range(12))
+    assert any("no such folder" in line for line in watch.lines)
+
+
+def test_a_folder_that_stays_lost_ends_the_run(tmp_path, monkeypatch):
+    monkeypatch.setattr(run_module, "FOLDER_PATIENCE", 1.0)
+    folder = tmp_path / "job"
+    job, missing = cluster_job.prepared(folder, 12, seconds=0.2)
+    watch = Watch(after=2, act=lambda made: folder.rename(tmp_path / "aside"))
+    with pytest.raises(ConfigError, match="must be there for every worker under the same name"):
+        run(job, missing, watch)
+
+
+@pytest.mark.parametrize(
+    ("what", "error", "words"),
+    [("config", ConfigError, "shard 5 is not to be had"),
+     ("disk", ConfigError, "the disk is full; shards that were made stay"),
+     ("other", RastercovError, "a worker failed: ZeroDivisionError: a defect")],
+)  # fmt: skip
+def test_an_error_ends_the_run_in_one_line_and_shards_stay(tmp_path, what, error, words):
+    job, missing = cluster_job.prepared(tmp_path / "job", 8, **{"raise": {"5": what}})
+    with pytest.raises(error, match=words):
+        run(job, missing, watch := Watch())
+    assert 5 in missing()
+    assert not set(missing()) & set(watch.numbers)
+
+
+def test_an_error_of_one_process_is_that_of_the_run(tmp_path):
+    job, missing = cluster_job.prepared(tmp_path / "job", 1, kill=[3], **{"raise": {"0": "config"}})
+    with pytest.raises(ConfigError, match="shard 5 is not to be had"):
+        run(job, missing, Watch())
+    assert missing()
+
+
+def test_another_version_of_rastercov_is_refused(tmp_path):
+    job, missing = cluster_job.prepared(tmp_path / "job", 1)
+    with pytest.raises(ConfigError, match=r"has rastercov .*, and the run 0\.0\.1; install"):
+        run(job._replace(version="0.0.1"), missing, Watch())
+
+
+def test_an_address_without_a_scheduler_is_refused_in_one_line(tmp_path, monkeypatch):
+    monkeypatch.setattr("rastercov.cluster.workers.CONNECT_SECONDS", 1)
+    job, missing = cluster_job.prepared(tmp_path / "job", 1)
+    with pytest.raises(ConfigError, match=r"no scheduler answers .* start one with"):
+        run(job, missing, Watch(), Workers(scheduler="tcp://127.0.0.1:9"))
+
+
+def test_tls_without_certificates_is_refused(tmp_path):
+    job, missing = cluster_job.prepared(tmp_path / "job", 1)
+    with pytest.raises(ConfigError, match="TLS needs certificates"):
+        run(job, missing, Watch(), Workers(scheduler="tls://127.0.0.1:9"))
+
+
+@contextmanager
+def process(*words):
+    """A program of Dask that lasts as long as the block, and so do its own processes."""
+    environment = os.environ | {
+        "PYTHONPATH": os.pathsep.join([str(SUPPORT.parents[1]), str(SUPPORT)]),
+        "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "0",
+        "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False",
+    }
+    program = [sys.executable, "-m", "dask", *words]
+    started = subprocess.Popen(
+        program, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )  # fmt: skip
+    try:
+        yield started
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(started.pid, signal.SIGKILL)
+        started.wait()
+
+
+def scheduler(port):
+    return process("scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard",
+                   "--no-show")  # fmt: skip
+
+
+def worker(port, folder):
+    address, local = f"tcp://127.0.0.1:{port}", str(folder)
+    return process("worker", address, "--host", "127.0.0.1", "--nthreads", "1", "--no-dashboard",
+                   "--memory-limit", "0", "--local-directory", local)  # fmt: skip
+
+
+@pytest.fixture
+def port():
+    import socket
+
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return free.getsockname()[1]
+
+
+def test_a_lost_scheduler_is_waited_for(tmp_path, port):
+    job, missing = cluster_job.prepared(tmp_path / "job", 16, seconds=0.3)
+    with ExitStack() as programs:
+        first = programs.enter_context(scheduler(port))
+        programs.enter_context(worker(port, tmp_path / "w"))
+
+        def replace(made):
+            first.kill()
+            first.wait()
+            programs.enter_context(scheduler(port))
+            programs.enter_context(worker(port, tmp_path / "v"))
+
+        watch = Watch(after=4, act=replace)
+        run(job, missing, watch, Workers(scheduler=f"tcp://127.0.0.1:{port}"))
+        assert any("the scheduler is lost" in line for line in watch.lines)
+    assert len(shards(tmp_path / "job")) == 16
+    # A shard that the workers finished while nobody listened is not made again.
+    assert len(set(watch.numbers)) == len(watch.numbers)
+
+
+def test_a_scheduler_without_workers_ends_the_run(tmp_path, port, monkeypatch):
+    monkeypatch.setattr(run_module, "SCHEDULER_PATIENCE", 1.0)
+    job, missing = cluster_job.prepared(tmp_path / "job", 2)
+    with scheduler(port), pytest.raises(ConfigError, match="the scheduler has no workers"):
+        run(job, missing, Watch(), Workers(scheduler=f"tcp://127.0.0.1:{port}"))
+
+
+HEAD = """
+import sys
+from pathlib import Path
+import cluster_job
+from rastercov.cluster import Job, Workers, make_shards
+folder = Path(sys.argv[1])
+missing = lambda: {n: 8 for n in range(12) if not (folder / f"shards/{n}").exists()}
+if __name__ == "__main__":
+    make_shards(Workers(2), Job.of(folder, cluster_job.FUNCTION), missing, lambda made: None, print)
+"""
+
+
+def test_a_killed_head_leaves_whole_shards_and_no_workers(tmp_path):
+    folder = tmp_path / "job"
+    job, missing = cluster_job.prepared(folder, 12, seconds=0.4)
+    program = tmp_path / "head.py"
+    program.write_text(HEAD)
+    path = os.pathsep.join([str(SUPPORT.parents[1]), str(SUPPORT)])
+    head = subprocess.Popen(
+        [sys.executable, program, folder], env=os.environ | {"PYTHONPATH": path}
+    )
+    while len(missing()) > 8:
+        time.sleep(0.05)
+    head.kill()
+    head.wait()
+    time.sleep(1.5)
+    done = set(range(12)) - set(missing())
+    time.sleep(1.0)
+    assert done == set(range(12)) - set(missing())  # its workers ended with it
+    times = {n: (folder / f"shards/{n}").stat().st_mtime_ns for n in done}
+    watch = Watch()
+    run(job, missing, watch)
+    assert watch.numbers == sorted(set(range(12)) - done)
+    assert times == {n: (folder / f"shards/{n}").stat().st_mtime_ns for n in done}
