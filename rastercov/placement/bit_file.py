@@ -29,10 +29,8 @@ from rastercov.placement import bit_kernels as kernels
 from rastercov.placement._arrays import FloatArray
 from rastercov.placement.bits import CoveredBits, n_words
 from rastercov.placement.matrix_folder import MatrixFolder
-from rastercov.placement.shards import SUMS, DamagedError, contents, locked, store
+from rastercov.placement.shards import BITS, SUMS, DamagedError, contents, locked, store
 
-BITS = "bits"
-"""Folder of these files in that of the matrix."""
 MOST_THREADS = 4
 """Threads that read shards at a time; each takes some ten bytes a pair of one."""
 SECONDS_A_RECORD = 10.0
@@ -67,7 +65,8 @@ class _Record:
         except (DamagedError, ValueError, KeyError, OSError, EOFError, zipfile.BadZipFile):
             return empty
         same = all(
-            getattr(found, field).shape == value.shape and getattr(found, field).dtype == value.dtype
+            getattr(found, field).shape == value.shape
+            and getattr(found, field).dtype == value.dtype
             for field, value in vars(empty).items()
         )
         return found if same else empty
@@ -210,7 +209,7 @@ def _hash(data: Any) -> NDArray[np.uint8]:
 
 
 def _write_at(descriptor: int, words: NDArray[np.uint64], at: int) -> None:
-    data = memoryview(words.astype("<u8", copy=False)).cast("B")
+    data = memoryview(words.astype("<u8").tobytes())
     while data:
         n_written = os.pwrite(descriptor, data, at)
         data, at = data[n_written:], at + n_written

@@ -110,7 +110,8 @@ class BitMatrix:
     @property
     def quarantined(self) -> dict[int, str]:
         """Poses without pairs because they kill the process that measures them, with its end."""
-        found, first = {}, 0
+        found: dict[int, str] = {}
+        first = 0
         for folder in self.folders:
             found |= {first + pose: end for pose, end in folder.quarantined().items()}
             first += folder.header["n_poses"]

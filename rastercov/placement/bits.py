@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -86,7 +86,8 @@ class CoveredBits:
     def row(self, candidate: int) -> Words:
         """(W,) bits of a candidate."""
         part = int(np.searchsorted(self.starts, candidate, side="right")) - 1
-        return self.parts[part][candidate - self.starts[part]]
+        row: Words = self.parts[part][candidate - int(self.starts[part])]
+        return row
 
     def faces_of(self, candidate: int) -> NDArray[np.int32]:
         """(N,) faces that a candidate covers, ascending."""
@@ -234,7 +235,7 @@ def packed(faces: BoolArray) -> Words:
     return np.packbits(padded, bitorder="little").view("<u8").astype(np.uint64)
 
 
-def spread_out(values: NDArray[np.generic], dtype: type = np.int64) -> NDArray[np.generic]:
+def spread_out(values: NDArray[Any], dtype: type = np.int64) -> NDArray[Any]:
     """Values of each face, (..., F), with zeros up to a whole number of words."""
     n_faces = values.shape[-1]
     out = np.zeros((*values.shape[:-1], BITS * n_words(n_faces)), dtype)

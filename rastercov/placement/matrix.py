@@ -10,6 +10,7 @@ header.json     inputs with hashes: mesh, camera, poses, task, method, version
 poses.npy       (C, 4, 4) the candidates
 pairs/*.parquet shards of consecutive poses, columns pose, face, coverage, covered
 sha256/*.sha256 the checksum of each of these files
+bits/           covered pairs as bits, see `bit_file`, once a `BitMatrix` was made of the folder
 
 `pandas.read_parquet(folder / "pairs")` and `polars.read_parquet(folder / "pairs")` read the pairs.
 A shard is written to a temporary file, flushed to the disk and renamed, so a killed run loses at
@@ -112,6 +113,11 @@ class VisibilityMatrix:
         return len(self.poses)
 
     @property
+    def n_pairs(self) -> int:
+        """Pairs with coverage above 0."""
+        return len(self.face)
+
+    @property
     def is_of_cells(self) -> bool:
         """True where the elements are cells, not faces."""
         return "cells" in self.header
@@ -141,11 +147,11 @@ class VisibilityMatrix:
         ConfigError
             When there is none, when it is incomplete, or when one of its files is damaged.
         """
-        return cls._read(MatrixFolder.open(folder))
+        return cls.of(MatrixFolder.open(folder))
 
     @classmethod
-    def _read(cls, folder: MatrixFolder) -> Self:
-        """Matrix of a complete folder."""
+    def of(cls, folder: MatrixFolder) -> Self:
+        """Matrix of a complete folder, in memory; errors as for `load`."""
         poses = folder.poses()
         face, coverage = np.empty(folder.n_pairs, np.int32), np.empty(folder.n_pairs, np.float32)
         counts = np.zeros(len(poses), np.int64)
@@ -246,7 +252,7 @@ def build_matrix(
     found = _measured(
         view, poses, task, folder, cells, poses_a_shard, bounds, workers, progress, watch, note
     )
-    return found if isinstance(found, VisibilityMatrix) else VisibilityMatrix._read(found)
+    return found if isinstance(found, VisibilityMatrix) else VisibilityMatrix.of(found)
 
 
 @typed

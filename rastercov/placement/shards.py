@@ -48,8 +48,8 @@ PAIRS_A_SHARD = 1 << 22
 """Pose-face pairs, seen or not, of one shard: several seconds of work."""
 FORMAT = 2
 HEADER, POSES, CAMERAS = "header.json", "poses.npy", "cameras.npy"
-PAIRS, SUMS = "pairs", "sha256"
-"""Folders of the shards, and of the checksums of all files."""
+PAIRS, SUMS, BITS = "pairs", "sha256", "bits"
+"""Folders of the shards, of the checksums of all files, and of what is derived from shards."""
 WORDS = {
     "format": "in another file format",
     "rastercov": "by another version of rastercov",
@@ -135,7 +135,7 @@ def locked(folder: Path) -> Iterator[Path]:
             ) from None
         except OSError:
             pass  # a file system without locks
-        for part in parts:
+        for part in (*parts, folder / BITS):
             for left in part.glob(".*.part"):
                 left.unlink()
         yield folder

@@ -26,17 +26,28 @@ class Candidates(Protocol):
     """
 
     @property
-    def problem(self) -> AnyProblem: ...
+    def problem(self) -> AnyProblem:
+        """Original problem."""
+
     @property
-    def n_candidates(self) -> int: ...
+    def n_candidates(self) -> int:
+        """Number of candidates C."""
+
     @property
-    def costs(self) -> FloatArray: ...
+    def costs(self) -> FloatArray:
+        """(C,) cost of each."""
+
     @property
-    def rank(self) -> IntArray: ...
+    def rank(self) -> IntArray:
+        """(C,) order of the candidates."""
+
     @property
-    def least(self) -> IntArray: ...
+    def least(self) -> IntArray:
+        """(G,) weight to cover of each kind."""
+
     @property
-    def least_total(self) -> int: ...
+    def least_total(self) -> int:
+        """Total weight to cover."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,9 +193,7 @@ def kinds_of(problem: AnyProblem) -> tuple[NDArray[np.int32], IntArray, int]:
     return kind, np.concatenate(([0], least[named])), total
 
 
-def ranked(
-    hashes: NDArray[np.uint64], sizes: IntArray, costs: FloatArray, copies: int
-) -> IntArray:
+def ranked(hashes: NDArray[np.uint64], sizes: IntArray, costs: FloatArray, copies: int) -> IntArray:
     """(C,) rank of each candidate that remains, -1 for the others.
 
     Parameters
