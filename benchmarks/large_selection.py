@@ -226,7 +226,7 @@ count = {count}
 distances = [4.2]
 [selection]
 goal = "best_coverage"
-cameras = 20
+cameras = 8
 """
 
 
