@@ -186,8 +186,8 @@ def small(report: Report) -> None:
     rng = np.random.default_rng(1)
     weights, costs = rng.random(6000), rng.uniform(0.5, 2, 4000)
     for goal, views, of in (
-        (BestCoverage(8), 1, None), (BestCoverage(15), 2, None),
-        (BestCoverage(budget=6.0), 1, costs),
+        (BestCoverage(5), 1, None), (BestCoverage(10), 2, None),
+        (BestCoverage(budget=3.0), 1, costs),
         (FewestCameras(0.95), 1, None), (FewestCameras(1.0, of_reachable=True), 2, costs),
     ):  # fmt: skip
         lists = problem_of_matrix(covers, goal, weights=weights, views=views, costs=of)

@@ -93,7 +93,7 @@ def test_no_selection_is_better_than_a_bound_from_a_small_core(problem):
 @examples(25)
 @given(
     problems(**LARGER),
-    st.lists(st.tuples(st.integers(0, 59), st.booleans()), max_size=12),
+    st.lists(st.tuples(st.integers(0, 6), st.booleans()), max_size=16),
 )
 def test_cameras_that_come_and_go_leave_the_gains_of_lists(problem, steps):
     reduced, large = presolve(problem), presolve_bits(on_bits(problem))
