@@ -26,7 +26,7 @@ from rastercov.placement.bit_matrix import BitMatrix
 from rastercov.placement.bits import CoveredBits, n_words, spread_out
 from rastercov.placement.matrix import measure_matrix
 from rastercov.placement.select import pricing
-from rastercov.placement.select.bit_problem import BitProblem, presolve_bits
+from rastercov.placement.select.bit_problem import BitProblem, bit_problem_of, presolve_bits
 from rastercov.placement.select.cover_state import CoverState
 from rastercov.placement.select.greedy import EFFORT, constructed, improve, select_greedy
 from rastercov.placement.select.lazy import select_lazy
@@ -242,6 +242,7 @@ def placed(report: Report, count: int, workers: int) -> None:
         process.returncode = os.waitstatus_to_exitcode(status)
         report.check("plan: the command succeeds", process.returncode == 0)
         found = json.loads(Path(folder, "plan", "plan.json").read_text(encoding="utf-8"))
+        passes = _passes(Path(folder, "plan", "matrix"), found["matrix"]["held_as"])
         size = {
             name: sum(path.stat().st_size for path in Path(folder).rglob(pattern))
             for name, pattern in (("Parquet", "pairs-*.parquet"), ("bits", "covered-*.words"))
@@ -259,8 +260,19 @@ def placed(report: Report, count: int, workers: int) -> None:
     report.add(f"{name}: {len(selection['chosen'])} cameras cover", 100 * selection["share"], "%")
     report.add(f"{name}: bound", 100 * selection["bound"], "%")
     report.add(f"{name}: all of it", seconds, "s")
+    report.add(f"{name}: read by the rule, a camera", passes, "passes")
     # Of the head: worker processes are not counted, as they are children of it.
     report.add(f"{name}: memory of the head at most", usage.ru_maxrss / 1024, "MiB", at_most=1024)
+
+
+def _passes(folder: Path, held_as: str) -> float:
+    """Passes over the bits of a plan that the greedy rule makes for a camera."""
+    if held_as != "bits":
+        return 0.0
+    matrix = BitMatrix.load(next(folder.iterdir()))
+    problem = bit_problem_of(matrix, shapes.by_name("torus"), BestCoverage(8))
+    state = constructed(lambda: LazyCover(presolve_bits(problem)), problem.goal)
+    return (state.passes - 1) / max(1, len(state.chosen))
 
 
 # --- rates ----------------------------------------------------------------------------------------
