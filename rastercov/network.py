@@ -4,7 +4,7 @@ E. S. Eissa. Image Space Coverage Model. 2020, section 6.4.1 and Table 6.1, wher
 not covered when its coverage is 0 in every camera.
 """
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -319,21 +319,85 @@ class JudgedPoses:
         Figures of the pairs that were asked for, by pose, then by face.
     kept : dict
         Coverage (F,) float64 of the poses to keep, by their ids.
-    measured : Observation or FaceCounts
-        Measurement of the poses.
+    measured : Observation or FaceCounts, or None
+        Measurement of the poses, of those that this process has measured.
     """
 
     poses: Poses
     clipped: BoolArray
     rows: "PairRows"
     kept: dict[int, FloatArray]
-    measured: Measured
+    measured: Measured | None
     parts: "list[tuple[int, _Part]]"
 
     @property
     def pose_ids(self) -> IntArray:
         """(P,) row of each pose in the input."""
         return self.poses.ids
+
+
+def joined(mesh: Mesh, poses: Poses, batches: "Sequence[JudgedPoses]") -> JudgedPoses:
+    """Batches of some poses as one, whatever their sizes and the number of threads."""
+    rows = [batch.rows for batch in batches]
+    ends = np.cumsum([0] + [len(batch.poses) for batch in batches])
+    whole: dict[int, _Part] = {}
+    for first, batch in zip(ends, batches, strict=False):
+        for camera, part in batch.parts:
+            whole.setdefault(camera, _Part(mesh, int(ends[-1]))).merge(part, int(first))
+    kept = {pose: values for batch in batches for pose, values in batch.kept.items()}
+    return JudgedPoses(
+        poses=poses,
+        clipped=np.concatenate([batch.clipped for batch in batches]),
+        rows=type(rows[0])(*map(np.concatenate, zip(*rows, strict=True))),
+        kept=kept,
+        measured=None,
+        parts=sorted(whole.items(), key=lambda entry: entry[0]),
+    )
+
+
+def plain(batch: JudgedPoses) -> dict[str, NDArray[Any]]:
+    """Arrays of a batch by name; `from_plain` has their meaning."""
+    arrays = {f"rows.{name}": values for name, values in batch.rows._asdict().items()}
+    arrays["clipped"] = batch.clipped
+    arrays |= {f"kept.{pose}": values for pose, values in batch.kept.items()}
+    for camera, part in batch.parts:
+        of_part = part.sums._asdict() | {name: getattr(part, name) for name in _OF_POSES}
+        arrays |= {f"part.{camera}.{name}": values for name, values in of_part.items()}
+    return arrays
+
+
+def from_plain(mesh: Mesh, poses: Poses, arrays: Mapping[str, NDArray[Any]]) -> JudgedPoses:
+    """Batch of some poses from the arrays of `plain`."""
+    from rastercov.network_kernels import PairRows, Sums
+
+    tree: dict[str, dict[str, Any]] = {"rows": {}, "kept": {}}
+    parts: dict[int, dict[str, Any]] = {}
+    for name, values in arrays.items():
+        kind, _, rest = name.partition(".")
+        if kind == "part":
+            camera, _, figure = rest.partition(".")
+            parts.setdefault(int(camera), {})[figure] = values
+        elif kind in tree:
+            tree[kind][rest] = values
+    found = []
+    for index, figures in parts.items():
+        part = _Part(mesh, len(poses))
+        for name in _OF_POSES:
+            setattr(part, name, figures.pop(name))
+        part.sums = Sums(**figures)
+        found.append((index, part))
+    return JudgedPoses(
+        poses=poses,
+        clipped=arrays["clipped"],
+        rows=PairRows(**tree["rows"]),
+        kept={int(pose): values for pose, values in tree["kept"].items()},
+        measured=None,
+        parts=found,
+    )
+
+
+_OF_POSES = ("covered_faces", "totals", "images")
+"""Arrays of a `_Part` with a value for each pose."""
 
 
 class _Part:
@@ -401,20 +465,19 @@ class _Part:
             coverage, drawn = coverage.take(self._scored), drawn.take(self._scored)
         self.totals[row], self.images[row] = coverage.sum(), drawn.sum()
 
-    def merge(self, other: "_Part") -> None:
-        """Add the sums of other poses of the same batch."""
+    def merge(self, other: "_Part", first: int = 0) -> None:
+        """Add the sums of other poses; their row 0 is row `first` of this one."""
         ours, theirs = self.sums, other.sums
         ours.views[:] += theirs.views
-        better = (theirs.best > ours.best) | (
-            (theirs.best == ours.best) & (theirs.best_row < ours.best_row)
-        )
-        ours.best[better], ours.best_row[better] = theirs.best[better], theirs.best_row[better]
+        rows = theirs.best_row + first
+        better = (theirs.best > ours.best) | ((theirs.best == ours.best) & (rows < ours.best_row))
+        ours.best[better], ours.best_row[better] = theirs.best[better], rows[better]
         np.maximum(ours.reason, theirs.reason, out=ours.reason)
         ours.kinds[:] += theirs.kinds
         np.maximum(ours.bounds, theirs.bounds, out=ours.bounds)
-        self.covered_faces += other.covered_faces
-        self.totals += other.totals
-        self.images += other.images
+        own = slice(first, first + len(other.totals))
+        for name in _OF_POSES:
+            getattr(self, name)[own] += getattr(other, name)
 
 
 def share_of_faces(mesh: Mesh, part: BoolArray, whole: BoolArray) -> dict[str, float]:

@@ -30,6 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov._typed import typed
 from rastercov.area.cells import Cells
 from rastercov.cluster import Job, Made, Workers, make_shards
+from rastercov.cluster.files import DamagedError
 from rastercov.cluster.quarantine import forget, quarantined
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
@@ -46,7 +47,6 @@ from rastercov.placement.matrix_shards import (
     write_shard,
 )
 from rastercov.placement.shards import (
-    DamagedError,
     Note,
     claim,
     describe,

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rastercov.area.cells import Cells, cells
+from rastercov.cluster.files import contents
 from rastercov.cluster.job import FolderLostError
 from rastercov.cluster.scene_file import read_scene
 from rastercov.engine import Engine
@@ -27,7 +28,7 @@ from rastercov.placement.matrix_shards import (
     write_bounds,
     write_shard,
 )
-from rastercov.placement.shards import contents, read_header, read_poses, shards_of
+from rastercov.placement.shards import read_header, read_poses, shards_of
 from rastercov.pose import Poses, renumbered
 from rastercov.task import Task
 

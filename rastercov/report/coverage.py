@@ -17,11 +17,11 @@ describes runs that are killed.
 import logging
 import re
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,15 +31,15 @@ from rastercov._checks import shown
 from rastercov._interrupts import interrupts_held
 from rastercov._output import write_json
 from rastercov.area.network import AreaNetwork, unit_of_result
-from rastercov.area.observer import RegionObservation, RegionObserver
+from rastercov.area.observer import RegionObservation
 from rastercov.area.regions import RegionPass, Regions
 from rastercov.camera import Camera
+from rastercov.cluster import Made, Workers
 from rastercov.criteria import face_geometry
 from rastercov.engine import Engine
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.network import JudgedPoses, Network
-from rastercov.observer import open_observer
 from rastercov.pairs import CHOICES
 from rastercov.pose import Poses
 from rastercov.provenance import Provenance
@@ -51,6 +51,13 @@ from rastercov.report.by_camera import ByCamera
 from rastercov.report.coloured_mesh import write_coloured_mesh, write_covered_mesh
 from rastercov.report.coverage_table import CoverageTable
 from rastercov.report.doubts import doubts
+from rastercov.report.evaluation_shards import (
+    EvaluationShards,
+    Part,
+    Wanted,
+    is_long,
+    open_for,
+)
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.half_covered import half_covered
 from rastercov.report.images import (
@@ -73,6 +80,8 @@ from rastercov.task import Task
 LOG = logging.getLogger("rastercov")
 MOST_ROWS = 10_000_000
 """Rows of a table that was not asked for: about 250 MB."""
+UNFINISHED = "unfinished"
+"""Folder in that of the report, for the shards of a run until its report is whole."""
 MOST_COLOURS = 60
 """Cameras that have a colour each in the overview."""
 PICTURE_SIDE = 1280
@@ -134,6 +143,9 @@ def run(
     out: Path,
     options: Options,
     progress: Callable[[int, int], None] = lambda done, total: None,
+    workers: Workers | None = None,
+    watch: Callable[[Made], None] = lambda made: None,
+    note: Callable[[str], None] = LOG.warning,
 ) -> dict[str, Any]:
     """Evaluate every pose and write the report.
 
@@ -141,6 +153,9 @@ def run(
     and the summary says `"interrupted": true`. A batch counts in every file or none; before the
     first is done, the interrupt is raised and nothing is written. An interrupt while pictures are
     drawn leaves out the rest of them, and the summary says the same.
+
+    A long run, and one by workers, is kept in shards until its report is whole
+    (`report.evaluation_shards`): ended in any way, it goes on from there when it is run again.
 
     Parameters
     ----------
@@ -152,6 +167,12 @@ def run(
         Choices of the run.
     progress : callable
         Called with the poses done and the poses in all.
+    workers : Workers, optional
+        Processes that measure; this one unless given.
+    watch : callable
+        Called with each shard that a worker made.
+    note : callable
+        Called with a line on what went wrong and was mended; logs it as a warning unless given.
 
     Returns
     -------
@@ -167,7 +188,16 @@ def run(
     """
     accepted = Poses.of(poses, skip_bad=options.skip_bad_poses)
     with ReportFolder(out, EVALUATION) as folder:
-        return _run(folder, mesh, camera, accepted, task, options, progress)
+        staff = _Staff(workers, watch, note)
+        return _run(folder, mesh, camera, accepted, task, options, progress, staff)
+
+
+class _Staff(NamedTuple):
+    """Processes that measure, and what is told of them."""
+
+    workers: Workers | None
+    watch: Callable[[Made], None]
+    note: Callable[[str], None]
 
 
 def _run(
@@ -178,6 +208,7 @@ def _run(
     task: Task,
     options: Options,
     progress: Callable[[int, int], None],
+    staff: _Staff,
 ) -> dict[str, Any]:
     total = len(poses)
     network = Network(mesh, task)
@@ -197,7 +228,13 @@ def _run(
     apart = ByCamera(mesh, task, camera, poses, by_area=areas is not None)
     interrupted = False
     with ExitStack() as opened:
-        observer = opened.enter_context(_observer(mesh, camera, task, options.engine, areas))
+        wanted = Wanted(
+            options.engine, areas is not None, pairs, tuple(sorted(chosen)), apart.is_asked
+        )
+        observer = opened.enter_context(open_for(mesh, camera, task, wanted))
+        shards = None
+        if staff.workers is not None or is_long(total, mesh.n_faces):
+            shards = EvaluationShards(folder.path / UNFINISHED, observer, poses, task, wanted)
         header = Provenance(
             mesh, camera, poses.given, task, asdict(options), observer.info
         ).as_dict()
@@ -214,14 +251,18 @@ def _run(
                 )
             )
         started = time.perf_counter()
-        batches = network.judge(observer, poses, pairs=pairs, keep=chosen, apart=apart.is_asked)
         try:
             progress(0, total)
-            for batch in batches:
+            if shards is None:
+                batches = network.judge(
+                    observer, poses, pairs=pairs, keep=chosen, apart=apart.is_asked
+                )
+                parts: Iterator[Part] = ((batch, _regions(batch)) for batch in batches)
+            else:
+                interrupted = _staffed(shards, staff, progress, total)
+                parts = shards.parts(staff.note, only_present=interrupted)
+            for batch, found in parts:
                 with interrupts_held():
-                    found = None
-                    if isinstance(batch.measured, RegionObservation):
-                        found = batch.measured.regions
                     if table is not None:
                         table.add(batch.rows, None if found is None else _of_rows(batch, found))
                     network.add(batch)
@@ -229,14 +270,18 @@ def _run(
                     if areas is not None and found is not None:
                         areas.add(found)
                         # The table has the area of every pair, also of faces that need no more.
-                        if table is None:
+                        # Shards do not depend on one another.
+                        if table is None and shards is None:
                             observer.closed = apart.closed(areas.closed)
                     drawn |= batch.kept
-                progress(len(network.pose_ids), total)
+                if staff.workers is None:
+                    progress(len(network.pose_ids), total)
         except KeyboardInterrupt:
             if not network.pose_ids:
                 raise
             interrupted = True
+        if interrupted and not network.pose_ids:
+            raise KeyboardInterrupt
         try:
             with interrupts_held():
                 opened.close()
@@ -250,9 +295,9 @@ def _run(
     done = len(network.pose_ids)
     summary = network.summary() | {"by": unit, "by_face_because": reason}
     measured_poses = poses[np.isin(poses.ids, network.pose_ids)]
-    parts: list[str] = []
+    halves: list[str] = []
     if areas is None:
-        parts = half_covered(network, camera, measured_poses, options.method)
+        halves = half_covered(network, camera, measured_poses, options.method)
     else:
         areas.add_to(summary)
         with interrupts_held():
@@ -264,13 +309,18 @@ def _run(
     summary |= {
         "interrupted": interrupted,
         "table": {"pairs": pairs, "rows": table.n_rows if table is not None else 0},
+        "quarantined": {} if shards is None else {str(k): v for k, v in shards.quarantined.items()},
         "skipped_poses": {str(row): text for row, text in poses.rejected.items()},
         "seconds": seconds,
         "poses_per_second": done / seconds if done else 0.0,
         "run": header,
         "size_m": np.ptp(mesh.bounds, axis=0).tolist(),
         "warnings": list(mesh.warnings),
-        "doubts": [*doubts(network, camera, measured_poses), *parts, *no_pictures(camera, options)],
+        "doubts": [
+            *doubts(network, camera, measured_poses),
+            *halves,
+            *no_pictures(camera, options),
+        ],
         "per_pose": [
             {"pose": pose, "covered_faces": covered, "mean_coverage": mean}
             for pose, covered, mean in zip(
@@ -287,7 +337,36 @@ def _run(
             write_covered_mesh(folder.file("network.glb"), areas.covered)
         write_json(folder.file("summary.json"), summary)
         folder.publish()
+        if shards is not None and not interrupted:
+            shards.remove()
     return summary
+
+
+def _staffed(
+    shards: EvaluationShards, staff: _Staff, progress: Callable[[int, int], None], total: int
+) -> bool:
+    """Have shards made by workers, where there are some; True when interrupted."""
+    done = total - sum(shards.missing.values())
+
+    def made(shard: Made) -> None:
+        nonlocal done
+        done += shard.n_poses
+        progress(done, total)
+        staff.watch(shard)
+
+    try:
+        if staff.workers is not None:
+            progress(done, total)
+            shards.made_by(staff.workers, made, staff.note)
+    except KeyboardInterrupt:
+        return True
+    return False
+
+
+def _regions(batch: JudgedPoses) -> Regions | None:
+    """Regions of a batch, where the result is by area."""
+    measured = batch.measured
+    return measured.regions if isinstance(measured, RegionObservation) else None
 
 
 def _cameras_of_poses(
@@ -364,15 +443,6 @@ def no_pictures(camera: Cameras, options: Options) -> list[str]:
     if not models or not options.pictures:
         return []
     return [f"no pictures: reports draw through pinholes, and the lens is {', '.join(models)}"]
-
-
-def _observer(
-    mesh: Mesh, camera: Cameras, task: Task, engine: Engine, areas: AreaNetwork | None
-) -> Any:
-    """Observer by the method, which finds regions, too, where the result is by area."""
-    if areas is None:
-        return open_observer(mesh, camera, engine)
-    return RegionObserver(mesh, camera, task, engine)
 
 
 def table_of(mesh: Mesh, camera: Cameras, poses: Poses) -> str:
