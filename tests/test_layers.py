@@ -21,7 +21,7 @@ LAYERS = (
     "observer task",
     "coverage coverage_pass pairs network provenance",
     "area",
-    "models placement",
+    "evaluation_shards models placement",
     "audit",
     "plan validation",
     "report",

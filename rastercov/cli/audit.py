@@ -1,7 +1,8 @@
 """The command `audit`: what the images of an existing rig or reconstruction see."""
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -9,8 +10,9 @@ from rastercov._format import area, percent, plural
 from rastercov.camera_formats import read_through
 from rastercov.camera_formats.conventions import Border, Conventions
 from rastercov.cli import options
-from rastercov.cli.console import progress_bar, warn
+from rastercov.cli.console import progress_bar, say, warn
 from rastercov.cli.inputs import read_scene
+from rastercov.cluster import Tally, Workers
 from rastercov.errors import CameraError, PoseError
 from rastercov.task import Task
 
@@ -49,6 +51,10 @@ def audit(
         float | None, typer.Option(help="Longest side of a cell, m.", show_default="by the scene")
     ] = None,
     method: Annotated[str, typer.Option(help="certified, exact or sampled.")] = "certified",
+    skip_bad_poses: options.SkipBadPoses = False,
+    workers: options.WorkersOption = None,
+    scheduler: options.SchedulerOption = None,
+    json_progress: options.JsonProgress = False,
     as_json: options.AsJson = False,
 ) -> None:
     """Audit existing cameras: what each sees, what is lost without it, and the smallest subset.
@@ -58,6 +64,7 @@ def audit(
     from rastercov._output import json_text
     from rastercov.report.audit import run  # loads pyarrow
 
+    staff, tally = Workers.of(workers, scheduler), Tally()
     scene = read_scene(meshes, unit, transform, occluder, two_sided, drop_invalid, target)
     border = Border(conventions)
     views = read_through(source, border)
@@ -71,12 +78,24 @@ def audit(
     warn([*scene.warnings, *views.notes, *border.unused()])
     with progress_bar() as progress:
         summary = run(
-            scene, views, task, out, progress, by=by, resolution_of_result=resolution_of_result,
-            min_angle_deg=min_angle_deg, method=method,
+            scene, views, task, out, progress, staff, tally.add, lambda line: warn([line]),
+            by=by, resolution_of_result=resolution_of_result, min_angle_deg=min_angle_deg,
+            method=method,
         )  # fmt: skip
+    left_out = summary["quarantined"]
+    warn(f"pose {pose} left out: its process {end}" for pose, end in left_out.items())
     if as_json:
         print(json_text(summary))
-        return
+    else:
+        _print(summary, out)
+        for line in tally.lines():
+            say(line)
+    if left_out and not skip_bad_poses:
+        raise typer.Exit(1)
+
+
+def _print(summary: Mapping[str, Any], out: Path) -> None:
+    """Print the headline of an audit, and the cameras that add most."""
     subset = summary["subset"]
     print(
         f"{plural(summary['cameras'], 'image')} cover {percent(summary['covered_percent'] / 100)} "

@@ -1,5 +1,6 @@
 """Report of an audit: tables of elements and cameras, arrays, a coloured mesh, a summary."""
 
+import logging
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -12,6 +13,8 @@ import pyarrow.parquet as pq
 from rastercov._interrupts import interrupts_held
 from rastercov._output import write_json, write_npz, writing
 from rastercov.audit import Audit, audit
+from rastercov.cluster import Made, Workers
+from rastercov.evaluation_shards import UNFINISHED, is_long, remove
 from rastercov.mesh import Mesh
 from rastercov.provenance import Provenance
 from rastercov.report.coloured_mesh import write_coloured_mesh
@@ -19,6 +22,7 @@ from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.task import Task
 from rastercov.views import Views
 
+LOG = logging.getLogger("rastercov")
 AUDIT = ReportKind(
     "audit",
     re.compile(r"elements\.parquet|cameras\.parquet|elements\.npz|audit\.(glb|json)"),
@@ -32,6 +36,9 @@ def run(
     task: Task,
     out: Path,
     progress: Callable[[int, int], None] = lambda done, total: None,
+    workers: Workers | None = None,
+    watch: Callable[[Made], None] = lambda made: None,
+    note: Callable[[str], None] = LOG.warning,
     **options: Any,
 ) -> dict[str, Any]:
     """Audit the cameras of a file and write the report.
@@ -46,6 +53,8 @@ def run(
         Folder for the report.
     progress : callable
         Called with the poses done and the total.
+    workers, watch, note
+        As for `rastercov.audit.audit`; a long audit is kept in shards until its report is whole.
     **options
         `by`, `resolution_of_result`, `min_angle_deg` and `method` of `rastercov.audit.audit`.
 
@@ -56,9 +65,11 @@ def run(
     """
     assert views.rig is not None
     with ReportFolder(out, AUDIT) as folder:
+        is_kept = workers is not None or is_long(len(views.poses), mesh.n_faces)
         found = audit(
             mesh, views.rig, views.poses, task, names=views.images or None, progress=progress,
-            **options,
+            folder=folder.path / UNFINISHED if is_kept else None, workers=workers, watch=watch,
+            note=note, **options,
         )  # fmt: skip
         header = Provenance(mesh, views.rig, views.poses.given, task, options).as_dict()
         summary = found.summary() | {"notes": list(views.notes), "run": header}
@@ -73,6 +84,7 @@ def run(
             )
             write_json(folder.file("audit.json"), summary)
             folder.publish()
+            remove(folder.path / UNFINISHED)
     return summary
 
 

@@ -17,7 +17,7 @@ describes runs that are killed.
 import logging
 import re
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -31,13 +31,21 @@ from rastercov._checks import shown
 from rastercov._interrupts import interrupts_held
 from rastercov._output import write_json
 from rastercov.area.network import AreaNetwork, unit_of_result
-from rastercov.area.observer import RegionObservation
 from rastercov.area.regions import RegionPass, Regions
 from rastercov.camera import Camera
 from rastercov.cluster import Made, Workers
 from rastercov.criteria import face_geometry
 from rastercov.engine import Engine
 from rastercov.errors import ConfigError
+from rastercov.evaluation_shards import (
+    UNFINISHED,
+    EvaluationShards,
+    Source,
+    Wanted,
+    is_long,
+    open_for,
+    remove,
+)
 from rastercov.mesh import Mesh
 from rastercov.network import JudgedPoses, Network
 from rastercov.pairs import CHOICES
@@ -51,13 +59,6 @@ from rastercov.report.by_camera import ByCamera
 from rastercov.report.coloured_mesh import write_coloured_mesh, write_covered_mesh
 from rastercov.report.coverage_table import CoverageTable
 from rastercov.report.doubts import doubts
-from rastercov.report.evaluation_shards import (
-    EvaluationShards,
-    Part,
-    Wanted,
-    is_long,
-    open_for,
-)
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.half_covered import half_covered
 from rastercov.report.images import (
@@ -80,8 +81,6 @@ from rastercov.task import Task
 LOG = logging.getLogger("rastercov")
 MOST_ROWS = 10_000_000
 """Rows of a table that was not asked for: about 250 MB."""
-UNFINISHED = "unfinished"
-"""Folder in that of the report, for the shards of a run until its report is whole."""
 MOST_COLOURS = 60
 """Cameras that have a colour each in the overview."""
 PICTURE_SIDE = 1280
@@ -155,7 +154,7 @@ def run(
     drawn leaves out the rest of them, and the summary says the same.
 
     A long run, and one by workers, is kept in shards until its report is whole
-    (`report.evaluation_shards`): ended in any way, it goes on from there when it is run again.
+    (`rastercov.evaluation_shards`): ended in any way, it goes on from there when it is run again.
 
     Parameters
     ----------
@@ -251,16 +250,9 @@ def _run(
                 )
             )
         started = time.perf_counter()
+        source = Source(network, observer, poses, wanted, shards)
         try:
-            progress(0, total)
-            if shards is None:
-                batches = network.judge(
-                    observer, poses, pairs=pairs, keep=chosen, apart=apart.is_asked
-                )
-                parts: Iterator[Part] = ((batch, _regions(batch)) for batch in batches)
-            else:
-                interrupted = _staffed(shards, staff, progress, total)
-                parts = shards.parts(staff.note, only_present=interrupted)
+            parts = source.parts(progress, *staff)
             for batch, found in parts:
                 with interrupts_held():
                     if table is not None:
@@ -274,14 +266,10 @@ def _run(
                         if table is None and shards is None:
                             observer.closed = apart.closed(areas.closed)
                     drawn |= batch.kept
-                if staff.workers is None:
-                    progress(len(network.pose_ids), total)
         except KeyboardInterrupt:
             if not network.pose_ids:
                 raise
             interrupted = True
-        if interrupted and not network.pose_ids:
-            raise KeyboardInterrupt
         try:
             with interrupts_held():
                 opened.close()
@@ -338,35 +326,8 @@ def _run(
         write_json(folder.file("summary.json"), summary)
         folder.publish()
         if shards is not None and not interrupted:
-            shards.remove()
+            remove(folder.path / UNFINISHED)
     return summary
-
-
-def _staffed(
-    shards: EvaluationShards, staff: _Staff, progress: Callable[[int, int], None], total: int
-) -> bool:
-    """Have shards made by workers, where there are some; True when interrupted."""
-    done = total - sum(shards.missing.values())
-
-    def made(shard: Made) -> None:
-        nonlocal done
-        done += shard.n_poses
-        progress(done, total)
-        staff.watch(shard)
-
-    try:
-        if staff.workers is not None:
-            progress(done, total)
-            shards.made_by(staff.workers, made, staff.note)
-    except KeyboardInterrupt:
-        return True
-    return False
-
-
-def _regions(batch: JudgedPoses) -> Regions | None:
-    """Regions of a batch, where the result is by area."""
-    measured = batch.measured
-    return measured.regions if isinstance(measured, RegionObservation) else None
 
 
 def _cameras_of_poses(

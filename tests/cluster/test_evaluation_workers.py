@@ -10,10 +10,13 @@ import pyarrow.parquet as pq
 import pytest
 
 import rastercov as rc
-from rastercov import shapes
+from rastercov import evaluation_shards, shapes
+from rastercov.audit import audit
 from rastercov.cluster import Workers
-from rastercov.report import evaluation_shards
-from rastercov.report.coverage import UNFINISHED, Options, run
+from rastercov.errors import ConfigError
+from rastercov.evaluation_shards import UNFINISHED
+from rastercov.report import coverage
+from rastercov.report.coverage import Options, run
 
 pytestmark = [pytest.mark.slow, pytest.mark.compile]
 MESH = shapes.teapot(4)
@@ -118,11 +121,10 @@ def test_a_run_that_was_ended_goes_on(tmp_path, monkeypatch):
 def test_other_settings_do_not_take_old_shards(tmp_path, monkeypatch):
     monkeypatch.setattr(evaluation_shards, "LONG_RUN", 1)
     evaluated(tmp_path / "whole", task=rc.Task(min_pixels=40), by="face")
-    monkeypatch.setattr(evaluation_shards.EvaluationShards, "remove", lambda self: None)
-    evaluated(tmp_path / "both", by="face")
-    monkeypatch.undo()
-    monkeypatch.setattr(evaluation_shards, "PAIRS_A_SHARD", 8 * MESH.n_faces)
-    monkeypatch.setattr(evaluation_shards, "LONG_RUN", 1)
+    with monkeypatch.context() as patch:
+        patch.setattr(coverage, "remove", lambda folder: None)
+        evaluated(tmp_path / "both", by="face")
+    assert (tmp_path / "both" / UNFINISHED).exists()
     evaluated(tmp_path / "both", task=rc.Task(min_pixels=40), by="face")
     same(tmp_path / "both", tmp_path / "whole")
     assert not (tmp_path / "both" / UNFINISHED).exists()
@@ -137,6 +139,39 @@ def poisoned(folder, number, *, leave_out=(), only=None):
     if POISONED in (chosen if only is None else {8 * number + pose for pose in only}):
         os.kill(os.getpid(), signal.SIGKILL)
     return evaluation_shards.make(folder, number, leave_out=leave_out, only=only)
+
+
+@pytest.mark.parametrize("by", ["area", "face"])
+def test_workers_audit_like_one_process(tmp_path, by):
+    options = {"by": by, "names": [f"image {row}" for row in range(42)]}
+    alone = audit(MESH, CAMERAS, PLACED, **options)
+    kept = audit(MESH, CAMERAS, PLACED, folder=tmp_path / "kept", **options)
+    many = audit(MESH, CAMERAS, PLACED, folder=tmp_path / "w", workers=Workers(2), **options)
+    assert files(tmp_path / "kept") == files(tmp_path / "w")
+    for found in (kept, many):
+        np.testing.assert_array_equal(alone.views, found.views)
+        np.testing.assert_array_equal(alone.problem.face, found.problem.face)
+        np.testing.assert_array_equal(alone.subset.chosen, found.subset.chosen)
+        np.testing.assert_array_equal(alone.lost_m2, found.lost_m2)
+    with pytest.raises(ConfigError, match="workers make shards in a folder"):
+        audit(MESH, CAMERAS, PLACED, workers=Workers(1))
+
+
+def files(folder):
+    shards = sorted(folder.glob("*/shards/*"))
+    assert len(shards) == 6
+    return {path.name: path.read_bytes() for path in shards}
+
+
+def test_an_audit_leaves_out_a_pose_that_kills(tmp_path, monkeypatch):
+    monkeypatch.setattr(evaluation_shards, "FUNCTION", "test_evaluation_workers:poisoned")
+    monkeypatch.syspath_prepend(Path(__file__).parent)
+    found = audit(MESH, CAMERA, POSES, by="face", folder=tmp_path, workers=Workers(2))
+    assert dict(found.quarantined) == {POISONED: "was killed by SIGKILL"}
+    others = np.delete(np.arange(42), POISONED)
+    alone = audit(MESH, CAMERA, POSES[others], by="face", names=[str(row) for row in others])
+    assert found.names == alone.names
+    np.testing.assert_array_equal(found.lost_m2, alone.lost_m2)
 
 
 def test_a_pose_that_kills_its_worker_is_left_out(tmp_path, monkeypatch):

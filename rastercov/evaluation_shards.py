@@ -39,10 +39,12 @@ from rastercov.provenance import sha256
 from rastercov.rig import Cameras, cameras_of
 from rastercov.task import Task
 
-FUNCTION = "rastercov.report.evaluation_shards:make"
+FUNCTION = "rastercov.evaluation_shards:make"
 """Function of a `rastercov.cluster.Job` of shards."""
 PAIRS_A_SHARD = 1 << 22
 """Pose-face pairs of one shard: several seconds of work."""
+UNFINISHED = "unfinished"
+"""Folder in that of a report, for the shards of a run until its report is whole."""
 LONG_RUN = 16
 """Shards from which on a run is kept: shorter ones are done again in a minute or two."""
 HEADER, SCENE, POSES, SHARDS = "header.json", "scene.npz", "poses.npz", "shards"
@@ -171,21 +173,89 @@ class EvaluationShards:
             found = Regions(mesh, self.observer.camera, self.task, left.ids, **of_regions)
         return from_plain(mesh, left, arrays), found
 
-    def remove(self) -> None:
-        """Remove the folder of this evaluation and of earlier ones; only files that are known."""
-        above = self.folder.parent
-        for folder in above.glob("[0-9a-f]" * 16):
-            for path in (
-                *folder.glob(f"{SHARDS}/shard-*.npz"),
-                *folder.glob(f"{SHARDS}/.*.part"),
-                *folder.glob(f"{QUARANTINE}/shard-*.json"),
-                *(folder / name for name in (SCENE, POSES, HEADER)),
-                *folder.glob(f"{SUMS}/*.sha256"),
-            ):
-                path.unlink(missing_ok=True)
-            for path in (folder / SHARDS, folder / QUARANTINE, folder / SUMS, folder, above):
-                if path.is_dir() and not any(path.iterdir()):
-                    path.rmdir()
+
+def remove(above: Path) -> None:
+    """Remove the shards of evaluations in a folder; only files that are known, and then empty."""
+    for folder in above.glob("[0-9a-f]" * 16):
+        for path in (
+            *folder.glob(f"{SHARDS}/shard-*.npz"),
+            *folder.glob(f"{SHARDS}/.*.part"),
+            *folder.glob(f"{QUARANTINE}/shard-*.json"),
+            *(folder / name for name in (SCENE, POSES, HEADER)),
+            *folder.glob(f"{SUMS}/*.sha256"),
+        ):
+            path.unlink(missing_ok=True)
+        for path in (folder / SHARDS, folder / QUARANTINE, folder / SUMS, folder):
+            if path.is_dir() and not any(path.iterdir()):
+                path.rmdir()
+    if above.is_dir() and not any(above.iterdir()):
+        above.rmdir()
+
+
+@dataclass(frozen=True)
+class Source:
+    """Judged poses of an evaluation: streamed, or by way of shards.
+
+    Attributes
+    ----------
+    network : Network
+        Judges what is streamed.
+    observer, poses, wanted
+        As of `EvaluationShards`.
+    shards : EvaluationShards, optional
+        Where the run is kept; streamed unless given.
+    """
+
+    network: Network
+    observer: Observer
+    poses: Poses
+    wanted: Wanted
+    shards: EvaluationShards | None = None
+
+    def parts(
+        self,
+        progress: Callable[[int, int], None],
+        workers: Workers | None,
+        watch: Callable[[Made], None],
+        note: Callable[[str], None],
+    ) -> Iterator[Part]:
+        """Judged poses and their regions, in the order of the poses.
+
+        An interrupt while workers are busy is raised after the shards that are there.
+        """
+        total, done = len(self.poses), 0
+        progress(done, total)
+        if self.shards is None or workers is None:
+            for part in self._own(note):
+                yield part
+                done += len(part[0].poses)
+                progress(done, total)
+            return
+        done = total - sum(self.shards.missing.values())
+
+        def made(shard: Made) -> None:
+            nonlocal done
+            done += shard.n_poses
+            progress(done, total)
+            watch(shard)
+
+        try:
+            self.shards.made_by(workers, made, note)
+        except KeyboardInterrupt:
+            yield from self.shards.parts(note, only_present=True)
+            raise
+        yield from self.shards.parts(note)
+
+    def _own(self, note: Callable[[str], None]) -> Iterator[Part]:
+        """What this process measures."""
+        if self.shards is not None:
+            yield from self.shards.parts(note)
+            return
+        wanted = self.wanted
+        for batch in self.network.judge(
+            self.observer, self.poses, pairs=wanted.pairs, keep=wanted.keep, apart=wanted.apart
+        ):
+            yield batch, batch.measured.regions if wanted.by_area else None  # type: ignore[union-attr] # of a RegionObserver
 
 
 def is_long(n_poses: int, n_faces: int) -> bool:
