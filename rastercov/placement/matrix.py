@@ -10,6 +10,7 @@ header.json     inputs with hashes: mesh, camera, poses, task, method, version
 poses.npy       (C, 4, 4) the candidates
 pairs/*.parquet shards of consecutive poses, columns pose, face, coverage, covered
 sha256/*.sha256 the checksum of each of these files
+bits/           covered pairs as bits, see `bit_file`, once a `BitMatrix` was made of the folder
 
 `pandas.read_parquet(folder / "pairs")` and `polars.read_parquet(folder / "pairs")` read the pairs.
 A shard is written to a temporary file, flushed to the disk and renamed, so a killed run loses at
@@ -30,13 +31,13 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov._typed import typed
 from rastercov.area.cells import Cells
 from rastercov.cluster import Job, Made, Workers, make_shards
-from rastercov.cluster.files import DamagedError
-from rastercov.cluster.quarantine import forget, quarantined
+from rastercov.cluster.quarantine import forget
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.observer import Observer, open_observer
 from rastercov.placement._arrays import BoolArray, FloatArray
 from rastercov.placement.explain.candidate_visibility import CandidateBounds
+from rastercov.placement.matrix_folder import MatrixFolder, rows_in
 from rastercov.placement.matrix_shards import (
     Batch,
     add_bounds,
@@ -52,9 +53,6 @@ from rastercov.placement.shards import (
     describe,
     locked,
     log_warning,
-    open_shard,
-    read_header,
-    read_poses,
     shards_of,
 )
 from rastercov.pose import Poses, renumbered
@@ -115,6 +113,11 @@ class VisibilityMatrix:
         return len(self.poses)
 
     @property
+    def n_pairs(self) -> int:
+        """Pairs with coverage above 0."""
+        return len(self.face)
+
+    @property
     def is_of_cells(self) -> bool:
         """True where the elements are cells, not faces."""
         return "cells" in self.header
@@ -144,45 +147,24 @@ class VisibilityMatrix:
         ConfigError
             When there is none, when it is incomplete, or when one of its files is damaged.
         """
-        folder = Path(folder)
-        try:
-            header = read_header(folder)
-            if header is None:
-                raise ConfigError(f"{folder}: there is no matrix in this folder")
-            shards = list(shards_of(header["n_poses"], header["poses_a_shard"]))
-            sizes = [_rows_in(folder, shard, header) for shard, _ in shards]
-            if None in sizes:
-                raise ConfigError(
-                    f"{folder}: {sizes.count(None)} of {len(shards)} shards are missing; "
-                    "call build_matrix with the same inputs to make them"
-                )
-            return cls._read(folder, header, sum(size or 0 for size in sizes))
-        except DamagedError as error:
-            raise ConfigError(
-                f"{error}; call build_matrix with the same inputs to make it again"
-            ) from None
+        return cls.of(MatrixFolder.open(folder))
 
     @classmethod
-    def _read(cls, folder: Path, header: dict[str, Any], n_pairs: int) -> Self:
-        """Matrix of a complete folder with `n_pairs` pairs."""
-        poses = read_poses(folder, header)
-        if poses is None:
-            raise DamagedError(folder / "poses.npy", "it is missing")
-        face, coverage = np.empty(n_pairs, np.int32), np.empty(n_pairs, np.float32)
+    def of(cls, folder: MatrixFolder) -> Self:
+        """Matrix of a complete folder, in memory; errors as for `load`."""
+        poses = folder.poses()
+        face, coverage = np.empty(folder.n_pairs, np.int32), np.empty(folder.n_pairs, np.float32)
         counts = np.zeros(len(poses), np.int64)
         done = 0
-        for shard, rows in shards_of(len(poses), header["poses_a_shard"]):
-            file = open_shard(folder, shard, header)
-            if file is None or done + file.metadata.num_rows > n_pairs:
-                raise DamagedError(folder / shard, "it changed while it was read")
-            table = file.read(["pose", "face", "coverage"], use_threads=False)
-            part = slice(done, done + len(table))
-            face[part], coverage[part] = table["face"].to_numpy(), table["coverage"].to_numpy()
-            of_pose = table["pose"].to_numpy() - rows.start
-            counts[rows] = np.bincount(of_pose, minlength=rows.stop - rows.start)
+        for shard, rows in folder.shards():
+            counts[rows], faces, values = folder.pairs_of(shard, rows)
+            part = slice(done, done + len(faces))
+            if part.stop > folder.n_pairs:
+                raise ConfigError(f"{folder.path / shard}: it changed while it was read")
+            face[part], coverage[part] = faces, values
             done = part.stop
-        found = cls._of(poses, header, counts, face, coverage)
-        return replace(found, quarantined=_quarantined(folder, header))
+        found = cls._of(poses, folder.header, counts, face, coverage)
+        return replace(found, quarantined=folder.quarantined())
 
     @classmethod
     def _of(
@@ -267,6 +249,53 @@ def build_matrix(
     """
     if workers is not None and folder is None:
         raise ConfigError("workers make shards in a folder; name one, or leave out workers")
+    found = _measured(
+        view, poses, task, folder, cells, poses_a_shard, bounds, workers, progress, watch, note
+    )
+    return found if isinstance(found, VisibilityMatrix) else VisibilityMatrix.of(found)
+
+
+@typed
+def measure_matrix(
+    view: Observer | tuple[Mesh, Cameras],
+    poses: ArrayLike | Poses,
+    task: Task | None,
+    folder: str | Path,
+    *,
+    cells: Cells | None = None,
+    poses_a_shard: int | None = None,
+    bounds: CandidateBounds | None = None,
+    workers: Workers | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+    watch: Callable[[Made], None] = lambda made: None,
+    note: Note = log_warning,
+) -> MatrixFolder:
+    """Folder with all shards of a visibility matrix, of which nothing is in memory.
+
+    For matrices that are larger than the memory: `BitMatrix.of` has their covered pairs. Arguments
+    and errors are those of `build_matrix`.
+    """
+    found = _measured(
+        view, poses, task, folder, cells, poses_a_shard, bounds, workers, progress, watch, note
+    )
+    assert isinstance(found, MatrixFolder)  # it was given a folder
+    return found
+
+
+def _measured(
+    view: Observer | tuple[Mesh, Cameras],
+    poses: ArrayLike | Poses,
+    task: Task | None,
+    folder: str | Path | None,
+    cells: Cells | None,
+    poses_a_shard: int | None,
+    bounds: CandidateBounds | None,
+    workers: Workers | None,
+    progress: Callable[[int, int], None],
+    watch: Callable[[Made], None],
+    note: Note,
+) -> MatrixFolder | VisibilityMatrix:
+    """Folder of a matrix with all its shards; without a folder, the matrix itself."""
     placed, task, done = renumbered(poses), task or Task(), 0
 
     def batches(rows: slice) -> Iterator[Batch]:
@@ -289,7 +318,7 @@ def build_matrix(
         with locked(Path(folder)) as place:
             kept = claim(place, header, placed, poses_a_shard is not None, note)
             shards = list(shards_of(len(placed), kept["poses_a_shard"]))
-            sizes = {shard: _rows_in(place, shard, kept, note) for shard, _ in shards}
+            sizes = {shard: rows_in(place, shard, kept, note) for shard, _ in shards}
             missing = [(shard, rows) for shard, rows in shards if sizes[shard] is None]
             done = len(placed) - sum(rows.stop - rows.start for _, rows in missing)
             progress(done, len(placed))
@@ -305,13 +334,13 @@ def build_matrix(
                 _make_by_workers(workers, place, shards, dict(missing), made, note)
                 if bounds is not None:
                     add_bounds(place, range(len(shards)), bounds)
-                sizes = {shard: _rows_in(place, shard, kept) for shard, _ in shards}
+                sizes = {shard: rows_in(place, shard, kept) for shard, _ in shards}
                 missing = []
             for shard, rows in missing:
                 numbers = np.arange(rows.start, rows.stop)
                 sizes[shard] = write_shard(place, shard, kept, batches(rows), numbers)
                 forget(place, shards.index((shard, rows)))
-            return VisibilityMatrix._read(place, kept, sum(size or 0 for size in sizes.values()))
+            return MatrixFolder(place, kept, sum(size or 0 for size in sizes.values()))
 
 
 def _make_by_workers(
@@ -334,27 +363,3 @@ def _make_by_workers(
         }
 
     make_shards(workers, Job.of(folder, SHARD_FUNCTION), left, made, note)
-
-
-def _quarantined(folder: Path, header: dict[str, Any]) -> dict[int, str]:
-    """Poses of a folder that were left out, by their number in the matrix."""
-    shards = list(shards_of(header["n_poses"], header["poses_a_shard"]))
-    return {
-        shards[number][1].start + pose: why
-        for number, poses in quarantined(folder, len(shards)).items()
-        for pose, why in poses.items()
-    }
-
-
-def _rows_in(
-    folder: Path, shard: str, header: dict[str, Any], note: Note | None = None
-) -> int | None:
-    """Pairs in a shard, None where it is missing, or damaged and `note` is given."""
-    try:
-        file = open_shard(folder, shard, header)
-    except DamagedError as error:
-        if note is None:
-            raise
-        note(f"{error}; its poses are measured again")
-        return None
-    return None if file is None else int(file.metadata.num_rows)

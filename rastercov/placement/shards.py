@@ -41,8 +41,8 @@ PAIRS_A_SHARD = 1 << 22
 """Pose-face pairs, seen or not, of one shard: several seconds of work."""
 FORMAT = 2
 HEADER, POSES, CAMERAS = "header.json", "poses.npy", "cameras.npy"
-PAIRS = "pairs"
-"""Folder of the shards."""
+PAIRS, BITS = "pairs", "bits"
+"""Folders of the shards, and of what is derived from them."""
 WORDS = {
     "format": "in another file format",
     "rastercov": "by another version of rastercov",
@@ -121,7 +121,7 @@ def locked(folder: Path) -> Iterator[Path]:
             ) from None
         except OSError:
             pass  # a file system without locks
-        for part in parts:
+        for part in (*parts, folder / BITS):
             for left in part.glob(".*.part"):
                 left.unlink()
         yield folder

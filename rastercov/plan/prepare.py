@@ -26,17 +26,19 @@ from rastercov.coverage import evaluate_batches
 from rastercov.errors import ConfigError, ResourceError
 from rastercov.mesh import Mesh
 from rastercov.observer import Observer
+from rastercov.placement.bit_matrix import BitMatrix
 from rastercov.placement.candidates.cavities import Openings, openings
 from rastercov.placement.candidates.pool import Candidates
 from rastercov.placement.candidates.segments import Segmentation
 from rastercov.placement.explain.candidate_visibility import CandidateBounds
-from rastercov.placement.matrix import VisibilityMatrix, build_matrix
+from rastercov.placement.matrix import measure_matrix
+from rastercov.placement.matrix_folder import MatrixFolder
+from rastercov.placement.select.bit_problem import BitProblem
 from rastercov.placement.select.problem import (
     BestCoverage,
     FewestCameras,
     Goal,
     Problem,
-    problem_of,
 )
 from rastercov.placement.shards import describe, locked, read_header
 from rastercov.plan.candidates import (
@@ -51,6 +53,7 @@ from rastercov.plan.candidates import (
 from rastercov.plan.errors import PlanError
 from rastercov.plan.file import Plan
 from rastercov.plan.generators import PerCavity
+from rastercov.plan.held import Matrix, held, problem_on, words_on
 from rastercov.plan.requirements import OF, counting, goal_of
 from rastercov.plan.sections import SelectionSection
 from rastercov.pose import Poses, renumbered
@@ -61,8 +64,8 @@ BoolArray = NDArray[np.bool_]
 N_DIAGNOSED = 32
 """Number of candidates examined for the reason why none covers a face."""
 OF_A_MATRIX = (
-    "pairs/pairs-*.parquet", "bounds/*.npz", "quarantine/shard-*.json", "scene.npz", "poses.npy",
-    "cameras.npy",
+    "bits/covered-*", "pairs/pairs-*.parquet", "bounds/*.npz", "quarantine/shard-*.json",
+    "scene.npz", "poses.npy", "cameras.npy",
     "header.json", "sha256/*.sha256",
 )  # fmt: skip
 """Files of a visibility matrix, see `shards`, in an order of removal that is safe to interrupt."""
@@ -113,11 +116,11 @@ class Prepared:
         Candidate-face pairs in the visibility matrix, or candidate-cell pairs.
     measured_by : dict
         Method and device of the visibility matrix.
-    problem : Problem
+    problem : Problem or BitProblem
         With the goal of the plan, or the nearest one that can be reached.
     cells : Cells or None
         Elements of the problem where the result is by area; None for faces.
-    matrix : VisibilityMatrix or None
+    matrix : VisibilityMatrix, BitMatrix or None
         Shares of cells, for a stricter choice; None for faces.
     least_share : float
         Share of a cell that a candidate must cover, in the problem.
@@ -126,6 +129,8 @@ class Prepared:
         is affordable.
     quarantined : mapping of int to str
         Candidates that kill the process that measures them, and its end.
+    is_of_bits : bool
+        True where the pairs of the matrix are bits on the disk, not lists in the memory.
     tally : Tally
         Time of the workers that measured candidates, where there were any.
     """
@@ -141,13 +146,14 @@ class Prepared:
     bounds: CandidateBounds
     pairs: int
     measured_by: dict[str, Any]
-    problem: Problem
+    problem: Problem | BitProblem
     notes: tuple[str, ...]
     cells: Cells | None = None
-    matrix: VisibilityMatrix | None = None
+    matrix: Matrix | None = None
     least_share: float = 0.5
     reachable: AreaNetwork | None = None
     quarantined: Mapping[int, str] = field(default_factory=dict)
+    is_of_bits: bool = False
     tally: Tally = field(default_factory=Tally)
 
     @property
@@ -165,7 +171,7 @@ class Prepared:
         """
         assert self.cells is not None
         assert self.matrix is not None
-        problem = problem_of(
+        problem = problem_on(
             self.matrix,
             self.cells,
             self.problem.goal,
@@ -220,21 +226,28 @@ def prepare(
     bounds = CandidateBounds(mesh.n_faces, mesh.task_mask)
     tally = Tally()
 
-    def matrix_of(name: str, poses: Poses) -> VisibilityMatrix:
-        """Matrix of the poses, in a folder named by a hash of all that it depends on."""
+    folders: list[MatrixFolder] = []
+
+    def matrix_of(name: str, poses: Poses, before: Matrix | None = None) -> Matrix:
+        """Matrix of the poses, in a folder named by a hash of all that it depends on.
+
+        After the poses of the matrix `before`.
+        """
         header = json.dumps(describe(observer, poses, task, None, cells), sort_keys=True)
         used.append(folder / hashlib.sha256(header.encode()).hexdigest()[:16])
         with clock(name) as progress, named(used[-1]):
-            return build_matrix(
+            measured = measure_matrix(
                 observer, poses, task, used[-1], cells=cells, bounds=bounds, workers=workers,
                 progress=progress, watch=tally.add,
             )  # fmt: skip
+            folders.append(measured)
+            return held(plan, folders, before, progress)
 
     with clock("candidates"):
         segmentation = segmentation_of(plan, mesh)
         found = candidate_pool(plan, mesh, rig)
     matrix = matrix_of("visibility matrix", found.candidates.placed)
-    problem = problem_of(matrix, elements, goal, costs=found.costs, **counting(plan.task))
+    problem = problem_on(matrix, elements, goal, costs=found.costs, **counting(plan.task))
     opened = None
     cavities = [entry for entry in plan.candidates if isinstance(entry, PerCavity)]
     missed = ~problem.reachable
@@ -258,8 +271,8 @@ def prepare(
             before = len(found.candidates)
             found = extended_pool(plan, mesh, found, parts)
             further = renumbered(found.candidates.placed[before:])
-        matrix = joined(matrix, matrix_of("visibility matrix of cavities", further))
-        problem = problem_of(matrix, elements, goal, costs=found.costs, **counting(plan.task))
+        matrix = matrix_of("visibility matrix of cavities", further, matrix)
+        problem = problem_on(matrix, elements, goal, costs=found.costs, **counting(plan.task))
         if cells is None:
             missed = unseen
         now = missed & problem.reachable
@@ -277,6 +290,7 @@ def prepare(
             "allow more, or add some"
         )
     _forget(folder, used)
+    notes += words_on(matrix)
     notes += [
         f"candidate {pose} is left out: the process that measured it {end}"
         for pose, end in matrix.quarantined.items()
@@ -307,7 +321,8 @@ def prepare(
         segmentation=segmentation,
         openings=opened,
         bounds=bounds,
-        pairs=len(matrix.face),
+        pairs=matrix.n_pairs,
+        is_of_bits=isinstance(matrix, BitMatrix),
         measured_by=matrix.header["measured_by"],
         problem=problem,
         notes=tuple(notes),
@@ -374,17 +389,3 @@ def without(candidates: Candidates, quarantined: Mapping[int, str]) -> Poses:
     is_left = np.ones(len(candidates), np.bool_)
     is_left[list(quarantined)] = False
     return renumbered(candidates.take(is_left).placed)
-
-
-def joined(first: VisibilityMatrix, other: VisibilityMatrix) -> VisibilityMatrix:
-    """Matrix of the poses of both, of one mesh and one task."""
-    return replace(
-        first,
-        poses=np.concatenate((first.poses, other.poses)),
-        indptr=np.concatenate((first.indptr, first.indptr[-1] + other.indptr[1:])),
-        face=np.concatenate((first.face, other.face)),
-        coverage=np.concatenate((first.coverage, other.coverage)),
-        camera=np.concatenate((first.camera, other.camera)),
-        quarantined=first.quarantined
-        | {first.n_poses + pose: end for pose, end in other.quarantined.items()},
-    )

@@ -25,8 +25,10 @@ from rastercov.placement.improve.objective import CellObjective, Objective
 from rastercov.placement.improve.refine import INTERRUPTED, Refined, refine
 from rastercov.placement.improve.search import Optimised, optimise
 from rastercov.placement.improve.tolerance import InstallationError, Tolerance, tolerance
+from rastercov.placement.select.bit_problem import BitProblem
 from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.integer import select_integer
+from rastercov.placement.select.lazy import select_lazy
 from rastercov.placement.select.problem import FewestCameras, Problem
 from rastercov.placement.select.selection import Selection
 from rastercov.plan.entry import value_of
@@ -351,7 +353,11 @@ def _watched(objective: Objective, progress: Progress, total: int) -> Objective:
     return replace(objective, watch=watch)
 
 
-def _select(problem: Problem, selection: SelectionSection, seconds: float) -> Selection:
+def _select(
+    problem: Problem | BitProblem, selection: SelectionSection, seconds: float
+) -> Selection:
+    if isinstance(problem, BitProblem):  # of a plan with method greedy, see `held`
+        return select_lazy(problem, seed=selection.seed)
     if selection.method == "greedy":
         return select_greedy(problem, seed=selection.seed)
     return select_integer(problem, time_limit=seconds, seed=selection.seed)

@@ -97,7 +97,11 @@ def summary(placement: Placement) -> dict[str, Any]:
             if prepared.cells is not None:
                 moved[step]["taken"] = STEP_WORDS[step] not in placement.kept_poses
     assert plan.selection is not None
-    pairs: dict[str, Any] = {"poses": len(prepared.pool.candidates), "pairs": prepared.pairs}
+    pairs: dict[str, Any] = {
+        "poses": len(prepared.pool.candidates),
+        "pairs": prepared.pairs,
+        "held_as": "bits" if prepared.is_of_bits else "lists",
+    }
     if prepared.cells is not None:
         pairs |= {
             "cells": len(prepared.cells),

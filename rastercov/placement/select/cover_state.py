@@ -1,5 +1,6 @@
 """Incremental state of a cover: chosen cameras, covered faces, the gain of each candidate."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterable
 
 import numpy as np
@@ -7,61 +8,47 @@ from numpy.typing import NDArray
 
 from rastercov.placement._arrays import IntArray
 from rastercov.placement.select import selection_kernels as kernels
-from rastercov.placement.select.presolve import ReducedProblem
+from rastercov.placement.select.presolve import Candidates, ReducedProblem
 
 PROGRESS_BITS = 20
 """Fractional bits below the unit of weight, for progress that does not yet cover a face."""
 NO_LIMIT = np.iinfo(np.int64).max
 
 
-class CoverState:
-    """Cameras chosen so far, by their row in a `ReducedProblem`.
+def worth_of_progress(
+    integer_weights: IntArray, need: IntArray, finish: bool = False
+) -> tuple[IntArray, IntArray]:
+    """Worth of each step towards covering a face, (F,), and what the last step is worth more.
 
-    Parameters
-    ----------
-    finish : bool
-        Worth of a step towards covering a face: an equal part of its weight, or nearly nothing
-        before the last step, so that faces are finished. Equal where one view is enough.
+    A step is worth an equal part of the weight; with `finish` nearly nothing before the last step,
+    so that faces are finished. Equal where one view is enough.
+    """
+    worth: IntArray = integer_weights << PROGRESS_BITS
+    part = worth
+    if finish:
+        share = integer_weights / max(1, int(integer_weights.sum()))
+        part = (share * (1 << PROGRESS_BITS)).astype(np.int64)
+    step: IntArray = np.where(need > 1, part // need, 0)
+    return step, worth if finish else worth - step * need
+
+
+class Cover(ABC):
+    """Cameras chosen so far, by their row in a problem after presolve, and the greedy rule.
 
     Attributes
     ----------
     chosen : set of int
-    worth : int
-        Total over the progress of all faces.
-    work : int
-        Elementary updates so far.
+    done : (G,) int64
+        Weight of the covered faces, by requirement.
+    barred : (C,) uint8
+        1 for candidates that are chosen, or excluded for a while.
     """
 
-    def __init__(self, reduced: ReducedProblem, *, finish: bool = False) -> None:
-        self.reduced = reduced
-        integer_weights, need = reduced.integer_weights, reduced.need.astype(np.int64)
-        worth: IntArray = integer_weights << PROGRESS_BITS
-        part = (integer_weights / max(1, int(integer_weights.sum())) * (1 << PROGRESS_BITS)).astype(
-            np.int64
-        )
-        step: IntArray = np.where(need > 1, (part if finish else worth) // need, 0)
-        bonus = worth if finish else worth - step * need
-        n_kinds = len(reduced.least)
-        self.count = np.zeros(reduced.n_faces, np.int32)
-        self.gain = np.zeros((reduced.n_candidates, n_kinds), np.int64)
-        self.done = np.zeros(n_kinds, np.int64)
-        self.barred = np.zeros(reduced.n_candidates, np.uint8)
-        self._total = np.zeros(1, np.int64)
-        pairs = (reduced.indptr, reduced.face, reduced.starts, reduced.covering)
-        values = (reduced.views, reduced.need, step, bonus, reduced.kind, integer_weights)
-        self._arguments = (*pairs, *values, self.count, self.gain, self.done, self._total)
-        self._seen = np.empty((reduced.n_faces if reduced.is_spread else 0, 8), np.int32)
-        self._is_spread = np.zeros(reduced.n_faces if reduced.is_spread else 0, np.bool_)
-        kernels.first_gains(
-            reduced.indptr, reduced.face, reduced.need, step, bonus, reduced.kind, self.gain
-        )
+    def __init__(self, among: Candidates) -> None:
+        self.among = among
         self.chosen: set[int] = set()
-        self.work = len(reduced.face)
-
-    @property
-    def worth(self) -> int:
-        """Worth of the progress of all faces."""
-        return int(self._total[0])
+        self.done = np.zeros(len(among.least), np.int64)
+        self.barred = np.zeros(among.n_candidates, np.uint8)
 
     @property
     def covered(self) -> int:
@@ -69,26 +56,20 @@ class CoverState:
         return int(self.done.sum())
 
     @property
-    def covered_faces(self) -> NDArray[np.bool_]:
-        """(F,) faces that are covered."""
-        covered: NDArray[np.bool_] = self.count >= self.reduced.views
-        return covered & self._is_spread if self.reduced.is_spread else covered
-
-    @property
     def cost(self) -> float:
         """Cost of the chosen cameras."""
-        return float(self.reduced.costs[self.ranked()].sum())
+        return float(self.among.costs[self.ranked()].sum())
 
     @property
     def is_met(self) -> bool:
         """True where the requirements of `FewestCameras` hold."""
-        return bool((self.done >= self.reduced.least).all()) and (
-            self.covered >= self.reduced.least_total
+        return bool((self.done >= self.among.least).all()) and (
+            self.covered >= self.among.least_total
         )
 
     def ranked(self) -> list[int]:
         """Chosen cameras in an order that does not depend on their numbers."""
-        return sorted(self.chosen, key=lambda camera: int(self.reduced.rank[camera]))
+        return sorted(self.chosen, key=lambda camera: int(self.among.rank[camera]))
 
     def add(self, camera: int) -> None:
         """Add a camera."""
@@ -112,14 +93,73 @@ class CoverState:
 
     def next_best(self, most_cost: float = np.inf, *, by_cost: bool = False) -> int:
         """Candidate with the greatest gain, -1 where no gain is positive."""
-        nothing = np.zeros(len(self.reduced.least), np.int64)
-        return self._next(self.gain, nothing, NO_LIMIT, most_cost, by_cost)
+        nothing = np.zeros(len(self.among.least), np.int64)
+        return self._next(nothing, NO_LIMIT, most_cost, by_cost)
 
     def next_needed(self) -> int:
         """Candidate with the greatest gain by cost towards the unmet requirements, -1 for none."""
-        room = np.maximum(self.reduced.least - self.done, 0) << PROGRESS_BITS
-        total = max(0, self.reduced.least_total - self.covered) << PROGRESS_BITS
-        return self._next(self.gain, room, total, np.inf, True)
+        room = np.maximum(self.among.least - self.done, 0) << PROGRESS_BITS
+        total = max(0, self.among.least_total - self.covered) << PROGRESS_BITS
+        return self._next(room, total, np.inf, True)
+
+    def next_first_half(self, most_cost: float = np.inf) -> int:
+        """Candidate without a gain of its own that may have one with a second; -1 for none."""
+        return -1
+
+    @abstractmethod
+    def _next(self, room: IntArray, total: int, most_cost: float, by_cost: bool) -> int:
+        """Candidate of `kernels.next_camera`."""
+
+    @abstractmethod
+    def _change(self, camera: int, sign: int) -> None:
+        """Add (sign 1) or remove (-1) the faces of a camera."""
+
+
+class CoverState(Cover):
+    """Cover of a `ReducedProblem` that knows the gains of all its candidates at any time.
+
+    Parameters
+    ----------
+    finish : bool
+        As for `worth_of_progress`.
+
+    Attributes
+    ----------
+    worth : int
+        Total over the progress of all faces.
+    work : int
+        Elementary updates so far.
+    """
+
+    def __init__(self, reduced: ReducedProblem, *, finish: bool = False) -> None:
+        super().__init__(reduced)
+        self.reduced = reduced
+        integer_weights, need = reduced.integer_weights, reduced.need.astype(np.int64)
+        step, bonus = worth_of_progress(integer_weights, need, finish)
+        n_kinds = len(reduced.least)
+        self.count = np.zeros(reduced.n_faces, np.int32)
+        self.gain = np.zeros((reduced.n_candidates, n_kinds), np.int64)
+        self._total = np.zeros(1, np.int64)
+        pairs = (reduced.indptr, reduced.face, reduced.starts, reduced.covering)
+        values = (reduced.views, reduced.need, step, bonus, reduced.kind, integer_weights)
+        self._arguments = (*pairs, *values, self.count, self.gain, self.done, self._total)
+        self._seen = np.empty((reduced.n_faces if reduced.is_spread else 0, 8), np.int32)
+        self._is_spread = np.zeros(reduced.n_faces if reduced.is_spread else 0, np.bool_)
+        kernels.first_gains(
+            reduced.indptr, reduced.face, reduced.need, step, bonus, reduced.kind, self.gain
+        )
+        self.work = len(reduced.face)
+
+    @property
+    def worth(self) -> int:
+        """Worth of the progress of all faces."""
+        return int(self._total[0])
+
+    @property
+    def covered_faces(self) -> NDArray[np.bool_]:
+        """(F,) faces that are covered."""
+        covered: NDArray[np.bool_] = self.count >= self.reduced.views
+        return covered & self._is_spread if self.reduced.is_spread else covered
 
     def next_first_half(self, most_cost: float = np.inf) -> int:
         """Candidate without a gain of its own that may have one with a second; -1 for none.
@@ -138,9 +178,12 @@ class CoverState:
         is_open = ~self.covered_faces & kind_waits[reduced.kind]
         kernels.open_weights(reduced.indptr, reduced.face, is_open, reduced.integer_weights, weight)
         self.work += len(reduced.face)
-        return self._next(weight, np.zeros(1, np.int64), NO_LIMIT, most_cost, True)
+        return self._best(weight, np.zeros(1, np.int64), NO_LIMIT, most_cost, True)
 
-    def _next(
+    def _next(self, room: IntArray, total: int, most_cost: float, by_cost: bool) -> int:
+        return self._best(self.gain, room, total, most_cost, by_cost)
+
+    def _best(
         self, gain: IntArray, room: IntArray, total: int, most_cost: float, by_cost: bool
     ) -> int:
         self.work += gain.size

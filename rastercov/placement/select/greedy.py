@@ -12,17 +12,18 @@ R. Ruiz, T. Stützle. A simple and effective iterated greedy algorithm. 2007.
 """
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
+from typing import TypeVar
 
 import numpy as np
 
 from rastercov._arguments import check_seed
 from rastercov._typed import typed
-from rastercov.placement.select.cover_state import CoverState
+from rastercov.placement.select.cover_state import Cover, CoverState
 from rastercov.placement.select.deadline import NEVER, Deadline, TimeUpError
 from rastercov.placement.select.presolve import ReducedProblem, presolve
-from rastercov.placement.select.problem import BestCoverage, Problem
+from rastercov.placement.select.problem import BestCoverage, Goal, Problem
 from rastercov.placement.select.selection import PROVED, Selection, bound_of, finish
 
 EFFORT = 200_000_000
@@ -30,6 +31,9 @@ EFFORT = 200_000_000
 MOST_KICKS = 3000
 FIRST_LOSS = 0.02
 """Relative loss accepted in one step at the start; it decreases to 0 at the end."""
+
+
+AnyCover = TypeVar("AnyCover", bound=Cover)
 
 
 @typed
@@ -57,14 +61,18 @@ def select_greedy(problem: Problem, *, effort: int = EFFORT, seed: int = 0) -> S
 
 def construct(reduced: ReducedProblem) -> CoverState:
     """Cover built by the greedy rule, one camera at a time."""
-    state = CoverState(reduced)
-    goal = reduced.problem.goal
+    return constructed(lambda: CoverState(reduced), reduced.problem.goal)
+
+
+def constructed(empty: Callable[[], AnyCover], goal: Goal) -> AnyCover:
+    """Cover built by the greedy rule from an empty one; `empty` may be called twice."""
+    state = empty()
     complete(state, goal)
     if not isinstance(goal, BestCoverage):
         _prune(state)
     elif goal.budget is not None:
         # By gain per cost alone, many cheap cameras may exclude one that is better than all.
-        other = CoverState(reduced)
+        other = empty()
         while goal.cameras is None or len(other.chosen) < goal.cameras:
             if (camera := other.next_best(_left(other, goal))) < 0:
                 break
@@ -73,7 +81,7 @@ def construct(reduced: ReducedProblem) -> CoverState:
     return state
 
 
-def complete(state: CoverState, goal: object, deadline: Deadline = NEVER) -> None:
+def complete(state: Cover, goal: object, deadline: Deadline = NEVER) -> None:
     """Add cameras by the greedy rule until the goal is met or nothing is gained."""
     while (camera := _next(state, goal)) >= 0:
         deadline.check()
@@ -176,7 +184,7 @@ def _reaches(
     return -value[0] <= bound * (1 + PROVED)
 
 
-def _next(state: CoverState, goal: object) -> int:
+def _next(state: Cover, goal: object) -> int:
     """Next camera of the greedy rule; -1 where the goal is met or allows no more."""
     if not isinstance(goal, BestCoverage):
         if state.is_met:
@@ -190,7 +198,7 @@ def _next(state: CoverState, goal: object) -> int:
     return camera if camera >= 0 else state.next_first_half(most_cost)
 
 
-def _left(state: CoverState, goal: BestCoverage) -> float:
+def _left(state: Cover, goal: BestCoverage) -> float:
     """Remaining budget."""
     return np.inf if goal.budget is None else goal.budget * (1 + 1e-12) - state.cost
 
@@ -216,9 +224,9 @@ def _swap(state: CoverState, goal: BestCoverage, deadline: Deadline) -> None:
                 state.add(camera)
 
 
-def _prune(state: CoverState, deadline: Deadline = NEVER) -> None:
+def _prune(state: Cover, deadline: Deadline = NEVER) -> None:
     """Remove cameras that the requirements do not need, the most expensive first."""
-    for camera in sorted(state.ranked(), key=lambda camera: -float(state.reduced.costs[camera])):
+    for camera in sorted(state.ranked(), key=lambda camera: -float(state.among.costs[camera])):
         deadline.check()
         state.remove(camera)
         if not state.is_met:

@@ -21,7 +21,7 @@ import numpy as np
 from rastercov.placement._arrays import FloatArray
 from rastercov.placement.select import lagrange_kernels as kernels
 from rastercov.placement.select.deadline import NEVER, Deadline
-from rastercov.placement.select.presolve import ReducedProblem
+from rastercov.placement.select.presolve import Candidates, ReducedProblem
 from rastercov.placement.select.problem import BestCoverage, FewestCameras
 
 EFFORT = 300_000_000
@@ -49,17 +49,44 @@ def best_weight(
     deadline : Deadline
         Ends the search for better prices, after its first steps.
     """
+    whole = int(reduced.integer_weights.sum())
+    if not whole or not limits_of(reduced)[0]:
+        return 0
+    return weight_below(weight_prices(reduced, reached, effort, deadline)[0], whole)
+
+
+def weight_below(top: float, whole: int) -> int:
+    """Greatest integer weight up to a share of the whole, with the rounding of its sum."""
+    return min(whole, math.floor(top * (1 + BOUND_SAFETY_REL) * whole + BOUND_SAFETY_REL))
+
+
+def limits_of(reduced: Candidates) -> tuple[int, float]:
+    """Number of cameras and budget of `BestCoverage`; inf for no budget."""
     goal = reduced.problem.goal
     assert isinstance(goal, BestCoverage)
-    whole = int(reduced.integer_weights.sum())
     cameras = reduced.n_candidates if goal.cameras is None else goal.cameras
-    cameras = min(cameras, reduced.n_candidates)
     budget = math.inf if goal.budget is None else goal.budget * (1 + BOUND_SAFETY_REL)
-    if not whole or not cameras:
-        return 0
+    return min(cameras, reduced.n_candidates), budget
+
+
+def weight_prices(
+    reduced: ReducedProblem,
+    reached: int,
+    effort: int = EFFORT,
+    deadline: Deadline = NEVER,
+    prices: FloatArray | None = None,
+) -> tuple[float, FloatArray]:
+    """Upper bound of `best_weight` as a share of the weight, and the prices that prove it, (F,).
+
+    `prices` are those to start from. Weight and number of cameras must be more than 0.
+    """
+    cameras, budget = limits_of(reduced)
+    whole = int(reduced.integer_weights.sum())
     views = _views(reduced)
     weights = reduced.integer_weights / whole
-    prices = np.minimum(_first_prices(reduced, weights / views), weights / views)
+    if prices is None:
+        prices = _first_prices(reduced, weights / views)
+    prices = np.minimum(prices, weights / views)
     best_prices = prices.copy()
 
     def search(progress: FloatArray, steps: int) -> None:
@@ -68,8 +95,7 @@ def best_weight(
             prices, best_prices, progress, reached / whole, steps,
         )  # fmt: skip
 
-    top = _searched(search, math.inf, reduced, effort, deadline)
-    return min(whole, math.floor(top * (1 + BOUND_SAFETY_REL) * whole + BOUND_SAFETY_REL))
+    return _searched(search, math.inf, reduced, effort, deadline), best_prices
 
 
 def least_cost(
@@ -84,12 +110,38 @@ def least_cost(
     cost : float
         Cost of a known selection that does; sets the length of the steps.
     """
-    assert isinstance(reduced.problem.goal, FewestCameras)
-    if reduced.least_total <= 0 and not (reduced.least > 0).any():
+    if not asks_for_any(reduced):
         return 0.0
+    return cost_above(cost_prices(reduced, cost, effort, deadline)[0], reduced.costs)
+
+
+def asks_for_any(reduced: Candidates) -> bool:
+    """True where `FewestCameras` asks for any weight."""
+    assert isinstance(reduced.problem.goal, FewestCameras)
+    return reduced.least_total > 0 or bool((reduced.least > 0).any())
+
+
+def cost_above(bottom: float, costs: FloatArray) -> float:
+    """Lower bound of a cost from its sum, with the rounding of the sum."""
+    return rounded_up(bottom - BOUND_SAFETY_REL * abs(bottom), costs)
+
+
+def cost_prices(
+    reduced: ReducedProblem,
+    cost: float,
+    effort: int = EFFORT,
+    deadline: Deadline = NEVER,
+    prices: FloatArray | None = None,
+) -> tuple[float, FloatArray]:
+    """Lower bound of `least_cost`, not rounded, and the prices that prove it, (F,).
+
+    `prices` are those to start from. Every face must be covered by a candidate.
+    """
     views = _views(reduced)
-    prices = np.empty(reduced.n_faces)
-    kernels.cheapest_share(reduced.indptr, reduced.face, reduced.costs, prices)
+    if prices is None:
+        prices = np.empty(reduced.n_faces)
+        kernels.cheapest_share(reduced.indptr, reduced.face, reduced.costs, prices)
+    prices = prices.copy()
     best_prices = prices.copy()
     weights, least = reduced.integer_weights.astype(np.float64), reduced.least.astype(np.float64)
 
@@ -99,8 +151,7 @@ def least_cost(
             float(reduced.least_total), prices, best_prices, progress, cost, steps,
         )  # fmt: skip
 
-    bottom = _searched(search, 0.0, reduced, effort, deadline)
-    return rounded_up(bottom - BOUND_SAFETY_REL * abs(bottom), reduced.costs)
+    return _searched(search, 0.0, reduced, effort, deadline), best_prices
 
 
 def rounded_up(cost: float, costs: FloatArray) -> float:

@@ -57,6 +57,47 @@ def _take(indptr, face, amounts, cover):
 
 
 @compiled
+def most_earned(earned, costs, cameras, budget, amounts):
+    """Most that any candidates within the limits earn, or more.
+
+    That of the `cameras` most valuable candidates; with a budget, also of the most valuable by
+    cost, the last one in part. Each is a bound under both limits.
+
+    Parameters
+    ----------
+    earned, costs : (C,) float64
+    cameras, budget : int, float
+        Limits; the budget may be inf.
+    amounts : (C,) float64
+        Out: part of each candidate in the lesser bound.
+    """
+    n = len(earned)
+    amounts[:] = 0.0
+    order = np.argsort(-earned)
+    income = 0.0
+    for c in order[:cameras]:
+        amounts[c] = 1.0
+        income += earned[c]
+    if budget < np.inf:
+        order = np.argsort(-earned / np.maximum(costs, 1e-300))
+        left, by_cost, last = budget, 0.0, 0
+        while last < n and costs[order[last]] <= left:
+            left -= costs[order[last]]
+            by_cost += earned[order[last]]
+            last += 1
+        if last < n:
+            by_cost += earned[order[last]] * left / costs[order[last]]
+        if by_cost < income:
+            income = by_cost
+            amounts[:] = 0.0
+            for c in order[:last]:
+                amounts[c] = 1.0
+            if last < n:
+                amounts[order[last]] = left / costs[order[last]]
+    return income
+
+
+@compiled
 def best_weight(
     indptr, face, views, weights, costs, cameras, budget, u, best_u, progress, reached, steps
 ):  # fmt: skip
@@ -83,30 +124,7 @@ def best_weight(
     best, scale, waited = progress[BEST], progress[SCALE], progress[WAITED]
     for _ in range(steps):
         _earn(indptr, face, u, earned)
-        # The `cameras` most valuable candidates; with a budget, also the most valuable by cost, the
-        # last one in part. Each is a bound under both limits.
-        amounts[:] = 0.0
-        order = np.argsort(-earned)
-        income = 0.0
-        for c in order[:cameras]:
-            amounts[c] = 1.0
-            income += earned[c]
-        if budget < np.inf:
-            order = np.argsort(-earned / np.maximum(costs, 1e-300))
-            left, by_cost, last = budget, 0.0, 0
-            while last < n and costs[order[last]] <= left:
-                left -= costs[order[last]]
-                by_cost += earned[order[last]]
-                last += 1
-            if last < n:
-                by_cost += earned[order[last]] * left / costs[order[last]]
-            if by_cost < income:
-                income = by_cost
-                amounts[:] = 0.0
-                for c in order[:last]:
-                    amounts[c] = 1.0
-                if last < n:
-                    amounts[order[last]] = left / costs[order[last]]
+        income = most_earned(earned, costs, cameras, budget, amounts)
         _take(indptr, face, amounts, cover)
         value, norm = income, 0.0
         for f in range(m):
@@ -168,7 +186,7 @@ def least_cost(
             amounts[c] = 1.0 if earned[c] > costs[c] else 0.0
             value += min(0.0, costs[c] - earned[c])
         if not all_of_it:
-            _cheapest(views * u / weights, weights, kind, least, least_total, z)
+            cheapest(views * u / weights, weights, kind, least, least_total, z)
         _take(indptr, face, amounts, cover)
         norm = 0.0
         for f in range(m):
@@ -196,7 +214,7 @@ def least_cost(
 
 
 @compiled
-def _cheapest(price, weights, kind, least, least_total, z):
+def cheapest(price, weights, kind, least, least_total, z):
     """Write the fractions of faces that give the required weights at the least price into `z`."""
     order = np.argsort(price)
     missing, total = least.copy(), least_total

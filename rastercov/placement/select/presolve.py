@@ -9,13 +9,45 @@ breaks ties: shuffling the candidates of a problem does not change the result.
 """
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.select import presolve_kernels as kernels
-from rastercov.placement.select.problem import FewestCameras, Problem
+from rastercov.placement.select.problem import AnyProblem, FewestCameras, Problem
+
+
+class Candidates(Protocol):
+    """Candidates after presolve, and the requirements: what all covers and bounds need.
+
+    See `ReducedProblem`; a `LargeProblem` has its faces in another form.
+    """
+
+    @property
+    def problem(self) -> AnyProblem:
+        """Original problem."""
+
+    @property
+    def n_candidates(self) -> int:
+        """Number of candidates C."""
+
+    @property
+    def costs(self) -> FloatArray:
+        """(C,) cost of each."""
+
+    @property
+    def rank(self) -> IntArray:
+        """(C,) order of the candidates."""
+
+    @property
+    def least(self) -> IntArray:
+        """(G,) weight to cover of each kind."""
+
+    @property
+    def least_total(self) -> int:
+        """Total weight to cover."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +56,7 @@ class ReducedProblem:
 
     Attributes
     ----------
-    problem : Problem
+    problem : Problem or BitProblem
         Original problem.
     candidates : (C,) int64
         Their rows in the problem, ascending.
@@ -51,7 +83,7 @@ class ReducedProblem:
         2 where no angle is required.
     """
 
-    problem: Problem
+    problem: AnyProblem
     candidates: IntArray
     indptr: IntArray
     face: NDArray[np.int32]
@@ -102,7 +134,7 @@ def presolve(problem: Problem) -> ReducedProblem:
     """
     spread = problem.min_angle > 0
     counted = problem.reachable & (problem.integer_weights > 0)
-    kind, least, least_total = _kinds(problem)
+    kind, least, least_total = kinds_of(problem)
     hashes, sizes = kernels.hash_sets(
         problem.indptr, problem.face, counted, np.arange(problem.n_faces, dtype=np.uint64)
     )
@@ -114,16 +146,13 @@ def presolve(problem: Problem) -> ReducedProblem:
             (np.asarray(problem.eyes, np.float64) + 0.0).ravel().view(np.uint64),
         )[0] * np.uint64(3)
     copies = int(problem.views[counted].max(initial=1))
-    order = np.lexsort((np.arange(len(sizes)), problem.costs, hashes[:, 1], hashes[:, 0]))
-    order = order[sizes[order] > 0]
-    order = order[_place_in_run(hashes[order]) < copies]
-    rank_of = np.full(problem.n_candidates, -1, np.int64)
-    rank_of[order] = np.arange(len(order))
-    candidates = np.sort(order)
+    rank_of = ranked(hashes, sizes, problem.costs, copies)
+    candidates = np.flatnonzero(rank_of >= 0)
 
     kept, integer_weights = np.flatnonzero(counted), problem.integer_weights
     if not spread and len(kept):
-        kept, integer_weights = _merge_faces(problem, kept, kind, rank_of)
+        owners = kernels.hash_owners(problem.indptr, problem.face, rank_of, problem.n_faces)
+        kept, integer_weights = merged(problem, kept, kind, owners)
     new_face = np.full(problem.n_faces, -1, np.int32)
     new_face[kept] = np.arange(len(kept))
     indptr, face = problem.indptr, problem.face
@@ -153,7 +182,7 @@ def presolve(problem: Problem) -> ReducedProblem:
     )
 
 
-def _kinds(problem: Problem) -> tuple[NDArray[np.int32], IntArray, int]:
+def kinds_of(problem: AnyProblem) -> tuple[NDArray[np.int32], IntArray, int]:
     """(F,) kind of each face, (G,) weight to cover of each kind, and the total to cover."""
     _, least, total = problem.required
     named = np.flatnonzero(least > 0)
@@ -164,11 +193,38 @@ def _kinds(problem: Problem) -> tuple[NDArray[np.int32], IntArray, int]:
     return kind, np.concatenate(([0], least[named])), total
 
 
-def _merge_faces(
-    problem: Problem, kept: IntArray, kind: NDArray[np.int32], rank_of: IntArray
+def ranked(hashes: NDArray[np.uint64], sizes: IntArray, costs: FloatArray, copies: int) -> IntArray:
+    """(C,) rank of each candidate that remains, -1 for the others.
+
+    Parameters
+    ----------
+    hashes, sizes : (C, 2) uint64, (C,) int64
+        Of the faces that each candidate covers.
+    costs : (C,) float64
+    copies : int
+        Equal candidates that remain, the cheapest ones.
+    """
+    order = np.lexsort((np.arange(len(sizes)), costs, hashes[:, 1], hashes[:, 0]))
+    order = order[sizes[order] > 0]
+    order = order[_place_in_run(hashes[order]) < copies]
+    rank = np.full(len(sizes), -1, np.int64)
+    rank[order] = np.arange(len(order))
+    return rank
+
+
+def merged(
+    problem: AnyProblem, kept: IntArray, kind: NDArray[np.int32], hashes: NDArray[np.uint64]
 ) -> tuple[IntArray, IntArray]:
-    """First face of each set of equal ones, and (F,) weights with the sum of each set there."""
-    hashes = kernels.hash_owners(problem.indptr, problem.face, rank_of, problem.n_faces)
+    """First face of each set of equal ones, and (F,) weights with the sum of each set there.
+
+    Parameters
+    ----------
+    kept : (K,) int64
+        Faces that count.
+    kind : (F,) int32
+    hashes : (F, 2) uint64
+        Of the candidates that cover each face.
+    """
     rows = kept[
         np.lexsort((kept, problem.views[kept], kind[kept], hashes[kept, 1], hashes[kept, 0]))
     ]

@@ -32,6 +32,16 @@ def mixed(number):
 
 
 @compiled
+def hashes_of(keys):
+    """Two hashes of each key, (N,) uint64, as `hash_sets` and `hash_owners` add up: (N, 2)."""
+    hashes = np.empty((len(keys), 2), np.uint64)
+    for i in range(len(keys)):
+        hashes[i, 0] = mixed(keys[i])
+        hashes[i, 1] = mixed(hashes[i, 0] ^ np.uint64(0x5851F42D4C957F2D))
+    return hashes
+
+
+@compiled
 def hash_sets(indptr, member, counted, key):
     """Sums of two hashes over the counted members of each set, (C, 2) uint64, and sizes, (C,).
 

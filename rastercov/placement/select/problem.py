@@ -1,7 +1,8 @@
 """Selection problem: candidates, the faces they cover, the needs of a face, and the goal.
 
 A `Problem` is the plain value that every `select_*` takes. It comes from a visibility matrix
-(`problem_of`) or from a 0/1 array (`problem_of_matrix`), and holds no mesh and no camera.
+(`problem_of`) or from a 0/1 array (`problem_of_matrix`), and holds no mesh and no camera. One that
+is too large for lists of pairs is a `BitProblem`; both have the needs of an `AnyProblem`.
 
 Shares are of weight: faces count by number or by area. They are compared in integers
 (`Problem.integer_weights`), so that no requirement depends on the order of summation.
@@ -23,6 +24,7 @@ from rastercov.area.cells import Cells
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
+from rastercov.placement.bit_matrix import BitMatrix
 from rastercov.placement.matrix import VisibilityMatrix
 from rastercov.placement.select import selection_kernels as kernels
 
@@ -86,18 +88,14 @@ Goal = FewestCameras | BestCoverage
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Problem:
-    """Faces that each candidate covers, in compressed rows, and the goal of the selection.
+class AnyProblem:
+    """Needs of each face, costs of the candidates, and the goal of a selection.
 
-    A face is covered when at least `views` of the chosen cameras cover it and, where `min_angle`
-    is more than 0, the rays to two of these differ by that angle.
+    A face is covered when at least `views` of the chosen cameras cover it. The faces that each
+    candidate covers are in the classes derived from this one.
 
     Attributes
     ----------
-    indptr : (C + 1,) int64
-        Candidate c covers the faces `face[indptr[c]:indptr[c + 1]]`.
-    face : (N,) int32
-        No face twice for one candidate.
     weights : (F,) float64
         Weight of each face; 0 leaves it out.
     views : (F,) int64
@@ -110,14 +108,8 @@ class Problem:
         Index into `groups`.
     mean_coverage : (C,) float64
         Mean coverage over all faces, for `select_thesis`.
-    min_angle : float
-        Radians, [0, pi].
-    eyes, centroids : (C, 3), (F, 3) float64, optional
-        Camera centres and centroids of faces, metres; needed for `min_angle`.
     """
 
-    indptr: IntArray
-    face: NDArray[np.int32]
     weights: FloatArray
     views: IntArray
     costs: FloatArray
@@ -125,9 +117,6 @@ class Problem:
     groups: tuple[str, ...]
     face_group: NDArray[np.int32]
     mean_coverage: FloatArray
-    min_angle: float = 0.0
-    eyes: FloatArray | None = None
-    centroids: FloatArray | None = None
 
     def __post_init__(self) -> None:
         _check(self)
@@ -155,17 +144,12 @@ class Problem:
     @property
     def n_candidates(self) -> int:
         """Number of candidates C."""
-        return len(self.indptr) - 1
+        raise NotImplementedError
 
     @property
     def n_faces(self) -> int:
         """Number of faces F."""
         return len(self.weights)
-
-    @property
-    def min_cosine(self) -> float:
-        """Largest cosine of two rays that differ by `min_angle`; 2 where any two do."""
-        return least_cosine(self.min_angle)
 
     @cached_property
     def integer_weights(self) -> IntArray:
@@ -204,25 +188,91 @@ class Problem:
         total = int(self.integer_weights.sum())
         return int(self.integer_weights[faces].sum()) / total if total else 1.0
 
+    def faces_of(self, candidate: int) -> NDArray[np.int32]:
+        """(N,) faces that a candidate covers, no face twice."""
+        raise NotImplementedError
+
     def covered_by(self, chosen: ArrayLike) -> tuple[IntArray, BoolArray]:
         """(F,) number of chosen cameras that cover each face, and (F,) faces that are covered."""
-        cameras = np.asarray(chosen, np.int64)
         views = np.zeros(self.n_faces, np.int64)
-        for camera in cameras:  # microseconds each
-            views[self.face[self.indptr[camera] : self.indptr[camera + 1]]] += 1
-        covered: BoolArray = views >= self.views
-        if self.min_angle > 0:
-            eyes, centroids = self.eyes, self.centroids
-            covered &= kernels.spread_faces(
-                self.indptr, self.face, cameras, views, eyes, centroids, self.min_cosine
-            )
-        return views, covered
+        for camera in np.asarray(chosen, np.int64):  # microseconds each
+            views[self.faces_of(camera)] += 1
+        return views, views >= self.views
 
     def is_met(self, covered: BoolArray) -> bool:
         """True where these faces meet the requirements of `FewestCameras`."""
         _, least, total = self.required
         reached = self.by_group(covered)
         return bool((reached >= least).all() and reached.sum() >= total)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Problem(AnyProblem):
+    """Faces that each candidate covers, in compressed rows, and the goal of the selection.
+
+    A face is covered when at least `views` of the chosen cameras cover it and, where `min_angle`
+    is more than 0, the rays to two of these differ by that angle.
+
+    Attributes
+    ----------
+    indptr : (C + 1,) int64
+        Candidate c covers the faces `face[indptr[c]:indptr[c + 1]]`.
+    face : (N,) int32
+        No face twice for one candidate.
+    weights, views, costs, goal, groups, face_group, mean_coverage
+        As in `AnyProblem`.
+    min_angle : float
+        Radians, [0, pi].
+    eyes, centroids : (C, 3), (F, 3) float64, optional
+        Camera centres and centroids of faces, metres; needed for `min_angle`.
+    """
+
+    indptr: IntArray
+    face: NDArray[np.int32]
+    min_angle: float = 0.0
+    eyes: FloatArray | None = None
+    centroids: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.min_angle <= math.pi:
+            raise ConfigError(
+                f"the angle must be 0 to 180 degrees, got {math.degrees(self.min_angle):g}"
+            )
+        if self.min_angle > 0:
+            if self.eyes is None or self.centroids is None:
+                raise ConfigError("an angle between views needs eyes and centroids; give both")
+            check_shapes(
+                eyes=(self.eyes, (self.n_candidates, 3)),
+                centroids=(self.centroids, (self.n_faces, 3)),
+            )
+        if len(self.face) and not 0 <= self.face.min() <= self.face.max() < self.n_faces:
+            raise ConfigError(f"face must lie in 0 ... {self.n_faces - 1}")
+        super().__post_init__()
+
+    @property
+    def n_candidates(self) -> int:
+        """Number of candidates C."""
+        return len(self.indptr) - 1
+
+    @property
+    def min_cosine(self) -> float:
+        """Largest cosine of two rays that differ by `min_angle`; 2 where any two do."""
+        return least_cosine(self.min_angle)
+
+    def faces_of(self, candidate: int) -> NDArray[np.int32]:
+        """(N,) faces that a candidate covers, no face twice."""
+        return self.face[self.indptr[candidate] : self.indptr[candidate + 1]]
+
+    def covered_by(self, chosen: ArrayLike) -> tuple[IntArray, BoolArray]:
+        """(F,) number of chosen cameras that cover each face, and (F,) faces that are covered."""
+        views, covered = super().covered_by(chosen)
+        if self.min_angle > 0:
+            eyes, centroids = self.eyes, self.centroids
+            covered &= kernels.spread_faces(
+                self.indptr, self.face, np.asarray(chosen, np.int64), views, eyes, centroids,
+                self.min_cosine,
+            )  # fmt: skip
+        return views, covered
 
 
 @typed
@@ -256,17 +306,7 @@ def problem_of(
         Least coverage, above 0, at which a camera covers a face; as in the matrix unless given.
         0 is the thesis' Table 6.1.
     """
-    if matrix.is_of_cells != isinstance(mesh, Cells):
-        wanted, got = ("cells", "a mesh") if matrix.is_of_cells else ("faces", "cells")
-        raise ConfigError(f"the matrix is of {wanted}, got {got}; give what it was made for")
-    if isinstance(mesh, Cells):
-        mesh = mesh.elements
-    if matrix.n_faces != mesh.n_faces:
-        raise ConfigError(
-            f"the matrix is of a mesh of {matrix.n_faces} faces, got one of {mesh.n_faces}"
-        )
-    weights = weights_of(mesh, weight_by)
-    needed = views_of(mesh, matrix.task.views if views is None else views)
+    elements, needs = needs_of(matrix, mesh, weight_by, views, costs)
     covers = matrix.covered if min_coverage is None else matrix.coverage >= np.float64(min_coverage)
     indptr, face = matrix.indptr, matrix.face
     if not covers.all():
@@ -276,17 +316,39 @@ def problem_of(
     return Problem(
         indptr=indptr,
         face=face,
-        weights=weights,
-        views=needed,
-        costs=np.ones(matrix.n_poses) if costs is None else np.asarray(costs, np.float64),
         goal=goal,
-        groups=tuple(group.name for group in mesh.groups),
-        face_group=mesh.face_group,
-        mean_coverage=matrix.mean_coverage,
         min_angle=math.radians(min_angle_deg),
         eyes=matrix.poses[:, :3, 3].copy(),
-        centroids=mesh.centroids,
+        centroids=elements.centroids,
+        **needs,
     )
+
+
+def needs_of(
+    matrix: VisibilityMatrix | BitMatrix,
+    mesh: Mesh | Cells,
+    weight_by: str,
+    views: int | Mapping[str, int] | None,
+    costs: ArrayLike | None,
+) -> tuple[Mesh, dict[str, Any]]:
+    """Elements of a matrix, and the fields of an `AnyProblem` but its goal; see `problem_of`."""
+    if matrix.is_of_cells != isinstance(mesh, Cells):
+        wanted, got = ("cells", "a mesh") if matrix.is_of_cells else ("faces", "cells")
+        raise ConfigError(f"the matrix is of {wanted}, got {got}; give what it was made for")
+    if isinstance(mesh, Cells):
+        mesh = mesh.elements
+    if matrix.n_faces != mesh.n_faces:
+        raise ConfigError(
+            f"the matrix is of a mesh of {matrix.n_faces} faces, got one of {mesh.n_faces}"
+        )
+    return mesh, {
+        "weights": weights_of(mesh, weight_by),
+        "views": views_of(mesh, matrix.task.views if views is None else views),
+        "costs": np.ones(matrix.n_poses) if costs is None else np.asarray(costs, np.float64),
+        "groups": tuple(group.name for group in mesh.groups),
+        "face_group": mesh.face_group,
+        "mean_coverage": matrix.mean_coverage,
+    }
 
 
 def weights_of(mesh: Mesh, weight_by: str) -> FloatArray:
@@ -385,27 +447,15 @@ def _of_each(value: ArrayLike, count: int, name: str) -> IntArray:
     return np.broadcast_to(numbers, count).astype(np.int64)
 
 
-def _check(problem: Problem) -> None:
+def _check(problem: AnyProblem) -> None:
     """Raise ConfigError when the arrays of a problem are inconsistent."""
     n_candidates, n_faces = problem.n_candidates, problem.n_faces
-    shapes: dict[str, tuple[Any, tuple[int, ...]]] = {
-        "views": (problem.views, (n_faces,)),
-        "costs": (problem.costs, (n_candidates,)),
-        "face_group": (problem.face_group, (n_faces,)),
-        "mean_coverage": (problem.mean_coverage, (n_candidates,)),
-    }
-    if not 0 <= problem.min_angle <= math.pi:
-        raise ConfigError(
-            f"the angle must be 0 to 180 degrees, got {math.degrees(problem.min_angle):g}"
-        )
-    if problem.min_angle > 0:
-        if problem.eyes is None or problem.centroids is None:
-            raise ConfigError("an angle between views needs eyes and centroids; give both")
-        shapes["eyes"] = (problem.eyes, (n_candidates, 3))
-        shapes["centroids"] = (problem.centroids, (n_faces, 3))
-    for name, (array, shape) in shapes.items():
-        if array.shape != shape:
-            raise ConfigError(f"{name} must have shape {shape}, got {array.shape}")
+    check_shapes(
+        views=(problem.views, (n_faces,)),
+        costs=(problem.costs, (n_candidates,)),
+        face_group=(problem.face_group, (n_faces,)),
+        mean_coverage=(problem.mean_coverage, (n_candidates,)),
+    )
     for name, values in (("weights", problem.weights), ("costs", problem.costs)):
         if not (np.isfinite(values) & (values >= 0)).all():
             raise ConfigError(f"{name} must be 0 or more, and finite")
@@ -414,5 +464,10 @@ def _check(problem: Problem) -> None:
     within = (problem.face_group >= 0) & (problem.face_group < len(problem.groups))
     if not within.all() or len(set(problem.groups)) < len(problem.groups):
         raise ConfigError("face_group must index into groups, whose names must be unique")
-    if len(problem.face) and not 0 <= problem.face.min() <= problem.face.max() < n_faces:
-        raise ConfigError(f"face must lie in 0 ... {n_faces - 1}")
+
+
+def check_shapes(**shapes: tuple[Any, tuple[int, ...]]) -> None:
+    """Raise ConfigError for an array, by its name, that has not the shape beside it."""
+    for name, (array, shape) in shapes.items():
+        if array.shape != shape:
+            raise ConfigError(f"{name} must have shape {shape}, got {array.shape}")

@@ -10,10 +10,10 @@ import numpy as np
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.select import lagrange
 from rastercov.placement.select import selection_kernels as kernels
-from rastercov.placement.select.cover_state import CoverState
+from rastercov.placement.select.cover_state import Cover
 from rastercov.placement.select.deadline import NEVER, Deadline
 from rastercov.placement.select.presolve import ReducedProblem
-from rastercov.placement.select.problem import BestCoverage, Problem
+from rastercov.placement.select.problem import AnyProblem, BestCoverage, Problem
 
 PROVED = 1e-6
 """Relative gap up to which a selection counts as optimal: the tolerance of HiGHS."""
@@ -85,7 +85,7 @@ class Selection:
         }
 
 
-def bound_of(reduced: ReducedProblem, state: CoverState, deadline: Deadline = NEVER) -> float:
+def bound_of(reduced: ReducedProblem, state: Cover, deadline: Deadline = NEVER) -> float:
     """Lagrangian bound of the cost, or of the share, from a selection that meets the goal."""
     if isinstance(reduced.problem.goal, BestCoverage):
         weight = lagrange.best_weight(reduced, state.covered, deadline=deadline)
@@ -93,7 +93,7 @@ def bound_of(reduced: ReducedProblem, state: CoverState, deadline: Deadline = NE
     return lagrange.least_cost(reduced, state.cost, deadline=deadline)
 
 
-def share_of(problem: Problem, weight: float) -> float:
+def share_of(problem: AnyProblem, weight: float) -> float:
     """Integer weight as a share of the total."""
     total = int(problem.integer_weights.sum())
     return weight / total if total else 1.0
@@ -143,17 +143,19 @@ def relative_gap(objective: float, bound: float) -> float:
     return abs(objective - bound) / abs(objective) if objective else math.inf
 
 
-def in_order(problem: Problem, chosen: IntArray) -> tuple[IntArray, FloatArray]:
+def in_order(problem: AnyProblem, chosen: IntArray) -> tuple[IntArray, FloatArray]:
     """Chosen candidates in greedy order, and the cumulative shares they cover."""
     order: list[int] = []
     curve: list[float] = []
     # Progress per face, so that the first of several required cameras counts too.
     count = np.zeros(problem.n_faces, np.int64)
     part = problem.integer_weights / problem.views
-    spread = _Spread(problem, np.asarray(chosen, np.int64))
+    spread = None
+    if isinstance(problem, Problem) and problem.min_angle > 0:
+        spread = _Spread(problem, np.asarray(chosen, np.int64))
 
     def gain(camera: int) -> float:
-        faces = problem.face[problem.indptr[camera] : problem.indptr[camera + 1]]
+        faces = problem.faces_of(camera)
         return float(part[faces[count[faces] < problem.views[faces]]].sum())
 
     # Lazy evaluation: gains only fall as cameras are added, so only gains above the current maximum
@@ -173,9 +175,10 @@ def in_order(problem: Problem, chosen: IntArray) -> tuple[IntArray, FloatArray]:
             if other is not best:
                 heapq.heappush(stale, other)
         camera = best[1]
-        count[problem.face[problem.indptr[camera] : problem.indptr[camera + 1]]] += 1
+        count[problem.faces_of(camera)] += 1
         order.append(camera)
-        curve.append(problem.share((count >= problem.views) & spread.after(camera)))
+        covered = count >= problem.views
+        curve.append(problem.share(covered & spread.after(camera) if spread else covered))
     return np.array(order, np.int64), np.array(curve, np.float64)
 
 
@@ -184,21 +187,18 @@ class _Spread:
 
     def __init__(self, problem: Problem, chosen: IntArray) -> None:
         self.problem = problem
-        self.is_spread = np.full(problem.n_faces, problem.min_angle == 0)
-        if problem.min_angle > 0:
-            n_pairs = int((problem.indptr[chosen + 1] - problem.indptr[chosen]).sum())
-            self.last = np.full(problem.n_faces, -1, np.int64)
-            self.before = np.empty(n_pairs, np.int64)
-            self.camera = np.empty(n_pairs, np.int64)
-            self.n_seen = 0
+        n_pairs = int((problem.indptr[chosen + 1] - problem.indptr[chosen]).sum())
+        self.is_spread = np.zeros(problem.n_faces, np.bool_)
+        self.last = np.full(problem.n_faces, -1, np.int64)
+        self.before = np.empty(n_pairs, np.int64)
+        self.camera = np.empty(n_pairs, np.int64)
+        self.n_seen = 0
 
     def after(self, camera: int) -> BoolArray:
         """(F,) faces that pass the test once a camera has been added."""
         problem = self.problem
-        if problem.min_angle > 0:
-            self.n_seen = kernels.spread_with(
-                camera, problem.indptr, problem.face, problem.eyes, problem.centroids,
-                problem.min_cosine, self.last, self.before, self.camera, self.n_seen,
-                self.is_spread,
-            )  # fmt: skip
+        self.n_seen = kernels.spread_with(
+            camera, problem.indptr, problem.face, problem.eyes, problem.centroids,
+            problem.min_cosine, self.last, self.before, self.camera, self.n_seen, self.is_spread,
+        )  # fmt: skip
         return self.is_spread

@@ -247,6 +247,19 @@ def _worth_of_one(n, views, is_spread, is_far, need, step, bonus):
 
 
 @compiled
+def _score(gain, c, room, total_room, cost, by_cost):
+    """Gain of a candidate that counts, or gain by cost; 0 for none."""
+    worth, total = 0, 0
+    for g in range(len(room)):
+        worth += min(gain[c, g], room[g])
+        total += gain[c, g]
+    worth += min(total, total_room)
+    if worth <= 0:
+        return 0.0
+    return worth / max(cost, 1e-12) if by_cost else float(worth)
+
+
+@compiled
 def next_camera(gain, room, total_room, costs, rank, barred, most_cost, by_cost):
     """Candidate with the greatest gain, or gain by cost; ties by rank; -1 for none.
 
@@ -264,17 +277,20 @@ def next_camera(gain, room, total_room, costs, rank, barred, most_cost, by_cost)
     for c in range(len(gain)):
         if barred[c] or costs[c] > most_cost:
             continue
-        worth, total = 0, 0
-        for g in range(len(room)):
-            worth += min(gain[c, g], room[g])
-            total += gain[c, g]
-        worth += min(total, total_room)
-        if worth <= 0:
-            continue
-        score = worth / max(costs[c], 1e-12) if by_cost else float(worth)
+        score = _score(gain, c, room, total_room, costs[c], by_cost)
         if score > best_score or (score == best_score and best >= 0 and rank[c] < rank[best]):
             best, best_score = c, score
     return best
+
+
+@compiled
+def scores(gain, room, total_room, costs, barred, most_cost, by_cost):
+    """(C,) scores by which `next_camera` chooses, 0 for candidates that it does not choose."""
+    found = np.zeros(len(gain))
+    for c in range(len(gain)):
+        if not barred[c] and costs[c] <= most_cost:
+            found[c] = _score(gain, c, room, total_room, costs[c], by_cost)
+    return found
 
 
 @compiled

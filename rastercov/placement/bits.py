@@ -1,0 +1,243 @@
+"""Covered pairs of candidates and faces as bits: an eighth of a byte for a pair, covered or not.
+
+Rows are in memory or memory-mapped files. All loops over them are shared by threads; sums are of
+integers and do not depend on the number of threads.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov._threads import share_poses, thread_count
+from rastercov.placement import bit_kernels as kernels
+from rastercov.placement._arrays import BoolArray, IntArray
+
+Words = NDArray[np.uint64]
+Work = Callable[[Words, IntArray, slice], None]
+"""Loop over some rows of a part, and their places among all rows that were asked for."""
+
+BITS = 64
+"""Bits of a word."""
+WORDS_A_TURN = 1 << 18
+"""Words of some rows that a thread processes at a time, 2 MiB: 0.3 ms or more."""
+
+
+def n_words(n_faces: int) -> int:
+    """Words of a row."""
+    return -(-n_faces // BITS)
+
+
+@dataclass(frozen=True, eq=False)
+class CoveredBits:
+    """Faces that each candidate covers, one bit each; or cells.
+
+    Attributes
+    ----------
+    parts : tuple of (C1, W), (C2, W), ... uint64
+        Rows of consecutive candidates; face f is bit `f % 64` of word `f // 64`. Bits beyond the
+        last face are 0.
+    n_faces : int
+    """
+
+    parts: tuple[Words, ...]
+    n_faces: int
+
+    @classmethod
+    def of(cls, words: Words, n_faces: int) -> Self:
+        """Bits of one array, (C, W), which is not copied and is read only from here on."""
+        view = np.asarray(words).view()
+        view.flags.writeable = False  # the compiled loops have one signature for all
+        return cls((view,), n_faces)
+
+    @classmethod
+    def from_dense(cls, covers: ArrayLike) -> Self:
+        """Bits of an array (C, F), 1 where candidate c covers face f."""
+        dense = np.asarray(covers).astype(bool)
+        n, n_faces = dense.shape
+        padded = np.zeros((n, BITS * n_words(n_faces)), bool)
+        padded[:, :n_faces] = dense
+        packed = np.packbits(padded, axis=1, bitorder="little")
+        return cls.of(packed.view("<u8").astype(np.uint64), n_faces)
+
+    def joined(self, other: "CoveredBits") -> "CoveredBits":
+        """Bits of the candidates of both, for the same faces."""
+        return CoveredBits((*self.parts, *other.parts), self.n_faces)
+
+    @property
+    def n_candidates(self) -> int:
+        """Number of candidates C."""
+        return int(self.starts[-1])
+
+    @property
+    def n_words(self) -> int:
+        """Words of a row W."""
+        return n_words(self.n_faces)
+
+    @cached_property
+    def starts(self) -> IntArray:
+        """Number of the first candidate of each part, and at the end that of all candidates."""
+        return np.concatenate(([0], np.cumsum([len(part) for part in self.parts], dtype=np.int64)))
+
+    def row(self, candidate: int) -> Words:
+        """(W,) bits of a candidate."""
+        part = int(np.searchsorted(self.starts, candidate, side="right")) - 1
+        row: Words = self.parts[part][candidate - int(self.starts[part])]
+        return row
+
+    def faces_of(self, candidate: int) -> NDArray[np.int32]:
+        """(N,) faces that a candidate covers, ascending."""
+        return np.flatnonzero(unpacked(self.row(candidate), self.n_faces)).astype(np.int32)
+
+    def covered_by_more_than(self, count: int) -> BoolArray:
+        """(F,) faces that more than a number of candidates cover."""
+        found = self._planes.get(count)
+        if found is None:
+            planes = np.zeros((count + 1, self.n_words), np.uint64)
+            for part in self.parts:
+                step = max(1, WORDS_A_TURN // max(1, self.n_words))
+                for start in range(0, len(part), step):  # a while at a time, for Ctrl-C
+                    kernels.count_up(part[start : start + step], planes)
+            found = self._planes[count] = unpacked(planes[count], self.n_faces)
+        return found
+
+    @cached_property
+    def _planes(self) -> dict[int, BoolArray]:
+        return {}
+
+    def sums(
+        self, values: IntArray, masks: Words | None = None, rows: IntArray | None = None
+    ) -> IntArray:
+        """(N, V) sums of values over the faces of each candidate.
+
+        Parameters
+        ----------
+        values : (V, 64 W) int64
+            Sums that exceed 64 bits lose their upper ones, as hashes do.
+        masks : (V, W) uint64, optional
+            Faces that count in each sum; all unless given.
+        rows : (N,) int64, optional
+            Candidates; all unless given.
+        """
+        if masks is None:
+            masks = np.full((len(values), self.n_words), ~np.uint64(0))
+        n = self.n_candidates if rows is None else len(rows)
+        found = np.zeros((n, len(values)), np.int64)
+
+        def work(words: Words, own: IntArray, at: slice) -> None:
+            kernels.sums(words, own, masks, values, found[at])
+
+        self._share(rows, lambda: work)
+        return found
+
+    def totals(self, amounts: IntArray, rows: IntArray | None = None) -> IntArray:
+        """(V, 64 W) sums over the candidates of each face; the transpose of `sums`.
+
+        Parameters
+        ----------
+        amounts : (N, V) int64
+            Of each candidate.
+        rows : (N,) int64, optional
+            Candidates; all unless given.
+        """
+        shape, done = (amounts.shape[1], BITS * self.n_words), []
+
+        def adder() -> Work:
+            own_totals = np.zeros(shape, np.int64)
+            done.append(own_totals)
+
+            def work(words: Words, own: IntArray, at: slice) -> None:
+                kernels.add(words, own, amounts[at], own_totals)
+
+            return work
+
+        self._share(rows, adder)
+        total = np.zeros(shape, np.int64)
+        for each in done:
+            total += each
+        return total
+
+    def counts(self, mask: Words, rows: IntArray | None = None) -> IntArray:
+        """(N,) number of faces within a mask, (W,), that each candidate covers."""
+        found = np.zeros(self.n_candidates if rows is None else len(rows), np.int64)
+
+        def work(words: Words, own: IntArray, at: slice) -> None:
+            kernels.pair_counts(words, own, mask, found[at])
+
+        self._share(rows, lambda: work)
+        return found
+
+    def listed(
+        self, rows: IntArray, mask: Words, column: NDArray[np.int32]
+    ) -> tuple[IntArray, NDArray[np.int32]]:
+        """Row limits and columns of the faces within a mask, as in `Problem`.
+
+        Parameters
+        ----------
+        rows : (N,) int64
+            Candidates.
+        mask : (W,) uint64
+        column : (64 W,) int32
+            Column of each face.
+        """
+        indptr = np.concatenate(([0], np.cumsum(self.counts(mask, rows))))
+        face = np.empty(int(indptr[-1]), np.int32)
+        for words, own, at in self.runs(rows):
+            out = face[indptr[at.start] : indptr[at.stop]]
+            kernels.list_pairs(words, own, mask, column, out)
+        return indptr, face
+
+    def runs(self, rows: IntArray) -> Iterator[tuple[Words, IntArray, slice]]:
+        """Words, their rows and the places in `rows` of consecutive candidates of one part."""
+        part = np.searchsorted(self.starts, rows, side="right") - 1
+        ends = np.flatnonzero(np.diff(part)) + 1
+        for start, end in pairwise([0, *ends.tolist(), len(rows)]):
+            if end > start:
+                own = int(part[start])
+                yield self.parts[own], rows[start:end] - self.starts[own], slice(start, end)
+
+    def _share(self, rows: IntArray | None, make: Callable[[], Work]) -> None:
+        """Share some rows, or all, among threads; `make` gives the function of a thread."""
+        if rows is None:
+            rows = np.arange(self.n_candidates)
+        step = max(1, WORDS_A_TURN // max(1, self.n_words))
+        turns: list[tuple[Words, IntArray, slice]] = []
+        for words, own, at in self.runs(rows):
+            for start in range(0, len(own), step):
+                some, first = own[start : start + step], at.start + start
+                turns.append((words, some, slice(first, first + len(some))))
+
+        def worker(work: Work) -> Callable[[slice], None]:
+            def run(part: slice) -> None:
+                for turn in turns[part]:
+                    work(*turn)
+
+            return run
+
+        threads = max(1, min(thread_count(None), len(turns)))
+        share_poses(len(turns), [worker(make()) for _ in range(threads)])
+
+
+def unpacked(words: Words, n_faces: int) -> BoolArray:
+    """(F,) bits of a row."""
+    octets = np.ascontiguousarray(words, "<u8").view(np.uint8)
+    return np.unpackbits(octets, count=n_faces, bitorder="little").astype(bool)
+
+
+def packed(faces: BoolArray) -> Words:
+    """(W,) words of some faces, (F,)."""
+    padded = np.zeros(BITS * n_words(len(faces)), bool)
+    padded[: len(faces)] = faces
+    return np.packbits(padded, bitorder="little").view("<u8").astype(np.uint64)
+
+
+def spread_out(values: NDArray[Any], dtype: type = np.int64) -> NDArray[Any]:
+    """Values of each face, (..., F), with zeros up to a whole number of words."""
+    n_faces = values.shape[-1]
+    out = np.zeros((*values.shape[:-1], BITS * n_words(n_faces)), dtype)
+    out[..., :n_faces] = values
+    return out

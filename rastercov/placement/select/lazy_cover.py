@@ -1,0 +1,122 @@
+"""Cover of a problem on bits, whose gains are computed only where they may be the greatest.
+
+The gain of a candidate only falls while cameras are added, so an earlier one is an upper limit of
+the present one. Candidates are computed again in the order of these limits, until the best gain is
+above all limits that are left: a tenth of all candidates for each camera, or fewer. The choice is
+that of `CoverState`, ties included.
+
+M. Minoux. Accelerated greedy algorithms for maximizing submodular set functions. 1978.
+"""
+
+import numpy as np
+
+from rastercov.placement import bit_kernels
+from rastercov.placement._arrays import IntArray
+from rastercov.placement.bits import spread_out
+from rastercov.placement.select import selection_kernels as kernels
+from rastercov.placement.select.bit_problem import LargeProblem
+from rastercov.placement.select.cover_state import Cover, worth_of_progress
+
+FEWEST_AT_ONCE = 16
+"""Candidates that are computed at once; more where many were already, for threads."""
+SHARE_AT_ONCE = 0.25
+"""Further candidates at once, as a share of those computed for this camera."""
+
+
+class LazyCover(Cover):
+    """Cover of a `LargeProblem`.
+
+    Where several views are needed, the last step towards a face may be worth a few units of
+    rounding more than the ones before it, so limits count every step with its bonus.
+
+    Attributes
+    ----------
+    n_read : int
+        Rows of candidates that were read to compute gains.
+    """
+
+    def __init__(self, large: LargeProblem) -> None:
+        super().__init__(large)
+        self.large = large
+        views = large.problem.views
+        step, bonus = worth_of_progress(large.integer_weights, views)
+        self._need = spread_out(views, np.int32)
+        self._kind = spread_out(large.kind, np.int32)
+        self._weights = spread_out(large.integer_weights)
+        self._step, self._bonus = spread_out(step), spread_out(bonus)
+        self._most = self._step + self._bonus
+        """Upper limit of what one more camera is worth at a face."""
+        self._now = np.where(self._need == 1, self._most, self._step)
+        self._is_exact = bool((self._need[large.kept] == 1).all())
+        """True where upper limits are gains."""
+        self._masks = large.masks.copy()
+        """Faces of each kind that are not covered."""
+        self._remaining = np.bitwise_or.reduce(large.masks, axis=0)
+        self.count = np.zeros(len(self._need), np.int32)
+        self.n_read = 0
+        self.first = self._limits(None)
+        """(C, G) gains of each candidate before any camera, or an upper limit of it."""
+        self.limit = self.first.copy()
+        """(C, G) upper limits of the gains."""
+
+    def _limits(self, rows: IntArray | None) -> IntArray:
+        self.n_read += self.large.n_candidates if rows is None else len(rows)
+        values = np.stack([self._most] * len(self._masks))
+        return self.large.sums(values, self._masks, rows)
+
+    def _gains(self, rows: IntArray) -> IntArray:
+        """(N, G) gains of some candidates; their limits are lowered."""
+        if self._is_exact:
+            self.limit[rows] = self._limits(rows)
+            return self.limit[rows]
+        n_kinds = len(self._masks)
+        values = np.stack([self._most] * n_kinds + [self._now] * n_kinds)
+        found = self.large.sums(values, np.concatenate((self._masks, self._masks)), rows)
+        self.n_read += len(rows)
+        self.limit[rows] = found[:, :n_kinds]
+        return np.ascontiguousarray(found[:, n_kinds:])
+
+    def _next(self, room: IntArray, total: int, most_cost: float, by_cost: bool) -> int:
+        costs, rank = self.large.costs, self.large.rank
+
+        def scores(gains: IntArray, rows: IntArray | slice) -> IntArray:
+            found: IntArray = kernels.scores(
+                gains, room, total, costs[rows], self.barred[rows], most_cost, by_cost
+            )
+            return found
+
+        most = scores(self.limit, slice(None))
+        left = np.flatnonzero(most > 0)
+        best, best_score, n_done = -1, 0.0, 0
+        while len(left):
+            n = max(FEWEST_AT_ONCE, int(SHARE_AT_ONCE * n_done))
+            part = left
+            if len(left) > n:
+                order = np.argpartition(-most[left], n)
+                part, left = left[order[:n]], left[order[n:]]
+            else:
+                left = left[:0]
+            rows = np.sort(part)
+            found = scores(self._gains(rows), rows)
+            for row in np.flatnonzero(found >= max(found.max(), best_score)):
+                candidate, score = int(rows[row]), float(found[row])
+                if score > best_score or (best >= 0 and rank[candidate] < rank[best]):
+                    best, best_score = candidate, score
+            n_done += n
+            left = left[most[left] >= max(best_score, np.nextafter(0.0, 1.0))]
+        return best
+
+    def _change(self, camera: int, sign: int) -> None:
+        row = self.large.problem.bits.row(int(self.large.candidates[camera]))
+        moved = np.empty(int(self.large.sizes[camera]), np.int64)
+        n_moved = bit_kernels.change(
+            row, sign, self._remaining, self._need, self._weights, self._kind, self.count,
+            self.done, moved,
+        )  # fmt: skip
+        faces = moved[:n_moved]
+        missing = self._need[faces] - self.count[faces]
+        self._now[faces] = self._step[faces] + np.where(missing == 1, self._bonus[faces], 0)
+        bit_kernels.take_out(faces[missing <= 0], self._masks)
+        if sign < 0:
+            bit_kernels.put_in(faces[missing > 0], self._kind, self._masks)
+            self.limit = self.first.copy()  # gains rise: only the first ones are limits again

@@ -1,0 +1,227 @@
+"""Covered pairs as bits in the folder of a matrix: derived, verified, made again where damaged."""
+
+import hashlib
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matrix_damage import contents_of, flip
+
+import rastercov as rc
+from rastercov import shapes
+from rastercov.errors import ConfigError, ResourceError
+from rastercov.placement import bit_file
+from rastercov.placement.bit_matrix import BitMatrix
+from rastercov.placement.matrix import VisibilityMatrix, build_matrix, measure_matrix
+from rastercov.placement.select.bit_problem import bit_problem_of
+from rastercov.placement.select.greedy import select_greedy
+from rastercov.placement.select.lazy import select_lazy
+from rastercov.placement.select.problem import BestCoverage, problem_of
+from rastercov.placement.shards import locked
+
+CAMERA = rc.Camera(width=64, height=64, fx=70, fy=70)
+TASK = rc.Task(min_coverage=0.3, max_incidence_deg=80)
+N_POSES = 11
+MESH = shapes.torus(12, 8)
+POSES = rc.sphere_of_poses((0, 0, 0), 4.2, N_POSES)
+WORDS = Path("bits") / "covered-0.3.words"
+RECORD = Path("bits") / "covered-0.3.npz"
+
+
+def measure(folder, poses=POSES, **options):
+    return measure_matrix((MESH, CAMERA), poses, TASK, folder, poses_a_shard=4, **options)
+
+
+def dense(bits):
+    rows = [bits.faces_of(row) for row in range(bits.n_candidates)]
+    found = np.zeros((bits.n_candidates, bits.n_faces), bool)
+    for row, faces in enumerate(rows):
+        found[row, faces] = True
+    return found
+
+
+def covered(matrix, least=None):
+    """(C, F) covered pairs of a matrix of lists."""
+    found = np.zeros((matrix.n_poses, matrix.n_faces), bool)
+    pose = np.repeat(np.arange(matrix.n_poses), np.diff(matrix.indptr))
+    enough = matrix.covered if least is None else matrix.coverage >= np.float64(least)
+    found[pose[enough], matrix.face[enough]] = True
+    return found
+
+
+@pytest.fixture(scope="module")
+def lists():
+    return build_matrix((MESH, CAMERA), POSES, TASK)
+
+
+def test_bits_are_the_covered_pairs_of_the_matrix(tmp_path, lists):
+    folder = measure(tmp_path)
+    matrix = BitMatrix.of(folder)
+    np.testing.assert_array_equal(dense(matrix.bits), covered(lists))
+    np.testing.assert_array_equal(matrix.poses, lists.poses)
+    np.testing.assert_array_equal(matrix.mean_coverage, lists.mean_coverage)
+    assert (matrix.n_pairs, matrix.n_faces, matrix.task) == (len(lists.face), MESH.n_faces, TASK)
+    for least in (0.0, 0.3, 0.9):
+        np.testing.assert_array_equal(dense(matrix.covered_at(least)), covered(lists, least))
+    np.testing.assert_array_equal(dense(BitMatrix.load(tmp_path).bits), covered(lists))
+
+
+def test_the_shards_are_those_of_a_plain_run(tmp_path):
+    BitMatrix.of(measure(tmp_path / "bits"))
+    build_matrix((MESH, CAMERA), POSES, TASK, tmp_path / "plain", poses_a_shard=4)
+    found, plain = contents_of(tmp_path / "bits"), contents_of(tmp_path / "plain")
+    further = {str(WORDS), str(RECORD), f"sha256/{RECORD.name}.sha256"}
+    assert set(found) == set(plain) | further
+    assert {name: found[name] for name in plain} == plain
+    digest, name = found[f"sha256/{RECORD.name}.sha256"].decode().split()
+    assert digest == hashlib.sha256(found[name]).hexdigest()
+    assert VisibilityMatrix.load(tmp_path / "bits").n_poses == N_POSES
+
+
+def test_selection_from_a_matrix_of_bits_is_that_from_lists(tmp_path, lists):
+    matrix = BitMatrix.of(measure(tmp_path))
+    for goal in (BestCoverage(3), BestCoverage(budget=4.0)):
+        for least in (None, 0.7):
+            options = {"views": 2, "min_coverage": least, "costs": np.arange(1.0, 12.0)}
+            one = select_greedy(problem_of(lists, MESH, goal, **options))
+            other = select_lazy(bit_problem_of(matrix, MESH, goal, **options))
+            np.testing.assert_array_equal(one.chosen, other.chosen)
+            assert (one.share, one.bound) == (other.share, other.bound)
+
+
+def test_matrices_of_two_folders_are_one(tmp_path, lists):
+    parts = [measure(tmp_path / "one", POSES[:6]), measure(tmp_path / "two", POSES[6:])]
+    matrix = BitMatrix.of(parts[0]).joined(BitMatrix.of(parts[1]))
+    np.testing.assert_array_equal(dense(matrix.bits), covered(lists))
+    np.testing.assert_array_equal(dense(matrix.covered_at(0.9)), covered(lists, 0.9))
+    np.testing.assert_array_equal(matrix.mean_coverage, lists.mean_coverage)
+    assert matrix.n_pairs == len(lists.face)
+    other = measure_matrix((MESH, CAMERA), POSES, rc.Task(), tmp_path / "three")
+    with pytest.raises(ConfigError, match="another task"):
+        matrix.joined(BitMatrix.of(other))
+
+
+@pytest.fixture
+def made(monkeypatch):
+    """Shards whose rows are made, as they are made."""
+    names, rows_of = [], bit_file._rows_of
+
+    def watched(folder, shard, *rest):
+        names.append(shard)
+        return rows_of(folder, shard, *rest)
+
+    monkeypatch.setattr(bit_file, "_rows_of", watched)
+    return names
+
+
+def test_only_what_is_damaged_is_made_again(tmp_path, lists, made):
+    folder = measure(tmp_path)
+    BitMatrix.of(folder)
+    assert len(made) == 3
+    whole = contents_of(tmp_path)
+
+    def again():
+        made.clear()
+        seen = []
+        matrix = BitMatrix.of(folder, lambda done, total: seen.append((done, total)))
+        np.testing.assert_array_equal(dense(matrix.bits), covered(lists))
+        np.testing.assert_array_equal(matrix.mean_coverage, lists.mean_coverage)
+        assert (seen[0], seen[-1]) == ((0, N_POSES), (N_POSES, N_POSES))
+        assert contents_of(tmp_path)[str(WORDS)] == whole[str(WORDS)]
+        return sorted(Path(name).stem for name in made)
+
+    assert again() == []
+    flip(tmp_path / WORDS, [8 * 8 * 3 * 5 + 1])  # of pose 5: W is 3
+    assert again() == ["pairs-00001"]
+    (tmp_path / WORDS).write_bytes(whole[str(WORDS)][:-8])
+    assert again() == ["pairs-00002"]
+    (tmp_path / WORDS).write_bytes(whole[str(WORDS)] + b"more")
+    assert again() == []
+    (tmp_path / WORDS).unlink()
+    assert len(again()) == 3
+    for name in (RECORD, Path("sha256") / f"{RECORD.name}.sha256"):
+        for harm in (lambda path: flip(path, [500]), lambda path: path.unlink()):
+            harm(tmp_path / name)
+            assert len(again()) == 3
+            assert again() == []
+
+
+def test_rows_of_another_shard_are_not_believed(tmp_path, lists, made):
+    folder, other = measure(tmp_path / "one"), measure(tmp_path / "two", POSES[::-1])
+    for each in (folder, other):
+        BitMatrix.of(each)
+    for name in (WORDS, RECORD, Path("sha256") / f"{RECORD.name}.sha256"):
+        (tmp_path / "one" / name).write_bytes((tmp_path / "two" / name).read_bytes())
+    made.clear()
+    np.testing.assert_array_equal(dense(BitMatrix.of(folder).bits), covered(lists))
+    assert len(made) == 3
+
+
+def test_a_run_that_ends_at_any_shard_goes_on(tmp_path, lists, made, monkeypatch):
+    folder, watched = measure(tmp_path), bit_file._rows_of
+    monkeypatch.setattr(bit_file, "thread_count", lambda asked: 1)
+
+    def stopped(*arguments):
+        if len(made) == 2:
+            raise InterruptedError
+        return watched(*arguments)
+
+    monkeypatch.setattr(bit_file, "_rows_of", stopped)
+    with pytest.raises(InterruptedError):
+        BitMatrix.of(folder)
+    monkeypatch.setattr(bit_file, "_rows_of", watched)
+    np.testing.assert_array_equal(dense(BitMatrix.of(folder).bits), covered(lists))
+    assert [Path(name).stem for name in made] == [f"pairs-0000{n}" for n in range(3)]
+
+
+def test_a_damaged_shard_is_named_and_a_locked_folder_is_left_alone(tmp_path):
+    folder = measure(tmp_path)
+    with locked(tmp_path), pytest.raises(ConfigError, match="another process is writing"):
+        BitMatrix.of(folder)
+    flip(tmp_path / "pairs" / "pairs-00001.parquet", [8 * 200])
+    for read in (lambda: BitMatrix.of(folder), lambda: BitMatrix.load(tmp_path)):
+        with pytest.raises(ConfigError, match=r"pairs-00001\.parquet: damaged.*call build_matrix"):
+            read()
+    with pytest.raises(ConfigError, match="there is no matrix"):
+        BitMatrix.load(tmp_path / "nowhere")
+
+
+def test_a_full_disk_is_said_in_one_line(tmp_path, monkeypatch):
+    folder = measure(tmp_path)
+
+    def full(*arguments):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "posix_fallocate", full)
+    with pytest.raises(ResourceError, match="264 bytes cannot be reserved") as error:
+        BitMatrix.of(folder)
+    assert "\n" not in str(error.value)
+
+
+def test_no_pose_and_no_pair_are_no_rows(tmp_path):
+    away = rc.look_at([[0, 0, 5.0]], [[0, 0, 9.0]])
+    for name, poses in (("none", np.empty((0, 4, 4))), ("away", away)):
+        matrix = BitMatrix.of(measure(tmp_path / name, poses))
+        assert matrix.bits.n_candidates == len(poses)
+        assert not dense(matrix.bits).any()
+        assert matrix.mean_coverage.tolist() == [0.0] * len(poses)
+
+
+def test_an_angle_between_views_is_refused_in_one_line(tmp_path):
+    matrix = BitMatrix.of(measure(tmp_path))
+    with pytest.raises(ConfigError, match="min_angle_deg must be 0") as error:
+        bit_problem_of(matrix, MESH, BestCoverage(1), min_angle_deg=20)
+    assert "\n" not in str(error.value)
+    with pytest.raises(ConfigError, match="of a mesh of"):
+        bit_problem_of(matrix, shapes.icosahedron(), BestCoverage(1))
+
+
+def test_measuring_leaves_the_folder_that_building_reads(tmp_path, lists):
+    folder = measure(tmp_path)
+    assert folder.n_pairs == len(lists.face)
+    assert folder.header == json.loads((tmp_path / "header.json").read_text())
+    found = VisibilityMatrix.of(folder)
+    np.testing.assert_array_equal(found.face, lists.face)
+    np.testing.assert_array_equal(found.coverage, lists.coverage)

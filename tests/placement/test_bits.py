@@ -1,0 +1,96 @@
+"""Covered pairs as bits: every sum, count and list of them against the dense array."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from nightly import examples
+
+from rastercov.placement import bit_kernels, bits
+from rastercov.placement.bits import CoveredBits, packed, spread_out, unpacked
+
+
+@st.composite
+def dense_and_bits(draw):
+    """A dense array, and its bits in one part or in several."""
+    n, m = draw(st.sampled_from((0, 1, 5, 40))), draw(st.sampled_from((1, 63, 64, 65, 200)))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    dense = rng.random((n, m)) < draw(st.sampled_from((0.0, 0.05, 0.5, 1.0)))
+    cut = draw(st.integers(0, n))
+    found = CoveredBits.from_dense(dense)
+    if draw(st.booleans()):
+        first, rest = (CoveredBits.from_dense(part) for part in (dense[:cut], dense[cut:]))
+        found = first.joined(rest)
+    return dense, found, rng
+
+
+@examples(25)
+@given(dense_and_bits())
+def test_bits_are_the_pairs_of_the_dense_array(case):
+    dense, found, rng = case
+    n, m = dense.shape
+    assert (found.n_candidates, found.n_faces) == (n, m)
+    for row in range(n):
+        faces = found.faces_of(row)
+        assert faces.dtype == np.int32
+        assert faces.tolist() == np.flatnonzero(dense[row]).tolist()
+        np.testing.assert_array_equal(unpacked(found.row(row), m), dense[row])
+    for count in range(3):
+        np.testing.assert_array_equal(found.covered_by_more_than(count), dense.sum(axis=0) > count)
+    rows = rng.integers(0, n, 7) if n else np.zeros(0, np.int64)  # in any order, some twice
+    values = rng.integers(-(2**62), 2**62, (3, m))
+    masks = rng.random((3, m)) < 0.7
+    some = found.sums(spread_out(values), np.stack([packed(mask) for mask in masks]), rows)
+    np.testing.assert_array_equal(some, dense[rows].astype(np.int64) @ (values * masks).T)
+    np.testing.assert_array_equal(found.sums(spread_out(values)), dense.astype(np.int64) @ values.T)
+    amounts = rng.integers(-(2**62), 2**62, (len(rows), 2))
+    totals = found.totals(amounts, rows)
+    np.testing.assert_array_equal(totals[:, :m], amounts.T @ dense[rows].astype(np.int64))
+    assert not totals[:, m:].any()
+
+
+@examples(25)
+@given(dense_and_bits())
+def test_lists_of_some_candidates_have_their_faces_within_a_mask(case):
+    dense, found, rng = case
+    n, m = dense.shape
+    rows = np.flatnonzero(rng.random(n) < 0.5)
+    mask, column = rng.random(m) < 0.7, rng.permutation(m).astype(np.int32)
+    np.testing.assert_array_equal(found.counts(packed(mask), rows), (dense & mask)[rows].sum(1))
+    indptr, face = found.listed(rows, packed(mask), spread_out(column, np.int32))
+    assert len(indptr) == len(rows) + 1
+    for k, row in enumerate(rows):
+        wanted = column[np.flatnonzero(dense[row] & mask)]
+        assert face[indptr[k] : indptr[k + 1]].tolist() == wanted.tolist()
+
+
+@examples(25)
+@given(dense_and_bits(), st.integers(1, 3))
+def test_a_cover_is_completed_in_the_order_of_the_rows(case, most_views):
+    dense, found, rng = case
+    n, m = dense.shape
+    views = np.minimum(rng.integers(1, most_views + 1, m), dense.sum(axis=0)).astype(np.int32)
+    order, count = rng.permutation(n), np.zeros(m, np.int32)
+    wanted = np.zeros(n, bool)
+    for place, row in enumerate(order):
+        wanted[place] = (dense[row] & (count < views)).any()
+        count += dense[row] & (count < views)
+    is_needed, lacking = np.zeros(n, np.bool_), packed(views > 0)
+    counts, needed_views = spread_out(np.zeros(m, np.int32), np.int32), spread_out(views, np.int32)
+    for words, rows, at in found.runs(order):
+        bit_kernels.complete_cover(words, rows, lacking, counts, needed_views, is_needed[at])
+    np.testing.assert_array_equal(is_needed, wanted)
+    assert not lacking.any()
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_sums_do_not_depend_on_threads(monkeypatch, threads):
+    rng = np.random.default_rng(1)
+    dense = rng.random((300, 1000)) < 0.2
+    values = rng.integers(0, 2**40, (2, 1000))
+    monkeypatch.setattr(bits, "WORDS_A_TURN", 64)
+    monkeypatch.setattr(bits, "thread_count", lambda asked: threads)
+    found = CoveredBits.from_dense(dense)
+    np.testing.assert_array_equal(found.sums(spread_out(values)), dense.astype(np.int64) @ values.T)
+    amounts = rng.integers(0, 2**40, (300, 1))
+    np.testing.assert_array_equal(found.totals(amounts)[0, :1000], amounts[:, 0] @ dense)

@@ -1,0 +1,108 @@
+"""Random selection problems, and the definition of what covers a face, without the package."""
+
+import math
+from itertools import combinations
+
+import numpy as np
+from hypothesis import strategies as st
+
+from rastercov.placement.select.problem import BestCoverage, FewestCameras, problem_of_matrix
+
+
+def covers_faces(problem, chosen):
+    """(F,) whether the chosen cover each face: the definition, with nothing from the package."""
+    result = []
+    for f in range(problem.n_faces):
+        seeing = [c for c in chosen if f in problem.face[problem.indptr[c] : problem.indptr[c + 1]]]
+        enough = len(seeing) >= problem.views[f]
+        if problem.min_angle > 0:
+            rays = [problem.eyes[c] - problem.centroids[f] for c in seeing]
+            rays = [ray / np.linalg.norm(ray) for ray in rays]
+            angles = [math.acos(np.clip(a @ b, -1, 1)) for a, b in combinations(rays, 2)]
+            enough &= any(angle >= problem.min_angle - 1e-9 for angle in angles)
+        result.append(enough)
+    return np.array(result, bool)
+
+
+def share(problem, covered, of=True):
+    whole = problem.weights[np.broadcast_to(of, len(covered))].sum()
+    return problem.weights[covered & of].sum() / whole if whole else 1.0
+
+
+def is_met(problem, covered):
+    goal = problem.goal
+    reachable = covers_faces(problem, range(problem.n_candidates))
+    counted = reachable if goal.of_reachable else np.ones(len(covered), bool)
+    met = share(problem, covered, counted) >= goal.coverage - 1e-6
+    for name, least in goal.groups.items():
+        members = problem.face_group == problem.groups.index(name)
+        met &= share(problem, covered, counted & members) >= least - 1e-6
+    return met
+
+
+def best_by_trying_all(problem):
+    """The best objective of all sets of candidates."""
+    goal, found = problem.goal, []
+    for n in range(problem.n_candidates + 1):
+        for chosen in combinations(range(problem.n_candidates), n):
+            covered = covers_faces(problem, chosen)
+            cost = problem.costs[list(chosen)].sum()
+            if isinstance(goal, FewestCameras):
+                if is_met(problem, covered):
+                    found.append(-cost)
+            elif n <= (goal.cameras if goal.cameras is not None else n) and cost <= (
+                math.inf if goal.budget is None else goal.budget + 1e-9
+            ):
+                found.append(share(problem, covered))
+    return abs(max(found))
+
+
+@st.composite
+def problems(
+    draw,
+    goals=("best", "budget", "fewest"),
+    max_views=2,
+    angles=(0, 0, 40, 90),
+    sizes=(1, 3, 5, 7),
+    faces=(1, 4, 9),
+):
+    """Selection problems, most of them with ties."""
+    n, m = draw(st.sampled_from(sizes)), draw(st.sampled_from(faces))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    covers = rng.random((n, m)) < draw(st.sampled_from([0.2, 0.5, 0.8]))
+    groups = ("left", "right")
+    options = {
+        "weights": draw(st.sampled_from([None, rng.integers(0, 4, m), rng.random(m)])),
+        "views": rng.integers(1, max_views + 1, m),
+        "costs": draw(st.sampled_from([None, rng.integers(1, 4, n), rng.random(n)])),
+        "groups": groups,
+        "face_group": rng.integers(0, 2, m),
+        "min_angle_deg": draw(st.sampled_from(angles)),
+        "eyes": rng.normal(size=(n, 3)) * 4,
+        "centroids": rng.normal(size=(m, 3)),
+    }
+    kind = draw(st.sampled_from(goals))
+    if kind == "best":
+        goal = BestCoverage(int(rng.integers(0, n + 1)))
+    elif kind == "budget":
+        cameras = draw(st.sampled_from([None, n - 1]))
+        goal = BestCoverage(cameras, budget=float(rng.uniform(0, 1.2 * n)))
+    else:
+        named = {name: float(rng.choice([0.5, 1.0])) for name in groups if rng.random() < 0.5}
+        goal = FewestCameras(float(rng.choice([0, 0.5, 0.9, 1])), named, of_reachable=True)
+    return problem_of_matrix(covers, goal, **options)
+
+
+def dense_of(problem):
+    """(C, F) whether a candidate covers a face."""
+    dense = np.zeros((problem.n_candidates, problem.n_faces), np.uint8)
+    dense[np.repeat(np.arange(len(dense)), np.diff(problem.indptr)), problem.face] = 1
+    return dense
+
+
+def changed(problem, covers, **changes):
+    """A problem with other covers, and else the same but for the changes."""
+    same = ("weights", "views", "costs", "groups", "face_group", "eyes", "centroids")
+    options = {name: getattr(problem, name) for name in same} | changes
+    angle = math.degrees(problem.min_angle)
+    return problem_of_matrix(covers, problem.goal, min_angle_deg=angle, **options)
