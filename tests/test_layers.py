@@ -16,7 +16,7 @@ LAYERS = (
     "camera_formats image_boxes viewpoints projection shapes",
     "near_plane criteria criteria_kernels",
     "raster",
-    "observation coverage_kernels network_kernels face_pass exact engine",
+    "observation coverage_kernels network_kernels spread_kernels spread face_pass exact engine",
     "_observers",
     "observer task",
     "coverage coverage_pass pairs network provenance",

@@ -8,7 +8,7 @@ covered by a camera that covers half of it or more. Density and angle are those 
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov._arguments import check_kind, members
-from rastercov._checks import finite_number, shown
 from rastercov.area.cells import Cells, cells, usual_size
 from rastercov.area.network import AreaNetwork, unit_of_result
 from rastercov.area.observer import RegionObservation, RegionObserver
@@ -154,7 +153,6 @@ def audit(
     names: Sequence[str] | None = None,
     by: str | None = None,
     resolution_of_result: float | None = None,
-    min_angle_deg: float = 0.0,
     method: str | Engine = "certified",
     skip_bad_poses: bool = False,
     progress: Callable[[int, int], None] = lambda done, total: None,
@@ -178,8 +176,6 @@ def audit(
         Unit of the result; "area" unless a threshold is of a face or the method counts samples.
     resolution_of_result : float, optional
         Longest side of the cells, metres; `rastercov.area.cells.usual_size` unless given.
-    min_angle_deg : float
-        Least angle between the rays to two of the cameras that cover an element, degrees.
     method : {"certified", "exact", "sampled"}, or Engine
         As for `open_observer`.
     skip_bad_poses : bool
@@ -190,7 +186,7 @@ def audit(
     Raises
     ------
     ConfigError
-        For names of another number than the poses, or an angle that is none.
+        For names of another number than the poses.
     PoseError
         For a pose that is no rigid motion.
     """
@@ -199,28 +195,27 @@ def audit(
     check_kind("task", task, Task, "a Task or None", ConfigError)
     accepted = Poses.of(poses, skip_bad=skip_bad_poses)
     words = _names(names, accepted)
-    angle = finite_number(min_angle_deg)
-    if not 0 <= angle <= 180:
-        raise ConfigError(f"min_angle_deg must be 0 to 180, got {shown(min_angle_deg)}")
     engine = Engine.of(method)
-    unit, _ = unit_of_result(by, task, engine, camera)
+    # The angle is judged at the centroids of the elements, cells too.
+    single = replace(task, min_angle_deg=0.0)
+    unit, _ = unit_of_result(by, single, engine, camera)
     elements = None
     if unit == "area":
         size = usual_size(mesh) if resolution_of_result is None else resolution_of_result
         elements = cells(mesh, size)
-    network = Network(mesh, task)
-    areas = AreaNetwork(mesh, task) if elements is not None else None
+    network = Network(mesh, single)
+    areas = AreaNetwork(mesh, single) if elements is not None else None
     pairs = _Pairs()
     observer: Any = (
         open_observer(mesh, camera, engine)
         if elements is None
-        else RegionObserver(mesh, camera, task, engine)
+        else RegionObserver(mesh, camera, single, engine)
     )
     with observer:
-        judge = CoveragePass(observer, task)
+        judge = CoveragePass(observer, single)
         progress(0, len(accepted))
         for part, seen in measurements(observer, accepted):
-            coverage = judged(observer, judge, task, part, seen, FIGURES)
+            coverage = judged(observer, judge, single, part, seen, FIGURES)
             network.add(coverage)
             if elements is None or areas is None or not isinstance(seen, RegionObservation):
                 row, face = np.nonzero((coverage.coverage > 0) & mesh.task_mask)
@@ -243,14 +238,14 @@ def audit(
         groups=tuple(group.name for group in on.groups),
         face_group=on.face_group,
         mean_coverage=np.zeros(len(accepted)),
-        min_angle=math.radians(angle),
+        min_angle=math.radians(task.min_angle_deg),
         eyes=accepted.world_from_camera[:, :3, 3].copy(),
         centroids=on.centroids,
     )
     every = np.arange(len(accepted))
     views, covered = problem.covered_by(every)
     best, by_camera, widest, lost, alone = _figures(problem, on, accepted, cameras_of(camera))
-    if angle > 0:
+    if task.min_angle_deg > 0:
         lost = _lost_one_by_one(problem, covered)
     weights = problem.weights
     seen_m2 = np.array([float(weights[element[a:b]].sum()) for a, b in pairwise(indptr)])

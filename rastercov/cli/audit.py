@@ -39,9 +39,6 @@ def audit(
     two_sided: options.TwoSided = [],  # noqa: B006 - the same
     drop_invalid: options.DropInvalid = False,
     task: Task = Task(),  # noqa: B008 - becomes options
-    min_angle_deg: Annotated[
-        float, typer.Option(help="Least angle between the rays to two cameras of an element.")
-    ] = 0.0,
     by: Annotated[
         str | None, typer.Option(help="Unit of the result: area or face.", show_default="area")
     ] = None,
@@ -72,7 +69,7 @@ def audit(
     with progress_bar() as progress:
         summary = run(
             scene, views, task, out, progress, by=by, resolution_of_result=resolution_of_result,
-            min_angle_deg=min_angle_deg, method=method,
+            method=method,
         )  # fmt: skip
     if as_json:
         print(json_text(summary))

@@ -87,8 +87,6 @@ class Plan(PlanModel):
 
     def unit_of_result(self) -> tuple[str, str]:
         """Unit of results, "area" or "face"; and what makes it "face" if the plan does not."""
-        if self.task.by is None and self.task.min_angle_deg > 0:
-            return "face", "min_angle_deg is of a face"
         if self.task.by is None and self.task.weight_by == "count":
             return "face", "weight_by count is of faces"
         engine = Engine(self.task.method, supersample=self.task.supersample)

@@ -47,7 +47,7 @@ def run(
     progress : callable
         Called with the poses done and the total.
     **options
-        `by`, `resolution_of_result`, `min_angle_deg` and `method` of `rastercov.audit.audit`.
+        `by`, `resolution_of_result` and `method` of `rastercov.audit.audit`.
 
     Returns
     -------

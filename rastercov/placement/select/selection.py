@@ -9,11 +9,11 @@ import numpy as np
 
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.select import lagrange
-from rastercov.placement.select import selection_kernels as kernels
 from rastercov.placement.select.cover_state import CoverState
 from rastercov.placement.select.deadline import NEVER, Deadline
 from rastercov.placement.select.presolve import ReducedProblem
 from rastercov.placement.select.problem import BestCoverage, Problem
+from rastercov.spread import ViewSpread
 
 PROVED = 1e-6
 """Relative gap up to which a selection counts as optimal: the tolerance of HiGHS."""
@@ -150,7 +150,9 @@ def in_order(problem: Problem, chosen: IntArray) -> tuple[IntArray, FloatArray]:
     # Progress per face, so that the first of several required cameras counts too.
     count = np.zeros(problem.n_faces, np.int64)
     part = problem.integer_weights / problem.views
-    spread = _Spread(problem, np.asarray(chosen, np.int64))
+    spread = ViewSpread(np.zeros((problem.n_faces, 3)), 0.0)
+    if problem.centroids is not None:
+        spread = ViewSpread(problem.centroids, problem.min_angle)
 
     def gain(camera: int) -> float:
         faces = problem.face[problem.indptr[camera] : problem.indptr[camera + 1]]
@@ -173,32 +175,10 @@ def in_order(problem: Problem, chosen: IntArray) -> tuple[IntArray, FloatArray]:
             if other is not best:
                 heapq.heappush(stale, other)
         camera = best[1]
-        count[problem.face[problem.indptr[camera] : problem.indptr[camera + 1]]] += 1
+        faces = problem.face[problem.indptr[camera] : problem.indptr[camera + 1]]
+        count[faces] += 1
+        if problem.eyes is not None:
+            spread.add(problem.eyes[camera], faces)
         order.append(camera)
-        curve.append(problem.share((count >= problem.views) & spread.after(camera)))
+        curve.append(problem.share((count >= problem.views) & spread.is_spread))
     return np.array(order, np.int64), np.array(curve, np.float64)
-
-
-class _Spread:
-    """Incremental test for rays to two cameras of a face that differ by the required angle."""
-
-    def __init__(self, problem: Problem, chosen: IntArray) -> None:
-        self.problem = problem
-        self.is_spread = np.full(problem.n_faces, problem.min_angle == 0)
-        if problem.min_angle > 0:
-            n_pairs = int((problem.indptr[chosen + 1] - problem.indptr[chosen]).sum())
-            self.last = np.full(problem.n_faces, -1, np.int64)
-            self.before = np.empty(n_pairs, np.int64)
-            self.camera = np.empty(n_pairs, np.int64)
-            self.n_seen = 0
-
-    def after(self, camera: int) -> BoolArray:
-        """(F,) faces that pass the test once a camera has been added."""
-        problem = self.problem
-        if problem.min_angle > 0:
-            self.n_seen = kernels.spread_with(
-                camera, problem.indptr, problem.face, problem.eyes, problem.centroids,
-                problem.min_cosine, self.last, self.before, self.camera, self.n_seen,
-                self.is_spread,
-            )  # fmt: skip
-        return self.is_spread
