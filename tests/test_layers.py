@@ -22,9 +22,10 @@ LAYERS = (
     "coverage coverage_pass pairs network provenance",
     "area",
     "models placement",
-    "audit",
+    "audits",
     "plan validation",
     "report",
+    "jobs",
     "cli",
 )
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names.split()}

@@ -1,7 +1,7 @@
 """The command `audit`: what the images of an existing rig or reconstruction see."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -53,7 +53,9 @@ def audit(
     [bold]Example[/]: rastercov audit sparse/0 mesh.ply --pose-unit 1 -o audit/
     """
     from rastercov._output import json_text
-    from rastercov.report.audit import run  # loads pyarrow
+    from rastercov.audits import Audit
+    from rastercov.audits import audit as run
+    from rastercov.report.audit import write  # loads pyarrow
 
     scene = read_scene(meshes, unit, transform, occluder, two_sided, drop_invalid, target)
     border = Border(conventions)
@@ -67,10 +69,17 @@ def audit(
         )
     warn([*scene.warnings, *views.notes, *border.unused()])
     with progress_bar() as progress:
-        summary = run(
-            scene, views, task, out, progress, by=by, resolution_of_result=resolution_of_result,
-            method=method,
-        )  # fmt: skip
+        options: Any = {
+            "by": by,
+            "resolution_of_result": resolution_of_result,
+            "method": method,
+        }
+        rig, poses, names = views.rig, views.poses, views.images or None
+
+        def made() -> Audit:
+            return run(scene, rig, poses, task, names=names, progress=progress, **options)
+
+        _, summary = write(made, out, options, views.notes)
     if as_json:
         print(json_text(summary))
         return

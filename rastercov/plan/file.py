@@ -3,6 +3,7 @@
 plan.toml -> `read_plan` -> `scene` (mesh, candidates) -> `run` (place), `check`
 """
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Self
 
@@ -115,7 +116,14 @@ def read_plan(path: StrPath) -> Plan:
     except UnreadableError as error:
         name = path if not isinstance(error, UnparsedError) else Path(path).name
         raise PlanError(printable(str(name)), [str(error)]) from None
-    path = Path(path)
+    return plan_of(table, Path(path))
+
+
+def plan_of(table: Mapping[str, Any], path: Path = Path("plan")) -> Plan:
+    """Plan of the entries of a file, or of a mapping with the same; errors as of `read_plan`.
+
+    Files are relative to the folder of `path`, which names the plan.
+    """
     try:
         plan = Plan.model_validate(table, context={"folder": path.parent})
     except ValidationError as error:

@@ -9,7 +9,7 @@ import json
 import re
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -186,7 +186,7 @@ def prepare(
     selection: SelectionSection,
     observer: Observer,
     task: Task,
-    folder: Path,
+    folder: Path | None,
     clock: Clock,
     cells: Cells | None = None,
 ) -> Prepared:
@@ -203,11 +203,14 @@ def prepare(
 
     def matrix_of(name: str, poses: Poses) -> VisibilityMatrix:
         """Matrix of the poses, in a folder named by a hash of all that it depends on."""
-        header = json.dumps(describe(observer, poses, task, None, cells), sort_keys=True)
-        used.append(folder / hashlib.sha256(header.encode()).hexdigest()[:16])
-        with clock(name) as progress, named(used[-1]):
+        own = None
+        if folder is not None:
+            header = json.dumps(describe(observer, poses, task, None, cells), sort_keys=True)
+            own = folder / hashlib.sha256(header.encode()).hexdigest()[:16]
+            used.append(own)
+        with clock(name) as progress, nullcontext() if own is None else named(own):
             return build_matrix(
-                observer, poses, task, used[-1], cells=cells, bounds=bounds, progress=progress
+                observer, poses, task, own, cells=cells, bounds=bounds, progress=progress
             )
 
     with clock("candidates"):
@@ -256,7 +259,8 @@ def prepare(
             f"{plan.name}: no candidate is left ({'; '.join(found.lines())}); "
             "allow more, or add some"
         )
-    _forget(folder, used)
+    if folder is not None:
+        _forget(folder, used)
     if not problem.reachable.any():
         what = "no face" if cells is None else "no cell"
         notes.append(_why_nothing(observer, found.candidates.placed, task, what))

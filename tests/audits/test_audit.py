@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from rastercov import shapes
 from rastercov.area.regions import regions
 from rastercov.area.union import unite
-from rastercov.audit import audit
+from rastercov.audits import audit
 from rastercov.camera import Camera
 from rastercov.errors import ConfigError
 from rastercov.mesh import Group, Mesh

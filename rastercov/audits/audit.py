@@ -284,7 +284,7 @@ def _figures(
 ) -> tuple[FloatArray, NDArray[np.int32], FloatArray, FloatArray, FloatArray]:
     """Best density and its camera, widest angle (E,); lost weight, and that of one camera (P,)."""
     from rastercov._jit import announce_compilation
-    from rastercov.audit import kernels
+    from rastercov.audits import kernels
     from rastercov.criteria_kernels import lens_of, read_only
     from rastercov.placement.select.presolve_kernels import by_face
 
