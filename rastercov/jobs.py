@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, cast
 from numpy.typing import ArrayLike
 
 from rastercov._arguments import check_kind
+from rastercov._checks import finite_number, shown
 from rastercov._files import StrPath
 from rastercov.engine import Engine
 from rastercov.errors import ConfigError, PoseError
@@ -115,8 +116,16 @@ def check(
     from rastercov.plan import check as plan_check
 
     asked = _plan(plan, camera)
-    wanted = [f"{name}={share}" for name, share in (groups or {}).items()]
-    limits = plan_check.limits(asked, min_coverage, wanted)
+    shares = {} if groups is None else groups
+    check_kind("groups", shares, Mapping, "a mapping of names to shares", ConfigError)
+    every = dict(shares) if min_coverage is None else {"min_coverage": min_coverage, **shares}
+    for name, share in every.items():
+        if not 0 <= finite_number(share) <= 1:
+            raise ConfigError(f"{name} must be a share of 0 to 1, got {shown(share)}")
+    if views is not None:
+        Task(views=views)  # refuses what is no number of views
+    wanted = [f"{name}={float(share)!r}" for name, share in shares.items()]
+    limits = plan_check.limits(asked, None if min_coverage is None else float(min_coverage), wanted)
     file, given = Path("poses"), cast("Any", poses)
     if isinstance(poses, str | os.PathLike):
         file, given = Path(poses), read_views(poses)

@@ -165,7 +165,7 @@ def test_audit_is_the_command(capsys):
         (lambda: rc.check(PLAN, "gone.json"), "gone.json"),
         (lambda: rc.check(PLAN, [[1, 2]]), "poses must"),
         (lambda: rc.check(PLAN, POSES, groups={"door": 0.5}), "no group 'door'"),
-        (lambda: rc.check(PLAN, POSES, groups={"lid": 2}), "a share of 0 to 1"),
+        (lambda: rc.check(PLAN, POSES, groups={"lid": 2}), "lid must be a share of 0 to 1, got 2"),
         (lambda: rc.audit(rc.Mesh.load("part.obj"), rc.Camera(**CAMERA)), "poses are missing"),
         (lambda: rc.audit("part.obj", rc.Camera(**CAMERA), POSES), "mesh must be a Mesh"),
     ],
