@@ -22,6 +22,7 @@ from rastercov.errors import (
     RastercovError,
     ResourceError,
 )
+from rastercov.jobs import audit, check, place
 from rastercov.mesh import Group, Mesh
 from rastercov.network import Network
 from rastercov.observation import BoundKind, Observation, Visibility
@@ -74,13 +75,16 @@ __all__ = [
     "Views",
     "Visibility",
     "VisibilityBuffer",
+    "audit",
     "cells",
+    "check",
     "dead_zones",
     "evaluate",
     "evaluate_batches",
     "look_at",
     "open_observer",
     "open_rasterizer",
+    "place",
     "read_poses",
     "read_views",
     "regions",

@@ -78,6 +78,8 @@ class Coverage:
         Whether the near plane cut away a surface in view.
     pose_ids : (P,) int64
         Row of each pose in the input; they skip poses that were at fault.
+    eyes : (P, 3) float64
+        Centre of each camera, metres.
     """
 
     mesh: Mesh
@@ -101,6 +103,7 @@ class Coverage:
     incidence: FloatArray = field(metadata=_figure(np.float64, "rad"))
     coverage: FloatArray = field(metadata=_figure(np.float64))
     reason: NDArray[np.uint8] = field(metadata=_figure(np.uint8))
+    eyes: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
 
     def __post_init__(self) -> None:
         for name in FIGURES:
@@ -292,7 +295,8 @@ def _coverage(
     """Coverage with some of the figures."""
     head = observer.mesh, observer.camera, task, observer.info, poses.ids, clipped
     figures: dict[str, Any] = dict.fromkeys(FIGURES)
-    return Coverage(*head, **(figures | values))
+    eyes = poses.world_from_camera[:, :3, 3]
+    return Coverage(*head, **(figures | values), eyes=eyes)
 
 
 def _checked_fields(names: Sequence[str] | None) -> list[str]:

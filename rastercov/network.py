@@ -4,6 +4,7 @@ E. S. Eissa. Image Space Coverage Model. 2020, section 6.4.1 and Table 6.1, wher
 not covered when its coverage is 0 in every camera.
 """
 
+import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -21,6 +22,7 @@ from rastercov.observation import BoundKind
 from rastercov.observer import Observer
 from rastercov.pairs import PairBuffer
 from rastercov.pose import Poses
+from rastercov.spread import ViewSpread
 from rastercov.task import Limits, Reason, Task
 
 if TYPE_CHECKING:
@@ -90,6 +92,7 @@ class Network:
         self.largest_covered_bound = 0.0
         self.largest_image = 0.0
         self.clipped_poses: list[int] = []
+        self._spread = ViewSpread(mesh.centroids, math.radians(task.min_angle_deg))
 
     def add(self, coverage: "Coverage | JudgedPoses", camera: int | None = None) -> None:
         """Take in the next poses; ConfigError when they are of another mesh or task.
@@ -105,6 +108,7 @@ class Network:
         if len(coverage.pose_ids):
             part = _Part(self.mesh, len(coverage.pose_ids))
             part.add_coverage(coverage)
+            self._spread_rays(coverage.eyes, coverage.reason == Reason.COVERED)
             self._take(coverage.pose_ids, coverage.clipped, part)
 
     def add_poses(
@@ -164,6 +168,8 @@ class Network:
             For an observer of another mesh, or another choice of pairs.
         """
         check_observer(observer)
+        if pairs == "none" and self.task.min_angle_deg > 0:
+            pairs = "covered"  # the rays to them are needed
         if observer.mesh.n_faces != self.mesh.n_faces:
             raise ConfigError("a network adds up coverage of one mesh and one task")
         from rastercov import network_kernels  # loads numba
@@ -208,6 +214,12 @@ class Network:
             judge.share(seen, poses, worker)
         return JudgedPoses(poses, seen.clipped, buffer.rows(), kept, seen, parts)
 
+    def _spread_rays(self, eyes: FloatArray, covers: BoolArray) -> None:
+        """Add the rays of cameras, (P, 3), that cover faces, (P, F)."""
+        if self.task.min_angle_deg > 0:
+            for eye, row in zip(eyes, covers, strict=True):
+                self._spread.add(eye, np.flatnonzero(row))
+
     def _take_judged(self, batch: "JudgedPoses", camera: int | None) -> None:
         """Add the sums of a batch, or those of one of its cameras."""
         parts = [part for index, part in batch.parts if camera in (None, index)]
@@ -220,6 +232,11 @@ class Network:
                 whole.merge(part)
         own = slice(None) if camera is None else batch.poses.camera == camera
         self._take(batch.pose_ids, batch.clipped, whole, own)
+        if self.task.min_angle_deg > 0:
+            placed, rows = batch.poses[own], batch.rows
+            is_covered = rows.reason == Reason.COVERED
+            for eye, pose in zip(placed.world_from_camera[:, :3, 3], placed.ids, strict=True):
+                self._spread.add(eye, rows.face[is_covered & (rows.pose == pose)])
 
     def _take(
         self,
@@ -247,8 +264,9 @@ class Network:
 
     @property
     def covered(self) -> BoolArray:
-        """Faces covered by at least `Task.views` cameras, (F,)."""
-        return self.views >= self.task.views
+        """(F,) faces covered by `Task.views` cameras, from directions that differ as asked."""
+        covered: BoolArray = (self.views >= self.task.views) & self._spread.is_spread
+        return covered
 
     def summary(self) -> dict[str, Any]:
         """Figures of the network, ready for JSON; every percentage by count and by area.

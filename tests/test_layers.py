@@ -16,15 +16,16 @@ LAYERS = (
     "camera_formats image_boxes viewpoints projection shapes",
     "near_plane criteria criteria_kernels",
     "raster",
-    "observation coverage_kernels network_kernels face_pass exact engine",
+    "observation coverage_kernels network_kernels spread_kernels spread face_pass exact engine",
     "_observers",
     "observer task",
     "coverage coverage_pass pairs network provenance",
     "area",
     "evaluation_shards models placement",
-    "audit",
+    "audits",
     "plan validation",
     "report",
+    "jobs",
     "cli",
 )
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names.split()}

@@ -39,7 +39,7 @@ def unit_of_result(
     ConfigError
         For an unknown unit, or by area where that cannot be.
     """
-    if by is not None and by not in UNITS:
+    if by is not None and not (isinstance(by, str) and by in UNITS):
         raise ConfigError(f"by must be one of {', '.join(UNITS)}, got {shown(by)}")
     if by == "face":
         return by, ""

@@ -37,6 +37,7 @@ OF_A_FACE = {
     "min_pixels": "min_pixels is of a face; give min_pixels_per_m2",
     "min_visibility": "min_visibility is of a face; by area a point is seen or hidden",
     "min_coverage": "min_coverage is of a face; by area a point is covered or not",
+    "min_angle_deg": "min_angle_deg is of a face; by area the number of views counts alone",
     "focus_rule": "focus_rule is of a face; by area each point must be in focus",
     "cap_resolution": "cap_resolution is of a face; by area nothing is graded",
 }
@@ -145,7 +146,8 @@ def regions(
         world_from_camera.
     task : Task, optional
         Thresholds; `Task()` unless given. Those that are of a face must have their defaults:
-        `min_pixels`, `min_visibility`, `min_coverage`, `focus_rule`, `cap_resolution`.
+        `min_pixels`, `min_visibility`, `min_coverage`, `min_angle_deg`, `focus_rule`,
+        `cap_resolution`.
     method : {"certified", "exact"}, or Engine
         Method of visibility, as for `open_observer`.
     threads : int, optional

@@ -41,9 +41,6 @@ def audit(
     two_sided: options.TwoSided = [],  # noqa: B006 - the same
     drop_invalid: options.DropInvalid = False,
     task: Task = Task(),  # noqa: B008 - becomes options
-    min_angle_deg: Annotated[
-        float, typer.Option(help="Least angle between the rays to two cameras of an element.")
-    ] = 0.0,
     by: Annotated[
         str | None, typer.Option(help="Unit of the result: area or face.", show_default="area")
     ] = None,
@@ -62,7 +59,10 @@ def audit(
     [bold]Example[/]: rastercov audit sparse/0 mesh.ply --pose-unit 1 -o audit/
     """
     from rastercov._output import json_text
-    from rastercov.report.audit import run  # loads pyarrow
+    from rastercov.audits import Audit
+    from rastercov.audits import audit as run
+    from rastercov.evaluation_shards import is_long
+    from rastercov.report.audit import write  # loads pyarrow
 
     staff, tally = Workers.of(workers, scheduler), Tally()
     scene = read_scene(meshes, unit, transform, occluder, two_sided, drop_invalid, target)
@@ -77,11 +77,21 @@ def audit(
         )
     warn([*scene.warnings, *views.notes, *border.unused()])
     with progress_bar() as progress:
-        summary = run(
-            scene, views, task, out, progress, staff, tally.add, lambda line: warn([line]),
-            by=by, resolution_of_result=resolution_of_result, min_angle_deg=min_angle_deg,
-            method=method,
-        )  # fmt: skip
+        options: Any = {
+            "by": by,
+            "resolution_of_result": resolution_of_result,
+            "method": method,
+        }
+        rig, poses, names = views.rig, views.poses, views.images or None
+
+        def made(shards: Path | None) -> Audit:
+            return run(
+                scene, rig, poses, task, names=names, progress=progress, folder=shards,
+                workers=staff, watch=tally.add, note=lambda line: warn([line]), **options,
+            )  # fmt: skip
+
+        is_kept = staff is not None or is_long(len(poses), scene.n_faces)
+        _, summary = write(made, out, options, views.notes, is_kept=is_kept)
     left_out = summary["quarantined"]
     warn(f"pose {pose} left out: its process {end}" for pose, end in left_out.items())
     if as_json:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.camera import Camera
+from rastercov.camera_formats import read_views
 from rastercov.errors import RastercovError
 from rastercov.mesh import Mesh
 from rastercov.placement.candidates import mounting, pool
@@ -105,7 +106,7 @@ def candidate_pool(plan: Plan, mesh: Mesh, camera: Cameras) -> CandidatePool:
             continue
         try:
             for index, cost in cameras_of_entry(plan, entry):
-                made = _made(plan, mesh, cameras_of(camera)[index], entry)
+                made = _made(plan, mesh, cameras_of(camera)[index], entry, index)
                 parts += [(part.of_camera(index), cost) for part in made]
         except RastercovError as error:
             lines.append(f"candidates[{row}]: {error}")
@@ -199,9 +200,9 @@ def framing_of(plan: Plan, entry: entries.Generator) -> Framing:
 
 
 def _made(
-    plan: Plan, mesh: Mesh, camera: Camera, entry: entries.CandidateEntry
+    plan: Plan, mesh: Mesh, camera: Camera, entry: entries.CandidateEntry, index: int
 ) -> Iterator[Candidates]:
-    """Candidates of an entry; several times for a mount with several aims.
+    """Candidates of an entry for a camera and its index; once for each aim of a mount.
 
     Fields of an entry that its base class lacks are the arguments of its generator.
     """
@@ -219,7 +220,12 @@ def _made(
             around = getattr(mounting, entry.generator)
             yield around(*view, **_own(entry, entries.Framed))
         case entries.PoseFile():
-            yield pool.from_poses(*view, poses=plan.folder / entry.file)
+            found = pool.from_poses(*view, poses=plan.folder / entry.file)
+            views = read_views(plan.folder / entry.file)
+            if len(plan.rig) > 1 and views.camera_names:  # each pose has its own camera
+                of_pose = views.with_cameras(plan.rig).poses.camera
+                found = found.take(of_pose[found.index] == index)
+            yield found
         case entries.Mounted():
             mount = getattr(mounting, entry.generator)
             bounds = None if entry.low is None else np.array([entry.low, entry.high])

@@ -3,6 +3,7 @@
 plan.toml -> `read_plan` -> `scene` (mesh, candidates) -> `run` (place), `check`
 """
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Self
 
@@ -87,8 +88,6 @@ class Plan(PlanModel):
 
     def unit_of_result(self) -> tuple[str, str]:
         """Unit of results, "area" or "face"; and what makes it "face" if the plan does not."""
-        if self.task.by is None and self.task.min_angle_deg > 0:
-            return "face", "min_angle_deg is of a face"
         if self.task.by is None and self.task.weight_by == "count":
             return "face", "weight_by count is of faces"
         engine = Engine(self.task.method, supersample=self.task.supersample)
@@ -117,7 +116,14 @@ def read_plan(path: StrPath) -> Plan:
     except UnreadableError as error:
         name = path if not isinstance(error, UnparsedError) else Path(path).name
         raise PlanError(printable(str(name)), [str(error)]) from None
-    path = Path(path)
+    return plan_of(table, Path(path))
+
+
+def plan_of(table: Mapping[str, Any], path: Path = Path("plan")) -> Plan:
+    """Plan of the entries of a file, or of a mapping with the same; errors as of `read_plan`.
+
+    Files are relative to the folder of `path`, which names the plan.
+    """
     try:
         plan = Plan.model_validate(table, context={"folder": path.parent})
     except ValidationError as error:

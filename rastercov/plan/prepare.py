@@ -31,7 +31,7 @@ from rastercov.placement.candidates.cavities import Openings, openings
 from rastercov.placement.candidates.pool import Candidates
 from rastercov.placement.candidates.segments import Segmentation
 from rastercov.placement.explain.candidate_visibility import CandidateBounds
-from rastercov.placement.matrix import measure_matrix
+from rastercov.placement.matrix import build_matrix, measure_matrix
 from rastercov.placement.matrix_folder import MatrixFolder
 from rastercov.placement.select.bit_problem import BitProblem
 from rastercov.placement.select.problem import (
@@ -53,7 +53,7 @@ from rastercov.plan.candidates import (
 from rastercov.plan.errors import PlanError
 from rastercov.plan.file import Plan
 from rastercov.plan.generators import PerCavity
-from rastercov.plan.held import Matrix, held, problem_on, words_on
+from rastercov.plan.held import Matrix, held, joined, problem_on, words_on
 from rastercov.plan.requirements import OF, counting, goal_of
 from rastercov.plan.sections import SelectionSection
 from rastercov.pose import Poses, renumbered
@@ -209,7 +209,7 @@ def prepare(
     selection: SelectionSection,
     observer: Observer,
     task: Task,
-    folder: Path,
+    folder: Path | None,
     clock: Clock,
     cells: Cells | None = None,
     workers: Workers | None = None,
@@ -231,8 +231,15 @@ def prepare(
     def matrix_of(name: str, poses: Poses, before: Matrix | None = None) -> Matrix:
         """Matrix of the poses, in a folder named by a hash of all that it depends on.
 
-        After the poses of the matrix `before`.
+        After the poses of the matrix `before`; in memory where there is no folder.
         """
+        if folder is None:
+            with clock(name) as progress:
+                own = build_matrix(
+                    observer, poses, task, cells=cells, bounds=bounds, progress=progress
+                )
+            assert not isinstance(before, BitMatrix)
+            return own if before is None else joined(before, own)
         header = json.dumps(describe(observer, poses, task, None, cells), sort_keys=True)
         used.append(folder / hashlib.sha256(header.encode()).hexdigest()[:16])
         with clock(name) as progress, named(used[-1]):
@@ -289,7 +296,8 @@ def prepare(
             f"{plan.name}: no candidate is left ({'; '.join(found.lines())}); "
             "allow more, or add some"
         )
-    _forget(folder, used)
+    if folder is not None:
+        _forget(folder, used)
     notes += words_on(matrix)
     notes += [
         f"candidate {pose} is left out: the process that measured it {end}"

@@ -122,7 +122,7 @@ class Objectives:
 
 def place(
     plan: Plan,
-    folder: Path,
+    folder: Path | None,
     step: Step = quiet,
     save: Callable[[Placement], None] = lambda placement: None,
     workers: Workers | None = None,
@@ -133,14 +133,14 @@ def place(
     Later it ends the run with the results so far, those of a search or a refinement included, and
     `Placement.interrupted` names the step.
 
-    The folder is for one run at a time; the caller holds its lock (`ReportFolder`).
+    A folder is for one run at a time; the caller holds its lock (`ReportFolder`).
 
     Parameters
     ----------
     plan : Plan
         With candidates and a selection.
-    folder : Path
-        Folder of the matrix; made when it is missing.
+    folder : Path, optional
+        Folder of the matrix, made when it is missing; None holds it in memory.
     step : callable
         Called with the name of each step; a context manager that yields its progress.
     save : callable
@@ -176,9 +176,8 @@ def place(
             opened.enter_context(closing(finder))
             on_cells = CellObjective.of_cells(observer, finder, cells, **counting(plan.task))
         objectives = Objectives(faces, on_cells)
-        prepared = prepare(
-            plan, selection, observer, task, folder / "matrix", clock, cells, workers
-        )
+        shards = None if folder is None else folder / "matrix"
+        prepared = prepare(plan, selection, observer, task, shards, clock, cells, workers)
         if on_cells is not None:
             prepared = _with_reachable(prepared, on_cells.finder, clock)
         with clock("selection"):

@@ -243,9 +243,6 @@ class TaskSection(fields_of(Task, leave_out=("views",))):  # type: ignore[misc]
         default=1,
         description="Cameras that must cover a face; or a table by group, 1 for the others.",
     )
-    min_angle_deg: Annotated[float, Field(ge=0, le=180)] = Field(
-        default=0.0, description="Angle that the rays to two of the cameras must differ by."
-    )
     weight_by: Literal["area", "count"] = Field(default="area", description="What shares are of.")
     by: Literal["area", "face"] | None = Field(
         default=None,

@@ -42,7 +42,9 @@ class ByCamera:
         self, mesh: Mesh, task: Task, camera: Cameras, poses: Poses, *, by_area: bool
     ) -> None:
         self.names, indices = names_of(camera), cameras_apart(camera, poses)
-        self._networks = {index: Network(mesh, replace(task, views=1)) for index in indices}
+        self._networks = {
+            index: Network(mesh, replace(task, views=1, min_angle_deg=0.0)) for index in indices
+        }
         self._areas = AreasByCamera(mesh, task, indices if by_area else [])
 
     @property

@@ -12,7 +12,7 @@ under "interrupted", which is still correct when the run is killed in it.
 
 import math
 import re
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,11 +25,13 @@ from rastercov._interrupts import interrupts_held
 from rastercov._output import write_json
 from rastercov.area.regions import regions
 from rastercov.area.zone_report import ZONES
+from rastercov.cluster import Workers
 from rastercov.placement.select.problem import BestCoverage, FewestCameras
+from rastercov.plan.file import Plan
 from rastercov.plan.network import area_lines, summary_of
-from rastercov.plan.prepare import Prepared, Progress
+from rastercov.plan.prepare import Prepared, Progress, Step, quiet
 from rastercov.plan.requirements import OF, goal_of
-from rastercov.plan.run import Placement
+from rastercov.plan.run import Placement, place
 from rastercov.provenance import Provenance, plain_cameras
 from rastercov.raster.contract import RasterizerInfo
 from rastercov.report.coverage import Options
@@ -46,6 +48,44 @@ STEP_FIGURES = {
 """Figures of the steps that move cameras, as `plan.json` has them."""
 STEP_WORDS = {"search": "searched", "refinement": "refined"}
 PLACEMENT = ReportKind("place", re.compile(r"(poses|plan)\.json|page\.html"), last="plan.json")
+
+
+def run_into(
+    plan: Plan, out: Path, step: Step = quiet, workers: Workers | None = None
+) -> Placement:
+    """Carry out a plan, and leave all its files in a folder.
+
+    Parameters
+    ----------
+    plan : Plan
+        With candidates and a selection.
+    out : Path
+        Folder, made when it is missing; for one run at a time.
+    step : callable
+    workers : Workers, optional
+        As for `rastercov.plan.run.place`.
+
+    Raises
+    ------
+    PlanError
+        As of `rastercov.plan.run.place`.
+    ConfigError
+        When no candidate is left, and for a folder that cannot be used.
+    """
+    with ReportFolder(out, PLACEMENT) as files:
+        placed = place(plan, out, step, lambda found: save_unfinished(found, files), workers)
+        if plan.outputs.page:
+            without_page = replace(placed, interrupted=placed.interrupted or "page")
+            save_unfinished(without_page, files)
+            page = files.file("page.html")
+            try:
+                with step("page") as progress:
+                    write_page(placed, page, progress)
+            except KeyboardInterrupt:
+                placed = without_page
+                page.unlink(missing_ok=True)
+        save(placed, files)
+    return placed
 
 
 def save(placement: Placement, folder: ReportFolder) -> None:

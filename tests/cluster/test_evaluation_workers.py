@@ -11,7 +11,7 @@ import pytest
 
 import rastercov as rc
 from rastercov import evaluation_shards, shapes
-from rastercov.audit import audit
+from rastercov.audits import audit
 from rastercov.cluster import Workers
 from rastercov.errors import ConfigError
 from rastercov.evaluation_shards import UNFINISHED

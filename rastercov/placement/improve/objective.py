@@ -24,11 +24,11 @@ from rastercov.observer import Observer
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.select.problem import (
     in_whole_numbers,
-    least_cosine,
     views_of,
     weights_of,
 )
 from rastercov.pose import Poses
+from rastercov.spread import least_cosine
 from rastercov.task import Reason, Task
 
 POSES_A_BATCH = 64
@@ -73,7 +73,7 @@ class Objective:
         *,
         weight_by: str = "area",
         views: int | Mapping[str, int] | None = None,
-        min_angle_deg: float = 0.0,
+        min_angle_deg: float | None = None,
     ) -> Self:
         """Objective of an open observer; arguments as for `problem_of`."""
         task = task or Task()
@@ -87,16 +87,17 @@ class Objective:
         task: Task,
         weight_by: str,
         views: int | Mapping[str, int] | None,
-        min_angle_deg: float,
+        min_angle_deg: float | None,
     ) -> tuple[IntArray, IntArray, float]:
         """Integer weights, needs and least cosine of the faces of a mesh."""
         weights = in_whole_numbers(weights_of(mesh, weight_by))
         need = views_of(mesh, task.views if views is None else views)
         if (need < 1).any() or not np.issubdtype(need.dtype, np.integer):
             raise ConfigError(f"views must be a whole number, 1 or more, got {views}")
-        if not 0 <= min_angle_deg <= 180:
-            raise ConfigError(f"min_angle_deg must be 0 to 180, got {min_angle_deg}")
-        cosine = least_cosine(math.radians(min_angle_deg))
+        angle = task.min_angle_deg if min_angle_deg is None else min_angle_deg
+        if not 0 <= angle <= 180:
+            raise ConfigError(f"min_angle_deg must be 0 to 180, got {angle}")
+        cosine = least_cosine(math.radians(angle))
         return weights, need.astype(np.int64), cosine
 
     @property
@@ -230,7 +231,7 @@ class CellObjective(Objective):
         *,
         weight_by: str = "area",
         views: int | Mapping[str, int] | None = None,
-        min_angle_deg: float = 0.0,
+        min_angle_deg: float | None = None,
     ) -> Self:
         """Objective on cells; arguments as for `problem_of`."""
         task = finder.task

@@ -9,7 +9,7 @@ covered by a camera that covers half of it or more. Density and angle are those 
 import logging
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov._arguments import check_kind, members
-from rastercov._checks import finite_number, shown
 from rastercov.area.cells import Cells, cells, usual_size
 from rastercov.area.network import AreaNetwork, unit_of_result
 from rastercov.cluster import Made, Workers
@@ -155,7 +154,6 @@ def audit(
     names: Sequence[str] | None = None,
     by: str | None = None,
     resolution_of_result: float | None = None,
-    min_angle_deg: float = 0.0,
     method: str | Engine = "certified",
     skip_bad_poses: bool = False,
     progress: Callable[[int, int], None] = lambda done, total: None,
@@ -183,8 +181,6 @@ def audit(
         Unit of the result; "area" unless a threshold is of a face or the method counts samples.
     resolution_of_result : float, optional
         Longest side of the cells, metres; `rastercov.area.cells.usual_size` unless given.
-    min_angle_deg : float
-        Least angle between the rays to two of the cameras that cover an element, degrees.
     method : {"certified", "exact", "sampled"}, or Engine
         As for `open_observer`.
     skip_bad_poses : bool
@@ -204,8 +200,8 @@ def audit(
     Raises
     ------
     ConfigError
-        For workers without a folder, names of another number than the poses, an angle that is
-        none, and where a worker or its scheduler fails.
+        For workers without a folder, names of another number than the poses, and where a worker or
+        its scheduler fails.
     PoseError
         For a pose that is no rigid motion.
     """
@@ -214,26 +210,25 @@ def audit(
     check_kind("task", task, Task, "a Task or None", ConfigError)
     accepted = Poses.of(poses, skip_bad=skip_bad_poses)
     words = _names(names, accepted)
-    angle = finite_number(min_angle_deg)
-    if not 0 <= angle <= 180:
-        raise ConfigError(f"min_angle_deg must be 0 to 180, got {shown(min_angle_deg)}")
     engine = Engine.of(method)
-    unit, _ = unit_of_result(by, task, engine, camera)
+    # The angle is judged at the centroids of the elements, cells too.
+    single = replace(task, min_angle_deg=0.0)
+    unit, _ = unit_of_result(by, single, engine, camera)
     elements = None
     if unit == "area":
         size = usual_size(mesh) if resolution_of_result is None else resolution_of_result
         elements = cells(mesh, size)
-    network = Network(mesh, task)
-    areas = AreaNetwork(mesh, task) if elements is not None else None
+    network = Network(mesh, single)
+    areas = AreaNetwork(mesh, single) if elements is not None else None
     pairs = _Pairs()
     if workers is not None and folder is None:
         raise ConfigError("workers make shards in a folder; name one, or leave out workers")
     rows = "covered" if elements is None else "none"
     wanted = Wanted(engine, elements is not None, rows, (), apart=False)
-    with open_for(mesh, camera, task, wanted) as observer:
+    with open_for(mesh, camera, single, wanted) as observer:
         shards = None
         if folder is not None:
-            shards = EvaluationShards(Path(folder), observer, accepted, task, wanted)
+            shards = EvaluationShards(Path(folder), observer, accepted, single, wanted)
         source = Source(network, observer, accepted, wanted, shards)
         for batch, regions in source.parts(progress, workers, watch, note):
             network.add(batch)
@@ -262,14 +257,14 @@ def audit(
         groups=tuple(group.name for group in on.groups),
         face_group=on.face_group,
         mean_coverage=np.zeros(len(accepted)),
-        min_angle=math.radians(angle),
+        min_angle=math.radians(task.min_angle_deg),
         eyes=accepted.world_from_camera[:, :3, 3].copy(),
         centroids=on.centroids,
     )
     every = np.arange(len(accepted))
     views, covered = problem.covered_by(every)
     best, by_camera, widest, lost, alone = _figures(problem, on, accepted, cameras_of(camera))
-    if angle > 0:
+    if task.min_angle_deg > 0:
         lost = _lost_one_by_one(problem, covered)
     weights = problem.weights
     seen_m2 = np.array([float(weights[element[a:b]].sum()) for a, b in pairwise(indptr)])
@@ -303,7 +298,7 @@ def _figures(
 ) -> tuple[FloatArray, NDArray[np.int32], FloatArray, FloatArray, FloatArray]:
     """Best density and its camera, widest angle (E,); lost weight, and that of one camera (P,)."""
     from rastercov._jit import announce_compilation
-    from rastercov.audit import kernels
+    from rastercov.audits import kernels
     from rastercov.criteria_kernels import lens_of, read_only
     from rastercov.placement.select.presolve_kernels import by_face
 
