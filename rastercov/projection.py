@@ -30,10 +30,39 @@ def to_image(points: FloatArray, camera: Camera) -> FloatArray:
     """Image points (..., 2) of points (..., 3) in camera axes, px from the top-left corner.
 
     u = fx x/z + cx, v = fy y/z + cy, (3.2) with (3.5) put right. z must not be 0; points behind the
-    camera come out mirrored: clip first.
+    camera come out mirrored: clip first. Other lenses give NaN outside their valid region.
     """
-    camera.check_pinhole()
+    if not camera.is_pinhole:
+        from rastercov.lenses.of_camera import lens_of  # loads numba
+
+        return lens_of(camera).project(points)
     return points[..., :2] / points[..., 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
+
+
+def rays_of(pixels: FloatArray, camera: Camera) -> FloatArray:
+    """Rays (..., 3), in camera axes, of points (..., 2) of the image, px; of any length.
+
+    Those of a pinhole have z = 1, those of other lenses unit length; NaN for points that no ray of
+    the lens meets.
+    """
+    if not camera.is_pinhole:
+        from rastercov.lenses.of_camera import lens_of  # loads numba
+
+        return lens_of(camera).unproject(pixels)
+    slopes = (pixels - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
+    return np.concatenate((slopes, np.ones((*slopes.shape[:-1], 1))), axis=-1)
+
+
+def border_of(camera: Camera, n: int) -> FloatArray:
+    """Points (4, n, 2) on the borders of the image, px: top, right, bottom and left.
+
+    Each border has its ends, at equal steps, in the order in which they go around the image.
+    """
+    steps = np.linspace(0.0, 1.0, n)[:, None]
+    corners = np.array([(0, 0), (1, 0), (1, 1), (0, 1)]) * (camera.width, camera.height)
+    starts, ends = corners[:, None], np.roll(corners, -1, axis=0)[:, None]
+    border: FloatArray = (1 - steps) * starts + steps * ends
+    return border
 
 
 def clip_polygons(
