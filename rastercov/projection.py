@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.camera import Camera
+from rastercov.camera_models import MODELS
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -63,6 +64,39 @@ def border_of(camera: Camera, n: int) -> FloatArray:
     starts, ends = corners[:, None], np.roll(corners, -1, axis=0)[:, None]
     border: FloatArray = (1 - steps) * starts + steps * ends
     return border
+
+
+def view_border(camera: Camera, parts: int) -> FloatArray:
+    """Rays (4 `parts`, 3) around the field of view, `parts` from each corner of the image on.
+
+    They go around the image from its top left corner, clockwise: with z = 1 where the image is that
+    of a plane, and of unit length otherwise. Where the image ends beyond the valid region of the
+    lens, they are on the border of that. An image of all directions has no border; its rays go once
+    around the horizon.
+    """
+    pixels = border_of(camera, parts + 1)[:, :-1].reshape(-1, 2)
+    if camera.model == "equirectangular":
+        pixels = np.stack(
+            (
+                camera.width * np.arange(4 * parts) / (4 * parts),
+                np.full(4 * parts, to_image(np.array((0.0, 0.0, 1.0)), camera)[1]),
+            ),
+            axis=1,
+        )
+    rays = rays_of(pixels, camera)
+    if camera.is_pinhole:
+        return rays
+    lost = ~np.isfinite(rays).all(axis=1)
+    if lost.any():
+        from rastercov.lenses.of_camera import lens_of  # loads numba
+
+        angle = lens_of(camera).valid_angle
+        away = (pixels[lost] - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
+        away /= np.linalg.norm(away, axis=1, keepdims=True)
+        rays[lost, :2], rays[lost, 2] = np.sin(angle) * away, np.cos(angle)
+    if MODELS[camera.model].is_planar:
+        rays /= rays[:, 2:]
+    return rays
 
 
 def clip_polygons(

@@ -183,7 +183,7 @@ def _run(
     unit, reason = unit_of_result(options.by, task, options.engine, camera)
     areas = AreaNetwork(mesh, task) if unit == "area" else None
     evenly = np.linspace(0, total - 1, min(options.pictures, total)).astype(int)
-    chosen = set(poses.ids[np.unique(evenly)].tolist()) if camera.is_pinhole else set()
+    chosen = set(poses.ids[np.unique(evenly)].tolist())
     drawn: dict[int, NDArray[np.float64]] = {}
     if chosen and options.device not in ("auto", "cpu"):
         options.open_rasterizer(mesh, camera).close()  # a broken device fails before the work
@@ -257,7 +257,7 @@ def _run(
         "run": header,
         "size_m": np.ptp(mesh.bounds, axis=0).tolist(),
         "warnings": list(mesh.warnings),
-        "doubts": [*doubts(network, camera, measured), *parts, *no_pictures(camera, options)],
+        "doubts": [*doubts(network, camera, measured), *parts],
         "per_pose": [
             {"pose": pose, "covered_faces": covered, "mean_coverage": mean}
             for pose, covered, mean in zip(
@@ -320,13 +320,6 @@ def _of_rows(batch: JudgedPoses, found: Regions) -> NDArray[np.float32]:
     dense[found.pair_pose, found.pair_face] = found.area
     row = np.searchsorted(found.pose_ids, batch.rows.pose)
     return dense[row, batch.rows.face]
-
-
-def no_pictures(camera: Camera, options: Options) -> list[str]:
-    """Line that no poses are drawn, where they were to be and cannot; often none."""
-    if camera.is_pinhole or not options.pictures:
-        return []
-    return [f"no pictures: reports draw through pinholes, and the lens is {camera.model}"]
 
 
 def _observer(
