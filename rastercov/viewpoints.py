@@ -13,7 +13,8 @@ from rastercov.camera_models import MODELS
 from rastercov.errors import ConfigError, PoseError
 from rastercov.mesh import Mesh
 from rastercov.pose import real_numbers
-from rastercov.projection import border_of, rays_of, to_image
+from rastercov.projection import to_image
+from rastercov.rays import border_of, rays_of
 
 FloatArray = NDArray[np.float64]
 

@@ -15,7 +15,8 @@ from rastercov.camera_models import MODELS
 from rastercov.image_boxes import image_boxes
 from rastercov.lenses.of_camera import lens_of
 from rastercov.near_plane import depth_from_near
-from rastercov.projection import border_of, rays_of, to_camera, to_image, view_border
+from rastercov.projection import to_camera, to_image
+from rastercov.rays import border_of, rays_of, view_border
 from rastercov.viewpoints import WIDEST_DEG, enclosing_distance, half_angles, sphere_of_poses
 
 PINHOLE = Camera(width=640, height=480, fx=500, fy=510, cx=300, cy=222.25)

@@ -20,7 +20,7 @@ from rastercov.camera_formats.conventions import OPENGL_AXES
 from rastercov.camera_formats.gltf import WORLD
 from rastercov.errors import CameraError
 from rastercov.mesh.formats.glb_container import BINARY_CHUNK, JSON_CHUNK
-from rastercov.projection import view_border
+from rastercov.rays import view_border
 from rastercov.views import Views
 
 FloatArray = NDArray[np.float64]

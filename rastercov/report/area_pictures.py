@@ -9,7 +9,8 @@ from rastercov.area.points import covering_poses
 from rastercov.area.regions import Regions
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
-from rastercov.projection import rays_of, to_camera
+from rastercov.projection import to_camera
+from rastercov.rays import rays_of
 from rastercov.rig import cameras_of
 
 FloatArray = NDArray[np.float64]

@@ -20,7 +20,7 @@ from rastercov.camera import Camera
 from rastercov.camera_models import MODELS
 from rastercov.mesh import Mesh
 from rastercov.network import Network
-from rastercov.projection import view_border
+from rastercov.rays import view_border
 from rastercov.report import theme
 from rastercov.report.area_pictures import SeenArea, best_and_views_at, points_of_pixels
 from rastercov.report.floor_plan import FOOT, FloorPlan, floor_plan, outline, paint_plan
