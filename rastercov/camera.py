@@ -333,12 +333,12 @@ class Camera:
 
     @property
     def hfov(self) -> float:
-        """Horizontal field of view, radians."""
+        """Horizontal field of view, radians, without distortion."""
         return math.atan(self.cx / self.fx) + math.atan((self.width - self.cx) / self.fx)
 
     @property
     def vfov(self) -> float:
-        """Vertical field of view, radians."""
+        """Vertical field of view, radians, without distortion."""
         return math.atan(self.cy / self.fy) + math.atan((self.height - self.cy) / self.fy)
 
     def resized(self, scale: float) -> "Camera":
