@@ -13,7 +13,7 @@ LAYERS = (
     "_double_double _arguments _limits _typed",
     "camera camera_file camera_models densities pose pose_file rig views mesh",
     "lenses vertex_columns cluster",
-    "camera_formats image_boxes viewpoints projection shapes",
+    "camera_formats image_boxes viewpoints projection rays shapes",
     "near_plane criteria criteria_kernels",
     "raster",
     "observation coverage_kernels network_kernels spread_kernels spread face_pass exact engine",

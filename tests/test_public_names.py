@@ -55,7 +55,9 @@ SURFACE = {
     "observer": set(),
     "task": {"THESIS", "Limits"},
     "views": {"MOST_NAMES"},
-    "viewpoints": {"enclosing_distance", "fibonacci_sphere", "half_angles"},
+    "viewpoints": {
+        *("LARGEST_ANGLE", "WIDEST_DEG", "enclosing_distance", "fibonacci_sphere", "half_angles"),
+    },
 }
 MESH = {"Group", "Mesh"}
 

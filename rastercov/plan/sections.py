@@ -161,7 +161,11 @@ class TargetEntry(Entry):
 # Ignored types below: mypy does not follow the classes that `fields_of` makes.
 
 
-class CameraSection(fields_of(Camera, is_optional=True, leave_out=("pixel_size", "focus_range"))):  # type: ignore[misc]
+OF_A_LIST = ("pixel_size", "focus_range", "distortion")
+"""Entries of a camera that are arrays in a file, and tuples in a `Camera`."""
+
+
+class CameraSection(fields_of(Camera, is_optional=True, leave_out=OF_A_LIST)):  # type: ignore[misc]
     """The camera: a preset, a file, or the entries of a camera file, which also change a preset."""
 
     file: File | None = Field(
@@ -199,6 +203,9 @@ class CameraSection(fields_of(Camera, is_optional=True, leave_out=("pixel_size",
     )
     focus_range: list[float] | None = Field(
         default=None, description="[near, far] depths in focus, m; instead of an aperture."
+    )
+    distortion: list[float] | None = Field(
+        default=None, description="Coefficients of the model, in its order."
     )
 
     @model_validator(mode="after")

@@ -216,7 +216,7 @@ def _run(
     evenly = np.linspace(0, total - 1, min(options.pictures, total)).astype(int)
     cameras = cameras_of(camera)
     poses.check_cameras(len(cameras))
-    rows = [row for row in np.unique(evenly) if cameras[poses.camera[row]].is_pinhole]
+    rows = np.unique(evenly)
     chosen = set(poses.ids[rows].tolist())
     drawn: dict[int, NDArray[np.float64]] = {}
     if chosen and options.device not in ("auto", "cpu"):
@@ -304,11 +304,7 @@ def _run(
         "run": header,
         "size_m": np.ptp(mesh.bounds, axis=0).tolist(),
         "warnings": list(mesh.warnings),
-        "doubts": [
-            *doubts(network, camera, measured_poses),
-            *halves,
-            *no_pictures(camera, options),
-        ],
+        "doubts": [*doubts(network, camera, measured_poses), *halves],
         "per_pose": [
             {"pose": pose, "covered_faces": covered, "mean_coverage": mean}
             for pose, covered, mean in zip(
@@ -396,14 +392,6 @@ def _of_rows(batch: JudgedPoses, found: Regions) -> NDArray[np.float32]:
     dense[found.pair_pose, found.pair_face] = found.area
     row = np.searchsorted(found.pose_ids, batch.rows.pose)
     return dense[row, batch.rows.face]
-
-
-def no_pictures(camera: Cameras, options: Options) -> list[str]:
-    """Line on lenses through which no poses are drawn, where they were to be; often none."""
-    models = sorted({each.model for each in cameras_of(camera) if not each.is_pinhole})
-    if not models or not options.pictures:
-        return []
-    return [f"no pictures: reports draw through pinholes, and the lens is {', '.join(models)}"]
 
 
 def table_of(mesh: Mesh, camera: Cameras, poses: Poses) -> str:
