@@ -31,8 +31,9 @@ from rastercov.cluster.quarantine import FOLDER as QUARANTINE
 from rastercov.cluster.quarantine import forget, quarantined
 from rastercov.cluster.scene_file import read_scene, scene_bytes
 from rastercov.engine import Engine
+from rastercov.judged_poses import JudgedPoses, from_plain, joined, plain
 from rastercov.mesh import Mesh
-from rastercov.network import JudgedPoses, Network, from_plain, joined, plain
+from rastercov.network import Network
 from rastercov.observer import Observer, open_observer
 from rastercov.pose import Poses
 from rastercov.provenance import sha256

@@ -19,7 +19,7 @@ LAYERS = (
     "observation coverage_kernels network_kernels spread_kernels spread face_pass exact engine",
     "_observers",
     "observer task",
-    "coverage coverage_pass pairs network provenance",
+    "coverage coverage_pass pairs judged_poses network provenance",
     "area",
     "evaluation_shards models placement",
     "audits",

@@ -16,8 +16,9 @@ from rich.text import Text
 from rastercov._format import area, percent
 from rastercov.area.by_camera import AreasByCamera, cameras_apart
 from rastercov.area.regions import Regions
+from rastercov.judged_poses import JudgedPoses
 from rastercov.mesh import Mesh
-from rastercov.network import JudgedPoses, Network
+from rastercov.network import Network
 from rastercov.pose import Poses
 from rastercov.rig import Cameras, names_of
 from rastercov.task import Task

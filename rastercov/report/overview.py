@@ -202,7 +202,7 @@ def _side(shown: CameraColours) -> FloatArray:
 
 def network_picture(shown: CameraColours, camera: Cameras) -> Image.Image:
     """The cameras around the part as view pyramids, from two sides; figures 6.10 and 6.11."""
-    pyramids, cameras = shown.pyramids(camera), cameras_of(camera)
+    pyramids = shown.pyramids(camera)
     more = np.concatenate([*pyramids, np.zeros((0, 3))])
     sides = DIRECTIONS[[0, 1]] if _side(shown)[2] > 0 else DIRECTIONS[[4, 5]]
     scenes = [look(shown.mesh, direction, more, eyes=shown.eyes) for direction in sides]
