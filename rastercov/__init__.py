@@ -11,6 +11,7 @@ from rastercov.area.zones import DeadZones, dead_zones
 from rastercov.camera import Camera
 from rastercov.camera_formats import read_views, write_views
 from rastercov.camera_formats.conventions import Conventions
+from rastercov.cluster import Workers
 from rastercov.coverage import Coverage, evaluate, evaluate_batches
 from rastercov.engine import Engine
 from rastercov.errors import (
@@ -75,6 +76,7 @@ __all__ = [
     "Views",
     "Visibility",
     "VisibilityBuffer",
+    "Workers",
     "audit",
     "cells",
     "check",

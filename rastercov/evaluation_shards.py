@@ -1,6 +1,6 @@
 """Shards of an evaluation: what a report needs of some poses, kept until the report is whole.
 
-A long run writes a shard every few seconds, so that one which was ended goes on where it was; and
+A long run writes a shard every few seconds, so that one which was ended continues where it was; and
 workers can make them. A folder holds, with the checksum of each file:
 
 header.json          all that the shards depend on
@@ -55,7 +55,7 @@ OF_REGIONS = ("xy", "starts", "face", "pose", "pair_pose", "pair_face", "area", 
 
 @dataclass(frozen=True)
 class Wanted:
-    """What is kept of each pose; all of it in the header.
+    """Figures that are kept of each pose; all of it is in the header.
 
     Attributes
     ----------
@@ -248,7 +248,7 @@ class Source:
         yield from self.shards.parts(note)
 
     def _own(self, note: Callable[[str], None]) -> Iterator[Part]:
-        """What this process measures."""
+        """Poses that this process measures, and what it finds kept."""
         if self.shards is not None:
             yield from self.shards.parts(note)
             return

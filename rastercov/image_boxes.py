@@ -72,7 +72,7 @@ def _lens_box(
     steps = np.linspace(0.0, 1.0, STEPS, endpoint=False)[:, None]
     starts, ends = part, np.roll(part, -1, axis=0)
     slopes = (1 - steps) * starts[:, None] + steps * ends[:, None]
-    # A hair inside, so that rounding leaves no sample outside the region.
+    # Slightly inside, so that rounding leaves no sample outside the region.
     slopes = part.mean(axis=0) + (1 - INSIDE_REL) * (slopes.reshape(-1, 2) - part.mean(axis=0))
     rays = np.concatenate((slopes, np.ones((len(slopes), 1))), axis=1)
     pixels = to_image(rays, camera)

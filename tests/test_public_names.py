@@ -40,9 +40,12 @@ SURFACE = {
         *("batch_size", "check_observer", "judged", "measurements"),
     },
     "engine": {"BACKENDS", "METHODS"},
+    "cluster.workers": {
+        *("CONNECT_SECONDS", "ENVIRONMENT", "LOGS", "MOST_WORKERS", "SETTINGS"),
+    },
     "errors": set(),
     "jobs": set(),
-    "network": {"JudgedPoses", "share_of_faces"},
+    "network": {"share_of_faces"},
     "pose": {
         *("DRIFT_TOLERANCE", "as_matrices", "check_poses", "inverse", "real_numbers"),
         *("renumbered", "valid_poses"),
@@ -134,7 +137,7 @@ def test_every_parameter_of_a_function_is_documented_and_typed(name):
 VALUES = ["Camera", "Coverage", "Engine", "FaceCounts", "Group", "Mesh", "Observation", "Poses"]
 VALUES += ["RasterizerInfo", "Rig", "Task", "Visibility", "VisibilityBuffer"]
 VALUES += ["CellShares", "Cells", "Covered", "DeadZones", "Regions"]
-VALUES += ["Conventions", "Views"]
+VALUES += ["Conventions", "Views", "Workers"]
 
 
 @pytest.mark.parametrize("name", VALUES)

@@ -188,8 +188,8 @@ def audit(
     progress : callable
         Called with the poses done and the total.
     folder : path, optional
-        Folder for shards (`rastercov.evaluation_shards`), from which an audit that was ended goes
-        on; they stay there.
+        Folder for shards (`rastercov.evaluation_shards`), from which an audit that was ended
+        continues; they stay there.
     workers : Workers, optional
         Processes that measure, with a folder that all of them share; this one unless given.
     watch : callable

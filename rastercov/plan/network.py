@@ -176,7 +176,7 @@ def summary_of(plan: Plan, cameras: Measured, views: int | None = None) -> dict[
 
 
 def _by_camera(rig: Rig, cameras: Measured) -> list[dict[str, Any]]:
-    """What the poses of each of several cameras cover, ready for JSON."""
+    """Coverage by the poses of each of several cameras, ready for JSON."""
     mesh, of_pose = cameras.network.mesh, cameras.placed.camera
     found = []
     for index in cameras_apart(rig, cameras.placed):

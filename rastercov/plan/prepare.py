@@ -393,7 +393,7 @@ def _forget(folder: Path, used: list[Path]) -> None:
 
 
 def without(candidates: Candidates, quarantined: Mapping[int, str]) -> Poses:
-    """Poses of candidates but for some."""
+    """Poses of candidates without some."""
     is_left = np.ones(len(candidates), np.bool_)
     is_left[list(quarantined)] = False
     return renumbered(candidates.take(is_left).placed)

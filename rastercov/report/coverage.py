@@ -136,7 +136,7 @@ def run(
     drawn leaves out the rest of them, and the summary says the same.
 
     A long run, and one by workers, is kept in shards until its report is whole
-    (`rastercov.evaluation_shards`): ended in any way, it goes on from there when it is run again.
+    (`rastercov.evaluation_shards`): ended in any way, it continues from there when it is run again.
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ def run(
 
 
 class _Staff(NamedTuple):
-    """Processes that measure, and what is told of them."""
+    """Processes that measure, and the functions that report on them."""
 
     workers: Workers | None
     watch: Callable[[Made], None]
