@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov._arguments import check_kind
+from rastercov._threads import threads_of
 from rastercov.coverage import Coverage, batch_size, check_observer, measurements
 from rastercov.coverage_pass import CoveragePass
 from rastercov.errors import ConfigError, MeshError
@@ -164,7 +165,9 @@ class Network:
         judge = CoveragePass(observer, self.task)
         announce_compilation(network_kernels.add_pose)
         n_faces = self.mesh.n_faces
-        buffer = PairBuffer(pairs, min(len(poses), batch_size(n_faces)), n_faces)
+        buffer = PairBuffer(
+            pairs, min(len(poses), batch_size(n_faces, threads_of(observer))), n_faces
+        )
         return (
             self._judged(judge, batch, seen, buffer, keep, apart)
             for batch, seen in measurements(observer, poses)

@@ -255,7 +255,7 @@ class RegionPass:
 
     def batches(self, poses: Poses) -> Iterator[Regions]:
         """Regions a few poses at a time, for streams of any length; at least one batch."""
-        step = batch_size(self.mesh.n_faces)
+        step = batch_size(self.mesh.n_faces, self.threads)
         for at in range(0, max(1, len(poses)), step):
             yield self.find(poses[at : at + step])
 

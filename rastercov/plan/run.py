@@ -264,7 +264,7 @@ def _with_reachable(prepared: Prepared, finder: RegionPass, clock: Clock) -> Pre
     if not _is_of_reachable(prepared.selection) or not is_affordable:
         return prepared
     areas = AreaNetwork(prepared.mesh, finder.task)
-    step = batch_size(prepared.mesh.n_faces)
+    step = batch_size(prepared.mesh.n_faces, finder.threads)
     with clock("area of all candidates") as progress:
         for at in range(0, len(poses), step):
             areas.add(finder.find(poses[at : at + step], closed=areas.closed))
