@@ -3,9 +3,14 @@
     segment -> per_segment, on_walls, ... -> filter_candidates -> build_matrix -> problem_of
     -> select_greedy -> optimise, refine -> tolerance, what_is_left -> openings
 
+From more pairs than the memory holds: measure_matrix -> BitMatrix.of -> bit_problem_of
+-> select_lazy.
+
 All names that a program needs; the pages of a plan are in `rastercov.report`.
 """
 
+from rastercov.placement.bit_matrix import BitMatrix
+from rastercov.placement.bits import CoveredBits
 from rastercov.placement.candidates.cavities import Access, Openings, openings, per_cavity
 from rastercov.placement.candidates.clearance import (
     KeepOut,
@@ -43,9 +48,12 @@ from rastercov.placement.improve.pose_space import Place, PoseSpace
 from rastercov.placement.improve.refine import Refined, refine
 from rastercov.placement.improve.search import Optimised, optimise
 from rastercov.placement.improve.tolerance import InstallationError, Tolerance, tolerance
-from rastercov.placement.matrix import VisibilityMatrix, build_matrix
+from rastercov.placement.matrix import VisibilityMatrix, build_matrix, measure_matrix
+from rastercov.placement.matrix_folder import MatrixFolder
+from rastercov.placement.select.bit_problem import BitProblem, bit_problem_of
 from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.integer import select_integer
+from rastercov.placement.select.lazy import select_lazy
 from rastercov.placement.select.problem import (
     BestCoverage,
     FewestCameras,
@@ -59,8 +67,11 @@ from rastercov.placement.select.thesis import select_thesis
 __all__ = [
     "Access",
     "BestCoverage",
+    "BitMatrix",
+    "BitProblem",
     "Candidates",
     "CellObjective",
+    "CoveredBits",
     "FewestCameras",
     "Framing",
     "InstallationError",
@@ -68,6 +79,7 @@ __all__ = [
     "KeepOutBox",
     "KeepOutSphere",
     "Leftover",
+    "MatrixFolder",
     "NearestSurface",
     "Objective",
     "Openings",
@@ -86,10 +98,12 @@ __all__ = [
     "at_middle",
     "at_nearest_surface",
     "at_point",
+    "bit_problem_of",
     "build_matrix",
     "filter_candidates",
     "from_poses",
     "in_solid",
+    "measure_matrix",
     "on_box",
     "on_ceiling",
     "on_hemisphere",
@@ -107,6 +121,7 @@ __all__ = [
     "segment",
     "select_greedy",
     "select_integer",
+    "select_lazy",
     "select_thesis",
     "tolerance",
     "what_is_left",

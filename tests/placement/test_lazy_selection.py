@@ -185,3 +185,5 @@ def test_a_problem_on_bits_is_refused_as_one_on_lists():
     options["views"] = np.zeros(2, np.int64)
     with pytest.raises(ConfigError, match="views must be 1 or more"):
         BitProblem(bits=bits, goal=problem.goal, weights=problem.weights, **options)
+    with pytest.raises(ConfigError, match="core_pairs must be 0 or more, got -1"):
+        select_lazy(on_bits(problem), core_pairs=-1)

@@ -6,7 +6,7 @@ several arguments at once.
 
 import tempfile
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ import numpy as np
 import rastercov as rc
 from rastercov import shapes
 from rastercov.mesh.targets import box_grid, count_for, sheet_above, with_target
+from rastercov.placement.bits import CoveredBits
 from rastercov.placement.candidates.cavities import openings
 from rastercov.placement.candidates.clearance import (
     KeepOutBox,
@@ -39,8 +40,11 @@ from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.improve.tolerance import InstallationError, tolerance
 from rastercov.placement.matrix import build_matrix
+from rastercov.placement.select.bit_problem import BitProblem
 from rastercov.placement.select.greedy import select_greedy
+from rastercov.placement.select.lazy import select_lazy
 from rastercov.placement.select.problem import (
+    AnyProblem,
     BestCoverage,
     FewestCameras,
     problem_of,
@@ -222,6 +226,10 @@ def calls():
     candidates = on_sphere(MESH, CAMERA, count=4)
     matrix = build_matrix(scene_of := (MESH, CAMERA), POSES)
     problem = problem_of(matrix, MESH, BestCoverage(cameras=1))
+    on_bits = BitProblem(
+        bits=CoveredBits.from_dense(np.eye(2, MESH.n_faces)),
+        **{field.name: getattr(problem, field.name) for field in fields(AnyProblem)},
+    )
     objective = Objective.of(observer, TASK)
     placed = scene | {"framing": Framing()}
     found = [
@@ -404,6 +412,11 @@ def calls():
         Call("BestCoverage", BestCoverage, {"cameras": 1, "budget": 2.0}),
         Call("select_greedy", select_greedy, {"problem": problem, "effort": 10, "seed": 0}),
         Call(
+            "select_lazy",
+            select_lazy,
+            {"problem": on_bits, "effort": 10, "seed": 0, "core_pairs": 1000},
+        ),
+        Call(
             "PoseSpace",
             PoseSpace,
             {"mesh": MESH, "stand_off": (0.5, 3.0), "clearance": 0.1, "keep_out": ()},
@@ -430,6 +443,7 @@ SLOW = {
     ("on_walls", "spacing"),
     ("on_ceiling", "spacing"),
     ("select_greedy", "effort"),
+    ("select_lazy", "effort"),
     ("tolerance", "draws"),
 }
 """Arguments that ask for work: a large number is an honest wish for much of it."""

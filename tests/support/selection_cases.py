@@ -101,7 +101,7 @@ def dense_of(problem):
 
 
 def changed(problem, covers, **changes):
-    """A problem with other covers, and otherwise the same except for the changes."""
+    """A problem with other covers, and some other values."""
     same = ("weights", "views", "costs", "groups", "face_group", "eyes", "centroids")
     options = {name: getattr(problem, name) for name in same} | changes
     angle = math.degrees(problem.min_angle)

@@ -11,6 +11,7 @@ import numpy as np
 
 from rastercov._arguments import check_seed
 from rastercov._typed import typed
+from rastercov.errors import ConfigError
 from rastercov.placement.select.bit_problem import BitProblem, presolve_bits
 from rastercov.placement.select.cover_state import CoverState
 from rastercov.placement.select.greedy import EFFORT, constructed, improve
@@ -37,6 +38,8 @@ def select_lazy(
         Pairs of the candidates among which the local search works; about 16 bytes each.
     """
     check_seed(seed)
+    if core_pairs < 0:
+        raise ConfigError(f"core_pairs must be 0 or more, got {core_pairs}")
     started = time.perf_counter()
     large = presolve_bits(problem)
     state = constructed(lambda: LazyCover(large), problem.goal)
