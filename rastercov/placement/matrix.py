@@ -40,6 +40,7 @@ from rastercov.mesh import Mesh
 from rastercov.observer import Observer, open_observer
 from rastercov.placement._arrays import BoolArray, FloatArray
 from rastercov.placement.explain.candidate_visibility import FIGURES, CandidateBounds
+from rastercov.placement.mounts import Mounts
 from rastercov.placement.shards import (
     DamagedError,
     Note,
@@ -207,6 +208,7 @@ def build_matrix(
     cells: Cells | None = None,
     poses_a_shard: int | None = None,
     bounds: CandidateBounds | None = None,
+    mounts: Mounts | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
     note: Note = log_warning,
 ) -> VisibilityMatrix:
@@ -232,7 +234,11 @@ def build_matrix(
     poses_a_shard : int, optional
         Poses of each file; the number that gives `PAIRS_A_SHARD` pairs unless given.
     bounds : CandidateBounds, optional
-        Takes in the poses that are measured, not those of shards that are there.
+        Takes in the poses that are measured, not those of shards that are there; of rigs, those of
+        their cameras.
+    mounts : Mounts, optional
+        Rigs of the cameras of the view, which `Poses.camera` counts then; a rig has the greatest
+        coverage of any of its cameras.
     progress : callable
         Called with the poses done and the total.
     note : callable
@@ -250,12 +256,16 @@ def build_matrix(
 
     def batches(rows: slice) -> Iterator[Batch]:
         nonlocal done
+        part, owner = placed[rows], None
+        if mounts is not None and mounts.has_rigs:
+            n = len(part)
+            part, owner = mounts.cameras(part)
         found = (
-            _of_faces(observer, placed[rows], task, bounds)
+            _of_faces(observer, part, task, bounds)
             if cells is None
-            else _of_cells(observer, cells, placed[rows], task, bounds)
+            else _of_cells(observer, cells, part, task, bounds)
         )
-        for batch in found:
+        for batch in found if owner is None else _united(found, owner, n):
             if batch[-1]:
                 yield batch
                 done += batch[-1]
@@ -267,7 +277,7 @@ def build_matrix(
         )
         if cells is not None:
             observer = opened.enter_context(_region_observer(observer, cells, task))
-        header = describe(observer, placed, task, poses_a_shard, cells)
+        header = describe(observer, placed, task, poses_a_shard, cells, mounts)
         matrices = placed.world_from_camera
         if folder is None:
             progress(0, len(placed))
@@ -350,6 +360,30 @@ def _of_cells(
         yield pose, found.cell, short, covered, len(part)
         if bounds is not None and len(part):
             bounds.add(judged(observer, judge, task, part, seen, FIGURES))
+
+
+def _united(batches: Iterable[Batch], owner: NDArray[np.int64], n: int) -> Iterator[Batch]:
+    """Batches of n mounts from those of their cameras, (K,) of which `owner` is the mount."""
+    waiting: list[tuple[NDArray[Any], ...]] = []
+    at = done = 0
+    for pose, face, value, covered, count in batches:
+        waiting.append((owner[at + pose], face, value, covered))
+        at += count
+        whole = int(owner[at]) if at < len(owner) else n  # mounts before this one are complete
+        if whole == done:
+            continue
+        columns = [np.concatenate(column) for column in zip(*waiting, strict=True)]
+        is_whole = columns[0] < whole
+        waiting = [tuple(column[~is_whole] for column in columns)]
+        mount, face, value, covered = (column[is_whole] for column in columns)
+        order = np.lexsort((value, face, mount))
+        mount, face = mount[order], face[order]
+        # The last of each pair of mount and face has the greatest coverage.
+        is_last = np.ones(len(order), np.bool_)
+        is_last[:-1] = (mount[1:] != mount[:-1]) | (face[1:] != face[:-1])
+        rows = order[is_last]
+        yield mount[is_last] - done, face[is_last], value[rows], covered[rows], whole - done
+        done = whole
 
 
 def shortened(coverage: FloatArray, least: float) -> tuple[NDArray[np.float32], BoolArray]:

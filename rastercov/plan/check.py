@@ -240,7 +240,7 @@ def seen_by_cameras(plan: Plan, views: Views) -> tuple[Plan, Poses]:
     """
     if not plan.has_cameras and views.rig is not None:
         return plan.with_cameras(views.rig), views.poses
-    if plan.cameras and (len(plan.cameras) > 1 or views.camera_names):
+    if len(plan.rig) > 1 or (plan.cameras and views.camera_names):
         return plan, views.with_cameras(plan.rig).poses
     used = np.unique(views.poses.camera)
     if len(used) > 1:

@@ -29,6 +29,7 @@ from rastercov.placement.candidates.cavities import Openings, openings
 from rastercov.placement.candidates.segments import Segmentation
 from rastercov.placement.explain.candidate_visibility import CandidateBounds
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
+from rastercov.placement.mounts import Mounts
 from rastercov.placement.select.problem import (
     BestCoverage,
     FewestCameras,
@@ -39,11 +40,11 @@ from rastercov.placement.select.problem import (
 from rastercov.placement.shards import describe, locked, read_header
 from rastercov.plan.candidates import (
     CandidatePool,
-    cameras_of_entry,
     candidate_pool,
     extended_pool,
     framing_of,
     keep_outs,
+    mounts_of_entry,
     segmentation_of,
 )
 from rastercov.plan.errors import PlanError
@@ -123,7 +124,7 @@ class Prepared:
     plan: Plan
     selection: SelectionSection
     mesh: Mesh
-    camera: Rig
+    mounts: Mounts
     task: Task
     pool: CandidatePool
     segmentation: Segmentation | None
@@ -137,6 +138,11 @@ class Prepared:
     matrix: VisibilityMatrix | None = None
     least_share: float = 0.5
     reachable: AreaNetwork | None = None
+
+    @property
+    def camera(self) -> Rig:
+        """All cameras with their names."""
+        return self.mounts.rig
 
     def stricter(self, least_share: float) -> "Prepared":
         """The same, with candidates that must cover more of a cell.
@@ -194,7 +200,7 @@ def prepare(
 
     The elements of the matrix are the cells where there are some, and the faces otherwise.
     """
-    mesh, rig = observer.mesh, plan.rig
+    mesh, mounts = observer.mesh, plan.mounts
     elements: Mesh | Cells = mesh if cells is None else cells
     goal: Goal = BestCoverage(cameras=0)
     notes: list[str] = []
@@ -205,17 +211,20 @@ def prepare(
         """Matrix of the poses, in a folder named by a hash of all that it depends on."""
         own = None
         if folder is not None:
-            header = json.dumps(describe(observer, poses, task, None, cells), sort_keys=True)
+            header = json.dumps(
+                describe(observer, poses, task, None, cells, mounts), sort_keys=True
+            )
             own = folder / hashlib.sha256(header.encode()).hexdigest()[:16]
             used.append(own)
         with clock(name) as progress, nullcontext() if own is None else named(own):
             return build_matrix(
-                observer, poses, task, own, cells=cells, bounds=bounds, progress=progress
-            )
+                observer, poses, task, own, cells=cells, bounds=bounds, mounts=mounts,
+                progress=progress,
+            )  # fmt: skip
 
     with clock("candidates"):
         segmentation = segmentation_of(plan, mesh)
-        found = candidate_pool(plan, mesh, rig)
+        found = candidate_pool(plan, mesh)
     matrix = matrix_of("visibility matrix", found.candidates.placed)
     problem = problem_of(matrix, elements, goal, costs=found.costs, **counting(plan.task))
     opened = None
@@ -226,10 +235,10 @@ def prepare(
         entry = cavities[0]
         with clock("cavities") as progress:
             parts = []
-            for index, cost in cameras_of_entry(plan, entry):
+            for index, cost in mounts_of_entry(plan, entry):
                 opened = openings(
                     mesh,
-                    rig.cameras[index],
+                    mounts.first_camera(index),
                     framing_of(plan, entry),
                     faces=unseen,
                     clearance=plan.constraints.clearance,
@@ -263,7 +272,7 @@ def prepare(
         _forget(folder, used)
     if not problem.reachable.any():
         what = "no face" if cells is None else "no cell"
-        notes.append(_why_nothing(observer, found.candidates.placed, task, what))
+        notes.append(_why_nothing(observer, mounts.cameras(found.candidates.placed)[0], task, what))
     try:
         problem = replace(problem, goal=goal_of(selection))
     except ConfigError as error:
@@ -280,7 +289,7 @@ def prepare(
         plan=plan,
         selection=selection,
         mesh=mesh,
-        camera=rig,
+        mounts=mounts,
         task=task,
         pool=found,
         segmentation=segmentation,

@@ -153,6 +153,8 @@ def place(
     selection = plan.selection
     missing = [] if plan.candidates else ["candidates: missing; place needs one entry or more"]
     missing += [] if plan.has_cameras else [NO_CAMERA]
+    if plan.rigs and (plan.task.views != 1 or plan.task.min_angle_deg > 0):
+        missing.append("rigs: a rig counts as one view; leave out views and min_angle_deg")
     missing += [] if selection else ["selection: missing; place needs a goal"]
     if selection is None or missing:
         raise PlanError(plan.name, missing)
@@ -162,13 +164,14 @@ def place(
         cells = cells_of(plan, mesh)
     with ExitStack() as opened:
         observer = opened.enter_context(observer_of(plan, mesh))
-        faces = Objective.of(observer, task, **counting(plan.task))
+        own = counting(plan.task) | {"mounts": plan.mounts}
+        faces = Objective.of(observer, task, **own)
         on_cells = None
         if cells is not None:
             most = plan.build_task(most_views(plan))
             finder = RegionPass(mesh, observer.camera, most, method=plan.task.method)
             opened.enter_context(closing(finder))
-            on_cells = CellObjective.of_cells(observer, finder, cells, **counting(plan.task))
+            on_cells = CellObjective.of_cells(observer, finder, cells, **own)
         objectives = Objectives(faces, on_cells)
         shards = None if folder is None else folder / "matrix"
         prepared = prepare(plan, selection, observer, task, shards, clock, cells)
@@ -236,8 +239,8 @@ def _by_area(
     assert cameras.areas is not None
     required: tuple[Requirement, ...]
     if _is_of_reachable(selection) and prepared.reachable is None:
-        problem, covers = prepared.problem, on_cells.covers(cameras.placed)
-        covered = on_cells.covered(covers, cameras.poses[:, :3, 3])
+        problem, covers = prepared.problem, on_cells.covers(cameras.mounted)
+        covered = on_cells.covered(covers, cameras.mounted.world_from_camera[:, :3, 3])
         cells, reachable = on_cells.elements, problem.reachable
         found = judge(cells, problem.integer_weights, limits, covered, reachable=reachable)
         required = tuple(CellRequirement(**asdict(each)) for each in found)
@@ -253,7 +256,7 @@ def _is_of_reachable(selection: SelectionSection) -> bool:
 
 def _with_reachable(prepared: Prepared, finder: RegionPass, clock: Clock) -> Prepared:
     """With the exact area of all candidates where shares are of it and it is affordable."""
-    poses = prepared.pool.candidates.placed
+    poses, _ = prepared.mounts.cameras(prepared.pool.candidates.placed)
     is_affordable = len(poses) * prepared.mesh.n_faces <= MOST_PAIRS
     if not _is_of_reachable(prepared.selection) or not is_affordable:
         return prepared
@@ -379,7 +382,7 @@ def _later_steps(plan: Plan, selection: SelectionSection) -> Iterator[tuple[str,
 def _optimise(placement: Placement, objectives: Objectives, progress: Progress) -> Placement:
     prepared, asked = placement.prepared, placement.prepared.selection.optimise
     assert asked is not None
-    start = placement.cameras.poses
+    start = placement.cameras.mounted.world_from_camera
     if not len(start):
         return placement
     found = optimise(
@@ -392,14 +395,14 @@ def _optimise(placement: Placement, objectives: Objectives, progress: Progress) 
         seed=prepared.selection.seed,
         candidates=prepared.pool.candidates.poses,
         start=start,
-        camera=placement.cameras.placed.camera,
+        camera=placement.cameras.mounted.camera,
     )
     moved = _moved(placement, objectives, found.poses, "searched")
     return replace(moved, optimised=found, interrupted="search" if found.is_interrupted else "")
 
 
 def _refine(placement: Placement, objectives: Objectives, progress: Progress) -> Placement:
-    selection, start = placement.prepared.selection, placement.cameras.placed
+    selection, start = placement.prepared.selection, placement.cameras.mounted
     found = refine(
         _watched(objectives.moved, progress, selection.refine_budget),
         placement.prepared.pool.space,
@@ -413,7 +416,7 @@ def _refine(placement: Placement, objectives: Objectives, progress: Progress) ->
 
 
 def _tolerate(placement: Placement, objectives: Objectives, progress: Progress) -> Placement:
-    selection, poses = placement.prepared.selection, placement.cameras.placed
+    selection, poses = placement.prepared.selection, placement.cameras.mounted
     asked = selection.tolerance
     assert asked is not None
     error = value_of(asked, InstallationError)
@@ -430,7 +433,7 @@ def _explain_uncovered(
         objectives.faces.observer,
         placement.cameras,
         progress,
-        prepared.pool.candidates.placed,
+        prepared.mounts.cameras(prepared.pool.candidates.placed)[0],
         prepared.bounds,
         prepared.plan.task.views,
     )
@@ -442,12 +445,12 @@ def _moved(placement: Placement, objectives: Objectives, poses: FloatArray, how:
 
     By area, cameras stay where moves that gain on cells lose in exact area.
     """
-    before = placement.cameras.poses
+    before = placement.cameras.mounted.world_from_camera
     origin = [
         name if (old == new).all() else f"{name}, {how}"
         for name, old, new in zip(placement.origin, before, poses, strict=True)
     ]
-    camera = placement.cameras.placed.camera
+    camera = placement.cameras.mounted.camera
     cameras = measured(objectives.faces, Poses.of(poses, camera=camera))
     requirements = _required_by_face(placement.prepared, cameras, objectives.faces)
     moved = replace(placement, cameras=cameras, origin=tuple(origin), requirements=requirements)
