@@ -236,8 +236,10 @@ def seen_by_cameras(plan: Plan, views: Views) -> tuple[Plan, Poses]:
     PlanError
         For a plan without cameras and a file without.
     PoseError
-        For poses of several cameras where the plan has one, and for names that it does not have.
+        For poses without a unit, of several cameras where the plan has one, and for names that it
+        does not have.
     """
+    views.check_unit()
     if not plan.has_cameras and views.rig is not None:
         return plan.with_cameras(views.rig), views.poses
     if len(plan.rig) > 1 or (plan.cameras and views.camera_names):
