@@ -198,6 +198,7 @@ def audit(
         if poses is not None:
             raise PoseError("views have poses of their own; leave out poses, or give cameras")
         camera.cameras()
+        camera.check_unit()
         assert camera.rig is not None
         names = camera.images or None if names is None else names
         poses, camera = camera.poses, camera.rig

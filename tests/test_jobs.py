@@ -154,6 +154,14 @@ def test_audit_is_the_command(capsys):
     ]
 
 
+def test_poses_without_a_unit_are_refused():
+    rig = rc.Rig([rc.Camera(**CAMERA)], ["one"])
+    views = rc.Views(rig=rig, poses=rc.Poses.of(POSES), images=tuple("abcdef"), has_unit=False)
+    for job in (lambda: rc.check(PLAN, views), lambda: rc.audit(rc.Mesh.load("part.obj"), views)):
+        with pytest.raises(rc.PoseError, match="the poses have no unit"):
+            job()
+
+
 @pytest.mark.parametrize(
     ("job", "words"),
     [

@@ -27,6 +27,7 @@ from rastercov.area.cells import Cells
 from rastercov.cluster.files import SUMS, DamagedError, contents, has_sums, store
 from rastercov.errors import ConfigError
 from rastercov.observer import Observer
+from rastercov.placement.mounts import Mounts
 from rastercov.pose import Poses
 from rastercov.provenance import sha256
 from rastercov.rig import cameras_of
@@ -51,6 +52,7 @@ WORDS = {
     "camera": "for another camera",
     "poses": "from other poses",
     "pose_camera": "for other cameras of the poses",
+    "mounts": "for other rigs",
     "task": "for another task",
     "measured_by": "by another method or device",
     "samples": "with another supersample",
@@ -71,13 +73,15 @@ def describe(
     task: Task,
     poses_a_shard: int | None,
     cells: Cells | None = None,
+    mounts: Mounts | None = None,
 ) -> dict[str, Any]:
     """Header of a matrix: all that it depends on, ready for JSON.
 
     That of a matrix of cells has their size under "cells", and counts them as faces.
     """
     mesh, cameras = observer.mesh, cameras_of(observer.camera)
-    poses.check_cameras(len(cameras))
+    n_mounts = len(cameras) if mounts is None else len(mounts)
+    poses.check_cameras(n_mounts)
     plain = [json.dumps(camera.plain(), sort_keys=True) for camera in cameras]
     groups = json.dumps([group.plain() for group in mesh.groups])
     if poses_a_shard is not None and (isinstance(poses_a_shard, bool) or poses_a_shard < 1):
@@ -97,8 +101,10 @@ def describe(
         "n_faces": n_faces,
         "n_task_faces": int(mesh.task_mask.sum()) if cells is None else n_faces,
     }
-    if len(cameras) > 1:
+    if max(n_mounts, len(cameras)) > 1:
         header["pose_camera"] = sha256(poses.camera)
+    if mounts is not None and mounts.has_rigs:
+        header["mounts"] = sha256(mounts.starts, mounts.rig.rig_from_camera)
     return header if cells is None else header | {"cells": cells.size}
 
 

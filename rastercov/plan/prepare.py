@@ -33,6 +33,7 @@ from rastercov.placement.candidates.segments import Segmentation
 from rastercov.placement.explain.candidate_visibility import CandidateBounds
 from rastercov.placement.matrix import build_matrix, measure_matrix
 from rastercov.placement.matrix_folder import MatrixFolder
+from rastercov.placement.mounts import Mounts
 from rastercov.placement.select.bit_problem import BitProblem
 from rastercov.placement.select.problem import (
     BestCoverage,
@@ -43,11 +44,11 @@ from rastercov.placement.select.problem import (
 from rastercov.placement.shards import describe, locked, read_header
 from rastercov.plan.candidates import (
     CandidatePool,
-    cameras_of_entry,
     candidate_pool,
     extended_pool,
     framing_of,
     keep_outs,
+    mounts_of_entry,
     segmentation_of,
 )
 from rastercov.plan.errors import PlanError
@@ -138,7 +139,7 @@ class Prepared:
     plan: Plan
     selection: SelectionSection
     mesh: Mesh
-    camera: Rig
+    mounts: Mounts
     task: Task
     pool: CandidatePool
     segmentation: Segmentation | None
@@ -158,8 +159,13 @@ class Prepared:
 
     @property
     def measured(self) -> Poses:
-        """Candidates, without those that kill the process that measures them."""
-        return without(self.pool.candidates, self.quarantined)
+        """Cameras of all candidates, without those that kill the process that measures them."""
+        return self.mounts.cameras(without(self.pool.candidates, self.quarantined))[0]
+
+    @property
+    def camera(self) -> Rig:
+        """All cameras with their names."""
+        return self.mounts.rig
 
     def stricter(self, least_share: float) -> "Prepared":
         """The same, with candidates that must cover more of a cell.
@@ -218,7 +224,7 @@ def prepare(
 
     The elements of the matrix are the cells where there are some, and the faces otherwise.
     """
-    mesh, rig = observer.mesh, plan.rig
+    mesh, mounts = observer.mesh, plan.mounts
     elements: Mesh | Cells = mesh if cells is None else cells
     goal: Goal = BestCoverage(cameras=0)
     notes: list[str] = []
@@ -236,23 +242,29 @@ def prepare(
         if folder is None:
             with clock(name) as progress:
                 own = build_matrix(
-                    observer, poses, task, cells=cells, bounds=bounds, progress=progress
+                    observer,
+                    poses,
+                    task,
+                    cells=cells,
+                    bounds=bounds,
+                    mounts=mounts,
+                    progress=progress,
                 )
             assert not isinstance(before, BitMatrix)
             return own if before is None else joined(before, own)
-        header = json.dumps(describe(observer, poses, task, None, cells), sort_keys=True)
+        header = json.dumps(describe(observer, poses, task, None, cells, mounts), sort_keys=True)
         used.append(folder / hashlib.sha256(header.encode()).hexdigest()[:16])
         with clock(name) as progress, named(used[-1]):
             measured = measure_matrix(
-                observer, poses, task, used[-1], cells=cells, bounds=bounds, workers=workers,
-                progress=progress, watch=tally.add,
+                observer, poses, task, used[-1], cells=cells, bounds=bounds, mounts=mounts,
+                workers=workers, progress=progress, watch=tally.add,
             )  # fmt: skip
             folders.append(measured)
             return held(plan, folders, before, progress)
 
     with clock("candidates"):
         segmentation = segmentation_of(plan, mesh)
-        found = candidate_pool(plan, mesh, rig)
+        found = candidate_pool(plan, mesh)
     matrix = matrix_of("visibility matrix", found.candidates.placed)
     problem = problem_on(matrix, elements, goal, costs=found.costs, **counting(plan.task))
     opened = None
@@ -263,10 +275,10 @@ def prepare(
         entry = cavities[0]
         with clock("cavities") as progress:
             parts = []
-            for index, cost in cameras_of_entry(plan, entry):
+            for index, cost in mounts_of_entry(plan, entry):
                 opened = openings(
                     mesh,
-                    rig.cameras[index],
+                    mounts.first_camera(index),
                     framing_of(plan, entry),
                     faces=unseen,
                     clearance=plan.constraints.clearance,
@@ -305,7 +317,7 @@ def prepare(
     ]
     if not problem.reachable.any():
         what = "no face" if cells is None else "no cell"
-        some = without(found.candidates, matrix.quarantined)
+        some = mounts.cameras(without(found.candidates, matrix.quarantined))[0]
         notes.append(_why_nothing(observer, some, task, what))
     try:
         problem = replace(problem, goal=goal_of(selection))
@@ -323,7 +335,7 @@ def prepare(
         plan=plan,
         selection=selection,
         mesh=mesh,
-        camera=rig,
+        mounts=mounts,
         task=task,
         pool=found,
         segmentation=segmentation,

@@ -133,17 +133,17 @@ def test_the_choice_within_a_budget_is_the_best_of_all():
 def test_a_candidate_has_a_pose_for_each_type_of_its_entry():
     cameras = types(wide=WIDE, long=f"{LONG}cost = 3")
     every = plan_of(cameras, entry="cost = 0.5")
-    pool = candidate_pool(every, scene(every), every.rig)
+    pool = candidate_pool(every, scene(every))
     n = len(pool.candidates) // 2
     assert pool.candidates.camera.tolist() == [0] * n + [1] * n
     assert pool.costs.tolist() == [0.5] * n + [3.5] * n
     np.testing.assert_array_equal(pool.candidates.poses[:n], pool.candidates.poses[n:])
     some = plan_of(cameras, entry='cameras = ["long"]')
-    pool = candidate_pool(some, scene(some), some.rig)
+    pool = candidate_pool(some, scene(some))
     assert pool.candidates.camera.tolist() == [1] * n
     assert pool.costs.tolist() == [3.0] * n
     free = plan_of(types(wide=WIDE))
-    assert set(candidate_pool(free, scene(free), free.rig).costs) == {1.0}
+    assert set(candidate_pool(free, scene(free)).costs) == {1.0}
 
 
 def test_poses_of_a_file_may_name_their_cameras():
@@ -163,7 +163,7 @@ def test_poses_of_a_file_may_name_their_cameras():
         )
     )
     plan = read_plan("plan.toml")
-    pool = candidate_pool(plan, scene(plan), plan.rig)
+    pool = candidate_pool(plan, scene(plan))
     assert sorted(zip(pool.candidates.index, pool.candidates.camera, strict=True)) == [
         (0, 1), (1, 0), (2, 1),
     ]  # fmt: skip
