@@ -12,7 +12,7 @@ from rastercov._lists import Lists
 from rastercov.area.regions import RegionPass
 from rastercov.placement import CellObjective, Objective, PoseSpace, build_matrix, refine, tolerance
 from rastercov.placement.improve.tolerance import InstallationError
-from rastercov.placement.matrix import _united
+from rastercov.placement.matrix_shards import _united
 from rastercov.placement.mounts import Mounts
 
 MESH = shapes.torus(16, 8)
