@@ -19,7 +19,13 @@ from numpy.typing import NDArray
 
 from rastercov._jit import allocation_free, part_with_arrays
 from rastercov.lenses.kernels import project
-from rastercov.lenses.polygon_kernels import MOST_CORNERS, EdgeScratch, cut_to_side, edge_scratch, polygon_image
+from rastercov.lenses.polygon_kernels import (
+    MOST_CORNERS,
+    EdgeScratch,
+    cut_to_side,
+    edge_scratch,
+    polygon_image,
+)
 
 FloatArray = NDArray[np.float64]
 
@@ -479,4 +485,6 @@ def divide(plane, box, region_lines, hole_lines, tolerance, work, out):
             continue
         halving_line(cell, far, near, line)
         kind = BAND if 0 <= k and width <= 0.5 * extent else HALVING
-        top = split_cell(cell, n, line, kind, owner, borders | ALL_BORDERS, level + 1, work, top, out)
+        top = split_cell(
+            cell, n, line, kind, owner, borders | ALL_BORDERS, level + 1, work, top, out
+        )

@@ -93,9 +93,7 @@ def _slopes(plane: IdealPlane) -> Slopes:
     return Slopes(*low.tolist(), *per.tolist(), *grids, plane.has_pole, *pole)
 
 
-def _near_pole(
-    plane: IdealPlane, x: FloatArray, y: FloatArray, half: float
-) -> tuple[float, float]:
+def _near_pole(plane: IdealPlane, x: FloatArray, y: FloatArray, half: float) -> tuple[float, float]:
     """Bounds of second and third derivatives times d^2 and d^3, d the distance from the pole.
 
     Longitude is the same along a ray from the pole, so that its derivatives are those at d = 1 over
