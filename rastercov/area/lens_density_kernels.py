@@ -1,35 +1,33 @@
 """Densities through a lens in the plane of a face, decided piece by piece; by numba.
 
-Let A be the derivative of pixels by the place (x, y) in the ideal plane, w = 1/z, T the tangents of
-the face as columns (3, 2), and
+Let A be the derivative of pixels by the place x = (x, y) in the ideal plane, w = 1/z, T the tangents
+of the face as columns (3, 2), and h its distance. Pixels change with metres on the face by
 
-    S = A N,   N = w (I | -(x, y)) T,
+    S = w A (I | -x) T,   S^-1 = Q A^-1 / (h w^2),   Q = adj((I | -x) T),
 
-so that S is the derivative of pixels by metres on the face; without T it is that by metres of
-space. The criteria at a point are
+up to its sign, and with metres across the ray by an S of S^-1 = E A^-1 / w, E = (I - e e^T)(I 0)^T,
+e the unit vector of the ray. The criteria at a point are
 
-    pixels a m^2         |det S| >= R
-    worst direction      the least eigenvalue of S S^T >= d^2
-    of a facing target   the same of S S^T without T
+    pixels a m^2         w >= (R / h)^(1/3) |det A|^(-1/3)
+    worst direction      w^2 >= (d / h) |Q A^-1|
+    of a facing target   w >= d |E A^-1|
     distance             |P|^2 >= n^2
 
-Each is a function of the place with second derivatives of at most K along lines (for the distance,
-exactly 2 in the plane of the face): with |A| <= a, |A'| <= a', |A''| <= a'' in a piece, and bounds
-of w and N alike, s = a n, s' = a' n + a n', s'' = a'' n + 2 a' n' + a n'', and
-
-    |(S S^T)''| <= 2 s s'' + 2 s'^2 >= |(det S)''|.
-
-So in a piece of radius r about its middle a scalar differs from an affine function by K r^2 / 2 at
-most. The least eigenvalue of a matrix is concave: it lies below e . M e with any unit vector e, and
-the difference of both, for the affine part of the matrix, is greatest at a corner. Either way a
-piece has two parallel lines, beyond which the criterion holds, and before which it fails. What is
-between them is halved until it is narrower than `LensRules.strip_gap`; then it goes into the bound.
+w is affine in x, and on the right are a scalar and norms of matrices that change little. With
+|A'| <= a', |A''| <= a'' and |A^-1| <= b in a piece, the derivatives along lines of A^-1 are at most
+b' = b^2 a', b'' = b^2 a'' + 2 b^3 a'^2, those of Q at most 1 and 0, of E 2 and 4.4 (|e'| <= 1,
+|e''| <= 1.2), and those of det A at most 2 |A| a' and 2 |A| a'' + 2 a'^2. So in a piece of radius r
+about its middle each differs from an affine function by K r^2 / 2 at most. The norm of an affine
+matrix M is convex: it lies above u . M v with any unit vectors u, v, and the difference is greatest
+at a corner; w^2 lies above its tangent. So a piece has two parallel lines, beyond which a criterion
+holds and before which it fails. What is between them is halved until it is narrower than
+`LensRules.strip_gap`; then it goes into the bound.
 """
 
 import math
 
 from rastercov._jit import allocation_free, part_with_arrays
-from rastercov.area.density_kernels import MOST_HALVINGS, extent_of
+from rastercov.area.density_kernels import MOST_HALVINGS, extent_of, largest_singular
 from rastercov.area.plane_kernels import (
     COINCIDENT_REL,
     ERROR,
@@ -55,47 +53,73 @@ PER_M2, DENSE, FACING, DISTANT = 1, 2, 4, 8
 """Bits of the criteria that a piece still has to meet."""
 MASK = 16
 """One more than all of them: pieces keep MASK times the number of halvings, and the bits."""
+N_FIGURES = 13
+KNOWN = 5
+"""Column of a fitted criterion."""
 STEP_REL, LARGEST_STEP = 1 / 64, 1e-5
 """Step of the differences that give an affine part, relative to the radius; in units of the
 plane. Its error is less than K r^2 / 40."""
 HALF = 0.5 + 0.05
 """Of K r^2: the difference from an affine function."""
 ROUNDING = 2.0**-46
-"""Of s^2: rounding of the criteria and, times the radius over the step, of differences."""
+"""Of the size of a figure: its rounding and, times the radius over the step, that of its slopes."""
 
 
 @allocation_free
-def figures_at(rules, plane, x, y, w, out):
-    """Fill `out` with |det S|, and the entries (11, 12, 22) of S S^T with T and without."""
+def figures_at(rules, plane, x, y, out):
+    """Fill `out` with |det A|^(-1/3), the columns of Q A^-1, and those of E A^-1.
+
+    Returns the norm and the least singular value of A, and |det A|.
+    """
     a, b, c, d = plane_slopes(rules.code, rules.params, rules.frame, x, y)
-    # N without T, by columns: (w, 0), (0, w), (-w x, -w y)
-    u_1, u_2, u_3 = w * a, w * b, -w * (a * x + b * y)
-    v_1, v_2, v_3 = w * c, w * d, -w * (c * x + d * y)
-    s_11 = u_1 * plane[X_AXIS] + u_2 * plane[X_AXIS + 1] + u_3 * plane[X_AXIS + 2]
-    s_12 = u_1 * plane[Y_AXIS] + u_2 * plane[Y_AXIS + 1] + u_3 * plane[Y_AXIS + 2]
-    s_21 = v_1 * plane[X_AXIS] + v_2 * plane[X_AXIS + 1] + v_3 * plane[X_AXIS + 2]
-    s_22 = v_1 * plane[Y_AXIS] + v_2 * plane[Y_AXIS + 1] + v_3 * plane[Y_AXIS + 2]
-    # The frame of a face seen from the front turns the other way round in an image with v down.
-    out[0] = s_12 * s_21 - s_11 * s_22 if plane[HEIGHT] > 0 else s_11 * s_22 - s_12 * s_21
-    out[1], out[2] = s_11 * s_11 + s_12 * s_12, s_11 * s_21 + s_12 * s_22
-    out[3] = s_21 * s_21 + s_22 * s_22
-    out[4], out[5] = u_1 * u_1 + u_2 * u_2 + u_3 * u_3, u_1 * v_1 + u_2 * v_2 + u_3 * v_3
-    out[6] = v_1 * v_1 + v_2 * v_2 + v_3 * v_3
+    det = a * d - b * c
+    total = a * a + b * b + c * c + d * d
+    root = math.sqrt(max(total * total - 4 * det * det, 0.0))
+    norm = math.sqrt(0.5 * (total + root))
+    # A^-1, by rows
+    i_11, i_12, i_21, i_22 = d / det, -b / det, -c / det, a / det
+    out[0] = abs(det) ** (-1 / 3)
+    q_11 = plane[Y_AXIS + 1] - y * plane[Y_AXIS + 2]
+    q_12 = x * plane[Y_AXIS + 2] - plane[Y_AXIS]
+    q_21 = y * plane[X_AXIS + 2] - plane[X_AXIS + 1]
+    q_22 = plane[X_AXIS] - x * plane[X_AXIS + 2]
+    out[1], out[2] = q_11 * i_11 + q_12 * i_21, q_21 * i_11 + q_22 * i_21
+    out[3] = 0.0
+    out[4], out[5] = q_11 * i_12 + q_12 * i_22, q_21 * i_12 + q_22 * i_22
+    out[6] = 0.0
+    s2 = 1 + x * x + y * y
+    e_11, e_12, e_22 = 1 - x * x / s2, -x * y / s2, 1 - y * y / s2
+    e_31, e_32 = -x / s2, -y / s2
+    out[7], out[8] = e_11 * i_11 + e_12 * i_21, e_12 * i_11 + e_22 * i_21
+    out[9] = e_31 * i_11 + e_32 * i_21
+    out[10], out[11] = e_11 * i_12 + e_12 * i_22, e_12 * i_12 + e_22 * i_22
+    out[12] = e_31 * i_12 + e_32 * i_22
+    return norm, abs(det) / norm, abs(det)
 
 
-@part_with_arrays
-def least_eigenvalue(a, b, d):
-    """Least eigenvalue of (a b; b d), and its unit vector."""
-    half, apart = 0.5 * (a + d), 0.5 * (a - d)
-    root = math.sqrt(apart * apart + b * b)
-    x, y = (-b, root + apart) if apart >= 0 else (root - apart, -b)
-    size = length2(x, y)
-    if not size > 0:
-        x, y, size = 1.0, 0.0, 1.0
-    least = half - root
-    if half > 0 and least < 0.5 * half:  # without cancellation
-        least = (a * d - b * b) / (half + root)
-    return least, x / size, y / size
+@allocation_free
+def norm_along(here, by_x, by_y, first, dx, dy):
+    """Norm of an affine matrix at a place, its columns from `first` on; and its right vector."""
+    one = (
+        here[first] + by_x[first] * dx + by_y[first] * dy,
+        here[first + 1] + by_x[first + 1] * dx + by_y[first + 1] * dy,
+        here[first + 2] + by_x[first + 2] * dx + by_y[first + 2] * dy,
+    )
+    two = (
+        here[first + 3] + by_x[first + 3] * dx + by_y[first + 3] * dy,
+        here[first + 4] + by_x[first + 4] * dx + by_y[first + 4] * dy,
+        here[first + 5] + by_x[first + 5] * dx + by_y[first + 5] * dy,
+    )
+    return largest_singular(one, two)
+
+
+@allocation_free
+def form_of(matrix, first, left, right):
+    """Bilinear form left . M right of a matrix of two columns, from `first` on."""
+    total = 0.0
+    for k in range(3):
+        total += left[k] * (matrix[first + k] * right[0] + matrix[first + 3 + k] * right[1])
+    return total
 
 
 @allocation_free
@@ -122,7 +146,7 @@ def fit_criteria(polygon, n, mask, plane, rules, places, fits):
 
     Row i of `fits` is of bit i of `mask`: c + a x + b y is the affine part, with x and y those of
     the ideal plane (of the face, for the distance), in columns 0 to 2; the criterion less that is
-    at least column 3 and at most column 4, and column 5 is 1 where that is known.
+    at least column 3 and at most column 4, and column KNOWN is 1 where that is known.
     """
     place_corners(polygon, n, plane, places)
     low_x = low_y = math.inf
@@ -138,7 +162,7 @@ def fit_criteria(polygon, n, mask, plane, rules, places, fits):
     for p in range(n):
         r = max(r, length2(places[p, 0] - x, places[p, 1] - y))
     for i in range(4):
-        fits[i, 5] = 0.0
+        fits[i, KNOWN] = 0.0
     if mask & DISTANT:
         mean_x = mean_y = 0.0
         for p in range(n):
@@ -152,7 +176,7 @@ def fit_criteria(polygon, n, mask, plane, rules, places, fits):
         fits[3, 0], fits[3, 1] = 2 * a, 2 * b
         fits[3, 2] = a * a + b * b + h * h - rules.nearest * rules.nearest
         fits[3, 2] -= 2 * a * mean_x + 2 * b * mean_y
-        fits[3, 3], fits[3, 4], fits[3, 5] = -off, over + off, 1.0
+        fits[3, 3], fits[3, 4], fits[3, KNOWN] = -off, over + off, 1.0
     if not mask & (PER_M2 | DENSE | FACING) or not r > 0:
         return
     w_x, w_y, w_0 = depth_line(plane)
@@ -160,64 +184,69 @@ def fit_criteria(polygon, n, mask, plane, rules, places, fits):
     second, third = bounds_within(
         rules.slopes, low_x - step, high_x + step, low_y - step, high_y + step
     )
-    # Next to the region by a step the bounds are greater by less than 5 %.
-    second, third = 1.05 * second, 1.05 * third
-    if not (second < math.inf and third < math.inf):
+    here, by_x, by_y, there = fits[4], fits[5], fits[6], fits[7]
+    norm, least, det = figures_at(rules, plane, x, y, here)
+    norm += second * r
+    least -= second * r
+    least_det = det - 2 * norm * second * r
+    if not (least > 0 and least_det > 0 and third < math.inf):
         return
-    here = fits[4]
-    figures_at(rules, plane, x, y, w_0 + w_x * x + w_y * y, here)
-    a, b, c, d = plane_slopes(rules.code, rules.params, rules.frame, x, y)
-    most_a = math.sqrt(a * a + b * b + c * c + d * d) + second * r
-    tall = math.sqrt(1 + (length2(x, y) + r) ** 2)
-    steep = length2(w_x, w_y)
-    # N = w (I | -(x, y)): its norm and those of its derivatives.
-    n_0, n_1, n_2 = most_w * tall, steep * tall + most_w, 2 * steep
-    s_0, s_1 = most_a * n_0, second * n_0 + most_a * n_1
-    s_2 = third * n_0 + 2 * second * n_1 + most_a * n_2
-    off = HALF * (2 * s_0 * s_2 + 2 * s_1 * s_1) * r * r
-    off += s_0 * s_0 * (ROUNDING * (1 + r / step) + 4 * plane[ERROR] / abs(plane[HEIGHT]))
-    by_x, by_y = fits[7], fits[8]
     for axis in range(2):
         dx, dy = (step, 0.0) if axis == 0 else (0.0, step)
         slope = by_x if axis == 0 else by_y
-        for sign in (1.0, -1.0):
-            there_x, there_y = x + sign * dx, y + sign * dy
-            w = w_0 + w_x * there_x + w_y * there_y
-            figures_at(rules, plane, there_x, there_y, w, fits[5])
-            for k in range(7):
-                before = 0.0 if sign > 0 else slope[k]
-                slope[k] = before + sign * 0.5 * fits[5, k] / step
+        for side in range(2):
+            sign = 1.0 if side == 0 else -1.0
+            figures_at(rules, plane, x + sign * dx, y + sign * dy, there)
+            for k in range(N_FIGURES):
+                before = 0.0 if side == 0 else slope[k]
+                slope[k] = before + sign * 0.5 * there[k] / step
+    b = 1 / least
+    b_1 = b * b * second
+    b_2 = b * b * third + 2 * b * b_1 * second
+    tall, h = math.sqrt(1 + (length2(x, y) + r) ** 2), abs(plane[HEIGHT])
+    w = w_0 + w_x * x + w_y * y
+    # Rounding of the figures, of their differences, and of the height.
+    rounding = ROUNDING * (1 + r / step) + 4 * plane[ERROR] / h
     if mask & PER_M2:
-        fits[0, 0], fits[0, 1] = by_x[0], by_y[0]
-        fits[0, 2] = here[0] - by_x[0] * x - by_y[0] * y - rules.min_per_m2
+        c = (rules.min_per_m2 / h) ** (1 / 3)
+        det_1, det_2 = 2 * norm * second, 2 * norm * third + 2 * second * second
+        bend = least_det ** (-1 / 3)
+        bend *= det_2 / (3 * least_det) + 4 / 9 * (det_1 / least_det) ** 2
+        off = HALF * c * bend * r * r + rounding * (c * here[0] + most_w)
+        fits[0, 0], fits[0, 1] = w_x - c * by_x[0], w_y - c * by_y[0]
+        fits[0, 2] = w - c * here[0] - fits[0, 0] * x - fits[0, 1] * y
         fits[0, 3], fits[0, 4] = -off, off
-        known_0 = 1.0
-    else:
-        known_0 = 0.0
     for i in range(1, 3):
         if not mask >> i & 1:
             continue
-        first = 1 if i == 1 else 4
-        wanted = rules.min_density if i == 1 else rules.min_facing
-        _, e, f = least_eigenvalue(here[first], here[first + 1], here[first + 2])
-        a = e * e * by_x[first] + 2 * e * f * by_x[first + 1] + f * f * by_x[first + 2]
-        b = e * e * by_y[first] + 2 * e * f * by_y[first + 1] + f * f * by_y[first + 2]
-        at = e * e * here[first] + 2 * e * f * here[first + 1] + f * f * here[first + 2]
-        over = 0.0
+        first = 1 if i == 1 else 7
+        bend = 2 * b_1 + tall * b_2 if i == 1 else 4.4 * b + 4 * b_1 + b_2
+        c = rules.min_density / h if i == 1 else rules.min_facing
+        size, right_x, right_y = norm_along(here, by_x, by_y, first, 0.0, 0.0)
+        right = (right_x, right_y)
+        left = (
+            (here[first] * right_x + here[first + 3] * right_y) / size,
+            (here[first + 1] * right_x + here[first + 4] * right_y) / size,
+            (here[first + 2] * right_x + here[first + 5] * right_y) / size,
+        )
+        at = form_of(here, first, left, right)
+        slope_x, slope_y = form_of(by_x, first, left, right), form_of(by_y, first, left, right)
+        over = square = 0.0
         for p in range(n):
             dx, dy = places[p, 0] - x, places[p, 1] - y
-            least, _, _ = least_eigenvalue(
-                here[first] + by_x[first] * dx + by_y[first] * dy,
-                here[first + 1] + by_x[first + 1] * dx + by_y[first + 1] * dy,
-                here[first + 2] + by_x[first + 2] * dx + by_y[first + 2] * dy,
-            )
-            over = max(over, at + a * dx + b * dy - least)
-        fits[i, 0], fits[i, 1], fits[i, 2] = a, b, at - a * x - b * y - wanted * wanted
-        fits[i, 3], fits[i, 4] = -off - over, off
-    # The rows of scratch end with the flags.
-    fits[0, 5] = known_0
-    fits[1, 5] = 1.0 if mask & DENSE else 0.0
-    fits[2, 5] = 1.0 if mask & FACING else 0.0
+            own, _, _ = norm_along(here, by_x, by_y, first, dx, dy)
+            over = max(over, own - at - slope_x * dx - slope_y * dy)
+            if i == 1:
+                square = max(square, (w_x * dx + w_y * dy) ** 2)
+        off = HALF * c * bend * r * r + rounding * (c * (size + over) + most_w * (most_w + 1))
+        value, along_x, along_y = w, w_x, w_y
+        if i == 1:
+            value, along_x, along_y = w * w, 2 * w * w_x, 2 * w * w_y
+        fits[i, 0], fits[i, 1] = along_x - c * slope_x, along_y - c * slope_y
+        fits[i, 2] = value - c * at - fits[i, 0] * x - fits[i, 1] * y
+        fits[i, 3], fits[i, 4] = -off - c * over, off + square
+    for i in range(3):
+        fits[i, KNOWN] = 1.0 if mask >> i & 1 else 0.0
 
 
 @part_with_arrays
@@ -281,7 +310,7 @@ def append_dense_through_lens(face, polygon, n, rules, scratch, out):
         fit_criteria(part, n, mask, plane, rules, scratch.places, fits)
         best, narrowest, is_out = -1, math.inf, False
         for i in range(4):
-            if not mask >> i & 1 or fits[i, 5] == 0:
+            if not mask >> i & 1 or fits[i, KNOWN] == 0:
                 continue
             inner = line_of(fits, i, fits[i, 3], plane)
             least, most = least_and_most(part, n, inner)

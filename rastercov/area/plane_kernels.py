@@ -151,7 +151,7 @@ def scratch_for(n_faces: int) -> Scratch:
         nodes=np.empty(STACK_ROOM, np.int64),
         seen=np.empty((PIECE_ROOM, 2)),
         places=np.empty((PIECE_ROOM, 3)),
-        fits=np.empty((9, 8)),
+        fits=np.empty((8, 13)),
         first=np.empty(n_faces, np.int64),
     )
 
