@@ -80,9 +80,8 @@ def make(
 
 
 def _batches(opened: _Open, chosen: Any, bounds: CandidateBounds | None = None) -> Iterator[Batch]:
-    return batches_of(
-        opened.observer, renumbered(opened.poses[chosen]), opened.task, opened.cells, bounds
-    )
+    poses = renumbered(opened.poses[chosen])
+    return batches_of(opened.observer, poses, opened.task, opened.cells, bounds, opened.mounts)
 
 
 def _modified(folder: Path) -> int:
