@@ -163,11 +163,10 @@ def _steps(problem: BitProblem) -> dict[str, object]:
     chosen = core.candidates[better.ranked()]
     plain, found = (finish("greedy", core, each, bound, 0.0) for each in (plain, chosen))
     is_best = isinstance(problem.goal, BestCoverage)
-    n_read = state.n_read / large.n_candidates
     return seconds | {
         "cameras": [len(plain.chosen), "cameras"],
-        "passes of the rule": [n_read, "passes"],
-        "  for a camera": [(n_read - 1) / max(1, len(plain.chosen)), "passes"],
+        "passes of the rule": [state.passes, "passes"],
+        "  for a camera": [(state.passes - 1) / max(1, len(plain.chosen)), "passes"],
         "passes of the bound": [passes, "passes"],
         "core": [len(rows), "candidates"],
         "rule": [plain.objective, "of the weight" if is_best else "cameras"],
@@ -226,7 +225,7 @@ count = {count}
 distances = [4.2]
 [selection]
 goal = "best_coverage"
-cameras = 20
+cameras = 8
 """
 
 

@@ -55,6 +55,35 @@ def sums(words, rows, masks, values, out):
 
 
 @compiled
+def sums_of_words(words, rows, which, starts, index, masks, values, out):
+    """Write the sums of values over the faces of each row within some words into `out`, (N, G).
+
+    Parameters
+    ----------
+    which : (N,) int64
+        Set of words of each row.
+    starts, index : (S + 1,) int64, (M,) int64
+        Set s has the words `index[starts[s]:starts[s + 1]]`.
+    masks : (M, G) uint64
+        Faces of these words that count in each sum.
+    values : (64 W,) int64
+    """
+    for n in range(len(rows)):
+        row = words[rows[n]]
+        for j in range(starts[which[n]], starts[which[n] + 1]):
+            i = index[j]
+            for k in range(masks.shape[1]):
+                bits = row[i] & masks[j, k]
+                if bits == 0:
+                    continue
+                part = values[64 * i : 64 * i + 64]
+                of_word = 0
+                for b in range(64):
+                    of_word += part[b] & -np.int64((bits >> np.uint64(b)) & np.uint64(1))
+                out[n, k] += of_word
+
+
+@compiled
 def add(words, rows, amounts, totals):
     """Add the amounts of each row, (N, V) int64, to the totals of its faces, (V, 64 W) int64."""
     for n in range(len(rows)):

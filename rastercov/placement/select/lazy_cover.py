@@ -2,8 +2,9 @@
 
 The gain of a candidate only falls while cameras are added, so an earlier one is an upper limit of
 the present one. Candidates are computed again in the order of these limits, until the best gain is
-above all limits that are left: a tenth of all candidates for each camera, or fewer. The choice is
-that of `CoverState`, ties included.
+above all limits that are left. Only words with faces that were covered since the last time are
+read: a few hundredths of a pass over the bits for each camera. The choice is that of `CoverState`,
+ties included.
 
 M. Minoux. Accelerated greedy algorithms for maximizing submodular set functions. 1978.
 """
@@ -12,7 +13,7 @@ import numpy as np
 
 from rastercov.placement import bit_kernels
 from rastercov.placement._arrays import IntArray
-from rastercov.placement.bits import spread_out
+from rastercov.placement.bits import Words, spread_out
 from rastercov.placement.select import selection_kernels as kernels
 from rastercov.placement.select.bit_problem import LargeProblem
 from rastercov.placement.select.cover_state import Cover, worth_of_progress
@@ -31,8 +32,14 @@ class LazyCover(Cover):
 
     Attributes
     ----------
-    n_read : int
-        Rows of candidates that were read to compute gains.
+    count : (64 W,) int32
+        Cameras that cover each face.
+    first : (C, G) int64
+        Gains of each candidate before any camera, or upper limits of them.
+    limit : (C, G) int64
+        Upper limits of the gains.
+    words_read : int
+        Words of the bits that were read to compute gains.
     """
 
     def __init__(self, large: LargeProblem) -> None:
@@ -53,28 +60,44 @@ class LazyCover(Cover):
         """Faces of each kind that are not covered."""
         self._remaining = np.bitwise_or.reduce(large.masks, axis=0)
         self.count = np.zeros(len(self._need), np.int32)
-        self.n_read = 0
-        self.first = self._limits(None)
-        """(C, G) gains of each candidate before any camera, or an upper limit of it."""
+        self.words_read = 0
+        self.first = self._sums(self._most, np.arange(large.n_candidates))
         self.limit = self.first.copy()
-        """(C, G) upper limits of the gains."""
+        self._known = [self._masks.copy()]
+        """Faces of each kind that were not covered, after each change."""
+        self._since = np.zeros(large.n_candidates, np.int64)
+        """Change after which the limit of each candidate was computed."""
+        self._closed: dict[int, tuple[IntArray, Words]] = {}
+        """Words with faces that were covered since a change, and these faces by kind."""
 
-    def _limits(self, rows: IntArray | None) -> IntArray:
-        self.n_read += self.large.n_candidates if rows is None else len(rows)
-        values = np.stack([self._most] * len(self._masks))
-        return self.large.sums(values, self._masks, rows)
+    @property
+    def passes(self) -> float:
+        """Words that were read, in passes over the bits of all candidates."""
+        n_words = self.large.n_candidates * self.large.problem.bits.n_words
+        return self.words_read / max(1, n_words)
 
-    def _gains(self, rows: IntArray) -> IntArray:
-        """(N, G) gains of some candidates; their limits are lowered."""
-        if self._is_exact:
-            self.limit[rows] = self._limits(rows)
-            return self.limit[rows]
-        n_kinds = len(self._masks)
-        values = np.stack([self._most] * n_kinds + [self._now] * n_kinds)
-        found = self.large.sums(values, np.concatenate((self._masks, self._masks)), rows)
-        self.n_read += len(rows)
-        self.limit[rows] = found[:, :n_kinds]
-        return np.ascontiguousarray(found[:, n_kinds:])
+    def _sums(self, values: IntArray, rows: IntArray) -> IntArray:
+        """(N, G) sums over the faces of some candidates that are not covered."""
+        self.words_read += len(rows) * self.large.problem.bits.n_words
+        return self.large.sums(np.stack([values] * len(self._masks)), self._masks, rows)
+
+    def _lower(self, rows: IntArray) -> None:
+        """Lower the limits of some candidates to the present state."""
+        now = len(self._known) - 1
+        rows = rows[self._since[rows] < now]
+        if not len(rows):
+            return
+        changes, which = np.unique(self._since[rows], return_inverse=True)
+        for change in changes.tolist():
+            if change not in self._closed:
+                closed = self._known[change] & ~self._masks
+                index = np.flatnonzero(closed.any(axis=0))
+                self._closed[change] = index, np.ascontiguousarray(closed[:, index].T)
+        sets = [self._closed[change] for change in changes.tolist()]
+        self.words_read += int(np.array([len(index) for index, _ in sets])[which].sum())
+        bits, candidates = self.large.problem.bits, self.large.candidates[rows]
+        self.limit[rows] -= bits.sums_of_words(self._most, candidates, which, sets)
+        self._since[rows] = now
 
     def _next(self, room: IntArray, total: int, most_cost: float, by_cost: bool) -> int:
         costs, rank = self.large.costs, self.large.rank
@@ -97,8 +120,12 @@ class LazyCover(Cover):
             else:
                 left = left[:0]
             rows = np.sort(part)
-            found = scores(self._gains(rows), rows)
-            for row in np.flatnonzero(found >= max(found.max(), best_score)):
+            self._lower(rows)
+            found = scores(self.limit[rows], rows)
+            if not self._is_exact:
+                rows = rows[found >= best_score]
+                found = scores(self._sums(self._now, rows), rows)
+            for row in np.flatnonzero(found >= max(found.max(initial=0.0), best_score)):
                 candidate, score = int(rows[row]), float(found[row])
                 if score > best_score or (best >= 0 and rank[candidate] < rank[best]):
                     best, best_score = candidate, score
@@ -117,6 +144,12 @@ class LazyCover(Cover):
         missing = self._need[faces] - self.count[faces]
         self._now[faces] = self._step[faces] + np.where(missing == 1, self._bonus[faces], 0)
         bit_kernels.take_out(faces[missing <= 0], self._masks)
-        if sign < 0:
-            bit_kernels.put_in(faces[missing > 0], self._kind, self._masks)
-            self.limit = self.first.copy()  # gains rise: only the first ones are limits again
+        self._closed.clear()
+        if sign > 0:
+            self._known.append(self._masks.copy())
+            return
+        bit_kernels.put_in(faces[missing > 0], self._kind, self._masks)
+        # Gains rise: only the first ones are limits again.
+        self.limit = self.first.copy()
+        self._known = [self._known[0], self._masks.copy()]
+        self._since[:] = 0
