@@ -74,6 +74,10 @@ class LensSolver:
             self._flat = np.concatenate((surface.flat, surface.targets.flat))
             self._vertices = np.concatenate((surface.vertices, surface.targets.vertices))
 
+    def write_to(self, visible: FloatArray, area: FloatArray, area_error: FloatArray) -> bool:
+        """As of `HalfPlaneSolver`; False, as it keeps its own arrays."""
+        return False
+
     def set_camera(self, camera: Camera) -> None:
         """Take another camera, for the poses from now on."""
         if camera is not self._camera:
