@@ -83,9 +83,8 @@ def cover(e, f, tile, samples, inverse, face):
     is_in, w = lanes_of(e, tile, samples)
     before = inverse[at]
     is_nearer = is_in & (w > before)
-    with when(is_nearer.bits() > 0):
-        inverse[at] = w.where(is_nearer, before)
-        face[at] = f.to(WORD).broadcast(LANES).where(is_nearer, face[at])
+    inverse[at] = w.where(is_nearer, before)
+    face[at] = f.to(WORD).broadcast(LANES).where(is_nearer, face[at])
     return is_in.bits().count_bits()
 
 

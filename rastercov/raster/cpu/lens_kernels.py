@@ -33,7 +33,7 @@ from rastercov.raster.cpu.simd_kernel import (
     pointers,
 )
 
-LOOKUPS = 4
+LOOKUPS = 2
 """Cells of a side, less one, that are looked up for a face."""
 DOUBT_REL = 1e-14
 """Rounding of an edge at a sample relative to both its corners and the sample, with a factor of

@@ -21,7 +21,7 @@ from rastercov.camera import Camera
 from rastercov.lenses.of_camera import lens_of, planes_of
 from rastercov.raster.cpu import lens_kernels as kernels
 from rastercov.raster.cpu.lens_records import BLOCK, TILE, Patch
-from rastercov.raster.cpu.memory import LANES
+from rastercov.raster.cpu.memory import LANES, aligned_zeros
 from rastercov.raster.sample_grid import SampleGrid
 
 FloatArray = NDArray[np.float64]
@@ -149,8 +149,8 @@ def _patch(frame: FloatArray, x: FloatArray, y: FloatArray, top: int) -> Patch |
     columns = centres.shape[1]
     centres = centres.reshape(-1, 2)
     x, y = _cut(x, TILE), _cut(y, TILE)
-    from_x = (x - centres[:, :1]).astype(np.float32)
-    from_y = (y - centres[:, 1:]).astype(np.float32)
+    from_x, from_y = (aligned_zeros(x.shape, np.float32) for _ in range(2))
+    from_x[:], from_y[:] = x - centres[:, :1], y - centres[:, 1:]
     x, y = centres[:, :1] + from_x, centres[:, 1:] + from_y
     sides = [limit(each, axis=1) for each in (x, y) for limit in (np.fmin.reduce, np.fmax.reduce)]
     boxes = np.empty((4, len(x) + LANES), np.float32)
