@@ -84,7 +84,7 @@ def test_a_report_draws_its_poses_through_the_lens(tmp_path, lens):
 
 
 def test_a_report_through_a_lens_on_opengl_is_refused_before_the_work(tmp_path):
-    with pytest.raises(rc.ConfigError, match=r"OpenGL draws pinholes only.*take backend cpu"):
+    with pytest.raises(rc.ConfigError, match=r"OpenGL draws pinholes only.*--device cpu"):
         run(MESH, FLAT, POSES[:1], TASK, tmp_path, Options(device="gl"))
 
 
