@@ -430,7 +430,8 @@ def _draw(
                 for pose in some[rows].ids.tolist():
                     values, matrix = drawn[pose], poses.given[pose]
                     covers = (values >= task.min_coverage) & (values > 0)
-                    title = pose_title(mesh, pose, covers)
+                    name = f"{pose}, {names_of(camera)[index]}" if len(cameras) > 1 else pose
+                    title = pose_title(mesh, name, covers)
                     own = replace(poses[poses.ids == pose], camera=np.zeros(1, np.int32))
                     buffer, covered, on_targets = rasterizer.render(own), None, None
                     if finder is not None:
@@ -440,7 +441,7 @@ def _draw(
                         targets = targets_in_view(mesh, small, matrix, buffer.depth)
                         if targets is not None:
                             on_targets = best_and_views(seen, small, matrix, targets)[1] > 0
-                        title = area_title(mesh, pose, float(regions.area.sum()), covers)
+                        title = area_title(mesh, name, float(regions.area.sum()), covers)
                     pixels = coverage_pixels(
                         buffer, values, mesh, matrix, small, covered, on_targets
                     )
