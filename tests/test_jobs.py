@@ -18,6 +18,7 @@ PLAN = {
     "candidates": [{"generator": "on_sphere", "count": 20, "distances": [3.5]}],
     "selection": {"goal": "fewest_cameras", "coverage": 0.9},
 }
+NAMED = PLAN | {"candidates": [PLAN["candidates"][0] | {"cameras": ["camera"]}]}
 TOML = """
 [[meshes]]
 path = "part.obj"
@@ -170,6 +171,10 @@ def test_poses_without_a_unit_are_refused():
         (lambda: rc.place(3), "plan must be a plan file, a mapping or a Plan, got 3"),
         (lambda: rc.place({**PLAN, "camera": None}), "camera: missing"),
         (lambda: rc.place(PLAN, camera="khepra"), "camera must be a Camera"),
+        (
+            lambda: rc.place(NAMED, camera=rc.Rig([rc.Camera(**CAMERA)], ["other"])),
+            r"candidates\[0\]: there is no camera 'camera'; cameras are other",
+        ),
         (lambda: rc.check(PLAN, "gone.json"), "gone.json"),
         (lambda: rc.check(PLAN, [[1, 2]]), "poses must"),
         (lambda: rc.check(PLAN, POSES, groups={"door": 0.5}), "no group 'door'"),

@@ -96,8 +96,8 @@ def place(
             console.print(by_camera)
         left = report.left_lines(placed)
         print("\n".join([size_line(placed.prepared.mesh), *report.lines(placed), *left]))
-        has_page = asked.outputs.page and placed.interrupted != "page"
-        print(folder / ("page.html" if has_page else "plan.json"))
+        page = folder / "page.html"  # a second interrupt may have left it out
+        print(page if page.exists() else folder / "plan.json")
         for line in placed.prepared.tally.lines():
             say(line)
     if placed.interrupted:

@@ -484,7 +484,7 @@ def divide(plane, box, region_lines, hole_lines, tolerance, work, out):
             attach(UNDECIDED, owner, out)
             continue
         halving_line(cell, far, near, line)
-        kind = BAND if 0 <= k and width <= 0.5 * extent else HALVING
+        kind = BAND if k >= 0 and width <= 0.5 * extent else HALVING
         top = split_cell(
             cell, n, line, kind, owner, borders | ALL_BORDERS, level + 1, work, top, out
         )

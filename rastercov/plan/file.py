@@ -14,7 +14,7 @@ from rastercov._files import StrPath, UnparsedError, UnreadableError, printable,
 from rastercov.area.network import unit_of_result
 from rastercov.camera import Camera
 from rastercov.engine import Engine
-from rastercov.errors import RastercovError
+from rastercov.errors import CameraError, RastercovError
 from rastercov.placement.mounts import Mounts
 from rastercov.plan.cameras import ONE_CAMERA
 from rastercov.plan.errors import PlanError, lines_of
@@ -94,6 +94,8 @@ class Plan(PlanModel):
     def mounts_of(self, names: Sequence[str]) -> list[int]:
         """Mounts of an entry by its names; without names, rigs and cameras that are in no rig."""
         known = self.mounts.names
+        if unknown := [name for name in names if name not in known]:  # of other cameras
+            raise CameraError(f"there is no camera {unknown[0]!r}; cameras are {', '.join(known)}")
         if names:
             return [row for row, name in enumerate(known) if name in names]
         in_rigs = {each.camera for rig in self.rigs.values() for each in rig.cameras or []}

@@ -176,7 +176,7 @@ def _tinted(levels: FloatArray) -> Pixels:
     return colours
 
 
-def pose_title(mesh: Mesh, pose: int, covers: NDArray[np.bool_]) -> str:
+def pose_title(mesh: Mesh, pose: int | str, covers: NDArray[np.bool_]) -> str:
     """Title of the picture of one pose: its id, and the share of the task it covers, (F,)."""
     task = mesh.task_mask
     by_count = 100 * (covers & task).sum() / max(1, task.sum())
@@ -184,7 +184,7 @@ def pose_title(mesh: Mesh, pose: int, covers: NDArray[np.bool_]) -> str:
     return f"pose {pose}: covers {by_count:.1f} % of {task.sum()} faces, {by_area:.1f} % of area"
 
 
-def area_title(mesh: Mesh, pose: int, area: float, covers: NDArray[np.bool_]) -> str:
+def area_title(mesh: Mesh, pose: int | str, area: float, covers: NDArray[np.bool_]) -> str:
     """Title of the picture of one pose by area: m^2 that it covers, and whole faces, (F,)."""
     task = mesh.task_mask
     share = 100 * area / max(mesh.areas[task].sum(), 1e-300)

@@ -32,7 +32,7 @@ from rastercov.report.placement_pictures import coverage_picture as whole_faces_
 from rastercov.report.placement_pictures import views_picture
 from rastercov.report.target_pictures import targets_in_view
 from rastercov.report.zone_pictures import zones_picture
-from rastercov.rig import Cameras, cameras_of
+from rastercov.rig import Cameras, cameras_of, names_of
 from rastercov.task import Task
 
 MOST_COLOURS = 60
@@ -73,7 +73,8 @@ def draw_poses(
                 for pose in some[rows].ids.tolist():
                     values, matrix = drawn[pose], poses.given[pose]
                     covers = (values >= task.min_coverage) & (values > 0)
-                    title = pose_title(mesh, pose, covers)
+                    name = f"{pose}, {names_of(camera)[index]}" if len(cameras) > 1 else pose
+                    title = pose_title(mesh, name, covers)
                     own = replace(poses[poses.ids == pose], camera=np.zeros(1, np.int32))
                     buffer, covered, on_targets = rasterizer.render(own), None, None
                     if finder is not None:
@@ -83,7 +84,7 @@ def draw_poses(
                         targets = targets_in_view(mesh, small, matrix, buffer.depth)
                         if targets is not None:
                             on_targets = best_and_views(seen, small, matrix, targets)[1] > 0
-                        title = area_title(mesh, pose, float(regions.area.sum()), covers)
+                        title = area_title(mesh, name, float(regions.area.sum()), covers)
                     pixels = coverage_pixels(
                         buffer, values, mesh, matrix, small, covered, on_targets
                     )
