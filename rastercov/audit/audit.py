@@ -203,7 +203,7 @@ def audit(
     if not 0 <= angle <= 180:
         raise ConfigError(f"min_angle_deg must be 0 to 180, got {shown(min_angle_deg)}")
     engine = Engine.of(method)
-    unit, _ = unit_of_result(by, task, engine, camera)
+    unit, _ = unit_of_result(by, task, engine)
     elements = None
     if unit == "area":
         size = usual_size(mesh) if resolution_of_result is None else resolution_of_result

@@ -180,7 +180,7 @@ def _run(
 ) -> dict[str, Any]:
     total = len(poses)
     network = Network(mesh, task)
-    unit, reason = unit_of_result(options.by, task, options.engine, camera)
+    unit, reason = unit_of_result(options.by, task, options.engine)
     areas = AreaNetwork(mesh, task) if unit == "area" else None
     evenly = np.linspace(0, total - 1, min(options.pictures, total)).astype(int)
     chosen = set(poses.ids[np.unique(evenly)].tolist()) if camera.is_pinhole else set()

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov._format import percent
-from rastercov.area.failures import first_failures
+from rastercov.area.failures import first_failures, pixels_per_m2
 from rastercov.area.network import unit_of_result
 from rastercov.area.regions import OF_A_FACE
 from rastercov.camera import Camera
@@ -50,12 +50,10 @@ def half_covered(
     method : str
         Method of visibility of the network.
     """
-    if not camera.is_pinhole:
-        return []
     share = share_in_parts(network, camera, poses)
     if share < LEAST_SHARE:
         return []
-    _, obstacle = unit_of_result(None, network.task, Engine.of(method), camera)
+    _, obstacle = unit_of_result(None, network.task, Engine.of(method))
     return [
         f"about {percent(round(share, 2))} of the area is covered point by point, but in faces "
         "that are not covered as a whole: use --by area" + (f" ({obstacle})" if obstacle else "")
@@ -91,11 +89,10 @@ def share_in_parts(network: Network, camera: Camera, poses: FloatArray) -> float
     found = np.zeros(n, np.int64)
     failures = first_failures(mesh, camera, _pointwise(task), some, points, face)
     for pose, (reason, _) in zip(some, failures, strict=True):
-        away = points - pose[:3, 3]
-        depth = np.maximum(away @ pose[:3, 2], 0.0)
-        height = np.abs(np.einsum("ni,ni->n", normals, away))
-        is_enough = camera.fx * camera.fy * height >= wanted * depth**3
-        found += (reason == Reason.COVERED) & is_enough
+        per_m2 = pixels_per_m2(
+            camera, (points - pose[:3, 3]) @ pose[:3, :3], normals @ pose[:3, :3]
+        )
+        found += (reason == Reason.COVERED) & (per_m2 >= wanted)
     return float((found >= task.views).mean()) * area / total
 
 
