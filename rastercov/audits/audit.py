@@ -213,7 +213,7 @@ def audit(
     engine = Engine.of(method)
     # The angle is judged at the centroids of the elements, cells too.
     single = replace(task, min_angle_deg=0.0)
-    unit, _ = unit_of_result(by, single, engine, camera)
+    unit, _ = unit_of_result(by, single, engine)
     elements = None
     if unit == "area":
         size = usual_size(mesh) if resolution_of_result is None else resolution_of_result

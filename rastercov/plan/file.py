@@ -129,7 +129,7 @@ class Plan(PlanModel):
         if self.task.by is None and self.task.weight_by == "count":
             return "face", "weight_by count is of faces"
         engine = Engine(self.task.method, supersample=self.task.supersample)
-        return unit_of_result(self.task.by, self.build_task(), engine, self.rig)
+        return unit_of_result(self.task.by, self.build_task(), engine)
 
     def build_task(self, views: int | None = None) -> Task:
         """The task; `views` cameras a face for all groups where that is given."""

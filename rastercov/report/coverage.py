@@ -193,7 +193,7 @@ def _run(
 ) -> dict[str, Any]:
     total = len(poses)
     network = Network(mesh, task)
-    unit, reason = unit_of_result(options.by, task, options.engine, camera)
+    unit, reason = unit_of_result(options.by, task, options.engine)
     areas = AreaNetwork(mesh, task) if unit == "area" else None
     evenly = np.linspace(0, total - 1, min(options.pictures, total)).astype(int)
     cameras = cameras_of(camera)
