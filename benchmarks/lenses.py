@@ -3,12 +3,14 @@
 Each camera of tests/support/lens_cases.py: pixels of random rays against cv2 and pycolmap, rays of
 random pixels there and back, areas of the walls of a turned room, which must add up to the image,
 and the longest edges that the quadrature takes to 1e-9 px^2. Then the cost of pixels, rays and
-edges; medians over the rounds, of one thread.
+edges, and of counting samples beside the pinhole; medians over the rounds, of one thread.
 """
 
 import statistics
 import time
 from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from rows import Report, arguments  # makes tests/support importable
@@ -29,9 +31,11 @@ from lens_cases import (
 from lens_oracles import colmap_pixels, opencv_fisheye_pixels, opencv_pixels
 from lens_rooms import on_plane, room
 
+from rastercov import Camera, look_at, open_rasterizer, shapes, sphere_of_poses
 from rastercov.lenses import formulas, make_lens
 from rastercov.lenses.areas import polygon_areas
 from rastercov.lenses.quadrature import edge_table
+from rastercov.viewpoints import enclosing_distance
 
 MOST_PX, MOST_RAD, MOST_PX2 = 2e-12, 1e-11, 1e-6
 
@@ -64,6 +68,7 @@ def main() -> None:
             report.add(f"{name}: longest edge with n = {n}", length, "px")
     for name in ("opencv brown", "opencv prism", "opencv fisheye", "kalibr ds"):
         add_cost(report, name, lenses[name], args.rounds)
+    add_counts(report, args.rounds)
     report.finish(args.json)
 
 
@@ -111,6 +116,31 @@ def add_cost(report: Report, name: str, lens: object, rounds: int) -> None:
         ("edge of 10 px", 30_000, lambda: polygon_areas(lens, plane, faces, table)),
     ):
         report.add(f"{name}: {what}", 1e9 * median(call, rounds) / count, "ns")
+
+
+def add_counts(report: Report, rounds: int) -> None:
+    """CPU time of `count` through lenses, a pose, and by that of the pinhole."""
+    size = {"width": WIDTH, "height": HEIGHT}
+    pinhole = Camera(**size, fx=900, fy=900)
+    cameras = {
+        "pinhole": pinhole,
+        "brown": replace(pinhole, model="opencv", distortion=BROWN),
+        "fisheye": Camera(**size, fx=600, fy=600, model="opencv_fisheye", distortion=KANNALA),
+    }
+    inside = look_at([(0.2, 0.1, 1.5)] * 4, [(1, 1, 1), (-1, 1, 1), (1, -1, 1.3), (-1, 0.3, 1)])
+    for name in ("torus", "teapot", "room"):
+        mesh, poses = shapes.by_name(name), inside
+        if name != "room":
+            centre = mesh.bounds.mean(axis=0)
+            poses = sphere_of_poses(centre, enclosing_distance(mesh, pinhole, centre)[1], 4)
+        own = 0.0
+        for lens, camera in cameras.items():
+            with open_rasterizer(mesh, camera, "cpu", threads=1) as rasterizer:
+                seconds = median(partial(rasterizer.count, poses, drawn=False), rounds) / 4
+            report.add(f"{name}, {lens}: count", 1e3 * seconds, "ms")
+            own = own or seconds
+            if lens != "pinhole":
+                report.add(f"{name}, {lens}: count by that of the pinhole", seconds / own, "")
 
 
 def median(call: Callable[[], object], rounds: int) -> float:

@@ -30,6 +30,7 @@ from rows import Report, arguments
 import rastercov as rc
 from rastercov import shapes
 from rastercov._observers import ROLL
+from rastercov._threads import thread_count
 from rastercov.cli import inputs
 from rastercov.coverage import FIGURES, batch_size
 from rastercov.mesh.formats import READERS
@@ -167,15 +168,15 @@ def timed(jobs: Sequence[Callable[[], object]], n_rounds: int) -> list[list[tupl
 
 def observe(mesh, camera, poses: rc.Poses, threads: int | None = None) -> None:
     """Observe all poses, in the batches of `evaluate`."""
-    step = batch_size(mesh.n_faces)
     with rc.open_observer(mesh, camera, threads=threads) as observer:
+        step = batch_size(mesh.n_faces, thread_count(threads))
         for start in range(0, len(poses), step):
             observer.observe(poses[start : start + step])
 
 
 def count(mesh, camera, poses: rc.Poses) -> None:
     """Count visible and drawn samples of all poses, on the rolled grid of method "sampled"."""
-    step = batch_size(mesh.n_faces)
+    step = batch_size(mesh.n_faces, thread_count(None))
     with rc.open_rasterizer(mesh, camera, "cpu", roll=ROLL) as rasterizer:
         for start in range(0, len(poses), step):
             rasterizer.count(poses[start : start + step])

@@ -64,7 +64,7 @@ def measure(report: Report, name: str, cell: Cell, args) -> None:
     """Add the rows of one scene."""
     mesh, camera = cell.mesh(), cell.camera
     poses = rc.Poses.of(cell.poses(mesh, args.poses))
-    rows, step = np.arange(len(poses)), batch_size(mesh.n_faces)
+    rows, step = np.arange(len(poses)), batch_size(mesh.n_faces, args.threads)
     packets = EmbreePackets(mesh, camera, poses.world_from_camera, args.threads)
     with (
         rc.open_observer(mesh, camera, threads=args.threads) as observer,

@@ -24,8 +24,8 @@ from rows import Report, arguments, resident_mib
 
 import rastercov as rc
 from rastercov import shapes
+from rastercov._interrupts import interrupts_held
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
-from rastercov.report.coverage import interrupts_held
 
 CAMERA = rc.Camera(width=128, height=128, fx=154, fy=154)
 BATCH = 500

@@ -11,6 +11,7 @@ from rastercov.area.zones import DeadZones, dead_zones
 from rastercov.camera import Camera
 from rastercov.camera_formats import read_views, write_views
 from rastercov.camera_formats.conventions import Conventions
+from rastercov.cluster import Workers
 from rastercov.coverage import Coverage, evaluate, evaluate_batches
 from rastercov.engine import Engine
 from rastercov.errors import (
@@ -22,6 +23,7 @@ from rastercov.errors import (
     RastercovError,
     ResourceError,
 )
+from rastercov.jobs import audit, check, place
 from rastercov.mesh import Group, Mesh
 from rastercov.network import Network
 from rastercov.observation import BoundKind, Observation, Visibility
@@ -74,13 +76,17 @@ __all__ = [
     "Views",
     "Visibility",
     "VisibilityBuffer",
+    "Workers",
+    "audit",
     "cells",
+    "check",
     "dead_zones",
     "evaluate",
     "evaluate_batches",
     "look_at",
     "open_observer",
     "open_rasterizer",
+    "place",
     "read_poses",
     "read_views",
     "regions",

@@ -150,20 +150,24 @@ class ExactObserver(OpenObserver):
         def worker(solver: Any) -> Any:
             def work(turn: slice) -> None:
                 for row in range(n_poses)[turn]:
+                    is_direct = solver.write_to(visible[row], area[row], error[row])
                     solver.set_camera(cameras[accepted.camera[row]])
                     solver.set_pose(matrices[row], near[row], front_only[row])
                     solver.solve_all()
-                    visible[row], area[row], error[row] = (
-                        solver.visible[rows],
-                        solver.area[rows],
-                        solver.area_error[rows],
-                    )
+                    if not is_direct:
+                        visible[row], area[row], error[row] = (
+                            solver.visible[rows],
+                            solver.area[rows],
+                            solver.area_error[rows],
+                        )
                     kind[row][solver.is_certified[rows]] = BoundKind.CERTIFIED
 
             return work
 
         solvers = self._scratch.take(max(1, min(self.threads, n_poses)))
         share_poses(n_poses, [worker(solver) for solver in solvers])
+        for solver in solvers:  # so that they keep no result alive
+            solver.write_to(*np.empty((3, 0)))
         self._scratch.give_back(solvers)
         return Observation(visible, area, kind, error, clipped)
 

@@ -304,13 +304,22 @@ class Camera:
         """True where the lens is all in fx, fy, cx and cy."""
         return self.model == "pinhole" and self.skew == 0 and self.max_angle_deg is None
 
-    def check_pinhole(self) -> None:
-        """Raise `CameraError` for a lens that is no pinhole, where only these can be used."""
+    def check_pinhole(self, what: str = "", instead: str = "") -> None:
+        """Raise `CameraError` for a lens that is no pinhole, where only these can be used.
+
+        Parameters
+        ----------
+        what : str
+            What wants a pinhole, and why, in words.
+        instead : str
+            What to do; the images are to be undistorted unless given.
+        """
         if not self.is_pinhole:
-            raise CameraError(
-                f"a lens of model {self.model}{', with skew' if self.skew else ''} is not "
-                "supported here yet; undistort the images, and give the undistorted K"
-            )
+            lens = f"a lens of model {self.model}{', with skew' if self.skew else ''}"
+            remedy = instead or "undistort the images, and give the undistorted K"
+            if what:
+                raise CameraError(f"{what}, got {lens}; {remedy}")
+            raise CameraError(f"{lens} is not supported here yet; {remedy}")
 
     @property
     def K(self) -> NDArray[np.float64]:  # noqa: N802 - the field's name for it
@@ -324,12 +333,12 @@ class Camera:
 
     @property
     def hfov(self) -> float:
-        """Horizontal field of view, radians."""
+        """Horizontal field of view, radians, without distortion."""
         return math.atan(self.cx / self.fx) + math.atan((self.width - self.cx) / self.fx)
 
     @property
     def vfov(self) -> float:
-        """Vertical field of view, radians."""
+        """Vertical field of view, radians, without distortion."""
         return math.atan(self.cy / self.fy) + math.atan((self.height - self.cy) / self.fy)
 
     def resized(self, scale: float) -> "Camera":

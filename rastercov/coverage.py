@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov._arguments import check_kind
 from rastercov._checks import shown
+from rastercov._threads import threads_of
 from rastercov.coverage_pass import CoveragePass
 from rastercov.errors import ConfigError, ResourceError
 from rastercov.face_pass import Measured
@@ -78,6 +79,8 @@ class Coverage:
         Whether the near plane cut away a surface in view.
     pose_ids : (P,) int64
         Row of each pose in the input; they skip poses that were at fault.
+    eyes : (P, 3) float64
+        Centre of each camera, metres.
     """
 
     mesh: Mesh
@@ -101,6 +104,7 @@ class Coverage:
     incidence: FloatArray = field(metadata=_figure(np.float64, "rad"))
     coverage: FloatArray = field(metadata=_figure(np.float64))
     reason: NDArray[np.uint8] = field(metadata=_figure(np.uint8))
+    eyes: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
 
     def __post_init__(self) -> None:
         for name in FIGURES:
@@ -190,7 +194,7 @@ def evaluate(
     ) as observer:
         whole, clipped = _arrays(names, shape), np.empty(shape[0], np.bool_)
         judge = CoveragePass(observer, task)
-        for rows in _batches(*shape):
+        for rows in _batches(len(accepted), observer):
             part = accepted[rows]
             seen = _measured(observer, part)
             judge.fill(seen, part, {name: array[rows] for name, array in whole.items()})
@@ -218,16 +222,16 @@ def evaluate_batches(
     Returns
     -------
     Iterator of Coverage
-        Of consecutive poses, at most `PAIRS_A_BATCH` pairs and `POSES_A_BATCH` poses each. The
-        arguments are checked at once; each batch is measured when it is asked for. Any number of
-        threads may have an iterator each over one observer, but not share an iterator.
+        Of consecutive poses, as many each as `batch_size` says. The arguments are checked at once;
+        each batch is measured when it is asked for. Any number of threads may have an iterator each
+        over one observer, but not share an iterator.
     """
     accepted, names = Poses.of(poses, skip_bad=skip_bad_poses), _checked_fields(fields)
     check_observer(observer)
     task = _checked_task(task)
-    shape = len(accepted), observer.mesh.n_faces
     judge = CoveragePass(observer, task)
-    return (_judged(observer, judge, task, accepted[rows], names) for rows in _batches(*shape))
+    batches = _batches(len(accepted), observer)
+    return (_judged(observer, judge, task, accepted[rows], names) for rows in batches)
 
 
 def check_observer(observer: object) -> None:
@@ -240,7 +244,7 @@ def check_observer(observer: object) -> None:
 
 def measurements(observer: Observer, poses: Poses) -> Iterator[tuple[Poses, Measured]]:
     """Poses and what is measured of them, a few at a time; at least once, maybe of none."""
-    for rows in _batches(len(poses), observer.mesh.n_faces):
+    for rows in _batches(len(poses), observer):
         yield poses[rows], _measured(observer, poses[rows])
 
 
@@ -250,14 +254,19 @@ def _measured(observer: Observer, poses: Poses) -> Measured:
     return measured
 
 
-def batch_size(n_faces: int) -> int:
-    """Most poses that are measured together."""
-    return max(1, min(POSES_A_BATCH, PAIRS_A_BATCH // n_faces))
+def batch_size(n_faces: int, threads: int) -> int:
+    """Most poses that are measured together.
+
+    `PAIRS_A_BATCH` pairs, rounded up so that each of the threads has as many poses, but at most
+    `POSES_A_BATCH` poses: with fewer than one for each thread of a million faces, one would work.
+    """
+    poses = max(1, PAIRS_A_BATCH // n_faces)
+    return min(POSES_A_BATCH, -(-poses // threads) * threads)
 
 
-def _batches(n_poses: int, n_faces: int) -> Iterator[slice]:
+def _batches(n_poses: int, observer: Observer) -> Iterator[slice]:
     """Slices of poses that are measured together; at least one, maybe empty."""
-    step = batch_size(n_faces)
+    step = batch_size(observer.mesh.n_faces, threads_of(observer))
     return (slice(at, at + step) for at in range(0, max(1, n_poses), step))
 
 
@@ -292,7 +301,8 @@ def _coverage(
     """Coverage with some of the figures."""
     head = observer.mesh, observer.camera, task, observer.info, poses.ids, clipped
     figures: dict[str, Any] = dict.fromkeys(FIGURES)
-    return Coverage(*head, **(figures | values))
+    eyes = poses.world_from_camera[:, :3, 3]
+    return Coverage(*head, **(figures | values), eyes=eyes)
 
 
 def _checked_fields(names: Sequence[str] | None) -> list[str]:

@@ -97,6 +97,18 @@ def near_limit(camera: Camera, bounds: FloatArray, poses: FloatArray) -> FloatAr
     return limit
 
 
+def depth_from_near(points: FloatArray, camera: Camera) -> FloatArray:
+    """(...) depth of points (..., 3) in camera axes that is compared with the near limit, metres.
+
+    z, or the greatest coordinate for a lens of several ideal planes, whose near planes are the
+    sides of a cube.
+    """
+    if len(pinholes(camera, np.eye(4)[None])) > 1:
+        greatest: FloatArray = np.abs(points).max(axis=-1)
+        return greatest
+    return points[..., 2]
+
+
 def near_cuts(
     vertices: FloatArray, faces: IntArray, bounds: FloatArray, camera: Camera, poses: FloatArray
 ) -> BoolArray:

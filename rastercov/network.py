@@ -4,42 +4,31 @@ E. S. Eissa. Image Space Coverage Model. 2020, section 6.4.1 and Table 6.1, wher
 not covered when its coverage is 0 in every camera.
 """
 
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+import math
+from collections.abc import Collection, Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov._arguments import check_kind
+from rastercov._threads import threads_of
 from rastercov.coverage import Coverage, batch_size, check_observer, measurements
 from rastercov.coverage_pass import CoveragePass
 from rastercov.errors import ConfigError, MeshError
 from rastercov.face_pass import Measured, Scope, Worker
+from rastercov.judged_poses import JudgedPoses, Part
 from rastercov.mesh import Mesh
 from rastercov.observation import BoundKind
 from rastercov.observer import Observer
 from rastercov.pairs import PairBuffer
 from rastercov.pose import Poses
-from rastercov.task import Limits, Reason, Task
-
-if TYPE_CHECKING:
-    from rastercov.network_kernels import PairRows, Sink
+from rastercov.spread import ViewSpread
+from rastercov.task import Reason, Task
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
-
-_ADDED: dict[str, Any] = {
-    "coverage": np.float64,
-    "reason": np.uint8,
-    "visibility_bound": np.float64,
-    "visibility_kind": np.uint8,
-    "in_view_fraction": np.float64,
-    "drawn_pixels": np.float64,
-}
-"""Figures that a network adds up, and their types: the arguments of `add_rows` of the kernels, and
-the pixels of each face."""
 
 
 class Network:
@@ -90,6 +79,7 @@ class Network:
         self.largest_covered_bound = 0.0
         self.largest_image = 0.0
         self.clipped_poses: list[int] = []
+        self._spread = ViewSpread(mesh.centroids, math.radians(task.min_angle_deg))
 
     def add(self, coverage: "Coverage | JudgedPoses", camera: int | None = None) -> None:
         """Take in the next poses; ConfigError when they are of another mesh or task.
@@ -103,8 +93,9 @@ class Network:
         if coverage.task != self.task or coverage.mesh.n_faces != self.mesh.n_faces:
             raise ConfigError("a network adds up coverage of one mesh and one task")
         if len(coverage.pose_ids):
-            part = _Part(self.mesh, len(coverage.pose_ids))
+            part = Part(self.mesh, len(coverage.pose_ids))
             part.add_coverage(coverage)
+            self._spread_rays(coverage.eyes, coverage.reason == Reason.COVERED)
             self._take(coverage.pose_ids, coverage.clipped, part)
 
     def add_poses(
@@ -164,6 +155,8 @@ class Network:
             For an observer of another mesh, or another choice of pairs.
         """
         check_observer(observer)
+        if pairs == "none" and self.task.min_angle_deg > 0:
+            pairs = "covered"  # the rays to them are needed
         if observer.mesh.n_faces != self.mesh.n_faces:
             raise ConfigError("a network adds up coverage of one mesh and one task")
         from rastercov import network_kernels  # loads numba
@@ -172,7 +165,9 @@ class Network:
         judge = CoveragePass(observer, self.task)
         announce_compilation(network_kernels.add_pose)
         n_faces = self.mesh.n_faces
-        buffer = PairBuffer(pairs, min(len(poses), batch_size(n_faces)), n_faces)
+        buffer = PairBuffer(
+            pairs, min(len(poses), batch_size(n_faces, threads_of(observer))), n_faces
+        )
         return (
             self._judged(judge, batch, seen, buffer, keep, apart)
             for batch, seen in measurements(observer, poses)
@@ -190,15 +185,15 @@ class Network:
         """Judge the poses of a measurement."""
         sink = buffer.sink(poses.ids)
         kept = {pose: np.empty(self.mesh.n_faces) for pose in poses.ids.tolist() if pose in keep}
-        parts: list[tuple[int, _Part]] = []
+        parts: list[tuple[int, Part]] = []
 
         def worker(scope: Scope) -> Worker:
-            own: dict[int, _Part] = {}
+            own: dict[int, Part] = {}
 
             def work(rows: slice, index: int) -> None:
                 camera = index if apart else -1
                 if camera not in own:
-                    own[camera] = _Part(self.mesh, len(poses))
+                    own[camera] = Part(self.mesh, len(poses))
                     parts.append((camera, own[camera]))
                 own[camera].add_poses(scope, judge.limits, sink, kept, rows, index)
 
@@ -208,6 +203,12 @@ class Network:
             judge.share(seen, poses, worker)
         return JudgedPoses(poses, seen.clipped, buffer.rows(), kept, seen, parts)
 
+    def _spread_rays(self, eyes: FloatArray, covers: BoolArray) -> None:
+        """Add the rays of cameras, (P, 3), that cover faces, (P, F)."""
+        if self.task.min_angle_deg > 0:
+            for eye, row in zip(eyes, covers, strict=True):
+                self._spread.add(eye, np.flatnonzero(row))
+
     def _take_judged(self, batch: "JudgedPoses", camera: int | None) -> None:
         """Add the sums of a batch, or those of one of its cameras."""
         parts = [part for index, part in batch.parts if camera in (None, index)]
@@ -215,17 +216,22 @@ class Network:
             return
         whole, *others = parts
         if others:
-            whole = _Part(self.mesh, len(batch.poses))
+            whole = Part(self.mesh, len(batch.poses))
             for part in parts:
                 whole.merge(part)
         own = slice(None) if camera is None else batch.poses.camera == camera
         self._take(batch.pose_ids, batch.clipped, whole, own)
+        if self.task.min_angle_deg > 0:
+            placed, rows = batch.poses[own], batch.rows
+            is_covered = rows.reason == Reason.COVERED
+            for eye, pose in zip(placed.world_from_camera[:, :3, 3], placed.ids, strict=True):
+                self._spread.add(eye, rows.face[is_covered & (rows.pose == pose)])
 
     def _take(
         self,
         pose_ids: IntArray,
         clipped: BoolArray,
-        first: "_Part",
+        first: "Part",
         own: slice | BoolArray = slice(None),
     ) -> None:
         """Add the sums of a batch of poses; `own` are those that count."""
@@ -247,8 +253,9 @@ class Network:
 
     @property
     def covered(self) -> BoolArray:
-        """Faces covered by at least `Task.views` cameras, (F,)."""
-        return self.views >= self.task.views
+        """(F,) faces covered by `Task.views` cameras, from directions that differ as asked."""
+        covered: BoolArray = (self.views >= self.task.views) & self._spread.is_spread
+        return covered
 
     def summary(self) -> dict[str, Any]:
         """Figures of the network, ready for JSON; every percentage by count and by area.
@@ -303,118 +310,6 @@ class Network:
                 self.mesh, members & (self.best == 0), members
             )
         return entry
-
-
-@dataclass(frozen=True, eq=False)
-class JudgedPoses:
-    """A few poses that a network has judged and not yet added; see `Network.judge`.
-
-    Attributes
-    ----------
-    poses : Poses
-        The poses.
-    clipped : (P,) bool
-        Whether the near plane cut away a surface in view.
-    rows : PairRows
-        Figures of the pairs that were asked for, by pose, then by face.
-    kept : dict
-        Coverage (F,) float64 of the poses to keep, by their ids.
-    measured : Observation or FaceCounts
-        Measurement of the poses.
-    """
-
-    poses: Poses
-    clipped: BoolArray
-    rows: "PairRows"
-    kept: dict[int, FloatArray]
-    measured: Measured
-    parts: "list[tuple[int, _Part]]"
-
-    @property
-    def pose_ids(self) -> IntArray:
-        """(P,) row of each pose in the input."""
-        return self.poses.ids
-
-
-class _Part:
-    """Sums of some of the poses of a batch, made by one thread.
-
-    `covered_faces`, `totals` of coverage and `images` are (P,), 0 for the poses of other parts.
-    """
-
-    def __init__(self, mesh: Mesh, n_poses: int) -> None:
-        from rastercov import criteria_kernels, network_kernels  # load numba
-
-        self.kernels, n = network_kernels, mesh.n_faces
-        self._read_only = criteria_kernels.read_only
-        self.sums = network_kernels.Sums(
-            views=np.zeros(n, np.int64),
-            best=np.zeros(n),
-            best_row=np.zeros(n, np.int64),
-            reason=np.zeros(n, np.uint8),
-            kinds=np.zeros(len(BoundKind), np.int64),
-            bounds=np.zeros(2),
-        )
-        self.covered_faces = np.zeros(n_poses, np.int64)
-        self.totals, self.images = np.zeros((2, n_poses))
-        self._is_scored = self._read_only(mesh.task_mask, np.bool_)
-        self._scored = None if mesh.task_mask.all() else np.flatnonzero(mesh.task_mask)
-        self._coverage, self._drawn = np.empty((2, n))
-
-    def add_coverage(self, coverage: Coverage) -> None:
-        """Add all poses of the batch."""
-        from rastercov._jit import announce_compilation
-
-        announce_compilation(self.kernels.add_rows)
-        arrays = [self._read_only(getattr(coverage, name), kind) for name, kind in _ADDED.items()]
-        *added, drawn = arrays
-        self.kernels.add_rows(self._is_scored, *added, self.sums, self.covered_faces)
-        for row in range(len(drawn)):  # 10 us each
-            self._add_sums(row, added[0][row], drawn[row])
-
-    def add_poses(
-        self,
-        scope: Scope,
-        limits: Sequence[Limits],
-        sink: "Sink",
-        kept: dict[int, FloatArray],
-        rows: slice,
-        index: int,
-    ) -> None:
-        """Judge some poses of one camera of the batch and add them; their rows go to `sink`."""
-        arguments, coverage = scope(index), self._coverage
-        seen = arguments[2]
-        own = self._is_scored, self.sums, self.covered_faces, coverage
-        for row in range(rows.start, rows.stop):
-            self.kernels.add_pose(row, rows.start, *arguments, limits[index], *own, sink)
-            drawn = seen.drawn[row]
-            if seen.scale != 1 or drawn.dtype != np.float64:
-                drawn = np.divide(drawn, seen.scale, out=self._drawn)
-            self._add_sums(row, coverage, drawn)
-            pose_id = int(sink.pose_ids[row])
-            if pose_id in kept:
-                kept[pose_id][:] = coverage
-
-    def _add_sums(self, row: int, coverage: FloatArray, drawn: FloatArray) -> None:
-        """Sums over the scored faces of one pose."""
-        if self._scored is not None:
-            coverage, drawn = coverage.take(self._scored), drawn.take(self._scored)
-        self.totals[row], self.images[row] = coverage.sum(), drawn.sum()
-
-    def merge(self, other: "_Part") -> None:
-        """Add the sums of other poses of the same batch."""
-        ours, theirs = self.sums, other.sums
-        ours.views[:] += theirs.views
-        better = (theirs.best > ours.best) | (
-            (theirs.best == ours.best) & (theirs.best_row < ours.best_row)
-        )
-        ours.best[better], ours.best_row[better] = theirs.best[better], theirs.best_row[better]
-        np.maximum(ours.reason, theirs.reason, out=ours.reason)
-        ours.kinds[:] += theirs.kinds
-        np.maximum(ours.bounds, theirs.bounds, out=ours.bounds)
-        self.covered_faces += other.covered_faces
-        self.totals += other.totals
-        self.images += other.images
 
 
 def share_of_faces(mesh: Mesh, part: BoolArray, whole: BoolArray) -> dict[str, float]:

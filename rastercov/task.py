@@ -101,6 +101,9 @@ class Task:
         A camera covers a face when coverage is at least this and not 0, [0, 1].
     views : int
         Cameras that must cover a face for the network to cover it (k of k-coverage).
+    min_angle_deg : float
+        Least angle between the rays to two of the cameras that cover a face, degrees, [0, 180];
+        above 0 every face needs two cameras.
     focus_rule : {"vertices", "centroid"}
         Whether all vertices must be in focus (Definition 1) or the centroid (3.12).
     cap_resolution : bool
@@ -136,6 +139,9 @@ class Task:
         float, Ge(0), Le(1), Doc("Coverage from which a camera covers a face.")
     ] = 0.5
     views: Annotated[int, Ge(1), Doc("Cameras that must cover a face.")] = 1
+    min_angle_deg: Annotated[
+        float, Ge(0), Le(180), Doc("Least angle between the rays to two of these cameras.")
+    ] = 0.0
     focus_rule: Annotated[
         Literal["vertices", "centroid"], Doc("Part of a face that must be in focus.")
     ] = "vertices"

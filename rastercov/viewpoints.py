@@ -1,5 +1,6 @@
 """Poses from eyes and targets or on a sphere, and the distance at which a mesh fills the image."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -8,11 +9,22 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov._arguments import LARGEST_COORDINATE, MOST_POSES, owned
 from rastercov._checks import finite_number, shown
 from rastercov.camera import Camera
+from rastercov.camera_models import MODELS
 from rastercov.errors import ConfigError, PoseError
 from rastercov.mesh import Mesh
 from rastercov.pose import real_numbers
+from rastercov.projection import to_image
+from rastercov.rays import border_of, rays_of
 
 FloatArray = NDArray[np.float64]
+
+WIDEST_DEG = 60.0
+"""Angle from the axis of a lens without an ideal plane up to which targets are framed."""
+LARGEST_ANGLE = math.radians(89.0)
+"""Radians from the axis up to which a tangent is a length."""
+BORDER_SAMPLES, ZOOMS = 257, 4
+"""Samples of a border of the image, and how often it is sampled: the last time 2e-9 of the side
+apart, and the error of a least value falls with its square."""
 
 
 def look_at(eyes: ArrayLike, targets: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) -> FloatArray:
@@ -142,19 +154,72 @@ def enclosing_distance(
 
 
 def half_angles(camera: Camera) -> tuple[float, float]:
-    """Tangents of the angles from the optical axis to the nearer border, across and down.
+    """Tangents across and down of the pyramid around the optical axis that is all in view.
 
-    Where the axis is in the middle of the image these are the halves of the fields of view.
+    A point with |x| <= across z and |y| <= down z is in the image. Where the axis of a pinhole is
+    in the middle, these are the halves of its fields of view. Of other lenses they are the least
+    tangents at which the rays of the borders leave the axis: the borders are curves that no point
+    of the pyramid meets. Lenses without an ideal plane are aimed as if they saw no further than
+    `WIDEST_DEG`: near their horizon, a surface that faces the camera is seen flatly.
+
+    Raises
+    ------
+    ConfigError
+        Where the axis is not in the image.
     """
-    camera.check_pinhole()
-    across = min(camera.cx, camera.width - camera.cx) / camera.fx
-    down = min(camera.cy, camera.height - camera.cy) / camera.fy
-    if not (across > 0 and down > 0):
+    if camera.is_pinhole:
+        across = min(camera.cx, camera.width - camera.cx) / camera.fx
+        down = min(camera.cy, camera.height - camera.cy) / camera.fy
+        axis = camera.cx, camera.cy
+        is_inside = across > 0 and down > 0
+    else:
+        axis = tuple(to_image(np.array((0.0, 0.0, 1.0)), camera).tolist())
+        is_inside = 0 < axis[0] < camera.width and 0 < axis[1] < camera.height
+        across, down = _inscribed(camera) if is_inside else (0.0, 0.0)
+    if not is_inside:
         raise ConfigError(
-            f"the optical axis ({camera.cx:g}, {camera.cy:g}) px must meet the image of "
+            f"the optical axis ({axis[0]:g}, {axis[1]:g}) px must meet the image of "
             f"{camera.width} x {camera.height} px; a camera cannot be aimed by an axis it lacks"
         )
     return across, down
+
+
+def _inscribed(camera: Camera) -> tuple[float, float]:
+    """Tangents of `half_angles` of a lens that is no pinhole."""
+    from rastercov.lenses.kernels import SECTORS  # loads numba
+    from rastercov.lenses.of_camera import lens_of
+
+    lens = lens_of(camera)
+    top, right, bottom, left = (
+        _least_tangent(camera, ends, axis)
+        for axis, ends in zip((1, 0, 1, 0), border_of(camera, 2), strict=True)
+    )
+    most = math.tan(math.radians(WIDEST_DEG))
+    if MODELS[camera.model].is_planar:
+        most = math.tan(min(lens.valid_angle, LARGEST_ANGLE))
+    across, down = min(left, right, most), min(top, bottom, most)
+    if not lens.is_whole and lens.valid_angle < LARGEST_ANGLE:
+        # The valid region ends inside the image: at a polygon within this cone.
+        cone = math.tan(lens.valid_angle) * math.cos(math.pi / SECTORS)
+        across, down = (side * min(1.0, cone / math.hypot(across, down)) for side in (across, down))
+    return across, down
+
+
+def _least_tangent(camera: Camera, ends: FloatArray, axis: int) -> float:
+    """Least |x / z|, of axis 0, or |y / z| of the rays of a border (2, 2); inf if all are behind.
+
+    The curve is sampled, and again on both sides of the least sample, until they agree.
+    """
+    first, last = 0.0, 1.0
+    for _ in range(ZOOMS):
+        steps = np.linspace(first, last, BORDER_SAMPLES)
+        pixels = (1 - steps[:, None]) * ends[0] + steps[:, None] * ends[1]
+        rays = rays_of(pixels, camera)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            tangents = np.where(rays[:, 2] > 0, np.abs(rays[:, axis] / rays[:, 2]), np.inf)
+        least = int(tangents.argmin())
+        first, last = steps[max(least - 1, 0)], steps[min(least + 1, BORDER_SAMPLES - 1)]
+    return float(tangents[least])
 
 
 def _triples(name: str, value: ArrayLike) -> FloatArray:

@@ -106,6 +106,13 @@ class Views:
         )
         return replace(self, rig=rig, poses=poses, images=tuple(self.images[row] for row in rows))
 
+    def check_unit(self) -> None:
+        """Raise `PoseError` unless lengths are metres."""
+        if not self.has_unit:
+            raise PoseError(
+                "the poses have no unit; read them with Conventions(pose_unit=), 1 if it is metres"
+            )
+
     def with_cameras(self, rig: Rig) -> "Views":
         """The same poses, each with the camera of its name in a rig.
 

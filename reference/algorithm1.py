@@ -138,6 +138,7 @@ def image_triangles(mesh: Mesh, camera: Camera, pose: ArrayLike, *, clip: bool =
     With `clip`, faces are cut at the near plane and at the image border. Without, (3.2) is taken as
     printed: vertices behind the camera come out mirrored, and those at depth 0 void their face.
     """
+    camera.check_pinhole("a reference implementation wants a pinhole")
     matrix = np.asarray(pose, dtype=np.float64)
     corners = to_camera(mesh.vertices, matrix)[mesh.faces]
     counts = np.full(mesh.n_faces, 3)

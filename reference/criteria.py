@@ -23,6 +23,7 @@ IntArray = NDArray[np.int64]
 
 def face_geometry(mesh: Mesh, camera: Camera, pose: FloatArray) -> FaceGeometry:
     """Geometry of every face for one pose, world_from_camera (4, 4)."""
+    camera.check_pinhole("a reference implementation wants a pinhole")
     near = float(near_limit(camera, mesh.opaque.bounds, pose[None])[0])
     points = _turned(mesh.vertices - pose[:3, 3], pose)
     ahead_points = points[:, 2] >= near

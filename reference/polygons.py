@@ -177,6 +177,7 @@ class Images:
 
 def _images(mesh: Mesh, camera: Camera, pose: ArrayLike, cull: bool, near: float | None) -> Images:
     """Image of each face: cut in space by near plane and viewing pyramid, then projected."""
+    camera.check_pinhole("a reference implementation wants a pinhole")
     matrix = np.asarray(pose, dtype=np.float64)
     if near is None:
         near = float(near_limit(camera, mesh.opaque.bounds, matrix[None])[0])

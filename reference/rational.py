@@ -138,6 +138,7 @@ class View:
             near = float(near_limit(camera, mesh.opaque.bounds, matrix[None])[0])
         if not near > 0:
             raise ValueError(f"near must be a depth greater than 0 m, got {near}")
+        camera.check_pinhole("a reference implementation wants a pinhole")
         self.mesh = mesh
         self.cull = cull
         self.faces: dict[int, Face | None] = {}

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from rastercov._jit import compiled
 from rastercov.camera import Camera
+from rastercov.camera_models import MODELS
+from rastercov.lenses.of_camera import lens_of
 from rastercov.mesh import Mesh
 from rastercov.near_plane import near_limit
 from rastercov.pose import valid_poses
@@ -65,6 +67,7 @@ def covers_points(
     """
     matrices = valid_poses(poses)
     near = near_limit(camera, mesh.bounds, matrices)
+    is_wide = _is_wide(camera)
     found = np.empty((len(matrices), len(points)), np.bool_)
     for row, pose in enumerate(matrices):
         local = (points - pose[:3, 3]) @ pose[:3, :3]
@@ -73,9 +76,11 @@ def covers_points(
         hidden = np.zeros(len(points), np.bool_)
         rows = np.flatnonzero(meets)
         faces = face.astype(np.int64)
+        depth = _depth(local, is_wide=is_wide)
         _find_hidden(
-            corners, mesh.degenerate_mask, mesh.target_mask, near[row], local, faces, rows, hidden
-        )
+            corners, mesh.degenerate_mask, mesh.target_mask, near[row], local, depth, faces, rows,
+            hidden,
+        )  # fmt: skip
         found[row] = meets & ~hidden
     return found
 
@@ -91,23 +96,26 @@ def meets_criteria(
 ) -> BoolArray:
     """Mask of the points, in camera axes, that meet each criterion but occlusion, (N,)."""
     normal = mesh.normals[face] @ pose[:3, :3]
-    x, y, z = local.T
     z_n, z_f = camera.depth_of_field(task.max_blur)
     with np.errstate(all="ignore"):
-        u, v = camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy
         distance = np.linalg.norm(local, axis=1)
         height = -np.einsum("ni,ni->n", normal, local)
         two_sided = mesh.two_sided_mask[face]
         facing = np.where(two_sided, np.abs(height), height)
-        meets = (z >= near) & (u >= 0) & (u <= camera.width) & (v >= 0) & (v <= camera.height)
+        if camera.is_pinhole:
+            meets, per_m2, least = _through_pinhole(camera, local, facing, near)
+            sharp = local[:, 2]
+        else:
+            meets, per_m2, least = _through_lens(camera, local, normal, near)
+            sharp = local[:, 2] if MODELS[camera.model].is_planar else distance
         meets &= (facing > 0) & mesh.task_mask[face] & ~mesh.degenerate_mask[face]
-        meets &= (z_n <= z) & (z <= z_f)
+        meets &= (z_n <= sharp) & (sharp <= z_f)
         if task.max_incidence_deg < 90:
             meets &= facing >= distance * math.cos(math.radians(task.max_incidence_deg))
         if task.min_pixels_per_m2 > 0:
-            meets &= camera.fx * camera.fy * facing / z**3 >= task.min_pixels_per_m2
+            meets &= per_m2 >= task.min_pixels_per_m2
         if task.min_facing_density > 0:
-            meets &= min(camera.fx, camera.fy) / z >= task.min_facing_density
+            meets &= least >= task.min_facing_density
     if task.min_pixel_density > 0:
         rows = np.flatnonzero(meets)
         jacobians = jacobian(camera, local[rows], normal[rows])
@@ -117,6 +125,45 @@ def meets_criteria(
     return found
 
 
+def _through_pinhole(
+    camera: Camera, local: FloatArray, facing: FloatArray, near: float
+) -> tuple[BoolArray, FloatArray, FloatArray]:
+    """Points in the image, pixels on a m^2 of their planes, and pixels a metre facing the camera.
+
+    The last is min(fx, fy) / z, the density of a target parallel to the image.
+    """
+    x, y, z = local.T
+    u, v = camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy
+    is_in = (z >= near) & (u >= 0) & (u <= camera.width) & (v >= 0) & (v <= camera.height)
+    return is_in, camera.fx * camera.fy * facing / z**3, min(camera.fx, camera.fy) / z
+
+
+def _through_lens(
+    camera: Camera, local: FloatArray, normal: FloatArray, near: float
+) -> tuple[BoolArray, FloatArray, FloatArray]:
+    """The same for a lens, by its derivative."""
+    lens = lens_of(camera)
+    (u, v), J = lens.project(local).T, lens.jacobian(local)
+    is_in = (u >= 0) & (u <= camera.width) & (v >= 0) & (v <= camera.height)
+    is_in &= _depth(local, is_wide=_is_wide(camera)) >= near
+    per_m2 = np.abs(np.einsum("ni,ni->n", np.cross(J[:, 0], J[:, 1]), normal))
+    least = np.zeros(len(local))
+    rows = np.isfinite(J).all(axis=(1, 2))
+    least[rows] = np.linalg.svd(J[rows], compute_uv=False)[:, 1]
+    return is_in, per_m2, least
+
+
+def _is_wide(camera: Camera) -> bool:
+    """True for a lens with several ideal planes: its near planes are a cube."""
+    return not camera.is_pinhole and len(lens_of(camera).planes) > 1
+
+
+def _depth(local: FloatArray, *, is_wide: bool) -> FloatArray:
+    """Depth that the near plane cuts, of points in camera axes."""
+    depth: FloatArray = np.abs(local).max(axis=1) if is_wide else local[:, 2]
+    return depth
+
+
 def jacobian(camera: Camera, local: FloatArray, normal: FloatArray) -> FloatArray:
     """Derivatives of the image position along two tangents of the surface, (N, 2, 2), px/m."""
     x, y, z = local.T
@@ -124,6 +171,9 @@ def jacobian(camera: Camera, local: FloatArray, normal: FloatArray) -> FloatArra
     first = np.cross(normal, axis)
     first /= np.linalg.norm(first, axis=1, keepdims=True)
     tangents = np.stack([first, np.cross(normal, first)], axis=2)
+    if not camera.is_pinhole:
+        through_lens: FloatArray = lens_of(camera).jacobian(local) @ tangents
+        return through_lens
     projection = np.zeros((len(local), 2, 3))
     projection[:, 0, 0], projection[:, 0, 2] = camera.fx / z, -camera.fx * x / z**2
     projection[:, 1, 1], projection[:, 1, 2] = camera.fy / z, -camera.fy * y / z**2
@@ -132,7 +182,7 @@ def jacobian(camera: Camera, local: FloatArray, normal: FloatArray) -> FloatArra
 
 
 @compiled
-def _find_hidden(corners, degenerate, target, near, local, face, rows, hidden):  # type: ignore[no-untyped-def] # compiled
+def _find_hidden(corners, degenerate, target, near, local, depth, face, rows, hidden):  # type: ignore[no-untyped-def] # compiled
     """Mark the points, in camera axes, that some face in front of them hides.
 
     The ray through a point crosses a face if it is on the inner side of the planes through its
@@ -141,7 +191,7 @@ def _find_hidden(corners, degenerate, target, near, local, face, rows, hidden): 
     for index in range(rows.shape[0]):
         i = rows[index]
         x, y, z = local[i, 0], local[i, 1], local[i, 2]
-        w = 1 / z
+        w = 1 / depth[i]
         for m in range(corners.shape[0]):
             if m == face[i] or degenerate[m] or target[m]:
                 continue
@@ -160,7 +210,7 @@ def _find_hidden(corners, degenerate, target, near, local, face, rows, hidden): 
             d = nx * corners[m, 0, 0] + ny * corners[m, 0, 1] + nz * corners[m, 0, 2]
             if d == 0:
                 continue
-            its = (nx * x * w + ny * y * w + nz) / d  # 1/z of the face on the ray
+            its = (nx * x * w + ny * y * w + nz * (z * w)) / d  # 1/depth of the face on the ray
             if not its > 0 or its * near > 1:
                 continue
             apart = its - w

@@ -268,7 +268,7 @@ def test_batches_make_up_the_whole(how, monkeypatch, pairs):
     assert_same(evaluate(TEAPOT, SMALL, POSES, **how), whole)
     with open_observer(TEAPOT, SMALL, **how) as observer:
         batches = list(evaluate_batches(observer, POSES))
-    step = max(1, pairs // TEAPOT.n_faces)
+        step = module.batch_size(TEAPOT.n_faces, observer.threads)
     assert [len(batch.pose_ids) for batch in batches] == [
         len(POSES[start : start + step]) for start in range(0, len(POSES), step)
     ]

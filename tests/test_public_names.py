@@ -40,21 +40,27 @@ SURFACE = {
         *("batch_size", "check_observer", "judged", "measurements"),
     },
     "engine": {"BACKENDS", "METHODS"},
+    "cluster.workers": {
+        *("CONNECT_SECONDS", "ENVIRONMENT", "LOGS", "MOST_WORKERS", "SETTINGS"),
+    },
     "errors": set(),
-    "network": {"JudgedPoses", "share_of_faces"},
+    "jobs": set(),
+    "network": {"share_of_faces"},
     "pose": {
         *("DRIFT_TOLERANCE", "as_matrices", "check_poses", "inverse", "real_numbers"),
-        "valid_poses",
+        *("renumbered", "valid_poses"),
     },
     "pose_file": set(),
     "raster.__init__": set(),
-    "rig": {"Cameras", "MOST_CAMERAS", "cameras_of", "check_scene", "only_camera"},
+    "rig": {"Cameras", "MOST_CAMERAS", "cameras_of", "check_scene", "names_of", "only_camera"},
     "raster.contract": {"MAX_RENDERED", "MAX_SUPERSAMPLE", "check_counts", "check_picture"},
     "observation": set(),
     "observer": set(),
     "task": {"THESIS", "Limits"},
     "views": {"MOST_NAMES"},
-    "viewpoints": {"enclosing_distance", "fibonacci_sphere", "half_angles"},
+    "viewpoints": {
+        *("LARGEST_ANGLE", "WIDEST_DEG", "enclosing_distance", "fibonacci_sphere", "half_angles"),
+    },
 }
 MESH = {"Group", "Mesh"}
 
@@ -131,7 +137,7 @@ def test_every_parameter_of_a_function_is_documented_and_typed(name):
 VALUES = ["Camera", "Coverage", "Engine", "FaceCounts", "Group", "Mesh", "Observation", "Poses"]
 VALUES += ["RasterizerInfo", "Rig", "Task", "Visibility", "VisibilityBuffer"]
 VALUES += ["CellShares", "Cells", "Covered", "DeadZones", "Regions"]
-VALUES += ["Conventions", "Views"]
+VALUES += ["Conventions", "Views", "Workers"]
 
 
 @pytest.mark.parametrize("name", VALUES)

@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._jit import compiled, inlined
+from rastercov._jit import allocation_free, by_type, compiled, inlined
+from rastercov.lenses.kernels import is_valid, jacobian, project
 from rastercov.mesh.triangle_tree_kernels import LEAF, STACK_SIZE
 
 FloatArray = NDArray[np.float64]
@@ -50,6 +51,29 @@ class PointRules(NamedTuple):
     z_f: float
     min_per_m2: float
     min_density: float
+    cos_incidence: float
+    margin: float
+
+
+class LensPointRules(NamedTuple):
+    """The same through a lens, `code` and `params`.
+
+    Depths along its axis from `z_n` to `z_f` are in focus, and distances from `nearest` to
+    `farthest`; one of the two is without limits.
+    """
+
+    code: int
+    params: FloatArray
+    width: float
+    height: float
+    is_wide: bool
+    z_n: float
+    z_f: float
+    nearest: float
+    farthest: float
+    min_per_m2: float
+    min_density: float
+    min_facing: float
     cos_incidence: float
     margin: float
 
@@ -104,6 +128,104 @@ def hider_of(x, y, z, d_x, d_y, d_z, reach, own, triangles, nodes, stack):
     return -1
 
 
+def depth_through_lens(rules, rotation, near, x, y, z, normals, i, is_two_sided):
+    """The same through a lens, whose near planes are a cube if it is wide."""
+    X = x * rotation[0, 0] + y * rotation[1, 0] + z * rotation[2, 0]
+    Y = x * rotation[0, 1] + y * rotation[1, 1] + z * rotation[2, 1]
+    Z = x * rotation[0, 2] + y * rotation[1, 2] + z * rotation[2, 2]
+    depth = max(abs(X), abs(Y), abs(Z)) if rules.is_wide else Z
+    length = math.sqrt(x * x + y * y + z * z)
+    if not (depth >= near and rules.z_n <= Z <= rules.z_f):
+        return 0.0
+    if not (rules.nearest <= length <= rules.farthest):
+        return 0.0
+    height = -(x * normals[i, 0] + y * normals[i, 1] + z * normals[i, 2])
+    if is_two_sided:
+        height = abs(height)
+    if not (height > 0.0 and height >= length * rules.cos_incidence):
+        return 0.0
+    if not is_valid(rules.params, X, Y, Z):
+        return 0.0
+    u, v = project_ray(rules.code, rules.params, X, Y, Z)
+    if not (0.0 <= u <= rules.width and 0.0 <= v <= rules.height):
+        return 0.0
+    if rules.min_per_m2 > 0.0 or rules.min_density > 0.0 or rules.min_facing > 0.0:
+        n_x = n_y = n_z = 0.0
+        for k in range(3):
+            n_x += normals[i, k] * rotation[k, 0]
+            n_y += normals[i, k] * rotation[k, 1]
+            n_z += normals[i, k] * rotation[k, 2]
+        per_m2, along, facing = densities_of_ray(rules, X, Y, Z, n_x, n_y, n_z)
+        if not (
+            per_m2 >= rules.min_per_m2 and along >= rules.min_density and facing >= rules.min_facing
+        ):
+            return 0.0
+    return depth
+
+
+@allocation_free
+def project_ray(code, params, X, Y, Z):
+    """Pixel of a ray of the valid region."""
+    return project(code, params, X, Y, Z)
+
+
+@allocation_free
+def densities_of_ray(rules, X, Y, Z, n_x, n_y, n_z):
+    """Pixels a square metre, a metre along the worst direction, and a metre of a facing target."""
+    ux, uy, uz, vx, vy, vz = jacobian(rules.code, rules.params, X, Y, Z)
+    uu, vv = ux * ux + uy * uy + uz * uz, vx * vx + vy * vy + vz * vz
+    uv = ux * vx + uy * vy + uz * vz
+    a, b, c = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    per_m2 = abs(a * n_x + b * n_y + c * n_z)
+    # Squares of both singular values: their product is that of the determinant, their sum the trace.
+    largest = 0.5 * (uu + vv + math.sqrt((uu - vv) ** 2 + 4.0 * uv * uv))
+    facing = math.sqrt((a * a + b * b + c * c) / largest)
+    # In the plane, without the part along its normal.
+    un, vn = ux * n_x + uy * n_y + uz * n_z, vx * n_x + vy * n_y + vz * n_z
+    uu, vv, uv = uu - un * un, vv - vn * vn, uv - un * vn
+    largest = 0.5 * (uu + vv + math.sqrt((uu - vv) ** 2 + 4.0 * uv * uv))
+    return per_m2, per_m2 / math.sqrt(largest), facing
+
+
+@by_type("rules", LensPointRules, depth_through_lens)
+def depth_if_met(rules, rotation, near, x, y, z, normals, i, is_two_sided):
+    """Depth of a point from the camera if it meets all criteria but occlusion, otherwise 0."""
+    depth = x * rotation[0, 2] + y * rotation[1, 2] + z * rotation[2, 2]
+    if not (depth >= near and rules.z_n <= depth <= rules.z_f):
+        return 0.0
+    right = (x * rotation[0, 0] + y * rotation[1, 0] + z * rotation[2, 0]) / depth
+    down = (x * rotation[0, 1] + y * rotation[1, 1] + z * rotation[2, 1]) / depth
+    u, v = rules.fx * right + rules.cx, rules.fy * down + rules.cy
+    if not (0.0 <= u <= rules.width and 0.0 <= v <= rules.height):
+        return 0.0
+    height = -(x * normals[i, 0] + y * normals[i, 1] + z * normals[i, 2])
+    if is_two_sided:
+        height = abs(height)
+    if not height > 0.0:
+        return 0.0
+    length = math.sqrt(x * x + y * y + z * z)
+    if height < length * rules.cos_incidence:
+        return 0.0
+    det = rules.fx * rules.fy * height / (depth * depth * depth)
+    if det < rules.min_per_m2:
+        return 0.0
+    if rules.min_density > 0.0:
+        # Squares of both singular values of the map from the plane to the image: their product is
+        # det^2, their sum that of the lengths of two rows along the plane.
+        n_x, n_y, n_z = 0.0, 0.0, 0.0
+        for k in range(3):
+            n_x += normals[i, k] * rotation[k, 0]
+            n_y += normals[i, k] * rotation[k, 1]
+            n_z += normals[i, k] * rotation[k, 2]
+        across, along = n_x - right * n_z, n_y - down * n_z
+        total = (rules.fx / depth) ** 2 * (1.0 + right * right - across * across)
+        total += (rules.fy / depth) ** 2 * (1.0 + down * down - along * along)
+        root = math.sqrt(max(total * total - 4.0 * det * det, 0.0))
+        if det * det < rules.min_density**2 * 0.5 * (total + root):
+            return 0.0
+    return depth
+
+
 @compiled
 def list_covered(centres, rules, triangles, nodes, rotation, eye, near, out):
     """List the points that a pose covers, in ascending order; their number.
@@ -111,7 +233,7 @@ def list_covered(centres, rules, triangles, nodes, rotation, eye, near, out):
     Parameters
     ----------
     centres, rules
-        Centres; PointRules.
+        Centres; PointRules or LensPointRules.
     triangles, nodes : (T, 9), (2 L, 6) float64
         Tree of the triangles that hide: a corner of each, and the edges from it.
     rotation, eye : (3, 3), (3,) float64
@@ -126,39 +248,10 @@ def list_covered(centres, rules, triangles, nodes, rotation, eye, near, out):
     count, last = 0, -1
     for i in range(points.shape[0]):
         x, y, z = points[i, 0] - eye[0], points[i, 1] - eye[1], points[i, 2] - eye[2]
-        depth = x * rotation[0, 2] + y * rotation[1, 2] + z * rotation[2, 2]
-        if not (depth >= near and rules.z_n <= depth <= rules.z_f):
-            continue
-        right = (x * rotation[0, 0] + y * rotation[1, 0] + z * rotation[2, 0]) / depth
-        down = (x * rotation[0, 1] + y * rotation[1, 1] + z * rotation[2, 1]) / depth
-        u, v = rules.fx * right + rules.cx, rules.fy * down + rules.cy
-        if not (0.0 <= u <= rules.width and 0.0 <= v <= rules.height):
-            continue
-        height = -(x * normals[i, 0] + y * normals[i, 1] + z * normals[i, 2])
-        if centres.two_sided[i]:
-            height = abs(height)
-        if not height > 0.0:
+        depth = depth_if_met(rules, rotation, near, x, y, z, normals, i, centres.two_sided[i])
+        if not depth > 0.0:
             continue
         length = math.sqrt(x * x + y * y + z * z)
-        if height < length * rules.cos_incidence:
-            continue
-        det = rules.fx * rules.fy * height / (depth * depth * depth)
-        if det < rules.min_per_m2:
-            continue
-        if rules.min_density > 0.0:
-            # Squares of both singular values of the map from the plane to the image: their
-            # product is det^2, their sum that of the lengths of two rows along the plane.
-            n_x, n_y, n_z = 0.0, 0.0, 0.0
-            for k in range(3):
-                n_x += normals[i, k] * rotation[k, 0]
-                n_y += normals[i, k] * rotation[k, 1]
-                n_z += normals[i, k] * rotation[k, 2]
-            across, along = n_x - right * n_z, n_y - down * n_z
-            total = (rules.fx / depth) ** 2 * (1.0 + right * right - across * across)
-            total += (rules.fy / depth) ** 2 * (1.0 + down * down - along * along)
-            root = math.sqrt(max(total * total - 4.0 * det * det, 0.0))
-            if det * det < rules.min_density**2 * 0.5 * (total + root):
-                continue
         share = near / depth
         reach = length * (1.0 - share) - rules.margin
         if reach > 0.0:

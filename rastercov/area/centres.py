@@ -4,6 +4,7 @@ It takes a fraction of the time of exact regions, and serves searches over poses
 best of them exactly.
 """
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -17,6 +18,7 @@ from rastercov.area.failures import MARGIN_REL, Sight
 from rastercov.area.frames import frames_of
 from rastercov.area.regions import check_pointwise
 from rastercov.camera import Camera
+from rastercov.camera_models import MODELS
 from rastercov.near_plane import near_limits
 from rastercov.pose import Poses
 from rastercov.rig import Cameras, cameras_of
@@ -62,26 +64,8 @@ class CentrePass:
             two_sided=read_only(mesh.two_sided_mask[face], np.bool_),
             own=read_only(sight.row[face], np.int64),
         )
-        self._rules = [self._rules_of(each, task) for each in self._cameras]
+        self._rules = [_rules(each, task, sight.diagonal) for each in self._cameras]
         self._threads = thread_count(threads)
-
-    def _rules_of(self, camera: Camera, task: Task) -> Any:
-        """Criteria of a camera, in the scene of diagonal 1."""
-        scale = self._sight.diagonal
-        z_n, z_f = camera.depth_of_field(task.max_blur)
-        facing = task.min_facing_density
-        if facing > 0:
-            z_f = min(z_f, min(camera.fx, camera.fy) / facing)
-        is_limited = task.max_incidence_deg < 90
-        return self._kernels.PointRules(
-            fx=float(camera.fx), fy=float(camera.fy), cx=float(camera.cx), cy=float(camera.cy),
-            width=float(camera.width), height=float(camera.height),
-            z_n=float(z_n) / scale, z_f=float(z_f) / scale,
-            min_per_m2=float(task.min_pixels_per_m2) * scale**2,
-            min_density=float(task.min_pixel_density) * scale,
-            cos_incidence=float(task.limits(camera).least_cosine) if is_limited else 0.0,
-            margin=MARGIN_REL,
-        )  # fmt: skip
 
     def find(self, poses: ArrayLike | Poses) -> Lists:
         """Cells whose centre each of (P, 4, 4) poses covers."""
@@ -110,3 +94,39 @@ class CentrePass:
         n_workers = max(1, min(self._threads, len(placed)))
         share_poses(len(placed), [worker() for _ in range(n_workers)])
         return Lists.of(found)
+
+
+def _rules(camera: Camera, task: Task, scale: float) -> Any:
+    """Thresholds at a point in a scene of diagonal 1, for the loops."""
+    from rastercov.area import centre_kernels as kernels
+
+    z_n, z_f = camera.depth_of_field(task.max_blur)
+    facing, is_limited = task.min_facing_density, task.max_incidence_deg < 90
+    common = {
+        "width": float(camera.width),
+        "height": float(camera.height),
+        "min_per_m2": float(task.min_pixels_per_m2) * scale**2,
+        "min_density": float(task.min_pixel_density) * scale,
+        "cos_incidence": float(task.limits(camera).least_cosine) if is_limited else 0.0,
+        "margin": MARGIN_REL,
+    }
+    if camera.is_pinhole:
+        if facing > 0:
+            z_f = min(z_f, min(camera.fx, camera.fy) / facing)
+        return kernels.PointRules(
+            fx=float(camera.fx), fy=float(camera.fy), cx=float(camera.cx), cy=float(camera.cy),
+            z_n=float(z_n) / scale, z_f=float(z_f) / scale, **common,
+        )  # fmt: skip
+    from rastercov.criteria_kernels import read_only
+    from rastercov.lenses.of_camera import lens_of
+
+    lens = lens_of(camera)
+    depths, distances = (z_n / scale, z_f / scale), (0.0, math.inf)
+    if not MODELS[camera.model].is_planar:
+        depths, distances = (-math.inf, math.inf), depths
+    return kernels.LensPointRules(
+        code=lens.code, params=read_only(lens.params, np.float64), is_wide=len(lens.planes) > 1,
+        z_n=float(depths[0]), z_f=float(depths[1]),
+        nearest=float(distances[0]), farthest=float(distances[1]),
+        min_facing=float(facing) * scale, **common,
+    )  # fmt: skip

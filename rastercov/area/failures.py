@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.area.frames import frames_of
 from rastercov.camera import Camera
+from rastercov.camera_models import MODELS
 from rastercov.mesh import Mesh
 from rastercov.mesh.triangle_tree import TriangleTree
 from rastercov.near_plane import near_limits
@@ -57,7 +58,8 @@ def first_failures(
         reason = _failures(mesh, cameras[index], task, near, local, face, turned)
         hidden_by = np.full(len(points), -1)
         rows = np.flatnonzero(reason >= Reason.OCCLUDED)
-        hidden_by[rows] = sight.in_front(points[rows], face[rows], pose, float(near))
+        share = float(near) / depth_of(cameras[index], local[rows])
+        hidden_by[rows] = sight.in_front(points[rows], face[rows], pose, share)
         reason[hidden_by >= 0] = Reason.OCCLUDED
         yield reason, hidden_by
 
@@ -73,31 +75,36 @@ def _failures(
 ) -> NDArray[np.uint8]:
     """First criterion but occlusion that points in camera axes fail; `COVERED` for none."""
     normal, x_axis, y_axis = axes
-    x, y, z = local.T
     z_n, z_f = camera.depth_of_field(task.max_blur)
     with np.errstate(all="ignore"):
-        right, down = x / z, y / z
-        u, v = camera.fx * right + camera.cx, camera.fy * down + camera.cy
         height = -np.einsum("ni,ni->n", normal, local)
         facing = np.where(mesh.two_sided_mask[face], np.abs(height), height)
-        columns = [
-            (camera.fx * (axis[:, 0] - right * axis[:, 2]) / z,
-             camera.fy * (axis[:, 1] - down * axis[:, 2]) / z)
-            for axis in (x_axis, y_axis)
-        ]  # fmt: skip
-        (a, b), (c, d) = columns
-        det, total = np.abs(a * d - b * c), a * a + b * b + c * c + d * d
-        greatest = np.sqrt((total + np.sqrt(np.maximum(total**2 - 4 * det**2, 0))) / 2)
-        is_inside = (z >= near) & (u >= 0) & (u <= camera.width) & (v >= 0) & (v <= camera.height)
-        is_dense = camera.fx * camera.fy * facing / z**3 >= task.min_pixels_per_m2
-        is_dense &= min(camera.fx, camera.fy) / z >= task.min_facing_density
-        is_dense &= det / greatest >= task.min_pixel_density
         distance = np.linalg.norm(local, axis=1)
+        sharp = local[:, 2]
+        if camera.is_pinhole:
+            pixels, columns = _through_pinhole(camera, local, x_axis, y_axis)
+            towards = min(camera.fx, camera.fy) / local[:, 2]
+        else:
+            from rastercov.lenses.of_camera import lens_of  # loads numba
+
+            lens = lens_of(camera)
+            pixels, slopes = lens.project(local), lens.jacobian(local)
+            columns = np.stack(
+                [np.einsum("nij,nj->ni", slopes, axis) for axis in (x_axis, y_axis)], axis=2
+            )
+            towards = _least(slopes @ slopes.transpose(0, 2, 1))
+            sharp = sharp if MODELS[camera.model].is_planar else distance
+        u, v = pixels.T
+        per_m2 = pixels_per_m2(camera, local, normal)
+        is_inside = (depth_of(camera, local) >= near) & (u >= 0) & (u <= camera.width)
+        is_inside &= (v >= 0) & (v <= camera.height)
+        is_dense = (per_m2 >= task.min_pixels_per_m2) & (towards >= task.min_facing_density)
+        is_dense &= _least(columns @ columns.transpose(0, 2, 1)) >= task.min_pixel_density
         is_oblique = facing < distance * task.limits(camera).least_cosine
     failures = (
         (Reason.BACK_FACING, ~(facing > 0)),
         (Reason.OUTSIDE, ~is_inside),
-        (Reason.OUT_OF_FOCUS, ~((z_n <= z) & (z <= z_f))),
+        (Reason.OUT_OF_FOCUS, ~((z_n <= sharp) & (sharp <= z_f))),
         (Reason.TOO_COARSE, ~is_dense),
         (Reason.TOO_OBLIQUE, is_oblique & (task.max_incidence_deg < 90)),
     )
@@ -105,6 +112,61 @@ def _failures(
     for reason, fails in reversed(failures):
         found[fails] = reason
     return found
+
+
+def _through_pinhole(
+    camera: Camera, local: FloatArray, x_axis: FloatArray, y_axis: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Pixels (N, 2) of points, and their derivatives (N, 2, 2) along two axes, px/m."""
+    x, y, z = local.T
+    right, down = x / z, y / z
+    columns = [
+        np.stack(
+            (
+                camera.fx * (axis[:, 0] - right * axis[:, 2]) / z,
+                camera.fy * (axis[:, 1] - down * axis[:, 2]) / z,
+            ),
+            axis=1,
+        )
+        for axis in (x_axis, y_axis)
+    ]
+    pixels = np.stack((camera.fx * right + camera.cx, camera.fy * down + camera.cy), axis=1)
+    return pixels, np.stack(columns, axis=2)
+
+
+def _least(squares: FloatArray) -> FloatArray:
+    """Least singular values (N,) of matrices by their products (N, 2, 2) with the transposed."""
+    a, b, d = squares[:, 0, 0], squares[:, 0, 1], squares[:, 1, 1]
+    largest = (a + d + np.sqrt((a - d) ** 2 + 4 * b * b)) / 2
+    least: FloatArray = np.sqrt(np.maximum(a * d - b * b, 0) / largest)
+    return least
+
+
+def pixels_per_m2(camera: Camera, local: FloatArray, normal: FloatArray) -> FloatArray:
+    """Pixels (N,) on a square metre of surfaces at points of the image, in camera axes."""
+    found: FloatArray
+    with np.errstate(all="ignore"):
+        if camera.is_pinhole:
+            height = np.abs(np.einsum("ni,ni->n", normal, local))
+            found = camera.fx * camera.fy * height / local[:, 2] ** 3
+        else:
+            from rastercov.lenses.of_camera import lens_of  # loads numba
+
+            slopes = lens_of(camera).jacobian(local)
+            across = np.cross(slopes[:, 0], slopes[:, 1])
+            found = np.abs(np.einsum("ni,ni->n", across, normal))
+    return found
+
+
+def depth_of(camera: Camera, local: FloatArray) -> FloatArray:
+    """Depth (N,) of points in camera axes that the near plane cuts; a wide lens has a cube."""
+    is_wide = False
+    if not camera.is_pinhole:
+        from rastercov.lenses.of_camera import lens_of  # loads numba
+
+        is_wide = len(lens_of(camera).planes) > 1
+    depth: FloatArray = np.abs(local).max(axis=1) if is_wide else local[:, 2]
+    return depth
 
 
 class Sight:
@@ -142,14 +204,15 @@ class Sight:
         return found
 
     def in_front(
-        self, points: FloatArray, face: IntArray, pose: FloatArray, near: float
+        self, points: FloatArray, face: IntArray, pose: FloatArray, share: FloatArray
     ) -> IntArray:
-        """(N,) face that a camera has in front of each point, which it has in view; -1 for none."""
+        """(N,) face that a camera has in front of each point, which it has in view; -1 for none.
+
+        `share`, (N,), is the part of each segment from the camera that the near plane cuts off.
+        """
         if not len(self._face):
             return np.full(len(points), -1)
         ray = points - pose[:3, 3]
-        depth = ray @ pose[:3, 2]
-        share = near / depth
         start = self.placed(pose[:3, 3] + share[:, None] * ray)
         length = np.linalg.norm(ray, axis=1)
         reach = length * (1 - share) / self.diagonal - MARGIN_REL

@@ -17,7 +17,7 @@ from rastercov.engine import Engine
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.pose import Poses
-from rastercov.rig import Cameras, cameras_of
+from rastercov.rig import Cameras
 from rastercov.task import Task
 
 FloatArray = NDArray[np.float64]
@@ -26,28 +26,24 @@ UNITS = ("area", "face")
 """Units of a result: exact area, or whole faces as in the thesis."""
 
 
-def unit_of_result(
-    by: str | None, task: Task, engine: Engine, camera: Cameras | None = None
-) -> tuple[str, str]:
+def unit_of_result(by: str | None, task: Task, engine: Engine) -> tuple[str, str]:
     """Unit of a result, "area" or "face"; and the reason for "face" where it was not chosen.
 
-    Without a choice it is "area", unless a threshold of the task is of a face, the method counts
-    samples, or a lens is no pinhole.
+    Without a choice it is "area", unless a threshold of the task is of a face or the method counts
+    samples.
 
     Raises
     ------
     ConfigError
         For an unknown unit, or by area where that cannot be.
     """
-    if by is not None and by not in UNITS:
+    if by is not None and not (isinstance(by, str) and by in UNITS):
         raise ConfigError(f"by must be one of {', '.join(UNITS)}, got {shown(by)}")
     if by == "face":
         return by, ""
     obstacle = ""
     if engine.method == "sampled":
         obstacle = "method sampled counts whole faces; by area, use certified or exact"
-    elif camera is not None and not all(each.is_pinhole for each in cameras_of(camera)):
-        obstacle = "areas are found through pinholes; by area, undistort the images"
     else:
         try:
             check_pointwise(task)

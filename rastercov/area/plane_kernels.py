@@ -80,8 +80,9 @@ class Scratch(NamedTuple):
     """Memory of one thread.
 
     `base`, `part`, `spare`, `other`, `tidy`, `inner` are polygons; `lines` bound the viewing
-    pyramid and depths, `sides` the face; `arcs` and `levels` belong to the stacks `caps` and
-    `strips`; `first` is the first piece of each face in the image; `plane` is the face in camera
+    pyramid and depths, `sides` the face; `arcs`, `levels` and `nodes` belong to the stacks
+    `caps`, `strips` and `views`. Through a lens, `seen` is a polygon, `places` are its corners in
+    the ideal plane, and `fits` affine parts of criteria. `first` is the first piece of each face in the image; `plane` is the face in camera
     axes.
     """
 
@@ -99,6 +100,11 @@ class Scratch(NamedTuple):
     arcs: NDArray[np.int64]
     strips: Pieces
     levels: NDArray[np.int64]
+    views: Pieces
+    nodes: NDArray[np.int64]
+    seen: FloatArray
+    places: FloatArray
+    fits: FloatArray
     first: NDArray[np.int64]
 
 
@@ -141,6 +147,11 @@ def scratch_for(n_faces: int) -> Scratch:
         arcs=np.empty((STACK_ROOM, 2), np.int64),
         strips=_stack(),
         levels=np.empty(STACK_ROOM, np.int64),
+        views=_stack(),
+        nodes=np.empty(STACK_ROOM, np.int64),
+        seen=np.empty((PIECE_ROOM, 2)),
+        places=np.empty((PIECE_ROOM, 3)),
+        fits=np.empty((8, 13)),
         first=np.empty(n_faces, np.int64),
     )
 

@@ -9,7 +9,7 @@ docs/area.md.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,15 +28,22 @@ from rastercov.pose import Poses
 from rastercov.rig import Cameras, cameras_of, check_scene
 from rastercov.task import Task
 
+if TYPE_CHECKING:
+    from rastercov.exact.half_planes import HalfPlaneSolver
+
 FloatArray = NDArray[np.float64]
 
 GAP_REL = 1e-6
 """Largest distance between the arc of the incidence criterion and its chords, and the mean width
 of what no test of the pixel density decides, relative to the diagonal of the mesh."""
+STRIP_REL = 1e-5
+"""Mean width of what is left undecided along the border of the image of a lens, and of densities
+through it, relative to the same."""
 OF_A_FACE = {
     "min_pixels": "min_pixels is of a face; give min_pixels_per_m2",
     "min_visibility": "min_visibility is of a face; by area a point is seen or hidden",
     "min_coverage": "min_coverage is of a face; by area a point is covered or not",
+    "min_angle_deg": "min_angle_deg is of a face; by area the number of views counts alone",
     "focus_rule": "focus_rule is of a face; by area each point must be in focus",
     "cap_resolution": "cap_resolution is of a face; by area nothing is graded",
 }
@@ -145,7 +152,8 @@ def regions(
         world_from_camera.
     task : Task, optional
         Thresholds; `Task()` unless given. Those that are of a face must have their defaults:
-        `min_pixels`, `min_visibility`, `min_coverage`, `focus_rule`, `cap_resolution`.
+        `min_pixels`, `min_visibility`, `min_coverage`, `min_angle_deg`, `focus_rule`,
+        `cap_resolution`.
     method : {"certified", "exact"}, or Engine
         Method of visibility, as for `open_observer`.
     threads : int, optional
@@ -179,8 +187,6 @@ class RegionPass:
     ) -> None:
         check_scene(mesh, camera)
         cameras = cameras_of(camera)
-        for each in cameras:
-            each.check_pinhole()
         task = Task() if task is None else task
         check_kind("task", task, Task, "a Task or None", ConfigError)
         check_pointwise(task)
@@ -232,7 +238,9 @@ class RegionPass:
             def work(turn: slice) -> None:
                 for row in range(n_poses)[turn]:
                     finder.take_camera(poses.camera[row])
-                    found[row] = finder.find(matrices[row], near[row], front_only[row])
+                    found[row] = finder.find(
+                        matrices[row], near[row], front_only[row], is_measured=areas is not None
+                    )
                     if areas is not None and kind is not None:
                         finder.copy_areas(areas[:, row], kind[row])
 
@@ -253,7 +261,7 @@ class RegionPass:
 
     def batches(self, poses: Poses) -> Iterator[Regions]:
         """Regions a few poses at a time, for streams of any length; at least one batch."""
-        step = batch_size(self.mesh.n_faces)
+        step = batch_size(self.mesh.n_faces, self.threads)
         for at in range(0, max(1, len(poses)), step):
             yield self.find(poses[at : at + step])
 
@@ -287,18 +295,26 @@ class _Finder:
         from rastercov.criteria_kernels import read_only
         from rastercov.exact.certificate import CertificateSolver
         from rastercov.exact.half_planes import HalfPlaneSolver
+        from rastercov.exact.lens_solver import LensSolver
         from rastercov.exact.surface import surface_of
 
         solver_type = CertificateSolver if is_certified else HalfPlaneSolver
         self.kernels, self._planes_of = region_kernels, plane_kernels
         surface = surface_of(mesh)
-        self.solver = solver_type(surface, cameras[0])
+        self._diagonal = surface.diagonal
+        # Pinholes alone need no solver of lenses.
+        self.solver: Any
+        if all(camera.is_pinhole for camera in cameras):
+            self.solver = solver_type(surface, cameras[0])
+            self.solver.keep_pieces()
+        else:
+            self.solver = LensSolver(surface, cameras[0], solver_type)
+        self._is_of_lens = isinstance(self.solver, LensSolver)
         # The solver has the targets behind the opaque faces.
         self._rows = surface.rows
         self._face_of: NDArray[np.int32] = np.arange(surface.n_faces, dtype=np.int32)
         if surface.targets is not None:
             self._face_of[surface.targets.rows] = np.arange(mesh.n_faces)
-        self.solver.keep_pieces()
         frames = frames_of(mesh)
         is_asked = mesh.task_mask & (frames.areas > 0)
         self._is_asked, self._read_only = is_asked, read_only
@@ -309,17 +325,31 @@ class _Finder:
                 read_only(is_asked, np.bool_),
             ]
         )
-        self._cameras, self._task, self._rules = cameras, task, dict[int, Any]()
+        self._cameras, self._task, self._rules = cameras, task, dict[tuple[int, int], Any]()
         self._work = plane_kernels.scratch_for(mesh.n_faces)
-        self._found = plane_kernels.room_for_found(1024, 8192, mesh.n_faces)
+        self._rooms = [plane_kernels.room_for_found(1024, 8192, mesh.n_faces) for _ in range(2)]
 
     def take_camera(self, index: int) -> None:
         """Find the regions of one of the cameras from now on."""
-        camera = self._cameras[index]
-        self.solver.set_camera(camera)
-        if index not in self._rules:
-            self._rules[index] = _rules(camera, self._task, self.solver)
-        self.rules = self._rules[index]
+        self.solver.set_camera(self._cameras[index])
+        self._camera = index
+
+    def _rules_of(self, plane: int, solver: "HalfPlaneSolver") -> Any:
+        """Pointwise criteria in an ideal plane of the camera, or of a pinhole."""
+        key = self._camera, plane
+        if key not in self._rules:
+            camera, pixel_error = self._cameras[self._camera], solver.camera.pixel_error
+            if camera.is_pinhole:
+                found = _rules(camera, self._task, pixel_error, self._diagonal)
+            else:
+                from rastercov.area.lens_rules import lens_rules
+
+                gap = GAP_REL * self._diagonal
+                found = lens_rules(
+                    camera, self._task, plane, pixel_error, gap, STRIP_REL, self._diagonal
+                )
+            self._rules[key] = found
+        return self._rules[key]
 
     def leave_out(self, closed: NDArray[np.bool_] | None) -> None:
         """Find no regions of some faces, (F,) bool, from now on."""
@@ -333,11 +363,28 @@ class _Finder:
         areas[2] = solver.area_error[rows]
         kind[:] = np.where(solver.is_certified[rows], BoundKind.CERTIFIED, BoundKind.EXACT)
 
-    def find(self, pose: FloatArray, near: float, front_only: bool) -> tuple[Any, ...]:
-        """Corners, corner counts and faces of the pieces of a pose; faces, areas and bounds."""
-        solver = self.solver
-        solver.set_pose(pose, near, front_only)
-        solver.solve_all()
+    def find(
+        self, pose: FloatArray, near: float, front_only: bool, *, is_measured: bool
+    ) -> tuple[Any, ...]:
+        """Corners, corner counts and faces of the pieces of a pose; faces, areas and bounds.
+
+        Without `is_measured` there may be no figures for `copy_areas`.
+        """
+        parts: list[tuple[Any, ...]] = []
+
+        def visit(plane: int, solver: "HalfPlaneSolver") -> None:
+            parts.append(self._cut(solver, near, self._rules_of(plane, solver)))
+
+        self.solver.set_pose(pose, near, front_only)
+        if self._is_of_lens:
+            self.solver.solve_all(visit, is_measured=is_measured)
+        else:
+            self.solver.solve_all()
+            visit(0, self.solver)
+        return parts[0] if len(parts) == 1 else _of_planes(parts, self.planes.areas)
+
+    def _cut(self, solver: "HalfPlaneSolver", near: float, rules: Any) -> tuple[Any, ...]:
+        """Regions in one solved plane; see `find`."""
         rows, kept = self._rows, solver.kept_pieces
         seen = self.kernels.Seen(
             solver.camera.rotation, solver.camera.centre, float(near),
@@ -345,24 +392,56 @@ class _Finder:
             solver.area_error[rows], solver.is_certified[rows],
             kept._replace(faces=self._face_of.take(kept.faces, mode="clip")),
         )  # fmt: skip
-        while True:
-            found = self._found
-            self.kernels.cut_regions(self.planes, self.rules, seen, self._work, found)
-            n, corners = int(found.used[0]), int(found.used[1])
-            if n <= len(found.face) and corners <= len(found.xy):
-                break
-            self._found = self._planes_of.room_for_found(
-                n * 5 // 4, corners * 5 // 4, len(found.area)
-            )
+        pinhole = getattr(rules, "pinhole", rules)
+        found = self._run(self.kernels.cut_regions, pinhole, seen)
+        if rules is not pinhole:
+            from rastercov.area import lens_kernels
+
+            found = self._run(lens_kernels.cut_to_view, rules, seen, found)
+            if rules.has_discs:
+                found = self._run(lens_kernels.cut_to_discs, rules, seen, found)
+            if rules.has_densities:
+                found = self._run(lens_kernels.cut_to_densities, rules, seen, found)
+        n, corners = found.used.tolist()
         listed = np.flatnonzero((found.area > 0) | (found.bound > 0)).astype(np.int32)
         return (
             found.xy[:corners].copy(), np.diff(found.starts[: n + 1]), found.face[:n].copy(),
             listed, found.area[listed], found.bound[listed],
         )  # fmt: skip
 
+    def _run(self, kernel: Any, rules: Any, seen: Any, *source: Any) -> Any:
+        """Pieces that a loop finds, or makes of the pieces of another one."""
+        slot = 1 if source and source[0] is self._rooms[0] else 0
+        while True:
+            out = self._rooms[slot]
+            kernel(self.planes, rules, seen, self._work, *source, out)
+            n, corners = out.used.tolist()
+            if n <= len(out.face) and corners <= len(out.xy):
+                return out
+            self._rooms[slot] = self._planes_of.room_for_found(
+                n * 5 // 4, corners * 5 // 4, len(out.area)
+            )
 
-def _rules(camera: Camera, task: Task, solver: Any) -> Any:
-    """Pointwise criteria, for the loops."""
+
+def _of_planes(parts: Sequence[tuple[Any, ...]], face_areas: FloatArray) -> tuple[Any, ...]:
+    """Regions of the planes of one pose in one table, by face; see `_Finder.find`."""
+    xy, counts, face, listed, area, bound = map(np.concatenate, zip(*parts, strict=True))
+    order = np.argsort(face, kind="stable")
+    starts = np.cumsum(counts) - counts
+    # The corners of the pieces in that order.
+    lengths = counts[order]
+    first = np.cumsum(lengths) - lengths
+    rows = np.repeat(starts[order] - first, lengths) + np.arange(len(xy))
+    faces, where = np.unique(listed, return_inverse=True)
+    areas, bounds = (np.bincount(where, each, len(faces)) for each in (area, bound))
+    return (
+        xy[rows], lengths, face[order],
+        faces, areas, np.minimum(bounds, face_areas[faces]),
+    )  # fmt: skip
+
+
+def _rules(camera: Camera, task: Task, pixel_error: float, diagonal: float) -> Any:
+    """Pointwise criteria in a pinhole, for the loops."""
     from rastercov.area.plane_kernels import Rules
 
     thresholds = task.limits(camera)
@@ -378,8 +457,8 @@ def _rules(camera: Camera, task: Task, solver: Any) -> Any:
         cos_incidence=thresholds.least_cosine if is_limited else 0.0,
         tan_incidence=float(np.tan(thresholds.max_incidence)) if is_limited else 0.0,
         min_density=float(task.min_pixel_density),
-        gap=GAP_REL * solver.surface.diagonal,
-        pixel_error=solver.camera.pixel_error,
+        gap=GAP_REL * diagonal,
+        pixel_error=pixel_error,
     )  # fmt: skip
 
 

@@ -1,7 +1,8 @@
 """Frusta of cameras as a glTF 2 scene (.glb), to look at a rig in any viewer.
 
-Each pose is a node with its name and a pyramid of lines whose base is the border of the image,
-curved where the lens bends it, with a mark at its top; and, below it, glTF's own camera.
+Each pose is a node with its name and a pyramid of lines whose base is the border of the image, or
+of the valid region of a lens that ends within it, curved where the lens bends it, with a mark at
+its top; and, below it, glTF's own camera.
 
 Source: Khronos Group. glTF 2.0 Specification. 2021, sections 3.5.3 and 3.10.
 """
@@ -17,10 +18,9 @@ from numpy.typing import NDArray
 from rastercov.camera import Camera
 from rastercov.camera_formats.conventions import OPENGL_AXES
 from rastercov.camera_formats.gltf import WORLD
-from rastercov.camera_models import MODELS, lens_terms
 from rastercov.errors import CameraError
-from rastercov.lenses import make_lens
 from rastercov.mesh.formats.glb_container import BINARY_CHUNK, JSON_CHUNK
+from rastercov.rays import view_border
 from rastercov.views import Views
 
 FloatArray = NDArray[np.float64]
@@ -163,17 +163,8 @@ def _usual_length(centres: FloatArray) -> float:
 
 def _pyramid(camera: Camera, length: float) -> tuple[FloatArray, NDArray[np.int64]]:
     """Points (N, 3) in OpenGL axes, and indices of their lines, two a line."""
-    t = np.arange(PARTS) / PARTS
-    zero, one = np.zeros(PARTS), np.ones(PARTS)
-    # Around the image from its top left corner, clockwise.
-    u = np.concatenate([t, one, 1 - t, zero]) * camera.width
-    v = np.concatenate([zero, t, one, 1 - t]) * camera.height
-    rays = _rays(camera, u, v)
-    with np.errstate(all="ignore"):
-        if MODELS[camera.model].is_planar:
-            rays = rays / rays[:, 2:]
-    # fmax passes over NaN, of pixels without a ray.
-    base = rays * (length / float(np.fmax.reduce(np.linalg.norm(rays, axis=1), initial=1e-30)))
+    base = view_border(camera, PARTS)
+    base *= length / float(np.linalg.norm(base, axis=1).max())
     n = len(base)
     height = np.linalg.norm(base[PARTS // 2] - base[2 * PARTS + PARTS // 2])
     top = base[PARTS // 2] + (0.0, -TOP_REL * height, 0.0)
@@ -181,28 +172,4 @@ def _pyramid(camera: Camera, length: float) -> tuple[FloatArray, NDArray[np.int6
     corners = range(0, n, PARTS)
     lines = [[row, (row + 1) % n] for row in range(n)] + [[n, row] for row in corners]
     lines += [[PARTS // 4, n + 1], [n + 1, PARTS - PARTS // 4]]
-    # A pixel without a ray has no point.
-    whole = [pair for pair in lines if np.isfinite(points[pair]).all()]
-    if not whole:
-        raise CameraError("no pixel at the border of the image has a ray: the lens folds within it")
-    used, indices = np.unique(np.array(whole), return_inverse=True)
-    return points[used] * (1.0, -1.0, -1.0), indices.ravel()
-
-
-def _rays(camera: Camera, u: FloatArray, v: FloatArray) -> FloatArray:
-    """Rays (N, 3) of pixels; NaN where there is none."""
-    if camera.is_pinhole:  # whose region need not be certified, which takes 8 ms a camera
-        x, y = (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy
-        return np.stack([x, y, np.ones_like(x)], axis=1)
-    lens = make_lens(
-        width=camera.width,
-        height=camera.height,
-        fx=camera.fx,
-        fy=camera.fy,
-        cx=camera.cx,
-        cy=camera.cy,
-        skew=camera.skew,
-        max_angle_deg=camera.max_angle_deg,
-        **lens_terms(camera.model, camera.distortion),
-    )
-    return lens.unproject(np.stack([u, v], axis=1))
+    return points * (1.0, -1.0, -1.0), np.array(lines).ravel()

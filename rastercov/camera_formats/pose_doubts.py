@@ -14,6 +14,7 @@ from rastercov.camera_formats.conventions import OPENGL_AXES, POSE_CONVENTIONS
 from rastercov.camera_models import MODELS
 from rastercov.mesh import Mesh
 from rastercov.pose import Poses, inverse
+from rastercov.projection import to_camera, to_image
 from rastercov.rig import Cameras, cameras_of
 
 FloatArray = NDArray[np.float64]
@@ -66,11 +67,11 @@ def _looking(points: FloatArray, cameras: Sequence[Camera], poses: FloatArray) -
     """Number of poses with a point in the image; in front, for a lens that is no plane."""
     count = 0
     for pose, camera in zip(poses, cameras, strict=True):  # 100 at most
-        inside = (points - pose[:3, 3]) @ pose[:3, :3]
+        inside = to_camera(points, pose)
         ahead = inside[inside[:, 2] > 0]
         if MODELS[camera.model].is_planar:
             with np.errstate(all="ignore"):
-                pixels = (ahead @ camera.K.T)[:, :2] / ahead[:, 2:]
+                pixels = to_image(ahead, camera)
             ahead = ahead[((pixels >= 0) & (pixels <= (camera.width, camera.height))).all(axis=1)]
         count += len(ahead) > 0
     return count

@@ -1,7 +1,8 @@
 """The command `audit`: what the images of an existing rig or reconstruction see."""
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -9,8 +10,9 @@ from rastercov._format import area, percent, plural
 from rastercov.camera_formats import read_through
 from rastercov.camera_formats.conventions import Border, Conventions
 from rastercov.cli import options
-from rastercov.cli.console import progress_bar, warn
+from rastercov.cli.console import progress_bar, say, warn
 from rastercov.cli.inputs import read_scene
+from rastercov.cluster import Tally, Workers
 from rastercov.errors import CameraError, PoseError
 from rastercov.task import Task
 
@@ -39,9 +41,6 @@ def audit(
     two_sided: options.TwoSided = [],  # noqa: B006 - the same
     drop_invalid: options.DropInvalid = False,
     task: Task = Task(),  # noqa: B008 - becomes options
-    min_angle_deg: Annotated[
-        float, typer.Option(help="Least angle between the rays to two cameras of an element.")
-    ] = 0.0,
     by: Annotated[
         str | None, typer.Option(help="Unit of the result: area or face.", show_default="area")
     ] = None,
@@ -49,6 +48,10 @@ def audit(
         float | None, typer.Option(help="Longest side of a cell, m.", show_default="by the scene")
     ] = None,
     method: Annotated[str, typer.Option(help="certified, exact or sampled.")] = "certified",
+    skip_bad_poses: options.SkipBadPoses = False,
+    workers: options.WorkersOption = None,
+    scheduler: options.SchedulerOption = None,
+    json_progress: options.JsonProgress = False,
     as_json: options.AsJson = False,
 ) -> None:
     """Audit existing cameras: what each sees, what is lost without it, and the smallest subset.
@@ -56,8 +59,12 @@ def audit(
     [bold]Example[/]: rastercov audit sparse/0 mesh.ply --pose-unit 1 -o audit/
     """
     from rastercov._output import json_text
-    from rastercov.report.audit import run  # loads pyarrow
+    from rastercov.audits import Audit
+    from rastercov.audits import audit as run
+    from rastercov.evaluation_shards import is_long
+    from rastercov.report.audit import write  # loads pyarrow
 
+    staff, tally = Workers.of(workers, scheduler), Tally()
     scene = read_scene(meshes, unit, transform, occluder, two_sided, drop_invalid, target)
     border = Border(conventions)
     views = read_through(source, border)
@@ -70,13 +77,35 @@ def audit(
         )
     warn([*scene.warnings, *views.notes, *border.unused()])
     with progress_bar() as progress:
-        summary = run(
-            scene, views, task, out, progress, by=by, resolution_of_result=resolution_of_result,
-            min_angle_deg=min_angle_deg, method=method,
-        )  # fmt: skip
+        options: Any = {
+            "by": by,
+            "resolution_of_result": resolution_of_result,
+            "method": method,
+        }
+        rig, poses, names = views.rig, views.poses, views.images or None
+
+        def made(shards: Path | None) -> Audit:
+            return run(
+                scene, rig, poses, task, names=names, progress=progress, folder=shards,
+                workers=staff, watch=tally.add, note=lambda line: warn([line]), **options,
+            )  # fmt: skip
+
+        is_kept = staff is not None or is_long(len(poses), scene.n_faces)
+        _, summary = write(made, out, options, views.notes, is_kept=is_kept)
+    left_out = summary["quarantined"]
+    warn(f"pose {pose} left out: its process {end}" for pose, end in left_out.items())
     if as_json:
         print(json_text(summary))
-        return
+    else:
+        _print(summary, out)
+        for line in tally.lines():
+            say(line)
+    if left_out and not skip_bad_poses:
+        raise typer.Exit(1)
+
+
+def _print(summary: Mapping[str, Any], out: Path) -> None:
+    """Print the headline of an audit, and the cameras that add most."""
     subset = summary["subset"]
     print(
         f"{plural(summary['cameras'], 'image')} cover {percent(summary['covered_percent'] / 100)} "

@@ -110,9 +110,13 @@ def _compare_models(
     from rastercov._output import json_text
     from rastercov.report import models as report
     from rastercov.report.folder import ReportFolder
-    from rastercov.validation.models.comparison import compare_models
+    from rastercov.validation.models.comparison import compare_models, left_out
 
     warn(mesh.warnings)
+    warn(
+        f"{name} is left out: it wants a pinhole, because {reason}"
+        for name, reason in left_out(camera).items()
+    )
     with ReportFolder(out, report.MODEL_COMPARISON) as folder:
         with progress_bar() as progress:
             found = compare_models(mesh, camera, poses, progress=progress)

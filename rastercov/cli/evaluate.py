@@ -12,9 +12,10 @@ from rich.console import Console
 
 from rastercov.camera_formats.conventions import Conventions
 from rastercov.cli import options
-from rastercov.cli.console import progress_bar, warn
+from rastercov.cli.console import progress_bar, say, warn
 from rastercov.cli.inputs import read_scene
 from rastercov.cli.views import read_eyes
+from rastercov.cluster import Tally, Workers
 from rastercov.errors import PoseError
 from rastercov.mesh import Mesh
 from rastercov.pose import Poses
@@ -71,6 +72,9 @@ def evaluate(
     method: Method = "certified",
     supersample: Supersample = 1,
     device: options.Device = "auto",
+    workers: options.WorkersOption = None,
+    scheduler: options.SchedulerOption = None,
+    json_progress: options.JsonProgress = False,
     as_json: options.AsJson = False,
 ) -> None:
     """Evaluate every pose and leave a report: a table, figures, pictures, a coloured mesh.
@@ -83,6 +87,7 @@ def evaluate(
     """
     from rastercov.report.coverage import Options  # loads pyarrow
 
+    staff = Workers.of(workers, scheduler)
     scene = read_scene(meshes, unit, transform, occluder, two_sided, drop_invalid, target)
     with _remedy():
         eyes = read_eyes(scene, camera, poses, conventions, camera_name, several=True)
@@ -97,7 +102,7 @@ def evaluate(
         skip_bad_poses=skip_bad_poses,
     )
     assert eyes.rig is not None
-    run_and_print(scene, eyes.rig, eyes.poses, task, out, settings, as_json)
+    run_and_print(scene, eyes.rig, eyes.poses, task, out, settings, as_json, staff)
 
 
 @contextmanager
@@ -118,6 +123,7 @@ def run_and_print(
     out: Path,
     settings: Any,
     as_json: bool,
+    workers: "Workers | None" = None,
 ) -> None:
     """Evaluate all poses, leave the report, and print a summary or the JSON."""
     from rastercov._output import json_text
@@ -126,7 +132,7 @@ def run_and_print(
     from rastercov.report.coverage import run
     from rastercov.report.tables import run_table, summary_table
 
-    accepted = Poses.of(poses)
+    accepted, tally = Poses.of(poses), Tally()
     warn(mesh.warnings)
     skipped = sorted(accepted.rejected.items())
     warn(f"pose {row} left out: it {text}" for row, text in skipped[:MOST_WARNINGS])
@@ -135,7 +141,10 @@ def run_and_print(
     if not len(accepted):
         warn(["there are no poses, so nothing is covered"])
     with progress_bar() as progress:
-        summary = run(mesh, camera, accepted, task, out, settings, progress)
+        summary = run(
+            mesh, camera, accepted, task, out, settings, progress, workers, tally.add,
+            lambda line: warn([line]),
+        )  # fmt: skip
     if any(summary["visibility_figures"].values()) and summary["largest_image_pixels"] < 1:
         across = float(np.ptp(mesh.bounds, axis=0).max())
         warn([f"less than a pixel in every image: {across:.2g} m across; see --unit"])
@@ -152,6 +161,8 @@ def run_and_print(
             print(line)
         sheet = out / "contact_sheet.png"
         print(sheet if sheet.exists() else out / "network.glb")
+        for line in tally.lines():
+            say(line)
     if summary["interrupted"]:
         done, total = summary["poses"], len(accepted)
         if done < total:
@@ -159,3 +170,10 @@ def run_and_print(
         else:
             warn([f"the report holds all {total} poses; pictures may be missing"])
         raise KeyboardInterrupt
+    if summary["quarantined"]:
+        warn(
+            f"pose {pose} left out: its process {end}"
+            for pose, end in summary["quarantined"].items()
+        )
+        if not settings.skip_bad_poses:
+            raise typer.Exit(1)

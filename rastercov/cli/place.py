@@ -4,7 +4,6 @@ import json
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -75,31 +74,14 @@ def place(
     asked = _plan(plan)
     from rastercov._output import json_text
     from rastercov.cluster import Workers
-    from rastercov.plan.run import place as run
     from rastercov.report import plan as report
-    from rastercov.report.folder import ReportFolder
 
     folder = out or asked.folder / (asked.outputs.folder or asked.path.stem)
     staff = Workers.of(workers, scheduler)
-    with ReportFolder(folder, report.PLACEMENT) as files:
-        with _errors_by_line():
-            placed = run(
-                asked, folder, _step, lambda found: report.save_unfinished(found, files), staff
-            )
-        warn(placed.prepared.mesh.warnings)
-        warn(_doubts(asked, placed.cameras))
-        has_page = asked.outputs.page
-        if has_page:
-            without_page = replace(placed, interrupted=placed.interrupted or "page")
-            report.save_unfinished(without_page, files)
-            page = files.file("page.html")
-            try:
-                with _step("page") as progress:
-                    report.write_page(placed, page, progress)
-            except KeyboardInterrupt:
-                placed, has_page = without_page, False
-                page.unlink(missing_ok=True)
-        report.save(placed, files)
+    with _errors_by_line():
+        placed = report.run_into(asked, folder, _step, staff)
+    warn(placed.prepared.mesh.warnings)
+    warn(_doubts(asked, placed.cameras))
     if as_json:
         print(json_text(report.summary(placed)))
     else:
@@ -114,7 +96,8 @@ def place(
             console.print(by_camera)
         left = report.left_lines(placed)
         print("\n".join([size_line(placed.prepared.mesh), *report.lines(placed), *left]))
-        print(folder / ("page.html" if has_page else "plan.json"))
+        page = folder / "page.html"  # a second interrupt may have left it out
+        print(page if page.exists() else folder / "plan.json")
         for line in placed.prepared.tally.lines():
             say(line)
     if placed.interrupted:

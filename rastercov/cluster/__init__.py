@@ -13,6 +13,7 @@ job.py          `Job`: a folder and a function; what a worker does with a number
 run.py          `make_shards`: numbers in flight, retries, a scheduler that is lost
 quarantine.py   the poses of a shard that kill their process
 tally.py        where the time went, by worker
+files.py        files with checksums
 scene_file.py   mesh and cameras in a job folder
 """
 

@@ -118,7 +118,7 @@ def _compiled_once() -> Iterator[Any]:
     """The first shard of this process, while no other process of the machine makes its first.
 
     The one that comes first compiles, and keeps the result on disk; the others wait for it and
-    then go on side by side.
+    then work side by side.
     """
     global _is_warm
     if _is_warm:

@@ -55,7 +55,7 @@ def _guilty(job: Job, number: int, poses: Sequence[int], end: str) -> list[tuple
 def _in_process(
     job: Job, number: int, leave_out: Sequence[int] = (), only: Sequence[int] | None = None
 ) -> Made | str:
-    """What a shard cost in a process of its own, or words on how the process was killed.
+    """Cost of a shard in a process of its own, or words on how the process was killed.
 
     Raises
     ------

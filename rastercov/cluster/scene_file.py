@@ -2,27 +2,32 @@
 
 import io
 import json
+from collections.abc import Mapping
 from dataclasses import asdict
-from typing import NamedTuple
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rastercov.camera import Camera
 from rastercov.mesh import Group, Mesh
 from rastercov.mesh.mesh import MeshSource
 from rastercov.rig import Cameras, cameras_of
 
+EMPTY: Mapping[str, Any] = MappingProxyType({})
 ARRAYS = ("vertices", "faces", "face_group", "source_face")
 
 
 class Scene(NamedTuple):
-    """Mesh and its cameras."""
+    """Mesh and its cameras, and further arrays by name."""
 
     mesh: Mesh
     cameras: tuple[Camera, ...]
+    more: dict[str, NDArray[Any]]
 
 
-def scene_bytes(mesh: Mesh, cameras: Cameras) -> bytes:
+def scene_bytes(mesh: Mesh, cameras: Cameras, more: Mapping[str, NDArray[Any]] = EMPTY) -> bytes:
     """File of a scene; equal scenes give the same bytes."""
     words = {
         "groups": [group.plain() for group in mesh.groups],
@@ -33,6 +38,7 @@ def scene_bytes(mesh: Mesh, cameras: Cameras) -> bytes:
     file = io.BytesIO()
     arrays = {name: getattr(mesh, name) for name in ARRAYS}
     text = np.frombuffer(json.dumps(words, sort_keys=True).encode(), np.uint8)
+    arrays |= {f"more.{name}": array for name, array in more.items()}
     np.savez(file, words=text, **arrays)
     return file.getvalue()
 
@@ -42,10 +48,12 @@ def read_scene(data: bytes) -> Scene:
     with np.load(io.BytesIO(data), allow_pickle=False) as file:
         arrays = {name: file[name] for name in ARRAYS}
         words = json.loads(file["words"].tobytes())
+        named = (name for name in file.files if name.startswith("more."))
+        more = {name.removeprefix("more."): file[name] for name in named}
     mesh = Mesh(
         **arrays,
         groups=[Group(**group) for group in words["groups"]],
         sources=[MeshSource(**source) for source in words["sources"]],
         notes=words["notes"],
     )
-    return Scene(mesh, tuple(Camera(**camera) for camera in words["cameras"]))
+    return Scene(mesh, tuple(Camera(**camera) for camera in words["cameras"]), more)

@@ -21,14 +21,16 @@ from rastercov._once import Once
 from rastercov.camera import Camera
 from rastercov.exact import certificate_kernels as kernels
 from rastercov.exact.arrangement_kernels import MOST_CELLS, arrangement_areas
+from rastercov.exact.block_kernels import lay_boxes
 from rastercov.exact.event_kernels import ask_for_events, find_event_edges, mark_crossed
 from rastercov.exact.grid_kernels import ask_for_faces
 from rastercov.exact.half_plane_kernels import visible_areas
 from rastercov.exact.half_planes import HalfPlaneSolver
-from rastercov.exact.records import Crossings, Segment
+from rastercov.exact.records import LIVE, MIXED, Crossings, Segment
 from rastercov.exact.surface import Surface, surface_of
 from rastercov.raster import self_test
 
+BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int32]
 
 CERTAIN_AREA_REL = 1e-6
@@ -81,12 +83,12 @@ class CertificateSolver(HalfPlaneSolver):
 
     Attributes
     ----------
-    region : (F,) int32
-        Number of the region that decides over each face, -1 for none.
     n_events, n_crossed, n_left, n_regions, n_doubtful : int
         Event edges, faces that they cross, those of them that are left to half planes, regions, and
         faces of regions that turned out neither wholly visible nor wholly hidden.
     """
+
+    _contacts: BoolArray | None = None
 
     def __init__(self, surface: Surface, camera: Camera) -> None:
         super().__init__(surface, camera)
@@ -94,14 +96,18 @@ class CertificateSolver(HalfPlaneSolver):
         self._is_event, self._events = np.empty(n_edges, np.bool_), np.empty(n_edges, np.int32)
         self._is_hidden = np.empty(n_edges, np.bool_)
         self._is_at_event = np.empty(len(surface.vertices), np.bool_)
-        self.region, self._targets = np.empty(n_faces, np.int32), np.empty(n_faces, np.int32)
-        self._scratch = np.empty(n_faces, np.int32)
+        self._targets = np.empty(n_faces, np.int32)
+        n_nodes = len(surface.blocks.lowest) + n_faces
+        self._region, self._number = np.empty((2, n_nodes), np.int32)
+        self._scratch, self._decision = np.empty((2, n_faces), np.int32)
         self._make_room_for_crossings(max(1024, n_edges // 16))
         self._segment = Segment(np.empty((2, 4)), np.empty(3, np.int64), np.empty((2, 3)))
 
     def solve_all(self) -> None:
         """Compute `visible`, `area_error` and `is_certified` of every face."""
         surface, camera, projected = self.surface, self.camera, self.projected
+        n_faces = len(surface.faces)
+        self.visible[n_faces:] = 0.0
         distance = float(np.linalg.norm(camera.centre - surface.centre))
         reach = distance + surface.diagonal / 2
         contacts = surface.contacts.faces_for(reach)
@@ -110,7 +116,7 @@ class CertificateSolver(HalfPlaneSolver):
         self.n_events = find_event_edges(surface.edges, projected, is_event, self._events)
         events = self._events[: self.n_events]
         kernels.mark_uncertifiable(
-            events, surface.edges, projected, contacts, partners,
+            events, surface.edges, projected, contacts, self._blocks_in(contacts), partners,
             THIN_TOLERANCE_REL * self.coordinate_scale, self._is_at_event,
         )  # fmt: skip
         self._list_around(events)
@@ -124,10 +130,11 @@ class CertificateSolver(HalfPlaneSolver):
                 break
             self._make_room_for_crossings(2 * n_crossings)
         self.n_crossed, self.n_regions = kernels.find_regions(
-            surface.edges, is_event, self._is_hidden, camera, projected, self.grid.is_whole,
-            self.region, self._scratch, self._targets,
+            events, surface.edges, is_event, self._is_hidden, camera, projected, self.grid.is_whole,
+            self._region, self._number, self._targets,
         )  # fmt: skip
         targets = self._targets[: self.n_crossed + self.n_regions]
+        lay_boxes(targets, projected)
         if ask_for_faces(targets, projected.box, self.grid):
             self._list_faces()
         if len(self._pieces.corners) < MOST_CELLS:
@@ -146,14 +153,33 @@ class CertificateSolver(HalfPlaneSolver):
         computed[self.n_left :] = self.largest_of_regions()
         self.solve(computed)
         self.n_doubtful = kernels.classify_regions(
-            self.region, self.largest_of_regions(), self.area, self.visible, self._scratch,
-            CERTAIN_AREA_REL,
+            projected, self._region, self.largest_of_regions(),
+            self._decision[: self.n_regions], self.visible, self.is_certified[:n_faces],
+            self._scratch, CERTAIN_AREA_REL,
         )  # fmt: skip
         self._is_listed = self.n_doubtful == 0
         self.solve(self._scratch[: self.n_doubtful])
 
-        self.is_certified[: len(self.region)] = self.region >= 0
         self.solve_targets()
+
+    def _blocks_in(self, contacts: BoolArray) -> BoolArray:
+        """(N,) blocks with a face in contact."""
+        if contacts is not self._contacts:
+            blocks = self.surface.blocks
+            self._contacts, self._has_contact = contacts, np.zeros(len(blocks.has_flat), np.bool_)
+            self._has_contact[blocks.of_face[contacts]] = True
+        return self._has_contact
+
+    @property
+    def region(self) -> IntArray:
+        """(F,) number of the region that decides over each face, -1 for none."""
+        blocks, state, side = (
+            self.surface.blocks, self.projected.block_state, self.projected.block_side,
+        )  # fmt: skip
+        is_whole = ((state == LIVE) & (side != MIXED))[blocks.of_face]
+        by_patch, by_face = np.split(self._region, [len(blocks.lowest)])
+        found = np.where(is_whole, by_patch[blocks.patch], by_face)
+        return np.where(self.is_certified[: len(found)], found, np.int32(-1))
 
     def _list_around(self, events: IntArray) -> None:
         """List the faces in the cells around event edges, or in all cells if these are not few."""

@@ -16,6 +16,7 @@ from rastercov._jit import allocation_free, inlined
 from rastercov.exact.grid_kernels import ENTRIES_AT_A_TIME, cell, find_faces, lay_bounds
 from rastercov.exact.polygon_kernels import length
 from rastercov.exact.records import (
+    BLOCK,
     CONSISTENT,
     CORNERS,
     CROSSED,
@@ -27,6 +28,7 @@ from rastercov.exact.records import (
     FIRST,
     LAST,
     LIVE,
+    MIXED,
     NON_MANIFOLD,
     POSITION_ERROR,
     SLOPE_U,
@@ -63,6 +65,19 @@ NEAR_PLANE_TOLERANCE_REL = 1e-6
 """Relative difference of 1/z up to which a corner counts as one on the near plane."""
 
 
+@inlined
+def is_of_one_side(m, blocks, block_side):
+    """True if all faces of a block of edges are seen from one side, so that none is an event."""
+    if not blocks.is_plain[m]:
+        return False
+    start, stop = blocks.starts[m], blocks.starts[m + 1]
+    common = block_side[blocks.of_edges[start]]
+    is_common = common != MIXED
+    for k in range(start + 1, stop):
+        is_common &= block_side[blocks.of_edges[k]] == common
+    return is_common
+
+
 @allocation_free
 def find_event_edges(edges, projected, is_event, events):
     """Find the edges whose two sides in the image may have different numbers of faces.
@@ -73,20 +88,24 @@ def find_event_edges(edges, projected, is_event, events):
     Out: `is_event`, (E,) bool, and their indices in `events`, (E,) int32. Returns their number.
     """
     edge_faces, kind, side, state = edges.faces, edges.kind, projected.side, projected.state
-    n = 0
-    for e in range(edge_faces.shape[0]):
-        first, second = side[edge_faces[e, 0]], 0
-        flags = state[edge_faces[e, 0]]
-        if edge_faces[e, 1] >= 0:
-            second = side[edge_faces[e, 1]]
-            flags |= state[edge_faces[e, 1]]
-        event = first != second if kind[e] == CONSISTENT else first != -second
-        if kind[e] == NON_MANIFOLD or flags & DOUBTFUL:
-            event = True
-        is_event[e] = event
-        if event:
-            events[n] = e
-            n += 1
+    n, blocks = 0, projected.blocks
+    is_event[:] = False
+    for m in range(blocks.is_plain.shape[0]):
+        if is_of_one_side(m, blocks, projected.block_side):
+            continue
+        for e in range(m * BLOCK, min((m + 1) * BLOCK, edge_faces.shape[0])):
+            first, second = side[edge_faces[e, 0]], 0
+            flags = state[edge_faces[e, 0]]
+            if edge_faces[e, 1] >= 0:
+                second = side[edge_faces[e, 1]]
+                flags |= state[edge_faces[e, 1]]
+            event = first != second if kind[e] == CONSISTENT else first != -second
+            if kind[e] == NON_MANIFOLD or flags & DOUBTFUL:
+                event = True
+            if event:
+                is_event[e] = True
+                events[n] = e
+                n += 1
     return n
 
 

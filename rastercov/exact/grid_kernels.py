@@ -3,14 +3,13 @@
 import numpy as np
 
 from rastercov._jit import allocation_free, inlined
+from rastercov.exact.block_kernels import lay_boxes_of_block
 from rastercov.exact.records import BLOCK, LIVE, THIN, U_MAX, U_MIN, V_MAX, V_MIN, W_MAX
 
 ENTRIES_AT_A_TIME = 64
 """Entries of a cell that are compared at a time."""
 BUCKETS = 64
 """Ranges of 1/z by which the faces of a cell are sorted first."""
-TILE = 8
-"""Side of the tiles of cells by which blocks of faces are left out."""
 
 
 @inlined
@@ -58,26 +57,29 @@ def ask_for_faces(faces, box, grid):
 
 
 @inlined
-def mark_tiles(grid):
-    """Mark the tiles of TILE x TILE cells of which one is asked for; returns columns of tiles."""
-    across = (grid.columns - 1) // TILE + 1
-    grid.is_tile_asked[: across * ((grid.rows - 1) // TILE + 1)] = False
+def count_asked(grid):
+    """Count the cells asked for in each rectangle of cells that starts at the first one.
+
+    F. C. Crow. Summed-Area Tables for Texture Mapping. 1984.
+    """
+    sums, across = grid.n_asked, grid.columns + 1
+    sums[:across] = 0
     for row in range(grid.rows):
+        n, at = 0, (row + 1) * across
+        sums[at] = 0
         for column in range(grid.columns):
-            if grid.is_asked[row * grid.columns + column]:
-                grid.is_tile_asked[row // TILE * across + column // TILE] = True
-    return across
+            n += grid.is_asked[row * grid.columns + column]
+            sums[at + column + 1] = sums[at + column + 1 - across] + n
 
 
 @inlined
-def may_be_asked(box, f, across, grid):
-    """True if a cell asked for is in a tile that a box touches."""
-    left, right, top, bottom = cells_of_box(box, f, grid)
-    for row in range(top // TILE, bottom // TILE + 1):
-        for at in range(row * across + left // TILE, row * across + right // TILE + 1):
-            if grid.is_tile_asked[at]:
-                return True
-    return False
+def n_asked_in(left, right, top, bottom, grid):
+    """Number of the cells in a rectangle that are asked for, after `count_asked`."""
+    sums, across = grid.n_asked, grid.columns + 1
+    above, below = top * across, (bottom + 1) * across
+    return (
+        sums[below + right + 1] - sums[below + left] - sums[above + right + 1] + sums[above + left]
+    )
 
 
 @allocation_free
@@ -85,9 +87,11 @@ def fill_grid(projected, grid):
     """List the live and thin faces by the cells asked for; returns the number of entries.
 
     Out: `starts`, `entries`, `is_sorted`, `has_bounds`, `hider`, `faces` and `is_whole` of the
-    grid; where `entries` has too little room, none is listed: call again with more.
+    grid; where `entries` has too little room, none is listed: call again with more. The faces that
+    are listed have boxes.
     """
     state, box, block_box = projected.state, projected.box, projected.block_box
+    order, places = projected.blocks.order, grid.places
     columns, starts, entries, is_asked = grid.columns, grid.starts, grid.entries, grid.is_asked
     n_cells = columns * grid.rows
     grid.is_sorted[:n_cells] = grid.has_bounds[:n_cells] = False
@@ -95,40 +99,41 @@ def fill_grid(projected, grid):
     grid.is_whole[:] = False
     for c in range(n_cells + 2):
         starts[c] = 0
-    n, across = 0, mark_tiles(grid)
+    n = 0
+    count_asked(grid)
     for b in range(block_box.shape[0]):
-        if not (
-            block_box[b, U_MIN] <= block_box[b, U_MAX] and may_be_asked(block_box, b, across, grid)
-        ):
+        if not block_box[b, U_MIN] <= block_box[b, U_MAX]:
             continue
-        for f in range(b * BLOCK, min((b + 1) * BLOCK, state.shape[0])):
+        left, right, top, bottom = cells_of_box(block_box, b, grid)
+        if n_asked_in(left, right, top, bottom, grid) == 0:
+            continue
+        lay_boxes_of_block(b, projected)
+        for k in range(b * BLOCK, min((b + 1) * BLOCK, order.shape[0])):
+            f = order[k]
             if not state[f] & (LIVE | THIN):
                 continue
             left, right, top, bottom = cells_of_box(box, f, grid)
-            is_listed, is_whole = False, True
+            n_found = n_asked_in(left, right, top, bottom, grid)
+            if n_found == 0:
+                continue
+            grid.is_whole[f] = n_found == (right - left + 1) * (bottom - top + 1)
+            grid.faces[n] = f
+            places[n, 0], places[n, 1], places[n, 2], places[n, 3] = left, right, top, bottom
+            n += 1
             for row in range(top, bottom + 1):
                 for at in range(row * columns + left, row * columns + right + 1):
-                    if is_asked[at]:
-                        is_listed = True
-                        starts[at + 2] += 1
-                    else:
-                        is_whole = False
-            grid.is_whole[f] = is_whole
-            if is_listed:
-                grid.faces[n] = f
-                n += 1
+                    starts[at + 2] += is_asked[at]
     for c in range(2, n_cells + 2):
         starts[c] += starts[c - 1]
     total = starts[n_cells + 1]
     if total > entries.shape[0]:
         return total
     for index in range(n):
-        f = grid.faces[index]
-        left, right, top, bottom = cells_of_box(box, f, grid)
-        for row in range(top, bottom + 1):
-            for at in range(row * columns + left, row * columns + right + 1):
+        for row in range(places[index, 2], places[index, 3] + 1):
+            start = row * columns
+            for at in range(start + places[index, 0], start + places[index, 1] + 1):
                 if is_asked[at]:
-                    entries[starts[at + 1]] = f
+                    entries[starts[at + 1]] = grid.faces[index]
                     starts[at + 1] += 1
     return total
 

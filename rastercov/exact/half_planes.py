@@ -25,6 +25,7 @@ from rastercov._memory import check_memory
 from rastercov._threads import share_poses, thread_count
 from rastercov.camera import Camera
 from rastercov.errors import ConfigError
+from rastercov.exact.block_kernels import lay_boxes
 from rastercov.exact.grid_kernels import (
     BUCKETS,
     ENTRIES_AT_A_TIME,
@@ -188,8 +189,9 @@ class HalfPlaneSolver:
         self._target_image = None
         if surface.targets is not None:
             everything = self.projected
-            self.projected = part_of(everything, slice(0, n_faces), surface.faces)
-            its_image = part_of(everything, slice(n_faces, n_all), surface.targets.faces)
+            self.projected = part_of(everything, slice(0, n_faces), surface.faces, surface.blocks)
+            targets = surface.targets
+            its_image = part_of(everything, slice(n_faces, n_all), targets.faces, targets.blocks)
             self._target_image = TargetImage(everything, its_image)
         self.side, self.state = self.projected.side, self.projected.state
         self.grid = CellGrid(
@@ -200,7 +202,7 @@ class HalfPlaneSolver:
             columns=1,
             rows=1,
             is_asked=np.empty(0, np.bool_),
-            is_tile_asked=np.empty(0, np.bool_),
+            n_asked=np.empty(0, np.int32),
             starts=np.empty(0, np.int64),
             entries=np.empty(2 * n_faces, np.int32),
             nearest=np.empty(2 * n_faces),
@@ -211,6 +213,7 @@ class HalfPlaneSolver:
             touches=np.empty(ENTRIES_AT_A_TIME, np.bool_),
             buckets=np.empty(BUCKETS + 1, np.int64),
             faces=np.empty(n_faces, np.int32),
+            places=np.empty((n_faces, 4), np.int32),
             is_whole=np.empty(n_faces, np.bool_),
         )
         self._is_listed = False
@@ -285,6 +288,17 @@ class HalfPlaneSolver:
         state: NDArray[np.uint16] = self.image_of_all.state
         return state
 
+    def write_to(self, visible: FloatArray, area: FloatArray, area_error: FloatArray) -> bool:
+        """Take (F,) arrays for the figures of the poses from now on; False if it keeps its own.
+
+        It keeps its own where the surface has targets, whose figures are in another order.
+        """
+        if self._target_image is not None:
+            return False
+        self.visible, self.area, self.area_error = visible, area, area_error
+        self.projected = self.projected._replace(area=area)
+        return True
+
     def set_pose(self, pose: FloatArray, near: float, front_only: bool) -> None:
         """Project, set up and list the faces of one pose.
 
@@ -311,8 +325,8 @@ class HalfPlaneSolver:
                 surface.targets, self.camera, False, self._target_image.own,
                 self.area_error[n_faces:], np.empty(7),
             )  # fmt: skip
+            lay_boxes(its_image.blocks.order, its_image)
             self._target_image = self._target_image.beside(self.projected, its_image)
-        self.visible.fill(0.0)
         self._marks.fill(-1)
         self._work.kept.used[:] = 0
         self._lay_grid(n_live)
@@ -331,6 +345,7 @@ class HalfPlaneSolver:
 
     def solve_all(self) -> None:
         """Compute `visible` and `area_error` of every face."""
+        self.visible.fill(0.0)
         self.solve(np.flatnonzero(self.state & (LIVE | THIN)).astype(np.int32))
         self.solve_targets()
 
@@ -407,7 +422,7 @@ class HalfPlaneSolver:
                 has_bounds=np.empty(n_cells, np.bool_),
                 hider=np.empty(n_cells, np.int32),
                 is_asked=np.empty(n_cells, np.bool_),
-                is_tile_asked=np.empty(n_cells, np.bool_),
+                n_asked=np.empty(4 * n_cells, np.int32),
             )
         self.grid.is_asked[:n_cells] = self._is_listed = False
 

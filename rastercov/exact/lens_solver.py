@@ -6,6 +6,8 @@ and the faces and their visible pieces are mapped to pixels, where their areas a
 their edges (`rastercov.lenses.edge_kernels`).
 """
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,6 +22,7 @@ from rastercov.lenses.polygon_kernels import edge_scratch, measure_polygons
 from rastercov.lenses.records import PlaneRecord
 
 FloatArray = NDArray[np.float64]
+Visit = Callable[[int, HalfPlaneSolver], None]
 
 
 class LensSolver:
@@ -71,6 +74,10 @@ class LensSolver:
             self._flat = np.concatenate((surface.flat, surface.targets.flat))
             self._vertices = np.concatenate((surface.vertices, surface.targets.vertices))
 
+    def write_to(self, visible: FloatArray, area: FloatArray, area_error: FloatArray) -> bool:
+        """As of `HalfPlaneSolver`; False, as it keeps its own arrays."""
+        return False
+
     def set_camera(self, camera: Camera) -> None:
         """Take another camera, for the poses from now on."""
         if camera is not self._camera:
@@ -85,22 +92,36 @@ class LensSolver:
         """Take a pose; arguments are those of `HalfPlaneSolver.set_pose`."""
         self._pose = pose, near, front_only
 
-    def solve_all(self) -> None:
-        """Compute all figures of every face."""
+    def solve_all(self, visit: Visit | None = None, *, is_measured: bool = True) -> None:
+        """Compute all figures of every face.
+
+        Parameters
+        ----------
+        visit : callable, optional
+            Called with each plane by its number, in the order of `planes_of`, and the solver that
+            has solved it; with 0 and that of the camera itself for a pinhole.
+        is_measured : bool
+            False where the figures are not needed.
+        """
         if self._camera.is_pinhole:
             solver = self._solver
             self._solve(self._camera, np.eye(3))
+            if visit is not None:
+                visit(0, solver)
             self.area[:], self.visible[:] = solver.area, solver.visible
             self.area_error[:], self.is_certified[:] = solver.area_error, solver.is_certified
             return
         for array in self.figures:
             array[:] = 0
         solved: FloatArray | None = None
-        for plane, record in self._planes:
+        for index, (plane, record) in enumerate(self._planes):
             if solved is None or not np.array_equal(plane.frame, solved):
                 self._solve(plane.camera, plane.frame)
                 solved = plane.frame
-            self._measure(record)
+            if visit is not None:
+                visit(index, self._solver)
+            if is_measured:
+                self._measure(record)
         n_certified, n_visible, n_computed = self.figures[3:]
         is_whole = (n_visible == 0) | (n_visible == n_certified)
         self.is_certified[:] = (n_certified > 0) & (n_computed == 0) & is_whole

@@ -1,22 +1,23 @@
 """Memory of the exact methods for one camera and thread, and the images of faces in it."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.exact.block_kernels import LANES, set_up, set_up_plain
 from rastercov.exact.records import (
-    BLOCK,
     CORNERS,
     SIDES,
     TRANSPARENT,
+    Blocks,
     Clipped,
     Pieces,
     Pinhole,
     Projected,
     VisiblePieces,
 )
-from rastercov.exact.setup_kernels import project, set_up
+from rastercov.exact.setup_kernels import project
 from rastercov.exact.surface import Surface, Targets
 
 FloatArray = NDArray[np.float64]
@@ -29,7 +30,7 @@ class TargetImage(NamedTuple):
     Attributes
     ----------
     everything : Projected
-        Opaque faces and then targets, without `block_box`; it shares the memory of both parts.
+        Opaque faces and then targets, without blocks; it shares the memory of both parts.
     own : Projected
         The targets, with their own vertices.
     """
@@ -61,25 +62,36 @@ def room_for_image(surface: Surface, area: FloatArray) -> Projected:
         side=np.empty(n_all, np.int8),
         state=np.empty(n_all, np.uint16),
         box=np.empty((n_all, 6)),
-        block_box=np.empty((-(-len(surface.faces) // BLOCK), 4)),
         area=area,
         clipped_index=np.zeros(n_all, np.int32),
         clipped=room_for_clipped(8),
+        **_room_for_blocks(surface.blocks),
     )
 
 
-def part_of(everything: Projected, part: slice, faces: IntArray) -> Projected:
-    """Image of a part of all faces, with its own vertices and clipped faces."""
+def _room_for_blocks(blocks: Blocks) -> dict[str, Any]:
+    n = len(blocks.has_flat)
+    return {
+        "blocks": blocks,
+        "block_box": np.empty((n, 4)),
+        "block_state": np.empty(n, np.uint16),
+        "block_side": np.empty(n, np.int8),
+        "has_boxes": np.empty(n, np.bool_),
+    }
+
+
+def part_of(everything: Projected, part: slice, faces: IntArray, blocks: Blocks) -> Projected:
+    """Image of a part of all faces, with its own vertices, clipped faces and blocks."""
     return everything._replace(
         faces=faces,
         uvw=np.empty((int(faces.max(initial=-1)) + 1, 3)),
         side=everything.side[part],
         state=everything.state[part],
         box=everything.box[part],
-        block_box=np.empty((-(-len(faces) // BLOCK), 4)),
         area=everything.area[part],
         clipped_index=everything.clipped_index[part],
         clipped=room_for_clipped(8),
+        **_room_for_blocks(blocks),
     )
 
 
@@ -93,12 +105,17 @@ def set_up_image(
 ) -> tuple[Projected, int, int]:
     """Project and set up faces; the image, with room for clipped faces, live and clipped ones."""
     project(surface.vertices, camera, projected.uvw)
+    rest = np.empty(len(surface.blocks.has_flat), np.int32)
+    n_plain, n_rest = set_up_plain(
+        camera, front_only, projected, area_error, extent, np.empty(LANES), rest
+    )
     while True:
         n_live, n_clipped = set_up(
-            surface.vertices, surface.flat, camera, front_only, projected, area_error, extent
-        )
+            surface.vertices, surface.flat, rest[:n_rest], camera, front_only, projected,
+            area_error, extent,
+        )  # fmt: skip
         if n_clipped <= len(projected.clipped.polygons):
-            return projected, n_live, n_clipped
+            return projected, n_plain + n_live, n_clipped
         projected = projected._replace(clipped=room_for_clipped(n_clipped))
 
 

@@ -28,17 +28,19 @@ and the largest error in pixels of the lines that bound the face."""
 POSITION_ERROR = 3
 """Further column of an end of a segment (u, v, w)."""
 
-LIVE, CLIPPED, PARTLY, CROSSED, DOUBTFUL, THIN, UNFIT, IN_CONTACT, TRANSPARENT = (
-    1 << bit for bit in range(9)
+LIVE, CLIPPED, PARTLY, CROSSED, DOUBTFUL, THIN, UNFIT, IN_CONTACT, TRANSPARENT, ABSENT, UNEVEN = (
+    1 << bit for bit in range(11)
 )
-"""Bits of a face's state.
+"""Bits of a face's state, and of the states of the faces of a block together.
 
 LIVE: the face reaches into the image. CLIPPED: its image is a polygon made by clipping in space.
 PARTLY: it reaches out of the image. CROSSED: its visibility may change within it, so that it cannot
 be certified. DOUBTFUL: rounding may decide which side is seen. THIN: its image rounds to nothing,
 so that it hides nothing, and the bounds of the faces behind it include what it may hide. UNFIT: its
 visibility may change elsewhere than at event edges. IN_CONTACT: another face touches or cuts it.
-TRANSPARENT: it is of a target, which hides nothing and which nothing at its depth hides."""
+TRANSPARENT: it is of a target, which hides nothing and which nothing at its depth hides. ABSENT, of
+a block only: not all of its faces are live. UNEVEN, of a block only: its faces were
+measured one by one, so that any may be clipped, doubtful or thin."""
 
 CONSISTENT, REVERSED, NON_MANIFOLD = 1, -1, 2
 """Kinds of edges: one face, or two that run along it in opposite directions; two that run in the
@@ -50,7 +52,9 @@ BEHIND, IN_FRONT, IN_FRONT_IN_PART, TIED = range(4)
 DEPTH_TIE_REL = 1e-10
 """Relative difference of 1/z up to which two surfaces coincide: the lower index is in front."""
 BLOCK = 64
-"""Consecutive faces that are looked at together."""
+"""Faces, or edges, that are looked at together."""
+MIXED = 2
+"""Side of a block whose faces are not all seen from one side, or one of which is doubtful."""
 CORNERS = 12
 """Capacity for the corners of a face: clipped to the near plane and the image it has at most 8."""
 SIDES = 4
@@ -90,7 +94,11 @@ border : (4, 5) float64
     Lines along the four sides of the image.
 """
 
-Projected = namedtuple("Projected", "faces uvw side state box block_box area clipped_index clipped")
+Projected = namedtuple(
+    "Projected",
+    "faces uvw side state box area clipped_index clipped blocks block_box block_state block_side "
+    "has_boxes",
+)
 """Image of a surface.
 
 Attributes
@@ -105,14 +113,60 @@ side : (F,) int8
 state : (F,) uint16
     Bits `LIVE` to `TRANSPARENT`.
 box : (F, 6) float64
-    Bounds of u, v and w, of live and thin faces.
-block_box : (N, 4) float64
-    Bounds of u and v of the live and thin faces of each `BLOCK` faces; from inf to -inf for none.
+    Bounds of u, v and w, of the live and thin faces of blocks that have boxes.
 area : (F,) float64
     Image area inside the image, px^2.
 clipped_index : (F,) int32
     Row in `clipped`, of clipped faces.
 clipped : Clipped
+blocks : Blocks
+block_box : (N, 4) float64
+    Bounds of u and v of the live and thin faces of each block; from inf to -inf for none.
+block_state : (N,) uint16
+    Bits that the state of any face of a block has, after `set_up`; `ABSENT` and `UNEVEN`.
+block_side : (N,) int8
+    Side of all faces of a block, or `MIXED`.
+has_boxes : (N,) bool
+    Blocks of which `box` is filled in: boxes are made where one is needed.
+"""
+
+Blocks = namedtuple(
+    "Blocks",
+    "order is_in_order of_face has_flat patch patch_starts of_patch lowest joins is_plain starts "
+    "of_edges",
+)
+"""Blocks of `BLOCK` faces of a surface, and of `BLOCK` consecutive edges.
+
+A patch is a part of a block whose faces are joined by edges that two of them use in opposite
+directions.
+
+Attributes
+----------
+order : (F,) int32
+    The faces, block by block.
+is_in_order : bool
+    They are in the order of the mesh: those of a block follow one another in memory.
+of_face : (F,) int32
+    Block of each face.
+has_flat : (N,) bool
+    Blocks with a face without area.
+patch : (F,) int32
+    Patch of each face.
+patch_starts : (N + 1,) int32
+    The patches of block b are patch_starts[b] ... patch_starts[b + 1] - 1.
+of_patch : (C,) int32
+    Block of each patch.
+lowest : (C,) int32
+    Lowest face of each patch.
+joins : (J, 2) int32
+    Pairs of patches with a common edge of two faces, the lower one first; the complement ~c of the
+    other where both faces run along the edge in the same direction.
+is_plain : (M,) bool
+    Blocks of edges that all have two faces which run along them in opposite directions.
+starts : (M + 1,) int32
+    The blocks of the faces of edges m are of_edges[starts[m]] ... of_edges[starts[m + 1] - 1], of
+    those that are plain.
+of_edges : (Q,) int32
 """
 
 Clipped = namedtuple("Clipped", "polygons n_corners lines planes")
@@ -130,8 +184,8 @@ planes : (N, 7) float64
 
 CellGrid = namedtuple(
     "CellGrid",
-    "left top per_u per_v columns rows is_asked is_tile_asked starts entries nearest is_sorted "
-    "bounds has_bounds hider touches buckets faces is_whole",
+    "left top per_u per_v columns rows is_asked n_asked starts entries nearest is_sorted bounds "
+    "has_bounds hider touches buckets faces places is_whole",
 )
 """Live and thin faces listed by the cells of a regular grid over the image that their boxes touch.
 
@@ -144,8 +198,8 @@ per_u, per_v : float
 columns, rows : int
 is_asked : (columns * rows or more,) bool
     Cells that are asked for; no face is listed in the others.
-is_tile_asked : (columns * rows or more,) bool
-    Tiles with such a cell.
+n_asked : ((columns + 1) * (rows + 1) or more,) int32
+    Number of such cells before each column and row.
 starts : (columns * rows + 2 or more,) int64
     The faces of cell c are entries[starts[c]] ... entries[starts[c + 1] - 1].
 entries : (N,) int32
@@ -164,6 +218,8 @@ touches, buckets : (ENTRIES_AT_A_TIME,) bool, (BUCKETS + 1,) int64
     Scratch.
 faces : (F,) int32
     Scratch: the faces that are listed, or those that are found in a cell.
+places : (F, 4) int32
+    Scratch: first and last column, first and last row of the faces that are listed.
 is_whole : (F,) bool
     Live and thin faces that are listed in all cells that their boxes touch.
 """

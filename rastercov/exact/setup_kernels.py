@@ -1,40 +1,24 @@
-"""Projection and set-up of faces, compiled by numba: the first two passes over a pose.
+"""Projection of vertices, and of faces that are clipped in space, compiled by numba.
 
-`project` projects the vertices. `set_up` keeps the faces that reach into the image and measures
-each; faces that reach behind the camera or far out of the image are clipped in space first.
+`project` is the first pass over a pose, `block_kernels.set_up` the second. Faces that reach behind
+the camera or far out of the image are clipped in space before they are projected.
 """
 
 import numpy as np
 
 from rastercov._double_double import add, exact_sum, minor, multiply
 from rastercov._jit import allocation_free, compiled, inlined
-from rastercov.exact.polygon_kernels import clip, length, twice_area
+from rastercov.exact.polygon_kernels import clip, length
 from rastercov.exact.records import (
-    BLOCK,
-    CLIPPED,
-    CORNERS,
-    DOUBTFUL,
     DU,
     DV,
     LINE_ERROR,
-    LIVE,
     OFFSET,
     OUTLINE_ERROR,
-    PARTLY,
     SIDES,
     SLOPE_U,
     SLOPE_V,
-    SUM_OF_AREAS,
-    SUM_OF_HEIGHTS,
-    SUM_OF_WIDTHS,
-    THIN,
-    U_MAX,
-    U_MIN,
-    V_MAX,
-    V_MIN,
     W_ERROR,
-    W_MAX,
-    W_MIN,
     U,
     V,
     W,
@@ -301,127 +285,3 @@ def store_clipped(clipped, s, polygon, n, sides, plane):
             clipped.lines[s, q, column] = sides[q, column]
     for column in range(OUTLINE_ERROR + 1):
         clipped.planes[s, column] = plane[column]
-
-
-@compiled
-def set_up(vertices, is_flat, camera, front_only, projected, area_error, extent):
-    """Measure the faces that reach into the image; returns how many are live, and how many clipped.
-
-    If more are clipped than `projected.clipped` has room for, call again with more room.
-
-    Parameters
-    ----------
-    vertices : (V, 3) float64
-    is_flat : (F,) bool
-        Faces without area, which neither hide anything nor are visible.
-    front_only : bool
-        Leave out faces that are certainly seen from behind: they hide nothing.
-    projected : Projected
-        In: `faces` and `uvw`. Out: all others; `area` also of faces that are left out.
-    area_error : (F,) float64
-        Out: bound of the error of the area of faces that are left out, px^2; 0 for all others.
-    extent : (7,) float64
-        Out: bounds of u and v of all live faces, within the image; and the sums of the widths, the
-        heights and the areas of their boxes within it.
-    """
-    faces, uvw, side, state = projected.faces, projected.uvw, projected.side, projected.state
-    box, area, clipped = projected.box, projected.area, projected.clipped
-    block_box = projected.block_box
-    block_box[:, U_MIN] = block_box[:, V_MIN] = np.inf
-    block_box[:, U_MAX] = block_box[:, V_MAX] = -np.inf
-    clipped_index = projected.clipped_index
-    width, height, pixel_error = camera.width, camera.height, camera.pixel_error
-    corners, low, normals = np.empty((3, 3)), np.empty((3, 3)), np.empty((4, 3))
-    errors, polygon, spare = np.empty(5), np.empty((CORNERS, 2)), np.empty((CORNERS, 2))
-    lines, plane, border = np.empty((SIDES, 6)), np.empty(7), camera.border
-    n_live = n_clipped = 0
-    low_u = low_v = np.inf
-    high_u = high_v = -np.inf
-    widths = heights = areas = 0.0
-    for f in range(faces.shape[0]):
-        state[f] = 0
-        side[f] = 0
-        area[f] = area_error[f] = 0.0
-        if is_flat[f]:
-            continue
-        i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
-        u0, v0, w0 = uvw[i, U], uvw[i, V], uvw[i, W]
-        u1, v1, w1 = uvw[j, U], uvw[j, V], uvw[j, W]
-        u2, v2, w2 = uvw[k, U], uvw[k, V], uvw[k, W]
-        if w0 > 0 and w1 > 0 and w2 > 0:
-            twice = (u1 - u0) * (v2 - v0) - (u2 - u0) * (v1 - v0)
-            u_min, u_max = min(u0, u1, u2), max(u0, u1, u2)
-            v_min, v_max = min(v0, v1, v2), max(v0, v1, v2)
-            is_doubtful = abs(twice) <= EDGE_ON_FACTOR * pixel_error * (
-                u_max - u_min + v_max - v_min
-            )
-            is_culled = front_only and twice > 0 and not is_doubtful
-            if not is_culled:
-                side[f] = 1 if twice < 0 else -1 if twice > 0 else 0
-            if u_max <= 0 or v_max <= 0 or u_min >= width or v_min >= height:
-                continue
-            w_min, w_max = min(w0, w1, w2), max(w0, w1, w2)
-            inside, outline_error = abs(twice) / 2, pixel_error
-            flags = LIVE | DOUBTFUL if is_doubtful else LIVE
-            if inside > 0 and (u_min < 0 or v_min < 0 or u_max > width or v_max > height):
-                flags |= PARTLY
-                polygon[0, U], polygon[0, V] = u0, v0
-                polygon[1, U], polygon[1, V] = u1, v1
-                polygon[2, U], polygon[2, V] = u2, v2
-                n = clip(polygon, np.int64(3), border, border.shape[0], spare)
-                inside = abs(twice_area(polygon, n)) / 2 if n >= 3 else 0.0
-        else:
-            n, front = 0, side_if_out_of_sight(vertices, i, j, k, camera)
-            if front == 0:
-                to_camera(vertices[i], camera, corners[0], low[0])
-                to_camera(vertices[j], camera, corners[1], low[1])
-                to_camera(vertices[k], camera, corners[2], low[2])
-                n, front = clip_in_space(
-                    corners, low, camera, normals, errors, lines, plane, polygon, spare
-                )
-            if front == 0:
-                # The camera centre is on its plane to 2^-98: nothing of it is wide enough to count.
-                state[f] = DOUBTFUL
-                continue
-            is_culled = front_only and front < 0
-            if not is_culled:
-                side[f] = front
-            if n == 0:
-                continue
-            u_min, u_max, v_min, v_max, w_min, w_max = bounds_of_clipped(polygon, abs(n), plane)
-            inside = max(twice_area(polygon, n) / 2, 0.0) if n >= 3 else 0.0
-            outline_error = max(pixel_error, plane[OUTLINE_ERROR])
-            flags = LIVE | CLIPPED | PARTLY
-            if not is_culled:
-                if n_clipped < clipped.polygons.shape[0]:
-                    clipped_index[f] = n_clipped
-                    store_clipped(clipped, n_clipped, polygon, n, lines, plane)
-                n_clipped += 1
-        if is_culled:
-            area[f] = inside
-            error = OUTLINE_ERROR_FACTOR * (u_max - u_min + v_max - v_min) * outline_error
-            area_error[f] = min(error, 2 * width * height)
-            continue
-        box[f, U_MIN], box[f, U_MAX], box[f, V_MIN], box[f, V_MAX] = u_min, u_max, v_min, v_max
-        box[f, W_MIN], box[f, W_MAX] = w_min, w_max
-        b = f // BLOCK
-        block_box[b, U_MIN] = min(block_box[b, U_MIN], u_min)
-        block_box[b, U_MAX] = max(block_box[b, U_MAX], u_max)
-        block_box[b, V_MIN] = min(block_box[b, V_MIN], v_min)
-        block_box[b, V_MAX] = max(block_box[b, V_MAX], v_max)
-        if not inside > 0:
-            state[f] = THIN | DOUBTFUL | flags & CLIPPED
-            continue
-        state[f] = flags
-        area[f] = inside
-        n_live += 1
-        u_min, u_max = max(u_min, 0.0), min(u_max, width)
-        v_min, v_max = max(v_min, 0.0), min(v_max, height)
-        widths += u_max - u_min
-        heights += v_max - v_min
-        areas += (u_max - u_min) * (v_max - v_min)
-        low_u, high_u = min(low_u, u_min), max(high_u, u_max)
-        low_v, high_v = min(low_v, v_min), max(high_v, v_max)
-    extent[U_MIN], extent[U_MAX], extent[V_MIN], extent[V_MAX] = low_u, high_u, low_v, high_v
-    extent[SUM_OF_WIDTHS], extent[SUM_OF_HEIGHTS], extent[SUM_OF_AREAS] = widths, heights, areas
-    return n_live, n_clipped

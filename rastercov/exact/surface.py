@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov._once import Once
-from rastercov.exact.records import CONSISTENT, NON_MANIFOLD, REVERSED, Edges
+from rastercov.exact.blocks import blocks_of, blocks_of_targets, local_order
+from rastercov.exact.records import CONSISTENT, NON_MANIFOLD, REVERSED, Blocks, Edges
 from rastercov.mesh import Mesh
 from rastercov.mesh.contacts import Contacts
 from rastercov.mesh.topology import edge_table
@@ -27,7 +28,7 @@ class Targets:
 
     Attributes
     ----------
-    vertices, faces, flat
+    vertices, faces, flat, blocks
         As of `Surface`.
     rows : (F,) int64
         Place of each face of the mesh: 0 ... for those of the surface, in the order of the mesh,
@@ -37,6 +38,7 @@ class Targets:
     vertices: FloatArray
     faces: IntArray
     flat: BoolArray
+    blocks: Blocks
     rows: NDArray[np.int64]
 
 
@@ -53,14 +55,16 @@ class Surface:
     diagonal : float
         Diagonal of the bounding box, metres.
     vertices : (V, 3) float64
-        Positions that faces use, each once. Not shifted: a difference of two positions is rounded
-        once.
+        Positions that faces use, each once, in the order in which `blocks` use them. Not shifted: a
+        difference of two positions is rounded once.
     faces : (F, 3) int32
         Vertices of each face, in the order of the mesh.
     flat : (F,) bool
         Faces without area.
     edges : Edges
         Edges by position, see `records.Edges`.
+    blocks : Blocks
+        Groups of faces that are looked at together, see `records.Blocks`.
     contacts : Contacts
         Faces that touch or cut another one.
     targets : Targets or None
@@ -73,6 +77,7 @@ class Surface:
     faces: IntArray
     flat: BoolArray
     edges: Edges
+    blocks: Blocks
     contacts: Contacts
     targets: Targets | None = None
 
@@ -99,13 +104,18 @@ def _build(mesh: Mesh) -> Surface:
     if mesh.has_targets:
         return replace(surface_of(mesh.opaque), targets=_targets(mesh))
     faces, is_used = _welded(mesh.positions, mesh.n_vertices)
+    vertices, flat = mesh.vertices[is_used], np.ascontiguousarray(mesh.degenerate_mask)
+    order = local_order(vertices, faces)
+    vertices, faces = _by_use(vertices, faces, order)
+    edges = _edges(faces, len(vertices))
     return Surface(
         centre=mesh.bounds.mean(axis=0),
         diagonal=float(np.linalg.norm(np.ptp(mesh.bounds, axis=0))),
-        vertices=mesh.vertices[is_used],
+        vertices=vertices,
         faces=faces,
-        flat=np.ascontiguousarray(mesh.degenerate_mask),
-        edges=_edges(faces, int(is_used.sum())),
+        flat=flat,
+        edges=edges,
+        blocks=blocks_of(order, flat, edges),
         contacts=mesh.contacts,
     )
 
@@ -118,6 +128,17 @@ def _welded(positions: NDArray[np.int64], n_vertices: int) -> tuple[IntArray, Bo
     return row[positions].astype(np.int32), is_used
 
 
+def _by_use(vertices: FloatArray, faces: IntArray, order: IntArray) -> tuple[FloatArray, IntArray]:
+    """Vertices in the order in which faces use them first: those of a block are then close."""
+    uses = faces[order].ravel()
+    first = np.empty(len(vertices), np.int64)
+    first[uses[::-1]] = np.arange(len(uses))[::-1]  # of equal indices the last one is kept
+    by_use = np.argsort(first)
+    number = np.empty(len(vertices), np.int32)
+    number[by_use] = np.arange(len(vertices), dtype=np.int32)
+    return vertices[by_use], number[faces]
+
+
 def _targets(mesh: Mesh) -> Targets:
     is_target = mesh.target_mask
     faces, is_used = _welded(mesh.positions[is_target], mesh.n_vertices)
@@ -127,7 +148,7 @@ def _targets(mesh: Mesh) -> Targets:
     rows[~is_target] = np.arange(np.count_nonzero(~is_target))
     rows[is_target] = n_opaque + np.arange(len(faces))
     flat = np.ascontiguousarray(mesh.degenerate_mask[is_target])
-    return Targets(mesh.vertices[is_used], faces, flat, rows)
+    return Targets(mesh.vertices[is_used], faces, flat, blocks_of_targets(flat), rows)
 
 
 def _edges(faces: IntArray, n_vertices: int) -> Edges:

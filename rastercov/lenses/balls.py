@@ -179,6 +179,87 @@ def _undo_distortion(p: FloatArray, x: Ball, y: Ball) -> tuple[Ball, Ball]:
 _project = formulas.bound_to({**_PLAIN, "undo_distortion": _undo_distortion})["project"]
 
 
+def _sqrt_slope(z: Jet) -> Jet:
+    root = _sqrt(z.value)
+    return Jet(root, z.slope / (2.0 * root))
+
+
+def _atan2_slope(y: Jet, x: Jet) -> Jet:
+    square = x.value * x.value + y.value * y.value
+    slope = (x.value * y.slope - y.value * x.slope) / square
+    return Jet(_atan2(y.value, x.value), slope)
+
+
+def _angle_over_r_slope(r2: Jet, z: Any) -> Jet:
+    z = Jet.of(z)
+    deep = Ball.of(z.value)
+    value, square = _angle_over_r(r2.value, deep), r2.value + deep * deep
+    # By r2: (z / square - value) / (2 r2), or next to the axis h'(s) / z^3 with |h''| <= 2 / (5 m^3)
+    # (see `_angle_over_r`); by z: -1 / square.
+    s = r2.value / (deep * deep)
+    least = np.minimum(1.0, 1.0 + s.centre.real - s.radius)
+    t = s.centre
+    is_small = np.abs(t) < 1e-4
+    root = np.sqrt(np.where(is_small, 1, t))
+    slope = np.where(
+        is_small,
+        -1 / 3 + t * (2 / 5 + t * (-3 / 7 + t * (4 / 9))),
+        (1 / (1 + t) - np.arctan(root) / root) / (2 * np.where(is_small, 1, t)),
+    )
+    is_good = (least > 0) & (deep.centre.real > deep.radius)
+    near = _ball(slope, 2 * s.radius / (5 * least**3), is_good) / (deep * deep * deep)
+    by_r2 = _smaller(near, (deep / square - value) / (2.0 * r2.value))
+    return Jet(value, by_r2 * r2.slope + Ball.of(z.slope) * (-1.0 / square))
+
+
+def _undo_distortion_slope(p: FloatArray, x: Jet, y: Jet) -> tuple[Jet, Jet]:
+    """Inverse, and its derivative over balls that hold it."""
+    a, b = _undo_distortion(p, x.value, y.value)
+    one, none = Ball(np.ones(a.centre.shape), 0.0), Ball(np.zeros(a.centre.shape), 0.0)
+    fa, ga = _distorted(p, Jet(a, one), Jet(b, none))
+    fb, gb = _distorted(p, Jet(a, none), Jet(b, one))
+    det = fa.slope * gb.slope - fb.slope * ga.slope
+    da = (gb.slope * x.slope - fb.slope * y.slope) / det
+    db = (fa.slope * y.slope - ga.slope * x.slope) / det
+    return Jet(a, da), Jet(b, db)
+
+
+_project_slopes = formulas.bound_to(
+    {
+        "sqrt": _sqrt_slope,
+        "atan2": _atan2_slope,
+        "angle_over_r": _angle_over_r_slope,
+        "undo_distortion": _undo_distortion_slope,
+    }
+)["project"]
+
+
+def slope_reach(
+    code: int, params: FloatArray, frame: FloatArray, x: FloatArray, y: FloatArray, radius: Any
+) -> FloatArray:
+    """Bound of the change of the first derivatives over complex points near points of a plane.
+
+    Parameters are those of `reach`.
+
+    Returns
+    -------
+    (N,) float64
+        Root of the sum of the squares of the bounds of |u_x - a|, |u_y - b|, |v_x - c| and
+        |v_y - d|, with some a, b, c, d for each point, px per unit of the plane.
+    """
+    zero = np.zeros(np.shape(x))
+    one, none = Ball(1.0 + zero, zero), Ball(zero, zero)
+    total = zero.copy()
+    with np.errstate(all="ignore"):
+        for along in ((one, none), (none, one)):
+            X = Jet(Ball(x, radius + zero), along[0])
+            Y = Jet(Ball(y, radius + zero), along[1])
+            rays = [float(f[0]) * X + float(f[1]) * Y + Jet(float(f[2]) * one, none) for f in frame]
+            for jet in _project_slopes(code, params, *rays):
+                total = total + Ball.of(jet.slope).radius ** 2
+        return _limited(np.sqrt(total))
+
+
 def reach(
     code: int, params: FloatArray, frame: FloatArray, x: FloatArray, y: FloatArray, radius: Any
 ) -> tuple[FloatArray, FloatArray]:

@@ -81,6 +81,15 @@ class Jet:
 
     __radd__ = __add__
 
+    def __neg__(self) -> "Jet":
+        return Jet(-self.value, -self.slope)
+
+    def __sub__(self, other: Any) -> "Jet":
+        return self + -Jet.of(other)
+
+    def __rsub__(self, other: Any) -> "Jet":
+        return Jet.of(other) + -self
+
     def __mul__(self, other: Any) -> "Jet":
         other = Jet.of(other)
         return Jet(self.value * other.value, self.slope * other.value + self.value * other.slope)
@@ -91,3 +100,6 @@ class Jet:
         other = Jet.of(other)
         value = self.value / other.value
         return Jet(value, (self.slope - value * other.slope) / other.value)
+
+    def __rtruediv__(self, other: Any) -> "Jet":
+        return Jet.of(other) / self

@@ -227,6 +227,23 @@ def jacobian(code, p, X, Y, Z):
     )
 
 
+@allocation_free
+def plane_slopes(code, p, frame, x, y):
+    """Derivatives of the pixel by the place (x, y) in a plane, (u_x, u_y, v_x, v_y)."""
+    u_x = u_y = v_x = v_y = 0.0
+    # In a loop the equations are compiled once: they are long, and linked into each caller.
+    for axis in range(2):
+        u, v = _project_step(
+            code, p,
+            complex(frame[0, 0] * x + frame[0, 1] * y + frame[0, 2], STEP * frame[0, axis]),
+            complex(frame[1, 0] * x + frame[1, 1] * y + frame[1, 2], STEP * frame[1, axis]),
+            complex(frame[2, 0] * x + frame[2, 1] * y + frame[2, 2], STEP * frame[2, axis]),
+        )  # fmt: skip
+        u_x, u_y = u_y, u.imag / STEP
+        v_x, v_y = v_y, v.imag / STEP
+    return u_x, u_y, v_x, v_y
+
+
 @part_with_arrays
 def is_valid(p, X, Y, Z):
     """True for a ray of the valid region, a cone with `SECTORS` flat sides around the z axis.
@@ -349,6 +366,15 @@ def jacobian_many(code, p, rays, out):
             d = jacobian(code, p, X, Y, Z)
             out[i, 0, 0], out[i, 0, 1], out[i, 0, 2] = d[0], d[1], d[2]
             out[i, 1, 0], out[i, 1, 1], out[i, 1, 2] = d[3], d[4], d[5]
+
+
+@compiled
+def slopes_many(code, p, frame, points, out):
+    """Derivatives (N, 4) of pixels by the places (N, 2) in a plane; see `plane_slopes`."""
+    for i in range(points.shape[0]):
+        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = plane_slopes(
+            code, p, frame, points[i, 0], points[i, 1]
+        )
 
 
 @compiled

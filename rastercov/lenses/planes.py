@@ -115,7 +115,7 @@ class IdealPlane:
             half = (half[0] / 2, half[1] / 2)
             x = np.concatenate([x + i * half[0] for i in (-1, 1, -1, 1)])
             y = np.concatenate([y + i * half[1] for i in (-1, -1, 1, 1)])
-            is_near = self._meets(x, y, half)
+            is_near = self.meets(x, y, half)
             x, y = x[is_near], y[is_near]
         return math.inf, math.inf
 
@@ -150,10 +150,10 @@ class IdealPlane:
         centre = low[:, None] + half[:, None] * (2 * np.arange(cells) + 1)
         x, y = (grid.ravel() for grid in np.meshgrid(*centre))
         own = (float(half[0]), float(half[1]))
-        is_near = self._meets(x, y, own)
+        is_near = self.meets(x, y, own)
         return x[is_near], y[is_near], own
 
-    def _meets(self, x: FloatArray, y: FloatArray, half: tuple[float, float]) -> NDArray[np.bool_]:
+    def meets(self, x: FloatArray, y: FloatArray, half: tuple[float, float]) -> NDArray[np.bool_]:
         """True for cells that may have a point of the region, by their centres."""
         is_near: NDArray[np.bool_] = _distance(self.region, x, y) <= math.hypot(*half)
         if self.hole is not None:

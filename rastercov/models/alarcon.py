@@ -109,6 +109,7 @@ class AlarconParameters:
         occlusion="centroid",
         angle="graded",
     ),
+    pinhole_because="its frustum has flat sides",
 )
 def coverage(
     mesh: Mesh, camera: Camera, poses: ArrayLike, task: Task, parameters: AlarconParameters

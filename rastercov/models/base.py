@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov._checks import shown
 from rastercov._memory import check_memory
 from rastercov.camera import Camera
+from rastercov.camera_models import MODELS as LENSES
 from rastercov.criteria import FaceGeometry, in_focus
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
@@ -44,6 +45,8 @@ class CoverageModel(Protocol[P_contra]):
     """Signature of all models."""
 
     criteria: Criteria
+    pinhole_because: str
+    """Reason why it wants pinholes, or ""."""
 
     def __call__(
         self,
@@ -59,7 +62,7 @@ class CoverageModel(Protocol[P_contra]):
 
 
 def coverage_model(
-    defaults: P, criteria: Criteria | None = None, *, any_lens: bool = False
+    defaults: P, criteria: Criteria | None = None, *, pinhole_because: str = ""
 ) -> Callable[[Callable[[Mesh, Camera, ArrayLike, Task, P], FloatArray]], CoverageModel[P]]:
     """Decorator that gives `answers(mesh, camera, poses, task, parameters)` the public signature.
 
@@ -69,8 +72,8 @@ def coverage_model(
         Parameters of the model unless a call gives others.
     criteria : Criteria, optional
         For the table of a comparison.
-    any_lens : bool
-        The model takes lenses that are no pinholes; they are refused otherwise.
+    pinhole_because : str
+        Reason why the model wants pinholes; any lens is taken without one.
     """
 
     def decorate(
@@ -84,8 +87,12 @@ def coverage_model(
             *,
             parameters: P = defaults,
         ) -> FloatArray:
-            if not any_lens and isinstance(camera, Camera):
-                camera.check_pinhole()
+            if pinhole_because and isinstance(camera, Camera):
+                name = answers.__module__.rpartition(".")[2]
+                camera.check_pinhole(
+                    f"the model {name} wants a pinhole, because {pinhole_because}",
+                    "take image_space, scott or mavrinac",
+                )
             return answers(mesh, camera, poses, task or Task(), parameters)
 
         coverage.__doc__ = f"""{cleandoc(answers.__doc__ or "")}
@@ -112,6 +119,7 @@ ResourceError
             setattr(coverage, name, getattr(answers, name))
         model = cast("CoverageModel[P]", coverage)
         model.criteria = criteria or Criteria()
+        model.pinhole_because = pinhole_because
         return model
 
     return decorate
@@ -190,6 +198,40 @@ def in_view_and_focus(camera: Camera, task: Task, view: FaceGeometry) -> BoolArr
     limits = camera.depth_of_field(task.max_blur)
     focused: BoolArray = in_focus(view.depth, limits, task.focus_rule)
     return view.is_front & view.in_view & focused
+
+
+def facing_density(points: FloatArray, camera: Camera) -> FloatArray:
+    """(...) pixels a metre along the worst direction of a surface that faces the camera.
+
+    At points (..., 3) in camera axes: min(fx, fy) / z of a pinhole, and of other lenses the least
+    singular value of the derivative of the image; 0 behind a pinhole, and outside the valid region.
+    """
+    if camera.is_pinhole:
+        z = points[..., 2]
+        return np.where(z > 0, min(camera.fx, camera.fy) / np.where(z > 0, z, 1.0), 0.0)
+    from rastercov.lenses.of_camera import lens_of  # loads numba
+
+    slopes = lens_of(camera).jacobian(points)
+    across, down = np.moveaxis(np.nan_to_num(slopes), -2, 0)
+    a, b, c = (
+        np.einsum("...i,...i->...", *pair)
+        for pair in ((across, across), (down, down), (across, down))
+    )
+    greatest = np.sqrt((a + b + np.hypot(a - b, 2 * c)) / 2)
+    product = np.linalg.norm(np.cross(across, down), axis=-1)  # of both singular values
+    least: FloatArray = np.divide(product, greatest, out=np.zeros_like(a), where=greatest > 0)
+    return least
+
+
+def focus_depth(points: FloatArray, camera: Camera) -> FloatArray:
+    """(...) depth of points (..., 3) in camera axes that their sharpness depends on, metres.
+
+    z for a lens with a plane in focus, the distance for others.
+    """
+    if LENSES[camera.model].is_planar:
+        return points[..., 2]
+    distance: FloatArray = np.linalg.norm(points, axis=-1)
+    return distance
 
 
 def seen_normals(mesh: Mesh, pose: FloatArray) -> FloatArray:

@@ -57,7 +57,6 @@ class ImageSpaceParameters:
         occlusion="graded area",
         angle="limit",
     ),
-    any_lens=True,
 )
 def coverage(
     mesh: Mesh, camera: Camera, poses: ArrayLike, task: Task, parameters: ImageSpaceParameters

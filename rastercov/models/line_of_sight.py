@@ -20,9 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov._arguments import check_choice
+from rastercov.camera import Camera
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.mesh.triangle_tree import BOX_MARGIN, TriangleTree
+from rastercov.near_plane import depth_from_near
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -76,7 +78,9 @@ class LineOfSight:
         placed: FloatArray = (points - self._centre) / self._diagonal
         return placed
 
-    def hidden(self, points: FloatArray, pose: FloatArray, near: float) -> BoolArray:
+    def hidden(
+        self, points: FloatArray, pose: FloatArray, near: float, camera: Camera | None = None
+    ) -> BoolArray:
         """Points with a face between them and the camera centre.
 
         Parameters
@@ -87,6 +91,8 @@ class LineOfSight:
             world_from_camera.
         near : float
             Depth of the near plane, metres; points in front of it are not hidden.
+        camera : Camera, optional
+            One of a wide lens has a cube of near planes, see `near_plane.depth_from_near`.
 
         Returns
         -------
@@ -97,6 +103,8 @@ class LineOfSight:
         to_eye = pose[:3, 3] - points
         length = np.linalg.norm(to_eye, axis=1)
         depth = -(to_eye @ pose[:3, 2])
+        if camera is not None and not camera.is_pinhole:
+            depth = depth_from_near(-to_eye @ pose[:3, :3], camera)
         ahead = depth > near
         # The part of the segment beyond the near plane, in diagonals.
         reach = np.where(ahead, length * (1 - near / np.where(ahead, depth, 1.0)), 0.0)
@@ -104,14 +112,21 @@ class LineOfSight:
         origin = self._placed(points) + MARGIN * direction
         return self._tracer.meets(origin, direction, reach / self._diagonal - MARGIN)
 
-    def hides(self, mesh: Mesh, wanted: BoolArray, pose: FloatArray, near: float) -> BoolArray:
+    def hides(
+        self,
+        mesh: Mesh,
+        wanted: BoolArray,
+        pose: FloatArray,
+        near: float,
+        camera: Camera | None = None,
+    ) -> BoolArray:
         """(F, 3) corners of the mesh at hidden vertices; only those of wanted corners are traced.
 
         `wanted` is (F,) or (F, 3).
         """
         vertices = np.unique(mesh.faces[wanted])
         hidden = np.zeros(mesh.n_vertices, dtype=bool)
-        hidden[vertices] = self.hidden(mesh.vertices[vertices], pose, near)
+        hidden[vertices] = self.hidden(mesh.vertices[vertices], pose, near, camera)
         corners: BoolArray = hidden[mesh.faces]
         return corners
 

@@ -12,7 +12,8 @@ angle between the normal and the ray from p to the camera centre:
     k-ocular: max over subsets of k cameras of min over cameras of the subset of C(p)
 
 each clipped to [0, 1], a step where both limits are equal; f is in pixels, the smaller of fx and
-fy, except C_F, which is the lens'.
+fy, except C_F, which is the lens'. Through other lenses z / f is 1 / `base.facing_density`, and d
+is measured in their image.
 
 A. Mavrinac. Modeling and Optimizing the Coverage of Multi-Camera Systems. PhD dissertation,
 University of Windsor, 2012.
@@ -58,11 +59,14 @@ from rastercov.models.base import (
     check_number,
     coverage_model,
     each_pose,
+    facing_density,
+    focus_depth,
     ramp,
     required_density,
     seen_normals,
 )
 from rastercov.models.line_of_sight import LineOfSight, check_tracer
+from rastercov.near_plane import depth_from_near
 from rastercov.projection import to_camera, to_image
 from rastercov.task import Task
 
@@ -201,15 +205,18 @@ def strength_of_points(
 
     def strength(pose: FloatArray, near: float) -> FloatArray:
         points = to_camera(mesh.vertices, pose)
-        ahead = points[:, 2] >= near
+        ahead = depth_from_near(points, camera) >= near
         points = np.where(ahead[:, None], points, (0.0, 0.0, 1.0))
-        depth = points[:, 2]
-        of_point = np.where(ahead, _within(to_image(points, camera), camera, parameters.padding), 0)
-        blur, in_range = blur_circle(camera, depth)
+        image = to_image(points, camera)
+        ahead &= np.isfinite(image).all(axis=1)  # in the valid region of a lens
+        image = np.where(ahead[:, None], image, 0.0)
+        of_point = np.where(ahead, _within(image, camera, parameters.padding), 0)
+        blur, in_range = blur_circle(camera, focus_depth(points, camera))
         of_point *= in_range * ramp(blur, blurriest, min(parameters.ideal_blur, blurriest))
 
         corners = points[mesh.faces]
-        coarseness = 1e3 * depth[mesh.faces] / min(camera.fx, camera.fy)
+        with np.errstate(divide="ignore"):
+            coarseness = (1e3 / facing_density(points, camera))[mesh.faces]
         view = face_geometry(mesh, camera, pose)
         cosine = _cosine(corners, seen_normals(mesh, pose))
         graded = of_point[mesh.faces] * ramp(coarseness, coarsest, finest)
@@ -217,7 +224,7 @@ def strength_of_points(
         graded[~view.is_front] = 0.0
 
         # Only faces covered so far can be hidden: most segments need not be traced.
-        graded[tracer.hides(mesh, graded > 0, pose, near)] = 0.0
+        graded[tracer.hides(mesh, graded > 0, pose, near, camera)] = 0.0
         return graded
 
     return each_pose(mesh, camera, poses, strength, (mesh.n_faces, 3))

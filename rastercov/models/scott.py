@@ -5,7 +5,8 @@
     R = f cos(theta) / z at the centroid, theta between the normal and the ray to the camera centre
     C = V F min(1, R / R_req)
 
-with f the smaller of fx and fy, and R_req in pixels a metre, see `base.required_density`.
+with f the smaller of fx and fy, and R_req in pixels a metre, see `base.required_density`. Through
+other lenses f / z is `base.facing_density`.
 
 W. R. Scott. Model-based view planning. Machine Vision and Applications 20(1), 47-69, 2009.
 W. R. Scott, G. Roth, J.-F. Rivest. View Planning for Automated Three-Dimensional Object
@@ -37,10 +38,12 @@ from rastercov.models.base import (
     ResolutionParameters,
     coverage_model,
     each_pose,
+    facing_density,
     in_view_and_focus,
     required_density,
     share_of,
 )
+from rastercov.projection import to_camera
 from rastercov.task import Task
 
 
@@ -65,10 +68,9 @@ def coverage(
     def strength(pose: FloatArray, near: float) -> FloatArray:
         view = face_geometry(mesh, camera, pose)
         seen = in_view_and_focus(camera, task, view)
-        depth = np.where(seen, view.depth.mean(axis=1), 1.0)
         # A face of a two-sided group may be seen from either side.
         cosine = np.abs(np.cos(view.incidence))
-        density = min(camera.fx, camera.fy) * cosine / depth
+        density = cosine * facing_density(to_camera(mesh.centroids, pose), camera)
         return np.where(seen, share_of(density, required), 0.0)
 
     return each_pose(mesh, camera, poses, strength)

@@ -51,7 +51,11 @@ class TarabanisParameters(ResolutionParameters):
     """R_req of the model, applied to the worst edge of a face."""
 
 
-@coverage_model(TarabanisParameters(), Criteria(field_of_view="smaller angle", resolution="edges"))
+@coverage_model(
+    TarabanisParameters(),
+    Criteria(field_of_view="smaller angle", resolution="edges"),
+    pinhole_because="its edges are straight in the image",
+)
 def coverage(
     mesh: Mesh, camera: Camera, poses: ArrayLike, task: Task, parameters: TarabanisParameters
 ) -> FloatArray:

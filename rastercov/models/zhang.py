@@ -53,6 +53,8 @@ from rastercov.models.base import (
     share_of,
 )
 from rastercov.models.line_of_sight import LineOfSight, check_tracer
+from rastercov.near_plane import depth_from_near
+from rastercov.projection import to_camera
 from rastercov.task import Task
 
 
@@ -82,6 +84,7 @@ class ZhangParameters(ResolutionParameters):
         occlusion="vertices",
         angle="in resolution",
     ),
+    pinhole_because="its resolution is that of a plane across the optical axis",
 )
 def coverage(
     mesh: Mesh, camera: Camera, poses: ArrayLike, task: Task, parameters: ZhangParameters
@@ -96,7 +99,8 @@ def coverage(
     def strength(pose: FloatArray, near: float) -> FloatArray:
         view = face_geometry(mesh, camera, pose)
         graded = share_of(_resolution(mesh, camera, pose, view), required)
-        return graded * _unhidden(mesh, tracer, pose, near, in_view_and_focus(camera, task, view))
+        seen = in_view_and_focus(camera, task, view)
+        return graded * _unhidden(mesh, tracer, camera, pose, near, seen)
 
     return each_pose(mesh, camera, poses, strength)
 
@@ -116,8 +120,9 @@ def visible(
 
     def strength(pose: FloatArray, near: float) -> FloatArray:
         view = face_geometry(mesh, camera, pose)
-        ahead = view.is_front & (view.depth >= near).all(axis=1)
-        return _unhidden(mesh, tracer, pose, near, ahead)
+        depth = depth_from_near(to_camera(mesh.vertices, pose), camera)
+        ahead = view.is_front & (depth[mesh.faces] >= near).all(axis=1)
+        return _unhidden(mesh, tracer, camera, pose, near, ahead)
 
     return each_pose(mesh, camera, poses, strength)
 
@@ -132,8 +137,13 @@ def _resolution(mesh: Mesh, camera: Camera, pose: FloatArray, view: FaceGeometry
 
 
 def _unhidden(
-    mesh: Mesh, tracer: LineOfSight, pose: FloatArray, near: float, chosen: BoolArray
+    mesh: Mesh,
+    tracer: LineOfSight,
+    camera: Camera,
+    pose: FloatArray,
+    near: float,
+    chosen: BoolArray,
 ) -> FloatArray:
     """1 for chosen faces none of whose vertices are hidden, 0 for all others, (F,)."""
-    is_seen: BoolArray = chosen & ~tracer.hides(mesh, chosen, pose, near).any(axis=1)
+    is_seen: BoolArray = chosen & ~tracer.hides(mesh, chosen, pose, near, camera).any(axis=1)
     return is_seen.astype(np.float64)

@@ -24,12 +24,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov._threads import share_poses, thread_count
+from rastercov.cluster.files import SUMS, DamagedError, contents, store
 from rastercov.errors import ResourceError
 from rastercov.placement import bit_kernels as kernels
 from rastercov.placement._arrays import FloatArray
 from rastercov.placement.bits import CoveredBits, n_words
 from rastercov.placement.matrix_folder import MatrixFolder
-from rastercov.placement.shards import BITS, SUMS, DamagedError, contents, locked, store
+from rastercov.placement.shards import BITS, locked
 
 MOST_THREADS = 4
 """Threads that read shards at a time; each takes some ten bytes a pair of one."""

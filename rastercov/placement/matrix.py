@@ -47,6 +47,7 @@ from rastercov.placement.matrix_shards import (
     write_scene,
     write_shard,
 )
+from rastercov.placement.mounts import Mounts
 from rastercov.placement.shards import (
     Note,
     claim,
@@ -199,6 +200,7 @@ def build_matrix(
     cells: Cells | None = None,
     poses_a_shard: int | None = None,
     bounds: CandidateBounds | None = None,
+    mounts: Mounts | None = None,
     workers: Workers | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
     watch: Callable[[Made], None] = lambda made: None,
@@ -226,7 +228,11 @@ def build_matrix(
     poses_a_shard : int, optional
         Poses of each file; the number that gives `PAIRS_A_SHARD` pairs unless given.
     bounds : CandidateBounds, optional
-        Takes in the poses that are measured by this process, not those of shards that are there.
+        Takes in the poses that are measured by this process, not those of shards that are there; of
+        rigs, those of their cameras.
+    mounts : Mounts, optional
+        Rigs of the cameras of the view, which `Poses.camera` counts then; a rig has the greatest
+        coverage of any of its cameras.
     workers : Workers, optional
         Processes that make the shards, in a folder that all of them share; this one unless given.
         The bytes of the shards are the same. Poses that kill their process are left out, see
@@ -250,8 +256,9 @@ def build_matrix(
     if workers is not None and folder is None:
         raise ConfigError("workers make shards in a folder; name one, or leave out workers")
     found = _measured(
-        view, poses, task, folder, cells, poses_a_shard, bounds, workers, progress, watch, note
-    )
+        view, poses, task, folder, cells, poses_a_shard, bounds, mounts, workers, progress, watch,
+        note,
+    )  # fmt: skip
     return found if isinstance(found, VisibilityMatrix) else VisibilityMatrix.of(found)
 
 
@@ -265,6 +272,7 @@ def measure_matrix(
     cells: Cells | None = None,
     poses_a_shard: int | None = None,
     bounds: CandidateBounds | None = None,
+    mounts: Mounts | None = None,
     workers: Workers | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
     watch: Callable[[Made], None] = lambda made: None,
@@ -276,8 +284,9 @@ def measure_matrix(
     and errors are those of `build_matrix`.
     """
     found = _measured(
-        view, poses, task, folder, cells, poses_a_shard, bounds, workers, progress, watch, note
-    )
+        view, poses, task, folder, cells, poses_a_shard, bounds, mounts, workers, progress, watch,
+        note,
+    )  # fmt: skip
     assert isinstance(found, MatrixFolder)  # it was given a folder
     return found
 
@@ -290,6 +299,7 @@ def _measured(
     cells: Cells | None,
     poses_a_shard: int | None,
     bounds: CandidateBounds | None,
+    mounts: Mounts | None,
     workers: Workers | None,
     progress: Callable[[int, int], None],
     watch: Callable[[Made], None],
@@ -300,7 +310,7 @@ def _measured(
 
     def batches(rows: slice) -> Iterator[Batch]:
         nonlocal done
-        for batch in batches_of(observer, placed[rows], task, cells, bounds):
+        for batch in batches_of(observer, placed[rows], task, cells, bounds, mounts):
             yield batch
             done += batch[-1]
             progress(done, len(placed))
@@ -311,7 +321,7 @@ def _measured(
         )
         if cells is not None:
             observer = opened.enter_context(region_observer(observer, cells, task))
-        header = describe(observer, placed, task, poses_a_shard, cells)
+        header = describe(observer, placed, task, poses_a_shard, cells, mounts)
         if folder is None:
             progress(0, len(placed))
             return VisibilityMatrix._of(placed, header, *gathered(batches(slice(None)))[:3])
@@ -330,7 +340,7 @@ def _measured(
                     progress(done, len(placed))
                     watch(shard)
 
-                write_scene(place, observer)
+                write_scene(place, observer, mounts)
                 _make_by_workers(workers, place, shards, dict(missing), made, note)
                 if bounds is not None:
                     add_bounds(place, range(len(shards)), bounds)

@@ -12,6 +12,7 @@ from rastercov._observers import ExactObserver
 from rastercov.area.cells import Cells
 from rastercov.area.frames import check_same_mesh
 from rastercov.area.observer import RegionObserver
+from rastercov.cluster.files import DamagedError, contents, store
 from rastercov.cluster.scene_file import scene_bytes
 from rastercov.coverage import Coverage, evaluate_batches, judged, measurements
 from rastercov.coverage_pass import CoveragePass
@@ -20,7 +21,8 @@ from rastercov.errors import ConfigError
 from rastercov.observer import Observer
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.explain.candidate_visibility import FIGURES, CandidateBounds
-from rastercov.placement.shards import DamagedError, contents, schema_of, store
+from rastercov.placement.mounts import Mounts
+from rastercov.placement.shards import schema_of
 from rastercov.pose import Poses
 from rastercov.task import Task
 
@@ -34,9 +36,12 @@ Batch = tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32], BoolArr
 """Row, face, coverage and covered mask of each pair of some poses; and the number of poses."""
 
 
-def write_scene(folder: Path, observer: Observer) -> None:
-    """Write mesh and camera into the folder of a matrix: what workers need beside its header."""
-    data = scene_bytes(observer.mesh, observer.camera)
+def write_scene(folder: Path, observer: Observer, mounts: Mounts | None) -> None:
+    """Write mesh, cameras and mounts into the folder of a matrix, for workers."""
+    arrays = {}
+    if mounts is not None and mounts.has_rigs:
+        arrays = {"starts": mounts.starts, "places": mounts.rig.rig_from_camera}
+    data = scene_bytes(observer.mesh, observer.camera, arrays)
     if contents(folder, SCENE) != data:
         store(folder, SCENE, data)
 
@@ -98,16 +103,44 @@ def batches_of(
     task: Task,
     cells: Cells | None,
     bounds: CandidateBounds | None = None,
+    mounts: Mounts | None = None,
 ) -> Iterator[Batch]:
-    """Pairs of some poses and faces, or cells, batch by batch."""
+    """Pairs of some poses and faces, or cells, batch by batch; poses are those of mounts."""
+    part, owner = poses, None
+    if mounts is not None and mounts.has_rigs:
+        part, owner = mounts.cameras(poses)
     found = (
-        _of_faces(observer, poses, task, bounds)
+        _of_faces(observer, part, task, bounds)
         if cells is None
-        else _of_cells(observer, cells, poses, task, bounds)
+        else _of_cells(observer, cells, part, task, bounds)
     )
-    for batch in found:
+    for batch in found if owner is None else _united(found, owner, len(poses)):
         if batch[-1]:
             yield batch
+
+
+def _united(batches: Iterable[Batch], owner: NDArray[np.int64], n: int) -> Iterator[Batch]:
+    """Batches of n mounts from those of their cameras, (K,) of which `owner` is the mount."""
+    waiting: list[tuple[NDArray[Any], ...]] = []
+    at = done = 0
+    for pose, face, value, covered, count in batches:
+        waiting.append((owner[at + pose], face, value, covered))
+        at += count
+        whole = int(owner[at]) if at < len(owner) else n  # mounts before this one are complete
+        if whole == done:
+            continue
+        columns = [np.concatenate(column) for column in zip(*waiting, strict=True)]
+        is_whole = columns[0] < whole
+        waiting = [tuple(column[~is_whole] for column in columns)]
+        mount, face, value, covered = (column[is_whole] for column in columns)
+        order = np.lexsort((value, face, mount))
+        mount, face = mount[order], face[order]
+        # The last of each pair of mount and face has the greatest coverage.
+        is_last = np.ones(len(order), np.bool_)
+        is_last[:-1] = (mount[1:] != mount[:-1]) | (face[1:] != face[:-1])
+        rows = order[is_last]
+        yield mount[is_last] - done, face[is_last], value[rows], covered[rows], whole - done
+        done = whole
 
 
 def region_observer(observer: Observer, cells: Cells, task: Task) -> RegionObserver:

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rastercov.area.cells import Cells, cells
+from rastercov.cluster.files import contents
 from rastercov.cluster.job import FolderLostError
 from rastercov.cluster.scene_file import read_scene
 from rastercov.engine import Engine
@@ -27,8 +28,10 @@ from rastercov.placement.matrix_shards import (
     write_bounds,
     write_shard,
 )
-from rastercov.placement.shards import contents, read_header, read_poses, shards_of
+from rastercov.placement.mounts import Mounts
+from rastercov.placement.shards import read_header, read_poses, shards_of
 from rastercov.pose import Poses, renumbered
+from rastercov.rig import Rig
 from rastercov.task import Task
 
 OPEN = 2
@@ -43,6 +46,7 @@ class _Open(NamedTuple):
     observer: Any
     cells: Cells | None
     task: Task
+    mounts: Mounts | None
     bounds: CandidateBounds
     bounded: list[int]
     file: str
@@ -76,9 +80,8 @@ def make(
 
 
 def _batches(opened: _Open, chosen: Any, bounds: CandidateBounds | None = None) -> Iterator[Batch]:
-    return batches_of(
-        opened.observer, renumbered(opened.poses[chosen]), opened.task, opened.cells, bounds
-    )
+    poses = renumbered(opened.poses[chosen])
+    return batches_of(opened.observer, poses, opened.task, opened.cells, bounds, opened.mounts)
 
 
 def _modified(folder: Path) -> int:
@@ -113,7 +116,12 @@ def _opened(folder: Path, modified: int) -> _Open:
         opened.pop_all()
     bounds = CandidateBounds(scene.mesh.n_faces, scene.mesh.task_mask)
     file = f"{os.uname().nodename}-{os.getpid()}-{secrets.token_hex(4)}"
-    return _Open(header, poses, observer, made_on, task, bounds, [], file)
+    mounts = None
+    if scene.more:
+        starts, places = scene.more["starts"], scene.more["places"]
+        names = tuple(f"mount {index}" for index in range(len(starts) - 1))
+        mounts = Mounts(names, Rig(scene.cameras, None, places), starts)
+    return _Open(header, poses, observer, made_on, task, mounts, bounds, [], file)
 
 
 def _engine_of(header: dict[str, Any]) -> Engine:

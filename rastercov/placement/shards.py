@@ -1,25 +1,17 @@
 """On-disk layout of a visibility matrix: header, poses, Parquet shards, checksums, writer lock.
 
-Serves `matrix`. A file appears under its name only when it is complete and on the disk. Two checks
-detect every change:
-
-- each file has its SHA-256 in `sha256/`, in the format of `sha256sum -c`. It is computed from the
-  bytes that are then decoded, so that no decoder reads damaged ones;
-- each shard holds the header of its matrix and its own name, so that a shard of another matrix, or
-  of other poses of the same matrix, is refused.
-
-The checksum is written before its file: a run killed between the two leaves a missing file, or one
-that is made again. Pages of shards also have the checksums of Parquet, for other readers
-(`page_checksum_verification` of pyarrow); those exclude headers, statistics and footer.
+Serves `matrix`. Two checks detect every change: each file has a checksum
+(`rastercov.cluster.files`), and each shard holds the header of its matrix and its own name, so that
+a shard of another matrix, or of other poses of the same matrix, is refused. Pages of shards also
+have the checksums of Parquet, for other readers (`page_checksum_verification` of pyarrow); those
+exclude headers, statistics and footer.
 """
 
 import fcntl
-import hashlib
 import io
 import json
 import logging
 import os
-import secrets
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
@@ -32,8 +24,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.area.cells import Cells
+from rastercov.cluster.files import SUMS, DamagedError, contents, has_sums, store
 from rastercov.errors import ConfigError
 from rastercov.observer import Observer
+from rastercov.placement.mounts import Mounts
 from rastercov.pose import Poses
 from rastercov.provenance import sha256
 from rastercov.rig import cameras_of
@@ -48,8 +42,8 @@ PAIRS_A_SHARD = 1 << 22
 """Pose-face pairs, seen or not, of one shard: several seconds of work."""
 FORMAT = 2
 HEADER, POSES, CAMERAS = "header.json", "poses.npy", "cameras.npy"
-PAIRS, SUMS, BITS = "pairs", "sha256", "bits"
-"""Folders of the shards, of the checksums of all files, and of what is derived from shards."""
+PAIRS, BITS = "pairs", "bits"
+"""Folders of the shards, and of what is derived from them."""
 WORDS = {
     "format": "in another file format",
     "rastercov": "by another version of rastercov",
@@ -58,6 +52,7 @@ WORDS = {
     "camera": "for another camera",
     "poses": "from other poses",
     "pose_camera": "for other cameras of the poses",
+    "mounts": "for other rigs",
     "task": "for another task",
     "measured_by": "by another method or device",
     "samples": "with another supersample",
@@ -65,13 +60,6 @@ WORDS = {
 }
 """Words on a header that differs in an entry."""
 Note = Callable[[str], None]
-
-
-class DamagedError(ConfigError):
-    """A file of a matrix has changed since it was written; the message names file and reason."""
-
-    def __init__(self, path: Path, why: str) -> None:
-        super().__init__(f"{path}: damaged, {why}")
 
 
 def log_warning(line: str) -> None:
@@ -85,13 +73,15 @@ def describe(
     task: Task,
     poses_a_shard: int | None,
     cells: Cells | None = None,
+    mounts: Mounts | None = None,
 ) -> dict[str, Any]:
     """Header of a matrix: all that it depends on, ready for JSON.
 
     That of a matrix of cells has their size under "cells", and counts them as faces.
     """
     mesh, cameras = observer.mesh, cameras_of(observer.camera)
-    poses.check_cameras(len(cameras))
+    n_mounts = len(cameras) if mounts is None else len(mounts)
+    poses.check_cameras(n_mounts)
     plain = [json.dumps(camera.plain(), sort_keys=True) for camera in cameras]
     groups = json.dumps([group.plain() for group in mesh.groups])
     if poses_a_shard is not None and (isinstance(poses_a_shard, bool) or poses_a_shard < 1):
@@ -111,8 +101,10 @@ def describe(
         "n_faces": n_faces,
         "n_task_faces": int(mesh.task_mask.sum()) if cells is None else n_faces,
     }
-    if len(cameras) > 1:
+    if max(n_mounts, len(cameras)) > 1:
         header["pose_camera"] = sha256(poses.camera)
+    if mounts is not None and mounts.has_rigs:
+        header["mounts"] = sha256(mounts.starts, mounts.rig.rig_from_camera)
     return header if cells is None else header | {"cells": cells.size}
 
 
@@ -163,7 +155,7 @@ def claim(
     is_missing = kept is None
     if kept is None:
         found = sorted((folder / PAIRS).iterdir())
-        if found and not _has_sums(folder):
+        if found and not has_sums(folder):
             raise ConfigError(f"{folder}: shards without a header; name another folder")
         if found and not (folder / HEADER).exists():
             note(f"{folder / HEADER}: missing; made again")
@@ -226,7 +218,7 @@ def read_header(folder: Path) -> dict[str, Any] | None:
             return None
     except DamagedError:
         # Without any checksum the folder is of another format, or has lost all of them.
-        if _has_sums(folder) or _loaded(path)["format"] == FORMAT:
+        if has_sums(folder) or _loaded(path)["format"] == FORMAT:
             raise
     header = _loaded(path)
     if header["format"] != FORMAT:
@@ -240,11 +232,6 @@ def _loaded(path: Path) -> dict[str, Any]:
         return {**header, "format": header["format"], "poses_a_shard": int(header["poses_a_shard"])}
     except (ValueError, KeyError, TypeError, RecursionError, OSError):
         raise ConfigError(f"{path}: this is no header of a matrix; name another folder") from None
-
-
-def _has_sums(folder: Path) -> bool:
-    """True when a file of a folder has a checksum, as every file of this format has."""
-    return any((folder / SUMS).glob("*.sha256"))
 
 
 def read_poses(folder: Path, header: dict[str, Any]) -> Poses | None:
@@ -358,59 +345,3 @@ def _header_in(folder: Path, name: str) -> dict[str, Any] | None:
         return None
     header = _written_with(found) if found else {}
     return header if header.pop("shard", None) == f"{PAIRS}/{name}" else None
-
-
-def contents(folder: Path, name: str) -> bytes | None:
-    """Bytes of a file of a matrix, None where it is missing.
-
-    Raises
-    ------
-    DamagedError
-        When they cannot be read, or do not match the checksum.
-    """
-    try:
-        data = (folder / name).read_bytes()
-    except FileNotFoundError:
-        return None
-    except OSError as error:
-        raise DamagedError(folder / name, f"it cannot be read ({error.strerror})") from None
-    try:
-        is_whole = _sum_file(folder, name).read_bytes() == _sum_line(name, data)
-    except OSError:
-        raise DamagedError(folder / name, "its checksum is missing") from None
-    if not is_whole:
-        raise DamagedError(folder / name, "its checksum is not the one recorded")
-    return data
-
-
-def store(folder: Path, name: str, data: bytes | memoryview) -> None:
-    """Write a file of a matrix, and its checksum before it."""
-    _write(_sum_file(folder, name), _sum_line(name, data))
-    _write(folder / name, data)
-
-
-def _sum_file(folder: Path, name: str) -> Path:
-    return folder / SUMS / f"{Path(name).name}.sha256"
-
-
-def _sum_line(name: str, data: bytes | memoryview) -> bytes:
-    """Line of `sha256sum` for a file, relative to the folder of the matrix."""
-    return f"{hashlib.sha256(data).hexdigest()}  {name}\n".encode()
-
-
-def _write(path: Path, data: bytes | memoryview) -> None:
-    """Write a file atomically: it appears under its name when it is complete and on the disk."""
-    part = path.with_name(f".{secrets.token_hex(6)}.part")
-    try:
-        with part.open("wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(part, path)  # noqa: PTH105 - the atomic one by name
-    finally:
-        part.unlink(missing_ok=True)
-    folder = os.open(path.parent, os.O_RDONLY)
-    try:
-        os.fsync(folder)  # makes the new name durable
-    finally:
-        os.close(folder)

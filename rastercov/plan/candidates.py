@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.camera import Camera
+from rastercov.camera_formats import read_views
 from rastercov.errors import RastercovError
 from rastercov.mesh import Mesh
 from rastercov.placement.candidates import mounting, pool
@@ -24,7 +24,7 @@ from rastercov.plan import generators as entries
 from rastercov.plan.entry import no_limit, value_of
 from rastercov.plan.errors import PlanError
 from rastercov.plan.file import Plan
-from rastercov.rig import Cameras, cameras_of
+from rastercov.rig import Rig
 
 FloatArray = NDArray[np.float64]
 
@@ -88,10 +88,10 @@ def segmentation_of(plan: Plan, mesh: Mesh) -> Segmentation | None:
     return next((_segmented(mesh, entry) for entry in own), None)
 
 
-def candidate_pool(plan: Plan, mesh: Mesh, camera: Cameras) -> CandidatePool:
+def candidate_pool(plan: Plan, mesh: Mesh) -> CandidatePool:
     """Candidates of all entries but `per_cavity`, which depends on the visibility of the others.
 
-    There are some for each camera of an entry, of `camera` by the names of the plan.
+    There are some for each camera and rig of an entry.
 
     Raises
     ------
@@ -104,8 +104,8 @@ def candidate_pool(plan: Plan, mesh: Mesh, camera: Cameras) -> CandidatePool:
         if isinstance(entry, entries.PerCavity):
             continue
         try:
-            for index, cost in cameras_of_entry(plan, entry):
-                made = _made(plan, mesh, cameras_of(camera)[index], entry)
+            for index, cost in mounts_of_entry(plan, entry):
+                made = _made(plan, mesh, entry, index)
                 parts += [(part.of_camera(index), cost) for part in made]
         except RastercovError as error:
             lines.append(f"candidates[{row}]: {error}")
@@ -114,11 +114,12 @@ def candidate_pool(plan: Plan, mesh: Mesh, camera: Cameras) -> CandidatePool:
     return _filtered(plan, mesh, parts, [])
 
 
-def cameras_of_entry(plan: Plan, entry: entries.Generator) -> list[tuple[int, float]]:
-    """Index of each camera of an entry, and its cost at a place of it."""
-    names = plan.rig.names
-    chosen = [name for name in names if name in entry.cameras or not entry.cameras]
-    return [(names.index(name), plan.cost_of(name, entry.cost)) for name in chosen]
+def mounts_of_entry(plan: Plan, entry: entries.Generator) -> list[tuple[int, float]]:
+    """Index of each camera and rig of an entry, and its cost at a place of it."""
+    names = plan.mounts.names
+    return [
+        (index, plan.cost_of(names[index], entry.cost)) for index in plan.mounts_of(entry.cameras)
+    ]
 
 
 def extended_pool(
@@ -199,13 +200,14 @@ def framing_of(plan: Plan, entry: entries.Generator) -> Framing:
 
 
 def _made(
-    plan: Plan, mesh: Mesh, camera: Camera, entry: entries.CandidateEntry
+    plan: Plan, mesh: Mesh, entry: entries.CandidateEntry, index: int
 ) -> Iterator[Candidates]:
-    """Candidates of an entry; several times for a mount with several aims.
+    """Candidates of an entry for a mount by its index; once for each aim.
 
     Fields of an entry that its base class lacks are the arguments of its generator.
     """
-    view = (mesh, camera, framing_of(plan, entry))
+    mounts = plan.mounts
+    view = (mesh, mounts.first_camera(index), framing_of(plan, entry))
     match entry:
         case entries.PerSegment():
             yield pool.per_segment(*view, segmentation=_segmented(mesh, entry))
@@ -219,7 +221,13 @@ def _made(
             around = getattr(mounting, entry.generator)
             yield around(*view, **_own(entry, entries.Framed))
         case entries.PoseFile():
-            yield pool.from_poses(*view, poses=plan.folder / entry.file)
+            found = pool.from_poses(*view, poses=plan.folder / entry.file)
+            views = read_views(plan.folder / entry.file)
+            if len(mounts) > 1 and views.camera_names:  # each pose has its own camera
+                firsts = [mounts.first_camera(row) for row in range(len(mounts))]
+                of_pose = views.with_cameras(Rig(firsts, mounts.names)).poses.camera
+                found = found.take(of_pose[found.index] == index)
+            yield found
         case entries.Mounted():
             mount = getattr(mounting, entry.generator)
             bounds = None if entry.low is None else np.array([entry.low, entry.high])

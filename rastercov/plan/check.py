@@ -236,11 +236,13 @@ def seen_by_cameras(plan: Plan, views: Views) -> tuple[Plan, Poses]:
     PlanError
         For a plan without cameras and a file without.
     PoseError
-        For poses of several cameras where the plan has one, and for names that it does not have.
+        For poses without a unit, of several cameras where the plan has one, and for names that it
+        does not have.
     """
+    views.check_unit()
     if not plan.has_cameras and views.rig is not None:
         return plan.with_cameras(views.rig), views.poses
-    if plan.cameras and (len(plan.cameras) > 1 or views.camera_names):
+    if len(plan.rig) > 1 or (plan.cameras and views.camera_names):
         return plan, views.with_cameras(plan.rig).poses
     used = np.unique(views.poses.camera)
     if len(used) > 1:

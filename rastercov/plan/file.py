@@ -3,17 +3,22 @@
 plan.toml -> `read_plan` -> `scene` (mesh, candidates) -> `run` (place), `check`
 """
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self
 
+import numpy as np
 from pydantic import PrivateAttr, ValidationError
 
 from rastercov._files import StrPath, UnparsedError, UnreadableError, printable, read_toml
 from rastercov.area.network import unit_of_result
 from rastercov.camera import Camera
 from rastercov.engine import Engine
+from rastercov.errors import CameraError, RastercovError
+from rastercov.placement.mounts import Mounts
+from rastercov.plan.cameras import ONE_CAMERA
 from rastercov.plan.errors import PlanError, lines_of
-from rastercov.plan.sections import ONE_CAMERA, PlanModel
+from rastercov.plan.sections import PlanModel
 from rastercov.rig import Rig, only_camera
 from rastercov.task import Task
 
@@ -24,7 +29,7 @@ class Plan(PlanModel):
     """A plan file; entries as in `sections`."""
 
     _path: Path = PrivateAttr(default=Path("plan.toml"))
-    _rig: Rig | None = PrivateAttr(default=None)
+    _mounts: Mounts | None = PrivateAttr(default=None)
 
     @property
     def path(self) -> Path:
@@ -44,55 +49,87 @@ class Plan(PlanModel):
     @property
     def has_cameras(self) -> bool:
         """True where there are cameras, in the plan or given to it."""
-        return self._rig is not None or bool(self.camera_names)
+        return self._mounts is not None or bool(self.camera_names or self.rigs)
 
     @property
-    def rig(self) -> Rig:
-        """The cameras with their names.
+    def mounts(self) -> Mounts:
+        """The cameras and the rigs of them with their names.
 
         Raises
         ------
         PlanError
-            For a plan without cameras.
+            For a plan without cameras, and for a rig that cannot be made.
         """
-        if self._rig is None:
-            types = dict(self.cameras) if self.camera is None else {ONE_CAMERA: self.camera}
-            if not types:
+        if self._mounts is None:
+            if not self.has_cameras:
                 raise PlanError(self.name, [NO_CAMERA])
-            built = [each.build(self.folder) for each in types.values()]
-            self._rig = Rig(built, list(types))
-        return self._rig
+            types = dict(self.cameras) if self.camera is None else {ONE_CAMERA: self.camera}
+            built = {name: each.build(self.folder) for name, each in types.items()}
+            rigs: dict[str, Camera | Rig] = {}
+            for name, section in self.rigs.items():
+                try:
+                    rigs[name] = section.build(self.folder, built)
+                except RastercovError as error:
+                    raise PlanError(self.name, [f"rigs.{name}: {error}"]) from None
+            self._mounts = Mounts.of({**built, **rigs})
+        return self._mounts
+
+    @property
+    def rig(self) -> Rig:
+        """All cameras with their names, those of rigs too."""
+        return self.mounts.rig
 
     def with_cameras(self, rig: Rig) -> Self:
-        """The same plan with other cameras."""
+        """The same plan with other cameras, each a mount of its own."""
         other = self.model_copy()
-        other._rig = rig
+        other._mounts = Mounts.of_cameras(rig)
         return other
 
     def without_cameras(self) -> Self:
         """The same plan without cameras of its own, for those that are given to it."""
-        other = self.model_copy(update={"camera": None, "cameras": {}})
-        other._rig = None
+        other = self.model_copy(update={"camera": None, "cameras": {}, "rigs": {}})
+        other._mounts = None
         return other
+
+    def mounts_of(self, names: Sequence[str]) -> list[int]:
+        """Mounts of an entry by its names; without names, rigs and cameras that are in no rig."""
+        known = self.mounts.names
+        if unknown := [name for name in names if name not in known]:  # of other cameras
+            raise CameraError(f"there is no camera {unknown[0]!r}; cameras are {', '.join(known)}")
+        if names:
+            return [row for row, name in enumerate(known) if name in names]
+        in_rigs = {each.camera for rig in self.rigs.values() for each in rig.cameras or []}
+        return [row for row, name in enumerate(known) if name in self.rigs or name not in in_rigs]
 
     def build_camera(self) -> Camera:
         """The camera of all poses; CameraError where there are several."""
         return only_camera(self.rig)
 
-    def cost_of(self, camera: str, place: float | None) -> float:
-        """Cost of a camera by its name at a place with a cost of its own; 1 where none has one."""
-        own = self.cameras[camera].cost if camera in self.cameras else None
-        given = [cost for cost in (own, place) if cost is not None]
+    def cost_of(self, mount: str, place: float | None) -> float:
+        """Cost of a camera or rig by its name at a place with a cost; 1 where none has one.
+
+        A rig without a cost of its own has that of its cameras together.
+        """
+        given = [cost for cost in (self._own_cost(mount), place) if cost is not None]
         return sum(given) if given else 1.0
+
+    def _own_cost(self, mount: str) -> float | None:
+        if mount not in self.rigs:
+            return self.cameras[mount].cost if mount in self.cameras else None
+        rig = self.rigs[mount]
+        if rig.cost is not None:
+            return rig.cost
+        if rig.cameras is None:
+            at = self.mounts.names.index(mount)
+            return float(np.diff(self.mounts.starts)[at])
+        return sum(self.cost_of(each.camera, None) for each in rig.cameras)
 
     def unit_of_result(self) -> tuple[str, str]:
         """Unit of results, "area" or "face"; and what makes it "face" if the plan does not."""
-        if self.task.by is None and self.task.min_angle_deg > 0:
-            return "face", "min_angle_deg is of a face"
         if self.task.by is None and self.task.weight_by == "count":
             return "face", "weight_by count is of faces"
         engine = Engine(self.task.method, supersample=self.task.supersample)
-        return unit_of_result(self.task.by, self.build_task(), engine, self.rig)
+        return unit_of_result(self.task.by, self.build_task(), engine)
 
     def build_task(self, views: int | None = None) -> Task:
         """The task; `views` cameras a face for all groups where that is given."""
@@ -117,7 +154,14 @@ def read_plan(path: StrPath) -> Plan:
     except UnreadableError as error:
         name = path if not isinstance(error, UnparsedError) else Path(path).name
         raise PlanError(printable(str(name)), [str(error)]) from None
-    path = Path(path)
+    return plan_of(table, Path(path))
+
+
+def plan_of(table: Mapping[str, Any], path: Path = Path("plan")) -> Plan:
+    """Plan of the entries of a file, or of a mapping with the same; errors as of `read_plan`.
+
+    Files are relative to the folder of `path`, which names the plan.
+    """
     try:
         plan = Plan.model_validate(table, context={"folder": path.parent})
     except ValidationError as error:

@@ -64,8 +64,12 @@ class Measured:
 
     Attributes
     ----------
+    mounted : Poses
+        Poses of M cameras or rigs as they were chosen.
     placed : Poses
-        K poses with the camera of each.
+        Poses of their K cameras, with the camera of each.
+    owner : (K,) int64
+        Row in `mounted` of each of them.
     network : PlanNetwork
     nearest : (F,) int64
         Camera that comes nearest to covering each face, as for `Leftover.nearest_camera`.
@@ -83,7 +87,9 @@ class Measured:
         That of each camera, where there are several.
     """
 
+    mounted: Poses
     placed: Poses
+    owner: NDArray[np.int64]
     network: PlanNetwork
     nearest: NDArray[np.int64]
     covers: BoolArray
@@ -176,7 +182,7 @@ def summary_of(plan: Plan, cameras: Measured, views: int | None = None) -> dict[
 
 
 def _by_camera(rig: Rig, cameras: Measured) -> list[dict[str, Any]]:
-    """What the poses of each of several cameras cover, ready for JSON."""
+    """Coverage by the poses of each of several cameras, ready for JSON."""
     mesh, of_pose = cameras.network.mesh, cameras.placed.camera
     found = []
     for index in cameras_apart(rig, cameras.placed):
@@ -211,11 +217,12 @@ def measured(
     objective : Objective
         Weights and an open observer.
     poses : (K, 4, 4) array_like, or Poses
-        world_from_camera, with the camera of each; K may be 0.
+        world_from_camera, with the camera of each; K may be 0. Of rigs, those of the rigs.
     progress : callable
         Called with the poses done and the total.
     """
-    mesh, placed = objective.observer.mesh, renumbered(poses)
+    mesh, mounted = objective.observer.mesh, renumbered(poses)
+    placed, owner = objective.cameras(mounted)
     network, nearest = PlanNetwork(mesh, objective.task), NearestCameras(mesh.n_faces)
     masks = np.zeros((3, len(placed), mesh.n_faces), np.bool_)
     if len(placed):
@@ -232,7 +239,9 @@ def measured(
     until = objective.cameras_until_covered(masks[0], eyes)
     worth = [objective.worth(until <= n) for n in range(1, len(placed) + 1)]
     return Measured(
+        mounted=mounted,
         placed=placed,
+        owner=owner,
         network=network,
         nearest=nearest.camera,
         covers=masks[0],

@@ -31,8 +31,9 @@ from rastercov.placement.candidates.cavities import Openings, openings
 from rastercov.placement.candidates.pool import Candidates
 from rastercov.placement.candidates.segments import Segmentation
 from rastercov.placement.explain.candidate_visibility import CandidateBounds
-from rastercov.placement.matrix import measure_matrix
+from rastercov.placement.matrix import build_matrix, measure_matrix
 from rastercov.placement.matrix_folder import MatrixFolder
+from rastercov.placement.mounts import Mounts
 from rastercov.placement.select.bit_problem import BitProblem
 from rastercov.placement.select.problem import (
     BestCoverage,
@@ -43,17 +44,17 @@ from rastercov.placement.select.problem import (
 from rastercov.placement.shards import describe, locked, read_header
 from rastercov.plan.candidates import (
     CandidatePool,
-    cameras_of_entry,
     candidate_pool,
     extended_pool,
     framing_of,
     keep_outs,
+    mounts_of_entry,
     segmentation_of,
 )
 from rastercov.plan.errors import PlanError
 from rastercov.plan.file import Plan
 from rastercov.plan.generators import PerCavity
-from rastercov.plan.held import Matrix, held, problem_on, words_on
+from rastercov.plan.held import Matrix, held, joined, problem_on, words_on
 from rastercov.plan.requirements import OF, counting, goal_of
 from rastercov.plan.sections import SelectionSection
 from rastercov.pose import Poses, renumbered
@@ -138,7 +139,7 @@ class Prepared:
     plan: Plan
     selection: SelectionSection
     mesh: Mesh
-    camera: Rig
+    mounts: Mounts
     task: Task
     pool: CandidatePool
     segmentation: Segmentation | None
@@ -158,8 +159,13 @@ class Prepared:
 
     @property
     def measured(self) -> Poses:
-        """Candidates, without those that kill the process that measures them."""
-        return without(self.pool.candidates, self.quarantined)
+        """Cameras of all candidates, without those that kill the process that measures them."""
+        return self.mounts.cameras(without(self.pool.candidates, self.quarantined))[0]
+
+    @property
+    def camera(self) -> Rig:
+        """All cameras with their names."""
+        return self.mounts.rig
 
     def stricter(self, least_share: float) -> "Prepared":
         """The same, with candidates that must cover more of a cell.
@@ -209,7 +215,7 @@ def prepare(
     selection: SelectionSection,
     observer: Observer,
     task: Task,
-    folder: Path,
+    folder: Path | None,
     clock: Clock,
     cells: Cells | None = None,
     workers: Workers | None = None,
@@ -218,7 +224,7 @@ def prepare(
 
     The elements of the matrix are the cells where there are some, and the faces otherwise.
     """
-    mesh, rig = observer.mesh, plan.rig
+    mesh, mounts = observer.mesh, plan.mounts
     elements: Mesh | Cells = mesh if cells is None else cells
     goal: Goal = BestCoverage(cameras=0)
     notes: list[str] = []
@@ -231,21 +237,34 @@ def prepare(
     def matrix_of(name: str, poses: Poses, before: Matrix | None = None) -> Matrix:
         """Matrix of the poses, in a folder named by a hash of all that it depends on.
 
-        After the poses of the matrix `before`.
+        After the poses of the matrix `before`; in memory where there is no folder.
         """
-        header = json.dumps(describe(observer, poses, task, None, cells), sort_keys=True)
+        if folder is None:
+            with clock(name) as progress:
+                own = build_matrix(
+                    observer,
+                    poses,
+                    task,
+                    cells=cells,
+                    bounds=bounds,
+                    mounts=mounts,
+                    progress=progress,
+                )
+            assert not isinstance(before, BitMatrix)
+            return own if before is None else joined(before, own)
+        header = json.dumps(describe(observer, poses, task, None, cells, mounts), sort_keys=True)
         used.append(folder / hashlib.sha256(header.encode()).hexdigest()[:16])
         with clock(name) as progress, named(used[-1]):
             measured = measure_matrix(
-                observer, poses, task, used[-1], cells=cells, bounds=bounds, workers=workers,
-                progress=progress, watch=tally.add,
+                observer, poses, task, used[-1], cells=cells, bounds=bounds, mounts=mounts,
+                workers=workers, progress=progress, watch=tally.add,
             )  # fmt: skip
             folders.append(measured)
             return held(plan, folders, before, progress)
 
     with clock("candidates"):
         segmentation = segmentation_of(plan, mesh)
-        found = candidate_pool(plan, mesh, rig)
+        found = candidate_pool(plan, mesh)
     matrix = matrix_of("visibility matrix", found.candidates.placed)
     problem = problem_on(matrix, elements, goal, costs=found.costs, **counting(plan.task))
     opened = None
@@ -256,10 +275,10 @@ def prepare(
         entry = cavities[0]
         with clock("cavities") as progress:
             parts = []
-            for index, cost in cameras_of_entry(plan, entry):
+            for index, cost in mounts_of_entry(plan, entry):
                 opened = openings(
                     mesh,
-                    rig.cameras[index],
+                    mounts.first_camera(index),
                     framing_of(plan, entry),
                     faces=unseen,
                     clearance=plan.constraints.clearance,
@@ -289,7 +308,8 @@ def prepare(
             f"{plan.name}: no candidate is left ({'; '.join(found.lines())}); "
             "allow more, or add some"
         )
-    _forget(folder, used)
+    if folder is not None:
+        _forget(folder, used)
     notes += words_on(matrix)
     notes += [
         f"candidate {pose} is left out: the process that measured it {end}"
@@ -297,7 +317,7 @@ def prepare(
     ]
     if not problem.reachable.any():
         what = "no face" if cells is None else "no cell"
-        some = without(found.candidates, matrix.quarantined)
+        some = mounts.cameras(without(found.candidates, matrix.quarantined))[0]
         notes.append(_why_nothing(observer, some, task, what))
     try:
         problem = replace(problem, goal=goal_of(selection))
@@ -315,7 +335,7 @@ def prepare(
         plan=plan,
         selection=selection,
         mesh=mesh,
-        camera=rig,
+        mounts=mounts,
         task=task,
         pool=found,
         segmentation=segmentation,
@@ -385,7 +405,7 @@ def _forget(folder: Path, used: list[Path]) -> None:
 
 
 def without(candidates: Candidates, quarantined: Mapping[int, str]) -> Poses:
-    """Poses of candidates but for some."""
+    """Poses of candidates without some."""
     is_left = np.ones(len(candidates), np.bool_)
     is_left[list(quarantined)] = False
     return renumbered(candidates.take(is_left).placed)

@@ -261,4 +261,4 @@ def limits_of(selection: SelectionSection | None) -> dict[str | None, float]:
 
 def counting(task: TaskSection) -> dict[str, Any]:
     """Arguments of `problem_of` and `Objective.of` from the task of a plan."""
-    return {name: getattr(task, name) for name in ("weight_by", "views", "min_angle_deg")}
+    return {name: getattr(task, name) for name in ("weight_by", "views")}

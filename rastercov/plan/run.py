@@ -122,7 +122,7 @@ class Objectives:
 
 def place(
     plan: Plan,
-    folder: Path,
+    folder: Path | None,
     step: Step = quiet,
     save: Callable[[Placement], None] = lambda placement: None,
     workers: Workers | None = None,
@@ -133,14 +133,14 @@ def place(
     Later it ends the run with the results so far, those of a search or a refinement included, and
     `Placement.interrupted` names the step.
 
-    The folder is for one run at a time; the caller holds its lock (`ReportFolder`).
+    A folder is for one run at a time; the caller holds its lock (`ReportFolder`).
 
     Parameters
     ----------
     plan : Plan
         With candidates and a selection.
-    folder : Path
-        Folder of the matrix; made when it is missing.
+    folder : Path, optional
+        Folder of the matrix, made when it is missing; None holds it in memory.
     step : callable
         Called with the name of each step; a context manager that yields its progress.
     save : callable
@@ -159,6 +159,8 @@ def place(
     selection = plan.selection
     missing = [] if plan.candidates else ["candidates: missing; place needs one entry or more"]
     missing += [] if plan.has_cameras else [NO_CAMERA]
+    if plan.rigs and (plan.task.views != 1 or plan.task.min_angle_deg > 0):
+        missing.append("rigs: a rig counts as one view; leave out views and min_angle_deg")
     missing += [] if selection else ["selection: missing; place needs a goal"]
     if selection is None or missing:
         raise PlanError(plan.name, missing)
@@ -168,17 +170,17 @@ def place(
         cells = cells_of(plan, mesh)
     with ExitStack() as opened:
         observer = opened.enter_context(observer_of(plan, mesh))
-        faces = Objective.of(observer, task, **counting(plan.task))
+        own = counting(plan.task) | {"mounts": plan.mounts}
+        faces = Objective.of(observer, task, **own)
         on_cells = None
         if cells is not None:
             most = plan.build_task(most_views(plan))
             finder = RegionPass(mesh, observer.camera, most, method=plan.task.method)
             opened.enter_context(closing(finder))
-            on_cells = CellObjective.of_cells(observer, finder, cells, **counting(plan.task))
+            on_cells = CellObjective.of_cells(observer, finder, cells, **own)
         objectives = Objectives(faces, on_cells)
-        prepared = prepare(
-            plan, selection, observer, task, folder / "matrix", clock, cells, workers
-        )
+        shards = None if folder is None else folder / "matrix"
+        prepared = prepare(plan, selection, observer, task, shards, clock, cells, workers)
         if on_cells is not None:
             prepared = _with_reachable(prepared, on_cells.finder, clock)
         with clock("selection"):
@@ -243,8 +245,8 @@ def _by_area(
     assert cameras.areas is not None
     required: tuple[Requirement, ...]
     if _is_of_reachable(selection) and prepared.reachable is None:
-        problem, covers = prepared.problem, on_cells.covers(cameras.placed)
-        covered = on_cells.covered(covers, cameras.poses[:, :3, 3])
+        problem, covers = prepared.problem, on_cells.covers(cameras.mounted)
+        covered = on_cells.covered(covers, cameras.mounted.world_from_camera[:, :3, 3])
         cells, reachable = on_cells.elements, problem.reachable
         found = judge(cells, problem.integer_weights, limits, covered, reachable=reachable)
         required = tuple(CellRequirement(**asdict(each)) for each in found)
@@ -265,7 +267,7 @@ def _with_reachable(prepared: Prepared, finder: RegionPass, clock: Clock) -> Pre
     if not _is_of_reachable(prepared.selection) or not is_affordable:
         return prepared
     areas = AreaNetwork(prepared.mesh, finder.task)
-    step = batch_size(prepared.mesh.n_faces)
+    step = batch_size(prepared.mesh.n_faces, finder.threads)
     with clock("area of all candidates") as progress:
         for at in range(0, len(poses), step):
             areas.add(finder.find(poses[at : at + step], closed=areas.closed))
@@ -390,7 +392,7 @@ def _later_steps(plan: Plan, selection: SelectionSection) -> Iterator[tuple[str,
 def _optimise(placement: Placement, objectives: Objectives, progress: Progress) -> Placement:
     prepared, asked = placement.prepared, placement.prepared.selection.optimise
     assert asked is not None
-    start = placement.cameras.poses
+    start = placement.cameras.mounted.world_from_camera
     if not len(start):
         return placement
     found = optimise(
@@ -401,16 +403,16 @@ def _optimise(placement: Placement, objectives: Objectives, progress: Progress) 
         budget=max(asked.budget, len(start)),
         population=asked.population,
         seed=prepared.selection.seed,
-        candidates=prepared.measured.world_from_camera,
+        candidates=prepared.pool.candidates.poses,
         start=start,
-        camera=placement.cameras.placed.camera,
+        camera=placement.cameras.mounted.camera,
     )
     moved = _moved(placement, objectives, found.poses, "searched")
     return replace(moved, optimised=found, interrupted="search" if found.is_interrupted else "")
 
 
 def _refine(placement: Placement, objectives: Objectives, progress: Progress) -> Placement:
-    selection, start = placement.prepared.selection, placement.cameras.placed
+    selection, start = placement.prepared.selection, placement.cameras.mounted
     found = refine(
         _watched(objectives.moved, progress, selection.refine_budget),
         placement.prepared.pool.space,
@@ -424,7 +426,7 @@ def _refine(placement: Placement, objectives: Objectives, progress: Progress) ->
 
 
 def _tolerate(placement: Placement, objectives: Objectives, progress: Progress) -> Placement:
-    selection, poses = placement.prepared.selection, placement.cameras.placed
+    selection, poses = placement.prepared.selection, placement.cameras.mounted
     asked = selection.tolerance
     assert asked is not None
     error = value_of(asked, InstallationError)
@@ -453,12 +455,12 @@ def _moved(placement: Placement, objectives: Objectives, poses: FloatArray, how:
 
     By area, cameras stay where moves that gain on cells lose in exact area.
     """
-    before = placement.cameras.poses
+    before = placement.cameras.mounted.world_from_camera
     origin = [
         name if (old == new).all() else f"{name}, {how}"
         for name, old, new in zip(placement.origin, before, poses, strict=True)
     ]
-    camera = placement.cameras.placed.camera
+    camera = placement.cameras.mounted.camera
     cameras = measured(objectives.faces, Poses.of(poses, camera=camera))
     requirements = _required_by_face(placement.prepared, cameras, objectives.faces)
     moved = replace(placement, cameras=cameras, origin=tuple(origin), requirements=requirements)

@@ -5,21 +5,16 @@ need the mesh are checked later; every field carries the description that an edi
 `docs/plan.schema.json`.
 """
 
-from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator, Field, ValidationInfo, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
-from rastercov.camera import Camera
-from rastercov.camera_file import PRESETS
-from rastercov.camera_formats import read_views
-from rastercov.camera_formats.conventions import Conventions
-from rastercov.errors import CameraError, RastercovError
 from rastercov.mesh.formats import METRES, READERS, metres_per
 from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere
 from rastercov.placement.improve.refine import BUDGET
 from rastercov.placement.improve.tolerance import InstallationError
 from rastercov.placement.select.problem import BestCoverage, FewestCameras
+from rastercov.plan.cameras import ONE_CAMERA, CameraSection, CameraType, RigSection
 from rastercov.plan.entry import (
     Count,
     Direction,
@@ -29,7 +24,6 @@ from rastercov.plan.entry import (
     Name,
     NotNegative,
     Number,
-    Pair,
     Positive,
     Triple,
     among,
@@ -50,11 +44,6 @@ def _unit(unit: str | float) -> str | float:
 
 BuiltIn = Annotated[
     str, AfterValidator(among(NAMES)), Field(json_schema_extra={"enum": list(NAMES)})
-]
-OF_FILES = ("pixel_centre", "lens_model", "image_size")
-"""Entries that answer what a camera file leaves open."""
-Preset = Annotated[
-    str, AfterValidator(among(PRESETS)), Field(json_schema_extra={"enum": list(PRESETS)})
 ]
 
 
@@ -161,90 +150,12 @@ class TargetEntry(Entry):
 # Ignored types below: mypy does not follow the classes that `fields_of` makes.
 
 
-class CameraSection(fields_of(Camera, is_optional=True, leave_out=("pixel_size", "focus_range"))):  # type: ignore[misc]
-    """The camera: a preset, a file, or the entries of a camera file, which also change a preset."""
-
-    file: File | None = Field(
-        default=None,
-        description="Camera file, ours (.toml, .json) or of another program; with the entries that "
-        "answer what it leaves open, and no others.",
-    )
-    name: str | None = Field(default=None, description="Camera of a file with several.")
-    pixel_centre: float | None = Field(
-        default=None, description="Coordinate of the first pixel's centre in the file: 0 or 0.5."
-    )
-    lens_model: Literal["brown", "fisheye"] | None = Field(
-        default=None, description="Model of four coefficients in the file."
-    )
-    image_size: list[Count] | None = Field(
-        default=None, description="[width, height], px, for a file without."
-    )
-    preset: Preset | None = Field(
-        default=None, description="Camera of the thesis; other entries change it."
-    )
-    pixel_size: Number | list[Number] | None = Field(
-        default=None, description="Metres, one or two."
-    )
-    principal_point: Pair | None = Field(
-        default=None, description="Metres from the top-left corner."
-    )
-    f_number: Number | None = Field(
-        default=None, description="f/N; with focus_distance, and pixel_size beside fx and fy."
-    )
-    hfov_deg: Number | None = Field(
-        default=None, description="Angle between left and right, deg; instead of fx."
-    )
-    vfov_deg: Number | None = Field(
-        default=None, description="Angle between top and bottom, deg; instead of fy."
-    )
-    focus_range: list[float] | None = Field(
-        default=None, description="[near, far] depths in focus, m; instead of an aperture."
-    )
-
-    @model_validator(mode="after")
-    def _check(self, info: ValidationInfo) -> Self:
-        self.build(Path((info.context or {}).get("folder", ".")))
-        return self
-
-    def build(self, folder: Path) -> Camera:
-        """The camera; CameraError where the entries do not make one."""
-        entries = self.model_dump(exclude_none=True, exclude={"cost"})
-        if self.file is None:
-            return Camera.from_dict(entries)
-        if others := ", ".join(sorted(entries.keys() - {"file", "name", *OF_FILES})):
-            raise ValueError(f"file stands alone, got {others} too; put them into the file")
-        try:
-            given = {name: entries[name] for name in OF_FILES if name in entries}
-            conventions = Conventions(**given)
-            return read_views(folder / self.file, conventions=conventions).camera(self.name)
-        except RastercovError as error:
-            text = str(error).replace("--camera-name", "name")
-            for name in OF_FILES:
-                text = text.replace(f"--{name.replace('_', '-')}", f"{name} =")
-            raise CameraError(text.replace("= WIDTHxHEIGHT", "= [width, height]")) from None
-
-
-ONE_CAMERA = "camera"
-"""Name of the camera of a plan with one."""
-
-
-class CameraType(CameraSection):
-    """One of several types of cameras, by its name."""
-
-    cost: NotNegative | None = Field(
-        default=None, description="Of one of them, added to that of its place; 1 unless given."
-    )
-
-
 class TaskSection(fields_of(Task, leave_out=("views",))):  # type: ignore[misc]
     """Thresholds that a face must meet to be covered."""
 
     views: Count | dict[str, Count] = Field(
         default=1,
         description="Cameras that must cover a face; or a table by group, 1 for the others.",
-    )
-    min_angle_deg: Annotated[float, Field(ge=0, le=180)] = Field(
-        default=0.0, description="Angle that the rays to two of the cameras must differ by."
     )
     weight_by: Literal["area", "count"] = Field(default="area", description="What shares are of.")
     by: Literal["area", "face"] | None = Field(
@@ -428,6 +339,9 @@ class PlanModel(Entry):
     cameras: dict[Name, CameraType] = Field(
         default={}, description="Types of cameras by name, instead of the one camera."
     )
+    rigs: dict[Name, RigSection] = Field(
+        default={}, description="Cameras that move together, by the name of the rig."
+    )
     task: TaskSection = Field(
         default=TaskSection(), description="Thresholds that a face must meet to be covered."
     )
@@ -444,7 +358,16 @@ class PlanModel(Entry):
     def _check(self) -> Self:
         if self.camera is not None and self.cameras:
             raise ValueError("camera and cameras exclude each other; put it among the cameras")
-        known = self.camera_names
+        for rig, section in self.rigs.items():
+            if rig in self.camera_names:
+                raise ValueError(f"rigs.{rig}: there is a camera of that name; rename it")
+            for each in section.cameras or []:
+                if each.camera not in self.camera_names:
+                    raise ValueError(
+                        f"rigs.{rig}.cameras: there is no camera {each.camera!r}; cameras are "
+                        f"{', '.join(self.camera_names) or 'none'}"
+                    )
+        known = (*self.camera_names, *self.rigs)
         for row, entry in enumerate(self.candidates):
             for name in entry.cameras:
                 if name not in known:

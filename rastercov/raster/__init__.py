@@ -87,8 +87,8 @@ def _open_lens(mesh: Mesh, camera: Camera, backend: str, options: dict[str, Any]
     """Rasteriser of a camera that is no pinhole, on the CPU."""
     if backend == "gl" or options.keys() - {"supersample", "roll", "threads"}:
         raise ConfigError(
-            f"OpenGL draws pinholes only, got a lens of model {camera.model}; "
-            "take backend cpu or method certified"
+            f"OpenGL draws pinholes only, got a lens of model {camera.model}; take --device cpu "
+            "(backend cpu), or method certified"
         )
     from rastercov.raster.cpu.lens_rasterizer import LensRasterizer  # compiles, or loads
 

@@ -10,6 +10,8 @@ from rastercov.area.regions import Regions
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.pose import Poses
+from rastercov.projection import to_camera
+from rastercov.rays import rays_of
 from rastercov.rig import cameras_of
 
 FloatArray = NDArray[np.float64]
@@ -59,12 +61,12 @@ def best_and_views_at(
     """Poses that cover points (N, 3) of faces (N,): the best and their number, (N,) each."""
     best = np.full(len(face), -1, np.int64)
     views = np.zeros(len(face), np.int64)
-    mesh = seen.regions.mesh
+    mesh, cameras = seen.regions.mesh, cameras_of(seen.regions.camera)
     placed = Poses.of(seen.poses)
     matrices = placed.world_from_camera
     if not len(placed):
         return best, views
-    pixels = [each.fx * each.fy for each in cameras_of(seen.regions.camera)]
+    pixels = [each.fx * each.fy if each.is_pinhole else 1.0 for each in cameras]
     scales = [pixels[index] / pixels[0] for index in placed.camera]
     for at in range(0, len(face), PIXELS_AT_A_TIME):
         part = slice(at, at + PIXELS_AT_A_TIME)
@@ -73,7 +75,8 @@ def best_and_views_at(
         worth = np.full(len(covers), -np.inf)
         for pose in np.flatnonzero(covers.any(axis=0)).tolist():  # few cameras, many points
             rows = np.flatnonzero(covers[:, pose])
-            density = _density(mesh, matrices[pose], face[part][rows], points[part][rows])
+            camera = cameras[placed.camera[pose]]
+            density = _density(mesh, camera, matrices[pose], face[part][rows], points[part][rows])
             density *= scales[pose]
             is_better = density > worth[rows]
             worth[rows[is_better]] = density[is_better]
@@ -90,10 +93,10 @@ def points_of_pixels(
     columns: NDArray[np.int64],
 ) -> FloatArray:
     """(N, 3) points where the rays through the centres of pixels meet the planes of faces (N,)."""
-    across = (columns + 0.5 - camera.cx) / camera.fx
-    down = (rows + 0.5 - camera.cy) / camera.fy
+    local = rays_of(np.stack((columns + 0.5, rows + 0.5), axis=1), camera)
     rotation, eye = pose[:3, :3], pose[:3, 3]
-    rays = across[:, None] * rotation[:, 0] + down[:, None] * rotation[:, 1] + rotation[:, 2]
+    rays = local[:, :1] * rotation[:, 0] + local[:, 1:2] * rotation[:, 1]
+    rays += local[:, 2:] * rotation[:, 2]
     normals = mesh.normals[face]
     slope = np.einsum("ni,ni->n", normals, rays)
     height = np.einsum("ni,ni->n", normals, mesh.vertices[mesh.faces[face, 0]] - eye)
@@ -103,10 +106,18 @@ def points_of_pixels(
 
 
 def _density(
-    mesh: Mesh, pose: FloatArray, face: NDArray[np.int32], points: FloatArray
+    mesh: Mesh, camera: Camera, pose: FloatArray, face: NDArray[np.int32], points: FloatArray
 ) -> FloatArray:
-    """(N,) pixels on a m^2 of a pose at points of faces, up to a common factor."""
+    """(N,) pixels on a m^2 of a pose at points of faces; through a pinhole, divided by fx fy."""
     away = points - pose[:3, 3]
+    if not camera.is_pinhole:
+        from rastercov.lenses.of_camera import lens_of  # loads numba
+
+        slopes = lens_of(camera).jacobian(to_camera(points, pose))
+        across = np.cross(slopes[:, 0], slopes[:, 1])
+        normals = mesh.normals[face] @ pose[:3, :3]
+        of_lens: FloatArray = np.nan_to_num(np.abs(np.einsum("ni,ni->n", normals, across)))
+        return of_lens
     height = abs(np.einsum("ni,ni->n", mesh.normals[face], away))
     with np.errstate(divide="ignore", invalid="ignore"):
         found: FloatArray = np.nan_to_num(height / np.einsum("ni,i->n", away, pose[:3, 2]) ** 3)

@@ -1,7 +1,7 @@
 """Report of an audit: tables of elements and cameras, arrays, a coloured mesh, a summary."""
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +11,12 @@ import pyarrow.parquet as pq
 
 from rastercov._interrupts import interrupts_held
 from rastercov._output import write_json, write_npz, writing
-from rastercov.audit import Audit, audit
-from rastercov.mesh import Mesh
+from rastercov.audits import Audit
+from rastercov.evaluation_shards import UNFINISHED, remove
 from rastercov.provenance import Provenance
 from rastercov.report.coloured_mesh import write_coloured_mesh
 from rastercov.report.folder import ReportFolder, ReportKind
-from rastercov.task import Task
-from rastercov.views import Views
+from rastercov.rig import names_of
 
 AUDIT = ReportKind(
     "audit",
@@ -26,54 +25,48 @@ AUDIT = ReportKind(
 )
 
 
-def run(
-    mesh: Mesh,
-    views: Views,
-    task: Task,
+def write(
+    made: Callable[[Path | None], Audit],
     out: Path,
-    progress: Callable[[int, int], None] = lambda done, total: None,
-    **options: Any,
-) -> dict[str, Any]:
-    """Audit the cameras of a file and write the report.
+    options: Mapping[str, Any],
+    notes: Sequence[str] = (),
+    *,
+    is_kept: bool = False,
+) -> tuple[Audit, dict[str, Any]]:
+    """Make an audit and write its report; the audit, and the content of `audit.json`.
 
     Parameters
     ----------
-    mesh, task
-        As for `rastercov.audit.audit`.
-    views : Views
-        Cameras and poses.
+    made : callable
+        Gives the audit, once the folder can be used; called with the folder of its shards, or None.
     out : Path
         Folder for the report.
-    progress : callable
-        Called with the poses done and the total.
-    **options
-        `by`, `resolution_of_result`, `min_angle_deg` and `method` of `rastercov.audit.audit`.
-
-    Returns
-    -------
-    dict
-        Content of `audit.json`.
+    options : mapping
+        Options of the audit, ready for JSON.
+    notes : sequence of str
+        Lines on the files that it is made from.
+    is_kept : bool
+        True for an audit that is kept in shards until its report is whole.
     """
-    assert views.rig is not None
     with ReportFolder(out, AUDIT) as folder:
-        found = audit(
-            mesh, views.rig, views.poses, task, names=views.images or None, progress=progress,
-            **options,
-        )  # fmt: skip
-        header = Provenance(mesh, views.rig, views.poses.given, task, options).as_dict()
-        summary = found.summary() | {"notes": list(views.notes), "run": header}
+        found = made(folder.path / UNFINISHED if is_kept else None)
+        header = Provenance(
+            found.mesh, found.camera, found.poses.given, found.task, options
+        ).as_dict()
+        summary = found.summary() | {"notes": list(notes), "run": header}
         with interrupts_held():
             _write_elements(folder.file("elements.parquet"), found)
-            _write_cameras(folder.file("cameras.parquet"), found, views.rig.names)
+            _write_cameras(folder.file("cameras.parquet"), found, names_of(found.camera))
             write_npz(folder.file("elements.npz"), **_arrays(found))
             write_coloured_mesh(
                 folder.file("audit.glb"),
-                mesh if found.cells is None else found.cells.elements,
+                found.mesh if found.cells is None else found.cells.elements,
                 found.views / max(1, int(found.views.max(initial=0))),
             )
             write_json(folder.file("audit.json"), summary)
             folder.publish()
-    return summary
+            remove(folder.path / UNFINISHED)
+    return found, summary
 
 
 def _arrays(found: Audit) -> dict[str, np.ndarray[Any, Any]]:

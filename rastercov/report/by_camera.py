@@ -16,8 +16,9 @@ from rich.text import Text
 from rastercov._format import area, percent
 from rastercov.area.by_camera import AreasByCamera, cameras_apart
 from rastercov.area.regions import Regions
+from rastercov.judged_poses import JudgedPoses
 from rastercov.mesh import Mesh
-from rastercov.network import JudgedPoses, Network
+from rastercov.network import Network
 from rastercov.pose import Poses
 from rastercov.rig import Cameras, names_of
 from rastercov.task import Task
@@ -42,7 +43,9 @@ class ByCamera:
         self, mesh: Mesh, task: Task, camera: Cameras, poses: Poses, *, by_area: bool
     ) -> None:
         self.names, indices = names_of(camera), cameras_apart(camera, poses)
-        self._networks = {index: Network(mesh, replace(task, views=1)) for index in indices}
+        self._networks = {
+            index: Network(mesh, replace(task, views=1, min_angle_deg=0.0)) for index in indices
+        }
         self._areas = AreasByCamera(mesh, task, indices if by_area else [])
 
     @property

@@ -221,8 +221,8 @@ def camera_picture(
     if regions is not None and total > 0:
         covered = float(regions.area.sum())
         share = percent(min(1.0, covered / total))
-        text = area(covered).replace("²", "^2").replace("µ", "u")  # the font has neither
-        title += f" covers {text}, {share} of the task" if covered > 0 else " covers nothing"
+        text = f" covers {area(covered)}, {share} of the task"
+        title += text if covered > 0 else " covers nothing"
     return framed(camera_pixels(image, colour), title, camera_keys([image], colour, "covered"))
 
 

@@ -18,34 +18,41 @@ import logging
 import re
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack, closing
-from dataclasses import asdict, dataclass, replace
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from PIL import Image
 
 from rastercov._checks import shown
 from rastercov._interrupts import interrupts_held
 from rastercov._output import write_json
 from rastercov.area.network import AreaNetwork, unit_of_result
-from rastercov.area.observer import RegionObservation, RegionObserver
-from rastercov.area.regions import RegionPass, Regions
+from rastercov.area.regions import Regions
 from rastercov.camera import Camera
+from rastercov.cluster import Made, Workers
 from rastercov.criteria import face_geometry
 from rastercov.engine import Engine
 from rastercov.errors import ConfigError
+from rastercov.evaluation_shards import (
+    UNFINISHED,
+    EvaluationShards,
+    Source,
+    Wanted,
+    is_long,
+    open_for,
+    remove,
+)
+from rastercov.judged_poses import JudgedPoses
 from rastercov.mesh import Mesh
-from rastercov.network import JudgedPoses, Network
-from rastercov.observer import open_observer
+from rastercov.network import Network
 from rastercov.pairs import CHOICES
 from rastercov.pose import Poses
 from rastercov.provenance import Provenance
 from rastercov.raster import open_rasterizer
 from rastercov.raster.contract import Rasterizer
-from rastercov.report.area_pictures import SeenArea, best_and_views
 from rastercov.report.areas import write_areas
 from rastercov.report.by_camera import ByCamera
 from rastercov.report.coloured_mesh import write_coloured_mesh, write_covered_mesh
@@ -53,30 +60,13 @@ from rastercov.report.coverage_table import CoverageTable
 from rastercov.report.doubts import doubts
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.half_covered import half_covered
-from rastercov.report.images import (
-    area_title,
-    contact_sheet,
-    coverage_picture,
-    coverage_pixels,
-    face_index_picture,
-    pose_title,
-    save_picture,
-)
-from rastercov.report.overview import best_covering, camera_colours, overview_picture
-from rastercov.report.placement_pictures import coverage_picture as whole_faces_picture
-from rastercov.report.placement_pictures import views_picture
-from rastercov.report.target_pictures import targets_in_view
-from rastercov.report.zone_pictures import zones_picture
+from rastercov.report.pose_pictures import draw_network, draw_poses
 from rastercov.rig import Cameras, cameras_of, names_of
 from rastercov.task import Task
 
 LOG = logging.getLogger("rastercov")
 MOST_ROWS = 10_000_000
 """Rows of a table that was not asked for: about 250 MB."""
-MOST_COLOURS = 60
-"""Cameras that have a colour each in the overview."""
-PICTURE_SIDE = 1280
-"""Pictures are drawn at the camera's size, or smaller where it exceeds this many pixels."""
 EVALUATION = ReportKind(
     "evaluate",
     re.compile(
@@ -134,6 +124,9 @@ def run(
     out: Path,
     options: Options,
     progress: Callable[[int, int], None] = lambda done, total: None,
+    workers: Workers | None = None,
+    watch: Callable[[Made], None] = lambda made: None,
+    note: Callable[[str], None] = LOG.warning,
 ) -> dict[str, Any]:
     """Evaluate every pose and write the report.
 
@@ -141,6 +134,9 @@ def run(
     and the summary says `"interrupted": true`. A batch counts in every file or none; before the
     first is done, the interrupt is raised and nothing is written. An interrupt while pictures are
     drawn leaves out the rest of them, and the summary says the same.
+
+    A long run, and one by workers, is kept in shards until its report is whole
+    (`rastercov.evaluation_shards`): ended in any way, it continues from there when it is run again.
 
     Parameters
     ----------
@@ -152,6 +148,12 @@ def run(
         Choices of the run.
     progress : callable
         Called with the poses done and the poses in all.
+    workers : Workers, optional
+        Processes that measure; this one unless given.
+    watch : callable
+        Called with each shard that a worker made.
+    note : callable
+        Called with a line on what went wrong and was mended; logs it as a warning unless given.
 
     Returns
     -------
@@ -167,7 +169,16 @@ def run(
     """
     accepted = Poses.of(poses, skip_bad=options.skip_bad_poses)
     with ReportFolder(out, EVALUATION) as folder:
-        return _run(folder, mesh, camera, accepted, task, options, progress)
+        staff = _Staff(workers, watch, note)
+        return _run(folder, mesh, camera, accepted, task, options, progress, staff)
+
+
+class _Staff(NamedTuple):
+    """Processes that measure, and the functions that report on them."""
+
+    workers: Workers | None
+    watch: Callable[[Made], None]
+    note: Callable[[str], None]
 
 
 def _run(
@@ -178,15 +189,16 @@ def _run(
     task: Task,
     options: Options,
     progress: Callable[[int, int], None],
+    staff: _Staff,
 ) -> dict[str, Any]:
     total = len(poses)
     network = Network(mesh, task)
-    unit, reason = unit_of_result(options.by, task, options.engine, camera)
+    unit, reason = unit_of_result(options.by, task, options.engine)
     areas = AreaNetwork(mesh, task) if unit == "area" else None
     evenly = np.linspace(0, total - 1, min(options.pictures, total)).astype(int)
     cameras = cameras_of(camera)
     poses.check_cameras(len(cameras))
-    rows = [row for row in np.unique(evenly) if cameras[poses.camera[row]].is_pinhole]
+    rows = np.unique(evenly)
     chosen = set(poses.ids[rows].tolist())
     drawn: dict[int, NDArray[np.float64]] = {}
     if chosen and options.device not in ("auto", "cpu"):
@@ -197,7 +209,13 @@ def _run(
     apart = ByCamera(mesh, task, camera, poses, by_area=areas is not None)
     interrupted = False
     with ExitStack() as opened:
-        observer = opened.enter_context(_observer(mesh, camera, task, options.engine, areas))
+        wanted = Wanted(
+            options.engine, areas is not None, pairs, tuple(sorted(chosen)), apart.is_asked
+        )
+        observer = opened.enter_context(open_for(mesh, camera, task, wanted))
+        shards = None
+        if staff.workers is not None or is_long(total, mesh.n_faces):
+            shards = EvaluationShards(folder.path / UNFINISHED, observer, poses, task, wanted)
         header = Provenance(
             mesh, camera, poses.given, task, asdict(options), observer.info
         ).as_dict()
@@ -214,14 +232,11 @@ def _run(
                 )
             )
         started = time.perf_counter()
-        batches = network.judge(observer, poses, pairs=pairs, keep=chosen, apart=apart.is_asked)
+        source = Source(network, observer, poses, wanted, shards)
         try:
-            progress(0, total)
-            for batch in batches:
+            parts = source.parts(progress, *staff)
+            for batch, found in parts:
                 with interrupts_held():
-                    found = None
-                    if isinstance(batch.measured, RegionObservation):
-                        found = batch.measured.regions
                     if table is not None:
                         table.add(batch.rows, None if found is None else _of_rows(batch, found))
                     network.add(batch)
@@ -229,10 +244,10 @@ def _run(
                     if areas is not None and found is not None:
                         areas.add(found)
                         # The table has the area of every pair, also of faces that need no more.
-                        if table is None:
+                        # Shards do not depend on one another.
+                        if table is None and shards is None:
                             observer.closed = apart.closed(areas.closed)
                     drawn |= batch.kept
-                progress(len(network.pose_ids), total)
         except KeyboardInterrupt:
             if not network.pose_ids:
                 raise
@@ -246,31 +261,34 @@ def _run(
     stopped = False
     if drawn:
         by_area = areas is not None
-        stopped = _draw(mesh, camera, poses, folder, options, task, drawn, by_area=by_area)
+        stopped = draw_poses(
+            mesh, camera, poses, folder, options.engine, task, drawn, by_area=by_area
+        )
     done = len(network.pose_ids)
     summary = network.summary() | {"by": unit, "by_face_because": reason}
     measured_poses = poses[np.isin(poses.ids, network.pose_ids)]
-    parts: list[str] = []
+    halves: list[str] = []
     if areas is None:
-        parts = half_covered(network, camera, measured_poses, options.method)
+        halves = half_covered(network, camera, measured_poses, options.method)
     else:
         areas.add_to(summary)
         with interrupts_held():
             summary |= areas.dead_zones(camera, measured_poses)
         write_areas(folder.file("areas.parquet"), mesh, areas.covered)
     if drawn and not stopped:
-        stopped = _draw_network(folder, network, camera, measured_poses, areas, summary)
+        stopped = draw_network(folder, network, camera, measured_poses, areas, summary)
     interrupted |= stopped
     summary |= {
         "interrupted": interrupted,
         "table": {"pairs": pairs, "rows": table.n_rows if table is not None else 0},
+        "quarantined": {} if shards is None else {str(k): v for k, v in shards.quarantined.items()},
         "skipped_poses": {str(row): text for row, text in poses.rejected.items()},
         "seconds": seconds,
         "poses_per_second": done / seconds if done else 0.0,
         "run": header,
         "size_m": np.ptp(mesh.bounds, axis=0).tolist(),
         "warnings": list(mesh.warnings),
-        "doubts": [*doubts(network, camera, measured_poses), *parts, *no_pictures(camera, options)],
+        "doubts": [*doubts(network, camera, measured_poses), *halves],
         "per_pose": [
             {"pose": pose, "covered_faces": covered, "mean_coverage": mean}
             for pose, covered, mean in zip(
@@ -287,6 +305,8 @@ def _run(
             write_covered_mesh(folder.file("network.glb"), areas.covered)
         write_json(folder.file("summary.json"), summary)
         folder.publish()
+        if shards is not None and not interrupted:
+            remove(folder.path / UNFINISHED)
     return summary
 
 
@@ -312,67 +332,12 @@ def _of_cameras(
     return {"by_camera": apart.summary(), "per_pose": named}
 
 
-def _draw_network(
-    folder: ReportFolder,
-    network: Network,
-    camera: Cameras,
-    poses: Poses,
-    areas: AreaNetwork | None,
-    summary: dict[str, Any],
-) -> bool:
-    """Draw what all cameras cover together, and dead zones; True when interrupted.
-
-    Of more than `MOST_COLOURS` cameras, it is the number of them that cover each point.
-    """
-    mesh, eyes = network.mesh, poses.world_from_camera[:, :3, 3]
-    try:
-        if len(poses) <= MOST_COLOURS:
-            found = None
-            if areas is not None:
-                with closing(RegionPass(mesh, camera, network.task)) as finder:
-                    found = finder.find(poses)
-            names = [str(row) for row in poses.ids.tolist()]
-            best = best_covering(network)
-            picture = overview_picture(camera_colours(mesh, poses, best, names, found), camera)
-        elif areas is not None:
-            picture = views_picture(areas.covered, eyes)
-        else:
-            picture = whole_faces_picture(mesh, network.best, eyes)
-        zones = None
-        if areas is not None and len(areas.zones()):
-            zones = zones_picture(areas.zones(), summary, eyes)
-    except KeyboardInterrupt:
-        return True
-    with interrupts_held():
-        save_picture(picture, folder.file("overview.png"))
-        if zones is not None:
-            save_picture(zones, folder.file("zones.png"))
-    return False
-
-
 def _of_rows(batch: JudgedPoses, found: Regions) -> NDArray[np.float32]:
     """(R,) covered area of the pairs of a batch, m^2."""
     dense = np.zeros((len(found.pose_ids), found.mesh.n_faces), np.float32)
     dense[found.pair_pose, found.pair_face] = found.area
     row = np.searchsorted(found.pose_ids, batch.rows.pose)
     return dense[row, batch.rows.face]
-
-
-def no_pictures(camera: Cameras, options: Options) -> list[str]:
-    """Line on lenses through which no poses are drawn, where they were to be; often none."""
-    models = sorted({each.model for each in cameras_of(camera) if not each.is_pinhole})
-    if not models or not options.pictures:
-        return []
-    return [f"no pictures: reports draw through pinholes, and the lens is {', '.join(models)}"]
-
-
-def _observer(
-    mesh: Mesh, camera: Cameras, task: Task, engine: Engine, areas: AreaNetwork | None
-) -> Any:
-    """Observer by the method, which finds regions, too, where the result is by area."""
-    if areas is None:
-        return open_observer(mesh, camera, engine)
-    return RegionObserver(mesh, camera, task, engine)
 
 
 def table_of(mesh: Mesh, camera: Cameras, poses: Poses) -> str:
@@ -398,64 +363,3 @@ def table_of(mesh: Mesh, camera: Cameras, poses: Poses) -> str:
         f"{rows:,}",
     )
     return "none"
-
-
-def _draw(
-    mesh: Mesh,
-    camera: Cameras,
-    poses: Poses,
-    folder: ReportFolder,
-    options: Options,
-    task: Task,
-    drawn: dict[int, NDArray[np.float64]],
-    *,
-    by_area: bool,
-) -> bool:
-    """Draw the chosen poses and a sheet of them; True when interrupted."""
-    digits = len(str(max(drawn)))
-    found: dict[int, tuple[Image.Image, str]] = {}
-    interrupted = False
-    named = ("covered", "not covered") if by_area else ()
-    some, cameras = poses[np.isin(poses.ids, list(drawn))], cameras_of(camera)
-    try:
-        for index, rows in some.by_camera():
-            eye = cameras[index]
-            small = eye.resized(min(1.0, PICTURE_SIDE / max(eye.width, eye.height)))
-            with ExitStack() as opened:
-                rasterizer = opened.enter_context(options.open_rasterizer(mesh, small))
-                finder = None
-                if by_area:
-                    finder = RegionPass(mesh, eye, task, method=options.engine)
-                    opened.callback(finder.close)
-                for pose in some[rows].ids.tolist():
-                    values, matrix = drawn[pose], poses.given[pose]
-                    covers = (values >= task.min_coverage) & (values > 0)
-                    title = pose_title(mesh, pose, covers)
-                    own = replace(poses[poses.ids == pose], camera=np.zeros(1, np.int32))
-                    buffer, covered, on_targets = rasterizer.render(own), None, None
-                    if finder is not None:
-                        regions = finder.find(own)
-                        seen = SeenArea(regions, own)
-                        covered = best_and_views(seen, small, matrix, buffer.face)[1] > 0
-                        targets = targets_in_view(mesh, small, matrix, buffer.depth)
-                        if targets is not None:
-                            on_targets = best_and_views(seen, small, matrix, targets)[1] > 0
-                        title = area_title(mesh, pose, float(regions.area.sum()), covers)
-                    pixels = coverage_pixels(
-                        buffer, values, mesh, matrix, small, covered, on_targets
-                    )
-                    picture = coverage_picture(
-                        buffer, values, mesh, small, matrix, title, pixels, named=named
-                    )
-                    faces = face_index_picture(buffer)
-                    with interrupts_held():
-                        save_picture(picture, folder.file(f"pose_{pose:0{digits}d}.png"))
-                        save_picture(faces, folder.file(f"faces_{pose:0{digits}d}.png"))
-                        found[pose] = Image.fromarray(pixels), title
-    except KeyboardInterrupt:
-        interrupted = True
-    if found:
-        pictures, titles = zip(*(found[pose] for pose in sorted(found)), strict=True)
-        sheet = contact_sheet(list(pictures), list(titles))
-        save_picture(sheet, folder.file("contact_sheet.png"))
-    return interrupted

@@ -13,9 +13,10 @@ from rastercov.camera import Camera
 from rastercov.camera_formats.pose_doubts import convention_doubts
 from rastercov.mesh import Mesh
 from rastercov.mesh.diagnosis import size_in_words
-from rastercov.near_plane import near_limits
+from rastercov.near_plane import depth_from_near, near_limits
 from rastercov.network import Network
 from rastercov.pose import Poses
+from rastercov.projection import to_camera, to_image
 from rastercov.rig import Cameras, cameras_of
 
 UNLIKELY_RATIO = 300.0
@@ -101,11 +102,11 @@ def _sides(network: Network, cameras: Sequence[Camera], poses: Poses) -> list[st
     near_of = near_limits(cameras, mesh.bounds, poses)
     for pose, index, near in zip(poses.world_from_camera, poses.camera, near_of, strict=True):
         camera = cameras[index]
-        in_camera = (points - pose[:3, 3]) @ pose[:3, :3]
-        depth = np.where(in_camera[:, 2] > near, in_camera[:, 2], np.nan)
-        pixel = (in_camera @ camera.K.T)[:, :2] / depth[:, None]
-        seen = ((pixel >= 0) & (pixel <= (camera.width, camera.height))).all(axis=1)
-        seen[seen] = ~sight.hidden(points[seen], pose, float(near))
+        in_camera = to_camera(points, pose)
+        seen = depth_from_near(in_camera, camera) > near
+        pixel = to_image(np.where(seen[:, None], in_camera, (0.0, 0.0, 1.0)), camera)
+        seen &= ((pixel >= 0) & (pixel <= (camera.width, camera.height))).all(axis=1)
+        seen[seen] = ~sight.hidden(points[seen], pose, float(near), camera)
         to_eye = pose[:3, 3] - points[seen]
         is_front = np.einsum("fi,fi->f", mesh.normals[faces[seen]], to_eye) > 0
         front += float(mesh.areas[faces[seen]][is_front].sum())

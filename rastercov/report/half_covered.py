@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov._format import percent
-from rastercov.area.failures import first_failures
+from rastercov.area.failures import first_failures, pixels_per_m2
 from rastercov.area.network import unit_of_result
 from rastercov.area.regions import OF_A_FACE
 from rastercov.engine import Engine
@@ -51,12 +51,10 @@ def half_covered(
     method : str
         Method of visibility of the network.
     """
-    if not all(each.is_pinhole for each in cameras_of(camera)):
-        return []
     share = share_in_parts(network, camera, poses)
     if share < LEAST_SHARE:
         return []
-    _, obstacle = unit_of_result(None, network.task, Engine.of(method), camera)
+    _, obstacle = unit_of_result(None, network.task, Engine.of(method))
     return [
         f"about {percent(round(share, 2))} of the area is covered point by point, but in faces "
         "that are not covered as a whole: use --by area" + (f" ({obstacle})" if obstacle else "")
@@ -92,12 +90,10 @@ def share_in_parts(network: Network, camera: Cameras, poses: ArrayLike | Poses) 
     failures = first_failures(mesh, cameras, _pointwise(task), some, points, face)
     eyes = zip(some.world_from_camera, some.camera, strict=True)
     for (pose, index), (reason, _) in zip(eyes, failures, strict=True):
-        away = points - pose[:3, 3]
-        depth = np.maximum(away @ pose[:3, 2], 0.0)
-        height = np.abs(np.einsum("ni,ni->n", normals, away))
-        fx, fy = cameras[index].fx, cameras[index].fy
-        is_enough = fx * fy * height >= wanted * depth**3
-        found += (reason == Reason.COVERED) & is_enough
+        per_m2 = pixels_per_m2(
+            cameras[index], (points - pose[:3, 3]) @ pose[:3, :3], normals @ pose[:3, :3]
+        )
+        found += (reason == Reason.COVERED) & (per_m2 >= wanted)
     return float((found >= task.views).mean()) * area / total
 
 

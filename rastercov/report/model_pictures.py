@@ -174,6 +174,7 @@ def _look(mesh: Mesh, camera: Camera, pose: FloatArray, box: Box, width: int) ->
         fy=camera.fy * scale,
         cx=(camera.cx - box[0]) * scale,
         cy=(camera.cy - box[1]) * scale,
+        skew=camera.skew * scale,
     )
     with open_rasterizer(mesh, cut, "cpu") as rasterizer:
         return Look(mesh, cut, pose, rasterizer.render(pose))

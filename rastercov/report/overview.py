@@ -17,9 +17,11 @@ from PIL import Image, ImageDraw
 from rastercov._format import short
 from rastercov.area.regions import Regions
 from rastercov.camera import Camera
+from rastercov.camera_models import MODELS
 from rastercov.mesh import Mesh
 from rastercov.network import Network
 from rastercov.pose import Poses
+from rastercov.rays import view_border
 from rastercov.report import theme
 from rastercov.report.area_pictures import SeenArea, best_and_views_at, points_of_pixels
 from rastercov.report.floor_plan import FOOT, FloorPlan, floor_plan, outline, paint_plan
@@ -29,6 +31,7 @@ from rastercov.report.panorama import (
     DIRECTIONS,
     FINE,
     HEIGHT,
+    PIECES,
     WIDTH,
     FaceImage,
     Line,
@@ -57,6 +60,8 @@ MANY = 30
 """Cameras up to which their labels are large."""
 CROWD = 16
 """Cameras from which on their view pyramids get smaller."""
+PARTS = 12
+"""Parts of each side of a distorted image, whose border is a curve."""
 FROM_BELOW = 0.6
 """Worth of the task seen from below, relative to what is seen from above."""
 
@@ -83,7 +88,7 @@ class CameraColours:
         return Poses.of(self.poses, camera=self.camera)
 
     def pyramids(self, camera: Cameras) -> list[FloatArray]:
-        """(5, 3) corners of the view pyramid of each pose."""
+        """View pyramid of each pose: the eye, then the corners of its outline."""
         cameras, placed = cameras_of(camera), self.placed
         return [
             _pyramid(cameras[index], pose, self.reach)
@@ -217,10 +222,11 @@ def _with_cameras(scene: Scene, camera: Cameras, shown: CameraColours) -> Image.
 
     image = Image.fromarray(paint(scene, neutral(scene.mesh), own=own))
     rows = np.flatnonzero(is_in_picture(scene, shown.eyes)).tolist()
-    pyramids = shown.pyramids(camera)
+    pyramids, cameras = shown.pyramids(camera), cameras_of(camera)
     for row in rows:
         pyramid = pyramids[row]
-        fill_in_space(image, scene, pyramid[1:], shown.colours[row])
+        if MODELS[cameras[shown.placed.camera[row]].model].is_planar:  # a flat base
+            fill_in_space(image, scene, pyramid[1:], shown.colours[row])
         draw_in_space(image, scene, _edges(pyramid, shown.colours[row]))
     places = place_in_image(scene, shown.eyes[rows])
     names = [shown.names[row] for row in rows]
@@ -265,20 +271,25 @@ def _plan_picture(shown: CameraColours, camera: Cameras) -> tuple[FloorPlan, Ima
 
 
 def _pyramid(camera: Camera, pose: FloatArray, reach: float) -> FloatArray:
-    """(5, 3) camera centre and the corners of its image; the edges are `reach` long."""
-    u = np.array([0, camera.width, camera.width, 0]) - camera.cx
-    v = np.array([0, 0, camera.height, camera.height]) - camera.cy
-    rays = np.stack((u / camera.fx, v / camera.fy, np.ones(4)), axis=1)
+    """(N, 3) camera centre and points around the border of its image, the same from each corner on.
+
+    The edges are `reach` long. The border of a distorted image is a curve.
+    """
+    rays = view_border(camera, 1 if camera.is_pinhole else PARTS)
     # The same length for every field of view.
-    rays *= reach / np.linalg.norm(rays, axis=1).max()
+    rays = rays * (reach / np.linalg.norm(rays, axis=1).max())
     corners: FloatArray = rays @ pose[:3, :3].T + pose[:3, 3]
     return np.concatenate((pose[None, :3, 3], corners))
 
 
 def _edges(pyramid: FloatArray, colour: Colour) -> list[Line]:
-    """The eight edges of a view pyramid; the upper edge of its base is the widest."""
+    """Edges of a view pyramid and of its base; the upper edge of its base is the widest."""
     points = [tuple(point) for point in pyramid.tolist()]
-    lines = [Line(points[0], corner, colour, 1.6) for corner in points[1:]]
-    for row in range(4):
-        lines.append(Line(points[1 + row], points[1 + (row + 1) % 4], colour, 1.6 if row else 4.0))
+    n = len(points) - 1
+    parts = n // 4
+    pieces = max(1, PIECES // parts)
+    lines = [Line(points[0], points[1 + row], colour, 1.6) for row in range(0, n, parts)]
+    for row in range(n):
+        width = 1.6 if row >= parts else 4.0
+        lines.append(Line(points[1 + row], points[1 + (row + 1) % n], colour, width, pieces))
     return lines

@@ -226,12 +226,13 @@ def _painted(scene: Scene, face: FaceImage, colours: Pixels, own: OwnColours | N
 
 @dataclass(frozen=True)
 class Line:
-    """A line in space, its colour and its width in pixels."""
+    """A line in space, its colour, its width in pixels, and its pieces, visible or hidden each."""
 
     start: tuple[float, float, float]
     end: tuple[float, float, float]
     colour: Colour
     width: float = 1.5
+    pieces: int = PIECES
 
 
 def draw_in_space(image: Image.Image, scene: Scene, lines: Sequence[Line]) -> None:
@@ -239,8 +240,8 @@ def draw_in_space(image: Image.Image, scene: Scene, lines: Sequence[Line]) -> No
     draw = ImageDraw.Draw(image)
     depth = scene.buffer.depth
     slack = 1e-3 * float(np.linalg.norm(np.ptp(scene.mesh.bounds, axis=0)))
-    steps = np.linspace(0, 1, PIECES + 1)[:, None]
     for line in lines:
+        steps = np.linspace(0, 1, line.pieces + 1)[:, None]
         points = np.asarray(line.start) + steps * (np.asarray(line.end) - np.asarray(line.start))
         seen = to_camera(points, scene.pose)
         image_points = to_image(seen, scene.camera)
@@ -252,10 +253,12 @@ def draw_in_space(image: Image.Image, scene: Scene, lines: Sequence[Line]) -> No
         )
         width = round(line.width * FINE)
         places = [tuple(place) for place in image_points.tolist()]
-        for piece in range(PIECES):  # a border, so that the line shows on a surface of its colour
+        for piece in range(
+            line.pieces
+        ):  # a border, so that the line shows on a surface of its colour
             if (before & is_ahead)[piece : piece + 2].all():
                 draw.line(places[piece : piece + 2], PAPER, width + 2 * FINE)
-        for piece in range(PIECES):
+        for piece in range(line.pieces):
             if not (is_ahead[piece] and is_ahead[piece + 1]):
                 continue
             is_seen = before[piece] and before[piece + 1]

@@ -173,7 +173,7 @@ def _cameras(report: PlanReport) -> dict[str, Any]:
         else:
             line.append(f"{areas[row]:.3g}")
         if tolerance:
-            camera = tolerance.cameras[row]
+            camera = tolerance.cameras[report.mounts[row]]
             line += [percent(camera.without), f"{camera.own_faces:,}"]
         rows.append(line)
     return {"headings": headings, "rows": rows}
@@ -293,7 +293,7 @@ def _tolerance(report: PlanReport) -> dict[str, Any] | None:
         ],
         "each": [
             [name, percent(one.alone.mean), percent(one.alone.worst), percent(one.without)]
-            for name, one in zip(report.names, found.cameras, strict=True)
+            for name, one in zip(report.mount_names, found.cameras, strict=True)
         ],
     }
 

@@ -56,13 +56,14 @@ def drawn_for(report: PlanReport, progress: Progress) -> dict[str, Any]:
     cameras, placed = cameras_of(report.camera), report.placed
     for row, (name, pose) in enumerate(zip(report.names, report.poses, strict=True)):
         progress(done, total)
+        title = f"{name}, {report.types[row]}," if report.types[row] else name
         own = None if report.regions is None else of_pose(report.regions, row)
         image = camera_picture(
             report.mesh,
             cameras[placed.camera[row]],
             pose,
             network.task,
-            name,
+            title,
             colours[row],
             own,
             side,

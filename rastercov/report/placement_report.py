@@ -34,6 +34,7 @@ class PlanReport:
     network: Network  # of all cameras, in the order of `poses`
     poses: NDArray[np.float64]  # world_from_camera, (K, 4, 4)
     camera_of: NDArray[np.int32] | None = None  # index of the camera of each pose, (K,)
+    mount_of: NDArray[np.int64] | None = None  # row of the rig that each camera is on, (K,)
     title: str = "Placement of cameras"
     selection: Selection | None = None  # with its goal; both or none
     goal: Goal | None = None
@@ -73,6 +74,21 @@ class PlanReport:
         """Name of the camera of each pose; "" where there is one."""
         names = names_of(self.camera)
         return [names[index] if len(names) > 1 else "" for index in self.placed.camera]
+
+    @property
+    def mounts(self) -> NDArray[np.int64]:
+        """(K,) row of the rig that each camera is on; its own where there are no rigs."""
+        return np.arange(len(self.poses)) if self.mount_of is None else self.mount_of
+
+    @property
+    def mount_names(self) -> list[str]:
+        """Names of the cameras of each rig, as one text."""
+        rows, names = self.mounts, self.names
+        count = int(rows.max(initial=-1)) + 1
+        return [
+            ", ".join(name for name, row in zip(names, rows, strict=True) if row == mount)
+            for mount in range(count)
+        ]
 
     @property
     def names(self) -> list[str]:

@@ -12,7 +12,7 @@ under "interrupted", which is still correct when the run is killed in it.
 
 import math
 import re
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,11 +25,13 @@ from rastercov._interrupts import interrupts_held
 from rastercov._output import write_json
 from rastercov.area.regions import regions
 from rastercov.area.zone_report import ZONES
+from rastercov.cluster import Workers
 from rastercov.placement.select.problem import BestCoverage, FewestCameras
+from rastercov.plan.file import Plan
 from rastercov.plan.network import area_lines, summary_of
-from rastercov.plan.prepare import Prepared, Progress
+from rastercov.plan.prepare import Prepared, Progress, Step, quiet
 from rastercov.plan.requirements import OF, goal_of
-from rastercov.plan.run import Placement
+from rastercov.plan.run import Placement, place
 from rastercov.provenance import Provenance, plain_cameras
 from rastercov.raster.contract import RasterizerInfo
 from rastercov.report.coverage import Options
@@ -46,6 +48,44 @@ STEP_FIGURES = {
 """Figures of the steps that move cameras, as `plan.json` has them."""
 STEP_WORDS = {"search": "searched", "refinement": "refined"}
 PLACEMENT = ReportKind("place", re.compile(r"(poses|plan)\.json|page\.html"), last="plan.json")
+
+
+def run_into(
+    plan: Plan, out: Path, step: Step = quiet, workers: Workers | None = None
+) -> Placement:
+    """Carry out a plan, and leave all its files in a folder.
+
+    Parameters
+    ----------
+    plan : Plan
+        With candidates and a selection.
+    out : Path
+        Folder, made when it is missing; for one run at a time.
+    step : callable
+    workers : Workers, optional
+        As for `rastercov.plan.run.place`.
+
+    Raises
+    ------
+    PlanError
+        As of `rastercov.plan.run.place`.
+    ConfigError
+        When no candidate is left, and for a folder that cannot be used.
+    """
+    with ReportFolder(out, PLACEMENT) as files:
+        placed = place(plan, out, step, lambda found: save_unfinished(found, files), workers)
+        if plan.outputs.page:
+            without_page = replace(placed, interrupted=placed.interrupted or "page")
+            save_unfinished(without_page, files)
+            page = files.file("page.html")
+            try:
+                with step("page") as progress:
+                    write_page(placed, page, progress)
+            except KeyboardInterrupt:
+                placed = without_page
+                page.unlink(missing_ok=True)
+        save(placed, files)
+    return placed
 
 
 def save(placement: Placement, folder: ReportFolder) -> None:
@@ -67,18 +107,37 @@ def poses_of(placement: Placement) -> dict[str, Any]:
 
     Where there are several cameras, with all of them and the name of that of each pose.
     """
-    rig, content = (
-        placement.prepared.camera,
-        {
-            "world_from_camera": placement.cameras.poses,
-            "origin": placement.origin,
-            "candidate": placement.selection.chosen,
-        },
-    )
-    if len(rig) == 1:
+    mounts, cameras = placement.prepared.mounts, placement.cameras
+    content: dict[str, Any] = {
+        "world_from_camera": cameras.poses,
+        "origin": _origins(placement),
+        "candidate": placement.selection.chosen[cameras.owner],
+    }
+    if len(mounts.rig) == 1:
         return content
-    names = [rig.names[index] for index in placement.cameras.placed.camera]
-    return plain_cameras(rig) | content | {"camera": names}
+    content["camera"] = [mounts.rig.names[index] for index in cameras.placed.camera]
+    if mounts.has_rigs:
+        content |= _rigs(placement)
+    return plain_cameras(mounts.rig) | content
+
+
+def _origins(placement: Placement) -> list[str]:
+    """Source of each camera; of those of a rig, the same."""
+    return [placement.origin[row] for row in placement.cameras.owner]
+
+
+def _rigs(placement: Placement) -> dict[str, Any]:
+    """Number of the rig, or the lone camera, that each camera is on, and the poses of these."""
+    names, cameras = placement.prepared.mounts.names, placement.cameras
+    return {
+        "mount": cameras.owner,
+        "mounts": [
+            {"name": names[index], "world_from_mount": pose}
+            for index, pose in zip(
+                cameras.mounted.camera, cameras.mounted.world_from_camera, strict=True
+            )
+        ],
+    }
 
 
 def summary(placement: Placement) -> dict[str, Any]:
@@ -158,7 +217,8 @@ def made_from(prepared: Prepared) -> dict[str, Any]:
 def _cameras(placement: Placement) -> list[dict[str, Any]]:
     """Position, direction, cost and coverage of each camera, and the share covered so far."""
     cameras, costs = placement.cameras, placement.prepared.pool.costs
-    rig = placement.prepared.camera
+    mounts = placement.prepared.mounts
+    rig = mounts.rig
     return [
         {
             "origin": name,
@@ -166,14 +226,16 @@ def _cameras(placement: Placement) -> list[dict[str, Any]]:
             "position": pose[:3, 3],
             "direction": pose[:3, 2],
             **({"camera": rig.names[index]} if len(rig) > 1 else {}),
+            **({"mount": int(owner)} if mounts.has_rigs else {}),
             **dict(zip(("heading_deg", "down_deg"), heading_and_tilt(pose), strict=True)),
             "cost": costs[row],
             "covered_faces": faces,
             "share_so_far": share,
         }
-        for name, row, pose, index, faces, share in zip(
-            placement.origin,
-            placement.selection.chosen,
+        for name, owner, row, pose, index, faces, share in zip(
+            _origins(placement),
+            cameras.owner,
+            placement.selection.chosen[cameras.owner],
             cameras.poses,
             cameras.placed.camera.tolist(),
             cameras.network.covered_faces,
@@ -213,8 +275,8 @@ def cameras_table(placement: Placement) -> Table:
                 percent(share),
             )
         before = share
-    if len(placement.origin) > MAX_ROWS:
-        table.add_row(*["", ""][: 1 + several], f"... {len(placement.origin) - MAX_ROWS} more")
+    if len(poses) > MAX_ROWS:
+        table.add_row(*["", ""][: 1 + several], f"... {len(poses) - MAX_ROWS} more")
     return table
 
 
@@ -231,7 +293,7 @@ def lines(placement: Placement) -> list[str]:
     if placement.refined is not None:
         done = placement.refined
         said.append(
-            f"refinement moved {int(done.moved.sum())} of {len(done.poses)} cameras: "
+            f"refinement moved {int(done.moved.sum())} of {len(done.poses)} {_what(prepared)}s: "
             f"{percent(done.start_share)} -> {percent(done.share)} of {of} ({done.status})"
         )
     said += [
@@ -248,7 +310,7 @@ def lines(placement: Placement) -> list[str]:
         )
         if found.critical >= 0:
             left = percent(found.cameras[found.critical].without)
-            text += f"; without camera {found.critical} only {left} are left"
+            text += f"; without {_what(prepared)} {found.critical} only {left} are left"
         said.append(text)
     said += half_covered_lines(prepared.plan, placement.cameras)
     said += [f"{each.status}: {each.words()}" for each in placement.requirements]
@@ -257,6 +319,11 @@ def lines(placement: Placement) -> list[str]:
     elif selection.status == "time_limit":
         said.append("the time limit ended the integer program; more time may improve it")
     return said
+
+
+def _what(prepared: Prepared) -> str:
+    """Word for what is chosen and moved."""
+    return "mount" if prepared.mounts.has_rigs else "camera"
 
 
 def _interrupted(placement: Placement) -> str:
@@ -344,8 +411,9 @@ def write_page(placement: Placement, path: Path, progress: Progress) -> None:
         openings=prepared.openings,
         tolerance=placement.tolerance,
         # Rows of poses.json, as everywhere else.
-        camera_names=[str(row) for row in range(len(placement.origin))],
-        sources=placement.origin,
+        camera_names=[str(row) for row in range(len(placement.cameras.poses))],
+        sources=_origins(placement),
+        mount_of=placement.cameras.owner if prepared.mounts.has_rigs else None,
         made_with=made_from(prepared),
         notes=lines(placement),
         summary=summary_of(prepared.plan, placement.cameras),

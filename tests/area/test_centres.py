@@ -91,3 +91,22 @@ def test_a_threshold_of_a_face_is_refused():
     _, camera, _ = SCENES["room"]
     with pytest.raises(ConfigError, match="min_pixels is of a face"):
         CentrePass(CELLS["room"], camera, rc.Task(min_pixels=3))
+
+
+def test_each_pose_is_judged_by_its_own_camera():
+    cells = CELLS["room"]
+    cameras = [
+        rc.Camera(width=160, height=120, fx=90, fy=90),
+        rc.Camera(width=120, height=160, fx=200, fy=210, cx=50, near=0.4, focus_range=(0.5, 4.0)),
+    ]
+    poses = rc.look_at([(2, 2, 2), (5, 3, 2), (4, 1, 1), (6, 4, 2)], (4, 2.5, 0.5))
+    index = np.array([1, 0, 1, 0])
+    task = rc.Task(min_pixels_per_m2=200, min_facing_density=20)
+    together = CentrePass(cells, cameras, task).find(rc.Poses.of(poses, camera=index))
+    for row, camera in enumerate(index):
+        alone = CentrePass(cells, cameras[camera], task).find(poses[row : row + 1])
+        np.testing.assert_array_equal(together.row(row), alone.row(0))
+    other = CentrePass(cells, cameras, task).find(poses)
+    assert any(len(together.row(row)) != len(other.row(row)) for row in range(4))
+    with pytest.raises(rc.PoseError, match="has camera 2, but there are 2"):
+        CentrePass(cells, cameras, task).find(rc.Poses.of(poses, camera=2))

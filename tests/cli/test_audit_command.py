@@ -8,7 +8,7 @@ import pytest
 from commands import call, enter
 
 from rastercov import shapes
-from rastercov.audit import audit
+from rastercov.audits import audit
 from rastercov.camera import Camera
 from rastercov.camera_formats import write_views
 from rastercov.pose import Poses

@@ -744,6 +744,7 @@ def test_every_example_plan_is_tried_here():
         "audit_rig.toml",
         "eye_height.toml",
         "inspect_part.toml",
+        "mixed_cameras.toml",
         "watch_room.toml",
     }
 
@@ -774,6 +775,20 @@ def test_the_room_is_watched_from_its_walls_and_ceiling(capsys, no_pages, short_
     for x, y, z in read_poses("room/poses.json")[:, :3, 3]:
         assert abs(abs(x) - 2.9) < 1e-9 or abs(abs(y) - 2.4) < 1e-9 or abs(z - 2.7) < 1e-9
         assert not (x >= 2 and abs(y) <= 0.6)  # over the door
+
+
+@pytest.mark.slow
+def test_a_room_is_watched_by_cameras_of_several_kinds(capsys, no_pages, short_search):
+    plan = EXAMPLES / "mixed_cameras.toml"
+    code, out, _ = call(capsys, f"place {plan} --out mixed")
+    told = figures("mixed")
+    assert code == 0
+    assert told["selection"]["cost"] <= 3000
+    assert {each["camera"] for each in told["cameras"]} == {"long", "pair/left", "pair/right"}
+    assert "Covered by each camera alone" in out
+    code, out, _ = call(capsys, f"check {plan} -p mixed/poses.json --min-coverage 0.4 --json")
+    assert code == 0
+    assert json.loads(out)["covered_area"]["percent"] == pytest.approx(100 * told["share"])
 
 
 @pytest.mark.slow

@@ -16,6 +16,7 @@ from rastercov.placement import matrix as matrix_module
 from rastercov.placement import shard_work
 from rastercov.placement.explain.candidate_visibility import CandidateBounds
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
+from rastercov.placement.mounts import Mounts
 
 pytestmark = [pytest.mark.slow, pytest.mark.compile]
 MESH = shapes.teapot(4)
@@ -56,6 +57,16 @@ def test_shards_through_a_lens_have_the_same_bytes(tmp_path):
         width=320, height=240, fx=300, fy=300, model="opencv", distortion=(-0.2, 0.05, 0.001, 0.0)
     )
     both(tmp_path, view=(MESH, lens))
+
+
+def test_shards_of_rigs_have_the_same_bytes(tmp_path):
+    aside = np.eye(4)
+    aside[0, 3] = 0.3
+    wide = rc.Camera(width=200, height=200, fx=150, fy=150)
+    pair = rc.Rig([CAMERA, wide], ["tele", "wide"], [np.eye(4), aside])
+    mounts = Mounts.of({"alone": CAMERA, "pair": pair})
+    placed = rc.Poses.of(POSES, camera=np.arange(42) % 2)
+    both(tmp_path, placed, (MESH, mounts.rig), mounts=mounts)
 
 
 def test_bounds_of_workers_are_those_of_one_process(tmp_path):

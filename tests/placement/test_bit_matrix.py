@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -214,6 +215,11 @@ def test_an_angle_between_views_is_refused_in_one_line(tmp_path):
     with pytest.raises(ConfigError, match="min_angle_deg must be 0") as error:
         bit_problem_of(matrix, MESH, BestCoverage(1), min_angle_deg=20)
     assert "\n" not in str(error.value)
+    task = replace(TASK, views=2, min_angle_deg=10)
+    of_task = BitMatrix.of(measure_matrix((MESH, CAMERA), POSES, task, tmp_path / "angle"))
+    with pytest.raises(ConfigError, match=r"min_angle_deg must be 0.*got 10"):
+        bit_problem_of(of_task, MESH, BestCoverage(1))
+    assert bit_problem_of(of_task, MESH, BestCoverage(1), min_angle_deg=0).n_faces == MESH.n_faces
     with pytest.raises(ConfigError, match="of a mesh of"):
         bit_problem_of(matrix, shapes.icosahedron(), BestCoverage(1))
 

@@ -301,9 +301,9 @@ def test_progress_of_a_refinement_has_its_budget_as_total():
 def test_moves_that_lose_exact_area_are_not_taken(monkeypatch):
     def worse(objective, space, poses, **_):
         found = plain(objective, space, poses, budget=len(poses), seed=0)
-        away = poses.copy()
-        away[:, :3, 3] = poses[0, :3, 3]
-        away[:, :3, :3] = poses[0, :3, :3]
+        away = poses.world_from_camera.copy()
+        away[:, :3, 3] = away[0, :3, 3]
+        away[:, :3, :3] = away[0, :3, :3]
         object.__setattr__(found, "poses", away)
         return found
 

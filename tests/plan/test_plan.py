@@ -218,7 +218,7 @@ def test_files_are_relative_to_the_plan():
     mesh = scene(plan)
     assert np.ptp(mesh.bounds, axis=0) == pytest.approx([1e-3] * 3)
     assert plan.build_camera().width == 64
-    assert len(candidate_pool(plan, mesh, plan.build_camera()).candidates) == 4
+    assert len(candidate_pool(plan, mesh).candidates) == 4
 
 
 def test_the_task_section_holds_what_a_task_does_with_the_same_defaults():
@@ -361,7 +361,7 @@ def test_an_entry_makes_the_candidates_of_its_generator(generator):
     write_poses("rig.json", sphere_of_poses((0, 0, 0), 3, 5))
     plan = plan_of(ENTRY + f'"{generator}"\ncost = 2.5\nrolls_deg = [0, 90]\n{own}')
     mesh = scene(plan)
-    made = candidate_pool(plan, mesh, plan.build_camera())
+    made = candidate_pool(plan, mesh)
     assert made.made == {source: 2 * count}
     assert (made.costs == 2.5).all()
     assert made.space.allows(made.candidates.poses[:, :3, 3]).all()
@@ -383,7 +383,7 @@ def test_candidates_are_dropped_with_their_reasons():
         '[[constraints.keep_out]]\nname = "table"\nlow = [-9, -9, -9]\nhigh = [9, 9, -1]\n'
         "[[constraints.spaces]]\nlow = [-9, -9, -9]\nhigh = [1.5, 9, 9]\n"
     )
-    made = candidate_pool(plan, scene(plan), plan.build_camera())
+    made = candidate_pool(plan, scene(plan))
     told = made.summary()
     assert told["made"] == {"sphere": 120}
     assert told["dropped"]["in_solid"] == 30
@@ -404,13 +404,13 @@ def test_mounts_stay_on_their_walls_unless_the_plan_says_where_cameras_may_stand
     entry = '[[candidates]]\ngenerator = "on_walls"\nspacing = 2\ninset = 0.25\n'
     base = BASE.replace("box", "room")
     plan = plan_of(base + entry)
-    space = candidate_pool(plan, scene(plan), plan.build_camera()).space
+    space = candidate_pool(plan, scene(plan)).space
     on_wall, in_air = [2.75, 1.0, 1.0], [0.5, 0.5, 2.5]
     assert space.allows([on_wall, in_air]).tolist() == [True, False]
     plan = plan_of(
         base + entry + "[[constraints.spaces]]\nlow = [-3, -2.5, 0]\nhigh = [3, 2.5, 2.8]\n"
     )
-    space = candidate_pool(plan, scene(plan), plan.build_camera()).space
+    space = candidate_pool(plan, scene(plan)).space
     assert space.allows([on_wall, in_air]).tolist() == [True, True]
 
 
@@ -418,7 +418,7 @@ def test_an_entry_that_can_make_nothing_is_named():
     text = BASE + '[[candidates]]\ngenerator = "per_face"\nstand_off = [90, 99]\n'
     plan = plan_of(text)
     with pytest.raises(PlanError, match=r"candidates\[0\]: the stand-off"):
-        candidate_pool(plan, scene(plan), plan.build_camera())
+        candidate_pool(plan, scene(plan))
 
 
 # --- requirements and bounds ----------------------------------------------------------------------

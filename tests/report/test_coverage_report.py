@@ -270,7 +270,7 @@ def test_an_interrupt_while_drawing_leaves_out_the_rest_and_says_so(tmp_path, mo
             raise KeyboardInterrupt
         return coverage_picture(*arguments, **options)
 
-    monkeypatch.setattr("rastercov.report.coverage.coverage_picture", stop)
+    monkeypatch.setattr("rastercov.report.pose_pictures.coverage_picture", stop)
     summary = run(MESH, CAMERA, around(12), TASK, tmp_path, Options(pictures=12))
     assert (summary["interrupted"], summary["poses"]) == (True, 12)
     pictures = {f"{kind}_{pose:02d}.png" for kind in ("pose", "faces") for pose in range(2)}
@@ -304,7 +304,8 @@ def test_a_run_that_fails_after_the_last_pose_leaves_the_old_report(tmp_path, mo
     def lose(*_, **__):
         raise DeviceError("gone")
 
-    monkeypatch.setattr(f"rastercov.report.coverage.{step}", lose)
+    module = "coverage" if step == "write_coloured_mesh" else "pose_pictures"
+    monkeypatch.setattr(f"rastercov.report.{module}.{step}", lose)
     with pytest.raises(DeviceError, match="gone"):
         run(MESH, CAMERA, around(12), TASK, tmp_path, Options(pictures=2))
     assert content(tmp_path) == before
@@ -426,7 +427,7 @@ def test_progress_tells_the_poses_done(tmp_path, small_batches):
 
 def test_a_file_in_the_way_is_said_before_a_device_is_opened(tmp_path, monkeypatch):
     (tmp_path / "file").write_text("")
-    monkeypatch.setattr("rastercov.report.coverage.open_observer", lambda *_: pytest.fail("opened"))
+    monkeypatch.setattr("rastercov.report.coverage.open_for", lambda *_: pytest.fail("opened"))
     for out in (tmp_path / "file", tmp_path / "file" / "report"):
         with pytest.raises(ConfigError, match="a file is in the way"):
             run(MESH, CAMERA, around(1), TASK, out, PLAIN)
@@ -440,7 +441,7 @@ def test_a_file_in_the_way_is_said_before_a_device_is_opened(tmp_path, monkeypat
 )
 def test_files_of_nobody_are_refused_before_a_device_is_opened(tmp_path, monkeypatch, name):
     (tmp_path / name).write_text("mine")
-    monkeypatch.setattr("rastercov.report.coverage.open_observer", lambda *_: pytest.fail("opened"))
+    monkeypatch.setattr("rastercov.report.coverage.open_for", lambda *_: pytest.fail("opened"))
     with pytest.raises(ConfigError, match="name another folder"):
         run(MESH, CAMERA, around(1), TASK, tmp_path, Options(pictures=9))
     assert content(tmp_path) == {name: b"mine"}
@@ -449,7 +450,7 @@ def test_files_of_nobody_are_refused_before_a_device_is_opened(tmp_path, monkeyp
 def test_a_folder_in_use_is_refused_before_a_device_is_opened(tmp_path, monkeypatch):
     run(MESH, CAMERA, around(2), TASK, tmp_path, PLAIN)
     before = content(tmp_path)
-    monkeypatch.setattr("rastercov.report.coverage.open_observer", lambda *_: pytest.fail("opened"))
+    monkeypatch.setattr("rastercov.report.coverage.open_for", lambda *_: pytest.fail("opened"))
     with (
         ReportFolder(tmp_path, EVALUATION),
         pytest.raises(ConfigError, match="another process is writing"),

@@ -55,6 +55,13 @@ MESH = shapes.box((1, 1, 1))
 CAMERA = rc.Camera(width=32, height=24, fx=30, fy=30)
 POSES = rc.look_at([(0, 0.2, 3), (3, 0.1, 0)], (0, 0, 0))
 TASK = rc.Task()
+PLAN = {
+    "meshes": [{"built_in": "box"}],
+    "camera": {"width": 32, "height": 24, "fx": 30, "fy": 30},
+    "task": {"resolution_of_result": 1.0},
+    "candidates": [{"generator": "on_sphere", "count": 2}],
+    "selection": {"goal": "best_coverage", "cameras": 1},
+}
 FOLDER = Path(tempfile.mkdtemp(prefix="rastercov-misuse-"))
 
 
@@ -205,6 +212,7 @@ def calls():
     thresholds = {"min_pixels": 1, "min_visibility": 0, "max_blur": 1, "max_incidence_deg": 80}
     thresholds |= {"min_pixel_density": 1, "min_facing_density": 1, "min_coverage": 0.5, "views": 1}
     thresholds |= {"focus_rule": "vertices", "cap_resolution": True}
+    thresholds |= {"min_angle_deg": 20}
     arrays = {"vertices": MESH.vertices, "faces": MESH.faces, "groups": None, "face_group": None}
     arrays |= {"source_face": None, "sources": (), "notes": ()}
     groups = [rc.Group("a"), rc.Group("b")]
@@ -264,6 +272,20 @@ def calls():
             {"path": FOLDER / "none.stl", "unit": "mm", "occluders": (), "two_sided": ()}
             | {"targets": ()},
         ),
+        Call(
+            "audit",
+            rc.audit,
+            seen
+            | {"task": TASK, "names": ["a", "b"], "by": "face", "resolution_of_result": None}
+            | {"method": "certified", "skip_bad_poses": False},
+        ),
+        Call(
+            "check",
+            rc.check,
+            {"plan": PLAN, "poses": POSES, "camera": CAMERA, "min_coverage": 0.5}
+            | {"groups": {"mesh": 0.2}, "views": 1},
+        ),
+        Call("place", rc.place, {"plan": PLAN, "camera": CAMERA}),
         Call("sheet_above", sheet_above, {"mesh": MESH, "group": "mesh", "height": 1.6}),
         Call(
             "box_grid",
@@ -293,6 +315,11 @@ def calls():
         ),
         Call("read_poses", rc.read_poses, {"path": FOLDER / "none.npy"}),
         Call("write_poses", rc.write_poses, {"path": FOLDER / "poses.npy", "poses": POSES}),
+        Call(
+            "write_poses, named",
+            rc.write_poses,
+            {"path": FOLDER / "poses.json", "poses": POSES, "camera": ["a", "b"]},
+        ),
         Call(
             "read_views",
             rc.read_views,

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from rastercov._typed import check_fields
 from rastercov.camera import Camera
+from rastercov.camera_models import MODELS
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.placement._arrays import FloatArray, IntArray
@@ -173,7 +174,8 @@ def fit_vertices(
     """(G,) distance from which all of (N, 3, 3) corners, from the target, are in view and focus.
 
     A vertex x across and z beyond the target is in view from d where |x| <= (d + z) tan(angle).
-    Where not all can be in focus, the nearest ones are.
+    Where not all can be in focus, the nearest ones are. Lenses without a plane in focus are in
+    focus up to a distance, and a vertex off the axis is further away than its depth.
     """
     z_n, z_f = camera.depth_of_field(framing.max_blur)
     z_n = max(z_n, camera.near) * (1 + FRAMING_MARGIN_REL)
@@ -181,7 +183,11 @@ def fit_vertices(
     depth = seen[..., 2]
     need = np.maximum((offset / half_angles(camera)).max(axis=-1), z_n) - depth
     distance = np.maximum.reduceat(need.max(axis=1), starts)
-    beyond = np.maximum.reduceat(depth.max(axis=1), starts)
+    furthest = z_f - depth
+    if not MODELS[camera.model].is_planar:
+        off_axis = np.hypot(seen[..., 0], seen[..., 1])
+        furthest = np.sqrt(np.maximum((z_f - off_axis) * (z_f + off_axis), 0.0)) - depth
     before = np.minimum.reduceat(depth.min(axis=1), starts)
-    focused: FloatArray = np.maximum(np.minimum(distance, z_f - beyond), z_n - before)
+    most = np.minimum.reduceat(furthest.min(axis=1), starts)
+    focused: FloatArray = np.maximum(np.minimum(distance, most), z_n - before)
     return focused

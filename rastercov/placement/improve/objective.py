@@ -22,13 +22,14 @@ from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.observer import Observer
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
+from rastercov.placement.mounts import Mounts
 from rastercov.placement.select.problem import (
     in_whole_numbers,
-    least_cosine,
     views_of,
     weights_of,
 )
-from rastercov.pose import Poses
+from rastercov.pose import Poses, renumbered
+from rastercov.spread import least_cosine
 from rastercov.task import Reason, Task
 
 POSES_A_BATCH = 64
@@ -56,6 +57,8 @@ class Objective:
         Largest cosine of two rays that differ enough; 2 where any two do.
     watch : callable
         Called with the number of poses after each batch that was measured.
+    mounts : Mounts or None
+        Rigs of the cameras of the observer, which `Poses.camera` counts then.
     """
 
     observer: Observer
@@ -64,6 +67,7 @@ class Objective:
     need: IntArray
     min_cosine: float = 2.0
     watch: Callable[[int], None] = lambda count: None
+    mounts: Mounts | None = None
 
     @classmethod
     def of(
@@ -73,13 +77,13 @@ class Objective:
         *,
         weight_by: str = "area",
         views: int | Mapping[str, int] | None = None,
-        min_angle_deg: float = 0.0,
+        min_angle_deg: float | None = None,
+        mounts: Mounts | None = None,
     ) -> Self:
-        """Objective of an open observer; arguments as for `problem_of`."""
+        """Objective of an open observer; arguments as for `problem_of` and `build_matrix`."""
         task = task or Task()
-        return cls(
-            observer, task, *cls._counted(observer.mesh, task, weight_by, views, min_angle_deg)
-        )
+        counted = cls._counted(observer.mesh, task, weight_by, views, min_angle_deg)
+        return cls(observer, task, *counted, mounts=mounts)
 
     @staticmethod
     def _counted(
@@ -87,16 +91,17 @@ class Objective:
         task: Task,
         weight_by: str,
         views: int | Mapping[str, int] | None,
-        min_angle_deg: float,
+        min_angle_deg: float | None,
     ) -> tuple[IntArray, IntArray, float]:
         """Integer weights, needs and least cosine of the faces of a mesh."""
         weights = in_whole_numbers(weights_of(mesh, weight_by))
         need = views_of(mesh, task.views if views is None else views)
         if (need < 1).any() or not np.issubdtype(need.dtype, np.integer):
             raise ConfigError(f"views must be a whole number, 1 or more, got {views}")
-        if not 0 <= min_angle_deg <= 180:
-            raise ConfigError(f"min_angle_deg must be 0 to 180, got {min_angle_deg}")
-        cosine = least_cosine(math.radians(min_angle_deg))
+        angle = task.min_angle_deg if min_angle_deg is None else min_angle_deg
+        if not 0 <= angle <= 180:
+            raise ConfigError(f"min_angle_deg must be 0 to 180, got {angle}")
+        cosine = least_cosine(math.radians(angle))
         return weights, need.astype(np.int64), cosine
 
     @property
@@ -109,8 +114,29 @@ class Objective:
         """True where `estimated` differs from `listed`."""
         return False
 
+    def cameras(self, poses: ArrayLike | Poses) -> tuple[Poses, IntArray]:
+        """Poses of all cameras of (P, 4, 4) poses, and the row of the pose that each is of."""
+        placed = renumbered(poses)
+        if self.mounts is None:
+            return placed, np.arange(len(placed))
+        return self.mounts.cameras(placed)
+
     def listed(self, poses: FloatArray | Poses) -> Lists:
         """Faces that each of (P, 4, 4) poses covers, in ascending order."""
+        return self._united(poses, self._listed)
+
+    def estimated(self, poses: FloatArray | Poses) -> Lists:
+        """Faces that each pose covers, by the quickest estimate there is; here `listed`."""
+        return self._united(poses, self._estimated)
+
+    def _united(self, poses: FloatArray | Poses, find: Callable[[Poses], Lists]) -> Lists:
+        """Lists of poses, of the mounts that they are of."""
+        placed, owner = self.cameras(poses)
+        found = find(placed)
+        return found if self.mounts is None else self.mounts.united(found, owner, len(poses))
+
+    def _listed(self, poses: Poses) -> Lists:
+        """Faces that each camera covers."""
         rows: list[NDArray[Any]] = []
         if len(poses):
             for batch in evaluate_batches(self.observer, poses, self.task, fields=("reason",)):
@@ -118,9 +144,8 @@ class Objective:
                 self.watch(len(batch.pose_ids))
         return Lists.of(rows)
 
-    def estimated(self, poses: FloatArray | Poses) -> Lists:
-        """Faces that each pose covers, by the quickest estimate there is; here `listed`."""
-        return self.listed(poses)
+    def _estimated(self, poses: Poses) -> Lists:
+        return self._listed(poses)
 
     def covers(self, poses: FloatArray | Poses) -> BoolArray:
         """(P, F) faces that each pose covers."""
@@ -230,13 +255,15 @@ class CellObjective(Objective):
         *,
         weight_by: str = "area",
         views: int | Mapping[str, int] | None = None,
-        min_angle_deg: float = 0.0,
+        min_angle_deg: float | None = None,
+        mounts: Mounts | None = None,
     ) -> Self:
-        """Objective on cells; arguments as for `problem_of`."""
+        """Objective on cells; arguments as for `problem_of` and `build_matrix`."""
         task = finder.task
         counted = cls._counted(cells.elements, task, weight_by, views, min_angle_deg)
         centres = CentrePass(cells, finder.camera, task, finder.threads)
-        return cls(observer, task, *counted, cells=cells, finder=finder, centres=centres)
+        own: dict[str, Any] = {"cells": cells, "finder": finder, "centres": centres}
+        return cls(observer, task, *counted, mounts=mounts, **own)
 
     @property
     def elements(self) -> Mesh:
@@ -248,11 +275,11 @@ class CellObjective(Objective):
         """True: the centre of a cell is an estimate of half of it."""
         return True
 
-    def listed(self, poses: FloatArray | Poses) -> Lists:
-        """Cells that each of (P, 4, 4) poses covers, in ascending order."""
+    def _listed(self, poses: Poses) -> Lists:
+        """Cells that each camera covers, in ascending order."""
         rows: list[NDArray[Any]] = []
         if len(poses):
-            for regions in self.finder.batches(Poses.of(poses)):
+            for regions in self.finder.batches(poses):
                 found = self.cells.share(regions)
                 for first, last in pairwise(found.starts.tolist()):
                     cell, share = found.cell[first:last], found.share[first:last]
@@ -260,8 +287,8 @@ class CellObjective(Objective):
                 self.watch(len(found.pose_ids))
         return Lists.of(rows)
 
-    def estimated(self, poses: FloatArray | Poses) -> Lists:
-        """Cells whose centre each pose covers, in about a seventh of the time of `listed`."""
+    def _estimated(self, poses: Poses) -> Lists:
+        """Cells whose centre each camera covers, in about a seventh of the time of `_listed`."""
         rows: list[NDArray[Any]] = []
         for at in range(0, len(poses), POSES_A_BATCH):
             found = self.centres.find(poses[at : at + POSES_A_BATCH])

@@ -71,7 +71,7 @@ def bit_problem_of(
     *,
     weight_by: str = "area",
     views: int | Mapping[str, int] | None = None,
-    min_angle_deg: float = 0.0,
+    min_angle_deg: float | None = None,
     costs: ArrayLike | None = None,
     min_coverage: float | None = None,
 ) -> BitProblem:
@@ -80,11 +80,12 @@ def bit_problem_of(
     Raises
     ------
     ConfigError
-        As `problem_of`, and for a `min_angle_deg` above 0.
+        As `problem_of`, and for an angle between views.
     """
-    if min_angle_deg != 0:
+    angle = matrix.task.min_angle_deg if min_angle_deg is None else min_angle_deg
+    if angle != 0:
         raise ConfigError(
-            f"min_angle_deg must be 0 on a matrix of bits, got {min_angle_deg:g}; "
+            f"min_angle_deg must be 0 on a matrix of bits, got {angle:g}; "
             "load a VisibilityMatrix for an angle between views"
         )
     bits = matrix.bits if min_coverage is None else matrix.covered_at(min_coverage)

@@ -27,6 +27,7 @@ from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.bit_matrix import BitMatrix
 from rastercov.placement.matrix import VisibilityMatrix
 from rastercov.placement.select import selection_kernels as kernels
+from rastercov.spread import least_cosine
 
 TOTAL_WEIGHT = 1 << 40
 """Total of `Problem.integer_weights`, unless the weights are integers with a smaller sum."""
@@ -283,7 +284,7 @@ def problem_of(
     *,
     weight_by: str = "area",
     views: int | Mapping[str, int] | None = None,
-    min_angle_deg: float = 0.0,
+    min_angle_deg: float | None = None,
     costs: ArrayLike | None = None,
     min_coverage: float | None = None,
 ) -> Problem:
@@ -298,8 +299,9 @@ def problem_of(
     views : int or mapping of str to int, optional
         Cameras that must cover a face, for all or by group (1 for other groups);
         `matrix.task.views` unless given.
-    min_angle_deg : float
-        Least angle between the rays to two of them, degrees; 0 for any.
+    min_angle_deg : float, optional
+        Least angle between the rays to two of them, degrees, 0 for any;
+        `matrix.task.min_angle_deg` unless given.
     costs : (C,) array_like, optional
         Of each candidate; 1 unless given.
     min_coverage : float, optional
@@ -317,7 +319,9 @@ def problem_of(
         indptr=indptr,
         face=face,
         goal=goal,
-        min_angle=math.radians(min_angle_deg),
+        min_angle=math.radians(
+            matrix.task.min_angle_deg if min_angle_deg is None else min_angle_deg
+        ),
         eyes=matrix.poses[:, :3, 3].copy(),
         centroids=elements.centroids,
         **needs,
@@ -368,11 +372,6 @@ def views_of(mesh: Mesh, views: int | Mapping[str, int]) -> IntArray:
         raise ConfigError(f"there is no group {unknown[0]!r}; groups are {', '.join(names)}")
     needed: IntArray = np.array([views.get(name, 1) for name in names])[mesh.face_group]
     return needed
-
-
-def least_cosine(min_angle: float) -> float:
-    """Largest cosine of two rays that differ by an angle, radians; 2 where any two do."""
-    return math.cos(min_angle) + 1e-12 if min_angle > 0 else 2.0
 
 
 def in_whole_numbers(weights: FloatArray) -> IntArray:

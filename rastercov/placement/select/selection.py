@@ -9,11 +9,11 @@ import numpy as np
 
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.select import lagrange
-from rastercov.placement.select import selection_kernels as kernels
 from rastercov.placement.select.cover_state import Cover
 from rastercov.placement.select.deadline import NEVER, Deadline
 from rastercov.placement.select.presolve import ReducedProblem
 from rastercov.placement.select.problem import AnyProblem, BestCoverage, Problem
+from rastercov.spread import ViewSpread
 
 PROVED = 1e-6
 """Relative gap up to which a selection counts as optimal: the tolerance of HiGHS."""
@@ -151,8 +151,8 @@ def in_order(problem: AnyProblem, chosen: IntArray) -> tuple[IntArray, FloatArra
     count = np.zeros(problem.n_faces, np.int64)
     part = problem.integer_weights / problem.views
     spread = None
-    if isinstance(problem, Problem) and problem.min_angle > 0:
-        spread = _Spread(problem, np.asarray(chosen, np.int64))
+    if isinstance(problem, Problem) and problem.centroids is not None:
+        spread = ViewSpread(problem.centroids, problem.min_angle)
 
     def gain(camera: int) -> float:
         faces = problem.faces_of(camera)
@@ -175,30 +175,14 @@ def in_order(problem: AnyProblem, chosen: IntArray) -> tuple[IntArray, FloatArra
             if other is not best:
                 heapq.heappush(stale, other)
         camera = best[1]
-        count[problem.faces_of(camera)] += 1
+        faces = problem.faces_of(camera)
+        count[faces] += 1
         order.append(camera)
         covered = count >= problem.views
-        curve.append(problem.share(covered & spread.after(camera) if spread else covered))
+        if spread is not None:
+            assert isinstance(problem, Problem)
+            if problem.eyes is not None:
+                spread.add(problem.eyes[camera], faces)
+            covered &= spread.is_spread
+        curve.append(problem.share(covered))
     return np.array(order, np.int64), np.array(curve, np.float64)
-
-
-class _Spread:
-    """Incremental test for rays to two cameras of a face that differ by the required angle."""
-
-    def __init__(self, problem: Problem, chosen: IntArray) -> None:
-        self.problem = problem
-        n_pairs = int((problem.indptr[chosen + 1] - problem.indptr[chosen]).sum())
-        self.is_spread = np.zeros(problem.n_faces, np.bool_)
-        self.last = np.full(problem.n_faces, -1, np.int64)
-        self.before = np.empty(n_pairs, np.int64)
-        self.camera = np.empty(n_pairs, np.int64)
-        self.n_seen = 0
-
-    def after(self, camera: int) -> BoolArray:
-        """(F,) faces that pass the test once a camera has been added."""
-        problem = self.problem
-        self.n_seen = kernels.spread_with(
-            camera, problem.indptr, problem.face, problem.eyes, problem.centroids,
-            problem.min_cosine, self.last, self.before, self.camera, self.n_seen, self.is_spread,
-        )  # fmt: skip
-        return self.is_spread

@@ -31,16 +31,7 @@ Arrays are passed one by one: calls from Python with named tuples of them make a
 import numpy as np
 
 from rastercov._jit import compiled
-
-
-@compiled
-def _cosine(eyes, a, b, centroids, f):
-    """Cosine of the angle at a face between the rays to two cameras."""
-    ax, bx = eyes[a, 0] - centroids[f, 0], eyes[b, 0] - centroids[f, 0]
-    ay, by = eyes[a, 1] - centroids[f, 1], eyes[b, 1] - centroids[f, 1]
-    az, bz = eyes[a, 2] - centroids[f, 2], eyes[b, 2] - centroids[f, 2]
-    length = np.sqrt((ax * ax + ay * ay + az * az) * (bx * bx + by * by + bz * bz))
-    return (ax * bx + ay * by + az * bz) / length if length > 0 else 1.0
+from rastercov.spread_kernels import ray_cosine
 
 
 @compiled
@@ -66,51 +57,18 @@ def spread_faces(indptr, face, chosen, views, eyes, centroids, min_cosine):
             continue
         lowest = 1.0
         for i in range(starts[f] + 1, starts[f + 1]):
-            lowest = min(lowest, _cosine(eyes, seen[starts[f]], seen[i], centroids, f))
+            lowest = min(lowest, ray_cosine(eyes, seen[starts[f]], seen[i], centroids, f))
         spread[f] = lowest <= min_cosine
         if spread[f] or lowest > half + 1e-9:
             continue
         for i in range(starts[f] + 1, starts[f + 1]):
             for j in range(i + 1, starts[f + 1]):
-                if _cosine(eyes, seen[i], seen[j], centroids, f) <= min_cosine:
+                if ray_cosine(eyes, seen[i], seen[j], centroids, f) <= min_cosine:
                     spread[f] = True
                     break
             if spread[f]:
                 break
     return spread
-
-
-@compiled
-def spread_with(
-    c, indptr, face, eyes, centroids, min_cosine, last, before, camera, n_seen, is_spread
-):  # fmt: skip
-    """Add a camera to the lists of the faces it covers; number of pairs of camera and face.
-
-    Parameters
-    ----------
-    last : (F,) int64
-        In and out: the pair of the last camera that sees each face, -1 for none.
-    before, camera : (N,) int64
-        In and out: of each pair, the pair before it of the same face, and its camera.
-    n_seen : int
-        Pairs so far.
-    is_spread : (F,) bool
-        In and out: True where the rays to two cameras of a face differ by the angle.
-    """
-    for j in range(indptr[c], indptr[c + 1]):
-        f = face[j]
-        if is_spread[f]:
-            continue
-        pair = last[f]
-        while pair >= 0:
-            if _cosine(eyes, c, camera[pair], centroids, f) <= min_cosine:
-                is_spread[f] = True
-                break
-            pair = before[pair]
-        before[n_seen], camera[n_seen] = last[f], c
-        last[f] = n_seen
-        n_seen += 1
-    return n_seen
 
 
 @compiled
@@ -188,7 +146,7 @@ def change_spread(
             seen[f, n] = c
             if not was_spread:
                 for i in range(n):
-                    if _cosine(eyes, c, seen[f, i], centroids, f) <= min_cosine:
+                    if ray_cosine(eyes, c, seen[f, i], centroids, f) <= min_cosine:
                         is_spread[f] = True
                         break
         else:
@@ -214,7 +172,7 @@ def change_spread(
             closest_of_rest, closest_to_c = 2.0, 2.0
             for i2 in range(n + (sign > 0)):
                 camera = seen[f, i2] if i2 < count[f] else c
-                cosine = _cosine(eyes, other, camera, centroids, f)
+                cosine = ray_cosine(eyes, other, camera, centroids, f)
                 if camera == c:
                     closest_to_c = cosine
                 else:
@@ -233,7 +191,7 @@ def change_spread(
 def _is_spread(seen, n, eyes, centroids, f, min_cosine):
     for i in range(n):
         for j in range(i + 1, n):
-            if _cosine(eyes, seen[f, i], seen[f, j], centroids, f) <= min_cosine:
+            if ray_cosine(eyes, seen[f, i], seen[f, j], centroids, f) <= min_cosine:
                 return True
     return False
 
@@ -332,13 +290,13 @@ def missing_directions(starts, candidates, is_chosen, views, eyes, centroids, mi
         is_open = n >= views[f]
         for i in range(n):
             for j in range(i + 1, n):
-                if _cosine(eyes, close[i], close[j], centroids, f) <= min_cosine:
+                if ray_cosine(eyes, close[i], close[j], centroids, f) <= min_cosine:
                     is_open = False
         if is_open:
             for i in range(starts[f], starts[f + 1]):
                 c, fits = candidates[i], True
                 for j in range(n):
-                    if c == close[j] or _cosine(eyes, c, close[j], centroids, f) <= min_cosine:
+                    if c == close[j] or ray_cosine(eyes, c, close[j], centroids, f) <= min_cosine:
                         fits = False
                         break
                 if fits:

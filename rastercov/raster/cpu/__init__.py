@@ -109,7 +109,9 @@ class CPURasterizer(Closing):
         roll: float = 0.0,
         threads: int | None = None,
     ) -> None:
-        camera.check_pinhole()
+        camera.check_pinhole(
+            "CPURasterizer draws pinholes only", "take open_rasterizer, which draws any lens"
+        )
         self._grid = SampleGrid(camera, supersample, roll)
         side = max(self._grid.width, self._grid.height)
         if side > MAX_SIDE:

@@ -15,11 +15,25 @@ M. Olano, T. Greer. Triangle Scan Conversion using 2D Homogeneous Coordinates. 1
 import numpy as np
 
 from rastercov._jit import allocation_free, part_with_arrays
-from rastercov.raster.cpu.lens_cover import count_covered, count_seen, cover
-from rastercov.raster.cpu.lens_records import BLOCK, SAMPLES, Blocks, FacePlanes, Samples
-from rastercov.raster.cpu.simd_kernel import pointer, pointers
+from rastercov.raster.cpu.lens_cover import (
+    clear,
+    count_covered,
+    count_seen,
+    cover,
+    same_face,
+    tiles_met,
+)
+from rastercov.raster.cpu.lens_records import SAMPLES, TILE, FacePlanes, Reach, Samples
+from rastercov.raster.cpu.memory import LANES
+from rastercov.raster.cpu.simd_kernel import (
+    append_set_bits,
+    count_bits,
+    lowest_bit,
+    pointer,
+    pointers,
+)
 
-LOOKUPS = 4
+LOOKUPS = 2
 """Cells of a side, less one, that are looked up for a face."""
 DOUBT_REL = 1e-14
 """Rounding of an edge at a sample relative to both its corners and the sample, with a factor of
@@ -30,6 +44,10 @@ crosses the block: 2^-24 for each of its value at the center, two products and t
 at most three times the change, with a factor of 2."""
 ROUNDING_REL = 1e-14
 """Rounding of n.a relative to the cube of the largest coordinate, with a factor of 5."""
+MARGIN_REL = 1e-6
+"""Margin of a tile beside an edge or a box, relative to 1 + |x| + |y|, for rounding to float32:
+2^-24 for each of three numbers of an edge, the box, two products and two sums, with a factor of
+2."""
 SLACK = 1e-7
 """Margin of the box of a face for rounding, relative, in units of the plane."""
 LEAST = 5e-324
@@ -82,8 +100,8 @@ def cell_of(value, low, cells_a_unit, n):
 
 
 @part_with_arrays
-def blocks_in(x0, x1, y0, y1, patch):
-    """Blocks that have samples in a box of the plane, and perhaps more."""
+def tiles_in(x0, x1, y0, y1, patch):
+    """Tiles that have samples in a box of the plane, and perhaps more."""
     widths, heights = patch.widths, patch.heights
     i0 = cell_of(x0, patch.low[0], patch.cells_a_unit, widths[0])
     i1 = cell_of(x1, patch.low[0], patch.cells_a_unit, widths[0])
@@ -101,7 +119,7 @@ def blocks_in(x0, x1, y0, y1, patch):
             last_column = max(last_column, np.int64(patch.cells[row + i, 1]))
             first_row = min(first_row, np.int64(patch.cells[row + i, 2]))
             last_row = max(last_row, np.int64(patch.cells[row + i, 3]))
-    return Blocks(x0, x1, y0, y1, first_column, last_column, first_row, last_row)
+    return Reach(x0, x1, y0, y1, first_column, last_column, first_row, last_row)
 
 
 @part_with_arrays
@@ -161,33 +179,28 @@ def planes_of(points, i, j, k, height, side, near, patch):
 
 
 @part_with_arrays
-def is_beside(e, at, boxes, block):
-    """True where a block is on the outer side of an edge, or beside the box of the face.
-
-    Sums of rounded products do not decrease where a term grows, so the value at the corner of the
-    box is a bound of what `cover` computes at the samples.
-    """
-    x0, x1, y0, y1 = boxes[block, 0], boxes[block, 1], boxes[block, 2], boxes[block, 3]
-    if not (x1 >= at.x0 and x0 <= at.x1 and y1 >= at.y0 and y0 <= at.y1):
-        return True
-    if e.a0 * (x1 if e.a0 > 0 else x0) + e.b0 * (y1 if e.b0 > 0 else y0) + e.c0 < -e.d0:
-        return True
-    if e.a1 * (x1 if e.a1 > 0 else x0) + e.b1 * (y1 if e.b1 > 0 else y0) + e.c1 < -e.d1:
-        return True
-    return e.a2 * (x1 if e.a2 > 0 else x0) + e.b2 * (y1 if e.b2 > 0 else y0) + e.c2 < -e.d2
+def is_out_of_sight(x0, x1, y0, y1, patch):
+    """True where a box of the plane has no sample."""
+    low, high = patch.low, patch.high
+    return x1 < low[0] or x0 > high[0] or y1 < low[1] or y0 > high[1]
 
 
 @part_with_arrays
-def clear(image, block):
-    """Empty a block before the first face is put on it."""
-    image.is_touched[block] = True
-    for s in range(SAMPLES):
-        image.inverse[block, s] = np.float32(0.0)
-        image.face[block, s] = np.int32(-1)
+def list_tiles(e, at, patch, listed):
+    """List the tiles that a face may cover; returns their number."""
+    boxes, table, tiles = pointer(patch.boxes), pointer(listed.bit_indices), pointer(listed.tiles)
+    n_boxes, margin, n = patch.boxes.shape[1], MARGIN_REL * patch.reach, 0
+    for row in range(at.first_row, at.last_row + 1):
+        end = row * patch.columns + at.last_column + 1
+        for first in range(row * patch.columns + at.first_column, end, LANES):
+            bits = tiles_met(e, at, boxes, n_boxes, first, end - first, margin)
+            if bits:
+                n = append_set_bits(table, bits, first, tiles, n)
+    return n
 
 
 @allocation_free
-def draw(points, faces, near, front_only, patch, image, drawn, with_drawn):
+def draw(points, faces, near, front_only, patch, listed, image, drawn, with_drawn):
     """Draw all faces on the samples of a patch, and add to (F,) `drawn` what each covers.
 
     Parameters
@@ -200,7 +213,7 @@ def draw(points, faces, near, front_only, patch, image, drawn, with_drawn):
         Depth of the near plane, metres.
     front_only : bool
         Faces that are seen from behind are counted, not drawn.
-    patch, image : Patch, Image
+    patch, listed, image : Patch, Listed, Image
     drawn : (F,) int32
         Not used where `with_drawn` is False.
     """
@@ -215,30 +228,30 @@ def draw(points, faces, near, front_only, patch, image, drawn, with_drawn):
         if not is_drawn and not with_drawn:
             continue
         x0, x1, y0, y1 = box_of(points, i, j, k, near)
-        at = blocks_in(x0, x1, y0, y1, patch)
+        if is_out_of_sight(x0, x1, y0, y1, patch):
+            continue
+        at = tiles_in(x0, x1, y0, y1, patch)
         # Edge-on the sign is not known; the samples where all three edges agree are the face.
         is_both = abs(height) <= rounding
         for turn in range(2 if is_both else 1):
             side = 1.0 if (height > 0.0) != (turn == 1) else -1.0
             e = planes_of(points, i, j, k, height, side, near, patch)
             covered = 0
-            for row in range(at.first_row, at.last_row + 1):
-                for column in range(at.first_column, at.last_column + 1):
-                    block = patch.block_at[row, column]
-                    if block < 0 or is_beside(e, at, patch.boxes, block):
-                        continue
-                    if is_drawn:
-                        if not image.is_touched[block]:
-                            clear(image, block)
-                        covered += cover(e, f, block, samples, inverse, face)
-                    else:
-                        covered += count_covered(e, block, samples)
+            for n in range(list_tiles(e, at, patch, listed)):
+                tile = listed.tiles[n]
+                if is_drawn:
+                    if not image.is_touched[tile]:
+                        image.is_touched[tile] = True
+                        clear(tile, inverse, face)
+                    covered += cover(e, f, tile, samples, inverse, face)
+                else:
+                    covered += count_covered(e, tile, samples)
             if with_drawn:
                 drawn[f] += covered
 
 
 @allocation_free
-def count_targets(points, faces, near, patch, image, visible, drawn):
+def count_targets(points, faces, near, patch, listed, image, visible, drawn):
     """Add the samples of targets to their counts, (N,) each; arguments as for `draw`."""
     samples = pointers(Samples(patch.centres, patch.x, patch.y))
     inverse = pointer(image.inverse)
@@ -248,38 +261,37 @@ def count_targets(points, faces, near, patch, image, visible, drawn):
             continue
         height, rounding = height_of(points, i, j, k)
         x0, x1, y0, y1 = box_of(points, i, j, k, near)
-        at = blocks_in(x0, x1, y0, y1, patch)
+        if is_out_of_sight(x0, x1, y0, y1, patch):
+            continue
+        at = tiles_in(x0, x1, y0, y1, patch)
         for turn in range(2 if abs(height) <= rounding else 1):
             side = 1.0 if (height > 0.0) != (turn == 1) else -1.0
             e = planes_of(points, i, j, k, height, side, near, patch)
-            for row in range(at.first_row, at.last_row + 1):
-                for column in range(at.first_column, at.last_column + 1):
-                    block = patch.block_at[row, column]
-                    if block < 0 or is_beside(e, at, patch.boxes, block):
-                        continue
-                    covered = count_covered(e, block, samples)
-                    drawn[f] += covered
-                    if image.is_touched[block]:
-                        visible[f] += count_seen(e, block, samples, inverse)
-                    else:
-                        visible[f] += covered
+            for n in range(list_tiles(e, at, patch, listed)):
+                tile = listed.tiles[n]
+                covered = count_covered(e, tile, samples)
+                drawn[f] += covered
+                if image.is_touched[tile]:
+                    covered = count_seen(e, tile, samples, inverse)
+                visible[f] += covered
 
 
 @allocation_free
 def count_visible(image, visible):
     """Add the samples of each face to (F,) `visible`; returns how many samples have a face."""
-    filled = 0
-    for block in range(image.is_touched.shape[0]):
-        if not image.is_touched[block]:
+    filled, face = 0, pointer(image.face)
+    for tile in range(image.is_touched.shape[0]):
+        if not image.is_touched[tile]:
             continue
-        start, last = 0, image.face[block, 0]
-        for s in range(1, SAMPLES + 1):
-            f = image.face[block, s] if s < SAMPLES else np.int32(-2)
-            if f != last:
-                if last >= 0:
-                    visible[last] += s - start
-                    filled += s - start
-                start, last = s, f
+        left = (1 << SAMPLES) - 1
+        while left:
+            f = image.face[tile, lowest_bit(left)]
+            bits = same_face(face, tile, f)
+            if f >= 0:
+                n = count_bits(bits)
+                visible[f] += n
+                filled += n
+            left &= ~bits
     return filled
 
 
@@ -290,33 +302,34 @@ def read_image(image, patch, by_ray, face, depth):
     `by_ray`: depth is the distance along the ray, otherwise z.
     """
     height, width = face.shape
-    for block in range(image.is_touched.shape[0]):
-        if not image.is_touched[block]:
+    for tile in range(image.is_touched.shape[0]):
+        if not image.is_touched[tile]:
             continue
-        top, left = BLOCK * patch.places[block, 0], BLOCK * patch.places[block, 1]
+        top = TILE * (patch.first_row + tile // patch.columns)
+        left = TILE * (patch.first_column + tile % patch.columns)
         for s in range(SAMPLES):
-            row, column = top + s // BLOCK, left + s % BLOCK
-            if image.face[block, s] >= 0 and row < height and column < width:
-                z = 1.0 / np.float64(image.inverse[block, s])
+            row, column = top + s // TILE, left + s % TILE
+            if image.face[tile, s] >= 0 and row < height and column < width:
+                z = 1.0 / np.float64(image.inverse[tile, s])
                 if by_ray:
-                    x = patch.centres[block, 0] + patch.x[block, s]
-                    y = patch.centres[block, 1] + patch.y[block, s]
+                    x = patch.centres[tile, 0] + patch.x[tile, s]
+                    y = patch.centres[tile, 1] + patch.y[tile, s]
                     z *= np.sqrt(1.0 + x * x + y * y)
-                face[row, column], depth[row, column] = image.face[block, s], z
+                face[row, column], depth[row, column] = image.face[tile, s], z
 
 
 @allocation_free
-def fill_cells(x, y, places, low, cells_a_unit, width, height, cells):
-    """Fill the first level of `Patch.cells`."""
+def fill_cells(x, y, columns, low, cells_a_unit, width, height, cells):
+    """Fill the first level of `Patch.cells` from the places (T, 16) of samples."""
     for c in range(width * height):
         cells[c, 0] = cells[c, 2] = 1 << 30
         cells[c, 1] = cells[c, 3] = -1
-    for block in range(x.shape[0]):
-        row, column = places[block, 0], places[block, 1]
+    for tile in range(x.shape[0]):
+        row, column = tile // columns, tile % columns
         for s in range(SAMPLES):
-            if x[block, s] == x[block, s]:
-                i = cell_of(x[block, s], low[0], cells_a_unit, width)
-                c = cell_of(y[block, s], low[1], cells_a_unit, height) * width + i
+            if x[tile, s] == x[tile, s]:
+                i = cell_of(x[tile, s], low[0], cells_a_unit, width)
+                c = cell_of(y[tile, s], low[1], cells_a_unit, height) * width + i
                 cells[c, 0], cells[c, 1] = min(cells[c, 0], column), max(cells[c, 1], column)
                 cells[c, 2], cells[c, 3] = min(cells[c, 2], row), max(cells[c, 3], row)
 

@@ -41,8 +41,9 @@ from rastercov.raster.contract import (
     check_picture,
 )
 from rastercov.raster.cpu import lens_kernels as kernels
-from rastercov.raster.cpu.lens_records import SAMPLES, Image, Patch
+from rastercov.raster.cpu.lens_records import SAMPLES, Image, Listed, Patch
 from rastercov.raster.cpu.lens_samples import SampleTables, tables_of
+from rastercov.raster.cpu.memory import LANES, aligned_zeros, bit_table
 from rastercov.raster.tie_order import in_one_order
 
 FloatArray = NDArray[np.float64]
@@ -215,7 +216,7 @@ class _Worker:
     def __init__(self, scene: _Scene) -> None:
         self.scene = scene
         self.points = np.empty(scene.vertices.shape)
-        self.image = _image(0)
+        self.image, self.listed = _image(0), _listed(0)
         self.visible, self.drawn = np.zeros((2, len(scene.faces)), np.int32)
 
     def draw(
@@ -229,7 +230,7 @@ class _Worker:
         """Draw the opaque faces, and add what each covers to (F,) `drawn`."""
         scene, n = self.scene, len(patch.x)
         if len(self.image.is_touched) < n:
-            self.image = _image(n)
+            self.image, self.listed = _image(n), _listed(n)
         inverse, face, is_touched = self.image
         image = Image(inverse[:n], face[:n], is_touched[:n])
         image.is_touched[:] = False
@@ -237,7 +238,7 @@ class _Worker:
         kernels.put_in_plane(scene.vertices, pose[:3, 3] - scene.centre, axes, self.points)
         with_drawn = drawn is not None
         kernels.draw(
-            self.points, scene.faces, float(near), bool(cull), patch, image,
+            self.points, scene.faces, float(near), bool(cull), patch, self.listed, image,
             self.drawn if drawn is None else drawn, with_drawn,
         )  # fmt: skip
         return image
@@ -262,7 +263,14 @@ class _Worker:
         if len(scene.targets):
             seen, covered = np.zeros((2, len(scene.targets)), np.int64)
             kernels.count_targets(
-                self.points, scene.target_faces, float(near), patch, image, seen, covered
+                self.points,
+                scene.target_faces,
+                float(near),
+                patch,
+                self.listed,
+                image,
+                seen,
+                covered,
             )
             visible[scene.targets] += seen
             if drawn is not None:
@@ -271,7 +279,11 @@ class _Worker:
 
 
 def _image(n: int) -> Image:
-    """Memory for n blocks."""
-    return Image(
-        np.empty((n, SAMPLES), np.float32), np.empty((n, SAMPLES), np.int32), np.empty(n, np.bool_)
-    )
+    """Memory for n tiles."""
+    inverse, face = (aligned_zeros((n, SAMPLES), kind) for kind in (np.float32, np.int32))
+    return Image(inverse, face, np.empty(n, np.bool_))
+
+
+def _listed(n: int) -> Listed:
+    """Memory for a list of n tiles."""
+    return Listed(np.empty(n + LANES, np.int32), bit_table())

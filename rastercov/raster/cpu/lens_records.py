@@ -7,38 +7,43 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
+TILE = 4
+"""Samples of a side of a tile."""
+SAMPLES = TILE * TILE
+"""Samples of a tile."""
 BLOCK = 8
-"""Samples of a side of a block."""
-SAMPLES = BLOCK * BLOCK
-"""Samples of a block."""
+"""Samples of a side of a block, whose tiles share a centre."""
 
 
 class Patch(NamedTuple):
-    """Samples of an image that one ideal plane sees, in blocks of 8 x 8, arrays read-only.
+    """Samples of an image that one ideal plane sees, in tiles of 4 x 4, arrays read-only.
+
+    The T tiles are those of a rectangle of the canvas, row by row.
 
     Attributes
     ----------
     frame : (3, 3) float64
         lens_from_plane.
-    centres : (B, 2) float64
-        Place (x, y) in each block, in units of the plane.
-    x, y : (B, 64) float32
-        Places of the samples of each block from there; NaN for a sample of another plane, or of
+    centres : (T, 2) float64
+        Place (x, y) in the block of each tile, in units of the plane.
+    x, y : (T, 16) float32
+        Places of the samples of each tile from there; NaN for a sample of another plane, or of
         none.
-    boxes : (B, 4) float64
-        Least and greatest x, least and greatest y of each block.
-    places : (B, 2) int32
-        Row and column of each block on the canvas.
-    block_at : (rows, columns) int32
-        Block at each place of the canvas, -1 for none.
+    boxes : (4, T + 16) float32
+        Least and greatest x, least and greatest y of each tile, rounded outwards; empty for a tile
+        without samples, and for those behind the last.
     cells : (N, 4) int32
-        First and last column, first and last row of blocks with samples in each cell of a grid on
+        First and last column, first and last row of tiles with samples in each cell of a grid on
         the plane, level by level: a cell of a level is four of the level before. First is after
         last where there is none.
     starts, widths, heights : (L,) int64
         First cell of each level, and its numbers of columns and rows.
-    low : (2,) float64
-        Corner of the grid.
+    low, high : (2,) float64
+        Corners of the box of all samples.
+    first_row, first_column : int
+        Place of the first tile on the canvas.
+    columns : int
+        Tiles in a row.
     cells_a_unit : float
         Cells of the first level in a unit of the plane.
     reach : float
@@ -51,14 +56,16 @@ class Patch(NamedTuple):
     centres: FloatArray
     x: NDArray[np.float32]
     y: NDArray[np.float32]
-    boxes: FloatArray
-    places: NDArray[np.int32]
-    block_at: NDArray[np.int32]
+    boxes: NDArray[np.float32]
     cells: NDArray[np.int32]
     starts: NDArray[np.int64]
     widths: NDArray[np.int64]
     heights: NDArray[np.int64]
     low: FloatArray
+    high: FloatArray
+    first_row: int
+    first_column: int
+    columns: int
     cells_a_unit: float
     reach: float
     half: float
@@ -73,10 +80,10 @@ class Samples(NamedTuple):
 
 
 class Image(NamedTuple):
-    """Image of the blocks of a patch.
+    """Image of the tiles of a patch.
 
-    `inverse`, (B, 64) float32, has 1/z and `face`, (B, 64) int32, the face of each sample, 0 and -1
-    for none; both are valid only where `is_touched`, (B,).
+    `inverse`, (T, 16) float32, has 1/z and `face`, (T, 16) int32, the face of each sample, 0 and -1
+    for none; both are valid only where `is_touched`, (T,).
     """
 
     inverse: NDArray[np.float32]
@@ -84,8 +91,15 @@ class Image(NamedTuple):
     is_touched: NDArray[np.bool_]
 
 
-class Blocks(NamedTuple):
-    """Blocks that a face may reach: a box of the plane, and columns and rows, last included."""
+class Listed(NamedTuple):
+    """Memory for the tiles of a face, (T + 16,), and the table that lists the bits of a mask."""
+
+    tiles: NDArray[np.int32]
+    bit_indices: NDArray[np.uint8]
+
+
+class Reach(NamedTuple):
+    """Tiles that a face may reach: a box of the plane, and columns and rows, last included."""
 
     x0: float
     x1: float

@@ -2,10 +2,10 @@
 
 A lens moves samples, not edges: an edge is straight in an ideal plane (`rastercov.lenses.planes`),
 and each sample is tested at the place of the plane whose ray it sees. Places are found once for a
-camera, by the inverse of the lens, and kept in blocks of 8 x 8 samples with their boxes.
+camera, by the inverse of the lens, and kept in tiles of 4 x 4 samples with their boxes.
 
-The blocks that a face may reach are looked up in a grid over the plane, whose cells have the range
-of blocks with a sample in them. So no face is moved by the lens, and no bound of its bending is
+The tiles that a face may reach are looked up in a grid over the plane, whose cells have the range
+of tiles with a sample in them. So no face is moved by the lens, and no bound of its bending is
 needed.
 """
 
@@ -20,7 +20,8 @@ from rastercov._threads import share_poses
 from rastercov.camera import Camera
 from rastercov.lenses.of_camera import lens_of, planes_of
 from rastercov.raster.cpu import lens_kernels as kernels
-from rastercov.raster.cpu.lens_records import BLOCK, SAMPLES, Patch
+from rastercov.raster.cpu.lens_records import BLOCK, TILE, Patch
+from rastercov.raster.cpu.memory import LANES, aligned_zeros
 from rastercov.raster.sample_grid import SampleGrid
 
 FloatArray = NDArray[np.float64]
@@ -129,28 +130,40 @@ def tables_of(camera: Camera, supersample: int, roll: float) -> SampleTables:
 def _patch(frame: FloatArray, x: FloatArray, y: FloatArray, top: int) -> Patch | None:
     """Patch of places (rows, columns) of whole blocks; None where there is no sample."""
     n_rows, n_columns = x.shape[0] // BLOCK, x.shape[1] // BLOCK
-    blocked = (n_rows, BLOCK, n_columns, BLOCK)
-    x, y = (each.reshape(blocked).swapaxes(1, 2).reshape(-1, SAMPLES) for each in (x, y))
-    is_live = ~np.isnan(x).all(axis=1)
+    is_live = ~np.isnan(_cut(x, BLOCK)).all(axis=1).reshape(n_rows, n_columns)
     if not is_live.any():
         return None
-    x, y = np.ascontiguousarray(x[is_live]), np.ascontiguousarray(y[is_live])
-    at = np.flatnonzero(is_live)
-    places = np.stack((at // n_columns, at % n_columns), axis=1).astype(np.int32)
-    block_at = np.full(n_rows * n_columns, -1, np.int32)
-    block_at[at] = np.arange(len(at))
+    # The rectangle of blocks with samples.
+    (r0, r1), (c0, c1) = (np.flatnonzero(is_live.any(axis=axis))[[0, -1]] for axis in (1, 0))
+    part = slice(BLOCK * r0, BLOCK * (r1 + 1)), slice(BLOCK * c0, BLOCK * (c1 + 1))
+    x, y, is_live = x[part], y[part], is_live[r0 : r1 + 1, c0 : c1 + 1]
     # Float32 from the middle of each block: within 2^-24 of half its side.
-    low_x, high_x, low_y, high_y = (
-        limit(each, axis=1) for each in (x, y) for limit in (np.nanmin, np.nanmax)
-    )
-    centres = np.stack(((low_x + high_x) / 2, (low_y + high_y) / 2), axis=1)
-    from_x = (x - centres[:, :1]).astype(np.float32)
-    from_y = (y - centres[:, 1:]).astype(np.float32)
+    middle = np.zeros((is_live.size, 2))
+    for axis, each in enumerate((x, y)):
+        of_block = _cut(each, BLOCK)[is_live.ravel()]
+        middle[is_live.ravel(), axis] = (
+            np.nanmin(of_block, axis=1) + np.nanmax(of_block, axis=1)
+        ) / 2
+    several = BLOCK // TILE
+    centres = middle.reshape(*is_live.shape, 2).repeat(several, axis=0).repeat(several, axis=1)
+    columns = centres.shape[1]
+    centres = centres.reshape(-1, 2)
+    x, y = _cut(x, TILE), _cut(y, TILE)
+    from_x, from_y = (aligned_zeros(x.shape, np.float32) for _ in range(2))
+    from_x[:], from_y[:] = x - centres[:, :1], y - centres[:, 1:]
     x, y = centres[:, :1] + from_x, centres[:, 1:] + from_y
-    sides = (np.nanmin(x, axis=1), np.nanmax(x, axis=1), np.nanmin(y, axis=1), np.nanmax(y, axis=1))
-    boxes = np.stack(sides, axis=1)
-    low = np.ascontiguousarray(boxes[:, [0, 2]].min(axis=0))
-    size = boxes[:, [1, 3]].max(axis=0) - low
+    sides = [limit(each, axis=1) for each in (x, y) for limit in (np.fmin.reduce, np.fmax.reduce)]
+    boxes = np.empty((4, len(x) + LANES), np.float32)
+    boxes[0::2], boxes[1::2] = np.inf, -np.inf
+    has_samples = ~np.isnan(sides[0])
+    for row, (side, outwards) in enumerate(zip(sides, (-np.inf, np.inf) * 2, strict=True)):
+        outer = np.nextafter(side.astype(np.float32), np.float32(outwards))
+        boxes[row, : len(x)][has_samples] = outer[has_samples]
+    low, high = (
+        np.array([np.fmin.reduce(sides[0]), np.fmin.reduce(sides[2])]),
+        np.array([np.fmax.reduce(sides[1]), np.fmax.reduce(sides[3])]),
+    )
+    size = high - low
     n_cells = max(1.0, np.count_nonzero(~np.isnan(x)) / SAMPLES_A_CELL)
     # A row of samples, or one alone, has no area: then its longer side is divided.
     side = max(float(np.sqrt(size[0] * size[1] / n_cells)), float(size.max()) / n_cells, 1e-300)
@@ -161,26 +174,35 @@ def _patch(frame: FloatArray, x: FloatArray, y: FloatArray, top: int) -> Patch |
     widths, heights = np.array(shapes, np.int64).T.copy()
     starts = np.concatenate(([0], np.cumsum(widths * heights)))
     cells = np.empty((starts[-1], 4), np.int32)
-    kernels.fill_cells(x, y, places, low, 1 / side, width, height, cells)
+    kernels.fill_cells(x, y, columns, low, 1 / side, width, height, cells)
     kernels.merge_cells(cells, starts[:-1], widths, heights)
-    places[:, 0] += top
     patch = Patch(
         frame=np.ascontiguousarray(frame),
         centres=centres,
         x=from_x,
         y=from_y,
         boxes=boxes,
-        places=places,
-        block_at=block_at.reshape(n_rows, n_columns),
         cells=cells,
         starts=starts[:-1].astype(np.int64),
         widths=widths,
         heights=heights,
         low=low,
+        high=high,
+        first_row=several * (top + int(r0)),
+        first_column=several * int(c0),
+        columns=columns,
         cells_a_unit=1 / side,
-        reach=1 + float(np.abs(boxes[:, :2]).max() + np.abs(boxes[:, 2:]).max()),
+        reach=1 + float(np.maximum(np.abs(low), np.abs(high)).sum()),
         half=float(max(np.nanmax(np.abs(from_x)), np.nanmax(np.abs(from_y)))),
     )
-    for array in patch[:-3]:
-        array.flags.writeable = False
+    for array in patch:
+        if isinstance(array, np.ndarray):
+            array.flags.writeable = False
     return patch
+
+
+def _cut(places: FloatArray, side: int) -> FloatArray:
+    """Places (rows, columns) of whole squares as (N, side^2), square by square in rows."""
+    rows, columns = places.shape[0] // side, places.shape[1] // side
+    squares = places.reshape(rows, side, columns, side).swapaxes(1, 2)
+    return np.ascontiguousarray(squares).reshape(-1, side * side)

@@ -155,6 +155,12 @@ def aligned_zeros(shape: int | tuple[int, ...], dtype: DTypeLike) -> NDArray[Any
     return zeros
 
 
+def bit_table() -> NDArray[np.uint8]:
+    """For each byte the indices of its set bits, in order: stream compaction without a branch."""
+    indices = [sorted(range(8), key=lambda k: not bits >> k & 1) for bits in range(256)]
+    return np.array(indices, np.uint8).ravel()
+
+
 def make_scratch() -> Scratch:
     """Scratch arrays of one thread."""
     dtypes: dict[str, DTypeLike] = dict.fromkeys(("u", "v", "w", "plane64", "camera"), np.float64)
@@ -162,11 +168,9 @@ def make_scratch() -> Scratch:
     arrays = {
         name: aligned_zeros(BUFFER_SIZE, dtypes.get(name, np.int32)) for name in Scratch._fields
     }
-    # For each byte the indices of its set bits, in order: stream compaction without a branch.
-    bit_indices = [sorted(range(8), key=lambda k: not bits >> k & 1) for bits in range(256)]
     return Scratch(**arrays)._replace(
         identity=np.arange(LANES, dtype=np.int32),
-        bit_indices=np.array(bit_indices, np.uint8).ravel(),
+        bit_indices=bit_table(),
         polygon=np.zeros(3 * CLIP_CORNERS),
         polygon_out=np.zeros(3 * CLIP_CORNERS),
         frustum=np.zeros(FRUSTUM_PLANES * PLANE),

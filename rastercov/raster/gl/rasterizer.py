@@ -100,7 +100,9 @@ class GLRasterizer(Closing):
             raise ConfigError(
                 f"max_tile, max_faces_a_draw and image_budget must be 1 or more, got {limits}"
             )
-        camera.check_pinhole()
+        camera.check_pinhole(
+            "OpenGL draws pinholes only", "take --device cpu (backend cpu), or method certified"
+        )
         self.mesh, self.camera, self.supersample, self.roll = mesh, camera, supersample, roll
         self._is_open = True
         self._owns_context = not isinstance(device, HeadlessContext)

@@ -117,6 +117,7 @@ class MarkerRenderer(Closing):
         wall : float
             Reflectance of the background.
         """
+        camera.check_pinhole("images of plates are drawn through pinholes")
         left, top, width, height = box or (0, 0, camera.width, camera.height)
         if not (0 < width <= ATLAS and 0 < height <= ATLAS):
             raise ConfigError(f"box must be 1 to {ATLAS} px a side, got {width} x {height}")

@@ -34,7 +34,12 @@ class Neighbourhood:
 
 
 def neighbourhood(mesh: Mesh, camera: Camera, pose: FloatArray, face: int) -> Neighbourhood | None:
-    """True polygons around a face, from the faces that overlap its surroundings."""
+    """True polygons around a face, from the faces that overlap its surroundings.
+
+    None for a lens that is no pinhole, whose image has no polygons.
+    """
+    if not camera.is_pinhole:
+        return None
     from rastercov.reference.polygons import visible_polygons
 
     near = float(near_limit(camera, mesh.opaque.bounds, pose[None])[0])

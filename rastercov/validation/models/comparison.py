@@ -53,7 +53,7 @@ def compare_models(
     camera: Camera,
     poses: ArrayLike,
     task: Task | None = None,
-    names: Sequence[str] = tuple(MODELS),
+    names: Sequence[str] | None = None,
     *,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> ModelComparison:
@@ -67,8 +67,8 @@ def compare_models(
         world_from_camera.
     task : Task, optional
         For all models; each uses the thresholds that it has.
-    names : sequence of str
-        Names in `MODELS`.
+    names : sequence of str, optional
+        Names in `MODELS`; all that take the lens of the camera unless given.
     progress : callable
         Called with the poses done and the poses in all.
 
@@ -76,11 +76,14 @@ def compare_models(
     ------
     ConfigError
         For an unknown model or one named twice, or without poses.
+    CameraError
+        For a named model that wants a pinhole, and another lens.
     PoseError
         For a pose that is no rigid motion.
     """
     task = task or Task()
     matrices = valid_poses(poses)
+    names = [name for name in MODELS if name not in left_out(camera)] if names is None else names
     _check(names, len(matrices))
     statistics = _Statistics(mesh, task, tuple(names))
     progress(0, len(matrices))
@@ -110,6 +113,14 @@ def compare_models(
         info = observer.info
     run = Provenance(mesh, camera, matrices, task, measured_by=info).as_dict()
     return statistics.result(run)
+
+
+def left_out(camera: Camera) -> dict[str, str]:
+    """Reason of each model that does not take the lens of a camera."""
+    if camera.is_pinhole:
+        return {}
+    reasons = {name: model.pinhole_because for name, model in MODELS.items()}
+    return {name: reason for name, reason in reasons.items() if reason}
 
 
 def covers(coverage: FloatArray, task: Task) -> BoolArray:

@@ -6,27 +6,26 @@ The elements are faces, or cells where the result is by area (`rastercov.area.ce
 covered by a camera that covers half of it or more. Density and angle are those at its centroid.
 """
 
+import logging
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov._arguments import check_kind, members
-from rastercov._checks import finite_number, shown
 from rastercov.area.cells import Cells, cells, usual_size
 from rastercov.area.network import AreaNetwork, unit_of_result
-from rastercov.area.observer import RegionObservation, RegionObserver
-from rastercov.coverage import judged, measurements
-from rastercov.coverage_pass import CoveragePass
+from rastercov.cluster import Made, Workers
 from rastercov.engine import Engine
 from rastercov.errors import ConfigError
+from rastercov.evaluation_shards import EvaluationShards, Source, Wanted, open_for
 from rastercov.mesh import Mesh
 from rastercov.network import Network
-from rastercov.observer import open_observer
 from rastercov.placement.matrix_shards import shortened
 from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.problem import FewestCameras, Problem, views_of, weights_of
@@ -39,11 +38,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
-FIGURES = (
-    *("coverage", "reason", "visibility_bound", "visibility_kind"),
-    *("in_view_fraction", "drawn_pixels"),
-)
-"""Figures that a `Network` adds up."""
+LOG = logging.getLogger("rastercov")
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +75,9 @@ class Audit:
         By face: views, best coverage and reasons.
     areas : AreaNetwork or None
         Exact covered area, where the result is by area.
+    quarantined : mapping of int to str
+        Poses, by their row in the input, that are left out because they kill the process that
+        measures them, and its end.
     """
 
     mesh: Mesh
@@ -101,6 +99,7 @@ class Audit:
     subset: Selection
     network: Network
     areas: AreaNetwork | None
+    quarantined: Mapping[int, str] = field(default_factory=dict)
 
     @property
     def redundant(self) -> BoolArray:
@@ -138,6 +137,7 @@ class Audit:
                 for row in range(len(self.poses))
             ],
         }
+        summary["quarantined"] = {str(pose): end for pose, end in self.quarantined.items()}
         network = self.network.summary()
         if self.areas is not None:
             self.areas.add_to(network)
@@ -154,10 +154,13 @@ def audit(
     names: Sequence[str] | None = None,
     by: str | None = None,
     resolution_of_result: float | None = None,
-    min_angle_deg: float = 0.0,
     method: str | Engine = "certified",
     skip_bad_poses: bool = False,
     progress: Callable[[int, int], None] = lambda done, total: None,
+    folder: str | Path | None = None,
+    workers: Workers | None = None,
+    watch: Callable[[Made], None] = lambda made: None,
+    note: Callable[[str], None] = LOG.warning,
 ) -> Audit:
     """Coverage of a surface by existing cameras, and what each of them adds.
 
@@ -178,19 +181,27 @@ def audit(
         Unit of the result; "area" unless a threshold is of a face or the method counts samples.
     resolution_of_result : float, optional
         Longest side of the cells, metres; `rastercov.area.cells.usual_size` unless given.
-    min_angle_deg : float
-        Least angle between the rays to two of the cameras that cover an element, degrees.
     method : {"certified", "exact", "sampled"}, or Engine
         As for `open_observer`.
     skip_bad_poses : bool
         Leave out poses that are no rigid motion instead of raising.
     progress : callable
         Called with the poses done and the total.
+    folder : path, optional
+        Folder for shards (`rastercov.evaluation_shards`), from which an audit that was ended
+        continues; they stay there.
+    workers : Workers, optional
+        Processes that measure, with a folder that all of them share; this one unless given.
+    watch : callable
+        Called with each shard that a worker made.
+    note : callable
+        Called with a line on what went wrong and was mended; logs it as a warning unless given.
 
     Raises
     ------
     ConfigError
-        For names of another number than the poses, or an angle that is none.
+        For workers without a folder, names of another number than the poses, and where a worker or
+        its scheduler fails.
     PoseError
         For a pose that is no rigid motion.
     """
@@ -199,40 +210,43 @@ def audit(
     check_kind("task", task, Task, "a Task or None", ConfigError)
     accepted = Poses.of(poses, skip_bad=skip_bad_poses)
     words = _names(names, accepted)
-    angle = finite_number(min_angle_deg)
-    if not 0 <= angle <= 180:
-        raise ConfigError(f"min_angle_deg must be 0 to 180, got {shown(min_angle_deg)}")
     engine = Engine.of(method)
-    unit, _ = unit_of_result(by, task, engine, camera)
+    # The angle is judged at the centroids of the elements, cells too.
+    single = replace(task, min_angle_deg=0.0)
+    unit, _ = unit_of_result(by, single, engine)
     elements = None
     if unit == "area":
         size = usual_size(mesh) if resolution_of_result is None else resolution_of_result
         elements = cells(mesh, size)
-    network = Network(mesh, task)
-    areas = AreaNetwork(mesh, task) if elements is not None else None
+    network = Network(mesh, single)
+    areas = AreaNetwork(mesh, single) if elements is not None else None
     pairs = _Pairs()
-    observer: Any = (
-        open_observer(mesh, camera, engine)
-        if elements is None
-        else RegionObserver(mesh, camera, task, engine)
-    )
-    with observer:
-        judge = CoveragePass(observer, task)
-        progress(0, len(accepted))
-        for part, seen in measurements(observer, accepted):
-            coverage = judged(observer, judge, task, part, seen, FIGURES)
-            network.add(coverage)
-            if elements is None or areas is None or not isinstance(seen, RegionObservation):
-                row, face = np.nonzero((coverage.coverage > 0) & mesh.task_mask)
-                pairs.add(row, face, coverage.coverage[row, face], len(part))
+    if workers is not None and folder is None:
+        raise ConfigError("workers make shards in a folder; name one, or leave out workers")
+    rows = "covered" if elements is None else "none"
+    wanted = Wanted(engine, elements is not None, rows, (), apart=False)
+    with open_for(mesh, camera, single, wanted) as observer:
+        shards = None
+        if folder is not None:
+            shards = EvaluationShards(Path(folder), observer, accepted, single, wanted)
+        source = Source(network, observer, accepted, wanted, shards)
+        for batch, regions in source.parts(progress, workers, watch, note):
+            network.add(batch)
+            if areas is None or elements is None or regions is None:
+                is_scored = mesh.task_mask[batch.rows.face]
+                row = np.searchsorted(batch.pose_ids, batch.rows.pose[is_scored])
+                pairs.add(row, batch.rows.face[is_scored], len(batch.poses))
             else:
-                areas.add(seen.regions)
-                found = elements.share(seen.regions)
-                row = np.repeat(np.arange(len(part)), np.diff(found.starts))
-                pairs.add(row, found.cell, found.share, len(part))
-            progress(len(network.pose_ids), len(accepted))
+                areas.add(regions)
+                found = elements.share(regions)
+                row = np.repeat(np.arange(len(batch.poses)), np.diff(found.starts))
+                enough = shortened(found.share, task.min_coverage)[1]
+                pairs.add(row[enough], found.cell[enough], len(batch.poses))
     on = mesh if elements is None else elements.elements
-    indptr, element = pairs.covered(task.min_coverage)
+    indptr, element = pairs.limits()
+    is_measured = np.isin(accepted.ids, network.pose_ids)
+    accepted = accepted[is_measured]
+    words = tuple(np.array(words, object)[is_measured])
     problem = Problem(
         indptr=indptr,
         face=element,
@@ -243,14 +257,14 @@ def audit(
         groups=tuple(group.name for group in on.groups),
         face_group=on.face_group,
         mean_coverage=np.zeros(len(accepted)),
-        min_angle=math.radians(angle),
+        min_angle=math.radians(task.min_angle_deg),
         eyes=accepted.world_from_camera[:, :3, 3].copy(),
         centroids=on.centroids,
     )
     every = np.arange(len(accepted))
     views, covered = problem.covered_by(every)
     best, by_camera, widest, lost, alone = _figures(problem, on, accepted, cameras_of(camera))
-    if angle > 0:
+    if task.min_angle_deg > 0:
         lost = _lost_one_by_one(problem, covered)
     weights = problem.weights
     seen_m2 = np.array([float(weights[element[a:b]].sum()) for a, b in pairwise(indptr)])
@@ -259,29 +273,24 @@ def audit(
         problem=problem, views=views, best_density=best, best_camera=by_camera,
         widest_angle=widest, covered=covered & (weights > 0), seen_m2=seen_m2, lost_m2=lost,
         alone_m2=alone, subset=select_greedy(problem), network=network, areas=areas,
+        quarantined={} if shards is None else shards.quarantined,
     )  # fmt: skip
 
 
 class _Pairs:
-    """Pairs of camera and element, batch by batch."""
+    """Pairs of camera and element that it covers, batch by batch."""
 
     def __init__(self) -> None:
-        self._counts, self._elements = [np.zeros(0, np.int64)], [np.zeros(0, np.int32)]
-        self._values = [np.zeros(0)]
+        self._counts, self._elements = [np.zeros(1, np.int64)], [np.zeros(0, np.int32)]
 
-    def add(self, row: NDArray[Any], element: NDArray[Any], value: FloatArray, n: int) -> None:
+    def add(self, row: NDArray[Any], element: NDArray[Any], n: int) -> None:
         """Take in the pairs of `n` further poses, by row."""
         self._counts.append(np.bincount(row, minlength=n))
         self._elements.append(element.astype(np.int32))
-        self._values.append(value)
 
-    def covered(self, least: float) -> tuple[IntArray, NDArray[np.int32]]:
-        """Row limits (P + 1,), and the elements (N,), of pairs with at least that coverage."""
-        counts, element = np.concatenate(self._counts), np.concatenate(self._elements)
-        covers = shortened(np.concatenate(self._values), least)[1]
-        pose = np.repeat(np.arange(len(counts)), counts)[covers]
-        starts = np.concatenate(([0], np.cumsum(np.bincount(pose, minlength=len(counts)))))
-        return starts.astype(np.int64), element[covers]
+    def limits(self) -> tuple[IntArray, NDArray[np.int32]]:
+        """Row limits (P + 1,), and the elements (N,)."""
+        return np.concatenate(self._counts).cumsum(), np.concatenate(self._elements)
 
 
 def _figures(
@@ -289,7 +298,7 @@ def _figures(
 ) -> tuple[FloatArray, NDArray[np.int32], FloatArray, FloatArray, FloatArray]:
     """Best density and its camera, widest angle (E,); lost weight, and that of one camera (P,)."""
     from rastercov._jit import announce_compilation
-    from rastercov.audit import kernels
+    from rastercov.audits import kernels
     from rastercov.criteria_kernels import lens_of, read_only
     from rastercov.placement.select.presolve_kernels import by_face
 

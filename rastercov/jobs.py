@@ -1,0 +1,244 @@
+"""The jobs of the commands `place`, `check` and `audit` as functions, which return their results.
+
+Nothing is written unless `out` names a folder, which then gets the files of the command. They load
+their modules when they are called.
+"""
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+from numpy.typing import ArrayLike
+
+from rastercov._arguments import check_kind
+from rastercov._checks import finite_number, shown
+from rastercov._files import StrPath
+from rastercov.cluster import Workers
+from rastercov.engine import Engine
+from rastercov.errors import ConfigError, PoseError
+from rastercov.mesh import Mesh
+from rastercov.pose import Poses
+from rastercov.rig import Cameras, Rig, cameras_of, names_of
+from rastercov.task import Task
+from rastercov.views import Views
+
+if TYPE_CHECKING:
+    from rastercov.audits import Audit
+    from rastercov.plan.check import Checked
+    from rastercov.plan.file import Plan
+    from rastercov.plan.run import Placement
+
+
+def place(
+    plan: "StrPath | Mapping[str, Any] | Plan",
+    *,
+    camera: Cameras | None = None,
+    out: StrPath | None = None,
+    workers: Workers | None = None,
+) -> "Placement":
+    """Camera poses for a plan, as the command `place` finds them.
+
+    Parameters
+    ----------
+    plan : path, mapping or Plan
+        A plan file, its entries as a mapping with files relative to the working directory, or what
+        `rastercov.plan.file.read_plan` gives.
+    camera : Camera, Rig or sequence of Camera, optional
+        Instead of the cameras of the plan; costs are those of the plan, by the names of a Rig.
+    out : path, optional
+        Folder for the files of the command; without it nothing is written, and the visibility
+        matrix is held in memory.
+    workers : Workers, optional
+        Processes that measure the candidates, for `out`; this one unless given.
+
+    Returns
+    -------
+    Placement
+        `cameras.placed` are the poses with the camera of each, `cameras.share` the share that they
+        cover, `selection` the choice with its bound, `requirements` and `is_met` the goal.
+
+    Raises
+    ------
+    PlanError
+        With a line for everything that is wrong with the plan.
+    ConfigError
+        When no candidate is left.
+    """
+    from rastercov.plan.run import place as run
+
+    asked = _plan(plan, camera)
+    _check_folder(workers, out)
+    if out is None:
+        return run(asked, None)
+    from rastercov.report.plan import run_into
+
+    return run_into(asked, Path(out), workers=workers)
+
+
+def check(
+    plan: "StrPath | Mapping[str, Any] | Plan",
+    poses: StrPath | ArrayLike | Poses | Views,
+    *,
+    camera: Cameras | None = None,
+    min_coverage: float | None = None,
+    groups: Mapping[str, float] | None = None,
+    views: int | None = None,
+) -> "Checked":
+    """Check of camera poses against a plan, as the command `check` does it.
+
+    Parameters
+    ----------
+    plan : path, mapping or Plan
+        As for `place`; its candidates and constraints are not used.
+    poses : path, (P, 4, 4) array_like, Poses or Views
+        The rig: a file of poses or views, or world_from_camera. `Poses.camera` counts the cameras
+        of the plan; views name theirs.
+    camera : Camera, Rig or sequence of Camera, optional
+        Instead of the cameras of the plan.
+    min_coverage : float, optional
+        Share to cover, instead of the plan's.
+    groups : mapping of str to float, optional
+        Shares to cover of groups, instead of the plan's.
+    views : int, optional
+        Cameras that a face or point needs, instead of the plan's.
+
+    Returns
+    -------
+    Checked
+        `is_met`, `requirements` with the share reached and its bounds, `lines()` and `summary()`.
+
+    Raises
+    ------
+    PlanError
+        For a plan that does not fit its meshes.
+    PoseError
+        For a file that cannot be read, a row that is not a pose, or a pose of another camera.
+    ConfigError
+        Where nothing is required, or of an unknown group.
+    """
+    from rastercov.camera_formats import read_views
+    from rastercov.plan import check as plan_check
+
+    asked = _plan(plan, camera)
+    shares = {} if groups is None else groups
+    check_kind("groups", shares, Mapping, "a mapping of names to shares", ConfigError)
+    every = dict(shares) if min_coverage is None else {"min_coverage": min_coverage, **shares}
+    for name, share in every.items():
+        if not 0 <= finite_number(share) <= 1:
+            raise ConfigError(f"{name} must be a share of 0 to 1, got {shown(share)}")
+    if views is not None:
+        Task(views=views)  # refuses what is no number of views
+    wanted = [f"{name}={float(share)!r}" for name, share in shares.items()]
+    limits = plan_check.limits(asked, None if min_coverage is None else float(min_coverage), wanted)
+    file, given = Path("poses"), cast("Any", poses)
+    if isinstance(poses, str | os.PathLike):
+        file, given = Path(poses), read_views(poses)
+    return plan_check.check(asked, file, limits, views, poses=given)
+
+
+def audit(
+    mesh: Mesh,
+    camera: Cameras | Views,
+    poses: ArrayLike | Poses | None = None,
+    task: Task | None = None,
+    *,
+    names: Sequence[str] | None = None,
+    by: str | None = None,
+    resolution_of_result: float | None = None,
+    method: str | Engine = "certified",
+    skip_bad_poses: bool = False,
+    out: StrPath | None = None,
+    workers: Workers | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> "Audit":
+    """Coverage of a surface by existing cameras, and what each of them adds.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The surface.
+    camera : Camera, Rig, sequence of Camera, or Views
+        The cameras; where there are several, `Poses.camera` says which is in each pose. Views have
+        the poses and the names of their images, too.
+    poses : (P, 4, 4) array_like, or Poses
+        world_from_camera; left out with views.
+    task : Task, optional
+        Thresholds; `Task()` unless given.
+    names : sequence of str, optional
+        Name of each pose, such as of its image, or of each without fault; "0", "1", ... unless
+        given.
+    by : {"area", "face"}, optional
+        Unit of the result; "area" unless a threshold is of a face or the method counts samples.
+    resolution_of_result : float, optional
+        Longest side of the cells, metres; by the scene unless given.
+    method : {"certified", "exact", "sampled"}, or Engine
+        As for `open_observer`.
+    skip_bad_poses : bool
+        Leave out poses that are no rigid motion instead of raising.
+    out : path, optional
+        Folder for the files of the command; without it nothing is written.
+    workers : Workers, optional
+        Processes that measure, for `out`; this one unless given.
+    progress : callable
+        Called with the poses done and the total.
+
+    Raises
+    ------
+    ConfigError
+        For names of another number than the poses.
+    PoseError
+        For a pose that is no rigid motion, and for no poses.
+    CameraError
+        For views without cameras.
+    """
+    from rastercov.audits import audit as run
+
+    if isinstance(camera, Views):
+        if poses is not None:
+            raise PoseError("views have poses of their own; leave out poses, or give cameras")
+        camera.cameras()
+        camera.check_unit()
+        assert camera.rig is not None
+        names = camera.images or None if names is None else names
+        poses, camera = camera.poses, camera.rig
+    if poses is None:
+        raise PoseError("poses are missing; give them, or views in place of the cameras")
+
+    def found(shards: Path | None) -> "Audit":
+        return run(
+            mesh, camera, poses, task, names=names, by=by, method=method,
+            resolution_of_result=resolution_of_result, skip_bad_poses=skip_bad_poses,
+            progress=progress, folder=shards, workers=workers,
+        )  # fmt: skip
+
+    _check_folder(workers, out)
+    if out is None:
+        return found(None)
+    from rastercov.report.audit import write
+
+    options = {"by": by, "resolution_of_result": resolution_of_result, "method": str(method)}
+    return write(found, Path(out), options, is_kept=workers is not None)[0]
+
+
+def _check_folder(workers: Workers | None, out: StrPath | None) -> None:
+    if workers is not None and out is None:
+        raise ConfigError("workers need a folder for what they make; give out, or no workers")
+
+
+def _plan(plan: "StrPath | Mapping[str, Any] | Plan", camera: Cameras | None) -> "Plan":
+    """The plan that is meant, with other cameras where these are given."""
+    from rastercov.plan.file import Plan, plan_of, read_plan
+
+    if isinstance(plan, Mapping):
+        plan = plan_of(plan)
+    elif isinstance(plan, str | os.PathLike):
+        plan = read_plan(plan)
+    check_kind("plan", plan, Plan, "a plan file, a mapping or a Plan", ConfigError)
+    if camera is None:
+        return plan
+    cameras = cameras_of(camera)
+    if isinstance(camera, Rig):
+        return plan.with_cameras(camera)
+    names = plan.camera_names if len(plan.camera_names) == len(cameras) else names_of(camera)
+    return plan.with_cameras(Rig(cameras, names))

@@ -1,0 +1,189 @@
+"""Bounds of the second and third derivatives of a lens over parts of an ideal plane.
+
+By Cauchy's estimate a bound M of |f - k|, f the first derivatives and k any number, within R of a
+point bounds the derivatives there: that of order m is at most (m - 1)! M / R^(m-1). M is found by
+the equations on complex balls (`balls.slope_reach`), for each cell of a grid over the region; the
+best of some radii counts. These bounds are some ten to a hundred times too large. So each cell is
+divided, differences give the derivatives in the middle of a part, and the bounds of the next orders
+what they are off by, and how much they change in the part.
+"""
+
+import math
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov._jit import allocation_free, announce_compilation
+from rastercov.camera import Camera
+from rastercov.lenses import balls, formulas
+from rastercov.lenses.kernels import slopes_many
+from rastercov.lenses.of_camera import MOST_LENSES, planes_of
+from rastercov.lenses.planes import IdealPlane
+
+FloatArray = NDArray[np.float64]
+
+CELLS, PARTS = 32, 4
+"""Cells of a side of the grid for balls, and parts of the side of a cell."""
+STEP = 1e-3
+"""Step of the differences, in units of the plane: far less than the least of the radii."""
+ORDERS = (2, 3, 4, 5)
+RADII = tuple(np.geomspace(0.01, 0.5, 12).tolist())
+"""Radii, in units of the plane, at which bounds are tried; of a plane with a pole, in units of the
+distance from it."""
+
+
+class Slopes(NamedTuple):
+    """Bounds of derivatives along lines of a plane, px per unit^2 and unit^3.
+
+    Attributes
+    ----------
+    low_x, low_y, per_x, per_y : float
+        Corner of the grid, and cells a unit.
+    second, third : (CELLS PARTS, CELLS PARTS) float64
+        By row (y) and column (x); 0 beyond the region.
+    is_graded : bool
+        The plane has a pole at (0, 0): bounds at a distance d from it are the next two numbers,
+        over d^2 and d^3.
+    near_pole_2, near_pole_3 : float
+    """
+
+    low_x: float
+    low_y: float
+    per_x: float
+    per_y: float
+    second: FloatArray
+    third: FloatArray
+    is_graded: bool
+    near_pole_2: float
+    near_pole_3: float
+
+
+@lru_cache(maxsize=MOST_LENSES)
+def slopes_of(camera: Camera) -> tuple[Slopes, ...]:
+    """Bounds for each plane of a camera, in the order of `planes_of`."""
+    announce_compilation(slopes_many)
+    return tuple(_slopes(plane) for plane, _ in planes_of(camera))
+
+
+def is_affine(plane: IdealPlane) -> bool:
+    """True for a lens without distortion: pixels are affine in its plane."""
+    p = plane.params
+    is_flat = not p[formulas.K1 : formulas.T00].any()
+    is_flat = is_flat and p[formulas.T20] == 0.0 and p[formulas.T21] == 0.0
+    return bool(plane.code == formulas.PINHOLE and is_flat)
+
+
+def _slopes(plane: IdealPlane) -> Slopes:
+    low, high = plane.region.min(axis=0), plane.region.max(axis=0)
+    half = (high - low) / (2 * CELLS)
+    middle = low[:, None] + half[:, None] * (2 * np.arange(CELLS) + 1)
+    x, y = (grid.ravel() for grid in np.meshgrid(*middle))
+    bounds = np.zeros((len(ORDERS), CELLS * CELLS))
+    pole = 0.0, 0.0
+    if plane.has_pole:
+        pole = _near_pole(plane, x, y, float(half.max()))
+    elif not is_affine(plane):
+        rows = np.flatnonzero(plane.meets(x, y, (float(half[0]), float(half[1]))))
+        bounds[:, rows] = np.inf
+        for radius in RADII:
+            # All points of a cell have the ball of its middle within theirs.
+            ball = radius + float(half.max())
+            change = balls.slope_reach(
+                plane.code, plane.params, plane.frame, x[rows], y[rows], ball
+            )
+            for bound, order in zip(bounds, ORDERS, strict=True):
+                own = math.factorial(order - 1) * change / radius ** (order - 1)
+                bound[rows] = np.minimum(bound[rows], own)
+    # Of each part of a cell.
+    coarse = bounds.reshape(-1, CELLS, CELLS).repeat(PARTS, axis=1).repeat(PARTS, axis=2)
+    second, third = coarse[:2]
+    if bounds.any():
+        second, third = _sharpened(plane, coarse, low, half / PARTS)
+    grids = [np.ascontiguousarray(grid) for grid in (second, third)]
+    for grid in grids:
+        grid.flags.writeable = False
+    per = PARTS / (2 * half)
+    return Slopes(*low.tolist(), *per.tolist(), *grids, plane.has_pole, *pole)
+
+
+def _sharpened(
+    plane: IdealPlane, coarse: FloatArray, low: FloatArray, half: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Bounds of second and third derivatives by differences in the middle of each part.
+
+    `coarse` are bounds of `ORDERS` in parts of half sides `half`. With a step h a difference of
+    first derivatives is off by h^2 / 6 times the fourth derivative, one of second order by h^2 / 12
+    times the fifth, or h^2 / 3 for a mixed one.
+    """
+    n = CELLS * PARTS
+    rows, columns = np.nonzero(coarse[0])
+    middle = low + half * (2 * np.column_stack((columns, rows)) + 1)
+    at = {
+        (i, j): _first_derivatives(plane, middle + STEP * np.array((i, j)))
+        for i in (-1, 0, 1)
+        for j in (-1, 0, 1)
+    }
+    by_x, by_y = (at[1, 0] - at[-1, 0]) / (2 * STEP), (at[0, 1] - at[0, -1]) / (2 * STEP)
+    by_xx = (at[1, 0] - 2 * at[0, 0] + at[-1, 0]) / STEP**2
+    by_yy = (at[0, 1] - 2 * at[0, 0] + at[0, -1]) / STEP**2
+    by_xy = (at[1, 1] - at[1, -1] - at[-1, 1] + at[-1, -1]) / (4 * STEP**2)
+    second, third, fourth, fifth = coarse[:, rows, columns]
+    reach = math.hypot(*half)
+    size = np.sqrt((by_x**2 + by_y**2).sum(axis=1))
+    sharp_2 = size + third * reach + fourth * STEP**2
+    size = np.sqrt((by_xx**2 + 2 * by_xy**2 + by_yy**2).sum(axis=1))
+    sharp_3 = size + fourth * reach + fifth * STEP**2
+    found = np.zeros((2, n, n))
+    found[0, rows, columns] = np.fmin(second, sharp_2)
+    found[1, rows, columns] = np.fmin(third, sharp_3)
+    return found[0], found[1]
+
+
+def _first_derivatives(plane: IdealPlane, points: FloatArray) -> FloatArray:
+    """(N, 4) u_x, u_y, v_x, v_y at points (N, 2) of a plane."""
+    out = np.empty((len(points), 4))
+    slopes_many(plane.code, plane.params, plane.frame, np.ascontiguousarray(points), out)
+    return out
+
+
+def _near_pole(plane: IdealPlane, x: FloatArray, y: FloatArray, half: float) -> tuple[float, float]:
+    """Bounds of second and third derivatives times d^2 and d^3, d the distance from the pole.
+
+    Longitude is the same along a ray from the pole, so that its derivatives are those at d = 1 over
+    powers of d; the derivatives of latitude grow less. So the ring from 1/2 outwards bounds those
+    of all smaller ones.
+    """
+    is_near = plane.meets(x, y, (half, half)) & (np.hypot(x, y) >= 0.5 - 2 * half)
+    x, y = x[is_near], y[is_near]
+    second = third = np.inf
+    size = np.hypot(x, y)
+    for radius in RADII:
+        change = balls.slope_reach(
+            plane.code, plane.params, plane.frame, x, y, radius * size + 2 * half
+        )
+        second = min(second, float((change * size / radius).max(initial=0.0)) * 1.2)
+        third = min(third, float((2 * change * size / radius**2).max(initial=0.0)) * 1.4)
+    return second, third
+
+
+@allocation_free
+def bounds_within(slopes, low_x, high_x, low_y, high_y):
+    """Bounds of the second and third derivatives in the region within a box of a plane."""
+    second = third = 0.0
+    if slopes.is_graded:
+        x = max(low_x, -high_x, 0.0)
+        y = max(low_y, -high_y, 0.0)
+        d2 = x * x + y * y
+        return slopes.near_pole_2 / d2, slopes.near_pole_3 / (d2 * np.sqrt(d2))
+    n = slopes.second.shape[0]
+    first = min(max(int((low_x - slopes.low_x) * slopes.per_x), 0), n - 1)
+    last = min(max(int((high_x - slopes.low_x) * slopes.per_x), 0), n - 1)
+    top = min(max(int((low_y - slopes.low_y) * slopes.per_y), 0), n - 1)
+    bottom = min(max(int((high_y - slopes.low_y) * slopes.per_y), 0), n - 1)
+    for row in range(top, bottom + 1):
+        for column in range(first, last + 1):
+            second = max(second, slopes.second[row, column])
+            third = max(third, slopes.third[row, column])
+    return second, third

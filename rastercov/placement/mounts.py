@@ -1,0 +1,100 @@
+"""What a candidate mounts: a camera, or a rig of cameras that move together.
+
+A pose of a candidate is that of its mount, and `Poses.camera` the index of the mount. A rig covers
+what any of its cameras covers, and counts as one choice, and as one view of a face.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov._lists import Lists
+from rastercov.camera import Camera
+from rastercov.pose import Poses
+from rastercov.rig import Rig
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Mounts:
+    """Cameras and rigs that candidates choose among.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Name of each of N mounts.
+    rig : Rig
+        All cameras, those of a mount in a row, with their names and places on it; a camera of a
+        rig is named "rig/camera".
+    starts : (N + 1,) int64
+        Mount i has the cameras `starts[i]` ... `starts[i + 1] - 1`.
+    """
+
+    names: tuple[str, ...]
+    rig: Rig
+    starts: IntArray
+
+    @classmethod
+    def of(cls, mounts: Mapping[str, Camera | Rig]) -> Self:
+        """Mounts by their names."""
+        cameras: list[Camera] = []
+        names: list[str] = []
+        places: list[FloatArray] = []
+        counts = []
+        for name, mount in mounts.items():
+            own = Rig([mount], [name]) if isinstance(mount, Camera) else mount
+            cameras += own.cameras
+            names += [name] if own is not mount else [f"{name}/{each}" for each in own.names]
+            places += list(own.rig_from_camera)
+            counts.append(len(own))
+        starts = np.concatenate(([0], np.cumsum(counts)))
+        return cls(tuple(mounts), Rig(cameras, names, places), starts.astype(np.int64))
+
+    @classmethod
+    def of_cameras(cls, rig: Rig) -> Self:
+        """A mount for each camera, by its name; places on the rig are left out."""
+        return cls(rig.names, Rig(rig.cameras, rig.names), np.arange(len(rig) + 1))
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @property
+    def has_rigs(self) -> bool:
+        """True where a mount is more than one camera at its origin."""
+        places = self.rig.rig_from_camera
+        return len(self) < len(self.rig) or not np.array_equal(
+            places, np.broadcast_to(np.eye(4), places.shape)
+        )
+
+    def first_camera(self, index: int) -> Camera:
+        """First camera of a mount, by which its candidates are framed."""
+        return self.rig.cameras[int(self.starts[index])]
+
+    def cameras(self, placed: Poses) -> tuple[Poses, IntArray]:
+        """All cameras of mounts in P poses, in their order, and the row of the pose of each."""
+        if not self.has_rigs:
+            return placed, np.arange(len(placed))
+        placed.check_cameras(len(self))
+        counts = np.diff(self.starts)[placed.camera]
+        owner = np.repeat(np.arange(len(placed)), counts)
+        firsts = np.repeat(np.cumsum(counts) - counts, counts)
+        camera = self.starts[placed.camera[owner]] + np.arange(len(owner)) - firsts
+        places = self.rig.rig_from_camera[camera]
+        return Poses.of(placed.world_from_camera[owner] @ places, camera=camera), owner
+
+    def united(self, lists: Lists, owner: IntArray, n: int) -> Lists:
+        """Lists of n mounts from those of their cameras: what any of these has, in order."""
+        if not self.has_rigs:
+            return lists
+        ends = np.searchsorted(owner, np.arange(n + 1)).tolist()
+        rows = []
+        for first, last in pairwise(ends):
+            own = lists.items[lists.starts[first] : lists.starts[last]]
+            rows.append(own if last - first == 1 else np.unique(own))
+        return Lists.of(rows)

@@ -1,0 +1,193 @@
+"""Regions through lenses: what they hold, point by point, and the laws that they obey."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from lens_cameras import CAMERAS
+from nightly import examples
+from surface_cases import assert_pointwise, building, cut_at_random, hostile_scene, room
+
+import rastercov as rc
+from rastercov.area import regions as area_regions
+from rastercov.area.centres import CentrePass
+from rastercov.area.failures import first_failures
+from rastercov.area.regions import RegionPass
+from rastercov.reference.regions import covers_points, points_on
+
+MESH, PINHOLE, POSES = room()
+TASKS = {
+    "visible": rc.Task(),
+    "oblique": rc.Task(max_incidence_deg=60),
+    "per m^2": rc.Task(min_pixels_per_m2=4000),
+    "density": rc.Task(min_pixel_density=60),
+    "facing": rc.Task(min_facing_density=150),
+    "all": rc.Task(max_incidence_deg=70, min_pixels_per_m2=4000, min_pixel_density=55),
+}
+FEW = ("brown", "fisheye", "equirectangular")
+
+
+def flat(camera):
+    """A lens without distortion that is a pinhole but for its name."""
+    return replace(camera, model="metashape", distortion=(0.0,) * 6)
+
+
+# --- against the definition -----------------------------------------------------------------------
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("lens", CAMERAS)
+def test_a_point_is_in_a_region_exactly_if_the_image_of_the_lens_shows_it(lens):
+    assert_pointwise(MESH, CAMERAS[lens], POSES[:3], TASKS["visible"], 5_000)
+
+
+@pytest.mark.parametrize("task", ["oblique", "all"])
+def test_a_point_is_in_a_region_exactly_if_it_meets_every_criterion(task):
+    assert_pointwise(MESH, CAMERAS["brown"], POSES[:2], TASKS[task], 5_000)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("lens", FEW)
+@pytest.mark.parametrize("task", TASKS)
+def test_every_criterion_is_that_of_the_lens(lens, task):
+    camera = replace(CAMERAS[lens], focus_range=(1.0, 6.0))
+    assert_pointwise(MESH, camera, POSES[:1], TASKS[task], 4_000)
+
+
+@pytest.mark.slow
+@given(seed=st.integers(0, 2**32 - 1), lens=st.sampled_from(list(CAMERAS)))
+@examples(20)
+def test_regions_of_hostile_scenes_hold_their_covered_points(seed, lens):
+    mesh, _, pose = hostile_scene(seed)
+    density = 10.0 ** np.random.default_rng(seed).uniform(0, 3)
+    for task in (rc.Task(max_incidence_deg=65), rc.Task(min_pixels_per_m2=density**2)):
+        assert_pointwise(mesh, CAMERAS[lens], pose[None], task, 2000, seed % 1000)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("lens", FEW)
+def test_the_covered_share_of_a_building_is_that_of_its_points(lens):
+    mesh, _, poses = building()
+    n = 40_000
+    found = rc.regions(mesh, CAMERAS[lens], poses[:4])
+    points, face = points_on(mesh, n)
+    truth = covers_points(mesh, CAMERAS[lens], poses[:4], rc.Task(), points, face).mean(axis=1)
+    share = found.areas().sum(axis=1) / mesh.areas.sum()
+    bound = found.bounds().sum(axis=1) / mesh.areas.sum()
+    deviation = np.sqrt(share * (1 - share) / n)
+    assert (np.abs(share - truth) <= 3 * deviation + bound).all()
+
+
+# --- laws -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("task", ["visible", "oblique", "all"])
+def test_a_lens_without_distortion_has_the_regions_of_the_pinhole(task):
+    pinhole = rc.regions(MESH, PINHOLE, POSES, TASKS[task])
+    lens = rc.regions(MESH, flat(PINHOLE), POSES, TASKS[task])
+    off = np.abs(pinhole.areas() - lens.areas())
+    assert (off <= pinhole.bounds() + lens.bounds() + 1e-12).all()
+    if task != "all":  # whose strips of density are left undecided
+        assert off.sum() <= 1e-9 * pinhole.area.sum()
+
+
+def test_an_equirectangular_image_sees_all_of_an_empty_room():
+    vertices = np.array([(x, y, z) for x in (0, 4) for y in (0, 5) for z in (0, 3)], float)
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = [face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))]
+    mesh = rc.Mesh(vertices, faces).with_groups(two_sided="all")
+    poses = rc.look_at(eyes=np.array([(1.3, 1.7, 1.1)]), targets=np.array([(3.3, 2.9, 1.4)]))
+    found = rc.regions(mesh, CAMERAS["equirectangular"], poses)
+    assert np.isclose(found.area.sum(), mesh.areas.sum(), rtol=1e-12, atol=0)
+    assert found.bound.sum() <= 1e-9 * mesh.areas.sum()
+
+
+def test_two_lenses_cover_at_least_as_much_as_one_and_at_most_the_sum():
+    cameras = [CAMERAS["brown"], CAMERAS["fisheye"]]
+    poses = rc.Poses.of(POSES[:2], camera=[0, 1])
+    both = rc.regions(MESH, cameras, poses)
+    covered = rc.unite(both, views=2)
+    each, slack = both.areas(), covered.bound + 1e-12
+    assert (covered.area[0] >= each.max(axis=0) - slack).all()
+    assert (covered.area[0] <= each.sum(axis=0) + slack).all()
+    assert np.isclose(covered.area.sum(), each.sum(), rtol=1e-9)
+
+
+@pytest.mark.parametrize("lens", FEW)
+def test_the_same_surface_in_other_triangles_has_the_same_area(lens):
+    other, origin = cut_at_random(MESH, 5, 60)
+    one, two = (rc.regions(mesh, CAMERAS[lens], POSES[:2]) for mesh in (MESH, other))
+    area, bound = np.zeros((2, 2, MESH.n_faces))
+    for row in range(2):
+        area[row] = np.bincount(origin, two.areas()[row], MESH.n_faces)
+        bound[row] = np.bincount(origin, two.bounds()[row], MESH.n_faces)
+    assert (np.abs(area - one.areas()) <= bound + one.bounds() + 1e-9).all()
+    assert one.bound.sum() <= 1e-4 * one.area.sum()
+
+
+def test_bounds_shrink_with_the_tolerance(monkeypatch):
+    bounds = []
+    for strip in (1e-3, 1e-4, 1e-5):
+        monkeypatch.setattr(area_regions, "STRIP_REL", strip)
+        found = rc.regions(MESH, CAMERAS["brown"], POSES[:2], TASKS["density"])
+        bounds.append(found.bound.sum())
+    assert bounds[1] < 0.3 * bounds[0]
+    assert bounds[2] < 0.3 * bounds[1]
+
+
+def test_pieces_are_ordered_by_face_and_add_up_to_its_area():
+    found = rc.regions(MESH, CAMERAS["wide fisheye"], POSES[:2])
+    for row in range(2):
+        assert (np.diff(found.face[found.pose == row]) >= 0).all()
+    area = np.zeros((2, MESH.n_faces))
+    for piece in range(len(found)):
+        x, y = found.xy[found.starts[piece] : found.starts[piece + 1]].T
+        area[found.pose[piece], found.face[piece]] += (x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
+    np.testing.assert_allclose(area, found.areas(), rtol=0, atol=1e-9)
+
+
+def test_a_mixed_rig_has_the_regions_of_each_camera():
+    cameras = [PINHOLE, CAMERAS["brown"]]
+    mixed = rc.regions(MESH, cameras, rc.Poses.of(POSES[:2], camera=[0, 1]))
+    for row, camera in enumerate(cameras):
+        alone = rc.regions(MESH, camera, POSES[row : row + 1])
+        np.testing.assert_array_equal(mixed.areas()[row], alone.areas()[0])
+
+
+def test_observed_areas_are_those_of_an_observer_without_regions():
+    finder = RegionPass(MESH, CAMERAS["fisheye"], threads=1)
+    areas, kind = np.empty((3, 2, MESH.n_faces)), np.empty((2, MESH.n_faces), np.uint8)
+    finder.find(rc.Poses.of(POSES[:2]), areas=areas, kind=kind)
+    with rc.open_observer(MESH, CAMERAS["fisheye"], threads=1) as observer:
+        seen = observer.observe(POSES[:2])
+    np.testing.assert_array_equal(areas[0], seen.visible_pixels)
+    np.testing.assert_array_equal(areas[2], seen.area_error)
+
+
+# --- single points --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("lens", FEW)
+@pytest.mark.parametrize("task", ["oblique", "density", "facing"])
+def test_a_centre_is_covered_exactly_where_the_definition_says_so(lens, task):
+    camera = replace(CAMERAS[lens], focus_range=(0.5, 7.0))
+    cells = rc.cells(MESH, 0.7)
+    lists = CentrePass(cells, camera, TASKS[task]).find(POSES[:3])
+    found = np.zeros((3, len(cells)), np.bool_)
+    for row in range(3):
+        found[row, lists.row(row)] = True
+    centres = cells.vertices.reshape(-1, 3, 3).mean(axis=1)
+    truth = covers_points(MESH, camera, POSES[:3], TASKS[task], centres, cells.source_face)
+    np.testing.assert_array_equal(found, truth)
+
+
+@pytest.mark.parametrize("lens", FEW)
+def test_a_point_without_a_reason_is_covered(lens):
+    camera = replace(CAMERAS[lens], focus_range=(0.5, 7.0))
+    points, face = points_on(MESH, 2000)
+    truth = covers_points(MESH, camera, POSES[:2], TASKS["all"], points, face)
+    failures = first_failures(MESH, camera, TASKS["all"], POSES[:2], points, face)
+    for row, (reason, _) in enumerate(failures):
+        np.testing.assert_array_equal(reason == rc.Reason.COVERED, truth[row])

@@ -1,0 +1,115 @@
+"""The options --workers, --scheduler and --json-progress of place, evaluate and audit."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commands import ENTRY, call, enter, refusal
+
+import rastercov as rc
+from rastercov import shapes
+
+pytestmark = [pytest.mark.slow, pytest.mark.compile]
+PLAN = """
+[[meshes]]
+built_in = "teapot-5"
+[camera]
+preset = "icube-ns4133bu-8mm"
+[[candidates]]
+generator = "on_sphere"
+count = 30
+[selection]
+goal = "fewest_cameras"
+coverage = 0.5
+of_reachable = true
+[outputs]
+page = false
+"""
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    enter(tmp_path, monkeypatch)
+    Path("plan.toml").write_text(PLAN)
+
+
+def figures(path):
+    found = json.loads(Path(path).read_text())
+    seconds = found.pop("seconds")
+    return found, seconds
+
+
+def test_place_by_workers_is_place(capsys):
+    assert call(capsys, "place plan.toml -o plain")[0] == 0
+    code, _, err = call(capsys, "place plan.toml -o workers --workers 2 --json-progress")
+    assert code == 0, err
+    (one, _), (other, seconds) = figures("plain/plan.json"), figures("workers/plan.json")
+    assert one == other
+    assert sum(each["poses"] for each in seconds["workers"].values()) == 30
+    lines = err.splitlines()
+    assert any(line.startswith("worker ") and "30 poses" in line for line in lines)
+    told = [json.loads(line) for line in lines if line.startswith("{")]
+    of_matrix = [entry for entry in told if entry["step"] == "visibility matrix"]
+    assert of_matrix[-1]["done"] == of_matrix[-1]["total"] == 30
+    assert {"per_second", "seconds_left"} < of_matrix[-1].keys()
+
+
+def test_evaluate_by_workers_is_evaluate(capsys):
+    words = "evaluate teapot-5 -c icube-ns4133bu-8mm -p sphere:12 --pictures 2"
+    for out, more in (("plain", ""), ("workers", "--workers 2")):
+        code, _, err = call(capsys, f"{words} -o {out} {more}")
+        assert code == 0, err
+    assert "worker " in err
+    one, other = (summary_of(out) for out in ("plain", "workers"))
+    assert one["covered_area"]["m2"] == pytest.approx(other["covered_area"]["m2"], rel=1e-12)
+    assert one["per_pose"] == other["per_pose"]
+
+
+def summary_of(out):
+    return json.loads(Path(out, "summary.json").read_text())
+
+
+@pytest.mark.parametrize("command", ["place plan.toml", "evaluate teapot-5 -c khepra -p sphere:3"])
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [("--workers 0", "workers must be a whole number 1 to 1024, got 0"),
+     ("--workers 2 --scheduler tcp://127.0.0.1:1", "not both"),
+     ("--scheduler tcp://10.1.2.3:8786", "anyone who reaches an open scheduler can run programs")],
+)  # fmt: skip
+def test_wrong_choices_are_one_line_and_leave_nothing(capsys, command, words, line):
+    assert line in refusal(capsys, f"{command} -o out {words}")
+    assert not Path("out").exists()
+
+
+def test_a_killed_evaluation_goes_on_where_it_was():
+    """The head is killed after some shards; the same command then makes only the others."""
+    mesh = shapes.aeroplane()
+    poses = rc.sphere_of_poses(mesh.bounds.mean(axis=0), 38.0, 8000)
+    np.save("poses.npy", poses)
+    words = [sys.executable, "-c", ENTRY, "evaluate", "aeroplane", "-c", "khepra", "-p",
+             "poses.npy", "-o", "out",
+             "--by", "face", "--table", "none", "--pictures", "0", "--workers", "2"]  # fmt: skip
+    head = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    deadline = time.monotonic() + 300
+    while len(shards := sorted(Path("out").glob("unfinished/*/shards/*.npz"))) < 1:
+        assert head.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    head.send_signal(signal.SIGKILL)
+    head.wait()
+    time.sleep(1)
+    made = len(sorted(Path("out").glob("unfinished/*/shards/*.npz")))
+    assert made >= len(shards)
+    assert not Path("out/summary.json").exists()
+    again = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert again.returncode == 0, again.stderr
+    counts = [int(line.split()[2]) for line in again.stderr.splitlines() if "worker " in line]
+    whole = -(-8000 // ((1 << 22) // mesh.n_faces))
+    assert sum(counts) <= whole - made
+    assert len(summary_of("out")["per_pose"]) == 8000
+    assert not Path("out/unfinished").exists()

@@ -1,0 +1,184 @@
+"""Evaluations in shards: by this process, by workers, and gone on with after an end."""
+
+import json
+import os
+import signal
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+import rastercov as rc
+from rastercov import evaluation_shards, shapes
+from rastercov.audits import audit
+from rastercov.cluster import Workers
+from rastercov.errors import ConfigError
+from rastercov.evaluation_shards import UNFINISHED
+from rastercov.report import coverage
+from rastercov.report.coverage import Options, run
+
+pytestmark = [pytest.mark.slow, pytest.mark.compile]
+MESH = shapes.teapot(4)
+CAMERA = rc.Camera(width=320, height=240, fx=300, fy=300)
+POSES = rc.sphere_of_poses(MESH.bounds.mean(axis=0), 5.0 * np.ptp(MESH.bounds), 42)
+CAMERAS = rc.Rig([CAMERA, rc.Camera(width=200, height=200, fx=150, fy=150)], ["tele", "wide"])
+PLACED = rc.Poses.of(POSES, camera=np.arange(42) % 2)
+TIMES = ("seconds", "poses_per_second")
+
+
+@pytest.fixture(autouse=True)
+def small_shards(monkeypatch):
+    """Shards of 8 poses; workers read their size from the header."""
+    monkeypatch.setattr(evaluation_shards, "PAIRS_A_SHARD", 8 * MESH.n_faces)
+
+
+def evaluated(out, poses=POSES, camera=CAMERA, task=None, workers=None, **options):
+    options = Options(**{"pictures": 3, **options})
+    return run(MESH, camera, poses, task or rc.Task(), out, options, workers=workers)
+
+
+def content(out):
+    """Bytes of the files of a report but for its times, and the summary without them."""
+    summary = json.loads((out / "summary.json").read_text())
+    for name in TIMES:
+        summary.pop(name)
+    summary["run"].pop("options")
+    bytes_of = {
+        path.name: path.read_bytes()
+        for path in out.iterdir()
+        if path.is_file() and path.suffix != ".json"
+    }
+    return bytes_of, summary
+
+
+def same(one, other):
+    (files, summary), (others, other_summary) = content(one), content(other)
+    assert files.keys() == others.keys()
+    assert [name for name in files if files[name] != others[name]] == []
+    assert summary == other_summary
+
+
+CASES = {
+    "area": {},
+    "face": {"by": "face"},
+    "sampled": {"method": "sampled:cpu@2"},
+    "no table": {"table": "none"},
+    "two cameras": {"poses": PLACED, "camera": CAMERAS},
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_workers_leave_the_report_of_one_process(tmp_path, case, monkeypatch):
+    options = CASES[case]
+    evaluated(tmp_path / "streamed", **options)
+    evaluated(tmp_path / "workers", workers=Workers(2), **options)
+    monkeypatch.setattr(evaluation_shards, "LONG_RUN", 1)
+    evaluated(tmp_path / "shards", **options)
+    same(tmp_path / "workers", tmp_path / "shards")
+    assert not (tmp_path / "workers" / UNFINISHED).exists()
+    # Without shards, faces that are covered as a whole need no more regions: bounds may differ.
+    (_, streamed), (_, found) = content(tmp_path / "streamed"), content(tmp_path / "workers")
+    for name in ("covered", "not_covered", "mean_views", "visibility_figures", "per_pose"):
+        assert streamed[name] == found[name]
+    if "covered_area" in streamed:
+        areas = [each["covered_area"]["m2"] for each in (streamed, found)]
+        assert areas[0] == pytest.approx(areas[1], rel=1e-12)
+    table = tmp_path / "streamed" / "coverage.parquet"
+    if table.exists():
+        assert pq.read_table(table).equals(pq.read_table(tmp_path / "workers/coverage.parquet"))
+
+
+class EndedError(Exception):
+    """The run was ended."""
+
+
+def test_a_run_that_was_ended_goes_on(tmp_path, monkeypatch):
+    monkeypatch.setattr(evaluation_shards, "LONG_RUN", 1)
+    evaluated(tmp_path / "whole")
+    measured, calls = evaluation_shards._measured, []
+
+    def counted(observer, poses, task, wanted):
+        calls.append(poses.ids.tolist())
+        if len(calls) == 4:
+            raise EndedError
+        return measured(observer, poses, task, wanted)
+
+    monkeypatch.setattr(evaluation_shards, "_measured", counted)
+    with pytest.raises(EndedError):
+        evaluated(tmp_path / "ended")
+    assert not (tmp_path / "ended" / "summary.json").exists()
+    (kept,) = (tmp_path / "ended" / UNFINISHED).iterdir()
+    shards = sorted((kept / "shards").iterdir())
+    assert len(shards) == 3
+    shards[1].write_bytes(shards[1].read_bytes()[:-9])  # and one of them is damaged meanwhile
+    evaluated(tmp_path / "ended")
+    assert [ids[0] for ids in calls[4:]] == [8, 24, 32, 40]
+    same(tmp_path / "ended", tmp_path / "whole")
+    assert not (tmp_path / "ended" / UNFINISHED).exists()
+
+
+def test_other_settings_do_not_take_old_shards(tmp_path, monkeypatch):
+    monkeypatch.setattr(evaluation_shards, "LONG_RUN", 1)
+    evaluated(tmp_path / "whole", task=rc.Task(min_pixels=40), by="face")
+    with monkeypatch.context() as patch:
+        patch.setattr(coverage, "remove", lambda folder: None)
+        evaluated(tmp_path / "both", by="face")
+    assert (tmp_path / "both" / UNFINISHED).exists()
+    evaluated(tmp_path / "both", task=rc.Task(min_pixels=40), by="face")
+    same(tmp_path / "both", tmp_path / "whole")
+    assert not (tmp_path / "both" / UNFINISHED).exists()
+
+
+POISONED = 19
+
+
+def poisoned(folder, number, *, leave_out=(), only=None):
+    """`evaluation_shards.make`, which one pose kills."""
+    chosen = set(range(8 * number, 8 * number + 8)) - {8 * number + pose for pose in leave_out}
+    if POISONED in (chosen if only is None else {8 * number + pose for pose in only}):
+        os.kill(os.getpid(), signal.SIGKILL)
+    return evaluation_shards.make(folder, number, leave_out=leave_out, only=only)
+
+
+@pytest.mark.parametrize("by", ["area", "face"])
+def test_workers_audit_like_one_process(tmp_path, by):
+    options = {"by": by, "names": [f"image {row}" for row in range(42)]}
+    alone = audit(MESH, CAMERAS, PLACED, **options)
+    kept = audit(MESH, CAMERAS, PLACED, folder=tmp_path / "kept", **options)
+    many = audit(MESH, CAMERAS, PLACED, folder=tmp_path / "w", workers=Workers(2), **options)
+    assert files(tmp_path / "kept") == files(tmp_path / "w")
+    for found in (kept, many):
+        np.testing.assert_array_equal(alone.views, found.views)
+        np.testing.assert_array_equal(alone.problem.face, found.problem.face)
+        np.testing.assert_array_equal(alone.subset.chosen, found.subset.chosen)
+        np.testing.assert_array_equal(alone.lost_m2, found.lost_m2)
+    with pytest.raises(ConfigError, match="workers make shards in a folder"):
+        audit(MESH, CAMERAS, PLACED, workers=Workers(1))
+
+
+def files(folder):
+    shards = sorted(folder.glob("*/shards/*"))
+    assert len(shards) == 6
+    return {path.name: path.read_bytes() for path in shards}
+
+
+def test_an_audit_leaves_out_a_pose_that_kills(tmp_path, monkeypatch):
+    monkeypatch.setattr(evaluation_shards, "FUNCTION", "test_evaluation_workers:poisoned")
+    monkeypatch.syspath_prepend(Path(__file__).parent)
+    found = audit(MESH, CAMERA, POSES, by="face", folder=tmp_path, workers=Workers(2))
+    assert dict(found.quarantined) == {POISONED: "was killed by SIGKILL"}
+    others = np.delete(np.arange(42), POISONED)
+    alone = audit(MESH, CAMERA, POSES[others], by="face", names=[str(row) for row in others])
+    assert found.names == alone.names
+    np.testing.assert_array_equal(found.lost_m2, alone.lost_m2)
+
+
+def test_a_pose_that_kills_its_worker_is_left_out(tmp_path, monkeypatch):
+    monkeypatch.setattr(evaluation_shards, "FUNCTION", "test_evaluation_workers:poisoned")
+    monkeypatch.syspath_prepend(Path(__file__).parent)
+    found = evaluated(tmp_path / "m", by="face", workers=Workers(2))
+    assert found["quarantined"] == {str(POISONED): "was killed by SIGKILL"}
+    assert found["poses"] == len(POSES) - 1
+    alone = evaluated(tmp_path / "others", np.delete(POSES, POISONED, axis=0), by="face")
+    assert alone["covered"] == found["covered"]

@@ -1,0 +1,185 @@
+"""Rigs as candidates: one choice, which covers what any of its cameras covers."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from surface_cases import room
+
+import rastercov as rc
+from rastercov import shapes
+from rastercov._lists import Lists
+from rastercov.area.regions import RegionPass
+from rastercov.placement import CellObjective, Objective, PoseSpace, build_matrix, refine, tolerance
+from rastercov.placement.improve.tolerance import InstallationError
+from rastercov.placement.matrix_shards import _united
+from rastercov.placement.mounts import Mounts
+
+MESH = shapes.torus(16, 8)
+WIDE = rc.Camera(width=160, height=120, fx=90, fy=90)
+LONG = rc.Camera(width=120, height=120, fx=200, fy=200)
+TASK = rc.Task(min_pixels=4)
+POSES = rc.sphere_of_poses((0, 0, 0), 4.0, 8)
+
+
+def place_of(seed):
+    """A small motion."""
+    rng = np.random.default_rng(seed)
+    return rc.look_at(rng.normal(scale=0.3, size=3), (0, 0, 4 + rng.normal()), (0, -1, 0))[0]
+
+
+def mounts_of(seed):
+    """A lone camera, a rig of two and a rig of three."""
+    rigs = [
+        rc.Rig([WIDE, LONG, WIDE][:n], ["a", "b", "c"][:n], [place_of(seed + k) for k in range(n)])
+        for n in (2, 3)
+    ]
+    return Mounts.of({"eye": WIDE, "pair": rigs[0], "three": rigs[1]})
+
+
+def dense(matrix, n_faces):
+    found = np.zeros((matrix.n_poses, n_faces), np.float32)
+    row = np.repeat(np.arange(matrix.n_poses), np.diff(matrix.indptr))
+    found[row, matrix.face] = matrix.coverage
+    return found
+
+
+@pytest.mark.parametrize("kind", ["faces", "cells"])
+@settings(max_examples=12, deadline=None)
+@given(seed=st.integers(0, 1000), index=st.lists(st.integers(0, 2), min_size=8, max_size=8))
+def test_a_rig_covers_what_any_of_its_cameras_covers(kind, seed, index):
+    mounts = mounts_of(seed)
+    cells = rc.cells(MESH, 0.4) if kind == "cells" else None
+    task = rc.Task() if kind == "cells" else TASK
+    placed = rc.Poses.of(POSES, camera=index)
+    cameras, owner = mounts.cameras(placed)
+    n = MESH.n_faces if cells is None else len(cells)
+    with rc.open_observer(MESH, mounts.rig) as observer:
+        own = {"cells": cells, "mounts": mounts}
+        found = dense(build_matrix(observer, placed, task, **own), n)
+        alone = dense(build_matrix(observer, cameras, task, cells=cells), n)
+        if cells is None:
+            objective = Objective.of(observer, task, mounts=mounts)
+        else:
+            finder = RegionPass(MESH, mounts.rig, task)
+            objective = CellObjective.of_cells(observer, finder, cells, mounts=mounts)
+        covers = objective.covers(placed)
+    wanted = np.array([alone[owner == row].max(axis=0) for row in range(8)])
+    np.testing.assert_array_equal(found, wanted)
+    np.testing.assert_array_equal(covers & (found > 0), found >= np.float32(task.min_coverage))
+    assert np.array_equal(np.bincount(owner), np.array([1, 2, 3])[index])
+
+
+def test_cameras_of_a_rig_are_at_their_places():
+    mounts = mounts_of(3)
+    assert mounts.rig.names == ("eye", "pair/a", "pair/b", "three/a", "three/b", "three/c")
+    placed = rc.Poses.of(POSES[:2], camera=[2, 0])
+    cameras, owner = mounts.cameras(placed)
+    assert cameras.camera.tolist() == [3, 4, 5, 0]
+    assert owner.tolist() == [0, 0, 0, 1]
+    np.testing.assert_allclose(
+        cameras.world_from_camera[1], POSES[0] @ mounts.rig.rig_from_camera[4], atol=1e-12
+    )
+    np.testing.assert_array_equal(cameras.world_from_camera[3], POSES[1])
+    assert mounts.first_camera(1) is WIDE
+    with pytest.raises(rc.PoseError, match="has camera 3, but there are 3"):
+        mounts.cameras(rc.Poses.of(POSES, camera=3))
+
+
+def test_a_rig_of_one_camera_is_that_camera():
+    alone = Mounts.of({"eye": WIDE})
+    rig = Mounts.of({"eye": rc.Rig([WIDE], ["a"])})
+    assert not rig.has_rigs
+    assert not Mounts.of_cameras(rc.Rig([WIDE, LONG], None, [place_of(0), place_of(1)])).has_rigs
+    with rc.open_observer(MESH, WIDE) as observer:
+        plain = build_matrix(observer, POSES, TASK)
+        for mounts in (alone, rig):
+            found = build_matrix(observer, POSES, TASK, mounts=mounts)
+            assert found.header == plain.header
+            np.testing.assert_array_equal(found.coverage, plain.coverage)
+        # One camera away from the origin of its rig is that camera at its place.
+        turned = Mounts.of({"eye": rc.Rig([WIDE], ["a"], [place_of(5)])})
+        moved = build_matrix(observer, POSES, TASK, mounts=turned)
+        wanted = build_matrix(observer, POSES @ place_of(5), TASK)
+    assert turned.has_rigs
+    np.testing.assert_array_equal(dense(moved, MESH.n_faces), dense(wanted, MESH.n_faces))
+
+
+@settings(max_examples=25)
+@given(
+    counts=st.lists(st.integers(1, 4), max_size=6),
+    step=st.integers(1, 5),
+    seed=st.integers(0, 1000),
+)
+def test_batches_of_cameras_become_batches_of_rigs(counts, step, seed):
+    owner = np.repeat(np.arange(len(counts)), counts)
+    rng = np.random.default_rng(seed)
+    values = np.where(rng.random((len(owner), 5)) < 0.5, rng.random((len(owner), 5)), 0)
+
+    def batches():
+        for at in range(0, max(1, len(owner)), step):
+            part = values[at : at + step].astype(np.float32)
+            pose, face = np.nonzero(part)
+            value = part[pose, face]
+            yield pose, face.astype(np.int32), value, value >= 0.5, len(part)
+
+    found = np.zeros((len(counts), 5), np.float32)
+    first = 0
+    for mount, face, value, covered, n in _united(batches(), owner, len(counts)):
+        assert (np.diff(mount * 5 + face) > 0).all()
+        assert mount.max(initial=0) < n
+        np.testing.assert_array_equal(covered, value >= 0.5)
+        found[first + mount, face] = value
+        first += n
+    assert first == len(counts)
+    wanted = [values[owner == row].max(axis=0) for row in range(len(counts))]
+    np.testing.assert_array_equal(found, np.array(wanted, np.float32).reshape(-1, 5))
+
+
+def test_lists_of_rigs_are_unions():
+    mounts = mounts_of(0)
+    lists = Lists.of([np.array([1, 4]), np.array([4, 7]), np.array([2])])
+    found = mounts.united(lists, np.array([0, 0, 2]), 3)
+    assert [found.row(row).tolist() for row in range(3)] == [[1, 4, 7], [], [2]]
+
+
+def test_shards_of_rigs_resume_and_are_told_from_others(tmp_path):
+    mounts = mounts_of(1)
+    placed = rc.Poses.of(POSES, camera=[0, 1, 2, 2, 1, 0, 1, 2])
+    with rc.open_observer(MESH, mounts.rig) as observer:
+        whole = build_matrix(observer, placed, TASK, mounts=mounts)
+        build_matrix(observer, placed, TASK, tmp_path, mounts=mounts, poses_a_shard=3)
+        (tmp_path / "pairs" / "pairs-00001.parquet").unlink()
+        again = build_matrix(observer, placed, TASK, tmp_path, mounts=mounts, poses_a_shard=3)
+        for name in ("indptr", "face", "coverage"):
+            np.testing.assert_array_equal(getattr(again, name), getattr(whole, name))
+        assert again.camera.tolist() == placed.camera.tolist()
+        with pytest.raises(rc.ConfigError, match="for other rigs"):
+            build_matrix(observer, placed, TASK, tmp_path, mounts=mounts_of(2), poses_a_shard=3)
+        other = rc.Poses.of(placed, camera=0)
+        with pytest.raises(rc.ConfigError, match="for other cameras of the poses"):
+            build_matrix(observer, other, TASK, tmp_path, mounts=mounts, poses_a_shard=3)
+
+
+def test_a_rig_moves_as_a_whole():
+    mesh, camera, _ = room()
+    pair = rc.Rig([camera, camera], ["a", "b"], [place_of(1), place_of(2)])
+    mounts = Mounts.of({"pair": pair, "eye": camera})
+    task = rc.Task(min_pixels=20)
+    start = rc.look_at([(2, 2, 2), (5, 3, 2)], [(4, 2, 1), (3, 2, 1)])
+    placed = rc.Poses.of(start, camera=[0, 1])
+    with rc.open_observer(mesh, mounts.rig) as observer:
+        objective = Objective.of(observer, task, mounts=mounts)
+        found = refine(objective, PoseSpace(mesh=mesh, boxes=mesh.bounds), placed, budget=300)
+        moved = rc.Poses.of(found.poses, camera=placed.camera)
+        cameras, _ = mounts.cameras(moved)
+        coverage = rc.evaluate(mesh, mounts.rig, cameras, task)
+        network = rc.Network(mesh, task)
+        network.add(coverage)
+        spread = tolerance(objective, placed, InstallationError(position_mm=5), draws=3)
+    assert found.moved.any()
+    assert found.share > found.start_share
+    share = mesh.areas[network.covered & mesh.task_mask].sum() / mesh.areas[mesh.task_mask].sum()
+    assert found.share == pytest.approx(share, abs=1e-9)
+    assert len(spread.cameras) == 2
+    assert spread.nominal == pytest.approx(found.start_share)

@@ -1,0 +1,189 @@
+"""Plans with rigs: cameras that move together are one choice."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from surface_cases import room
+
+import rastercov as rc
+from rastercov.camera_formats import write_views
+from rastercov.plan.check import check, limits
+from rastercov.plan.errors import PlanError
+from rastercov.plan.file import read_plan
+from rastercov.plan.run import place
+from rastercov.report import plan as report
+
+MESH, _, _ = room()
+EYE = "[cameras.eye]\nwidth = 160\nheight = 120\nhfov_deg = 60\n"
+PAIR = """
+[[rigs.pair.cameras]]
+camera = "eye"
+name = "left"
+angle_deg = -30
+translation = [-0.1, 0, 0]
+[[rigs.pair.cameras]]
+camera = "eye"
+name = "right"
+angle_deg = 30
+translation = [0.1, 0, 0]
+"""
+PLAN = """
+[[meshes]]
+path = "room.obj"
+{cameras}
+[task]
+{task}
+[[candidates]]
+generator = "on_walls"
+spacing = 3.0
+heights = [2.4, 2.6]
+{entry}
+[selection]
+{goal}
+[outputs]
+page = {page}
+"""
+BY_AREA = "min_pixels_per_m2 = 300\nresolution_of_result = 0.8"
+TWO = 'goal = "best_coverage"\ncameras = 2'
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    """A folder with a room."""
+    monkeypatch.chdir(tmp_path)
+    lines = ["v {!r} {!r} {!r}".format(*point) for point in MESH.vertices.tolist()]
+    lines += ["f {} {} {}".format(*face) for face in (MESH.faces + 1).tolist()]
+    Path("room.obj").write_text("\n".join(lines))
+
+
+def plan_of(cameras, goal=TWO, task=BY_AREA, entry="", page="false"):
+    Path("plan.toml").write_text(
+        PLAN.format(cameras=cameras, goal=goal, task=task, entry=entry, page=page)
+    )
+    return read_plan("plan.toml")
+
+
+def placed(*arguments, **named):
+    return place(plan_of(*arguments, **named), None)
+
+
+def figures(found):
+    summary = report.summary(found)
+    return json.loads(json.dumps(summary, default=lambda value: np.asarray(value).tolist()))
+
+
+def test_a_rig_of_one_camera_is_placed_as_that_camera():
+    goal = TWO + "\nrefine = true\nrefine_budget = 300"
+    alone = placed(EYE, goal)
+    rig = placed(EYE + '[[rigs.one.cameras]]\ncamera = "eye"\n', goal)
+    np.testing.assert_array_equal(alone.cameras.poses, rig.cameras.poses)
+    assert alone.cameras.share == rig.cameras.share
+    assert alone.selection.chosen.tolist() == rig.selection.chosen.tolist()
+    assert rig.prepared.mounts.names == ("eye", "one")
+    assert set(rig.cameras.placed.camera) == {1}  # a camera on a rig is no candidate of its own
+
+
+@pytest.mark.parametrize("task", [BY_AREA, 'by = "face"\nmin_pixels = 4'])
+def test_two_rigs_are_four_cameras(task):
+    goal = TWO + "\nrefine = true\nrefine_budget = 300\n[selection.tolerance]\ndraws = 2"
+    found = placed(EYE + PAIR, goal, task=task)
+    cameras = found.cameras
+    assert (len(cameras.mounted), len(cameras.placed)) == (2, 4)
+    assert cameras.owner.tolist() == [0, 0, 1, 1]
+    rig = found.prepared.mounts.rig
+    assert [rig.names[row] for row in cameras.placed.camera] == ["pair/left", "pair/right"] * 2
+    for row in (0, 2):
+        left, right = cameras.poses[row : row + 2]
+        own = np.linalg.inv(left) @ right
+        place = rig.rig_from_camera
+        np.testing.assert_allclose(own, np.linalg.inv(place[1]) @ place[2], atol=1e-9)
+    assert found.selection.cost == 4  # of two cameras each
+    if cameras.areas is not None:
+        exact = rc.unite(rc.regions(found.prepared.mesh, rig, cameras.placed, found.prepared.task))
+        assert cameras.share == pytest.approx(exact.share(), abs=1e-9)
+    summary = figures(found)
+    assert [each["mount"] for each in summary["cameras"]] == [0, 0, 1, 1]
+    assert len(summary["tolerance"]["cameras"]) == 2
+    assert summary["selection"]["cameras"] == 2
+    assert {each["camera"] for each in summary["network"]["by_camera"]} == {
+        "pair/left", "pair/right",
+    }  # fmt: skip
+
+
+def test_rigs_compete_with_lone_cameras_by_cost():
+    def names(cost):
+        rigs = PAIR + f"[rigs.pair]\ncost = {cost}\n"
+        goal = 'goal = "best_coverage"\nbudget = 2'
+        found = placed(EYE + rigs, goal, entry='cameras = ["eye", "pair"]')
+        return [found.prepared.mounts.names[row] for row in found.cameras.mounted.camera]
+
+    assert names(2.0) != ["pair"]  # two cameras anywhere do better than two in one place
+    assert names(1.0) == ["pair", "pair"]
+
+
+def test_check_reads_the_cameras_of_rigs_back():
+    found = placed(EYE + PAIR)
+    content = json.loads(
+        json.dumps(report.poses_of(found), default=lambda value: np.asarray(value).tolist())
+    )
+    assert content["mount"] == [0, 0, 1, 1]
+    assert [each["name"] for each in content["mounts"]] == ["pair", "pair"]
+    Path("poses.json").write_text(json.dumps(content))
+    plan = read_plan("plan.toml")
+    again = check(plan, Path("poses.json"), limits(plan, 0.1, []))
+    assert again.cameras.areas.summary()["percent"] == pytest.approx(
+        100 * found.cameras.share, abs=1e-9
+    )
+
+
+def test_a_rig_may_be_a_file():
+    camera = rc.Camera(width=160, height=120, fx=138.56, fy=138.56)
+    places = [rc.look_at((x, 0, 0), (8 * x, 0, 2), (0, -1, 0))[0] for x in (-0.1, 0.1)]
+    rig = rc.Rig([camera, camera], ["l", "r"], places)
+    write_views("rig.json", rc.Views(rig=rig, poses=rc.Poses.of(np.zeros((0, 4, 4)))))
+    plan = plan_of('[rigs.pair]\nfile = "rig.json"')
+    assert plan.mounts.names == ("pair",)
+    assert plan.rig.names == ("pair/l", "pair/r")
+    np.testing.assert_allclose(plan.rig.rig_from_camera, places, atol=1e-12)
+    assert plan.cost_of("pair", None) == 2
+    assert len(place(plan, None).cameras.placed) == 4
+
+
+def test_the_page_has_the_cameras_of_rigs(tmp_path):
+    goal = TWO + "\n[selection.tolerance]\ndraws = 2"
+    plan = plan_of(EYE + PAIR, goal, page="true")
+    report.run_into(plan, tmp_path / "out")
+    text = (tmp_path / "out" / "page.html").read_text()
+    assert "pair/left" in text
+    assert "160 x 120 (pair/right)" in text
+    assert "without camera 0, 1" in text or "without camera 2, 3" in text
+
+
+@pytest.mark.parametrize(
+    ("cameras", "words"),
+    [
+        (EYE + PAIR.replace('"eye"', '"ear"'), "rigs.pair.cameras: there is no camera 'ear'"),
+        (EYE + PAIR.replace("rigs.pair", "rigs.eye"), "rigs.eye: there is a camera of that name"),
+        (EYE + "[rigs.none]\ncost = 1", "rigs.none: wanted one of cameras, file, got none"),
+        (EYE + PAIR + "[rigs.pair]\ncost = -1", "rigs.pair.cost: wanted a number of 0 or more"),
+        (EYE + PAIR.replace("name =", "label ="), "there is no such entry"),
+        ('[rigs.pair]\nfile = "gone.json"', "rigs.pair.file: wanted a file"),
+        ('[rigs.pair]\nfile = "room.obj"', "rigs.pair: room.obj"),
+    ],
+)
+def test_slips_are_named(cameras, words):
+    with pytest.raises(PlanError, match=words):
+        plan_of(cameras)
+
+
+def test_two_cameras_of_one_name_are_refused():
+    with pytest.raises(PlanError, match=r"rigs\.pair: names must be 2 different"):
+        placed(EYE + PAIR.replace('"right"', '"left"'))
+
+
+@pytest.mark.parametrize("task", ["views = 2", "min_angle_deg = 20"])
+def test_rigs_are_one_view(task):
+    with pytest.raises(PlanError, match="rigs: a rig counts as one view"):
+        placed(EYE + PAIR, task=task)

@@ -1,0 +1,105 @@
+"""Tiles that a face may cover, against all tiles: none with a sample of it is left out."""
+
+import importlib
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from lens_cameras import CAMERAS
+
+from rastercov import Camera, CameraError, shapes
+from rastercov._jit import allocation_free
+from rastercov.raster.cpu import lens_kernels as kernels
+from rastercov.raster.cpu.lens_cover import count_covered
+from rastercov.raster.cpu.lens_rasterizer import LensRasterizer, _listed
+from rastercov.raster.cpu.lens_records import SAMPLES, Samples
+from rastercov.raster.cpu.lens_samples import SampleTables
+from rastercov.raster.cpu.simd_kernel import pointers
+
+NEAR = 1e-3
+PATCHES = {
+    lens: SampleTables(CAMERAS[lens].resized(0.05), 1, 0.2).band(0, 1)
+    for lens in ("brown", "wide fisheye", "equirectangular")
+}
+
+
+@allocation_free
+def covered_samples(points, near, patch, listed, counts):
+    """Samples of each face in (F, 2): in the tiles that are listed, and in all."""
+    samples = pointers(Samples(patch.centres, patch.x, patch.y))
+    for f in range(counts.shape[0]):
+        i, j, k = 3 * f, 3 * f + 1, 3 * f + 2
+        if not max(points[i, 2], points[j, 2], points[k, 2]) >= near:
+            continue
+        height, _ = kernels.height_of(points, i, j, k)
+        side = 1.0 if height > 0.0 else -1.0
+        e = kernels.planes_of(points, i, j, k, height, side, near, patch)
+        for tile in range(patch.x.shape[0]):
+            counts[f, 1] += count_covered(e, tile, samples)
+        x0, x1, y0, y1 = kernels.box_of(points, i, j, k, near)
+        if kernels.is_out_of_sight(x0, x1, y0, y1, patch):
+            continue
+        at = kernels.tiles_in(x0, x1, y0, y1, patch)
+        for n in range(kernels.list_tiles(e, at, patch, listed)):
+            counts[f, 0] += count_covered(e, listed.tiles[n], samples)
+
+
+@pytest.mark.parametrize("lens", PATCHES)
+@settings(max_examples=25)
+@given(seed=st.integers(0, 2**32 - 1), size=st.floats(0.003, 3.0))
+def test_every_sample_of_a_face_is_in_a_tile_of_it(lens, seed, size):
+    rng = np.random.default_rng(seed)
+    middle = rng.uniform((-3, -3, -1), (3, 3, 3), (40, 1, 3))
+    points = (middle + rng.normal(0, size, (40, 3, 3))).reshape(-1, 3)
+    if rng.random() < 0.3:
+        points = np.round(points, 1)  # edges through samples, and faces edge-on
+    n_samples = 0
+    for patch in PATCHES[lens]:
+        counts = np.zeros((40, 2), np.int64)
+        covered_samples(points, NEAR, patch, _listed(len(patch.x)), counts)
+        np.testing.assert_array_equal(counts[:, 0], counts[:, 1])
+        n_samples += int(np.isfinite(patch.x).sum())
+    assert n_samples > 2000
+
+
+@pytest.mark.parametrize("lens", PATCHES)
+def test_boxes_hold_the_samples_of_their_tiles(lens):
+    for patch in PATCHES[lens]:
+        n = len(patch.x)
+        assert patch.boxes.shape[1] >= n + SAMPLES
+        low_x, high_x, low_y, high_y = patch.boxes[:, :n].astype(np.float64)
+        x = patch.centres[:, :1] + patch.x
+        y = patch.centres[:, 1:] + patch.y
+        is_live = np.isfinite(patch.x)
+        assert (low_x[:, None] < x)[is_live].all()
+        assert (high_x[:, None] > x)[is_live].all()
+        assert (low_y[:, None] < y)[is_live].all()
+        assert (high_y[:, None] > y)[is_live].all()
+        is_empty = ~is_live.any(axis=1)
+        assert (low_x[is_empty] == np.inf).all()
+        assert (high_x[is_empty] == -np.inf).all()
+        assert (x[is_live] >= patch.low[0]).all()
+        assert (y[is_live] <= patch.high[1]).all()
+
+
+def test_counts_do_not_depend_on_the_size_of_tables(monkeypatch):
+    mesh = shapes.torus(20, 30)
+    pose = np.eye(4)
+    pose[2, 3] = -3.0
+    camera = Camera(width=101, height=77, fx=80, fy=80, model="fov", distortion=(0.7,))
+    with LensRasterizer(mesh, camera, supersample=2) as rasterizer:
+        whole = rasterizer.count(pose)
+        rasterizer._tables = SampleTables(camera, 2, 0.0, max_table=4000)
+        assert rasterizer._tables.n_bands > 5
+        banded = rasterizer.count(pose)
+    np.testing.assert_array_equal(whole.visible, banded.visible)
+    np.testing.assert_array_equal(whole.drawn, banded.drawn)
+    assert whole.background == banded.background
+
+
+@pytest.mark.parametrize("opened", ["CPURasterizer", "GLRasterizer"])
+def test_rasterisers_of_pinholes_say_what_draws_other_lenses(opened):
+    module = importlib.import_module(f"rastercov.raster.{opened[:-10].lower()}")
+    with pytest.raises(CameraError, match=r"draws pinholes only, got a lens of model opencv; take"):
+        getattr(module, opened)(shapes.box((1, 1, 1)), CAMERAS["brown"])

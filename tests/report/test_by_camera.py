@@ -1,0 +1,141 @@
+"""Reports of several cameras: figures by camera are those of its poses alone."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+import rastercov as rc
+from rastercov import shapes
+from rastercov.area.by_camera import MOST_CAMERAS, cameras_apart
+from rastercov.report.by_camera import camera_rows, camera_table
+from rastercov.report.coverage import Options, run
+
+MESH = shapes.torus(24, 12)
+WIDE = rc.Camera(width=160, height=120, fx=90, fy=90)
+LONG = rc.Camera(width=240, height=240, fx=400, fy=400, cx=100, near=0.5, focus_range=(2, 6))
+RIG = rc.Rig([WIDE, LONG], ["wide", "long"])
+MATRICES = rc.sphere_of_poses((0, 0, 0), 4.0, 8)
+INDICES = np.array([0, 1, 1, 0, 1, 0, 0, 1])
+POSES = rc.Poses.of(MATRICES, camera=INDICES)
+TASKS = {"area": rc.Task(max_incidence_deg=70, views=2), "face": rc.Task(min_pixels=4, views=2)}
+
+
+def alone(summary, own):
+    """Figures of a run with the poses of one camera, as its entry by camera has them."""
+    found = {"poses": int(own.sum()), "covered": summary["covered"]}
+    if "covered_area" in summary:
+        found["covered_area"] = summary["covered_area"]
+    return found
+
+
+@pytest.mark.parametrize("by", TASKS)
+@pytest.mark.parametrize("table", ["none", "seen"])
+def test_each_camera_has_the_figures_of_its_poses_alone(by, table, tmp_path):
+    options = Options(pictures=0, table=table)
+    summary = run(MESH, RIG, POSES, TASKS[by], tmp_path / "all", options)
+    assert summary["by"] == by
+    for index, entry in enumerate(summary["by_camera"]):
+        own = index == INDICES
+        camera, one = RIG.cameras[index], replace(TASKS[by], views=1)
+        wanted = run(MESH, camera, MATRICES[own], one, tmp_path / str(index), options)
+        # Sums of floats in another order.
+        found = json.loads(json.dumps(entry | alone(wanted, own)))
+        assert close(entry, found)
+        assert entry["camera"] == RIG.names[index]
+    assert [each["camera"] for each in summary["per_pose"]] == [RIG.names[k] for k in INDICES]
+
+
+def close(one, other):
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(close(one[k], other[k]) for k in one)
+    if isinstance(one, list):
+        return len(one) == len(other) and all(map(close, one, other))
+    return one == (other if isinstance(one, str) else pytest.approx(other, rel=1e-9, abs=1e-9))
+
+
+def test_all_cameras_together_are_one_network(tmp_path):
+    summary = run(MESH, RIG, POSES, TASKS["face"], tmp_path, Options(pictures=0, table="all"))
+    coverage = rc.evaluate(MESH, RIG, POSES, TASKS["face"])
+    network = rc.Network(MESH, TASKS["face"])
+    network.add(coverage)
+    assert summary["covered"] == network.summary()["covered"]
+    table = pq.read_table(tmp_path / "coverage.parquet").to_pydict()
+    names = np.array(RIG.names)[INDICES]
+    assert table["camera"] == names[table["pose"]].tolist()
+    np.testing.assert_array_equal(np.array(table["pose"]), np.repeat(np.arange(8), MESH.n_faces))
+    np.testing.assert_allclose(
+        np.array(table["coverage"]), coverage.coverage.ravel(), rtol=1e-6, atol=1e-7
+    )
+
+
+def test_one_camera_has_the_report_it_always_had(tmp_path):
+    one = run(MESH, WIDE, MATRICES, TASKS["face"], tmp_path / "a", Options(pictures=0))
+    rig = rc.Rig([WIDE], ["wide"])
+    other = run(MESH, rig, MATRICES, TASKS["face"], tmp_path / "b", Options(pictures=0))
+    for summary in (one, other):
+        assert "by_camera" not in summary
+        assert summary["run"]["camera"] == WIDE.plain()
+        assert camera_rows(summary) == []
+        assert camera_table(summary) is None
+        for name in ("seconds", "poses_per_second"):
+            del summary[name]
+    assert one == other
+    assert "camera" not in pq.read_table(tmp_path / "a" / "coverage.parquet").schema.names
+
+
+def test_poses_are_drawn_through_their_own_cameras(tmp_path):
+    from PIL import Image
+
+    run(MESH, RIG, POSES, TASKS["area"], tmp_path / "all", Options(pictures=8))
+    for index, camera in enumerate(RIG.cameras):
+        rows = np.flatnonzero(index == INDICES)
+        own = rc.Poses.of(MATRICES[rows])
+        run(MESH, camera, own, replace(TASKS["area"], views=1), tmp_path / "one", Options())
+        for number, pose in enumerate(rows):
+            pictures = [
+                np.asarray(Image.open(path))
+                for path in (
+                    tmp_path / "all" / f"faces_{pose}.png",
+                    tmp_path / "one" / f"faces_{number}.png",
+                )
+            ]
+            np.testing.assert_array_equal(*pictures)
+    for name in ("overview.png", "contact_sheet.png"):
+        assert (tmp_path / "all" / name).exists()
+
+
+def test_too_many_cameras_have_no_figures_of_their_own():
+    poses = rc.Poses.of(np.repeat(MATRICES[:1], MOST_CAMERAS + 1, axis=0))
+    cameras = [WIDE] * (MOST_CAMERAS + 1)
+    every = rc.Poses.of(poses, camera=np.arange(len(poses)))
+    assert cameras_apart(cameras, every) == []
+    assert cameras_apart(cameras, every[1:]) == list(range(1, MOST_CAMERAS + 1))
+    assert cameras_apart(WIDE, poses) == []
+
+
+def test_the_table_of_a_terminal_names_each_camera():
+    summary = {
+        "by_camera": [
+            {"camera": "left", "poses": 3, "covered": {"faces": 1200, "percent": 40.0}},
+            {
+                "camera": "right",
+                "poses": 2,
+                "covered": {"faces": 12, "percent": 1.0},
+                "covered_area": {"m2": 2.5, "percent": 50.0},
+            },
+        ]
+    }
+    assert camera_rows(summary) == [
+        ["left", "3", "1,200 faces", "40.0 %"],
+        ["right", "2", "2.5 m²", "50.0 %"],
+    ]
+    assert camera_table(summary).row_count == 2
+    assert camera_table(summary, most=1).row_count == 2  # one, and a line on the other
+
+
+def test_poses_of_a_camera_that_is_not_there_are_refused(tmp_path):
+    with pytest.raises(rc.PoseError, match="has camera 1, but there are 1"):
+        run(MESH, WIDE, POSES, rc.Task(), tmp_path, Options(pictures=0))

@@ -1,0 +1,189 @@
+"""`place`, `check` and `audit` as functions: results of the commands, and no files."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commands import call, enter, write_part
+
+import rastercov as rc
+from rastercov.report import plan as report
+
+CAMERA = {"width": 96, "height": 72, "fx": 90, "fy": 90}
+PLAN = {
+    "meshes": [{"path": "part.obj"}],
+    "camera": CAMERA,
+    "task": {"min_pixels_per_m2": 100.0},
+    "candidates": [{"generator": "on_sphere", "count": 20, "distances": [3.5]}],
+    "selection": {"goal": "fewest_cameras", "coverage": 0.9},
+}
+NAMED = PLAN | {"candidates": [PLAN["candidates"][0] | {"cameras": ["camera"]}]}
+TOML = """
+[[meshes]]
+path = "part.obj"
+[camera]
+width = 96
+height = 72
+fx = 90
+fy = 90
+[task]
+min_pixels_per_m2 = 100
+[[candidates]]
+generator = "on_sphere"
+count = 20
+distances = [3.5]
+[selection]
+goal = "fewest_cameras"
+coverage = 0.9
+"""
+POSES = rc.sphere_of_poses((0, 0, 0), 3.5, 6)
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    """A folder with a part and nothing else."""
+    enter(tmp_path, monkeypatch)
+    write_part("part.obj")
+    return tmp_path
+
+
+def files():
+    return {path.name for path in Path().rglob("*")}
+
+
+def as_stored(figures):
+    return json.loads(json.dumps(figures, default=lambda value: np.asarray(value).tolist()))
+
+
+def test_place_writes_nothing_and_finds_what_the_command_finds(capsys):
+    placed = rc.place(PLAN)
+    assert placed.is_met
+    assert files() == {"part.obj"}
+    Path("plan.toml").write_text(TOML)
+    again = rc.place("plan.toml")
+    assert files() == {"part.obj", "plan.toml"}
+    np.testing.assert_array_equal(placed.cameras.poses, again.cameras.poses)
+    code, _, err = call(capsys, "place plan.toml -o command --json")
+    assert code == 0, err
+    rc.place("plan.toml", out="function")
+    command, function = (
+        json.loads(Path(where, "plan.json").read_text()) for where in ("command", "function")
+    )
+    assert command.pop("seconds").keys() == function.pop("seconds").keys()
+    assert command == function
+    found = as_stored(report.summary(placed)["cameras"])
+    assert found == function["cameras"]
+    for name in ("poses.json", "page.html", "plan.json"):
+        assert Path("function", name).exists()
+
+
+def test_place_takes_other_cameras():
+    wide = rc.Camera(width=96, height=72, fx=60, fy=60)
+    placed = rc.place(PLAN, camera=wide)
+    own = rc.place(PLAN | {"camera": {**CAMERA, "fx": 60, "fy": 60}})
+    np.testing.assert_array_equal(placed.cameras.poses, own.cameras.poses)
+    assert placed.prepared.camera.cameras == (wide,)
+
+
+def test_check_takes_poses_of_any_kind(capsys):
+    checked = rc.check(PLAN, POSES)
+    rc.write_poses("rig.json", POSES)
+    Path("plan.toml").write_text(TOML)
+    code, out, _ = call(capsys, "check plan.toml -p rig.json --json")
+    command = json.loads(out)
+    assert checked.is_met == command["met"] == (code == 0)
+    kinds = (POSES, rc.Poses.of(POSES), rc.read_views("rig.json"), "rig.json", Path("rig.json"))
+    for poses in kinds:
+        found = rc.check("plan.toml", poses)
+        assert found.requirements == checked.requirements
+        assert as_stored([vars(each) for each in found.requirements]) == [
+            {name: each[name] for name in vars(found.requirements[0])}
+            for each in command["requirements"]
+        ]
+    assert files() == {"part.obj", "plan.toml", "rig.json"}
+
+
+def test_check_replaces_what_is_wanted():
+    assert rc.check(PLAN, POSES, min_coverage=0.1).is_met
+    assert not rc.check(PLAN, POSES[:1], min_coverage=0.9).is_met
+    found = rc.check(PLAN, POSES, groups={"lid": 0.2}, views=3)
+    assert [(each.group, each.limit) for each in found.requirements] == [(None, 0.9), ("lid", 0.2)]
+    assert found.views == 3
+
+
+def test_check_takes_several_cameras():
+    wide, long = (rc.Camera(width=96, height=72, fx=f, fy=f) for f in (60, 120))
+    index = [0, 1, 0, 1, 0, 1]
+    poses = rc.Poses.of(POSES, camera=index)
+    rig = rc.Rig([wide, long], ["wide", "long"])
+    found = rc.check(PLAN, poses, camera=rig)
+    views = rc.Views(rig=rig, poses=poses, images=tuple("abcdef"))
+    bare = {name: value for name, value in PLAN.items() if name != "camera"}
+    for other in (rc.check(PLAN, poses, camera=[wide, long]), rc.check(bare, views)):
+        assert other.requirements == found.requirements
+    exact = rc.unite(rc.regions(found.mesh, rig, poses, found.task))
+    assert found.cameras.areas.summary()["m2"] == pytest.approx(exact.area[0].sum(), abs=1e-9)
+    with pytest.raises(rc.PoseError, match="has camera 1, but there are 1"):
+        rc.check(PLAN, poses)
+
+
+def test_audit_is_the_command(capsys):
+    mesh = rc.Mesh.load("part.obj")
+    camera = rc.Camera(**CAMERA)
+    found = rc.audit(mesh, camera, POSES, rc.Task(views=2))
+    assert files() == {"part.obj"}
+    views = rc.Views(
+        rig=rc.Rig([camera], ["one"]), poses=rc.Poses.of(POSES), images=tuple("abcdef")
+    )
+    named = rc.audit(mesh, views, task=rc.Task(views=2), out="function")
+    assert named.names == tuple("abcdef")
+    rc.write_views("views.json", views)
+    code, _, err = call(capsys, "audit views.json part.obj --views 2 -o command")
+    assert code == 0, err
+    command, function = (
+        json.loads(Path(where, "audit.json").read_text()) for where in ("command", "function")
+    )
+    command["subset"].pop("seconds"), function["subset"].pop("seconds")
+    for each in (command, function):
+        del each["run"]["mesh"]
+    assert command == function
+    summary = as_stored(found.summary())
+    assert summary["covered_percent"] == function["covered_percent"]
+    assert [each["seen_m2"] for each in summary["per_camera"]] == [
+        each["seen_m2"] for each in function["per_camera"]
+    ]
+
+
+def test_poses_without_a_unit_are_refused():
+    rig = rc.Rig([rc.Camera(**CAMERA)], ["one"])
+    views = rc.Views(rig=rig, poses=rc.Poses.of(POSES), images=tuple("abcdef"), has_unit=False)
+    for job in (lambda: rc.check(PLAN, views), lambda: rc.audit(rc.Mesh.load("part.obj"), views)):
+        with pytest.raises(rc.PoseError, match="the poses have no unit"):
+            job()
+
+
+@pytest.mark.parametrize(
+    ("job", "words"),
+    [
+        (lambda: rc.place({}), "plan: meshes: missing; add it"),
+        (lambda: rc.place("gone.toml"), "gone.toml"),
+        (lambda: rc.place(3), "plan must be a plan file, a mapping or a Plan, got 3"),
+        (lambda: rc.place({**PLAN, "camera": None}), "camera: missing"),
+        (lambda: rc.place(PLAN, camera="khepra"), "camera must be a Camera"),
+        (
+            lambda: rc.place(NAMED, camera=rc.Rig([rc.Camera(**CAMERA)], ["other"])),
+            r"candidates\[0\]: there is no camera 'camera'; cameras are other",
+        ),
+        (lambda: rc.check(PLAN, "gone.json"), "gone.json"),
+        (lambda: rc.check(PLAN, [[1, 2]]), "poses must"),
+        (lambda: rc.check(PLAN, POSES, groups={"door": 0.5}), "no group 'door'"),
+        (lambda: rc.check(PLAN, POSES, groups={"lid": 2}), "lid must be a share of 0 to 1, got 2"),
+        (lambda: rc.audit(rc.Mesh.load("part.obj"), rc.Camera(**CAMERA)), "poses are missing"),
+        (lambda: rc.audit("part.obj", rc.Camera(**CAMERA), POSES), "mesh must be a Mesh"),
+    ],
+)
+def test_wrong_arguments_are_one_line(job, words):
+    with pytest.raises(rc.RastercovError, match=words) as error:
+        job()
+    assert "\n" not in str(error.value)

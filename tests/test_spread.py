@@ -1,0 +1,87 @@
+"""Networks whose faces need views from directions that differ by an angle."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import rastercov as rc
+from rastercov import shapes
+from rastercov.placement import Objective, build_matrix, problem_of
+from rastercov.placement.select.problem import BestCoverage
+from rastercov.reference.views import covered_faces
+from rastercov.report.coverage import Options, run
+from rastercov.spread import ViewSpread, least_cosine
+
+MESH = shapes.torus(16, 8)
+CAMERA = rc.Camera(width=160, height=120, fx=90, fy=90)
+POSES = rc.sphere_of_poses((0, 0, 0), 4.0, 12)
+
+
+@settings(max_examples=25)
+@given(
+    seed=st.integers(0, 10_000),
+    n=st.integers(0, 9),
+    angle=st.sampled_from([0.0, 1.0, 30.0, 90.0, 179.0, 180.0]),
+)
+def test_faces_are_spread_where_the_reference_has_them_so(seed, n, angle):
+    rng = np.random.default_rng(seed)
+    covers, eyes = rng.random((n, 7)) < 0.5, rng.normal(size=(n, 3))
+    eyes[: n // 3] = 1.0  # the same place, several times
+    centroids = rng.normal(size=(7, 3))
+    spread = ViewSpread(centroids, math.radians(angle))
+    for eye, row in zip(eyes, covers, strict=True):
+        spread.add(eye, np.flatnonzero(row))
+    found = spread.is_spread & (covers.sum(axis=0) >= 1)
+    cosine = least_cosine(math.radians(angle))
+    np.testing.assert_array_equal(
+        found, covered_faces(covers, eyes, centroids, np.ones(7, np.int64), cosine)
+    )
+
+
+@pytest.mark.parametrize("angle", [0.0, 70.0, 130.0])
+@pytest.mark.parametrize("views", [1, 3])
+def test_a_network_covers_what_placement_covers(views, angle):
+    task = rc.Task(min_pixels=4, views=views, min_angle_deg=angle)
+    added, judged = rc.Network(MESH, task), rc.Network(MESH, task)
+    added.add(rc.evaluate(MESH, CAMERA, POSES, task))
+    with rc.open_observer(MESH, CAMERA) as observer:
+        judged.add_poses(observer, POSES[:5])
+        judged.add_poses(observer, POSES[5:])
+        matrix = build_matrix(observer, POSES, task)
+        objective = Objective.of(observer, task)
+        covered = objective.covered(objective.covers(POSES), POSES[:, :3, 3])
+    problem = problem_of(matrix, MESH, BestCoverage(cameras=12))
+    assert problem.min_angle == math.radians(angle)
+    np.testing.assert_array_equal(added.covered, judged.covered)
+    np.testing.assert_array_equal(added.covered, covered)
+    np.testing.assert_array_equal(added.covered, problem.covered_by(np.arange(12))[1])
+    assert covered.sum() > 0
+
+
+def test_a_report_counts_faces_with_views_from_two_sides(tmp_path):
+    task = rc.Task(min_pixels=4, min_angle_deg=130)
+    network = rc.Network(MESH, task)
+    network.add(rc.evaluate(MESH, CAMERA, POSES, task))
+    without = rc.Network(MESH, rc.Task(min_pixels=4))
+    without.add(rc.evaluate(MESH, CAMERA, POSES, rc.Task(min_pixels=4)))
+    assert network.covered.sum() < without.covered.sum()
+    for table in ("none", "seen"):
+        summary = run(MESH, CAMERA, POSES, task, tmp_path, Options(pictures=0, table=table))
+        assert summary["covered"] == network.summary()["covered"]
+        assert summary["not_covered_because"]["too_few_views"]["faces"] > 0
+    assert summary["by"] == "face"
+
+
+def test_areas_have_no_angle_between_views():
+    task = rc.Task(min_angle_deg=10)
+    with pytest.raises(rc.ConfigError, match="min_angle_deg is of a face"):
+        rc.regions(MESH, CAMERA, POSES, task)
+
+
+@pytest.mark.parametrize("angle", [-1, 181, math.nan, "60"])
+def test_angles_that_are_none_are_refused(angle):
+    with pytest.raises(rc.ConfigError, match="min_angle_deg must be"):
+        rc.Task(min_angle_deg=angle)

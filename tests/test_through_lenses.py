@@ -1,0 +1,177 @@
+"""Projection, aim and bounds of images through any lens: what the pinhole has, and laws for all."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from lens_cameras import CAMERAS, SIDE
+
+import rastercov as rc
+from rastercov import Camera, ConfigError, shapes
+from rastercov.camera_models import MODELS
+from rastercov.image_boxes import image_boxes
+from rastercov.lenses.of_camera import lens_of
+from rastercov.near_plane import depth_from_near
+from rastercov.projection import to_camera, to_image
+from rastercov.rays import border_of, rays_of, view_border
+from rastercov.viewpoints import WIDEST_DEG, enclosing_distance, half_angles, sphere_of_poses
+
+PINHOLE = Camera(width=640, height=480, fx=500, fy=510, cx=300, cy=222.25)
+ZERO = replace(PINHOLE, max_angle_deg=85)
+"""A pinhole that is computed as a lens."""
+FOLDING = Camera(**SIDE, fx=900, fy=900, model="opencv", distortion=(-0.35, 0, 0, 0))
+every_lens = pytest.mark.parametrize("lens", [*CAMERAS])
+seeds = st.integers(0, 2**32 - 1)
+
+
+def is_in_image(camera, points):
+    pixels = to_image(points, camera)
+    return ((pixels >= 0) & (pixels <= (camera.width, camera.height))).all(axis=-1)
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(11)
+
+
+@every_lens
+def test_rays_of_pixels_project_to_them(lens, rng):
+    camera = CAMERAS[lens]
+    pixels = rng.uniform((0, 0), (camera.width, camera.height), (5, 40, 2))
+    rays = rays_of(pixels, camera)
+    assert rays.shape == (5, 40, 3)
+    np.testing.assert_allclose(to_image(3.0 * rays, camera), pixels, atol=1e-8)
+    np.testing.assert_array_equal(to_image(rays, camera), lens_of(camera).project(rays))
+
+
+def test_without_distortion_all_is_as_through_the_pinhole(rng):
+    points = rng.uniform((-1, -1, 0.5), (1, 1, 4), (200, 3))
+    in_view = points[is_in_image(PINHOLE, points)]
+    assert len(in_view) > 20
+    np.testing.assert_allclose(to_image(in_view, ZERO), to_image(in_view, PINHOLE), atol=1e-9)
+    assert half_angles(ZERO) == pytest.approx(half_angles(PINHOLE), rel=1e-12)
+    border = view_border(ZERO, 5)
+    np.testing.assert_allclose(border, view_border(PINHOLE, 5), atol=1e-12)
+    pose = np.eye(4)[None]
+    for spread in (0.05, 0.4):
+        own = points * (spread, spread, 1)
+        boxes = [image_boxes(own, camera, pose)[0] for camera in (PINHOLE, ZERO)]
+        np.testing.assert_allclose(boxes[1], boxes[0], atol=1)
+    np.testing.assert_array_equal(depth_from_near(points, ZERO), points[:, 2])
+
+
+@every_lens
+@settings(max_examples=15)
+@given(seed=seeds)
+def test_all_of_the_pyramid_of_half_angles_is_in_the_image(lens, seed):
+    camera, rng = CAMERAS[lens], np.random.default_rng(seed)
+    across, down = half_angles(camera)
+    sides = rng.uniform(-1, 1, (400, 2))
+    sides[:100] /= np.abs(sides[:100]).max(axis=1, keepdims=True)  # on its surface
+    rays = np.column_stack((sides * (across, down), np.ones(400)))
+    assert is_in_image(camera, rays * (1 - 1e-9, 1 - 1e-9, 1)).all()
+
+
+@every_lens
+def test_the_pyramid_of_half_angles_is_the_widest(lens):
+    camera, t = CAMERAS[lens], half_angles(CAMERAS[lens])
+    widest = math.tan(math.radians(WIDEST_DEG))
+    for axis, borders in ((0, (1, 3)), (1, (0, 2))):
+        if t[axis] == widest and not MODELS[camera.model].is_planar:
+            continue
+        rays = rays_of(border_of(camera, 4001)[list(borders)], camera)
+        tangents = np.abs(rays[..., axis] / rays[..., 2])
+        assert tangents.min() == pytest.approx(t[axis], rel=1e-6)
+
+
+def test_a_lens_that_ends_within_its_image_is_aimed_within_its_region():
+    lens = lens_of(FOLDING)
+    assert not lens.is_whole
+    across, down = half_angles(FOLDING)
+    assert math.hypot(across, down) <= math.tan(lens.valid_angle)
+    corners = np.array([(x * across, y * down, 1) for x in (-1, 1) for y in (-1, 1)])
+    assert np.isfinite(to_image(corners * (1 - 1e-9, 1 - 1e-9, 1), FOLDING)).all()
+
+
+@pytest.mark.parametrize("model", ["opencv", "opencv_fisheye"])
+def test_a_lens_whose_axis_is_outside_its_image_cannot_be_aimed(model):
+    camera = replace(PINHOLE, cx=-20.0, model=model, distortion=(0.01, 0, 0, 0))
+    with pytest.raises(ConfigError, match=r"the optical axis \(-20, .*must meet the image"):
+        half_angles(camera)
+
+
+@every_lens
+def test_a_sphere_of_poses_sees_all_of_the_mesh(lens):
+    mesh, camera = shapes.torus(8, 6), CAMERAS[lens]
+    centre = mesh.bounds.mean(axis=0)
+    _, distance = enclosing_distance(mesh, camera, centre)
+    for pose in sphere_of_poses(centre, distance * (1 + 1e-9), 4):
+        assert is_in_image(camera, to_camera(mesh.vertices, pose)).all()
+
+
+@every_lens
+@settings(max_examples=10)
+@given(seed=seeds, size=st.floats(0.01, 2.0))
+def test_image_boxes_hold_the_image_of_the_hull(lens, seed, size):
+    camera, rng = CAMERAS[lens], np.random.default_rng(seed)
+    corners = rng.uniform(-size, size, (6, 3)) + rng.uniform((-1, -1, 1), (1, 1, 3))
+    weights = rng.dirichlet(np.full(6, 0.3), 300)
+    points = np.concatenate((corners, weights @ corners))
+    left, top, right, bottom = image_boxes(corners, camera, np.eye(4)[None])[0]
+    with np.errstate(invalid="ignore"):
+        pixels = to_image(points, camera)[is_in_image(camera, points)]
+    assert (pixels >= (left, top)).all()
+    assert (pixels <= (right, bottom)).all()
+
+
+def test_an_image_box_of_a_small_thing_is_small():
+    corners = np.array([(0.3, 0.2, 2), (0.31, 0.2, 2), (0.3, 0.21, 2.01)])
+    for lens in ("brown", "rational and prism", "division", "tilted sensor"):
+        left, top, right, bottom = image_boxes(corners, CAMERAS[lens], np.eye(4)[None])[0]
+        assert max(right - left, bottom - top) <= 12
+    behind = corners * (1, 1, -1)
+    box = image_boxes(behind, CAMERAS["brown"], np.eye(4)[None])[0]
+    assert box.tolist() == [0, 0, 1280, 1024]
+
+
+@every_lens
+def test_the_border_of_a_view_is_that_of_the_image(lens):
+    camera = CAMERAS[lens]
+    rays = view_border(camera, 6)
+    assert rays.shape == (24, 3)
+    if MODELS[camera.model].is_planar:
+        assert rays[:, 2] == pytest.approx(1.0)
+    if lens == "equirectangular":
+        assert rays[:, 1] == pytest.approx(0.0)  # the horizon
+        return
+    pixels = to_image(rays * (1 - 1e-12), camera)
+    expected = border_of(camera, 7)[:, :-1].reshape(-1, 2)
+    np.testing.assert_allclose(pixels, expected, atol=1e-6)
+
+
+def test_the_border_of_a_view_ends_with_the_region_of_the_lens():
+    rays = view_border(FOLDING, 6)
+    away = np.arccos(rays[:, 2] / np.linalg.norm(rays, axis=1))
+    limit = lens_of(FOLDING).valid_angle
+    assert away.max() == pytest.approx(limit)
+    assert away.min() < 0.99 * limit
+
+
+def test_wide_lenses_have_a_cube_of_near_planes():
+    points = np.array([(0.1, 0.2, -3.0), (-2.0, 0.1, 0.5)])
+    assert depth_from_near(points, CAMERAS["wide fisheye"]).tolist() == [3.0, 2.0]
+    assert depth_from_near(points, CAMERAS["brown"]).tolist() == [-3.0, 0.5]
+
+
+def test_what_wants_a_pinhole_names_itself():
+    mesh, pose = shapes.torus(8, 6), np.eye(4)
+    for module in ("polygons", "rational", "samples"):
+        reference = __import__(f"rastercov.reference.{module}", fromlist=["x"])
+        function = reference.render if module == "samples" else reference.visible_area
+        with pytest.raises(
+            rc.CameraError, match=r"a reference .* wants a pinhole, got .* undistort"
+        ):
+            function(mesh, ZERO, pose)
