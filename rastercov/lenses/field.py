@@ -21,7 +21,7 @@ from rastercov.lenses.records import PlaneRecord
 
 FloatArray = NDArray[np.float64]
 
-TOLERANCE = 2.5e-6
+TOLERANCE = 5e-6
 """Mean width of the undecided cells along a border of the image, in units of the plane."""
 FIRST_NODES = 4096
 SAMPLES = 64
