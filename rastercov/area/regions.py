@@ -36,7 +36,7 @@ FloatArray = NDArray[np.float64]
 GAP_REL = 1e-6
 """Largest distance between the arc of the incidence criterion and its chords, and the mean width
 of what no test of the pixel density decides, relative to the diagonal of the mesh."""
-STRIP_REL = 1e-5
+STRIP_REL = 2e-5
 """Mean width of what is left undecided along the border of the image of a lens, and of densities
 through it, relative to the same."""
 OF_A_FACE = {
