@@ -11,6 +11,7 @@ pieces and bytes of a camera, unions, and shares of cells; medians over the roun
 import statistics
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from rows import Report, arguments
 from surface_cases import in_regions, off_clipper2, room
 
 import rastercov as rc
+from rastercov import shapes
 from rastercov.area.cells import usual_size
 from rastercov.area.centres import CentrePass
 from rastercov.area.regions import RegionPass
@@ -26,6 +28,8 @@ from rastercov.reference.regions import covers_points, points_on
 MOST_OFF, SCATTER = 0.02, 25.0
 """Percentage points of all area between regions and n points: the first, or, for few points, the
 second over the root of n, which is half of the standard deviation of random points."""
+MOST_OF_PINHOLE = 4.0
+"""Time of regions through a lens to that of the pinhole."""
 UNION_REL = 1e-8
 """Of all area, between unions and Clipper2."""
 FILES = {"featuretype.STL": "in", "ADIS16480.STL": "mm", "warehouse.ply": "m"}
@@ -46,6 +50,16 @@ def main() -> None:
     compare(report, "room, density", mesh, camera, poses, dense, args.points)
     measure(report, "room", mesh, camera, poses, task, args.rounds)
     measure(report, "room, density", mesh, camera, poses, dense, args.rounds, most=10.0)
+    lens = rc.Camera(
+        width=1280, height=960, fx=700, fy=700, focus_range=(0.3, 8.0), model="opencv",
+        distortion=(-0.28, 0.09, 1e-3, -5e-4, -0.01),
+    )  # fmt: skip
+    compare(report, "room, lens", mesh, lens, poses, task, args.points // 4)
+    through_lens(report, "room", mesh, camera, lens, poses, task, args.rounds)
+    ring = shapes.torus(100, 50)
+    around_it = rc.sphere_of_poses(ring.bounds.mean(axis=0), 1.1 * float(np.ptp(ring.bounds)), 6)
+    pinhole, lens = (replace(each, focus_range=None) for each in (camera, lens))
+    through_lens(report, "torus", ring, pinhole, lens, around_it, rc.Task(), args.rounds)
     for name, unit in FILES.items() if args.meshes else ():
         mesh = rc.Mesh.load(args.meshes / name, unit)
         camera, poses, task = warehouse(mesh) if name == "warehouse.ply" else around(mesh)
@@ -166,6 +180,35 @@ def measure(
         is_half[row, halves.cell[part][halves.share[part] >= 0.5]] = True
     off = ((is_listed != is_half) @ usual.area).sum() / (is_half @ usual.area).sum()
     report.add(f"{name}: cells that centres take wrongly", 100 * off, "% of the covered area")
+
+
+def through_lens(
+    report: Report,
+    name: str,
+    mesh: rc.Mesh,
+    pinhole: rc.Camera,
+    lens: rc.Camera,
+    poses: np.ndarray,
+    task: rc.Task,
+    rounds: int,
+) -> None:
+    """Print the CPU time of a pose through a lens, to that of the pinhole without distortion."""
+    finders = [RegionPass(mesh, camera, task, threads=1) for camera in (pinhole, lens)]
+    chosen, repeats = rc.Poses.of(poses), max(1, 3000 // mesh.n_faces)
+    found = [finder.find(chosen) for finder in finders]
+    taken = np.array(
+        [
+            [seconds(lambda f=finder: f.find(chosen), repeats) / len(poses) for finder in finders]
+            for _ in range(rounds)
+        ]
+    )
+    report.add(f"{name}, pinhole: regions", 1e3 * float(np.median(taken[:, 0])), "ms/pose")
+    report.add(f"{name}, lens: regions", 1e3 * float(np.median(taken[:, 1])), "ms/pose")
+    ratio = float(np.median(taken[:, 1] / taken[:, 0]))
+    report.add(f"{name}: lens / pinhole", ratio, "", at_most=MOST_OF_PINHOLE)
+    report.add(f"{name}, lens: pieces", len(found[1]) / len(poses), "a camera")
+    share = 100 * found[1].bound.sum() / found[1].area.sum()
+    report.add(f"{name}, lens: bound", share, "% of the covered area")
 
 
 def seconds(work: Callable[[], object], repeats: int = 1) -> float:

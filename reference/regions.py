@@ -119,8 +119,8 @@ def meets_criteria(
     if task.min_pixel_density > 0:
         rows = np.flatnonzero(meets)
         jacobians = jacobian(camera, local[rows], normal[rows])
-        least = np.linalg.svd(jacobians, compute_uv=False)[:, 1]
-        meets[rows] &= least >= task.min_pixel_density
+        worst = np.linalg.svd(jacobians, compute_uv=False)[:, 1]
+        meets[rows] &= worst >= task.min_pixel_density
     found: BoolArray = meets
     return found
 

@@ -19,7 +19,7 @@ ROOT = Path(rastercov.__file__).parent
 # themselves: the links between the modules, which a caller of the package does not need.
 SURFACE = {
     "area.cells": {"FINEST_REL", "MOST_CELLS", "USUAL_CELLS", "rounded_up", "usual_size"},
-    "area.regions": {"GAP_REL", "OF_A_FACE", "RegionPass", "check_pointwise"},
+    "area.regions": {"GAP_REL", "OF_A_FACE", "RegionPass", "STRIP_REL", "check_pointwise"},
     "area.union": {"FLOOR_REL", "MOST_VIEWS", "WHOLE_PAIR_REL", "diagonal_floor", "polygon_areas"},
     "area.zones": {
         *("LEAST_REL", "MOST_ZONES", "OPEN_TOLERANCE_REL", "SLIVER_REL", "SWEEP"),

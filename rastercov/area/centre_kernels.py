@@ -177,7 +177,7 @@ def densities_of_ray(rules, X, Y, Z, n_x, n_y, n_z):
     uv = ux * vx + uy * vy + uz * vz
     a, b, c = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
     per_m2 = abs(a * n_x + b * n_y + c * n_z)
-    # Squares of both singular values: their product is that of the determinant, their sum the trace.
+    # Squares of both singular values: their product is a determinant, their sum a trace.
     largest = 0.5 * (uu + vv + math.sqrt((uu - vv) ** 2 + 4.0 * uv * uv))
     facing = math.sqrt((a * a + b * b + c * c) / largest)
     # In the plane, without the part along its normal.

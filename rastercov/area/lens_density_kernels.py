@@ -1,7 +1,7 @@
 """Densities through a lens in the plane of a face, decided piece by piece; by numba.
 
-Let A be the derivative of pixels by the place x = (x, y) in the ideal plane, w = 1/z, T the tangents
-of the face as columns (3, 2), and h its distance. Pixels change with metres on the face by
+Let A be the derivative of pixels by the place x = (x, y) in the ideal plane, w = 1/z, T (3, 2) the
+tangents of the face as columns, and h its distance. Pixels change with metres on the face by
 
     S = w A (I | -x) T,   S^-1 = Q A^-1 / (h w^2),   Q = adj((I | -x) T),
 
@@ -313,7 +313,7 @@ def append_dense_through_lens(face, polygon, n, rules, scratch, out):
             if not mask >> i & 1 or fits[i, KNOWN] == 0:
                 continue
             inner = line_of(fits, i, fits[i, 3], plane)
-            least, most = least_and_most(part, n, inner)
+            least, _ = least_and_most(part, n, inner)
             if least > 0:
                 mask -= 1 << i
                 continue

@@ -79,11 +79,11 @@ class Rules(NamedTuple):
 class Scratch(NamedTuple):
     """Memory of one thread.
 
-    `base`, `part`, `spare`, `other`, `tidy`, `inner` are polygons; `lines` bound the viewing
-    pyramid and depths, `sides` the face; `arcs`, `levels` and `nodes` belong to the stacks
-    `caps`, `strips` and `views`. Through a lens, `seen` is a polygon, `places` are its corners in
-    the ideal plane, and `fits` affine parts of criteria. `first` is the first piece of each face in the image; `plane` is the face in camera
-    axes.
+    `base`, `part`, `spare`, `other`, `tidy`, `inner` and `seen` are polygons; `lines` bound the
+    viewing pyramid and depths, `sides` the face; `arcs`, `levels` and `nodes` belong to the stacks
+    `caps`, `strips` and `views`; `first` is the first piece of each face in the image; `plane` is
+    the face in camera axes. For densities through a lens, `places` are corners in the ideal plane,
+    and `fits` affine parts of the criteria.
     """
 
     base: FloatArray

@@ -103,7 +103,7 @@ def append_in_view(face, polygon, n, rules, scratch, out):
             else:
                 beyond = tree.children[node, 1]
                 line = (0.0, 0.0, -along_y, along_x, -value)
-                if beyond == UNDECIDED or beyond >= 0 or beyond == INSIDE:
+                if beyond in (UNDECIDED, INSIDE) or beyond >= 0:
                     m = keep_inside(part, n, line, views.corners[top])
                     if m >= 3 and (beyond == UNDECIDED or top + 2 > STACK_ROOM):
                         out.bound[face] += max(twice_area(views.corners[top], m) / 2, 0.0)

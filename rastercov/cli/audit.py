@@ -123,4 +123,4 @@ def _print(summary: Mapping[str, Any], out: Path) -> None:
     for entry in worth[:MOST_NAMED]:
         if entry["lost_m2"] > 0:
             print(f"  without {entry['name']}: {area(entry['lost_m2'])} less")
-    print(out / "audit.json")
+    print(out / "audit.html")

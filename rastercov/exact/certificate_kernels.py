@@ -23,6 +23,7 @@ from rastercov.exact.records import (
     THIN,
     U_MAX,
     U_MIN,
+    UNEVEN,
     UNFIT,
     V_MAX,
     V_MIN,
@@ -31,6 +32,8 @@ from rastercov.exact.records import (
     W,
 )
 
+FEW_BLOCKS = 0.3
+"""Share of blocks that can be certified as a whole below which regions are joined edge by edge."""
 HIDDEN, VISIBLE, IN_DOUBT = range(3)
 """Decisions over a region."""
 
@@ -117,7 +120,7 @@ def is_one_patch(b, blocks):
 
 @inlined
 def node_of(f, parent, projected):
-    """Node of the forest of regions that stands for a face, -1 for a face in no region.
+    """Node of the forest of regions that represents a face, -1 for a face in no region.
 
     Nodes are the patches, of blocks `is_of_a_region`, and after them the faces, of other blocks.
     """
@@ -273,6 +276,13 @@ def find_regions(
     order, lowest, joins = blocks.order, blocks.lowest, blocks.joins
     n_faces, n_patches, n_blocks = order.shape[0], lowest.shape[0], projected.block_state.shape[0]
     n_crossed = list_crossed(projected, targets)
+    n_whole = 0
+    for b in range(n_blocks):
+        n_whole += is_of_a_region(b, projected)
+    if n_whole < FEW_BLOCKS * n_blocks:
+        n_whole = 0
+        for b in range(n_blocks):
+            projected.block_state[b] |= UNEVEN
     for b in range(n_blocks):
         if is_of_a_region(b, projected):
             for c in range(blocks.patch_starts[b], blocks.patch_starts[b + 1]):
@@ -281,7 +291,10 @@ def find_regions(
             for k in range(b * BLOCK, min((b + 1) * BLOCK, n_faces)):
                 node = n_patches + order[k]
                 parent[node] = node if state[order[k]] & (LIVE | CROSSED) == LIVE else -1
-    for k in range(joins.shape[0]):
+        elif n_whole == 0:
+            for k in range(b * BLOCK, min((b + 1) * BLOCK, n_faces)):
+                parent[n_patches + order[k]] = -1
+    for k in range(joins.shape[0] if n_whole > 0 else 0):
         is_reversed = joins[k, 1] < 0
         c, d = joins[k, 0], ~joins[k, 1] if is_reversed else joins[k, 1]
         its, other = blocks.of_patch[c], blocks.of_patch[d]
@@ -293,14 +306,26 @@ def find_regions(
             and parent[c] != parent[d]
         ):
             join(c, d, parent)
-    for b in range(n_blocks):
-        if projected.block_state[b] & LIVE and not is_of_a_region(b, projected):
-            for k in range(b * BLOCK, min((b + 1) * BLOCK, n_faces)):
-                if parent[n_patches + order[k]] >= 0:
-                    for s in range(3):
-                        e = edges.of_face[order[k], s]
-                        if not is_event[e]:
-                            join_along(e, edges, camera, projected, parent)
+    if n_whole == 0:
+        for e in range(edges.kind.shape[0]):
+            f, g = n_patches + edges.faces[e, 0], n_patches + edges.faces[e, 1]
+            if (
+                g < n_patches
+                or is_event[e]
+                or parent[f] == parent[g]
+                or min(parent[f], parent[g]) < 0
+            ):
+                continue
+            join_along(e, edges, camera, projected, parent)
+    else:
+        for b in range(n_blocks):
+            if projected.block_state[b] & LIVE and not is_of_a_region(b, projected):
+                for k in range(b * BLOCK, min((b + 1) * BLOCK, n_faces)):
+                    if parent[n_patches + order[k]] >= 0:
+                        for s in range(3):
+                            e = edges.of_face[order[k], s]
+                            if not is_event[e]:
+                                join_along(e, edges, camera, projected, parent)
     for index in range(events.shape[0]):
         if is_hidden[events[index]]:
             join_along(events[index], edges, camera, projected, parent)

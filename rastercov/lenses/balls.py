@@ -194,8 +194,8 @@ def _angle_over_r_slope(r2: Jet, z: Any) -> Jet:
     z = Jet.of(z)
     deep = Ball.of(z.value)
     value, square = _angle_over_r(r2.value, deep), r2.value + deep * deep
-    # By r2: (z / square - value) / (2 r2), or next to the axis h'(s) / z^3 with |h''| <= 2 / (5 m^3)
-    # (see `_angle_over_r`); by z: -1 / square.
+    # By r2: (z / square - value) / (2 r2), or next to the axis h'(s) / z^3 (see `_angle_over_r`),
+    # |h''| <= 2 / (5 m^3); by z: -1 / square.
     s = r2.value / (deep * deep)
     least = np.minimum(1.0, 1.0 + s.centre.real - s.radius)
     t = s.centre

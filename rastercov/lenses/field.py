@@ -1,4 +1,4 @@
-"""Field of view of a lens in its ideal planes: convex cells that the image shows, as trees of lines.
+"""Field of view of a lens in its ideal planes: convex cells of what its image shows.
 
 What an image shows of an ideal plane is bounded by curves. `fields_of` divides each plane once for
 a camera, so that loops over surfaces cut by straight lines only (`field_kernels`).
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rastercov._jit import announce_compilation
 from rastercov.camera import Camera
 from rastercov.lenses import field_kernels as kernels
+from rastercov.lenses.field_cells import side_of_image
 from rastercov.lenses.kernels import project_many
 from rastercov.lenses.of_camera import MOST_LENSES, planes_of
 from rastercov.lenses.planes import IdealPlane, keep
@@ -20,7 +21,7 @@ from rastercov.lenses.records import PlaneRecord
 
 FloatArray = NDArray[np.float64]
 
-TOLERANCE = 2.5e-6
+TOLERANCE = 5e-6
 """Mean width of the undecided cells along a border of the image, in units of the plane."""
 FIRST_NODES = 4096
 SAMPLES = 64
@@ -64,10 +65,15 @@ def field_of(plane: IdealPlane, record: PlaneRecord, tolerance: float) -> kernel
         if n_nodes <= n:
             break
         n = n_nodes
-    arrays = [array[:n_nodes].copy() for array in tree[:3]]
-    for array in arrays:
+    grown = kernels.Tree(
+        tree.lines[:n_nodes].copy(),
+        tree.children[:n_nodes].copy(),
+        tree.kinds[:n_nodes].copy(),
+        root,
+    )
+    for array in (grown.lines, grown.children, grown.kinds):
         array.flags.writeable = False
-    return kernels.Tree(*arrays, root)
+    return grown
 
 
 def _guards(plane: IdealPlane, record: PlaneRecord, box: FloatArray) -> FloatArray:
@@ -109,7 +115,7 @@ def _is_outside(record: PlaneRecord, box: FloatArray, line: FloatArray) -> bool:
     if len(record.hole) and len(inner) >= 3:
         return False
     edges = edge_scratch()
-    found: int = kernels.side_of_image(record, beyond, len(beyond), record.fx, edges)
+    found: int = side_of_image(record, beyond, len(beyond), record.fx, edges)
     return found == -1
 
 

@@ -101,11 +101,20 @@ def _slopes(plane: IdealPlane) -> Slopes:
     second, third = coarse[:2]
     if bounds.any():
         second, third = _sharpened(plane, coarse, low, half / PARTS)
-    grids = [np.ascontiguousarray(grid) for grid in (second, third)]
-    for grid in grids:
+    found = Slopes(
+        low_x=float(low[0]),
+        low_y=float(low[1]),
+        per_x=PARTS / (2 * float(half[0])),
+        per_y=PARTS / (2 * float(half[1])),
+        second=np.ascontiguousarray(second),
+        third=np.ascontiguousarray(third),
+        is_graded=plane.has_pole,
+        near_pole_2=pole[0],
+        near_pole_3=pole[1],
+    )
+    for grid in (found.second, found.third):
         grid.flags.writeable = False
-    per = PARTS / (2 * half)
-    return Slopes(*low.tolist(), *per.tolist(), *grids, plane.has_pole, *pole)
+    return found
 
 
 def _sharpened(

@@ -1,4 +1,4 @@
-"""What a candidate mounts: a camera, or a rig of cameras that move together.
+"""Mounts of candidates: a camera, or a rig of cameras that move together.
 
 A pose of a candidate is that of its mount, and `Poses.camera` the index of the mount. A rig covers
 what any of its cameras covers, and counts as one choice, and as one view of a face.

@@ -1,4 +1,12 @@
-"""Report of an audit: tables of elements and cameras, arrays, a coloured mesh, a summary."""
+"""Report of an audit: a page, tables of elements and cameras, arrays, a coloured mesh, a summary.
+
+audit.html         headline, pictures of the surface, what each image adds; all inline
+audit_*.png        the surface by number of views, best density and widest angle
+elements.parquet   figures of each cell or face, and elements.npz the same
+cameras.parquet    figures of each image
+audit.glb          the surface coloured by the number of views
+audit.json         shares, medians, the smallest subset, and its provenance
+"""
 
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -10,17 +18,20 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from rastercov._interrupts import interrupts_held
-from rastercov._output import write_json, write_npz, writing
+from rastercov._output import write_bytes, write_json, write_npz, write_text, writing
 from rastercov.audits import Audit
 from rastercov.evaluation_shards import UNFINISHED, remove
 from rastercov.provenance import Provenance
+from rastercov.report.audit_page import page, pictures_of
 from rastercov.report.coloured_mesh import write_coloured_mesh
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.rig import names_of
 
 AUDIT = ReportKind(
     "audit",
-    re.compile(r"elements\.parquet|cameras\.parquet|elements\.npz|audit\.(glb|json)"),
+    re.compile(
+        r"elements\.parquet|cameras\.parquet|elements\.npz|audit\.(glb|json|html)|audit_[a-z]+\.png"
+    ),
     last="audit.json",
 )
 
@@ -54,9 +65,15 @@ def write(
             found.mesh, found.camera, found.poses.given, found.task, options
         ).as_dict()
         summary = found.summary() | {"notes": list(notes), "run": header}
+        cameras = names_of(found.camera)
+        pictures = pictures_of(found)
+        html = page(found, summary, cameras, pictures)
         with interrupts_held():
+            for name, picture in pictures.items():
+                write_bytes(folder.file(f"{name}.png"), picture.light)
+            write_text(folder.file("audit.html"), html)
             _write_elements(folder.file("elements.parquet"), found)
-            _write_cameras(folder.file("cameras.parquet"), found, names_of(found.camera))
+            _write_cameras(folder.file("cameras.parquet"), found, cameras)
             write_npz(folder.file("elements.npz"), **_arrays(found))
             write_coloured_mesh(
                 folder.file("audit.glb"),

@@ -54,7 +54,7 @@ def segments_picture(mesh: Mesh, segmentation: Segmentation) -> Image.Image:
     colours[inside] = theme.index_colours(segmentation.labels[inside])
     beta = "" if segmentation.beta_deg is None else f", beta {segmentation.beta_deg:g}°"
     title = f"{segmentation.n_segments} segments (alpha {segmentation.alpha_deg:g}°{beta})"
-    return _two_sides(mesh, colours, title, [], ALL_SIDES)
+    return two_sides(mesh, colours, title, [], ALL_SIDES)
 
 
 def coverage_picture(mesh: Mesh, best: ArrayLike, eyes: ArrayLike = ()) -> Image.Image:
@@ -67,7 +67,7 @@ def coverage_picture(mesh: Mesh, best: ArrayLike, eyes: ArrayLike = ()) -> Image
     bar = np.repeat(scale[None, 2:], 24, axis=0)
     keys = [Key("best coverage of any camera", bar, "0", "1")]
     keys += [key("0 in every camera", tuple(scale[0]))] if zero.any() else []
-    return _two_sides(mesh, colours, "Best coverage of each face", keys, ALL_SIDES, zero, eyes)
+    return two_sides(mesh, colours, "Best coverage of each face", keys, ALL_SIDES, zero, eyes)
 
 
 def views_picture(covered: Covered, eyes: ArrayLike = ()) -> Image.Image:
@@ -110,10 +110,10 @@ def leftover_picture(leftover: Leftover, eyes: ArrayLike = ()) -> Image.Image:
         f"Not covered: {share['faces']:,} faces, {percent(share['area_percent'] / 100)} of the area"
     )
     directions = best_directions(mesh, leftover.left, eyes=eyes)
-    return _two_sides(mesh, colours, title, keys, directions, leftover.left, eyes)
+    return two_sides(mesh, colours, title, keys, directions, leftover.left, eyes)
 
 
-def _two_sides(
+def two_sides(
     mesh: Mesh,
     colours: Pixels,
     title: str,

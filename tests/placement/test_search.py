@@ -128,11 +128,11 @@ class Facing(Objective):
     """Faces are covered by what they face within 50 degrees and 30 of the axis: quick."""
 
     def covers(self, poses):
-        mesh = self.observer.mesh
-        rays = poses[:, None, :3, 3] - mesh.centroids
+        mesh, matrices = self.observer.mesh, np.asarray(poses)
+        rays = matrices[:, None, :3, 3] - mesh.centroids
         rays /= np.linalg.norm(rays, axis=2, keepdims=True)
         facing = np.einsum("pfi,fi->pf", rays, mesh.normals)
-        ahead = -np.einsum("pfi,pi->pf", rays, poses[:, :3, 2])
+        ahead = -np.einsum("pfi,pi->pf", rays, matrices[:, :3, 2])
         return (facing > np.cos(np.radians(50))) & (ahead > np.cos(np.radians(30)))
 
 

@@ -71,8 +71,9 @@ def tiles_met(e, at, boxes, n_boxes, first, n, margin):
         (e.a1, e.b1, e.c1, e.d1),
         (e.a2, e.b2, e.c2, e.d2),
     ):
-        furthest = x1.where(a > 0.0, x0) * a.to(SINGLE) + y1.where(b > 0.0, y0) * b.to(SINGLE)
-        is_met = is_met & (furthest + c.to(SINGLE) >= (-doubt - margin).to(SINGLE))
+        a, b, c = (slope.to(SINGLE) for slope in (a, b, c))
+        furthest = (x0 * a).maximum(x1 * a) + (y0 * b).maximum(y1 * b)  # no branch by the signs
+        is_met = is_met & (furthest + c >= (-doubt - margin).to(SINGLE))
     return is_met.bits()
 
 

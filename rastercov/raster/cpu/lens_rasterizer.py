@@ -200,14 +200,16 @@ class _Scene:
         # The centre is that of `Mesh.opaque` in both, so that points are rounded alike.
         self.centre: FloatArray = mesh.opaque.bounds.mean(axis=0)
         self.vertices = np.ascontiguousarray(mesh.vertices - self.centre)
-        self.opaque: IntArray = np.flatnonzero(~mesh.target_mask)
+        opaque: IntArray = np.flatnonzero(~mesh.target_mask)
+        # Adding to a slice takes a fifth of the time.
+        self.opaque: Any = opaque if mesh.has_targets else slice(None)
         self.targets: IntArray = np.flatnonzero(mesh.target_mask)
         faces = in_one_order(mesh).astype(np.int32)
         if mesh.has_targets and mesh.opaque.can_cull_back_faces:
             faces = mesh.faces.astype(np.int32)  # winding decides which faces are left out
-        self.faces = np.ascontiguousarray(faces[self.opaque])
+        self.faces = np.ascontiguousarray(faces[opaque])
         self.target_faces = np.ascontiguousarray(faces[self.targets])
-        self.name_of = np.append(self.opaque, -1).astype(np.int32)
+        self.name_of = np.append(opaque, -1).astype(np.int32)
 
 
 class _Worker:

@@ -1,0 +1,157 @@
+"""Blocks of faces: what is decided for a block at once is what each of its faces gives alone."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from exact_views import SEEDS, assert_agree, look, see_again, soup
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scenes import joined
+
+from rastercov import shapes
+from rastercov.camera import Camera
+from rastercov.exact import blocks as blocks_module
+from rastercov.exact.block_kernels import NARROW_FACTOR, lay_boxes
+from rastercov.exact.certificate import THIN_TOLERANCE_REL, CertificateSolver
+from rastercov.exact.records import BLOCK, CONSISTENT, LIVE, MIXED, NON_MANIFOLD, UNEVEN
+from rastercov.exact.setup_kernels import UNIT_ROUNDING
+from rastercov.exact.surface import surface_of
+from rastercov.mesh import Mesh
+from rastercov.viewpoints import look_at
+
+CAMERA = Camera(width=320, height=240, fx=300, fy=300)
+
+
+def shuffled(mesh, rng):
+    order = rng.permutation(mesh.n_faces)
+    return Mesh(mesh.vertices, mesh.faces[order]), order
+
+
+def scene(rng):
+    """Two rings, of which one may be open or turned inside out, and a few faces among them."""
+    rings = []
+    for _ in range(2):
+        ring = shapes.torus(int(rng.integers(12, 60)), int(rng.integers(8, 30)))
+        faces = ring.faces[rng.random(ring.n_faces) < 0.98] if rng.random() < 0.5 else ring.faces
+        turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        rings.append(Mesh(ring.vertices @ turn + rng.normal(size=3) * 0.7, faces))
+    if rng.random() < 0.5:
+        rings.append(soup(rng, 12))
+    return joined(*rings)
+
+
+def view_of(mesh, rng):
+    """A pose near a mesh, within its box or outside, so that blocks lie in, across and beyond."""
+    centre, size = mesh.bounds.mean(axis=0), np.ptp(mesh.bounds, axis=0).max()
+    direction = rng.normal(size=3)
+    eye = centre + direction / np.linalg.norm(direction) * size * rng.uniform(0.2, 2.5)
+    return look_at(eye, centre + rng.normal(size=3) * size * 0.2, rng.normal(size=3))[0]
+
+
+def one_by_one(mesh):
+    """Surface of a mesh that says of no block that its faces can be decided together."""
+    surface = surface_of(mesh)
+    blocks = surface.blocks
+    apart = blocks._replace(
+        has_flat=np.ones_like(blocks.has_flat), is_plain=np.zeros_like(blocks.is_plain)
+    )
+    return replace(surface, blocks=apart)
+
+
+@given(seed=SEEDS, is_sorted=st.booleans())
+@settings(max_examples=20)
+def test_patches_joins_and_blocks_of_edges_are_those_of_the_faces(seed, is_sorted):
+    rng = np.random.default_rng(seed)
+    mesh = scene(rng)
+    surface = surface_of(mesh)
+    order = rng.permutation(mesh.n_faces).astype(np.int32) if is_sorted else surface.blocks.order
+    found, edges = blocks_module.blocks_of(order, surface.flat, surface.edges), surface.edges
+    assert np.array_equal(found.order[np.argsort(found.order)], np.arange(mesh.n_faces))
+    assert np.array_equal(found.of_face[found.order], np.arange(mesh.n_faces) // BLOCK)
+    assert found.is_in_order == np.array_equal(found.order, np.arange(mesh.n_faces))
+    # Labels spread to the lowest face over edges within blocks, step by step.
+    f, g = edges.faces[edges.faces[:, 1] >= 0].T
+    kind = edges.kind[edges.faces[:, 1] >= 0]
+    within = (found.of_face[f] == found.of_face[g]) & (kind == CONSISTENT)
+    label = np.arange(mesh.n_faces)
+    for _ in range(BLOCK):
+        np.minimum.at(label, f[within], label[g[within]])
+        np.minimum.at(label, g[within], label[f[within]])
+    assert np.array_equal(found.lowest[found.patch], label)
+    assert np.array_equal(found.of_patch, found.of_face[found.lowest])
+    for n, (first, last) in enumerate(pairwise(found.patch_starts)):
+        assert (found.of_patch[first:last] == n).all()
+    pairs = set()
+    for a, b, its in zip(found.patch[f], found.patch[g], kind, strict=True):
+        if a != b and its != NON_MANIFOLD:
+            pairs.add((min(a, b), max(a, b) if its == CONSISTENT else ~max(a, b)))
+    assert set(map(tuple, found.joins.tolist())) == pairs
+    for m, is_plain in enumerate(found.is_plain):
+        part = slice(m * BLOCK, (m + 1) * BLOCK)
+        expected = (edges.kind[part] == CONSISTENT) & (edges.faces[part, 1] >= 0)
+        assert is_plain == expected.all()
+        if is_plain:
+            listed = found.of_edges[found.starts[m] : found.starts[m + 1]]
+            assert set(listed) == set(found.of_face[edges.faces[part].ravel()])
+
+
+@given(seed=SEEDS, front_only=st.booleans())
+@settings(max_examples=25)
+def test_blocks_change_no_figure(seed, front_only):
+    rng = np.random.default_rng(seed)
+    mesh = scene(rng)
+    together = CertificateSolver(surface_of(mesh), CAMERA)
+    apart = CertificateSolver(one_by_one(mesh), CAMERA)
+    for _ in range(2):  # what the pose before has left must not matter
+        pose = view_of(mesh, rng)
+        see_again(together, mesh, CAMERA, pose, front_only=front_only)
+        see_again(apart, mesh, CAMERA, pose, front_only=front_only)
+        assert (apart.projected.block_state & UNEVEN).all()
+        for name in ("area", "state", "side", "is_certified"):
+            assert np.array_equal(getattr(together, name), getattr(apart, name)), name
+        assert together.n_events == apart.n_events
+        assert np.array_equal(together.region, apart.region)
+        # The grids may differ in the last bit, and with them the order of sums.
+        np.testing.assert_allclose(together._extent, apart._extent, rtol=1e-12)
+        off = np.abs(together.visible - apart.visible)
+        assert (off <= together.area_error + apart.area_error).all()
+        some = np.flatnonzero(together.state & LIVE).astype(np.int32)
+        lay_boxes(some, together.projected)
+        assert np.array_equal(together.projected.box[some], apart.projected.box[some])
+
+
+def test_most_blocks_of_a_fine_mesh_are_decided_together():
+    mesh = shapes.torus(120, 60)
+    pose = look_at(np.array((3.0, 2.0, 4.0)), mesh.bounds.mean(axis=0), (0, 0, 1))[0]
+    for front_only in (True, False):
+        view = look(mesh, CAMERA, pose, front_only=front_only)
+        state, side = view.projected.block_state, view.projected.block_side
+        assert ((state == LIVE) & (side != MIXED)).mean() > 0.3
+        assert view.n_regions < 10
+
+
+@given(seed=SEEDS)
+@settings(max_examples=10)
+def test_the_order_of_the_faces_does_not_matter(seed):
+    rng = np.random.default_rng(seed)
+    mesh = scene(rng)
+    other, order = shuffled(mesh, rng)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(blocks_module, "LEAST_FACES", 1)
+        assert not surface_of(other).blocks.is_in_order
+    pose = view_of(mesh, rng)
+    view, of_other = look(mesh, CAMERA, pose), assert_agree(other, CAMERA, pose)
+    assert np.array_equal(view.area[order], of_other.area)
+    off = np.abs(view.visible[order] - of_other.visible)
+    assert (off <= view.area_error[order] + of_other.area_error + 1e-12).all()
+
+
+def test_a_mesh_in_local_order_keeps_it(monkeypatch):
+    monkeypatch.setattr(blocks_module, "LEAST_FACES", 1)
+    assert surface_of(shapes.torus(40, 20)).blocks.is_in_order
+
+
+def test_what_is_too_thin_to_be_certified_is_measured_by_itself():
+    assert NARROW_FACTOR * UNIT_ROUNDING > 2 * THIN_TOLERANCE_REL

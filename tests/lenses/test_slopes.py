@@ -1,0 +1,68 @@
+"""Bounds of second and third derivatives: never below differences, and not far above them."""
+
+import numpy as np
+import pytest
+from lens_cameras import CAMERAS
+
+from rastercov import Camera
+from rastercov.lenses import kernels
+from rastercov.lenses.of_camera import lens_of, planes_of
+from rastercov.lenses.slopes import bounds_within, slopes_of
+
+STEP = 2e-3
+
+
+def pixels_of(plane, points):
+    rays = np.ascontiguousarray(np.column_stack((points, np.ones(len(points)))) @ plane.frame.T)
+    pixels = np.empty((len(points), 2))
+    kernels.project_many(plane.code, plane.params, rays, pixels)
+    return pixels
+
+
+def differences(plane, points):
+    """(2, N) second and third derivatives, the greatest of some directions, px."""
+    most = np.zeros((2, len(points)))
+    for angle in np.linspace(0, np.pi, 9):
+        d = STEP * np.array([np.cos(angle), np.sin(angle)])
+        far, near, here, back, behind = (
+            pixels_of(plane, points + k * d) for k in (2, 1, 0, -1, -2)
+        )
+        second = (near + back - 2 * here) / STEP**2
+        third = (far - 2 * near + 2 * back - behind) / (2 * STEP**3)
+        most = np.fmax(most, [np.hypot(*second.T), np.hypot(*third.T)])
+    return most
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_no_difference_is_above_its_bound(name):
+    camera, rng = CAMERAS[name], np.random.default_rng(2)
+    lens, ratios = lens_of(camera), []
+    for (plane, _), slopes in zip(planes_of(camera), slopes_of(camera), strict=True):
+        low, high = plane.region.min(axis=0), plane.region.max(axis=0)
+        points = rng.uniform(low, high, (600, 2))
+        # Differences around a point must stay in the region, and away from a pole.
+        around = points[:, None] + 3 * STEP * np.array([(1, 1), (1, -1), (-1, 1), (-1, -1)])
+        sides = np.roll(plane.region, -1, axis=0) - plane.region
+        away = around[:, :, None] - plane.region
+        is_in = (sides[:, 0] * away[..., 1] - sides[:, 1] * away[..., 0] >= 0).all(axis=(1, 2))
+        rays = np.concatenate((around, np.ones((len(points), 4, 1))), axis=2) @ plane.frame.T
+        is_in &= np.isfinite(lens.project(rays)).all(axis=(1, 2))
+        is_in &= (np.hypot(*points.T) > 0.1) | (not plane.has_pole)
+        points = points[is_in]
+        if not len(points):
+            continue
+        found = np.array([bounds_within(slopes, x, x, y, y) for x, y in points]).T
+        true = differences(plane, points)
+        # Differences themselves are off by rounding and by their step.
+        slack = 1e-2 * true + np.array([[1e-5], [1e-1]]) + np.array([[0.01], [0.02]]) * found
+        assert (true <= found + slack).all()
+        ratios.append(np.median(found[0] / np.maximum(true[0], 1e-3)))
+    assert ratios
+    assert min(ratios) < 100
+
+
+def test_a_lens_without_distortion_has_no_second_derivative():
+    camera = Camera(width=640, height=480, fx=500, fy=500, skew=2)
+    (slopes,) = slopes_of(camera)
+    assert not slopes.second.any()
+    assert not slopes.third.any()
