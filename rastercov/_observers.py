@@ -155,11 +155,8 @@ class ExactObserver(OpenObserver):
                     solver.set_pose(matrices[row], near[row], front_only[row])
                     solver.solve_all()
                     if not is_direct:
-                        visible[row], area[row], error[row] = (
-                            solver.visible[rows],
-                            solver.area[rows],
-                            solver.area_error[rows],
-                        )
+                        found = solver.visible, solver.area, solver.area_error
+                        visible[row], area[row], error[row] = (array[rows] for array in found)
                     kind[row][solver.is_certified[rows]] = BoundKind.CERTIFIED
 
             return work

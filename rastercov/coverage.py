@@ -230,8 +230,8 @@ def evaluate_batches(
     check_observer(observer)
     task = _checked_task(task)
     judge = CoveragePass(observer, task)
-    batches = _batches(len(accepted), observer)
-    return (_judged(observer, judge, task, accepted[rows], names) for rows in batches)
+    parts = (accepted[rows] for rows in _batches(len(accepted), observer))
+    return (_judged(observer, judge, task, part, names) for part in parts)
 
 
 def check_observer(observer: object) -> None:
@@ -301,8 +301,7 @@ def _coverage(
     """Coverage with some of the figures."""
     head = observer.mesh, observer.camera, task, observer.info, poses.ids, clipped
     figures: dict[str, Any] = dict.fromkeys(FIGURES)
-    eyes = poses.world_from_camera[:, :3, 3]
-    return Coverage(*head, **(figures | values), eyes=eyes)
+    return Coverage(*head, **(figures | values), eyes=poses.world_from_camera[:, :3, 3])
 
 
 def _checked_fields(names: Sequence[str] | None) -> list[str]:

@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+from lens_cameras import CAMERAS
 from surface_cases import bisected, room
 
 import rastercov as rc
@@ -32,6 +33,19 @@ def test_the_share_is_what_the_exact_area_has_and_whole_faces_have_not(views):
     share = float(re.match(r"about ([\d.]+) % of the area", line)[1])
     assert share == pytest.approx(100 * expected, abs=2.5)
     assert line.endswith("use --by area")
+
+
+def test_the_share_is_that_of_the_exact_area_through_a_lens():
+    lens = CAMERAS["brown"]
+    task = rc.Task(max_incidence_deg=75, min_pixels=2000)
+    network = network_of(MESH, lens, POSES, task)
+    covered = rc.unite(rc.regions(MESH, lens, POSES, rc.Task(max_incidence_deg=75))).area[-1]
+    left = network.views < 1
+    # Points with fewer pixels than a face needs do not count: at most the covered area.
+    share = share_in_parts(network, lens, POSES)
+    assert 0.1 < share <= covered[left].sum() / MESH.areas.sum() + 0.02
+    (line,) = half_covered(network, lens, POSES)
+    assert "--by area" in line
 
 
 @pytest.mark.slow
