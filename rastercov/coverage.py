@@ -230,8 +230,8 @@ def evaluate_batches(
     check_observer(observer)
     task = _checked_task(task)
     judge = CoveragePass(observer, task)
-    parts = (accepted[rows] for rows in _batches(len(accepted), observer))
-    return (_judged(observer, judge, task, part, names) for part in parts)
+    batches = measurements(observer, accepted)
+    return (judged(observer, judge, task, part, seen, names) for part, seen in batches)
 
 
 def check_observer(observer: object) -> None:
@@ -268,13 +268,6 @@ def _batches(n_poses: int, observer: Observer) -> Iterator[slice]:
     """Slices of poses that are measured together; at least one, maybe empty."""
     step = batch_size(observer.mesh.n_faces, threads_of(observer))
     return (slice(at, at + step) for at in range(0, max(1, n_poses), step))
-
-
-def _judged(
-    observer: Observer, judge: CoveragePass, task: Task, poses: Poses, names: Sequence[str]
-) -> Coverage:
-    """Coverage of a batch."""
-    return judged(observer, judge, task, poses, _measured(observer, poses), names)
 
 
 def judged(
