@@ -37,7 +37,7 @@ GAP_REL = 1e-6
 """Largest distance between the arc of the incidence criterion and its chords, and the mean width
 of what no test of the pixel density decides, relative to the diagonal of the mesh."""
 STRIP_REL = 2e-5
-"""Mean width of what is left undecided along the border of the image of a lens, and of densities
+"""Mean width of undecided parts along the border of the image of a lens, and of densities
 through it, relative to the same."""
 OF_A_FACE = {
     "min_pixels": "min_pixels is of a face; give min_pixels_per_m2",
