@@ -79,7 +79,7 @@ def lens_rules(
     gap : float
         Largest distance of an arc from its chords, metres.
     strip : float
-        Mean width of the undecided part, relative to `size`.
+        Mean width of undecided parts, relative to `size`.
     size : float
         Diagonal of the mesh, metres.
     """

@@ -103,7 +103,7 @@ class TreeScratch(NamedTuple):
 
 
 def tree_scratch(n_sides: int, n_hole: int) -> TreeScratch:
-    """Memory for a tree of a region and a hole with this number of sides."""
+    """Memory for a tree of a region and a hole, by the numbers of their sides."""
     n = STACK_ROOM
     return TreeScratch(
         corners=np.empty((n, MOST_CORNERS, 2)),

@@ -30,8 +30,7 @@ STEP = 1e-3
 """Step of the differences, in units of the plane: far less than the least of the radii."""
 ORDERS = (2, 3, 4, 5)
 RADII = tuple(np.geomspace(0.01, 0.5, 12).tolist())
-"""Radii, in units of the plane, at which bounds are tried; of a plane with a pole, in units of the
-distance from it."""
+"""Radii, in units of the plane, at which bounds are tried."""
 
 
 class Slopes(NamedTuple):
@@ -83,7 +82,7 @@ def _slopes(plane: IdealPlane) -> Slopes:
     bounds = np.zeros((len(ORDERS), CELLS * CELLS))
     pole = 0.0, 0.0
     if plane.has_pole:
-        pole = _near_pole(plane, x, y, float(half.max()))
+        pole = _near_pole(plane)
     elif not is_affine(plane):
         rows = np.flatnonzero(plane.meets(x, y, (float(half[0]), float(half[1]))))
         bounds[:, rows] = np.inf
@@ -157,23 +156,19 @@ def _first_derivatives(plane: IdealPlane, points: FloatArray) -> FloatArray:
     return out
 
 
-def _near_pole(plane: IdealPlane, x: FloatArray, y: FloatArray, half: float) -> tuple[float, float]:
-    """Bounds of second and third derivatives times d^2 and d^3, d the distance from the pole.
+def _near_pole(plane: IdealPlane) -> tuple[float, float]:
+    """Bounds of second and third derivatives times d^2 and d^3, d <= 2^(1/2) that from the pole.
 
-    Longitude is the same along a ray from the pole, so that its derivatives are those at d = 1 over
-    powers of d; the derivatives of latitude grow less. So the ring from 1/2 outwards bounds those
-    of all smaller ones.
+    Longitude is the imaginary part of log(x + i y), whose derivatives are at most 1 / d^2 and
+    2 / d^3. Latitude is 90 degrees less F(d^2), F(s) = atan(s^(1/2)). Its second derivative along a
+    line is at most 1 / d; its third, F_3 s_1^3 + 3 F_2 s_1 s_2 with s_1 <= 2 d and s_2 = 2 the
+    derivatives of s, at most 11 / d^2, for |F_2| <= 9/32 s^(-3/2) and |F_3| <= 0.95 s^(-5/2).
     """
-    is_near = plane.meets(x, y, (half, half)) & (np.hypot(x, y) >= 0.5 - 2 * half)
-    x, y = x[is_near], y[is_near]
-    second = third = np.inf
-    size = np.hypot(x, y)
-    for radius in RADII:
-        change = balls.slope_reach(
-            plane.code, plane.params, plane.frame, x, y, radius * size + 2 * half
-        )
-        second = min(second, float((change * size / radius).max(initial=0.0)) * 1.2)
-        third = min(third, float((2 * change * size / radius**2).max(initial=0.0)) * 1.4)
+    p = plane.params
+    across, down, skew = (abs(float(p[k])) for k in (formulas.FX, formulas.FY, formulas.SKEW))
+    farthest = math.sqrt(2)
+    second = math.hypot(across + skew * farthest, down * farthest)
+    third = math.hypot(2 * across + 11 * skew * farthest, 11 * down * farthest)
     return second, third
 
 

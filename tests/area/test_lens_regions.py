@@ -30,7 +30,7 @@ FEW = ("brown", "fisheye", "equirectangular")
 
 
 def flat(camera):
-    """A lens without distortion that is a pinhole but for its name."""
+    """A lens without distortion: a pinhole by another name."""
     return replace(camera, model="metashape", distortion=(0.0,) * 6)
 
 
