@@ -43,6 +43,7 @@ OF_A_FACE = {
     "min_pixels": "min_pixels is of a face; give min_pixels_per_m2",
     "min_visibility": "min_visibility is of a face; by area a point is seen or hidden",
     "min_coverage": "min_coverage is of a face; by area a point is covered or not",
+    "min_angle_deg": "min_angle_deg is of a face; by area the number of views counts alone",
     "focus_rule": "focus_rule is of a face; by area each point must be in focus",
     "cap_resolution": "cap_resolution is of a face; by area nothing is graded",
 }
@@ -109,6 +110,23 @@ class Regions:
         counts = np.diff(self.starts)
         return to_world(self.mesh, np.repeat(self.face, counts), self.xy)
 
+    def of_poses(self, chosen: NDArray[np.bool_]) -> "Regions":
+        """Regions of some of the poses, (P,) bool."""
+        row = (np.cumsum(chosen) - 1).astype(np.int32)
+        pieces, pairs = chosen[self.pose], chosen[self.pair_pose]
+        counts = np.diff(self.starts)
+        return Regions(
+            self.mesh, self.camera, self.task, self.pose_ids[chosen],
+            xy=self.xy[np.repeat(pieces, counts)],
+            starts=np.concatenate([np.zeros(1, np.int64), np.cumsum(counts[pieces])]),
+            face=self.face[pieces],
+            pose=row[self.pose[pieces]],
+            pair_pose=row[self.pair_pose[pairs]],
+            pair_face=self.pair_face[pairs],
+            area=self.area[pairs],
+            bound=self.bound[pairs],
+        )  # fmt: skip
+
     def _dense(self, values: FloatArray) -> FloatArray:
         full = np.zeros((len(self.pose_ids), self.mesh.n_faces))
         full[self.pair_pose, self.pair_face] = values
@@ -134,7 +152,8 @@ def regions(
         world_from_camera.
     task : Task, optional
         Thresholds; `Task()` unless given. Those that are of a face must have their defaults:
-        `min_pixels`, `min_visibility`, `min_coverage`, `focus_rule`, `cap_resolution`.
+        `min_pixels`, `min_visibility`, `min_coverage`, `min_angle_deg`, `focus_rule`,
+        `cap_resolution`.
     method : {"certified", "exact"}, or Engine
         Method of visibility, as for `open_observer`.
     threads : int, optional
@@ -242,7 +261,7 @@ class RegionPass:
 
     def batches(self, poses: Poses) -> Iterator[Regions]:
         """Regions a few poses at a time, for streams of any length; at least one batch."""
-        step = batch_size(self.mesh.n_faces)
+        step = batch_size(self.mesh.n_faces, self.threads)
         for at in range(0, max(1, len(poses)), step):
             yield self.find(poses[at : at + step])
 
