@@ -27,10 +27,15 @@ BITS = 10
 """Bits of each coordinate along the curve."""
 
 
+def is_large(n_faces: int) -> bool:
+    """True for a mesh whose figures do not fit the cache, so that its order in memory matters."""
+    return n_faces >= LEAST_FACES
+
+
 def local_order(vertices: FloatArray, faces: IntArray) -> IntArray:
     """(F,) faces in an order in which neighbours are close: that of the mesh if it is local."""
     n = len(faces) // BLOCK
-    if len(faces) < LEAST_FACES:
+    if not is_large(len(faces)):
         return np.arange(len(faces), dtype=np.int32)
     used = np.sort(faces[: n * BLOCK].reshape(n, 3 * BLOCK), axis=1)
     n_vertices = n + np.count_nonzero(used[:, 1:] != used[:, :-1])

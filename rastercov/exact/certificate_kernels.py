@@ -120,7 +120,7 @@ def is_one_patch(b, blocks):
 
 @inlined
 def node_of(f, parent, projected):
-    """Node of the forest of regions that represents a face, -1 for a face in no region.
+    """Node of a face in the forest of regions, -1 for a face in no region.
 
     Nodes are the patches, of blocks `is_of_a_region`, and after them the faces, of other blocks.
     """

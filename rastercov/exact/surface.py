@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov._once import Once
-from rastercov.exact.blocks import blocks_of, blocks_of_targets, local_order
+from rastercov.exact.blocks import blocks_of, blocks_of_targets, is_large, local_order
 from rastercov.exact.records import CONSISTENT, NON_MANIFOLD, REVERSED, Blocks, Edges
 from rastercov.mesh import Mesh
 from rastercov.mesh.contacts import Contacts
@@ -55,8 +55,8 @@ class Surface:
     diagonal : float
         Diagonal of the bounding box, metres.
     vertices : (V, 3) float64
-        Positions that faces use, each once, in the order in which `blocks` use them. Not shifted: a
-        difference of two positions is rounded once.
+        Positions that faces use, each once; of a large mesh in the order of their use by `blocks`.
+        Not shifted: a difference of two positions is rounded once.
     faces : (F, 3) int32
         Vertices of each face, in the order of the mesh.
     flat : (F,) bool
@@ -106,7 +106,8 @@ def _build(mesh: Mesh) -> Surface:
     faces, is_used = _welded(mesh.positions, mesh.n_vertices)
     vertices, flat = mesh.vertices[is_used], np.ascontiguousarray(mesh.degenerate_mask)
     order = local_order(vertices, faces)
-    vertices, faces = _by_use(vertices, faces, order)
+    if is_large(len(faces)):
+        vertices, faces = _by_use(vertices, faces, order)
     edges = _edges(faces, len(vertices))
     return Surface(
         centre=mesh.bounds.mean(axis=0),

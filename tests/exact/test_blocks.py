@@ -33,7 +33,8 @@ def scene(rng):
     """Two rings, of which one may be open or turned inside out, and a few faces among them."""
     rings = []
     for _ in range(2):
-        ring = shapes.torus(int(rng.integers(12, 60)), int(rng.integers(8, 30)))
+        size = rng.integers((12, 8), (60, 30)) if rng.random() < 0.3 else rng.integers(60, 120, 2)
+        ring = shapes.torus(int(size[0]), int(size[1]))
         faces = ring.faces[rng.random(ring.n_faces) < 0.98] if rng.random() < 0.5 else ring.faces
         turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
         rings.append(Mesh(ring.vertices @ turn + rng.normal(size=3) * 0.7, faces))
@@ -108,18 +109,57 @@ def test_blocks_change_no_figure(seed, front_only):
         pose = view_of(mesh, rng)
         see_again(together, mesh, CAMERA, pose, front_only=front_only)
         see_again(apart, mesh, CAMERA, pose, front_only=front_only)
-        assert (apart.projected.block_state & UNEVEN).all()
-        for name in ("area", "state", "side", "is_certified"):
-            assert np.array_equal(getattr(together, name), getattr(apart, name)), name
-        assert together.n_events == apart.n_events
-        assert np.array_equal(together.region, apart.region)
-        # The grids may differ in the last bit, and with them the order of sums.
-        np.testing.assert_allclose(together._extent, apart._extent, rtol=1e-12)
-        off = np.abs(together.visible - apart.visible)
-        assert (off <= together.area_error + apart.area_error).all()
-        some = np.flatnonzero(together.state & LIVE).astype(np.int32)
-        lay_boxes(some, together.projected)
-        assert np.array_equal(together.projected.box[some], apart.projected.box[some])
+        assert_same(together, apart)
+
+
+def assert_same(together, apart):
+    """Both have the same figures, and the second decided no block at once."""
+    assert (apart.projected.block_state & UNEVEN).all()
+    for name in ("area", "state", "side", "is_certified"):
+        assert np.array_equal(getattr(together, name), getattr(apart, name)), name
+    assert together.n_events == apart.n_events
+    assert np.array_equal(together.region, apart.region)
+    # The grids may differ in the last bit, and with them the order of sums.
+    np.testing.assert_allclose(together._extent, apart._extent, rtol=1e-12)
+    off = np.abs(together.visible - apart.visible)
+    assert (off <= together.area_error + apart.area_error).all()
+    some = np.flatnonzero(together.state & LIVE).astype(np.int32)
+    lay_boxes(some, together.projected)
+    assert np.array_equal(together.projected.box[some], apart.projected.box[some])
+
+
+@given(seed=SEEDS, front_only=st.booleans())
+@settings(max_examples=15)
+def test_regions_end_where_whole_blocks_of_two_sides_meet(seed, front_only):
+    """Each side of the box is two blocks, some turned inside out: contours run between blocks."""
+    rng = np.random.default_rng(seed)
+    box = shapes.box(n=8)
+    faces = box.faces.reshape(6, 2 * BLOCK, 3).copy()
+    turned = rng.random(6) < 0.3
+    faces[turned] = faces[turned][:, :, ::-1]
+    mesh = Mesh(box.vertices, faces.reshape(-1, 3))
+    together = CertificateSolver(surface_of(mesh), CAMERA)
+    apart = CertificateSolver(one_by_one(mesh), CAMERA)
+    direction = rng.normal(size=3)
+    eye = mesh.bounds.mean(axis=0) + direction / np.linalg.norm(direction) * rng.uniform(4, 8)
+    pose = look_at(eye, mesh.bounds.mean(axis=0), rng.normal(size=3))[0]
+    see_again(together, mesh, CAMERA, pose, front_only=front_only)
+    see_again(apart, mesh, CAMERA, pose, front_only=front_only)
+    assert_same(together, apart)
+
+
+@pytest.mark.parametrize("height", [0.0, 1e-15, 1e-9])
+def test_a_plate_seen_edge_on_is_looked_at_face_by_face(height):
+    grid = np.linspace(-1, 1, 21)
+    corners = np.array([(x, y, 0.0) for x in grid for y in grid])
+    at = np.arange(20)[:, None] * 21 + np.arange(20)
+    quads = np.stack((at, at + 21, at + 22, at + 1), axis=-1).reshape(-1, 4)
+    mesh = Mesh(corners, np.concatenate((quads[:, [0, 1, 2]], quads[:, [0, 2, 3]])))
+    pose = look_at((0.0, -4.0, height), (0.0, 0.0, height), (0.0, 0.0, 1.0))[0]
+    together = look(mesh, CAMERA, pose)
+    apart = CertificateSolver(one_by_one(mesh), CAMERA)
+    see_again(apart, mesh, CAMERA, pose)
+    assert_same(together, apart)
 
 
 def test_most_blocks_of_a_fine_mesh_are_decided_together():
