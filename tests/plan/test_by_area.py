@@ -108,7 +108,7 @@ def test_the_size_of_cells_is_chosen_from_the_scene():
 
 def test_a_plan_by_face_does_as_if_there_were_no_cells():
     told = report.summary(placed(PLAN.replace("resolution_of_result = 0.5", 'by = "face"')))
-    assert told["matrix"].keys() == {"poses", "pairs"}
+    assert told["matrix"].keys() == {"poses", "pairs", "held_as"}
     assert "covered_area" not in told
 
 
