@@ -10,7 +10,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import rastercov as rc
-from rastercov import shapes
+from rastercov import models, shapes
 from rastercov._checks import MAX_IMAGE_SIDE
 from rastercov.camera import Camera
 from rastercov.camera_file import PRESETS
@@ -375,13 +375,16 @@ def test_the_largest_angle_is_one(angle):
 
 def test_what_needs_a_pinhole_refuses_other_lenses():
     mesh, pose = shapes.torus(8, 6), np.eye(4)[None]
+    zhang = models.MODELS["zhang"]
     for camera in (
         Camera(**INTRINSICS, model="opencv", distortion=[0.1] * 4),
         Camera(**INTRINSICS, skew=1e-9),
         Camera(**INTRINSICS, max_angle_deg=30),
     ):
+        with pytest.raises(CameraError, match="got a lens of model"):
+            zhang(mesh, camera, pose, rc.Task())
         with pytest.raises(CameraError, match="not supported here yet"):
-            rc.regions(mesh, camera, pose)
+            camera.check_pinhole()
 
 
 @pytest.mark.parametrize("distortion", ["k1", None, (0, "0"), (math.nan,), {"k1": 0.1}, [[0], "x"]])

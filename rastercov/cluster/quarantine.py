@@ -112,12 +112,12 @@ def _main() -> int:
         if not leave_out and only is None:
             forget(Path(job[0]), number)
     except RastercovError as error:
-        print(error, file=sys.stderr)
+        sys.stderr.write(f"{error}\n")
         return FAILED
     except OSError as error:
-        print(error, file=sys.stderr)
+        sys.stderr.write(f"{error}\n")
         return LOST
-    print(json.dumps(list(made)))
+    sys.stdout.write(json.dumps(list(made)) + "\n")
     return 0
 
 

@@ -72,20 +72,18 @@ class CameraColours:
 
     With `regions` of the poses it is coloured point by point, by the camera with most pixels on it;
     else face by face, by `best_pose`, (F,), -1 for none; without either it has no camera's colour.
-    `camera`, (K,), is the index of the camera of each pose; 0 unless given.
     """
 
     mesh: Mesh
-    poses: FloatArray
+    placed: Poses
     names: Sequence[str]
     best_pose: ArrayLike | None = None
     regions: Regions | None = None
-    camera: NDArray[np.int32] | None = None
 
     @property
-    def placed(self) -> Poses:
-        """The poses with the camera of each."""
-        return Poses.of(self.poses, camera=self.camera)
+    def poses(self) -> FloatArray:
+        """(K, 4, 4) world_from_camera."""
+        return self.placed.world_from_camera
 
     def pyramids(self, camera: Cameras) -> list[FloatArray]:
         """View pyramid of each pose: the eye, then the corners of its outline."""
@@ -164,10 +162,10 @@ def camera_colours(
     regions: Regions | None = None,
 ) -> CameraColours:
     """Colours by the cameras of poses (K, 4, 4), with names 1, 2, ... unless K are given."""
-    matrices = np.asarray(poses, np.float64).reshape(-1, 4, 4)
-    titles = names or [str(row + 1) for row in range(len(matrices))]
-    index = poses.camera if isinstance(poses, Poses) else None
-    return CameraColours(mesh, matrices, titles, best_pose, regions, index)
+    if not isinstance(poses, Poses):
+        poses = Poses.of(np.asarray(poses, np.float64).reshape(-1, 4, 4))
+    titles = names or [str(row + 1) for row in range(len(poses))]
+    return CameraColours(mesh, poses, titles, best_pose, regions)
 
 
 def best_covering(network: Network) -> NDArray[np.int64]:

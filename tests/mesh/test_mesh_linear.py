@@ -10,7 +10,7 @@ from mesh_files import Glb, ascii_stl, binary_stl, obj, off, ply, strips
 from rastercov.errors import ResourceError
 from rastercov.mesh import Mesh
 
-MOST_GROWTH = 3.0  # of a file twice as long; quadratic time would be 4
+MOST_GROWTH = 3.4  # of a file twice as long, which may leave a cache; quadratic time would be 4
 
 
 def sheet(n_faces: int) -> tuple[np.ndarray, np.ndarray]:
