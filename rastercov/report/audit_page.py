@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._format import area, percent, plural, short
+from rastercov._format import area, percent, plural
 from rastercov.area.network import in_words
 from rastercov.audits import Audit
 from rastercov.mesh import Mesh
@@ -75,12 +75,17 @@ def _scaled(
     colours[~is_known] = theme.COVERED
     colours[~on.task_mask] = theme.OCCLUDER_PALE
     bar = np.repeat(scale[None, 2:], 24, axis=0)
-    ends = f"{short(low)} {unit}", f"{short(high)} {unit}"
+    ends = f"{_rounded(low)} {unit}", f"{_rounded(high)} {unit}"
     keys = [Key(title.lower() + (", by factors" if is_log else ""), bar, *ends)]
     if not is_known[on.task_mask].all():
         keys.append(key("too few views", theme.COVERED))
     image = two_sides(on, colours, title, keys, ALL_SIDES, eyes=eyes)
     return Picture.of(f"the surface coloured by {title.lower()}", image)
+
+
+def _rounded(value: float) -> str:
+    """A figure with three digits, without an exponent."""
+    return f"{float(f'{value:.3g}'):,.10g}"
 
 
 def _limits(values: FloatArray, areas: FloatArray) -> tuple[float, float]:

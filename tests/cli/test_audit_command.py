@@ -53,6 +53,12 @@ def test_an_audit_of_a_reconstruction_is_that_of_the_function(here, capsys):
     assert len(set(cameras["camera"])) == 2
     assert sum(cameras["in_subset"]) == len(found.subset.chosen)
     assert (here / "out/audit.glb").stat().st_size > 1000
+    page = (here / "out/audit.html").read_text(encoding="utf-8")
+    assert all(f"<td>{name}</td>" in page for name in IMAGES)
+    assert f"{len(IMAGES)} images cover" in page
+    pictures = {path.name for path in (here / "out").glob("audit_*.png")}
+    assert pictures == {"audit_views.png", "audit_density.png", "audit_angle.png"}
+    assert page.count("data:image/png") == 3
 
 
 def test_pinholes_are_audited_by_area(here, capsys):
