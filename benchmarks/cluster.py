@@ -46,7 +46,8 @@ def sums(folder: Path) -> dict[str, str]:
 
 
 def build(folder: Path, workers: Workers | None, **options: object) -> None:
-    with rc.open_observer(MESH, CAMERA, threads=1) as observer:
+    # As many threads as workers: two that compute at a time take more CPU time each than one.
+    with rc.open_observer(MESH, CAMERA, threads=WORKERS) as observer:
         build_matrix(observer, poses(), None, folder, poses_a_shard=A_SHARD, workers=workers,
                      note=lambda line: None, **options)  # fmt: skip
 
