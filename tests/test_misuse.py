@@ -11,6 +11,12 @@ import rastercov as rc
 CALLS = calls()
 
 
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    """A folder of its own: what is spoiled may be the name of a file that is written."""
+    monkeypatch.chdir(tmp_path)
+
+
 @pytest.mark.parametrize("name", CALLS)
 def test_the_call_that_is_spoiled_is_right_before(name):
     call = CALLS[name]
