@@ -40,13 +40,16 @@ class Views:
     camera_names : tuple of str
         Names of the cameras that `Poses.camera` counts, where the file names them and has none of
         them; with a rig they are those of the rig.
+    frames : tuple of str
+        Name of the frame of each pose, where the file has frames: the images of one frame were
+        taken at the same instant. Empty where it has none.
 
     Raises
     ------
     CameraError
         For something else than a rig and texts.
     PoseError
-        For a pose with a camera that the rig does not have, or another number of images.
+        For a pose with a camera that the rig does not have, or another number of images or frames.
     """
 
     rig: Rig | None
@@ -55,6 +58,7 @@ class Views:
     notes: tuple[str, ...] = ()
     has_unit: bool = True
     camera_names: tuple[str, ...] = ()
+    frames: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         check_kind("poses", self.poses, Poses, "Poses (Poses.of makes them)", PoseError)
@@ -64,13 +68,18 @@ class Views:
             object.__setattr__(self, "camera_names", self.rig.names)
         elif self.camera_names:
             self.poses.check_cameras(len(self.camera_names))
-        for name in ("images", "notes", "camera_names"):
+        for name in ("images", "notes", "camera_names", "frames"):
             words = members(name, getattr(self, name), str, "texts", CameraError)
             object.__setattr__(self, name, words)
         if len(self.images) != len(self.poses):
             raise PoseError(
                 f"images must have a name for each of {len(self.poses)} poses, "
                 f"got {len(self.images)}"
+            )
+        if self.frames and len(self.frames) != len(self.poses):
+            raise PoseError(
+                f"frames must have a name for each of {len(self.poses)} poses, or be empty, "
+                f"got {len(self.frames)}"
             )
 
     def camera(self, name: str | None = None) -> Camera:
@@ -104,7 +113,13 @@ class Views:
             [self.rig.names[index]],
             self.rig.rig_from_camera[index][None],
         )
-        return replace(self, rig=rig, poses=poses, images=tuple(self.images[row] for row in rows))
+        return replace(
+            self,
+            rig=rig,
+            poses=poses,
+            images=tuple(self.images[row] for row in rows),
+            frames=tuple(self.frames[row] for row in rows) if self.frames else (),
+        )
 
     def check_unit(self) -> None:
         """Raise `PoseError` unless lengths are metres."""

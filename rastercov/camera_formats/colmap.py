@@ -1,7 +1,8 @@
-"""COLMAP models: a folder with cameras and images, as text or binary, and rigs since 3.12.
+"""COLMAP models: a folder with cameras and images, as text or binary; rigs and frames since 3.12.
 
 Poses are camera_from_world, quaternions scalar first; axes and pixels are ours; there is no unit.
-An image has its own pose in every version, so that rigs are read for the places of cameras only.
+An image has its own pose in every version, so that rigs are read for the places of cameras only,
+and frames for the images that were taken at the same instant.
 
 Source: COLMAP documentation, "Output Format"; src/colmap/scene/reconstruction_io.cc.
 """
@@ -39,6 +40,7 @@ class Image(NamedTuple):
     translation: tuple[float, ...]
     camera_id: int
     name: str
+    image_id: int = 0
 
 
 def model_folder(path: Path) -> Path | None:
@@ -81,6 +83,11 @@ def read(path: Path, border: Border) -> Views:
     if (folder / f"rigs{suffix}").is_file():
         found = _one_file(folder / f"rigs{suffix}", _binary_rigs if is_binary else _text_rigs)
         places = _places(found, row_of, border)
+    frame_of: dict[int, int] = {}
+    if (folder / f"frames{suffix}").is_file():
+        frame_of = _one_file(
+            folder / f"frames{suffix}", _binary_frames if is_binary else _text_frames
+        )
     motions = from_quaternions([i.quaternion for i in images], [i.translation for i in images])
     return border.views(
         cameras,
@@ -88,8 +95,21 @@ def read(path: Path, border: Border) -> Views:
         world_from_camera=inverse(motions),
         camera=[row_of[image.camera_id] for image in images],
         images=[image.name for image in images],
+        frames=_names_of_frames(images, frame_of),
         rig_from_camera=places,
     )
+
+
+def _names_of_frames(images: Sequence[Image], frame_of: dict[int, int]) -> list[str]:
+    """Frame of each image; none where every frame has one image, as COLMAP makes them itself."""
+    found = [frame_of.get(image.image_id) for image in images]
+    known = [number for number in found if number is not None]
+    if len(set(known)) == len(known):
+        return []
+    return [
+        f"frame {number}" if number is not None else f"image {image.image_id}"
+        for number, image in zip(found, images, strict=True)
+    ]
 
 
 def _names(ids: Sequence[int]) -> list[str]:
@@ -207,11 +227,12 @@ def _text_images(file: BinaryIO) -> list[Image]:
         # The name is the rest of the line, and may have spaces.
         head = text.split(maxsplit=9)
         words = _Words(number, " ".join(head[:9]))
-        words.whole("the image's id")
+        image_id = words.whole("the image's id")
         quaternion = words.reals("the quaternion", 4)
         translation = words.reals("the translation", 3)
         camera_id = words.whole("the camera's id")
-        images.append(Image(quaternion, translation, camera_id, head[9] if head[9:] else ""))
+        name = head[9] if head[9:] else ""
+        images.append(Image(quaternion, translation, camera_id, name, image_id))
         after, points = next(lines, (number + 1, ""))
         found = points.split()
         if len(found) % 3 or not all(_is_whole(word) for word in found[2:9:3]):
@@ -249,6 +270,23 @@ def _text_rigs(file: BinaryIO) -> Rigs:
                 rig[sensor] = place
         rigs.append(rig)
     return rigs
+
+
+def _text_frames(file: BinaryIO) -> dict[int, int]:
+    """Number of the frame of each image, by the image's id."""
+    frame_of: dict[int, int] = {}
+    for number, text in _lines(file):
+        if not text:
+            continue
+        words = _Words(number, text)
+        frame_id = words.whole("the frame's id")
+        words.whole("the rig's id")
+        words.reals("rig_from_world", 7)
+        for _ in range(words.whole("the number of images")):
+            kind, _, image_id = (words.take("a sensor"), *(words.whole("an id") for _ in "12"))
+            if kind == "CAMERA":
+                frame_of[image_id] = frame_id
+    return frame_of
 
 
 # Binary, little-endian.
@@ -293,11 +331,11 @@ def _binary_cameras(file: BinaryIO) -> dict[int, Camera]:
 def _binary_images(file: BinaryIO) -> list[Image]:
     images: list[Image] = []
     for _ in range(_count(file, "images", 73)):
-        _, *motion, camera_id = _unpack(file, "I7dI", "an image")
+        image_id, *motion, camera_id = _unpack(file, "I7dI", "an image")
         name = _name(file)
         n_points = _count(file, f"points of image {shown(name)}", 24)
         file.seek(24 * n_points, 1)
-        images.append(Image(tuple(motion[:4]), tuple(motion[4:]), camera_id, name))
+        images.append(Image(tuple(motion[:4]), tuple(motion[4:]), camera_id, name, image_id))
     return images
 
 
@@ -326,6 +364,18 @@ def _binary_rigs(file: BinaryIO) -> Rigs:
                 rig[sensor] = place
         rigs.append(rig)
     return rigs
+
+
+def _binary_frames(file: BinaryIO) -> dict[int, int]:
+    """Number of the frame of each image, by the image's id."""
+    frame_of: dict[int, int] = {}
+    for _ in range(_count(file, "frames", 68)):
+        frame_id, _, *_, n_images = _unpack(file, "II7dI", "a frame")
+        for _ in range(n_images):
+            kind, _, image_id = _unpack(file, "iIQ", "a frame")
+            if kind == 0:  # a camera
+                frame_of[image_id] = frame_id
+    return frame_of
 
 
 def _places(rigs: Rigs, row_of: dict[int, int], border: Border) -> Any:

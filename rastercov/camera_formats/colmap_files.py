@@ -1,7 +1,7 @@
 """COLMAP models written: cameras, images and an empty list of points, as text or binary.
 
-Images carry their own poses, which every version of COLMAP reads; rigs are not written, so that
-COLMAP makes one of each camera.
+Images carry their own poses, which every version of COLMAP reads. Rigs and frames are written where
+the views have frames; else COLMAP makes a rig of each camera.
 """
 
 import struct
@@ -11,6 +11,7 @@ from pathlib import Path
 
 from rastercov._files import printable
 from rastercov._output import writing
+from rastercov.camera_formats import colmap_rigs
 from rastercov.camera_formats.colmap_models import IDS, colmap_of
 from rastercov.camera_formats.conventions import unique
 from rastercov.camera_formats.rotations import to_quaternions
@@ -32,7 +33,11 @@ def contents_of(views: Views, *, as_text: bool, notes: list[str]) -> dict[str, b
     if images != list(views.images):
         notes.append("names of images are made different from one another")
     index = views.poses.camera.tolist()
-    if len(set(index)) > 1 and (rig.rig_from_camera[1:] != rig.rig_from_camera[:1]).any():
+    rigs = colmap_rigs.rigs_of(views, notes)
+    further = {}
+    if rigs is not None:
+        further = colmap_rigs.contents_of(rigs, views.poses.camera, as_text=as_text)
+    elif len(set(index)) > 1 and (rig.rig_from_camera[1:] != rig.rig_from_camera[:1]).any():
         notes.append("places of cameras on the rig are left out: each image has its own pose")
     rows = [
         (number + 1, *quaternion, *motion[:3, 3].tolist(), index[number] + 1)
@@ -59,6 +64,7 @@ def contents_of(views: Views, *, as_text: bool, notes: list[str]) -> dict[str, b
             "cameras.txt": "\n".join([head, *cameras, ""]).encode(),
             "images.txt": "\n".join([image_head, *lines, ""]).encode(),
             "points3D.txt": b"# 3D point list: none\n",
+            **further,
         }
     data = struct.pack("<Q", len(found))
     for number, (camera, (model, values)) in enumerate(zip(rig.cameras, found, strict=True)):
@@ -71,6 +77,7 @@ def contents_of(views: Views, *, as_text: bool, notes: list[str]) -> dict[str, b
         "cameras.bin": data,
         "images.bin": b"".join(pieces),
         "points3D.bin": struct.pack("<Q", 0),
+        **further,
     }
 
 

@@ -180,6 +180,7 @@ class Border:
         camera: ArrayLike | None = None,
         camera_names: Sequence[str] = (),
         images: Sequence[str] | None = None,
+        frames: Sequence[str] = (),
         rig_from_camera: ArrayLike | None = None,
         metres: float | None = None,
         scale: float = 1.0,
@@ -201,6 +202,8 @@ class Border:
             Names of the cameras of these indices, where the file has no cameras.
         images : sequence of str, optional
             Names of the images; "pose 0", ... unless given.
+        frames : sequence of str
+            Name of the frame of each pose, where the file has frames.
         rig_from_camera : (N, 4, 4), optional
             Places of the cameras.
         metres : float, optional
@@ -238,6 +241,7 @@ class Border:
             notes=tuple(self.notes),
             has_unit=metres is not None or not has_lengths,
             camera_names=tuple(camera_names),
+            frames=tuple(printable(frames[row]) for row in poses.ids) if frames else (),
         )
 
     def _rigid(self, matrices: FloatArray, factor: float, most: float) -> FloatArray:

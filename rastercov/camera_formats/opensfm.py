@@ -36,9 +36,18 @@ MODELS = {
 
 
 def is_mine(content: Any) -> bool:
-    """True for reconstructions."""
+    """True for reconstructions, and for a table of cameras alone."""
     first = content[0] if isinstance(content, list) and content else content
-    return isinstance(first, dict) and "shots" in first and "cameras" in first
+    return isinstance(first, dict) and (
+        ("shots" in first and "cameras" in first) or _is_table_of_cameras(first)
+    )
+
+
+def _is_table_of_cameras(content: dict[str, Any]) -> bool:
+    """True for camera_models.json: a table of cameras by name, each with its projection_type."""
+    return bool(content) and all(
+        isinstance(each, dict) and "projection_type" in each for each in content.values()
+    )
 
 
 def read(content: Any, border: Border) -> Views:
@@ -47,6 +56,8 @@ def read(content: Any, border: Border) -> Views:
         if len(content) > 1:
             border.note(f"the first of {len(content)} reconstructions; they share no frame")
         content = content[0]
+    if isinstance(content, dict) and _is_table_of_cameras(content):
+        content = {"cameras": content, "shots": {}}
     entries = Entries(content, "reconstruction")
     row_of: dict[str, int] = {}
     cameras: list[Camera] = []

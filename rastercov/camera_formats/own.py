@@ -1,9 +1,10 @@
 """Our own files: a camera or a pose file as they always were, and both with names in one JSON.
 
     {"cameras": [{"name": "left", "width": 1280, ...}], "rig_from_camera": [...],
-     "world_from_camera": [...], "camera": [0, 1, ...], "images": ["left/0.png", ...]}
+     "world_from_camera": [...], "camera": [0, 1, ...], "images": ["left/0.png", ...],
+     "frame": ["0", "0", ...]}
 
-`camera` has the index or the name of the camera of each pose; a file of poses alone may have names
+Images of one `frame` were taken at the same instant. `camera` has the index or the name of the camera of each pose; a file of poses alone may have names
 of cameras that another file holds. `read_poses` reads the poses of such files, too. Lengths are
 metres.
 """
@@ -77,13 +78,7 @@ def read(content: Any, border: Border) -> Views:
             index = [names.index(name) for name in index]
         if not is_list or not all(type(i) is int and 0 <= i < len(cameras) for i in index):
             raise PoseError(f"camera must be {wanted}, got {shown(index)}")
-    images = entries.get("images")
-    if images is not None and not (
-        isinstance(images, list)
-        and len(images) == len(poses)
-        and all(isinstance(image, str) for image in images)
-    ):
-        raise PoseError(f"images must be {len(poses)} texts, got {shown(images)}")
+    images, frames = (_texts(entries, name, len(poses)) for name in ("images", "frame"))
     places = None
     if "rig_from_camera" in entries:
         places = entries.array("rig_from_camera", (len(cameras), 4, 4))
@@ -93,10 +88,23 @@ def read(content: Any, border: Border) -> Views:
         world_from_camera=poses,
         camera=index,
         images=images,
+        frames=frames or (),
         rig_from_camera=places,
         metres=border.metres(1.0),
         drift=DRIFT_TOLERANCE,
     )
+
+
+def _texts(entries: Entries, name: str, count: int) -> list[str] | None:
+    """A text for each pose, or None where the file has no such entry."""
+    texts = entries.get(name)
+    if texts is not None and not (
+        isinstance(texts, list)
+        and len(texts) == count
+        and all(isinstance(text, str) for text in texts)
+    ):
+        raise PoseError(f"{name} must be {count} texts, got {shown(texts)}")
+    return texts
 
 
 def _are_names(values: list[Any]) -> bool:
@@ -126,4 +134,6 @@ def content_of(views: Views) -> dict[str, Any]:
         elif views.camera_names:
             content["camera"] = [views.camera_names[index] for index in views.poses.camera]
         content["images"] = list(views.images)
+        if views.frames:
+            content["frame"] = list(views.frames)
     return content

@@ -196,6 +196,20 @@ def test_every_lens_of_opensfm_follows_its_equations(tmp_path, camera):
     np.testing.assert_allclose(lens_of(views.camera()).project(RAYS), wanted, rtol=0, atol=1e-9)
 
 
+def test_camera_models_of_opensfm_are_cameras_alone(tmp_path):
+    camera = {"projection_type": "brown", "width": 640, "height": 480, "focal_x": 0.8}
+    camera |= {"focal_y": 0.82, "c_x": 0.01, "c_y": -0.02, "k1": -0.1, "k2": 0.01, "p1": 0.001}
+    whole = read_views(opensfm(tmp_path / "reconstruction.json", camera))
+    (tmp_path / "camera_models.json").write_text(
+        json.dumps({"v2 a b 640 480 brown 0.8": camera, "other": camera | {"k1": 0.0}})
+    )
+    views = read_views(tmp_path / "camera_models.json")
+    assert views.rig.names == ("v2 a b 640 480 brown 0.8", "other")
+    assert views.cameras()[0] == whole.cameras()[0]
+    assert len(views.poses) == 0
+    assert views.has_unit
+
+
 def test_opensfm_poses_are_camera_from_world(tmp_path):
     camera = {"projection_type": "spherical"}
     views = read_views(opensfm(tmp_path / "r.json", camera))

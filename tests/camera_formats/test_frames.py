@@ -1,0 +1,143 @@
+"""Frames: images taken at the same instant, in COLMAP's models, our JSON and `Views`."""
+
+import itertools
+import json
+from dataclasses import replace
+
+import numpy as np
+import pycolmap
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from test_colmap import expected, model_of
+from view_files import same_pixels, some_points
+
+import rastercov as rc
+from rastercov.camera_formats import read_views, write_views
+
+CAMERA = rc.Camera(width=640, height=480, fx=500, fy=510)
+
+
+def rig_of(n, seed):
+    """n cameras on a rig, the first one not at its origin."""
+    rng = np.random.default_rng(seed)
+    places = rc.look_at(rng.normal(0, 0.2, (n, 3)), rng.normal(0, 0.2, (n, 3)) + (0, 0, 3))
+    return rc.Rig([CAMERA] * n, None, places)
+
+
+def views_of(n_cameras, n_frames, seed):
+    """Frames of a moving rig, as a file has them."""
+    rng = np.random.default_rng(seed)
+    rig = rig_of(n_cameras, seed)
+    eyes = rng.normal(size=(n_frames, 3)) + (0, 0, -4)
+    poses = rig.poses(rc.look_at(eyes, rng.normal(0, 0.1, (n_frames, 3)), (0, -1, 0)))
+    frames = [f"t{row // n_cameras}" for row in range(len(poses))]
+    names = tuple(f"{frame}/{camera}" for frame, camera in zip(frames, poses.camera, strict=True))
+    return rc.Views(rig=rig, poses=poses, images=names, frames=tuple(frames))
+
+
+def sets_of(frames):
+    """Rows of each frame, whatever its name."""
+    rows = {}
+    for row, frame in enumerate(frames):
+        rows.setdefault(frame, []).append(row)
+    return sorted(rows.values())
+
+
+@pytest.mark.parametrize("form", ["text", "binary"])
+def test_frames_of_colmap_are_read(tmp_path, form):
+    model = model_of(["PINHOLE", "OPENCV", "FISHEYE"], np.random.default_rng(5))
+    getattr(model, f"write_{form}")(tmp_path)
+    views = read_views(tmp_path)
+    wanted = [f"frame {model.images[number].frame_id}" for number in sorted(model.images)]
+    assert list(views.frames) == wanted
+    assert len(set(wanted)) == 3
+    one = views.of_camera("camera 2")
+    assert one.frames == ("frame 1", "frame 2", "frame 3")
+
+
+def test_frames_of_one_image_each_say_nothing(tmp_path):
+    model_of(["PINHOLE"], np.random.default_rng(5)).write_binary(tmp_path)
+    assert (tmp_path / "frames.bin").exists()
+    assert read_views(tmp_path).frames == ()
+
+
+@pytest.mark.parametrize("form", ["colmap", "colmap-text"])
+@settings(max_examples=12, deadline=None)
+@given(n=st.integers(2, 4), count=st.integers(1, 4), gone=st.integers(0, 5), seed=st.integers(0, 99))
+def test_frames_and_rigs_come_back_from_colmap(tmp_path_factory, form, n, count, gone, seed):
+    folder = tmp_path_factory.mktemp("model")
+    views = views_of(n, count, seed)
+    # Frames may lack images, and images may come in any order.
+    rng = np.random.default_rng(seed)
+    rows = rng.permutation(len(views.poses))[: max(1, len(views.poses) - gone)]
+    views = replace(
+        views,
+        poses=views.poses[rows],
+        images=tuple(views.images[row] for row in rows),
+        frames=tuple(views.frames[row] for row in rows),
+    )
+    notes = write_views(folder / "out", views, format=form)
+    assert not any("left out" in note for note in notes)
+    again = read_views(folder / "out")
+    points = some_points(rng)
+    same_pixels(views, again, points)
+    if len(set(views.frames)) < len(views.frames):
+        assert sets_of(again.frames) == sets_of(views.frames)
+    other = pycolmap.Reconstruction(folder / "out")
+    index = {image.name: image for image in other.images.values()}
+    frames = [index[name].frame_id for name in views.images]
+    assert sets_of(frames) == sets_of(views.frames)
+    # COLMAP takes poses from frames and rigs, we from the images.
+    found, wanted = expected(other, points), expected_of(views, points)
+    order = [sorted(other.images).index(index[name].image_id) for name in views.images]
+    inside = np.isfinite(wanted).all(axis=-1) & np.isfinite(found[order]).all(axis=-1)
+    np.testing.assert_allclose(found[order][inside], wanted[inside], rtol=0, atol=1e-6)
+
+
+def expected_of(views, points):
+    """(P, N, 2) pixels of a pinhole, by its equation."""
+    out = []
+    for pose in views.poses.world_from_camera:
+        x, y, z = ((points - pose[:3, 3]) @ pose[:3, :3]).T
+        out.append(np.column_stack([500 * x / z + 320, 510 * y / z + 240]))
+    return np.array(out)
+
+
+def test_places_are_those_of_the_written_rig(tmp_path):
+    views = views_of(3, 2, 4)
+    write_views(tmp_path / "out", views)
+    found, given_ = read_views(tmp_path / "out").rig.rig_from_camera, views.rig.rig_from_camera
+    for one, other in itertools.pairwise(range(3)):  # relative to one another
+        np.testing.assert_allclose(
+            np.linalg.inv(found[one]) @ found[other],
+            np.linalg.inv(given_[one]) @ given_[other],
+            atol=1e-12,
+        )
+
+
+def test_frames_that_do_not_fit_the_rig_are_left_out_and_said(tmp_path):
+    views = views_of(2, 3, 1)
+    moved = views.poses.world_from_camera.copy()
+    moved[3, 0, 3] += 1e-4
+    bent = replace(views, poses=replace(views.poses, world_from_camera=moved))
+    notes = write_views(tmp_path / "bent", bent)
+    assert any("frames are left out: their images are not where" in note for note in notes)
+    assert not (tmp_path / "bent" / "frames.bin").exists()
+    same_pixels(bent, read_views(tmp_path / "bent"), some_points(np.random.default_rng(0)))
+    twice = replace(views, frames=("t",) * 6)
+    notes = write_views(tmp_path / "twice", twice)
+    assert "frames are left out: one of them has two images of a camera" in notes
+
+
+def test_our_json_keeps_frames(tmp_path):
+    views = views_of(2, 3, 1)
+    write_views(tmp_path / "a.json", views)
+    assert read_views(tmp_path / "a.json").frames == views.frames
+    content = json.loads((tmp_path / "a.json").read_text())
+    content["frame"] = ["t"]
+    (tmp_path / "b.json").write_text(json.dumps(content))
+    with pytest.raises(rc.PoseError, match="frame must be 6 texts"):
+        read_views(tmp_path / "b.json")
+    with pytest.raises(rc.PoseError, match="frames must have a name for each of 6 poses"):
+        replace(views, frames=("t",))
