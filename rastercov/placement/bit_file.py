@@ -29,7 +29,7 @@ from rastercov.errors import ResourceError
 from rastercov.placement import bit_kernels as kernels
 from rastercov.placement._arrays import FloatArray
 from rastercov.placement.bits import CoveredBits, n_words
-from rastercov.placement.matrix_folder import MatrixFolder
+from rastercov.placement.matrix_folder import MatrixFolder, greatest
 from rastercov.placement.shards import BITS, locked
 
 MOST_THREADS = 4
@@ -182,7 +182,9 @@ def _rows_of(
     folder: MatrixFolder, shard: str, rows: slice, width: int, least: float
 ) -> tuple[NDArray[np.uint64], FloatArray]:
     """Bits and total coverage of the poses of a shard."""
-    counts, face, coverage = folder.pairs_of(shard, rows)
+    counts, face, coverage, on_rig = folder.pairs_of(shard, rows)
+    if len(on_rig):
+        counts, face, coverage = greatest(counts, face, coverage)
     words = np.zeros((len(counts), width), np.uint64)
     enough = coverage >= np.float64(least)
     row = np.repeat(np.arange(len(counts)), counts)

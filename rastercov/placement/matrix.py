@@ -8,7 +8,8 @@ On disk a matrix is a folder:
 
 header.json     inputs with hashes: mesh, camera, poses, task, method, version
 poses.npy       (C, 4, 4) the candidates
-pairs/*.parquet shards of consecutive poses, columns pose, face, coverage, covered
+pairs/*.parquet shards of consecutive poses, columns pose, face, coverage, covered; of rigs also
+                camera_on_rig, a row for each camera of the rig
 sha256/*.sha256 the checksum of each of these files
 bits/           covered pairs as bits, see `bit_file`, once a `BitMatrix` was made of the folder
 
@@ -37,7 +38,7 @@ from rastercov.mesh import Mesh
 from rastercov.observer import Observer, open_observer
 from rastercov.placement._arrays import BoolArray, FloatArray
 from rastercov.placement.explain.candidate_visibility import CandidateBounds
-from rastercov.placement.matrix_folder import MatrixFolder, rows_in
+from rastercov.placement.matrix_folder import MatrixFolder, greatest, rows_in
 from rastercov.placement.matrix_shards import (
     Batch,
     add_bounds,
@@ -88,7 +89,10 @@ class VisibilityMatrix:
     header : dict
         Inputs of the matrix.
     camera : (C,) int32
-        Index of the camera of each pose; 0 where there is one.
+        Index of the camera of each pose; 0 where there is one. Of rigs, that of the mount.
+    on_rig : (N,) uint16
+        Of rigs, number of the camera on its rig: a pose has a pair with a face for each camera of
+        its rig that covers it, one after the other. Empty where poses are of single cameras.
     quarantined : dict of int to str
         Poses without pairs because they kill the process that measures them, each with its end.
     """
@@ -102,6 +106,7 @@ class VisibilityMatrix:
     coverage: NDArray[np.float32]
     header: dict[str, Any] = field(default_factory=dict)
     camera: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))
+    on_rig: NDArray[np.uint16] = field(default_factory=lambda: np.zeros(0, np.uint16))
     quarantined: dict[int, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -130,8 +135,28 @@ class VisibilityMatrix:
         return enough
 
     @property
+    def placed(self) -> Poses:
+        """The candidates, with the camera or mount of each."""
+        return Poses.of(self.poses, camera=self.camera)
+
+    def united(self) -> "VisibilityMatrix":
+        """The matrix with the greatest coverage of any camera of a rig, each face once."""
+        if not len(self.on_rig):
+            return self
+        counts, face, coverage = greatest(np.diff(self.indptr), self.face, self.coverage)
+        return replace(
+            self,
+            indptr=np.concatenate(([0], np.cumsum(counts))),
+            face=face,
+            coverage=coverage,
+            on_rig=np.zeros(0, np.uint16),
+        )
+
+    @property
     def mean_coverage(self) -> FloatArray:
         """(C,) mean coverage of each pose over the faces that are scored."""
+        if len(self.on_rig):
+            return self.united().mean_coverage
         # Pose by pose, 10 us each: `reduceat` does not give 0 for a pose without pairs.
         sums = [
             float(self.coverage[start:end].sum(dtype=np.float64))
@@ -155,16 +180,18 @@ class VisibilityMatrix:
         """Matrix of a complete folder, in memory; errors as for `load`."""
         poses = folder.poses()
         face, coverage = np.empty(folder.n_pairs, np.int32), np.empty(folder.n_pairs, np.float32)
+        on_rig = np.empty(folder.n_pairs if "pairs" in folder.header else 0, np.uint16)
         counts = np.zeros(len(poses), np.int64)
         done = 0
         for shard, rows in folder.shards():
-            counts[rows], faces, values = folder.pairs_of(shard, rows)
+            counts[rows], faces, values, cameras = folder.pairs_of(shard, rows)
             part = slice(done, done + len(faces))
             if part.stop > folder.n_pairs:
                 raise ConfigError(f"{folder.path / shard}: it changed while it was read")
             face[part], coverage[part] = faces, values
+            on_rig[part] = cameras
             done = part.stop
-        found = cls._of(poses, folder.header, counts, face, coverage)
+        found = cls._of(poses, folder.header, counts, face, coverage, on_rig)
         return replace(found, quarantined=folder.quarantined())
 
     @classmethod
@@ -175,6 +202,7 @@ class VisibilityMatrix:
         counts: NDArray[np.int64],
         face: NDArray[np.int32],
         coverage: NDArray[np.float32],
+        on_rig: NDArray[np.uint16],
     ) -> Self:
         """Matrix of all pairs, from the number of pairs of each pose."""
         return cls(
@@ -186,6 +214,7 @@ class VisibilityMatrix:
             indptr=np.concatenate(([0], np.cumsum(counts))),
             face=face,
             coverage=coverage,
+            on_rig=on_rig,
             header=header,
         )
 
@@ -231,8 +260,8 @@ def build_matrix(
         Takes in the poses that are measured by this process, not those of shards that are there; of
         rigs, those of their cameras.
     mounts : Mounts, optional
-        Rigs of the cameras of the view, which `Poses.camera` counts then; a rig has the greatest
-        coverage of any of its cameras.
+        Rigs of the cameras of the view, which `Poses.camera` counts then; a rig has the pairs of
+        each of its cameras.
     workers : Workers, optional
         Processes that make the shards, in a folder that all of them share; this one unless given.
         The bytes of the shards are the same. Poses that kill their process are left out, see
@@ -324,7 +353,9 @@ def _measured(
         header = describe(observer, placed, task, poses_a_shard, cells, mounts)
         if folder is None:
             progress(0, len(placed))
-            return VisibilityMatrix._of(placed, header, *gathered(batches(slice(None)))[:3])
+            pairs = gathered(batches(slice(None)))
+            columns = pairs.counts, pairs.face, pairs.coverage, pairs.on_rig
+            return VisibilityMatrix._of(placed, header, *columns)
         with locked(Path(folder)) as place:
             kept = claim(place, header, placed, poses_a_shard is not None, note)
             shards = list(shards_of(len(placed), kept["poses_a_shard"]))

@@ -86,8 +86,10 @@ class MatrixFolder:
 
     def pairs_of(
         self, shard: str, rows: slice
-    ) -> tuple[IntArray, NDArray[np.int32], NDArray[np.float32]]:
-        """Number of pairs of each pose of a shard, and face and coverage of each pair.
+    ) -> tuple[IntArray, NDArray[np.int32], NDArray[np.float32], NDArray[np.uint16]]:
+        """Number of pairs of each pose of a shard, and face, coverage and camera of each pair.
+
+        Cameras are numbers on a rig; empty where poses are of single cameras.
 
         Raises
         ------
@@ -98,10 +100,30 @@ class MatrixFolder:
             file = open_shard(self.path, shard, self.header)
             if file is None:
                 raise DamagedError(self.path / shard, "it changed while it was read")
-        table = file.read(["pose", "face", "coverage"], use_threads=False)
+        is_of_rigs = "pairs" in self.header
+        names = ["pose", "face", "coverage", *(["camera_on_rig"] if is_of_rigs else [])]
+        table = file.read(names, use_threads=False)
         of_pose = table["pose"].to_numpy() - rows.start
         counts = np.bincount(of_pose, minlength=rows.stop - rows.start)
-        return counts, table["face"].to_numpy(), table["coverage"].to_numpy()
+        on_rig = table["camera_on_rig"].to_numpy() if is_of_rigs else np.zeros(0, np.uint16)
+        return counts, table["face"].to_numpy(), table["coverage"].to_numpy(), on_rig
+
+
+def greatest(
+    counts: IntArray, face: NDArray[np.int32], coverage: NDArray[np.float32]
+) -> tuple[IntArray, NDArray[np.int32], NDArray[np.float32]]:
+    """Pairs of poses, each face once, with the greatest coverage of those that follow one another.
+
+    Arguments are the number of pairs of each pose, and face and coverage of each.
+    """
+    starts = np.ones(len(face), np.bool_)
+    starts[1:] = face[1:] != face[:-1]
+    first = np.cumsum(counts) - counts
+    starts[first[first < len(face)]] = True
+    rows = np.flatnonzero(starts)
+    pose = np.repeat(np.arange(len(counts)), counts)[rows]
+    best = np.maximum.reduceat(coverage, rows) if len(rows) else coverage
+    return np.bincount(pose, minlength=len(counts)), face[rows], best
 
 
 def rows_in(

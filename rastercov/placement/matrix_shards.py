@@ -32,8 +32,11 @@ BOUNDS = "bounds"
 """Folder of the bounds that workers found, a file for each."""
 ROWS_A_GROUP = 1 << 20
 """Rows of a shard that Parquet compresses together."""
-Batch = tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32], BoolArray, int]
-"""Row, face, coverage and covered mask of each pair of some poses; and the number of poses."""
+OnRig = NDArray[np.uint16]
+Batch = tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32], BoolArray, OnRig, int]
+"""Row, face, coverage, covered mask and, of rigs, the number of the camera on its rig of each pair
+of some poses; and the number of poses."""
+NOT_ON_RIGS = np.zeros(0, np.uint16)
 
 
 def write_scene(folder: Path, observer: Observer, mounts: Mounts | None) -> None:
@@ -78,22 +81,26 @@ def add_bounds(folder: Path, shards: Sequence[int], bounds: CandidateBounds) -> 
 
 
 class Pairs(NamedTuple):
-    """Number of pairs of each pose; face, coverage and covered mask of each pair."""
+    """Number of pairs of each pose; face, coverage, covered mask and camera of each pair.
+
+    `on_rig` is empty where poses are of single cameras.
+    """
 
     counts: IntArray
     face: NDArray[np.int32]
     coverage: NDArray[np.float32]
     covered: BoolArray
+    on_rig: OnRig
 
 
 def gathered(batches: Iterable[Batch]) -> Pairs:
     """Pairs of all batches."""
     parts = [
-        Pairs(np.bincount(pose, minlength=n_poses), face, value, covered)
-        for pose, face, value, covered, n_poses in batches
+        Pairs(np.bincount(pose, minlength=n_poses), face, value, covered, on_rig)
+        for pose, face, value, covered, on_rig, n_poses in batches
     ]
     none = np.zeros(0, np.int64)
-    parts.append(Pairs(none, none.astype(np.int32), none.astype(np.float32), none > 0))
+    parts.append(Pairs(none, none.astype(np.int32), none.astype(np.float32), none > 0, NOT_ON_RIGS))
     return Pairs(*map(np.concatenate, zip(*parts, strict=True)))
 
 
@@ -114,17 +121,21 @@ def batches_of(
         if cells is None
         else _of_cells(observer, cells, part, task, bounds)
     )
-    for batch in found if owner is None else _united(found, owner, len(poses)):
+    for batch in found if owner is None else _of_mounts(found, owner, len(poses)):
         if batch[-1]:
             yield batch
 
 
-def _united(batches: Iterable[Batch], owner: NDArray[np.int64], n: int) -> Iterator[Batch]:
-    """Batches of n mounts from those of their cameras, (K,) of which `owner` is the mount."""
+def _of_mounts(batches: Iterable[Batch], owner: NDArray[np.int64], n: int) -> Iterator[Batch]:
+    """Batches of n mounts from those of their cameras, (K,) of which `owner` is the mount.
+
+    A mount has a pair with a face for each of its cameras that has one, one after the other.
+    """
+    on_rig = (np.arange(len(owner)) - np.searchsorted(owner, owner)).astype(np.uint16)
     waiting: list[tuple[NDArray[Any], ...]] = []
     at = done = 0
-    for pose, face, value, covered, count in batches:
-        waiting.append((owner[at + pose], face, value, covered))
+    for pose, face, value, covered, _, count in batches:
+        waiting.append((owner[at + pose], face, value, covered, on_rig[at + pose]))
         at += count
         whole = int(owner[at]) if at < len(owner) else n  # mounts before this one are complete
         if whole == done:
@@ -132,14 +143,11 @@ def _united(batches: Iterable[Batch], owner: NDArray[np.int64], n: int) -> Itera
         columns = [np.concatenate(column) for column in zip(*waiting, strict=True)]
         is_whole = columns[0] < whole
         waiting = [tuple(column[~is_whole] for column in columns)]
-        mount, face, value, covered = (column[is_whole] for column in columns)
-        order = np.lexsort((value, face, mount))
-        mount, face = mount[order], face[order]
-        # The last of each pair of mount and face has the greatest coverage.
-        is_last = np.ones(len(order), np.bool_)
-        is_last[:-1] = (mount[1:] != mount[:-1]) | (face[1:] != face[:-1])
-        rows = order[is_last]
-        yield mount[is_last] - done, face[is_last], value[rows], covered[rows], whole - done
+        columns = [column[is_whole] for column in columns]
+        mount, face, value, covered, camera = columns
+        order = np.lexsort((camera, face, mount))
+        mount, face, camera = mount[order] - done, face[order], camera[order]
+        yield mount, face, value[order], covered[order], camera, whole - done
         done = whole
 
 
@@ -167,7 +175,7 @@ def _pairs(batch: Coverage) -> Batch:
     """Pairs of a batch with coverage > 0."""
     pose, face = np.nonzero((batch.coverage > 0) & batch.mesh.task_mask)
     short, covered = shortened(batch.coverage[pose, face], batch.task.min_coverage)
-    return pose, face.astype(np.int32), short, covered, len(batch.pose_ids)
+    return pose, face.astype(np.int32), short, covered, NOT_ON_RIGS, len(batch.pose_ids)
 
 
 def _of_cells(
@@ -179,7 +187,7 @@ def _of_cells(
         found = cells.share(seen.regions)  # type: ignore[union-attr] # of a RegionObserver
         pose = np.repeat(np.arange(len(part)), np.diff(found.starts))
         short, covered = shortened(found.share, task.min_coverage)
-        yield pose, found.cell, short, covered, len(part)
+        yield pose, found.cell, short, covered, NOT_ON_RIGS, len(part)
         if bounds is not None and len(part):
             bounds.add(judged(observer, judge, task, part, seen, FIGURES))
 
@@ -208,6 +216,7 @@ def write_shard(
 
     schema, sink = schema_of(shard, header), pa.BufferOutputStream()
     counts, *columns = gathered(batches)
+    columns = columns[: len(schema) - 1]
     table = pa.table([np.repeat(numbers, counts).astype(np.int32), *columns], schema=schema)
     # In one piece: the bytes depend on neither batches nor threads.
     with pq.ParquetWriter(sink, schema, compression="zstd", write_page_checksum=True) as writer:

@@ -1,7 +1,7 @@
 """Mounts of candidates: a camera, or a rig of cameras that move together.
 
 A pose of a candidate is that of its mount, and `Poses.camera` the index of the mount. A rig covers
-what any of its cameras covers, and counts as one choice, and as one view of a face.
+what any of its cameras covers, and is one choice; each of its cameras is a view of a face.
 """
 
 from collections.abc import Mapping

@@ -53,6 +53,7 @@ WORDS = {
     "poses": "from other poses",
     "pose_camera": "for other cameras of the poses",
     "mounts": "for other rigs",
+    "pairs": "with pairs of rigs, not of their cameras",
     "task": "for another task",
     "measured_by": "by another method or device",
     "samples": "with another supersample",
@@ -105,6 +106,7 @@ def describe(
         header["pose_camera"] = sha256(poses.camera)
     if mounts is not None and mounts.has_rigs:
         header["mounts"] = sha256(mounts.starts, mounts.rig.rig_from_camera)
+        header["pairs"] = "of the cameras of rigs"
     return header if cells is None else header | {"cells": cells.size}
 
 
@@ -281,8 +283,11 @@ def shards_of(n_poses: int, poses_a_shard: int) -> Iterator[tuple[str, slice]]:
 
 
 @cache
-def pair_schema() -> "pa.Schema":
-    """Columns of a shard, one row a pose-face pair; loads pyarrow, which takes 0.15 s."""
+def pair_schema(of_rigs: bool = False) -> "pa.Schema":
+    """Columns of a shard, one row a pose-face pair; loads pyarrow, which takes 0.15 s.
+
+    Of rigs, a row is of a pose, a face and a camera, by its number on the rig.
+    """
     import pyarrow as pa
 
     types = {
@@ -291,12 +296,15 @@ def pair_schema() -> "pa.Schema":
         "coverage": pa.float32(),
         "covered": pa.bool_(),
     }
+    if of_rigs:
+        types["camera_on_rig"] = pa.uint16()
     return pa.schema([pa.field(name, kind, False) for name, kind in types.items()])
 
 
 def schema_of(shard: str, header: dict[str, Any]) -> "pa.Schema":
     """Schema of a shard; its metadata name the shard and hold the header of its matrix."""
-    return pair_schema().with_metadata({"rastercov": json.dumps({**header, "shard": shard})})
+    columns = pair_schema("pairs" in header)
+    return columns.with_metadata({"rastercov": json.dumps({**header, "shard": shard})})
 
 
 def open_shard(folder: Path, shard: str, header: dict[str, Any]) -> "pq.ParquetFile | None":
@@ -331,10 +339,10 @@ def _opened(folder: Path, shard: str) -> "pq.ParquetFile | None":
 def _written_with(shard: "pq.ParquetFile") -> dict[str, Any]:
     """Metadata that `schema_of` put into a shard; empty for a table of other columns."""
     schema = shard.schema_arrow
-    if not schema.equals(pair_schema()) or not schema.metadata:
+    if not schema.metadata:
         return {}
     entries: dict[str, Any] = json.loads(schema.metadata.get(b"rastercov", b"{}"))
-    return entries
+    return entries if schema.equals(pair_schema("pairs" in entries)) else {}
 
 
 def _header_in(folder: Path, name: str) -> dict[str, Any] | None:

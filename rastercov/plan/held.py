@@ -12,9 +12,11 @@ from rastercov.mesh import Mesh
 from rastercov.placement.bit_matrix import BitMatrix
 from rastercov.placement.matrix import VisibilityMatrix
 from rastercov.placement.matrix_folder import MatrixFolder
+from rastercov.placement.mounts import Mounts
 from rastercov.placement.select.bit_problem import BitProblem, bit_problem_of
 from rastercov.placement.select.problem import Goal, Problem, problem_of
 from rastercov.plan.file import Plan
+from rastercov.plan.network import most_views
 
 Matrix = VisibilityMatrix | BitMatrix
 
@@ -32,7 +34,7 @@ def held(
 ) -> Matrix:
     """Matrix of all folders, as lists up to `MOST_LISTED_PAIRS` and as bits beyond.
 
-    An angle between views and the integer program need lists of any size.
+    An angle between views, several views from rigs and the integer program need lists of any size.
 
     Parameters
     ----------
@@ -50,11 +52,12 @@ def held(
     reasons = [
         *(["task.min_angle_deg"] if plan.task.min_angle_deg > 0 else []),
         *(["selection.method integer"] if _is_integer(plan) else []),
+        *(["several views from rigs"] if plan.mounts.has_rigs and most_views(plan) > 1 else []),
     ]
     if n_pairs <= MOST_LISTED_PAIRS or reasons:
         if n_pairs > MOST_LISTED_PAIRS:
             what = f"{n_pairs:,} pairs, which {' and '.join(reasons)} need in the memory,"
-            remedy = "use method greedy without an angle, or fewer candidates"
+            remedy = "leave them out, or use fewer candidates"
             check_memory(what, BYTES_A_PAIR * n_pairs, remedy)
         last = VisibilityMatrix.of(folders[-1])
         assert not isinstance(before, BitMatrix)  # its pairs were too many already
@@ -72,12 +75,12 @@ def _is_integer(plan: Plan) -> bool:
 
 
 def problem_on(
-    matrix: Matrix, elements: Mesh | Cells, goal: Goal, **options: Any
+    matrix: Matrix, elements: Mesh | Cells, goal: Goal, *, mounts: Mounts, **options: Any
 ) -> Problem | BitProblem:
-    """Selection problem of a matrix; options as for `problem_of`."""
+    """Selection problem of a matrix; arguments as for `problem_of`."""
     if isinstance(matrix, BitMatrix):
         return bit_problem_of(matrix, elements, goal, **options)
-    return problem_of(matrix, elements, goal, **options)
+    return problem_of(matrix, elements, goal, mounts=mounts, **options)
 
 
 def words_on(matrix: Matrix) -> list[str]:
@@ -99,6 +102,7 @@ def joined(first: VisibilityMatrix, other: VisibilityMatrix) -> VisibilityMatrix
         indptr=np.concatenate((first.indptr, first.indptr[-1] + other.indptr[1:])),
         face=np.concatenate((first.face, other.face)),
         coverage=np.concatenate((first.coverage, other.coverage)),
+        on_rig=np.concatenate((first.on_rig, other.on_rig)),
         camera=np.concatenate((first.camera, other.camera)),
         quarantined=first.quarantined
         | {first.n_poses + pose: end for pose, end in other.quarantined.items()},

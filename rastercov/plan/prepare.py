@@ -183,6 +183,7 @@ class Prepared:
             self.problem.goal,
             costs=self.pool.costs,
             min_coverage=least_share,
+            mounts=self.mounts,
             **counting(self.plan.task),
         )
         return replace(self, problem=problem, least_share=least_share)
@@ -266,7 +267,8 @@ def prepare(
         segmentation = segmentation_of(plan, mesh)
         found = candidate_pool(plan, mesh)
     matrix = matrix_of("visibility matrix", found.candidates.placed)
-    problem = problem_on(matrix, elements, goal, costs=found.costs, **counting(plan.task))
+    counted = counting(plan.task) | {"mounts": mounts}
+    problem = problem_on(matrix, elements, goal, costs=found.costs, **counted)
     opened = None
     cavities = [entry for entry in plan.candidates if isinstance(entry, PerCavity)]
     missed = ~problem.reachable
@@ -291,7 +293,7 @@ def prepare(
             found = extended_pool(plan, mesh, found, parts)
             further = renumbered(found.candidates.placed[before:])
         matrix = matrix_of("visibility matrix of cavities", further, matrix)
-        problem = problem_on(matrix, elements, goal, costs=found.costs, **counting(plan.task))
+        problem = problem_on(matrix, elements, goal, costs=found.costs, **counted)
         if cells is None:
             missed = unseen
         now = missed & problem.reachable

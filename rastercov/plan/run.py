@@ -159,8 +159,6 @@ def place(
     selection = plan.selection
     missing = [] if plan.candidates else ["candidates: missing; place needs one entry or more"]
     missing += [] if plan.has_cameras else [NO_CAMERA]
-    if plan.rigs and (plan.task.views != 1 or plan.task.min_angle_deg > 0):
-        missing.append("rigs: a rig counts as one view; leave out views and min_angle_deg")
     missing += [] if selection else ["selection: missing; place needs a goal"]
     if selection is None or missing:
         raise PlanError(plan.name, missing)
@@ -246,7 +244,7 @@ def _by_area(
     required: tuple[Requirement, ...]
     if _is_of_reachable(selection) and prepared.reachable is None:
         problem, covers = prepared.problem, on_cells.covers(cameras.mounted)
-        covered = on_cells.covered(covers, cameras.mounted.world_from_camera[:, :3, 3])
+        covered = on_cells.covered(covers, on_cells.eyes(cameras.mounted))
         cells, reachable = on_cells.elements, problem.reachable
         found = judge(cells, problem.integer_weights, limits, covered, reachable=reachable)
         required = tuple(CellRequirement(**asdict(each)) for each in found)

@@ -64,7 +64,9 @@ def test_frames_of_one_image_each_say_nothing(tmp_path):
 
 @pytest.mark.parametrize("form", ["colmap", "colmap-text"])
 @settings(max_examples=12, deadline=None)
-@given(n=st.integers(2, 4), count=st.integers(1, 4), gone=st.integers(0, 5), seed=st.integers(0, 99))
+@given(
+    n=st.integers(2, 4), count=st.integers(1, 4), gone=st.integers(0, 5), seed=st.integers(0, 99)
+)
 def test_frames_and_rigs_come_back_from_colmap(tmp_path_factory, form, n, count, gone, seed):
     folder = tmp_path_factory.mktemp("model")
     views = views_of(n, count, seed)

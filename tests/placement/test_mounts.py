@@ -1,4 +1,4 @@
-"""Rigs as candidates: one choice, which covers what any of its cameras covers."""
+"""Rigs as candidates: one choice, with the pairs of each of its cameras."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from rastercov._lists import Lists
 from rastercov.area.regions import RegionPass
 from rastercov.placement import CellObjective, Objective, PoseSpace, build_matrix, refine, tolerance
 from rastercov.placement.improve.tolerance import InstallationError
-from rastercov.placement.matrix_shards import _united
+from rastercov.placement.matrix_shards import NOT_ON_RIGS, _of_mounts
 from rastercov.placement.mounts import Mounts
 
 MESH = shapes.torus(16, 8)
@@ -40,7 +40,16 @@ def mounts_of(seed):
 def dense(matrix, n_faces):
     found = np.zeros((matrix.n_poses, n_faces), np.float32)
     row = np.repeat(np.arange(matrix.n_poses), np.diff(matrix.indptr))
-    found[row, matrix.face] = matrix.coverage
+    np.maximum.at(found, (row, matrix.face), matrix.coverage)
+    return found
+
+
+def by_camera(matrix, owner, n_faces):
+    """(K, F) coverage by each camera of the mounts."""
+    row = np.repeat(np.arange(matrix.n_poses), np.diff(matrix.indptr))
+    first = np.searchsorted(owner, np.arange(matrix.n_poses))
+    found = np.zeros((len(owner), n_faces), np.float32)
+    found[first[row] + matrix.on_rig, matrix.face] = matrix.coverage
     return found
 
 
@@ -56,7 +65,8 @@ def test_a_rig_covers_what_any_of_its_cameras_covers(kind, seed, index):
     n = MESH.n_faces if cells is None else len(cells)
     with rc.open_observer(MESH, mounts.rig) as observer:
         own = {"cells": cells, "mounts": mounts}
-        found = dense(build_matrix(observer, placed, task, **own), n)
+        matrix = build_matrix(observer, placed, task, **own)
+        found, united = dense(matrix, n), matrix.united()
         alone = dense(build_matrix(observer, cameras, task, cells=cells), n)
         if cells is None:
             objective = Objective.of(observer, task, mounts=mounts)
@@ -66,6 +76,11 @@ def test_a_rig_covers_what_any_of_its_cameras_covers(kind, seed, index):
         covers = objective.covers(placed)
     wanted = np.array([alone[owner == row].max(axis=0) for row in range(8)])
     np.testing.assert_array_equal(found, wanted)
+    np.testing.assert_array_equal(by_camera(matrix, owner, n), alone)
+    np.testing.assert_array_equal(dense(united, n), wanted)
+    assert united.n_pairs == np.count_nonzero(wanted)
+    mean = wanted.sum(axis=1, dtype=np.float64) / matrix.n_task_faces
+    np.testing.assert_allclose(matrix.mean_coverage, mean, rtol=1e-6)
     np.testing.assert_array_equal(covers & (found > 0), found >= np.float32(task.min_coverage))
     assert np.array_equal(np.bincount(owner), np.array([1, 2, 3])[index])
 
@@ -121,19 +136,19 @@ def test_batches_of_cameras_become_batches_of_rigs(counts, step, seed):
             part = values[at : at + step].astype(np.float32)
             pose, face = np.nonzero(part)
             value = part[pose, face]
-            yield pose, face.astype(np.int32), value, value >= 0.5, len(part)
+            yield pose, face.astype(np.int32), value, value >= 0.5, NOT_ON_RIGS, len(part)
 
-    found = np.zeros((len(counts), 5), np.float32)
+    found = np.zeros((len(owner), 5), np.float32)
+    starts = np.concatenate(([0], np.cumsum(counts))).astype(int)
     first = 0
-    for mount, face, value, covered, n in _united(batches(), owner, len(counts)):
-        assert (np.diff(mount * 5 + face) > 0).all()
+    for mount, face, value, covered, on_rig, n in _of_mounts(batches(), owner, len(counts)):
+        assert (np.diff((mount * 5 + face) * 4 + on_rig) > 0).all()
         assert mount.max(initial=0) < n
         np.testing.assert_array_equal(covered, value >= 0.5)
-        found[first + mount, face] = value
+        found[starts[first + mount] + on_rig, face] = value
         first += n
     assert first == len(counts)
-    wanted = [values[owner == row].max(axis=0) for row in range(len(counts))]
-    np.testing.assert_array_equal(found, np.array(wanted, np.float32).reshape(-1, 5))
+    np.testing.assert_array_equal(found, values.astype(np.float32))
 
 
 def test_lists_of_rigs_are_unions():
@@ -151,7 +166,7 @@ def test_shards_of_rigs_resume_and_are_told_from_others(tmp_path):
         build_matrix(observer, placed, TASK, tmp_path, mounts=mounts, poses_a_shard=3)
         (tmp_path / "pairs" / "pairs-00001.parquet").unlink()
         again = build_matrix(observer, placed, TASK, tmp_path, mounts=mounts, poses_a_shard=3)
-        for name in ("indptr", "face", "coverage"):
+        for name in ("indptr", "face", "coverage", "on_rig"):
             np.testing.assert_array_equal(getattr(again, name), getattr(whole, name))
         assert again.camera.tolist() == placed.camera.tolist()
         with pytest.raises(rc.ConfigError, match="for other rigs"):
@@ -183,3 +198,76 @@ def test_a_rig_moves_as_a_whole():
     assert found.share == pytest.approx(share, abs=1e-9)
     assert len(spread.cameras) == 2
     assert spread.nominal == pytest.approx(found.start_share)
+
+
+def seen_by(mesh, coverage, cameras, need, least):
+    """(F,) faces that enough cameras cover, with two rays that differ: the definition."""
+    covers = coverage.reason == rc.Reason.COVERED
+    eyes, out = cameras.world_from_camera[:, :3, 3], []
+    for f in range(mesh.n_faces):
+        rays = eyes[covers[:, f]] - mesh.centroids[f]
+        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+        widest = np.degrees(np.arccos(np.clip(rays @ rays.T, -1, 1))).max(initial=0)
+        out.append(len(rays) >= need and (least == 0 or widest >= least))
+    return np.array(out) & mesh.task_mask
+
+
+@pytest.mark.parametrize(("need", "least"), [(1, 0), (2, 0), (3, 0), (1, 8), (2, 25)])
+@settings(max_examples=6, deadline=None)
+@given(seed=st.integers(0, 1000), index=st.lists(st.integers(0, 2), min_size=2, max_size=5))
+def test_cameras_of_rigs_are_views_of_an_objective(need, least, seed, index):
+    mounts, k = mounts_of(seed), len(index)
+    task = rc.Task(min_pixels=2, views=need, min_angle_deg=least)
+    placed = rc.Poses.of(POSES[:k], camera=index)
+    trials = rc.Poses.of(rc.sphere_of_poses((0, 0, 0), 3.5, 4), camera=index[0])
+    with rc.open_observer(MESH, mounts.rig) as observer:
+        objective = Objective.of(observer, task, mounts=mounts)
+        weights = objective.integer_weights
+
+        def definition(poses):
+            cameras = mounts.cameras(poses)[0]
+            found = rc.evaluate(MESH, mounts.rig, cameras, task)
+            return seen_by(MESH, found, cameras, need, least)
+
+        covers, eyes, width = objective.covers(placed), objective.eyes(placed), objective.width
+        covered = definition(placed)
+        np.testing.assert_array_equal(objective.covered(covers, eyes) & MESH.task_mask, covered)
+        assert objective.share_of(placed) == weights[covered].sum() / weights.sum()
+        others = placed[1:]
+        rest, rest_eyes = covers[width:], eyes[width:]
+        with_one = objective.covered_with(
+            rest, rest_eyes, objective.covers(trials), objective.eyes(trials)
+        )
+        added = objective.worth_added(
+            rest, rest_eyes, objective.listed(trials), objective.eyes(trials)
+        )
+        before = definition(others) if k > 1 else np.zeros(MESH.n_faces, bool)
+        for row in range(len(trials)):
+            every = rc.Poses.of(
+                np.concatenate([others.world_from_camera, trials.world_from_camera[row : row + 1]]),
+                camera=[*others.camera, index[0]],
+            )
+            after = definition(every)
+            np.testing.assert_array_equal(with_one[row] & MESH.task_mask, after)
+            assert added[row] == weights[after].sum() - weights[before].sum()
+
+
+@pytest.mark.parametrize(("need", "least"), [(2, 0), (1, 15)])
+def test_a_rig_is_moved_for_its_cameras_as_views(need, least):
+    mounts = mounts_of(2)
+    task = rc.Task(min_pixels=2, views=need, min_angle_deg=least)
+    placed = rc.Poses.of(POSES[:3], camera=[1, 0, 2])
+    with rc.open_observer(MESH, mounts.rig) as observer:
+        objective = Objective.of(observer, task, mounts=mounts)
+        space = PoseSpace(mesh=MESH, boxes=MESH.bounds + [[-4] * 3, [4] * 3])
+        found = refine(objective, space, placed, budget=600)
+        cameras, _ = mounts.cameras(rc.Poses.of(found.poses, camera=placed.camera))
+        coverage = rc.evaluate(MESH, mounts.rig, cameras, task)
+        spread = tolerance(objective, placed, InstallationError(position_mm=0.0), draws=2)
+    covered = seen_by(MESH, coverage, cameras, need, least)
+    assert found.share > found.start_share
+    share = MESH.areas[covered].sum() / MESH.areas[MESH.task_mask].sum()
+    assert found.share == pytest.approx(share, abs=1e-9)
+    assert spread.nominal == pytest.approx(found.start_share, abs=1e-12)
+    assert spread.together.worst == pytest.approx(found.start_share, abs=1e-12)
+    assert [each.alone.mean for each in spread.cameras] == pytest.approx([spread.nominal] * 3)

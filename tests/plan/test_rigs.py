@@ -9,9 +9,12 @@ from surface_cases import room
 
 import rastercov as rc
 from rastercov.camera_formats import write_views
+from rastercov.placement import Objective
 from rastercov.plan.check import check, limits
 from rastercov.plan.errors import PlanError
 from rastercov.plan.file import read_plan
+from rastercov.plan.network import observer_of
+from rastercov.plan.prepare import counting
 from rastercov.plan.run import place
 from rastercov.report import plan as report
 
@@ -183,7 +186,59 @@ def test_two_cameras_of_one_name_are_refused():
         placed(EYE + PAIR.replace('"right"', '"left"'))
 
 
-@pytest.mark.parametrize("task", ["views = 2", "min_angle_deg = 20"])
-def test_rigs_are_one_view(task):
-    with pytest.raises(PlanError, match="rigs: a rig counts as one view"):
-        placed(EYE + PAIR, task=task)
+TWIN = PAIR.replace("pair", "twin").replace("30", "2").replace("0.1", "0.3")
+"""Two cameras side by side, which see nearly the same."""
+ONE = 'goal = "best_coverage"\ncameras = 1\n'
+
+
+def seen_again(found):
+    """The network of a placement as `check` sees it."""
+    content = json.dumps(report.poses_of(found), default=lambda value: np.asarray(value).tolist())
+    Path("poses.json").write_text(content)
+    plan = read_plan("plan.toml")
+    return check(plan, Path("poses.json"), limits(plan, 0.001, [])).cameras
+
+
+@pytest.mark.parametrize("task", ["views = 2", "min_angle_deg = 4", "views = 2\nmin_angle_deg = 6"])
+@pytest.mark.parametrize("method", ["greedy", "integer"])
+def test_two_cameras_of_a_rig_are_two_views_of_a_face(task, method):
+    entry = 'cameras = ["twin"]'
+    task = f'{task}\nby = "face"\nmin_pixels = 20'
+    found = placed(EYE + TWIN, f'{ONE}method = "{method}"', task=task, entry=entry)
+    candidates = found.prepared.pool.candidates.placed
+    plan = found.prepared.plan
+    with observer_of(plan, MESH) as observer:
+        objective = Objective.of(
+            observer, found.prepared.task, mounts=plan.mounts, **counting(plan.task)
+        )
+        shares = [objective.share_of(candidates[row : row + 1]) for row in range(len(candidates))]
+    assert found.selection.share == max(shares) > 0
+    assert found.cameras.share == max(shares)
+    np.testing.assert_array_equal(seen_again(found).covered, found.cameras.covered)
+
+
+def test_views_by_area_are_those_of_the_cameras():
+    task = BY_AREA + "\nviews = 2"
+    one = placed(EYE + TWIN, ONE, task=task, entry='cameras = ["twin"]')
+    assert one.cameras.share > 0
+    by_views = one.cameras.areas.summary()["by_views"]
+    assert by_views[1]["m2"] > 0.5 * by_views[0]["m2"]
+    found = placed(EYE + TWIN, TWO + "\nrefine = true\nrefine_budget = 400", task=task)
+    assert len(found.cameras.mounted) == 2
+    assert found.cameras.share > one.cameras.share
+    assert seen_again(found).areas.summary()["percent"] == pytest.approx(
+        100 * found.cameras.share, abs=1e-9
+    )
+
+
+def test_a_plan_with_rigs_and_views_resumes_from_its_shards(tmp_path):
+    plan = plan_of(EYE + TWIN, task=BY_AREA + "\nviews = 2")
+    first = place(plan, tmp_path / "out")
+    shards = sorted((tmp_path / "out").rglob("pairs-*.parquet"))
+    before = [shard.read_bytes() for shard in shards]
+    shards[0].unlink()
+    again = place(plan, tmp_path / "out")
+    assert [shard.read_bytes() for shard in shards] == before
+    assert again.selection.chosen.tolist() == first.selection.chosen.tolist()
+    assert again.selection.bound == first.selection.bound
+    assert again.cameras.share == first.cameras.share

@@ -13,7 +13,13 @@ def covers_faces(problem, chosen):
     """(F,) whether the chosen cover each face: the definition, with nothing from the package."""
     result = []
     for f in range(problem.n_faces):
-        seeing = [c for c in chosen if f in problem.face[problem.indptr[c] : problem.indptr[c + 1]]]
+        # The camera of each pair; a rig has a face once for each of its cameras.
+        seeing = [
+            c if problem.eye is None else problem.eye[pair]
+            for c in chosen
+            for pair in range(problem.indptr[c], problem.indptr[c + 1])
+            if problem.face[pair] == f
+        ]
         enough = len(seeing) >= problem.views[f]
         if problem.min_angle > 0:
             rays = [problem.eyes[c] - problem.centroids[f] for c in seeing]

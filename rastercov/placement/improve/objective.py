@@ -41,7 +41,9 @@ class Objective:
     """Share of the task's weight that a network covers; make it with `Objective.of`.
 
     A face is covered when at least `need` of the cameras cover it and, where `min_cosine` is below
-    1, the rays to two of these differ by that angle: as in `Problem`.
+    1, the rays to two of these differ by that angle: as in `Problem`. Where the cameras of rigs
+    count one by one, each pose has `width` rows of faces and of centres: those of its cameras, and
+    empty ones where its rig has fewer.
 
     Attributes
     ----------
@@ -121,8 +123,27 @@ class Objective:
             return placed, np.arange(len(placed))
         return self.mounts.cameras(placed)
 
+    @property
+    def width(self) -> int:
+        """Rows of faces and of centres of each pose: 1 unless cameras of rigs count one by one."""
+        is_counted = self.min_cosine <= 1 or bool((self.need > 1).any())
+        if self.mounts is None or not self.mounts.has_rigs or not is_counted:
+            return 1
+        return int(np.diff(self.mounts.starts).max())
+
+    def eyes(self, poses: ArrayLike | Poses) -> FloatArray:
+        """(P width, 3) camera centres of each row of poses, metres."""
+        placed = renumbered(poses)
+        centres = placed.world_from_camera[:, :3, 3]
+        if (width := self.width) == 1:
+            return centres
+        found = np.repeat(centres, width, axis=0)
+        cameras, owner = self.cameras(placed)
+        found[_rows(owner, width)] = cameras.world_from_camera[:, :3, 3]
+        return found
+
     def listed(self, poses: FloatArray | Poses) -> Lists:
-        """Faces that each of (P, 4, 4) poses covers, in ascending order."""
+        """Faces that each row of (P, 4, 4) poses covers, in ascending order."""
         return self._united(poses, self._listed)
 
     def estimated(self, poses: FloatArray | Poses) -> Lists:
@@ -130,9 +151,13 @@ class Objective:
         return self._united(poses, self._estimated)
 
     def _united(self, poses: FloatArray | Poses, find: Callable[[Poses], Lists]) -> Lists:
-        """Lists of poses, of the mounts that they are of."""
+        """Lists of the rows of poses, of the mounts that they are of."""
         placed, owner = self.cameras(poses)
         found = find(placed)
+        if (width := self.width) > 1:
+            counts = np.zeros(len(poses) * width, np.int64)
+            counts[_rows(owner, width)] = np.diff(found.starts)
+            return Lists(np.concatenate(([0], np.cumsum(counts))), found.items)
         return found if self.mounts is None else self.mounts.united(found, owner, len(poses))
 
     def _listed(self, poses: Poses) -> Lists:
@@ -148,10 +173,10 @@ class Objective:
         return self._listed(poses)
 
     def covers(self, poses: FloatArray | Poses) -> BoolArray:
-        """(P, F) faces that each pose covers."""
-        covers = np.zeros((len(poses), len(self.integer_weights)), np.bool_)
+        """(P width, F) faces that each row of poses covers."""
         found = self.listed(poses)
-        covers[np.repeat(np.arange(len(poses)), np.diff(found.starts)), found.items] = True
+        covers = np.zeros((found.n, len(self.integer_weights)), np.bool_)
+        covers[np.repeat(np.arange(found.n), np.diff(found.starts)), found.items] = True
         return covers
 
     def covered(self, covers: BoolArray, eyes: FloatArray) -> BoolArray:
@@ -177,9 +202,19 @@ class Objective:
     def covered_with(
         self, rest: BoolArray, rest_eyes: FloatArray, trials: BoolArray, trial_eyes: FloatArray
     ) -> BoolArray:
-        """(M, F) faces covered by the rest, (k - 1, F), with each of M trial cameras, (M, F)."""
+        """(M, F) faces covered by the rest, (k, F), with each of M trials, (M width, F)."""
         from rastercov.placement.improve.objective_kernels import covered_with_one
 
+        if (width := self.width) > 1:
+            rigs, eyes = (
+                trials.reshape(-1, width, trials.shape[1]),
+                trial_eyes.reshape(-1, width, 3),
+            )
+            found = [
+                self.covered(np.concatenate((rest, one)), np.concatenate((rest_eyes, its)))
+                for one, its in zip(rigs, eyes, strict=True)
+            ]
+            return np.array(found, np.bool_).reshape(len(rigs), trials.shape[1])
         covered = np.empty(trials.shape, np.bool_)
         covered_with_one(*self._given((rest, rest_eyes, trials, trial_eyes)), covered)
         return covered
@@ -189,17 +224,22 @@ class Objective:
     ) -> IntArray:
         """(M,) integer weight that each of M trial cameras adds to what the rest covers.
 
-        `rest` are the faces of each other camera, (k - 1, F); `trials` those of the trials, and
-        the cost is proportional to these.
+        `rest` are the faces of each other row, (k, F); `trials` those of the M width rows of the
+        trials, and the cost is proportional to these.
         """
-        from rastercov.placement.improve.objective_kernels import worth_added
+        from rastercov.placement.improve.objective_kernels import worth_added, worth_added_by_rigs
 
         n_rest = np.add.reduce(rest, axis=0, dtype=np.int64)
         is_covered = n_rest >= self.need
         if self.min_cosine <= 1:
             is_covered = self.covered(rest, rest_eyes)
-        added = np.empty(trials.n, np.int64)
+        added = np.empty(trials.n // self.width, np.int64)
         of_faces = (n_rest, is_covered, self.integer_weights)
+        if self.width > 1:
+            worth_added_by_rigs(
+                *self._given((rest, rest_eyes, *trials, trial_eyes, *of_faces)), self.width, added
+            )
+            return added
         worth_added(*self._given((rest, rest_eyes, *trials, trial_eyes, *of_faces)), added)
         return added
 
@@ -222,8 +262,14 @@ class Objective:
     def share_of(self, poses: ArrayLike | Poses) -> float:
         """Share that one network of (k, 4, 4) poses covers."""
         placed = Poses.of(poses)
-        covered = self.covered(self.covers(placed), placed.world_from_camera[:, :3, 3])
+        covered = self.covered(self.covers(placed), self.eyes(placed))
         return float(self.share(self.worth(covered)))
+
+
+def _rows(owner: IntArray, width: int) -> IntArray:
+    """Row of each camera where each pose has `width` rows; `owner` is ascending."""
+    place: IntArray = np.arange(len(owner)) - np.searchsorted(owner, owner)
+    return owner * width + place
 
 
 @dataclass(frozen=True, eq=False)

@@ -160,3 +160,56 @@ def worth_added(
             if is_enough:
                 total += weights[f]
         added[m] = total
+
+
+@compiled
+def worth_added_by_rigs(
+    rest, rest_eyes, starts, items, trial_eyes, n_rest, is_covered, weights, centroids, need,
+    min_cosine, width, added,
+):  # fmt: skip
+    """Weight that each of M rigs of `width` cameras adds to what some others cover.
+
+    Parameters
+    ----------
+    starts, items : (M width + 1,) int64, (N,) int32
+        Faces of each camera; those of a rig follow one another, and may be empty.
+    trial_eyes : (M width, 3) float64
+    added : (M,) int64
+        Out, as for `worth_added`, as the other arguments are.
+    """
+    rays = np.empty((rest.shape[0] + width, 3))
+    times = np.zeros(rest.shape[1], np.int64)
+    for m in range(len(added)):
+        total = 0
+        first, last = starts[m * width], starts[(m + 1) * width]
+        for at in range(first, last):
+            times[items[at]] += 1
+        for camera in range(m * width, (m + 1) * width):
+            for at in range(starts[camera], starts[camera + 1]):
+                f = items[at]
+                if times[f] == 0:
+                    continue  # judged with an earlier camera
+                n_more = times[f]
+                times[f] = 0
+                if is_covered[f] or n_rest[f] + n_more < need[f]:
+                    continue
+                is_enough = min_cosine > 1
+                n = 0
+                for c in range(rest.shape[0]):
+                    if is_enough:
+                        break
+                    if rest[c, f]:
+                        keep_ray(rest_eyes, c, centroids, f, rays, n)
+                        is_enough = differs(rays, n, min_cosine)
+                        n += 1
+                for c in range(camera, (m + 1) * width):
+                    if is_enough:
+                        break
+                    here = np.searchsorted(items[starts[c] : starts[c + 1]], f) + starts[c]
+                    if here < starts[c + 1] and items[here] == f:
+                        keep_ray(trial_eyes, c, centroids, f, rays, n)
+                        is_enough = differs(rays, n, min_cosine)
+                        n += 1
+                if is_enough:
+                    total += weights[f]
+        added[m] = total

@@ -52,15 +52,16 @@ EXCHANGE = -1
 
 @dataclass(eq=False)
 class _Trials:
-    """Poses one move away from a camera, (M, 4, 4), and the faces that each covers.
+    """Poses one move away from a camera, (M, 4, 4), the faces of their rows, and their centres.
 
-    `measured` are those of the trials whose faces in `covers` are an estimate and that were
-    measured since.
+    Rows are those of an `Objective`. `measured` are those of the trials whose faces in `covers` are
+    an estimate and that were measured since.
     """
 
     poses: FloatArray
     covers: Lists
-    measured: dict[int, NDArray[np.int32]] = field(default_factory=dict)
+    eyes: FloatArray
+    measured: dict[int, Lists] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,20 +215,26 @@ class _Search:
         self.objective, self.space, self.budget, self.seed = objective, space, budget, seed
         start, self.camera = placed.world_from_camera, placed.camera
         self.poses = start.copy()
-        self.covers = objective.covers(placed)
+        # Rows of faces and centres: several a pose where the cameras of rigs count one by one.
+        self.width = objective.width
+        self.covers, self.eyes = objective.covers(placed), objective.eyes(placed).copy()
         self.evaluations = len(start)
         # What a trial is estimated to cover is compared with the same estimate of the camera.
-        self._own: list[NDArray[np.int32] | None] = [None] * len(start)
+        self._own: list[Lists | None] = [None] * len(start)
         if objective.is_estimated:
             found = objective.estimated(placed)
-            self._own = [found.row(row) for row in range(len(start))]
-        self.worth = int(objective.worth(objective.covered(self.covers, start[:, :3, 3])))
+            self._own = [self._rows(found, row) for row in range(len(start))]
+        self.worth = int(objective.worth(objective.covered(self.covers, self.eyes)))
         self.trace, self.trace_evaluations = [self.worth], [self.evaluations]
         self._moves_made = np.zeros(len(start), np.int64)
         # Trials of each camera and level, until the camera moves.
         self._trials: list[dict[int, _Trials]] = [{} for _ in start]
         # Candidates for exchange, by the camera that they are of.
         self._pools: dict[int, _Trials] = {}
+
+    def _rows(self, lists: Lists, row: int, count: int = 1) -> Lists:
+        """Faces of all rows of some poses."""
+        return lists.part(row * self.width, (row + count) * self.width)
 
     @property
     def has_room(self) -> bool:
@@ -251,7 +258,8 @@ class _Search:
         self.evaluations += sum(counts)
         ends = np.cumsum(counts).tolist()
         for row, poses, end in zip(missing, moves, ends, strict=True):
-            self._trials[row][level] = _Trials(poses, found.part(end - len(poses), end))
+            own = self._rows(found, end - len(poses), len(poses))
+            self._trials[row][level] = _Trials(poses, own, self._eyes_of(poses, row))
         return True
 
     def exchange(self, candidates: Poses) -> bool:
@@ -260,7 +268,8 @@ class _Search:
             return False
         for index in np.unique(self.camera).tolist():
             own = renumbered(candidates[candidates.camera == index])
-            self._pools[index] = _Trials(own.world_from_camera, self.objective.estimated(own))
+            found = self.objective.estimated(own)
+            self._pools[index] = _Trials(own.world_from_camera, found, self.objective.eyes(own))
         self.evaluations += len(candidates)
         return True
 
@@ -279,6 +288,16 @@ class _Search:
             waiting.remove(row)
         return len(waiting) < len(self.poses)
 
+    def _slice(self, row: int) -> slice:
+        """Rows of faces and centres of a pose."""
+        return slice(row * self.width, (row + 1) * self.width)
+
+    def _eyes_of(self, poses: FloatArray, row: int) -> FloatArray:
+        """Centres of trials of a pose, in their rows."""
+        if self.width == 1:
+            return poses[:, :3, 3]
+        return self.objective.eyes(Poses.of(poses, camera=int(self.camera[row])))
+
     def _of(self, row: int, level: int) -> _Trials:
         if level == EXCHANGE:
             return self._pools[int(self.camera[row])]
@@ -292,23 +311,23 @@ class _Search:
         trials = self._of(row, level)
         if not len(trials.poses):
             return -1, -1
-        rest = np.arange(len(self.poses)) != row
-        covers, eyes = self.covers[rest], self.poses[rest, :3, 3]
+        mine = self._slice(row)
+        rest = np.ones(len(self.covers), np.bool_)
+        rest[mine] = False
+        covers, eyes = self.covers[rest], self.eyes[rest]
 
-        def added(lists: Lists, poses: FloatArray) -> IntArray:
-            return self.objective.worth_added(covers, eyes, lists, poses[:, :3, 3])
+        def added(lists: Lists, trial_eyes: FloatArray) -> IntArray:
+            return self.objective.worth_added(covers, eyes, lists, trial_eyes)
 
-        gains = added(trials.covers, trials.poses)
+        gains = added(trials.covers, trials.eyes)
+        exact = Lists.of([np.flatnonzero(each) for each in self.covers[mine]])
         own = self._own[row]
-        if own is None:
-            own = np.flatnonzero(self.covers[row]).astype(np.int32)
-        here = self.poses[row : row + 1]
-        gains -= added(Lists.of([own]), here)
+        gains -= added(exact if own is None else own, self.eyes[mine])
         if trials.measured:
             rows = np.array(list(trials.measured))
-            exact = np.flatnonzero(self.covers[row])
-            gains[rows] = added(Lists.of(list(trials.measured.values())), trials.poses[rows])
-            gains[rows] -= added(Lists.of([exact]), here)
+            of_rows = trials.eyes.reshape(-1, self.width, 3)[rows].reshape(-1, 3)
+            gains[rows] = added(_joined(list(trials.measured.values())), of_rows)
+            gains[rows] -= added(exact, self.eyes[mine])
         best = int(gains.argmax())
         return int(gains[best]), best
 
@@ -328,29 +347,39 @@ class _Search:
             return False
         if self.evaluations + len(missing) > self.budget:
             for row, trial in missing.items():
-                self._of(row, level).measured[trial] = np.empty(0, np.int32)
+                nothing = [np.empty(0, np.int32)] * self.width
+                self._of(row, level).measured[trial] = Lists.of(nothing)
             return True
         poses = np.array([self._of(row, level).poses[trial] for row, trial in missing.items()])
         found = self.objective.listed(Poses.of(poses, camera=self.camera[list(missing)]))
         self.evaluations += len(poses)
         for at, (row, trial) in enumerate(missing.items()):
-            self._of(row, level).measured[trial] = found.row(at)
+            self._of(row, level).measured[trial] = self._rows(found, at)
         return True
 
     def _move(self, row: int, level: int, trial: int) -> None:
         trials = self._of(row, level)
         with interrupts_held():
             self.poses[row] = trials.poses[trial]
-            self.covers[row] = False
-            self.covers[row, trials.measured.get(trial, trials.covers.row(trial))] = True
+            found = trials.measured.get(trial, self._rows(trials.covers, trial))
+            mine = self._slice(row)
+            self.covers[mine] = False
+            for at in range(self.width):
+                self.covers[mine.start + at, found.row(at)] = True
+            self.eyes[mine] = trials.eyes[self._slice(trial)]
             if self.objective.is_estimated:
-                self._own[row] = trials.covers.row(trial).copy()
+                self._own[row] = self._rows(trials.covers, trial)
             self._trials[row].clear()
             self._moves_made[row] += 1
-            covered = self.objective.covered(self.covers, self.poses[:, :3, 3])
+            covered = self.objective.covered(self.covers, self.eyes)
             self.worth = int(self.objective.worth(covered))
             self.trace.append(self.worth)
             self.trace_evaluations.append(self.evaluations)
+
+
+def _joined(parts: Sequence[Lists]) -> Lists:
+    """Lists of all parts, one after the other."""
+    return Lists.of([part.row(row) for part in parts for row in range(part.n)])
 
 
 def _moves(

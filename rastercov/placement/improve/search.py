@@ -137,8 +137,10 @@ def optimise(
             poses = code.poses(variables)[:left]  # the last generation may be cut short
             placed = Poses.of(poses.reshape(-1, 4, 4), camera=np.tile(own, len(poses)))
             covers = objective.covers(placed)
-            covers = covers.reshape(len(poses), cameras, -1)
-            worth = objective.worth(objective.covered(covers, poses[:, :, :3, 3]))
+            rows = cameras * objective.width
+            covers = covers.reshape(len(poses), rows, -1)
+            eyes = objective.eyes(placed).reshape(len(poses), rows, 3)
+            worth = objective.worth(objective.covered(covers, eyes))
             with interrupts_held():
                 top = int(np.argmax(worth))
                 if int(worth[top]) > best_worth:

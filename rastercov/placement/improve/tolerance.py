@@ -224,7 +224,7 @@ def tolerance(
         raise ConfigError(f"draws must be a whole number, 1 or more, got {draws}")
     placed = renumbered(poses)
     planned = placed.world_from_camera
-    eyes = planned[:, :3, 3]
+    eyes, width = objective.eyes(placed), objective.width
     covers = objective.covers(placed)
     covered = objective.covered(covers, eyes)
     disturbed = disturbed_poses(planned, error, draws, np.random.default_rng(seed))
@@ -232,20 +232,25 @@ def tolerance(
     together = np.empty(draws, np.int64)
     alone = np.empty((len(planned), draws), np.int64)
     times = np.zeros(covers.shape[1], np.int64)
-    others = [np.arange(len(planned)) != row for row in range(len(planned))]
+    others = [np.repeat(np.arange(len(planned)) != row, width) for row in range(len(planned))]
     step = max(1, PAIRS_AT_ONCE // max(1, covers.size))
     for begin in range(0, draws, step):
         part = slice(begin, min(begin + step, draws))
         network = disturbed[part]
         camera = np.tile(placed.camera, len(network))
-        seen = objective.covers(Poses.of(network.reshape(-1, 4, 4), camera=camera))
-        seen = seen.reshape(*network.shape[:2], covers.shape[1])
-        covered_now = objective.covered(seen, network[:, :, :3, 3])
+        mounted = Poses.of(network.reshape(-1, 4, 4), camera=camera)
+        seen = objective.covers(mounted).reshape(len(network), *covers.shape)
+        seen_from = objective.eyes(mounted).reshape(len(network), *eyes.shape)
+        covered_now = objective.covered(seen, seen_from)
         together[part] = objective.worth(covered_now)
         times += covered_now.sum(axis=0)
         for row, rest in enumerate(others):
+            own = slice(row * width, (row + 1) * width)
             with_one = objective.covered_with(
-                covers[rest], eyes[rest], seen[:, row], network[:, row, :3, 3]
+                covers[rest],
+                eyes[rest],
+                seen[:, own].reshape(-1, covers.shape[1]),
+                seen_from[:, own].reshape(-1, 3),
             )
             alone[row, part] = objective.worth(with_one)
 

@@ -80,13 +80,19 @@ def bit_problem_of(
     Raises
     ------
     ConfigError
-        As `problem_of`, and for an angle between views.
+        As `problem_of`, and for an angle between views, or several views from rigs.
     """
     angle = matrix.task.min_angle_deg if min_angle_deg is None else min_angle_deg
     if angle != 0:
         raise ConfigError(
             f"min_angle_deg must be 0 on a matrix of bits, got {angle:g}; "
             "load a VisibilityMatrix for an angle between views"
+        )
+    wanted = matrix.task.views if views is None else views
+    most = max([1, *wanted.values()]) if isinstance(wanted, Mapping) else wanted
+    if "pairs" in matrix.header and most > 1:
+        raise ConfigError(
+            f"bits do not count the cameras of a rig, and views is {most}; load a VisibilityMatrix"
         )
     bits = matrix.bits if min_coverage is None else matrix.covered_at(min_coverage)
     needs = needs_of(matrix, mesh, weight_by, views, costs)[1]

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.placement._arrays import IntArray
+from rastercov.placement.select import rig_kernels
 from rastercov.placement.select import selection_kernels as kernels
 from rastercov.placement.select.presolve import Candidates, ReducedProblem
 
@@ -145,9 +146,16 @@ class CoverState(Cover):
         self._arguments = (*pairs, *values, self.count, self.gain, self.done, self._total)
         self._seen = np.empty((reduced.n_faces if reduced.is_spread else 0, 8), np.int32)
         self._is_spread = np.zeros(reduced.n_faces if reduced.is_spread else 0, np.bool_)
-        kernels.first_gains(
-            reduced.indptr, reduced.face, reduced.need, step, bonus, reduced.kind, self.gain
-        )
+        if reduced.has_rigs:
+            rig_kernels.first_gains(
+                reduced.indptr, reduced.face, reduced.eye, reduced.views, reduced.need, step, bonus,
+                reduced.kind, reduced.eyes, reduced.centroids, reduced.min_cosine, self.gain,
+            )  # fmt: skip
+            self._far = np.zeros(reduced.n_candidates, np.bool_)
+        else:
+            kernels.first_gains(
+                reduced.indptr, reduced.face, reduced.need, step, bonus, reduced.kind, self.gain
+            )
         self.work = len(reduced.face)
 
     @property
@@ -197,11 +205,28 @@ class CoverState(Cover):
     def _change(self, camera: int, sign: int) -> None:
         reduced = self.reduced
         if not reduced.is_spread:
-            self.work += kernels.change(camera, sign, *self._arguments)
+            change = rig_kernels.change if reduced.has_rigs else kernels.change
+            self.work += change(camera, sign, *self._arguments)
+            return
+        if reduced.has_rigs:
+            self._change_rig(camera, sign)
             return
         if len(self.chosen) + 1 >= self._seen.shape[1]:
             self._seen = np.concatenate((self._seen, np.empty_like(self._seen)), axis=1)
         self.work += kernels.change_spread(
             camera, sign, *self._arguments, reduced.eyes, reduced.centroids, reduced.min_cosine,
             self._seen, self._is_spread,
+        )  # fmt: skip
+
+    def _change_rig(self, camera: int, sign: int) -> None:
+        """Add or remove a rig, where rays must differ."""
+        reduced = self.reduced
+        pairs = slice(reduced.indptr[camera], reduced.indptr[camera + 1])
+        most = np.bincount(reduced.face[pairs]).max(initial=0) + self.count.max(initial=0)
+        if most > self._seen.shape[1]:
+            more = np.empty((len(self._seen), 2 * int(most) - self._seen.shape[1]), np.int32)
+            self._seen = np.concatenate((self._seen, more), axis=1)
+        self.work += rig_kernels.change_spread(
+            camera, sign, *self._arguments, reduced.eyes, reduced.centroids, reduced.min_cosine,
+            self._seen, self._is_spread, reduced.eye, reduced.covering_eye, self._far,
         )  # fmt: skip

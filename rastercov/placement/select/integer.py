@@ -27,10 +27,12 @@ from threading import Lock, RLock
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rastercov._typed import typed
 from rastercov.errors import ConfigError, ResourceError
 from rastercov.placement._arrays import FloatArray, IntArray
+from rastercov.placement.select import rig_kernels
 from rastercov.placement.select import selection_kernels as kernels
 from rastercov.placement.select.cover_state import CoverState
 from rastercov.placement.select.deadline import Deadline, TimeUpError
@@ -300,10 +302,16 @@ class _Program:
         n_found = 0
         for part in self.parts:
             deadline.check()
-            starts, columns = kernels.missing_directions(
-                reduced.starts[part.start : part.stop + 1], reduced.covering, is_chosen,
-                self.views[part], reduced.eyes, reduced.centroids[part], reduced.min_cosine,
-            )  # fmt: skip
+            given = reduced.starts[part.start : part.stop + 1], reduced.covering
+            on_faces = reduced.eyes, reduced.centroids[part], reduced.min_cosine
+            if reduced.has_rigs:
+                starts, columns = rig_kernels.missing_directions(
+                    *given, reduced.covering_eye, is_chosen, self.views[part], *on_faces
+                )
+            else:
+                starts, columns = kernels.missing_directions(
+                    *given, is_chosen, self.views[part], *on_faces
+                )
             for face in np.flatnonzero(np.diff(starts) > 0):  # a call each, microseconds
                 row = columns[starts[face] : starts[face + 1]].astype(np.int32)
                 values, least = np.ones(len(row)), 1.0
@@ -334,15 +342,16 @@ class _Program:
         column_of = self.column_of_face
         is_optional = (column_of >= 0).astype(np.int64)
 
-        # One row a face: its candidates, and -views in its column z.
-        lengths = np.diff(reduced.starts) + is_optional
+        # One row a face: its candidates, times their cameras, and -views in its column z.
+        counts_of_faces, covering, times = _merged_pairs(reduced)
+        lengths = counts_of_faces + is_optional
         ends = np.cumsum(lengths)
         index = np.empty(int(lengths.sum()), np.int64)
         value = np.ones(len(index))
         own = ends[optional] - 1
         of_pairs = np.ones(len(index), bool)
         of_pairs[own] = False
-        index[of_pairs] = reduced.covering
+        index[of_pairs], value[of_pairs] = covering, times
         index[own], value[own] = column_of[optional], -self.views[optional]
         rows = [(index, value)]
         lower = [np.where(is_optional, 0.0, self.views)]
@@ -390,3 +399,17 @@ class _Program:
             np.concatenate([row[1] for row in rows]).astype(np.float64),
             np.where(is_whole, int(integer), int(continuous)).astype(np.int32),
         )  # fmt: skip
+
+
+def _merged_pairs(reduced: ReducedProblem) -> tuple[IntArray, NDArray[np.int32], FloatArray]:
+    """Candidates of each face: their number, (F,), each once, (N,), and its cameras, (N,)."""
+    starts, covering = reduced.starts, reduced.covering
+    if not reduced.has_rigs:
+        return np.diff(starts), covering, np.ones(len(covering))
+    is_first = np.ones(len(covering), np.bool_)
+    is_first[1:] = covering[1:] != covering[:-1]
+    is_first[starts[:-1][starts[:-1] < len(is_first)]] = True
+    rows = np.flatnonzero(is_first)
+    times = np.diff(np.append(rows, len(covering))).astype(np.float64)
+    counts = np.diff(np.concatenate(([0], np.cumsum(is_first)))[starts])
+    return counts, covering[rows], times

@@ -8,7 +8,7 @@ The remaining candidates are ranked by the faces they cover, not by their number
 breaks ties: shuffling the candidates of a problem does not change the result.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -77,10 +77,15 @@ class ReducedProblem:
     costs : (C,) float64
     rank : (C,) int64
         Order of the candidates, which depends only on the faces they cover.
-    eyes, centroids : (C, 3), (F, 3) float64
+    eyes, centroids : (K, 3), (F, 3) float64
         Empty where no angle is required.
     min_cosine : float
         2 where no angle is required.
+    has_rigs : bool
+        True where candidates have a face once for each of their cameras: `rig_kernels`. K is C
+        otherwise.
+    eye, covering_eye : (N,) int32
+        Of rigs, row in `eyes` of the camera of each pair, in the order of `face` and of `covering`.
     """
 
     problem: AnyProblem
@@ -100,6 +105,9 @@ class ReducedProblem:
     eyes: FloatArray
     centroids: FloatArray
     min_cosine: float
+    has_rigs: bool = False
+    eye: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))
+    covering_eye: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))
 
     @property
     def n_candidates(self) -> int:
@@ -132,13 +140,17 @@ def presolve(problem: Problem) -> ReducedProblem:
     Equivalent to the problem: the optima are equal, and a selection from the remaining candidates
     covers the same faces in both.
     """
-    spread = problem.min_angle > 0
+    original, spread = problem, problem.min_angle > 0
+    if problem.has_rigs and not spread:
+        problem = _without_needless_pairs(problem)
     counted = problem.reachable & (problem.integer_weights > 0)
     kind, least, least_total = kinds_of(problem)
     hashes, sizes = kernels.hash_sets(
         problem.indptr, problem.face, counted, np.arange(problem.n_faces, dtype=np.uint64)
     )
-    if spread:  # candidates at different positions are different
+    if spread and problem.has_rigs:
+        hashes = _hashes_with_eyes(problem, counted)
+    elif spread:  # candidates at different positions are different
         hashes = hashes + kernels.hash_sets(
             np.arange(0, 3 * problem.n_candidates + 1, 3),
             np.arange(3 * problem.n_candidates),
@@ -159,10 +171,15 @@ def presolve(problem: Problem) -> ReducedProblem:
     if len(candidates) < problem.n_candidates or len(kept) < problem.n_faces:
         indptr, face = kernels.subset(indptr, face, candidates, new_face)
     starts, covering = kernels.by_face(indptr, face, len(kept))
+    eye = covering_eye = np.zeros(0, np.int32)
+    if problem.has_rigs and spread:
+        eye = _eyes_of_pairs(problem, candidates, new_face)
+        covering_eye = eye[np.argsort(face, kind="stable")]
     views = problem.views[kept].astype(np.int32)
     empty = np.empty((0, 3))
+    eyes = empty if problem.eyes is None or not spread else problem.eyes
     return ReducedProblem(
-        problem=problem,
+        problem=original,
         candidates=candidates,
         indptr=indptr,
         face=face,
@@ -176,10 +193,62 @@ def presolve(problem: Problem) -> ReducedProblem:
         least_total=least_total,
         costs=problem.costs[candidates],
         rank=rank_of[candidates],
-        eyes=empty if problem.eyes is None or not spread else problem.eyes[candidates],
+        eyes=eyes if problem.has_rigs or not spread else eyes[candidates],
         centroids=empty if problem.centroids is None or not spread else problem.centroids[kept],
         min_cosine=problem.min_cosine,
+        has_rigs=problem.has_rigs,
+        eye=eye,
+        covering_eye=covering_eye,
     )
+
+
+def _without_needless_pairs(problem: Problem) -> Problem:
+    """The problem without the pairs of a rig with a face beyond the views that this needs.
+
+    Where any two rays will do they change nothing but bounds, which are tighter without them.
+    """
+    starts = np.ones(len(problem.face), np.bool_)
+    starts[1:] = problem.face[1:] != problem.face[:-1]
+    starts[problem.indptr[:-1][problem.indptr[:-1] < len(starts)]] = True
+    at = np.arange(len(starts))
+    place = at - at[starts][np.cumsum(starts) - 1] if len(starts) else at
+    is_kept = place < problem.views[problem.face]
+    ends = np.concatenate(([0], np.cumsum(is_kept)))[problem.indptr]
+    return replace(problem, indptr=ends, face=problem.face[is_kept], eye=None)
+
+
+def _hashes_with_eyes(problem: Problem, counted: BoolArray) -> NDArray[np.uint64]:
+    """(C, 2) hashes of the faces of each candidate with the camera centres that they are seen from.
+
+    Those of equal rigs in one place are equal.
+    """
+    assert problem.eye is not None
+    assert problem.eyes is not None
+    n = len(problem.eyes)
+    of_eye = kernels.hash_sets(
+        np.arange(0, 3 * n + 1, 3),
+        np.arange(3 * n),
+        np.ones(3 * n, bool),
+        (np.asarray(problem.eyes, np.float64) + 0.0).ravel().view(np.uint64)
+        + np.tile(np.arange(3, dtype=np.uint64), n),
+    )[0][:, 0]
+    keys = of_eye[problem.eye] * np.uint64(3) + problem.face.astype(np.uint64)
+    found: NDArray[np.uint64] = kernels.hash_sets(
+        problem.indptr, np.arange(len(problem.face)), counted[problem.face], keys
+    )[0]
+    return found
+
+
+def _eyes_of_pairs(
+    problem: Problem, candidates: IntArray, new_face: NDArray[np.int32]
+) -> NDArray[np.int32]:
+    """Row in the eyes of the camera of each pair that remains, in the order of `subset`."""
+    assert problem.eye is not None
+    is_in = np.zeros(problem.n_candidates, np.bool_)
+    is_in[candidates] = True
+    kept = np.repeat(is_in, np.diff(problem.indptr)) & (new_face[problem.face] >= 0)
+    found: NDArray[np.int32] = problem.eye[kept]
+    return found
 
 
 def kinds_of(problem: AnyProblem) -> tuple[NDArray[np.int32], IntArray, int]:

@@ -26,6 +26,7 @@ from rastercov.mesh import Mesh
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.bit_matrix import BitMatrix
 from rastercov.placement.matrix import VisibilityMatrix
+from rastercov.placement.mounts import Mounts
 from rastercov.placement.select import selection_kernels as kernels
 from rastercov.spread import least_cosine
 
@@ -148,6 +149,11 @@ class AnyProblem:
         raise NotImplementedError
 
     @property
+    def has_rigs(self) -> bool:
+        """True where candidates have a face once for each of their cameras."""
+        return False
+
+    @property
     def n_faces(self) -> int:
         """Number of faces F."""
         return len(self.weights)
@@ -197,7 +203,10 @@ class AnyProblem:
         """(F,) number of chosen cameras that cover each face, and (F,) faces that are covered."""
         views = np.zeros(self.n_faces, np.int64)
         for camera in np.asarray(chosen, np.int64):  # microseconds each
-            views[self.faces_of(camera)] += 1
+            if self.has_rigs:
+                np.add.at(views, self.faces_of(camera), 1)
+            else:
+                views[self.faces_of(camera)] += 1
         return views, views >= self.views
 
     def is_met(self, covered: BoolArray) -> bool:
@@ -212,20 +221,23 @@ class Problem(AnyProblem):
     """Faces that each candidate covers, in compressed rows, and the goal of the selection.
 
     A face is covered when at least `views` of the chosen cameras cover it and, where `min_angle`
-    is more than 0, the rays to two of these differ by that angle.
+    is more than 0, the rays to two of these differ by that angle. A candidate that is a rig has a
+    face once for each of its cameras that covers it.
 
     Attributes
     ----------
     indptr : (C + 1,) int64
         Candidate c covers the faces `face[indptr[c]:indptr[c + 1]]`.
     face : (N,) int32
-        No face twice for one candidate.
+        Equal faces of a candidate follow one another.
     weights, views, costs, goal, groups, face_group, mean_coverage
         As in `AnyProblem`.
     min_angle : float
         Radians, [0, pi].
-    eyes, centroids : (C, 3), (F, 3) float64, optional
+    eyes, centroids : (K, 3), (F, 3) float64, optional
         Camera centres and centroids of faces, metres; needed for `min_angle`.
+    eye : (N,) int32, optional
+        Row in `eyes` of the camera of each pair; that of its candidate unless given.
     """
 
     indptr: IntArray
@@ -233,6 +245,7 @@ class Problem(AnyProblem):
     min_angle: float = 0.0
     eyes: FloatArray | None = None
     centroids: FloatArray | None = None
+    eye: NDArray[np.int32] | None = None
 
     def __post_init__(self) -> None:
         if not 0 <= self.min_angle <= math.pi:
@@ -242,10 +255,16 @@ class Problem(AnyProblem):
         if self.min_angle > 0:
             if self.eyes is None or self.centroids is None:
                 raise ConfigError("an angle between views needs eyes and centroids; give both")
+            n_eyes = self.n_candidates if self.eye is None else len(self.eyes)
             check_shapes(
-                eyes=(self.eyes, (self.n_candidates, 3)),
+                eyes=(self.eyes, (n_eyes, 3)),
                 centroids=(self.centroids, (self.n_faces, 3)),
             )
+            if self.eye is not None and not (
+                self.eye.shape == self.face.shape
+                and (not len(self.eye) or 0 <= self.eye.min() <= self.eye.max() < n_eyes)
+            ):
+                raise ConfigError(f"eye must be {len(self.face)} rows of {n_eyes} eyes")
         if len(self.face) and not 0 <= self.face.min() <= self.face.max() < self.n_faces:
             raise ConfigError(f"face must lie in 0 ... {self.n_faces - 1}")
         super().__post_init__()
@@ -260,9 +279,29 @@ class Problem(AnyProblem):
         """Largest cosine of two rays that differ by `min_angle`; 2 where any two do."""
         return least_cosine(self.min_angle)
 
+    @cached_property
+    def has_rigs(self) -> bool:
+        """True where a candidate covers a face with several cameras, or has another's eye."""
+        return self.eye is not None or bool(self._is_repeated.any())
+
+    @property
+    def _is_repeated(self) -> BoolArray:
+        """(N,) pairs of the face and the candidate of the pair before."""
+        again = np.zeros(len(self.face), np.bool_)
+        again[1:] = self.face[1:] == self.face[:-1]
+        again[self.indptr[:-1][self.indptr[:-1] < len(again)]] = False
+        return again
+
     def faces_of(self, candidate: int) -> NDArray[np.int32]:
-        """(N,) faces that a candidate covers, no face twice."""
+        """(N,) faces that a candidate covers; of a rig, once for each of its cameras."""
         return self.face[self.indptr[candidate] : self.indptr[candidate + 1]]
+
+    def eyes_of(self, candidate: int) -> IntArray:
+        """(N,) row in `eyes` of the camera of each of `faces_of`."""
+        pairs = slice(self.indptr[candidate], self.indptr[candidate + 1])
+        if self.eye is None:
+            return np.full(pairs.stop - pairs.start, candidate, np.int64)
+        return self.eye[pairs].astype(np.int64)
 
     def covered_by(self, chosen: ArrayLike) -> tuple[IntArray, BoolArray]:
         """(F,) number of chosen cameras that cover each face, and (F,) faces that are covered."""
@@ -270,10 +309,17 @@ class Problem(AnyProblem):
         if self.min_angle > 0:
             eyes, centroids = self.eyes, self.centroids
             covered &= kernels.spread_faces(
-                self.indptr, self.face, np.asarray(chosen, np.int64), views, eyes, centroids,
-                self.min_cosine,
+                self.indptr, self.face, self._eye_of_pair, np.asarray(chosen, np.int64), views,
+                eyes, centroids, self.min_cosine,
             )  # fmt: skip
         return views, covered
+
+    @cached_property
+    def _eye_of_pair(self) -> NDArray[np.int32]:
+        """(N,) row in `eyes` of the camera of each pair."""
+        if self.eye is not None:
+            return self.eye
+        return np.repeat(np.arange(self.n_candidates, dtype=np.int32), np.diff(self.indptr))
 
 
 @typed
@@ -287,6 +333,7 @@ def problem_of(
     min_angle_deg: float | None = None,
     costs: ArrayLike | None = None,
     min_coverage: float | None = None,
+    mounts: Mounts | None = None,
 ) -> Problem:
     """Selection problem of a visibility matrix.
 
@@ -307,23 +354,43 @@ def problem_of(
     min_coverage : float, optional
         Least coverage, above 0, at which a camera covers a face; as in the matrix unless given.
         0 is the thesis' Table 6.1.
+    mounts : Mounts, optional
+        As for `build_matrix`; each camera of a rig counts as a view of its own.
+
+    Raises
+    ------
+    ConfigError
+        For a matrix of rigs without `mounts`, where the places of cameras matter.
     """
     elements, needs = needs_of(matrix, mesh, weight_by, views, costs)
+    angle = math.radians(matrix.task.min_angle_deg if min_angle_deg is None else min_angle_deg)
+    # Where one view is enough, it does not matter which cameras of a rig cover a face.
+    is_counted = angle > 0 or bool((needs["views"] > 1).any())
+    if len(matrix.on_rig) and not is_counted:
+        matrix = matrix.united()
     covers = matrix.covered if min_coverage is None else matrix.coverage >= np.float64(min_coverage)
-    indptr, face = matrix.indptr, matrix.face
+    indptr, face, on_rig = matrix.indptr, matrix.face, matrix.on_rig
     if not covers.all():
         # Row by row, microseconds each: sums over all pairs would take more memory than the pairs.
         counts = [np.count_nonzero(covers[a:b]) for a, b in pairwise(indptr)]
         indptr, face = np.concatenate(([0], np.cumsum(counts, dtype=np.int64))), face[covers]
+        on_rig = on_rig[covers] if len(on_rig) else on_rig
+    eyes, eye = matrix.poses[:, :3, 3].copy(), None
+    if len(on_rig):
+        if mounts is None:
+            raise ConfigError("the matrix is of rigs; give their mounts, as for build_matrix")
+        placed, owner = mounts.cameras(matrix.placed)
+        first = np.searchsorted(owner, np.arange(matrix.n_poses))
+        eyes = placed.world_from_camera[:, :3, 3].copy()
+        eye = (np.repeat(first, np.diff(indptr)) + on_rig).astype(np.int32)
     return Problem(
         indptr=indptr,
         face=face,
         goal=goal,
-        min_angle=math.radians(
-            matrix.task.min_angle_deg if min_angle_deg is None else min_angle_deg
-        ),
-        eyes=matrix.poses[:, :3, 3].copy(),
+        min_angle=angle,
+        eyes=eyes,
         centroids=elements.centroids,
+        eye=eye,
         **needs,
     )
 

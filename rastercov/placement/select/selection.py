@@ -156,6 +156,10 @@ def in_order(problem: AnyProblem, chosen: IntArray) -> tuple[IntArray, FloatArra
 
     def gain(camera: int) -> float:
         faces = problem.faces_of(camera)
+        if problem.has_rigs:
+            faces, times = np.unique(faces, return_counts=True)
+            left = np.maximum(problem.views[faces] - count[faces], 0)
+            return float((part[faces] * np.minimum(times, left)).sum())
         return float(part[faces[count[faces] < problem.views[faces]]].sum())
 
     # Lazy evaluation: gains only fall as cameras are added, so only gains above the current maximum
@@ -176,13 +180,15 @@ def in_order(problem: AnyProblem, chosen: IntArray) -> tuple[IntArray, FloatArra
                 heapq.heappush(stale, other)
         camera = best[1]
         faces = problem.faces_of(camera)
-        count[faces] += 1
+        np.add.at(count, faces, 1)
         order.append(camera)
         covered = count >= problem.views
         if spread is not None:
             assert isinstance(problem, Problem)
             if problem.eyes is not None:
-                spread.add(problem.eyes[camera], faces)
+                eyes = problem.eyes_of(camera)
+                for eye in np.unique(eyes):
+                    spread.add(problem.eyes[eye], faces[eyes == eye])
             covered &= spread.is_spread
         curve.append(problem.share(covered))
     return np.array(order, np.int64), np.array(curve, np.float64)

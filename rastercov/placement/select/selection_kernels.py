@@ -35,10 +35,11 @@ from rastercov.spread_kernels import ray_cosine
 
 
 @compiled
-def spread_faces(indptr, face, chosen, views, eyes, centroids, min_cosine):
+def spread_faces(indptr, face, eye, chosen, views, eyes, centroids, min_cosine):
     """(F,) faces to which two of the chosen cameras have rays with a cosine up to `min_cosine`.
 
-    `chosen` are K rows; `views`, (F,), is the number of these that cover each face.
+    `chosen` are K rows; `eye`, (N,), is the row in `eyes` of each pair; `views`, (F,), is the
+    number of their cameras that cover each face.
     """
     starts = np.zeros(len(views) + 1, np.int64)
     for f in range(len(views)):
@@ -47,7 +48,7 @@ def spread_faces(indptr, face, chosen, views, eyes, centroids, min_cosine):
     seen = np.empty(starts[-1], np.int64)
     for c in chosen:
         for j in range(indptr[c], indptr[c + 1]):
-            seen[at[face[j]]] = c
+            seen[at[face[j]]] = eye[j]
             at[face[j]] += 1
     # If all rays lie within half the angle of the first, no two differ by the whole angle.
     half = np.cos(np.arccos(min(max(min_cosine, -1.0), 1.0)) / 2)

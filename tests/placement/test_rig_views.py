@@ -1,0 +1,204 @@
+"""Rigs whose cameras count as views of their own: selections against all sets of candidates."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from nightly import examples
+from selection_cases import best_by_trying_all, covers_faces, is_met, problems, share
+
+from rastercov.errors import ConfigError
+from rastercov.placement.select import integer as integer_module
+from rastercov.placement.select.cover_state import CoverState
+from rastercov.placement.select.greedy import select_greedy
+from rastercov.placement.select.integer import select_integer
+from rastercov.placement.select.presolve import presolve
+from rastercov.placement.select.problem import BestCoverage, FewestCameras
+from rastercov.placement.select.selection import in_order
+from rastercov.placement.select.thesis import select_thesis
+
+SELECTORS = {
+    "plain": lambda problem: select_greedy(problem, effort=0),
+    "greedy": lambda problem: select_greedy(problem, effort=200_000),
+    "integer": select_integer,
+    "thesis": select_thesis,
+}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def quick_start():
+    """Integer programs start from a short local search."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(integer_module, "EFFORT", 200_000)
+        yield
+
+
+def with_rigs(problem, most, seed, is_near=False):
+    """The problem with rigs of up to `most` cameras as candidates, some of them equal."""
+    rng = np.random.default_rng(seed)
+    counts = rng.integers(1, most + 1, problem.n_candidates)
+    first = np.cumsum(counts) - counts
+    # Cameras of a rig are near one another, or anywhere.
+    spread = 0.2 if is_near else 3.0
+    eyes = np.repeat(problem.eyes, counts, axis=0)
+    eyes = eyes + rng.normal(scale=spread, size=eyes.shape) * (rng.random((len(eyes), 1)) < 0.8)
+    rows = []
+    for c, (a, b) in enumerate(pairwise(problem.indptr)):
+        pairs = [
+            (face, first[c] + k)
+            for face in np.sort(problem.face[a:b])
+            for k in range(counts[c])
+            if k == 0 or rng.random() < 0.6
+        ]
+        rows.append(pairs)
+    if problem.n_candidates > 1 and rng.random() < 0.3:  # a copy
+        n = counts[0]
+        rows[-1] = [(face, len(eyes) + eye - first[0]) for face, eye in rows[0]]
+        eyes = np.concatenate([eyes, eyes[:n]])
+    found = np.array([pair for pairs in rows for pair in pairs], np.int64).reshape(-1, 2)
+    return replace(
+        problem,
+        goal=FewestCameras(0.0) if isinstance(problem.goal, FewestCameras) else problem.goal,
+        indptr=np.concatenate(([0], np.cumsum([len(pairs) for pairs in rows]))),
+        face=found[:, 0].astype(np.int32),
+        eye=found[:, 1].astype(np.int32),
+        eyes=eyes,
+    )
+
+
+@st.composite
+def rig_problems(draw, **options):
+    base = draw(problems(max_views=3, angles=(0, 20, 40, 90), **options))
+    seed, most = draw(st.integers(0, 2**32 - 1)), draw(st.integers(1, 3))
+    problem = with_rigs(base, most, seed, draw(st.booleans()))
+    if isinstance(base.goal, FewestCameras):
+        problem = replace(problem, goal=base.goal)
+    return problem
+
+
+@pytest.mark.parametrize("name", SELECTORS)
+@examples(25)
+@given(problem=rig_problems(sizes=(1, 3, 5, 6)))
+def test_selections_are_what_they_say_and_bounds_hold(name, problem):
+    found = SELECTORS[name](problem)
+    covered = covers_faces(problem, found.chosen)
+    np.testing.assert_array_equal(found.covered, covered)
+    pairs = [problem.faces_of(c) for c in found.chosen]
+    counts = np.bincount(np.concatenate([*pairs, []]).astype(int), minlength=problem.n_faces)
+    np.testing.assert_array_equal(found.views, counts)
+    assert found.share == pytest.approx(share(problem, covered), abs=1e-9)
+    best = best_by_trying_all(problem)
+    if isinstance(problem.goal, BestCoverage):
+        assert found.bound >= best - 1e-6
+        assert found.objective <= best + 1e-6
+    else:
+        if name != "thesis":
+            assert is_met(problem, covered)
+        assert found.bound <= best + 1e-6
+        if is_met(problem, covered):
+            assert found.objective >= best - 1e-6
+    if name == "integer":
+        assert found.status == "optimal"
+        assert found.objective == pytest.approx(best, abs=1e-5)
+    if found.status == "optimal" and name != "thesis":
+        assert found.objective == pytest.approx(best, abs=1e-5)
+
+
+@examples(40)
+@given(problem=rig_problems(sizes=(3, 5, 7)), seed=st.integers(0, 2**32 - 1), finish=st.booleans())
+def test_gains_are_differences_of_worth_after_any_changes(problem, seed, finish):
+    reduced = presolve(problem)
+    n = reduced.n_candidates
+    if not n:
+        return
+    rng = np.random.default_rng(seed)
+    state = CoverState(reduced, finish=finish)
+    for _ in range(10):
+        camera = int(rng.integers(n))
+        if camera in state.chosen:
+            state.remove(camera)
+        else:
+            state.add(camera)
+        original = reduced.candidates[sorted(state.chosen)]
+        covered = covers_faces(problem, original) & problem.reachable
+        assert state.covered == problem.integer_weights[covered].sum()
+        for other in set(range(n)) - state.chosen:
+            fresh = CoverState(reduced, finish=finish)
+            fresh.become({*state.chosen, other})
+            assert state.gain[other].sum() == fresh.worth - state.worth
+        fresh = CoverState(reduced, finish=finish)
+        fresh.become(state.chosen)
+        np.testing.assert_array_equal(fresh.gain, state.gain)
+        assert fresh.worth == state.worth
+
+
+@examples(25)
+@given(problem=problems(max_views=3, angles=(0, 20, 60)), seed=st.integers(0, 2**32 - 1))
+def test_rigs_of_one_camera_are_that_camera(problem, seed):
+    alone = replace(
+        problem,
+        eye=np.repeat(np.arange(problem.n_candidates), np.diff(problem.indptr)).astype("i4"),
+    )
+    assert alone.has_rigs
+    assert not problem.has_rigs
+    one, other = presolve(problem), presolve(alone)
+    np.testing.assert_array_equal(one.candidates, other.candidates)
+    states = CoverState(one), CoverState(other)
+    rng = np.random.default_rng(seed)
+    for camera in rng.permutation(one.n_candidates):
+        for state in states:
+            state.add(int(camera))
+        np.testing.assert_array_equal(states[0].gain, states[1].gain)
+        np.testing.assert_array_equal(states[0].covered_faces, states[1].covered_faces)
+    for select in (SELECTORS["greedy"], select_integer):
+        found, wanted = select(alone), select(problem)
+        assert found.objective == pytest.approx(wanted.objective, abs=1e-9)
+        assert found.share == pytest.approx(wanted.share, abs=1e-9)
+
+
+@examples(25)
+@given(problem=rig_problems())
+def test_the_curve_counts_every_camera(problem):
+    chosen = np.arange(problem.n_candidates)
+    order, curve = in_order(problem, chosen)
+    assert sorted(order) == chosen.tolist()
+    for n in range(1, len(order) + 1):
+        assert curve[n - 1] == pytest.approx(share(problem, covers_faces(problem, order[:n])))
+
+
+def test_two_cameras_of_one_rig_are_two_views():
+    base = with_rigs_by_hand(views=2)
+    assert select_integer(base).cost == 1
+    assert select_integer(replace(base, min_angle=np.radians(30))).cost == 1
+    # Seen from nearly one direction by its own cameras, and from another by the second rig.
+    assert select_integer(replace(base, min_angle=np.radians(100))).cost == 2
+    assert select_greedy(replace(base, min_angle=np.radians(100))).cost == 2
+
+
+def with_rigs_by_hand(views):
+    """One face at the origin; a rig with rays 60 degrees apart, and one opposite of its first."""
+    from rastercov.placement.select.problem import Problem
+
+    return Problem(
+        indptr=np.array([0, 2, 3]),
+        face=np.zeros(3, np.int32),
+        eye=np.array([0, 1, 2], np.int32),
+        eyes=np.array([[0, 0, 1.0], [0, np.sin(np.pi / 3), 0.5], [0, 0, -1.0]]),
+        centroids=np.zeros((1, 3)),
+        weights=np.ones(1),
+        views=np.array([views]),
+        costs=np.ones(2),
+        goal=FewestCameras(),
+        groups=("all",),
+        face_group=np.zeros(1, np.int32),
+        mean_coverage=np.ones(2),
+    )
+
+
+def test_eyes_that_do_not_fit_are_refused():
+    base = replace(with_rigs_by_hand(2), min_angle=0.1)
+    with pytest.raises(ConfigError, match="eye must be 3 rows of 3 eyes"):
+        replace(base, eye=np.array([0, 1, 3], np.int32))
