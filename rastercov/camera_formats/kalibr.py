@@ -86,7 +86,8 @@ def read(content: Any, border: Border) -> Views:
 
 
 def _inverse(entries: Entries, name: str) -> Any:
-    return inverse_of(entries.array(name, (4, 4))[None])[0]
+    # Some tools that write chains by hand have the 16 numbers in one row.
+    return inverse_of(entries.array(name, (4, 4), (16,)).reshape(1, 4, 4))[0]
 
 
 def _camera(entries: Entries) -> Camera:

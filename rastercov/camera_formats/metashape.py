@@ -46,17 +46,23 @@ def read(root: Element, border: Border) -> Views:
     chunks = [root] if local_name(root) == "chunk" else children(root, "chunk")
     if not chunks:
         raise CameraError("a chunk wanted, got none; use File, Export, Export Cameras")
+    # A document whose chunks are all disabled is still read.
+    enabled = [chunk for chunk in chunks if _is_enabled(chunk)] or chunks
     if len(chunks) > 1:
-        border.note(f"the first of {len(chunks)} chunks; each has its own frame")
-    chunk = chunks[0]
+        which = "the first" if enabled[0] is chunks[0] else "the first enabled one"
+        border.note(f"{which} of {len(chunks)} chunks; each has its own frame")
+    chunk = enabled[0]
     cameras, names, row_of = _sensors(chunk, border)
     index, images, matrices, scales = [], [], [], set()
     places = _places(chunk)
-    n_left = 0
+    n_left = n_disabled = 0
     for element in _each(chunk, "cameras", "camera"):
         label = element.get("label", f"camera {element.get('id', '')}")
         transform = _text(element, "transform", "")
         sensor = element.get("sensor_id", "")
+        if not _is_enabled(element):
+            n_disabled += 1
+            continue
         if not transform or sensor not in row_of:
             n_left += 1
             continue
@@ -67,6 +73,8 @@ def read(root: Element, border: Border) -> Views:
         scales.add(scale)
         index.append(row_of[sensor])
         images.append(label)
+    if n_disabled:
+        border.note(f"{n_disabled} images left out: they are disabled")
     if n_left:
         border.note(f"{n_left} images left out: they have no transform, or no calibrated sensor")
     if None in scales and len(scales) > 1:
@@ -83,6 +91,11 @@ def read(root: Element, border: Border) -> Views:
         # Scale bars and coordinates of Metashape are in metres.
         metres=1.0 if matrices and None not in scales else None,
     )
+
+
+def _is_enabled(element: Element) -> bool:
+    """True unless a chunk or an image was disabled; exports before 1.4 have no such entry."""
+    return element.get("enabled", "true").strip().lower() not in ("false", "0")
 
 
 def _sensors(chunk: Element, border: Border) -> tuple[list[Camera], list[str], dict[str, int]]:

@@ -56,11 +56,13 @@ def read(source: Source, border: Border) -> Views:
     shared = {name: content.get(name) for name in INTRINSICS if name in content}
     cameras: dict[Camera, int] = {}
     index, images, matrices = [], [], []
+    times: list[float | None] = []
     for row, frame in content.tables("frames"):
         own = {name: frame.get(name) for name in INTRINSICS if name in frame}
         camera = _camera(Entries(shared | own, frame.where if own else content.where), border)
         index.append(cameras.setdefault(camera, len(cameras)))
         images.append(frame.text("file_path", f"frame {row}"))
+        times.append(frame.number("time") if "time" in frame else None)
         matrix = frame.array("transform_matrix", (4, 4), (3, 4))
         matrices.append(np.vstack([matrix, [0, 0, 0, 1]]) if len(matrix) == 3 else matrix)
     if not matrices:
@@ -80,8 +82,21 @@ def read(source: Source, border: Border) -> Views:
     if "scale" in content or "offset" in content:
         border.note("scale and offset, which place the scene in instant-ngp's cube, are not used")
     return border.views(
-        list(cameras), world_from_camera=poses, camera=index, images=images, scale=undone
+        list(cameras),
+        world_from_camera=poses,
+        camera=index,
+        images=images,
+        frames=_frames(times),
+        scale=undone,
     )
+
+
+def _frames(times: Sequence[float | None]) -> list[str]:
+    """Frame of each image by its time, as scenes in motion have it; none where no two are equal."""
+    known = [time for time in times if time is not None]
+    if len(known) < len(times) or len(set(known)) == len(known):
+        return []
+    return [f"time {time:.10g}" for time in known]
 
 
 def _in_world(poses: NDArray[np.float64], content: Entries, border: Border) -> Any:

@@ -143,3 +143,21 @@ def test_our_json_keeps_frames(tmp_path):
         read_views(tmp_path / "b.json")
     with pytest.raises(rc.PoseError, match="frames must have a name for each of 6 poses"):
         replace(views, frames=("t",))
+
+
+@pytest.mark.parametrize(
+    ("times", "frames"),
+    [
+        ([0, 0.5, 0, 0.5], ("time 0", "time 0.5", "time 0", "time 0.5")),
+        ([0, 1, 2, 3], ()),
+        ([0, 0, 1, None], ()),
+        ([None] * 4, ()),
+    ],
+)
+def test_images_of_a_scene_in_motion_have_the_frame_of_their_time(tmp_path, times, frames):
+    content = {"fl_x": 500, "w": 640, "h": 480, "frames": []}
+    for row, time in enumerate(times):
+        entry = {"file_path": f"{row}.png", "transform_matrix": np.eye(4).tolist()}
+        content["frames"].append(entry if time is None else entry | {"time": time})
+    (tmp_path / "transforms.json").write_text(json.dumps(content))
+    assert read_views(tmp_path / "transforms.json").frames == frames

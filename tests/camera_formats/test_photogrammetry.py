@@ -103,6 +103,27 @@ def test_metashape_poses_pass_through_the_transform_of_the_component(tmp_path):
     np.testing.assert_allclose(views.poses.world_from_camera[0], wanted, atol=1e-12)
 
 
+def test_metashape_images_and_chunks_that_are_disabled_are_left_out(tmp_path):
+    path = metashape(tmp_path / "c.xml")
+    whole, text = read_views(path), path.read_text()
+    path.write_text(text.replace('label="IMG_0">', 'label="IMG_0" enabled="false">'))
+    views = read_views(path)
+    assert views.images == ("IMG_1",)
+    assert "1 images left out: they are disabled" in views.notes
+    path.write_text(text.replace('label="IMG_0">', 'label="IMG_0" enabled="true">'))
+    assert read_views(path).images == whole.images
+    # The first chunk is disabled, and has other images.
+    start, end = text.index("  <chunk"), text.index("</document>")
+    chunk = text[start:end]
+    other = chunk.replace('enabled="true"', 'enabled="false"').replace("IMG_", "OLD_")
+    path.write_text(text[:start] + other + chunk + text[end:])
+    views = read_views(path)
+    assert views.images == whole.images
+    assert "the first enabled one of 2 chunks; each has its own frame" in views.notes
+    path.write_text(text[:start] + other + text[end:])
+    assert read_views(path).images == ("OLD_0", "OLD_1")
+
+
 def test_metashape_without_a_transform_has_no_unit(tmp_path):
     path = metashape(tmp_path / "c.xml")
     text = path.read_text()

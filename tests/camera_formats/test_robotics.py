@@ -121,6 +121,18 @@ def test_a_chain_gives_places_from_camera_to_camera(tmp_path):
     assert views.poses.camera.tolist() == [0, 1, 2]
 
 
+@pytest.mark.parametrize("name", ["T_cn_cnm1", "T_cam_imu"])
+def test_a_matrix_may_be_one_row_of_numbers(tmp_path, name):
+    steps = [motion([0, 0.2, 0.1 * i], [i, -0.1, 0.3]) for i in (1, 2)]
+    found = []
+    for flat in (False, True):
+        others = [{name: (step.ravel() if flat else step).tolist()} for step in steps]
+        path = camchain(tmp_path / f"{flat}.yaml", *((*LENSES[0], each) for each in others))
+        found.append(read_views(path).poses.world_from_camera)
+    np.testing.assert_array_equal(*found)
+    assert (found[0][1] != np.eye(4)).any()
+
+
 def test_places_come_from_the_imu_where_there_is_no_chain(tmp_path):
     others = [{"T_cam_imu": motion([0, 0, 0.1 * i], [i, 0, 0]).tolist()} for i in (1, 2)]
     path = camchain(tmp_path / "c.yaml", *((*LENSES[0], each) for each in others))
@@ -144,7 +156,7 @@ def test_places_come_from_the_imu_where_there_is_no_chain(tmp_path):
         ({"resolution": [752, -480]}, "height must be a whole number"),
         ({"intrinsics": [458.6, 457.3, 367.2, float("nan")]}, "intrinsics must be 4 finite"),
         ({"intrinsics": "many"}, "intrinsics must be up to 100 numbers"),
-        ({"T_cam_imu": [[1, 0], [0, 1]]}, "T_cam_imu must be 4 x 4 finite numbers"),
+        ({"T_cam_imu": [[1, 0], [0, 1]]}, "T_cam_imu must be 4 x 4 or 16 finite numbers"),
         ({"T_cam_imu": np.diag([1, 1, 2, 1]).tolist()}, "pose 0 is not finite"),
     ],
 )
