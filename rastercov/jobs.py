@@ -160,7 +160,7 @@ def audit(
         The surface.
     camera : Camera, Rig, sequence of Camera, or Views
         The cameras; where there are several, `Poses.camera` says which is in each pose. Views have
-        the poses and the names of their images, too.
+        the poses, the names of their images and their frames, too.
     poses : (P, 4, 4) array_like, or Poses
         world_from_camera; left out with views.
     task : Task, optional
@@ -194,6 +194,7 @@ def audit(
     """
     from rastercov.audits import audit as run
 
+    frames: Sequence[str] = ()
     if isinstance(camera, Views):
         if poses is not None:
             raise PoseError("views have poses of their own; leave out poses, or give cameras")
@@ -201,13 +202,14 @@ def audit(
         camera.check_unit()
         assert camera.rig is not None
         names = camera.images or None if names is None else names
+        frames = camera.frames
         poses, camera = camera.poses, camera.rig
     if poses is None:
         raise PoseError("poses are missing; give them, or views in place of the cameras")
 
     def found(shards: Path | None) -> "Audit":
         return run(
-            mesh, camera, poses, task, names=names, by=by, method=method,
+            mesh, camera, poses, task, names=names, frames=frames, by=by, method=method,
             resolution_of_result=resolution_of_result, skip_bad_poses=skip_bad_poses,
             progress=progress, folder=shards, workers=workers,
         )  # fmt: skip

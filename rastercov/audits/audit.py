@@ -18,8 +18,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov._arguments import check_kind, members
+from rastercov.area.by_camera import cameras_apart
 from rastercov.area.cells import Cells, cells, usual_size
 from rastercov.area.network import AreaNetwork, unit_of_result
+from rastercov.audits.groups import Groups, groups_of
 from rastercov.cluster import Made, Workers
 from rastercov.engine import Engine
 from rastercov.errors import ConfigError
@@ -31,7 +33,7 @@ from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.problem import FewestCameras, Problem, views_of, weights_of
 from rastercov.placement.select.selection import Selection
 from rastercov.pose import Poses
-from rastercov.rig import Cameras, cameras_of, check_scene
+from rastercov.rig import Cameras, cameras_of, check_scene, names_of
 from rastercov.task import Task
 
 FloatArray = NDArray[np.float64]
@@ -75,6 +77,9 @@ class Audit:
         By face: views, best coverage and reasons.
     areas : AreaNetwork or None
         Exact covered area, where the result is by area.
+    frames, by_camera : Groups or None
+        Figures of each frame of images taken at the same instant, where the poses have frames; and
+        of the poses of each camera, where there are several, up to `MOST_CAMERAS`.
     quarantined : mapping of int to str
         Poses, by their row in the input, that are left out because they kill the process that
         measures them, and its end.
@@ -99,6 +104,8 @@ class Audit:
     subset: Selection
     network: Network
     areas: AreaNetwork | None
+    frames: Groups | None = None
+    by_camera: Groups | None = None
     quarantined: Mapping[int, str] = field(default_factory=dict)
 
     @property
@@ -137,6 +144,18 @@ class Audit:
                 for row in range(len(self.poses))
             ],
         }
+        if self.frames is not None:
+            chosen = self.frames.subset
+            assert chosen is not None
+            summary["frames"] = {
+                "count": len(self.frames.names),
+                "redundant": int((self.frames.lost_m2 <= 0).sum()),
+                "subset": chosen.summary()
+                | {"names": [self.frames.names[row] for row in chosen.chosen]},
+                "per_frame": self.frames.entries("frame"),
+            }
+        if self.by_camera is not None:
+            summary["by_camera"] = self.by_camera.entries("camera")
         summary["quarantined"] = {str(pose): end for pose, end in self.quarantined.items()}
         network = self.network.summary()
         if self.areas is not None:
@@ -152,6 +171,7 @@ def audit(
     task: Task | None = None,
     *,
     names: Sequence[str] | None = None,
+    frames: Sequence[str] | None = None,
     by: str | None = None,
     resolution_of_result: float | None = None,
     method: str | Engine = "certified",
@@ -177,6 +197,8 @@ def audit(
     names : sequence of str, optional
         Name of each pose, such as of its image, or of each without fault; "0", "1", ... unless
         given.
+    frames : sequence of str, optional
+        Name of the frame of each pose, as for `names`: poses of one frame were at the same instant.
     by : {"area", "face"}, optional
         Unit of the result; "area" unless a threshold is of a face or the method counts samples.
     resolution_of_result : float, optional
@@ -200,8 +222,8 @@ def audit(
     Raises
     ------
     ConfigError
-        For workers without a folder, names of another number than the poses, and where a worker or
-        its scheduler fails.
+        For workers without a folder, names or frames of another number than the poses, and where a
+        worker or its scheduler fails.
     PoseError
         For a pose that is no rigid motion.
     """
@@ -209,7 +231,8 @@ def audit(
     task = Task() if task is None else task
     check_kind("task", task, Task, "a Task or None", ConfigError)
     accepted = Poses.of(poses, skip_bad=skip_bad_poses)
-    words = _names(names, accepted)
+    words = _texts("names", names, accepted)
+    instants = _texts("frames", frames, accepted) if frames else ()
     engine = Engine.of(method)
     # The angle is judged at the centroids of the elements, cells too.
     single = replace(task, min_angle_deg=0.0)
@@ -247,6 +270,7 @@ def audit(
     is_measured = np.isin(accepted.ids, network.pose_ids)
     accepted = accepted[is_measured]
     words = tuple(np.array(words, object)[is_measured])
+    instants = tuple(np.array(instants, object)[is_measured]) if instants else ()
     problem = Problem(
         indptr=indptr,
         face=element,
@@ -267,12 +291,19 @@ def audit(
     if task.min_angle_deg > 0:
         lost = _lost_one_by_one(problem, covered)
     weights = problem.weights
+    covered &= weights > 0
+    of_camera = None
+    if cameras_apart(camera, accepted):
+        labels = np.array(names_of(camera), object)[accepted.camera]
+        of_camera = groups_of(problem, covered, labels.tolist())
     seen_m2 = np.array([float(weights[element[a:b]].sum()) for a, b in pairwise(indptr)])
     return Audit(
         mesh=mesh, camera=camera, task=task, by=unit, poses=accepted, names=words, cells=elements,
         problem=problem, views=views, best_density=best, best_camera=by_camera,
-        widest_angle=widest, covered=covered & (weights > 0), seen_m2=seen_m2, lost_m2=lost,
+        widest_angle=widest, covered=covered, seen_m2=seen_m2, lost_m2=lost,
         alone_m2=alone, subset=select_greedy(problem), network=network, areas=areas,
+        frames=groups_of(problem, covered, instants, has_subset=True) if instants else None,
+        by_camera=of_camera,
         quarantined={} if shards is None else shards.quarantined,
     )  # fmt: skip
 
@@ -334,16 +365,16 @@ def _lost_one_by_one(problem: Problem, covered: BoolArray) -> FloatArray:
     return lost
 
 
-def _names(names: Sequence[str] | None, poses: Poses) -> tuple[str, ...]:
-    """Name of each accepted pose."""
-    if names is None:
+def _texts(what: str, texts: Sequence[str] | None, poses: Poses) -> tuple[str, ...]:
+    """Text of each accepted pose; the number of the pose unless given."""
+    if texts is None:
         return tuple(map(str, poses.ids))
-    found = members("names", names, str, "a list of texts", ConfigError)
+    found = members(what, texts, str, "a list of texts", ConfigError)
     if len(found) == len(poses):
         return found
     if len(found) != len(poses.given):
         raise ConfigError(
-            f"names must have one text for each of {len(poses.given)} poses, got {len(found)}"
+            f"{what} must have one text for each of {len(poses.given)} poses, got {len(found)}"
         )
     return tuple(found[row] for row in poses.ids)
 

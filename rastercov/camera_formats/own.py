@@ -4,9 +4,9 @@
      "world_from_camera": [...], "camera": [0, 1, ...], "images": ["left/0.png", ...],
      "frame": ["0", "0", ...]}
 
-Images of one `frame` were taken at the same instant. `camera` has the index or the name of the camera of each pose; a file of poses alone may have names
-of cameras that another file holds. `read_poses` reads the poses of such files, too. Lengths are
-metres.
+Images of one `frame` were taken at the same instant. `camera` has the index or the name of the
+camera of each pose; a file of poses alone may have names of cameras that another file holds.
+`read_poses` reads the poses of such files, too. Lengths are metres.
 """
 
 from collections.abc import Mapping

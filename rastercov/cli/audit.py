@@ -83,11 +83,13 @@ def audit(
             "method": method,
         }
         rig, poses, names = views.rig, views.poses, views.images or None
+        frames = views.frames
 
         def made(shards: Path | None) -> Audit:
             return run(
-                scene, rig, poses, task, names=names, progress=progress, folder=shards,
-                workers=staff, watch=tally.add, note=lambda line: warn([line]), **options,
+                scene, rig, poses, task, names=names, frames=frames, progress=progress,
+                folder=shards, workers=staff, watch=tally.add, note=lambda line: warn([line]),
+                **options,
             )  # fmt: skip
 
         is_kept = staff is not None or is_long(len(poses), scene.n_faces)
@@ -106,6 +108,8 @@ def audit(
 
 def _print(summary: Mapping[str, Any], out: Path) -> None:
     """Print the headline of an audit, and the cameras that add most."""
+    from rastercov.report.audit_page import group_lines
+
     subset = summary["subset"]
     print(
         f"{plural(summary['cameras'], 'image')} cover {percent(summary['covered_percent'] / 100)} "
@@ -119,6 +123,8 @@ def _print(summary: Mapping[str, Any], out: Path) -> None:
         f"{plural(subset['cameras'], 'image')} cover the same; none fewer than {subset['bound']:g}"
     )
     print(f"{summary['redundant_cameras']} could be left out one at a time")
+    for line in group_lines(summary):
+        print(line)
     worth = sorted(summary["per_camera"], key=lambda entry: -entry["lost_m2"])
     for entry in worth[:MOST_NAMED]:
         if entry["lost_m2"] > 0:

@@ -108,6 +108,13 @@ def _write_elements(path: Path, found: Audit) -> None:
         pq.write_table(pa.table(_arrays(found)), part)
 
 
+def _frames(found: Audit) -> dict[str, Any]:
+    """Column with the frame of each pose, where there are frames."""
+    if found.frames is None:
+        return {}
+    return {"frame": [found.frames.names[row] for row in found.frames.of_pose]}
+
+
 def _write_cameras(path: Path, found: Audit, names: tuple[str, ...]) -> None:
     """Write a row for each pose: `in_subset` is true for those of the smallest subset found."""
     chosen = np.zeros(len(found.poses), np.bool_)
@@ -121,6 +128,7 @@ def _write_cameras(path: Path, found: Audit, names: tuple[str, ...]) -> None:
             "lost_m2": found.lost_m2,
             "alone_m2": found.alone_m2,
             "in_subset": chosen,
+            **_frames(found),
         }
     )
     with writing(path) as part:

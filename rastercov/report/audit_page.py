@@ -21,6 +21,8 @@ MOST_ROWS = 400
 """Cameras in the table of a page; cameras.parquet has all."""
 MOST_VIEWS = 8
 """Views from which on all have one colour."""
+MOST_LINES = 8
+"""Cameras with a line of their own; audit.json has all."""
 HEADINGS = ("image", "camera", "sees", "lost without it", "by it alone", "in the smallest set")
 
 
@@ -122,6 +124,7 @@ def page(
         f"median angle between views {summary['median_widest_angle_deg']:.3g}°",
         f"{plural(subset['cameras'], 'image')} cover the same; none fewer than {subset['bound']:g}",
         f"{summary['redundant_cameras']:,} could be left out one at a time",
+        *group_lines(summary),
     ]
     return rendered(
         "audit.html",
@@ -137,3 +140,24 @@ def page(
         n_more=max(0, len(found.poses) - MOST_ROWS),
         pictures=list(pictures.values()),
     )
+
+
+def group_lines(summary: Mapping[str, Any]) -> list[str]:
+    """Lines on the frames of an audit and on each of its cameras; often none."""
+    lines = []
+    if "frames" in summary:
+        frames = summary["frames"]
+        lines.append(
+            f"{frames['subset']['cameras']} of {frames['count']:,} frames cover the same; none "
+            f"fewer than {frames['subset']['bound']:g}; {frames['redundant']:,} could be left out "
+            "one at a time"
+        )
+    cameras = summary.get("by_camera", ())
+    for entry in cameras[:MOST_LINES]:
+        lines.append(
+            f"{entry['camera']}: {plural(entry['poses'], 'image')} see {area(entry['seen_m2'])}, "
+            f"{area(entry['lost_m2'])} is lost without them"
+        )
+    if cameras[MOST_LINES:]:
+        lines.append(f"{len(cameras) - MOST_LINES} more cameras are in audit.json")
+    return lines

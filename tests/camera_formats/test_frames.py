@@ -21,7 +21,7 @@ CAMERA = rc.Camera(width=640, height=480, fx=500, fy=510)
 def rig_of(n, seed):
     """n cameras on a rig, the first one not at its origin."""
     rng = np.random.default_rng(seed)
-    places = rc.look_at(rng.normal(0, 0.2, (n, 3)), rng.normal(0, 0.2, (n, 3)) + (0, 0, 3))
+    places = rc.look_at(rng.normal(0, 0.2, (n, 3)), rng.normal((0, 0, 3), 0.2, (n, 3)))
     return rc.Rig([CAMERA] * n, None, places)
 
 
@@ -29,7 +29,7 @@ def views_of(n_cameras, n_frames, seed):
     """Frames of a moving rig, as a file has them."""
     rng = np.random.default_rng(seed)
     rig = rig_of(n_cameras, seed)
-    eyes = rng.normal(size=(n_frames, 3)) + (0, 0, -4)
+    eyes = rng.normal((0, 0, -4), 1, (n_frames, 3))
     poses = rig.poses(rc.look_at(eyes, rng.normal(0, 0.1, (n_frames, 3)), (0, -1, 0)))
     frames = [f"t{row // n_cameras}" for row in range(len(poses))]
     names = tuple(f"{frame}/{camera}" for frame, camera in zip(frames, poses.camera, strict=True))

@@ -259,7 +259,7 @@ def test_a_rig_is_moved_for_its_cameras_as_views(need, least):
     placed = rc.Poses.of(POSES[:3], camera=[1, 0, 2])
     with rc.open_observer(MESH, mounts.rig) as observer:
         objective = Objective.of(observer, task, mounts=mounts)
-        space = PoseSpace(mesh=MESH, boxes=MESH.bounds + [[-4] * 3, [4] * 3])
+        space = PoseSpace(mesh=MESH, boxes=MESH.bounds + np.array([[-4.0], [4.0]]))
         found = refine(objective, space, placed, budget=600)
         cameras, _ = mounts.cameras(rc.Poses.of(found.poses, camera=placed.camera))
         coverage = rc.evaluate(MESH, mounts.rig, cameras, task)

@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 from itertools import product
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov._interrupts import interrupts_held
 from rastercov._lists import Lists

@@ -10,16 +10,15 @@ Shares are of weight: faces count by number or by area. They are compared in int
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from annotated_types import Ge, Le
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._typed import check_fields, typed
+from rastercov._typed import typed
 from rastercov.area.cells import Cells
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
@@ -28,65 +27,30 @@ from rastercov.placement.bit_matrix import BitMatrix
 from rastercov.placement.matrix import VisibilityMatrix
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.select import selection_kernels as kernels
+from rastercov.placement.select.goals import BestCoverage, FewestCameras, Goal
 from rastercov.spread import least_cosine
+
+__all__ = [
+    "SHARE_TOLERANCE",
+    "TOTAL_WEIGHT",
+    "AnyProblem",
+    "BestCoverage",
+    "FewestCameras",
+    "Goal",
+    "Problem",
+    "check_shapes",
+    "in_whole_numbers",
+    "needs_of",
+    "problem_of",
+    "problem_of_matrix",
+    "views_of",
+    "weights_of",
+]
 
 TOTAL_WEIGHT = 1 << 40
 """Total of `Problem.integer_weights`, unless the weights are integers with a smaller sum."""
 SHARE_TOLERANCE = 1e-9
 """Absolute tolerance of a required share: 0.98 is not a binary fraction."""
-
-
-@dataclass(frozen=True)
-class FewestCameras:
-    """Reach a coverage with the fewest cameras, or at the least cost.
-
-    Attributes
-    ----------
-    coverage : float
-        Share of the weight of all faces to cover, [0, 1].
-    groups : mapping of str to float
-        Share to cover of the weight of single groups, by name.
-    of_reachable : bool
-        True where shares are of the weight that all candidates together cover, not of the total.
-    """
-
-    coverage: Annotated[float, Ge(0), Le(1)] = 1.0
-    groups: Mapping[str, Annotated[float, Ge(0), Le(1)]] = field(default_factory=dict)
-    of_reachable: bool = False
-
-    def __post_init__(self) -> None:
-        check_fields(self)
-        for name, share in {"coverage": self.coverage, **self.groups}.items():
-            if not 0 <= share <= 1:
-                raise ConfigError(f"the share to cover of {name} must be 0 to 1, got {share!r}")
-
-
-@dataclass(frozen=True)
-class BestCoverage:
-    """Cover the most with a number of cameras, or within a budget.
-
-    Attributes
-    ----------
-    cameras : int, optional
-        Greatest number of cameras.
-    budget : float, optional
-        Greatest total cost.
-    """
-
-    cameras: int | None = None
-    budget: Annotated[float, Ge(0)] | None = None
-
-    def __post_init__(self) -> None:
-        check_fields(self)
-        if self.cameras is None and self.budget is None:
-            raise ConfigError("best coverage needs a number of cameras or a budget; give one")
-        if self.cameras is not None and (isinstance(self.cameras, bool) or self.cameras < 0):
-            raise ConfigError(f"cameras must be 0 or more, got {self.cameras!r}")
-        if self.budget is not None and not 0 <= self.budget < math.inf:
-            raise ConfigError(f"budget must be 0 or more, and finite, got {self.budget!r}")
-
-
-Goal = FewestCameras | BestCoverage
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
