@@ -5,7 +5,8 @@ warehouse.ply of a folder, each seen by 12. First, quasi-random points are judge
 the definitions (`rastercov.reference.regions`): the covered share of the surface must agree with
 the regions, and each point must lie in a region of a pose exactly if that pose covers it. Unions
 are compared with Clipper2. Then CPU times of one thread: a pose of regions to a certified pose,
-pieces and bytes of a camera, unions, and shares of cells; medians over the rounds.
+pieces and bytes of a camera, unions, and shares of cells; medians over the rounds. `--wide` is of
+wide lenses in the room alone, with and without a density.
 """
 
 import statistics
@@ -23,6 +24,7 @@ from rastercov import shapes
 from rastercov.area.cells import usual_size
 from rastercov.area.centres import CentrePass
 from rastercov.area.regions import RegionPass
+from rastercov.camera_formats.equivalents import panorama
 from rastercov.reference.regions import covers_points, points_on
 
 MOST_OFF, SCATTER = 0.02, 25.0
@@ -41,9 +43,14 @@ def main() -> None:
     parser.add_argument("--points", type=int, default=2_000_000)
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--meshes", type=Path, metavar="DIR", help="measure these files, too")
+    parser.add_argument("--wide", action="store_true", help="wide lenses alone")
     args = parser.parse_args()
     report = Report()
     mesh, camera, poses = room()
+    if args.wide:
+        through_wide_lenses(report, mesh, poses[:3], args.rounds)
+        report.finish(args.json)
+        return
     task = rc.Task(max_incidence_deg=75, min_pixels_per_m2=4000)
     dense = rc.Task(max_incidence_deg=75, min_pixel_density=60)
     compare(report, "room", mesh, camera, poses, task, args.points)
@@ -209,6 +216,26 @@ def through_lens(
     report.add(f"{name}, lens: pieces", len(found[1]) / len(poses), "a camera")
     share = 100 * found[1].bound.sum() / found[1].area.sum()
     report.add(f"{name}, lens: bound", share, "% of the covered area")
+
+
+def through_wide_lenses(report: Report, mesh: rc.Mesh, poses: np.ndarray, rounds: int) -> None:
+    """Print the CPU time and the pieces of a pose through wide lenses, with and without density."""
+    fisheye = {"model": "opencv_fisheye", "distortion": (0.01, -0.002, 0.0, 0.0)}
+    cameras = {
+        "pinhole 77 deg": rc.Camera(width=1280, height=960, fx=800, fy=800),
+        "fisheye 115 deg": rc.Camera(width=1280, height=960, fx=800, fy=800, **fisheye),
+        "fisheye 229 deg": rc.Camera(width=1280, height=960, fx=400, fy=400, **fisheye),
+        "panorama": panorama(2048, 1024),
+    }
+    for name, camera in cameras.items():
+        for density in (0.0, 150.0):
+            task = rc.Task(min_pixel_density=density)
+            finder, chosen = RegionPass(mesh, camera, task, threads=1), rc.Poses.of(poses)
+            found = finder.find(chosen)
+            taken = [seconds(lambda f=finder: f.find(chosen)) / len(poses) for _ in range(rounds)]
+            label = f"{name}, {density:g} px/m"
+            report.add(f"{label}: regions", 1e3 * float(np.median(taken)), "ms/pose")
+            report.add(f"{label}: pieces", len(found) / len(poses), "a camera")
 
 
 def seconds(work: Callable[[], object], repeats: int = 1) -> float:
