@@ -13,6 +13,7 @@ import statistics
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -232,7 +233,7 @@ def through_wide_lenses(report: Report, mesh: rc.Mesh, poses: np.ndarray, rounds
             task = rc.Task(min_pixel_density=density)
             finder, chosen = RegionPass(mesh, camera, task, threads=1), rc.Poses.of(poses)
             found = finder.find(chosen)
-            taken = [seconds(lambda f=finder: f.find(chosen)) / len(poses) for _ in range(rounds)]
+            taken = [seconds(partial(finder.find, chosen)) / len(poses) for _ in range(rounds)]
             label = f"{name}, {density:g} px/m"
             report.add(f"{label}: regions", 1e3 * float(np.median(taken)), "ms/pose")
             report.add(f"{label}: pieces", len(found) / len(poses), "a camera")

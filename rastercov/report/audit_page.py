@@ -154,9 +154,10 @@ def group_lines(summary: Mapping[str, Any]) -> list[str]:
         )
     cameras = summary.get("by_camera", ())
     for entry in cameras[:MOST_LINES]:
+        lost = f"{area(entry['lost_m2'])} is" if entry["lost_m2"] > 0 else "nothing is"
         lines.append(
             f"{entry['camera']}: {plural(entry['poses'], 'image')} see {area(entry['seen_m2'])}, "
-            f"{area(entry['lost_m2'])} is lost without them"
+            f"{lost} lost without them"
         )
     if cameras[MOST_LINES:]:
         lines.append(f"{len(cameras) - MOST_LINES} more cameras are in audit.json")

@@ -10,7 +10,21 @@ import rastercov as rc
 from rastercov import shapes
 from rastercov._lists import Lists
 from rastercov.area.regions import RegionPass
-from rastercov.placement import CellObjective, Objective, PoseSpace, build_matrix, refine, tolerance
+from rastercov.placement import (
+    BestCoverage,
+    BitMatrix,
+    CellObjective,
+    Objective,
+    PoseSpace,
+    VisibilityMatrix,
+    bit_problem_of,
+    build_matrix,
+    problem_of,
+    refine,
+    select_greedy,
+    select_lazy,
+    tolerance,
+)
 from rastercov.placement.improve.tolerance import InstallationError
 from rastercov.placement.matrix_shards import NOT_ON_RIGS, _of_mounts
 from rastercov.placement.mounts import Mounts
@@ -174,6 +188,32 @@ def test_shards_of_rigs_resume_and_are_told_from_others(tmp_path):
         other = rc.Poses.of(placed, camera=0)
         with pytest.raises(rc.ConfigError, match="for other cameras of the poses"):
             build_matrix(observer, other, TASK, tmp_path, mounts=mounts, poses_a_shard=3)
+
+
+def test_bits_of_rigs_are_those_of_the_united_matrix(tmp_path):
+    mounts = mounts_of(1)
+    placed = rc.Poses.of(POSES, camera=[0, 1, 2, 2, 1, 0, 1, 2])
+    with rc.open_observer(MESH, mounts.rig) as observer:
+        lists = build_matrix(observer, placed, TASK, tmp_path, mounts=mounts, poses_a_shard=3)
+    again = VisibilityMatrix.load(tmp_path)
+    np.testing.assert_array_equal(again.on_rig, lists.on_rig)
+    bits, united = BitMatrix.load(tmp_path), lists.united()
+    for row in range(len(placed)):
+        pairs = slice(united.indptr[row], united.indptr[row + 1])
+        wanted = united.face[pairs][united.covered[pairs]]
+        np.testing.assert_array_equal(bits.bits.faces_of(row), wanted)
+    np.testing.assert_allclose(bits.mean_coverage, lists.mean_coverage, rtol=1e-12)
+    one = problem_of(lists, MESH, BestCoverage(2))
+    assert select_lazy(bit_problem_of(bits, MESH, BestCoverage(2))).share == pytest.approx(
+        select_greedy(one).share
+    )
+    with pytest.raises(rc.ConfigError, match="bits do not count the cameras of a rig, and views"):
+        bit_problem_of(bits, MESH, BestCoverage(2), views=2)
+    with pytest.raises(rc.ConfigError, match="the matrix is of rigs; give their mounts"):
+        problem_of(lists, MESH, BestCoverage(2), views=2)
+    two = problem_of(lists, MESH, BestCoverage(2), views=2, mounts=mounts)
+    assert two.has_rigs
+    assert not one.has_rigs
 
 
 def test_a_rig_moves_as_a_whole():
