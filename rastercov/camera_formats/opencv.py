@@ -272,14 +272,38 @@ def _views(
 
 
 def read_source(source: Source, border: Border) -> Views:
-    """Cameras of a YAML, XML or JSON storage."""
+    """Cameras of a YAML, XML or JSON storage.
+
+    OpenCV's stereo sample writes the matrices of a pair to `intrinsics.yml` and their places to
+    `extrinsics.yml`: the second is read with the first, which lies beside it.
+    """
+    content = _content(source)
+    other = source.path.with_name(source.path.name.replace("extrinsic", "intrinsic"))
+    if other.name == source.path.name or _has_camera(content):
+        return read(content, border)
+    if not other.is_file():
+        raise CameraError(
+            f"it has places of cameras, and no camera matrix; put {shown(other.name)} beside it, "
+            "or both into one file"
+        )
+    border.note(f"camera matrices are those of {shown(other.name)} beside it")
+    return read({**_content(Source(other)), **content}, border)
+
+
+def _content(source: Source) -> Mapping[str, Any]:
+    """Table of a storage."""
     start = source.data[:200].lstrip()
     if start.startswith((b"<", b"\xef\xbb\xbf<")):
-        return read(of_xml(source.xml), border)
+        return of_xml(source.xml)
     content = source.json if start.startswith(b"{") else source.yaml
     if not isinstance(content, Mapping):
         raise CameraError(f"a table with a camera matrix wanted, got {shown(content)}")
-    return read(content, border)
+    return content
+
+
+def _has_camera(content: Mapping[str, Any]) -> bool:
+    """True for a storage with a camera matrix."""
+    return any(_is_camera_matrix(value) for value in _arrays(content).values())
 
 
 def text_of(views: Views) -> str:

@@ -14,6 +14,9 @@ BROWN = np.array([-0.2, 0.05, 0.001, -0.002, 0.01, 0.02, 0.003, 0.001, 1e-3, 2e-
 FISHEYE = np.array([0.02, -0.01, 0.003, 0.001])
 
 
+GIVEN = Conventions(image_size=(640, 480), pose_unit=1)
+
+
 def storage(path, **values):
     """Write values as cv2 does."""
     file = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
@@ -110,6 +113,33 @@ def test_two_cameras_are_paired_by_their_names(tmp_path, pair):
     np.testing.assert_allclose(second[:3], r @ first[:3] + t[:, 0], atol=1e-14)
     np.testing.assert_array_equal(views.poses.world_from_camera, views.rig.rig_from_camera)
     assert not views.has_unit
+
+
+@pytest.mark.parametrize("suffix", [".yml", ".xml", ".json"])
+def test_places_of_a_pair_are_read_with_the_matrices_beside_them(tmp_path, suffix):
+    r, _ = cv2.Rodrigues(np.array([0.02, -0.1, 0.03]))
+    t = np.array([[-0.12], [0.01], [0.002]])
+    pair = {
+        "M1": K,
+        "D1": BROWN[:5],
+        "M2": K * [[1.1, 0, 1], [0, 0.9, 1], [0, 0, 1]],
+        "D2": BROWN[:8],
+    }
+    # P1 and P2 are 3 x 4, R1, R2 and Q of the rectified pair.
+    rest = {"R": r, "T": t, "R1": r, "P1": np.hstack([K, t]), "Q": np.eye(4)}
+    whole = read_views(storage(tmp_path / f"pair{suffix}", **pair, **rest), conventions=GIVEN)
+    path = storage(tmp_path / f"extrinsics{suffix}", **rest)
+    with pytest.raises(rc.CameraError, match=rf"put 'intrinsics\{suffix}' beside it"):
+        read_views(path, conventions=GIVEN)
+    storage(tmp_path / f"intrinsics{suffix}", **pair)
+    views = read_views(path, conventions=GIVEN)
+    assert views.cameras() == whole.cameras()
+    assert len(views.poses) == 2
+    np.testing.assert_array_equal(views.poses.world_from_camera, whole.poses.world_from_camera)
+    np.testing.assert_array_equal(views.rig.rig_from_camera, whole.rig.rig_from_camera)
+    assert any("those of 'intrinsics" in note for note in views.notes)
+    # The other file is read by itself.
+    assert len(read_views(tmp_path / f"intrinsics{suffix}", conventions=GIVEN).poses) == 0
 
 
 def test_extrinsic_parameters_are_poses_in_the_frame_of_the_pattern(tmp_path):
