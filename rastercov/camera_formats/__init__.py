@@ -313,6 +313,8 @@ def _contents(path: Path, views: Views, target: str) -> tuple[dict[str, bytes], 
             notes.append(f"left out: {plural(n_poses, 'pose')}, which the format does not hold")
         module = opencv if target == "opencv" else ros
         return {"": module.text_of(views).encode()}, notes
+    if views.frames and target in ("nerfstudio", "gltf"):
+        notes.append("frames are left out: which images were taken at the same instant")
     if views.has_unit and n_poses and target not in IN_METRES:
         notes.append("lengths are metres, which the format does not say")
     if target == "gltf":

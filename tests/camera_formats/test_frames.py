@@ -15,6 +15,7 @@ from view_files import same_pixels, some_points
 import rastercov as rc
 from rastercov.camera_formats import read_views, write_views
 
+SIZE = rc.Conventions(image_size=(640, 480))
 CAMERA = rc.Camera(width=640, height=480, fx=500, fy=510)
 
 
@@ -130,6 +131,13 @@ def test_frames_that_do_not_fit_the_rig_are_left_out_and_said(tmp_path):
     twice = replace(views, frames=("t",) * 6)
     notes = write_views(tmp_path / "twice", twice)
     assert "frames are left out: one of them has two images of a camera" in notes
+
+
+@pytest.mark.parametrize("name", ["transforms.json", "scene.glb"])
+def test_what_has_no_frames_says_so(tmp_path, name):
+    notes = write_views(tmp_path / name, views_of(2, 3, 1))
+    assert any(note.startswith("frames are left out") for note in notes)
+    assert not read_views(tmp_path / name, conventions=SIZE).frames
 
 
 def test_our_json_keeps_frames(tmp_path):
