@@ -108,7 +108,7 @@ def audit(
 
 def _print(summary: Mapping[str, Any], out: Path) -> None:
     """Print the headline of an audit, and the cameras that add most."""
-    from rastercov.report.audit_page import group_lines
+    from rastercov.report.audit_page import group_lines, rounded
 
     subset = summary["subset"]
     print(
@@ -116,8 +116,8 @@ def _print(summary: Mapping[str, Any], out: Path) -> None:
         f"of the area, on {summary['elements']:,} {'cells' if summary['cell_size_m'] else 'faces'}"
     )
     print(
-        f"median density {summary['median_density_px_per_m']:.3g} px/m, median angle between views "
-        f"{summary['median_widest_angle_deg']:.3g} degrees"
+        f"median density {rounded(summary['median_density_px_per_m'])} px/m, median angle between "
+        f"views {summary['median_widest_angle_deg']:.3g} degrees"
     )
     print(
         f"{plural(subset['cameras'], 'image')} cover the same; none fewer than {subset['bound']:g}"

@@ -77,7 +77,7 @@ def _scaled(
     colours[~is_known] = theme.COVERED
     colours[~on.task_mask] = theme.OCCLUDER_PALE
     bar = np.repeat(scale[None, 2:], 24, axis=0)
-    ends = f"{_rounded(low)} {unit}", f"{_rounded(high)} {unit}"
+    ends = f"{rounded(low)} {unit}", f"{rounded(high)} {unit}"
     keys = [Key(title.lower() + (", by factors" if is_log else ""), bar, *ends)]
     if not is_known[on.task_mask].all():
         keys.append(key("too few views", theme.COVERED))
@@ -85,7 +85,7 @@ def _scaled(
     return Picture.of(f"the surface coloured by {title.lower()}", image)
 
 
-def _rounded(value: float) -> str:
+def rounded(value: float) -> str:
     """A figure with three digits, without an exponent."""
     return f"{float(f'{value:.3g}'):,.10g}"
 
@@ -120,7 +120,7 @@ def page(
     ]
     exact = summary.get("covered_area")
     lines = [
-        f"median density {summary['median_density_px_per_m']:.3g} px/m, "
+        f"median density {rounded(summary['median_density_px_per_m'])} px/m, "
         f"median angle between views {summary['median_widest_angle_deg']:.3g}°",
         f"{plural(subset['cameras'], 'image')} cover the same; none fewer than {subset['bound']:g}",
         f"{summary['redundant_cameras']:,} could be left out one at a time",
