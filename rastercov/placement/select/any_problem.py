@@ -1,4 +1,4 @@
-"""What every selection problem has: needs and weights of faces, costs of candidates, and the goal.
+"""Selection problem of any form: needs and weights of faces, costs of candidates, and the goal.
 
 The faces that each candidate covers are in the classes derived from `AnyProblem`: lists of pairs
 (`problem`), or bits (`bit_problem`).
