@@ -1,7 +1,7 @@
 """Lens of a camera as a viewer shows and changes it: field of view, focus, aperture, image size."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -67,6 +67,9 @@ def described(camera: Camera) -> dict[str, Any]:
         and MODELS[camera.model].is_planar,
         "border": view_border(camera, PARTS_OF_BORDER).tolist(),
     }  # fmt: skip
+
+
+Change = Callable[[Camera, Any], Camera]
 
 
 def changed(camera: Camera, changes: Mapping[str, Any]) -> Camera:
@@ -151,7 +154,7 @@ def _with_range(camera: Camera, low: Any, high: Any) -> Camera:
     return replace(camera, focus_range=(near, far), aperture=None, focus_distance=None)
 
 
-_CHANGES = {
+_CHANGES: dict[str, Change] = {
     "hfov_deg": _with_angle,
     "fx": _with_focal,
     "width": _with_width,

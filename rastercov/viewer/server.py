@@ -2,7 +2,7 @@
 
 It binds to a loopback address, and every answer with data wants the token that the page got in its
 address, behind "#", where no other page and no log sees it. Requests of another host or origin are
-refused, so that a page elsewhere cannot reach it by a name that it controls (DNS rebinding). Another
+refused, so that a page elsewhere cannot reach it by a name of its own (DNS rebinding). Another
 address needs a certificate and a token of the user's.
 """
 
