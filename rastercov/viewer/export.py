@@ -14,7 +14,7 @@ from typing import Any
 from rastercov._output import write_text
 from rastercov.errors import ConfigError, RastercovError, ResourceError
 from rastercov.viewer.colours import NETWORK_MODES
-from rastercov.viewer.server import page_text, static_file
+from rastercov.viewer.page_files import page_text, static_file
 from rastercov.viewer.session import Session, unframed
 
 MODES = (*NETWORK_MODES, "area", "segments")
@@ -44,13 +44,18 @@ def export_page(session: Session, path: str | Path, modes: Sequence[str] = MODES
     """
     if Path(path).suffix.lower() not in (".html", ".htm"):
         raise ConfigError(f"the page is an .html file, got {path}")
+    write_text(path, exported(session, modes))
+    return Path(path)
+
+
+def exported(session: Session, modes: Sequence[str] = MODES) -> str:
+    """Text of a page that needs no server; ResourceError for more than `MOST_FACES` faces."""
     if session.scene.mesh.n_faces > MOST_FACES:
         raise ResourceError(
             f"a page of one file holds up to {MOST_FACES:,} faces, got "
             f"{session.scene.mesh.n_faces:,}; decimate the mesh, or use the server"
         )
-    write_text(path, _embedded(_data(session, modes)))
-    return Path(path)
+    return _embedded(_data(session, modes))
 
 
 def _data(session: Session, modes: Sequence[str]) -> dict[str, Any]:
@@ -66,11 +71,6 @@ def _data(session: Session, modes: Sequence[str]) -> dict[str, Any]:
     scene["modes"] = [each for each in scene["modes"] if each["id"] in frames]
     zones: list[Any] = session.zones() if "area" in frames else []
     origin, soup = session.scene.soup()
-    shaders = {
-        each.name: each.read_text("utf-8")
-        for each in (files("rastercov") / "shaders").iterdir()
-        if each.name.startswith("viewer_") and each.name.endswith(".glsl")
-    }
     return {
         "scene": scene,
         "state": session.described_state(),
@@ -79,7 +79,15 @@ def _data(session: Session, modes: Sequence[str]) -> dict[str, Any]:
         "groups": base64.b64encode(session.scene.groups()).decode(),
         "frames": frames,
         "zones": zones,
-        "shaders": shaders,
+    }
+
+
+def _shaders() -> dict[str, str]:
+    """Text of each shader of the page, by its name without .glsl."""
+    return {
+        each.name.removesuffix(".glsl"): each.read_text("utf-8")
+        for each in (files("rastercov") / "shaders").iterdir()
+        if each.name.startswith("viewer_") and each.name.endswith(".glsl")
     }
 
 
@@ -95,12 +103,12 @@ def _embedded(data: dict[str, Any]) -> str:
     }
     imports = json.dumps({"imports": modules})
     style = (static_file("style.css") or b"").decode()
-    # "</" would end the element it is in.
-    inside = json.dumps(data, allow_nan=False).replace("</", "<\\/")
+    inside, shaders = (_inside(each) for each in (data, _shaders()))
     text = re.sub(
         r'<script type="importmap">.*?</script>',
         lambda found: (
             f'<script type="importmap">{imports}</script>\n'
+            f'<script type="application/json" id="shaders">{shaders}</script>\n'
             f'<script type="application/json" id="export">{inside}</script>'
         ),
         text,
@@ -114,3 +122,8 @@ def _embedded(data: dict[str, Any]) -> str:
         lambda found: f'<script type="module">import "rastercov/{found.group(1)}";</script>',
         text,
     )
+
+
+def _inside(data: Any) -> str:
+    """JSON that no element of a page ends in."""
+    return json.dumps(data, allow_nan=False).replace("<", "\\u003c")

@@ -39,7 +39,8 @@ LIMITS: dict[str, tuple[float, float]] = {
 def described(camera: Camera) -> dict[str, Any]:
     """Values of a camera for the page, ready for JSON; None for what it does not have.
 
-    `border` are rays around its field of view, see `rastercov.rays.view_border`.
+    `border` are rays around its field of view, see `rastercov.rays.view_border`; `plain` is what
+    `Camera.from_dict` makes the camera of.
     """
     z_n, z_f = camera.depth_of_field()
     is_focused = camera.aperture is not None or camera.focus_range is not None
@@ -65,6 +66,7 @@ def described(camera: Camera) -> dict[str, Any]:
         "depth_of_field": [float(z_n), _finite(float(z_f))] if is_focused else None,
         "can_focus": camera.focal_length is not None and camera.pixel_size is not None
         and MODELS[camera.model].is_planar,
+        "plain": camera.plain(),
         "border": view_border(camera, PARTS_OF_BORDER).tolist(),
     }  # fmt: skip
 

@@ -12,6 +12,7 @@ from rastercov._output import write_bytes
 from rastercov.camera_formats.own import content_of
 from rastercov.errors import ConfigError
 from rastercov.task import Task
+from rastercov.viewer.export import exported
 from rastercov.viewer.rig_state import RigState
 from rastercov.viewer.scene import Scene
 from rastercov.viewer.session import Session
@@ -33,9 +34,11 @@ class Saving:
         self.session, self.out = session, out
 
     def content(self, what: str) -> tuple[str, bytes]:
-        """Name and bytes of the rig or the plan."""
+        """Name and bytes of the rig, the plan, or a page that needs no server."""
+        if what == "page":
+            return "rig.html", exported(self.session).encode()
         if what not in ("rig", "plan"):
-            raise ConfigError(f"what must be rig or plan, got {shown(what)}")
+            raise ConfigError(f"what must be rig, plan or page, got {shown(what)}")
         with self.session.lock:
             state = self.session.state
             self.session.history.saved()
