@@ -28,6 +28,8 @@ Number = Annotated[float, Field(allow_inf_nan=False)]
 Matrix = Annotated[list[Number], Field(min_length=16, max_length=16)]
 Point = Annotated[list[Number], Field(min_length=3, max_length=3)]
 Name = Annotated[str, Field(min_length=1, max_length=LONGEST_NAME)]
+ROUNDING = 1e-14
+"""Drift of a rotation that was made orthonormal."""
 SLACK = 1e-3
 """Largest drift of a rotation that a page sends: it computes in double precision, and prints."""
 
@@ -314,9 +316,9 @@ def request_of(entries: Mapping[str, Any]) -> Request:
 
 
 def straightened(pose: FloatArray) -> FloatArray:
-    """A pose with the nearest rotation in place of one that is off by rounding; others as is."""
+    """A pose with the nearest rotation in place of one that drifted in a page; others as is."""
     rotation = pose[:3, :3]
-    if np.abs(rotation.T @ rotation - np.eye(3)).max() > SLACK:
+    if not ROUNDING < np.abs(rotation.T @ rotation - np.eye(3)).max() <= SLACK:
         return pose
     u, _, vt = np.linalg.svd(rotation)
     made = pose.copy()
