@@ -253,7 +253,7 @@ async def _static(request: "Request") -> "Response":
 
 def static_file(name: str) -> bytes | None:
     """A module, style or shader of the page by its name; None for anything else."""
-    if not re.fullmatch(r"(shaders/viewer_)?[a-z0-9_]+\.[a-z]+", name):
+    if not re.fullmatch(r"(shaders/viewer_)?[a-z0-9_]+(\.(vert|frag))?\.[a-z]+", name):
         return None
     if Path(name).suffix not in TYPES:
         return None
