@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
+from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -12,9 +13,11 @@ from rastercov._checks import shown
 from rastercov.camera import Camera
 from rastercov.camera_file import PRESETS
 from rastercov.errors import ConfigError
+from rastercov.mesh.arrays import frozen
+from rastercov.pose import valid_poses
 from rastercov.task import Task
 from rastercov.viewer import lens
-from rastercov.viewer.rig_state import LONGEST_NAME, RigState
+from rastercov.viewer.rig_state import LONGEST_NAME, MOST_STATIONS, RigState, Station
 from rastercov.viewpoints import look_at
 
 FloatArray = NDArray[np.float64]
@@ -25,6 +28,8 @@ Number = Annotated[float, Field(allow_inf_nan=False)]
 Matrix = Annotated[list[Number], Field(min_length=16, max_length=16)]
 Point = Annotated[list[Number], Field(min_length=3, max_length=3)]
 Name = Annotated[str, Field(min_length=1, max_length=LONGEST_NAME)]
+ROUNDING = 1e-14
+"""Drift of a rotation that was made orthonormal."""
 SLACK = 1e-3
 """Largest drift of a rotation that a page sends: it computes in double precision, and prints."""
 
@@ -207,10 +212,54 @@ class ChangeTask(Action):
         return state.with_task(made), f"change {', '.join(self.changes)}"
 
 
-EDITS = (
-    Nothing, SetPose, Aim, Add, Duplicate, Delete, Rename, Switch, Use, ChangeCamera, NewCamera,
-    ChangeTask,
-)  # fmt: skip
+class KeptStation(BaseModel):
+    """A station as a page has it; what only describes it is ignored."""
+
+    id: int
+    name: Name
+    camera: Name
+    pose: Matrix
+    is_on: bool
+
+
+class KeptCamera(BaseModel):
+    """A camera as a page has it."""
+
+    plain: dict[str, Any]
+
+
+class KeptRig(BaseModel):
+    """A rig that a page kept while the program was gone."""
+
+    stations: Annotated[list[KeptStation], Field(max_length=MOST_STATIONS)]
+    cameras: dict[Name, KeptCamera]
+    task: dict[str, Number | int | bool | str | None]
+
+
+class Restore(Action):
+    """The rig that a page kept, in place of the present one."""
+
+    do: Literal["restore"]
+    rig: KeptRig
+
+    def apply(self, state: RigState, settle: Settle) -> tuple[RigState, str]:
+        """The rig as it was in the page."""
+        rig = self.rig
+        if len({each.id for each in rig.stations}) != len(rig.stations):
+            raise ConfigError("the ids of stations must differ")
+        cameras = {name: Camera.from_dict(each.plain) for name, each in rig.cameras.items()}
+        stations = []
+        for each in rig.stations:
+            if each.camera not in cameras:
+                known = ", ".join(cameras)
+                raise ConfigError(f"there is no camera {shown(each.camera)}; cameras are {known}")
+            pose = valid_poses(straightened(np.reshape(each.pose, (4, 4))))[0].copy()
+            stations.append(Station(each.id, each.name, each.camera, frozen(pose), each.is_on))
+        known_task = asdict(Task())
+        if unknown := [name for name in rig.task if name not in known_task]:
+            raise ConfigError(f"a task has {', '.join(known_task)}, got {shown(unknown[0])}")
+        task = Task(**(known_task | rig.task))
+        return RigState(tuple(stations), MappingProxyType(cameras), task), "restore the rig"
 
 
 class Undo(Action):
@@ -234,7 +283,7 @@ class Constrain(Action):
 
 Edit = Annotated[
     Nothing | SetPose | Aim | Add | Duplicate | Delete | Rename | Switch | Use | ChangeCamera
-    | NewCamera | ChangeTask | Undo | Redo | Constrain,
+    | NewCamera | ChangeTask | Restore | Undo | Redo | Constrain,
     Field(discriminator="do"),
 ]  # fmt: skip
 
@@ -267,9 +316,9 @@ def request_of(entries: Mapping[str, Any]) -> Request:
 
 
 def straightened(pose: FloatArray) -> FloatArray:
-    """A pose with the nearest rotation in place of one that is off by rounding; others as is."""
+    """A pose with the nearest rotation in place of one that drifted in a page; others as is."""
     rotation = pose[:3, :3]
-    if np.abs(rotation.T @ rotation - np.eye(3)).max() > SLACK:
+    if not ROUNDING < np.abs(rotation.T @ rotation - np.eye(3)).max() <= SLACK:
         return pose
     u, _, vt = np.linalg.svd(rotation)
     made = pose.copy()

@@ -17,7 +17,9 @@ from rastercov.viewer.rig_state import RigState
 LEAST_SIDE, MOST_SIDE = 64, 2048
 
 
-def camera_png(mesh: Mesh, state: RigState, station: int, side: int) -> tuple[dict[str, Any], bytes]:
+def camera_png(
+    mesh: Mesh, state: RigState, station: int, side: int
+) -> tuple[dict[str, Any], bytes]:
     """The camera's own image, its distortion included: title, size and legend, and a PNG.
 
     Parameters

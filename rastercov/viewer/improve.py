@@ -4,7 +4,7 @@ Both count what the cameras that are on cover together, by the area of whole fac
 progress after every few poses, and end where `Progress` raises `Cancelled`.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -22,7 +22,7 @@ from rastercov.pose import Poses
 from rastercov.spread import least_cosine
 from rastercov.task import Reason
 from rastercov.viewer.measurements import Measurements, NetworkFigures, of_one_camera
-from rastercov.viewer.rig_state import RigState
+from rastercov.viewer.rig_state import RigState, Station
 from rastercov.viewpoints import look_at
 
 FloatArray = NDArray[np.float64]
@@ -188,7 +188,9 @@ def _distances(mesh: Mesh, camera: Camera) -> tuple[float, float]:
     return near, max(far, 1.01 * near)
 
 
-def _figures(measurements: Measurements, state: RigState, stations: list) -> NetworkFigures:  # type: ignore[type-arg]
+def _figures(
+    measurements: Measurements, state: RigState, stations: Sequence[Station]
+) -> NetworkFigures:
     """Figures of some of the stations."""
     some = replace(state, stations=tuple(stations))
     return NetworkFigures(measurements.mesh, some, measurements.rows(state, stations))
@@ -215,4 +217,5 @@ def default_space(mesh: Mesh, state: RigState) -> PoseSpace:
 
 def poses_of_camera(poses: Poses, index: int) -> FloatArray:
     """(C, 4, 4) poses of one camera among candidates of several."""
-    return poses.world_from_camera[poses.camera == index]
+    matrices: FloatArray = poses.world_from_camera[poses.camera == index]
+    return matrices

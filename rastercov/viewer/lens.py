@@ -1,7 +1,7 @@
 """Lens of a camera as a viewer shows and changes it: field of view, focus, aperture, image size."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -39,7 +39,8 @@ LIMITS: dict[str, tuple[float, float]] = {
 def described(camera: Camera) -> dict[str, Any]:
     """Values of a camera for the page, ready for JSON; None for what it does not have.
 
-    `border` are rays around its field of view, see `rastercov.rays.view_border`.
+    `border` are rays around its field of view, see `rastercov.rays.view_border`; `plain` is what
+    `Camera.from_dict` makes the camera of.
     """
     z_n, z_f = camera.depth_of_field()
     is_focused = camera.aperture is not None or camera.focus_range is not None
@@ -65,8 +66,12 @@ def described(camera: Camera) -> dict[str, Any]:
         "depth_of_field": [float(z_n), _finite(float(z_f))] if is_focused else None,
         "can_focus": camera.focal_length is not None and camera.pixel_size is not None
         and MODELS[camera.model].is_planar,
+        "plain": camera.plain(),
         "border": view_border(camera, PARTS_OF_BORDER).tolist(),
     }  # fmt: skip
+
+
+Change = Callable[[Camera, Any], Camera]
 
 
 def changed(camera: Camera, changes: Mapping[str, Any]) -> Camera:
@@ -151,7 +156,7 @@ def _with_range(camera: Camera, low: Any, high: Any) -> Camera:
     return replace(camera, focus_range=(near, far), aperture=None, focus_distance=None)
 
 
-_CHANGES = {
+_CHANGES: dict[str, Change] = {
     "hfov_deg": _with_angle,
     "fx": _with_focal,
     "width": _with_width,

@@ -60,7 +60,8 @@ class Row:
     @cached_property
     def covers(self) -> BoolArray:
         """(F,) faces that the camera covers."""
-        return self.reason == Reason.COVERED
+        covers: BoolArray = self.reason == Reason.COVERED
+        return covers
 
     @property
     def n_bytes(self) -> int:
@@ -234,7 +235,9 @@ def of_one_camera(task: Task) -> Task:
     return replace(task, views=1, min_angle_deg=0.0)
 
 
-def exact_area(mesh: Mesh, state: RigState, progress: Any = lambda done, total: None) -> AreaNetwork:
+def exact_area(
+    mesh: Mesh, state: RigState, progress: Any = lambda done, total: None
+) -> AreaNetwork:
     """Exact area that the stations that are on cover; `progress` gets poses done and the total.
 
     Raises

@@ -61,7 +61,9 @@ class RigState:
     task: Task = field(default_factory=Task)
 
     @classmethod
-    def of(cls, rig: Rig, poses: Poses, names: tuple[str, ...] = (), task: Task | None = None):  # type: ignore[no-untyped-def] # noqa: ANN206
+    def of(
+        cls, rig: Rig, poses: Poses, names: tuple[str, ...] = (), task: Task | None = None
+    ) -> "RigState":
         """State of the cameras of a rig and their poses; `names` of the stations, or numbers.
 
         Raises

@@ -1,7 +1,6 @@
 """What a viewer shows: a mesh, the cameras it starts with, and the plan or result they are of."""
 
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
 
 import numpy as np
@@ -58,6 +57,8 @@ class Scene:
     plan : Plan or None
     pool : CandidatePool or None
         Candidates of the plan and its constraints, where it has any.
+    meshes : tuple of dict
+        Entries of a plan for the files of the mesh, where there is no plan.
     result : dict or None
         Kind of a result folder that was opened, and words on it.
     notes : tuple of str
@@ -69,6 +70,7 @@ class Scene:
     start: RigState
     plan: "Plan | None" = None
     pool: "CandidatePool | None" = None
+    meshes: tuple[dict[str, Any], ...] = ()
     result: dict[str, str] | None = None
     notes: tuple[str, ...] = field(default=())
 
@@ -235,9 +237,3 @@ def described_state(
         "cameras": {name: lens.described(camera) for name, camera in state.cameras.items()},
         "task": {each["name"]: getattr(state.task, each["name"]) for each in task_fields()},
     }  # fmt: skip
-
-
-def title_of(paths: list[Path]) -> str:
-    """Title of a scene of some files."""
-    names = ", ".join(path.name for path in paths[:3])
-    return names + (f" and {len(paths) - 3} more" if len(paths) > 3 else "")

@@ -2,7 +2,7 @@
 
 It binds to a loopback address, and every answer with data wants the token that the page got in its
 address, behind "#", where no other page and no log sees it. Requests of another host or origin are
-refused, so that a page elsewhere cannot reach it by a name that it controls (DNS rebinding). Another
+refused, so that a page elsewhere cannot reach it by a name of its own (DNS rebinding). Another
 address needs a certificate and a token of the user's.
 """
 
@@ -16,12 +16,12 @@ import secrets
 import socket
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rastercov._files import StrPath
 from rastercov.errors import ConfigError, ResourceError
+from rastercov.viewer.page_files import TYPES, page_text, static_file
 from rastercov.viewer.saving import Saving
 from rastercov.viewer.session import Session, StaleError
 from rastercov.viewer.work import BusyError, Work
@@ -35,8 +35,6 @@ MOST_BYTES = 1 << 20
 """Longest request: poses and thresholds have some hundred bytes."""
 LEAST_TOKEN = 22
 """Characters of a token of the user's: 128 bits in base 64."""
-TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".glsl": "text/plain",
-         ".svg": "image/svg+xml"}  # fmt: skip
 INSTALL = "the viewer needs starlette and uvicorn; install rastercov[view]"
 _IMPORT_MAP = re.compile(r'<script type="importmap">(.*?)</script>', re.DOTALL)
 
@@ -217,11 +215,6 @@ def _error(status: int, text: str, **more: Any) -> "Response":
     return JSONResponse({"error": text, **more}, status_code=status)
 
 
-def page_text() -> str:
-    """The page, index.html."""
-    return (files("rastercov.viewer") / "page" / "index.html").read_text("utf-8")
-
-
 def policy(page: str) -> str:
     """Content security policy of a page: its own files, and the import map by its hash."""
     found = _IMPORT_MAP.search(page)
@@ -249,17 +242,6 @@ async def _static(request: "Request") -> "Response":
         return _error(404, "there is no such file")
     kind = TYPES[Path(request.path_params["name"]).suffix]
     return Response(data, media_type=kind)
-
-
-def static_file(name: str) -> bytes | None:
-    """A module, style or shader of the page by its name; None for anything else."""
-    if not re.fullmatch(r"(shaders/viewer_)?[a-z0-9_]+(\.(vert|frag))?\.[a-z]+", name):
-        return None
-    if Path(name).suffix not in TYPES:
-        return None
-    folder = "rastercov" if name.startswith("shaders/") else "rastercov.viewer"
-    place = files(folder) / name if folder == "rastercov" else files(folder) / "page" / name
-    return place.read_bytes() if place.is_file() else None
 
 
 class _Routes:

@@ -6,6 +6,7 @@ long, such as a refinement, runs in `rastercov.viewer.work` and hands its state 
 
 import base64
 import json
+import secrets
 import struct
 import time
 from collections.abc import Mapping
@@ -53,6 +54,7 @@ class Session:
 
     def __init__(self, scene: Scene, method: str = "certified") -> None:
         self.scene, self.lock = scene, RLock()
+        self.name = secrets.token_hex(8)  # a page tells by it that the program was started again
         self.history = History(scene.start)
         self.measurements = Measurements(scene.mesh, method)
         self.is_kept = scene.has_constraints
@@ -79,6 +81,7 @@ class Session:
         with self.lock:
             history = self.history
             entries = {
+                "session": self.name,
                 "revision": history.revision,
                 "can_undo": bool(history.undo_words),
                 "can_redo": bool(history.redo_words),

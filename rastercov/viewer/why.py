@@ -16,7 +16,6 @@ from rastercov.viewer.colours import REASON_WORDS
 from rastercov.viewer.measurements import Measurements, NetworkFigures, of_one_camera
 from rastercov.viewer.rig_state import RigState, Station
 
-
 OF_THE_SCENE = ("coverage", "reason", "visibility", "visibility_bound")
 """Figures that depend on what hides the face."""
 
@@ -49,8 +48,7 @@ def why(measurements: Measurements, figures: NetworkFigures, face: int) -> dict[
         return found
     alone = _alone(mesh, face)
     found["cameras"] = [
-        _of_station(measurements, alone, state, station, face)
-        for station in state.on
+        _of_station(measurements, alone, state, station, face) for station in state.on
     ]
     return found
 

@@ -1,4 +1,4 @@
-"""Work of a viewer that takes long: one at a time, in a thread, with progress and an end on demand."""
+"""Work of a viewer that takes long: one at a time, in a thread, with progress and cancelling."""
 
 from collections.abc import Callable
 from threading import Event, Lock, Thread

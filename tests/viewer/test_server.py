@@ -1,0 +1,274 @@
+"""The server without a browser: what it refuses, and that its answers are those of the session."""
+
+import json
+import socket
+import threading
+import time
+
+import httpx
+import numpy as np
+import pytest
+from rigs_to_view import around, moved, part, session_of
+
+from rastercov import ConfigError
+from rastercov.viewer.page_files import page_text, static_file
+from rastercov.viewer.server import MOST_BYTES, Address, application, policy, serve
+from rastercov.viewer.session import unframed
+
+pytest.importorskip("starlette")
+PORT = 8123
+ADDRESS = Address.of()
+TOKEN = {"x-rastercov-token": ADDRESS.token}
+HOST = f"http://127.0.0.1:{PORT}"
+POSES = around(part())
+
+
+@pytest.fixture(scope="module")
+def session():
+    made = session_of()
+    yield made
+    made.close()
+
+
+@pytest.fixture(scope="module")
+def client(session, tmp_path_factory):
+    from starlette.testclient import TestClient
+
+    app = application(session, ADDRESS, PORT, tmp_path_factory.mktemp("out"))
+    with TestClient(app, base_url=HOST, headers=TOKEN) as found:
+        yield found
+
+
+def acted(client, action, revision=None, **others):
+    if revision is None:
+        revision = client.get("/api/ping").json()["revision"]
+    return client.post(
+        "/api/act", json={"revision": revision, "mode": "reason", "action": action, **others}
+    )
+
+
+def test_the_page_and_its_files_need_no_token(client):
+    bare = {"x-rastercov-token": ""}
+    page = client.get("/", headers=bare)
+    assert page.status_code == 200
+    assert "default-src 'none'" in page.headers["content-security-policy"]
+    assert page.headers["x-content-type-options"] == "nosniff"
+    assert client.get("/static/main.js", headers=bare).headers["content-type"].startswith(
+        "text/javascript"
+    )
+    assert ADDRESS.token not in page.text
+
+
+API = ("scene", "soup", "groups", "state", "ping", "zones", "job", "image?station=0", "why?face=0",
+       "download?what=rig")  # fmt: skip
+
+
+@pytest.mark.parametrize("path", API)
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"x-rastercov-token": ""},
+        {"x-rastercov-token": ADDRESS.token[:-1]},
+        {"host": "evil.example"},
+        {"host": f"evil.example:{PORT}"},
+        {"host": f"127.0.0.1:{PORT + 1}"},
+        {"host": ""},
+        {"origin": "https://evil.example"},
+        {"origin": "null"},
+        {"origin": f"http://127.0.0.1:{PORT}.evil.example"},
+    ],
+)
+def test_a_foreign_host_origin_or_token_is_refused(client, path, headers):
+    answer = client.get(f"/api/{path}", headers=headers)
+    assert answer.status_code == 403
+    assert "\n" not in answer.json()["error"]
+
+
+@pytest.mark.parametrize("path", ["act", "job", "job/cancel", "save"])
+@pytest.mark.parametrize(
+    "headers", [{"x-rastercov-token": "x"}, {"host": "a.b"}, {"origin": "http://a.b"}]
+)
+def test_a_foreign_edit_is_refused(client, session, path, headers):
+    before = session.history.revision
+    assert client.post(f"/api/{path}", json={}, headers=headers).status_code == 403
+    assert session.history.revision == before
+
+
+def test_the_page_is_refused_under_a_foreign_name_too(client):
+    assert client.get("/", headers={"host": "evil.example"}).status_code == 403
+    assert client.get("/static/main.js", headers={"host": "evil.example"}).status_code == 403
+
+
+@pytest.mark.parametrize("host", ["localhost", "127.0.0.1", "[::1]"])
+def test_names_of_this_machine_are_taken(client, host):
+    own = {"host": f"{host}:{PORT}", "origin": f"http://{host}:{PORT}"}
+    assert client.get("/api/ping", headers=own).status_code == 200
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["../server.py", "..%2fserver.py", "%2e%2e/server.py", "nothing.js", "main.py", "shaders/../x.js",
+     "shaders/face.vert.glsl", "/etc/passwd", "main.js%00.html", ""],
+)  # fmt: skip
+def test_only_files_of_the_page_are_given(client, name):
+    assert client.get(f"/static/{name}").status_code == 404
+    assert static_file(name) is None
+
+
+def test_the_faces_are_those_of_the_mesh(client, session):
+    answer = client.get("/api/soup")
+    origin = np.array([float(x) for x in answer.headers["x-rastercov-origin"].split(",")])
+    corners = np.frombuffer(answer.content, "<f4").reshape(-1, 3, 3) + origin
+    mesh = session.scene.mesh
+    assert np.abs(corners - mesh.vertices[mesh.faces]).max() < 1e-6
+    groups = np.frombuffer(client.get("/api/groups").content, "<u2")
+    assert np.array_equal(groups, mesh.face_group)
+    assert client.get("/api/scene").json()["n_faces"] == mesh.n_faces
+
+
+def test_an_edit_gives_the_frame_of_the_session(client, session):
+    answer = acted(client, {"do": "pose", "station": 0, "pose": moved(POSES[0], (0.02, 0, 0))})
+    head, levels = unframed(answer.content)
+    again, expected = unframed(session.frame("reason", {}))
+    assert levels == expected
+    assert head["summary"]["covered"] == again["summary"]["covered"]
+    assert acted(client, {"do": "undo"}).status_code == 200
+
+
+def test_two_tabs_cannot_overwrite_each_other(client):
+    revision = client.get("/api/ping").json()["revision"]
+    assert acted(client, {"do": "duplicate", "station": 0}, revision).status_code == 200
+    answer = acted(client, {"do": "delete", "station": 0}, revision)
+    assert answer.status_code == 409
+    assert len(client.get("/api/state").json()["stations"]) == 5
+    assert acted(client, {"do": "none"}, revision).status_code == 200  # looking is no edit
+    acted(client, {"do": "undo"})
+
+
+@pytest.mark.parametrize(
+    "body",
+    [b"", b"{", b"[]", b"null", b"\xff\xfe", b"[" * 100_000, b'{"revision": 1e999}',
+     b'{"revision": 0, "mode": "reason", "action": {"do": "pose", "station": 0, "pose": "x"}}',
+     b'{"revision": true, "mode": "reason", "action": {"do": "none"}}',
+     b'{"revision": 0, "mode": "no", "action": {"do": "none"}}',
+     b'{"revision": 0, "mode": "reason", "options": {"a": [1]}, "action": {"do": "none"}}',
+     b'{"revision": 0, "mode": "segments", "options": {"alpha_deg": "a"}, "action": {"do": "none"}}',
+     b'{"revision": 0, "mode": "model", "options": {"model": "a"}, "action": {"do": "none"}}',
+     b'{"revision": 0, "mode": "single", "station": 99, "action": {"do": "none"}}'],
+)  # fmt: skip
+def test_malformed_messages_do_no_harm(client, session, body):
+    before = session.state
+    headers = {"content-type": "application/json"}
+    answer = client.post("/api/act", content=body, headers=headers)
+    assert answer.status_code == 400
+    assert "\n" not in answer.json()["error"]
+    assert session.state is before
+
+
+def test_a_form_of_another_page_is_refused(client):
+    answer = client.post("/api/act", content=b"{}", headers={"content-type": "text/plain"})
+    assert answer.status_code == 400
+
+
+@pytest.mark.parametrize("path", ["act", "job", "save"])
+def test_a_long_upload_is_refused_early(client, path):
+    sent = 0
+
+    def gigabyte():
+        nonlocal sent
+        while sent < 1 << 30:
+            sent += 1 << 16
+            yield b" " * (1 << 16)
+
+    headers = {"content-type": "application/json"}
+    answer = client.post(f"/api/{path}", content=b" " * (MOST_BYTES + 1), headers=headers)
+    assert answer.status_code == 413
+
+
+@pytest.mark.parametrize(
+    "path",
+    ["why?face=-1", "why?face=99999999", "why", "why?face=x", "image?station=0&side=100000",
+     "image?station=9", "image", "download?what=passwd", "download"],
+)  # fmt: skip
+def test_wrong_questions_are_answered_in_one_line(client, path):
+    answer = client.get(f"/api/{path}")
+    assert answer.status_code == 400
+    assert answer.json()["error"]
+
+
+def test_the_policy_names_the_import_map_by_its_hash():
+    import base64
+    import hashlib
+    import re
+
+    page = page_text()
+    inline = re.findall(r"<script(?![^>]*src=)[^>]*>(.*?)</script>", page, re.DOTALL)
+    digests = [base64.b64encode(hashlib.sha256(each.encode()).digest()).decode() for each in inline]
+    assert all(f"'sha256-{each}'" in policy(page) for each in digests)
+    assert "unsafe" not in policy(page)
+    assert "http" not in re.sub(r"http://www\.w3\.org/2000/svg", "", page)  # nothing from elsewhere
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.168.0.1", "example.org", ""])
+def test_another_address_wants_a_token_and_a_certificate(host):
+    with pytest.raises(ConfigError, match="reachable from elsewhere"):
+        Address.of(host)
+
+
+def test_a_token_is_long_enough(tmp_path):
+    (tmp_path / "token").write_text("secret")
+    with pytest.raises(ConfigError, match="22 or more"):
+        Address.of(token_file=tmp_path / "token")
+    (tmp_path / "token").write_text("s" * 40 + "\n")
+    assert Address.of(token_file=tmp_path / "token").token == "s" * 40
+    with pytest.raises(ConfigError, match="cannot be read"):
+        Address.of(token_file=tmp_path / "none")
+
+
+def test_tokens_differ():
+    assert Address.of().token != Address.of().token
+    assert len(Address.of().token) >= 40
+
+
+def test_a_port_that_is_taken_is_said(session):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        with pytest.raises(ConfigError, match="cannot be bound"):
+            serve(session, Address.of(port=port))
+
+
+@pytest.mark.slow
+def test_a_real_server_takes_a_gigabyte_and_goes_on():
+    """Against a socket: the upload ends early, and the next request is answered."""
+    uvicorn = pytest.importorskip("uvicorn")
+    own = session_of()
+    made = socket.create_server(("127.0.0.1", 0))
+    port = made.getsockname()[1]
+    app = application(own, ADDRESS, port)
+    server = uvicorn.Server(uvicorn.Config(app, log_level="error", lifespan="off", ws="none"))
+    thread = threading.Thread(target=server.run, kwargs={"sockets": [made]}, daemon=True)
+    thread.start()
+    while not server.started:
+        time.sleep(0.01)
+    try:
+        sent = 0
+        with socket.create_connection(("127.0.0.1", port)) as line:
+            head = (
+                f"POST /api/act HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n"
+                f"x-rastercov-token: {ADDRESS.token}\r\ncontent-type: application/json\r\n"
+                f"content-length: {1 << 30}\r\n\r\n"
+            )
+            line.sendall(head.encode())
+            line.settimeout(5)
+            try:
+                while sent < 1 << 30:
+                    sent += line.send(b" " * (1 << 16))
+            except OSError:
+                pass
+        assert sent < 1 << 28
+        answer = httpx.get(f"http://127.0.0.1:{port}/api/ping", headers=TOKEN)
+        assert json.loads(answer.text) == {"revision": 0}
+    finally:
+        server.should_exit = True
+        thread.join(10)
+        own.close()
