@@ -73,7 +73,7 @@ export function toolBar(session, { view, tools, frusta, gizmo }) {
   const fit = button("Fit", () => fitAll(session, view), { title: "show the whole scene (F)" });
   const plan = toggle("Floor plan", false, (isOn) => {
     view.camera.setPlan(isOn);
-    if (isOn) view.camera.fit();
+    if (isOn) view.camera.fit(boxWithCameras(session.scene, session.state), view.aspect());
     cut.setPlan(isOn);
     view.request();
   }, { title: "from above, cut at a height (P)" });
@@ -110,7 +110,7 @@ function optionToggle(session, view, text, name, title) {
 
 /** Whole scene with its cameras in sight; inside a room of its own size that is the room alone. */
 export function fitAll(session, view) {
-  view.camera.fit(boxWithCameras(session.scene, session.state));
+  view.camera.fit(boxWithCameras(session.scene, session.state), view.aspect());
   view.request();
 }
 

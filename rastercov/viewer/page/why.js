@@ -55,7 +55,7 @@ function cameraCard(session, view, camera) {
         type: "button", title: "highlight what hides it",
         on: { pointerenter: () => show(true), pointerleave: () => show(false), focus: () => show(true), blur: () => show(false),
           click: () => show(view.highlighted !== occluder.group) },
-      }, `Hidden by “${occluder.name}”${occluder.share === null || occluder.share === undefined ? "" : `, ${percent(100 * occluder.share)}`}`)
+      }, `Show “${occluder.name}” in the picture`)
     : null;
   return element(`details.card.${isCovered ? "good" : "not"}`, { open: camera.station === session.chosen || !isCovered },
     element("summary", {},
