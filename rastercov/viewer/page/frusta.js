@@ -4,7 +4,7 @@
  * Every frustum is drawn to the same depth, a part of the scene; the chosen one has its names and planes.
  */
 
-import { add, boxCorners, centreOf, column, distance, fromCamera, inCamera, length, mix, radians, scale, sphereAround } from "rastercov/maths.js";
+import { add, centreOf, column, distance, fromCamera, inCamera, length, mix, radians, scale, sphereAround } from "rastercov/maths.js";
 import { element } from "rastercov/dom.js";
 
 export const COLOURS = {
@@ -79,7 +79,8 @@ export class Frusta {
     const pose = this.session.poseOf(station);
     const rays = camera.border;
     const width = isChosen ? 2.5 : 1.4;
-    const ends = rays.map((ray) => fromCamera(pose, scale(ray, this.depth / Math.max(1, 0.7 * length(ray)))));
+    const reach = this.depth / Math.max(1, ...rays.map(length)); // wide ones are not larger
+    const ends = rays.map((ray) => fromCamera(pose, scale(ray, reach)));
     const centre = centreOf(pose);
     sketch.path(ends, colour, width, true);
     const quarter = rays.length / 4;
@@ -160,13 +161,8 @@ export function blurAt(camera, pose, point) {
   return z > 0 ? ((f / stop) * fx * Math.abs(z - focus)) / (z * (focus - f)) : null;
 }
 
-/** Box around the scene and all cameras. */
-export function boxWithCameras(scene, state) {
-  const points = [...boxCorners(scene.bounds), ...state.stations.map((station) => centreOf(station.pose))];
-  const pick = (of) => [0, 1, 2].map((axis) => of(...points.map((point) => point[axis])));
-  return [pick(Math.min), pick(Math.max)];
-}
-
+/** Centres of all cameras, world. */
+export const cameraCentres = (state) => state.stations.map((station) => centreOf(station.pose));
 
 /** Vertical field of view, radians, of a picture on a canvas that shows all of a camera's image. */
 export function fieldOfStation(camera, canvas) {

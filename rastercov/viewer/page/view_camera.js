@@ -29,16 +29,16 @@ export class ViewCamera {
     this.fit();
   }
 
-  /** Shows the whole scene, or a box, from the present direction; `aspect` is width / height. */
-  fit(box = this.bounds, aspect = 1) {
+  /** Shows the scene and further points from the present direction; `aspect` is width / height. */
+  fit(points = [], aspect = 1) {
     if (this.target) this.release();
     this.heading ??= radians(130);
     this.elevation ??= radians(-28);
-    this.target = sphereAround(box).centre;
+    this.target = sphereAround(this.bounds).centre;
     this.range = 1;
     const slopeY = FITTED * Math.tan(this.field / 2);
     const pose = this.pose();
-    const needed = boxCorners(box).map((corner) => {
+    const needed = [...boxCorners(this.bounds), ...points].map((corner) => {
       const [x, y, z] = inCamera(pose, corner);
       const size = Math.max(Math.abs(x) / (slopeY * aspect), Math.abs(y) / slopeY);
       return this.isParallel ? size : size - (z - this.range);
@@ -76,7 +76,7 @@ export class ViewCamera {
     this.isPlan = isPlan;
     this.isParallel = isPlan;
     if (isPlan) {
-      this.before = { heading: this.heading, elevation: this.elevation };
+      this.before = this.place();
       this.heading = radians(90);
       this.elevation = radians(-90);
     } else {
