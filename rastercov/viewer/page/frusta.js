@@ -16,6 +16,8 @@ export const COLOURS = {
 };
 const DARK_ON = [0.72, 0.78, 0.86, 1];
 const MOST_NAMES = 80;
+/** Cameras from which on names keep more distance from each other. */
+const CROWD = 25;
 const GRIP = 12; // pixels around a camera's centre that choose it
 
 export class Frusta {
@@ -134,18 +136,21 @@ export class Frusta {
   /** Puts names at their cameras; one that would lie on another is left out, the chosen one never. */
   #place(look) {
     const taken = [];
+    const width = this.view.canvas.clientWidth;
     const stations = this.session.state.stations.slice(0, MOST_NAMES);
+    const [wide, high] = this.session.state.stations.length > CROWD ? [130, 46] : [62, 18];
     const ordered = [...stations].sort((a, b) => (b.id === this.session.chosen) - (a.id === this.session.chosen));
     for (const station of ordered) {
       const made = this.names.get(station.id);
       if (!made) continue;
       const at = this.isShown ? look.toScreen(centreOf(this.session.poseOf(station))) : null;
-      const isInside = at && at[0] > 0 && at[1] > 0 && at[0] < this.view.canvas.clientWidth && at[1] < this.view.canvas.clientHeight;
-      const isFree = isInside && taken.every(([x, y]) => Math.abs(x - at[0]) > 62 || Math.abs(y - at[1]) > 18);
+      const isInside = at && at[0] > 0 && at[1] > 0 && at[0] < width && at[1] < this.view.canvas.clientHeight;
+      const isFree = isInside && taken.every(([x, y]) => Math.abs(x - at[0]) > wide || Math.abs(y - at[1]) > high);
       made.hidden = !isFree;
       if (!isFree) continue;
       taken.push(at);
-      made.style.transform = `translate(${Math.round(at[0] + 9)}px, ${Math.round(at[1] - 22)}px)`;
+      const left = at[0] > width - 90 ? at[0] - 9 - made.offsetWidth : at[0] + 9;
+      made.style.transform = `translate(${Math.round(left)}px, ${Math.round(at[1] - 22)}px)`;
     }
   }
 }

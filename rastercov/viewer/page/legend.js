@@ -43,7 +43,7 @@ function showScale(session, scale, ramp, ends) {
   }
   context.putImageData(row, 0, 0);
   const middle = scale.is_log ? Math.sqrt(scale.low * scale.high) : (scale.low + scale.high) / 2;
-  fill(ends, [scale.low, middle, scale.high].map((x) => element("span", {}, figure(x))), element("span.unit", {}, scale.unit ?? ""));
+  fill(ends, [figure(scale.low), figure(middle), `${figure(scale.high)} ${scale.unit ?? ""}`].map((text) => element("span", {}, text)));
 }
 
 /** Covered part, always in sight, with the change since the page was opened. */
