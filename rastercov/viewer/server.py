@@ -314,7 +314,9 @@ def _answer(answer: Callable[[Any, Any], "Response"]) -> Any:
             body = await _body(request) if request.method == "POST" else None
             return await run_in_threadpool(answer, request.query_params, body)
         except _TooLong:
-            return _error(413, f"a request has at most {MOST_BYTES:,} bytes")
+            refused = _error(413, f"a request has at most {MOST_BYTES:,} bytes")
+            refused.headers["connection"] = "close"  # the rest is not read
+            return refused
         except StaleError as error:
             return _error(409, str(error))
         except BusyError as error:

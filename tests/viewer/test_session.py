@@ -126,7 +126,9 @@ def test_levels_of_each_mode_are_those_of_its_figure(session):
     head, levels = acted(session, "coverage")
     best = found.coverage.max(axis=0).astype(np.float32)
     assert np.array_equal(levels > 0, best > 0)
-    assert np.abs((levels[best > 0] - 2.0) / 253 - np.minimum(best[best > 0], 1)).max() <= 0.51 / 253
+    assert (
+        np.abs((levels[best > 0] - 2.0) / 253 - np.minimum(best[best > 0], 1)).max() <= 0.51 / 253
+    )
     head, levels = acted(session, "density")
     density = np.where(covers, found.pixel_density, 0).max(axis=0)
     scale = head["scale"]
@@ -228,7 +230,9 @@ def test_why_names_the_group_in_the_way():
         groups=[rc.Group("floor"), rc.Group("lid", is_occluder=True)],
         face_group=[0, 0, 1, 1],
     )
-    state = RigState.of(Rig([CAMERA], ["eye"]), Poses.of(looking((0.5, 0.5, 4), (0.5, 0.5, 0))[None]))
+    state = RigState.of(
+        Rig([CAMERA], ["eye"]), Poses.of(looking((0.5, 0.5, 4), (0.5, 0.5, 0))[None])
+    )
     session = Session(Scene("lid", mesh, state))
     entry = session.why(0)["cameras"][0]
     assert entry["occluder"]["name"] == "lid"
