@@ -1,9 +1,9 @@
 /** Bar at the top (undo, saving, help) and the tools over the picture. */
 
-import { button, choice, element, toggle } from "rastercov/dom.js";
+import { button, choice, element, metres, toggle } from "rastercov/dom.js";
 import { offerFile } from "rastercov/status.js";
 import { sectionOf } from "rastercov/tools.js";
-import { boxWithCameras } from "rastercov/frusta.js";
+import { cameraCentres } from "rastercov/frusta.js";
 
 export function topBar(session, { summary, help }) {
   const undo = button("↶ Undo", () => session.act({ do: "undo" }), { title: "Ctrl+Z" });
@@ -73,7 +73,7 @@ export function toolBar(session, { view, tools, frusta, gizmo }) {
   const fit = button("Fit", () => fitAll(session, view), { title: "show the whole scene (F)" });
   const plan = toggle("Floor plan", false, (isOn) => {
     view.camera.setPlan(isOn);
-    if (isOn) view.camera.fit();
+    if (isOn) view.camera.fit(cameraCentres(session.state), view.aspect());
     cut.setPlan(isOn);
     view.request();
   }, { title: "from above, cut at a height (P)" });
@@ -110,7 +110,7 @@ function optionToggle(session, view, text, name, title) {
 
 /** Whole scene with its cameras in sight; inside a room of its own size that is the room alone. */
 export function fitAll(session, view) {
-  view.camera.fit(boxWithCameras(session.scene, session.state));
+  view.camera.fit(cameraCentres(session.state), view.aspect());
   view.request();
 }
 
@@ -119,7 +119,11 @@ function sectionControls(session, view) {
   const cut = { axis: 2, at: 0.6, isFlipped: false };
   let isOn = false;
   let isPlan = false;
-  const apply = () => view.setOption("section", isOn || isPlan ? sectionOf(cut, session.scene.bounds) : null);
+  const apply = () => {
+    const [low, high] = session.scene.bounds;
+    height.textContent = metres(low[cut.axis] + cut.at * (high[cut.axis] - low[cut.axis]));
+    view.setOption("section", isOn || isPlan ? sectionOf(cut, session.scene.bounds) : null);
+  };
   const place = element("input.place", { type: "range", min: "0", max: "1", step: "0.005", value: "0.6", "aria-label": "place of the section" });
   place.addEventListener("input", () => {
     cut.at = Number(place.value);
@@ -133,7 +137,8 @@ function sectionControls(session, view) {
     cut.isFlipped = !cut.isFlipped;
     apply();
   }, { title: "the other side", "aria-label": "the other side of the section" });
-  const more = element("span.section-controls", { hidden: true }, axis, place, flip);
+  const height = element("output.soft.height");
+  const more = element("span.section-controls", { hidden: true }, axis, place, flip, height);
   const main = toggle("Section", false, (next) => {
     isOn = next;
     more.hidden = !isOn && !isPlan;

@@ -1,7 +1,7 @@
 /** Panel "Cameras": the rig, and of the chosen camera its pose, its lens and what can be done with it. */
 
 import { button, choice, element, fill, figure, percent, section } from "rastercov/dom.js";
-import { anglesOf, centreOf, poseFromAngles } from "rastercov/maths.js";
+import { anglesOf, centreOf, distance, poseFromAngles } from "rastercov/maths.js";
 import { control, labelOf, numberBox } from "rastercov/fields.js";
 
 export function camerasPanel(session, { view, tools, jobs }) {
@@ -62,6 +62,8 @@ function poseSection(session, { view, tools, jobs }) {
     if (name.value.trim()) session.act({ do: "rename", station: session.chosen, name: name.value.trim() });
     else name.value = session.station()?.name ?? "";
   });
+  const [low, high] = session.scene.bounds;
+  const decimals = Math.max(0, 4 - Math.round(Math.log10(distance(low, high))));
   const values = () => {
     const pose = session.poseOf(session.station());
     const [x, y, z] = centreOf(pose);
@@ -96,7 +98,8 @@ function poseSection(session, { view, tools, jobs }) {
     if (!station) return;
     if (document.activeElement !== name) name.value = station.name;
     const now = values();
-    for (const { key, box } of fields) box.set(Number(now[key].toFixed(5)));
+    // Typed poses keep all digits of what is not typed; these are for reading.
+    for (const { key, box } of fields) box.set(Number(now[key].toFixed(key.length > 1 ? 2 : decimals)));
   };
   session.on("state chosen poses", show);
   show();
@@ -110,7 +113,7 @@ function lensSection(session) {
   const build = (station) => {
     const camera = session.cameraOf(station);
     const controls = session.scene.camera_fields
-      .filter((field) => field.name in camera)
+      .filter((field) => isApplicable(field.name, camera))
       .map((field) => {
         const change = (value, isDrag) =>
           session.act({ do: "camera", camera: station.camera, changes: { [field.name]: value } }, { isDrag });
@@ -144,6 +147,13 @@ function lensSection(session) {
   session.on("state chosen", show);
   show();
   return root;
+}
+
+/** Whether a lens has a value to change: focus by an aperture, or by depths that are known. */
+function isApplicable(name, camera) {
+  if (["focus_distance", "f_number"].includes(name)) return camera.can_focus;
+  if (["focus_near", "focus_far"].includes(name)) return !camera.can_focus || camera[name] !== null;
+  return name in camera && camera[name] !== null;
 }
 
 /** Line about the lens: model, size, depth of field. */

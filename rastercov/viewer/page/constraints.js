@@ -46,7 +46,7 @@ function drawBall(sketch, centre, radius, colour) {
  * where constraints are not kept, the pose as it is.
  */
 export function allowedPose(constraints, state, _before, wanted) {
-  const isKept = state.constraints?.is_kept ?? constraints?.is_kept;
+  const isKept = state.is_kept ?? constraints?.is_kept;
   if (!constraints || !isKept) return wanted;
   const centre = centreOf(wanted);
   const place = nearestPlace(constraints.boxes ?? [], centre);

@@ -21,7 +21,7 @@ export function element(tag, properties = {}, ...children) {
       else made.setAttribute(key, value);
     }
   }
-  made.append(...children.flat().filter((child) => child !== null && child !== undefined));
+  made.append(...children.flat(Infinity).filter((child) => child !== null && child !== undefined));
   return made;
 }
 
@@ -67,7 +67,7 @@ export function section(title, children, { isOpen = true } = {}) {
 
 /** Replaces all children. */
 export function fill(parent, ...children) {
-  parent.replaceChildren(...children.flat().filter((child) => child !== null && child !== undefined));
+  parent.replaceChildren(...children.flat(Infinity).filter((child) => child !== null && child !== undefined));
   return parent;
 }
 

@@ -129,7 +129,7 @@ export function numberField(field, value, onValue) {
   const root = element(
     "div.field", { title: field.words ?? "" },
     element("div.field-head", {}, optional, element("span.field-label", {}, label),
-      box.input, element("span.unit", {}, field.unit ?? "")),
+      box.input, element("span.unit", {}, UNITS[field.unit] ?? field.unit ?? "")),
     slider, box.fault,
   );
   return { root, set, slider, input: box.input };
@@ -152,8 +152,17 @@ function spanOf(field, value) {
   };
 }
 
+const UNITS = { deg: "°" };
+
+const LABELS = {
+  hfov_deg: "Field of view", fx: "Focal length", width: "Image width", f_number: "F-number",
+  focus_near: "Sharp from", focus_far: "Sharp to", near: "Nearest seen", alpha_deg: "Alpha", beta: "Beta",
+  min_pixels_per_m2: "Min pixels per m²", x: "x", y: "y", z: "z",
+};
+
 /** Words for people of a name such as min_pixels. */
 export function labelOf(name) {
+  if (name in LABELS) return LABELS[name];
   const words = name.replace(/_deg$/, "").replaceAll("_", " ");
   return words[0].toUpperCase() + words.slice(1);
 }

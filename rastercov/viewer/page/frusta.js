@@ -4,7 +4,7 @@
  * Every frustum is drawn to the same depth, a part of the scene; the chosen one has its names and planes.
  */
 
-import { add, boxCorners, centreOf, column, distance, fromCamera, inCamera, length, mix, radians, scale, sphereAround } from "rastercov/maths.js";
+import { add, centreOf, column, distance, fromCamera, inCamera, length, mix, radians, scale, sphereAround } from "rastercov/maths.js";
 import { element } from "rastercov/dom.js";
 
 export const COLOURS = {
@@ -16,6 +16,8 @@ export const COLOURS = {
 };
 const DARK_ON = [0.72, 0.78, 0.86, 1];
 const MOST_NAMES = 80;
+/** Cameras from which on names keep more distance from each other. */
+const CROWD = 25;
 const GRIP = 12; // pixels around a camera's centre that choose it
 
 export class Frusta {
@@ -79,7 +81,8 @@ export class Frusta {
     const pose = this.session.poseOf(station);
     const rays = camera.border;
     const width = isChosen ? 2.5 : 1.4;
-    const ends = rays.map((ray) => fromCamera(pose, scale(ray, this.depth / Math.max(1, 0.7 * length(ray)))));
+    const reach = this.depth / Math.max(1, ...rays.map(length)); // wide ones are not larger
+    const ends = rays.map((ray) => fromCamera(pose, scale(ray, reach)));
     const centre = centreOf(pose);
     sketch.path(ends, colour, width, true);
     const quarter = rays.length / 4;
@@ -133,18 +136,21 @@ export class Frusta {
   /** Puts names at their cameras; one that would lie on another is left out, the chosen one never. */
   #place(look) {
     const taken = [];
+    const width = this.view.canvas.clientWidth;
     const stations = this.session.state.stations.slice(0, MOST_NAMES);
+    const [wide, high] = this.session.state.stations.length > CROWD ? [130, 46] : [62, 18];
     const ordered = [...stations].sort((a, b) => (b.id === this.session.chosen) - (a.id === this.session.chosen));
     for (const station of ordered) {
       const made = this.names.get(station.id);
       if (!made) continue;
       const at = this.isShown ? look.toScreen(centreOf(this.session.poseOf(station))) : null;
-      const isInside = at && at[0] > 0 && at[1] > 0 && at[0] < this.view.canvas.clientWidth && at[1] < this.view.canvas.clientHeight;
-      const isFree = isInside && taken.every(([x, y]) => Math.abs(x - at[0]) > 62 || Math.abs(y - at[1]) > 18);
+      const isInside = at && at[0] > 0 && at[1] > 0 && at[0] < width && at[1] < this.view.canvas.clientHeight;
+      const isFree = isInside && taken.every(([x, y]) => Math.abs(x - at[0]) > wide || Math.abs(y - at[1]) > high);
       made.hidden = !isFree;
       if (!isFree) continue;
       taken.push(at);
-      made.style.transform = `translate(${Math.round(at[0] + 9)}px, ${Math.round(at[1] - 22)}px)`;
+      const left = at[0] > width - 90 ? at[0] - 9 - made.offsetWidth : at[0] + 9;
+      made.style.transform = `translate(${Math.round(left)}px, ${Math.round(at[1] - 22)}px)`;
     }
   }
 }
@@ -160,13 +166,8 @@ export function blurAt(camera, pose, point) {
   return z > 0 ? ((f / stop) * fx * Math.abs(z - focus)) / (z * (focus - f)) : null;
 }
 
-/** Box around the scene and all cameras. */
-export function boxWithCameras(scene, state) {
-  const points = [...boxCorners(scene.bounds), ...state.stations.map((station) => centreOf(station.pose))];
-  const pick = (of) => [0, 1, 2].map((axis) => of(...points.map((point) => point[axis])));
-  return [pick(Math.min), pick(Math.max)];
-}
-
+/** Centres of all cameras, world. */
+export const cameraCentres = (state) => state.stations.map((station) => centreOf(station.pose));
 
 /** Vertical field of view, radians, of a picture on a canvas that shows all of a camera's image. */
 export function fieldOfStation(camera, canvas) {

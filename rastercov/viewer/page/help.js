@@ -56,12 +56,13 @@ export function listenToKeys({ session, view, navigation, gizmo, tools, bar, tab
       return;
     }
     if (isTyping || target.closest?.("[role=tablist]")) return;
-    const isPicture = target === view.canvas;
+    // Without any focus keys are meant for the picture, too.
+    const isPicture = target === view.canvas || target === document.body;
     const isUsed = isPicture ? pictureKey(event, { session, view, navigation, gizmo, tools, bar }) : false;
     if (isUsed || pageKey(event, { session, tabs, help, tools, navigation, isPicture })) event.preventDefault();
   });
-  view.canvas.addEventListener("keyup", () => gizmo.endKeys());
-  view.canvas.addEventListener("blur", () => gizmo.endKeys());
+  document.addEventListener("keyup", () => gizmo.endKeys());
+  window.addEventListener("blur", () => gizmo.endKeys());
 }
 
 function control(event, session) {

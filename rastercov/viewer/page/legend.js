@@ -2,6 +2,8 @@
 
 import { button, choice, cssColour, element, figure, fill, percent, count } from "rastercov/dom.js";
 
+const BUSY_AFTER = 400; // ms
+
 export function legend(session) {
   const entries = element("ul.keys");
   const ramp = element("canvas.ramp", { width: 256, height: 1, hidden: true });
@@ -41,7 +43,7 @@ function showScale(session, scale, ramp, ends) {
   }
   context.putImageData(row, 0, 0);
   const middle = scale.is_log ? Math.sqrt(scale.low * scale.high) : (scale.low + scale.high) / 2;
-  fill(ends, [scale.low, middle, scale.high].map((x) => element("span", {}, figure(x))), element("span.unit", {}, scale.unit ?? ""));
+  fill(ends, [figure(scale.low), figure(middle), `${figure(scale.high)} ${scale.unit ?? ""}`].map((text) => element("span", {}, text)));
 }
 
 /** Covered part, always in sight, with the change since the page was opened. */
@@ -51,6 +53,19 @@ export function summary(session) {
   const rest = element("span.soft");
   const timing = element("span.soft.timing");
   let first = null;
+  let timer = 0;
+  const root = element("div.summary", { role: "status", "aria-label": "Coverage" }, element("span", {}, "Covered"), main, change, rest, timing);
+  session.on("busy", () => {
+    clearTimeout(timer);
+    timer = setTimeout(() => {
+      root.classList.add("busy");
+      if (first === null) rest.textContent = "measuring… (the first time, loops are compiled: a minute or two)";
+    }, BUSY_AFTER);
+  });
+  session.on("idle", () => {
+    clearTimeout(timer);
+    root.classList.remove("busy");
+  });
   session.on("frame", ({ summary: now, cpu_ms: cpu }) => {
     const { covered } = now;
     main.textContent = percent(covered.area_percent);
@@ -66,5 +81,5 @@ export function summary(session) {
     timing.textContent = took === undefined || took === null ? "" : `${figure(took, 2)} ms`;
     timing.title = "time of the program for these figures";
   });
-  return element("div.summary", { role: "status", "aria-label": "Coverage" }, element("span", {}, "Covered"), main, change, rest, timing);
+  return root;
 }

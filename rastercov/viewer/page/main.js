@@ -1,12 +1,12 @@
 /** Puts the page together: server, picture, panels. */
 
 import { Recorded, Server, takeToken } from "rastercov/api.js";
-import { toolBar, topBar } from "rastercov/bars.js";
+import { fitAll, toolBar, topBar } from "rastercov/bars.js";
 import { cameraPanel, imagePanel } from "rastercov/camera_panel.js";
 import { camerasPanel } from "rastercov/cameras_panel.js";
 import { drawConstraints, hasConstraints } from "rastercov/constraints.js";
 import { element, section } from "rastercov/dom.js";
-import { Frusta, boxWithCameras, fieldOfStation } from "rastercov/frusta.js";
+import { Frusta, fieldOfStation } from "rastercov/frusta.js";
 import { Gizmo } from "rastercov/gizmo.js";
 import { testHandle } from "rastercov/handle.js";
 import { helpOverlay, listenToKeys } from "rastercov/help.js";
@@ -65,12 +65,11 @@ async function open() {
 
   await view.open();
   listenToKeys({ session, view, navigation, gizmo, tools, bar, tabs: panels, help });
-  view.camera.fit(boxWithCameras(session.scene, session.state));
+  fitAll(session, view);
   window.rastercov = testHandle(session, view, tools, frusta, gizmo);
   await session.refresh();
   session.watch();
   offerLost(session, lines);
-  canvas.focus({ preventScroll: true });
 }
 
 open().catch((error) => {

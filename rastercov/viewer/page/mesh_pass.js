@@ -10,6 +10,8 @@ import { program } from "rastercov/shaders.js";
 const TEXELS_A_ROW = 2048;
 /** Least factor of the headlight: colours are palette * (least + (1 - least) |cosine|). */
 export const SHADE_LEAST = 0.45;
+/** Grey of faces without figures. */
+const NEUTRAL = 205;
 export const MESH_STAGES = ["viewer_mesh.vert", "viewer_mesh.frag"];
 
 /** Bits of a group, as the shader knows them. */
@@ -42,6 +44,7 @@ export class MeshPass {
     gl.bindTexture(gl.TEXTURE_2D, this.palette);
     gl.texStorage2D(gl.TEXTURE_2D, 1, gl.RGBA8, 256, 1);
     nearest(gl);
+    this.setPalette(new Uint8Array(768).fill(NEUTRAL)); // until the first figures come
     this.target = pickTarget(gl);
   }
 

@@ -27,6 +27,7 @@ export class Navigation {
     canvas.addEventListener("pointercancel", (event) => this.#up(event, true));
     canvas.addEventListener("wheel", (event) => this.#wheel(event), { passive: false });
     canvas.addEventListener("contextmenu", (event) => event.preventDefault());
+    canvas.addEventListener("blur", () => canvas.classList.remove("by-mouse"));
     canvas.addEventListener("dblclick", (event) => this.#centre(event));
   }
 
@@ -56,6 +57,7 @@ export class Navigation {
 
   #down(event) {
     const { canvas } = this.view;
+    canvas.classList.add("by-mouse"); // no ring around what a mouse has the focus on
     canvas.focus({ preventScroll: true });
     canvas.setPointerCapture(event.pointerId);
     const [x, y] = [event.offsetX, event.offsetY];

@@ -37,7 +37,7 @@ function constraintControls(session, view, shown) {
   });
   kept.hidden = !session.canEdit;
   session.on("state", (state) => {
-    const isKept = state.constraints?.is_kept ?? constraints.is_kept;
+    const isKept = state.is_kept ?? constraints.is_kept;
     kept.querySelector("input").checked = isKept;
   });
   const words = [

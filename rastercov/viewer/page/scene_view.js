@@ -180,6 +180,10 @@ export class SceneView {
     };
   }
 
+  aspect() {
+    return this.canvas.clientWidth / Math.max(1, this.canvas.clientHeight);
+  }
+
   draw() {
     if (this.isLost || this.gl.isContextLost()) return;
     const look = this.look();

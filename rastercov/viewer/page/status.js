@@ -74,7 +74,7 @@ export class Jobs {
     }
     this.isRunning = true;
     try {
-      await this.session.server.startJob({ revision: this.session.state.revision, ...what });
+      await this.session.server.startJob(what);
       await this.#follow();
     } catch (error) {
       this.session.emit("fault", error.message);

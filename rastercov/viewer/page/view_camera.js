@@ -13,6 +13,8 @@ import {
 } from "rastercov/maths.js";
 
 const DEFAULT_FIELD = radians(45);
+/** Part of the picture that a scene fills at first. */
+const FITTED = 0.86;
 const STEEPEST = radians(89.5);
 
 export class ViewCamera {
@@ -27,14 +29,21 @@ export class ViewCamera {
     this.fit();
   }
 
-  /** Shows the whole scene, or a box, from the present direction. */
-  fit(box = this.bounds) {
-    const { centre, radius } = sphereAround(box);
-    this.release();
-    this.target = centre;
-    this.range = (1.12 * radius) / Math.sin(this.field / 2);
+  /** Shows the scene and further points from the present direction; `aspect` is width / height. */
+  fit(points = [], aspect = 1) {
+    if (this.target) this.release();
     this.heading ??= radians(130);
     this.elevation ??= radians(-28);
+    this.target = sphereAround(this.bounds).centre;
+    this.range = 1;
+    const slopeY = FITTED * Math.tan(this.field / 2);
+    const pose = this.pose();
+    const needed = [...boxCorners(this.bounds), ...points].map((corner) => {
+      const [x, y, z] = inCamera(pose, corner);
+      const size = Math.max(Math.abs(x) / (slopeY * aspect), Math.abs(y) / slopeY);
+      return this.isParallel ? size : size - (z - this.range);
+    });
+    this.range = Math.max(...needed, 1e-6);
   }
 
   /** Picture of a pinhole; `field` is its vertical field of view, radians. */
@@ -67,7 +76,7 @@ export class ViewCamera {
     this.isPlan = isPlan;
     this.isParallel = isPlan;
     if (isPlan) {
-      this.before = { heading: this.heading, elevation: this.elevation };
+      this.before = this.place();
       this.heading = radians(90);
       this.elevation = radians(-90);
     } else {

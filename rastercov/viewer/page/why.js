@@ -4,6 +4,9 @@ import { button, count, element, fill, percent, section, squareMetres } from "ra
 import { planeOf } from "rastercov/tools.js";
 
 const ZONES_AFTER = 400; // ms without a change
+const MOST_OPEN = 2;
+/** Reasons that need no look at figures. */
+const UNTELLING = new Set(["covered", "back_facing", "outside"]);
 const MOST_ZONES = 60;
 
 export function whyPanel(session, view) {
@@ -36,15 +39,18 @@ export function whyPanel(session, view) {
 
 /** Answer of the server: words, then one card a camera. */
 function explained(session, view, answer) {
+  // Open are the chosen camera, and the first few that something could be done about.
+  const telling = answer.cameras.filter((camera) => !UNTELLING.has(camera.reason)).slice(0, MOST_OPEN);
+  const isOpen = (camera) => camera.station === session.chosen || telling.includes(camera);
   return [
     element("p.verdict", {}, answer.words),
     faceFacts(answer.face, answer.group, answer.area),
     button("Centre the view on it", () => flyToFace(view, answer.face), { kind: "link" }),
-    answer.cameras.map((camera) => cameraCard(session, view, camera)),
+    answer.cameras.map((camera) => cameraCard(session, view, camera, isOpen(camera))),
   ];
 }
 
-function cameraCard(session, view, camera) {
+function cameraCard(session, view, camera, isOpen) {
   const isCovered = camera.reason === "covered";
   const figures = (camera.figures ?? []).map(({ label, value }) =>
     element("tr", {}, element("th", { scope: "row" }, label), element("td", {}, value)));
@@ -55,9 +61,9 @@ function cameraCard(session, view, camera) {
         type: "button", title: "highlight what hides it",
         on: { pointerenter: () => show(true), pointerleave: () => show(false), focus: () => show(true), blur: () => show(false),
           click: () => show(view.highlighted !== occluder.group) },
-      }, `Hidden by “${occluder.name}”${occluder.share === null || occluder.share === undefined ? "" : `, ${percent(100 * occluder.share)}`}`)
+      }, `Show “${occluder.name}” in the picture`)
     : null;
-  return element(`details.card.${isCovered ? "good" : "not"}`, { open: camera.station === session.chosen || !isCovered },
+  return element(`details.card.${isCovered ? "good" : "not"}`, { open: isOpen },
     element("summary", {},
       element("button.link", { type: "button", on: { click: (event) => { event.preventDefault(); session.choose(camera.station); } } }, camera.name),
       element("span", {}, ` ${camera.words}`)),
