@@ -275,7 +275,7 @@ def test_a_page_at_rest_draws_nothing_and_asks_nobody_else(tab, program):
     assert "#" not in tab.page.url  # the token is not left in the address
 
 
-def test_a_dead_program_is_told_and_nothing_is_lost(tab, program):
+def test_a_dead_program_is_told_and_nothing_is_lost(tab, program, tmp_path):
     tab.press("ArrowLeft")
     tab.idle()
     edited = tab.state()["stations"][0]["pose"]
@@ -284,7 +284,8 @@ def test_a_dead_program_is_told_and_nothing_is_lost(tab, program):
     tab.page.get_by_role("alert").filter(has_text="Your rig is kept in this page").wait_for()
     with tab.page.expect_download() as saved:
         tab.page.get_by_role("button", name="Download it").click()
-    poses = rc.read_poses(saved.value.path())
+    saved.value.save_as(tmp_path / saved.value.suggested_filename)
+    poses = rc.read_poses(tmp_path / "rig.json")
     wanted = tab.js("rastercov.session.poseOf(rastercov.session.station())")
     assert wanted != edited
     np.testing.assert_allclose(np.ravel(poses[0]), wanted)

@@ -291,9 +291,9 @@ export class Session {
 
   /** Keeps the rig for a later page of this tab, in case this one is lost. */
   #keep() {
-    if (!this.canEdit) return;
-    const { stations, cameras, task, revision, session } = this.state;
-    const kept = { title: this.scene.title, session, revision, isSaved: this.state.is_saved, stations, cameras, task };
+    if (!this.canEdit || !this.state.can_undo) return; // nothing of this run: leave what another left
+    const { stations, cameras, task, session } = this.state;
+    const kept = { title: this.scene.title, session, isSaved: this.state.is_saved, stations, cameras, task };
     try {
       sessionStorage.setItem(KEPT_KEY, JSON.stringify(kept));
     } catch {
@@ -306,7 +306,7 @@ export class Session {
     try {
       const kept = JSON.parse(sessionStorage.getItem(KEPT_KEY));
       const isOther = kept && kept.session !== this.state.session && kept.title === this.scene.title;
-      return isOther && !kept.isSaved && kept.revision > 0 ? kept : null;
+      return isOther && !kept.isSaved ? kept : null;
     } catch {
       return null;
     }
