@@ -92,9 +92,12 @@ def view(
 
     [bold]A page to send[/]: rastercov view teapot -c khepra -p sphere:8 --export page.html
     """
+    from rastercov.viewer.export import check_name, export_page
     from rastercov.viewer.server import Address, serve
     from rastercov.viewer.session import Session
 
+    if export is not None:
+        check_name(export)
     address = Address.of(host, port, token_file, certificate, key)
 
     def load(meshes: list[Path]) -> Mesh:
@@ -123,8 +126,6 @@ def view(
     session = Session(scene, method)
     print(f"{scene.title}: {size_line(scene.mesh)}, {len(scene.start.stations)} cameras")
     if export is not None:
-        from rastercov.viewer.export import export_page
-
         print(export_page(session, export))
         return
 

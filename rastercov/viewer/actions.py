@@ -259,7 +259,9 @@ class Restore(Action):
         if unknown := [name for name in rig.task if name not in known_task]:
             raise ConfigError(f"a task has {', '.join(known_task)}, got {shown(unknown[0])}")
         task = Task(**(known_task | rig.task))
-        return RigState(tuple(stations), MappingProxyType(cameras), task), "restore the rig"
+        needed = state.needed if task.views == state.task.views else None
+        made = RigState(tuple(stations), MappingProxyType(cameras), task, needed)
+        return made, "restore the rig"
 
 
 class Undo(Action):

@@ -76,7 +76,7 @@ def by_reason(figures: NetworkFigures) -> Painted:
     colours: dict[int, Colour] = {
         Reason.COVERED: theme.COVERED,
         TOO_FEW: theme.REASONS["too_few_views"],
-        NO_CAMERAS: theme.REASONS["no_cameras"],
+        NO_CAMERAS: theme.WALL_LINE,
         OCCLUDER_OF_REASONS: theme.OCCLUDER_PALE,
     }
     colours |= {r: theme.REASONS[r.name.lower()] for r in Reason if r != Reason.COVERED}

@@ -42,10 +42,15 @@ def export_page(session: Session, path: str | Path, modes: Sequence[str] = MODES
     ResourceError
         For more than `MOST_FACES` faces.
     """
-    if Path(path).suffix.lower() not in (".html", ".htm"):
-        raise ConfigError(f"the page is an .html file, got {path}")
+    check_name(path)
     write_text(path, exported(session, modes))
     return Path(path)
+
+
+def check_name(path: str | Path) -> None:
+    """Raise `ConfigError` unless a file is named as a page."""
+    if Path(path).suffix.lower() not in (".html", ".htm"):
+        raise ConfigError(f"the page is an .html file, got {path}")
 
 
 def exported(session: Session, modes: Sequence[str] = MODES) -> str:

@@ -67,7 +67,7 @@ def refined(
     others = [each for each in state.on if each.id != station]
     rest = _figures(measurements, state, others)
     need = np.ones(mesh.n_faces, np.int64)
-    is_open = ~rest.covered & mesh.task_mask & (rest.views >= state.task.views - 1)
+    is_open = ~rest.covered & mesh.task_mask & (rest.views >= rest.need - 1)
     done = 0
 
     def watch(count: int) -> None:
@@ -112,9 +112,8 @@ def with_next(
     """
     mesh, task = measurements.mesh, of_one_camera(state.task)
     rest = _figures(measurements, state, list(state.on))
-    wanted = state.task.views
-    # With several views wanted, each further view of a face that lacks some counts.
-    is_open = mesh.task_mask & (~rest.covered if wanted == 1 else rest.views < wanted)
+    # Each further view of a face that lacks some counts.
+    is_open = mesh.task_mask & (rest.views < rest.need)
     worth = np.where(is_open, np.asarray(mesh.areas), 0.0)
     observer = measurements.observer(state.cameras[camera])
     best, gain = -1, 0.0

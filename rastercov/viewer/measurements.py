@@ -136,6 +136,8 @@ class NetworkFigures:
         Of the stations that are on, in their order.
     views : int32
         Cameras that cover the face.
+    need : int64
+        Cameras that must cover it.
     best : float32
         Greatest coverage.
     best_row : int32
@@ -162,7 +164,8 @@ class NetworkFigures:
             np.maximum(self.reason, row.reason, out=self.reason)
             if task.min_angle_deg > 0:
                 spread.add(station.pose[:3, 3], np.flatnonzero(row.covers))
-        self.covered = (self.views >= task.views) & spread.is_spread
+        self.need = state.need(mesh)
+        self.covered = (self.views >= self.need) & spread.is_spread
 
     def reason_names(self) -> list[str]:
         """Name of each level of `reason` for faces that are not covered."""
@@ -245,7 +248,7 @@ def exact_area(
     ConfigError
         For a threshold that is of a face.
     """
-    poses, task = state.poses(), replace(state.task, min_angle_deg=0.0)
+    poses, task = state.poses(), replace(state.task, views=state.most_views, min_angle_deg=0.0)
     found = AreaNetwork(mesh, task)
     finder = RegionPass(mesh, state.rig(), task)
     try:

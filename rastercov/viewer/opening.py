@@ -63,6 +63,8 @@ def open_plan(path: Path, rig: Views | None = None) -> Scene:
         raise ConfigError(f"{plan.name} has no camera; add one, or give --poses with cameras")
     else:
         start = RigState.of(cameras, Poses.of(np.zeros((0, 4, 4))), task=plan.build_task())
+    if isinstance(plan.task.views, dict):
+        start = replace(start, needed=dict(plan.task.views))
     return Scene(plan.name, mesh, start, plan, pool)
 
 

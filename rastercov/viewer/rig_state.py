@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 from rastercov._checks import shown
 from rastercov.camera import Camera
 from rastercov.errors import ConfigError
+from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
+from rastercov.placement.select.problem import views_of
 from rastercov.pose import Poses, valid_poses
 from rastercov.rig import Rig
 from rastercov.task import Task
@@ -54,11 +56,22 @@ class Station:
 
 @dataclass(frozen=True, eq=False)
 class RigState:
-    """Stations, cameras by name, and thresholds; edits return another state."""
+    """Stations, cameras by name, and thresholds; edits return another state.
+
+    Attributes
+    ----------
+    stations : tuple of Station
+    cameras : mapping of str to Camera
+    task : Task
+    needed : mapping of str to int, or None
+        Cameras that faces of a group need, 1 for groups that are not named; those of the task for
+        all of them unless given.
+    """
 
     stations: tuple[Station, ...]
     cameras: Mapping[str, Camera]
     task: Task = field(default_factory=Task)
+    needed: Mapping[str, int] | None = None
 
     @classmethod
     def of(
@@ -168,8 +181,18 @@ class RigState:
         return replace(self, cameras=MappingProxyType({**self.cameras, name: camera}))
 
     def with_task(self, task: Task) -> "RigState":
-        """With other thresholds."""
-        return replace(self, task=task)
+        """With other thresholds; other views are those of all groups."""
+        needed = self.needed if task.views == self.task.views else None
+        return replace(self, task=task, needed=needed)
+
+    @property
+    def most_views(self) -> int:
+        """Largest number of cameras that a face needs."""
+        return self.task.views if self.needed is None else max([1, *self.needed.values()])
+
+    def need(self, mesh: Mesh) -> NDArray[np.int64]:
+        """(F,) cameras that must cover each face."""
+        return views_of(mesh, self.task.views if self.needed is None else self.needed)
 
     def rig(self) -> Rig:
         """The cameras that stations use, all where none does."""

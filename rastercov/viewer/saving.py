@@ -109,6 +109,8 @@ def plan_text(scene: Scene, state: RigState) -> str:
     own = {name: value for name, value in task.items() if value != defaults[name]}
     kept = {k: v for k, v in entries.get("task", {}).items() if k not in defaults}
     entries["task"] = kept | own
+    if state.needed is not None:
+        entries["task"]["views"] = dict(state.needed)
     cameras = content_of(state.views())["cameras"]
     entries["cameras"] = {each.pop("name"): each for each in cameras}
     entries["candidates"] = [{"generator": "poses", "file": NAMES["rig"]}]

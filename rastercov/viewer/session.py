@@ -127,7 +127,9 @@ class Session:
             painted = self._painted(figures, mode, options, station)
             summary = figures.summary()
             areas = self._known_areas()
-            summary["exact_area_percent"] = None if areas is None else areas.summary()["percent"]
+            summary["exact_area_percent"] = (
+                None if areas is None else areas.summary(self.state.needed)["percent"]
+            )
             summary["cpu_ms"] = 1e3 * (time.process_time() - began)
             head = {
                 "state": self.described_state(),
@@ -180,8 +182,8 @@ class Session:
 
         with self.lock:
             areas, state = self.areas(), self.state
-            said = areas.dead_zones(state.rig(), state.poses())
-            zones = areas.zones()
+            said = areas.dead_zones(state.rig(), state.poses(), state.needed)
+            zones = areas.zones(state.needed)
             found = []
             for row, entry in enumerate(said["dead_zones"]):
                 faces = np.unique(zones.face[zones.zone == row])
@@ -257,7 +259,8 @@ class Session:
         if mode in colours.NETWORK_MODES:
             return colours.NETWORK_MODES[mode][2](figures)
         if mode == "area":
-            covered = self.areas().covered.area[state.task.views - 1]
+            rows = np.minimum(figures.need, state.most_views) - 1
+            covered = self.areas().covered.area[rows, np.arange(mesh.n_faces)]
             areas = np.maximum(np.asarray(mesh.areas), np.finfo(float).tiny)
             return colours.by_share(mesh, covered / areas)
         if mode == "model":

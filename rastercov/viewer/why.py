@@ -72,7 +72,7 @@ def _words(mesh: Mesh, figures: NetworkFigures, face: int) -> str:
     if not figures.rows:
         return f"Not covered, {size}: there are no cameras."
     if views:
-        asked = f"{task.views} cameras"
+        asked = f"{int(figures.need[face])} cameras"
         if task.min_angle_deg > 0:
             asked += f" that differ by {task.min_angle_deg:g} deg"
         return f"Not covered, {size}: by {views} of {asked}."

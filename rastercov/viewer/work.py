@@ -132,7 +132,7 @@ class Work:
         if isinstance(asked, ExactArea):
             found = exact_area(session.scene.mesh, state, self._progress)
             session.keep_areas(state, found)
-            return f"{found.summary()['percent']:.4g} % of the area is covered"
+            return f"{found.summary(state.needed)['percent']:.4g} % of the area is covered"
         own = Measurements(session.scene.mesh, session.measurements.method)
         try:
             make: Callable[[Progress], tuple[Any, float]]

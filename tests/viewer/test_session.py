@@ -364,3 +364,34 @@ def test_rows_are_forgotten_where_memory_runs_out(session, monkeypatch):
     poses = POSES.copy()
     poses[0, :3, 3] += (0.29, 0, 0)
     assert head["summary"]["covered"] == covered_by(poses)["covered"]
+
+
+def test_groups_that_need_several_cameras():
+    from rigs_to_view import state_of
+
+    from rastercov.viewer.rig_state import RigState
+    from rastercov.viewer.scene import Scene
+    from rastercov.viewer.session import Session
+
+    mesh = rc.Mesh(
+        vertices=MESH.vertices,
+        faces=MESH.faces,
+        groups=[rc.Group("upper"), rc.Group("lower")],
+        face_group=(MESH.centroids[:, 2] < MESH.centroids[:, 2].mean()).astype(int),
+    )
+    start = state_of(mesh)
+    state = RigState(start.stations, start.cameras, start.task, {"lower": 2})
+    session = Session(Scene("groups", mesh, state))
+    head, levels = acted(session)
+    views = (rc.evaluate(mesh, CAMERA, POSES).reason == Reason.COVERED).sum(axis=0)
+    covered = views >= 1 + mesh.face_group
+    assert np.array_equal(levels == Reason.COVERED, covered)
+    assert head["summary"]["covered"]["faces"] == covered.sum()
+    head, levels = acted(session, "area")
+    network = AreaNetwork(mesh, rc.Task(views=2))
+    network.add(regions(mesh, CAMERA, POSES))
+    expected = network.summary({"lower": 2})["percent"]
+    assert head["summary"]["exact_area_percent"] == pytest.approx(expected)
+    head, levels = acted(session, do="task", changes={"views": 3})
+    assert np.array_equal(levels == Reason.COVERED, views >= 3)
+    session.close()
