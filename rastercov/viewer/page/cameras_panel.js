@@ -29,12 +29,15 @@ function stationRows(session) {
     box.addEventListener("change", () => session.act({ do: "switch", station: station.id, is_on: box.checked }));
     const name = element("button.link", { type: "button", role: "option", "aria-selected": String(isChosen),
       on: { click: () => session.choose(station.id) } }, station.name);
-    const place = station.place && station.place !== "allowed" ? element("span.bad", {}, ` ${station.place}`) : null;
+    const place = isAllowed(station) ? null : element("span.bad", { title: placeWords(station) }, " ⚠");
     return element(isChosen ? "div.row.chosen" : "div.row", {}, box, element("span", {}, name, place),
       element("span.figure", {}, percent(share?.area_percent)), element("span.figure", {}, percent(share?.alone_percent)));
   });
   return rows.length ? [head, rows] : [element("p.soft", {}, "No camera yet: add one below.")];
 }
+
+const isAllowed = (station) => !station.place || station.place === "allowed";
+const placeWords = (station) => `${station.name} is at a place that the plan does not allow: ${station.place}`;
 
 function rigButtons(session, view, jobs) {
   const add = () => {
@@ -80,10 +83,12 @@ function poseSection(session, { view, tools, jobs }) {
     });
     return { key, box, root: element("label.pose-field", {}, element("span", {}, labelOf(key)), box.input, element("span.unit", {}, unit)) };
   });
+  const warning = element("p.bad");
   const body = element("div", {},
     name,
     element("div.pose", {}, fields.map((field) => field.root)),
     fields.map((field) => field.box.fault),
+    warning,
     element("div.buttons", {},
       button("Aim", () => tools.set("aim"), { title: "then click the point to look at (A)" }),
       button("Look through", () => view.lookThrough(session.station()), { title: "see the scene from this camera (L)" }),
@@ -97,6 +102,7 @@ function poseSection(session, { view, tools, jobs }) {
     root.hidden = !station;
     if (!station) return;
     if (document.activeElement !== name) name.value = station.name;
+    warning.textContent = isAllowed(station) ? "" : `Its place is not allowed by the plan: ${station.place}.`;
     const now = values();
     // Typed poses keep all digits of what is not typed; these are for reading.
     for (const { key, box } of fields) box.set(Number(now[key].toFixed(key.length > 1 ? 2 : decimals)));

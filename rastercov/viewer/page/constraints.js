@@ -15,9 +15,9 @@ export const hasConstraints = (constraints) =>
 
 /** Draws boxes of mounting places in green and keep-outs in red. */
 export function drawConstraints(sketch, constraints) {
-  for (const box of constraints.boxes ?? []) drawBox(sketch, box, ALLOWED, 0.04);
+  for (const box of constraints.boxes ?? []) drawBox(sketch, box, ALLOWED, 0); // no tint over the colours of faces
   for (const part of constraints.keep_out ?? []) {
-    if (part.box) drawBox(sketch, part.box, FORBIDDEN, 0.09);
+    if (part.box) drawBox(sketch, part.box, FORBIDDEN, 0.06);
     else drawBall(sketch, part.centre, part.radius, FORBIDDEN);
   }
 }
@@ -25,7 +25,7 @@ export function drawConstraints(sketch, constraints) {
 function drawBox(sketch, box, colour, opacity) {
   const corners = boxCorners(box);
   for (const [a, b] of BOX_EDGES) sketch.line(corners[a], corners[b], colour, 1.5);
-  for (const face of FACES) sketch.polygon(face.map((at) => corners[at]), [...colour.slice(0, 3), opacity]);
+  if (opacity) for (const face of FACES) sketch.polygon(face.map((at) => corners[at]), [...colour.slice(0, 3), opacity]);
 }
 
 function drawBall(sketch, centre, radius, colour) {

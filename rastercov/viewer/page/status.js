@@ -92,7 +92,12 @@ export class Jobs {
       if (job.id === null || job.status !== "running") {
         if (job.status === "failed") this.session.emit("fault", job.words);
         else if (job.words) this.session.emit("notice", job.words);
-        if (job.status === "done") await this.session.takeOver();
+        if (job.status === "done") {
+          const known = new Set(this.session.state.stations.map((station) => station.id));
+          await this.session.takeOver();
+          const added = this.session.state.stations.find((station) => !known.has(station.id));
+          if (added) this.session.choose(added.id);
+        }
         return;
       }
       this.words.textContent = job.words;
