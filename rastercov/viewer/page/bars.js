@@ -78,8 +78,8 @@ export function toolBar(session, { view, tools, frusta, gizmo }) {
     view.request();
   }, { title: "from above, cut at a height (P)" });
   const cut = sectionControls(session, view);
-  const measure = toggle("Measure", false, (isOn) => tools.set(isOn ? "measure" : "pick"), { title: "distance of two points (D)" });
-  const aim = toggle("Aim", false, (isOn) => tools.set(isOn ? "aim" : "pick"), { title: "turn the chosen camera to a point (A)" });
+  const measure = toggle("Measure", false, (isOn) => tools.set(isOn ? "measure" : "pick"), { title: "distance of two points (R)" });
+  const aim = toggle("Aim", false, (isOn) => tools.set(isOn ? "aim" : "pick"), { title: "turn the chosen camera to a point (I)" });
   session.on("tool", (tool) => {
     measure.set(tool === "measure");
     aim.set(tool === "aim");
@@ -91,15 +91,11 @@ export function toolBar(session, { view, tools, frusta, gizmo }) {
       session.canEdit ? toggle("Handles along the camera", false, (isOn) => gizmo.setLocal(isOn), { title: "axes of the camera, not of the world (X)" }) : null,
       optionToggle(session, view, "Transparent occluders", "isTransparent", "bodies that only hide (T)"),
       optionToggle(session, view, "Leave out faces turned away", "isCulled", "look into rooms from outside (B)"),
-      optionToggle(session, view, "Lines along edges", "hasEdges", "(E with Alt)"),
-      optionToggle(session, view, "Flat colours", "isFlat", "exactly the colours of the legend")));
+      optionToggle(session, view, "Lines along edges", "hasEdges", "edges of the faces (O)"),
+      optionToggle(session, view, "Flat colours", "isFlat", "exactly the colours of the legend, without light (H)")));
   document.addEventListener("pointerdown", (event) => shows.contains(event.target) || (shows.open = false));
-  const keys = { f: () => fit.click(), p: () => plan.click(), d: () => measure.click(), a: () => aim.click() };
-  const root = element("div.tools", { role: "toolbar", "aria-label": "View" },
+  return element("div.tools", { role: "toolbar", "aria-label": "View" },
     fit, plan, cut.root, measure, session.canEdit ? aim : null, shows);
-  root.press = (key) => keys[key]?.();
-  root.toggles = [...shows.querySelectorAll("button")];
-  return root;
 }
 
 function optionToggle(session, view, text, name, title) {

@@ -29,8 +29,8 @@ function stationRows(session) {
     box.addEventListener("change", () => session.act({ do: "switch", station: station.id, is_on: box.checked }));
     const name = element("button.link", { type: "button", role: "option", "aria-selected": String(isChosen),
       on: { click: () => session.choose(station.id) } }, station.name);
-    const place = isAllowed(station) ? null : element("span.bad", { title: placeWords(station) }, " ⚠");
-    return element(isChosen ? "div.row.chosen" : "div.row", {}, box, element("span", {}, name, place),
+    const place = isAllowed(station) ? null : element("span.bad", { title: placeWords(station) }, "⚠");
+    return element(isChosen ? "div.row.chosen" : "div.row", {}, box, element("span.who", {}, name, place),
       element("span.figure", {}, percent(share?.area_percent)), element("span.figure", {}, percent(share?.alone_percent)));
   });
   return rows.length ? [head, rows] : [element("p.soft", {}, "No camera yet: add one below.")];
@@ -90,7 +90,7 @@ function poseSection(session, { view, tools, jobs }) {
     fields.map((field) => field.box.fault),
     warning,
     element("div.buttons", {},
-      button("Aim", () => tools.set("aim"), { title: "then click the point to look at (A)" }),
+      button("Aim", () => tools.set("aim"), { title: "then click the point to look at (I)" }),
       button("Look through", () => view.lookThrough(session.station()), { title: "see the scene from this camera (L)" }),
       button("Refine this camera", () => jobs.start({ kind: "refine", station: session.chosen }), {
         title: "moves and turns it so that the network covers more", kind: "primary",

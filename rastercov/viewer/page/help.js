@@ -20,7 +20,8 @@ const KEYS = [
     ["F", "show everything"], ["P", "floor plan"], ["K", "section"], ["L", "look through the chosen camera"],
     ["Enter", "ask about the face in the middle of the picture"],
     ["N, Shift + N", "next, previous camera"],
-    ["I", "aim: then click a point"], ["R", "measure: click two points"], ["C", "show or hide cameras"], ["T", "transparent occluders"],
+    ["I", "aim: then click a point"], ["R", "measure: click two points"], ["C, G", "show or hide cameras, handles"], ["X", "handles along the camera or the world"],
+    ["T, B", "transparent occluders, faces turned away"], ["O, H", "lines along edges, flat colours"],
     ["Esc", "end a drag or a tool, then let go of the face and the camera"],
   ]],
   ["Everywhere", [
@@ -95,13 +96,14 @@ function nextMode(session, step) {
 function escape(session, tools, navigation) {
   if (navigation.cancel()) return;
   if (tools.tool !== "pick") tools.set("pick");
-  else if (session.face !== null) tools.pickFace(null);
+  else if (session.face !== null || tools.zone) tools.pickFace(null);
   else session.choose(null);
 }
 
 function pictureKey(event, { session, view, navigation, gizmo, tools, bar }) {
   const simple = {
-    f: "Fit", p: "Floor plan", k: "Section", r: "Measure", i: "Aim", c: "Cameras", t: "Transparent occluders",
+    f: "Fit", p: "Floor plan", k: "Section", r: "Measure", i: "Aim", c: "Cameras", g: "Handles", x: "Handles along the camera",
+    t: "Transparent occluders", b: "Leave out faces turned away", o: "Lines along edges", h: "Flat colours",
   };
   const text = simple[event.key.toLowerCase()];
   if (text) {

@@ -6,8 +6,6 @@
  * {move(x, y, event), end(), cancel()}.
  */
 
-import { directionFromCamera } from "rastercov/maths.js";
-
 const CLICK_SLACK = 4; // pixels that a click may move
 const TURN = 0.007; // radians a pixel
 
@@ -37,9 +35,8 @@ export class Navigation {
   }
 
   /** Listener gets (x, y, event) of a click that no tool took; true ends the search for others. */
-  onClick(listener, { isFirst = false } = {}) {
-    if (isFirst) this.#clicks.unshift(listener);
-    else this.#clicks.push(listener);
+  onClick(listener) {
+    this.#clicks.push(listener);
   }
 
   onHover(listener) {
@@ -178,7 +175,3 @@ export class Navigation {
     return true;
   }
 }
-
-/** World directions of the picture's axes: right, down, forward. */
-export const screenAxes = (look) => [[1, 0, 0], [0, 1, 0], [0, 0, 1]].map((axis) => directionFromCamera(look.pose, axis));
-

@@ -6,7 +6,7 @@
  */
 
 import { MESH_STAGES, GROUP, MeshPass } from "rastercov/mesh_pass.js";
-import { add, inCamera, length, multiply, scale, forwardOf, centreOf, subtract } from "rastercov/maths.js";
+import { add, inCamera, multiply, scale, forwardOf, centreOf, subtract } from "rastercov/maths.js";
 import { SKETCH_STAGES, Sketch, SketchPass } from "rastercov/sketch_pass.js";
 import { loadShaders } from "rastercov/shaders.js";
 import { ViewCamera } from "rastercov/view_camera.js";
@@ -270,6 +270,3 @@ function screenOf(clip, point, canvas) {
   if (w <= 1e-9) return null;
   return [((row(0) / w + 1) / 2) * canvas.clientWidth, ((1 - row(4) / w) / 2) * canvas.clientHeight, w];
 }
-
-/** Distance between two places of the canvas, pixels. */
-export const screenDistance = (a, b) => length([a[0] - b[0], a[1] - b[1], 0]);

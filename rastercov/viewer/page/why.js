@@ -68,7 +68,7 @@ function cameraCard(session, view, camera, isOpen) {
       element("button.link", { type: "button", on: { click: (event) => { event.preventDefault(); session.choose(camera.station); } } }, camera.name),
       element("span", {}, ` ${camera.words}`)),
     body,
-    camera.help ? element("p.help", {}, camera.help) : null,
+    camera.help ? element("p.advice", {}, camera.help) : null,
     figures.length ? element("table.figures", {}, figures) : null);
 }
 
@@ -124,5 +124,4 @@ export function zonesPanel(session, tools) {
 
 const zoneRow = (zone, tools) =>
   element("li", {}, element("button.zone", { type: "button", title: "fly there", on: { click: () => tools.showZone(zone) } },
-    element("strong", {}, percent(zone.percent)), element("span", {}, `${squareMetres(zone.area)} of “${zone.group}”`),
-    element("span.soft", {}, zone.words)));
+    element("strong", {}, percent(zone.percent)), element("span", {}, zone.words)));
