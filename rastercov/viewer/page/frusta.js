@@ -14,6 +14,7 @@ export const COLOURS = {
   wrong: [0.85, 0.1, 0.2, 1],
   focus: [0.0, 0.6, 0.55, 1],
 };
+const HALO = [1, 1, 1, 0.45];
 const DARK_ON = [0.72, 0.78, 0.86, 1];
 const MOST_NAMES = 80;
 /** Cameras from which on names keep more distance from each other. */
@@ -84,9 +85,12 @@ export class Frusta {
     const reach = this.depth / Math.max(1, ...rays.map(length)); // wide ones are not larger
     const ends = rays.map((ray) => fromCamera(pose, scale(ray, reach)));
     const centre = centreOf(pose);
-    sketch.path(ends, colour, width, true);
     const quarter = rays.length / 4;
-    for (const corner of [0, 1, 2, 3]) sketch.line(centre, ends[corner * quarter], colour, width);
+    // A pale line below the coloured one keeps it visible on faces of any colour.
+    for (const [tint, wide] of [[HALO, width + 2], [colour, width]]) {
+      sketch.path(ends, tint, wide, true);
+      for (const corner of [0, 1, 2, 3]) sketch.line(centre, ends[corner * quarter], tint, wide);
+    }
     // A mark above the upper border says which way is up in the image.
     const [a, b] = [ends[Math.floor(0.35 * quarter)], ends[Math.ceil(0.65 * quarter)]];
     if (quarter > 3) {
