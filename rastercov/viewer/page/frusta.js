@@ -4,7 +4,19 @@
  * Every frustum is drawn to the same depth, a part of the scene; the chosen one has its names and planes.
  */
 
-import { add, centreOf, column, distance, fromCamera, inCamera, length, mix, radians, scale, sphereAround } from "rastercov/maths.js";
+import {
+  add,
+  centreOf,
+  column,
+  distance,
+  fromCamera,
+  inCamera,
+  length,
+  mix,
+  radians,
+  scale,
+  sphereAround,
+} from "rastercov/maths.js";
 import { element } from "rastercov/dom.js";
 
 export const COLOURS = {
@@ -67,7 +79,13 @@ export class Frusta {
       const isChosen = station.id === this.session.chosen;
       const isWrong = station.place && station.place !== "allowed";
       const plain = isDark ? DARK_ON : COLOURS.on;
-      const colour = !station.is_on ? COLOURS.off : isWrong ? COLOURS.wrong : isChosen ? COLOURS.chosen : plain;
+      const colour = !station.is_on
+        ? COLOURS.off
+        : isWrong
+          ? COLOURS.wrong
+          : isChosen
+            ? COLOURS.chosen
+            : plain;
       // Whoever looks through a camera sees nothing of its own frustum.
       const centre = centreOf(this.session.poseOf(station));
       if (!look.isParallel && distance(centre, centreOf(look.pose)) < 0.02 * this.depth) continue;
@@ -87,7 +105,10 @@ export class Frusta {
     const centre = centreOf(pose);
     const quarter = rays.length / 4;
     // A pale line below the coloured one keeps it visible on faces of any colour.
-    for (const [tint, wide] of [[HALO, width + 2], [colour, width]]) {
+    for (const [tint, wide] of [
+      [HALO, width + 2],
+      [colour, width],
+    ]) {
       sketch.path(ends, tint, wide, true);
       for (const corner of [0, 1, 2, 3]) sketch.line(centre, ends[corner * quarter], tint, wide);
     }
@@ -126,7 +147,11 @@ export class Frusta {
     for (const station of stations.slice(0, MOST_NAMES)) {
       let made = this.names.get(station.id);
       if (!made) {
-        made = element("button.name", { type: "button", tabindex: "-1", on: { click: () => this.session.choose(station.id) } });
+        made = element("button.name", {
+          type: "button",
+          tabindex: "-1",
+          on: { click: () => this.session.choose(station.id) },
+        });
         this.names.set(station.id, made);
         this.overlay.append(made);
       }
@@ -143,13 +168,16 @@ export class Frusta {
     const width = this.view.canvas.clientWidth;
     const stations = this.session.state.stations.slice(0, MOST_NAMES);
     const [wide, high] = this.session.state.stations.length > CROWD ? [130, 46] : [62, 18];
-    const ordered = [...stations].sort((a, b) => (b.id === this.session.chosen) - (a.id === this.session.chosen));
+    const ordered = [...stations].sort(
+      (a, b) => (b.id === this.session.chosen) - (a.id === this.session.chosen),
+    );
     for (const station of ordered) {
       const made = this.names.get(station.id);
       if (!made) continue;
       const at = this.isShown ? look.toScreen(centreOf(this.session.poseOf(station))) : null;
       const isInside = at && at[0] > 0 && at[1] > 0 && at[0] < width && at[1] < this.view.canvas.clientHeight;
-      const isFree = isInside && taken.every(([x, y]) => Math.abs(x - at[0]) > wide || Math.abs(y - at[1]) > high);
+      const isFree =
+        isInside && taken.every(([x, y]) => Math.abs(x - at[0]) > wide || Math.abs(y - at[1]) > high);
       made.hidden = !isFree;
       if (!isFree) continue;
       taken.push(at);
