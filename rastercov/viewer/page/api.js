@@ -129,7 +129,8 @@ export class Recorded {
 
   /** Frame of a mode: of the chosen camera where there is one, "mode:station". */
   async act({ mode, station, action }) {
-    if (action.do !== "none") throw new Refused("this file shows a result; open the plan with rastercov view to change it", 400);
+    if (action.do !== "none")
+      throw new Refused("this file shows a result; open the plan with rastercov view to change it", 400);
     const frame = this.data.frames[`${mode}:${station}`] ?? this.data.frames[mode];
     if (!frame) throw new Refused(`this file has no figures of ${mode}`, 404);
     return { json: { state: this.data.state, ...frame }, payload: bytesOf(frame.levels) };
@@ -142,7 +143,10 @@ export class Recorded {
   async why(face) {
     const figures = Object.entries(this.data.frames).map(([mode, frame]) => {
       const level = atob(frame.levels).charCodeAt(face);
-      return { label: labelOfMode(this.data.scene, mode, this.data.state), value: labelOfLevel(frame, level) };
+      return {
+        label: labelOfMode(this.data.scene, mode, this.data.state),
+        value: labelOfLevel(frame, level),
+      };
     });
     return { face, group: null, area: null, words: "", cameras: [], levels: figures };
   }

@@ -18,11 +18,14 @@ export function topBar(session, { summary, help }) {
   };
   session.on("state", show);
   show(session.state);
-  return element("header.top", {},
+  return element(
+    "header.top",
+    {},
     element("h1", {}, "rastercov ", element("span.soft", {}, session.scene.title), unsaved),
     session.canEdit ? element("div.group", {}, undo, redo, saveMenu(session)) : null,
     summary,
-    button("?", () => help.show(), { title: "keys and mouse (?)", "aria-label": "help" }));
+    button("?", () => help.show(), { title: "keys and mouse (?)", "aria-label": "help" }),
+  );
 }
 
 const SAVES = [
@@ -31,7 +34,9 @@ const SAVES = [
   ["report", "Save report", "page, tables and pictures, into the output folder"],
 ];
 const DOWNLOADS = [
-  ["rig", "Download rig", "rig.json"], ["plan", "Download plan", "plan.toml"], ["page", "Download page (one file, opens without rastercov)", "rastercov.html"],
+  ["rig", "Download rig", "rig.json"],
+  ["plan", "Download plan", "plan.toml"],
+  ["page", "Download page (one file, opens without rastercov)", "rastercov.html"],
 ];
 
 function saveMenu(session) {
@@ -56,12 +61,18 @@ function saveMenu(session) {
       session.emit("fault", error.message);
     }
   };
-  const menu = element("details.menu", {},
+  const menu = element(
+    "details.menu",
+    {},
     element("summary", { title: "Ctrl+S saves the rig" }, "Save"),
-    element("div.items", {},
+    element(
+      "div.items",
+      {},
       SAVES.map(([what, text, title]) => button(text, () => save(what), { title })),
       element("hr"),
-      DOWNLOADS.map(([what, text, name]) => button(text, () => download(what, name)))));
+      DOWNLOADS.map(([what, text, name]) => button(text, () => download(what, name))),
+    ),
+  );
   menu.save = save;
   document.addEventListener("pointerdown", (event) => menu.contains(event.target) || close());
   session.saveRig = () => save("rig");
@@ -71,35 +82,75 @@ function saveMenu(session) {
 /** Tools over the picture. */
 export function toolBar(session, { view, tools, frusta, gizmo }) {
   const fit = button("Fit", () => fitAll(session, view), { title: "show the whole scene (F)" });
-  const plan = toggle("Floor plan", false, (isOn) => {
-    view.camera.setPlan(isOn);
-    if (isOn) view.camera.fit(cameraCentres(session.state), view.aspect());
-    cut.setPlan(isOn);
-    view.request();
-  }, { title: "from above, cut at a height (P)" });
+  const plan = toggle(
+    "Floor plan",
+    false,
+    (isOn) => {
+      view.camera.setPlan(isOn);
+      if (isOn) view.camera.fit(cameraCentres(session.state), view.aspect());
+      cut.setPlan(isOn);
+      view.request();
+    },
+    { title: "from above, cut at a height (P)" },
+  );
   const cut = sectionControls(session, view);
-  const measure = toggle("Measure", false, (isOn) => tools.set(isOn ? "measure" : "pick"), { title: "distance of two points (D)" });
-  const aim = toggle("Aim", false, (isOn) => tools.set(isOn ? "aim" : "pick"), { title: "turn the chosen camera to a point (A)" });
+  const measure = toggle("Measure", false, (isOn) => tools.set(isOn ? "measure" : "pick"), {
+    title: "distance of two points (R)",
+  });
+  const aim = toggle("Aim", false, (isOn) => tools.set(isOn ? "aim" : "pick"), {
+    title: "turn the chosen camera to a point (I)",
+  });
   session.on("tool", (tool) => {
     measure.set(tool === "measure");
     aim.set(tool === "aim");
   });
-  const shows = element("details.menu", {}, element("summary", { title: "what is drawn" }, "Show"),
-    element("div.items", {},
+  const shows = element(
+    "details.menu",
+    {},
+    element("summary", { title: "what is drawn" }, "Show"),
+    element(
+      "div.items",
+      {},
       toggle("Cameras", true, (isOn) => frusta.setShown(isOn), { title: "frusta and names (C)" }),
-      session.canEdit ? toggle("Handles", true, (isOn) => gizmo.setShown(isOn), { title: "arrows and rings of the chosen camera (G)" }) : null,
-      session.canEdit ? toggle("Handles along the camera", false, (isOn) => gizmo.setLocal(isOn), { title: "axes of the camera, not of the world (X)" }) : null,
+      session.canEdit
+        ? toggle("Handles", true, (isOn) => gizmo.setShown(isOn), {
+            title: "arrows and rings of the chosen camera (G)",
+          })
+        : null,
+      session.canEdit
+        ? toggle("Handles along the camera", false, (isOn) => gizmo.setLocal(isOn), {
+            title: "axes of the camera, not of the world (X)",
+          })
+        : null,
       optionToggle(session, view, "Transparent occluders", "isTransparent", "bodies that only hide (T)"),
-      optionToggle(session, view, "Leave out faces turned away", "isCulled", "look into rooms from outside (B)"),
-      optionToggle(session, view, "Lines along edges", "hasEdges", "(E with Alt)"),
-      optionToggle(session, view, "Flat colours", "isFlat", "exactly the colours of the legend")));
+      optionToggle(
+        session,
+        view,
+        "Leave out faces turned away",
+        "isCulled",
+        "look into rooms from outside (B)",
+      ),
+      optionToggle(session, view, "Lines along edges", "hasEdges", "edges of the faces (O)"),
+      optionToggle(
+        session,
+        view,
+        "Flat colours",
+        "isFlat",
+        "exactly the colours of the legend, without light (H)",
+      ),
+    ),
+  );
   document.addEventListener("pointerdown", (event) => shows.contains(event.target) || (shows.open = false));
-  const keys = { f: () => fit.click(), p: () => plan.click(), d: () => measure.click(), a: () => aim.click() };
-  const root = element("div.tools", { role: "toolbar", "aria-label": "View" },
-    fit, plan, cut.root, measure, session.canEdit ? aim : null, shows);
-  root.press = (key) => keys[key]?.();
-  root.toggles = [...shows.querySelectorAll("button")];
-  return root;
+  return element(
+    "div.tools",
+    { role: "toolbar", "aria-label": "View" },
+    fit,
+    plan,
+    cut.root,
+    measure,
+    session.canEdit ? aim : null,
+    shows,
+  );
 }
 
 function optionToggle(session, view, text, name, title) {
@@ -124,26 +175,51 @@ function sectionControls(session, view) {
     height.textContent = metres(low[cut.axis] + cut.at * (high[cut.axis] - low[cut.axis]));
     view.setOption("section", isOn || isPlan ? sectionOf(cut, session.scene.bounds) : null);
   };
-  const place = element("input.place", { type: "range", min: "0", max: "1", step: "0.005", value: "0.6", "aria-label": "place of the section" });
+  const place = element("input.place", {
+    type: "range",
+    min: "0",
+    max: "1",
+    step: "0.005",
+    value: "0.6",
+    "aria-label": "place of the section",
+  });
   place.addEventListener("input", () => {
     cut.at = Number(place.value);
     apply();
   });
-  const axis = choice("axis of the section", [[0, "x"], [1, "y"], [2, "z"]], 2, (value) => {
-    cut.axis = value;
-    apply();
-  });
-  const flip = button("⇄", () => {
-    cut.isFlipped = !cut.isFlipped;
-    apply();
-  }, { title: "the other side", "aria-label": "the other side of the section" });
+  const axis = choice(
+    "axis of the section",
+    [
+      [0, "x"],
+      [1, "y"],
+      [2, "z"],
+    ],
+    2,
+    (value) => {
+      cut.axis = value;
+      apply();
+    },
+  );
+  const flip = button(
+    "⇄",
+    () => {
+      cut.isFlipped = !cut.isFlipped;
+      apply();
+    },
+    { title: "the other side", "aria-label": "the other side of the section" },
+  );
   const height = element("output.soft.height");
   const more = element("span.section-controls", { hidden: true }, axis, place, flip, height);
-  const main = toggle("Section", false, (next) => {
-    isOn = next;
-    more.hidden = !isOn && !isPlan;
-    apply();
-  }, { title: "cut the scene open (K)" });
+  const main = toggle(
+    "Section",
+    false,
+    (next) => {
+      isOn = next;
+      more.hidden = !isOn && !isPlan;
+      apply();
+    },
+    { title: "cut the scene open (K)" },
+  );
   const setPlan = (next) => {
     isPlan = next;
     if (isPlan) {

@@ -1,7 +1,19 @@
 /** Panels "Camera" (what one camera covers) and "Image" (what it sees, and what is sharp). */
 
 import { blurAt } from "rastercov/frusta.js";
-import { button, check, choice, count, cssColour, element, figure, fill, metres, percent, section } from "rastercov/dom.js";
+import {
+  button,
+  check,
+  choice,
+  count,
+  cssColour,
+  element,
+  figure,
+  fill,
+  metres,
+  percent,
+  section,
+} from "rastercov/dom.js";
 import { inCamera } from "rastercov/maths.js";
 import { modeList } from "rastercov/modes.js";
 
@@ -28,21 +40,37 @@ export function cameraPanel(session, view) {
   const show = () => {
     const station = session.station();
     const row = session.figures?.summary.by_camera.find((each) => each.station === station?.id);
-    fill(facts, !station || !row ? [] : [
-      element("dt", {}, "Covers"), element("dd", {}, `${percent(row.area_percent)} of the area, ${count(row.faces)} faces`),
-      element("dt", {}, "Alone"), element("dd", {}, `${percent(row.alone_percent)} that no other camera covers`),
-    ]);
+    fill(
+      facts,
+      !station || !row
+        ? []
+        : [
+            element("dt", {}, "Covers"),
+            element("dd", {}, `${percent(row.area_percent)} of the area, ${count(row.faces)} faces`),
+            element("dt", {}, "Alone"),
+            element("dd", {}, `${percent(row.alone_percent)} that no other camera covers`),
+          ],
+    );
   };
   session.on("frame chosen", show);
   show();
   const modes = modeList(session, "camera");
-  return element("div", {},
+  return element(
+    "div",
+    {},
     section("Coverage of one camera", [
-      stationMenu(session), facts, modes,
-      element("div.buttons", {}, button("Look through", () => session.station() && view.lookThrough(session.station()), {
-        title: "see the scene from this camera (L)",
-      })),
-    ]));
+      stationMenu(session),
+      facts,
+      modes,
+      element(
+        "div.buttons",
+        {},
+        button("Look through", () => session.station() && view.lookThrough(session.station()), {
+          title: "see the scene from this camera (L)",
+        }),
+      ),
+    ]),
+  );
 }
 
 export function imagePanel(session, view, frusta, isVisible) {
@@ -70,7 +98,10 @@ export function imagePanel(session, view, frusta, isVisible) {
       picture.src = URL.createObjectURL(new Blob([payload], { type: "image/png" }));
       picture.alt = `image of ${station.name}: ${json.legend.map((each) => each.label).join(", ")}`;
       caption.textContent = json.title;
-      fill(keys, json.legend.map((each) => element("li", {}, swatch(each), each.label)));
+      fill(
+        keys,
+        json.legend.map((each) => element("li", {}, swatch(each), each.label)),
+      );
       note.textContent = "";
     } catch (error) {
       asked = "";
@@ -94,10 +125,16 @@ export function imagePanel(session, view, frusta, isVisible) {
   };
   session.on("state chosen frame", later);
   session.on("state chosen face poses", showBlur);
-  const panel = element("div", {},
+  const panel = element(
+    "div",
+    {},
     section("Image of the camera", [
       stationMenu(session),
-      isRecorded ? element("p.soft", {}, "This file holds no images.") : element("figure", {}, picture, caption), keys, note,
+      isRecorded
+        ? element("p.soft", {}, "This file holds no images.")
+        : element("figure", {}, picture, caption),
+      keys,
+      note,
     ]),
     section("Sharpness", [
       check("Planes of the depth of field in the scene", frusta.hasFocusPlanes, (isOn) => {
@@ -106,7 +143,8 @@ export function imagePanel(session, view, frusta, isVisible) {
       }),
       blur,
       element("p.soft", {}, "Click on a face for the blur circle at that point."),
-    ]));
+    ]),
+  );
   panel.onShown = show;
   return panel;
 }
@@ -116,6 +154,8 @@ function swatch({ colour, stripe }) {
   const made = element("span.swatch");
   const plain = cssColour(colour);
   const other = stripe ? cssColour(stripe) : plain;
-  made.style.background = stripe ? `repeating-linear-gradient(45deg, ${plain} 0 4px, ${other} 4px 7px)` : plain;
+  made.style.background = stripe
+    ? `repeating-linear-gradient(45deg, ${plain} 0 4px, ${other} 4px 7px)`
+    : plain;
   return made;
 }

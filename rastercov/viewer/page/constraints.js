@@ -7,7 +7,14 @@ import { BOX_EDGES, add, boxCorners, centreOf, distance, moved, subtract } from 
 
 const ALLOWED = [0.1, 0.6, 0.35, 0.8];
 const FORBIDDEN = [0.85, 0.15, 0.2, 0.9];
-const FACES = [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]];
+const FACES = [
+  [0, 1, 3, 2],
+  [4, 5, 7, 6],
+  [0, 1, 5, 4],
+  [2, 3, 7, 6],
+  [0, 2, 6, 4],
+  [1, 3, 7, 5],
+];
 
 /** Whether there is anything to show. */
 export const hasConstraints = (constraints) =>
@@ -15,9 +22,9 @@ export const hasConstraints = (constraints) =>
 
 /** Draws boxes of mounting places in green and keep-outs in red. */
 export function drawConstraints(sketch, constraints) {
-  for (const box of constraints.boxes ?? []) drawBox(sketch, box, ALLOWED, 0.04);
+  for (const box of constraints.boxes ?? []) drawBox(sketch, box, ALLOWED, 0); // no tint over the colours of faces
   for (const part of constraints.keep_out ?? []) {
-    if (part.box) drawBox(sketch, part.box, FORBIDDEN, 0.09);
+    if (part.box) drawBox(sketch, part.box, FORBIDDEN, 0.06);
     else drawBall(sketch, part.centre, part.radius, FORBIDDEN);
   }
 }
@@ -25,7 +32,12 @@ export function drawConstraints(sketch, constraints) {
 function drawBox(sketch, box, colour, opacity) {
   const corners = boxCorners(box);
   for (const [a, b] of BOX_EDGES) sketch.line(corners[a], corners[b], colour, 1.5);
-  for (const face of FACES) sketch.polygon(face.map((at) => corners[at]), [...colour.slice(0, 3), opacity]);
+  if (opacity)
+    for (const face of FACES)
+      sketch.polygon(
+        face.map((at) => corners[at]),
+        [...colour.slice(0, 3), opacity],
+      );
 }
 
 function drawBall(sketch, centre, radius, colour) {
@@ -55,7 +67,9 @@ export function allowedPose(constraints, state, _before, wanted) {
 }
 
 function nearestPlace(boxes, point) {
-  const places = boxes.map(([low, high]) => point.map((x, axis) => Math.min(high[axis], Math.max(low[axis], x))));
+  const places = boxes.map(([low, high]) =>
+    point.map((x, axis) => Math.min(high[axis], Math.max(low[axis], x))),
+  );
   if (!places.length) return point;
   return places.reduce((best, place) => (distance(place, point) < distance(best, point) ? place : best));
 }
@@ -64,4 +78,3 @@ function isInside(part, point) {
   if (part.box) return point.every((x, axis) => x > part.box[0][axis] && x < part.box[1][axis]);
   return distance(point, part.centre) < part.radius;
 }
-

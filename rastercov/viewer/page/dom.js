@@ -88,8 +88,7 @@ export function figure(value, digits = 3) {
 const clampedDecimals = (n) => Math.min(6, Math.max(0, n));
 
 /** Percentage with one decimal. */
-export const percent = (value) =>
-  value === null || value === undefined ? "–" : `${value.toFixed(1)} %`;
+export const percent = (value) => (value === null || value === undefined ? "–" : `${value.toFixed(1)} %`);
 
 /** Whole number with thin spaces between thousands. */
 export const count = (n) => String(n).replace(/\B(?=(\d{3})+(?!\d))/g, "\u2009");

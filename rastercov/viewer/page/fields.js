@@ -15,7 +15,11 @@ import { check, choice, element, figure } from "rastercov/dom.js";
 export function numberBox({ label, value, low = null, high = null, isWhole = false, unit = "" }, onValue) {
   const fault = element("p.fault", { role: "alert", hidden: true });
   const input = element("input.number", {
-    type: "text", inputmode: "decimal", "aria-label": label, autocomplete: "off", value: shown(value),
+    type: "text",
+    inputmode: "decimal",
+    "aria-label": label,
+    autocomplete: "off",
+    value: shown(value),
   });
   const judge = () => {
     const number = Number(input.value.trim().replace(",", "."));
@@ -79,7 +83,12 @@ export function numberField(field, value, onValue) {
   const span = spanOf(field, value);
   const label = field.label ?? labelOf(field.name);
   const slider = element("input", {
-    type: "range", min: "0", max: "1000", step: "any", "aria-label": label, title: field.words ?? "",
+    type: "range",
+    min: "0",
+    max: "1000",
+    step: "any",
+    "aria-label": label,
+    title: field.words ?? "",
   });
   if (span.isWholeSteps) {
     slider.min = span.low;
@@ -106,10 +115,15 @@ export function numberField(field, value, onValue) {
     onValue(fromSlider(), false);
   });
   const optional = field.is_optional
-    ? check("", value !== null, (isOn) => {
-        setEnabled(isOn);
-        onValue(isOn ? fromSlider() : null, false);
-      }, { title: "limit on or off" })
+    ? check(
+        "",
+        value !== null,
+        (isOn) => {
+          setEnabled(isOn);
+          onValue(isOn ? fromSlider() : null, false);
+        },
+        { title: "limit on or off" },
+      )
     : null;
   const setEnabled = (isOn) => {
     slider.disabled = box.input.disabled = !isOn;
@@ -127,10 +141,18 @@ export function numberField(field, value, onValue) {
   set(value ?? null);
   if (value === null || value === undefined) slider.value = toSlider(field.default ?? span.low);
   const root = element(
-    "div.field", { title: field.words ?? "" },
-    element("div.field-head", {}, optional, element("span.field-label", {}, label),
-      box.input, element("span.unit", {}, UNITS[field.unit] ?? field.unit ?? "")),
-    slider, box.fault,
+    "div.field",
+    { title: field.words ?? "" },
+    element(
+      "div.field-head",
+      {},
+      optional,
+      element("span.field-label", {}, label),
+      box.input,
+      element("span.unit", {}, UNITS[field.unit] ?? field.unit ?? ""),
+    ),
+    slider,
+    box.fault,
   );
   return { root, set, slider, input: box.input };
 }
@@ -142,7 +164,8 @@ function spanOf(field, value) {
   const high = field.softHigh ?? field.high ?? Math.max(low + 1, 5 * largest, 10);
   const isLog = field.isLog ?? (low > 0 && high / low > 100);
   return {
-    low, high,
+    low,
+    high,
     isWholeSteps: field.kind === "int" && high - low <= 200,
     at: (t) => (isLog ? low * (high / low) ** t : low + (high - low) * t),
     part: (x) => {
@@ -155,9 +178,19 @@ function spanOf(field, value) {
 const UNITS = { deg: "°" };
 
 const LABELS = {
-  hfov_deg: "Field of view", fx: "Focal length", width: "Image width", f_number: "F-number",
-  focus_near: "Sharp from", focus_far: "Sharp to", near: "Nearest seen", alpha_deg: "Alpha", beta: "Beta",
-  min_pixels_per_m2: "Min pixels per m²", x: "x", y: "y", z: "z",
+  hfov_deg: "Field of view",
+  fx: "Focal length",
+  width: "Image width",
+  f_number: "F-number",
+  focus_near: "Sharp from",
+  focus_far: "Sharp to",
+  near: "Nearest seen",
+  alpha_deg: "Alpha",
+  beta: "Beta",
+  min_pixels_per_m2: "Min pixels per m²",
+  x: "x",
+  y: "y",
+  z: "z",
 };
 
 /** Words for people of a name such as min_pixels. */
@@ -172,8 +205,16 @@ export function control(field, value, onValue) {
   if (field.kind === "choice") {
     const choices = field.choices.map((each) => (Array.isArray(each) ? each : [each, labelOf(each)]));
     const menu = choice(field.label ?? labelOf(field.name), choices, value, (next) => onValue(next, false));
-    const root = element("div.field", { title: field.words ?? "" },
-      element("label.field-head", {}, element("span.field-label", {}, field.label ?? labelOf(field.name)), menu));
+    const root = element(
+      "div.field",
+      { title: field.words ?? "" },
+      element(
+        "label.field-head",
+        {},
+        element("span.field-label", {}, field.label ?? labelOf(field.name)),
+        menu,
+      ),
+    );
     const set = (next) => {
       menu.selectedIndex = choices.findIndex(([key]) => key === next);
     };

@@ -4,7 +4,19 @@
  * Every frustum is drawn to the same depth, a part of the scene; the chosen one has its names and planes.
  */
 
-import { add, centreOf, column, distance, fromCamera, inCamera, length, mix, radians, scale, sphereAround } from "rastercov/maths.js";
+import {
+  add,
+  centreOf,
+  column,
+  distance,
+  fromCamera,
+  inCamera,
+  length,
+  mix,
+  radians,
+  scale,
+  sphereAround,
+} from "rastercov/maths.js";
 import { element } from "rastercov/dom.js";
 
 export const COLOURS = {
@@ -14,6 +26,7 @@ export const COLOURS = {
   wrong: [0.85, 0.1, 0.2, 1],
   focus: [0.0, 0.6, 0.55, 1],
 };
+const HALO = [1, 1, 1, 0.45];
 const DARK_ON = [0.72, 0.78, 0.86, 1];
 const MOST_NAMES = 80;
 /** Cameras from which on names keep more distance from each other. */
@@ -66,7 +79,13 @@ export class Frusta {
       const isChosen = station.id === this.session.chosen;
       const isWrong = station.place && station.place !== "allowed";
       const plain = isDark ? DARK_ON : COLOURS.on;
-      const colour = !station.is_on ? COLOURS.off : isWrong ? COLOURS.wrong : isChosen ? COLOURS.chosen : plain;
+      const colour = !station.is_on
+        ? COLOURS.off
+        : isWrong
+          ? COLOURS.wrong
+          : isChosen
+            ? COLOURS.chosen
+            : plain;
       // Whoever looks through a camera sees nothing of its own frustum.
       const centre = centreOf(this.session.poseOf(station));
       if (!look.isParallel && distance(centre, centreOf(look.pose)) < 0.02 * this.depth) continue;
@@ -84,9 +103,15 @@ export class Frusta {
     const reach = this.depth / Math.max(1, ...rays.map(length)); // wide ones are not larger
     const ends = rays.map((ray) => fromCamera(pose, scale(ray, reach)));
     const centre = centreOf(pose);
-    sketch.path(ends, colour, width, true);
     const quarter = rays.length / 4;
-    for (const corner of [0, 1, 2, 3]) sketch.line(centre, ends[corner * quarter], colour, width);
+    // A pale line below the coloured one keeps it visible on faces of any colour.
+    for (const [tint, wide] of [
+      [HALO, width + 2],
+      [colour, width],
+    ]) {
+      sketch.path(ends, tint, wide, true);
+      for (const corner of [0, 1, 2, 3]) sketch.line(centre, ends[corner * quarter], tint, wide);
+    }
     // A mark above the upper border says which way is up in the image.
     const [a, b] = [ends[Math.floor(0.35 * quarter)], ends[Math.ceil(0.65 * quarter)]];
     if (quarter > 3) {
@@ -122,7 +147,11 @@ export class Frusta {
     for (const station of stations.slice(0, MOST_NAMES)) {
       let made = this.names.get(station.id);
       if (!made) {
-        made = element("button.name", { type: "button", tabindex: "-1", on: { click: () => this.session.choose(station.id) } });
+        made = element("button.name", {
+          type: "button",
+          tabindex: "-1",
+          on: { click: () => this.session.choose(station.id) },
+        });
         this.names.set(station.id, made);
         this.overlay.append(made);
       }
@@ -139,13 +168,16 @@ export class Frusta {
     const width = this.view.canvas.clientWidth;
     const stations = this.session.state.stations.slice(0, MOST_NAMES);
     const [wide, high] = this.session.state.stations.length > CROWD ? [130, 46] : [62, 18];
-    const ordered = [...stations].sort((a, b) => (b.id === this.session.chosen) - (a.id === this.session.chosen));
+    const ordered = [...stations].sort(
+      (a, b) => (b.id === this.session.chosen) - (a.id === this.session.chosen),
+    );
     for (const station of ordered) {
       const made = this.names.get(station.id);
       if (!made) continue;
       const at = this.isShown ? look.toScreen(centreOf(this.session.poseOf(station))) : null;
       const isInside = at && at[0] > 0 && at[1] > 0 && at[0] < width && at[1] < this.view.canvas.clientHeight;
-      const isFree = isInside && taken.every(([x, y]) => Math.abs(x - at[0]) > wide || Math.abs(y - at[1]) > high);
+      const isFree =
+        isInside && taken.every(([x, y]) => Math.abs(x - at[0]) > wide || Math.abs(y - at[1]) > high);
       made.hidden = !isFree;
       if (!isFree) continue;
       taken.push(at);

@@ -7,7 +7,18 @@
  */
 
 import {
-  add, centreOf, column, cross, directionFromCamera, dot, length, moved, scale, subtract, turned, unit,
+  add,
+  centreOf,
+  column,
+  cross,
+  directionFromCamera,
+  dot,
+  length,
+  moved,
+  scale,
+  subtract,
+  turned,
+  unit,
 } from "rastercov/maths.js";
 import { allowedPose } from "rastercov/constraints.js";
 
@@ -15,8 +26,16 @@ const ARM = 84; // pixels
 const RING = 62;
 const REACH = 9; // pixels from a handle that take it
 const SEGMENTS = 48;
-const AXES = [[1, 0, 0], [0, 1, 0], [0, 0, 1]];
-const TINTS = [[0.9, 0.25, 0.27, 1], [0.2, 0.65, 0.25, 1], [0.18, 0.45, 0.95, 1]];
+const AXES = [
+  [1, 0, 0],
+  [0, 1, 0],
+  [0, 0, 1],
+];
+const TINTS = [
+  [0.9, 0.25, 0.27, 1],
+  [0.2, 0.65, 0.25, 1],
+  [0.18, 0.45, 0.95, 1],
+];
 const TAKEN = [1, 0.75, 0.1, 1];
 const NUDGE = 0.004; // of the scene's size, a key
 const TURN_STEP = (2 * Math.PI) / 180;
@@ -74,8 +93,16 @@ export class Gizmo {
       });
       handles.push({ kind: "ring", at, axis, points });
     });
-    const [right, down] = [[1, 0, 0], [0, 1, 0]].map((axis) => scale(directionFromCamera(look.pose, axis), 9 * pixel));
-    const square = [[-1, -1], [1, -1], [1, 1], [-1, 1]].map(([x, y]) => add(centre, add(scale(right, x), scale(down, y))));
+    const [right, down] = [
+      [1, 0, 0],
+      [0, 1, 0],
+    ].map((axis) => scale(directionFromCamera(look.pose, axis), 9 * pixel));
+    const square = [
+      [-1, -1],
+      [1, -1],
+      [1, 1],
+      [-1, 1],
+    ].map(([x, y]) => add(centre, add(scale(right, x), scale(down, y))));
     handles.push({ kind: "plane", at: 3, axis: null, points: square });
     return handles;
   }
@@ -127,7 +154,8 @@ export class Gizmo {
         const middle = [0, 1].map((k) => (places[0][k] + places[2][k]) / 2);
         away = Math.max(Math.abs(x - middle[0]), Math.abs(y - middle[1])) < 11 ? 0 : Infinity;
       } else {
-        for (let k = 1; k < places.length; k++) away = Math.min(away, toSegment([x, y], places[k - 1], places[k]));
+        for (let k = 1; k < places.length; k++)
+          away = Math.min(away, toSegment([x, y], places[k - 1], places[k]));
         if (handle.kind === "ring") away += 1; // an arrow goes before a ring
       }
       if (away < REACH && (!best || away < best.away)) best = { ...handle, away };
@@ -160,7 +188,8 @@ export class Gizmo {
     return {
       move: (nowX, nowY, event) => {
         const wanted = follow(nowX, nowY, event.ctrlKey);
-        pose = wanted && (allowedPose(this.session.scene.constraints, this.session.state, pose, wanted) ?? pose);
+        pose =
+          wanted && (allowedPose(this.session.scene.constraints, this.session.state, pose, wanted) ?? pose);
         if (pose !== start) this.session.act({ do: "pose", station: station.id, pose }, { isDrag: true });
       },
       end: () => finish(pose),
@@ -199,7 +228,14 @@ export class Gizmo {
   key(event) {
     const { station } = this;
     if (!station) return false;
-    const keys = { ArrowLeft: [-1, 0, 0], ArrowRight: [1, 0, 0], ArrowUp: [0, 1, 0], ArrowDown: [0, -1, 0], PageUp: [0, 0, 1], PageDown: [0, 0, -1] };
+    const keys = {
+      ArrowLeft: [-1, 0, 0],
+      ArrowRight: [1, 0, 0],
+      ArrowUp: [0, 1, 0],
+      ArrowDown: [0, -1, 0],
+      PageUp: [0, 0, 1],
+      PageDown: [0, 0, -1],
+    };
     const step = keys[event.key];
     if (!step) return false;
     const pose = this.session.poseOf(station);
@@ -213,7 +249,9 @@ export class Gizmo {
       wanted = turned(wanted, column(wanted, 2), step[2] * angle);
     } else {
       const size = NUDGE * fine * length(subtract(bounds[1], bounds[0]));
-      const right = unit(subtract(column(this.view.look().pose, 0), scale(up, dot(column(this.view.look().pose, 0), up))));
+      const right = unit(
+        subtract(column(this.view.look().pose, 0), scale(up, dot(column(this.view.look().pose, 0), up))),
+      );
       const ahead = cross(up, right);
       const by = [scale(right, step[0]), scale(ahead, step[1]), scale(up, step[2])].reduce(add);
       wanted = moved(pose, scale(by, size));

@@ -22,12 +22,18 @@ import { radians } from "rastercov/maths.js";
 export function testHandle(session, view, tools, frusta, gizmo) {
   const whenIdle = async () => {
     do {
-      if (!session.isIdle && session.isConnected) await new Promise((resolve) => once(session, "idle connection", resolve));
+      if (!session.isIdle && session.isConnected)
+        await new Promise((resolve) => once(session, "idle connection", resolve));
       await view.whenDrawn();
     } while (!session.isIdle && session.isConnected);
   };
   return {
-    session, view, tools, frusta, gizmo, whenIdle,
+    session,
+    view,
+    tools,
+    frusta,
+    gizmo,
+    whenIdle,
     pick: (x, y) => view.pick(x, y),
     readPixel: (x, y, isWhole = false) => view.readPixel(x, y, isWhole),
     levels: () => [...session.levels],

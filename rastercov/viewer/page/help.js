@@ -3,39 +3,80 @@
 import { button, element } from "rastercov/dom.js";
 
 const KEYS = [
-  ["Mouse", [
-    ["drag", "turn the view (floor plan: move it)"],
-    ["right drag, middle drag, Shift + drag", "move the view"],
-    ["wheel", "nearer or farther, towards the pointer"],
-    ["double click", "fly to the point"],
-    ["click on a face", "why it is covered or not"],
-    ["click on a camera or its name", "choose it"],
-    ["drag an arrow, a ring, the square", "move or turn the chosen camera; Ctrl: steps of 15°; Esc: back"],
-  ]],
-  ["Keys over the picture", [
-    ["arrows, Page Up, Page Down", "move the chosen camera (Shift: finely); without one, turn the view"],
-    ["Alt + arrows, Alt + Page", "turn and roll the chosen camera"],
-    ["W S A D, Q E", "walk, down and up"],
-    ["+ −", "nearer, farther"],
-    ["F", "show everything"], ["P", "floor plan"], ["K", "section"], ["L", "look through the chosen camera"],
-    ["Enter", "ask about the face in the middle of the picture"],
-    ["N, Shift + N", "next, previous camera"],
-    ["I", "aim: then click a point"], ["R", "measure: click two points"], ["C", "show or hide cameras"], ["T", "transparent occluders"],
-    ["Esc", "end a drag or a tool, then let go of the face and the camera"],
-  ]],
-  ["Everywhere", [
-    ["Ctrl + Z, Ctrl + Shift + Z", "undo, redo"], ["Ctrl + S", "save the rig"], ["Ctrl + D", "duplicate the chosen camera"],
-    ["Delete", "delete the chosen camera (over the picture)"], ["1 to 5", "panels"], ["M", "next colours"], ["?", "this help"],
-  ]],
+  [
+    "Mouse",
+    [
+      ["drag", "turn the view (floor plan: move it)"],
+      ["right drag, middle drag, Shift + drag", "move the view"],
+      ["wheel", "nearer or farther, towards the pointer"],
+      ["double click", "fly to the point"],
+      ["click on a face", "why it is covered or not"],
+      ["click on a camera or its name", "choose it"],
+      ["drag an arrow, a ring, the square", "move or turn the chosen camera; Ctrl: steps of 15°; Esc: back"],
+    ],
+  ],
+  [
+    "Keys over the picture",
+    [
+      ["arrows, Page Up, Page Down", "move the chosen camera (Shift: finely); without one, turn the view"],
+      ["Alt + arrows, Alt + Page", "turn and roll the chosen camera"],
+      ["W S A D, Q E", "walk, down and up"],
+      ["+ −", "nearer, farther"],
+      ["F", "show everything"],
+      ["P", "floor plan"],
+      ["K", "section"],
+      ["L", "look through the chosen camera"],
+      ["Enter", "ask about the face in the middle of the picture"],
+      ["N, Shift + N", "next, previous camera"],
+      ["I", "aim: then click a point"],
+      ["R", "measure: click two points"],
+      ["C, G", "show or hide cameras, handles"],
+      ["X", "handles along the camera or the world"],
+      ["T, B", "transparent occluders, faces turned away"],
+      ["O, H", "lines along edges, flat colours"],
+      ["Esc", "end a drag or a tool, then let go of the face and the camera"],
+    ],
+  ],
+  [
+    "Everywhere",
+    [
+      ["Ctrl + Z, Ctrl + Shift + Z", "undo, redo"],
+      ["Ctrl + S", "save the rig"],
+      ["Ctrl + D", "duplicate the chosen camera"],
+      ["Delete", "delete the chosen camera (over the picture)"],
+      ["1 to 5", "panels"],
+      ["M", "next colours"],
+      ["?", "this help"],
+    ],
+  ],
 ];
 
 export function helpOverlay() {
   const dialog = element("dialog.help", { "aria-label": "Keys and mouse" });
   dialog.append(
-    element("header", {}, element("h2", {}, "Keys and mouse"), button("Close", () => dialog.close())),
-    element("div.columns", {}, KEYS.map(([title, rows]) =>
-      element("section", {}, element("h3", {}, title),
-        element("dl", {}, rows.map(([key, words]) => [element("dt", {}, key), element("dd", {}, words)]))))));
+    element(
+      "header",
+      {},
+      element("h2", {}, "Keys and mouse"),
+      button("Close", () => dialog.close()),
+    ),
+    element(
+      "div.columns",
+      {},
+      KEYS.map(([title, rows]) =>
+        element(
+          "section",
+          {},
+          element("h3", {}, title),
+          element(
+            "dl",
+            {},
+            rows.map(([key, words]) => [element("dt", {}, key), element("dd", {}, words)]),
+          ),
+        ),
+      ),
+    ),
+  );
   dialog.show = () => dialog.showModal();
   return dialog;
 }
@@ -50,7 +91,9 @@ export function listenToKeys({ session, view, navigation, gizmo, tools, bar, tab
   document.addEventListener("keydown", (event) => {
     if (document.querySelector("dialog[open]")) return;
     const target = event.target;
-    const isTyping = target.matches?.("input:not([type=checkbox]):not([type=radio]):not([type=range]), textarea, select");
+    const isTyping = target.matches?.(
+      "input:not([type=checkbox]):not([type=radio]):not([type=range]), textarea, select",
+    );
     if (event.ctrlKey || event.metaKey) {
       if (!isTyping && control(event, session)) event.preventDefault();
       return;
@@ -59,7 +102,8 @@ export function listenToKeys({ session, view, navigation, gizmo, tools, bar, tab
     // Without any focus keys are meant for the picture, too.
     const isPicture = target === view.canvas || target === document.body;
     const isUsed = isPicture ? pictureKey(event, { session, view, navigation, gizmo, tools, bar }) : false;
-    if (isUsed || pageKey(event, { session, tabs, help, tools, navigation, isPicture })) event.preventDefault();
+    if (isUsed || pageKey(event, { session, tabs, help, tools, navigation, isPicture }))
+      event.preventDefault();
   });
   document.addEventListener("keyup", () => gizmo.endKeys());
   window.addEventListener("blur", () => gizmo.endKeys());
@@ -95,13 +139,24 @@ function nextMode(session, step) {
 function escape(session, tools, navigation) {
   if (navigation.cancel()) return;
   if (tools.tool !== "pick") tools.set("pick");
-  else if (session.face !== null) tools.pickFace(null);
+  else if (session.face !== null || tools.zone) tools.pickFace(null);
   else session.choose(null);
 }
 
 function pictureKey(event, { session, view, navigation, gizmo, tools, bar }) {
   const simple = {
-    f: "Fit", p: "Floor plan", k: "Section", r: "Measure", i: "Aim", c: "Cameras", t: "Transparent occluders",
+    f: "Fit",
+    p: "Floor plan",
+    k: "Section",
+    r: "Measure",
+    i: "Aim",
+    c: "Cameras",
+    g: "Handles",
+    x: "Handles along the camera",
+    t: "Transparent occluders",
+    b: "Leave out faces turned away",
+    o: "Lines along edges",
+    h: "Flat colours",
   };
   const text = simple[event.key.toLowerCase()];
   if (text) {

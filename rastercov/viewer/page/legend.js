@@ -9,26 +9,46 @@ export function legend(session) {
   const ramp = element("canvas.ramp", { width: 256, height: 1, hidden: true });
   const ends = element("div.ends", { hidden: true });
   const choices = session.scene.modes.map((mode) => [mode.id, mode.label]);
-  const menu = choice("Colour by", choices, session.mode, (id) => session.setMode(id), { title: "what the colours mean (M: next)" });
+  const menu = choice("Colour by", choices, session.mode, (id) => session.setMode(id), {
+    title: "what the colours mean (M: next)",
+  });
   session.on("mode", () => (menu.value = session.mode));
   session.on("frame", (figures) => {
-    fill(entries, (figures.legend ?? []).map((each) => legendEntry(each)));
+    fill(
+      entries,
+      (figures.legend ?? []).map((each) => legendEntry(each)),
+    );
     showScale(session, figures.scale, ramp, ends);
   });
-  const folded = button("–", () => {
-    const isFolded = root.classList.toggle("folded");
-    folded.textContent = isFolded ? "+" : "–";
-  }, { title: "fold the legend", kind: "quiet", "aria-label": "fold the legend" });
-  const root = element("section.legend", { "aria-label": "Legend" },
-    element("header", {}, element("label", {}, "Colour ", menu), folded), ramp, ends, entries);
+  const folded = button(
+    "–",
+    () => {
+      const isFolded = root.classList.toggle("folded");
+      folded.textContent = isFolded ? "+" : "–";
+    },
+    { title: "fold the legend", kind: "quiet", "aria-label": "fold the legend" },
+  );
+  const root = element(
+    "section.legend",
+    { "aria-label": "Legend" },
+    element("header", {}, element("label", {}, "Colour ", menu), folded),
+    ramp,
+    ends,
+    entries,
+  );
   return root;
 }
 
 function legendEntry({ label, colour, percent: share, level }) {
   const swatch = element("span.swatch", { "data-level": String(level) });
   swatch.style.backgroundColor = cssColour(colour);
-  return element("li", {}, swatch, element("span", {}, label),
-    share === null || share === undefined ? null : element("span.figure", {}, percent(share)));
+  return element(
+    "li",
+    {},
+    swatch,
+    element("span", {}, label),
+    share === null || share === undefined ? null : element("span.figure", {}, percent(share)),
+  );
 }
 
 /** Ramp of a scale, in the very colours of the palette. */
@@ -43,7 +63,12 @@ function showScale(session, scale, ramp, ends) {
   }
   context.putImageData(row, 0, 0);
   const middle = scale.is_log ? Math.sqrt(scale.low * scale.high) : (scale.low + scale.high) / 2;
-  fill(ends, [figure(scale.low), figure(middle), `${figure(scale.high)} ${scale.unit ?? ""}`].map((text) => element("span", {}, text)));
+  fill(
+    ends,
+    [figure(scale.low), figure(middle), `${figure(scale.high)} ${scale.unit ?? ""}`].map((text) =>
+      element("span", {}, text),
+    ),
+  );
 }
 
 /** Covered part, always in sight, with the change since the page was opened. */
@@ -54,12 +79,21 @@ export function summary(session) {
   const timing = element("span.soft.timing");
   let first = null;
   let timer = 0;
-  const root = element("div.summary", { role: "status", "aria-label": "Coverage" }, element("span", {}, "Covered"), main, change, rest, timing);
+  const root = element(
+    "div.summary",
+    { role: "status", "aria-label": "Coverage" },
+    element("span", {}, "Covered"),
+    main,
+    change,
+    rest,
+    timing,
+  );
   session.on("busy", () => {
     clearTimeout(timer);
     timer = setTimeout(() => {
       root.classList.add("busy");
-      if (first === null) rest.textContent = "measuring… (the first time, loops are compiled: a minute or two)";
+      if (first === null)
+        rest.textContent = "measuring… (the first time, loops are compiled: a minute or two)";
     }, BUSY_AFTER);
   });
   session.on("idle", () => {
@@ -75,7 +109,8 @@ export function summary(session) {
     change.className = `change ${by > 0 ? "up" : "down"}`;
     change.title = "points since this page was opened";
     const exact = now.exact_area_percent;
-    rest.textContent = `of the area, ${percent(covered.percent)} of ${count(now.task_faces)} faces` +
+    rest.textContent =
+      `of the area, ${percent(covered.percent)} of ${count(now.task_faces)} faces` +
       (exact === null || exact === undefined ? "" : `, exact area ${exact.toFixed(2)} %`);
     const took = now.cpu_ms ?? cpu;
     timing.textContent = took === undefined || took === null ? "" : `${figure(took, 2)} ms`;

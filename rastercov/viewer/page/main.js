@@ -45,23 +45,35 @@ async function open() {
   const lines = messages(session);
   let isImageShown = () => false;
   const image = imagePanel(session, view, frusta, () => isImageShown());
-  const panels = tabs([
-    ["Object", objectPanel(session, view, shown)],
-    ["Cameras", camerasPanel(session, { view, tools, jobs })],
-    ["Camera", cameraPanel(session, view)],
-    ["Image", image],
-    ["Network", networkPanel(session, jobs)],
-  ], 1);
+  const panels = tabs(
+    [
+      ["Object", objectPanel(session, view, shown)],
+      ["Cameras", camerasPanel(session, { view, tools, jobs })],
+      ["Camera", cameraPanel(session, view)],
+      ["Image", image],
+      ["Network", networkPanel(session, jobs)],
+    ],
+    1,
+  );
   isImageShown = () => panels.isShown("Image");
 
   document.body.replaceChildren(
     topBar(session, { summary: summary(session), help }),
     connectionBanner(session),
-    element("main", {},
+    element(
+      "main",
+      {},
       element("aside.left", { "aria-label": "Panels" }, panels.root),
       element("div.stage", {}, canvas, overlay, bar, legend(session), jobs.root, lines),
-      element("aside.right", { "aria-label": "Why" }, section("Why", [whyPanel(session, view)]), zonesPanel(session, tools))),
-    help);
+      element(
+        "aside.right",
+        { "aria-label": "Why" },
+        section("Why", [whyPanel(session, view)]),
+        zonesPanel(session, tools),
+      ),
+    ),
+    help,
+  );
 
   await view.open();
   listenToKeys({ session, view, navigation, gizmo, tools, bar, tabs: panels, help });
@@ -74,8 +86,9 @@ async function open() {
 
 open().catch((error) => {
   console.error(error);
-  const wanted = error.status === 403
-    ? "This address has no valid key. Open the one that rastercov printed: it ends in # and the key."
-    : `The page could not be opened: ${error.message}`;
+  const wanted =
+    error.status === 403
+      ? "This address has no valid key. Open the one that rastercov printed: it ends in # and the key."
+      : `The page could not be opened: ${error.message}`;
   document.body.replaceChildren(element("p.failed", { role: "alert" }, wanted));
 });

@@ -51,10 +51,10 @@ export function multiply(a, b) {
 
 /** Pose (world_from_camera) with the given axes, each of length 1, and centre. */
 export const poseOf = (right, down, forward, centre) => [
-  right[0], down[0], forward[0], centre[0],
-  right[1], down[1], forward[1], centre[1],
-  right[2], down[2], forward[2], centre[2],
-  0, 0, 0, 1,
+  ...[right[0], down[0], forward[0], centre[0]],
+  ...[right[1], down[1], forward[1], centre[1]],
+  ...[right[2], down[2], forward[2], centre[2]],
+  ...[0, 0, 0, 1],
 ];
 
 /** Column of a pose: 0 right, 1 down, 2 forward, 3 centre. */
@@ -157,18 +157,18 @@ export function poseFromAngles(heading, elevation, roll, up, centre) {
  * @param {number} far depth of the far plane, metres
  */
 export const perspective = (slopeX, slopeY, near, far) => [
-  1 / slopeX, 0, 0, 0,
-  0, -1 / slopeY, 0, 0,
-  0, 0, (far + near) / (far - near), (-2 * far * near) / (far - near),
-  0, 0, 1, 0,
+  ...[1 / slopeX, 0, 0, 0],
+  ...[0, -1 / slopeY, 0, 0],
+  ...[0, 0, (far + near) / (far - near), (-2 * far * near) / (far - near)],
+  ...[0, 0, 1, 0],
 ];
 
 /** Clip space from camera axes, of a parallel projection; half sides in metres. */
 export const parallel = (halfWidth, halfHeight, near, far) => [
-  1 / halfWidth, 0, 0, 0,
-  0, -1 / halfHeight, 0, 0,
-  0, 0, 2 / (far - near), -(far + near) / (far - near),
-  0, 0, 0, 1,
+  ...[1 / halfWidth, 0, 0, 0],
+  ...[0, -1 / halfHeight, 0, 0],
+  ...[0, 0, 2 / (far - near), -(far + near) / (far - near)],
+  ...[0, 0, 0, 1],
 ];
 
 /** The eight corners of a box [[x, y, z], [x, y, z]]. */

@@ -150,7 +150,9 @@ export class MeshPass {
 function table(gl, n, format) {
   const rows = Math.max(1, Math.ceil(n / TEXELS_A_ROW));
   if (rows > gl.getParameter(gl.MAX_TEXTURE_SIZE)) {
-    throw new Error(`this device shows at most ${TEXELS_A_ROW * gl.getParameter(gl.MAX_TEXTURE_SIZE)} faces, not ${n}`);
+    throw new Error(
+      `this device shows at most ${TEXELS_A_ROW * gl.getParameter(gl.MAX_TEXTURE_SIZE)} faces, not ${n}`,
+    );
   }
   const texture = gl.createTexture();
   gl.bindTexture(gl.TEXTURE_2D, texture);

@@ -16,8 +16,12 @@ export function modeList(session, panel) {
     const radio = element("input", { type: "radio", name: `mode-${panel}`, value: mode.id });
     radio.addEventListener("change", () => session.setMode(mode.id));
     const options = element("div.options");
-    const row = element("div.mode", {},
-      element("label.check", { title: mode.words ?? "" }, radio, element("span", {}, mode.label)), options);
+    const row = element(
+      "div.mode",
+      {},
+      element("label.check", { title: mode.words ?? "" }, radio, element("span", {}, mode.label)),
+      options,
+    );
     return { mode, radio, options, row };
   });
   root.append(...rows.map(({ row }) => row));

@@ -6,8 +6,6 @@
  * {move(x, y, event), end(), cancel()}.
  */
 
-import { directionFromCamera } from "rastercov/maths.js";
-
 const CLICK_SLACK = 4; // pixels that a click may move
 const TURN = 0.007; // radians a pixel
 
@@ -37,9 +35,8 @@ export class Navigation {
   }
 
   /** Listener gets (x, y, event) of a click that no tool took; true ends the search for others. */
-  onClick(listener, { isFirst = false } = {}) {
-    if (isFirst) this.#clicks.unshift(listener);
-    else this.#clicks.push(listener);
+  onClick(listener) {
+    this.#clicks.push(listener);
   }
 
   onHover(listener) {
@@ -67,7 +64,8 @@ export class Navigation {
       this.#gesture = this.#pinch();
       return;
     }
-    const claimed = event.button === 0 && !event.shiftKey && this.#claims.map((each) => each(x, y, event)).find(Boolean);
+    const claimed =
+      event.button === 0 && !event.shiftKey && this.#claims.map((each) => each(x, y, event)).find(Boolean);
     this.#gesture = claimed || this.#turnOrPan(event, x, y);
   }
 
@@ -139,7 +137,9 @@ export class Navigation {
   /** World point under the pointer; one pick for a series of turns of the wheel. */
   #anchor(event) {
     const now = performance.now();
-    const isSeries = this.wheeled && now - this.wheeled.time < 300 &&
+    const isSeries =
+      this.wheeled &&
+      now - this.wheeled.time < 300 &&
       Math.hypot(this.wheeled.x - event.offsetX, this.wheeled.y - event.offsetY) < 6;
     const point = isSeries ? this.wheeled.point : this.view.pick(event.offsetX, event.offsetY)?.point;
     this.wheeled = { time: now, x: event.offsetX, y: event.offsetY, point };
@@ -158,7 +158,12 @@ export class Navigation {
     const { camera } = this.view;
     const step = event.shiftKey ? 0.02 : 0.1;
     const steps = {
-      w: [0, 0, 1], s: [0, 0, -1], a: [-1, 0, 0], d: [1, 0, 0], q: [0, 1, 0], e: [0, -1, 0],
+      w: [0, 0, 1],
+      s: [0, 0, -1],
+      a: [-1, 0, 0],
+      d: [1, 0, 0],
+      q: [0, 1, 0],
+      e: [0, -1, 0],
     };
     const turns = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
     if (steps[event.key.toLowerCase()]) {
@@ -178,7 +183,3 @@ export class Navigation {
     return true;
   }
 }
-
-/** World directions of the picture's axes: right, down, forward. */
-export const screenAxes = (look) => [[1, 0, 0], [0, 1, 0], [0, 0, 1]].map((axis) => directionFromCamera(look.pose, axis));
-

@@ -6,16 +6,26 @@ import { modeList } from "rastercov/modes.js";
 
 export function networkPanel(session, jobs) {
   const modes = modeList(session, "network");
-  return element("div", {},
+  return element(
+    "div",
+    {},
     section("All cameras together", [modes, reasons(session)]),
     session.canEdit ? section("What counts as covered", [thresholds(session)]) : null,
-    session.canEdit ? section("Exact area", [exactArea(session, jobs)]) : null);
+    session.canEdit ? section("Exact area", [exactArea(session, jobs)]) : null,
+  );
 }
 
 const REASON_WORDS = {
-  occluded: "hidden", outside: "outside every image", back_facing: "seen from behind", too_coarse: "too coarse",
-  out_of_focus: "out of focus", too_oblique: "too oblique", too_few_views: "too few views",
-  unsampled: "too small", degenerate: "no area", no_cameras: "no camera",
+  occluded: "hidden",
+  outside: "outside every image",
+  back_facing: "seen from behind",
+  too_coarse: "too coarse",
+  out_of_focus: "out of focus",
+  too_oblique: "too oblique",
+  too_few_views: "too few views",
+  unsampled: "too small",
+  degenerate: "no area",
+  no_cameras: "no camera",
 };
 
 /** Table of what is not covered, by reason. */
@@ -23,12 +33,21 @@ function reasons(session) {
   const table = element("table.reasons");
   const show = () => {
     const because = Object.entries(session.figures?.summary.not_covered_because ?? {});
-    const rows = because.filter(([, row]) => row.faces > 0).sort((a, b) => b[1].area_percent - a[1].area_percent);
-    fill(table,
+    const rows = because
+      .filter(([, row]) => row.faces > 0)
+      .sort((a, b) => b[1].area_percent - a[1].area_percent);
+    fill(
+      table,
       element("caption", {}, rows.length ? "Not covered, of the area" : ""),
-      rows.map(([name, row]) => element("tr", {},
-        element("th", { scope: "row" }, REASON_WORDS[name] ?? name.replaceAll("_", " ")),
-        element("td", {}, percent(row.area_percent)))));
+      rows.map(([name, row]) =>
+        element(
+          "tr",
+          {},
+          element("th", { scope: "row" }, REASON_WORDS[name] ?? name.replaceAll("_", " ")),
+          element("td", {}, percent(row.area_percent)),
+        ),
+      ),
+    );
   };
   session.on("frame", show);
   show();
@@ -46,19 +65,32 @@ function thresholds(session) {
   session.on("state", (state) => {
     for (const { field, control: made } of controls) made.set(state.task[field.name] ?? null);
   });
-  return element("div", {}, controls.map(({ control: made }) => made.root));
+  return element(
+    "div",
+    {},
+    controls.map(({ control: made }) => made.root),
+  );
 }
 
 function exactArea(session, jobs) {
   const words = element("p");
   const show = () => {
     const exact = session.figures?.summary.exact_area_percent;
-    words.textContent = exact === null || exact === undefined
-      ? "Faces count wholly or not at all above. The exact area counts each point of the surface."
-      : `The cameras cover ${exact.toFixed(2)} % of the area, point by point.`;
+    words.textContent =
+      exact === null || exact === undefined
+        ? "Faces count wholly or not at all above. The exact area counts each point of the surface."
+        : `The cameras cover ${exact.toFixed(2)} % of the area, point by point.`;
   };
   session.on("frame", show);
   show();
-  return element("div", {}, words,
-    element("div.buttons", {}, button("Compute exact area", () => jobs.start({ kind: "area" }), { title: "may take a while" })));
+  return element(
+    "div",
+    {},
+    words,
+    element(
+      "div.buttons",
+      {},
+      button("Compute exact area", () => jobs.start({ kind: "area" }), { title: "may take a while" }),
+    ),
+  );
 }

@@ -9,25 +9,45 @@ const ROLES = { task: "to be covered", occluder: "only hides", target: "target" 
 export function objectPanel(session, view, shown) {
   const { scene } = session;
   const sides = [0, 1, 2].map((axis) => metres(scene.bounds[1][axis] - scene.bounds[0][axis]));
-  const facts = element("dl.facts", {},
-    element("dt", {}, "Faces"), element("dd", {}, count(scene.n_faces)),
-    element("dt", {}, "Vertices"), element("dd", {}, count(scene.n_vertices)),
-    element("dt", {}, "Size"), element("dd", {}, sides.join(" × ")),
-    scene.result ? [element("dt", {}, "Result"), element("dd", {}, scene.result.words)] : null);
+  const facts = element(
+    "dl.facts",
+    {},
+    element("dt", {}, "Faces"),
+    element("dd", {}, count(scene.n_faces)),
+    element("dt", {}, "Vertices"),
+    element("dd", {}, count(scene.n_vertices)),
+    element("dt", {}, "Size"),
+    element("dd", {}, sides.join(" × ")),
+    scene.result ? [element("dt", {}, "Result"), element("dd", {}, scene.result.words)] : null,
+  );
   const groups = scene.groups.map((group, at) =>
-    element("li", {},
-      check(group.name || `group ${at}`, true, (isOn) => {
-        if (isOn) view.hiddenGroups.delete(at);
-        else view.hiddenGroups.add(at);
-        view.showGroups();
-      }, { title: "show or hide" }),
-      element("span.soft", {}, `${ROLES[group.role] ?? group.role}, ${count(group.faces)} faces`)));
+    element(
+      "li",
+      {},
+      check(
+        group.name || `group ${at}`,
+        true,
+        (isOn) => {
+          if (isOn) view.hiddenGroups.delete(at);
+          else view.hiddenGroups.add(at);
+          view.showGroups();
+        },
+        { title: "show or hide" },
+      ),
+      element("span.soft", {}, `${ROLES[group.role] ?? group.role}, ${count(group.faces)} faces`),
+    ),
+  );
   const modes = modeList(session, "object");
-  return element("div", {},
+  return element(
+    "div",
+    {},
     section(scene.title, [facts]),
     section("Groups", [element("ul.plain", {}, groups)]),
     modes ? section("Segmentation", [modes]) : null,
-    hasConstraints(scene.constraints) ? section("Constraints", constraintControls(session, view, shown)) : null);
+    hasConstraints(scene.constraints)
+      ? section("Constraints", constraintControls(session, view, shown))
+      : null,
+  );
 }
 
 function constraintControls(session, view, shown) {
@@ -50,6 +70,10 @@ function constraintControls(session, view, shown) {
       view.request();
     }),
     kept,
-    element("ul.plain.soft", {}, words.map((text) => element("li", {}, text))),
+    element(
+      "ul.plain.soft",
+      {},
+      words.map((text) => element("li", {}, text)),
+    ),
   ];
 }

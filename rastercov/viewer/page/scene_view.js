@@ -6,7 +6,7 @@
  */
 
 import { MESH_STAGES, GROUP, MeshPass } from "rastercov/mesh_pass.js";
-import { add, inCamera, length, multiply, scale, forwardOf, centreOf, subtract } from "rastercov/maths.js";
+import { add, inCamera, multiply, scale, forwardOf, centreOf, subtract } from "rastercov/maths.js";
 import { SKETCH_STAGES, Sketch, SketchPass } from "rastercov/sketch_pass.js";
 import { loadShaders } from "rastercov/shaders.js";
 import { ViewCamera } from "rastercov/view_camera.js";
@@ -30,8 +30,11 @@ export class SceneView {
     this.canvas = canvas;
     this.camera = new ViewCamera(session.scene.bounds, session.scene.up);
     this.options = {
-      isFlat: false, hasEdges: session.scene.n_faces <= 60_000, isCulled: Boolean(session.scene.is_room),
-      isTransparent: false, section: null,
+      isFlat: false,
+      hasEdges: session.scene.n_faces <= 60_000,
+      isCulled: Boolean(session.scene.is_room),
+      isTransparent: false,
+      section: null,
     };
     this.hiddenGroups = new Set();
     this.highlighted = null; // index of a group
@@ -52,8 +55,15 @@ export class SceneView {
   /** Opens the device; an Error says what is missing. */
   async open() {
     await loadShaders([...MESH_STAGES, ...SKETCH_STAGES]);
-    this.gl = this.canvas.getContext("webgl2", { antialias: true, alpha: false, powerPreference: "high-performance" });
-    if (!this.gl) throw new Error("this browser has no WebGL2; try a current Firefox, Chromium or Safari, or switch hardware acceleration on");
+    this.gl = this.canvas.getContext("webgl2", {
+      antialias: true,
+      alpha: false,
+      powerPreference: "high-performance",
+    });
+    if (!this.gl)
+      throw new Error(
+        "this browser has no WebGL2; try a current Firefox, Chromium or Safari, or switch hardware acceleration on",
+      );
     this.#createPasses();
     this.session.on("frame", () => {
       this.#colour();
@@ -166,14 +176,21 @@ export class SceneView {
     const shift = [1, 0, 0, origin[0], 0, 1, 0, origin[1], 0, 0, 1, origin[2], 0, 0, 0, 1];
     const eye = seen.isParallel ? scale(forwardOf(seen.pose), -1) : subtract(centreOf(seen.pose), origin);
     const { section } = this.options;
-    const offset = section ? section[0] * origin[0] + section[1] * origin[1] + section[2] * origin[2] + section[3] : 0;
+    const offset = section
+      ? section[0] * origin[0] + section[1] * origin[1] + section[2] * origin[2] + section[3]
+      : 0;
     return {
-      ...seen, ...size, eye,
+      ...seen,
+      ...size,
+      eye,
       world: seen.clipFromWorld,
       clipFromWorld: multiply(seen.clipFromWorld, shift),
       section: section ? [section[0], section[1], section[2], offset] : null,
-      isCulled: this.options.isCulled, isFlat: this.options.isFlat, hasEdges: this.options.hasEdges,
-      hasTransparent: this.options.isTransparent, accent: [0.95, 0.25, 0.85],
+      isCulled: this.options.isCulled,
+      isFlat: this.options.isFlat,
+      hasEdges: this.options.hasEdges,
+      hasTransparent: this.options.isTransparent,
+      accent: [0.95, 0.25, 0.85],
       toScreen: (point) => screenOf(seen.clipFromWorld, point, this.canvas),
       /** World length that a pixel of the page has at a point. */
       pixelAt: (point) => seen.pixel(Math.max(seen.near, inCamera(seen.pose, point)[2])) * size.density,
@@ -259,7 +276,9 @@ export class SceneView {
   /** Corners of a face, world. */
   corners(face) {
     const { corners, origin } = this.session;
-    return [0, 1, 2].map((at) => add([...corners.subarray(9 * face + 3 * at, 9 * face + 3 * at + 3)], origin));
+    return [0, 1, 2].map((at) =>
+      add([...corners.subarray(9 * face + 3 * at, 9 * face + 3 * at + 3)], origin),
+    );
   }
 }
 
@@ -270,6 +289,3 @@ function screenOf(clip, point, canvas) {
   if (w <= 1e-9) return null;
   return [((row(0) / w + 1) / 2) * canvas.clientWidth, ((1 - row(4) / w) / 2) * canvas.clientHeight, w];
 }
-
-/** Distance between two places of the canvas, pixels. */
-export const screenDistance = (a, b) => length([a[0] - b[0], a[1] - b[1], 0]);

@@ -42,7 +42,10 @@ export class Session {
   /** Reads the scene and the state; the first frame comes by `act`. */
   async open() {
     const [scene, soup, groups, state] = await Promise.all([
-      this.server.scene(), this.server.soup(), this.server.groups(), this.server.state(),
+      this.server.scene(),
+      this.server.soup(),
+      this.server.groups(),
+      this.server.state(),
     ]);
     Object.assign(this, { scene, corners: soup.corners, origin: soup.origin, faceGroups: groups, state });
     const modes = scene.modes.filter((mode) => this.server.hasMode?.(mode.id) ?? true);
@@ -157,7 +160,10 @@ export class Session {
 
   async #refused(error, item) {
     if (error.status === 403) {
-      this.#setConnected(false, "the program was started again with another key: open the address that it printed");
+      this.#setConnected(
+        false,
+        "the program was started again with another key: open the address that it printed",
+      );
       return;
     }
     this.#queue.shift();
@@ -165,7 +171,9 @@ export class Session {
     this.localPoses.clear();
     if (error.status === 409) {
       for (const other of this.#queue.splice(0)) other.resolve(null);
-      await this.reload("Another tab changed the rig; it is shown here now, and your last change was left out.");
+      await this.reload(
+        "Another tab changed the rig; it is shown here now, and your last change was left out.",
+      );
     } else {
       this.emit("fault", error.message);
       this.emit("poses");
@@ -239,7 +247,10 @@ export class Session {
       }
     } catch (error) {
       const isKeyOld = error.status === 403;
-      this.#setConnected(false, isKeyOld ? "the program was started again with another key: open the address that it printed" : "");
+      this.#setConnected(
+        false,
+        isKeyOld ? "the program was started again with another key: open the address that it printed" : "",
+      );
     } finally {
       this.isChecking = false;
     }
@@ -273,7 +284,10 @@ export class Session {
     const poses = new Map(this.localPoses);
     this.state = state;
     this.localPoses.clear();
-    await this.restore({ ...kept, stations: kept.stations.map((s) => ({ ...s, pose: poses.get(s.id) ?? s.pose })) });
+    await this.restore({
+      ...kept,
+      stations: kept.stations.map((s) => ({ ...s, pose: poses.get(s.id) ?? s.pose })),
+    });
     this.emit("notice", "The program was started again; the rig of this page was put back.");
   }
 
@@ -291,9 +305,9 @@ export class Session {
 
   /** Keeps the rig for a later page of this tab, in case this one is lost. */
   #keep() {
-    if (!this.canEdit) return;
-    const { stations, cameras, task, revision, session } = this.state;
-    const kept = { title: this.scene.title, session, revision, isSaved: this.state.is_saved, stations, cameras, task };
+    if (!this.canEdit || !this.state.can_undo) return; // nothing of this run: leave what another left
+    const { stations, cameras, task, session } = this.state;
+    const kept = { title: this.scene.title, session, isSaved: this.state.is_saved, stations, cameras, task };
     try {
       sessionStorage.setItem(KEPT_KEY, JSON.stringify(kept));
     } catch {
@@ -306,7 +320,7 @@ export class Session {
     try {
       const kept = JSON.parse(sessionStorage.getItem(KEPT_KEY));
       const isOther = kept && kept.session !== this.state.session && kept.title === this.scene.title;
-      return isOther && !kept.isSaved && kept.revision > 0 ? kept : null;
+      return isOther && !kept.isSaved ? kept : null;
     } catch {
       return null;
     }

@@ -19,8 +19,14 @@ export class Sketch {
   line(from, to, colour, width = 1.5) {
     const o = this.origin;
     this.lines.push(
-      from[0] - o[0], from[1] - o[1], from[2] - o[2], to[0] - o[0], to[1] - o[1], to[2] - o[2],
-      ...colour, width,
+      from[0] - o[0],
+      from[1] - o[1],
+      from[2] - o[2],
+      to[0] - o[0],
+      to[1] - o[1],
+      to[2] - o[2],
+      ...colour,
+      width,
     );
   }
 

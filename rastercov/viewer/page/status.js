@@ -10,8 +10,13 @@ export function messages(session) {
   const root = element("div.messages", { "aria-live": "polite" });
   const say = (text, kind, more = []) => {
     for (const old of root.children) if (old.dataset.text === text) old.remove();
-    const line = element(`div.message.${kind}`, { role: kind === "fault" ? "alert" : "status", "data-text": text },
-      element("span", {}, text), more, button("×", () => line.remove(), { kind: "quiet", "aria-label": "close" }));
+    const line = element(
+      `div.message.${kind}`,
+      { role: kind === "fault" ? "alert" : "status", "data-text": text },
+      element("span", {}, text),
+      more,
+      button("×", () => line.remove(), { kind: "quiet", "aria-label": "close" }),
+    );
     root.append(line);
     if (root.children.length > 4) root.firstChild.remove();
     if (kind !== "fault" && !more.length) setTimeout(() => line.remove(), SHOWN_FOR);
@@ -34,9 +39,15 @@ export function offerFile(name, content, type = "application/json") {
 /** Banner while the program does not answer; the rig is in the page and can be taken from it. */
 export function connectionBanner(session) {
   const words = element("span");
-  const root = element("div.banner", { role: "alert", hidden: true }, words,
-    button("Download it", () => offerFile("rig.json", session.poseFile()), { title: "poses of all cameras that are on, for rastercov view --poses" }),
-    button("Try again", () => session.check()));
+  const root = element(
+    "div.banner",
+    { role: "alert", hidden: true },
+    words,
+    button("Download it", () => offerFile("rig.json", session.poseFile()), {
+      title: "poses of all cameras that are on, for rastercov view --poses",
+    }),
+    button("Try again", () => session.check()),
+  );
   session.on("connection", ({ isConnected, words: reason }) => {
     root.hidden = isConnected;
     words.textContent = `rastercov does not answer${reason ? `: ${reason}` : ""}. Your rig is kept in this page.`;
@@ -49,12 +60,16 @@ export function connectionBanner(session) {
 export function offerLost(session, lines) {
   const kept = session.lost();
   if (!kept) return;
-  const line = lines.say("The program was started again. A rig that was not saved is still in this tab.", "notice", [
-    button("Put it back", () => {
-      line.remove();
-      session.restore(kept);
-    }),
-  ]);
+  const line = lines.say(
+    "The program was started again. A rig that was not saved is still in this tab.",
+    "notice",
+    [
+      button("Put it back", () => {
+        line.remove();
+        session.restore(kept);
+      }),
+    ],
+  );
 }
 
 /** The work that runs in the program: one at a time, with its progress, and a way to end it. */
@@ -63,8 +78,13 @@ export class Jobs {
     this.session = session;
     this.bar = element("progress", { max: 1 });
     this.words = element("span");
-    this.root = element("div.job", { hidden: true, role: "status" }, this.words, this.bar,
-      button("Cancel", () => this.#cancel(), { title: "and keep the rig as it was" }));
+    this.root = element(
+      "div.job",
+      { hidden: true, role: "status" },
+      this.words,
+      this.bar,
+      button("Cancel", () => this.#cancel(), { title: "and keep the rig as it was" }),
+    );
   }
 
   async start(what) {
@@ -92,7 +112,12 @@ export class Jobs {
       if (job.id === null || job.status !== "running") {
         if (job.status === "failed") this.session.emit("fault", job.words);
         else if (job.words) this.session.emit("notice", job.words);
-        if (job.status === "done") await this.session.takeOver();
+        if (job.status === "done") {
+          const known = new Set(this.session.state.stations.map((station) => station.id));
+          await this.session.takeOver();
+          const added = this.session.state.stations.find((station) => !known.has(station.id));
+          if (added) this.session.choose(added.id);
+        }
         return;
       }
       this.words.textContent = job.words;

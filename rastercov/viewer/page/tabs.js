@@ -7,12 +7,23 @@ import { element } from "rastercov/dom.js";
  * @param {number} first index of the one that is shown at first
  */
 export function tabs(panels, first) {
-  const heads = panels.map(([title], at) => element("button.tab", {
-    type: "button", role: "tab", id: `tab-${title}`, "aria-controls": `panel-${title}`,
-    title: `press ${at + 1}`, on: { click: () => show(at) },
-  }, title));
+  const heads = panels.map(([title], at) =>
+    element(
+      "button.tab",
+      {
+        type: "button",
+        role: "tab",
+        id: `tab-${title}`,
+        "aria-controls": `panel-${title}`,
+        title: `press ${at + 1}`,
+        on: { click: () => show(at) },
+      },
+      title,
+    ),
+  );
   const bodies = panels.map(([title, body]) =>
-    element("div.panel", { role: "tabpanel", id: `panel-${title}`, "aria-labelledby": `tab-${title}` }, body));
+    element("div.panel", { role: "tabpanel", id: `panel-${title}`, "aria-labelledby": `tab-${title}` }, body),
+  );
   let shown = first;
   const show = (at) => {
     shown = at;
@@ -32,5 +43,9 @@ export function tabs(panels, first) {
     event.preventDefault();
   });
   show(first);
-  return { root: element("div.tabbed", {}, list, bodies), show, isShown: (title) => panels[shown][0] === title };
+  return {
+    root: element("div.tabbed", {}, list, bodies),
+    show,
+    isShown: (title) => panels[shown][0] === title,
+  };
 }

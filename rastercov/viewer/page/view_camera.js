@@ -7,9 +7,28 @@
  */
 
 import {
-  add, anglesOf, boxCorners, centreOf, clamp, column, cross, dot, forwardOf, horizon,
-  inCamera, mix, multiply, parallel, perspective, poseOf, radians, rigidInverse, scale, sphereAround,
-  subtract, unit,
+  add,
+  anglesOf,
+  boxCorners,
+  centreOf,
+  clamp,
+  column,
+  cross,
+  dot,
+  forwardOf,
+  horizon,
+  inCamera,
+  mix,
+  multiply,
+  parallel,
+  perspective,
+  poseOf,
+  radians,
+  rigidInverse,
+  scale,
+  sphereAround,
+  subtract,
+  unit,
 } from "rastercov/maths.js";
 
 const DEFAULT_FIELD = radians(45);
@@ -123,14 +142,20 @@ export class ViewCamera {
       const [near, far] = [Math.min(...depths) - size, farthest + size];
       const clip = parallel((half * width) / height, half, near, far);
       return {
-        pose, near: 1e-3, isParallel: true, pixel: () => (2 * half) / height,
+        pose,
+        near: 1e-3,
+        isParallel: true,
+        pixel: () => (2 * half) / height,
         clipFromWorld: multiply(clip, rigidInverse(pose)),
       };
     }
     const far = Math.max(farthest, 1e-3 * size);
     const near = clamp(Math.min(...depths) - slack, 5e-4 * size, 0.5 * far);
     return {
-      pose, near, isParallel: false, pixel: (depth) => (2 * depth * slopeY) / height,
+      pose,
+      near,
+      isParallel: false,
+      pixel: (depth) => (2 * depth * slopeY) / height,
       clipFromWorld: multiply(perspective(slopeX, slopeY, near, far), rigidInverse(pose)),
     };
   }
@@ -204,13 +229,16 @@ export class ViewCamera {
 
   /** Place from which a point with a normal is seen well, `range` metres away. */
   placeBefore(point, normal, range) {
-    const { heading, elevation } = anglesOf(poseOf([1, 0, 0], [0, 1, 0], scale(unit(normal), -1), point), this.up);
+    const { heading, elevation } = anglesOf(
+      poseOf([1, 0, 0], [0, 1, 0], scale(unit(normal), -1), point),
+      this.up,
+    );
     const isSteep = Math.abs(elevation) > 75;
     return {
-      target: point, range,
+      target: point,
+      range,
       heading: isSteep ? this.heading : radians(heading),
       elevation: clamp(radians(elevation), radians(-70), radians(70)),
     };
   }
 }
-

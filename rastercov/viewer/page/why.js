@@ -17,7 +17,14 @@ export function whyPanel(session, view) {
     const turn = ++asked;
     view.highlight(null);
     if (face === null) {
-      fill(body, element("p.soft", {}, "Click on a face: each camera's reason and figures appear here, and the body that hides it is striped in the picture."));
+      fill(
+        body,
+        element(
+          "p.soft",
+          {},
+          "Click on a face: each camera's reason and figures appear here, and the body that hides it is striped in the picture.",
+        ),
+      );
       return;
     }
     if (body.dataset.face !== String(face)) fill(body, element("p.soft", {}, "asking…"));
@@ -53,23 +60,52 @@ function explained(session, view, answer) {
 function cameraCard(session, view, camera, isOpen) {
   const isCovered = camera.reason === "covered";
   const figures = (camera.figures ?? []).map(({ label, value }) =>
-    element("tr", {}, element("th", { scope: "row" }, label), element("td", {}, value)));
+    element("tr", {}, element("th", { scope: "row" }, label), element("td", {}, value)),
+  );
   const { occluder } = camera;
   const show = (isOn) => view.highlight(isOn ? occluder.group : null);
   const body = occluder
-    ? element("button.occluder", {
-        type: "button", title: "highlight what hides it",
-        on: { pointerenter: () => show(true), pointerleave: () => show(false), focus: () => show(true), blur: () => show(false),
-          click: () => show(view.highlighted !== occluder.group) },
-      }, `Show “${occluder.name}” in the picture`)
+    ? element(
+        "button.occluder",
+        {
+          type: "button",
+          title: "highlight what hides it",
+          on: {
+            pointerenter: () => show(true),
+            pointerleave: () => show(false),
+            focus: () => show(true),
+            blur: () => show(false),
+            click: () => show(view.highlighted !== occluder.group),
+          },
+        },
+        `Show “${occluder.name}” in the picture`,
+      )
     : null;
-  return element(`details.card.${isCovered ? "good" : "not"}`, { open: isOpen },
-    element("summary", {},
-      element("button.link", { type: "button", on: { click: (event) => { event.preventDefault(); session.choose(camera.station); } } }, camera.name),
-      element("span", {}, ` ${camera.words}`)),
+  return element(
+    `details.card.${isCovered ? "good" : "not"}`,
+    { open: isOpen },
+    element(
+      "summary",
+      {},
+      element(
+        "button.link",
+        {
+          type: "button",
+          on: {
+            click: (event) => {
+              event.preventDefault();
+              session.choose(camera.station);
+            },
+          },
+        },
+        camera.name,
+      ),
+      element("span", {}, ` ${camera.words}`),
+    ),
     body,
-    camera.help ? element("p.help", {}, camera.help) : null,
-    figures.length ? element("table.figures", {}, figures) : null);
+    camera.help ? element("p.advice", {}, camera.help) : null,
+    figures.length ? element("table.figures", {}, figures) : null,
+  );
 }
 
 /** What a static export knows of a face. */
@@ -77,13 +113,21 @@ function recorded(session, view, answer) {
   const group = session.scene.groups[session.faceGroups[answer.face]];
   const { area } = planeOf(view.corners(answer.face));
   const rows = answer.levels.map(({ label, value }) =>
-    element("tr", {}, element("th", { scope: "row" }, label), element("td", {}, value)));
-  return [faceFacts(answer.face, group?.name, area), element("table.figures", {}, rows),
-    button("Centre the view on it", () => flyToFace(view, answer.face), { kind: "link" })];
+    element("tr", {}, element("th", { scope: "row" }, label), element("td", {}, value)),
+  );
+  return [
+    faceFacts(answer.face, group?.name, area),
+    element("table.figures", {}, rows),
+    button("Centre the view on it", () => flyToFace(view, answer.face), { kind: "link" }),
+  ];
 }
 
 const faceFacts = (face, group, area) =>
-  element("p.soft", {}, `Face ${count(face)}${group ? ` of “${group}”` : ""}${area ? `, ${squareMetres(area)}` : ""}`);
+  element(
+    "p.soft",
+    {},
+    `Face ${count(face)}${group ? ` of “${group}”` : ""}${area ? `, ${squareMetres(area)}` : ""}`,
+  );
 
 function flyToFace(view, face) {
   const { centre, normal, area } = planeOf(view.corners(face));
@@ -108,7 +152,10 @@ export function zonesPanel(session, tools) {
       if (revision !== session.state.revision) return;
       known = revision;
       note.textContent = zones.length ? "" : "There are none: everything is covered.";
-      fill(list, zones.slice(0, MOST_ZONES).map((zone) => zoneRow(zone, tools)));
+      fill(
+        list,
+        zones.slice(0, MOST_ZONES).map((zone) => zoneRow(zone, tools)),
+      );
       if (zones.length > MOST_ZONES) note.textContent = `the ${MOST_ZONES} largest of ${zones.length}`;
     } catch (error) {
       note.textContent = error.message;
@@ -123,6 +170,13 @@ export function zonesPanel(session, tools) {
 }
 
 const zoneRow = (zone, tools) =>
-  element("li", {}, element("button.zone", { type: "button", title: "fly there", on: { click: () => tools.showZone(zone) } },
-    element("strong", {}, percent(zone.percent)), element("span", {}, `${squareMetres(zone.area)} of “${zone.group}”`),
-    element("span.soft", {}, zone.words)));
+  element(
+    "li",
+    {},
+    element(
+      "button.zone",
+      { type: "button", title: "fly there", on: { click: () => tools.showZone(zone) } },
+      element("strong", {}, percent(zone.percent)),
+      element("span", {}, zone.words),
+    ),
+  );
