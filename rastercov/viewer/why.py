@@ -137,7 +137,7 @@ def _help(
     occluder: dict[str, Any] | None,
     camera: Camera,
 ) -> str:
-    """What would help a camera to cover the face."""
+    """Advice for a camera to cover the face."""
     match reason:
         case Reason.BACK_FACING:
             return "move the camera to the side that its normal points to"

@@ -44,7 +44,7 @@ _ASKED: TypeAdapter[Refine | AddNext | ExactArea] = TypeAdapter(
 
 
 class BusyError(ConfigError):
-    """Work goes on already."""
+    """Other work is running."""
 
 
 class Work:
@@ -66,7 +66,7 @@ class Work:
         Raises
         ------
         BusyError
-            While other work goes on.
+            While other work is running.
         ConfigError
             For work that does not exist.
         """
@@ -79,7 +79,7 @@ class Work:
             ) from None
         with self._lock:
             if self._said.get("status") == "running":
-                raise BusyError("other work goes on; wait for its end, or cancel it")
+                raise BusyError("other work is running; wait for its end, or cancel it")
             number = (self._said["id"] or 0) + 1
             self._said = {
                 "id": number, "kind": asked.kind, "status": "running", "done": 0, "total": None,
@@ -91,7 +91,7 @@ class Work:
         return number
 
     def described(self) -> dict[str, Any]:
-        """The work that goes on or was last, ready for JSON; `id` is None before the first."""
+        """The work that is running or was last, ready for JSON; `id` is None before the first."""
         with self._lock:
             return dict(self._said)
 
