@@ -261,6 +261,94 @@ def test_a_number_that_cannot_be_is_answered_by_one_line(tab):
     assert tab.state()["task"]["max_incidence_deg"] == 45
 
 
+def test_sections_groups_and_measures_are_of_the_scene(tab):
+    eye, target = np.array((2.6, -2.0, 2.2)), np.array((1.6, -1.4, 0.9))  # at the tallest crate
+    pinhole_picture(tab, rc.look_at(eye, target)[0])
+    centre = "rastercov.pick(rastercov.view.canvas.clientWidth / 2,"
+    centre += " rastercov.view.canvas.clientHeight / 2)"
+
+    def group_at_centre():
+        found = tab.js(centre)
+        return found and ROOM.groups[ROOM.face_group[found["face"]]].name
+
+    assert group_at_centre() == "crates"
+    tab.js("rastercov.setOption('section', [0, 0, 1, -0.05])")  # what is above 5 cm is cut away
+    assert group_at_centre() == "room"
+    assert tab.js(centre)["point"][2] == pytest.approx(0, abs=1e-5)
+    tab.js("rastercov.setOption('section', null)")
+    tab.open("Object")
+    tab.page.get_by_label("crates").uncheck()
+    assert group_at_centre() == "room"
+    tab.page.get_by_label("crates").check()
+
+    tab.page.get_by_role("button", name="Measure").click()
+    ends = np.array(((-0.6, 1.0, 0.0), (0.4, 2.0, 0.0)))
+    pinhole_picture(tab, rc.look_at((0.0, 0.0, 2.6), (0.0, 1.6, 0.0))[0])
+    for end in ends:
+        tab.page.mouse.click(*tab.place(end))
+    tab.idle()
+    picked = np.array(tab.js("rastercov.tools.points"))
+    np.testing.assert_allclose(picked, ends, atol=0.02)
+    length = np.linalg.norm(picked[1] - picked[0])
+    assert tab.page.locator(".measure").inner_text().startswith(f"{length:.3f}"[:4])
+
+
+def test_looking_through_a_camera_shows_what_it_covers(tab):
+    tab.open("Camera")
+    tab.page.get_by_role("button", name="Look through").click()
+    tab.idle()
+    station = tab.state()["stations"][0]
+    place = "point => rastercov.screenOf(point)"
+    width, height = (tab.js(f"rastercov.view.canvas.client{side}") for side in ("Width", "Height"))
+    world = np.reshape(station["pose"], (4, 4)) @ (0, 0, 2, 1)
+    np.testing.assert_allclose(tab.js(place, world[:3].tolist())[:2], (width / 2, height / 2))
+    rays = np.array(tab.state()["cameras"]["wide"]["border"])
+    ends = np.reshape(station["pose"], (4, 4)) @ np.column_stack((rays, np.ones(len(rays)))).T
+    seen = np.array([tab.js(place, end.tolist())[:2] for end in ends[:3].T])
+    assert ((seen >= 0) & (seen <= (width, height))).all()
+    assert (np.ptp(seen, axis=0) > 0.9 * np.array((width, height))).any()
+
+
+def test_work_shows_its_progress_and_can_be_cancelled(tab):
+    said = {"id": 1, "kind": "refine", "status": "running", "done": 1, "total": 4, "words": "trying"}
+    asked = []
+
+    def answer(route):
+        asked.append((route.request.method, route.request.url.rpartition("/api/")[2]))
+        if asked[-1][1] == "job/cancel":
+            said.update(status="cancelled", words="cancelled: the rig is as it was")
+        route.fulfill(json={"id": 1} if route.request.method == "POST" else said)
+
+    tab.page.route("**/api/job**", answer)
+    tab.page.get_by_role("button", name="Refine this camera").click()
+    tab.page.locator(".job progress[value='0.25']").wait_for()
+    tab.page.get_by_role("button", name="Cancel").click()
+    tab.page.get_by_text("the rig is as it was").wait_for()
+    assert ("POST", "job/cancel") in asked
+    assert tab.page.locator(".job").is_hidden()
+    assert not tab.state()["can_undo"]
+
+
+def test_a_new_user_gains_ten_points_and_saves_in_three_clicks(tab, program, tmp_path):
+    program.stop()
+    program.out = tmp_path
+    program.start()
+    tab.page.locator(".banner").wait_for(state="hidden")
+    before = percent_covered(tab.state())
+    tab.page.get_by_role("button", name="Add the best next camera").click()
+    tab.page.wait_for_function("rastercov.state().stations.length === 3")
+    tab.idle()
+    tab.page.get_by_text("Save", exact=True).click()
+    tab.page.get_by_role("button", name="Save rig").click()
+    tab.page.wait_for_function("rastercov.state().is_saved")
+    poses = rc.read_views(tmp_path / "rig.json").poses
+    found = rc.evaluate(ROOM, CAMERA, poses.world_from_camera, fields=("reason",))
+    is_covered = (found.reason == Reason.COVERED).any(axis=0)
+    after = 100 * float(ROOM.areas[is_covered].sum() / ROOM.areas.sum())
+    assert after > before + 10
+    assert tab.area_percent() == pytest.approx(after, abs=1e-9)
+
+
 def test_a_page_at_rest_draws_nothing_and_asks_nobody_else(tab, program):
     tab.js(
         "() => { window.drawn = 0; const draw = rastercov.view.draw.bind(rastercov.view);"
