@@ -11,15 +11,9 @@ import threading
 import time
 from contextlib import contextmanager
 
-import uvicorn
-
-from rastercov.viewer.server import Address, application
-
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
 ARGUMENTS = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox")
 TOKEN = "a-token-of-the-tests-0123456789"
-PICTURE = (700, 420)
-"""Pixels of the window of pages; the picture is what its panels leave."""
 
 
 class Program:
@@ -34,6 +28,10 @@ class Program:
         return f"http://127.0.0.1:{self.port}/#{self.token}"
 
     def start(self):
+        import uvicorn
+
+        from rastercov.viewer.server import Address, application
+
         made = socket.socket()
         made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         made.bind(("127.0.0.1", self.port))

@@ -6,12 +6,17 @@ import rastercov as rc
 from rastercov import shapes
 from rastercov.pose import Poses
 from rastercov.rig import Rig
+from rastercov.task import Reason
 from rastercov.viewer.rig_state import RigState
 from rastercov.viewer.scene import Scene
 from rastercov.viewer.session import Session, unframed
 from rastercov.viewpoints import look_at, sphere_of_poses
 
 CAMERA = rc.Camera(width=320, height=240, fx=300, fy=300)
+ROOM = shapes.room(6)
+WIDE = rc.Camera(width=640, height=360, fx=320, fy=320)
+EYES = ((2.5, 2.1, 2.5), (-2.6, -2.1, 2.5))
+"""Cameras in the room, which look at its middle."""
 
 
 def part():
@@ -35,6 +40,20 @@ def session_of(mesh=None, count=4, **options):
     """A session on a part."""
     mesh = part() if mesh is None else mesh
     return Session(Scene("part", mesh, state_of(mesh, count, **options)))
+
+
+def session_of_room():
+    """A session on a room with two cameras inside."""
+    poses = Poses.of(look_at(np.array(EYES), np.array([(0.0, 0.0, 0.6)] * len(EYES))))
+    return Session(Scene("room", ROOM, RigState.of(Rig([WIDE], ["wide"]), poses)))
+
+
+def percent_covered(state, **thresholds):
+    """Percent of the room's area that `rc.evaluate` finds covered by the rig of a page's state."""
+    poses = [np.reshape(each["pose"], (4, 4)) for each in state["stations"] if each["is_on"]]
+    found = rc.evaluate(ROOM, WIDE, poses, rc.Task(**thresholds), fields=("reason",))
+    is_covered = (found.reason == Reason.COVERED).any(axis=0)
+    return 100 * float(ROOM.areas[is_covered].sum() / ROOM.areas.sum())
 
 
 def acted(session, mode="reason", *, drag=False, shown=None, options=None, **action):

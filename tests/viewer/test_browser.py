@@ -4,75 +4,15 @@ import math
 
 import numpy as np
 import pytest
+from browser import Tab
+from rigs_to_view import EYES, ROOM, WIDE, percent_covered
 
 import rastercov as rc
-from rastercov import shapes
-from rastercov.pose import Poses
-from rastercov.rig import Rig
 from rastercov.task import Reason
-from rastercov.viewer.rig_state import RigState
-from rastercov.viewer.scene import Scene
-from rastercov.viewer.session import Session
 
-pytest.importorskip("playwright", reason="the page needs Playwright; install rastercov[dev]")
-pytest.importorskip("uvicorn")
-
-from browser import CHROMIUM, Program, Tab, chromium
-
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(CHROMIUM is None, reason="the page needs the system's chromium"),
-]
-CAMERA = rc.Camera(width=640, height=360, fx=320, fy=320)
-EYES = ((2.5, 2.1, 2.5), (-2.6, -2.1, 2.5), (-2.5, 2.0, 2.3))
-ROOM = shapes.room(6)
+pytestmark = pytest.mark.slow
 AT_REST = 1.5
 """Seconds without a hand on the page."""
-
-
-def session_of_room(count=2):
-    poses = Poses.of(rc.look_at(EYES[:count], [(0.0, 0.0, 0.6)] * count))
-    return Session(Scene("room", ROOM, RigState.of(Rig([CAMERA], ["wide"]), poses)))
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as opened:
-        yield opened
-
-
-@pytest.fixture
-def program():
-    running = Program(session_of_room())
-    running.start()
-    yield running
-    running.stop()
-    running.session.close()
-
-
-@pytest.fixture
-def context(browser):
-    made = browser.new_context(
-        viewport={"width": 1180, "height": 620}, bypass_csp=True, reduced_motion="reduce"
-    )
-    made.set_default_timeout(60_000)
-    yield made
-    made.close()
-
-
-@pytest.fixture
-def tab(context, program):
-    made = Tab(context, program.url)
-    yield made
-    assert made.faults == []
-
-
-def percent_covered(state, **thresholds):
-    """Percent of the room's area that `rc.evaluate` finds covered by the rig of a page's state."""
-    poses = [np.reshape(each["pose"], (4, 4)) for each in state["stations"] if each["is_on"]]
-    found = rc.evaluate(ROOM, CAMERA, poses, rc.Task(**thresholds), fields=("reason",))
-    is_covered = (found.reason == Reason.COVERED).any(axis=0)
-    return 100 * float(ROOM.areas[is_covered].sum() / ROOM.areas.sum())
 
 
 def pinhole_picture(tab, pose):
@@ -141,7 +81,7 @@ def test_undo_restores_the_bytes_and_redo_makes_them_again(tab):
 def test_a_drag_of_an_arrow_moves_the_camera_along_it_and_is_one_step(tab):
     eye = np.array(EYES[0])
     pixel = tab.js("point => rastercov.view.look().pixelAt(point)", eye.tolist())
-    tip = eye + (0, 0, 84 * pixel)
+    tip = eye + np.array((0, 0, 84 * pixel))
     start, end = tab.place(tip), tab.place(tip - (0, 0, 0.5))
     tab.drag(start, end)
     moved = np.reshape(tab.state()["stations"][0]["pose"], (4, 4))[:3, 3]
@@ -159,7 +99,7 @@ def test_escape_takes_a_drag_back(tab):
     before, pose = tab.levels(), tab.state()["stations"][0]["pose"]
     eye = np.array(EYES[0])
     pixel = tab.js("point => rastercov.view.look().pixelAt(point)", eye.tolist())
-    tip = eye + (0, 0, 84 * pixel)
+    tip = eye + np.array((0, 0, 84 * pixel))
     tab.drag(tab.place(tip), tab.place(tip - (0, 0, 0.9)), release=False)
     tab.idle()
     assert tab.state()["stations"][0]["pose"] != pose
@@ -261,6 +201,101 @@ def test_a_number_that_cannot_be_is_answered_by_one_line(tab):
     assert tab.state()["task"]["max_incidence_deg"] == 45
 
 
+def test_sections_groups_and_measures_are_of_the_scene(tab):
+    eye, target = np.array((2.6, -2.0, 2.2)), np.array((1.6, -1.4, 0.9))  # at the tallest crate
+    pinhole_picture(tab, rc.look_at(eye, target)[0])
+    centre = "rastercov.pick(rastercov.view.canvas.clientWidth / 2,"
+    centre += " rastercov.view.canvas.clientHeight / 2)"
+
+    def group_at_centre():
+        found = tab.js(centre)
+        return found and ROOM.groups[ROOM.face_group[found["face"]]].name
+
+    assert group_at_centre() == "crates"
+    tab.js("rastercov.setOption('section', [0, 0, 1, -0.05])")  # what is above 5 cm is cut away
+    assert group_at_centre() == "room"
+    assert tab.js(centre)["point"][2] == pytest.approx(0, abs=1e-5)
+    tab.js("rastercov.setOption('section', null)")
+    tab.open("Object")
+    tab.page.get_by_label("crates").uncheck()
+    assert group_at_centre() == "room"
+    tab.page.get_by_label("crates").check()
+
+    tab.page.get_by_role("button", name="Measure").click()
+    ends = np.array(((-0.6, 1.0, 0.0), (0.4, 2.0, 0.0)))
+    pinhole_picture(tab, rc.look_at((0.0, 0.0, 2.6), (0.0, 1.6, 0.0))[0])
+    for end in ends:
+        tab.page.mouse.click(*tab.place(end))
+    tab.idle()
+    picked = np.array(tab.js("rastercov.tools.points"))
+    np.testing.assert_allclose(picked, ends, atol=0.02)
+    length = np.linalg.norm(picked[1] - picked[0])
+    assert tab.page.locator(".measure").inner_text().startswith(f"{length:.3f}"[:4])
+
+
+def test_looking_through_a_camera_shows_what_it_covers(tab):
+    tab.open("Camera")
+    tab.page.get_by_role("button", name="Look through").click()
+    tab.idle()
+    station = tab.state()["stations"][0]
+    place = "point => rastercov.screenOf(point)"
+    width, height = (tab.js(f"rastercov.view.canvas.client{side}") for side in ("Width", "Height"))
+    world = np.reshape(station["pose"], (4, 4)) @ (0, 0, 2, 1)
+    np.testing.assert_allclose(tab.js(place, world[:3].tolist())[:2], (width / 2, height / 2))
+    rays = np.array(tab.state()["cameras"]["wide"]["border"])
+    ends = np.reshape(station["pose"], (4, 4)) @ np.column_stack((rays, np.ones(len(rays)))).T
+    seen = np.array([tab.js(place, end.tolist())[:2] for end in ends[:3].T])
+    assert ((seen >= 0) & (seen <= (width, height))).all()
+    assert (np.ptp(seen, axis=0) > 0.9 * np.array((width, height))).any()
+
+
+def test_work_shows_its_progress_and_can_be_cancelled(tab):
+    said = {
+        "id": 1,
+        "kind": "refine",
+        "status": "running",
+        "done": 1,
+        "total": 4,
+        "words": "trying",
+    }
+    asked = []
+
+    def answer(route):
+        asked.append((route.request.method, route.request.url.rpartition("/api/")[2]))
+        if asked[-1][1] == "job/cancel":
+            said.update(status="cancelled", words="cancelled: the rig is as it was")
+        route.fulfill(json={"id": 1} if route.request.method == "POST" else said)
+
+    tab.page.route("**/api/job**", answer)
+    tab.page.get_by_role("button", name="Refine this camera").click()
+    tab.page.locator(".job progress[value='0.25']").wait_for()
+    tab.page.get_by_role("button", name="Cancel").click()
+    tab.page.get_by_text("the rig is as it was").wait_for()
+    assert ("POST", "job/cancel") in asked
+    assert tab.page.locator(".job").is_hidden()
+    assert not tab.state()["can_undo"]
+
+
+def test_a_new_user_gains_ten_points_and_saves_in_three_clicks(tab, program, tmp_path):
+    program.stop()
+    program.out = tmp_path
+    program.start()
+    tab.page.locator(".banner").wait_for(state="hidden")
+    before = percent_covered(tab.state())
+    tab.page.get_by_role("button", name="Add the best next camera").click()
+    tab.page.wait_for_function("rastercov.state().stations.length === 3")
+    tab.idle()
+    tab.page.get_by_text("Save", exact=True).click()
+    tab.page.get_by_role("button", name="Save rig").click()
+    tab.page.wait_for_function("rastercov.state().is_saved")
+    poses = rc.read_views(tmp_path / "rig.json").poses
+    found = rc.evaluate(ROOM, WIDE, poses.world_from_camera, fields=("reason",))
+    is_covered = (found.reason == Reason.COVERED).any(axis=0)
+    after = 100 * float(ROOM.areas[is_covered].sum() / ROOM.areas.sum())
+    assert after > before + 10
+    assert tab.area_percent() == pytest.approx(after, abs=1e-9)
+
+
 def test_a_page_at_rest_draws_nothing_and_asks_nobody_else(tab, program):
     tab.js(
         "() => { window.drawn = 0; const draw = rastercov.view.draw.bind(rastercov.view);"
@@ -273,96 +308,6 @@ def test_a_page_at_rest_draws_nothing_and_asks_nobody_else(tab, program):
     home = f"http://127.0.0.1:{program.port}/"
     assert [url for url in tab.requests if not url.startswith((home, "data:", "blob:"))] == []
     assert "#" not in tab.page.url  # the token is not left in the address
-
-
-def test_a_dead_program_is_told_and_nothing_is_lost(tab, program, tmp_path):
-    tab.press("ArrowLeft")
-    tab.idle()
-    edited = tab.state()["stations"][0]["pose"]
-    program.stop()
-    tab.press("ArrowLeft")  # an edit that nobody hears
-    tab.page.get_by_role("alert").filter(has_text="Your rig is kept in this page").wait_for()
-    with tab.page.expect_download() as saved:
-        tab.page.get_by_role("button", name="Download it").click()
-    saved.value.save_as(tmp_path / saved.value.suggested_filename)
-    poses = rc.read_poses(tmp_path / "rig.json")
-    wanted = tab.js("rastercov.session.poseOf(rastercov.session.station())")
-    assert wanted != edited
-    np.testing.assert_allclose(np.ravel(poses[0]), wanted)
-    program.start()
-    tab.page.locator(".banner").wait_for(state="hidden")
-    tab.idle()
-    np.testing.assert_allclose(tab.state()["stations"][0]["pose"], wanted)
-    assert tab.area_percent() == pytest.approx(percent_covered(tab.state()), abs=1e-9)
-
-
-def test_a_program_that_was_started_again_gets_the_rig_back(tab, program):
-    tab.press("ArrowLeft")
-    tab.idle()
-    edited = tab.state()["stations"]
-    program.stop()
-    tab.page.locator(".banner").wait_for()
-    again = Program(session_of_room(), port=program.port)  # as read from the file
-    again.start()
-    try:
-        tab.page.get_by_text("the rig of this page was put back").wait_for()
-        tab.idle()
-        assert tab.state()["stations"] == edited
-        assert tab.state()["can_undo"]
-    finally:
-        again.stop()
-        again.session.close()
-
-
-def test_another_key_of_the_program_leads_to_its_address(tab, program):
-    tab.press("ArrowLeft")
-    tab.idle()
-    edited = tab.state()["stations"]
-    program.stop()
-    again = Program(session_of_room(), port=program.port, token="another-" + program.token)
-    again.start()
-    try:
-        tab.page.get_by_text("open the address that it printed").wait_for()
-        tab.page.evaluate("url => location.assign(url)", again.url)
-        tab.page.get_by_role("button", name="Put it back").click()
-        tab.page.wait_for_function("rastercov.state().can_undo")
-        assert tab.state()["stations"] == edited
-    finally:
-        again.stop()
-        again.session.close()
-
-
-def test_two_tabs_do_no_harm(tab, context, program):
-    other = Tab(context, program.url)
-    other.press("ArrowLeft")
-    other.idle()
-    moved = other.state()["stations"]
-    # The first tab learns of it by itself, or by its own act that comes too late.
-    tab.press("ArrowRight")
-    tab.page.get_by_text("Another tab changed the rig").first.wait_for()
-    tab.idle()
-    assert tab.state()["stations"] == moved
-    tab.press("ArrowRight")
-    tab.idle()
-    other.page.get_by_text("Another tab changed the rig").first.wait_for()
-    other.idle()
-    assert other.state()["stations"] == tab.state()["stations"] != moved
-    assert other.faults == []
-
-
-def test_the_picture_comes_back_after_the_device_was_lost(tab):
-    tab.js("rastercov.setOption('isFlat', true)")
-    centre = "rastercov.readPixel(rastercov.view.canvas.clientWidth / 2, 300)"
-    before = tab.js(centre)
-    tab.js(
-        "() => { window.loser = rastercov.view.gl.getExtension('WEBGL_lose_context');"
-        " window.loser.loseContext(); }"
-    )
-    tab.page.wait_for_function("rastercov.view.isLost")
-    tab.js("window.loser.restoreContext()")
-    tab.page.wait_for_function("rastercov.view.isLost === false")
-    tab.idle()
-    assert tab.js(centre) == before
 
 
 def test_a_static_page_shows_and_changes_colours_without_a_program(context, program, tmp_path):
