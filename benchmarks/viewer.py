@@ -39,9 +39,7 @@ def main():
     if asked.json:
         print(json.dumps(rows))
         return
-    print(
-        f"{'faces':>9} {'colour':9} {'first':>9} {'drag, CPU':>10} {'wall':>9} {'must':>6} {'bytes':>10}"
-    )
+    print("    faces colour        first  drag, CPU      wall   must      bytes")
     for row in rows:
         must = MUST.get(row["asked"], 0)
         print(
@@ -52,7 +50,7 @@ def main():
 
 
 def measured(asked, cameras, drags):
-    """A row for each way to colour a torus of about so many faces."""
+    """A row for each way to colour a torus of about the number of faces."""
     side = round((asked / 2) ** 0.5)
     mesh = shapes.torus(side, side)
     camera = rc.Camera(width=1280, height=1024, fx=1200, fy=1200)

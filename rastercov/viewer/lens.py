@@ -23,7 +23,7 @@ FIELDS: tuple[dict[str, Any], ...] = (
     {"name": "focus_far", "words": "Greatest depth in focus.", "unit": "m"},
     {"name": "near", "words": "Surfaces nearer than this are not seen.", "unit": "m"},
 )  # fmt: skip
-"""What may be changed; `LIMITS` has the ends of the sliders."""
+"""Values that can be changed; `LIMITS` has the ends of the sliders."""
 LIMITS: dict[str, tuple[float, float]] = {
     "hfov_deg": (1.0, 175.0),
     "fx": (10.0, 20_000.0),

@@ -236,7 +236,7 @@ class Step:
 class History:
     """States in the order of the edits, with the present one among them.
 
-    An edit while a gesture goes on replaces the state of the gesture, so that a drag is one step.
+    An edit during a gesture replaces the state of the gesture, so that a drag is one step.
 
     Attributes
     ----------

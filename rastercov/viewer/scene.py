@@ -1,4 +1,4 @@
-"""What a viewer shows: a mesh, the cameras it starts with, and the plan or result they are of."""
+"""Scene of a viewer: a mesh, the cameras to begin with, and the plan or result they are of."""
 
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
@@ -85,7 +85,7 @@ class Scene:
         )
 
     def space(self, state: RigState) -> PoseSpace:
-        """Places where cameras may stand: by the plan, or around the mesh."""
+        """Allowed places of cameras: by the plan, or around the mesh."""
         return default_space(self.mesh, state) if self.pool is None else self.pool.space
 
     def described(self, *, is_kept: bool, can_edit: bool = True) -> dict[str, Any]:
@@ -122,7 +122,7 @@ class Scene:
 
     @property
     def is_room(self) -> bool:
-        """True where most cameras stand within the mesh, or its closed surface holds all of it."""
+        """True where most cameras are within the mesh, or its closed surface holds all of it."""
         low, high = np.asarray(self.mesh.bounds)
         eyes = np.array([each.pose[:3, 3] for each in self.start.stations]).reshape(-1, 3)
         if len(eyes) and ((eyes > low) & (eyes < high)).all(axis=1).mean() > 0.5:

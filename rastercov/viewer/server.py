@@ -41,7 +41,7 @@ _IMPORT_MAP = re.compile(r'<script type="importmap">(.*?)</script>', re.DOTALL)
 
 @dataclass(frozen=True)
 class Address:
-    """Where a server is reached.
+    """Address of a server.
 
     Attributes
     ----------

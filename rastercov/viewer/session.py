@@ -142,7 +142,7 @@ class Session:
             return framed(head, painted.levels.tobytes())
 
     def figures(self) -> NetworkFigures:
-        """What the cameras of the present state cover."""
+        """Coverage by the cameras of the present state."""
         with self.lock:
             state = self.state
             if self._figures is None or self._figures.state is not state:
@@ -206,7 +206,7 @@ class Session:
             return found
 
     def space(self) -> PoseSpace:
-        """Places where cameras may stand."""
+        """Allowed places of cameras."""
         with self.lock:
             return self.scene.space(self.state)
 

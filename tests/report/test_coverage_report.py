@@ -278,7 +278,7 @@ def test_an_interrupt_while_drawing_leaves_out_the_rest_and_says_so(tmp_path, mo
     summary = run(MESH, CAMERA, around(12), TASK, tmp_path, Options(pictures=12))
     assert (summary["interrupted"], summary["poses"]) == (True, 12)
     pictures = {f"{kind}_{pose:02d}.png" for kind in ("pose", "faces") for pose in range(2)}
-    whole = {"coverage.parquet", "summary.json", "network.glb", "contact_sheet.png"}
+    whole = {"coverage.parquet", "rig.json", "summary.json", "network.glb", "contact_sheet.png"}
     assert names(tmp_path) == whole | pictures
     assert json.loads((tmp_path / "summary.json").read_bytes())["interrupted"] is True
     assert pq.read_table(tmp_path / "coverage.parquet")["pose"].to_numpy().max() == 11
@@ -295,7 +295,7 @@ def test_an_interrupt_while_the_table_is_closed_comes_after_it(tmp_path, monkeyp
     monkeypatch.setattr(CoverageTable, "__exit__", interrupt_and_close)
     summary = run(MESH, CAMERA, around(6), TASK, tmp_path, PLAIN)
     assert (summary["interrupted"], summary["poses"]) == (True, 6)
-    assert names(tmp_path) == {"coverage.parquet", "summary.json", "network.glb"}
+    assert names(tmp_path) == {"coverage.parquet", "rig.json", "summary.json", "network.glb"}
 
 
 @pytest.mark.parametrize(
