@@ -27,6 +27,7 @@ export const COLOURS = {
   focus: [0.0, 0.6, 0.55, 1],
 };
 const HALO = [1, 1, 1, 0.45];
+const DARK_HALO = [0, 0, 0, 0.6];
 const DARK_ON = [0.72, 0.78, 0.86, 1];
 const MOST_NAMES = 80;
 /** Cameras from which on names keep more distance from each other. */
@@ -78,14 +79,10 @@ export class Frusta {
     for (const station of this.session.state.stations) {
       const isChosen = station.id === this.session.chosen;
       const isWrong = station.place && station.place !== "allowed";
-      const plain = isDark ? DARK_ON : COLOURS.on;
-      const colour = !station.is_on
-        ? COLOURS.off
-        : isWrong
-          ? COLOURS.wrong
-          : isChosen
-            ? COLOURS.chosen
-            : plain;
+      let colour = isDark ? DARK_ON : COLOURS.on;
+      if (isChosen) colour = COLOURS.chosen;
+      if (isWrong) colour = COLOURS.wrong;
+      if (!station.is_on) colour = COLOURS.off;
       // Whoever looks through a camera sees nothing of its own frustum.
       const centre = centreOf(this.session.poseOf(station));
       if (!look.isParallel && distance(centre, centreOf(look.pose)) < 0.02 * this.depth) continue;
@@ -104,9 +101,9 @@ export class Frusta {
     const ends = rays.map((ray) => fromCamera(pose, scale(ray, reach)));
     const centre = centreOf(pose);
     const quarter = rays.length / 4;
-    // A pale line below the coloured one keeps it visible on faces of any colour.
+    // A contrasting line below the coloured one keeps it visible on faces of any colour.
     for (const [tint, wide] of [
-      [HALO, width + 2],
+      [colour === DARK_ON ? DARK_HALO : HALO, width + 2],
       [colour, width],
     ]) {
       sketch.path(ends, tint, wide, true);
