@@ -83,24 +83,33 @@ export class Frusta {
       if (isChosen) colour = COLOURS.chosen;
       if (isWrong) colour = COLOURS.wrong;
       if (!station.is_on) colour = COLOURS.off;
-      // Whoever looks through a camera sees nothing of its own frustum.
-      const centre = centreOf(this.session.poseOf(station));
-      if (!look.isParallel && distance(centre, centreOf(look.pose)) < 0.02 * this.depth) continue;
-      this.#frustum(sketch, station, colour, isChosen);
+      const away = distance(centreOf(this.session.poseOf(station)), centreOf(look.pose));
+      const isEye = !look.isParallel && away < 0.02 * this.depth;
+      if (isEye) this.#border(sketch, station, colour);
+      else this.#frustum(sketch, station, colour, isChosen);
     }
     const chosen = this.session.station();
     if (chosen && this.hasFocusPlanes) this.#focus(sketch, chosen);
   }
 
-  #frustum(sketch, station, colour, isChosen) {
-    const camera = this.session.cameraOf(station);
-    const pose = this.session.poseOf(station);
-    const rays = camera.border;
-    const width = isChosen ? 2.5 : 1.4;
+  /** Ends of the border rays, world. */
+  #ends(station) {
+    const rays = this.session.cameraOf(station).border;
     const reach = this.depth / Math.max(1, ...rays.map(length)); // wide ones are not larger
-    const ends = rays.map((ray) => fromCamera(pose, scale(ray, reach)));
+    return rays.map((ray) => fromCamera(this.session.poseOf(station), scale(ray, reach)));
+  }
+
+  /** Border of the image, for whoever looks through the camera. */
+  #border(sketch, station, colour) {
+    sketch.path(this.#ends(station), colour, 2.5, true);
+  }
+
+  #frustum(sketch, station, colour, isChosen) {
+    const pose = this.session.poseOf(station);
+    const ends = this.#ends(station);
+    const width = isChosen ? 2.5 : 1.4;
     const centre = centreOf(pose);
-    const quarter = rays.length / 4;
+    const quarter = ends.length / 4;
     // A contrasting line below the coloured one keeps it visible on faces of any colour.
     for (const [tint, wide] of [
       [colour === DARK_ON ? DARK_HALO : HALO, width + 2],
