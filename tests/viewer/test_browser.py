@@ -186,6 +186,12 @@ def test_all_modes_are_reached_and_drawn(tab):
     for panel in ("Object", "Cameras", "Camera", "Image", "Network"):
         tab.open(panel)
         assert tab.page.get_by_role("tabpanel", name=panel, exact=True).is_visible()
+    nameless = tab.js(
+        "[...document.querySelectorAll('button, input, select')].filter(each =>"
+        " !(each.ariaLabel || each.textContent.trim() || each.labels?.[0]?.textContent.trim()))"
+        ".map(each => each.outerHTML)"
+    )
+    assert nameless == []
 
 
 def test_a_click_on_a_face_says_why(tab, program):
@@ -203,7 +209,10 @@ def test_a_number_that_cannot_be_is_answered_by_one_line(tab):
     tab.open("Network")
     tab.type_number("Max incidence", "120")
     line = tab.page.locator(".fault:visible")
-    assert line.inner_text() == "Max incidence: give a number from 0 to 90 deg; got “120”"
+    wanted = "Max incidence: give a number above 0 and of at most 90 deg; got “{}”"
+    assert line.inner_text() == wanted.format(120)
+    tab.type_number("Max incidence", "0")
+    assert line.inner_text() == wanted.format(0)
     assert tab.state()["revision"] == revision
     tab.type_number("Max incidence", "45")
     assert tab.page.locator(".fault:visible").count() == 0
