@@ -110,6 +110,7 @@ export class Jobs {
     for (;;) {
       const job = await this.session.server.job();
       if (job.id === null || job.status !== "running") {
+        this.isRunning = false; // the next may begin while its result is drawn
         if (job.status === "failed") this.session.emit("fault", job.words);
         else if (job.words) this.session.emit("notice", job.words);
         if (job.status === "done") {
