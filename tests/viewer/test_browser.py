@@ -9,6 +9,7 @@ from rigs_to_view import EYES, ROOM, WIDE, percent_covered
 
 import rastercov as rc
 from rastercov.task import Reason
+from rastercov.viewer import lens
 
 pytestmark = pytest.mark.slow
 AT_REST = 1.5
@@ -102,6 +103,31 @@ def test_a_drag_of_an_arrow_moves_the_camera_along_it_and_is_one_step(tab):
         np.reshape(tab.state()["stations"][0]["pose"], (4, 4))[:3, 3], eye
     )
     assert not tab.state()["can_undo"]
+
+
+def test_a_ring_turns_the_camera_with_the_pointer(tab):
+    before = np.reshape(tab.state()["stations"][0]["pose"], (4, 4))
+    tab.page.get_by_role("button", name="Floor plan").click()
+    tab.idle()
+    middle = np.array(tab.place(EYES[0]))
+    ring = 62 * np.array((1, -1)) / math.sqrt(2)  # north-east of the camera
+    tab.drag(middle + ring, middle - ring * (1, -1))  # to north-west: a quarter turn to the left
+    after = np.reshape(tab.state()["stations"][0]["pose"], (4, 4))
+    quarter = np.array(((0, -1, 0), (1, 0, 0), (0, 0, 1)))
+    np.testing.assert_allclose(after[:3, :3], quarter @ before[:3, :3], atol=0.02)
+    np.testing.assert_allclose(after[:3, 3], before[:3, 3])
+
+
+def test_aim_turns_the_camera_to_the_point_that_is_clicked(tab):
+    point = np.array((0.4, 2.0, 0.0))
+    pinhole_picture(tab, rc.look_at((0.0, 0.0, 2.6), (0.0, 1.6, 0.0))[0])
+    tab.press("i")
+    tab.page.mouse.click(*tab.place(point))
+    tab.idle()
+    pose = np.reshape(tab.state()["stations"][0]["pose"], (4, 4))
+    away = point - EYES[0]
+    np.testing.assert_allclose(pose[:3, 2], away / np.linalg.norm(away), atol=0.01)
+    np.testing.assert_array_equal(pose[:3, 3], EYES[0])
 
 
 def test_escape_takes_a_drag_back(tab):
@@ -265,6 +291,21 @@ def test_looking_through_a_camera_shows_what_it_covers(tab):
     seen = np.array([tab.js(place, end.tolist())[:2] for end in ends[:3].T])
     assert ((seen >= 0) & (seen <= (width, height))).all()
     assert (np.ptp(seen, axis=0) > 0.9 * np.array((width, height))).any()
+
+
+def test_the_blur_circle_reaches_its_limit_at_the_ends_of_the_depth_of_field(tab):
+    camera = rc.Camera.from_lens(
+        width=640, height=480, focal_length=8e-3, pixel_size=5e-6, f_number=2.8,
+        focus_distance=0.4, max_blur=1.5,
+    )  # fmt: skip
+    depths = [*camera.depth_of_field(), camera.focus_distance]
+    assert np.isfinite(depths).all()
+    blur = tab.js(
+        "async ([camera, eye, depths]) => { const { blurAt } = await import('rastercov/frusta.js');"
+        " return depths.map((depth) => blurAt(camera, eye, [0.1, 0.2, depth])); }",
+        [lens.described(camera), np.eye(4).ravel().tolist(), depths],
+    )
+    np.testing.assert_allclose(blur, (1.5, 1.5, 0), atol=1e-9)
 
 
 def test_work_shows_its_progress_and_can_be_cancelled(tab):

@@ -107,6 +107,8 @@ export class Jobs {
 
   async #follow() {
     this.root.hidden = false;
+    this.words.textContent = "beginning…";
+    this.bar.removeAttribute("value");
     for (;;) {
       const job = await this.session.server.job();
       if (job.id === null || job.status !== "running") {
