@@ -408,3 +408,14 @@ def test_help_says_how_far_a_threshold_is_off(session, task, words):
     face = int(np.flatnonzero(acted(session)[1] == acted(session)[0]["legend"][0]["level"])[0])
     helps = [entry["help"] for entry in session.why(face)["cameras"]]
     assert any(words in text for text in helps), helps
+
+
+def test_the_state_is_told_while_something_is_measured(session):
+    import threading
+
+    told = threading.Event()
+    with session.lock:  # as a measurement holds it, and as the first compilation does for minutes
+        thread = threading.Thread(target=lambda: (session.described_state(), told.set()))
+        thread.start()
+        assert told.wait(10)
+    thread.join()
