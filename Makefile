@@ -32,7 +32,7 @@ demo: $(VENV)/installed
 	$(BIN)/rastercov demo --out report
 
 test: $(VENV)/installed-dev opengl osmesa chromium
-	$(TEST_ENV) $(BIN)/python -m pytest -n 2 --dist worksteal -m ""
+	$(TEST_ENV) $(BIN)/python -m pytest -n 2 --dist worksteal -m "" --durations=40
 
 quick: $(VENV)/installed-dev opengl osmesa chromium
 	$(TEST_ENV) $(BIN)/python -m pytest -n 2 --dist worksteal

@@ -81,7 +81,12 @@ def refined(
         whole, integer_weights=weights, need=need, min_cosine=least_cosine(0.0), watch=watch
     )
     progress(0, budget)
-    found = refine(objective, space, own.pose[None], budget=budget)
+    start = own.pose.copy()
+    eyes, is_allowed = space.settled(start[None, :3, 3])
+    if not is_allowed[0]:
+        raise ConfigError(f"{own.name} is far from any allowed place; move it to one to refine it")
+    start[:3, 3] = eyes[0]
+    found = refine(objective, space, start[None], budget=budget)
     moved = state.with_pose(station, found.poses[0])
     before, after = (_covered_area(measurements, each) for each in (state, moved))
     return (moved, after - before) if after > before else (state, 0.0)

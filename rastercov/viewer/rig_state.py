@@ -6,7 +6,9 @@ edit makes a new state, and `History` is a list of states with a place in it.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from threading import RLock
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -234,7 +236,7 @@ class Step:
 
 
 class History:
-    """States in the order of the edits, with the present one among them.
+    """States in the order of the edits, with the present one among them; any thread may use it.
 
     An edit during a gesture replaces the state of the gesture, so that a drag is one step.
 
@@ -245,6 +247,7 @@ class History:
     """
 
     def __init__(self, state: RigState) -> None:
+        self._lock = RLock()
         self._steps = [Step(state, "")]
         self._at = self._saved = 0
         self._gesture = ""
@@ -272,16 +275,29 @@ class History:
 
     def take(self, state: RigState, words: str, *, is_drag: bool = False) -> None:
         """Make a state the present one; what was undone is gone."""
-        if self._gesture == words and words:
-            self._steps[self._at] = Step(state, words)
-        else:
-            del self._steps[self._at + 1 :]
-            if self._saved > self._at:
-                self._saved = -1
-            self._steps.append(Step(state, words))
-            self._at += 1
-        self._gesture = words if is_drag else ""
-        self.revision += 1
+        with self._lock:
+            if self._gesture == words and words:
+                self._steps[self._at] = Step(state, words)
+            else:
+                del self._steps[self._at + 1 :]
+                if self._saved > self._at:
+                    self._saved = -1
+                self._steps.append(Step(state, words))
+                self._at += 1
+            self._gesture = words if is_drag else ""
+            self.revision += 1
+
+    def described(self) -> tuple[RigState, dict[str, Any]]:
+        """The present state, and what may be undone, ready for JSON; both of one moment."""
+        with self._lock:
+            return self.state, {
+                "revision": self.revision,
+                "can_undo": bool(self.undo_words),
+                "can_redo": bool(self.redo_words),
+                "undo_words": self.undo_words,
+                "redo_words": self.redo_words,
+                "is_saved": self.is_saved,
+            }
 
     def end_gesture(self) -> None:
         """Let the next edit be a step of its own."""
@@ -300,7 +316,8 @@ class History:
         self._saved = self._at
 
     def _go(self, by: int) -> None:
-        self._gesture = ""
-        if 0 <= self._at + by < len(self._steps):
-            self._at += by
-            self.revision += 1
+        with self._lock:
+            self._gesture = ""
+            if 0 <= self._at + by < len(self._steps):
+                self._at += by
+                self.revision += 1

@@ -196,6 +196,7 @@ def task_fields() -> list[dict[str, Any]]:
                 "words": words[name],
                 "kind": "choice" if is_choice else kind.__name__,
                 "low": low,
+                "is_low_open": any(isinstance(e, Gt) for e in limits),
                 "high": high,
                 "choices": list(get_args(kind)) if is_choice else None,
                 "default": getattr(default, name),

@@ -78,19 +78,9 @@ class Session:
 
     def described_state(self) -> dict[str, Any]:
         """The present state and what may be undone, ready for JSON."""
-        with self.lock:
-            history = self.history
-            entries = {
-                "session": self.name,
-                "revision": history.revision,
-                "can_undo": bool(history.undo_words),
-                "can_redo": bool(history.redo_words),
-                "undo_words": history.undo_words,
-                "redo_words": history.redo_words,
-                "is_saved": history.is_saved,
-                "is_kept": self.is_kept,
-            }
-            return described_state(self.scene, history.state, entries)
+        state, entries = self.history.described()  # which does not wait for a measurement
+        own = {"session": self.name, "is_kept": self.is_kept}
+        return described_state(self.scene, state, entries | own)
 
     def act(self, entries: Mapping[str, Any]) -> bytes:
         """Carry out an edit; a frame of the faces after it.

@@ -103,7 +103,7 @@ def _of_station(
     entries = {
         "visible part": f"{percent(visible)} ± {100 * bound:.1g} %",
         "coverage": f"{float(whole.coverage[0, face]):.3g}",
-        "pixels, were nothing before it": f"{float(single.drawn_pixels[0, 0]):.3g} px",
+        "pixels if nothing hides it": f"{float(single.drawn_pixels[0, 0]):.3g} px",
         "angle of incidence": f"{math.degrees(float(single.incidence[0, 0])):.3g} deg",
         "pixel density": f"{float(single.pixel_density[0, 0]):.4g} px/m",
         "depth": f"{length(float(depth.min()))} to {length(float(depth.max()))} m",
@@ -118,6 +118,29 @@ def _of_station(
         "figures": [{"label": label, "value": value} for label, value in entries.items()],
         "occluder": occluder,
     }
+
+
+def _finer(single: Coverage, task: Task) -> str:
+    """Advice for a face that gets too few pixels, by the threshold that is farthest off."""
+    pixels = float(single.drawn_pixels[0, 0])
+    densities = (
+        (float(single.pixel_density[0, 0]), task.min_pixel_density),
+        (float(single.facing_density[0, 0]), task.min_facing_density),
+    )
+    # Lengths in the image grow with the focal length and with nearness, areas with their squares.
+    wanted = [(math.sqrt(task.min_pixels / pixels), f"{pixels:.3g} of {task.min_pixels:g} px")] * (
+        0 < pixels < task.min_pixels
+    )
+    wanted += [
+        (least / found, f"{found:.3g} of {least:g} px/m")
+        for found, least in densities
+        if 0 < found < least
+    ]
+    if not wanted:
+        return "come nearer, or take a longer lens"
+    factor, words = max(wanted)
+    times = f"{factor:.2g} times"
+    return f"it gets {words}: come {times} as near, or take {times} the focal length"
 
 
 def _occluder(mesh: Mesh, station: Station, face: int) -> dict[str, Any] | None:
@@ -150,12 +173,7 @@ def _help(
             span = f"{length(float(depth.min()))} to {length(float(depth.max()))} m"
             return f"it is {span} deep, in focus are {length(float(z_n))} m to {far}: focus on it"
         case Reason.TOO_COARSE:
-            pixels = float(single.drawn_pixels[0, 0])
-            if 0 < pixels < task.min_pixels:
-                factor = math.sqrt(task.min_pixels / pixels)
-                times = f"{factor:.2g} times"
-                return f"come {times} as near, or take {times} the focal length"
-            return "come nearer, or take a longer lens"
+            return _finer(single, task)
         case Reason.OCCLUDED:
             what = "what is before it" if occluder is None else occluder["name"]
             return f"move the camera so that {what} is not between"

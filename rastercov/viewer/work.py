@@ -112,8 +112,10 @@ class Work:
 
     def _run(self, asked: Refine | AddNext | ExactArea) -> None:
         try:
-            words = self._done(asked)
-            said = {"status": "done", "words": words}
+            hand_over = self._made(asked)
+            with self._lock:  # who sees the new state finds the work done
+                self._said |= {"status": "done", "words": hand_over()}
+            return
         except Cancelled:
             said = {"status": "cancelled", "words": "cancelled; nothing was changed"}
         except StaleError:
@@ -125,14 +127,20 @@ class Work:
         with self._lock:
             self._said |= said
 
-    def _done(self, asked: Refine | AddNext | ExactArea) -> str:
+    def _made(self, asked: Refine | AddNext | ExactArea) -> Callable[[], str]:
+        """Do the work; what hands its result to the session and gives words on it."""
         session = self.session
         with session.lock:
             state, revision = session.state, session.history.revision
         if isinstance(asked, ExactArea):
             found = exact_area(session.scene.mesh, state, self._progress)
-            session.keep_areas(state, found)
-            return f"{found.summary(state.needed)['percent']:.4g} % of the area is covered"
+            percent = found.summary(state.needed)["percent"]
+
+            def keep() -> str:
+                session.keep_areas(state, found)
+                return f"{percent:.4g} % of the area is covered"
+
+            return keep
         own = Measurements(session.scene.mesh, session.measurements.method)
         try:
             make: Callable[[Progress], tuple[Any, float]]
@@ -151,10 +159,14 @@ class Work:
             made, gain = make(self._progress)
         finally:
             own.close()
-        if made is state:
-            return f"{words}: no move covers more"
-        session.take(made, words, revision)
-        return f"{words}: {area(gain)} more"
+
+        def take() -> str:
+            if made is state:
+                return f"{words}: no move covers more"
+            session.take(made, words, revision)
+            return f"{words}: {area(gain)} more"
+
+        return take
 
     def _with_next(
         self, own: Measurements, state: Any, camera: str, progress: Progress

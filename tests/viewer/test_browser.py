@@ -9,6 +9,7 @@ from rigs_to_view import EYES, ROOM, WIDE, percent_covered
 
 import rastercov as rc
 from rastercov.task import Reason
+from rastercov.viewer import lens
 
 pytestmark = pytest.mark.slow
 AT_REST = 1.5
@@ -27,16 +28,25 @@ def pinhole_picture(tab, pose):
     return camera
 
 
+def is_uniform(image, reach):
+    """True where all pixels up to `reach` rows and columns away show the same face."""
+    windows = np.lib.stride_tricks.sliding_window_view(
+        np.pad(image, reach, constant_values=-2), (2 * reach + 1, 2 * reach + 1)
+    )
+    return (windows == image[:, :, None, None]).all(axis=(2, 3)) & (image >= 0)
+
+
 def inner_pixels(image, count, seed):
-    """Pixels (x, y) whose neighbours show the same face, where no rounding decides."""
-    rows, columns = np.indices(image.shape)[:, 1:-1, 1:-1]
-    is_inner = image[1:-1, 1:-1] >= 0
-    for down in (-1, 0, 1):
-        for right in (-1, 0, 1):
-            is_inner &= image[1:-1, 1:-1] == image[rows + down, columns + right]
-    places = np.argwhere(is_inner)[:, ::-1] + 1
-    chosen = np.random.default_rng(seed).choice(len(places), count, replace=False)
-    return [(int(x), int(y)) for x, y in places[chosen]]
+    """Pixels (x, y) whose neighbours show the same face, where no rounding decides.
+
+    Every other one is at most three pixels from another face.
+    """
+    inner, deep = is_uniform(image, 1), is_uniform(image, 3)
+    chosen = [
+        np.random.default_rng(seed).choice(np.argwhere(mask)[:, ::-1], count // 2, replace=False)
+        for mask in (inner, inner & ~deep)
+    ]
+    return np.concatenate(chosen).tolist()
 
 
 def test_a_slider_changes_the_summary_to_what_evaluate_says(tab):
@@ -95,6 +105,31 @@ def test_a_drag_of_an_arrow_moves_the_camera_along_it_and_is_one_step(tab):
     assert not tab.state()["can_undo"]
 
 
+def test_a_ring_turns_the_camera_with_the_pointer(tab):
+    before = np.reshape(tab.state()["stations"][0]["pose"], (4, 4))
+    tab.page.get_by_role("button", name="Floor plan").click()
+    tab.idle()
+    middle = np.array(tab.place(EYES[0]))
+    ring = 62 * np.array((1, -1)) / math.sqrt(2)  # north-east of the camera
+    tab.drag(middle + ring, middle - ring * (1, -1))  # to north-west: a quarter turn to the left
+    after = np.reshape(tab.state()["stations"][0]["pose"], (4, 4))
+    quarter = np.array(((0, -1, 0), (1, 0, 0), (0, 0, 1)))
+    np.testing.assert_allclose(after[:3, :3], quarter @ before[:3, :3], atol=0.02)
+    np.testing.assert_allclose(after[:3, 3], before[:3, 3])
+
+
+def test_aim_turns_the_camera_to_the_point_that_is_clicked(tab):
+    point = np.array((0.4, 2.0, 0.0))
+    pinhole_picture(tab, rc.look_at((0.0, 0.0, 2.6), (0.0, 1.6, 0.0))[0])
+    tab.press("i")
+    tab.page.mouse.click(*tab.place(point))
+    tab.idle()
+    pose = np.reshape(tab.state()["stations"][0]["pose"], (4, 4))
+    away = point - EYES[0]
+    np.testing.assert_allclose(pose[:3, 2], away / np.linalg.norm(away), atol=0.01)
+    np.testing.assert_array_equal(pose[:3, 3], EYES[0])
+
+
 def test_escape_takes_a_drag_back(tab):
     before, pose = tab.levels(), tab.state()["stations"][0]["pose"]
     eye = np.array(EYES[0])
@@ -120,7 +155,7 @@ def test_a_pick_gives_the_face_of_the_rasteriser_at_100_pixels(tab):
     pixels = inner_pixels(image, 100, seed=1)
     picked = tab.js(
         "places => places.map(([x, y]) => rastercov.pick(x + 0.5, y + 0.5))",
-        [list(pixel) for pixel in pixels],
+        pixels,
     )
     assert [each["face"] for each in picked] == [int(image[y, x]) for x, y in pixels]
     # The point of a pick is in the plane of its face.
@@ -148,7 +183,7 @@ def test_pixels_have_the_colours_of_the_legend(tab):
     )
     read = "places => places.map(([x, y]) => rastercov.readPixel(x + 0.5, y + 0.5))"
     tab.js("rastercov.setOption('isFlat', true)")
-    flat = tab.js(read, [list(pixel) for pixel in pixels])
+    flat = tab.js(read, pixels)
     shown = {levels[image[y, x]] for x, y in pixels}
     assert len(shown) >= 2
     for (x, y), colour in zip(pixels, flat, strict=True):
@@ -156,7 +191,7 @@ def test_pixels_have_the_colours_of_the_legend(tab):
 
     # The headlight dims them by the cosine of incidence alone.
     tab.js("rastercov.setOption('isFlat', false)")
-    lit = tab.js(read, [list(pixel) for pixel in pixels])
+    lit = tab.js(read, pixels)
     least = tab.js("rastercov.shadeLeast")
     for (x, y), colour, full in zip(pixels, lit, flat, strict=True):
         ray = np.array([(x + 0.5 - camera.cx) / camera.fx, (y + 0.5 - camera.cy) / camera.fy, 1])
@@ -177,6 +212,12 @@ def test_all_modes_are_reached_and_drawn(tab):
     for panel in ("Object", "Cameras", "Camera", "Image", "Network"):
         tab.open(panel)
         assert tab.page.get_by_role("tabpanel", name=panel, exact=True).is_visible()
+    nameless = tab.js(
+        "[...document.querySelectorAll('button, input, select')].filter(each =>"
+        " !(each.ariaLabel || each.textContent.trim() || each.labels?.[0]?.textContent.trim()))"
+        ".map(each => each.outerHTML)"
+    )
+    assert nameless == []
 
 
 def test_a_click_on_a_face_says_why(tab, program):
@@ -194,7 +235,10 @@ def test_a_number_that_cannot_be_is_answered_by_one_line(tab):
     tab.open("Network")
     tab.type_number("Max incidence", "120")
     line = tab.page.locator(".fault:visible")
-    assert line.inner_text() == "Max incidence: give a number from 0 to 90 deg; got “120”"
+    wanted = "Max incidence: give a number above 0 and of at most 90 deg; got “{}”"
+    assert line.inner_text() == wanted.format(120)
+    tab.type_number("Max incidence", "0")
+    assert line.inner_text() == wanted.format(0)
     assert tab.state()["revision"] == revision
     tab.type_number("Max incidence", "45")
     assert tab.page.locator(".fault:visible").count() == 0
@@ -247,6 +291,21 @@ def test_looking_through_a_camera_shows_what_it_covers(tab):
     seen = np.array([tab.js(place, end.tolist())[:2] for end in ends[:3].T])
     assert ((seen >= 0) & (seen <= (width, height))).all()
     assert (np.ptp(seen, axis=0) > 0.9 * np.array((width, height))).any()
+
+
+def test_the_blur_circle_reaches_its_limit_at_the_ends_of_the_depth_of_field(tab):
+    camera = rc.Camera.from_lens(
+        width=640, height=480, focal_length=8e-3, pixel_size=5e-6, f_number=2.8,
+        focus_distance=0.4, max_blur=1.5,
+    )  # fmt: skip
+    depths = [*camera.depth_of_field(), camera.focus_distance]
+    assert np.isfinite(depths).all()
+    blur = tab.js(
+        "async ([camera, eye, depths]) => { const { blurAt } = await import('rastercov/frusta.js');"
+        " return depths.map((depth) => blurAt(camera, eye, [0.1, 0.2, depth])); }",
+        [lens.described(camera), np.eye(4).ravel().tolist(), depths],
+    )
+    np.testing.assert_allclose(blur, (1.5, 1.5, 0), atol=1e-9)
 
 
 def test_work_shows_its_progress_and_can_be_cancelled(tab):

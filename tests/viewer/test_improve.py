@@ -184,3 +184,18 @@ def test_work_on_what_is_gone_is_said():
         said = finished(work)
         assert said["status"] == "failed"
         assert words in said["words"]
+
+
+def test_a_camera_at_a_forbidden_place_is_refined_from_the_nearest_allowed_one(measurements):
+    from rastercov.placement.improve.pose_space import PoseSpace
+
+    state = state_of(MESH, 3)
+    low, high = np.asarray(MESH.bounds)
+    above = np.stack((low + (-1, -1, 0.5), high + (1, 1, 2)))
+    space = PoseSpace(mesh=MESH, boxes=above)
+    row = int(np.argmin([each.pose[2, 3] for each in state.stations]))
+    assert not space.allows(state.stations[row].pose[None, :3, 3])[0]
+    made, gain = refined(measurements, state, row, space, budget=200)
+    if gain > 0:
+        assert space.allows(made.stations[row].pose[None, :3, 3])[0]
+    assert covered_area(made) >= covered_area(state)

@@ -395,3 +395,27 @@ def test_groups_that_need_several_cameras():
     head, levels = acted(session, do="task", changes={"views": 3})
     assert np.array_equal(levels == Reason.COVERED, views >= 3)
     session.close()
+
+
+@pytest.mark.parametrize(
+    ("task", "words"),
+    [({"min_pixels": 1e4}, " px: come"), ({"min_pixel_density": 1e5}, " px/m: come"),
+     ({"min_facing_density": 1e5}, " px/m: come"),
+     ({"max_incidence_deg": 5.0}, "towards its normal")],
+)  # fmt: skip
+def test_help_says_how_far_a_threshold_is_off(session, task, words):
+    acted(session, do="task", changes=task)
+    face = int(np.flatnonzero(acted(session)[1] == acted(session)[0]["legend"][0]["level"])[0])
+    helps = [entry["help"] for entry in session.why(face)["cameras"]]
+    assert any(words in text for text in helps), helps
+
+
+def test_the_state_is_told_while_something_is_measured(session):
+    import threading
+
+    told = threading.Event()
+    with session.lock:  # as a measurement holds it, and as the first compilation does for minutes
+        thread = threading.Thread(target=lambda: (session.described_state(), told.set()))
+        thread.start()
+        assert told.wait(10)
+    thread.join()

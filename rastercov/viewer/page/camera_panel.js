@@ -10,6 +10,7 @@ import {
   element,
   figure,
   fill,
+  keepingFocus,
   metres,
   percent,
   section,
@@ -28,7 +29,7 @@ export function stationMenu(session) {
     const menu = choices.length
       ? choice("Camera", choices, session.chosen, (id) => session.choose(id))
       : element("span.soft", {}, "none");
-    fill(root, element("span.field-label", {}, "Camera"), menu);
+    keepingFocus(root, () => fill(root, element("span.field-label", {}, "Camera"), menu));
   };
   session.on("state chosen", show);
   show();

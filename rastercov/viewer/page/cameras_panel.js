@@ -1,12 +1,12 @@
 /** Panel "Cameras": the rig, and of the chosen camera its pose, its lens and what can be done with it. */
 
-import { button, choice, element, fill, figure, percent, section } from "rastercov/dom.js";
+import { button, choice, element, figure, fill, keepingFocus, percent, section } from "rastercov/dom.js";
 import { anglesOf, centreOf, distance, poseFromAngles } from "rastercov/maths.js";
 import { control, labelOf, numberBox } from "rastercov/fields.js";
 
 export function camerasPanel(session, { view, tools, jobs }) {
-  const list = element("div.cameras", { role: "listbox", "aria-label": "Cameras" });
-  const showList = () => fill(list, stationRows(session));
+  const list = element("div.cameras", { role: "group", "aria-label": "Cameras" });
+  const showList = () => keepingFocus(list, () => fill(list, stationRows(session)));
   session.on("state frame chosen", showList);
   showList();
   const panel = element(
@@ -45,8 +45,7 @@ function stationRows(session) {
       "button.link",
       {
         type: "button",
-        role: "option",
-        "aria-selected": String(isChosen),
+        "aria-current": String(isChosen),
         on: { click: () => session.choose(station.id) },
       },
       station.name,

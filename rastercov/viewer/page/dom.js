@@ -71,6 +71,14 @@ export function fill(parent, ...children) {
   return parent;
 }
 
+/** Rebuilds what is in `parent`; the focus stays at the control of the same number, if there is one. */
+export function keepingFocus(parent, rebuild) {
+  const controls = () => [...parent.querySelectorAll("button, input, select")];
+  const at = controls().indexOf(document.activeElement);
+  rebuild();
+  if (at >= 0) controls()[at]?.focus({ preventScroll: true });
+}
+
 /** CSS colour of [r, g, b], 0 to 255. */
 export const cssColour = ([r, g, b]) => `rgb(${r}, ${g}, ${b})`;
 

@@ -9,10 +9,12 @@ import { check, choice, element, figure } from "rastercov/dom.js";
 /**
  * Box for a number; `onValue` gets numbers in range alone.
  *
- * @param {object} options label, value, low and high (or null), isWhole, unit, step
+ * @param {object} options label, value, low and high (or null), is_low_open, isWhole, unit
  * @param {(value: number) => void} onValue
  */
-export function numberBox({ label, value, low = null, high = null, isWhole = false, unit = "" }, onValue) {
+export function numberBox(options, onValue) {
+  const { label, low = null, high = null, isWhole = false, unit = "", is_low_open: isLowOpen } = options;
+  let { value } = options;
   const fault = element("p.fault", { role: "alert", hidden: true });
   const input = element("input.number", {
     type: "text",
@@ -23,7 +25,7 @@ export function numberBox({ label, value, low = null, high = null, isWhole = fal
   });
   const judge = () => {
     const number = Number(input.value.trim().replace(",", "."));
-    const problem = faultOf(input.value, number, { label, low, high, isWhole, unit });
+    const problem = faultOf(input.value, number, { label, low, high, isLowOpen, isWhole, unit });
     fault.hidden = !problem;
     fault.textContent = problem;
     input.setAttribute("aria-invalid", String(Boolean(problem)));
@@ -54,18 +56,13 @@ export function numberBox({ label, value, low = null, high = null, isWhole = fal
 const shown = (value) => (value === null || value === undefined ? "" : figure(value, 6));
 
 /** One line about a typed number, or "" where it may pass. */
-function faultOf(text, number, { label, low, high, isWhole, unit }) {
-  const range =
-    low !== null && high !== null
-      ? ` from ${figure(low)} to ${figure(high)}`
-      : low !== null
-        ? ` of at least ${figure(low)}`
-        : high !== null
-          ? ` of at most ${figure(high)}`
-          : "";
+function faultOf(text, number, { label, low, high, isLowOpen, isWhole, unit }) {
+  const least = low === null ? "" : isLowOpen ? ` above ${figure(low)}` : ` of at least ${figure(low)}`;
+  const range = [least, high === null ? "" : ` of at most ${figure(high)}`].filter(Boolean).join(" and");
   const wanted = `${label}: give a${isWhole ? " whole" : ""} number${range}${unit ? ` ${unit}` : ""}`;
   const isNumber = text.trim() !== "" && Number.isFinite(number);
-  const isInside = (low === null || number >= low) && (high === null || number <= high);
+  const isAboveLow = low === null || number > low || (number === low && !isLowOpen);
+  const isInside = isAboveLow && (high === null || number <= high);
   const isRight = isNumber && isInside && (!isWhole || Number.isInteger(number));
   return isRight ? "" : `${wanted}; got “${text.trim()}”`;
 }
@@ -73,8 +70,7 @@ function faultOf(text, number, { label, low, high, isWhole, unit }) {
 /**
  * Slider and box of one number.
  *
- * @param {object} field as the server describes it; `softLow` and `softHigh` bound the slider where
- *   low or high is null, and `isLog` makes its steps factors
+ * @param {object} field as the server describes it; its `is_low_open` keeps the slider above low
  * @param {number|null} value
  * @param {(value: number|null, isDrag: boolean) => void} onValue isDrag while the slider moves
  */
@@ -125,6 +121,7 @@ export function numberField(field, value, onValue) {
         { title: "limit on or off" },
       )
     : null;
+  optional?.querySelector("input").setAttribute("aria-label", `limit ${label}`);
   const setEnabled = (isOn) => {
     slider.disabled = box.input.disabled = !isOn;
   };
@@ -160,20 +157,31 @@ export function numberField(field, value, onValue) {
 /** Range of a slider, and the maps between it and [0, 1]. */
 function spanOf(field, value) {
   const largest = Math.max(Math.abs(value ?? 0), Math.abs(field.default ?? 0));
-  const low = field.softLow ?? field.low ?? 0;
-  const high = field.softHigh ?? field.high ?? Math.max(low + 1, 5 * largest, 10);
-  const isLog = field.isLog ?? (low > 0 && high / low > 100);
+  const low = field.low ?? 0;
+  const high = field.high ?? Math.max(low + 1, 5 * largest, SOFT_HIGH[field.unit] ?? 10);
+  const isLog = low > 0 && high / low > 100 && field.unit !== "deg";
+  // A range without an end is finer near its beginning.
+  const power = field.high === null && !isLog && field.kind !== "int" ? 3 : 1;
+  const least = field.is_low_open ? 1 / 1000 : 0;
   return {
     low,
     high,
     isWholeSteps: field.kind === "int" && high - low <= 200,
-    at: (t) => (isLog ? low * (high / low) ** t : low + (high - low) * t),
+    at: (t) => {
+      const part = Math.max(t, least);
+      return isLog ? low * (high / low) ** part : low + (high - low) * part ** power;
+    },
     part: (x) => {
-      const t = isLog ? Math.log(x / low) / Math.log(high / low) : (x - low) / (high - low);
+      const t = isLog
+        ? Math.log(x / low) / Math.log(high / low)
+        : Math.max(0, (x - low) / (high - low)) ** (1 / power);
       return Math.min(1, Math.max(0, Number.isFinite(t) ? t : 0));
     },
   };
 }
+
+/** End of a slider, by the unit, where the server knows none. */
+const SOFT_HIGH = { px: 1000, "px/m": 5000, "px/m²": 1e7, "px/m2": 1e7 };
 
 const UNITS = { deg: "°" };
 

@@ -27,6 +27,7 @@ export const COLOURS = {
   focus: [0.0, 0.6, 0.55, 1],
 };
 const HALO = [1, 1, 1, 0.45];
+const DARK_HALO = [0, 0, 0, 0.6];
 const DARK_ON = [0.72, 0.78, 0.86, 1];
 const MOST_NAMES = 80;
 /** Cameras from which on names keep more distance from each other. */
@@ -78,35 +79,40 @@ export class Frusta {
     for (const station of this.session.state.stations) {
       const isChosen = station.id === this.session.chosen;
       const isWrong = station.place && station.place !== "allowed";
-      const plain = isDark ? DARK_ON : COLOURS.on;
-      const colour = !station.is_on
-        ? COLOURS.off
-        : isWrong
-          ? COLOURS.wrong
-          : isChosen
-            ? COLOURS.chosen
-            : plain;
-      // Whoever looks through a camera sees nothing of its own frustum.
-      const centre = centreOf(this.session.poseOf(station));
-      if (!look.isParallel && distance(centre, centreOf(look.pose)) < 0.02 * this.depth) continue;
-      this.#frustum(sketch, station, colour, isChosen);
+      let colour = isDark ? DARK_ON : COLOURS.on;
+      if (isChosen) colour = COLOURS.chosen;
+      if (isWrong) colour = COLOURS.wrong;
+      if (!station.is_on) colour = COLOURS.off;
+      const away = distance(centreOf(this.session.poseOf(station)), centreOf(look.pose));
+      const isEye = !look.isParallel && away < 0.02 * this.depth;
+      if (isEye) this.#border(sketch, station, colour);
+      else this.#frustum(sketch, station, colour, isChosen);
     }
     const chosen = this.session.station();
     if (chosen && this.hasFocusPlanes) this.#focus(sketch, chosen);
   }
 
-  #frustum(sketch, station, colour, isChosen) {
-    const camera = this.session.cameraOf(station);
-    const pose = this.session.poseOf(station);
-    const rays = camera.border;
-    const width = isChosen ? 2.5 : 1.4;
+  /** Ends of the border rays, world. */
+  #ends(station) {
+    const rays = this.session.cameraOf(station).border;
     const reach = this.depth / Math.max(1, ...rays.map(length)); // wide ones are not larger
-    const ends = rays.map((ray) => fromCamera(pose, scale(ray, reach)));
+    return rays.map((ray) => fromCamera(this.session.poseOf(station), scale(ray, reach)));
+  }
+
+  /** Border of the image, for whoever looks through the camera. */
+  #border(sketch, station, colour) {
+    sketch.path(this.#ends(station), colour, 2.5, true);
+  }
+
+  #frustum(sketch, station, colour, isChosen) {
+    const pose = this.session.poseOf(station);
+    const ends = this.#ends(station);
+    const width = isChosen ? 2.5 : 1.4;
     const centre = centreOf(pose);
-    const quarter = rays.length / 4;
-    // A pale line below the coloured one keeps it visible on faces of any colour.
+    const quarter = ends.length / 4;
+    // A contrasting line below the coloured one keeps it visible on faces of any colour.
     for (const [tint, wide] of [
-      [HALO, width + 2],
+      [colour === DARK_ON ? DARK_HALO : HALO, width + 2],
       [colour, width],
     ]) {
       sketch.path(ends, tint, wide, true);

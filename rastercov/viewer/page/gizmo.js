@@ -179,14 +179,17 @@ export class Gizmo {
     this.drag = { ...handle, start };
     const follow = this.#follower(handle, start, x, y);
     let pose = start;
+    const { reloads } = this.session;
+    const isVoid = () => reloads !== this.session.reloads;
     const finish = (final) => {
       this.drag = null;
       this.hovered = null;
-      if (pose !== start) this.session.act({ do: "pose", station: station.id, pose: final });
+      if (pose !== start && !isVoid()) this.session.act({ do: "pose", station: station.id, pose: final });
       this.view.request();
     };
     return {
       move: (nowX, nowY, event) => {
+        if (isVoid()) return;
         const wanted = follow(nowX, nowY, event.ctrlKey);
         pose =
           wanted && (allowedPose(this.session.scene.constraints, this.session.state, pose, wanted) ?? pose);
@@ -258,14 +261,15 @@ export class Gizmo {
     }
     const next = allowedPose(this.session.scene.constraints, this.session.state, pose, wanted);
     if (!next) return true;
-    this.nudged = { station: station.id, pose: next };
-    this.session.act({ do: "pose", ...this.nudged }, { isDrag: true });
+    const action = { do: "pose", station: station.id, pose: next };
+    this.nudged = { action, reloads: this.session.reloads };
+    this.session.act(action, { isDrag: true });
     return true;
   }
 
   /** Ends a series of keys, so that they are one step of undo. */
   endKeys() {
-    if (this.nudged) this.session.act({ do: "pose", ...this.nudged });
+    if (this.nudged?.reloads === this.session.reloads) this.session.act(this.nudged.action);
     this.nudged = null;
   }
 }

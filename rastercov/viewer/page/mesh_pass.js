@@ -12,6 +12,8 @@ const TEXELS_A_ROW = 2048;
 export const SHADE_LEAST = 0.45;
 /** Grey of faces without figures. */
 const NEUTRAL = 205;
+/** Opacity of transparent groups. */
+const SEEN_THROUGH = 0.24;
 export const MESH_STAGES = ["viewer_mesh.vert", "viewer_mesh.frag"];
 
 /** Bits of a group, as the shader knows them. */
@@ -82,7 +84,7 @@ export class MeshPass {
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
     gl.depthMask(false);
-    this.#triangles(this.colours, 2, 0.16);
+    this.#triangles(this.colours, 2, SEEN_THROUGH);
     gl.depthMask(true);
     gl.disable(gl.BLEND);
   }

@@ -24,6 +24,7 @@ export class Session {
     this.isConnected = true;
     this.chosen = null; // id of a station
     this.face = null; // index of the picked face
+    this.reloads = 0; // how often the state of another tab was taken: gestures begun before are void
     this.localPoses = new Map(); // station -> pose that is not the server's yet
     this.options = {}; // mode -> values of its fields
   }
@@ -207,6 +208,7 @@ export class Session {
   /** Takes the server's state, whatever this page showed. */
   async reload(words = "") {
     try {
+      this.reloads += 1;
       this.state = await this.server.state();
       this.localPoses.clear();
       if (this.chosen !== null && !this.station()) this.chosen = this.state.stations[0]?.id ?? null;

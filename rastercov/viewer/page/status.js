@@ -107,9 +107,12 @@ export class Jobs {
 
   async #follow() {
     this.root.hidden = false;
+    this.words.textContent = "beginning…";
+    this.bar.removeAttribute("value");
     for (;;) {
       const job = await this.session.server.job();
       if (job.id === null || job.status !== "running") {
+        this.isRunning = false; // the next may begin while its result is drawn
         if (job.status === "failed") this.session.emit("fault", job.words);
         else if (job.words) this.session.emit("notice", job.words);
         if (job.status === "done") {
