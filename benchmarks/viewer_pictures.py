@@ -52,7 +52,8 @@ def picture(page, path, arguments, prepare):
         try:
             url = next(re.search(r"https?://\S+", line) for line in program.stdout if "//" in line)
             page.goto(url[0])
-            page.wait_for_function("window.rastercov?.session.figures !== undefined")
+            ready = "window.rastercov?.session.figures !== undefined"
+            page.wait_for_function(ready, timeout=300_000)  # the first run compiles
             prepare(page)
             page.evaluate("rastercov.whenIdle()")
             page.wait_for_timeout(6_000)  # messages leave by themselves
@@ -63,7 +64,7 @@ def picture(page, path, arguments, prepare):
 
 
 def of_a_part(page):
-    choose(page, "density")
+    choose(page, "views")
 
 
 def of_a_room(page):
@@ -77,7 +78,7 @@ def of_a_room(page):
 
 
 def of_images(page):
-    choose(page, "views")
+    choose(page, "density")
 
 
 def choose(page, mode):

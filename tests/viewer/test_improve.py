@@ -191,7 +191,7 @@ def test_a_camera_at_a_forbidden_place_is_refined_from_the_nearest_allowed_one(m
 
     state = state_of(MESH, 3)
     low, high = np.asarray(MESH.bounds)
-    above = np.stack((low + (-1, -1, 0.5), high + (1, 1, 2)))
+    above = np.stack((np.add(low, (-1, -1, 0.5)), np.add(high, (1, 1, 2))))
     space = PoseSpace(mesh=MESH, boxes=above)
     row = int(np.argmin([each.pose[2, 3] for each in state.stations]))
     assert not space.allows(state.stations[row].pose[None, :3, 3])[0]
