@@ -3,16 +3,19 @@
 Each camera of tests/support/lens_cases.py: pixels of random rays against cv2 and pycolmap, rays of
 random pixels there and back, areas of the walls of a turned room, which must add up to the image,
 and the longest edges that the quadrature takes to 1e-9 px^2. Then the cost of pixels, rays and
-edges, and of counting samples beside the pinhole; medians over the rounds, of one thread.
+edges, and of poses by `certified` and by counting samples beside the pinhole (`--only poses` is
+that alone); medians over the rounds, of one thread.
 """
 
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 from rows import Report, arguments  # makes tests/support importable
 
 # isort: split
@@ -31,7 +34,14 @@ from lens_cases import (
 from lens_oracles import colmap_pixels, opencv_fisheye_pixels, opencv_pixels
 from lens_rooms import on_plane, room
 
-from rastercov import Camera, look_at, open_rasterizer, shapes, sphere_of_poses
+from rastercov import (
+    Camera,
+    look_at,
+    open_observer,
+    open_rasterizer,
+    shapes,
+    sphere_of_poses,
+)
 from rastercov.lenses import formulas, make_lens
 from rastercov.lenses.areas import polygon_areas
 from rastercov.lenses.quadrature import edge_table
@@ -44,12 +54,21 @@ def main() -> None:
     parser = arguments(__doc__.splitlines()[0])
     parser.add_argument("--rays", type=int, default=4000)
     parser.add_argument("--rounds", type=int, default=9)
+    parser.add_argument("--only", choices=("poses",), help="cost of poses, no agreement")
     args = parser.parse_args()
     report = Report()
+    if args.only != "poses":
+        add_models(report, args.rays, args.rounds)
+    add_poses(report, args.rounds)
+    report.finish(args.json)
+
+
+def add_models(report: Report, n_rays: int, rounds: int) -> None:
+    """Agreement with other programs, sums of areas, and the cost of rays and edges."""
     lenses = of_all_kinds()
     for name, lens in lenses.items():
-        add_agreement(report, name, lens, args.rays)
-        found = lens.unproject(pixels(args.rays))
+        add_agreement(report, name, lens, n_rays)
+        found = lens.unproject(pixels(n_rays))
         again = lens.unproject(lens.project(found))
         report.add(f"{name}: ray to pixel to ray", np.abs(again - found).max(), "",
                    at_most=MOST_RAD)  # fmt: skip
@@ -67,9 +86,7 @@ def main() -> None:
             length = 2 * table.longest[n] * plane.camera.fx
             report.add(f"{name}: longest edge with n = {n}", length, "px")
     for name in ("opencv brown", "opencv prism", "opencv fisheye", "kalibr ds"):
-        add_cost(report, name, lenses[name], args.rounds)
-    add_counts(report, args.rounds)
-    report.finish(args.json)
+        add_cost(report, name, lenses[name], rounds)
 
 
 def add_agreement(report: Report, name: str, lens: object, n: int) -> None:
@@ -118,29 +135,57 @@ def add_cost(report: Report, name: str, lens: object, rounds: int) -> None:
         report.add(f"{name}: {what}", 1e9 * median(call, rounds) / count, "ns")
 
 
-def add_counts(report: Report, rounds: int) -> None:
-    """CPU time of `count` through lenses, a pose, and by that of the pinhole."""
-    size = {"width": WIDTH, "height": HEIGHT}
-    pinhole = Camera(**size, fx=900, fy=900)
-    cameras = {
-        "pinhole": pinhole,
-        "brown": replace(pinhole, model="opencv", distortion=BROWN),
-        "fisheye": Camera(**size, fx=600, fy=600, model="opencv_fisheye", distortion=KANNALA),
-    }
+def add_poses(report: Report, rounds: int) -> None:
+    """CPU time of a pose through lenses, and by that of the pinhole, in alternating runs."""
     inside = look_at([(0.2, 0.1, 1.5)] * 4, [(1, 1, 1), (-1, 1, 1), (1, -1, 1.3), (-1, 0.3, 1)])
-    for name in ("torus", "teapot", "room"):
-        mesh, poses = shapes.by_name(name), inside
-        if name != "room":
-            centre = mesh.bounds.mean(axis=0)
-            poses = sphere_of_poses(centre, enclosing_distance(mesh, pinhole, centre)[1], 4)
-        own = 0.0
-        for lens, camera in cameras.items():
-            with open_rasterizer(mesh, camera, "cpu", threads=1) as rasterizer:
-                seconds = median(partial(rasterizer.count, poses, drawn=False), rounds) / 4
-            report.add(f"{name}, {lens}: count", 1e3 * seconds, "ms")
-            own = own or seconds
-            if lens != "pinhole":
-                report.add(f"{name}, {lens}: count by that of the pinhole", seconds / own, "")
+    meshes = {
+        "torus": shapes.by_name("torus"),
+        "aeroplane-9856": shapes.aeroplane(9856),
+        "teapot": shapes.by_name("teapot"),
+        "room": shapes.by_name("room"),
+    }
+    for width, height in ((1280, 1024), (640, 512)):
+        f = 900 * width / 1280
+        pinhole = Camera(width=width, height=height, fx=f, fy=f)
+        brown = replace(pinhole, model="opencv", distortion=BROWN)
+        fisheye = replace(
+            pinhole, fx=f / 1.5, fy=f / 1.5, model="opencv_fisheye", distortion=KANNALA
+        )
+        cameras = {"pinhole": pinhole, "brown": brown, "fisheye": fisheye}
+        for name, mesh in meshes.items():
+            poses = inside
+            if name != "room":
+                centre = mesh.bounds.mean(axis=0)
+                poses = sphere_of_poses(centre, enclosing_distance(mesh, pinhole, centre)[1], 4)
+            with ExitStack() as stack:
+                counts, certified = [], []
+                for camera in cameras.values():
+                    rasterizer = open_rasterizer(mesh, camera, "cpu", threads=1)
+                    counter = stack.enter_context(rasterizer)
+                    counts.append(partial(counter.count, poses, drawn=False))
+                    observer = stack.enter_context(open_observer(mesh, camera, threads=1))
+                    certified.append(partial(observer.observe, poses))
+                for what, calls in (("count", counts), ("certified", certified)):
+                    times = alternating(calls, rounds) / len(poses)
+                    for row, lens in enumerate(cameras):
+                        title = f"{name}, {width} x {height}, {lens}: {what}"
+                        report.add(title, 1e3 * statistics.median(times[row]), "ms")
+                        if row:
+                            ratio = statistics.median(times[row] / times[0])
+                            report.add(f"{title} by that of the pinhole", ratio, "")
+
+
+def alternating(calls: Sequence[Callable[[], object]], rounds: int) -> NDArray[np.float64]:
+    """CPU seconds (calls, rounds) of calls in turn; the first of each is not counted."""
+    for call in calls:
+        call()
+    times = np.empty((len(calls), rounds))
+    for turn in range(rounds):
+        for row, call in enumerate(calls):
+            start = time.process_time()
+            call()
+            times[row, turn] = time.process_time() - start
+    return times
 
 
 def median(call: Callable[[], object], rounds: int) -> float:

@@ -111,9 +111,9 @@ def append(polygon, n, face, kind, found):
 
 @inlined
 def append_cut(polygon, n, face, kind, plane, spare, found):
-    """Append the parts of a convex polygon in the region and outside the hole of a plane."""
-    if not is_in_region(polygon, n, plane.region):
-        n = cut_to_region(polygon, n, plane.region, spare)
+    """Append the parts of a convex polygon in the window and outside the hole of a plane."""
+    if not is_in_region(polygon, n, plane.window):
+        n = cut_to_region(polygon, n, plane.window, spare)
     if n < 3:
         return
     append(polygon, n, face, kind, found)
@@ -161,14 +161,15 @@ def vertices_in_plane(uvw, camera, plane, xy, is_inside):
 
 
 @allocation_free
-def measure_simple(faces, edges, is_flat, state, seen, plane, own, is_done, out):
+def measure_simple(faces, sides, is_flat, state, seen, plane, own, is_done, out):
     """Measure the faces that are wholly inside the image or outside it, by shared edges.
 
     Parameters
     ----------
     faces : (O, 3) int32
         The opaque faces.
-    edges : Edges
+    sides : (O, 3) int32
+        Edges of the faces, see `lens_solver.directed_sides`.
     seen : Seen
         Images of vertices and edges.
     own : (F,) float64
@@ -177,23 +178,27 @@ def measure_simple(faces, edges, is_flat, state, seen, plane, own, is_done, out)
         Out: faces that are measured, or need not be.
     out : Figures
     """
-    xy, uv, is_inside, bulge = seen.xy, seen.uv, seen.is_inside, seen.bulge
+    xy, uv, bulge = seen.xy, seen.uv, seen.bulge
     W_, H_ = plane.width, plane.height
     rounding = EDGE_ROUNDING * (W_ + H_)
     for f in range(own.shape[0]):
         own[f], is_done[f] = 0.0, bool(is_flat[f]) or state[f] & THIN != 0
     for f in range(faces.shape[0]):
         i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
-        if is_done[f] or not (is_inside[i] and is_inside[j] and is_inside[k]):
-            continue
-        total, longest2 = 0.0, 0.0
-        for p in range(3):
-            e, a = edges.of_face[f, p], faces[f, p]
-            b = faces[f, p + 1 if p < 2 else 0]
-            total += bulge[e] if edges.vertices[e, 0] == a else -bulge[e]
-            dx, dy = xy[b, 0] - xy[a, 0], xy[b, 1] - xy[a, 1]
-            longest2 = max(longest2, dx * dx + dy * dy)
         u0, v0, u1, v1, u2, v2 = uv[i, 0], uv[i, 1], uv[j, 0], uv[j, 1], uv[k, 0], uv[k, 1]
+        if is_done[f] or u0 + u1 + u2 != u0 + u1 + u2:
+            continue  # NaN for a vertex outside the region
+        ax, ay, bx, by = xy[i, 0], xy[i, 1], xy[j, 0], xy[j, 1]
+        cx, cy = xy[k, 0], xy[k, 1]
+        longest2 = max(
+            (bx - ax) * (bx - ax) + (by - ay) * (by - ay),
+            (cx - bx) * (cx - bx) + (cy - by) * (cy - by),
+            (ax - cx) * (ax - cx) + (ay - cy) * (ay - cy),
+        )
+        total = 0.0
+        for p in range(3):
+            e = sides[f, p]
+            total += bulge[e] if e >= 0 else -bulge[~e]
         low_u, high_u = min(u0, u1, u2), max(u0, u1, u2)
         low_v, high_v = min(v0, v1, v2), max(v0, v1, v2)
         stray = plane.bend * longest2 / 8
@@ -204,8 +209,7 @@ def measure_simple(faces, edges, is_flat, state, seen, plane, own, is_done, out)
         total += 0.5 * ((u1 - u0) * (v2 - v0) - (u2 - u0) * (v1 - v0))
         if is_in and total == total:
             is_done[f] = True
-            twice = (xy[j, 0] - xy[i, 0]) * (xy[k, 1] - xy[i, 1])
-            twice -= (xy[k, 0] - xy[i, 0]) * (xy[j, 1] - xy[i, 1])
+            twice = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
             own[f] = total if twice > 0 else -total
             out.area[f] += own[f]
             # No side is longer than the box, and a bulge, is wide and high.
@@ -248,13 +252,26 @@ def outline_in_space(vertices, faces, f, camera, region, points, spare, polygon)
         x, y, z = vertices[i, 0] - eye[0], vertices[i, 1] - eye[1], vertices[i, 2] - eye[2]
         for k in range(3):
             points[p, k] = x * rotation[0, k] + y * rotation[1, k] + z * rotation[2, k]
+    if max(points[0, 2], points[1, 2], points[2, 2]) < camera.near:
+        return np.int64(0)
+    m = region.shape[0]
+    for i in range(m):
+        j = i + 1 if i + 1 < m else 0
+        x0, y0 = region[i, 0], region[i, 1]
+        dx, dy = region[j, 0] - x0, region[j, 1] - y0
+        d = dx * y0 - dy * x0
+        if (
+            dx * points[0, 1] - dy * points[0, 0] < d * points[0, 2]
+            and dx * points[1, 1] - dy * points[1, 0] < d * points[1, 2]
+            and dx * points[2, 1] - dy * points[2, 0] < d * points[2, 2]
+        ):
+            return np.int64(0)
     # On which side of the plane of the face the camera is decides the direction of its image.
     ax, ay, az = points[0, 0], points[0, 1], points[0, 2]
     bx, by, bz = points[1, 0] - ax, points[1, 1] - ay, points[1, 2] - az
     cx, cy, cz = points[2, 0] - ax, points[2, 1] - ay, points[2, 2] - az
     height = (by * cz - bz * cy) * ax + (bz * cx - bx * cz) * ay + (bx * cy - by * cx) * az
     n = cut_in_space(points, np.int64(3), 0.0, 0.0, 1.0, camera.near, spare)
-    m = region.shape[0]
     for i in range(m):
         if n < 3:
             return np.int64(0)
@@ -314,7 +331,7 @@ def collect(vertices, is_done, projected, kept, camera, plane, scratch, found):
             # Out of sight, or seen from behind and left out.
             if not is_out_of_image(uvw, faces, f, camera):
                 n = outline_in_space(
-                    vertices, faces, f, camera, plane.region, points, spare_points, polygon
+                    vertices, faces, f, camera, plane.window, points, spare_points, polygon
                 )
                 if n >= 3:
                     append_cut(polygon, n, f, OUTLINE, plane, spare, found)
@@ -402,3 +419,19 @@ def add_areas(found, images, projected, kept, pinhole, plane, own, out):
         else:
             out.n_computed[f] += 1
             out.area_error[f] += plane.stretch * area_error[f]
+
+
+@allocation_free
+def settle(figures, largest, is_certified):
+    """Fill (F,) `is_certified` from the figures of all planes, and limit bounds to `largest`, px^2.
+
+    A face is certified if all planes that show it certify it, with one answer.
+    """
+    visible, area_error = figures.visible, figures.area_error
+    for f in range(is_certified.shape[0]):
+        n, n_visible = figures.n_certified[f], figures.n_visible[f]
+        is_one = n_visible == 0 or n_visible == n
+        is_certified[f] = n > 0 and figures.n_computed[f] == 0 and is_one
+        if is_certified[f] and n_visible > 0:
+            visible[f] = figures.area[f]
+        area_error[f] = min(area_error[f], largest)

@@ -15,13 +15,19 @@ from rastercov._jit import announce_compilation
 from rastercov.camera import Camera
 from rastercov.exact import lens_kernels as kernels
 from rastercov.exact.half_planes import HalfPlaneSolver
+from rastercov.exact.records import Edges
 from rastercov.exact.surface import Surface
 from rastercov.lenses import lane_kernels
 from rastercov.lenses.of_camera import planes_of
+from rastercov.lenses.planes import IdealPlane
 from rastercov.lenses.polygon_kernels import edge_scratch, measure_polygons
 from rastercov.lenses.records import PlaneRecord
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int32]
+BESIDE_REL = 1e-9
+"""Distance of a surface from the side of a plane's image, relative to its own, that is no rounding.
+"""
 Visit = Callable[[int, HalfPlaneSolver], None]
 
 
@@ -62,8 +68,8 @@ class LensSolver:
             is_inside=np.empty(n_vertices, np.bool_),
             bulge=np.empty(n_edges),
         )
+        self._sides = directed_sides(surface.faces, surface.edges)
         self._lanes = lane_kernels.lane_scratch()
-        self._rule, self._order = np.empty(n_edges, np.uint8), np.empty(n_edges, np.int32)
         self._is_done = np.empty(n, np.bool_)
         self._own, self._scratch = np.empty(n), kernels.scratch()
         self._found = kernels.room_for_polygons(1024, 8192)
@@ -73,10 +79,16 @@ class LensSolver:
         if surface.targets is not None:
             self._flat = np.concatenate((surface.flat, surface.targets.flat))
             self._vertices = np.concatenate((surface.vertices, surface.targets.vertices))
+        ends = np.stack((self._vertices.min(axis=0), self._vertices.max(axis=0)))
+        self._box = np.stack(np.meshgrid(*ends.T), axis=-1).reshape(8, 3)
 
     def write_to(self, visible: FloatArray, area: FloatArray, area_error: FloatArray) -> bool:
-        """As of `HalfPlaneSolver`; False, as it keeps its own arrays."""
-        return False
+        """As of `HalfPlaneSolver`."""
+        if self.surface.targets is not None:
+            return False
+        self.area, self.visible, self.area_error = area, visible, area_error
+        self.figures = kernels.Figures(area, visible, area_error, *self.figures[3:])
+        return True
 
     def set_camera(self, camera: Camera) -> None:
         """Take another camera, for the poses from now on."""
@@ -115,6 +127,8 @@ class LensSolver:
             array[:] = 0
         solved: FloatArray | None = None
         for index, (plane, record) in enumerate(self._planes):
+            if visit is None and self._is_beside(plane):
+                continue
             if solved is None or not np.array_equal(plane.frame, solved):
                 self._solve(plane.camera, plane.frame)
                 solved = plane.frame
@@ -122,13 +136,20 @@ class LensSolver:
                 visit(index, self._solver)
             if is_measured:
                 self._measure(record)
-        n_certified, n_visible, n_computed = self.figures[3:]
-        is_whole = (n_visible == 0) | (n_visible == n_certified)
-        self.is_certified[:] = (n_certified > 0) & (n_computed == 0) & is_whole
-        whole = self.is_certified & (n_visible > 0)
-        self.visible[whole] = self.area[whole]
         largest = 2.0 * self._camera.width * self._camera.height
-        np.minimum(self.area_error, largest, out=self.area_error)
+        kernels.settle(self.figures, largest, self.is_certified)
+
+    def _is_beside(self, plane: IdealPlane) -> bool:
+        """True where all of the surface is beyond one side of the image of a plane."""
+        pose, camera = self._pose[0], plane.camera
+        left, top = camera.cx / camera.fx, camera.cy / camera.fy
+        right, bottom = camera.width / camera.fx - left, camera.height / camera.fy - top
+        sides = np.array(
+            [(0, 0, 1), (1, 0, left), (-1, 0, right), (0, 1, top), (0, -1, bottom)], np.float64
+        )
+        points = (self._box - pose[:3, 3]) @ (pose[:3, :3] @ plane.frame)
+        margin = BESIDE_REL * float(np.abs(points).max()) * np.abs(sides).sum(axis=1)
+        return bool(((points @ sides.T).max(axis=0) < -margin).any())
 
     def _solve(self, camera: Camera, frame: FloatArray) -> None:
         """Visibility in one pinhole."""
@@ -148,11 +169,10 @@ class LensSolver:
         kernels.vertices_in_plane(uvw, solver.camera, record, seen.xy, seen.is_inside)
         lane_kernels.vertex_images(record, seen.xy, seen.is_inside, lanes, seen.uv)
         lane_kernels.edge_bulges(
-            record, surface.edges.vertices, seen.xy, seen.uv, seen.is_inside, self._rule,
-            self._order, lanes, seen.bulge,
-        )  # fmt: skip
+            record, surface.edges.vertices, seen.xy, seen.uv, lanes, seen.bulge
+        )
         kernels.measure_simple(
-            surface.faces, surface.edges, self._flat, projected.state, seen, record, own, is_done,
+            surface.faces, self._sides, self._flat, projected.state, seen, record, own, is_done,
             self.figures,
         )  # fmt: skip
         while True:
@@ -171,3 +191,10 @@ class LensSolver:
         measure_polygons(record, found.corners, found.starts, self._edges, images)
         pinhole = solver.visible, solver.area_error, solver.is_certified
         kernels.add_areas(found, images, projected, kept, pinhole, record, own, self.figures)
+
+
+def directed_sides(faces: IntArray, edges: Edges) -> IntArray:
+    """(O, 3) edge e from each corner of a face to the next, ~e where it runs backwards."""
+    is_forward = edges.vertices[edges.of_face, 0] == faces
+    sides = np.where(is_forward, edges.of_face, ~edges.of_face)
+    return np.ascontiguousarray(sides.astype(np.int32))

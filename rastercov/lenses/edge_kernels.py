@@ -13,27 +13,52 @@ import math
 
 from rastercov._jit import allocation_free, part_with_arrays
 from rastercov.lenses.kernels import project
+from rastercov.lenses.lane_kernels import GROUP, project_lanes
 from rastercov.lenses.quadrature import BERNSTEIN, FEWEST, GROWTH, MOST, NODES, RULE
 
 FLAT = 1e-10
 """Pixels: a coordinate that stays this near to a border is taken to be on one side of it."""
+ROOT_TOLERANCE, MOST_STEPS = 1e-15, 240
+"""Error of the place of a root, in lengths of its part, and steps of the search for it: one in four
+is a bisection."""
+ROUNDING_REL = 2.0**-50
+"""Rounding of a polynomial relative to its coefficients: less is 0."""
 DEEPEST = 48
 """Halvings of an edge in the search for a root, and of one that meets a pole."""
 MOST_CUTS = 12 * MOST
+NODE_ROOM = -(-(MOST + 1) // GROUP) * GROUP
+"""Room for the nodes of an edge in `values_together`."""
 NO_LEVEL, LEVEL_U, LEVEL_V = 0, 1, 2
 """Kinds of the cuts of an edge: an end of it, a border crossed by u, one crossed by v."""
+
+
+@allocation_free
+def node_value(code, p, frame, ax, ay, bx, by, n, k):
+    """Pixel (u, v) of node k of the n + 1 nodes of the edge from (ax, ay) to (bx, by)."""
+    t, s = NODES[n, k], NODES[n, n - k]
+    x, y = s * ax + t * bx, s * ay + t * by
+    X = frame[0, 0] * x + frame[0, 1] * y + frame[0, 2]
+    Y = frame[1, 0] * x + frame[1, 1] * y + frame[1, 2]
+    Z = frame[2, 0] * x + frame[2, 1] * y + frame[2, 2]
+    return project(code, p, X, Y, Z)
 
 
 @allocation_free
 def edge_values(code, p, frame, ax, ay, bx, by, n, U, V):
     """Fill U, V with the pixels of the n + 1 nodes of the edge from (ax, ay) to (bx, by)."""
     for k in range(n + 1):
-        t, s = NODES[n, k], NODES[n, n - k]
-        x, y = s * ax + t * bx, s * ay + t * by
-        X = frame[0, 0] * x + frame[0, 1] * y + frame[0, 2]
-        Y = frame[1, 0] * x + frame[1, 1] * y + frame[1, 2]
-        Z = frame[2, 0] * x + frame[2, 1] * y + frame[2, 2]
-        U[k], V[k] = project(code, p, X, Y, Z)
+        U[k], V[k] = node_value(code, p, frame, ax, ay, bx, by, n, k)
+
+
+@allocation_free
+def values_together(code, p, frame, ax, ay, bx, by, n, nodes, U, V):
+    """`edge_values` by vector instructions; `nodes`, (3, NODE_ROOM), is scratch."""
+    x, y = nodes[0], nodes[1]
+    for k in range(NODE_ROOM):
+        m = min(k, n)
+        t, s = NODES[n, m], NODES[n, n - m]
+        x[k], y[k] = s * ax + t * bx, s * ay + t * by
+    project_lanes(code, p, frame, x, y, nodes[2], n + 1, U, V)
 
 
 @part_with_arrays
@@ -97,14 +122,39 @@ def _changes(n, row):
 
 
 @part_with_arrays
-def _value(n, row, t, spare):
-    """Polynomial in Bernstein form at t."""
+def _value_and_slope(n, row, t, spare):
+    """Polynomial of degree n >= 2 in Bernstein form, and its derivative, at t."""
     for k in range(n + 1):
         spare[k] = row[k]
-    for r in range(1, n + 1):
+    for r in range(1, n):
         for k in range(n + 1 - r):
             spare[k] += t * (spare[k + 1] - spare[k])
-    return spare[0]
+    change = spare[1] - spare[0]
+    return spare[0] + t * change, n * change
+
+
+@part_with_arrays
+def _only_root(n, row, spare):
+    """Root of a polynomial that changes its sign once, by Newton's method within bisections."""
+    a, b, is_up, largest = 0.0, 1.0, row[0] < 0.0, 0.0
+    for k in range(n + 1):
+        largest = max(largest, abs(row[k]))
+    t = row[0] / (row[0] - row[n])
+    for step in range(MOST_STEPS):
+        f, slope = _value_and_slope(n, row, t, spare)
+        if abs(f) <= ROUNDING_REL * largest:
+            return t
+        if (f < 0.0) == is_up:
+            a = t
+        else:
+            b = t
+        following = t - f / slope
+        if step % 4 == 3 or not a < following < b:
+            following = 0.5 * (a + b)
+        if b - a < ROOT_TOLERANCE:
+            break
+        t = following
+    return 0.5 * (a + b)
 
 
 @allocation_free
@@ -126,24 +176,9 @@ def roots(n, stack, low, spare, out, kinds, kind, count):
         if changes == 0 or (is_flat and length == 1.0):
             continue
         if changes == 1 and row[0] != 0.0 and row[n] != 0.0 and not is_flat:
-            a, b = 0.0, 1.0
-            is_up = row[0] < 0.0
-            fa, fb = row[0], row[n]
-            for step in range(100):
-                # False position, every third step a bisection.
-                t = 0.5 * (a + b) if step % 3 == 2 else (a * fb - b * fa) / (fb - fa)
-                f = _value(n, row, t, spare)
-                if f == 0.0:
-                    a = b = t
-                    break
-                if (f < 0.0) == is_up:
-                    a, fa = t, f
-                else:
-                    b, fb = t, f
-                if b - a < 1e-15:
-                    break
+            t = _only_root(n, row, spare)
             if count < out.shape[0] - 1:
-                out[count], kinds[count] = start + length * (0.5 * (a + b)), kind
+                out[count], kinds[count] = start + length * t, kind
                 count += 1
             continue
         if is_flat or top + 2 > DEEPEST or length < 1e-13:
@@ -184,10 +219,12 @@ def edge_is_inside(n, U, V, W, H, stack, low, spare, out, kinds):
 
 
 @allocation_free
-def clamped_edge(code, p, frame, ax, ay, bx, by, n, W, H, U, V, stack, low, spare, cuts, kinds):
+def clamped_edge(
+    code, p, frame, ax, ay, bx, by, n, W, H, U, V, stack, low, spare, cuts, kinds, nodes
+):
     """Integral of clamp(u, 0, W) d clamp(v, 0, H) along the image of an edge, px^2, and its pieces.
 
-    U, V are the values at the nodes of the edge, and lost.
+    U, V are the values at the nodes of the edge, with room for `NODE_ROOM`, and lost.
     """
     is_in = True
     for k in range(n + 1):
@@ -214,15 +251,14 @@ def clamped_edge(code, p, frame, ax, ay, bx, by, n, W, H, U, V, stack, low, spar
             end = cuts[i] if i < count else 1.0
             end_kind = kinds[i] if i < count else NO_LEVEL
             if end > start:
-                if count > 0:
-                    edge_values(
-                        code, p, frame,
-                        (1.0 - start) * ax + start * bx, (1.0 - start) * ay + start * by,
-                        (1.0 - end) * ax + end * bx, (1.0 - end) * ay + end * by,
-                        n, U, V,
-                    )  # fmt: skip
+                x0, y0 = (1.0 - start) * ax + start * bx, (1.0 - start) * ay + start * by
+                x1, y1 = (1.0 - end) * ax + end * bx, (1.0 - end) * ay + end * by
                 u, v = U[n // 2], V[n // 2]
+                if count > 0:
+                    u, v = node_value(code, p, frame, x0, y0, x1, y1, n, n // 2)
                 if u > 0.0 and 0.0 < v < H:
+                    if count > 0:
+                        values_together(code, p, frame, x0, y0, x1, y1, n, nodes, U, V)
                     # A cut by v is on the border, to the error of its root: the integral must end
                     # there, or that error would be multiplied by u.
                     first = (0.0 if V[0] < 0.5 * H else H) if start_kind == LEVEL_V else V[0]

@@ -256,8 +256,8 @@ def curved_areas(points, i, j, k, near, lens, work):
         plane = PlaneRecord(
             lens.code, lens.own_params[n], lens.frames[n], 1.0, 1.0, 0.0, 0.0,
             lens.regions[n, : lens.region_sides[n]], lens.holes[n, : lens.hole_sides[n]],
-            lens.longest[n], lens.parts_of[n], lens.is_graded[n], lens.width, lens.height,
-            lens.bends[n], 1.0, 1.0, lens.tolerance,
+            lens.regions[n, : lens.region_sides[n]], lens.longest[n], lens.parts_of[n],
+            lens.is_graded[n], lens.width, lens.height, lens.bends[n], 1.0, 1.0, lens.tolerance,
         )  # fmt: skip
         m = cut_to_region(polygon, m, plane.region, work.spare)
         if m < 3:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._jit import allocation_free, part_of, part_with_arrays
+from rastercov._jit import allocation_free, part_of
 from rastercov.lenses.formulas import (
     B0,
     B1,
@@ -56,30 +56,36 @@ from rastercov.lenses.quadrature import FEWEST, MOST, NODES, RULE
 
 LANES = 64
 """Rays that are projected together."""
-NO_RULE = MOST + 1
-"""Edges that no rule integrates as a whole."""
+GROUP = 8
+"""Rays of a vector: a list is filled up to a multiple of it, so that no remainder is scalar."""
 
 
 class LaneScratch(NamedTuple):
-    """Scratch for `LANES` rays or edges: nodes of edges are (MOST + 1, LANES)."""
+    """Scratch for `LANES` rays or edges: nodes of edges are (MOST + 1, LANES).
+
+    `ends`, (8, LANES), has x, y, u, v of both ends of each edge.
+    """
 
     x: NDArray[np.float64]
     y: NDArray[np.float64]
     z: NDArray[np.float64]
-    u0: NDArray[np.float64]
-    v0: NDArray[np.float64]
+    ends: NDArray[np.float64]
     total: NDArray[np.float64]
+    u: NDArray[np.float64]
+    v: NDArray[np.float64]
+    X: NDArray[np.float64]
+    Y: NDArray[np.float64]
     U: NDArray[np.float64]
     V: NDArray[np.float64]
     row: NDArray[np.int64]
-    starts: NDArray[np.int64]
 
 
 def lane_scratch() -> LaneScratch:
     """Memory for `LANES` rays or edges; all numbers are finite, also those of unused lanes."""
-    sizes = [(LANES,)] * 6 + [(MOST + 1, LANES)] * 2
-    row, starts = np.zeros(LANES, np.int64), np.zeros(NO_RULE + 2, np.int64)
-    return LaneScratch._make([*(np.zeros(size) for size in sizes), row, starts])
+    x, y, z, u, v = np.zeros((5, (MOST + 1) * LANES))
+    X, Y, U, V = (each.reshape(MOST + 1, LANES) for each in (x, y, u, v))
+    ends, total, row = np.zeros((8, LANES)), np.zeros(LANES), np.zeros(LANES, np.int64)
+    return LaneScratch(x, y, z, ends, total, u, v, X, Y, U, V, row)
 
 
 @part_of
@@ -100,38 +106,38 @@ def angle_over_r(r2, z):
 
 
 @allocation_free
-def base_lanes(code, b0, b1, b2, x, y, z):
+def base_lanes(code, b0, b1, b2, x, y, z, n):
     """Bases that have a closed form, see `formulas.based`; rays (x, y, z) in place."""
     if code == EQUIDISTANT:
-        for i in range(LANES):
+        for i in range(n):
             g = angle_over_r(x[i] * x[i] + y[i] * y[i], z[i])
             x[i], y[i] = x[i] * g, y[i] * g
     elif code == EQUISOLID:
-        for i in range(LANES):
+        for i in range(n):
             rho = math.sqrt(x[i] * x[i] + y[i] * y[i] + z[i] * z[i])
             g = 1.4142135623730951 / math.sqrt(rho * (rho + z[i]))
             x[i], y[i] = x[i] * g, y[i] * g
     elif code == UNIFIED:
-        for i in range(LANES):
+        for i in range(n):
             r2 = x[i] * x[i] + y[i] * y[i]
             g = 1.0 / (b0 * math.sqrt(b2 * r2 + z[i] * z[i]) + b1 * z[i])
             x[i], y[i] = x[i] * g, y[i] * g
     elif code == DOUBLE_SPHERE:
-        for i in range(LANES):
+        for i in range(n):
             r2 = x[i] * x[i] + y[i] * y[i]
             c = b0 * math.sqrt(r2 + z[i] * z[i]) + z[i]
             g = 1.0 / (b1 * math.sqrt(r2 + c * c) + (1.0 - b1) * c)
             x[i], y[i] = x[i] * g, y[i] * g
     else:
-        for i in range(LANES):
+        for i in range(n):
             w = 1.0 / z[i]
             x[i], y[i] = x[i] * w, y[i] * w
         if code == FOV:
-            for i in range(LANES):
+            for i in range(n):
                 g = b1 * angle_over_r((x[i] * x[i] + y[i] * y[i]) * (b0 * b0), 1.0)
                 x[i], y[i] = x[i] * g, y[i] * g
         elif code == DIVISION:
-            for i in range(LANES):
+            for i in range(n):
                 r2 = x[i] * x[i] + y[i] * y[i]
                 g = 2.0 / (1.0 + math.sqrt(1.0 - 4.0 * b0 * r2))
                 x[i], y[i] = x[i] * g, y[i] * g
@@ -141,7 +147,9 @@ def base_lanes(code, b0, b1, b2, x, y, z):
 def project_lanes(code, p, frame, x, y, z, m, u, v):
     """Project the first m points (x, y) of a plane into u, v; x, y and z are lost.
 
-    The equations are those of `formulas.project`, with all terms of a polynomial, be they 0.
+    The equations are those of `formulas.project`, with all terms of a polynomial, be they 0. The
+    results depend on the point alone, not on its place in the list; arrays have room for a multiple
+    of `GROUP`, all of it finite.
     """
     if code in (BACKWARD, EQUIRECT):
         for i in range(m):
@@ -150,24 +158,25 @@ def project_lanes(code, p, frame, x, y, z, m, u, v):
             Z = frame[2, 0] * x[i] + frame[2, 1] * y[i] + frame[2, 2]
             u[i], v[i] = project(code, p, X, Y, Z)
         return
+    n = (m + GROUP - 1) & -GROUP
     f00, f01, f02 = frame[0, 0], frame[0, 1], frame[0, 2]
     f10, f11, f12 = frame[1, 0], frame[1, 1], frame[1, 2]
     f20, f21, f22 = frame[2, 0], frame[2, 1], frame[2, 2]
-    for i in range(LANES):
+    for i in range(n):
         X = f00 * x[i] + f01 * y[i] + f02
         Y = f10 * x[i] + f11 * y[i] + f12
         z[i] = f20 * x[i] + f21 * y[i] + f22
         x[i], y[i] = X, Y
-    base_lanes(code, p[B0], p[B1], p[B2], x, y, z)
+    base_lanes(code, p[B0], p[B1], p[B2], x, y, z, n)
     k1, k2, k3, k4, k5, k6 = p[K1], p[K2], p[K3], p[K4], p[K5], p[K6]
     d1, d2, d3 = p[D1], p[D2], p[D3]
     if d1 == 0.0 and d2 == 0.0 and d3 == 0.0:
-        for i in range(LANES):
+        for i in range(n):
             q = x[i] * x[i] + y[i] * y[i]
             f = 1.0 + q * (k1 + q * (k2 + q * (k3 + q * (k4 + q * (k5 + q * k6)))))
             u[i], v[i] = x[i] * f, y[i] * f
     else:
-        for i in range(LANES):
+        for i in range(n):
             q = x[i] * x[i] + y[i] * y[i]
             f = 1.0 + q * (k1 + q * (k2 + q * (k3 + q * (k4 + q * (k5 + q * k6)))))
             f = f / (1.0 + q * (d1 + q * (d2 + q * d3)))
@@ -175,7 +184,7 @@ def project_lanes(code, p, frame, x, y, z, m, u, v):
     p1, p2, s1, s2, s3, s4 = p[P1], p[P2], p[S1], p[S2], p[S3], p[S4]
     if p1 != 0.0 or p2 != 0.0 or s1 != 0.0 or s2 != 0.0 or s3 != 0.0 or s4 != 0.0:
         is_late = p[LATE] != 0.0
-        for i in range(LANES):
+        for i in range(n):
             a = u[i] if is_late else x[i]
             b = v[i] if is_late else y[i]
             q = a * a + b * b
@@ -184,13 +193,13 @@ def project_lanes(code, p, frame, x, y, z, m, u, v):
             v[i] += p1 * (q + 2.0 * (b * b)) + p2 * ab + q * (q * s4 + s3)
     if p[T20] != 0.0 or p[T21] != 0.0:
         t00, t10, t11, t20, t21, t22 = p[T00], p[T10], p[T11], p[T20], p[T21], p[T22]
-        for i in range(LANES):
+        for i in range(n):
             w = 1.0 / (t20 * u[i] + t21 * v[i] + t22)
             b = (t10 * u[i] + t11 * v[i]) * w
             u[i] = t00 * u[i] * w
             v[i] = b
     fx, fy, cx, cy, skew = p[FX], p[FY], p[CX], p[CY], p[SKEW]
-    for i in range(LANES):
+    for i in range(n):
         a = fx * u[i] + skew * v[i] + cx
         v[i] = fy * v[i] + cy
         u[i] = a
@@ -226,26 +235,56 @@ def vertex_images(plane, xy, is_inside, lanes, uv):
                 lanes.y,
                 lanes.z,
                 m,
-                lanes.U[0],
-                lanes.V[0],
+                lanes.u,
+                lanes.v,
             )
             for k in range(m):
-                uv[lanes.row[k], 0], uv[lanes.row[k], 1] = lanes.U[0, k], lanes.V[0, k]
+                uv[lanes.row[k], 0], uv[lanes.row[k], 1] = lanes.u[k], lanes.v[k]
             m = 0
 
 
-@part_with_arrays
-def rule_for(length2, plane):
-    """Least n whose rule integrates an edge of that squared length, or NO_RULE."""
-    for n in range(FEWEST, MOST + 1):
-        if length2 <= 4.0 * plane.longest[n] * plane.longest[n]:
-            return n
-    return NO_RULE
+@allocation_free
+def bulges_of(plane, n, lanes):
+    """Fill `lanes.total` with the bulges of edges, whose ends are in `lanes`, by the rule n."""
+    ax, ay, bx, by = lanes.ends[0], lanes.ends[1], lanes.ends[2], lanes.ends[3]
+    u0, v0, u1, v1 = lanes.ends[4], lanes.ends[5], lanes.ends[6], lanes.ends[7]
+    for k in range(1, n):
+        t, s, x, y = NODES[n, k], NODES[n, n - k], lanes.X[k - 1], lanes.Y[k - 1]
+        for i in range(LANES):
+            x[i] = s * ax[i] + t * bx[i]
+        for i in range(LANES):
+            y[i] = s * ay[i] + t * by[i]
+    # The nodes 1 ... n - 1 of all edges are projected together.
+    inner = LANES * (n - 1)
+    project_lanes(
+        plane.code, plane.params, plane.frame, lanes.x, lanes.y, lanes.z, inner, lanes.u, lanes.v
+    )
+    U, V, total = lanes.U, lanes.V, lanes.total
+    for i in range(LANES):
+        U[n - 1, i] = u1[i]
+    for i in range(LANES):
+        V[n - 1, i] = v1[i]
+    for k in range(n):
+        u, v = U[k], V[k]
+        for i in range(LANES):
+            u[i] -= u0[i]
+        for i in range(LANES):
+            v[i] -= v0[i]
+    for i in range(LANES):
+        total[i] = 0.0
+    for k in range(2, n + 1):
+        for j in range(1, k):
+            weight = RULE[n, k, j]
+            ku, kv, ju, jv = U[k - 1], V[k - 1], U[j - 1], V[j - 1]
+            for i in range(LANES):
+                total[i] += weight * (ku[i] * jv[i] - ju[i] * kv[i])
 
 
 @allocation_free
-def edge_bulges(plane, ends, xy, uv, is_inside, rule, order, lanes, bulge):
+def edge_bulges(plane, ends, xy, uv, lanes, bulge):
     """Area between the image of each edge and its chord, px^2, from its first end to its second.
+
+    Consecutive edges are integrated together, by the rule for the longest of them.
 
     Parameters
     ----------
@@ -253,58 +292,29 @@ def edge_bulges(plane, ends, xy, uv, is_inside, rule, order, lanes, bulge):
         Without a pole.
     ends : (E, 2) int32
         Vertices of the edges.
-    xy, uv, is_inside
+    xy, uv
         Of `vertex_images`.
-    rule, order : (E,) uint8, (E,) int32
-        Scratch.
     lanes : LaneScratch
     bulge : (E,) float64
         Out; NaN for an edge with an end outside the region, and for one too long for any rule.
     """
-    starts = lanes.starts
-    for n in range(NO_RULE + 2):
-        starts[n] = 0
-    for e in range(ends.shape[0]):
-        a, b = ends[e, 0], ends[e, 1]
-        rule[e] = NO_RULE
-        if is_inside[a] and is_inside[b]:
-            dx, dy = xy[b, 0] - xy[a, 0], xy[b, 1] - xy[a, 1]
-            rule[e] = rule_for(dx * dx + dy * dy, plane)
-        starts[rule[e] + 1] += 1
-    for n in range(NO_RULE + 1):
-        starts[n + 1] += starts[n]
-    for e in range(ends.shape[0]):
-        order[starts[rule[e]]] = e
-        starts[rule[e]] += 1
-    # Each start is now the end of its rule, which is the start of the next.
-    U, V, x, y, total = lanes.U, lanes.V, lanes.x, lanes.y, lanes.total
-    for n in range(FEWEST, NO_RULE):
-        at, stop = starts[n - 1], starts[n]
-        while at < stop:
-            m = min(LANES, stop - at)
-            for k in range(1, n):
-                t, s = NODES[n, k], NODES[n, n - k]
-                for i in range(m):
-                    a, b = ends[order[at + i], 0], ends[order[at + i], 1]
-                    x[i], y[i] = s * xy[a, 0] + t * xy[b, 0], s * xy[a, 1] + t * xy[b, 1]
-                project_lanes(plane.code, plane.params, plane.frame, x, y, lanes.z, m, U[k], V[k])
-            for i in range(m):
-                a, b = ends[order[at + i], 0], ends[order[at + i], 1]
-                lanes.u0[i], lanes.v0[i] = uv[a, 0], uv[a, 1]
-                U[n, i], V[n, i] = uv[b, 0], uv[b, 1]
-            for k in range(1, n + 1):
-                for i in range(LANES):
-                    U[k, i] -= lanes.u0[i]
-                    V[k, i] -= lanes.v0[i]
-            for i in range(LANES):
-                total[i] = 0.0
-            for k in range(2, n + 1):
-                for j in range(1, k):
-                    weight = RULE[n, k, j]
-                    for i in range(LANES):
-                        total[i] += weight * (U[k, i] * V[j, i] - U[j, i] * V[k, i])
-            for i in range(m):
-                bulge[order[at + i]] = total[i]
-            at += m
-    for index in range(starts[NO_RULE - 1], starts[NO_RULE]):
-        bulge[order[index]] = math.nan
+    limit2 = 4.0 * plane.longest[MOST] * plane.longest[MOST]
+    at = lanes.ends
+    for start in range(0, ends.shape[0], LANES):
+        m, longest2 = min(LANES, ends.shape[0] - start), 0.0
+        for i in range(m):
+            a, b = ends[start + i, 0], ends[start + i, 1]
+            ax, ay, bx, by = xy[a, 0], xy[a, 1], xy[b, 0], xy[b, 1]
+            u0, u1 = uv[a, 0], uv[b, 0]
+            length2 = (bx - ax) * (bx - ax) + (by - ay) * (by - ay)
+            if u0 + u1 != u0 + u1 or not length2 <= limit2:
+                ax, ay, bx, by, u0, length2 = 0.0, 0.0, 0.0, 0.0, math.nan, 0.0
+            longest2 = max(longest2, length2)
+            at[0, i], at[1, i], at[2, i], at[3, i] = ax, ay, bx, by
+            at[4, i], at[5, i], at[6, i], at[7, i] = u0, uv[a, 1], u1, uv[b, 1]
+        n = FEWEST
+        while n < MOST and longest2 > 4.0 * plane.longest[n] * plane.longest[n]:
+            n += 1
+        bulges_of(plane, n, lanes)
+        for i in range(m):
+            bulge[start + i] = lanes.total[i]

@@ -14,12 +14,14 @@ from rastercov._jit import allocation_free, inlined
 from rastercov.lenses.edge_kernels import (
     DEEPEST,
     MOST_CUTS,
+    NODE_ROOM,
     clamped_edge,
     edge_values,
     nodes_for,
     under_edge,
 )
-from rastercov.lenses.quadrature import MOST
+from rastercov.lenses.lane_kernels import GROUP, project_lanes
+from rastercov.lenses.quadrature import GAP, MOST, NODES
 
 FloatArray = NDArray[np.float64]
 
@@ -27,10 +29,16 @@ MOST_CORNERS = 256
 """Room for a polygon of up to 64 corners cut by a region of up to 132 sides."""
 MOST_WAITING = 64
 """Parts of an edge that wait to be halved, on a plane with a pole."""
+MOST_NODES, MOST_PARTS = 512, 128
+"""Nodes of a polygon that are projected together, and edges and parts of them that these are of."""
 
 
 class EdgeScratch(NamedTuple):
-    """Scratch for one edge."""
+    """Scratch for one edge, and for the parts of all edges of a polygon.
+
+    The parts have `ends`, (x0, y0, x1, y1), `rules`, and all nodes in x ... v: the last of a part
+    is the first of the next.
+    """
 
     U: FloatArray
     V: FloatArray
@@ -40,14 +48,25 @@ class EdgeScratch(NamedTuple):
     cuts: FloatArray
     kinds: NDArray[np.int64]
     waiting: FloatArray
+    nodes: FloatArray
+    x: FloatArray
+    y: FloatArray
+    z: FloatArray
+    u: FloatArray
+    v: FloatArray
+    ends: FloatArray
+    rules: NDArray[np.int64]
 
 
 def edge_scratch() -> EdgeScratch:
-    """Memory for one edge."""
+    """Memory for one edge, and for the nodes of one polygon."""
     deep = DEEPEST + 2
-    sizes = [(MOST + 1,)] * 3 + [(deep, MOST + 1), (deep, 2), (MOST_CUTS,)]
+    sizes = [(NODE_ROOM,)] * 3 + [(deep, MOST + 1), (deep, 2), (MOST_CUTS,)]
     kinds, waiting = np.empty(MOST_CUTS, np.int64), np.empty((MOST_WAITING, 2))
-    return EdgeScratch._make([*(np.empty(size) for size in sizes), kinds, waiting])
+    of_polygon, ends = np.empty((5, MOST_NODES + GROUP)), np.empty((MOST_PARTS, 4))
+    of_edge, rules = np.empty((3, NODE_ROOM)), np.empty(MOST_PARTS, np.int64)
+    of_one = [*(np.empty(size) for size in sizes), kinds, waiting, of_edge]
+    return EdgeScratch._make([*of_one, *of_polygon, ends, rules])
 
 
 @allocation_free
@@ -69,6 +88,112 @@ def polygon_image(plane, corners, first, last, scratch):
     rules : int
         Edges and parts of them that were integrated.
     """
+    if plane.is_graded:
+        return _image_by_edges(plane, corners, first, last, scratch)
+    parts, stray = _lay_nodes(plane, corners, first, last, scratch)
+    if parts < 0:
+        return _image_by_edges(plane, corners, first, last, scratch)
+    if parts == 0:
+        return 0.0, 0.0, 0
+    u, v, rules = scratch.u, scratch.v, scratch.rules
+    nodes = 0
+    for part in range(parts):
+        nodes += rules[part]
+    project_lanes(
+        plane.code, plane.params, plane.frame, scratch.x, scratch.y, scratch.z, nodes, u, v
+    )
+    u[nodes], v[nodes] = u[0], v[0]
+    low_u, high_u, low_v, high_v = u[0], u[0], v[0], v[0]
+    for k in range(nodes):
+        low_u, high_u = min(low_u, u[k]), max(high_u, u[k])
+        low_v, high_v = min(low_v, v[k]), max(high_v, v[k])
+    whole, at = 0.0, 0
+    for part in range(parts):
+        n = rules[part]
+        whole += under_edge(n, u[at : at + n + 1], v[at : at + n + 1], u[0])
+        at += n
+    stray = plane.bend * stray * stray / 8
+    W, H = plane.width, plane.height
+    if low_u > stray and low_v > stray and high_u < W - stray and high_v < H - stray:
+        return whole, whole, parts
+    if high_u < -stray or high_v < -stray or low_u > W + stray or low_v > H + stray:
+        return whole, 0.0, parts
+    inside, pieces, at = 0.0, 0, 0
+    for part in range(parts):
+        n = rules[part]
+        own, more = _part_inside(plane, part, at, scratch)
+        inside += own
+        pieces += more
+        at += n
+    return whole, inside, pieces
+
+
+@allocation_free
+def _part_inside(plane, part, at, scratch):
+    """Integral of clamp(u, 0, W) d clamp(v, 0, H) along a part of an edge, px^2, and its pieces.
+
+    `at` is its first node. An arc between two nodes leaves its chord by bend L^2 / 8 at most; so
+    most parts are known to be inside the image, or beyond one side of it. Beyond u = W the integral
+    is W times the change of the clamped v, beyond the other sides it is 0.
+    """
+    u, v, ends, n = scratch.u, scratch.v, scratch.ends, scratch.rules[part]
+    x0, y0, x1, y1 = ends[part, 0], ends[part, 1], ends[part, 2], ends[part, 3]
+    W, H = plane.width, plane.height
+    low_u, high_u, low_v, high_v = u[at], u[at], v[at], v[at]
+    for k in range(at + 1, at + n + 1):
+        low_u, high_u = min(low_u, u[k]), max(high_u, u[k])
+        low_v, high_v = min(low_v, v[k]), max(high_v, v[k])
+    length2 = (x1 - x0) * (x1 - x0) + (y1 - y0) * (y1 - y0)
+    stray = plane.bend * length2 * GAP[n] * GAP[n] / 8
+    if high_u < -stray or high_v < -stray or low_v > H + stray:
+        return 0.0, 1
+    if low_u > W + stray:
+        return W * (min(max(v[at + n], 0.0), H) - min(max(v[at], 0.0), H)), 1
+    if low_u > stray and low_v > stray and high_u < W - stray and high_v < H - stray:
+        return under_edge(n, u[at : at + n + 1], v[at : at + n + 1], 0.0), 1
+    for k in range(n + 1):
+        scratch.U[k], scratch.V[k] = u[at + k], v[at + k]
+    return clamped_edge(
+        plane.code, plane.params, plane.frame, x0, y0, x1, y1, n, W, H, scratch.U, scratch.V,
+        scratch.stack, scratch.low, scratch.spare, scratch.cuts, scratch.kinds, scratch.nodes,
+    )  # fmt: skip
+
+
+@allocation_free
+def _lay_nodes(plane, corners, first, last, scratch):
+    """List the parts of the edges of a polygon, and their nodes.
+
+    Returns the number of parts, -1 where there is no room for them, and the length of the longest.
+    """
+    x, y, ends, rules = scratch.x, scratch.y, scratch.ends, scratch.rules
+    listed, nodes, longest = 0, 0, 0.0
+    for i in range(first, last):
+        j = i + 1 if i + 1 < last else first
+        ax, ay, bx, by = corners[i, 0], corners[i, 1], corners[j, 0], corners[j, 1]
+        length = math.sqrt((bx - ax) * (bx - ax) + (by - ay) * (by - ay))
+        if length == 0.0:
+            continue
+        n, parts = nodes_for(0.5 * length, plane.longest, plane.parts_of)
+        longest = max(longest, length / parts)
+        if parts > MOST_PARTS - listed or n * parts > MOST_NODES - nodes:
+            return -1, longest
+        for part in range(parts):
+            x0, y0, x1, y1 = _ends(ax, ay, bx, by, part / parts, (part + 1) / parts)
+            ends[listed, 0], ends[listed, 1], ends[listed, 2], ends[listed, 3] = x0, y0, x1, y1
+            rules[listed] = n
+            listed += 1
+            for k in range(n):
+                t, s = NODES[n, k], NODES[n, n - k]
+                x[nodes], y[nodes] = s * x0 + t * x1, s * y0 + t * y1
+                nodes += 1
+    for k in range(nodes, nodes + GROUP):
+        x[k], y[k] = x[0], y[0]
+    return listed, longest
+
+
+@allocation_free
+def _image_by_edges(plane, corners, first, last, scratch):
+    """Image of a polygon as `polygon_image`, of any number of parts, on any plane."""
     rules, u0, whole, stray = 0, 0.0, 0.0, 0.0
     low_u = low_v = math.inf
     high_u = high_v = -math.inf
@@ -152,7 +277,7 @@ def _clamped(plane, corners, first, last, scratch):
                 own, pieces = clamped_edge(
                     plane.code, plane.params, plane.frame, x0, y0, x1, y1, n, plane.width,
                     plane.height, scratch.U, scratch.V, scratch.stack, scratch.low, scratch.spare,
-                    scratch.cuts, scratch.kinds,
+                    scratch.cuts, scratch.kinds, scratch.nodes,
                 )  # fmt: skip
                 inside += own
                 rules += pieces

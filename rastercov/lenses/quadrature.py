@@ -66,6 +66,8 @@ def _tables() -> tuple[FloatArray, FloatArray, FloatArray]:
 
 NODES, RULE, BERNSTEIN = _tables()
 """By n: places of the nodes, S, and Bernstein coefficients from values."""
+GAP = np.array([0.0, *(np.diff(NODES[n, : n + 1]).max() for n in range(1, MOST + 1))])
+"""By n: largest distance of neighbouring nodes, in lengths of the edge."""
 GROWTH = np.abs(BERNSTEIN).sum(axis=2).max(axis=1)
 """By n: largest Bernstein coefficient of a polynomial that is at most 1 at the nodes."""
 

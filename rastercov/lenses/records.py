@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from rastercov.lenses.planes import RADII, IdealPlane
 from rastercov.lenses.quadrature import EdgeTable
+from rastercov.lenses.window import window_of
 
 FloatArray = NDArray[np.float64]
 
@@ -25,6 +26,8 @@ class PlaneRecord(NamedTuple):
         Of the pinhole, px.
     region, hole : (K, 2) float64
         Convex polygons in units of the plane, counter-clockwise in (x, y); `hole` may be empty.
+    window : (K, 2) float64
+        The same, with few sides: all of the region whose pixels are in the image, and perhaps more.
     longest, parts_of, is_graded
         Of an `EdgeTable`.
     width, height : float
@@ -48,6 +51,7 @@ class PlaneRecord(NamedTuple):
     cy: float
     region: FloatArray
     hole: FloatArray
+    window: FloatArray
     longest: FloatArray
     parts_of: int
     is_graded: bool
@@ -72,6 +76,7 @@ def record_of(plane: IdealPlane, width: int, height: int, table: EdgeTable) -> P
         cy=float(pinhole.cy),
         region=_read_only(plane.region),
         hole=_read_only(np.empty((0, 2)) if plane.hole is None else plane.hole),
+        window=_read_only(window_of(plane, width, height, bend)),
         longest=_read_only(table.longest),
         parts_of=table.parts_of,
         is_graded=table.is_graded,

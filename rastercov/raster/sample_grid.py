@@ -80,6 +80,13 @@ class SampleGrid:
         return self._middle[0] - (c * a + s * b), self._middle[1] - (c * b - s * a)
 
     @property
+    def canvas_from_image(self) -> FloatArray:
+        """Affine map (2, 3) from (u, v, 1), pixels, to the canvas, samples."""
+        c, s = self.supersample * self._c, self.supersample * self._s
+        x, y = self._from_corner
+        return np.array(((c, s, x), (-s, c, y)))
+
+    @property
     def mix(self) -> FloatArray:
         """Matrix (2, 2) by which `axes` mixes the first two camera axes."""
         c, s = self._c, self._s

@@ -239,3 +239,19 @@ def test_targets_hide_nothing_and_are_measured():
 
 def test_planes_of_a_lens_are_found_once():
     assert planes_of(CAMERAS["brown"]) is planes_of(CAMERAS["brown"])
+
+
+@pytest.mark.parametrize("name", ["wide fisheye", "equirectangular"])
+def test_planes_that_see_nothing_of_the_mesh_change_no_figure(name):
+    mesh = shapes.torus(12, 16)
+    for pose in look_at([(0.0, 4.0, 1.0), (3.0, -2.0, 0.5)], [(0, 0, 0), (0.5, 0.5, 0)]):
+        pose[:3, :3] = pose[:3, :3] @ look_at((0, 0, 0), (0.3, 1, 0.2))[0][:3, :3]
+        figures = []
+        for visit in (None, lambda number, solver: None):
+            solver = LensSolver(surface_of(mesh), CAMERAS[name], CertificateSolver)
+            solver.set_pose(pose, 1e-3, False)
+            solver.solve_all(visit)
+            figures.append((solver.visible, solver.area, solver.area_error, solver.is_certified))
+        for one, other in zip(*figures, strict=True):
+            np.testing.assert_array_equal(one, other)
+        assert figures[0][0].max() > 0

@@ -10,10 +10,11 @@ from lens_cameras import CAMERAS
 
 from rastercov import Camera, CameraError, shapes
 from rastercov._jit import allocation_free
+from rastercov.lenses.lane_kernels import lane_scratch
 from rastercov.raster.cpu import lens_kernels as kernels
 from rastercov.raster.cpu.lens_cover import count_covered
 from rastercov.raster.cpu.lens_rasterizer import LensRasterizer, _listed
-from rastercov.raster.cpu.lens_records import SAMPLES, Samples
+from rastercov.raster.cpu.lens_records import SAMPLES, Samples, Seen
 from rastercov.raster.cpu.lens_samples import SampleTables
 from rastercov.raster.cpu.simd_kernel import pointers
 
@@ -25,9 +26,10 @@ PATCHES = {
 
 
 @allocation_free
-def covered_samples(points, near, patch, listed, counts):
-    """Samples of each face in (F, 2): in the tiles that are listed, and in all."""
-    samples = pointers(Samples(patch.centres, patch.x, patch.y))
+def covered_samples(seen, near, patch, listed, counts):
+    """Samples of each face in (F, 3): in the tiles that are listed, and in all; and 1 for those
+    whose corners are put through the lens."""
+    samples, points = pointers(Samples(patch.centres, patch.x, patch.y)), seen.points
     for f in range(counts.shape[0]):
         i, j, k = 3 * f, 3 * f + 1, 3 * f + 2
         if not max(points[i, 2], points[j, 2], points[k, 2]) >= near:
@@ -37,11 +39,9 @@ def covered_samples(points, near, patch, listed, counts):
         e = kernels.planes_of(points, i, j, k, height, side, near, patch)
         for tile in range(patch.x.shape[0]):
             counts[f, 1] += count_covered(e, tile, samples)
-        x0, x1, y0, y1 = kernels.box_of(points, i, j, k, near)
-        if kernels.is_out_of_sight(x0, x1, y0, y1, patch):
-            continue
-        at = kernels.tiles_in(x0, x1, y0, y1, patch)
-        for n in range(kernels.list_tiles(e, at, patch, listed)):
+        counts[f, 2] = seen.is_inside[i] and seen.is_inside[j] and seen.is_inside[k]
+        at = kernels.reach_of(seen, i, j, k, near, patch)
+        for n in range(kernels.list_tiles(e, at, patch, listed, 0)):
             counts[f, 0] += count_covered(e, listed.tiles[n], samples)
 
 
@@ -56,11 +56,33 @@ def test_every_sample_of_a_face_is_in_a_tile_of_it(lens, seed, size):
         points = np.round(points, 1)  # edges through samples, and faces edge-on
     n_samples = 0
     for patch in PATCHES[lens]:
-        counts = np.zeros((40, 2), np.int64)
-        covered_samples(points, NEAR, patch, _listed(len(patch.x)), counts)
+        counts = np.zeros((40, 3), np.int64)
+        of_vertices = points, np.empty((120, 2)), np.empty((120, 2)), np.empty(120, np.bool_)
+        seen = Seen(*of_vertices, lane_scratch())
+        kernels.put_on_canvas(NEAR, patch, seen)
+        covered_samples(seen, NEAR, patch, _listed(len(patch.x)), counts)
         np.testing.assert_array_equal(counts[:, 0], counts[:, 1])
         n_samples += int(np.isfinite(patch.x).sum())
     assert n_samples > 2000
+
+
+@pytest.mark.parametrize("lens", ["brown", "wide fisheye"])
+def test_every_sample_of_a_face_is_in_the_box_of_its_corners(lens):
+    """Faces of a few samples, which reach their tiles through the lens."""
+    rng = np.random.default_rng(7)
+    patch = PATCHES[lens][0]
+    n = 4000
+    middle = rng.uniform((-1.2, -1.2, 1), (1.2, 1.2, 1), (n, 1, 3))
+    corners = middle + rng.normal(0, 1, (n, 3, 3)) * 10 ** rng.uniform(-2.5, -0.8, (n, 1, 1))
+    points = np.ascontiguousarray(corners.reshape(-1, 3))
+    sizes = (3 * n, 2), (3 * n, 2), 3 * n
+    seen = Seen(points, np.empty(sizes[0]), np.empty(sizes[1]), np.empty(sizes[2], np.bool_),
+                lane_scratch())  # fmt: skip
+    kernels.put_on_canvas(NEAR, patch, seen)
+    counts = np.zeros((n, 3), np.int64)
+    covered_samples(seen, NEAR, patch, _listed(len(patch.x)), counts)
+    np.testing.assert_array_equal(counts[:, 0], counts[:, 1])
+    assert (counts[:, 2] & (counts[:, 1] > 0)).sum() > 300
 
 
 @pytest.mark.parametrize("lens", PATCHES)

@@ -6,8 +6,8 @@ In float32 from the middle of the block, where that is sure, else in float64.
 from numba.core import types
 
 from rastercov.raster.cpu.memory import LANES
-from rastercov.raster.cpu.simd import DOUBLE, LONG, SINGLE, WORD
-from rastercov.raster.cpu.simd_kernel import Variable, simd, when
+from rastercov.raster.cpu.simd import DOUBLE, LONG, SINGLE, WORD, load, together
+from rastercov.raster.cpu.simd_kernel import Variable, loop, simd, when
 from rastercov.raster.target_kernels import TIE_REL
 
 
@@ -26,28 +26,36 @@ def is_inside_exactly(e, x, y):
     return is_in & ((cx * ay - cy * ax) * e.side >= e.t2)
 
 
-def in_block(a, b, c, centre_x, centre_y):
-    """Slopes and value at the centre of a block, in float32, of a plane."""
-    return (each.to(SINGLE) for each in (a, b, a * centre_x + b * centre_y + c))
+def in_block(planes, centre_x, centre_y):
+    """Slopes and values at the centre of a block, in float32, of four planes (a, b, c)."""
+    a, b, c = (together(*numbers) for numbers in zip(*planes, strict=True))
+    values = (a * centre_x + b * centre_y + c).to(SINGLE)
+    return [
+        (own_a.to(SINGLE), own_b.to(SINGLE), values.lane(k).broadcast(LANES))
+        for k, (own_a, own_b, _) in enumerate(planes)
+    ]
 
 
 def lanes_of(e, tile, samples):
-    """Return the mask of the samples of a tile that a face covers, and their 1/z."""
+    """Return the mask of the samples of a tile that a face covers, and their 1/z.
+
+    Edges are scaled so that their doubt is 1.
+    """
     at = tile.to(LONG)
     centre = samples.centres.value(at * 2), samples.centres.value(at * 2 + 1)
     dx, dy = samples.x[at], samples.y[at]
-    a3, b3, c3 = in_block(e.a3, e.b3, e.c3, *centre)
-    w = a3 * dx + b3 * dy + c3
-    is_in = may_be_in = (w > e.behind.to(SINGLE)) & (w <= e.cut.to(SINGLE))
-    for *plane, doubt in (
-        (e.a0, e.b0, e.c0, e.d0),
-        (e.a1, e.b1, e.c1, e.d1),
-        (e.a2, e.b2, e.c2, e.d2),
-    ):
-        a, b, c = in_block(*plane, *centre)
-        value = a * dx + b * dy + c
-        is_in = is_in & (value > doubt.to(SINGLE))
-        may_be_in = may_be_in & (value >= -doubt.to(SINGLE))
+    edges = (
+        (e.a0 * e.scale0, e.b0 * e.scale0, e.c0 * e.scale0),
+        (e.a1 * e.scale1, e.b1 * e.scale1, e.c1 * e.scale1),
+        (e.a2 * e.scale2, e.b2 * e.scale2, e.c2 * e.scale2),
+    )
+    w, *values = (
+        a * dx + b * dy + c for a, b, c in in_block(((e.a3, e.b3, e.c3), *edges), *centre)
+    )
+    # A sample without a place is NaN in all three.
+    least = values[0].minimum(values[1]).minimum(values[2])
+    is_beyond = (w > e.behind.to(SINGLE)) & (w <= e.cut.to(SINGLE))
+    is_in, may_be_in = is_beyond & (least > 1.0), is_beyond & (least >= -1.0)
     found = Variable(is_in)
     with when((may_be_in & ~is_in).bits() > 0, likely=False):
         place = dx.to(DOUBLE) + centre[0], dy.to(DOUBLE) + centre[1]
@@ -77,16 +85,50 @@ def tiles_met(e, at, boxes, n_boxes, first, n, margin):
     return is_met.bits()
 
 
-@simd(returns=types.int64)
-def cover(e, f, tile, samples, inverse, face):
-    """Put a face on the samples of a tile where nothing is nearer; returns how many it covers."""
+@simd(returns=types.void)
+def request(tile, samples, inverse, face):
+    """Request the cache lines of a tile that `cover` reads."""
+    at = tile.to(LONG)
+    samples.centres.prefetch(at * 2)
+    for rows in (samples.x, samples.y, inverse, face):
+        rows.prefetch(at * LANES, is_written=rows is inverse or rows is face)
+
+
+@simd(returns=types.UniTuple(types.int64, 3))
+def cover(e, tile, samples, inverse):
+    """Put the depth of a face on the samples of a tile where nothing is nearer.
+
+    Returns the bits of the samples that it covers, of those where it is nearest now, and of those
+    of them that had another face.
+    """
     at = tile.to(LONG)
     is_in, w = lanes_of(e, tile, samples)
     before = inverse[at]
     is_nearer = is_in & (w > before)
     inverse[at] = w.where(is_nearer, before)
-    face[at] = f.to(WORD).broadcast(LANES).where(is_nearer, face[at])
-    return is_in.bits().count_bits()
+    is_lost = is_nearer & (before > 0.0)
+    return is_in.bits(), is_nearer.bits(), is_lost.bits()
+
+
+@simd(returns=types.void)
+def put_face(f, bits, tile, face):
+    """Put a face on those samples of a tile whose bits are set."""
+    at = tile.to(LONG)
+    face[at] = f.to(WORD).broadcast(LANES).where(bits.as_mask(LANES), face[at])
+
+
+@simd(returns=types.UniTuple(types.int64, 4))
+def range_of_cells(cells, first, columns, rows, width):
+    """First column and last column, first and last row of tiles in a rectangle of cells.
+
+    The rectangle has its first cell at `first` and a number of columns and rows; `width` is that of
+    its level. See `Patch.cells`.
+    """
+    least = Variable(load(cells.builder, cells.at(first * 4).pointer, 4))
+    with loop(first, first + rows * width, width) as row, loop(row, row + columns, 1) as cell:
+        least.now = least.now.minimum(load(cells.builder, cells.at(cell * 4).pointer, 4))
+    found = least.now.to(LONG)
+    return found.lane(0), -found.lane(1), found.lane(2), -found.lane(3)
 
 
 @simd(returns=types.int64)
@@ -111,8 +153,7 @@ def same_face(face, tile, f):
 
 
 @simd(returns=types.void)
-def clear(tile, inverse, face):
-    """Empty a tile."""
+def clear(tile, inverse):
+    """Empty a tile: a sample of depth 0 has no face, whatever its number."""
     at = tile.to(LONG)
     inverse[at] = inverse[at].like(0.0)
-    face[at] = face[at].like(-1)

@@ -15,15 +15,28 @@ M. Olano, T. Greer. Triangle Scan Conversion using 2D Homogeneous Coordinates. 1
 import numpy as np
 
 from rastercov._jit import allocation_free, part_with_arrays
+from rastercov.lenses.lane_kernels import vertex_images
+from rastercov.raster.cpu.lens_cells import cell_of
 from rastercov.raster.cpu.lens_cover import (
     clear,
     count_covered,
     count_seen,
     cover,
+    put_face,
+    range_of_cells,
+    request,
     same_face,
     tiles_met,
 )
-from rastercov.raster.cpu.lens_records import SAMPLES, TILE, FacePlanes, Reach, Samples
+from rastercov.raster.cpu.lens_records import (
+    FACES_AT_A_TIME,
+    SAMPLES,
+    TILE,
+    TILES_AT_A_TIME,
+    FacePlanes,
+    Reach,
+    Samples,
+)
 from rastercov.raster.cpu.memory import LANES
 from rastercov.raster.cpu.simd_kernel import (
     append_set_bits,
@@ -33,7 +46,9 @@ from rastercov.raster.cpu.simd_kernel import (
     pointers,
 )
 
-LOOKUPS = 2
+AHEAD = 24
+"""Tiles that are requested from memory before one is drawn."""
+LOOKUPS = 4
 """Cells of a side, less one, that are looked up for a face."""
 DOUBT_REL = 1e-14
 """Rounding of an edge at a sample relative to both its corners and the sample, with a factor of
@@ -44,12 +59,20 @@ crosses the block: 2^-24 for each of its value at the center, two products and t
 at most three times the change, with a factor of 2."""
 ROUNDING_REL = 1e-14
 """Rounding of n.a relative to the cube of the largest coordinate, with a factor of 5."""
+CANVAS_MARGIN = 0.01
+"""Samples: margin of the box of a face on the canvas, for rounding of places to float32, 1e-6, and
+of the lens, 1e-9."""
+MOST_STRAY = 8.0
+"""Samples that sides of a face may leave their chords by, for its box to be made from its corners.
+"""
 MARGIN_REL = 1e-6
 """Margin of a tile beside an edge or a box, relative to 1 + |x| + |y|, for rounding to float32:
 2^-24 for each of three numbers of an edge, the box, two products and two sums, with a factor of
 2."""
 SLACK = 1e-7
 """Margin of the box of a face for rounding, relative, in units of the plane."""
+LEAST_DOUBT = 1e-30
+"""Doubt of an edge at least: its inverse is a float32, and so are its slopes times that."""
 LEAST = 5e-324
 """Smallest positive number: e >= LEAST is e > 0."""
 
@@ -64,6 +87,23 @@ def put_in_plane(vertices, eye, axes, points):
         x, y, z = vertices[i, 0] - eye[0], vertices[i, 1] - eye[1], vertices[i, 2] - eye[2]
         for k in range(3):
             points[i, k] = x * axes[0, k] + y * axes[1, k] + z * axes[2, k]
+
+
+@allocation_free
+def put_on_canvas(near, patch, seen):
+    """Fill `seen.xy` and `seen.uv` from `seen.points`."""
+    points, xy, uv, is_inside = seen.points, seen.xy, seen.uv, seen.is_inside
+    for i in range(points.shape[0]):
+        w = 1.0 / points[i, 2]
+        x, y = points[i, 0] * w, points[i, 1] * w
+        xy[i, 0], xy[i, 1] = x, y
+        is_inside[i] = points[i, 2] >= near and x * x + y * y < patch.radius2
+    vertex_images(patch.plane, xy, is_inside, seen.lanes, uv)
+    to = patch.canvas
+    for i in range(points.shape[0]):
+        u, v = uv[i, 0], uv[i, 1]
+        uv[i, 0] = to[0, 0] * u + to[0, 1] * v + to[0, 2]
+        uv[i, 1] = to[1, 0] * u + to[1, 1] * v + to[1, 2]
 
 
 @part_with_arrays
@@ -94,12 +134,6 @@ def box_of(points, i, j, k, near):
 
 
 @part_with_arrays
-def cell_of(value, low, cells_a_unit, n):
-    """Cell of the first level that holds a coordinate; that at the border for one beyond it."""
-    return np.int64(min(max((value - low) * cells_a_unit, 0.0), n - 1.0))
-
-
-@part_with_arrays
 def tiles_in(x0, x1, y0, y1, patch):
     """Tiles that have samples in a box of the plane, and perhaps more."""
     widths, heights = patch.widths, patch.heights
@@ -110,16 +144,51 @@ def tiles_in(x0, x1, y0, y1, patch):
     level = 0
     while max((i1 >> level) - (i0 >> level), (j1 >> level) - (j0 >> level)) > LOOKUPS:
         level += 1
-    first_column = first_row = np.int64(1 << 30)
-    last_column = last_row = np.int64(-1)
-    for j in range(j0 >> level, (j1 >> level) + 1):
-        row = patch.starts[level] + j * widths[level]
-        for i in range(i0 >> level, (i1 >> level) + 1):
-            first_column = min(first_column, np.int64(patch.cells[row + i, 0]))
-            last_column = max(last_column, np.int64(patch.cells[row + i, 1]))
-            first_row = min(first_row, np.int64(patch.cells[row + i, 2]))
-            last_row = max(last_row, np.int64(patch.cells[row + i, 3]))
+    i0, i1, j0, j1 = i0 >> level, i1 >> level, j0 >> level, j1 >> level
+    width = widths[level]
+    first_column, last_column, first_row, last_row = range_of_cells(
+        pointer(patch.cells), patch.starts[level] + j0 * width + i0, i1 - i0 + 1, j1 - j0 + 1, width
+    )
     return Reach(x0, x1, y0, y1, first_column, last_column, first_row, last_row)
+
+
+@part_with_arrays
+def tiles_between(u0, u1, first, n):
+    """First and last of n tiles, from one on, with a sample between two places of the canvas."""
+    low = max((u0 - CANVAS_MARGIN - 0.5) / TILE - first, -1.0)
+    high = min((u1 + CANVAS_MARGIN - 0.5) / TILE - first, float(n))
+    return np.int64(max(np.floor(low), 0.0)), np.int64(min(np.floor(high), n - 1.0))
+
+
+@part_with_arrays
+def reach_of(seen, i, j, k, near, patch):
+    """Tiles that a face may reach; the first row is after the last if there are none.
+
+    The image of a face whose corners may be put through the lens is inside the box of the images of
+    its sides. Other faces are looked up on the plane.
+    """
+    xy, uv = seen.xy, seen.uv
+    if seen.is_inside[i] and seen.is_inside[j] and seen.is_inside[k]:
+        x0, x1 = min(xy[i, 0], xy[j, 0], xy[k, 0]), max(xy[i, 0], xy[j, 0], xy[k, 0])
+        y0, y1 = min(xy[i, 1], xy[j, 1], xy[k, 1]), max(xy[i, 1], xy[j, 1], xy[k, 1])
+        # No side is longer than the diagonal of the box.
+        stray = patch.bend * ((x1 - x0) * (x1 - x0) + (y1 - y0) * (y1 - y0))
+        if stray <= MOST_STRAY:
+            u0, u1 = min(uv[i, 0], uv[j, 0], uv[k, 0]), max(uv[i, 0], uv[j, 0], uv[k, 0])
+            v0, v1 = min(uv[i, 1], uv[j, 1], uv[k, 1]), max(uv[i, 1], uv[j, 1], uv[k, 1])
+            n_rows = patch.x.shape[0] // patch.columns
+            left, right = tiles_between(u0 - stray, u1 + stray, patch.first_column, patch.columns)
+            top, bottom = tiles_between(v0 - stray, v1 + stray, patch.first_row, n_rows)
+            across = SLACK * (1.0 + abs(x0) + abs(x1))
+            down = SLACK * (1.0 + abs(y0) + abs(y1))
+            if right < left:
+                bottom = top - 1
+            return Reach(x0 - across, x1 + across, y0 - down, y1 + down, left, right, top, bottom)
+    x0, x1, y0, y1 = box_of(seen.points, i, j, k, near)
+    if is_out_of_sight(x0, x1, y0, y1, patch):
+        nothing = np.int64(0)
+        return Reach(x0, x1, y0, y1, nothing, nothing, nothing + 1, nothing)
+    return tiles_in(x0, x1, y0, y1, patch)
 
 
 @part_with_arrays
@@ -175,7 +244,29 @@ def planes_of(points, i, j, k, height, side, near, patch):
     return FacePlanes(
         a0, b0, c0, d0, a1, b1, c1, d1, a2, b2, c2, d2, a3, b3, c3, behind, cut, least, greatest,
         px, py, pz, qx, qy, qz, rx, ry, rz, side, t0, t1, t2,
+        1.0 / max(d0, LEAST_DOUBT), 1.0 / max(d1, LEAST_DOUBT), 1.0 / max(d2, LEAST_DOUBT),
     )  # fmt: skip
+
+
+@allocation_free
+def sees(patch, near, corners):
+    """False where a box, by its 8 corners in axes of the plane, has no sample of a patch.
+
+    True where rounding may decide.
+    """
+    low, high = patch.low, patch.high
+    size = 0.0
+    left = right = above = below = behind = True
+    for i in range(corners.shape[0]):
+        x, y, z = corners[i, 0], corners[i, 1], corners[i, 2]
+        size = max(size, abs(x), abs(y), abs(z))
+    margin = SLACK * patch.reach * size
+    for i in range(corners.shape[0]):
+        x, y, z = corners[i, 0], corners[i, 1], corners[i, 2]
+        left, right = left and x - low[0] * z < -margin, right and x - high[0] * z > margin
+        above, below = above and y - low[1] * z < -margin, below and y - high[1] * z > margin
+        behind = behind and z < near
+    return not (left or right or above or below or behind)
 
 
 @part_with_arrays
@@ -186,10 +277,10 @@ def is_out_of_sight(x0, x1, y0, y1, patch):
 
 
 @part_with_arrays
-def list_tiles(e, at, patch, listed):
-    """List the tiles that a face may cover; returns their number."""
+def list_tiles(e, at, patch, listed, n):
+    """List the tiles that a face may cover, from place n on; returns their end."""
     boxes, table, tiles = pointer(patch.boxes), pointer(listed.bit_indices), pointer(listed.tiles)
-    n_boxes, margin, n = patch.boxes.shape[1], MARGIN_REL * patch.reach, 0
+    n_boxes, margin = patch.boxes.shape[1], MARGIN_REL * patch.reach
     for row in range(at.first_row, at.last_row + 1):
         end = row * patch.columns + at.last_column + 1
         for first in range(row * patch.columns + at.first_column, end, LANES):
@@ -200,13 +291,13 @@ def list_tiles(e, at, patch, listed):
 
 
 @allocation_free
-def draw(points, faces, near, front_only, patch, listed, image, drawn, with_drawn):
-    """Draw all faces on the samples of a patch, and add to (F,) `drawn` what each covers.
+def draw(seen, faces, near, front_only, patch, listed, image, visible, drawn, with_drawn):
+    """Draw all faces on the samples of a patch; returns how many samples show one.
 
     Parameters
     ----------
-    points : (V, 3) float64
-        Vertices, in axes of the plane.
+    seen : Seen
+        The vertices, by `put_in_plane` and `put_on_canvas`.
     faces : (F, 3) int32
         Of equally near faces the first is drawn.
     near : float
@@ -214,11 +305,13 @@ def draw(points, faces, near, front_only, patch, listed, image, drawn, with_draw
     front_only : bool
         Faces that are seen from behind are counted, not drawn.
     patch, listed, image : Patch, Listed, Image
-    drawn : (F,) int32
-        Not used where `with_drawn` is False.
+    visible, drawn : (F,) int32
+        In and out: samples that show a face, and those it covers; `drawn` is not used where
+        `with_drawn` is False. A sample is counted when a face is put on it, and taken off the count
+        of the face that it had.
     """
-    samples = pointers(Samples(patch.centres, patch.x, patch.y))
-    inverse, face = pointer(image.inverse), pointer(image.face)
+    filled = n_listed = n_tiles = 0
+    points = seen.points
     for f in range(faces.shape[0]):
         i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
         if not max(points[i, 2], points[j, 2], points[k, 2]) >= near:
@@ -227,32 +320,79 @@ def draw(points, faces, near, front_only, patch, listed, image, drawn, with_draw
         is_drawn = not (front_only and height > rounding)
         if not is_drawn and not with_drawn:
             continue
-        x0, x1, y0, y1 = box_of(points, i, j, k, near)
-        if is_out_of_sight(x0, x1, y0, y1, patch):
+        at = reach_of(seen, i, j, k, near, patch)
+        if at.first_row > at.last_row:
             continue
-        at = tiles_in(x0, x1, y0, y1, patch)
         # Edge-on the sign is not known; the samples where all three edges agree are the face.
-        is_both = abs(height) <= rounding
-        for turn in range(2 if is_both else 1):
+        for turn in range(2 if abs(height) <= rounding else 1):
             side = 1.0 if (height > 0.0) != (turn == 1) else -1.0
             e = planes_of(points, i, j, k, height, side, near, patch)
-            covered = 0
-            for n in range(list_tiles(e, at, patch, listed)):
-                tile = listed.tiles[n]
-                if is_drawn:
-                    if not image.is_touched[tile]:
-                        image.is_touched[tile] = True
-                        clear(tile, inverse, face)
-                    covered += cover(e, f, tile, samples, inverse, face)
-                else:
-                    covered += count_covered(e, tile, samples)
-            if with_drawn:
-                drawn[f] += covered
+            end = list_tiles(e, at, patch, listed, n_tiles)
+            if end == n_tiles:
+                continue
+            listed.faces[n_listed], listed.ends[n_listed] = f, end
+            listed.heights[n_listed], listed.sides[n_listed] = height, side
+            listed.is_drawn[n_listed] = is_drawn
+            n_listed, n_tiles = n_listed + 1, end
+            if n_listed == FACES_AT_A_TIME or n_tiles >= TILES_AT_A_TIME:
+                filled += draw_listed(
+                    n_listed, points, faces, near, patch, listed, image, visible, drawn, with_drawn
+                )
+                n_listed = n_tiles = 0
+    return filled + draw_listed(
+        n_listed, points, faces, near, patch, listed, image, visible, drawn, with_drawn
+    )
 
 
 @allocation_free
-def count_targets(points, faces, near, patch, listed, image, visible, drawn):
+def draw_listed(n_listed, points, faces, near, patch, listed, image, visible, drawn, with_drawn):
+    """Draw the first faces that are listed; arguments and result as of `draw`."""
+    samples = pointers(Samples(patch.centres, patch.x, patch.y))
+    inverse, face, is_touched = pointer(image.inverse), pointer(image.face), image.is_touched
+    tiles = pointer(listed.tiles)
+    filled, at = 0, 0
+    n_tiles = listed.ends[n_listed - 1] if n_listed > 0 else 0
+    for n in range(min(n_tiles, AHEAD)):
+        request(tiles[n], samples, inverse, face)
+    for row in range(n_listed):
+        f, end, is_drawn = listed.faces[row], listed.ends[row], listed.is_drawn[row]
+        i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
+        e = planes_of(points, i, j, k, listed.heights[row], listed.sides[row], near, patch)
+        covered = gained = 0
+        for n in range(at, end):
+            if n + AHEAD < n_tiles:
+                request(tiles[n + AHEAD], samples, inverse, face)
+            tile = np.int64(tiles[n])
+            if not is_drawn:
+                covered += count_covered(e, tile, samples)
+                continue
+            if not is_touched[tile]:
+                is_touched[tile] = True
+                clear(tile, inverse)
+            bits, won, lost = cover(e, tile, samples, inverse)
+            if with_drawn:
+                covered += count_bits(bits)
+            gained += count_bits(won)
+            while lost:
+                loser = face[tile * SAMPLES + lowest_bit(lost)]
+                its = same_face(face, tile, loser) & lost
+                visible[loser] -= count_bits(its)
+                filled -= count_bits(its)
+                lost &= ~its
+            put_face(f, won, tile, face)
+        at = end
+        if gained:
+            visible[f] += gained
+            filled += gained
+        if with_drawn:
+            drawn[f] += covered
+    return filled
+
+
+@allocation_free
+def count_targets(seen, faces, near, patch, listed, image, visible, drawn):
     """Add the samples of targets to their counts, (N,) each; arguments as for `draw`."""
+    points = seen.points
     samples = pointers(Samples(patch.centres, patch.x, patch.y))
     inverse = pointer(image.inverse)
     for f in range(faces.shape[0]):
@@ -260,39 +400,19 @@ def count_targets(points, faces, near, patch, listed, image, visible, drawn):
         if not max(points[i, 2], points[j, 2], points[k, 2]) >= near:
             continue
         height, rounding = height_of(points, i, j, k)
-        x0, x1, y0, y1 = box_of(points, i, j, k, near)
-        if is_out_of_sight(x0, x1, y0, y1, patch):
+        at = reach_of(seen, i, j, k, near, patch)
+        if at.first_row > at.last_row:
             continue
-        at = tiles_in(x0, x1, y0, y1, patch)
         for turn in range(2 if abs(height) <= rounding else 1):
             side = 1.0 if (height > 0.0) != (turn == 1) else -1.0
             e = planes_of(points, i, j, k, height, side, near, patch)
-            for n in range(list_tiles(e, at, patch, listed)):
+            for n in range(list_tiles(e, at, patch, listed, 0)):
                 tile = listed.tiles[n]
                 covered = count_covered(e, tile, samples)
                 drawn[f] += covered
                 if image.is_touched[tile]:
                     covered = count_seen(e, tile, samples, inverse)
                 visible[f] += covered
-
-
-@allocation_free
-def count_visible(image, visible):
-    """Add the samples of each face to (F,) `visible`; returns how many samples have a face."""
-    filled, face = 0, pointer(image.face)
-    for tile in range(image.is_touched.shape[0]):
-        if not image.is_touched[tile]:
-            continue
-        left = (1 << SAMPLES) - 1
-        while left:
-            f = image.face[tile, lowest_bit(left)]
-            bits = same_face(face, tile, f)
-            if f >= 0:
-                n = count_bits(bits)
-                visible[f] += n
-                filled += n
-            left &= ~bits
-    return filled
 
 
 @allocation_free
@@ -309,50 +429,10 @@ def read_image(image, patch, by_ray, face, depth):
         left = TILE * (patch.first_column + tile % patch.columns)
         for s in range(SAMPLES):
             row, column = top + s // TILE, left + s % TILE
-            if image.face[tile, s] >= 0 and row < height and column < width:
+            if image.inverse[tile, s] > 0.0 and row < height and column < width:
                 z = 1.0 / np.float64(image.inverse[tile, s])
                 if by_ray:
                     x = patch.centres[tile, 0] + patch.x[tile, s]
                     y = patch.centres[tile, 1] + patch.y[tile, s]
                     z *= np.sqrt(1.0 + x * x + y * y)
                 face[row, column], depth[row, column] = image.face[tile, s], z
-
-
-@allocation_free
-def fill_cells(x, y, columns, low, cells_a_unit, width, height, cells):
-    """Fill the first level of `Patch.cells` from the places (T, 16) of samples."""
-    for c in range(width * height):
-        cells[c, 0] = cells[c, 2] = 1 << 30
-        cells[c, 1] = cells[c, 3] = -1
-    for tile in range(x.shape[0]):
-        row, column = tile // columns, tile % columns
-        for s in range(SAMPLES):
-            if x[tile, s] == x[tile, s]:
-                i = cell_of(x[tile, s], low[0], cells_a_unit, width)
-                c = cell_of(y[tile, s], low[1], cells_a_unit, height) * width + i
-                cells[c, 0], cells[c, 1] = min(cells[c, 0], column), max(cells[c, 1], column)
-                cells[c, 2], cells[c, 3] = min(cells[c, 2], row), max(cells[c, 3], row)
-
-
-@allocation_free
-def merge_cells(cells, starts, widths, heights):
-    """Fill the other levels of `Patch.cells`."""
-    for level in range(1, starts.shape[0]):
-        width, below = widths[level], starts[level - 1]
-        for c in range(starts[level], starts[level] + width * heights[level]):
-            cells[c, 0] = cells[c, 2] = 1 << 30
-            cells[c, 1] = cells[c, 3] = -1
-        for j in range(heights[level - 1]):
-            for i in range(widths[level - 1]):
-                a, b = (
-                    starts[level] + (j >> 1) * width + (i >> 1),
-                    below + j * widths[level - 1] + i,
-                )
-                cells[a, 0], cells[a, 1] = (
-                    min(cells[a, 0], cells[b, 0]),
-                    max(cells[a, 1], cells[b, 1]),
-                )
-                cells[a, 2], cells[a, 3] = (
-                    min(cells[a, 2], cells[b, 2]),
-                    max(cells[a, 3], cells[b, 3]),
-                )

@@ -4,10 +4,9 @@
     ------------  -------------------------  ------------------------  ------------
     once:         lens, sample grid          Patch for each plane      lens_samples
     for each band of rows, pose and plane:
-    1 project     vertices, pose             points in the plane       lens_kernels
-    2 set up      points of a face           FacePlanes, Blocks        lens_kernels
-    3 cover       FacePlanes, Patch          Image: 1/z, face          lens_cover
-    4 count       Image                      visible, background       lens_kernels
+    1 project     vertices, pose             Seen: plane, canvas       lens_kernels
+    2 set up      points of a face           FacePlanes, Reach         lens_kernels
+    3 cover       FacePlanes, Patch          Image: 1/z, face; counts  lens_cover
 
 Nothing is rounded to a grid: samples are tested at the places that the lens gives them, to 2^-24 of
 half a block, and depth is compared as float32 1/z. A sample without a ray meets no face and is
@@ -28,6 +27,7 @@ from rastercov._jit import announce_compilation
 from rastercov._threads import ScratchPool, share_poses, thread_count
 from rastercov.camera import Camera
 from rastercov.errors import ConfigError, DeviceError
+from rastercov.lenses.lane_kernels import lane_scratch
 from rastercov.mesh import Mesh
 from rastercov.near_plane import limits, picture_limits
 from rastercov.pose import Poses as AcceptedPoses
@@ -41,7 +41,15 @@ from rastercov.raster.contract import (
     check_picture,
 )
 from rastercov.raster.cpu import lens_kernels as kernels
-from rastercov.raster.cpu.lens_records import SAMPLES, Image, Listed, Patch
+from rastercov.raster.cpu.lens_records import (
+    FACES_AT_A_TIME,
+    SAMPLES,
+    TILES_AT_A_TIME,
+    Image,
+    Listed,
+    Patch,
+    Seen,
+)
 from rastercov.raster.cpu.lens_samples import SampleTables, tables_of
 from rastercov.raster.cpu.memory import LANES, aligned_zeros, bit_table
 from rastercov.raster.tie_order import in_one_order
@@ -113,7 +121,7 @@ class LensRasterizer(Closing):
         (worker,) = self._scratch.take(1)
         for band in range(tables.n_bands):
             for patch in tables.band(band, self._threads):
-                image = worker.draw(matrix[0], near[0], cull[0], patch, None)
+                image, _ = worker.draw(matrix[0], near[0], cull[0], patch, None)
                 kernels.read_image(image, patch, by_ray, face, depth)
         self._scratch.give_back([worker])
         return VisibilityBuffer(self._scene.name_of[face], depth)
@@ -200,6 +208,8 @@ class _Scene:
         # The centre is that of `Mesh.opaque` in both, so that points are rounded alike.
         self.centre: FloatArray = mesh.opaque.bounds.mean(axis=0)
         self.vertices = np.ascontiguousarray(mesh.vertices - self.centre)
+        ends = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+        self.box: FloatArray = np.stack(np.meshgrid(*np.transpose(ends)), axis=-1).reshape(8, 3)
         opaque: IntArray = np.flatnonzero(~mesh.target_mask)
         # Adding to a slice takes a fifth of the time.
         self.opaque: Any = opaque if mesh.has_targets else slice(None)
@@ -217,7 +227,9 @@ class _Worker:
 
     def __init__(self, scene: _Scene) -> None:
         self.scene = scene
-        self.points = np.empty(scene.vertices.shape)
+        n = len(scene.vertices)
+        of_vertices = np.empty((n, 3)), np.empty((n, 2)), np.empty((n, 2)), np.empty(n, np.bool_)
+        self.seen = Seen(*of_vertices, lane_scratch())
         self.image, self.listed = _image(0), _listed(0)
         self.visible, self.drawn = np.zeros((2, len(scene.faces)), np.int32)
 
@@ -228,8 +240,11 @@ class _Worker:
         cull: bool,
         patch: Patch,
         drawn: NDArray[np.int32] | None,
-    ) -> Image:
-        """Draw the opaque faces, and add what each covers to (F,) `drawn`."""
+    ) -> tuple[Image, int]:
+        """Draw the opaque faces; returns the image, and how many samples show a face.
+
+        Adds what shows each face to `visible`, and what it covers to (F,) `drawn`.
+        """
         scene, n = self.scene, len(patch.x)
         if len(self.image.is_touched) < n:
             self.image, self.listed = _image(n), _listed(n)
@@ -237,13 +252,15 @@ class _Worker:
         image = Image(inverse[:n], face[:n], is_touched[:n])
         image.is_touched[:] = False
         axes = np.ascontiguousarray(pose[:3, :3] @ patch.frame)
-        kernels.put_in_plane(scene.vertices, pose[:3, 3] - scene.centre, axes, self.points)
+        eye = pose[:3, 3] - scene.centre
+        kernels.put_in_plane(scene.vertices, eye, axes, self.seen.points)
+        kernels.put_on_canvas(float(near), patch, self.seen)
         with_drawn = drawn is not None
-        kernels.draw(
-            self.points, scene.faces, float(near), bool(cull), patch, self.listed, image,
-            self.drawn if drawn is None else drawn, with_drawn,
+        filled = kernels.draw(
+            self.seen, scene.faces, float(near), bool(cull), patch, self.listed, image,
+            self.visible, self.drawn if drawn is None else drawn, with_drawn,
         )  # fmt: skip
-        return image
+        return image, int(filled)
 
     def count(
         self,
@@ -256,16 +273,18 @@ class _Worker:
     ) -> int:
         """Add the samples of a patch to rows (F,) of counts; returns how many show a face."""
         scene = self.scene
+        corners = (scene.box - pose[:3, 3]) @ (pose[:3, :3] @ patch.frame)
+        if not kernels.sees(patch, float(near), corners):
+            return 0
         self.visible[:], self.drawn[:] = 0, 0
-        image = self.draw(pose, near, cull, patch, None if drawn is None else self.drawn)
-        filled = int(kernels.count_visible(image, self.visible))
+        image, filled = self.draw(pose, near, cull, patch, None if drawn is None else self.drawn)
         visible[scene.opaque] += self.visible
         if drawn is not None:
             drawn[scene.opaque] += self.drawn
         if len(scene.targets):
             seen, covered = np.zeros((2, len(scene.targets)), np.int64)
             kernels.count_targets(
-                self.points,
+                self.seen,
                 scene.target_faces,
                 float(near),
                 patch,
@@ -287,5 +306,9 @@ def _image(n: int) -> Image:
 
 
 def _listed(n: int) -> Listed:
-    """Memory for a list of n tiles."""
-    return Listed(np.empty(n + LANES, np.int32), bit_table())
+    """Memory for lists of tiles of an image of n."""
+    faces, ends = np.empty((2, FACES_AT_A_TIME), np.int64)
+    heights, sides = np.empty((2, FACES_AT_A_TIME))
+    tiles = np.empty(n + TILES_AT_A_TIME + LANES, np.int32)
+    is_drawn = np.empty(FACES_AT_A_TIME, np.bool_)
+    return Listed(tiles, faces, ends, heights, sides, is_drawn, bit_table())

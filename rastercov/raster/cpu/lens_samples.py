@@ -19,7 +19,8 @@ from rastercov._memory import check_memory
 from rastercov._threads import share_poses
 from rastercov.camera import Camera
 from rastercov.lenses.of_camera import lens_of, planes_of
-from rastercov.raster.cpu import lens_kernels as kernels
+from rastercov.lenses.records import PlaneRecord
+from rastercov.raster.cpu.lens_cells import fill_cells, merge_cells
 from rastercov.raster.cpu.lens_records import BLOCK, TILE, Patch
 from rastercov.raster.cpu.memory import LANES, aligned_zeros
 from rastercov.raster.sample_grid import SampleGrid
@@ -64,8 +65,11 @@ class SampleTables:
         self.grid = SampleGrid(camera, supersample, roll)
         self._lens = lens_of(camera)
         # Planes that share a frame divide its image for the sake of areas; samples need no such.
-        frames = {plane.frame.tobytes(): plane.frame for plane, _ in planes_of(camera)}
-        self.frames = tuple(frames.values())
+        records: dict[bytes, list[PlaneRecord]] = {}
+        for plane, record in planes_of(camera):
+            records.setdefault(plane.frame.tobytes(), []).append(record)
+        self.frames = tuple(found[0].frame for found in records.values())
+        self._planes = [(found[0], _free_radius(found)) for found in records.values()]
         n_rows = -(-self.grid.height // BLOCK)
         width = BLOCK * -(-self.grid.width // BLOCK)
         self._rows = max(1, max_table // (width * BLOCK))
@@ -115,7 +119,7 @@ class SampleTables:
             with np.errstate(invalid="ignore", divide="ignore"):
                 z = np.where((nearest == number) & (along[number] > 0), along[number], np.nan)
                 x, y = (rays @ frame[:, 0]) / z, (rays @ frame[:, 1]) / z
-            patch = _patch(frame, x, y, top // BLOCK)
+            patch = _patch(x, y, top // BLOCK, *self._planes[number], self.grid)
             if patch is not None:
                 patches.append(patch)
         return tuple(patches)
@@ -127,7 +131,22 @@ def tables_of(camera: Camera, supersample: int, roll: float) -> SampleTables:
     return SampleTables(camera, supersample, roll)
 
 
-def _patch(frame: FloatArray, x: FloatArray, y: FloatArray, top: int) -> Patch | None:
+def _free_radius(records: list[PlaneRecord]) -> float:
+    """Radius of a disc around the origin of a plane on which one continuous lens is bounded.
+
+    0 where the image of the plane is divided, or has a pole or a hole.
+    """
+    record = records[0]
+    if len(records) > 1 or len(record.hole) or not np.isfinite(record.bend):
+        return 0.0
+    side = np.roll(record.region, -1, axis=0) - record.region
+    height = record.region[:, 0] * side[:, 1] - record.region[:, 1] * side[:, 0]
+    return max(0.0, float((height / np.hypot(*side.T)).min()))
+
+
+def _patch(
+    x: FloatArray, y: FloatArray, top: int, plane: PlaneRecord, radius: float, grid: SampleGrid
+) -> Patch | None:
     """Patch of places (rows, columns) of whole blocks; None where there is no sample."""
     n_rows, n_columns = x.shape[0] // BLOCK, x.shape[1] // BLOCK
     is_live = ~np.isnan(_cut(x, BLOCK)).all(axis=1).reshape(n_rows, n_columns)
@@ -174,10 +193,10 @@ def _patch(frame: FloatArray, x: FloatArray, y: FloatArray, top: int) -> Patch |
     widths, heights = np.array(shapes, np.int64).T.copy()
     starts = np.concatenate(([0], np.cumsum(widths * heights)))
     cells = np.empty((starts[-1], 4), np.int32)
-    kernels.fill_cells(x, y, columns, low, 1 / side, width, height, cells)
-    kernels.merge_cells(cells, starts[:-1], widths, heights)
+    fill_cells(x, y, columns, low, 1 / side, width, height, cells)
+    merge_cells(cells, starts[:-1], widths, heights)
     patch = Patch(
-        frame=np.ascontiguousarray(frame),
+        frame=plane.frame,
         centres=centres,
         x=from_x,
         y=from_y,
@@ -194,6 +213,10 @@ def _patch(frame: FloatArray, x: FloatArray, y: FloatArray, top: int) -> Patch |
         cells_a_unit=1 / side,
         reach=1 + float(np.maximum(np.abs(low), np.abs(high)).sum()),
         half=float(max(np.nanmax(np.abs(from_x)), np.nanmax(np.abs(from_y)))),
+        plane=plane,
+        radius2=radius * radius,
+        canvas=grid.canvas_from_image,
+        bend=grid.supersample * plane.bend / 8,
     )
     for array in patch:
         if isinstance(array, np.ndarray):

@@ -239,6 +239,15 @@ def pack(*masks: Vector) -> Scalar:
     return packed
 
 
+def together(*scalars: Scalar) -> Vector:
+    """Vector of scalars of one type."""
+    builder, kind = scalars[0].builder, ir.VectorType(scalars[0].kind, len(scalars))
+    vector = ir.Constant(kind, ir.Undefined)
+    for k, scalar in enumerate(scalars):
+        vector = builder.insert_element(vector, scalar.value, WORD(k))
+    return Vector(builder, vector)
+
+
 def load(builder: Any, pointer: Any, n: int) -> Vector:
     """Vector of n lanes from an LLVM pointer on."""
     vector = ir.VectorType(pointer.type.pointee, n)

@@ -138,14 +138,15 @@ class Variable:
         self._builder.store(value.value, self._slot)
 
 
-def loop(begin: Scalar, end: Scalar, step: int) -> Any:
+def loop(begin: Scalar, end: Scalar, step: Location) -> Any:
     """Context manager around the body of a loop; yields the 64-bit index."""
 
     @contextmanager
     def body() -> Iterator[Scalar]:
         builder = end.builder
         start, stop = begin.to(LONG).value, end.to(LONG).value
-        with cgutils.for_range_slice(builder, start, stop, LONG(step), LONG) as (index, _):
+        stride = LONG(step) if isinstance(step, int) else step.to(LONG).value
+        with cgutils.for_range_slice(builder, start, stop, stride, LONG) as (index, _):
             yield Scalar(builder, index)
 
     return body()

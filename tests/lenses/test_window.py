@@ -1,0 +1,95 @@
+"""Windows of ideal planes: few sides, and nothing that the image shows is left out."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from lens_cases import HEIGHT, WIDTH, of_all_kinds
+
+from rastercov.errors import CameraError
+from rastercov.lenses import make_lens
+from rastercov.lenses.quadrature import edge_table
+from rastercov.lenses.records import record_of
+
+LENSES = of_all_kinds()
+
+
+def heights(points, polygon):
+    """Least distance (N,) of points from the sides of a convex polygon, > 0 inside."""
+    side = np.roll(polygon, -1, axis=0) - polygon
+    away = points[:, None] - polygon
+    height = side[:, 0] * away[..., 1] - side[:, 1] * away[..., 0]
+    return (height / np.hypot(*side.T)).min(axis=1)
+
+
+def records(lens):
+    """Planes of a lens and their records."""
+    width, height = lens.width, lens.height
+    return [(plane, record_of(plane, width, height, edge_table(plane))) for plane in lens.planes]
+
+
+def check(lens):
+    """Rays of all parts of the image, its border among them, against the windows; their number."""
+    grid = np.stack(np.meshgrid(np.linspace(0, lens.width, 97), np.linspace(0, lens.height, 83)))
+    rays = lens.unproject(grid.reshape(2, -1).T)
+    rays = rays[np.isfinite(rays).all(axis=1)]
+    n = 0
+    for plane, record in records(lens):
+        window = record.window
+        assert (heights(window, plane.region) > -1e-12).all()
+        on_plane = rays @ plane.frame
+        points = on_plane[on_plane[:, 2] > 0]
+        points = points[:, :2] / points[:, 2:]
+        points = points[heights(points, plane.region) >= 0]
+        assert (heights(points, window) >= -1e-12).all()
+        n += len(points)
+    assert n >= len(rays) - 4  # corners of a region may be on its border
+    return n
+
+
+@pytest.mark.parametrize("name", ["opencv brown", "opencv prism", "kalibr ds", "colmap FOV"])
+def test_all_that_the_image_shows_is_in_the_window(name):
+    assert check(LENSES[name]) > 8000
+    assert max(len(record.window) for _, record in records(LENSES[name])) <= 8
+
+
+def test_a_region_inside_the_image_is_its_own_window():
+    lens = make_lens("pinhole", WIDTH, HEIGHT, fx=900, fy=900, max_angle_deg=20)
+    ((plane, record),) = records(lens)
+    assert not lens.is_whole
+    np.testing.assert_array_equal(record.window, plane.region)
+
+
+def test_a_region_that_ends_in_the_image_keeps_its_sides_there():
+    lens = make_lens("pinhole", WIDTH, HEIGHT, fx=900, fy=900, max_angle_deg=38)
+    ((plane, record),) = records(lens)
+    assert 8 < len(record.window) < len(plane.region)
+    check(lens)
+    # The corners that are left out are beyond the image.
+    kept = {tuple(corner) for corner in record.window}
+    for one, other in pairwise(plane.region):
+        middle = np.append((one + other) / 2, 1.0) @ plane.frame.T
+        if tuple(one) not in kept or tuple(other) not in kept:
+            u, v = lens.project(0.999 * middle * (1, 1, 1 / 0.999))
+            assert not (0 < u < WIDTH and 0 < v < HEIGHT)
+
+
+@settings(max_examples=20)
+@given(
+    k1=st.floats(-0.4, 0.4),
+    k2=st.floats(-0.1, 0.2),
+    p1=st.floats(-0.02, 0.02),
+    focal=st.floats(500, 2000),
+    cx=st.floats(0.2, 0.8),
+)
+def test_windows_of_random_lenses(k1, k2, p1, focal, cx):
+    try:
+        lens = make_lens(
+            "pinhole", 640, 480, fx=focal / 2, fy=focal / 2, cx=640 * cx, cy=200,
+            radial=(k1, k2), tangential=(p1, 0.0),
+        )  # fmt: skip
+    except CameraError:
+        return
+    check(lens)
