@@ -58,11 +58,17 @@ def ask_for_faces(faces, box, grid):
 
 @inlined
 def count_asked(grid):
-    """Count the cells asked for in each rectangle of cells that starts at the first one.
+    """Number of the cells asked for, and in each rectangle of cells that starts at the first one.
+
+    The table is left as it is if all are asked for.
 
     F. C. Crow. Summed-Area Tables for Texture Mapping. 1984.
     """
-    sums, across = grid.n_asked, grid.columns + 1
+    sums, across, n_all = grid.n_asked, grid.columns + 1, 0
+    for c in range(grid.columns * grid.rows):
+        n_all += grid.is_asked[c]
+    if n_all == grid.columns * grid.rows:
+        return n_all
     sums[:across] = 0
     for row in range(grid.rows):
         n, at = 0, (row + 1) * across
@@ -70,6 +76,7 @@ def count_asked(grid):
         for column in range(grid.columns):
             n += grid.is_asked[row * grid.columns + column]
             sums[at + column + 1] = sums[at + column + 1 - across] + n
+    return n_all
 
 
 @inlined
@@ -100,40 +107,45 @@ def fill_grid(projected, grid):
     for c in range(n_cells + 2):
         starts[c] = 0
     n = 0
-    count_asked(grid)
+    is_all = count_asked(grid) == n_cells
     for b in range(block_box.shape[0]):
         if not block_box[b, U_MIN] <= block_box[b, U_MAX]:
             continue
-        left, right, top, bottom = cells_of_box(block_box, b, grid)
-        if n_asked_in(left, right, top, bottom, grid) == 0:
-            continue
+        if not is_all:
+            left, right, top, bottom = cells_of_box(block_box, b, grid)
+            if n_asked_in(left, right, top, bottom, grid) == 0:
+                continue
         lay_boxes_of_block(b, projected)
         for k in range(b * BLOCK, min((b + 1) * BLOCK, order.shape[0])):
             f = order[k]
             if not state[f] & (LIVE | THIN):
                 continue
             left, right, top, bottom = cells_of_box(box, f, grid)
-            n_found = n_asked_in(left, right, top, bottom, grid)
-            if n_found == 0:
-                continue
-            grid.is_whole[f] = n_found == (right - left + 1) * (bottom - top + 1)
+            n_found = n_touched = (right - left + 1) * (bottom - top + 1)
+            if not is_all:
+                n_found = n_asked_in(left, right, top, bottom, grid)
+                if n_found == 0:
+                    continue
+            grid.is_whole[f] = n_found == n_touched
             grid.faces[n] = f
             places[n, 0], places[n, 1], places[n, 2], places[n, 3] = left, right, top, bottom
             n += 1
             for row in range(top, bottom + 1):
                 for at in range(row * columns + left, row * columns + right + 1):
-                    starts[at + 2] += is_asked[at]
+                    if n_found == n_touched or is_asked[at]:
+                        starts[at + 2] += 1
     for c in range(2, n_cells + 2):
         starts[c] += starts[c - 1]
     total = starts[n_cells + 1]
     if total > entries.shape[0]:
         return total
     for index in range(n):
+        f, left, right = grid.faces[index], places[index, 0], places[index, 1]
+        is_whole = grid.is_whole[f]
         for row in range(places[index, 2], places[index, 3] + 1):
-            start = row * columns
-            for at in range(start + places[index, 0], start + places[index, 1] + 1):
-                if is_asked[at]:
-                    entries[starts[at + 1]] = grid.faces[index]
+            for at in range(row * columns + left, row * columns + right + 1):
+                if is_whole or is_asked[at]:
+                    entries[starts[at + 1]] = f
                     starts[at + 1] += 1
     return total
 

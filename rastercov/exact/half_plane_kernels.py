@@ -138,10 +138,17 @@ def lines_of_cell(column, row, grid, lines):
     """Lines that bound a cell of the grid; those at the border of the grid bound nothing."""
     left, right = grid.left + column / grid.per_u, grid.left + (column + 1) / grid.per_u
     top, bottom = grid.top + row / grid.per_v, grid.top + (row + 1) / grid.per_v
-    lines[0] = (left, 0.0, 0.0, -1.0, 0.0 if column > 0 else np.inf)
-    lines[1] = (right, 0.0, 0.0, 1.0, 0.0 if column + 1 < grid.columns else np.inf)
-    lines[2] = (0.0, top, 1.0, 0.0, 0.0 if row > 0 else np.inf)
-    lines[3] = (0.0, bottom, -1.0, 0.0, 0.0 if row + 1 < grid.rows else np.inf)
+    set_line(lines, 0, left, 0.0, 0.0, -1.0, 0.0 if column > 0 else np.inf)
+    set_line(lines, 1, right, 0.0, 0.0, 1.0, 0.0 if column + 1 < grid.columns else np.inf)
+    set_line(lines, 2, 0.0, top, 1.0, 0.0, 0.0 if row > 0 else np.inf)
+    set_line(lines, 3, 0.0, bottom, -1.0, 0.0, 0.0 if row + 1 < grid.rows else np.inf)
+
+
+@inlined
+def set_line(lines, row, u, v, du, dv, offset):
+    """Fill a row of lines."""
+    lines[row, U], lines[row, V] = u, v
+    lines[row, DU], lines[row, DV], lines[row, OFFSET] = du, dv, offset
 
 
 @inlined
