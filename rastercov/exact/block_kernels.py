@@ -7,7 +7,7 @@ them together. `set_up` measures the others one by one. Boxes of plain blocks ar
 
 import numpy as np
 
-from rastercov._jit import allocation_free, compiled, inlined
+from rastercov._jit import allocation_free, compiled, part_with_arrays
 from rastercov.exact.polygon_kernels import clip, twice_area
 from rastercov.exact.records import (
     ABSENT,
@@ -56,7 +56,7 @@ NARROW_FACTOR = 2.0**25
 rounding is measured by itself: more than three times `certificate.THIN_TOLERANCE_REL`."""
 
 
-@inlined
+@part_with_arrays
 def lay_boxes_of_block(b, projected):
     """Fill in the boxes of the faces of a block, the first time. None of them is clipped."""
     if not projected.has_boxes[b]:
@@ -82,7 +82,7 @@ def lay_boxes(faces, projected):
         lay_boxes_of_block(projected.blocks.of_face[faces[index]], projected)
 
 
-@inlined
+@part_with_arrays
 def describe_block(b, flags, projected):
     """Fill in `block_state` and `block_side` from the faces of a block, with some flags more."""
     order, state, side = projected.blocks.order, projected.state, projected.side
@@ -98,7 +98,7 @@ def describe_block(b, flags, projected):
     projected.block_side[b] = MIXED if flags & DOUBTFUL else common
 
 
-@inlined
+@part_with_arrays
 def gather(b, projected, lanes):
     """Copy the corners of the faces of a block to `lanes`."""
     faces, uvw, order = projected.faces, projected.uvw, projected.blocks.order
@@ -110,7 +110,7 @@ def gather(b, projected, lanes):
         lanes[U2 + lane], lanes[V2 + lane], lanes[W2 + lane] = uvw[k, U], uvw[k, V], uvw[k, W]
 
 
-@inlined
+@part_with_arrays
 def measure(pixel_error, most_error, lanes):
     """Twice the signed area, bounds and thinness of the faces in `lanes`, in the order of rows."""
     for lane in range(BLOCK):
@@ -132,13 +132,13 @@ def measure(pixel_error, most_error, lanes):
         lanes[AREAS + lane] = (u_max - u_min) * (v_max - v_min)
 
 
-@inlined
+@part_with_arrays
 def eighth(lanes):
     """An eighth of a block, which LLVM does not know: it would not vectorise the loop."""
     return lanes.shape[0] // (LANES // 8)
 
 
-@inlined
+@part_with_arrays
 def reduce_rows(lanes):
     """Put the least values, or the sums, of the rows that `measure` filled at their starts."""
     for row in range(LEAST_U, WIDTHS, BLOCK):

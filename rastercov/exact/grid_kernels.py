@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rastercov._jit import allocation_free, inlined
+from rastercov._jit import allocation_free, part_with_arrays
 from rastercov.exact.block_kernels import lay_boxes_of_block
 from rastercov.exact.records import BLOCK, LIVE, THIN, U_MAX, U_MIN, V_MAX, V_MIN, W_MAX
 
@@ -12,20 +12,20 @@ BUCKETS = 64
 """Ranges of 1/z by which the faces of a cell are sorted first."""
 
 
-@inlined
+@part_with_arrays
 def cell(position, origin, per_pixel, n):
     """Row or column of the grid at a position; positions outside go to the first or the last."""
     return min(max(np.int64((position - origin) * per_pixel), 0), n - 1)
 
 
-@inlined
+@part_with_arrays
 def cell_at(u, v, grid):
     """Cell of the grid at a point."""
     row = cell(v, grid.top, grid.per_v, grid.rows)
     return row * grid.columns + cell(u, grid.left, grid.per_u, grid.columns)
 
 
-@inlined
+@part_with_arrays
 def cells_of_box(box, f, grid):
     """First and last column, first and last row that the box of a face touches."""
     return (
@@ -36,7 +36,7 @@ def cells_of_box(box, f, grid):
     )
 
 
-@inlined
+@part_with_arrays
 def likely_hider(f, box, grid):
     """Face that hid another one at the centre of the box of a face, -1 for none."""
     u, v = (box[f, U_MIN] + box[f, U_MAX]) / 2, (box[f, V_MIN] + box[f, V_MAX]) / 2
@@ -56,7 +56,7 @@ def ask_for_faces(faces, box, grid):
     return is_new
 
 
-@inlined
+@part_with_arrays
 def count_asked(grid):
     """Number of the cells asked for, and in each rectangle of cells that starts at the first one.
 
@@ -79,7 +79,7 @@ def count_asked(grid):
     return n_all
 
 
-@inlined
+@part_with_arrays
 def n_asked_in(left, right, top, bottom, grid):
     """Number of the cells in a rectangle that are asked for, after `count_asked`."""
     sums, across = grid.n_asked, grid.columns + 1
@@ -150,7 +150,7 @@ def fill_grid(projected, grid):
     return total
 
 
-@inlined
+@part_with_arrays
 def lay_bounds(at, box, grid):
     """Lay the bounds of the faces of a cell one after another in memory, the first time."""
     bounds, entries = grid.bounds, grid.entries
@@ -162,7 +162,7 @@ def lay_bounds(at, box, grid):
             bounds[V_MIN, entry], bounds[V_MAX, entry] = box[f, V_MIN], box[f, V_MAX]
 
 
-@inlined
+@part_with_arrays
 def find_faces(first, last, left, right, top, bottom, grid, n):
     """Add the entries first ... last - 1 whose boxes touch a rectangle to `grid.faces`.
 

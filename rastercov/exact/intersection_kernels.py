@@ -6,7 +6,7 @@ most. In the image that is a line, along which 1/z of the two is equal.
 
 import numpy as np
 
-from rastercov._jit import inlined
+from rastercov._jit import part_with_arrays
 from rastercov.exact.half_plane_kernels import depth_order
 from rastercov.exact.outline_kernels import outline, outline_error, plane_of
 from rastercov.exact.polygon_kernels import clip, copy_polygon, length, separates, twice_area
@@ -45,7 +45,7 @@ NOT_KNOWN = -1
 """Result of `add_intersection` where the visibility may change elsewhere, or rounding decides."""
 
 
-@inlined
+@part_with_arrays
 def overlap_of(t, m, target, n, n_own, camera, projected, work):
     """Area that the images of two live faces have in common, px^2, and the sides of that of m.
 
@@ -80,7 +80,7 @@ def overlap_of(t, m, target, n, n_own, camera, projected, work):
     return abs(twice_area(work.spare, n)) / 2, n_sides
 
 
-@inlined
+@part_with_arrays
 def take_intersection(t, m, n_sides, count, camera, projected, work):
     """Add the line of equal depth that `depth_order` left in `work.lines`; returns their number.
 
@@ -115,7 +115,7 @@ def take_intersection(t, m, n_sides, count, camera, projected, work):
     return count + 1 if first < last else count
 
 
-@inlined
+@part_with_arrays
 def add_intersection(
     t, m, target, n, n_own, count, edges, is_event, camera, projected, work, area_error
 ):

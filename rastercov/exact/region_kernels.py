@@ -10,7 +10,7 @@ R. E. Tarjan. Efficiency of a Good but not Linear Set Union Algorithm. 1975.
 
 import numpy as np
 
-from rastercov._jit import allocation_free, inlined, part_of
+from rastercov._jit import allocation_free, part_of, part_with_arrays
 from rastercov.exact.records import (
     BLOCK,
     CROSSED,
@@ -33,7 +33,7 @@ def is_inside(u, v, w, width, height):
     return w > 0 and 0 <= u <= width and 0 <= v <= height
 
 
-@inlined
+@part_with_arrays
 def root_of(parent, f):
     """Root of a node in the forest of regions; the path to it is halved on the way."""
     while parent[f] != f:
@@ -42,19 +42,19 @@ def root_of(parent, f):
     return f
 
 
-@inlined
+@part_with_arrays
 def is_of_a_region(b, projected):
     """True if all faces of a block can be certified: they are live, uncrossed, of one side."""
     return projected.block_state[b] == LIVE and projected.block_side[b] != MIXED
 
 
-@inlined
+@part_with_arrays
 def is_one_patch(b, blocks):
     """True if a block has one patch only."""
     return blocks.patch_starts[b + 1] - blocks.patch_starts[b] == 1
 
 
-@inlined
+@part_with_arrays
 def node_of(f, parent, projected):
     """Node of a face in the forest of regions, -1 for a face in no region.
 
@@ -69,14 +69,14 @@ def node_of(f, parent, projected):
     return node if is_in else -1
 
 
-@inlined
+@part_with_arrays
 def join(f, g, parent):
     """Join the trees of two nodes."""
     f, g = root_of(parent, f), root_of(parent, g)
     parent[max(f, g)] = min(f, g)
 
 
-@inlined
+@part_with_arrays
 def is_joint(e, edges, camera, projected):
     """True if visibility does not change across an edge that is no event edge.
 
@@ -91,7 +91,7 @@ def is_joint(e, edges, camera, projected):
     )
 
 
-@inlined
+@part_with_arrays
 def join_along(e, edges, camera, projected, parent):
     """Join the regions on both sides of an edge along which visibility does not change."""
     if edges.faces[e, 1] < 0 or not is_joint(e, edges, camera, projected):
@@ -102,7 +102,7 @@ def join_along(e, edges, camera, projected, parent):
         join(f, g, parent)
 
 
-@inlined
+@part_with_arrays
 def sort(numbers, n, key):
     """Sort the first n numbers by their keys.
 
@@ -121,7 +121,7 @@ def sort(numbers, n, key):
         gap //= 3
 
 
-@inlined
+@part_with_arrays
 def list_crossed(projected, targets):
     """List the crossed faces, and add the bit to their blocks; returns their number."""
     state, n = projected.state, 0
@@ -175,7 +175,7 @@ def find_largest(projected, is_listed, in_boxes, region, is_known, largest):
                     largest[r] = f
 
 
-@inlined
+@part_with_arrays
 def regions_of_blocks(
     events, edges, is_event, is_hidden, camera, projected, is_listed, region, number, found
 ):
@@ -264,7 +264,7 @@ def regions_of_blocks(
     return n
 
 
-@inlined
+@part_with_arrays
 def regions_of_faces(
     edges, is_event, is_hidden, camera, projected, is_listed, parent, region, found
 ):

@@ -7,7 +7,7 @@ the camera or far out of the image are clipped in space before they are projecte
 import numpy as np
 
 from rastercov._double_double import add, exact_sum, minor, multiply
-from rastercov._jit import allocation_free, inlined
+from rastercov._jit import allocation_free, part_with_arrays
 from rastercov.exact.polygon_kernels import clip, length
 from rastercov.exact.records import (
     DU,
@@ -121,7 +121,7 @@ def normals_of_sides(high, low, underflow, normals, errors):
     return d
 
 
-@inlined
+@part_with_arrays
 def side_if_out_of_sight(vertices, i, j, k, camera):
     """Visible side of a face that is out of sight, 1 or -1; 0 if it is not, or rounding decides.
 
@@ -261,7 +261,7 @@ def clip_in_space(corners, low, camera, normals, errors, sides, plane, polygon, 
     return n, front
 
 
-@inlined
+@part_with_arrays
 def bounds_of_clipped(polygon, n, plane):
     """Box of a clipped face: least and greatest u, v and w."""
     u_min = v_min = w_min = np.inf
@@ -278,7 +278,7 @@ def bounds_of_clipped(polygon, n, plane):
     return u_min, u_max, v_min, v_max, max(w_min, 0.0), w_max
 
 
-@inlined
+@part_with_arrays
 def store_clipped(clipped, s, polygon, n, sides, plane):
     """Copy what `clip_in_space` returned to row s."""
     clipped.n_corners[s] = max(n, 0)
