@@ -5,7 +5,8 @@
 # make bench   exactness and speed, side by side with a ray tracer
 #
 # All of it lives in .venv; Mesa's OpenGL comes from the system, through apt when it is missing. So
-# does OSMesa for the tests, where the system still has it: Mesa 25.1 was the last.
+# does OSMesa for the tests, where the system still has it: Mesa 25.1 was the last. Chromium, which
+# tests of the viewer drive, comes from Debian's package.
 
 PYTHON ?= python3
 VENV := .venv
@@ -23,17 +24,17 @@ TEST_ENV := LP_NUM_THREADS=1
 
 # Two pips must not work on one environment.
 .NOTPARALLEL:
-.PHONY: demo test quick lint bench opengl osmesa clean
+.PHONY: demo test quick lint bench opengl osmesa chromium clean
 
 # The demo counts on the CPU where there is no GPU, so missing OpenGL does not stop it.
 demo: $(VENV)/installed
 	@$(MAKE) --no-print-directory opengl || true
 	$(BIN)/rastercov demo --out report
 
-test: $(VENV)/installed-dev opengl osmesa
-	$(TEST_ENV) $(BIN)/python -m pytest -n 2 --dist worksteal -m ""
+test: $(VENV)/installed-dev opengl osmesa chromium
+	$(TEST_ENV) $(BIN)/python -m pytest -n 2 --dist worksteal -m "" --durations=40
 
-quick: $(VENV)/installed-dev opengl osmesa
+quick: $(VENV)/installed-dev opengl osmesa chromium
 	$(TEST_ENV) $(BIN)/python -m pytest -n 2 --dist worksteal
 
 lint: $(VENV)/installed-dev
@@ -82,6 +83,13 @@ osmesa: $(VENV)/installed
 	if $(OSMESA_EXISTS); then echo "installing OSMesa: $(OSMESA)"; \
 	$(APT) install -y --no-install-recommends $(OSMESA) </dev/null && exit 0; fi; \
 	echo "note: no OSMesa: apt has no $(OSMESA), or may not install it"
+
+# Without it its tests are skipped, which the end of the run says.
+chromium:
+	@if command -v chromium >/dev/null || command -v chromium-browser >/dev/null; then exit 0; fi; \
+	echo "installing Chromium"; { $(APT) update; \
+	$(APT) install -y --no-install-recommends chromium; } </dev/null || \
+	echo "note: no Chromium: apt has none, or may not install it"
 
 clean:
 	rm -rf $(VENV) report render build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

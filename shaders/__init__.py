@@ -38,9 +38,12 @@ def source(name: str, version: int = 330, **defines: int) -> str:
 
 @cache
 def digest() -> str:
-    """SHA-256 over all shader files, in hexadecimal; every result carries it."""
+    """SHA-256 over all shader files, in hexadecimal; every result carries it.
+
+    Those of the viewer's page are left out: no result depends on them.
+    """
     total = hashlib.sha256()
     for file in sorted(files(__name__).iterdir(), key=lambda file: file.name):
-        if file.name.endswith(".glsl"):
+        if file.name.endswith(".glsl") and not file.name.startswith("viewer_"):
             total.update(file.name.encode() + b"\0" + file.read_bytes() + b"\0")
     return total.hexdigest()

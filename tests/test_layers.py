@@ -25,7 +25,7 @@ LAYERS = (
     "audits",
     "plan validation",
     "report",
-    "jobs",
+    "jobs viewer",
     "cli",
 )
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names.split()}

@@ -38,7 +38,9 @@ def expected():
         top, *rest = PurePosixPath(name).parts
         packed = "/".join((inside.get(top, top), *rest))
         is_data = packed.startswith("rastercov/data/") or packed == "rastercov/py.typed"
-        is_code = packed.startswith("rastercov/") and name.endswith((".py", ".glsl", ".html"))
+        is_code = packed.startswith("rastercov/") and name.endswith(
+            (".py", ".glsl", ".html", ".js", ".css")
+        )
         if (is_data or is_code) and not (ROOT / name).is_symlink():
             names.add(packed)
     return names

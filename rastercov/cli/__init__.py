@@ -13,7 +13,18 @@ from typing import Annotated
 import typer
 
 import rastercov
-from rastercov.cli import audit, compare, convert, demo, doctor, evaluate, place, render, validate
+from rastercov.cli import (
+    audit,
+    compare,
+    convert,
+    demo,
+    doctor,
+    evaluate,
+    place,
+    render,
+    validate,
+    view,
+)
 from rastercov.cli.console import exit_code, leave, notices_shown
 
 app = typer.Typer(
@@ -42,6 +53,7 @@ for _command in (
     *(evaluate.evaluate, demo.demo, render.render, compare.compare, place.place, place.check),
     audit.audit,
     convert.convert,
+    view.view,
     doctor.doctor,
 ):
     app.command()(_command)

@@ -16,21 +16,20 @@ from rastercov._arguments import check_kind, members
 from rastercov._files import StrPath
 from rastercov.errors import MeshError
 from rastercov.mesh.arrays import (
-    blocks,
     check_coordinates,
     checked_faces,
     checked_vertices,
     encloses_volume,
     face_labels,
     frozen,
-    normals_and_areas,
     some,
 )
-from rastercov.mesh.diagnosis import size_in_words, surface_faults
+from rastercov.mesh.diagnosis import surface_faults
+from rastercov.mesh.faces import Faces
 from rastercov.mesh.formats import LARGEST_FILE, metres_per, read_files
 from rastercov.mesh.groups import Group, checked_groups, flagged
 from rastercov.mesh.motion import moved_points, with_moved_faces
-from rastercov.mesh.topology import Topology, first_equal_row
+from rastercov.mesh.topology import Topology
 
 if TYPE_CHECKING:
     from rastercov.mesh.contacts import Contacts
@@ -55,7 +54,7 @@ class MeshSource:
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
-class Mesh:
+class Mesh(Faces):
     """Triangle mesh with groups of faces; a frozen value with read-only arrays.
 
     Threads may share a mesh. A derived property is computed at its first use, possibly in several
@@ -340,34 +339,6 @@ class Mesh:
         return Mesh(**(others | {"vertices": vertices, "faces": faces}))
 
     @property
-    def n_faces(self) -> int:
-        """Number of faces F."""
-        return len(self.faces)
-
-    @property
-    def n_vertices(self) -> int:
-        """Number of vertices V."""
-        return len(self.vertices)
-
-    @cached_property
-    def task_mask(self) -> NDArray[np.bool_]:
-        """(F,) faces that are scored, of the task or a target: all but the occluders."""
-        scored = np.array([not group.is_occluder for group in self.groups])
-        return frozen(scored[self.face_group])
-
-    @cached_property
-    def two_sided_mask(self) -> NDArray[np.bool_]:
-        """(F,) faces that count as covered from either side."""
-        two_sided = np.array([group.is_two_sided for group in self.groups])
-        return frozen(two_sided[self.face_group])
-
-    @cached_property
-    def target_mask(self) -> NDArray[np.bool_]:
-        """(F,) faces that are scored but hide nothing."""
-        transparent = np.array([group.is_target for group in self.groups])
-        return frozen(transparent[self.face_group])
-
-    @property
     def has_targets(self) -> bool:
         """True if a face is of a target."""
         return self._opaque is not None
@@ -404,64 +375,6 @@ class Mesh:
             source_face=self.source_face[~is_target],
             sources=self.sources,
         )
-
-    @cached_property
-    def bounds(self) -> NDArray[np.float64]:
-        """(2, 3) lowest and highest coordinates of the vertices that faces use, metres."""
-        is_used = np.zeros(self.n_vertices, dtype=bool)
-        is_used[self.faces] = True
-        used = self.vertices[is_used]
-        return frozen(np.stack([used.min(axis=0), used.max(axis=0)]))
-
-    @property
-    def size_in_words(self) -> str:
-        """Extent along x, y and z with its unit, such as "85 x 62 x 20 m"."""
-        return size_in_words(np.ptp(self.bounds, axis=0))
-
-    @cached_property
-    def centroids(self) -> NDArray[np.float64]:
-        """(F, 3) mean of each face's vertices, metres."""
-        centroids = np.empty((self.n_faces, 3))
-        for block in blocks(self.n_faces):
-            centroids[block] = self.vertices[self.faces[block]].mean(axis=1)
-        return frozen(centroids)
-
-    @cached_property
-    def _normals_and_areas(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        normals, areas = normals_and_areas(self.vertices, self.faces)
-        return frozen(normals), frozen(areas)
-
-    @property
-    def normals(self) -> NDArray[np.float64]:
-        """(F, 3) unit normals, right-hand rule; 0 for degenerate faces."""
-        return self._normals_and_areas[0]
-
-    @cached_property
-    def plane_offsets(self) -> NDArray[np.float64]:
-        """(F,) scalar product of the normal and the centroid of each face, metres."""
-        return frozen(np.einsum("fi,fi->f", self.normals, self.centroids))
-
-    @property
-    def areas(self) -> NDArray[np.float64]:
-        """(F,) areas, m^2; exactly 0 for degenerate faces."""
-        return self._normals_and_areas[1]
-
-    @cached_property
-    def degenerate_mask(self) -> NDArray[np.bool_]:
-        """(F,) faces without area, to within rounding, or with a repeated vertex."""
-        return frozen(~np.any(self.normals, axis=1))
-
-    @cached_property
-    def positions(self) -> NDArray[np.int64]:
-        """(F, 3) like `faces`, with equal indices for vertices at the same point."""
-        same = first_equal_row((self.vertices + 0.0).view(np.uint64))  # -0.0 + 0.0 is 0.0
-        return frozen(same[self.faces])
-
-    @cached_property
-    def duplicate_mask(self) -> NDArray[np.bool_]:
-        """(F,) later copies of a face: the same three positions, in any order."""
-        same = first_equal_row(np.sort(self.positions, axis=1).view(np.uint64))
-        return frozen(same != np.arange(self.n_faces))
 
     @cached_property
     def topology(self) -> Topology:

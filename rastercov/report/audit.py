@@ -5,6 +5,7 @@ audit_*.png        the surface by number of views, best density and widest angle
 elements.parquet   figures of each cell or face, and elements.npz the same
 cameras.parquet    figures of each image
 audit.glb          the surface coloured by the number of views
+rig.json           the cameras and poses, where there are up to 5,000
 audit.json         shares, medians, the smallest subset, and its provenance
 """
 
@@ -25,12 +26,13 @@ from rastercov.provenance import Provenance
 from rastercov.report.audit_page import page, pictures_of
 from rastercov.report.coloured_mesh import write_coloured_mesh
 from rastercov.report.folder import ReportFolder, ReportKind
+from rastercov.report.rig_file import write_rig
 from rastercov.rig import names_of
 
 AUDIT = ReportKind(
     "audit",
     re.compile(
-        r"elements\.parquet|cameras\.parquet|elements\.npz|audit\.(glb|json|html)|audit_[a-z]+\.png"
+        r"elements\.parquet|cameras\.parquet|elements\.npz|audit\.(glb|json|html)|rig\.json|audit_[a-z]+\.png"
     ),
     last="audit.json",
 )
@@ -80,6 +82,7 @@ def write(
                 found.mesh if found.cells is None else found.cells.elements,
                 found.views / max(1, int(found.views.max(initial=0))),
             )
+            write_rig(folder.file("rig.json"), found.camera, found.poses, found.names)
             write_json(folder.file("audit.json"), summary)
             folder.publish()
             remove(folder.path / UNFINISHED)

@@ -1,6 +1,7 @@
 """Report of an evaluation: measure poses batch by batch and write their figures to a folder.
 
 coverage.parquet   every figure of the pairs of pose and face that were asked for
+rig.json           cameras and poses, where there are up to 5,000
 areas.parquet      covered area of each face by 1 ... k cameras, where the result is by area
 summary.json       figures of the network, and their provenance
 network.glb        the mesh coloured by the best coverage of any camera
@@ -61,6 +62,7 @@ from rastercov.report.doubts import doubts
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.half_covered import half_covered
 from rastercov.report.pose_pictures import draw_network, draw_poses
+from rastercov.report.rig_file import write_rig
 from rastercov.rig import Cameras, cameras_of, names_of
 from rastercov.task import Task
 
@@ -70,7 +72,7 @@ MOST_ROWS = 10_000_000
 EVALUATION = ReportKind(
     "evaluate",
     re.compile(
-        r"coverage\.parquet|areas\.parquet|summary\.json|network\.glb"
+        r"coverage\.parquet|areas\.parquet|(summary|rig)\.json|network\.glb"
         r"|(contact_sheet|overview|zones)\.png|(pose|faces)_\d+\.png"
     ),
     last="summary.json",
@@ -303,6 +305,7 @@ def _run(
             write_coloured_mesh(folder.file("network.glb"), mesh, network.best)
         else:
             write_covered_mesh(folder.file("network.glb"), areas.covered)
+        write_rig(folder.file("rig.json"), camera, measured_poses)
         write_json(folder.file("summary.json"), summary)
         folder.publish()
         if shards is not None and not interrupted:

@@ -27,7 +27,7 @@ from rastercov.report.folder import STAGING, ReportFolder, ReportKind
 from rastercov.viewpoints import sphere_of_poses
 
 COMMANDS = ("compare", "demo", "doctor", "evaluate", "render")
-REPORT = {"coverage.parquet", "areas.parquet", "summary.json", "network.glb"}
+REPORT = {"coverage.parquet", "areas.parquet", "rig.json", "summary.json", "network.glb"}
 MANIFEST = ".rastercov-evaluate.json"
 CAMERA = "width = 48\nheight = 36\nfx = 60\nfy = 60\n"
 
@@ -377,7 +377,7 @@ def test_no_poses_is_a_run_that_covers_nothing(capsys):
     code, _, err = call(capsys, "evaluate box -c camera.toml -p none.npy")
     assert code == 0
     assert "there are no poses" in err
-    assert names("report") == REPORT | {MANIFEST}
+    assert names("report") == (REPORT - {"rig.json"}) | {MANIFEST}
     assert pq.read_table("report/coverage.parquet").num_rows == 0
 
 
@@ -549,7 +549,7 @@ def test_a_report_with_a_note_of_its_reader_or_without_its_manifest_is_refused_a
     assert content("report") == before
     Path("report", MANIFEST).unlink()
     text = refusal(capsys, QUICK)
-    assert "areas.parquet and 3 more: not of an earlier report" in text
+    assert "areas.parquet and 4 more: not of an earlier report" in text
     assert "name another folder" in text
     assert content("report") == {p: d for p, d in before.items() if p.name != MANIFEST}
 

@@ -96,7 +96,7 @@ def test_the_table_holds_the_pairs_asked_for_and_changes_nothing_else(
     plain = run(MESH, CAMERA, poses, TASK, tmp_path, PLAIN)
     summary = run(MESH, CAMERA, poses, TASK, tmp_path, replace(PLAIN, table=choice))
     rows = rows_of(evaluate(MESH, CAMERA, poses, TASK), choice)
-    files = {"summary.json", "network.glb"}
+    files = {"rig.json", "summary.json", "network.glb"}
     assert summary["table"] == {"pairs": choice, "rows": len(rows.pose)}
     assert names(tmp_path) == files | (set() if choice == "none" else {"coverage.parquet"})
     assert {"run", *changed(plain, summary)} <= {"run", "table", "seconds", "poses_per_second"}
@@ -125,7 +125,7 @@ def test_a_table_above_the_limit_is_left_out_with_a_line_unless_it_is_asked_for(
         line,
     )
     assert int(found[1].replace(",", "")) == pytest.approx(seen, rel=0.3)
-    assert names(tmp_path) == {"summary.json", "network.glb"}
+    assert names(tmp_path) == {"rig.json", "summary.json", "network.glb"}
     asked = run(MESH, CAMERA, poses, TASK, tmp_path, replace(PLAIN, table="seen"))
     assert asked["table"] == {"pairs": "seen", "rows": seen}
     # More pairs than the limit, but not so many that are seen.
@@ -188,7 +188,10 @@ def test_pictures_are_spread_evenly(tmp_path, wanted, drawn):
     run(MESH, CAMERA, around(10), TASK, tmp_path, Options(pictures=wanted))
     pictures = {f"{kind}_{pose}.png" for kind in ("pose", "faces") for pose in drawn}
     sheet = {"contact_sheet.png", "overview.png"} if pictures else set()
-    assert names(tmp_path) == {"coverage.parquet", "summary.json", "network.glb"} | pictures | sheet
+    assert (
+        names(tmp_path)
+        == {"coverage.parquet", "rig.json", "summary.json", "network.glb"} | pictures | sheet
+    )
 
 
 def test_pictures_of_a_large_camera_are_small(tmp_path):
@@ -205,6 +208,7 @@ def test_a_second_run_replaces_the_report_and_nothing_else(tmp_path):
     run(MESH, CAMERA, around(3), TASK, tmp_path, Options(pictures=1))
     assert names(tmp_path) == {
         "coverage.parquet",
+        "rig.json",
         "summary.json",
         "network.glb",
         "contact_sheet.png",
@@ -274,7 +278,7 @@ def test_an_interrupt_while_drawing_leaves_out_the_rest_and_says_so(tmp_path, mo
     summary = run(MESH, CAMERA, around(12), TASK, tmp_path, Options(pictures=12))
     assert (summary["interrupted"], summary["poses"]) == (True, 12)
     pictures = {f"{kind}_{pose:02d}.png" for kind in ("pose", "faces") for pose in range(2)}
-    whole = {"coverage.parquet", "summary.json", "network.glb", "contact_sheet.png"}
+    whole = {"coverage.parquet", "rig.json", "summary.json", "network.glb", "contact_sheet.png"}
     assert names(tmp_path) == whole | pictures
     assert json.loads((tmp_path / "summary.json").read_bytes())["interrupted"] is True
     assert pq.read_table(tmp_path / "coverage.parquet")["pose"].to_numpy().max() == 11
@@ -291,7 +295,7 @@ def test_an_interrupt_while_the_table_is_closed_comes_after_it(tmp_path, monkeyp
     monkeypatch.setattr(CoverageTable, "__exit__", interrupt_and_close)
     summary = run(MESH, CAMERA, around(6), TASK, tmp_path, PLAIN)
     assert (summary["interrupted"], summary["poses"]) == (True, 6)
-    assert names(tmp_path) == {"coverage.parquet", "summary.json", "network.glb"}
+    assert names(tmp_path) == {"coverage.parquet", "rig.json", "summary.json", "network.glb"}
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,96 @@
+"""Cost of a drag in the viewer: from the message to the bytes of the faces, without drawing.
+
+    python benchmarks/viewer.py [--faces 10000 100000 1000000] [--cameras 6] [--json]
+
+CPU milliseconds of a message that moves one of some cameras a little, all of its way through
+`Session.act`: checks, measurement, sums, levels, legend, JSON. The median of the drags; the first,
+which measures all cameras, is named apart. A drag must take at most 30 ms at 10,000 faces and 100
+ms at 100,000 (CPU). `bytes` is what goes to the page: one a face, and the JSON.
+"""
+
+import argparse
+import json
+import statistics
+import time
+
+import numpy as np
+
+import rastercov as rc
+from rastercov import shapes
+from rastercov.pose import Poses
+from rastercov.rig import Rig
+from rastercov.viewer.rig_state import RigState
+from rastercov.viewer.scene import Scene
+from rastercov.viewer.session import Session
+from rastercov.viewpoints import sphere_of_poses
+
+MUST = {10_000: 30.0, 100_000: 100.0}
+MODES = ("reason", "coverage", "camera", "views", "density", "angle")
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--faces", type=int, nargs="+", default=[10_000, 100_000, 1_000_000])
+    parser.add_argument("--cameras", type=int, default=6)
+    parser.add_argument("--drags", type=int, default=15)
+    parser.add_argument("--json", action="store_true")
+    asked = parser.parse_args()
+    rows = [row for faces in asked.faces for row in measured(faces, asked.cameras, asked.drags)]
+    if asked.json:
+        print(json.dumps(rows))
+        return
+    print("    faces colour        first  drag, CPU      wall   must      bytes")
+    for row in rows:
+        must = MUST.get(row["asked"], 0)
+        print(
+            f"{row['faces']:>9,} {row['mode']:9} {row['first_cpu_ms']:>6.0f} ms "
+            f"{row['drag_cpu_ms']:>7.1f} ms {row['drag_wall_ms']:>6.1f} ms "
+            f"{must or '':>6} {row['bytes']:>10,}"
+        )
+
+
+def measured(asked, cameras, drags):
+    """A row for each way to colour a torus of about the number of faces."""
+    side = round((asked / 2) ** 0.5)
+    mesh = shapes.torus(side, side)
+    camera = rc.Camera(width=1280, height=1024, fx=1200, fy=1200)
+    low, high = np.asarray(mesh.bounds)
+    poses = sphere_of_poses((low + high) / 2, 1.6 * float(np.linalg.norm(high - low)), cameras)
+    rows = []
+    for mode in MODES:
+        state = RigState.of(Rig([camera], ["eye"]), Poses.of(poses))
+        session = Session(Scene("torus", mesh, state))
+        sent(session, mode, poses[0])  # compiles
+        session.close()
+        session = Session(Scene("torus", mesh, state))
+        first, *_ = sent(session, mode, poses[0])
+        times = []
+        for step in range(drags):
+            pose = poses[0].copy()
+            pose[0, 3] += 1e-3 * (step + 1)
+            times.append(sent(session, mode, pose))
+        cpu, wall, size = zip(*times, strict=True)
+        session.close()
+        rows.append(
+            {
+                "asked": asked, "faces": mesh.n_faces, "mode": mode, "cameras": cameras,
+                "first_cpu_ms": first, "drag_cpu_ms": statistics.median(cpu),
+                "drag_wall_ms": statistics.median(wall), "bytes": size[-1],
+            }
+        )  # fmt: skip
+    return rows
+
+
+def sent(session, mode, pose):
+    """CPU and wall milliseconds of a drag, and the bytes of the answer."""
+    entries = {
+        "revision": session.history.revision, "mode": mode, "is_drag": True,
+        "action": {"do": "pose", "station": 0, "pose": pose.ravel().tolist()},
+    }  # fmt: skip
+    cpu, wall = time.process_time(), time.perf_counter()
+    frame = session.act(entries)
+    return 1e3 * (time.process_time() - cpu), 1e3 * (time.perf_counter() - wall), len(frame)
+
+
+if __name__ == "__main__":
+    main()

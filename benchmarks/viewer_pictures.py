@@ -1,0 +1,91 @@
+"""Pictures of the viewer for docs/viewer.md, taken in Chromium.
+
+    python benchmarks/viewer_pictures.py [--out docs]
+
+A part, a room whose plan gets four cameras, and 120 images around a part through a distorting lens.
+Needs Debian's package `chromium` and Playwright, which drives it.
+"""
+
+import argparse
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+from playwright.sync_api import sync_playwright
+
+ROOT = Path(__file__).resolve().parent.parent
+LENS = (
+    'width = 1280, height = 960, fx = 1100, fy = 1100, model = "opencv", '
+    "distortion = [-0.25, 0.05, 0.0, 0.0]"
+)
+ADD = "Add the best next camera"
+FLAGS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=ROOT / "docs")
+    out = parser.parse_args().out
+    browser = shutil.which("chromium") or shutil.which("chromium-browser")
+    if browser is None:
+        sys.exit("error: there is no Chromium; install Debian's package chromium")
+    with sync_playwright() as driver:
+        opened = driver.chromium.launch(executable_path=browser, args=FLAGS)
+        # The page's policy forbids the scripts by which Playwright waits.
+        context = opened.new_context(bypass_csp=True, viewport={"width": 1440, "height": 860})
+        page = context.new_page()
+        part = ["teapot-12", "--camera", "khepra", "--poses", "sphere:5"]
+        picture(page, out / "viewer_part.png", part, of_a_part)
+        room = [str(ROOT / "examples" / "plans" / "watch_room.toml")]
+        picture(page, out / "viewer_room.png", room, of_a_room)
+        images = ["aeroplane", "--camera", LENS, "--poses", "sphere:120"]
+        picture(page, out / "viewer_images.png", images, of_images)
+        opened.close()
+
+
+def picture(page, path, arguments, prepare):
+    """Open a scene in the page, prepare it, and take its picture."""
+    words = [sys.executable, "-m", "rastercov", "view", *arguments, "--no-browser"]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as program:
+        try:
+            url = next(re.search(r"https?://\S+", line) for line in program.stdout if "//" in line)
+            page.goto(url[0])
+            page.wait_for_function("window.rastercov?.session.figures !== undefined")
+            prepare(page)
+            page.evaluate("rastercov.whenIdle()")
+            page.wait_for_timeout(6_000)  # messages leave by themselves
+            page.screenshot(path=path)
+            print(path)
+        finally:
+            program.terminate()
+
+
+def of_a_part(page):
+    choose(page, "density")
+
+
+def of_a_room(page):
+    for number in range(1, 5):
+        page.get_by_role("button", name=ADD).click()
+        page.wait_for_function(f"rastercov.state().stations.length == {number}")
+        page.evaluate("rastercov.whenIdle()")
+    box = page.locator("canvas.scene").bounding_box()
+    page.mouse.click(box["x"] + 0.5 * box["width"], box["y"] + 0.6 * box["height"])
+    page.get_by_text("Centre the view on it").wait_for()
+
+
+def of_images(page):
+    choose(page, "views")
+
+
+def choose(page, mode):
+    """Colour the faces by a mode."""
+    page.locator("select").filter(has=page.locator(f'option[value="{mode}"]')).first.select_option(
+        mode
+    )
+
+
+if __name__ == "__main__":
+    main()

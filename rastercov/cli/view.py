@@ -1,0 +1,207 @@
+"""The command `view`: a page in the browser to see a rig, move its cameras, and understand it."""
+
+import webbrowser
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+import typer
+
+from rastercov import shapes
+from rastercov.camera_formats.conventions import Border, Conventions
+from rastercov.cli import options
+from rastercov.cli.console import say, size_line, warn
+from rastercov.cli.inputs import read_scene
+from rastercov.cli.views import read_cameras, read_eyes, read_rig
+from rastercov.errors import CameraError, ConfigError, MeshError
+from rastercov.mesh import Mesh
+from rastercov.pose import Poses
+from rastercov.task import Task
+from rastercov.views import Views
+
+if TYPE_CHECKING:
+    from rastercov.viewer.scene import Scene
+
+Sources = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="PLAN|RESULT|MESH...",
+        help="A plan (.toml), the folder of a result of evaluate, place or audit, or mesh files; "
+        f"or a built-in mesh: {', '.join(shapes.NAMES)}. Meshes after a folder are those of it.",
+        show_default=False,
+    ),
+]
+Poses_ = Annotated[
+    str | None,
+    typer.Option(
+        "--poses",
+        "-p",
+        help="Rig to begin with: a pose file, of this or another program, or sphere:N.",
+        show_default="none, or that of the result",
+    ),
+]
+Load = Callable[[list[Path]], Mesh]
+Host = Annotated[
+    str, typer.Option(help="Address to bind to; any but loopback needs the next three.")
+]
+
+
+@options.with_conventions
+@options.with_task
+def view(
+    sources: Sources,
+    camera: options.CamerasOption = [],  # noqa: B006 - typer copies it
+    poses: Poses_ = None,
+    conventions: Conventions = Conventions(),  # noqa: B008 - becomes options
+    camera_name: options.CameraName = None,
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="Folder for what the page saves.")
+    ] = Path("view"),
+    unit: options.Unit = options.UNIT,
+    transform: options.Transform = [],  # noqa: B006 - the same
+    occluder: options.Occluders = [],  # noqa: B006 - the same
+    target: options.Targets = [],  # noqa: B006 - the same
+    two_sided: options.TwoSided = [],  # noqa: B006 - the same
+    drop_invalid: options.DropInvalid = False,
+    task: Task = Task(),  # noqa: B008 - becomes options
+    method: Annotated[str, typer.Option(help="certified, exact or sampled.")] = "certified",
+    port: Annotated[int, typer.Option(help="Port; 0 takes a free one.")] = 0,
+    host: Host = "127.0.0.1",
+    token_file: Annotated[
+        Path | None, typer.Option(help="File with the secret of the page.")
+    ] = None,
+    certificate: Annotated[
+        Path | None, typer.Option(help="Certificate of the server, PEM.")
+    ] = None,
+    key: Annotated[Path | None, typer.Option(help="Key of the certificate, PEM.")] = None,
+    no_browser: Annotated[
+        bool, typer.Option("--no-browser", help="Print the address, and open no browser.")
+    ] = False,
+    export: Annotated[
+        Path | None,
+        typer.Option(help="Write one .html file that needs no server, and end."),
+    ] = None,
+) -> None:
+    """See a rig in the browser, move its cameras, and understand what they cover.
+
+    [bold]Example[/]: rastercov view part.stl --unit mm -c camera.toml -p rig.json
+
+    [bold]A plan[/]: rastercov view plan.toml
+
+    [bold]A page to send[/]: rastercov view teapot -c khepra -p sphere:8 --export page.html
+    """
+    from rastercov.viewer.export import check_name, export_page
+    from rastercov.viewer.server import Address, serve
+    from rastercov.viewer.session import Session
+
+    if export is not None:
+        check_name(export)
+    address = Address.of(host, port, token_file, certificate, key)
+
+    def load(meshes: list[Path]) -> Mesh:
+        return read_scene(meshes, unit, transform, occluder, two_sided, drop_invalid, target)
+
+    first = sources[0]
+    is_plan = first.suffix.lower() == ".toml"
+    if (is_plan or first.is_dir()) and poses is not None and poses.startswith("sphere:"):
+        raise ConfigError("sphere:N goes with mesh files; give a pose file")
+    rig = None
+    if is_plan or first.is_dir():
+        given = read_cameras(camera, Border(conventions))
+        if poses is not None:
+            rig = read_rig(camera, Path(poses), conventions, camera_name)
+        elif given is not None:
+            rig = given
+    if is_plan:
+        if len(sources) > 1:
+            raise ConfigError("a plan names its meshes; give the plan alone")
+        scene = _of_plan(first, rig)
+    elif first.is_dir():
+        scene = _of_result(first, sources[1:], load, rig)
+    else:
+        scene = _of_meshes(sources, load, camera, poses, conventions, camera_name, task, unit)
+    warn([*scene.mesh.warnings, *scene.notes])
+    session = Session(scene, method)
+    print(f"{scene.title}: {size_line(scene.mesh)}, {len(scene.start.stations)} cameras")
+    if export is not None:
+        print(export_page(session, export))
+        return
+
+    def started(url: str) -> None:
+        print(url, flush=True)
+        say("Ctrl-C ends it")
+        if not no_browser:
+            webbrowser.open(url)
+
+    serve(session, address, out, started)
+
+
+def _of_plan(path: Path, rig: Views | None) -> "Scene":
+    from rastercov.plan.errors import PlanError
+    from rastercov.viewer.opening import open_plan
+
+    try:
+        return open_plan(path, rig)
+    except PlanError as error:
+        for line in error.lines:
+            say(f"error: {line}")
+        raise typer.Exit(2) from None
+
+
+def _of_result(folder: Path, meshes: list[Path], load: Load, rig: Views | None) -> "Scene":
+    """Scene of a result; its meshes are looked for beside it unless they are given."""
+    from rastercov.viewer.opening import open_result
+
+    def found(names: list[str]) -> Mesh:
+        if meshes:
+            return load(meshes)
+        paths = []
+        for name in names:
+            places = [Path(name), folder / name, folder.parent / name]
+            near = next((each for each in places if each.is_file()), None)
+            if near is None and name not in shapes.NAMES:
+                raise MeshError(f"{name}: the mesh of {folder} is not here; give it after {folder}")
+            paths.append(near or Path(name))
+        return load(paths)
+
+    scene = open_result(folder, found)
+    if rig is None:
+        return scene
+    if rig.rig is None:
+        raise CameraError("the rig has no camera; give --camera")
+    from rastercov.viewer.rig_state import RigState
+
+    return replace(scene, start=RigState.of(rig.rig, rig.poses, rig.images, scene.start.task))
+
+
+def _of_meshes(
+    sources: list[Path],
+    load: Load,
+    camera: list[str],
+    poses: str | None,
+    conventions: Conventions,
+    camera_name: str | None,
+    task: Task,
+    unit: list[str],
+) -> "Scene":
+    from rastercov.viewer.opening import open_mesh
+
+    mesh = load(sources)
+    if poses is not None:
+        views = read_eyes(mesh, camera, poses, conventions, camera_name, several=True)
+    else:
+        given = read_cameras(camera, Border(conventions))
+        if given is None:
+            raise CameraError("there is no camera; give --camera, a file or a preset")
+        views = replace(given, poses=Poses.of(np.zeros((0, 4, 4))), images=())
+    entries = [
+        {"built_in": str(path)}
+        if str(path) in shapes.NAMES and not path.is_file()
+        else {"path": str(path.resolve()), "unit": unit[-1].rpartition(":")[2]}
+        for path in sources
+    ]
+    names = ", ".join(path.name for path in sources[:3])
+    more = f" and {len(sources) - 3} more" if len(sources) > 3 else ""
+    return open_mesh(mesh, views, task, names + more, entries)

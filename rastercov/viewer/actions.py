@@ -1,0 +1,328 @@
+"""Edits that a page asks for: their form, and what each does to a state."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, replace
+from types import MappingProxyType
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+from rastercov._checks import shown
+from rastercov.camera import Camera
+from rastercov.camera_file import PRESETS
+from rastercov.errors import ConfigError
+from rastercov.mesh.arrays import frozen
+from rastercov.pose import valid_poses
+from rastercov.task import Task
+from rastercov.viewer import lens
+from rastercov.viewer.rig_state import LONGEST_NAME, MOST_STATIONS, RigState, Station
+from rastercov.viewpoints import look_at
+
+FloatArray = NDArray[np.float64]
+Settle = Callable[[FloatArray, FloatArray], FloatArray]
+"""Pose that the constraints allow, from the wanted pose and the one before."""
+
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Matrix = Annotated[list[Number], Field(min_length=16, max_length=16)]
+Point = Annotated[list[Number], Field(min_length=3, max_length=3)]
+Name = Annotated[str, Field(min_length=1, max_length=LONGEST_NAME)]
+ROUNDING = 1e-14
+"""Drift of a rotation that was made orthonormal."""
+SLACK = 1e-3
+"""Largest drift of a rotation that a page sends: it computes in double precision, and prints."""
+
+
+class Action(BaseModel):
+    """An edit; unknown entries and values of another type are errors."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+    def apply(self, state: RigState, settle: Settle) -> tuple[RigState, str]:
+        """The state after it, and words for the history."""
+        raise NotImplementedError
+
+
+class Nothing(Action):
+    """No edit: the faces as they are."""
+
+    do: Literal["none"]
+
+    def apply(self, state: RigState, settle: Settle) -> tuple[RigState, str]:
+        """The same state."""
+        return state, ""
+
+
+class SetPose(Action):
+    """Another pose of a station."""
+
+    do: Literal["pose"]
+    station: int
+    pose: Matrix
+
+    def apply(self, state: RigState, settle: Settle) -> tuple[RigState, str]:
+        """With the pose, or the nearest one that is allowed."""
+        own = state.station(self.station)
+        wanted = straightened(np.reshape(self.pose, (4, 4)))
+        return state.with_pose(own.id, settle(wanted, own.pose)), f"move {own.name}"
+
+
+class Aim(Action):
+    """A station turned so that a point is in the middle of its image."""
+
+    do: Literal["aim"]
+    station: int
+    point: Point
+
+    def apply(self, state: RigState, settle: Settle) -> tuple[RigState, str]:
+        """With the station aimed; its own up stays as near as it can."""
+        own = state.station(self.station)
+        eye = own.pose[:3, 3]
+        if np.linalg.norm(np.array(self.point) - eye) < 1e-9:
+            raise ConfigError("the point must be apart from the camera; take another point")
+        aimed = look_at(eye[None], np.array([self.point]), tuple(-own.pose[:3, 1]))[0]
+        return state.with_pose(own.id, aimed), f"aim {own.name}"
+
+
+class Add(Action):
+    """A further station."""
+
+    do: Literal["add"]
+    camera: Name
+    pose: Matrix
+
+    def apply(self, state: RigState, settle: Settle) -> tuple[RigState, str]:
+        """With a station of that camera."""
+        wanted = straightened(np.reshape(self.pose, (4, 4)))
+        return state.with_new(self.camera, settle(wanted, wanted)), "add a camera"
+
+
+class Duplicate(Action):
+    """A further station like another."""
+
+    do: Literal["duplicate"]
+    station: int
+
+    def apply(self, state: RigState, settle: Settle) -> tuple[RigState, str]:
+        """With a copy of the station."""
+        return state.with_copy(self.station), f"duplicate {state.station(self.station).name}"
+
+
+class Delete(Action):
+    """A station less."""
+
+    do: Literal["delete"]
+    station: int
+
+    def apply(self, state: RigState, settle: Settle) -> tuple[RigState, str]:
+        """Without the station."""
+        return state.without(self.station), f"delete {state.station(self.station).name}"
+
+
+class Rename(Action):
+    """Another name of a station."""
+
+    do: Literal["rename"]
+    station: int
+    name: str
+
+    def apply(self, state: RigState, settle: Settle) -> tuple[RigState, str]:
+        """With the name."""
+        before = state.station(self.station).name
+        return state.renamed(self.station, self.name), f"rename {before}"
+
+
+class Switch(Action):
+    """A station that takes part in the network, or does not."""
+
+    do: Literal["switch"]
+    station: int
+    is_on: bool
+
+    def apply(self, state: RigState, settle: Settle) -> tuple[RigState, str]:
+        """With the station on or off."""
+        own = state.station(self.station)
+        words = f"switch {own.name} {'on' if self.is_on else 'off'}"
+        return state.with_station(replace(own, is_on=self.is_on)), words
+
+
+class Use(Action):
+    """Another camera at a station."""
+
+    do: Literal["use"]
+    station: int
+    camera: Name
+
+    def apply(self, state: RigState, settle: Settle) -> tuple[RigState, str]:
+        """With that camera."""
+        own = state.station(self.station)
+        return state.using(own.id, self.camera), f"use {self.camera} at {own.name}"
+
+
+class ChangeCamera(Action):
+    """Other values of a camera, at all stations that have it."""
+
+    do: Literal["camera"]
+    camera: Name
+    changes: dict[str, Number]
+
+    def apply(self, state: RigState, settle: Settle) -> tuple[RigState, str]:
+        """With the camera changed."""
+        if self.camera not in state.cameras:
+            known = ", ".join(state.cameras)
+            raise ConfigError(f"there is no camera {shown(self.camera)}; cameras are {known}")
+        made = lens.changed(state.cameras[self.camera], self.changes)
+        return state.with_camera(self.camera, made), f"change the lens of {self.camera}"
+
+
+class NewCamera(Action):
+    """A further camera, like a preset or another one."""
+
+    do: Literal["new_camera"]
+    name: Name
+    source: Name
+
+    def apply(self, state: RigState, settle: Settle) -> tuple[RigState, str]:
+        """With the camera."""
+        if self.name in state.cameras:
+            raise ConfigError(f"there is a camera {shown(self.name)} already; take another name")
+        if self.source in state.cameras:
+            made = state.cameras[self.source]
+        elif self.source in PRESETS:
+            made = Camera.preset(self.source)
+        else:
+            known = ", ".join([*state.cameras, *PRESETS])
+            raise ConfigError(f"source must be one of {known}, got {shown(self.source)}")
+        return state.with_camera(self.name, made), f"new camera {self.name}"
+
+
+class ChangeTask(Action):
+    """Other thresholds."""
+
+    do: Literal["task"]
+    changes: dict[str, Number | int | bool | str | None]
+
+    def apply(self, state: RigState, settle: Settle) -> tuple[RigState, str]:
+        """With the thresholds."""
+        known = asdict(state.task)
+        if unknown := [name for name in self.changes if name not in known]:
+            raise ConfigError(f"a task has {', '.join(known)}, got {shown(unknown[0])}")
+        made = Task(**(known | self.changes))
+        return state.with_task(made), f"change {', '.join(self.changes)}"
+
+
+class KeptStation(BaseModel):
+    """A station as a page has it; what only describes it is ignored."""
+
+    id: int
+    name: Name
+    camera: Name
+    pose: Matrix
+    is_on: bool
+
+
+class KeptCamera(BaseModel):
+    """A camera as a page has it."""
+
+    plain: dict[str, Any]
+
+
+class KeptRig(BaseModel):
+    """A rig that a page kept while the program was gone."""
+
+    stations: Annotated[list[KeptStation], Field(max_length=MOST_STATIONS)]
+    cameras: dict[Name, KeptCamera]
+    task: dict[str, Number | int | bool | str | None]
+
+
+class Restore(Action):
+    """The rig that a page kept, in place of the present one."""
+
+    do: Literal["restore"]
+    rig: KeptRig
+
+    def apply(self, state: RigState, settle: Settle) -> tuple[RigState, str]:
+        """The rig as it was in the page."""
+        rig = self.rig
+        if len({each.id for each in rig.stations}) != len(rig.stations):
+            raise ConfigError("the ids of stations must differ")
+        cameras = {name: Camera.from_dict(each.plain) for name, each in rig.cameras.items()}
+        stations = []
+        for each in rig.stations:
+            if each.camera not in cameras:
+                known = ", ".join(cameras)
+                raise ConfigError(f"there is no camera {shown(each.camera)}; cameras are {known}")
+            pose = valid_poses(straightened(np.reshape(each.pose, (4, 4))))[0].copy()
+            stations.append(Station(each.id, each.name, each.camera, frozen(pose), each.is_on))
+        known_task = asdict(Task())
+        if unknown := [name for name in rig.task if name not in known_task]:
+            raise ConfigError(f"a task has {', '.join(known_task)}, got {shown(unknown[0])}")
+        task = Task(**(known_task | rig.task))
+        needed = state.needed if task.views == state.task.views else None
+        made = RigState(tuple(stations), MappingProxyType(cameras), task, needed)
+        return made, "restore the rig"
+
+
+class Undo(Action):
+    """Take back the last edit."""
+
+    do: Literal["undo"]
+
+
+class Redo(Action):
+    """Make the edit again that was undone last."""
+
+    do: Literal["redo"]
+
+
+class Constrain(Action):
+    """Keep the constraints of the plan, or only show them."""
+
+    do: Literal["constraints"]
+    is_kept: bool
+
+
+Edit = Annotated[
+    Nothing | SetPose | Aim | Add | Duplicate | Delete | Rename | Switch | Use | ChangeCamera
+    | NewCamera | ChangeTask | Restore | Undo | Redo | Constrain,
+    Field(discriminator="do"),
+]  # fmt: skip
+
+
+class Request(BaseModel):
+    """An edit, and the faces to give back after it."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+    revision: int
+    mode: str
+    options: dict[str, Number | int | bool | str] = {}
+    station: int | None = None
+    is_drag: bool = False
+    action: Edit
+
+
+_REQUEST: TypeAdapter[Request] = TypeAdapter(Request)
+
+
+def request_of(entries: Mapping[str, Any]) -> Request:
+    """Request of a page; ConfigError in one line for what is none."""
+    try:
+        return _REQUEST.validate_python(entries)
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_context=False)[0]
+        place = ".".join(str(each) for each in first["loc"])
+        got = shown(first.get("input"))
+        raise ConfigError(f"{place or 'request'}: {first['msg']}, got {got}") from None
+
+
+def straightened(pose: FloatArray) -> FloatArray:
+    """A pose with the nearest rotation in place of one that drifted in a page; others as is."""
+    rotation = pose[:3, :3]
+    if not ROUNDING < np.abs(rotation.T @ rotation - np.eye(3)).max() <= SLACK:
+        return pose
+    u, _, vt = np.linalg.svd(rotation)
+    made = pose.copy()
+    made[:3, :3] = u @ vt
+    return made

@@ -1,0 +1,134 @@
+"""One file that shows a rig without a server: the page with its modules and its data inside.
+
+It can be looked at, picked and coloured anew, and not be edited.
+"""
+
+import base64
+import json
+import re
+from collections.abc import Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from rastercov._output import write_text
+from rastercov.errors import ConfigError, RastercovError, ResourceError
+from rastercov.viewer.colours import NETWORK_MODES
+from rastercov.viewer.page_files import page_text, static_file
+from rastercov.viewer.session import Session, unframed
+
+MODES = (*NETWORK_MODES, "area", "segments")
+"""Ways to colour the faces that the file has."""
+MOST_FACES = 1_500_000
+"""Faces of an exported page: 36 bytes each, a third more as text."""
+
+
+def export_page(session: Session, path: str | Path, modes: Sequence[str] = MODES) -> Path:
+    """Write a page that needs no server.
+
+    Parameters
+    ----------
+    session : Session
+        What it shows.
+    path : str or Path
+        The file, .html.
+    modes : sequence of str
+        Ways to colour the faces; one that the thresholds do not allow is left out.
+
+    Raises
+    ------
+    ConfigError
+        For a file of another suffix.
+    ResourceError
+        For more than `MOST_FACES` faces.
+    """
+    check_name(path)
+    write_text(path, exported(session, modes))
+    return Path(path)
+
+
+def check_name(path: str | Path) -> None:
+    """Raise `ConfigError` unless a file is named as a page."""
+    if Path(path).suffix.lower() not in (".html", ".htm"):
+        raise ConfigError(f"the page is an .html file, got {path}")
+
+
+def exported(session: Session, modes: Sequence[str] = MODES) -> str:
+    """Text of a page that needs no server; ResourceError for more than `MOST_FACES` faces."""
+    if session.scene.mesh.n_faces > MOST_FACES:
+        raise ResourceError(
+            f"a page of one file holds up to {MOST_FACES:,} faces, got "
+            f"{session.scene.mesh.n_faces:,}; decimate the mesh, or use the server"
+        )
+    return _embedded(_data(session, modes))
+
+
+def _data(session: Session, modes: Sequence[str]) -> dict[str, Any]:
+    """Everything that the page shows."""
+    scene = session.scene.described(is_kept=session.is_kept, can_edit=False)
+    frames: dict[str, Any] = {}
+    for mode in modes:
+        try:
+            head, levels = unframed(session.frame(mode, {}))
+        except RastercovError:
+            continue  # by exact area where a threshold is of a face
+        frames[mode] = head | {"levels": base64.b64encode(levels).decode()}
+    scene["modes"] = [each for each in scene["modes"] if each["id"] in frames]
+    zones: list[Any] = session.zones() if "area" in frames else []
+    origin, soup = session.scene.soup()
+    return {
+        "scene": scene,
+        "state": session.described_state(),
+        "origin": origin.tolist(),
+        "soup": base64.b64encode(soup).decode(),
+        "groups": base64.b64encode(session.scene.groups()).decode(),
+        "frames": frames,
+        "zones": zones,
+    }
+
+
+def _shaders() -> dict[str, str]:
+    """Text of each shader of the page, by its name without .glsl."""
+    return {
+        each.name.removesuffix(".glsl"): each.read_text("utf-8")
+        for each in (files("rastercov") / "shaders").iterdir()
+        if each.name.startswith("viewer_") and each.name.endswith(".glsl")
+    }
+
+
+def _embedded(data: dict[str, Any]) -> str:
+    """The page with its style, modules and data inside."""
+    text = page_text()
+    folder = files("rastercov.viewer") / "page"
+    modules = {
+        f"rastercov/{each.name}": "data:text/javascript;base64,"
+        + base64.b64encode(each.read_bytes()).decode()
+        for each in folder.iterdir()
+        if each.name.endswith(".js")
+    }
+    imports = json.dumps({"imports": modules})
+    style = (static_file("style.css") or b"").decode()
+    inside, shaders = (_inside(each) for each in (data, _shaders()))
+    text = re.sub(
+        r'<script type="importmap">.*?</script>',
+        lambda found: (
+            f'<script type="importmap">{imports}</script>\n'
+            f'<script type="application/json" id="shaders">{shaders}</script>\n'
+            f'<script type="application/json" id="export">{inside}</script>'
+        ),
+        text,
+        flags=re.DOTALL,
+    )
+    text = re.sub(
+        r'<link[^>]*href="/static/style\.css"[^>]*>', lambda found: f"<style>{style}</style>", text
+    )
+    return re.sub(
+        r'<script type="module" src="/static/([a-z0-9_]+\.js)"></script>',
+        lambda found: f'<script type="module">import "rastercov/{found.group(1)}";</script>',
+        text,
+    )
+
+
+def _inside(data: Any) -> str:
+    """JSON that no element of a page ends in."""
+    return json.dumps(data, allow_nan=False).replace("<", "\\u003c")

@@ -1,0 +1,262 @@
+"""Coverage of faces by each camera of a viewer, measured once and kept while there is room.
+
+Only a camera that moved, or whose lens changed, is measured again; another threshold measures all
+of them. `NetworkFigures` adds up what the stations of a state cover.
+"""
+
+import math
+from collections import OrderedDict
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.area.network import AreaNetwork
+from rastercov.area.regions import RegionPass
+from rastercov.camera import Camera
+from rastercov.coverage import evaluate_batches
+from rastercov.mesh import Mesh
+from rastercov.network import share_of_faces
+from rastercov.observer import Observer, open_observer
+from rastercov.pose import Poses
+from rastercov.spread import ViewSpread
+from rastercov.task import Reason, Task
+from rastercov.viewer.rig_state import RigState, Station
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+MOST_BYTES = 1 << 30
+"""Memory for rows that the present state does not need."""
+MOST_OBSERVERS = 8
+"""Cameras that are kept ready to measure."""
+FIELDS = ("coverage", "reason", "pixel_density")
+
+Key = tuple[Camera, bytes, Task]
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """Coverage of faces by one camera; arrays are (F,).
+
+    Attributes
+    ----------
+    coverage : float32
+        (3.6).
+    reason : uint8
+        `rastercov.Reason`.
+    density : float32
+        Pixels a metre along the worst direction.
+    """
+
+    coverage: NDArray[np.float32]
+    reason: NDArray[np.uint8]
+    density: NDArray[np.float32]
+
+    @cached_property
+    def covers(self) -> BoolArray:
+        """(F,) faces that the camera covers."""
+        covers: BoolArray = self.reason == Reason.COVERED
+        return covers
+
+    @property
+    def n_bytes(self) -> int:
+        """Bytes that it takes."""
+        return 10 * len(self.reason)
+
+
+class Measurements:
+    """Rows of cameras at their poses, measured on demand; one thread at a time may use it."""
+
+    def __init__(self, mesh: Mesh, method: str = "certified") -> None:
+        self.mesh, self.method = mesh, method
+        self._observers: OrderedDict[Camera, Observer] = OrderedDict()
+        self._rows: OrderedDict[Key, Row] = OrderedDict()
+        self._bytes = 0
+
+    def rows(self, state: RigState, stations: Sequence[Station]) -> list[Row]:
+        """Row of each of some stations of a state."""
+        task = of_one_camera(state.task)
+        keys = [(state.camera_of(each), each.pose.tobytes(), task) for each in stations]
+        missing: dict[Camera, dict[Key, FloatArray]] = {}
+        for key, station in zip(keys, stations, strict=True):
+            if key not in self._rows:
+                missing.setdefault(key[0], {})[key] = station.pose
+        for camera, poses in missing.items():
+            self._measure(camera, task, poses)
+        found = [self._rows[key] for key in keys]
+        for key in keys:
+            self._rows.move_to_end(key)
+        self._forget(len(set(keys)))
+        return found
+
+    def observer(self, camera: Camera) -> Observer:
+        """An open observer; it stays open while it is among the last that were used."""
+        if camera not in self._observers:
+            self._observers[camera] = open_observer(self.mesh, camera, self.method)
+        self._observers.move_to_end(camera)
+        while len(self._observers) > MOST_OBSERVERS:
+            self._observers.popitem(last=False)[1].close()
+        return self._observers[camera]
+
+    def close(self) -> None:
+        """Give back the observers."""
+        with ExitStack() as closing:
+            for each in self._observers.values():
+                closing.callback(each.close)
+            self._observers.clear()
+
+    def _measure(self, camera: Camera, task: Task, poses: dict[Key, FloatArray]) -> None:
+        keys = iter(poses)
+        matrices = Poses.of(np.array(list(poses.values())))
+        for batch in evaluate_batches(self.observer(camera), matrices, task, fields=FIELDS):
+            for figures in zip(batch.coverage, batch.reason, batch.pixel_density, strict=True):
+                coverage, reason, density = figures
+                row = Row(coverage.astype(np.float32), reason.copy(), density.astype(np.float32))
+                self._rows[next(keys)] = row
+                self._bytes += row.n_bytes
+
+    def _forget(self, needed: int) -> None:
+        """Drop the rows that were used longest ago."""
+        while self._bytes > MOST_BYTES and len(self._rows) > needed:
+            self._bytes -= self._rows.popitem(last=False)[1].n_bytes
+
+
+class NetworkFigures:
+    """Coverage of faces by the stations of a state that are on; arrays are (F,).
+
+    Attributes
+    ----------
+    state : RigState
+    rows : list of Row
+        Of the stations that are on, in their order.
+    views : int32
+        Cameras that cover the face.
+    need : int64
+        Cameras that must cover it.
+    best : float32
+        Greatest coverage.
+    best_row : int32
+        Row of the camera that gives it, -1 where it is 0.
+    reason : uint8
+        `Reason` of the camera that came nearest to covering the face.
+    covered : bool
+        Faces that enough cameras cover, from directions that differ as asked.
+    """
+
+    def __init__(self, mesh: Mesh, state: RigState, rows: list[Row]) -> None:
+        self.mesh, self.state, self.rows = mesh, state, rows
+        n, task = mesh.n_faces, state.task
+        self.views = np.zeros(n, np.int32)
+        self.best = np.zeros(n, np.float32)
+        self.best_row = np.full(n, -1, np.int32)
+        self.reason = np.zeros(n, np.uint8)
+        spread = ViewSpread(mesh.centroids, math.radians(task.min_angle_deg))
+        for index, (station, row) in enumerate(zip(state.on, rows, strict=True)):
+            self.views += row.covers
+            better = row.coverage > self.best
+            self.best[better] = row.coverage[better]
+            self.best_row[better] = index
+            np.maximum(self.reason, row.reason, out=self.reason)
+            if task.min_angle_deg > 0:
+                spread.add(station.pose[:3, 3], np.flatnonzero(row.covers))
+        self.need = state.need(mesh)
+        self.covered = (self.views >= self.need) & spread.is_spread
+
+    def reason_names(self) -> list[str]:
+        """Name of each level of `reason` for faces that are not covered."""
+        if not self.rows:
+            return ["no_cameras"] * len(Reason)
+        return [r.name.lower() if r != Reason.COVERED else "too_few_views" for r in Reason]
+
+    def density(self) -> NDArray[np.float32]:
+        """Greatest pixel density by a camera that covers the face, pixels a metre."""
+        density = np.zeros(self.mesh.n_faces, np.float32)
+        for row in self.rows:
+            np.maximum(density, np.where(row.covers, row.density, np.float32(0)), out=density)
+        return density
+
+    def widest_angle(self) -> FloatArray:
+        """Greatest angle between the rays to two cameras that cover the face, radians."""
+        from rastercov.audits.kernels import widest_angles
+        from rastercov.criteria_kernels import read_only
+        from rastercov.placement.select.presolve_kernels import by_face
+
+        faces = [np.flatnonzero(row.covers).astype(np.int32) for row in self.rows]
+        ends = np.concatenate([[0], np.cumsum([len(each) for each in faces])]).astype(np.int64)
+        every = np.concatenate([*faces, np.zeros(0, np.int32)]).astype(np.int32)
+        starts, camera = by_face(ends, every, self.mesh.n_faces)
+        eyes = np.array([each.pose[:3, 3] for each in self.state.on]).reshape(-1, 3)
+        widest = np.zeros(self.mesh.n_faces)
+        widest_angles(
+            starts, camera, read_only(self.mesh.centroids, np.float64),
+            np.ascontiguousarray(eyes), widest,
+        )  # fmt: skip
+        return widest
+
+    def summary(self) -> dict[str, Any]:
+        """Figures of the network, ready for JSON, as `rastercov.network.Network.summary`."""
+        mesh, task_faces = self.mesh, self.mesh.task_mask
+        unseen, names = task_faces & ~self.covered, self.reason_names()
+        reasons: dict[str, Any] = {}
+        for name in dict.fromkeys(names):
+            levels = [level for level, each in enumerate(names) if each == name]
+            if (left := unseen & np.isin(self.reason, levels)).any():
+                reasons[name] = share_of_faces(mesh, left, task_faces)
+        return {
+            "covered": share_of_faces(mesh, task_faces & self.covered, task_faces),
+            "task_faces": int(task_faces.sum()),
+            "by_camera": self._by_camera(),
+            "not_covered_because": reasons,
+        }
+
+    def _by_camera(self) -> list[dict[str, Any]]:
+        """Faces that each station covers, and the area that no other one does."""
+        task_faces, areas = self.mesh.task_mask, np.asarray(self.mesh.areas)
+        total = max(float(areas[task_faces].sum()), np.finfo(float).tiny)
+        single = task_faces & (self.views == 1)
+        found = []
+        for station, row in zip(self.state.on, self.rows, strict=True):
+            covers = row.covers & task_faces
+            found.append(
+                {
+                    "station": station.id,
+                    "faces": int(covers.sum()),
+                    "area_percent": 100 * float(areas[covers].sum()) / total,
+                    "alone_percent": 100 * float(areas[covers & single].sum()) / total,
+                }
+            )
+        return found
+
+
+def of_one_camera(task: Task) -> Task:
+    """The thresholds that decide what one camera covers."""
+    return replace(task, views=1, min_angle_deg=0.0)
+
+
+def exact_area(
+    mesh: Mesh, state: RigState, progress: Any = lambda done, total: None
+) -> AreaNetwork:
+    """Exact area that the stations that are on cover; `progress` gets poses done and the total.
+
+    Raises
+    ------
+    ConfigError
+        For a threshold that is of a face.
+    """
+    poses, task = state.poses(), replace(state.task, views=state.most_views, min_angle_deg=0.0)
+    found = AreaNetwork(mesh, task)
+    finder = RegionPass(mesh, state.rig(), task)
+    try:
+        done = 0
+        for regions in finder.batches(poses):
+            found.add(regions)
+            done += len(regions.pose_ids)
+            progress(done, len(poses))
+    finally:
+        finder.close()
+    return found

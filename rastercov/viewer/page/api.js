@@ -1,0 +1,173 @@
+/**
+ * The server, and in its place the data of a static export: the same methods, all of which give promises.
+ *
+ * A binary answer is a frame: uint32 little-endian n, n bytes of JSON, payload.
+ */
+
+const TOKEN_HEADER = "X-Rastercov-Token";
+const TOKEN_KEY = "rastercov-token";
+
+/** An answer that says no: `message` is its one line, `status` that of HTTP. */
+export class Refused extends Error {
+  constructor(message, status) {
+    super(message);
+    this.status = status;
+  }
+}
+
+/** No answer at all: the program has ended, or the network is down. */
+export class Gone extends Error {}
+
+/** Token from the address (taken out of it) or from this tab's memory. */
+export function takeToken() {
+  const token = location.hash.slice(1);
+  if (token) {
+    sessionStorage.setItem(TOKEN_KEY, token);
+    history.replaceState(null, "", location.pathname);
+  }
+  return token || sessionStorage.getItem(TOKEN_KEY) || "";
+}
+
+export class Server {
+  constructor(token) {
+    this.token = token;
+    this.isRecorded = false;
+  }
+
+  scene = () => this.#json("scene");
+  state = () => this.#json("state");
+  zones = () => this.#json("zones");
+  job = () => this.#json("job");
+  ping = () => this.#json("ping", { signal: AbortSignal.timeout(8000) });
+  why = (face) => this.#json(`why?face=${face}`);
+  startJob = (what) => this.#json("job", posted(what));
+  cancelJob = () => this.#json("job/cancel", posted({}));
+  save = (what) => this.#json("save", posted({ what }));
+  act = async (body) => frameOf(await (await this.#ask("act", posted(body))).arrayBuffer());
+  image = async (station, side) =>
+    frameOf(await (await this.#ask(`image?station=${station}&side=${side}`)).arrayBuffer());
+  download = async (what) => (await this.#ask(`download?what=${what}`)).blob();
+
+  /** {corners: Float32Array, origin: [x, y, z]}. */
+  async soup() {
+    const response = await this.#ask("soup");
+    const origin = (response.headers.get("X-Rastercov-Origin") ?? "0,0,0").split(",").map(Number);
+    return { corners: new Float32Array(await response.arrayBuffer()), origin };
+  }
+
+  groups = async () => new Uint16Array(await (await this.#ask("groups")).arrayBuffer());
+
+  async #json(path, options) {
+    return (await this.#ask(path, options)).json();
+  }
+
+  async #ask(path, options = {}) {
+    let response;
+    try {
+      response = await fetch(`/api/${path}`, {
+        ...options,
+        cache: "no-store",
+        headers: { ...options.headers, [TOKEN_HEADER]: this.token },
+      });
+    } catch (error) {
+      throw new Gone(`rastercov does not answer: ${error.message}`);
+    }
+    if (response.ok) return response;
+    const text = await response.text();
+    let message = `the server answered ${response.status}`;
+    try {
+      message = JSON.parse(text).error ?? message;
+    } catch {
+      // no JSON: the status has to do
+    }
+    throw new Refused(message, response.status);
+  }
+}
+
+const posted = (body) => ({
+  method: "POST",
+  headers: { "Content-Type": "application/json" },
+  body: JSON.stringify(body),
+});
+
+/** {json, payload} of a frame. */
+function frameOf(buffer) {
+  const n = new DataView(buffer).getUint32(0, true);
+  const json = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, n)));
+  return { json, payload: new Uint8Array(buffer, 4 + n) };
+}
+
+/** Bytes of base64 text. */
+export function bytesOf(text) {
+  const characters = atob(text);
+  const bytes = new Uint8Array(characters.length);
+  for (let at = 0; at < bytes.length; at++) bytes[at] = characters.charCodeAt(at);
+  return bytes;
+}
+
+/** The data of a static export, which answers what a look needs and refuses every change. */
+export class Recorded {
+  constructor(data) {
+    this.data = data;
+    this.isRecorded = true;
+  }
+
+  /** The export of this page, or null where a server is behind it. */
+  static ofPage() {
+    const holder = document.getElementById("export");
+    return holder ? new Recorded(JSON.parse(holder.textContent)) : null;
+  }
+
+  scene = async () => this.data.scene;
+  state = async () => this.data.state;
+  zones = async () => this.data.zones ?? [];
+  soup = async () => ({
+    corners: new Float32Array(bytesOf(this.data.soup).buffer),
+    origin: this.data.origin ?? [0, 0, 0],
+  });
+  groups = async () => new Uint16Array(bytesOf(this.data.groups).buffer);
+
+  /** Frame of a mode: of the chosen camera where there is one, "mode:station". */
+  async act({ mode, station, action }) {
+    if (action.do !== "none")
+      throw new Refused("this file shows a result; open the plan with rastercov view to change it", 400);
+    const frame = this.data.frames[`${mode}:${station}`] ?? this.data.frames[mode];
+    if (!frame) throw new Refused(`this file has no figures of ${mode}`, 404);
+    return { json: { state: this.data.state, ...frame }, payload: bytesOf(frame.levels) };
+  }
+
+  /** Modes that the file holds. */
+  hasMode = (mode) => Object.keys(this.data.frames).some((key) => key.split(":")[0] === mode);
+
+  /** Group of a face and its label in each mode. */
+  async why(face) {
+    const figures = Object.entries(this.data.frames).map(([mode, frame]) => {
+      const level = atob(frame.levels).charCodeAt(face);
+      return {
+        label: labelOfMode(this.data.scene, mode, this.data.state),
+        value: labelOfLevel(frame, level),
+      };
+    });
+    return { face, group: null, area: null, words: "", cameras: [], levels: figures };
+  }
+}
+
+function labelOfMode(scene, key, state) {
+  const [mode, station] = key.split(":");
+  const label = scene.modes.find((each) => each.id === mode)?.label ?? mode;
+  const name = state.stations.find((each) => String(each.id) === station)?.name;
+  return name ? `${label}, ${name}` : label;
+}
+
+/** Words of a level by the legend of its frame. */
+export function labelOfLevel(frame, level) {
+  const entry = frame.legend?.find((each) => each.level === level);
+  if (entry) return entry.label;
+  const { scale } = frame;
+  if (!scale || level < scale.first || level > scale.last) return "–";
+  const part = (level - scale.first) / Math.max(1, scale.last - scale.first);
+  const value = scale.is_log
+    ? scale.low * (scale.high / scale.low) ** part
+    : scale.low + part * (scale.high - scale.low);
+  return `${Number(value.toPrecision(3))} ${scale.unit ?? ""}`.trim();
+}

@@ -1,0 +1,236 @@
+/** Bar at the top (undo, saving, help) and the tools over the picture. */
+
+import { button, choice, element, metres, toggle } from "rastercov/dom.js";
+import { offerFile } from "rastercov/status.js";
+import { sectionOf } from "rastercov/tools.js";
+import { cameraCentres } from "rastercov/frusta.js";
+
+export function topBar(session, { summary, help }) {
+  const undo = button("↶ Undo", () => session.act({ do: "undo" }), { title: "Ctrl+Z" });
+  const redo = button("↷ Redo", () => session.act({ do: "redo" }), { title: "Ctrl+Shift+Z" });
+  const unsaved = element("span.unsaved", { title: "the rig has changes that are not saved" });
+  const show = (state) => {
+    undo.disabled = !state.can_undo;
+    redo.disabled = !state.can_redo;
+    undo.title = state.can_undo ? `undo: ${state.undo_words} (Ctrl+Z)` : "nothing to undo";
+    redo.title = state.can_redo ? `redo: ${state.redo_words} (Ctrl+Shift+Z)` : "nothing to redo";
+    unsaved.textContent = state.is_saved === false ? "●" : "";
+  };
+  session.on("state", show);
+  show(session.state);
+  return element(
+    "header.top",
+    {},
+    element("h1", {}, "rastercov ", element("span.soft", {}, session.scene.title), unsaved),
+    session.canEdit ? element("div.group", {}, undo, redo, saveMenu(session)) : null,
+    summary,
+    button("?", () => help.show(), { title: "keys and mouse (?)", "aria-label": "help" }),
+  );
+}
+
+const SAVES = [
+  ["rig", "Save rig", "poses and cameras, into the output folder"],
+  ["plan", "Save plan", "a plan file that gives this rig, into the output folder"],
+  ["report", "Save report", "page, tables and pictures, into the output folder"],
+];
+const DOWNLOADS = [
+  ["rig", "Download rig", "rig.json"],
+  ["plan", "Download plan", "plan.toml"],
+  ["page", "Download page (one file, opens without rastercov)", "rastercov.html"],
+];
+
+function saveMenu(session) {
+  const close = () => {
+    menu.open = false;
+  };
+  const save = async (what) => {
+    close();
+    try {
+      const { words } = await session.server.save(what);
+      session.emit("notice", words);
+      session.takeOver();
+    } catch (error) {
+      session.emit("fault", error.message);
+    }
+  };
+  const download = async (what, name) => {
+    close();
+    try {
+      offerFile(name, await session.server.download(what));
+    } catch (error) {
+      session.emit("fault", error.message);
+    }
+  };
+  const menu = element(
+    "details.menu",
+    {},
+    element("summary", { title: "Ctrl+S saves the rig" }, "Save"),
+    element(
+      "div.items",
+      {},
+      SAVES.map(([what, text, title]) => button(text, () => save(what), { title })),
+      element("hr"),
+      DOWNLOADS.map(([what, text, name]) => button(text, () => download(what, name))),
+    ),
+  );
+  menu.save = save;
+  document.addEventListener("pointerdown", (event) => menu.contains(event.target) || close());
+  session.saveRig = () => save("rig");
+  return menu;
+}
+
+/** Tools over the picture. */
+export function toolBar(session, { view, tools, frusta, gizmo }) {
+  const fit = button("Fit", () => fitAll(session, view), { title: "show the whole scene (F)" });
+  const plan = toggle(
+    "Floor plan",
+    false,
+    (isOn) => {
+      view.camera.setPlan(isOn);
+      if (isOn) view.camera.fit(cameraCentres(session.state), view.aspect());
+      cut.setPlan(isOn);
+      view.request();
+    },
+    { title: "from above, cut at a height (P)" },
+  );
+  const cut = sectionControls(session, view);
+  const measure = toggle("Measure", false, (isOn) => tools.set(isOn ? "measure" : "pick"), {
+    title: "distance of two points (R)",
+  });
+  const aim = toggle("Aim", false, (isOn) => tools.set(isOn ? "aim" : "pick"), {
+    title: "turn the chosen camera to a point (I)",
+  });
+  session.on("tool", (tool) => {
+    measure.set(tool === "measure");
+    aim.set(tool === "aim");
+  });
+  const shows = element(
+    "details.menu",
+    {},
+    element("summary", { title: "what is drawn" }, "Show"),
+    element(
+      "div.items",
+      {},
+      toggle("Cameras", true, (isOn) => frusta.setShown(isOn), { title: "frusta and names (C)" }),
+      session.canEdit
+        ? toggle("Handles", true, (isOn) => gizmo.setShown(isOn), {
+            title: "arrows and rings of the chosen camera (G)",
+          })
+        : null,
+      session.canEdit
+        ? toggle("Handles along the camera", false, (isOn) => gizmo.setLocal(isOn), {
+            title: "axes of the camera, not of the world (X)",
+          })
+        : null,
+      optionToggle(session, view, "Transparent occluders", "isTransparent", "bodies that only hide (T)"),
+      optionToggle(
+        session,
+        view,
+        "Leave out faces turned away",
+        "isCulled",
+        "look into rooms from outside (B)",
+      ),
+      optionToggle(session, view, "Lines along edges", "hasEdges", "edges of the faces (O)"),
+      optionToggle(
+        session,
+        view,
+        "Flat colours",
+        "isFlat",
+        "exactly the colours of the legend, without light (H)",
+      ),
+    ),
+  );
+  document.addEventListener("pointerdown", (event) => shows.contains(event.target) || (shows.open = false));
+  return element(
+    "div.tools",
+    { role: "toolbar", "aria-label": "View" },
+    fit,
+    plan,
+    cut.root,
+    measure,
+    session.canEdit ? aim : null,
+    shows,
+  );
+}
+
+function optionToggle(session, view, text, name, title) {
+  const made = toggle(text, view.options[name], (isOn) => view.setOption(name, isOn), { title });
+  session.on("view", () => made.set(view.options[name]));
+  return made;
+}
+
+/** Whole scene with its cameras in sight; inside a room of its own size that is the room alone. */
+export function fitAll(session, view) {
+  view.camera.fit(cameraCentres(session.state), view.aspect());
+  view.request();
+}
+
+/** Controls of the section: axis, place, side. */
+function sectionControls(session, view) {
+  const cut = { axis: 2, at: 0.6, isFlipped: false };
+  let isOn = false;
+  let isPlan = false;
+  const apply = () => {
+    const [low, high] = session.scene.bounds;
+    height.textContent = metres(low[cut.axis] + cut.at * (high[cut.axis] - low[cut.axis]));
+    view.setOption("section", isOn || isPlan ? sectionOf(cut, session.scene.bounds) : null);
+  };
+  const place = element("input.place", {
+    type: "range",
+    min: "0",
+    max: "1",
+    step: "0.005",
+    value: "0.6",
+    "aria-label": "place of the section",
+  });
+  place.addEventListener("input", () => {
+    cut.at = Number(place.value);
+    apply();
+  });
+  const axis = choice(
+    "axis of the section",
+    [
+      [0, "x"],
+      [1, "y"],
+      [2, "z"],
+    ],
+    2,
+    (value) => {
+      cut.axis = value;
+      apply();
+    },
+  );
+  const flip = button(
+    "⇄",
+    () => {
+      cut.isFlipped = !cut.isFlipped;
+      apply();
+    },
+    { title: "the other side", "aria-label": "the other side of the section" },
+  );
+  const height = element("output.soft.height");
+  const more = element("span.section-controls", { hidden: true }, axis, place, flip, height);
+  const main = toggle(
+    "Section",
+    false,
+    (next) => {
+      isOn = next;
+      more.hidden = !isOn && !isPlan;
+      apply();
+    },
+    { title: "cut the scene open (K)" },
+  );
+  const setPlan = (next) => {
+    isPlan = next;
+    if (isPlan) {
+      const { up } = session.scene;
+      cut.axis = up.map(Math.abs).indexOf(Math.max(...up.map(Math.abs)));
+      cut.isFlipped = up[cut.axis] < 0;
+      axis.value = String(cut.axis);
+    }
+    axis.hidden = flip.hidden = isPlan;
+    more.hidden = !isOn && !isPlan;
+    apply();
+  };
+  return { root: element("span.group", {}, main, more), setPlan };
+}

@@ -1,0 +1,162 @@
+/** Panels "Camera" (what one camera covers) and "Image" (what it sees, and what is sharp). */
+
+import { blurAt } from "rastercov/frusta.js";
+import {
+  button,
+  check,
+  choice,
+  count,
+  cssColour,
+  element,
+  figure,
+  fill,
+  keepingFocus,
+  metres,
+  percent,
+  section,
+} from "rastercov/dom.js";
+import { inCamera } from "rastercov/maths.js";
+import { modeList } from "rastercov/modes.js";
+
+const IMAGE_SIDE = 720;
+const IMAGE_AFTER = 250; // ms without a change
+
+/** Menu of the cameras; what it chooses is chosen everywhere. */
+export function stationMenu(session) {
+  const root = element("div.field-head", {}, element("span.field-label", {}, "Camera"));
+  const show = () => {
+    const choices = session.state.stations.map((station) => [station.id, station.name]);
+    const menu = choices.length
+      ? choice("Camera", choices, session.chosen, (id) => session.choose(id))
+      : element("span.soft", {}, "none");
+    keepingFocus(root, () => fill(root, element("span.field-label", {}, "Camera"), menu));
+  };
+  session.on("state chosen", show);
+  show();
+  return root;
+}
+
+export function cameraPanel(session, view) {
+  const facts = element("dl.facts");
+  const show = () => {
+    const station = session.station();
+    const row = session.figures?.summary.by_camera.find((each) => each.station === station?.id);
+    fill(
+      facts,
+      !station || !row
+        ? []
+        : [
+            element("dt", {}, "Covers"),
+            element("dd", {}, `${percent(row.area_percent)} of the area, ${count(row.faces)} faces`),
+            element("dt", {}, "Alone"),
+            element("dd", {}, `${percent(row.alone_percent)} that no other camera covers`),
+          ],
+    );
+  };
+  session.on("frame chosen", show);
+  show();
+  const modes = modeList(session, "camera");
+  return element(
+    "div",
+    {},
+    section("Coverage of one camera", [
+      stationMenu(session),
+      facts,
+      modes,
+      element(
+        "div.buttons",
+        {},
+        button("Look through", () => session.station() && view.lookThrough(session.station()), {
+          title: "see the scene from this camera (L)",
+        }),
+      ),
+    ]),
+  );
+}
+
+export function imagePanel(session, view, frusta, isVisible) {
+  const picture = element("img.camera-image", { alt: "image of the chosen camera" });
+  const caption = element("figcaption");
+  const keys = element("ul.keys");
+  const note = element("p.soft");
+  const blur = element("p.blur", { "aria-live": "polite" });
+  const isRecorded = session.server.isRecorded;
+  let timer = 0;
+  let asked = "";
+  const show = async () => {
+    const station = session.station();
+    if (!isVisible() || isRecorded) return;
+    picture.hidden = !station;
+    if (!station) return;
+    const wanted = `${station.id} ${session.state.revision}`;
+    if (wanted === asked) return;
+    asked = wanted;
+    note.textContent = "drawing…";
+    try {
+      const { json, payload } = await session.server.image(station.id, IMAGE_SIDE);
+      if (asked !== wanted) return;
+      URL.revokeObjectURL(picture.src);
+      picture.src = URL.createObjectURL(new Blob([payload], { type: "image/png" }));
+      picture.alt = `image of ${station.name}: ${json.legend.map((each) => each.label).join(", ")}`;
+      caption.textContent = json.title;
+      fill(
+        keys,
+        json.legend.map((each) => element("li", {}, swatch(each), each.label)),
+      );
+      note.textContent = "";
+    } catch (error) {
+      asked = "";
+      note.textContent = error.message;
+    }
+  };
+  const later = () => {
+    clearTimeout(timer);
+    timer = setTimeout(show, IMAGE_AFTER);
+  };
+  const showBlur = () => {
+    const station = session.station();
+    const point = session.facePoint;
+    blur.textContent = "";
+    if (!station || !point) return;
+    const pose = session.poseOf(station);
+    const depth = inCamera(pose, point)[2];
+    const diameter = blurAt(session.cameraOf(station), pose, point);
+    const at = `Picked point: depth ${metres(depth)}`;
+    blur.textContent = diameter === null ? at : `${at}, blur circle ${figure(diameter)} px`;
+  };
+  session.on("state chosen frame", later);
+  session.on("state chosen face poses", showBlur);
+  const panel = element(
+    "div",
+    {},
+    section("Image of the camera", [
+      stationMenu(session),
+      isRecorded
+        ? element("p.soft", {}, "This file holds no images.")
+        : element("figure", {}, picture, caption),
+      keys,
+      note,
+    ]),
+    section("Sharpness", [
+      check("Planes of the depth of field in the scene", frusta.hasFocusPlanes, (isOn) => {
+        frusta.hasFocusPlanes = isOn;
+        view.request();
+      }),
+      blur,
+      element("p.soft", {}, "Click on a face for the blur circle at that point."),
+    ]),
+  );
+  panel.onShown = show;
+  return panel;
+}
+
+/** Patch in the colour of a key, striped where the picture is. */
+function swatch({ colour, stripe }) {
+  const made = element("span.swatch");
+  const plain = cssColour(colour);
+  const other = stripe ? cssColour(stripe) : plain;
+  made.style.background = stripe
+    ? `repeating-linear-gradient(45deg, ${plain} 0 4px, ${other} 4px 7px)`
+    : plain;
+  return made;
+}

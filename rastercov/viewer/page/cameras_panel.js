@@ -1,0 +1,283 @@
+/** Panel "Cameras": the rig, and of the chosen camera its pose, its lens and what can be done with it. */
+
+import { button, choice, element, figure, fill, keepingFocus, percent, section } from "rastercov/dom.js";
+import { anglesOf, centreOf, distance, poseFromAngles } from "rastercov/maths.js";
+import { control, labelOf, numberBox } from "rastercov/fields.js";
+
+export function camerasPanel(session, { view, tools, jobs }) {
+  const list = element("div.cameras", { role: "group", "aria-label": "Cameras" });
+  const showList = () => keepingFocus(list, () => fill(list, stationRows(session)));
+  session.on("state frame chosen", showList);
+  showList();
+  const panel = element(
+    "div",
+    {},
+    section("Rig", [list, session.canEdit ? rigButtons(session, view, jobs) : null]),
+  );
+  if (session.canEdit) panel.append(poseSection(session, { view, tools, jobs }), lensSection(session));
+  return panel;
+}
+
+/** One row a camera: on or off, name, what it covers, and what it alone covers. */
+function stationRows(session) {
+  const shares = new Map((session.figures?.summary.by_camera ?? []).map((row) => [row.station, row]));
+  const head = element(
+    "div.row.head",
+    {},
+    element("span"),
+    element("span", {}, "Name"),
+    element("span", { title: "of the task's area, covered by this camera" }, "covers"),
+    element("span", { title: "of the task's area, covered by no other camera" }, "alone"),
+  );
+  const rows = session.state.stations.map((station) => {
+    const share = shares.get(station.id);
+    const isChosen = station.id === session.chosen;
+    const box = element("input", {
+      type: "checkbox",
+      checked: station.is_on,
+      disabled: !session.canEdit,
+      "aria-label": `use ${station.name}`,
+    });
+    box.addEventListener("change", () =>
+      session.act({ do: "switch", station: station.id, is_on: box.checked }),
+    );
+    const name = element(
+      "button.link",
+      {
+        type: "button",
+        "aria-current": String(isChosen),
+        on: { click: () => session.choose(station.id) },
+      },
+      station.name,
+    );
+    const place = isAllowed(station) ? null : element("span.bad", { title: placeWords(station) }, "⚠");
+    return element(
+      isChosen ? "div.row.chosen" : "div.row",
+      {},
+      box,
+      element("span.who", {}, name, place),
+      element("span.figure", {}, percent(share?.area_percent)),
+      element("span.figure", {}, percent(share?.alone_percent)),
+    );
+  });
+  return rows.length ? [head, rows] : [element("p.soft", {}, "No camera yet: add one below.")];
+}
+
+const isAllowed = (station) => !station.place || station.place === "allowed";
+const placeWords = (station) =>
+  `${station.name} is at a place that the plan does not allow: ${station.place}`;
+
+function rigButtons(session, view, jobs) {
+  const add = () => {
+    const camera = session.station()?.camera ?? Object.keys(session.state.cameras)[0];
+    session.act({ do: "add", camera, pose: view.camera.pose() });
+  };
+  const remove = button("Delete", () => session.act({ do: "delete", station: session.chosen }), {
+    title: "delete the chosen camera (Del)",
+  });
+  const copy = button("Duplicate", () => session.act({ do: "duplicate", station: session.chosen }), {
+    title: "a second camera at the same pose (Ctrl+D)",
+  });
+  const best = button(
+    "Add the best next camera",
+    () => {
+      jobs.start({ kind: "add", camera: session.station()?.camera ?? Object.keys(session.state.cameras)[0] });
+    },
+    { title: "searches the candidates for the camera that adds most", kind: "primary" },
+  );
+  const show = () => {
+    remove.disabled = copy.disabled = session.chosen === null;
+  };
+  session.on("chosen state", show);
+  show();
+  return element(
+    "div.buttons",
+    {},
+    button("Add here", add, { title: "a camera with the pose of the present view" }),
+    copy,
+    remove,
+    best,
+  );
+}
+
+function poseSection(session, { view, tools, jobs }) {
+  const { up } = session.scene;
+  const name = element("input.text", { type: "text", "aria-label": "Name of the camera", maxlength: "80" });
+  name.addEventListener("change", () => {
+    if (name.value.trim()) session.act({ do: "rename", station: session.chosen, name: name.value.trim() });
+    else name.value = session.station()?.name ?? "";
+  });
+  const [low, high] = session.scene.bounds;
+  const decimals = Math.max(0, 4 - Math.round(Math.log10(distance(low, high))));
+  const values = () => {
+    const pose = session.poseOf(session.station());
+    const [x, y, z] = centreOf(pose);
+    return { x, y, z, ...anglesOf(pose, up) };
+  };
+  const fields = [
+    ["x", "m"],
+    ["y", "m"],
+    ["z", "m"],
+    ["heading", "°"],
+    ["elevation", "°"],
+    ["roll", "°"],
+  ].map(([key, unit]) => {
+    const limits =
+      key === "elevation" ? { low: -90, high: 90 } : key.length > 1 ? { low: -360, high: 360 } : {};
+    const box = numberBox({ label: labelOf(key), value: 0, unit, ...limits }, (value) => {
+      const next = { ...values(), [key]: value };
+      const centre = [next.x, next.y, next.z];
+      session.act({
+        do: "pose",
+        station: session.chosen,
+        pose: poseFromAngles(next.heading, next.elevation, next.roll, up, centre),
+      });
+    });
+    return {
+      key,
+      box,
+      root: element(
+        "label.pose-field",
+        {},
+        element("span", {}, labelOf(key)),
+        box.input,
+        element("span.unit", {}, unit),
+      ),
+    };
+  });
+  const warning = element("p.bad");
+  const body = element(
+    "div",
+    {},
+    name,
+    element(
+      "div.pose",
+      {},
+      fields.map((field) => field.root),
+    ),
+    fields.map((field) => field.box.fault),
+    warning,
+    element(
+      "div.buttons",
+      {},
+      button("Aim", () => tools.set("aim"), { title: "then click the point to look at (I)" }),
+      button("Look through", () => view.lookThrough(session.station()), {
+        title: "see the scene from this camera (L)",
+      }),
+      button("Refine this camera", () => jobs.start({ kind: "refine", station: session.chosen }), {
+        title: "moves and turns it so that the network covers more",
+        kind: "primary",
+      }),
+    ),
+    element(
+      "p.soft",
+      {},
+      "Heading from +x towards +y; elevation above the horizon. Drag the arrows and rings in the picture, or press its arrow keys.",
+    ),
+  );
+  const root = section("Chosen camera", [body]);
+  const show = () => {
+    const station = session.station();
+    root.hidden = !station;
+    if (!station) return;
+    if (document.activeElement !== name) name.value = station.name;
+    warning.textContent = isAllowed(station) ? "" : `Its place is not allowed by the plan: ${station.place}.`;
+    const now = values();
+    // Typed poses keep all digits of what is not typed; these are for reading.
+    for (const { key, box } of fields) box.set(Number(now[key].toFixed(key.length > 1 ? 2 : decimals)));
+  };
+  session.on("state chosen poses", show);
+  show();
+  return root;
+}
+
+function lensSection(session) {
+  const body = element("div");
+  const root = section("Lens and image", [body]);
+  let made = null;
+  const build = (station) => {
+    const camera = session.cameraOf(station);
+    const controls = session.scene.camera_fields
+      .filter((field) => isApplicable(field.name, camera))
+      .map((field) => {
+        const change = (value, isDrag) =>
+          session.act({ do: "camera", camera: station.camera, changes: { [field.name]: value } }, { isDrag });
+        const kind = field.kind ?? (["width", "height"].includes(field.name) ? "int" : "float");
+        return { field, control: control({ ...field, kind }, camera[field.name], change) };
+      });
+    const names = Object.keys(session.state.cameras);
+    const use = choice(
+      "Lens",
+      names.map((name) => [name, name]),
+      station.camera,
+      (name) => {
+        session.act({ do: "use", station: session.chosen, camera: name });
+      },
+    );
+    const shared = session.state.stations.filter((each) => each.camera === station.camera).length;
+    fill(
+      body,
+      element("label.field-head", {}, element("span.field-label", {}, "Lens"), use),
+      shared > 1 ? element("p.soft", {}, `Shared by ${shared} cameras: a change is one of all.`) : null,
+      controls.map((each) => each.control.root),
+      focusWords(camera),
+      newLens(session),
+    );
+    return { key: keyOf(station), controls };
+  };
+  const keyOf = (station) =>
+    `${station.id} ${station.camera} ${Object.keys(session.state.cameras)} ` +
+    session.state.stations.filter((each) => each.camera === station.camera).length;
+  const show = () => {
+    const station = session.station();
+    root.hidden = !station;
+    if (!station) return;
+    const camera = session.cameraOf(station);
+    if (made?.key !== keyOf(station)) made = build(station);
+    for (const each of made.controls) each.control.set(camera[each.field.name]);
+    body.querySelector(".focus-words")?.replaceWith(focusWords(camera));
+  };
+  session.on("state chosen", show);
+  show();
+  return root;
+}
+
+/** Whether a lens has a value to change: focus by an aperture, or by depths that are known. */
+function isApplicable(name, camera) {
+  if (["focus_distance", "f_number"].includes(name)) return camera.can_focus;
+  if (["focus_near", "focus_far"].includes(name)) return !camera.can_focus || camera[name] !== null;
+  return name in camera && camera[name] !== null;
+}
+
+/** Line about the lens: model, size, depth of field. */
+function focusWords(camera) {
+  const sharp = camera.depth_of_field;
+  const far = sharp && (sharp[1] === null ? "infinity" : `${figure(sharp[1])} m`);
+  const words =
+    `${camera.model}, ${camera.width} × ${camera.height} px` +
+    (sharp ? `, sharp from ${figure(sharp[0])} m to ${far}` : ", sharp everywhere");
+  return element("p.soft.focus-words", {}, words);
+}
+
+/** Row that makes a lens from a preset or a copy of one, and gives it to the chosen camera. */
+function newLens(session) {
+  const names = Object.keys(session.state.cameras);
+  const sources = [
+    ...names.map((name) => [name, `a copy of ${name}`]),
+    ...session.scene.presets.map((name) => [name, `preset ${name}`]),
+  ];
+  let source = sources[0][0];
+  const menu = choice("Start from", sources, source, (value) => (source = value));
+  const make = async () => {
+    let name = source;
+    for (let at = 2; name in session.state.cameras; at++) name = `${source} ${at}`;
+    const done = await session.act({ do: "new_camera", name, source });
+    if (done) session.act({ do: "use", station: session.chosen, camera: name });
+  };
+  return element(
+    "div.buttons",
+    {},
+    menu,
+    button("New lens", make, { title: "and give it to the chosen camera alone" }),
+  );
+}

@@ -1,0 +1,117 @@
+/** Elements of the page: made from a tag, properties and children, never from text with markup. */
+
+/**
+ * Element with properties and children.
+ *
+ * @param {string} tag name with optional classes, such as "div.card.wide"
+ * @param {object} properties attributes; `on` maps names of events to listeners, and `value`,
+ *   `checked`, `disabled`, `hidden`, `htmlFor` and `textContent` are set as properties
+ */
+export function element(tag, properties = {}, ...children) {
+  const [name, ...classes] = tag.split(".");
+  const made = document.createElement(name);
+  if (classes.length) made.className = classes.join(" ");
+  for (const [key, value] of Object.entries(properties)) {
+    if (key === "on") {
+      for (const [event, listener] of Object.entries(value)) made.addEventListener(event, listener);
+    } else if (key in made && typeof value !== "string") {
+      made[key] = value;
+    } else if (value !== null && value !== undefined) {
+      if (["value", "textContent", "htmlFor"].includes(key)) made[key] = value;
+      else made.setAttribute(key, value);
+    }
+  }
+  made.append(...children.flat(Infinity).filter((child) => child !== null && child !== undefined));
+  return made;
+}
+
+/** Button with a text, and a title that says more. */
+export function button(text, onClick, { title = "", kind = "", ...more } = {}) {
+  const tag = kind ? `button.${kind}` : "button";
+  return element(tag, { type: "button", title, ...more, on: { click: onClick } }, text);
+}
+
+/** Two-state button: `aria-pressed` says whether it is on. */
+export function toggle(text, isOn, onChange, { title = "" } = {}) {
+  const made = button(text, () => made.set(!made.isOn(), true), { title, kind: "toggle" });
+  made.isOn = () => made.getAttribute("aria-pressed") === "true";
+  made.set = (value, isTold = false) => {
+    made.setAttribute("aria-pressed", String(Boolean(value)));
+    if (isTold) onChange(Boolean(value));
+  };
+  made.set(isOn);
+  return made;
+}
+
+/** Check box with its label. */
+export function check(text, isOn, onChange, { title = "" } = {}) {
+  const box = element("input", { type: "checkbox", checked: isOn });
+  box.addEventListener("change", () => onChange(box.checked));
+  return element("label.check", { title }, box, element("span", {}, text));
+}
+
+/** Menu of choices [[value, text], ...] with a label. */
+export function choice(label, choices, value, onChange, { title = "" } = {}) {
+  const options = choices.map(([key, text]) =>
+    element("option", { value: String(key), selected: key === value }, text),
+  );
+  const menu = element("select", { title, "aria-label": label }, options);
+  menu.addEventListener("change", () => onChange(choices[menu.selectedIndex][0]));
+  return menu;
+}
+
+/** Section of a panel that folds. */
+export function section(title, children, { isOpen = true } = {}) {
+  return element("details.section", { open: isOpen }, element("summary", {}, title), children);
+}
+
+/** Replaces all children. */
+export function fill(parent, ...children) {
+  parent.replaceChildren(...children.flat(Infinity).filter((child) => child !== null && child !== undefined));
+  return parent;
+}
+
+/** Rebuilds what is in `parent`; the focus stays at the control of the same number, if there is one. */
+export function keepingFocus(parent, rebuild) {
+  const controls = () => [...parent.querySelectorAll("button, input, select")];
+  const at = controls().indexOf(document.activeElement);
+  rebuild();
+  if (at >= 0) controls()[at]?.focus({ preventScroll: true });
+}
+
+/** CSS colour of [r, g, b], 0 to 255. */
+export const cssColour = ([r, g, b]) => `rgb(${r}, ${g}, ${b})`;
+
+/** Text of a number with at most `digits` significant digits, without an exponent where it is short. */
+export function figure(value, digits = 3) {
+  if (value === null || value === undefined || Number.isNaN(value)) return "–";
+  if (!Number.isFinite(value)) return value > 0 ? "∞" : "−∞";
+  if (value === 0) return "0";
+  const size = Math.abs(value);
+  if (size >= 1e6 || size < 1e-4) return value.toExponential(digits - 1);
+  const decimals = clampedDecimals(digits - 1 - Math.floor(Math.log10(size)));
+  return Number(value.toFixed(decimals)).toString();
+}
+
+const clampedDecimals = (n) => Math.min(6, Math.max(0, n));
+
+/** Percentage with one decimal. */
+export const percent = (value) => (value === null || value === undefined ? "–" : `${value.toFixed(1)} %`);
+
+/** Whole number with thin spaces between thousands. */
+export const count = (n) => String(n).replace(/\B(?=(\d{3})+(?!\d))/g, "\u2009");
+
+/** Length with a fitting unit. */
+export function metres(value) {
+  const size = Math.abs(value);
+  if (size > 0 && size < 0.001) return `${figure(value * 1e6)} µm`;
+  if (size < 1) return `${figure(value * 1e3)} mm`;
+  return `${figure(value, 4)} m`;
+}
+
+/** Area with a fitting unit. */
+export function squareMetres(value) {
+  if (value < 1e-4) return `${figure(value * 1e6)} mm²`;
+  if (value < 0.1) return `${figure(value * 1e4)} cm²`;
+  return `${figure(value)} m²`;
+}

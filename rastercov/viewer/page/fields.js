@@ -1,0 +1,238 @@
+/**
+ * Fields for numbers and choices, as the server describes them: name, words, kind, low, high,
+ * choices, default, is_optional, unit. A number has a slider and a box to type in; a value out of
+ * range is answered by one line under the box and goes no further.
+ */
+
+import { check, choice, element, figure } from "rastercov/dom.js";
+
+/**
+ * Box for a number; `onValue` gets numbers in range alone.
+ *
+ * @param {object} options label, value, low and high (or null), is_low_open, isWhole, unit
+ * @param {(value: number) => void} onValue
+ */
+export function numberBox(options, onValue) {
+  const { label, low = null, high = null, isWhole = false, unit = "", is_low_open: isLowOpen } = options;
+  let { value } = options;
+  const fault = element("p.fault", { role: "alert", hidden: true });
+  const input = element("input.number", {
+    type: "text",
+    inputmode: "decimal",
+    "aria-label": label,
+    autocomplete: "off",
+    value: shown(value),
+  });
+  const judge = () => {
+    const number = Number(input.value.trim().replace(",", "."));
+    const problem = faultOf(input.value, number, { label, low, high, isLowOpen, isWhole, unit });
+    fault.hidden = !problem;
+    fault.textContent = problem;
+    input.setAttribute("aria-invalid", String(Boolean(problem)));
+    return problem ? null : number;
+  };
+  input.addEventListener("input", judge);
+  input.addEventListener("change", () => {
+    const number = judge();
+    if (number !== null) onValue(number);
+  });
+  input.addEventListener("keydown", (event) => {
+    if (event.key === "Escape") {
+      input.value = shown(value);
+      judge();
+      input.blur();
+    }
+  });
+  const set = (next) => {
+    value = next;
+    if (document.activeElement !== input || input.getAttribute("aria-invalid") !== "true") {
+      input.value = shown(next);
+      if (!fault.hidden) judge();
+    }
+  };
+  return { input, fault, set };
+}
+
+const shown = (value) => (value === null || value === undefined ? "" : figure(value, 6));
+
+/** One line about a typed number, or "" where it may pass. */
+function faultOf(text, number, { label, low, high, isLowOpen, isWhole, unit }) {
+  const least = low === null ? "" : isLowOpen ? ` above ${figure(low)}` : ` of at least ${figure(low)}`;
+  const range = [least, high === null ? "" : ` of at most ${figure(high)}`].filter(Boolean).join(" and");
+  const wanted = `${label}: give a${isWhole ? " whole" : ""} number${range}${unit ? ` ${unit}` : ""}`;
+  const isNumber = text.trim() !== "" && Number.isFinite(number);
+  const isAboveLow = low === null || number > low || (number === low && !isLowOpen);
+  const isInside = isAboveLow && (high === null || number <= high);
+  const isRight = isNumber && isInside && (!isWhole || Number.isInteger(number));
+  return isRight ? "" : `${wanted}; got “${text.trim()}”`;
+}
+
+/**
+ * Slider and box of one number.
+ *
+ * @param {object} field as the server describes it; its `is_low_open` keeps the slider above low
+ * @param {number|null} value
+ * @param {(value: number|null, isDrag: boolean) => void} onValue isDrag while the slider moves
+ */
+export function numberField(field, value, onValue) {
+  const isWhole = field.kind === "int";
+  const span = spanOf(field, value);
+  const label = field.label ?? labelOf(field.name);
+  const slider = element("input", {
+    type: "range",
+    min: "0",
+    max: "1000",
+    step: "any",
+    "aria-label": label,
+    title: field.words ?? "",
+  });
+  if (span.isWholeSteps) {
+    slider.min = span.low;
+    slider.max = span.high;
+    slider.step = 1;
+  }
+  const toSlider = (x) => (span.isWholeSteps ? x : 1000 * span.part(x));
+  const fromSlider = () => {
+    const x = span.isWholeSteps ? Number(slider.value) : span.at(Number(slider.value) / 1000);
+    return isWhole ? Math.round(x) : Number(x.toPrecision(4));
+  };
+  const box = numberBox({ ...field, label, value, isWhole }, (number) => {
+    slider.value = toSlider(number);
+    onValue(number, false);
+  });
+  let isDragging = false;
+  slider.addEventListener("input", () => {
+    isDragging = true;
+    box.set(fromSlider());
+    onValue(fromSlider(), true);
+  });
+  slider.addEventListener("change", () => {
+    isDragging = false;
+    onValue(fromSlider(), false);
+  });
+  const optional = field.is_optional
+    ? check(
+        "",
+        value !== null,
+        (isOn) => {
+          setEnabled(isOn);
+          onValue(isOn ? fromSlider() : null, false);
+        },
+        { title: "limit on or off" },
+      )
+    : null;
+  optional?.querySelector("input").setAttribute("aria-label", `limit ${label}`);
+  const setEnabled = (isOn) => {
+    slider.disabled = box.input.disabled = !isOn;
+  };
+  const set = (next) => {
+    if (isDragging) return;
+    const isOn = next !== null && next !== undefined;
+    if (optional) {
+      optional.querySelector("input").checked = isOn;
+      setEnabled(isOn);
+    }
+    if (isOn) slider.value = toSlider(next);
+    box.set(next);
+  };
+  set(value ?? null);
+  if (value === null || value === undefined) slider.value = toSlider(field.default ?? span.low);
+  const root = element(
+    "div.field",
+    { title: field.words ?? "" },
+    element(
+      "div.field-head",
+      {},
+      optional,
+      element("span.field-label", {}, label),
+      box.input,
+      element("span.unit", {}, UNITS[field.unit] ?? field.unit ?? ""),
+    ),
+    slider,
+    box.fault,
+  );
+  return { root, set, slider, input: box.input };
+}
+
+/** Range of a slider, and the maps between it and [0, 1]. */
+function spanOf(field, value) {
+  const largest = Math.max(Math.abs(value ?? 0), Math.abs(field.default ?? 0));
+  const low = field.low ?? 0;
+  const high = field.high ?? Math.max(low + 1, 5 * largest, SOFT_HIGH[field.unit] ?? 10);
+  const isLog = low > 0 && high / low > 100 && field.unit !== "deg";
+  // A range without an end is finer near its beginning.
+  const power = field.high === null && !isLog && field.kind !== "int" ? 3 : 1;
+  const least = field.is_low_open ? 1 / 1000 : 0;
+  return {
+    low,
+    high,
+    isWholeSteps: field.kind === "int" && high - low <= 200,
+    at: (t) => {
+      const part = Math.max(t, least);
+      return isLog ? low * (high / low) ** part : low + (high - low) * part ** power;
+    },
+    part: (x) => {
+      const t = isLog
+        ? Math.log(x / low) / Math.log(high / low)
+        : Math.max(0, (x - low) / (high - low)) ** (1 / power);
+      return Math.min(1, Math.max(0, Number.isFinite(t) ? t : 0));
+    },
+  };
+}
+
+/** End of a slider, by the unit, where the server knows none. */
+const SOFT_HIGH = { px: 1000, "px/m": 5000, "px/m²": 1e7, "px/m2": 1e7 };
+
+const UNITS = { deg: "°" };
+
+const LABELS = {
+  hfov_deg: "Field of view",
+  fx: "Focal length",
+  width: "Image width",
+  f_number: "F-number",
+  focus_near: "Sharp from",
+  focus_far: "Sharp to",
+  near: "Nearest seen",
+  alpha_deg: "Alpha",
+  beta: "Beta",
+  min_pixels_per_m2: "Min pixels per m²",
+  x: "x",
+  y: "y",
+  z: "z",
+};
+
+/** Words for people of a name such as min_pixels. */
+export function labelOf(name) {
+  if (name in LABELS) return LABELS[name];
+  const words = name.replace(/_deg$/, "").replaceAll("_", " ");
+  return words[0].toUpperCase() + words.slice(1);
+}
+
+/** Control of any kind of field: {root, set}. */
+export function control(field, value, onValue) {
+  if (field.kind === "choice") {
+    const choices = field.choices.map((each) => (Array.isArray(each) ? each : [each, labelOf(each)]));
+    const menu = choice(field.label ?? labelOf(field.name), choices, value, (next) => onValue(next, false));
+    const root = element(
+      "div.field",
+      { title: field.words ?? "" },
+      element(
+        "label.field-head",
+        {},
+        element("span.field-label", {}, field.label ?? labelOf(field.name)),
+        menu,
+      ),
+    );
+    const set = (next) => {
+      menu.selectedIndex = choices.findIndex(([key]) => key === next);
+    };
+    return { root, set };
+  }
+  if (field.kind === "bool") {
+    const root = check(field.label ?? labelOf(field.name), value, (next) => onValue(next, false), {
+      title: field.words ?? "",
+    });
+    return { root, set: (next) => (root.querySelector("input").checked = Boolean(next)) };
+  }
+  return numberField(field, value, onValue);
+}

@@ -1,0 +1,217 @@
+/**
+ * The cameras in the scene: frusta by the border rays of their images, names, planes of focus.
+ *
+ * Every frustum is drawn to the same depth, a part of the scene; the chosen one has its names and planes.
+ */
+
+import {
+  add,
+  centreOf,
+  column,
+  distance,
+  fromCamera,
+  inCamera,
+  length,
+  mix,
+  radians,
+  scale,
+  sphereAround,
+} from "rastercov/maths.js";
+import { element } from "rastercov/dom.js";
+
+export const COLOURS = {
+  on: [0.25, 0.33, 0.45, 1],
+  off: [0.55, 0.58, 0.62, 0.5],
+  chosen: [0.0, 0.44, 0.95, 1],
+  wrong: [0.85, 0.1, 0.2, 1],
+  focus: [0.0, 0.6, 0.55, 1],
+};
+const HALO = [1, 1, 1, 0.45];
+const DARK_HALO = [0, 0, 0, 0.6];
+const DARK_ON = [0.72, 0.78, 0.86, 1];
+const MOST_NAMES = 80;
+/** Cameras from which on names keep more distance from each other. */
+const CROWD = 25;
+const GRIP = 12; // pixels around a camera's centre that choose it
+
+export class Frusta {
+  constructor(view, session, overlay) {
+    this.view = view;
+    this.session = session;
+    this.overlay = overlay;
+    this.isShown = true;
+    this.hasFocusPlanes = true;
+    this.names = new Map();
+    this.depth = 0.13 * sphereAround(session.scene.bounds).radius;
+    view.onSketch((sketch, look) => this.#draw(sketch, look));
+    view.onDrawn((look) => this.#place(look));
+    session.on("state chosen", () => this.#label());
+    this.#label();
+  }
+
+  setShown(isShown) {
+    this.isShown = isShown;
+    this.view.request();
+  }
+
+  /** Depth of the frusta as a part of the scene's radius. */
+  setDepth(part) {
+    this.depth = part * sphereAround(this.session.scene.bounds).radius;
+    this.view.request();
+  }
+
+  /** Station whose centre is near a place of the canvas, or null. */
+  at(x, y) {
+    if (!this.isShown) return null;
+    const look = this.view.look();
+    let best = null;
+    for (const station of this.session.state.stations) {
+      const at = look.toScreen(centreOf(this.session.poseOf(station)));
+      const away = at ? Math.hypot(at[0] - x, at[1] - y) : Infinity;
+      if (away < GRIP && (!best || away < best.away)) best = { id: station.id, away };
+    }
+    return best?.id ?? null;
+  }
+
+  #draw(sketch, look) {
+    if (!this.isShown) return;
+    const isDark = matchMedia("(prefers-color-scheme: dark)").matches;
+    for (const station of this.session.state.stations) {
+      const isChosen = station.id === this.session.chosen;
+      const isWrong = station.place && station.place !== "allowed";
+      let colour = isDark ? DARK_ON : COLOURS.on;
+      if (isChosen) colour = COLOURS.chosen;
+      if (isWrong) colour = COLOURS.wrong;
+      if (!station.is_on) colour = COLOURS.off;
+      const away = distance(centreOf(this.session.poseOf(station)), centreOf(look.pose));
+      const isEye = !look.isParallel && away < 0.02 * this.depth;
+      if (isEye) this.#border(sketch, station, colour);
+      else this.#frustum(sketch, station, colour, isChosen);
+    }
+    const chosen = this.session.station();
+    if (chosen && this.hasFocusPlanes) this.#focus(sketch, chosen);
+  }
+
+  /** Ends of the border rays, world. */
+  #ends(station) {
+    const rays = this.session.cameraOf(station).border;
+    const reach = this.depth / Math.max(1, ...rays.map(length)); // wide ones are not larger
+    return rays.map((ray) => fromCamera(this.session.poseOf(station), scale(ray, reach)));
+  }
+
+  /** Border of the image, for whoever looks through the camera. */
+  #border(sketch, station, colour) {
+    sketch.path(this.#ends(station), colour, 2.5, true);
+  }
+
+  #frustum(sketch, station, colour, isChosen) {
+    const pose = this.session.poseOf(station);
+    const ends = this.#ends(station);
+    const width = isChosen ? 2.5 : 1.4;
+    const centre = centreOf(pose);
+    const quarter = ends.length / 4;
+    // A contrasting line below the coloured one keeps it visible on faces of any colour.
+    for (const [tint, wide] of [
+      [colour === DARK_ON ? DARK_HALO : HALO, width + 2],
+      [colour, width],
+    ]) {
+      sketch.path(ends, tint, wide, true);
+      for (const corner of [0, 1, 2, 3]) sketch.line(centre, ends[corner * quarter], tint, wide);
+    }
+    // A mark above the upper border says which way is up in the image.
+    const [a, b] = [ends[Math.floor(0.35 * quarter)], ends[Math.ceil(0.65 * quarter)]];
+    if (quarter > 3) {
+      const tip = add(mix(a, b, 0.5), scale(column(pose, 1), -0.22 * distance(ends[0], ends[quarter])));
+      sketch.path([a, tip, b], colour, width);
+    }
+    if (isChosen) sketch.polygon(ends, [colour[0], colour[1], colour[2], 0.1]);
+  }
+
+  /** Planes between which the camera is in focus, where it has such. */
+  #focus(sketch, station) {
+    const camera = this.session.cameraOf(station);
+    const isPlanar = camera.border.every((ray) => Math.abs(ray[2] - 1) < 1e-6);
+    if (!camera.depth_of_field || !isPlanar) return;
+    const pose = this.session.poseOf(station);
+    const reach = 3 * sphereAround(this.session.scene.bounds).radius;
+    for (const depth of camera.depth_of_field) {
+      if (depth === null || depth <= 0 || depth > reach) continue;
+      const corners = camera.border.map((ray) => fromCamera(pose, scale(ray, depth)));
+      sketch.polygon(corners, [...COLOURS.focus.slice(0, 3), 0.16]);
+      sketch.path(corners, COLOURS.focus, 1.2, true);
+    }
+  }
+
+  #label() {
+    const { stations } = this.session.state;
+    const known = new Set(stations.map((station) => station.id));
+    for (const [id, made] of this.names) {
+      if (known.has(id)) continue;
+      made.remove();
+      this.names.delete(id);
+    }
+    for (const station of stations.slice(0, MOST_NAMES)) {
+      let made = this.names.get(station.id);
+      if (!made) {
+        made = element("button.name", {
+          type: "button",
+          tabindex: "-1",
+          on: { click: () => this.session.choose(station.id) },
+        });
+        this.names.set(station.id, made);
+        this.overlay.append(made);
+      }
+      made.textContent = station.name;
+      made.classList.toggle("chosen", station.id === this.session.chosen);
+      made.classList.toggle("off", !station.is_on);
+      made.classList.toggle("wrong", Boolean(station.place) && station.place !== "allowed");
+    }
+  }
+
+  /** Puts names at their cameras; one that would lie on another is left out, the chosen one never. */
+  #place(look) {
+    const taken = [];
+    const width = this.view.canvas.clientWidth;
+    const stations = this.session.state.stations.slice(0, MOST_NAMES);
+    const [wide, high] = this.session.state.stations.length > CROWD ? [130, 46] : [62, 18];
+    const ordered = [...stations].sort(
+      (a, b) => (b.id === this.session.chosen) - (a.id === this.session.chosen),
+    );
+    for (const station of ordered) {
+      const made = this.names.get(station.id);
+      if (!made) continue;
+      const at = this.isShown ? look.toScreen(centreOf(this.session.poseOf(station))) : null;
+      const isInside = at && at[0] > 0 && at[1] > 0 && at[0] < width && at[1] < this.view.canvas.clientHeight;
+      const isFree =
+        isInside && taken.every(([x, y]) => Math.abs(x - at[0]) > wide || Math.abs(y - at[1]) > high);
+      made.hidden = !isFree;
+      if (!isFree) continue;
+      taken.push(at);
+      const left = at[0] > width - 90 ? at[0] - 9 - made.offsetWidth : at[0] + 9;
+      made.style.transform = `translate(${Math.round(left)}px, ${Math.round(at[1] - 22)}px)`;
+    }
+  }
+}
+
+/**
+ * Diameter of the blur circle of a point, pixels: A fx |z - z_s| / (z (z_s - f)), with aperture A = f / N,
+ * depth z and distance in focus z_s; null where the aperture is not known.
+ */
+export function blurAt(camera, pose, point) {
+  const { focal_length: f, f_number: stop, focus_distance: focus, fx } = camera;
+  if (!f || !stop || !focus) return null;
+  const z = inCamera(pose, point)[2];
+  return z > 0 ? ((f / stop) * fx * Math.abs(z - focus)) / (z * (focus - f)) : null;
+}
+
+/** Centres of all cameras, world. */
+export const cameraCentres = (state) => state.stations.map((station) => centreOf(station.pose));
+
+/** Vertical field of view, radians, of a picture on a canvas that shows all of a camera's image. */
+export function fieldOfStation(camera, canvas) {
+  const isPlanar = camera.border.every((ray) => Math.abs(ray[2] - 1) < 1e-6);
+  if (!isPlanar) return radians(110);
+  const slope = (axis) => Math.max(...camera.border.map((ray) => Math.abs(ray[axis])));
+  const half = Math.max(slope(1), (slope(0) * canvas.clientHeight) / canvas.clientWidth);
+  return Math.min(radians(150), 2 * Math.atan(1.03 * half));
+}

@@ -1,0 +1,183 @@
+/** Overlay with keys and mouse, and the listener of the keys. */
+
+import { button, element } from "rastercov/dom.js";
+
+const KEYS = [
+  [
+    "Mouse",
+    [
+      ["drag", "turn the view (floor plan: move it)"],
+      ["right drag, middle drag, Shift + drag", "move the view"],
+      ["wheel", "nearer or farther, towards the pointer"],
+      ["double click", "fly to the point"],
+      ["click on a face", "why it is covered or not"],
+      ["click on a camera or its name", "choose it"],
+      ["drag an arrow, a ring, the square", "move or turn the chosen camera; Ctrl: steps of 15°; Esc: back"],
+    ],
+  ],
+  [
+    "Keys over the picture",
+    [
+      ["arrows, Page Up, Page Down", "move the chosen camera (Shift: finely); without one, turn the view"],
+      ["Alt + arrows, Alt + Page", "turn and roll the chosen camera"],
+      ["W S A D, Q E", "walk, down and up"],
+      ["+ −", "nearer, farther"],
+      ["F", "show everything"],
+      ["P", "floor plan"],
+      ["K", "section"],
+      ["L", "look through the chosen camera"],
+      ["Enter", "ask about the face in the middle of the picture"],
+      ["N, Shift + N", "next, previous camera"],
+      ["I", "aim: then click a point"],
+      ["R", "measure: click two points"],
+      ["C, G", "show or hide cameras, handles"],
+      ["X", "handles along the camera or the world"],
+      ["T, B", "transparent occluders, faces turned away"],
+      ["O, H", "lines along edges, flat colours"],
+      ["Esc", "end a drag or a tool, then let go of the face and the camera"],
+    ],
+  ],
+  [
+    "Everywhere",
+    [
+      ["Ctrl + Z, Ctrl + Shift + Z", "undo, redo"],
+      ["Ctrl + S", "save the rig"],
+      ["Ctrl + D", "duplicate the chosen camera"],
+      ["Delete", "delete the chosen camera (over the picture)"],
+      ["1 to 5", "panels"],
+      ["M", "next colours"],
+      ["?", "this help"],
+    ],
+  ],
+];
+
+export function helpOverlay() {
+  const dialog = element("dialog.help", { "aria-label": "Keys and mouse" });
+  dialog.append(
+    element(
+      "header",
+      {},
+      element("h2", {}, "Keys and mouse"),
+      button("Close", () => dialog.close()),
+    ),
+    element(
+      "div.columns",
+      {},
+      KEYS.map(([title, rows]) =>
+        element(
+          "section",
+          {},
+          element("h3", {}, title),
+          element(
+            "dl",
+            {},
+            rows.map(([key, words]) => [element("dt", {}, key), element("dd", {}, words)]),
+          ),
+        ),
+      ),
+    ),
+  );
+  dialog.show = () => dialog.showModal();
+  return dialog;
+}
+
+/**
+ * Listens to keys: those of the page everywhere except where text is typed, those of the picture while
+ * it has the focus, so that arrows on a slider move the slider alone.
+ *
+ * @param {object} parts session, view, navigation, gizmo, tools, bar (the tools), tabs, help
+ */
+export function listenToKeys({ session, view, navigation, gizmo, tools, bar, tabs, help }) {
+  document.addEventListener("keydown", (event) => {
+    if (document.querySelector("dialog[open]")) return;
+    const target = event.target;
+    const isTyping = target.matches?.(
+      "input:not([type=checkbox]):not([type=radio]):not([type=range]), textarea, select",
+    );
+    if (event.ctrlKey || event.metaKey) {
+      if (!isTyping && control(event, session)) event.preventDefault();
+      return;
+    }
+    if (isTyping || target.closest?.("[role=tablist]")) return;
+    // Without any focus keys are meant for the picture, too.
+    const isPicture = target === view.canvas || target === document.body;
+    const isUsed = isPicture ? pictureKey(event, { session, view, navigation, gizmo, tools, bar }) : false;
+    if (isUsed || pageKey(event, { session, tabs, help, tools, navigation, isPicture }))
+      event.preventDefault();
+  });
+  document.addEventListener("keyup", () => gizmo.endKeys());
+  window.addEventListener("blur", () => gizmo.endKeys());
+}
+
+function control(event, session) {
+  if (!session.canEdit) return false;
+  const key = event.key.toLowerCase();
+  if (key === "z") session.act({ do: event.shiftKey ? "redo" : "undo" });
+  else if (key === "y") session.act({ do: "redo" });
+  else if (key === "s") session.saveRig();
+  else if (key === "d" && session.chosen !== null) session.act({ do: "duplicate", station: session.chosen });
+  else return false;
+  return true;
+}
+
+function pageKey(event, { session, tabs, help, tools, navigation }) {
+  if (event.key === "?") help.show();
+  else if (/^[1-5]$/.test(event.key)) tabs.show(Number(event.key) - 1);
+  else if (event.key.toLowerCase() === "m") nextMode(session, event.shiftKey ? -1 : 1);
+  else if (event.key === "Escape") escape(session, tools, navigation);
+  else return false;
+  return true;
+}
+
+function nextMode(session, step) {
+  const { modes } = session.scene;
+  const at = modes.findIndex((mode) => mode.id === session.mode);
+  session.setMode(modes[(at + step + modes.length) % modes.length].id);
+}
+
+/** Ends the innermost thing in progress. */
+function escape(session, tools, navigation) {
+  if (navigation.cancel()) return;
+  if (tools.tool !== "pick") tools.set("pick");
+  else if (session.face !== null || tools.zone) tools.pickFace(null);
+  else session.choose(null);
+}
+
+function pictureKey(event, { session, view, navigation, gizmo, tools, bar }) {
+  const simple = {
+    f: "Fit",
+    p: "Floor plan",
+    k: "Section",
+    r: "Measure",
+    i: "Aim",
+    c: "Cameras",
+    g: "Handles",
+    x: "Handles along the camera",
+    t: "Transparent occluders",
+    b: "Leave out faces turned away",
+    o: "Lines along edges",
+    h: "Flat colours",
+  };
+  const text = simple[event.key.toLowerCase()];
+  if (text) {
+    [...bar.querySelectorAll("button")].find((each) => each.textContent === text)?.click();
+  } else if (event.key.toLowerCase() === "l") {
+    if (session.station()) view.lookThrough(session.station());
+  } else if (event.key.toLowerCase() === "n") {
+    nextStation(session, event.shiftKey ? -1 : 1);
+  } else if (event.key === "Delete" && session.canEdit && session.chosen !== null) {
+    session.act({ do: "delete", station: session.chosen });
+  } else if (event.key === "Enter") {
+    tools.pickFace(view.pick(view.canvas.clientWidth / 2, view.canvas.clientHeight / 2));
+  } else {
+    return gizmo.key(event) || navigation.key(event);
+  }
+  return true;
+}
+
+function nextStation(session, step) {
+  const { stations } = session.state;
+  if (!stations.length) return;
+  const at = stations.findIndex((station) => station.id === session.chosen);
+  session.choose(stations[(at + step + stations.length) % stations.length].id);
+}

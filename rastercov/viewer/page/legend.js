@@ -1,0 +1,120 @@
+/** Legend of the colours, with the menu of what they mean, and the summary of the coverage. */
+
+import { button, choice, cssColour, element, figure, fill, percent, count } from "rastercov/dom.js";
+
+const BUSY_AFTER = 400; // ms
+
+export function legend(session) {
+  const entries = element("ul.keys");
+  const ramp = element("canvas.ramp", { width: 256, height: 1, hidden: true });
+  const ends = element("div.ends", { hidden: true });
+  const choices = session.scene.modes.map((mode) => [mode.id, mode.label]);
+  const menu = choice("Colour by", choices, session.mode, (id) => session.setMode(id), {
+    title: "what the colours mean (M: next)",
+  });
+  session.on("mode", () => (menu.value = session.mode));
+  session.on("frame", (figures) => {
+    fill(
+      entries,
+      (figures.legend ?? []).map((each) => legendEntry(each)),
+    );
+    showScale(session, figures.scale, ramp, ends);
+  });
+  const folded = button(
+    "–",
+    () => {
+      const isFolded = root.classList.toggle("folded");
+      folded.textContent = isFolded ? "+" : "–";
+    },
+    { title: "fold the legend", kind: "quiet", "aria-label": "fold the legend" },
+  );
+  const root = element(
+    "section.legend",
+    { "aria-label": "Legend" },
+    element("header", {}, element("label", {}, "Colour ", menu), folded),
+    ramp,
+    ends,
+    entries,
+  );
+  return root;
+}
+
+function legendEntry({ label, colour, percent: share, level }) {
+  const swatch = element("span.swatch", { "data-level": String(level) });
+  swatch.style.backgroundColor = cssColour(colour);
+  return element(
+    "li",
+    {},
+    swatch,
+    element("span", {}, label),
+    share === null || share === undefined ? null : element("span.figure", {}, percent(share)),
+  );
+}
+
+/** Ramp of a scale, in the very colours of the palette. */
+function showScale(session, scale, ramp, ends) {
+  ramp.hidden = ends.hidden = !scale;
+  if (!scale) return;
+  const context = ramp.getContext("2d");
+  const row = context.createImageData(256, 1);
+  for (let x = 0; x < 256; x++) {
+    const level = Math.round(scale.first + (x / 255) * (scale.last - scale.first));
+    row.data.set([...session.palette.subarray(3 * level, 3 * level + 3), 255], 4 * x);
+  }
+  context.putImageData(row, 0, 0);
+  const middle = scale.is_log ? Math.sqrt(scale.low * scale.high) : (scale.low + scale.high) / 2;
+  fill(
+    ends,
+    [figure(scale.low), figure(middle), `${figure(scale.high)} ${scale.unit ?? ""}`].map((text) =>
+      element("span", {}, text),
+    ),
+  );
+}
+
+/** Covered part, always in sight, with the change since the page was opened. */
+export function summary(session) {
+  const main = element("strong.covered");
+  const change = element("span.change");
+  const rest = element("span.soft");
+  const timing = element("span.soft.timing");
+  let first = null;
+  let timer = 0;
+  const root = element(
+    "div.summary",
+    { role: "status", "aria-label": "Coverage" },
+    element("span", {}, "Covered"),
+    main,
+    change,
+    rest,
+    timing,
+  );
+  session.on("busy", () => {
+    clearTimeout(timer);
+    timer = setTimeout(() => {
+      root.classList.add("busy");
+      if (first === null)
+        rest.textContent = "measuring… (the first time, loops are compiled: a minute or two)";
+    }, BUSY_AFTER);
+  });
+  session.on("idle", () => {
+    clearTimeout(timer);
+    root.classList.remove("busy");
+  });
+  session.on("frame", ({ summary: now, cpu_ms: cpu }) => {
+    const { covered } = now;
+    main.textContent = percent(covered.area_percent);
+    first ??= covered.area_percent;
+    const by = covered.area_percent - first;
+    change.textContent = Math.abs(by) < 0.05 ? "" : `${by > 0 ? "+" : "−"}${Math.abs(by).toFixed(1)}`;
+    change.className = `change ${by > 0 ? "up" : "down"}`;
+    change.title = "points since this page was opened";
+    const exact = now.exact_area_percent;
+    rest.textContent =
+      `of the area, ${percent(covered.percent)} of ${count(now.task_faces)} faces` +
+      (exact === null || exact === undefined ? "" : `, exact area ${exact.toFixed(2)} %`);
+    const took = now.cpu_ms ?? cpu;
+    timing.textContent = took === undefined || took === null ? "" : `${figure(took, 2)} ms`;
+    timing.title = "time of the program for these figures";
+  });
+  return root;
+}

@@ -1,0 +1,94 @@
+/** Puts the page together: server, picture, panels. */
+
+import { Recorded, Server, takeToken } from "rastercov/api.js";
+import { fitAll, toolBar, topBar } from "rastercov/bars.js";
+import { cameraPanel, imagePanel } from "rastercov/camera_panel.js";
+import { camerasPanel } from "rastercov/cameras_panel.js";
+import { drawConstraints, hasConstraints } from "rastercov/constraints.js";
+import { element, section } from "rastercov/dom.js";
+import { Frusta, fieldOfStation } from "rastercov/frusta.js";
+import { Gizmo } from "rastercov/gizmo.js";
+import { testHandle } from "rastercov/handle.js";
+import { helpOverlay, listenToKeys } from "rastercov/help.js";
+import { legend, summary } from "rastercov/legend.js";
+import { Navigation } from "rastercov/navigation.js";
+import { networkPanel } from "rastercov/network_panel.js";
+import { objectPanel } from "rastercov/object_panel.js";
+import { SceneView } from "rastercov/scene_view.js";
+import { Session } from "rastercov/session.js";
+import { Jobs, connectionBanner, messages, offerLost } from "rastercov/status.js";
+import { tabs } from "rastercov/tabs.js";
+import { Tools } from "rastercov/tools.js";
+import { whyPanel, zonesPanel } from "rastercov/why.js";
+
+async function open() {
+  const session = new Session(Recorded.ofPage() ?? new Server(takeToken()));
+  await session.open();
+  document.title = `${session.scene.title} – rastercov`;
+  const canvas = element("canvas.scene", { tabindex: "0", "aria-label": "the scene; press ? for keys" });
+  const overlay = element("div.overlay");
+  const view = new SceneView(session, canvas);
+  const frusta = new Frusta(view, session, overlay);
+  const navigation = new Navigation(view);
+  const gizmo = new Gizmo(view, session, navigation);
+  const tools = new Tools(view, session, navigation, frusta, overlay);
+  const jobs = new Jobs(session);
+  const help = helpOverlay();
+  const shown = { constraints: hasConstraints(session.scene.constraints) };
+  view.onSketch((sketch) => shown.constraints && drawConstraints(sketch, session.scene.constraints));
+  view.lookThrough = (station) => {
+    view.camera.pin(session.poseOf(station), fieldOfStation(session.cameraOf(station), canvas));
+    view.request();
+  };
+
+  const bar = toolBar(session, { view, tools, frusta, gizmo });
+  const lines = messages(session);
+  let isImageShown = () => false;
+  const image = imagePanel(session, view, frusta, () => isImageShown());
+  const panels = tabs(
+    [
+      ["Object", objectPanel(session, view, shown)],
+      ["Cameras", camerasPanel(session, { view, tools, jobs })],
+      ["Camera", cameraPanel(session, view)],
+      ["Image", image],
+      ["Network", networkPanel(session, jobs)],
+    ],
+    1,
+  );
+  isImageShown = () => panels.isShown("Image");
+
+  document.body.replaceChildren(
+    topBar(session, { summary: summary(session), help }),
+    connectionBanner(session),
+    element(
+      "main",
+      {},
+      element("aside.left", { "aria-label": "Panels" }, panels.root),
+      element("div.stage", {}, canvas, overlay, bar, legend(session), jobs.root, lines),
+      element(
+        "aside.right",
+        { "aria-label": "Why" },
+        section("Why", [whyPanel(session, view)]),
+        zonesPanel(session, tools),
+      ),
+    ),
+    help,
+  );
+
+  await view.open();
+  listenToKeys({ session, view, navigation, gizmo, tools, bar, tabs: panels, help });
+  fitAll(session, view);
+  window.rastercov = testHandle(session, view, tools, frusta, gizmo);
+  await session.refresh();
+  session.watch();
+  offerLost(session, lines);
+}
+
+open().catch((error) => {
+  console.error(error);
+  const wanted =
+    error.status === 403
+      ? "This address has no valid key. Open the one that rastercov printed: it ends in # and the key."
+      : `The page could not be opened: ${error.message}`;
+  document.body.replaceChildren(element("p.failed", { role: "alert" }, wanted));
+});

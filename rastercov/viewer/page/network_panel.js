@@ -1,0 +1,96 @@
+/** Panel "Network": all cameras together by the model of choice, and the thresholds of the task. */
+
+import { button, element, fill, percent, section } from "rastercov/dom.js";
+import { control } from "rastercov/fields.js";
+import { modeList } from "rastercov/modes.js";
+
+export function networkPanel(session, jobs) {
+  const modes = modeList(session, "network");
+  return element(
+    "div",
+    {},
+    section("All cameras together", [modes, reasons(session)]),
+    session.canEdit ? section("What counts as covered", [thresholds(session)]) : null,
+    session.canEdit ? section("Exact area", [exactArea(session, jobs)]) : null,
+  );
+}
+
+const REASON_WORDS = {
+  occluded: "hidden",
+  outside: "outside every image",
+  back_facing: "seen from behind",
+  too_coarse: "too coarse",
+  out_of_focus: "out of focus",
+  too_oblique: "too oblique",
+  too_few_views: "too few views",
+  unsampled: "too small",
+  degenerate: "no area",
+  no_cameras: "no camera",
+};
+
+/** Table of what is not covered, by reason. */
+function reasons(session) {
+  const table = element("table.reasons");
+  const show = () => {
+    const because = Object.entries(session.figures?.summary.not_covered_because ?? {});
+    const rows = because
+      .filter(([, row]) => row.faces > 0)
+      .sort((a, b) => b[1].area_percent - a[1].area_percent);
+    fill(
+      table,
+      element("caption", {}, rows.length ? "Not covered, of the area" : ""),
+      rows.map(([name, row]) =>
+        element(
+          "tr",
+          {},
+          element("th", { scope: "row" }, REASON_WORDS[name] ?? name.replaceAll("_", " ")),
+          element("td", {}, percent(row.area_percent)),
+        ),
+      ),
+    );
+  };
+  session.on("frame", show);
+  show();
+  return table;
+}
+
+/** Sliders of the task. */
+function thresholds(session) {
+  const controls = session.scene.task_fields.map((field) => ({
+    field,
+    control: control(field, session.state.task[field.name] ?? null, (value, isDrag) => {
+      session.act({ do: "task", changes: { [field.name]: value } }, { isDrag });
+    }),
+  }));
+  session.on("state", (state) => {
+    for (const { field, control: made } of controls) made.set(state.task[field.name] ?? null);
+  });
+  return element(
+    "div",
+    {},
+    controls.map(({ control: made }) => made.root),
+  );
+}
+
+function exactArea(session, jobs) {
+  const words = element("p");
+  const show = () => {
+    const exact = session.figures?.summary.exact_area_percent;
+    words.textContent =
+      exact === null || exact === undefined
+        ? "Faces count wholly or not at all above. The exact area counts each point of the surface."
+        : `The cameras cover ${exact.toFixed(2)} % of the area, point by point.`;
+  };
+  session.on("frame", show);
+  show();
+  return element(
+    "div",
+    {},
+    words,
+    element(
+      "div.buttons",
+      {},
+      button("Compute exact area", () => jobs.start({ kind: "area" }), { title: "may take a while" }),
+    ),
+  );
+}

@@ -1,0 +1,79 @@
+/** Panel "Object": the mesh, its groups, its segments, and the constraints of the plan. */
+
+import { check, count, element, metres, section } from "rastercov/dom.js";
+import { hasConstraints } from "rastercov/constraints.js";
+import { modeList } from "rastercov/modes.js";
+
+const ROLES = { task: "to be covered", occluder: "only hides", target: "target" };
+
+export function objectPanel(session, view, shown) {
+  const { scene } = session;
+  const sides = [0, 1, 2].map((axis) => metres(scene.bounds[1][axis] - scene.bounds[0][axis]));
+  const facts = element(
+    "dl.facts",
+    {},
+    element("dt", {}, "Faces"),
+    element("dd", {}, count(scene.n_faces)),
+    element("dt", {}, "Vertices"),
+    element("dd", {}, count(scene.n_vertices)),
+    element("dt", {}, "Size"),
+    element("dd", {}, sides.join(" × ")),
+    scene.result ? [element("dt", {}, "Result"), element("dd", {}, scene.result.words)] : null,
+  );
+  const groups = scene.groups.map((group, at) =>
+    element(
+      "li",
+      {},
+      check(
+        group.name || `group ${at}`,
+        true,
+        (isOn) => {
+          if (isOn) view.hiddenGroups.delete(at);
+          else view.hiddenGroups.add(at);
+          view.showGroups();
+        },
+        { title: "show or hide" },
+      ),
+      element("span.soft", {}, `${ROLES[group.role] ?? group.role}, ${count(group.faces)} faces`),
+    ),
+  );
+  const modes = modeList(session, "object");
+  return element(
+    "div",
+    {},
+    section(scene.title, [facts]),
+    section("Groups", [element("ul.plain", {}, groups)]),
+    modes ? section("Segmentation", [modes]) : null,
+    hasConstraints(scene.constraints)
+      ? section("Constraints", constraintControls(session, view, shown))
+      : null,
+  );
+}
+
+function constraintControls(session, view, shown) {
+  const { constraints } = session.scene;
+  const kept = check("Keep cameras where the plan allows them", constraints.is_kept, (isKept) => {
+    session.act({ do: "constraints", is_kept: isKept });
+  });
+  kept.hidden = !session.canEdit;
+  session.on("state", (state) => {
+    const isKept = state.is_kept ?? constraints.is_kept;
+    kept.querySelector("input").checked = isKept;
+  });
+  const words = [
+    constraints.boxes?.length ? `${constraints.boxes.length} mounting places (green)` : "",
+    ...(constraints.keep_out ?? []).map((part) => `no camera in “${part.name}” (red)`),
+  ].filter(Boolean);
+  return [
+    check("Show them", shown.constraints, (isOn) => {
+      shown.constraints = isOn;
+      view.request();
+    }),
+    kept,
+    element(
+      "ul.plain.soft",
+      {},
+      words.map((text) => element("li", {}, text)),
+    ),
+  ];
+}

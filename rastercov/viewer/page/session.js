@@ -1,0 +1,346 @@
+/**
+ * The rig as the server knows it, and what this page asks of it.
+ *
+ * Acts wait in a queue: one is on its way, and a step of a gesture replaces the one before it that has
+ * not left yet. When the server is gone, the queue and the last state are kept, and leave again when it
+ * answers.
+ *
+ * Events: "state" (rig or task), "frame" (levels and figures), "chosen" (station), "face" (picked),
+ * "connection", "idle", "fault" (one line for the user), "notice" (one line), "mode".
+ */
+
+import { Gone, bytesOf } from "rastercov/api.js";
+
+const PING_EVERY = 2000;
+const KEPT_KEY = "rastercov-kept";
+
+export class Session {
+  #listeners = new Map();
+  #queue = [];
+  #isSending = false;
+
+  constructor(server) {
+    this.server = server;
+    this.isConnected = true;
+    this.chosen = null; // id of a station
+    this.face = null; // index of the picked face
+    this.reloads = 0; // how often the state of another tab was taken: gestures begun before are void
+    this.localPoses = new Map(); // station -> pose that is not the server's yet
+    this.options = {}; // mode -> values of its fields
+  }
+
+  on(events, listener) {
+    for (const event of events.split(" ")) {
+      if (!this.#listeners.has(event)) this.#listeners.set(event, []);
+      this.#listeners.get(event).push(listener);
+    }
+  }
+
+  emit(event, detail) {
+    for (const listener of this.#listeners.get(event) ?? []) listener(detail);
+  }
+
+  /** Reads the scene and the state; the first frame comes by `act`. */
+  async open() {
+    const [scene, soup, groups, state] = await Promise.all([
+      this.server.scene(),
+      this.server.soup(),
+      this.server.groups(),
+      this.server.state(),
+    ]);
+    Object.assign(this, { scene, corners: soup.corners, origin: soup.origin, faceGroups: groups, state });
+    const modes = scene.modes.filter((mode) => this.server.hasMode?.(mode.id) ?? true);
+    scene.modes = modes;
+    for (const mode of modes) {
+      this.options[mode.id] = Object.fromEntries((mode.options ?? []).map((f) => [f.name, f.default]));
+    }
+    this.mode = modes[0].id;
+    this.chosen = state.stations[0]?.id ?? null;
+  }
+
+  get canEdit() {
+    return Boolean(this.scene?.can_edit) && !this.server.isRecorded;
+  }
+
+  get isIdle() {
+    return this.#queue.length === 0 && !this.#isSending;
+  }
+
+  station(id = this.chosen) {
+    return this.state.stations.find((station) => station.id === id) ?? null;
+  }
+
+  cameraOf(station) {
+    return this.state.cameras[station.camera];
+  }
+
+  modeOf(id = this.mode) {
+    return this.scene.modes.find((mode) => mode.id === id);
+  }
+
+  /** Pose of a station as it is shown: that of a drag goes before the server's. */
+  poseOf(station) {
+    return this.localPoses.get(station.id) ?? station.pose;
+  }
+
+  choose(id) {
+    if (id === this.chosen) return;
+    this.chosen = id;
+    this.emit("chosen", id);
+    if (this.modeOf().panel === "camera" && id !== null) this.refresh();
+  }
+
+  setMode(id) {
+    if (id === this.mode) return;
+    this.mode = id;
+    this.emit("mode", id);
+    this.refresh();
+  }
+
+  setOption(name, value, isDrag = false) {
+    this.options[this.mode] = { ...this.options[this.mode], [name]: value };
+    this.act({ do: "none" }, { isDrag });
+  }
+
+  /** Figures of the present mode once more. */
+  refresh() {
+    return this.act({ do: "none" });
+  }
+
+  /**
+   * Sends an action; the promise ends with its frame, or with null where a later step replaced it.
+   *
+   * @param {object} action as the server takes it
+   * @param {object} options isDrag: a step of a gesture that is not over
+   */
+  act(action, { isDrag = false } = {}) {
+    if (action.do === "pose") {
+      this.localPoses.set(action.station, action.pose);
+      this.emit("poses");
+    }
+    return new Promise((resolve) => {
+      const item = { action, isDrag, resolve, isSent: false };
+      const last = this.#queue.at(-1);
+      if (last && !last.isSent && replaces(item, last)) this.#queue.pop().resolve(null);
+      this.#queue.push(item);
+      this.#send();
+    });
+  }
+
+  async #send() {
+    if (this.#isSending || !this.isConnected) return;
+    this.#isSending = true;
+    this.emit("busy");
+    while (this.#queue.length && this.isConnected) {
+      const item = this.#queue[0];
+      item.isSent = true;
+      try {
+        const frame = await this.server.act({
+          revision: this.state.revision,
+          mode: this.mode,
+          options: this.options[this.mode],
+          station: this.chosen,
+          is_drag: item.isDrag,
+          action: item.action,
+        });
+        this.#queue.shift();
+        this.#adopt(frame, item.action);
+        item.resolve(frame.json);
+      } catch (error) {
+        item.isSent = false;
+        if (error instanceof Gone) {
+          this.#setConnected(false);
+        } else {
+          await this.#refused(error, item);
+        }
+      }
+    }
+    this.#isSending = false;
+    if (this.isIdle) this.emit("idle");
+  }
+
+  async #refused(error, item) {
+    if (error.status === 403) {
+      this.#setConnected(
+        false,
+        "the program was started again with another key: open the address that it printed",
+      );
+      return;
+    }
+    this.#queue.shift();
+    item.resolve(null);
+    this.localPoses.clear();
+    if (error.status === 409) {
+      for (const other of this.#queue.splice(0)) other.resolve(null);
+      await this.reload(
+        "Another tab changed the rig; it is shown here now, and your last change was left out.",
+      );
+    } else {
+      this.emit("fault", error.message);
+      this.emit("poses");
+      this.emit("state", this.state);
+    }
+  }
+
+  #adopt({ json, payload }, action) {
+    const { state, ...figures } = json;
+    const isLater = this.#queue.some((item) => item.action.do === "pose");
+    if (!isLater) this.localPoses.clear();
+    const known = new Set(this.state.stations.map((station) => station.id));
+    this.state = state;
+    const added = state.stations.find((station) => !known.has(station.id));
+    const isChosenGone = this.chosen !== null && !this.station();
+    this.figures = figures;
+    this.levels = payload;
+    this.palette = bytesOf(figures.palette);
+    this.#keep();
+    if (added && ["add", "duplicate"].includes(action.do)) {
+      this.chosen = added.id;
+      this.emit("chosen", added.id);
+    } else if (isChosenGone) {
+      this.chosen = state.stations[0]?.id ?? null;
+      this.emit("chosen", this.chosen);
+    }
+    this.emit("state", state);
+    this.emit("frame", figures);
+  }
+
+  /** Takes the server's state, whatever this page showed. */
+  async reload(words = "") {
+    try {
+      this.reloads += 1;
+      this.state = await this.server.state();
+      this.localPoses.clear();
+      if (this.chosen !== null && !this.station()) this.chosen = this.state.stations[0]?.id ?? null;
+      this.emit("state", this.state);
+      this.emit("chosen", this.chosen);
+      if (words) this.emit("notice", words);
+      this.refresh();
+    } catch (error) {
+      if (error instanceof Gone) this.#setConnected(false);
+      else this.emit("fault", error.message);
+    }
+  }
+
+  /** Takes a change of this page's own making, such as that of a job or of saving. */
+  async takeOver() {
+    this.state = await this.server.state();
+    await this.refresh();
+  }
+
+  /** Asks every two seconds whether the server is there and the rig still ours. */
+  watch() {
+    if (this.server.isRecorded) return;
+    setInterval(() => this.check(), PING_EVERY);
+    window.addEventListener("hashchange", () => location.reload());
+  }
+
+  async check() {
+    if (this.#isSending || this.isChecking) return;
+    this.isChecking = true;
+    try {
+      const { revision } = await this.server.ping();
+      const isBack = !this.isConnected;
+      if (isBack) this.#setConnected(true);
+      if (this.#isSending) return;
+      if (isBack) await this.#comeBack(revision);
+      else if (revision !== this.state.revision && this.isIdle) {
+        await this.reload("Another tab changed the rig; it is shown here now.");
+      }
+    } catch (error) {
+      const isKeyOld = error.status === 403;
+      this.#setConnected(
+        false,
+        isKeyOld ? "the program was started again with another key: open the address that it printed" : "",
+      );
+    } finally {
+      this.isChecking = false;
+    }
+  }
+
+  /** The server answers again: what waits leaves, or what it lost is offered. */
+  async #comeBack(revision) {
+    const kept = this.state;
+    const state = await this.server.state();
+    const isSame = state.session === kept.session;
+    if (isSame && revision === kept.revision) {
+      this.emit("notice", "rastercov answers again; nothing was lost.");
+      this.#send();
+      if (this.isIdle) this.refresh();
+      return;
+    }
+    if (isSame) {
+      // The act on its way when the line broke may have arrived; poses are absolute and leave again.
+      const waiting = this.#queue.splice(0);
+      this.state = state;
+      this.emit("state", state);
+      for (const { action, resolve } of waiting) {
+        if (["pose", "camera", "task", "switch", "rename"].includes(action.do)) this.act(action);
+        resolve(null);
+      }
+      this.refresh();
+      this.emit("notice", "rastercov answers again.");
+      return;
+    }
+    for (const { resolve } of this.#queue.splice(0)) resolve(null);
+    const poses = new Map(this.localPoses);
+    this.state = state;
+    this.localPoses.clear();
+    await this.restore({
+      ...kept,
+      stations: kept.stations.map((s) => ({ ...s, pose: poses.get(s.id) ?? s.pose })),
+    });
+    this.emit("notice", "The program was started again; the rig of this page was put back.");
+  }
+
+  /** Puts a state that this page kept in place of the server's, as one step that can be undone. */
+  restore(kept) {
+    const { stations, cameras, task } = kept;
+    return this.act({ do: "restore", rig: { stations, cameras, task } });
+  }
+
+  #setConnected(isConnected, words = "") {
+    if (isConnected === this.isConnected && !words) return;
+    this.isConnected = isConnected;
+    this.emit("connection", { isConnected, words });
+  }
+
+  /** Keeps the rig for a later page of this tab, in case this one is lost. */
+  #keep() {
+    if (!this.canEdit || !this.state.can_undo) return; // nothing of this run: leave what another left
+    const { stations, cameras, task, session } = this.state;
+    const kept = { title: this.scene.title, session, isSaved: this.state.is_saved, stations, cameras, task };
+    try {
+      sessionStorage.setItem(KEPT_KEY, JSON.stringify(kept));
+    } catch {
+      // full, or forbidden by the browser: the page itself still has the rig
+    }
+  }
+
+  /** What an earlier page of this tab kept of the same scene and another run of the program, or null. */
+  lost() {
+    try {
+      const kept = JSON.parse(sessionStorage.getItem(KEPT_KEY));
+      const isOther = kept && kept.session !== this.state.session && kept.title === this.scene.title;
+      return isOther && !kept.isSaved ? kept : null;
+    } catch {
+      return null;
+    }
+  }
+
+  /** Poses of the rig as a file that `rastercov view --poses` and `rastercov evaluate --poses` read. */
+  poseFile() {
+    const on = this.state.stations.filter((station) => station.is_on);
+    const rows = (pose) => [0, 4, 8, 12].map((at) => pose.slice(at, at + 4));
+    return JSON.stringify({ world_from_camera: on.map((station) => rows(this.poseOf(station))) }, null, 1);
+  }
+}
+
+/** Whether a newer act makes an older one that has not left pointless. */
+function replaces(newer, older) {
+  const [a, b] = [newer.action, older.action];
+  if (a.do === "none" && b.do === "none") return true;
+  if (!older.isDrag || a.do !== b.do || a.station !== b.station || a.camera !== b.camera) return false;
+  const keys = (action) => Object.keys(action.changes ?? {}).join();
+  return keys(a) === keys(b);
+}

@@ -1,0 +1,141 @@
+/** Lines for the user: short ones that pass, the banner of a lost server, and the work in progress. */
+
+import { button, element } from "rastercov/dom.js";
+
+const SHOWN_FOR = 6000;
+const JOB_EVERY = 400;
+
+/** Messages at the bottom; a fault stays until it is closed. */
+export function messages(session) {
+  const root = element("div.messages", { "aria-live": "polite" });
+  const say = (text, kind, more = []) => {
+    for (const old of root.children) if (old.dataset.text === text) old.remove();
+    const line = element(
+      `div.message.${kind}`,
+      { role: kind === "fault" ? "alert" : "status", "data-text": text },
+      element("span", {}, text),
+      more,
+      button("×", () => line.remove(), { kind: "quiet", "aria-label": "close" }),
+    );
+    root.append(line);
+    if (root.children.length > 4) root.firstChild.remove();
+    if (kind !== "fault" && !more.length) setTimeout(() => line.remove(), SHOWN_FOR);
+    return line;
+  };
+  session.on("fault", (text) => say(text, "fault"));
+  session.on("notice", (text) => say(text, "notice"));
+  root.say = say;
+  return root;
+}
+
+/** Offers a text as a file of the user's. */
+export function offerFile(name, content, type = "application/json") {
+  const blob = content instanceof Blob ? content : new Blob([content], { type });
+  const link = element("a", { href: URL.createObjectURL(blob), download: name });
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
+}
+
+/** Banner while the program does not answer; the rig is in the page and can be taken from it. */
+export function connectionBanner(session) {
+  const words = element("span");
+  const root = element(
+    "div.banner",
+    { role: "alert", hidden: true },
+    words,
+    button("Download it", () => offerFile("rig.json", session.poseFile()), {
+      title: "poses of all cameras that are on, for rastercov view --poses",
+    }),
+    button("Try again", () => session.check()),
+  );
+  session.on("connection", ({ isConnected, words: reason }) => {
+    root.hidden = isConnected;
+    words.textContent = `rastercov does not answer${reason ? `: ${reason}` : ""}. Your rig is kept in this page.`;
+    document.body.classList.toggle("offline", !isConnected);
+  });
+  return root;
+}
+
+/** What an earlier page of this tab kept can be put back. */
+export function offerLost(session, lines) {
+  const kept = session.lost();
+  if (!kept) return;
+  const line = lines.say(
+    "The program was started again. A rig that was not saved is still in this tab.",
+    "notice",
+    [
+      button("Put it back", () => {
+        line.remove();
+        session.restore(kept);
+      }),
+    ],
+  );
+}
+
+/** The work that runs in the program: one at a time, with its progress, and a way to end it. */
+export class Jobs {
+  constructor(session) {
+    this.session = session;
+    this.bar = element("progress", { max: 1 });
+    this.words = element("span");
+    this.root = element(
+      "div.job",
+      { hidden: true, role: "status" },
+      this.words,
+      this.bar,
+      button("Cancel", () => this.#cancel(), { title: "and keep the rig as it was" }),
+    );
+  }
+
+  async start(what) {
+    if (this.isRunning) {
+      this.session.emit("notice", "One piece of work at a time: wait for it, or cancel it.");
+      return;
+    }
+    this.isRunning = true;
+    try {
+      await this.session.server.startJob(what);
+      await this.#follow();
+    } catch (error) {
+      this.session.emit("fault", error.message);
+    } finally {
+      this.isRunning = false;
+      this.root.hidden = true;
+      this.session.emit("job");
+    }
+  }
+
+  async #follow() {
+    this.root.hidden = false;
+    this.words.textContent = "beginning…";
+    this.bar.removeAttribute("value");
+    for (;;) {
+      const job = await this.session.server.job();
+      if (job.id === null || job.status !== "running") {
+        this.isRunning = false; // the next may begin while its result is drawn
+        if (job.status === "failed") this.session.emit("fault", job.words);
+        else if (job.words) this.session.emit("notice", job.words);
+        if (job.status === "done") {
+          const known = new Set(this.session.state.stations.map((station) => station.id));
+          await this.session.takeOver();
+          const added = this.session.state.stations.find((station) => !known.has(station.id));
+          if (added) this.session.choose(added.id);
+        }
+        return;
+      }
+      this.words.textContent = job.words;
+      if (job.total) this.bar.value = job.done / job.total;
+      else this.bar.removeAttribute("value");
+      await new Promise((resolve) => setTimeout(resolve, JOB_EVERY));
+    }
+  }
+
+  async #cancel() {
+    this.words.textContent = "ending…";
+    try {
+      await this.session.server.cancelJob();
+    } catch (error) {
+      this.session.emit("fault", error.message);
+    }
+  }
+}

@@ -1,0 +1,51 @@
+/** Panels behind tabs; arrows go from tab to tab, as the ARIA pattern has it. */
+
+import { element } from "rastercov/dom.js";
+
+/**
+ * @param {[string, HTMLElement][]} panels titles and contents
+ * @param {number} first index of the one that is shown at first
+ */
+export function tabs(panels, first) {
+  const heads = panels.map(([title], at) =>
+    element(
+      "button.tab",
+      {
+        type: "button",
+        role: "tab",
+        id: `tab-${title}`,
+        "aria-controls": `panel-${title}`,
+        title: `press ${at + 1}`,
+        on: { click: () => show(at) },
+      },
+      title,
+    ),
+  );
+  const bodies = panels.map(([title, body]) =>
+    element("div.panel", { role: "tabpanel", id: `panel-${title}`, "aria-labelledby": `tab-${title}` }, body),
+  );
+  let shown = first;
+  const show = (at) => {
+    shown = at;
+    heads.forEach((head, k) => {
+      head.setAttribute("aria-selected", String(k === at));
+      head.tabIndex = k === at ? 0 : -1;
+      bodies[k].hidden = k !== at;
+    });
+    panels[at][1].onShown?.();
+  };
+  const list = element("div.tabs", { role: "tablist", "aria-label": "Panels" }, heads);
+  list.addEventListener("keydown", (event) => {
+    const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
+    if (!step) return;
+    show((shown + step + panels.length) % panels.length);
+    heads[shown].focus();
+    event.preventDefault();
+  });
+  show(first);
+  return {
+    root: element("div.tabbed", {}, list, bodies),
+    show,
+    isShown: (title) => panels[shown][0] === title,
+  };
+}

@@ -1,0 +1,136 @@
+/**
+ * What a click in the picture does: pick a face or a camera, aim the chosen camera, or measure.
+ *
+ * Also the section that cuts the scene open, and the marks of the picked face and of a dead zone.
+ */
+
+import { add, column, distance, dot, mix, scale, subtract, cross, unit } from "rastercov/maths.js";
+import { element, metres } from "rastercov/dom.js";
+
+const PICKED = [0.95, 0.25, 0.85, 1];
+const MEASURE = [0.95, 0.6, 0.05, 1];
+
+export class Tools {
+  constructor(view, session, navigation, frusta, overlay) {
+    Object.assign(this, { view, session, frusta });
+    this.tool = "pick";
+    this.points = []; // of the measure
+    this.zone = null; // faces of the chosen dead zone
+    this.figure = element("div.measure", { hidden: true, "aria-live": "polite" });
+    overlay.append(this.figure);
+    navigation.onClick((x, y) => this.#click(x, y));
+    view.onSketch((sketch, look) => this.#draw(sketch, look));
+    view.onDrawn((look) => this.#label(look));
+  }
+
+  /** "pick", "aim" or "measure". */
+  set(tool) {
+    this.tool = tool;
+    if (tool !== "measure") this.points = [];
+    this.view.canvas.dataset.tool = tool;
+    this.session.emit("tool", tool);
+    this.view.request();
+  }
+
+  #click(x, y) {
+    if (this.tool === "aim") return this.#aim(x, y);
+    if (this.tool === "measure") return this.#measure(x, y);
+    const station = this.frusta.at(x, y);
+    if (station !== null) {
+      this.session.choose(station);
+      return true;
+    }
+    this.pickFace(this.view.pick(x, y));
+    return true;
+  }
+
+  /** Takes a picked face, {face, point} or null, as the one that is asked about. */
+  pickFace(found) {
+    this.session.face = found?.face ?? null;
+    this.session.facePoint = found?.point ?? null;
+    this.zone = null;
+    this.session.emit("face", found);
+  }
+
+  /** Shows the faces of a dead zone and flies there. */
+  showZone(zone) {
+    this.zone = zone.faces;
+    const { camera } = this.view;
+    const reach = 3.2 * Math.sqrt(Math.max(zone.area, 1e-12)) + 0.02 * camera.range;
+    this.view.flyTo(camera.placeBefore(zone.centre, zone.normal, reach));
+  }
+
+  #aim(x, y) {
+    const found = this.view.pick(x, y);
+    const station = this.session.station();
+    if (found && station) this.session.act({ do: "aim", station: station.id, point: found.point });
+    else if (!found) this.session.emit("notice", "Click on a face to aim at, or press Esc.");
+    if (found) this.set("pick");
+    return true;
+  }
+
+  #measure(x, y) {
+    const found = this.view.pick(x, y);
+    if (!found) return true;
+    if (this.points.length === 2) this.points = [];
+    this.points.push(found.point);
+    this.view.request();
+    return true;
+  }
+
+  #draw(sketch, look) {
+    const { face } = this.session;
+    if (this.zone) for (const each of this.zone) this.#mark(sketch, each, 0.45, null);
+    if (face !== null) this.#mark(sketch, face, 0.35, look);
+    for (const point of this.points) this.#cross(sketch, point, look);
+    if (this.points.length === 2) sketch.line(...this.points, MEASURE, 2.5);
+  }
+
+  /** Face in the colour of what is picked; with a frame where it is one face. */
+  #mark(sketch, face, opacity, look) {
+    const corners = this.view.corners(face);
+    sketch.triangle(...corners, [...PICKED.slice(0, 3), opacity]);
+    if (look) sketch.path(corners, PICKED, 2.5, true);
+  }
+
+  #cross(sketch, point, look) {
+    const size = 6 * look.pixelAt(point);
+    for (const at of [0, 1]) {
+      const arm = scale(column(look.pose, at), size);
+      sketch.line(subtract(point, arm), add(point, arm), MEASURE, 2.5);
+    }
+  }
+
+  #label(look) {
+    const [a, b] = this.points;
+    const at = b && look.toScreen(mix(a, b, 0.5));
+    this.figure.hidden = !at;
+    if (!at) return;
+    const { up } = this.session.scene;
+    const rise = Math.abs(dot(subtract(b, a), up));
+    const level = Math.sqrt(Math.max(0, distance(a, b) ** 2 - rise ** 2));
+    this.figure.textContent = `${metres(distance(a, b))} (level ${metres(level)}, rise ${metres(rise)})`;
+    this.figure.style.transform = `translate(${Math.round(at[0] + 10)}px, ${Math.round(at[1] - 10)}px)`;
+  }
+}
+
+/** Normal and area of a face by its corners, metres and square metres. */
+export function planeOf([a, b, c]) {
+  const twice = cross(subtract(b, a), subtract(c, a));
+  return { normal: unit(twice), area: Math.hypot(...twice) / 2, centre: scale(add(a, add(b, c)), 1 / 3) };
+}
+
+/**
+ * Section: what is cut away, as (a, b, c, d) with a x + b y + c z + d > 0; null without one.
+ *
+ * @param {{axis: number, at: number, isFlipped: boolean}|null} cut axis 0, 1 or 2; `at` is a part of
+ *   the scene's extent along it, from 0 to 1
+ */
+export function sectionOf(cut, [low, high]) {
+  if (!cut) return null;
+  const sign = cut.isFlipped ? -1 : 1;
+  const place = low[cut.axis] + cut.at * (high[cut.axis] - low[cut.axis]);
+  const plane = [0, 0, 0, -sign * place];
+  plane[cut.axis] = sign;
+  return plane;
+}

@@ -1,0 +1,244 @@
+/**
+ * Camera of the picture: turns around a target, pans, zooms, flies; a floor plan from above; or the
+ * pose of a pinhole.
+ *
+ * `heading` and `elevation` are radians: the direction in which one looks, from east towards north and
+ * above the horizon. `range` is the distance to the target, metres; in a parallel view it sets the scale.
+ */
+
+import {
+  add,
+  anglesOf,
+  boxCorners,
+  centreOf,
+  clamp,
+  column,
+  cross,
+  dot,
+  forwardOf,
+  horizon,
+  inCamera,
+  mix,
+  multiply,
+  parallel,
+  perspective,
+  poseOf,
+  radians,
+  rigidInverse,
+  scale,
+  sphereAround,
+  subtract,
+  unit,
+} from "rastercov/maths.js";
+
+const DEFAULT_FIELD = radians(45);
+/** Part of the picture that a scene fills at first. */
+const FITTED = 0.86;
+const STEEPEST = radians(89.5);
+
+export class ViewCamera {
+  /** @param {number[][]} bounds box of the scene; @param {number[]} up */
+  constructor(bounds, up) {
+    this.bounds = bounds;
+    this.up = unit(up);
+    this.field = DEFAULT_FIELD;
+    this.isParallel = false;
+    this.isPlan = false;
+    this.pinned = null;
+    this.fit();
+  }
+
+  /** Shows the scene and further points from the present direction; `aspect` is width / height. */
+  fit(points = [], aspect = 1) {
+    if (this.target) this.release();
+    this.heading ??= radians(130);
+    this.elevation ??= radians(-28);
+    this.target = sphereAround(this.bounds).centre;
+    this.range = 1;
+    const slopeY = FITTED * Math.tan(this.field / 2);
+    const pose = this.pose();
+    const needed = [...boxCorners(this.bounds), ...points].map((corner) => {
+      const [x, y, z] = inCamera(pose, corner);
+      const size = Math.max(Math.abs(x) / (slopeY * aspect), Math.abs(y) / slopeY);
+      return this.isParallel ? size : size - (z - this.range);
+    });
+    this.range = Math.max(...needed, 1e-6);
+  }
+
+  /** Picture of a pinhole; `field` is its vertical field of view, radians. */
+  pin(pose, field) {
+    this.pinned = { pose: [...pose], field };
+    this.isParallel = false;
+    this.isPlan = false;
+  }
+
+  /** Goes on from the pose that was pinned, upright. */
+  release() {
+    if (!this.pinned) return;
+    const { pose } = this.pinned;
+    const { heading, elevation } = anglesOf(pose, this.up);
+    this.pinned = null;
+    const reach = Math.max(
+      0.05 * sphereAround(this.bounds).radius,
+      dot(subtract(sphereAround(this.bounds).centre, centreOf(pose)), forwardOf(pose)),
+    );
+    this.heading = radians(heading);
+    this.elevation = clamp(radians(elevation), -STEEPEST, STEEPEST);
+    this.range = reach;
+    this.target = add(centreOf(pose), scale(this.forward(), reach));
+  }
+
+  /** Plan from above, north at the top; or back to what was before. */
+  setPlan(isPlan) {
+    this.release();
+    if (isPlan === this.isPlan) return;
+    this.isPlan = isPlan;
+    this.isParallel = isPlan;
+    if (isPlan) {
+      this.before = this.place();
+      this.heading = radians(90);
+      this.elevation = radians(-90);
+    } else {
+      Object.assign(this, this.before);
+    }
+  }
+
+  forward() {
+    const [east, north] = horizon(this.up);
+    const flat = add(scale(east, Math.cos(this.heading)), scale(north, Math.sin(this.heading)));
+    return add(scale(flat, Math.cos(this.elevation)), scale(this.up, Math.sin(this.elevation)));
+  }
+
+  /** world_from_camera of the picture. */
+  pose() {
+    if (this.pinned) return this.pinned.pose;
+    const [east, north] = horizon(this.up);
+    const right = subtract(scale(east, Math.sin(this.heading)), scale(north, Math.cos(this.heading)));
+    const forward = this.forward();
+    const eye = subtract(this.target, scale(forward, this.range));
+    return poseOf(right, cross(forward, right), forward, eye);
+  }
+
+  /** Vertical field of view, radians. */
+  verticalField() {
+    return this.pinned ? this.pinned.field : this.field;
+  }
+
+  /**
+   * Matrices of a picture of width x height pixels.
+   *
+   * @returns clipFromWorld, pose, near (least depth, metres), pixel(depth): metres a pixel there
+   */
+  look(width, height) {
+    const pose = this.pose();
+    const slopeY = Math.tan(this.verticalField() / 2);
+    const slopeX = (slopeY * width) / height;
+    const depths = boxCorners(this.bounds).map((corner) => inCamera(pose, corner)[2]);
+    const size = sphereAround(this.bounds).radius;
+    const slack = 0.2 * size;
+    const farthest = Math.max(...depths) + slack;
+    if (this.isParallel) {
+      const half = this.range * slopeY;
+      const [near, far] = [Math.min(...depths) - size, farthest + size];
+      const clip = parallel((half * width) / height, half, near, far);
+      return {
+        pose,
+        near: 1e-3,
+        isParallel: true,
+        pixel: () => (2 * half) / height,
+        clipFromWorld: multiply(clip, rigidInverse(pose)),
+      };
+    }
+    const far = Math.max(farthest, 1e-3 * size);
+    const near = clamp(Math.min(...depths) - slack, 5e-4 * size, 0.5 * far);
+    return {
+      pose,
+      near,
+      isParallel: false,
+      pixel: (depth) => (2 * depth * slopeY) / height,
+      clipFromWorld: multiply(perspective(slopeX, slopeY, near, far), rigidInverse(pose)),
+    };
+  }
+
+  /** Turns around the target, radians. */
+  orbit(right, up) {
+    this.release();
+    if (this.isPlan) return;
+    this.heading -= right;
+    this.elevation = clamp(this.elevation + up, -STEEPEST, STEEPEST);
+  }
+
+  /** Moves the target across the picture, in parts of its height. */
+  pan(right, down) {
+    this.release();
+    const pose = this.pose();
+    const span = 2 * this.range * Math.tan(this.field / 2);
+    const by = add(scale(column(pose, 0), right * span), scale(column(pose, 1), down * span));
+    this.target = add(this.target, by);
+  }
+
+  /** Nearer (factor < 1) or farther, towards the world point `at` where it is given. */
+  zoom(factor, at = null) {
+    this.release();
+    const size = sphereAround(this.bounds).radius;
+    const next = clamp(this.range * factor, 1e-4 * size, 50 * size);
+    const used = next / this.range;
+    if (at) this.target = mix(at, this.target, used);
+    this.range = next;
+  }
+
+  /** Steps through the scene along camera axes, in parts of the range: right, down, forward. */
+  walk(step) {
+    this.release();
+    const pose = this.pose();
+    const by = [0, 1, 2].map((axis) => scale(column(pose, axis), step[axis] * this.range));
+    this.target = by.reduce(add, this.target);
+  }
+
+  /** Ray through a point of the picture, given in [-1, 1] rightwards and upwards: {from, along}. */
+  ray(x, y, width, height) {
+    const pose = this.pose();
+    const slopeY = Math.tan(this.verticalField() / 2);
+    const slopeX = (slopeY * width) / height;
+    const [right, down, forward, centre] = [0, 1, 2, 3].map((at) => column(pose, at));
+    if (this.isParallel) {
+      const half = this.range * slopeY;
+      const across = add(scale(right, (x * half * width) / height), scale(down, -y * half));
+      return { from: add(centre, across), along: forward };
+    }
+    const along = add(forward, add(scale(right, x * slopeX), scale(down, -y * slopeY)));
+    return { from: centre, along: unit(along) };
+  }
+
+  /** State to fly from or to. */
+  place() {
+    const { target, range, heading, elevation } = this;
+    return { target, range, heading, elevation };
+  }
+
+  /** State part of the way (t from 0 to 1) between two others; turns the short way round. */
+  setBetween(from, to, t) {
+    const turn = Math.atan2(Math.sin(to.heading - from.heading), Math.cos(to.heading - from.heading));
+    this.pinned = null;
+    this.target = mix(from.target, to.target, t);
+    this.range = from.range * (to.range / from.range) ** t;
+    if (this.isPlan) return;
+    this.heading = from.heading + t * turn;
+    this.elevation = from.elevation + t * (to.elevation - from.elevation);
+  }
+
+  /** Place from which a point with a normal is seen well, `range` metres away. */
+  placeBefore(point, normal, range) {
+    const { heading, elevation } = anglesOf(
+      poseOf([1, 0, 0], [0, 1, 0], scale(unit(normal), -1), point),
+      this.up,
+    );
+    const isSteep = Math.abs(elevation) > 75;
+    return {
+      target: point,
+      range,
+      heading: isSteep ? this.heading : radians(heading),
+      elevation: clamp(radians(elevation), radians(-70), radians(70)),
+    };
+  }
+}

@@ -1,0 +1,182 @@
+/** Panel at the right: why a face is covered or not, and the dead zones of the network. */
+
+import { button, count, element, fill, percent, section, squareMetres } from "rastercov/dom.js";
+import { planeOf } from "rastercov/tools.js";
+
+const ZONES_AFTER = 400; // ms without a change
+const MOST_OPEN = 2;
+/** Reasons that need no look at figures. */
+const UNTELLING = new Set(["covered", "back_facing", "outside"]);
+const MOST_ZONES = 60;
+
+export function whyPanel(session, view) {
+  const body = element("div.why", { "aria-live": "polite" });
+  let asked = 0;
+  const show = async () => {
+    const { face } = session;
+    const turn = ++asked;
+    view.highlight(null);
+    if (face === null) {
+      fill(
+        body,
+        element(
+          "p.soft",
+          {},
+          "Click on a face: each camera's reason and figures appear here, and the body that hides it is striped in the picture.",
+        ),
+      );
+      return;
+    }
+    if (body.dataset.face !== String(face)) fill(body, element("p.soft", {}, "asking…"));
+    try {
+      const answer = await session.server.why(face);
+      if (turn !== asked) return;
+      body.dataset.face = face;
+      fill(body, answer.levels ? recorded(session, view, answer) : explained(session, view, answer));
+    } catch (error) {
+      if (turn === asked) fill(body, element("p.fault", {}, error.message));
+    }
+  };
+  session.on("face", show);
+  // A drag asks at its end: the answer measures one face in every camera.
+  session.on("idle", () => session.face !== null && show());
+  show();
+  return body;
+}
+
+/** Answer of the server: words, then one card a camera. */
+function explained(session, view, answer) {
+  // Open are the chosen camera, and the first few that something could be done about.
+  const telling = answer.cameras.filter((camera) => !UNTELLING.has(camera.reason)).slice(0, MOST_OPEN);
+  const isOpen = (camera) => camera.station === session.chosen || telling.includes(camera);
+  return [
+    element("p.verdict", {}, answer.words),
+    faceFacts(answer.face, answer.group, answer.area),
+    button("Centre the view on it", () => flyToFace(view, answer.face), { kind: "link" }),
+    answer.cameras.map((camera) => cameraCard(session, view, camera, isOpen(camera))),
+  ];
+}
+
+function cameraCard(session, view, camera, isOpen) {
+  const isCovered = camera.reason === "covered";
+  const figures = (camera.figures ?? []).map(({ label, value }) =>
+    element("tr", {}, element("th", { scope: "row" }, label), element("td", {}, value)),
+  );
+  const { occluder } = camera;
+  const show = (isOn) => view.highlight(isOn ? occluder.group : null);
+  const body = occluder
+    ? element(
+        "button.occluder",
+        {
+          type: "button",
+          title: "highlight what hides it",
+          on: {
+            pointerenter: () => show(true),
+            pointerleave: () => show(false),
+            focus: () => show(true),
+            blur: () => show(false),
+            click: () => show(view.highlighted !== occluder.group),
+          },
+        },
+        `Show “${occluder.name}” in the picture`,
+      )
+    : null;
+  return element(
+    `details.card.${isCovered ? "good" : "not"}`,
+    { open: isOpen },
+    element(
+      "summary",
+      {},
+      element(
+        "button.link",
+        {
+          type: "button",
+          on: {
+            click: (event) => {
+              event.preventDefault();
+              session.choose(camera.station);
+            },
+          },
+        },
+        camera.name,
+      ),
+      element("span", {}, ` ${camera.words}`),
+    ),
+    body,
+    camera.help ? element("p.advice", {}, camera.help) : null,
+    figures.length ? element("table.figures", {}, figures) : null,
+  );
+}
+
+/** What a static export knows of a face. */
+function recorded(session, view, answer) {
+  const group = session.scene.groups[session.faceGroups[answer.face]];
+  const { area } = planeOf(view.corners(answer.face));
+  const rows = answer.levels.map(({ label, value }) =>
+    element("tr", {}, element("th", { scope: "row" }, label), element("td", {}, value)),
+  );
+  return [
+    faceFacts(answer.face, group?.name, area),
+    element("table.figures", {}, rows),
+    button("Centre the view on it", () => flyToFace(view, answer.face), { kind: "link" }),
+  ];
+}
+
+const faceFacts = (face, group, area) =>
+  element(
+    "p.soft",
+    {},
+    `Face ${count(face)}${group ? ` of “${group}”` : ""}${area ? `, ${squareMetres(area)}` : ""}`,
+  );
+
+function flyToFace(view, face) {
+  const { centre, normal, area } = planeOf(view.corners(face));
+  const reach = 6 * Math.sqrt(area) + 0.02 * view.camera.range;
+  view.flyTo(view.camera.placeBefore(centre, normal, reach));
+}
+
+/** Dead zones, the largest first; a click flies there. They are asked for while their list is open. */
+export function zonesPanel(session, tools) {
+  const list = element("ol.zones");
+  const note = element("p.soft");
+  const root = section("Dead zones", [note, list], { isOpen: false });
+  root.id = "zones";
+  let timer = 0;
+  let known = -1;
+  const show = async () => {
+    if (!root.open || known === session.state.revision) return;
+    const { revision } = session.state;
+    note.textContent = "looking for them…";
+    try {
+      const zones = await session.server.zones();
+      if (revision !== session.state.revision) return;
+      known = revision;
+      note.textContent = zones.length ? "" : "There are none: everything is covered.";
+      fill(
+        list,
+        zones.slice(0, MOST_ZONES).map((zone) => zoneRow(zone, tools)),
+      );
+      if (zones.length > MOST_ZONES) note.textContent = `the ${MOST_ZONES} largest of ${zones.length}`;
+    } catch (error) {
+      note.textContent = error.message;
+    }
+  };
+  root.addEventListener("toggle", show);
+  session.on("idle", () => {
+    clearTimeout(timer);
+    timer = setTimeout(show, ZONES_AFTER);
+  });
+  return root;
+}
+
+const zoneRow = (zone, tools) =>
+  element(
+    "li",
+    {},
+    element(
+      "button.zone",
+      { type: "button", title: "fly there", on: { click: () => tools.showZone(zone) } },
+      element("strong", {}, percent(zone.percent)),
+      element("span", {}, zone.words),
+    ),
+  );

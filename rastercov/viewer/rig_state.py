@@ -1,0 +1,323 @@
+"""State of a viewer: cameras with their poses, the thresholds, and the history of both.
+
+States are immutable and share what did not change, so that undo has no end and costs nothing: an
+edit makes a new state, and `History` is a list of states with a place in it.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from threading import RLock
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov._checks import shown
+from rastercov.camera import Camera
+from rastercov.errors import ConfigError
+from rastercov.mesh import Mesh
+from rastercov.mesh.arrays import frozen
+from rastercov.placement.select.problem import views_of
+from rastercov.pose import Poses, valid_poses
+from rastercov.rig import Rig
+from rastercov.task import Task
+from rastercov.views import Views
+
+FloatArray = NDArray[np.float64]
+
+MOST_STATIONS = 5_000
+"""Cameras that a viewer takes."""
+LONGEST_NAME = 120
+"""Characters of a name."""
+
+
+@dataclass(frozen=True, eq=False)
+class Station:
+    """A camera at its place.
+
+    Attributes
+    ----------
+    id : int
+        Number that stays the same whatever is edited.
+    name : str
+    camera : str
+        Name of its camera in `RigState.cameras`.
+    pose : (4, 4) float64
+        world_from_camera.
+    is_on : bool
+        False leaves it out of the network.
+    """
+
+    id: int
+    name: str
+    camera: str
+    pose: FloatArray
+    is_on: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class RigState:
+    """Stations, cameras by name, and thresholds; edits return another state.
+
+    Attributes
+    ----------
+    stations : tuple of Station
+    cameras : mapping of str to Camera
+    task : Task
+    needed : mapping of str to int, or None
+        Cameras that faces of a group need, 1 for groups that are not named; those of the task for
+        all of them unless given.
+    """
+
+    stations: tuple[Station, ...]
+    cameras: Mapping[str, Camera]
+    task: Task = field(default_factory=Task)
+    needed: Mapping[str, int] | None = None
+
+    @classmethod
+    def of(
+        cls, rig: Rig, poses: Poses, names: tuple[str, ...] = (), task: Task | None = None
+    ) -> "RigState":
+        """State of the cameras of a rig and their poses; `names` of the stations, or numbers.
+
+        Raises
+        ------
+        ConfigError
+            For more poses than `MOST_STATIONS`.
+        """
+        if len(poses) > MOST_STATIONS:
+            raise ConfigError(
+                f"the viewer takes up to {MOST_STATIONS:,} cameras, got {len(poses):,} poses; "
+                "give fewer"
+            )
+        words = names or tuple(f"camera {row}" for row in poses.ids.tolist())
+        stations = tuple(
+            Station(row, words[row], rig.names[index], frozen(pose.copy()))
+            for row, (index, pose) in enumerate(
+                zip(poses.camera.tolist(), poses.world_from_camera, strict=True)
+            )
+        )
+        cameras = MappingProxyType(dict(zip(rig.names, rig.cameras, strict=True)))
+        return cls(stations, cameras, task or Task())
+
+    @property
+    def on(self) -> tuple[Station, ...]:
+        """Stations of the network."""
+        return tuple(each for each in self.stations if each.is_on)
+
+    def row(self, station: int) -> int:
+        """Row of a station by its id; ConfigError where it is gone."""
+        for row, each in enumerate(self.stations):
+            if each.id == station:
+                return row
+        raise ConfigError(f"there is no station {shown(station)}; it may have been deleted")
+
+    def station(self, station: int) -> Station:
+        """A station by its id; ConfigError where it is gone."""
+        return self.stations[self.row(station)]
+
+    def camera_of(self, station: Station) -> Camera:
+        """The camera of a station."""
+        return self.cameras[station.camera]
+
+    def with_station(self, station: Station) -> "RigState":
+        """With a station in place of the one of its id."""
+        row = self.row(station.id)
+        changed = (*self.stations[:row], station, *self.stations[row + 1 :])
+        return replace(self, stations=changed)
+
+    def with_pose(self, station: int, pose: FloatArray) -> "RigState":
+        """With another pose of a station; PoseError for what is no rigid motion."""
+        checked = frozen(valid_poses(pose)[0].copy())
+        return self.with_station(replace(self.station(station), pose=checked))
+
+    def with_new(self, camera: str, pose: FloatArray, name: str = "") -> "RigState":
+        """With a further station, whose id is the greatest.
+
+        Raises
+        ------
+        ConfigError
+            For an unknown camera, or too many stations.
+        PoseError
+            For a pose that is no rigid motion.
+        """
+        self._check_camera(camera)
+        if len(self.stations) >= MOST_STATIONS:
+            raise ConfigError(f"the viewer takes up to {MOST_STATIONS:,} cameras; delete some")
+        checked = frozen(valid_poses(pose)[0].copy())
+        new = max((each.id for each in self.stations), default=-1) + 1
+        free = self._free(name or f"camera {new}")
+        return replace(self, stations=(*self.stations, Station(new, free, camera, checked)))
+
+    def with_copy(self, station: int) -> "RigState":
+        """With a further station like one of them."""
+        own = self.station(station)
+        return self.with_new(own.camera, own.pose, own.name)
+
+    def without(self, station: int) -> "RigState":
+        """Without a station."""
+        row = self.row(station)
+        return replace(self, stations=self.stations[:row] + self.stations[row + 1 :])
+
+    def renamed(self, station: int, name: str) -> "RigState":
+        """With another name of a station; ConfigError for one that is taken or is none."""
+        words = name.strip()
+        if not words or len(words) > LONGEST_NAME or not words.isprintable():
+            raise ConfigError(
+                f"a name must be 1 to {LONGEST_NAME} characters that can be printed, "
+                f"got {shown(name)}"
+            )
+        own = self.station(station)
+        if words != own.name and words in {each.name for each in self.stations}:
+            raise ConfigError(f"there is a camera {words!r} already; take another name")
+        return self.with_station(replace(own, name=words))
+
+    def using(self, station: int, camera: str) -> "RigState":
+        """With another camera at a station."""
+        self._check_camera(camera)
+        return self.with_station(replace(self.station(station), camera=camera))
+
+    def with_camera(self, name: str, camera: Camera) -> "RigState":
+        """With a camera of that name, new or changed."""
+        return replace(self, cameras=MappingProxyType({**self.cameras, name: camera}))
+
+    def with_task(self, task: Task) -> "RigState":
+        """With other thresholds; other views are those of all groups."""
+        needed = self.needed if task.views == self.task.views else None
+        return replace(self, task=task, needed=needed)
+
+    @property
+    def most_views(self) -> int:
+        """Largest number of cameras that a face needs."""
+        return self.task.views if self.needed is None else max([1, *self.needed.values()])
+
+    def need(self, mesh: Mesh) -> NDArray[np.int64]:
+        """(F,) cameras that must cover each face."""
+        return views_of(mesh, self.task.views if self.needed is None else self.needed)
+
+    def rig(self) -> Rig:
+        """The cameras that stations use, all where none does."""
+        used = {each.camera for each in self.stations} or set(self.cameras)
+        names = [name for name in self.cameras if name in used]
+        return Rig([self.cameras[name] for name in names], names)
+
+    def poses(self, *, all_stations: bool = False) -> Poses:
+        """Poses of the stations that are on, or of all; `Poses.camera` counts those of `rig`."""
+        stations = self.stations if all_stations else self.on
+        names = self.rig().names
+        matrices = np.array([each.pose for each in stations]).reshape(-1, 4, 4)
+        return Poses.of(matrices, camera=[names.index(each.camera) for each in stations])
+
+    def views(self) -> Views:
+        """All stations as `Views`, for files."""
+        names = tuple(each.name for each in self.stations)
+        return Views(rig=self.rig(), poses=self.poses(all_stations=True), images=names)
+
+    def _check_camera(self, name: str) -> None:
+        if name not in self.cameras:
+            known = ", ".join(self.cameras)
+            raise ConfigError(f"there is no camera {shown(name)}; cameras are {known}")
+
+    def _free(self, name: str) -> str:
+        """The name, or the first of "name 2", "name 3", ... that is not taken."""
+        taken, free, number = {each.name for each in self.stations}, name, 2
+        while free in taken:
+            free, number = f"{name} {number}", number + 1
+        return free
+
+
+@dataclass(frozen=True)
+class Step:
+    """A state of the history, and the words for the edit that made it."""
+
+    state: RigState
+    words: str
+
+
+class History:
+    """States in the order of the edits, with the present one among them; any thread may use it.
+
+    An edit during a gesture replaces the state of the gesture, so that a drag is one step.
+
+    Attributes
+    ----------
+    revision : int
+        Number of changes of the present state so far.
+    """
+
+    def __init__(self, state: RigState) -> None:
+        self._lock = RLock()
+        self._steps = [Step(state, "")]
+        self._at = self._saved = 0
+        self._gesture = ""
+        self.revision = 0
+
+    @property
+    def state(self) -> RigState:
+        """The present state."""
+        return self._steps[self._at].state
+
+    @property
+    def undo_words(self) -> str:
+        """Edit that `undo` takes back; "" where there is none."""
+        return self._steps[self._at].words
+
+    @property
+    def redo_words(self) -> str:
+        """Edit that `redo` makes again; "" where there is none."""
+        return self._steps[self._at + 1].words if self._at + 1 < len(self._steps) else ""
+
+    @property
+    def is_saved(self) -> bool:
+        """True where the present state is the one that was saved last, or the first."""
+        return self._at == self._saved
+
+    def take(self, state: RigState, words: str, *, is_drag: bool = False) -> None:
+        """Make a state the present one; what was undone is gone."""
+        with self._lock:
+            if self._gesture == words and words:
+                self._steps[self._at] = Step(state, words)
+            else:
+                del self._steps[self._at + 1 :]
+                if self._saved > self._at:
+                    self._saved = -1
+                self._steps.append(Step(state, words))
+                self._at += 1
+            self._gesture = words if is_drag else ""
+            self.revision += 1
+
+    def described(self) -> tuple[RigState, dict[str, Any]]:
+        """The present state, and what may be undone, ready for JSON; both of one moment."""
+        with self._lock:
+            return self.state, {
+                "revision": self.revision,
+                "can_undo": bool(self.undo_words),
+                "can_redo": bool(self.redo_words),
+                "undo_words": self.undo_words,
+                "redo_words": self.redo_words,
+                "is_saved": self.is_saved,
+            }
+
+    def end_gesture(self) -> None:
+        """Let the next edit be a step of its own."""
+        self._gesture = ""
+
+    def undo(self) -> None:
+        """Go back by an edit; nothing where there is none."""
+        self._go(-1)
+
+    def redo(self) -> None:
+        """Make the edit again that was undone last; nothing where there is none."""
+        self._go(1)
+
+    def saved(self) -> None:
+        """Note that the present state is on the disk."""
+        self._saved = self._at
+
+    def _go(self, by: int) -> None:
+        with self._lock:
+            self._gesture = ""
+            if 0 <= self._at + by < len(self._steps):
+                self._at += by
+                self.revision += 1

@@ -1,0 +1,166 @@
+"""Files that a viewer saves: the rig, a plan that holds it, and a report."""
+
+import json
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from rastercov._checks import shown
+from rastercov._output import write_bytes
+from rastercov.camera_formats.own import content_of
+from rastercov.errors import ConfigError
+from rastercov.task import Task
+from rastercov.viewer.export import exported
+from rastercov.viewer.rig_state import RigState
+from rastercov.viewer.scene import Scene
+from rastercov.viewer.session import Session
+
+NAMES = {"rig": "rig.json", "plan": "plan.toml", "report": "report"}
+
+
+class Saving:
+    """Saves what a session has.
+
+    Parameters
+    ----------
+    session : Session
+    out : Path, optional
+        Folder for the files; without one they can be downloaded only.
+    """
+
+    def __init__(self, session: Session, out: Path | None = None) -> None:
+        self.session, self.out = session, out
+
+    def content(self, what: str) -> tuple[str, bytes]:
+        """Name and bytes of the rig, the plan, or a page that needs no server."""
+        if what == "page":
+            return "rig.html", exported(self.session).encode()
+        if what not in ("rig", "plan"):
+            raise ConfigError(f"what must be rig, plan or page, got {shown(what)}")
+        with self.session.lock:
+            state = self.session.state
+            self.session.history.saved()
+        text = rig_text(state) if what == "rig" else plan_text(self.session.scene, state)
+        return NAMES[what], text.encode()
+
+    def save(self, what: str) -> dict[str, str]:
+        """Save the rig, the plan with the rig, or a report; where it is, and words on it.
+
+        Raises
+        ------
+        ConfigError
+            For anything else, and where no folder was given.
+        """
+        if what not in NAMES:
+            raise ConfigError(f"what must be one of {', '.join(NAMES)}, got {shown(what)}")
+        if self.out is None:
+            raise ConfigError("no folder was given to save into; start with --out, or download it")
+        self.out.mkdir(parents=True, exist_ok=True)
+        with self.session.lock:
+            state = self.session.state
+            if what == "report":
+                path = self.out / NAMES[what]
+                return {"path": str(path), "words": self._report(state, path)}
+            texts = {"rig": rig_text(state)}
+            if what == "plan":
+                texts["plan"] = plan_text(self.session.scene, state)
+            for name, text in texts.items():
+                write_bytes(self.out / NAMES[name], text.encode())
+            self.session.history.saved()
+        path = self.out / NAMES[what]
+        return {"path": str(path), "words": f"saved {path}"}
+
+    def _report(self, state: RigState, path: Path) -> str:
+        from rastercov.report.coverage import Options, run  # loads pyarrow
+
+        if not state.on:
+            raise ConfigError("there is no camera that is on; add one for a report")
+        method = self.session.measurements.method
+        options = Options(method=method)
+        run(self.session.scene.mesh, state.rig(), state.poses(), state.task, path, options)
+        return f"a report of {len(state.on)} cameras is in {path}"
+
+
+def rig_text(state: RigState) -> str:
+    """The rig as our own JSON: cameras, poses, and the names of the stations.
+
+    Raises
+    ------
+    ConfigError
+        For a rig without cameras.
+    """
+    if not state.stations:
+        raise ConfigError("there is no camera to save; add one")
+    return json.dumps(content_of(state.views())) + "\n"
+
+
+def plan_text(scene: Scene, state: RigState) -> str:
+    """A plan with the thresholds of a state, and the rig in `rig.json` as its only candidates."""
+    entries: dict[str, Any] = {"meshes": list(scene.meshes)}
+    if scene.plan is not None:
+        entries = scene.plan.model_dump(exclude_unset=True, mode="json", exclude_none=True)
+        for name in ("camera", "cameras", "rigs"):
+            entries.pop(name, None)
+    if not entries.get("meshes"):
+        raise ConfigError("the mesh is of no file, so no plan can name it; save the rig")
+    task, defaults = asdict(state.task), asdict(Task())
+    own = {name: value for name, value in task.items() if value != defaults[name]}
+    kept = {k: v for k, v in entries.get("task", {}).items() if k not in defaults}
+    entries["task"] = kept | own
+    if state.needed is not None:
+        entries["task"]["views"] = dict(state.needed)
+    cameras = content_of(state.views())["cameras"]
+    entries["cameras"] = {each.pop("name"): each for each in cameras}
+    entries["candidates"] = [{"generator": "poses", "file": NAMES["rig"]}]
+    entries.setdefault("selection", {"goal": "best_coverage", "cameras": len(state.stations)})
+    return toml_text(entries)
+
+
+def toml_text(entries: Mapping[str, Any], path: tuple[str, ...] = ()) -> str:
+    """A table as TOML: values, then tables, then lists of tables. None is left out."""
+    lines: list[str] = []
+    tables: list[str] = []
+    for name, value in entries.items():
+        if value is None:
+            continue
+        if isinstance(value, Mapping):
+            inner = (*path, name)
+            tables.append(f"\n[{_key(inner)}]\n{toml_text(value, inner)}")
+        elif isinstance(value, list) and value and all(isinstance(e, Mapping) for e in value):
+            inner = (*path, name)
+            head = f"\n[[{_key(inner)}]]\n"
+            tables += [head + toml_text(each, inner) for each in value]
+        else:
+            lines.append(f"{_quoted(name)} = {_value(value)}\n")
+    return "".join([*lines, *tables])
+
+
+def _key(path: Iterable[str]) -> str:
+    return ".".join(_quoted(name) for name in path)
+
+
+def _quoted(name: str) -> str:
+    is_bare = name.isascii() and name.replace("_", "").replace("-", "").isalnum()
+    return name if is_bare else _text(name)
+
+
+def _text(text: str) -> str:
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, int):
+        return str(value)
+    if isinstance(value, float):
+        special = {math.inf: "inf", -math.inf: "-inf"}
+        return special.get(value, "nan" if math.isnan(value) else repr(value))
+    if isinstance(value, str):
+        return _text(value)
+    if isinstance(value, Mapping):
+        inside = ", ".join(f"{_quoted(k)} = {_value(v)}" for k, v in value.items() if v is not None)
+        return f"{{{inside}}}"
+    return "[" + ", ".join(_value(each) for each in value) + "]"

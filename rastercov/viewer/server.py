@@ -1,0 +1,426 @@
+"""Server of a viewer: pages and answers for one user on this machine.
+
+It binds to a loopback address, and every answer with data wants the token that the page got in its
+address, behind "#", where no other page and no log sees it. Requests of another host or origin are
+refused, so that a page elsewhere cannot reach it by a name of its own (DNS rebinding). Another
+address needs a certificate and a token of the user's.
+"""
+
+import base64
+import hashlib
+import hmac
+import ipaddress
+import json
+import re
+import secrets
+import socket
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rastercov._files import StrPath
+from rastercov.errors import ConfigError, ResourceError
+from rastercov.viewer.page_files import TYPES, page_text, static_file
+from rastercov.viewer.saving import Saving
+from rastercov.viewer.session import Session, StaleError
+from rastercov.viewer.work import BusyError, Work
+
+if TYPE_CHECKING:
+    from starlette.applications import Starlette
+    from starlette.requests import Request
+    from starlette.responses import Response
+
+MOST_BYTES = 1 << 20
+"""Longest request: poses and thresholds have some hundred bytes."""
+LEAST_TOKEN = 22
+"""Characters of a token of the user's: 128 bits in base 64."""
+INSTALL = "the viewer needs starlette and uvicorn; install rastercov[view]"
+_IMPORT_MAP = re.compile(r'<script type="importmap">(.*?)</script>', re.DOTALL)
+
+
+@dataclass(frozen=True)
+class Address:
+    """Address of a server.
+
+    Attributes
+    ----------
+    host, port
+        Address that it binds to; port 0 takes a free one.
+    token : str
+        Secret of the page; a random one unless given.
+    certificate, key : str or None
+        Files of a certificate and its key, for an address that is not loopback.
+    """
+
+    host: str = "127.0.0.1"
+    port: int = 0
+    token: str = ""
+    certificate: str | None = None
+    key: str | None = None
+
+    @classmethod
+    def of(
+        cls,
+        host: str = "127.0.0.1",
+        port: int = 0,
+        token_file: StrPath | None = None,
+        certificate: StrPath | None = None,
+        key: StrPath | None = None,
+    ) -> "Address":
+        """Address that is safe to bind to.
+
+        Raises
+        ------
+        ConfigError
+            For an address that is not loopback without a token file and a certificate, and for a
+            file that cannot be read.
+        """
+        if not 0 <= port <= 65535:
+            raise ConfigError(f"port must be 0 to 65535, got {port}")
+        if (certificate is None) != (key is None):
+            raise ConfigError("a certificate and its key come together; give both or neither")
+        if not is_loopback(host) and (token_file is None or certificate is None):
+            raise ConfigError(
+                f"{host} is reachable from elsewhere; give --token-file, --certificate and --key, "
+                "or bind to 127.0.0.1 and forward the port through ssh"
+            )
+        token = secrets.token_urlsafe(32) if token_file is None else _read_token(Path(token_file))
+        for file in (certificate, key):
+            if file is not None and not Path(file).is_file():
+                raise ConfigError(f"{file}: there is no such file")
+        paths = [None if file is None else str(file) for file in (certificate, key)]
+        return cls(host, port, token, paths[0], paths[1])
+
+    @property
+    def scheme(self) -> str:
+        """The scheme of its URL."""
+        return "http" if self.certificate is None else "https"
+
+    def url(self, port: int) -> str:
+        """URL of the page, with the token behind #."""
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return f"{self.scheme}://{host}:{port}/#{self.token}"
+
+
+def is_loopback(host: str) -> bool:
+    """True for localhost and the addresses of this machine alone."""
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def _read_token(path: Path) -> str:
+    try:
+        token = path.read_text().strip()
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: cannot be read as a token ({error})") from None
+    if len(token) < LEAST_TOKEN or not re.fullmatch(r"[A-Za-z0-9_-]+", token):
+        raise ConfigError(
+            f"{path}: a token is {LEAST_TOKEN} or more of A-Z a-z 0-9 _ -; make one by "
+            "`openssl rand -hex 32`"
+        )
+    return token
+
+
+def application(
+    session: Session, address: Address, port: int, out: Path | None = None
+) -> "Starlette":
+    """ASGI application of a session that is reached at a port.
+
+    Raises
+    ------
+    ResourceError
+        Where starlette is not installed.
+    """
+    try:
+        from starlette.applications import Starlette
+        from starlette.routing import Route
+    except ImportError:
+        raise ResourceError(INSTALL) from None
+    routes = _Routes(session, Work(session), Saving(session, out))
+    made = [Route("/", _page), Route("/static/{name:path}", _static)]
+    for path, method, answer in routes.table():
+        made.append(Route(f"/api/{path}", answer, methods=[method]))
+    app = Starlette(routes=made)
+    guard: Any = _Guard
+    app.add_middleware(guard, hosts=_hosts(address, port), token=address.token)
+    return app
+
+
+def _hosts(address: Address, port: int) -> tuple[str, ...]:
+    """Values of the header Host that are meant for this server."""
+    names = [address.host if ":" not in address.host else f"[{address.host}]"]
+    if is_loopback(address.host):
+        names = ["127.0.0.1", "localhost", "[::1]"]
+    return tuple(f"{name}:{port}" for name in dict.fromkeys(names))
+
+
+class _Guard:
+    """Middleware that refuses other hosts, origins and tokens, and sets headers of safety."""
+
+    def __init__(self, app: Any, hosts: Sequence[str], token: str) -> None:
+        self.app, self.hosts, self.token = app, set(hosts), token.encode()
+        self.origins = {f"{scheme}://{host}" for host in hosts for scheme in ("http", "https")}
+
+    async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
+        if scope["type"] != "http":
+            if scope["type"] == "websocket":  # there are none
+                await send({"type": "websocket.close", "code": 1008})
+                return
+            await self.app(scope, receive, send)
+            return
+        headers = dict(scope["headers"])
+        fault = self._fault(scope["path"], headers)
+        if fault:
+            await _error(403, fault)(scope, receive, send)
+            return
+
+        async def with_headers(message: Any) -> None:
+            if message["type"] == "http.response.start":
+                message["headers"] = [*message["headers"], *_SAFETY]
+            await send(message)
+
+        await self.app(scope, receive, with_headers)
+
+    def _fault(self, path: str, headers: dict[bytes, bytes]) -> str:
+        host = headers.get(b"host", b"").decode("latin-1").lower()
+        if host not in self.hosts:
+            return "this server answers to its own address alone; open the URL that it printed"
+        origin = headers.get(b"origin")
+        if origin is not None and origin.decode("latin-1").lower() not in self.origins:
+            return "this server answers to its own page alone"
+        if path.startswith("/api/"):
+            given = headers.get(b"x-rastercov-token", b"")
+            if not hmac.compare_digest(given, self.token):
+                return "the token is missing or wrong; open the URL that the program printed"
+        return ""
+
+
+_SAFETY = [
+    (b"x-content-type-options", b"nosniff"),
+    (b"referrer-policy", b"no-referrer"),
+    (b"cross-origin-resource-policy", b"same-origin"),
+    (b"cross-origin-opener-policy", b"same-origin"),
+    (b"cache-control", b"no-store"),
+]
+
+
+def _error(status: int, text: str, **more: Any) -> "Response":
+    from starlette.responses import JSONResponse
+
+    return JSONResponse({"error": text, **more}, status_code=status)
+
+
+def policy(page: str) -> str:
+    """Content security policy of a page: its own files, and the import map by its hash."""
+    found = _IMPORT_MAP.search(page)
+    digest = hashlib.sha256((found.group(1) if found else "").encode()).digest()
+    return (
+        "default-src 'none'; script-src 'self' "
+        f"'sha256-{base64.b64encode(digest).decode()}'; style-src 'self'; "
+        "img-src 'self' blob: data:; connect-src 'self'; base-uri 'none'; form-action 'none'; "
+        "frame-ancestors 'none'"
+    )
+
+
+async def _page(request: "Request") -> "Response":
+    from starlette.responses import HTMLResponse
+
+    text = page_text()
+    return HTMLResponse(text, headers={"content-security-policy": policy(text)})
+
+
+async def _static(request: "Request") -> "Response":
+    from starlette.responses import Response
+
+    data = static_file(request.path_params["name"])
+    if data is None:
+        return _error(404, "there is no such file")
+    kind = TYPES[Path(request.path_params["name"]).suffix]
+    return Response(data, media_type=kind)
+
+
+class _Routes:
+    """Answers of the server, for a session."""
+
+    def __init__(self, session: Session, work: Work, saving: Saving) -> None:
+        self.session, self.work, self.saving = session, work, saving
+
+    def table(self) -> list[tuple[str, str, Any]]:
+        """Path, method and function of each answer."""
+        session, work, saving = self.session, self.work, self.saving
+        return [
+            ("scene", "GET", _json(lambda query, body: session.described())),
+            ("soup", "GET", _answer(self._soup)),
+            ("groups", "GET", _answer(lambda query, body: _octets(session.scene.groups()))),
+            ("state", "GET", _json(lambda query, body: session.described_state())),
+            ("ping", "GET", _json(lambda query, body: {"revision": session.history.revision})),
+            ("act", "POST", _answer(lambda query, body: _octets(session.act(body)))),
+            ("image", "GET", _answer(self._image)),
+            ("why", "GET", _json(lambda query, body: session.why(_whole(query, "face")))),
+            ("zones", "GET", _json(lambda query, body: session.zones())),
+            ("job", "POST", _json(lambda query, body: {"id": work.start(body)})),
+            ("job", "GET", _json(lambda query, body: work.described())),
+            ("job/cancel", "POST", _json(self._cancel)),
+            ("save", "POST", _json(lambda query, body: saving.save(_what(body)))),
+            ("download", "GET", _answer(self._download)),
+        ]
+
+    def _soup(self, query: Any, body: Any) -> "Response":
+        origin, data = self.session.scene.soup()
+        return _octets(data, {"x-rastercov-origin": ",".join(map(repr, origin.tolist()))})
+
+    def _image(self, query: Any, body: Any) -> "Response":
+        side = _whole(query, "side") if "side" in query else 720
+        return _octets(self.session.image(_whole(query, "station"), side))
+
+    def _cancel(self, query: Any, body: Any) -> dict[str, Any]:
+        self.work.cancel()
+        return self.work.described()
+
+    def _download(self, query: Any, body: Any) -> "Response":
+        name, data = self.saving.content(str(query.get("what", "")))
+        return _octets(data, {"content-disposition": f'attachment; filename="{name}"'})
+
+
+def _json(answer: Callable[[Any, Any], Any]) -> Any:
+    def text(query: Any, body: Any) -> "Response":
+        from starlette.responses import Response
+
+        return Response(json.dumps(answer(query, body)), media_type="application/json")
+
+    return _answer(text)
+
+
+def _octets(data: bytes, headers: dict[str, str] | None = None) -> "Response":
+    from starlette.responses import Response
+
+    return Response(data, media_type="application/octet-stream", headers=headers)
+
+
+def _answer(answer: Callable[[Any, Any], "Response"]) -> Any:
+    """Endpoint that reads the body, answers in a thread, and reports errors in one line."""
+
+    async def endpoint(request: "Request") -> "Response":
+        from starlette.concurrency import run_in_threadpool
+
+        from rastercov.errors import RastercovError
+
+        try:
+            body = await _body(request) if request.method == "POST" else None
+            return await run_in_threadpool(answer, request.query_params, body)
+        except _TooLong:
+            refused = _error(413, f"a request has at most {MOST_BYTES:,} bytes")
+            refused.headers["connection"] = "close"  # the rest is not read
+            return refused
+        except StaleError as error:
+            return _error(409, str(error))
+        except BusyError as error:
+            return _error(409, str(error))
+        except (RastercovError, MemoryError) as error:
+            return _error(400, str(error) or type(error).__name__)
+        except OSError as error:
+            return _error(400, f"{error.filename or 'file'}: {error.strerror or error}")
+
+    return endpoint
+
+
+class _TooLong(Exception):  # noqa: N818 - becomes an answer
+    pass
+
+
+async def _body(request: "Request") -> dict[str, Any]:
+    """JSON object of a request."""
+    kind = request.headers.get("content-type", "").partition(";")[0].strip()
+    if kind != "application/json":
+        raise ConfigError("a request is of content-type application/json")
+    if int(request.headers.get("content-length") or 0) > MOST_BYTES:
+        raise _TooLong
+    parts, size = [], 0
+    async for part in request.stream():
+        size += len(part)
+        if size > MOST_BYTES:
+            raise _TooLong
+        parts.append(part)
+    try:
+        body = json.loads(b"".join(parts) or b"{}")
+    except (ValueError, RecursionError):
+        raise ConfigError("a request is a JSON object, and this is none") from None
+    if not isinstance(body, dict):
+        raise ConfigError("a request is a JSON object, and this is none")
+    return body
+
+
+def _whole(query: Any, name: str) -> int:
+    """A whole number of a query."""
+    text = query.get(name, "")
+    if not re.fullmatch(r"\d{1,9}", text):
+        raise ConfigError(f"{name} must be a whole number, got {text[:40]!r}")
+    return int(text)
+
+
+def _what(body: dict[str, Any]) -> str:
+    if set(body) != {"what"} or not isinstance(body["what"], str):
+        raise ConfigError('wanted {"what": "rig", "plan" or "report"}')
+    return str(body["what"])
+
+
+def bound(address: Address) -> socket.socket:
+    """A socket that is bound to the address, of a free port where it is 0.
+
+    Raises
+    ------
+    ConfigError
+        For a port that is taken, or an address that this machine does not have.
+    """
+    family = socket.AF_INET6 if ":" in address.host else socket.AF_INET
+    made = socket.socket(family, socket.SOCK_STREAM)
+    made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        made.bind((address.host, address.port))
+    except OSError as error:
+        made.close()
+        raise ConfigError(
+            f"{address.host}:{address.port} cannot be bound ({error.strerror or error}); take "
+            "another --port, 0 for a free one"
+        ) from None
+    return made
+
+
+def serve(
+    session: Session,
+    address: Address,
+    out: Path | None = None,
+    started: Callable[[str], None] = lambda url: None,
+) -> None:
+    """Serve a session until Ctrl-C; `started` gets the URL when it can be opened.
+
+    Raises
+    ------
+    ResourceError
+        Where uvicorn is not installed.
+    ConfigError
+        For an address that cannot be bound.
+    """
+    try:
+        import uvicorn
+    except ImportError:
+        raise ResourceError(INSTALL) from None
+    with bound(address) as made:
+        port = made.getsockname()[1]
+        config = uvicorn.Config(
+            application(session, address, port, out),
+            log_level="warning", access_log=False, server_header=False, ws="none",
+            lifespan="off", ssl_certfile=address.certificate, ssl_keyfile=address.key,
+            timeout_graceful_shutdown=2, limit_concurrency=64,
+        )  # fmt: skip
+        made.listen(64)
+        started(address.url(port))
+        try:
+            uvicorn.Server(config).run(sockets=[made])
+        finally:
+            session.close()

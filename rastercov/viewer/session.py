@@ -1,0 +1,312 @@
+"""Session of a viewer: edits, undo, and faces as bytes, without a server or a browser.
+
+Methods may be called from any thread, one at a time: `Session.lock` is theirs. Work that takes
+long, such as a refinement, runs in `rastercov.viewer.work` and hands its state back.
+"""
+
+import base64
+import json
+import secrets
+import struct
+import time
+from collections.abc import Mapping
+from threading import RLock
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.area.network import AreaNetwork
+from rastercov.errors import ConfigError
+from rastercov.models import MODELS
+from rastercov.network import share_of_faces
+from rastercov.placement.candidates.segments import Segmentation, segment
+from rastercov.placement.improve.pose_space import PoseSpace
+from rastercov.viewer import colours
+from rastercov.viewer.actions import Constrain, Redo, Request, Undo, request_of
+from rastercov.viewer.colours import Painted
+from rastercov.viewer.image import camera_png
+from rastercov.viewer.measurements import Measurements, NetworkFigures, exact_area
+from rastercov.viewer.rig_state import History, RigState
+from rastercov.viewer.scene import MODEL_OPTIONS, SEGMENT_OPTIONS, Scene, described_state, modes
+from rastercov.viewer.why import why
+
+FloatArray = NDArray[np.float64]
+
+MOST_FACES_OF_ZONE = 5_000
+"""Faces of a dead zone that a page highlights."""
+
+
+class StaleError(ConfigError):
+    """An edit of a state that is no longer the present one."""
+
+
+class Session:
+    """A rig that is edited, and what it covers.
+
+    Parameters
+    ----------
+    scene : Scene
+        Mesh, first state, and plan.
+    method : str
+        Method of visibility.
+    """
+
+    def __init__(self, scene: Scene, method: str = "certified") -> None:
+        self.scene, self.lock = scene, RLock()
+        self.name = secrets.token_hex(8)  # a page tells by it that the program was started again
+        self.history = History(scene.start)
+        self.measurements = Measurements(scene.mesh, method)
+        self.is_kept = scene.has_constraints
+        self._figures: NetworkFigures | None = None
+        self._areas: tuple[RigState, AreaNetwork] | None = None
+        self._segments: tuple[tuple[float, float], Segmentation] | None = None
+
+    @property
+    def state(self) -> RigState:
+        """The present state."""
+        return self.history.state
+
+    def close(self) -> None:
+        """Give back what measures."""
+        with self.lock:
+            self.measurements.close()
+
+    def described(self) -> dict[str, Any]:
+        """The scene, ready for JSON."""
+        return self.scene.described(is_kept=self.is_kept)
+
+    def described_state(self) -> dict[str, Any]:
+        """The present state and what may be undone, ready for JSON."""
+        state, entries = self.history.described()  # which does not wait for a measurement
+        own = {"session": self.name, "is_kept": self.is_kept}
+        return described_state(self.scene, state, entries | own)
+
+    def act(self, entries: Mapping[str, Any]) -> bytes:
+        """Carry out an edit; a frame of the faces after it.
+
+        Parameters
+        ----------
+        entries : mapping
+            As `rastercov.viewer.actions.Request`.
+
+        Raises
+        ------
+        StaleError
+            For an edit of another revision than the present one.
+        RastercovError
+            For an edit that cannot be; the state stays as it is.
+        """
+        request = request_of(entries)
+        with self.lock:
+            colours.mode_of(request.mode, [each["id"] for each in modes()])
+            self._edit(request)
+            return self.frame(request.mode, request.options, request.station)
+
+    def take(self, state: RigState, words: str, of_revision: int) -> None:
+        """Make the result of work the present state; StaleError where that has moved on."""
+        with self.lock:
+            self._check_revision(of_revision)
+            self.history.take(state, words)
+
+    def frame(self, mode: str, options: Mapping[str, Any], station: int | None = None) -> bytes:
+        """Frame of the present state: JSON, then the level of each face."""
+        with self.lock:
+            began = time.process_time()
+            figures = self.figures()
+            painted = self._painted(figures, mode, options, station)
+            summary = figures.summary()
+            areas = self._known_areas()
+            summary["exact_area_percent"] = (
+                None if areas is None else areas.summary(self.state.needed)["percent"]
+            )
+            summary["cpu_ms"] = 1e3 * (time.process_time() - began)
+            head = {
+                "state": self.described_state(),
+                "mode": mode,
+                "legend": painted.legend,
+                "scale": painted.scale,
+                "palette": base64.b64encode(painted.palette.tobytes()).decode(),
+                "summary": summary,
+            }
+            return framed(head, painted.levels.tobytes())
+
+    def figures(self) -> NetworkFigures:
+        """Coverage by the cameras of the present state."""
+        with self.lock:
+            state = self.state
+            if self._figures is None or self._figures.state is not state:
+                rows = self.measurements.rows(state, state.on)
+                self._figures = NetworkFigures(self.scene.mesh, state, rows)
+            return self._figures
+
+    def areas(self) -> AreaNetwork:
+        """Exact area that they cover, kept for the present state; ConfigError as `exact_area`."""
+        with self.lock:
+            found = self._known_areas()
+            if found is None:
+                found = exact_area(self.scene.mesh, self.state)
+                self._areas = self.state, found
+            return found
+
+    def keep_areas(self, state: RigState, found: AreaNetwork) -> None:
+        """Take the exact area of a state that was computed elsewhere."""
+        with self.lock:
+            self._areas = state, found
+
+    def image(self, station: int, side: int) -> bytes:
+        """Frame of a camera's own image: JSON, then a PNG."""
+        with self.lock:
+            state = self.state
+        head, png = camera_png(self.scene.mesh, state, station, side)
+        return framed(head, png)
+
+    def why(self, face: int) -> dict[str, Any]:
+        """Reason of a face, ready for JSON."""
+        with self.lock:
+            return why(self.measurements, self.figures(), face)
+
+    def zones(self) -> list[dict[str, Any]]:
+        """Dead zones by exact area, the largest first, ready for JSON."""
+        from rastercov.area.zone_report import zone_lines
+
+        with self.lock:
+            areas, state = self.areas(), self.state
+            said = areas.dead_zones(state.rig(), state.poses(), state.needed)
+            zones = areas.zones(state.needed)
+            found = []
+            for row, entry in enumerate(said["dead_zones"]):
+                faces = np.unique(zones.face[zones.zone == row])
+                weights = np.asarray(self.scene.mesh.areas)[faces]
+                normal = (np.asarray(self.scene.mesh.normals)[faces] * weights[:, None]).sum(axis=0)
+                length = float(np.linalg.norm(normal))
+                lines = zone_lines({"dead_zones": [entry | {"percent": 100.0}]})
+                found.append(
+                    {
+                        "area": entry["area_m2"],
+                        "percent": entry["percent"],
+                        "centre": list(entry["centroid"]),
+                        "normal": (normal / length if length > 0 else normal).tolist(),
+                        "group": entry["groups"][0],
+                        "reason": entry["reason"],
+                        "words": lines[0] if lines else entry["reason"],
+                        "faces": faces[:MOST_FACES_OF_ZONE].tolist(),
+                    }
+                )
+            return found
+
+    def space(self) -> PoseSpace:
+        """Allowed places of cameras."""
+        with self.lock:
+            return self.scene.space(self.state)
+
+    def _edit(self, request: Request) -> None:
+        action, history = request.action, self.history
+        if action.do != "none":
+            self._check_revision(request.revision)
+        if isinstance(action, Undo):
+            history.undo()
+        elif isinstance(action, Redo):
+            history.redo()
+        elif isinstance(action, Constrain):
+            if action.is_kept and not self.scene.has_constraints:
+                raise ConfigError("there are no constraints to keep; open a plan that has some")
+            self.is_kept = action.is_kept
+        else:
+            state, words = action.apply(self.state, self._settled)
+            if words:
+                history.take(state, words, is_drag=request.is_drag)
+
+    def _check_revision(self, revision: int) -> None:
+        if revision != self.history.revision:
+            raise StaleError(
+                f"the rig has changed since (revision {self.history.revision}, got {revision}); "
+                "load it again"
+            )
+
+    def _settled(self, wanted: FloatArray, before: FloatArray) -> FloatArray:
+        """The pose at the nearest allowed place; the one before where there is none."""
+        if not self.is_kept:
+            return wanted
+        eyes, is_allowed = self.space().settled(wanted[None, :3, 3])
+        if not is_allowed[0]:
+            return before
+        pose = wanted.copy()
+        pose[:3, 3] = eyes[0]
+        return pose
+
+    def _known_areas(self) -> AreaNetwork | None:
+        return self._areas[1] if self._areas and self._areas[0] is self.state else None
+
+    def _painted(
+        self,
+        figures: NetworkFigures,
+        mode: str,
+        options: Mapping[str, Any],
+        station: int | None,
+    ) -> Painted:
+        mesh, state = self.scene.mesh, figures.state
+        if mode in colours.NETWORK_MODES:
+            return colours.NETWORK_MODES[mode][2](figures)
+        if mode == "area":
+            rows = np.minimum(figures.need, state.most_views) - 1
+            covered = self.areas().covered.area[rows, np.arange(mesh.n_faces)]
+            areas = np.maximum(np.asarray(mesh.areas), np.finfo(float).tiny)
+            return colours.by_share(mesh, covered / areas)
+        if mode == "model":
+            name = _option(MODEL_OPTIONS, options, "model")
+            return colours.by_coverage(self._by_model(state, name))
+        if mode == "segments":
+            alpha, beta = (_option(SEGMENT_OPTIONS, options, n) for n in ("alpha_deg", "beta_deg"))
+            return colours.by_segment(mesh, self._segmented(float(alpha), float(beta)).labels)
+        if station is None:
+            if not state.stations:
+                raise ConfigError("there is no camera; add one")
+            station = state.stations[0].id
+        row = self.measurements.rows(state, [state.station(station)])[0]
+        return colours.by_one_camera(mesh, row)
+
+    def _by_model(self, state: RigState, name: str) -> NetworkFigures:
+        """Figures with the coverage of a model in place of ours."""
+        if name not in MODELS:
+            raise ConfigError(f"model must be one of {', '.join(MODELS)}, got {name!r}")
+        figures = NetworkFigures(self.scene.mesh, state, self.measurements.rows(state, state.on))
+        figures.best[:] = 0
+        for station in state.on:
+            camera = state.camera_of(station)
+            found = MODELS[name](self.scene.mesh, camera, station.pose[None], state.task)[0]
+            np.maximum(figures.best, found.astype(np.float32), out=figures.best)
+        return figures
+
+    def _segmented(self, alpha: float, beta: float) -> Segmentation:
+        """Segments, kept for the last angles."""
+        if self._segments is None or self._segments[0] != (alpha, beta):
+            self._segments = (alpha, beta), segment(self.scene.mesh, alpha, beta)
+        return self._segments[1]
+
+    def covered_share(self) -> dict[str, float]:
+        """Faces that the network covers, as `Network.summary` has them."""
+        task_faces = self.scene.mesh.task_mask
+        return share_of_faces(self.scene.mesh, self.figures().covered & task_faces, task_faces)
+
+
+def framed(head: Mapping[str, Any], payload: bytes) -> bytes:
+    """A frame: length of the JSON as uint32, little-endian, the JSON, and the payload."""
+    text = json.dumps(head, allow_nan=False).encode()
+    return struct.pack("<I", len(text)) + text + payload
+
+
+def unframed(frame: bytes) -> tuple[dict[str, Any], bytes]:
+    """JSON and payload of a frame."""
+    (size,) = struct.unpack_from("<I", frame)
+    return json.loads(frame[4 : 4 + size]), frame[4 + size :]
+
+
+def _option(known: tuple[dict[str, Any], ...], given: Mapping[str, Any], name: str) -> Any:
+    """Value of an option of a mode, its default where it is not given."""
+    default = next(each["default"] for each in known if each["name"] == name)
+    value = given.get(name, default)
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    if is_number != isinstance(default, float):
+        raise ConfigError(f"{name} must be like {default!r}, got {value!r}")
+    return value

@@ -1,0 +1,129 @@
+"""A viewer's server that can die and come back, and a Chromium that opens its page.
+
+Chromium is the system's own; Playwright drives it and downloads nothing. Its headless mode needs
+SwiftShader for WebGL. The page's own policy forbids the scripts that Playwright injects to wait for
+something, so contexts bypass it; `test_server.py` checks the policy itself.
+"""
+
+import shutil
+import socket
+import threading
+import time
+from contextlib import contextmanager
+
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
+ARGUMENTS = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox")
+TOKEN = "a-token-of-the-tests-0123456789"
+
+
+class Program:
+    """A server of a session on a port of its own, as `rastercov view` runs it."""
+
+    def __init__(self, session, port=0, token=TOKEN, out=None):
+        self.session, self.token, self.out = session, token, out
+        self.port, self._server, self._thread = port, None, None
+
+    @property
+    def url(self):
+        return f"http://127.0.0.1:{self.port}/#{self.token}"
+
+    def start(self):
+        import uvicorn
+
+        from rastercov.viewer.server import Address, application
+
+        made = socket.socket()
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        made.bind(("127.0.0.1", self.port))
+        made.listen()
+        self.port = made.getsockname()[1]
+        app = application(self.session, Address(token=self.token), self.port, self.out)
+        config = uvicorn.Config(
+            app, log_level="error", lifespan="off", ws="none", timeout_graceful_shutdown=1
+        )
+        self._server = uvicorn.Server(config)
+        self._thread = threading.Thread(
+            target=self._server.run, kwargs={"sockets": [made]}, daemon=True
+        )
+        self._thread.start()
+        while not self._server.started:
+            time.sleep(0.01)
+
+    def stop(self):
+        self._server.should_exit = True
+        self._thread.join(10)
+
+
+@contextmanager
+def chromium():
+    """A browser; needs `CHROMIUM` and Playwright."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=CHROMIUM, args=list(ARGUMENTS))
+        try:
+            yield browser
+        finally:
+            browser.close()
+
+
+class Tab:
+    """A page of the viewer, with what went wrong in it and what it asked for."""
+
+    def __init__(self, context, url):
+        self.page = context.new_page()
+        self.faults, self.requests = [], []
+        self.page.on("pageerror", lambda error: self.faults.append(str(error)))
+        self.page.on("request", lambda request: self.requests.append(request.url))
+        self.page.goto(url)
+        self.page.wait_for_function("window.rastercov?.session.figures !== undefined")
+        self.idle()
+
+    def idle(self):
+        """Wait until no answer and no picture is due."""
+        self.page.evaluate("rastercov.whenIdle()")
+
+    def js(self, expression, argument=None):
+        return self.page.evaluate(expression, argument)
+
+    def levels(self):
+        return bytes(self.js("rastercov.levels()"))
+
+    def state(self):
+        return self.js("rastercov.state()")
+
+    def area_percent(self):
+        return self.js("rastercov.summary().covered.area_percent")
+
+    def open(self, panel):
+        """Open a panel by its tab."""
+        self.page.get_by_role("tab", name=panel, exact=True).click()
+
+    def type_number(self, label, text):
+        """Type into the box of a number and leave it."""
+        box = self.page.locator(f'input.number[aria-label="{label}"]:visible')
+        box.fill(text)
+        box.press("Tab")
+        self.idle()
+        return box
+
+    def press(self, key):
+        """A key over the picture."""
+        self.page.locator("canvas.scene").focus()
+        self.page.keyboard.press(key)
+
+    def place(self, point):
+        """Place of a world point in the window, pixels."""
+        x, y, _ = self.js("point => rastercov.screenOf(point)", list(point))
+        box = self.page.locator("canvas.scene").bounding_box()
+        return box["x"] + x, box["y"] + y
+
+    def drag(self, start, end, *, release=True):
+        """Drag from one place in the window to another, in steps."""
+        mouse = self.page.mouse
+        mouse.move(*start)
+        mouse.down()
+        mouse.move(*end, steps=4)
+        if release:
+            mouse.up()
+            self.idle()

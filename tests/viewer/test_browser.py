@@ -1,0 +1,388 @@
+"""The page in a real Chromium: what it shows is what rastercov computes, and nothing is lost."""
+
+import math
+
+import numpy as np
+import pytest
+from browser import Tab
+from rigs_to_view import EYES, ROOM, WIDE, percent_covered
+
+import rastercov as rc
+from rastercov.task import Reason
+from rastercov.viewer import lens
+
+pytestmark = pytest.mark.slow
+AT_REST = 1.5
+"""Seconds without a hand on the page."""
+
+
+def pinhole_picture(tab, pose):
+    """Set the picture to that of a pinhole; the camera of the same picture."""
+    height = tab.js("rastercov.view.canvas.clientHeight")
+    width = tab.js("rastercov.view.canvas.clientWidth")
+    camera = rc.Camera(width=width, height=height, fx=0.8 * height, fy=0.8 * height)
+    field = math.degrees(2 * math.atan(0.5 / 0.8))
+    matrix = [float(x) for x in np.ravel(pose)]
+    tab.js("([pose, field]) => rastercov.setView(pose, field)", [matrix, field])
+    tab.idle()
+    return camera
+
+
+def is_uniform(image, reach):
+    """True where all pixels up to `reach` rows and columns away show the same face."""
+    windows = np.lib.stride_tricks.sliding_window_view(
+        np.pad(image, reach, constant_values=-2), (2 * reach + 1, 2 * reach + 1)
+    )
+    return (windows == image[:, :, None, None]).all(axis=(2, 3)) & (image >= 0)
+
+
+def inner_pixels(image, count, seed):
+    """Pixels (x, y) whose neighbours show the same face, where no rounding decides.
+
+    Every other one is at most three pixels from another face.
+    """
+    inner, deep = is_uniform(image, 1), is_uniform(image, 3)
+    chosen = [
+        np.random.default_rng(seed).choice(np.argwhere(mask)[:, ::-1], count // 2, replace=False)
+        for mask in (inner, inner & ~deep)
+    ]
+    return np.concatenate(chosen).tolist()
+
+
+def test_a_slider_changes_the_summary_to_what_evaluate_says(tab):
+    assert tab.area_percent() == pytest.approx(percent_covered(tab.state()), abs=1e-9)
+    tab.open("Network")
+    tab.page.locator('input[type=range][aria-label="Max incidence"]').focus()
+    view_before = tab.js("rastercov.view.camera.place()")
+    for _ in range(3):
+        tab.page.keyboard.press("PageDown")
+    tab.idle()
+    limit = tab.state()["task"]["max_incidence_deg"]
+    assert limit < 90
+    expected = percent_covered(tab.state(), max_incidence_deg=limit)
+    assert expected < percent_covered(tab.state())
+    assert tab.area_percent() == pytest.approx(expected, abs=1e-9)
+    assert tab.page.locator(".summary .covered").inner_text() == f"{expected:.1f} %"
+    # The keys were the slider's alone.
+    tab.page.keyboard.press("ArrowLeft")
+    tab.idle()
+    assert tab.js("rastercov.view.camera.place()") == view_before
+
+
+def test_undo_restores_the_bytes_and_redo_makes_them_again(tab):
+    before, pose = tab.levels(), tab.state()["stations"][0]["pose"]
+    tab.press("Alt+ArrowLeft")  # turns the chosen camera
+    for _ in range(6):
+        tab.press("ArrowLeft")
+    tab.idle()
+    after = tab.levels()
+    assert after != before
+    while tab.state()["can_undo"]:
+        tab.page.keyboard.press("Control+z")
+        tab.idle()
+    assert tab.levels() == before
+    assert tab.state()["stations"][0]["pose"] == pose
+    while tab.state()["can_redo"]:
+        tab.page.keyboard.press("Control+Shift+z")
+        tab.idle()
+    assert tab.levels() == after
+
+
+def test_a_drag_of_an_arrow_moves_the_camera_along_it_and_is_one_step(tab):
+    eye = np.array(EYES[0])
+    pixel = tab.js("point => rastercov.view.look().pixelAt(point)", eye.tolist())
+    tip = eye + np.array((0, 0, 84 * pixel))
+    start, end = tab.place(tip), tab.place(tip - (0, 0, 0.5))
+    tab.drag(start, end)
+    moved = np.reshape(tab.state()["stations"][0]["pose"], (4, 4))[:3, 3]
+    np.testing.assert_allclose(moved, eye - (0, 0, 0.5), atol=0.02)
+    assert tab.area_percent() == pytest.approx(percent_covered(tab.state()), abs=1e-9)
+    tab.page.get_by_role("button", name="Undo").click()
+    tab.idle()
+    np.testing.assert_array_equal(
+        np.reshape(tab.state()["stations"][0]["pose"], (4, 4))[:3, 3], eye
+    )
+    assert not tab.state()["can_undo"]
+
+
+def test_a_ring_turns_the_camera_with_the_pointer(tab):
+    before = np.reshape(tab.state()["stations"][0]["pose"], (4, 4))
+    tab.page.get_by_role("button", name="Floor plan").click()
+    tab.idle()
+    middle = np.array(tab.place(EYES[0]))
+    ring = 62 * np.array((1, -1)) / math.sqrt(2)  # north-east of the camera
+    tab.drag(middle + ring, middle - ring * (1, -1))  # to north-west: a quarter turn to the left
+    after = np.reshape(tab.state()["stations"][0]["pose"], (4, 4))
+    quarter = np.array(((0, -1, 0), (1, 0, 0), (0, 0, 1)))
+    np.testing.assert_allclose(after[:3, :3], quarter @ before[:3, :3], atol=0.02)
+    np.testing.assert_allclose(after[:3, 3], before[:3, 3])
+
+
+def test_aim_turns_the_camera_to_the_point_that_is_clicked(tab):
+    point = np.array((0.4, 2.0, 0.0))
+    pinhole_picture(tab, rc.look_at((0.0, 0.0, 2.6), (0.0, 1.6, 0.0))[0])
+    tab.press("i")
+    tab.page.mouse.click(*tab.place(point))
+    tab.idle()
+    pose = np.reshape(tab.state()["stations"][0]["pose"], (4, 4))
+    away = point - EYES[0]
+    np.testing.assert_allclose(pose[:3, 2], away / np.linalg.norm(away), atol=0.01)
+    np.testing.assert_array_equal(pose[:3, 3], EYES[0])
+
+
+def test_escape_takes_a_drag_back(tab):
+    before, pose = tab.levels(), tab.state()["stations"][0]["pose"]
+    eye = np.array(EYES[0])
+    pixel = tab.js("point => rastercov.view.look().pixelAt(point)", eye.tolist())
+    tip = eye + np.array((0, 0, 84 * pixel))
+    tab.drag(tab.place(tip), tab.place(tip - (0, 0, 0.9)), release=False)
+    tab.idle()
+    assert tab.state()["stations"][0]["pose"] != pose
+    tab.page.keyboard.press("Escape")
+    tab.idle()
+    tab.page.mouse.up()
+    tab.idle()
+    assert tab.state()["stations"][0]["pose"] == pose
+    assert tab.levels() == before
+
+
+def test_a_pick_gives_the_face_of_the_rasteriser_at_100_pixels(tab):
+    pose = rc.look_at((2.6, -2.0, 2.2), (-0.5, 0.3, 0.5))[0]
+    tab.js("rastercov.setOption('isCulled', false)")
+    camera = pinhole_picture(tab, pose)
+    with rc.open_rasterizer(ROOM, camera, "cpu") as rasterizer:
+        image = rasterizer.render(pose).face
+    pixels = inner_pixels(image, 100, seed=1)
+    picked = tab.js(
+        "places => places.map(([x, y]) => rastercov.pick(x + 0.5, y + 0.5))",
+        pixels,
+    )
+    assert [each["face"] for each in picked] == [int(image[y, x]) for x, y in pixels]
+    # The point of a pick is in the plane of its face.
+    corners = ROOM.vertices[ROOM.faces[[each["face"] for each in picked]]]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    away = np.array([each["point"] for each in picked]) - corners[:, 0]
+    np.testing.assert_allclose((away * normals).sum(axis=1), 0, atol=1e-5)
+
+
+def test_pixels_have_the_colours_of_the_legend(tab):
+    pose = rc.look_at((2.6, -2.0, 2.2), (-0.5, 0.3, 0.5))[0]
+    tab.js("rastercov.setOption('isCulled', false)")
+    tab.js("rastercov.setOption('hasEdges', false)")
+    camera = pinhole_picture(tab, pose)
+    with rc.open_rasterizer(ROOM, camera, "cpu") as rasterizer:
+        image = rasterizer.render(pose).face
+    pixels = inner_pixels(image, 40, seed=2)
+    levels = tab.levels()
+    legend = dict(
+        tab.js(
+            "[...document.querySelectorAll('.legend .swatch')].map(each =>"
+            " [Number(each.dataset.level), getComputedStyle(each).backgroundColor])"
+        )
+    )
+    read = "places => places.map(([x, y]) => rastercov.readPixel(x + 0.5, y + 0.5))"
+    tab.js("rastercov.setOption('isFlat', true)")
+    flat = tab.js(read, pixels)
+    shown = {levels[image[y, x]] for x, y in pixels}
+    assert len(shown) >= 2
+    for (x, y), colour in zip(pixels, flat, strict=True):
+        assert legend[levels[image[y, x]]] == "rgb({}, {}, {})".format(*colour)
+
+    # The headlight dims them by the cosine of incidence alone.
+    tab.js("rastercov.setOption('isFlat', false)")
+    lit = tab.js(read, pixels)
+    least = tab.js("rastercov.shadeLeast")
+    for (x, y), colour, full in zip(pixels, lit, flat, strict=True):
+        ray = np.array([(x + 0.5 - camera.cx) / camera.fx, (y + 0.5 - camera.cy) / camera.fy, 1])
+        normal = ROOM.normals[image[y, x]] @ pose[:3, :3]
+        cosine = abs(ray @ normal) / np.linalg.norm(ray)
+        expected = np.array(full) * (least + (1 - least) * cosine)
+        np.testing.assert_allclose(colour, expected, atol=1.6)
+
+
+def test_all_modes_are_reached_and_drawn(tab):
+    for mode in [each["id"] for each in tab.js("rastercov.session.scene.modes")]:
+        if mode in ("area", "model"):  # these take long, and are tests of the session's
+            continue
+        tab.js("mode => rastercov.session.setMode(mode)", mode)
+        tab.idle()
+        assert tab.js("rastercov.figures().mode") == mode
+        assert tab.page.locator(".message.fault").count() == 0
+    for panel in ("Object", "Cameras", "Camera", "Image", "Network"):
+        tab.open(panel)
+        assert tab.page.get_by_role("tabpanel", name=panel, exact=True).is_visible()
+    nameless = tab.js(
+        "[...document.querySelectorAll('button, input, select')].filter(each =>"
+        " !(each.ariaLabel || each.textContent.trim() || each.labels?.[0]?.textContent.trim()))"
+        ".map(each => each.outerHTML)"
+    )
+    assert nameless == []
+
+
+def test_a_click_on_a_face_says_why(tab, program):
+    pinhole_picture(tab, rc.look_at((2.6, -2.0, 2.2), (-0.5, 0.3, 0.5))[0])
+    box = tab.page.locator("canvas.scene").bounding_box()
+    tab.page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    face = tab.js("rastercov.session.face")
+    told = program.session.why(face)
+    tab.page.get_by_text(told["words"]).wait_for()
+    assert tab.page.locator(".why .card").count() == len(told["cameras"])
+
+
+def test_a_number_that_cannot_be_is_answered_by_one_line(tab):
+    revision = tab.state()["revision"]
+    tab.open("Network")
+    tab.type_number("Max incidence", "120")
+    line = tab.page.locator(".fault:visible")
+    wanted = "Max incidence: give a number above 0 and of at most 90 deg; got “{}”"
+    assert line.inner_text() == wanted.format(120)
+    tab.type_number("Max incidence", "0")
+    assert line.inner_text() == wanted.format(0)
+    assert tab.state()["revision"] == revision
+    tab.type_number("Max incidence", "45")
+    assert tab.page.locator(".fault:visible").count() == 0
+    assert tab.state()["task"]["max_incidence_deg"] == 45
+
+
+def test_sections_groups_and_measures_are_of_the_scene(tab):
+    eye, target = np.array((2.6, -2.0, 2.2)), np.array((1.6, -1.4, 0.9))  # at the tallest crate
+    pinhole_picture(tab, rc.look_at(eye, target)[0])
+    centre = "rastercov.pick(rastercov.view.canvas.clientWidth / 2,"
+    centre += " rastercov.view.canvas.clientHeight / 2)"
+
+    def group_at_centre():
+        found = tab.js(centre)
+        return found and ROOM.groups[ROOM.face_group[found["face"]]].name
+
+    assert group_at_centre() == "crates"
+    tab.js("rastercov.setOption('section', [0, 0, 1, -0.05])")  # what is above 5 cm is cut away
+    assert group_at_centre() == "room"
+    assert tab.js(centre)["point"][2] == pytest.approx(0, abs=1e-5)
+    tab.js("rastercov.setOption('section', null)")
+    tab.open("Object")
+    tab.page.get_by_label("crates").uncheck()
+    assert group_at_centre() == "room"
+    tab.page.get_by_label("crates").check()
+
+    tab.page.get_by_role("button", name="Measure").click()
+    ends = np.array(((-0.6, 1.0, 0.0), (0.4, 2.0, 0.0)))
+    pinhole_picture(tab, rc.look_at((0.0, 0.0, 2.6), (0.0, 1.6, 0.0))[0])
+    for end in ends:
+        tab.page.mouse.click(*tab.place(end))
+    tab.idle()
+    picked = np.array(tab.js("rastercov.tools.points"))
+    np.testing.assert_allclose(picked, ends, atol=0.02)
+    length = np.linalg.norm(picked[1] - picked[0])
+    assert tab.page.locator(".measure").inner_text().startswith(f"{length:.3f}"[:4])
+
+
+def test_looking_through_a_camera_shows_what_it_covers(tab):
+    tab.open("Camera")
+    tab.page.get_by_role("button", name="Look through").click()
+    tab.idle()
+    station = tab.state()["stations"][0]
+    place = "point => rastercov.screenOf(point)"
+    width, height = (tab.js(f"rastercov.view.canvas.client{side}") for side in ("Width", "Height"))
+    world = np.reshape(station["pose"], (4, 4)) @ (0, 0, 2, 1)
+    np.testing.assert_allclose(tab.js(place, world[:3].tolist())[:2], (width / 2, height / 2))
+    rays = np.array(tab.state()["cameras"]["wide"]["border"])
+    ends = np.reshape(station["pose"], (4, 4)) @ np.column_stack((rays, np.ones(len(rays)))).T
+    seen = np.array([tab.js(place, end.tolist())[:2] for end in ends[:3].T])
+    assert ((seen >= 0) & (seen <= (width, height))).all()
+    assert (np.ptp(seen, axis=0) > 0.9 * np.array((width, height))).any()
+
+
+def test_the_blur_circle_reaches_its_limit_at_the_ends_of_the_depth_of_field(tab):
+    camera = rc.Camera.from_lens(
+        width=640, height=480, focal_length=8e-3, pixel_size=5e-6, f_number=2.8,
+        focus_distance=0.4, max_blur=1.5,
+    )  # fmt: skip
+    depths = [*camera.depth_of_field(), camera.focus_distance]
+    assert np.isfinite(depths).all()
+    blur = tab.js(
+        "async ([camera, eye, depths]) => { const { blurAt } = await import('rastercov/frusta.js');"
+        " return depths.map((depth) => blurAt(camera, eye, [0.1, 0.2, depth])); }",
+        [lens.described(camera), np.eye(4).ravel().tolist(), depths],
+    )
+    np.testing.assert_allclose(blur, (1.5, 1.5, 0), atol=1e-9)
+
+
+def test_work_shows_its_progress_and_can_be_cancelled(tab):
+    said = {
+        "id": 1,
+        "kind": "refine",
+        "status": "running",
+        "done": 1,
+        "total": 4,
+        "words": "trying",
+    }
+    asked = []
+
+    def answer(route):
+        asked.append((route.request.method, route.request.url.rpartition("/api/")[2]))
+        if asked[-1][1] == "job/cancel":
+            said.update(status="cancelled", words="cancelled: the rig is as it was")
+        route.fulfill(json={"id": 1} if route.request.method == "POST" else said)
+
+    tab.page.route("**/api/job**", answer)
+    tab.page.get_by_role("button", name="Refine this camera").click()
+    tab.page.locator(".job progress[value='0.25']").wait_for()
+    tab.page.get_by_role("button", name="Cancel").click()
+    tab.page.get_by_text("the rig is as it was").wait_for()
+    assert ("POST", "job/cancel") in asked
+    assert tab.page.locator(".job").is_hidden()
+    assert not tab.state()["can_undo"]
+
+
+def test_a_new_user_gains_ten_points_and_saves_in_three_clicks(tab, program, tmp_path):
+    program.stop()
+    program.out = tmp_path
+    program.start()
+    tab.page.locator(".banner").wait_for(state="hidden")
+    before = percent_covered(tab.state())
+    tab.page.get_by_role("button", name="Add the best next camera").click()
+    tab.page.wait_for_function("rastercov.state().stations.length === 3")
+    tab.idle()
+    tab.page.get_by_text("Save", exact=True).click()
+    tab.page.get_by_role("button", name="Save rig").click()
+    tab.page.wait_for_function("rastercov.state().is_saved")
+    poses = rc.read_views(tmp_path / "rig.json").poses
+    found = rc.evaluate(ROOM, WIDE, poses.world_from_camera, fields=("reason",))
+    is_covered = (found.reason == Reason.COVERED).any(axis=0)
+    after = 100 * float(ROOM.areas[is_covered].sum() / ROOM.areas.sum())
+    assert after > before + 10
+    assert tab.area_percent() == pytest.approx(after, abs=1e-9)
+
+
+def test_a_page_at_rest_draws_nothing_and_asks_nobody_else(tab, program):
+    tab.js(
+        "() => { window.drawn = 0; const draw = rastercov.view.draw.bind(rastercov.view);"
+        " rastercov.view.draw = () => { window.drawn += 1; draw(); }; }"
+    )
+    tab.page.wait_for_timeout(1000 * AT_REST)
+    assert tab.js("window.drawn") == 0
+    tab.press("+")
+    tab.page.wait_for_function("window.drawn > 0")
+    home = f"http://127.0.0.1:{program.port}/"
+    assert [url for url in tab.requests if not url.startswith((home, "data:", "blob:"))] == []
+    assert "#" not in tab.page.url  # the token is not left in the address
+
+
+def test_a_static_page_shows_and_changes_colours_without_a_program(context, program, tmp_path):
+    from rastercov.viewer.export import export_page
+
+    path = export_page(program.session, tmp_path / "page.html", modes=("reason", "views"))
+    context.set_offline(True)
+    tab = Tab(context, path.as_uri())
+    assert tab.levels() == program.session.frame("reason", {})[-ROOM.n_faces :]
+    tab.js("rastercov.session.setMode('views')")
+    tab.idle()
+    assert tab.levels() == program.session.frame("views", {})[-ROOM.n_faces :]
+    assert tab.page.get_by_role("button", name="Undo").count() == 0
+    pinhole_picture(tab, rc.look_at((2.6, -2.0, 2.2), (-0.5, 0.3, 0.5))[0])
+    box = tab.page.locator("canvas.scene").bounding_box()
+    tab.page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    tab.page.locator(".why .figures").wait_for()
+    assert [url for url in tab.requests if not url.startswith(("file:", "data:", "blob:"))] == []
+    assert tab.faults == []

@@ -1,0 +1,129 @@
+"""What a user does not lose: by a dead program, another tab, or a lost graphics device."""
+
+import time
+
+import numpy as np
+import pytest
+from browser import Program, Tab
+from rigs_to_view import percent_covered, session_of_room
+
+import rastercov as rc
+
+pytestmark = pytest.mark.slow
+
+
+def test_a_dead_program_is_told_and_nothing_is_lost(tab, program, tmp_path):
+    tab.press("ArrowLeft")
+    tab.idle()
+    edited = tab.state()["stations"][0]["pose"]
+    program.stop()
+    tab.press("ArrowLeft")  # an edit that nobody hears
+    tab.page.get_by_role("alert").filter(has_text="Your rig is kept in this page").wait_for()
+    with tab.page.expect_download() as saved:
+        tab.page.get_by_role("button", name="Download it").click()
+    saved.value.save_as(tmp_path / saved.value.suggested_filename)
+    poses = rc.read_poses(tmp_path / "rig.json")
+    wanted = tab.js("rastercov.session.poseOf(rastercov.session.station())")
+    assert wanted != edited
+    np.testing.assert_allclose(np.ravel(poses[0]), wanted)
+    program.start()
+    tab.page.locator(".banner").wait_for(state="hidden")
+    tab.idle()
+    np.testing.assert_allclose(tab.state()["stations"][0]["pose"], wanted)
+    assert tab.area_percent() == pytest.approx(percent_covered(tab.state()), abs=1e-9)
+
+
+def test_a_program_that_was_started_again_gets_the_rig_back(tab, program):
+    tab.press("ArrowLeft")
+    tab.idle()
+    edited = tab.state()["stations"]
+    program.stop()
+    tab.page.locator(".banner").wait_for()
+    again = Program(session_of_room(), port=program.port)  # as read from the file
+    again.start()
+    try:
+        tab.page.get_by_text("the rig of this page was put back").wait_for()
+        tab.idle()
+        assert tab.state()["stations"] == edited
+        assert tab.state()["can_undo"]
+    finally:
+        again.stop()
+        again.session.close()
+
+
+def test_another_key_of_the_program_leads_to_its_address(tab, program):
+    tab.press("ArrowLeft")
+    tab.idle()
+    edited = tab.state()["stations"]
+    program.stop()
+    again = Program(session_of_room(), port=program.port, token="another-" + program.token)
+    again.start()
+    try:
+        tab.page.get_by_text("open the address that it printed").wait_for()
+        tab.page.evaluate("url => location.assign(url)", again.url)
+        tab.page.get_by_role("button", name="Put it back").click()
+        tab.page.wait_for_function("rastercov.state().can_undo")
+        assert tab.state()["stations"] == edited
+    finally:
+        again.stop()
+        again.session.close()
+
+
+def test_two_tabs_do_no_harm(tab, context, program):
+    other = Tab(context, program.url)
+    stale = {"revision": tab.state()["revision"]}
+    tab.page.route("**/api/ping", lambda route: route.fulfill(json=stale))
+    other.press("ArrowLeft")
+    other.idle()
+    moved = other.state()["stations"]
+    # An act on the older state is refused, and the tab shows the state as it is.
+    tab.press("ArrowRight")
+    tab.page.get_by_text("Another tab changed the rig").first.wait_for()
+    tab.idle()
+    assert tab.state()["stations"] == moved
+    tab.page.unroute("**/api/ping")
+    tab.press("ArrowRight")
+    tab.idle()
+    # The other tab learns of it by itself.
+    other.page.get_by_text("Another tab changed the rig").first.wait_for()
+    other.idle()
+    assert other.state()["stations"] == tab.state()["stations"] != moved
+    assert other.faults == []
+
+
+def test_the_picture_comes_back_after_the_device_was_lost(tab):
+    tab.js("rastercov.setOption('isFlat', true)")
+    centre = "rastercov.readPixel(rastercov.view.canvas.clientWidth / 2, 300)"
+    before = tab.js(centre)
+    tab.js(
+        "() => { window.loser = rastercov.view.gl.getExtension('WEBGL_lose_context');"
+        " window.loser.loseContext(); }"
+    )
+    tab.page.wait_for_function("rastercov.view.isLost")
+    tab.js("window.loser.restoreContext()")
+    tab.page.wait_for_function("rastercov.view.isLost === false")
+    tab.idle()
+    assert tab.js(centre) == before
+
+
+def test_the_page_runs_under_its_own_policy(browser, program):
+    """Without the bypass that other tests need, in every colour."""
+    context = browser.new_context(viewport={"width": 1180, "height": 620})
+    page, said = context.new_page(), []
+    page.on("console", lambda message: said.append(message.text))
+    page.on("pageerror", lambda error: said.append(str(error)))
+    page.goto(program.url)
+    for _ in range(600):
+        if page.evaluate("window.rastercov?.session.figures !== undefined"):
+            break
+        time.sleep(0.1)
+    page.evaluate("rastercov.whenIdle()")
+    select = page.locator("select", has=page.locator('option[value="area"]')).first
+    for mode in ("area", "model", "views", "reason"):
+        select.select_option(mode)
+        page.evaluate("rastercov.whenIdle()")
+        assert page.evaluate("rastercov.levels().length") == program.session.scene.mesh.n_faces
+    answer = page.request.get(program.url.split("#")[0])
+    assert "default-src 'none'" in answer.headers["content-security-policy"]
+    assert said == []
+    context.close()

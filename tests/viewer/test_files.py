@@ -1,0 +1,203 @@
+"""What the viewer saves and opens: rigs, plans, reports, results, and pages of one file."""
+
+import base64
+import json
+import re
+import tomllib
+
+import numpy as np
+import pytest
+from commands import call, enter
+from hypothesis import given
+from hypothesis import strategies as st
+from rigs_to_view import CAMERA, acted, around, moved, part, session_of
+
+import rastercov as rc
+from rastercov import cli, shapes
+from rastercov.camera_formats import read_views
+from rastercov.viewer.export import exported
+from rastercov.viewer.opening import open_plan, open_result
+from rastercov.viewer.saving import Saving, toml_text
+from rastercov.viewer.session import Session, unframed
+
+SCALARS = st.booleans() | st.integers(-(2**63), 2**63 - 1) | st.floats(allow_nan=False) | st.text()
+NAMES = st.text()
+VALUES = st.recursive(
+    SCALARS, lambda each: st.lists(each, max_size=3) | st.dictionaries(NAMES, each, max_size=3)
+)
+
+
+@given(st.dictionaries(st.text(), VALUES, max_size=4))
+def test_toml_is_read_back(table):
+    assert tomllib.loads(toml_text(table)) == table
+
+
+def test_toml_with_tables_like_a_plan():
+    table = {
+        "meshes": [{"built_in": "room", "transform": {"scale": 2.0}}],
+        "cameras": {"a b": {"width": 3, "pixel_size": [1e-6, 2e-6]}, "c": {}},
+        "task": {"views": {"roof": 2}},
+        "left": None,
+    }
+    del (expected := dict(table))["left"]
+    assert tomllib.loads(toml_text(table)) == expected
+
+
+def test_a_saved_rig_is_the_rig(tmp_path):
+    session = session_of()
+    acted(session, do="camera", camera="eye", changes={"fx": 333})
+    acted(session, do="new_camera", name="second", source="khepra")
+    acted(session, do="use", station=2, camera="second")
+    acted(session, do="pose", station=0, pose=moved(around(part())[0], (0, 0.1, 0)))
+    said = Saving(session, tmp_path / "out").save("rig")
+    found = read_views(said["path"])
+    assert found.images == tuple(each.name for each in session.state.stations)
+    assert np.array_equal(
+        found.poses.world_from_camera, [each.pose for each in session.state.stations]
+    )
+    assert found.rig.names == ("eye", "second")
+    assert found.rig.cameras == tuple(session.state.cameras.values())
+    assert session.history.is_saved
+    session.close()
+
+
+def test_a_saved_plan_gives_the_same_coverage(tmp_path):
+    (tmp_path / "plan.toml").write_text(
+        'meshes = [{ built_in = "teapot-5" }]\n[camera]\npreset = "khepra"\nnear = 0.001\n'
+        '[task]\nmin_pixels = 2.0\nby = "face"\n'
+    )
+    session = Session(open_plan(tmp_path / "plan.toml"))
+    for pose in around(shapes.by_name("teapot-5"), 3):
+        acted(session, do="add", camera="camera", pose=pose.ravel().tolist())
+    acted(session, do="task", changes={"max_incidence_deg": 60.0})
+    head, _ = acted(session)
+    saving = Saving(session, tmp_path / "out")
+    saving.save("plan")
+    found = rc.place(tmp_path / "out" / "plan.toml")
+    assert found.prepared.task == session.state.task
+    assert found.cameras.covered.sum() == head["summary"]["covered"]["faces"]
+    again = Session(
+        open_plan(tmp_path / "out" / "plan.toml", read_views(tmp_path / "out/rig.json"))
+    )
+    assert acted(again)[0]["summary"]["covered"] == head["summary"]["covered"]
+    for each in (session, again):
+        each.close()
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    """Folders of results of a mesh file that lies beside them."""
+    folder = tmp_path_factory.mktemp("results")
+    part().to_trimesh().export(folder / "part.stl")
+    poses = folder / "rig.json"
+    rc.write_poses(poses, around(part()))
+    CAMERA.save(folder / "camera.json")
+    arguments = [folder / "part.stl", "-c", folder / "camera.json", "-p", poses, "--min-pixels", 2]
+    out = ["-o", folder / "evaluated", "--pictures", 0]
+    assert cli.command(["evaluate", *map(str, [*arguments, *out])]) == 0
+    return folder
+
+
+def test_a_result_is_opened_with_its_rig_and_thresholds(results):
+    mesh = rc.Mesh.load(results / "part.stl")
+    scene = open_result(results / "evaluated", lambda names: mesh)
+    session = Session(scene)
+    head, _ = acted(session)
+    summary = json.loads((results / "evaluated" / "summary.json").read_text())
+    assert head["summary"]["covered"] == summary["covered"]
+    assert scene.start.task.min_pixels == 2
+    assert scene.result["kind"] == "evaluate"
+    session.close()
+
+
+def test_another_mesh_is_told_by_its_hash(results):
+    other = part().moved(translation=(0, 0, 1))
+    with pytest.raises(rc.ConfigError, match="not that of"):
+        open_result(results / "evaluated", lambda names: other)
+
+
+def test_a_folder_that_is_no_result(tmp_path):
+    with pytest.raises(rc.ConfigError, match="is no result"):
+        open_result(tmp_path, lambda names: part())
+    (tmp_path / "summary.json").write_text("[]")
+    with pytest.raises(rc.ConfigError, match="is no result"):
+        open_result(tmp_path, lambda names: part())
+
+
+def test_a_report_is_that_of_evaluate(tmp_path):
+    session = session_of()
+    head, _ = acted(session)
+    said = Saving(session, tmp_path).save("report")
+    summary = json.loads((tmp_path / "report" / "summary.json").read_text())
+    assert summary["covered"] == head["summary"]["covered"]
+    assert said["path"] == str(tmp_path / "report")
+    session.close()
+
+
+def test_nothing_is_saved_without_a_folder_or_a_camera(tmp_path):
+    session = session_of(count=0)
+    with pytest.raises(rc.ConfigError, match="--out"):
+        Saving(session).save("rig")
+    with pytest.raises(rc.ConfigError, match="no camera"):
+        Saving(session, tmp_path / "x").save("rig")
+    with pytest.raises(rc.ConfigError, match="what must be"):
+        Saving(session, tmp_path).save("../x")
+    session.close()
+
+
+def test_a_page_of_one_file_has_all_its_modules_and_data():
+    session = session_of()
+    page = exported(session)
+    imports = json.loads(re.search(r'<script type="importmap">(.*?)</script>', page, re.S)[1])
+    for name, url in imports["imports"].items():
+        text = base64.b64decode(url.removeprefix("data:text/javascript;base64,")).decode()
+        for wanted in re.findall(r'^(?:import|export)[^;]*?from "([^"]+)"', text, re.M):
+            assert wanted in imports["imports"], (name, wanted)
+    assert 'src="/' not in page
+    assert 'href="/' not in page
+    inside = re.search(r'<script type="application/json" id="export">(.*?)</script>', page, re.S)[1]
+    data = json.loads(inside)
+    for mode, frame in data["frames"].items():
+        _, levels = unframed(session.frame(mode, {}))
+        assert base64.b64decode(frame["levels"]) == levels
+    assert set(data["frames"]) >= {"reason", "camera", "area"}
+    assert not data["scene"]["can_edit"]
+    session.close()
+
+
+def test_names_cannot_end_the_data_of_a_page():
+    session = session_of()
+    acted(session, do="rename", station=0, name="</script><script>alert(1)</script>")
+    page = exported(session)
+    assert "<script>alert" not in page
+    session.close()
+
+
+def test_the_command_writes_a_page(tmp_path, capsys):
+    page = tmp_path / "page.html"
+    line = ["view", "teapot-5", "-c", "khepra", "-p", "sphere:3", "--export", str(page)]
+    code, out, _ = call(capsys, line)
+    assert code == 0
+    assert "export" in page.read_text()
+    assert "3 cameras" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["nothing.stl", "-c", "khepra"], "No such file"),
+        (["teapot-5"], "no camera"),
+        (["teapot-5", "-c", "khepra", "--host", "0.0.0.0"], "reachable from elsewhere"),
+        (["teapot-5", "-c", "khepra", "--port", "70000"], "port"),
+        (["teapot-5", "-c", "khepra", "-p", "sphere:3", "--export", "page.txt"], ".html"),
+        (["nothing.toml"], "nothing.toml"),
+        (["tests"], "is no result"),
+    ],
+)
+def test_a_wrong_call_is_one_line(arguments, words, capsys, monkeypatch, tmp_path):
+    enter(tmp_path, monkeypatch)
+    (tmp_path / "tests").mkdir()
+    code, _, err = call(capsys, ["view", *arguments])
+    assert code == 2
+    assert len(err.splitlines()) == 1, err
+    assert words in err

@@ -1,0 +1,201 @@
+import threading
+
+import numpy as np
+import pytest
+from rigs_to_view import CAMERA, acted, around, moved, part, session_of, state_of
+
+import rastercov as rc
+from rastercov import shapes
+from rastercov.task import Reason
+from rastercov.viewer.improve import (
+    Cancelled,
+    default_space,
+    refined,
+    tries,
+    with_next,
+)
+from rastercov.viewer.measurements import Measurements
+from rastercov.viewer.work import BusyError, Work
+
+MESH = part()
+CUBE = shapes.box()
+
+
+@pytest.fixture(scope="module")
+def measurements():
+    made = Measurements(MESH)
+    yield made
+    made.close()
+
+
+def covered_area(state):
+    network = rc.Network(MESH, state.task)
+    network.add(rc.evaluate(MESH, CAMERA, state.poses(), state.task))
+    return float(MESH.areas[network.covered].sum())
+
+
+@pytest.mark.parametrize("views", [1, 2])
+def test_the_next_camera_is_the_best_of_all_tried(measurements, views):
+    state = state_of(MESH, 3, task=rc.Task(views=views, min_pixels=4))
+    candidates = around(MESH, 40)
+    made, gain = with_next(measurements, state, "eye", candidates)
+    covers = rc.evaluate(MESH, CAMERA, candidates, state.task).reason == Reason.COVERED
+    own = rc.evaluate(MESH, CAMERA, state.poses(), state.task).reason == Reason.COVERED
+    own = own.sum(axis=0)
+    gains = covers @ np.where(own < views, MESH.areas, 0.0)
+    assert gain == pytest.approx(gains.max())
+    assert np.array_equal(made.stations[-1].pose, candidates[gains.argmax()])
+    assert len(made.stations) == 4
+    if views == 1:
+        assert covered_area(made) - covered_area(state) == pytest.approx(gain)
+
+
+def test_a_refined_camera_covers_more_and_the_others_stay(measurements):
+    state = state_of(MESH, 3)
+    aside = state.station(0).pose.copy()
+    aside[:3, :3] = aside[:3, :3] @ [[0.96, 0, 0.28], [0, 1, 0], [-0.28, 0, 0.96]]
+    state = state.with_pose(0, aside)
+    before = covered_area(state)
+    made, gain = refined(measurements, state, 0, default_space(MESH, state), budget=400)
+    assert gain > 0
+    assert covered_area(made) - before == pytest.approx(gain)
+    for row in (1, 2):
+        assert made.stations[row] is state.stations[row]
+
+
+def test_refinement_never_loses(measurements):
+    for views in (1, 2, 3):
+        state = state_of(MESH, 4, task=rc.Task(views=views, min_angle_deg=30.0 * (views > 1)))
+        made, gain = refined(measurements, state, 2, default_space(MESH, state), budget=150)
+        assert covered_area(made) >= covered_area(state)
+        assert (gain > 0) == (made is not state)
+
+
+def test_places_tried_are_allowed_and_look_at_what_is_not_covered(measurements):
+    state = state_of(MESH, 2)
+    space = default_space(MESH, state)
+    poses = tries(measurements, state, "eye", space, count=60)
+    assert space.allows(poses[:, :3, 3]).all()
+    found = rc.evaluate(MESH, CAMERA, poses)
+    assert (found.reason == Reason.COVERED).any(axis=1).mean() > 0.3
+    assert np.array_equal(poses, tries(measurements, state, "eye", space, count=60))
+
+
+def test_nothing_is_left_to_cover(measurements):
+    state = state_of(MESH, 2)
+    with pytest.raises(rc.ConfigError, match="covers more"):
+        with_next(measurements, state, "eye", state.poses().world_from_camera)
+    whole = state_of(CUBE, 40)
+    cube = Measurements(CUBE)
+    with pytest.raises(rc.ConfigError, match="every face is covered"):
+        tries(cube, whole, "eye", default_space(CUBE, whole))
+    cube.close()
+
+
+def test_a_cancelled_search_changes_nothing(measurements):
+    state = state_of(MESH, 2)
+
+    def cancel(done, total):
+        if done:
+            raise Cancelled
+
+    with pytest.raises(Cancelled):
+        with_next(measurements, state, "eye", around(MESH, 100), cancel)
+    with pytest.raises(Cancelled):
+        refined(measurements, state, 0, default_space(MESH, state), cancel)
+
+
+def finished(work):
+    work.wait(120)
+    return work.described()
+
+
+def test_work_becomes_one_step_of_the_history():
+    session = session_of(MESH, 2)
+    work = Work(session)
+    before = session.state
+    assert work.described() == {"id": None}
+    work.start({"kind": "add", "camera": "eye"})
+    said = finished(work)
+    assert (said["status"], said["done"]) == ("done", said["total"])
+    assert len(session.state.stations) == 3
+    assert session.history.undo_words == "add the best next camera"
+    acted(session, do="undo")
+    assert session.state is before
+    work.start({"kind": "area"})
+    assert finished(work)["status"] == "done"
+    head, _ = acted(session)
+    assert head["summary"]["exact_area_percent"] > 0
+    session.close()
+
+
+def test_work_that_was_overtaken_is_dropped(monkeypatch):
+    session = session_of(MESH, 2)
+    work, goes_on = Work(session), threading.Event()
+    whole = Work._progress
+
+    def slow(self, done, total):
+        whole(self, done, total)
+        goes_on.wait(20)
+
+    monkeypatch.setattr(Work, "_progress", slow)
+    work.start({"kind": "add", "camera": "eye"})
+    with pytest.raises(BusyError):
+        work.start({"kind": "area"})
+    pose = moved(session.state.station(0).pose, (0.01, 0, 0))
+    acted(session, do="pose", station=0, pose=pose)  # the session answers meanwhile
+    goes_on.set()
+    said = finished(work)
+    assert said["status"] == "failed"
+    assert "edited meanwhile" in said["words"]
+    assert len(session.state.stations) == 2
+    session.close()
+
+
+def test_work_can_be_cancelled():
+    session = session_of(MESH, 2)
+    work = Work(session)
+    work.start({"kind": "add", "camera": "eye"})
+    work.cancel()
+    assert finished(work)["status"] == "cancelled"
+    assert len(session.state.stations) == 2
+    work.start({"kind": "area"})
+    assert finished(work)["status"] == "done"
+    session.close()
+
+
+@pytest.mark.parametrize(
+    "asked", [{}, {"kind": "fly"}, {"kind": "refine"}, {"kind": "refine", "station": "0"}, []]
+)
+def test_work_that_does_not_exist(asked):
+    session = session_of(MESH, 1)
+    with pytest.raises(rc.ConfigError, match="work must be"):
+        Work(session).start(asked)
+
+
+def test_work_on_what_is_gone_is_said():
+    session = session_of(MESH, 1)
+    work = Work(session)
+    for asked, words in (
+        ({"kind": "refine", "station": 9}, "no station 9"),
+        ({"kind": "add", "camera": "none"}, "no camera 'none'"),
+    ):
+        work.start(asked)
+        said = finished(work)
+        assert said["status"] == "failed"
+        assert words in said["words"]
+
+
+def test_a_camera_at_a_forbidden_place_is_refined_from_the_nearest_allowed_one(measurements):
+    from rastercov.placement.improve.pose_space import PoseSpace
+
+    state = state_of(MESH, 3)
+    low, high = np.asarray(MESH.bounds)
+    above = np.stack((low + (-1, -1, 0.5), high + (1, 1, 2)))
+    space = PoseSpace(mesh=MESH, boxes=above)
+    row = int(np.argmin([each.pose[2, 3] for each in state.stations]))
+    assert not space.allows(state.stations[row].pose[None, :3, 3])[0]
+    made, gain = refined(measurements, state, row, space, budget=200)
+    if gain > 0:
+        assert space.allows(made.stations[row].pose[None, :3, 3])[0]
+    assert covered_area(made) >= covered_area(state)

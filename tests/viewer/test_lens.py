@@ -1,0 +1,79 @@
+import json
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rastercov import Camera, CameraError
+from rastercov.viewer.lens import changed, described
+
+PINHOLE = Camera(width=640, height=480, fx=500, fy=510, cx=300, cy=250)
+LENS = Camera.from_lens(
+    width=1280, height=1024, focal_length=8e-3, pixel_size=5.3e-6, f_number=4, focus_distance=1.0
+)
+FISHEYE = Camera(width=640, height=480, fx=200, fy=200, model="opencv_fisheye",
+                 distortion=(0.01, 0, 0, 0))  # fmt: skip
+
+
+@given(st.floats(1, 170))
+def test_the_field_of_view_is_what_was_asked_for(angle):
+    made = changed(PINHOLE, {"hfov_deg": angle})
+    left, right = math.atan(made.cx / made.fx), math.atan((640 - made.cx) / made.fx)
+    assert math.degrees(left + right) == pytest.approx(angle)
+    assert made.fy / made.fx == pytest.approx(PINHOLE.fy / PINHOLE.fx)
+    assert described(made)["hfov_deg"] == pytest.approx(angle)
+
+
+@given(st.integers(64, 4000))
+def test_another_width_keeps_the_field_of_view(width):
+    made = changed(LENS, {"width": width})
+    assert made.width == width
+    assert described(made)["hfov_deg"] == pytest.approx(described(LENS)["hfov_deg"])
+
+
+def test_focus_and_aperture():
+    made = changed(LENS, {"focus_distance": 0.5})
+    assert made.depth_of_field()[0] < 0.5 < made.depth_of_field()[1]
+    wide = changed(made, {"f_number": 1.4})
+    assert described(wide)["f_number"] == pytest.approx(1.4)
+    span, narrow = made.depth_of_field(), wide.depth_of_field()
+    assert span[0] < narrow[0] < narrow[1] < span[1]
+    without = Camera.from_lens(width=640, height=480, focal_length=8e-3, pixel_size=5e-6)
+    assert described(without)["depth_of_field"] is None
+    assert changed(without, {"focus_distance": 0.4}).aperture is not None
+
+
+def test_a_range_of_focus():
+    made = changed(PINHOLE, {"focus_near": 0.2, "focus_far": 3})
+    assert made.focus_range == (0.2, 3.0)
+    assert changed(changed(LENS, {"focus_far": 2}), {"focus_distance": 1}).focus_range is None
+
+
+@pytest.mark.parametrize(
+    ("camera", "changes", "words"),
+    [
+        (PINHOLE, {"focus_distance": 1}, "focal length"),
+        (PINHOLE, {"hfov_deg": 200}, "hfov_deg"),
+        (PINHOLE, {"hfov_deg": math.nan}, "hfov_deg"),
+        (FISHEYE, {"hfov_deg": 90}, "pinhole"),
+        (FISHEYE, {"focus_distance": 1}, "focal length"),
+        (PINHOLE, {"width": 0}, "width"),
+        (PINHOLE, {"near": -1}, "near"),
+        (PINHOLE, {"zoom": 1}, "zoom"),
+        (LENS, {"f_number": 0}, "f_number"),
+        (LENS, {"focus_distance": 0.001}, "focus_distance"),
+    ],
+)
+def test_a_wrong_value_is_one_line(camera, changes, words):
+    with pytest.raises(CameraError, match=words) as error:
+        changed(camera, changes)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("camera", [PINHOLE, LENS, FISHEYE, Camera.preset("khepra"),
+    Camera(width=200, height=100, fx=32, fy=32, model="equirectangular")])  # fmt: skip
+def test_a_camera_is_made_again_of_its_description(camera):
+    text = json.dumps(described(camera), allow_nan=False)
+    assert Camera.from_dict(json.loads(text)["plain"]) == camera
+    assert len(json.loads(text)["border"]) >= 4

@@ -1,0 +1,150 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rigs_to_view import CAMERA, around, part, state_of
+
+from rastercov import ConfigError, PoseError, Task
+from rastercov.viewer.rig_state import History
+
+MESH = part()
+START = state_of(MESH)
+OTHER = around(MESH, 9)
+
+
+def same(one, other):
+    """True where two states are the same to the bit."""
+    return (
+        [(s.id, s.name, s.camera, s.pose.tobytes(), s.is_on) for s in one.stations]
+        == [(s.id, s.name, s.camera, s.pose.tobytes(), s.is_on) for s in other.stations]
+        and dict(one.cameras) == dict(other.cameras)
+        and one.task == other.task
+    )
+
+
+def edited(state, kind, number):
+    """A state after one of the edits."""
+    if not state.stations:
+        return state.with_new("eye", OTHER[number % 9])
+    station = state.stations[number % len(state.stations)].id
+    edits = {
+        "pose": lambda: state.with_pose(station, OTHER[number % 9]),
+        "new": lambda: state.with_new("eye", OTHER[number % 9]),
+        "copy": lambda: state.with_copy(station),
+        "without": lambda: state.without(station),
+        "name": lambda: state.renamed(station, f"name {number} {len(state.stations)} {station}"),
+        "task": lambda: state.with_task(Task(min_pixels=1 + number)),
+        "camera": lambda: state.with_camera("eye", CAMERA.resized(1 + number / 7)),
+    }
+    return edits[kind]()
+
+
+KINDS = ("pose", "new", "copy", "without", "name", "task", "camera")
+STEPS = st.lists(
+    st.sampled_from(("undo", "redo")) | st.tuples(st.sampled_from(KINDS), st.integers(0, 50)),
+    max_size=30,
+)  # fmt: skip
+
+
+@given(STEPS)
+@settings(max_examples=60)
+def test_undo_and_redo_walk_through_the_states_to_the_bit(steps):
+    history, states, at = History(START), [START], 0
+    for number, step in enumerate(steps):
+        if step == "undo":
+            history.undo()
+            at = max(0, at - 1)
+        elif step == "redo":
+            history.redo()
+            at = min(len(states) - 1, at + 1)
+        else:
+            made = edited(history.state, *step)
+            history.take(made, f"step {number}")
+            states, at = [*states[: at + 1], made], at + 1
+        assert same(history.state, states[at])
+        assert bool(history.undo_words) == (at > 0)
+        assert bool(history.redo_words) == (at + 1 < len(states))
+
+
+def test_a_gesture_is_one_step():
+    history = History(START)
+    for row in range(5):
+        history.take(START.with_pose(0, OTHER[row]), "move", is_drag=row < 4)
+    assert np.array_equal(history.state.station(0).pose, OTHER[4])
+    history.undo()
+    assert same(history.state, START)
+
+
+def test_two_gestures_are_two_steps():
+    history = History(START)
+    for _ in range(2):
+        history.take(START.with_pose(0, OTHER[1]), "move", is_drag=True)
+        history.take(START.with_pose(0, OTHER[2]), "move")
+    history.undo()
+    assert np.array_equal(history.state.station(0).pose, OTHER[2])
+    history.undo()
+    assert same(history.state, START)
+
+
+def test_a_gesture_that_was_undone_does_not_go_on():
+    history = History(START)
+    history.take(START.with_pose(0, OTHER[1]), "move", is_drag=True)
+    history.undo()
+    history.take(START.with_pose(0, OTHER[2]), "move")
+    history.undo()
+    assert same(history.state, START)
+
+
+def test_saved_is_a_state_and_not_a_number_of_edits():
+    history = History(START)
+    assert history.is_saved
+    history.take(START.with_copy(0), "duplicate")
+    assert not history.is_saved
+    history.saved()
+    history.undo()
+    assert not history.is_saved
+    history.redo()
+    assert history.is_saved
+    history.undo()
+    history.take(START.without(0), "delete")  # what was saved can be reached no more
+    assert not history.is_saved
+    history.undo()
+    assert not history.is_saved
+
+
+def test_stations_keep_their_ids():
+    made = START.without(1).with_new("eye", OTHER[0])
+    assert [each.id for each in made.stations] == [0, 2, 3, 4]
+    with pytest.raises(ConfigError, match="no station 1"):
+        made.station(1)
+
+
+def test_names_differ():
+    made = START.with_copy(0).with_copy(0)
+    names = [each.name for each in made.stations]
+    assert len(set(names)) == len(names)
+    with pytest.raises(ConfigError, match="already"):
+        made.renamed(0, names[1])
+    assert made.renamed(0, names[0]).stations[0].name == names[0]
+
+
+@pytest.mark.parametrize("name", ["", "  ", "a\nb", "x" * 500])
+def test_a_name_is_one_line(name):
+    with pytest.raises(ConfigError, match="a name must be"):
+        START.renamed(0, name)
+
+
+def test_a_pose_is_a_rigid_motion():
+    with pytest.raises(PoseError):
+        START.with_pose(0, np.diag([2.0, 1, 1, 1]))
+
+
+def test_poses_have_their_cameras_and_those_that_are_off_are_left_out():
+    made = START.with_camera("wide", CAMERA.resized(2)).using(2, "wide")
+    assert made.poses().camera.tolist() == [0, 0, 1, 0]
+    from dataclasses import replace
+
+    off = made.with_station(replace(made.station(2), is_on=False))
+    assert len(off.poses()) == 3
+    assert len(off.poses(all_stations=True)) == 4
+    assert len(off.views().images) == 4

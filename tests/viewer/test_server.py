@@ -1,0 +1,270 @@
+"""The server without a browser: what it refuses, and that its answers are those of the session."""
+
+import socket
+import threading
+import time
+from contextlib import ExitStack, contextmanager
+
+import httpx
+import numpy as np
+import pytest
+from rigs_to_view import around, moved, part, session_of
+
+from rastercov import ConfigError
+from rastercov.viewer.page_files import page_text, static_file
+from rastercov.viewer.server import Address, application, policy, serve
+from rastercov.viewer.session import unframed
+
+uvicorn = pytest.importorskip("uvicorn")
+ADDRESS = Address.of()
+TOKEN = {"x-rastercov-token": ADDRESS.token}
+POSES = around(part())
+
+
+@pytest.fixture(scope="module")
+def session():
+    made = session_of()
+    yield made
+    made.close()
+
+
+@contextmanager
+def running(session, out=None):
+    """A server on a free port; gives the port."""
+    made = socket.create_server(("127.0.0.1", 0))
+    port = made.getsockname()[1]
+    app = application(session, ADDRESS, port, out)
+    server = uvicorn.Server(uvicorn.Config(app, log_level="error", lifespan="off", ws="none"))
+    thread = threading.Thread(target=server.run, kwargs={"sockets": [made]}, daemon=True)
+    thread.start()
+    while not server.started:
+        time.sleep(0.01)
+    try:
+        yield port
+    finally:
+        server.should_exit = True
+        thread.join(10)
+
+
+@pytest.fixture(scope="module")
+def client(session, tmp_path_factory):
+    with ExitStack() as opened:
+        port = opened.enter_context(running(session, tmp_path_factory.mktemp("out")))
+        url = f"http://127.0.0.1:{port}"
+        yield opened.enter_context(httpx.Client(base_url=url, headers=TOKEN, timeout=60))
+
+
+@pytest.fixture(scope="module")
+def port(client):
+    return client.base_url.port
+
+
+def acted(client, action, revision=None, **others):
+    if revision is None:
+        revision = client.get("/api/ping").json()["revision"]
+    return client.post(
+        "/api/act", json={"revision": revision, "mode": "reason", "action": action, **others}
+    )
+
+
+def test_the_page_and_its_files_need_no_token(client):
+    bare = {"x-rastercov-token": ""}
+    page = client.get("/", headers=bare)
+    assert page.status_code == 200
+    assert "default-src 'none'" in page.headers["content-security-policy"]
+    assert page.headers["x-content-type-options"] == "nosniff"
+    assert (
+        client.get("/static/main.js", headers=bare)
+        .headers["content-type"]
+        .startswith("text/javascript")
+    )
+    assert ADDRESS.token not in page.text
+
+
+API = ("scene", "soup", "groups", "state", "ping", "zones", "job", "image?station=0", "why?face=0",
+       "download?what=rig")  # fmt: skip
+
+
+@pytest.mark.parametrize("path", API)
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"x-rastercov-token": ""},
+        {"x-rastercov-token": ADDRESS.token[:-1]},
+        {"host": "evil.example"},
+        {"host": "evil.example:PORT"},
+        {"host": "127.0.0.1:1"},
+        {"host": "127.0.0.1"},
+        {"host": "127.0.0.1.evil.example:PORT"},
+        {"origin": "https://evil.example"},
+        {"origin": "null"},
+        {"origin": "http://127.0.0.1:PORT.evil.example"},
+        {"origin": "http://127.0.0.1"},
+    ],
+)
+def test_a_foreign_host_origin_or_token_is_refused(client, port, path, headers):
+    headers = {name: value.replace("PORT", str(port)) for name, value in headers.items()}
+    answer = client.get(f"/api/{path}", headers=headers)
+    assert answer.status_code == 403
+    assert "\n" not in answer.json()["error"]
+
+
+@pytest.mark.parametrize("path", ["act", "job", "job/cancel", "save"])
+@pytest.mark.parametrize(
+    "headers", [{"x-rastercov-token": "x"}, {"host": "a.b"}, {"origin": "http://a.b"}]
+)
+def test_a_foreign_edit_is_refused(client, session, path, headers):
+    before = session.history.revision
+    assert client.post(f"/api/{path}", json={}, headers=headers).status_code == 403
+    assert session.history.revision == before
+
+
+def test_the_page_is_refused_under_a_foreign_name_too(client):
+    assert client.get("/", headers={"host": "evil.example"}).status_code == 403
+    assert client.get("/static/main.js", headers={"host": "evil.example"}).status_code == 403
+
+
+@pytest.mark.parametrize("host", ["localhost", "127.0.0.1", "[::1]"])
+def test_names_of_this_machine_are_taken(client, port, host):
+    own = {"host": f"{host}:{port}", "origin": f"http://{host}:{port}"}
+    assert client.get("/api/ping", headers=own).status_code == 200
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["../server.py", "..%2fserver.py", "%2e%2e/server.py", "nothing.js", "main.py",
+     "shaders/../x.js", "shaders/face.vert.glsl", "/etc/passwd", "main.js%00.html", ""],
+)  # fmt: skip
+def test_only_files_of_the_page_are_given(client, name):
+    assert client.get(f"/static/{name}").status_code == 404
+    assert static_file(name) is None
+
+
+def test_the_faces_are_those_of_the_mesh(client, session):
+    answer = client.get("/api/soup")
+    origin = np.array([float(x) for x in answer.headers["x-rastercov-origin"].split(",")])
+    corners = np.frombuffer(answer.content, "<f4").reshape(-1, 3, 3) + origin
+    mesh = session.scene.mesh
+    assert np.abs(corners - mesh.vertices[mesh.faces]).max() < 1e-6
+    groups = np.frombuffer(client.get("/api/groups").content, "<u2")
+    assert np.array_equal(groups, mesh.face_group)
+    assert client.get("/api/scene").json()["n_faces"] == mesh.n_faces
+
+
+def test_an_edit_gives_the_frame_of_the_session(client, session):
+    answer = acted(client, {"do": "pose", "station": 0, "pose": moved(POSES[0], (0.02, 0, 0))})
+    head, levels = unframed(answer.content)
+    again, expected = unframed(session.frame("reason", {}))
+    assert levels == expected
+    assert head["summary"]["covered"] == again["summary"]["covered"]
+    assert acted(client, {"do": "undo"}).status_code == 200
+
+
+def test_two_tabs_cannot_overwrite_each_other(client):
+    revision = client.get("/api/ping").json()["revision"]
+    assert acted(client, {"do": "duplicate", "station": 0}, revision).status_code == 200
+    answer = acted(client, {"do": "delete", "station": 0}, revision)
+    assert answer.status_code == 409
+    assert len(client.get("/api/state").json()["stations"]) == 5
+    assert acted(client, {"do": "none"}, revision).status_code == 200  # looking is no edit
+    acted(client, {"do": "undo"})
+
+
+@pytest.mark.parametrize(
+    "body",
+    [b"", b"{", b"[]", b"null", b"\xff\xfe", b"[" * 100_000, b'{"revision": 1e999}',
+     b'{"revision": 0, "mode": "reason", "action": {"do": "pose", "station": 0, "pose": "x"}}',
+     b'{"revision": true, "mode": "reason", "action": {"do": "none"}}',
+     b'{"revision": 0, "mode": "no", "action": {"do": "none"}}',
+     b'{"revision": 0, "mode": "reason", "options": {"a": [1]}, "action": {"do": "none"}}',
+     b'{"revision": 0, "mode": "segments", "options": {"beta_deg": ""}, "action": {"do": "none"}}',
+     b'{"revision": 0, "mode": "model", "options": {"model": "a"}, "action": {"do": "none"}}',
+     b'{"revision": 0, "mode": "single", "station": 99, "action": {"do": "none"}}'],
+)  # fmt: skip
+def test_malformed_messages_do_no_harm(client, session, body):
+    before = session.state
+    headers = {"content-type": "application/json"}
+    answer = client.post("/api/act", content=body, headers=headers)
+    assert answer.status_code == 400
+    assert "\n" not in answer.json()["error"]
+    assert session.state is before
+
+
+def test_a_form_of_another_page_is_refused(client):
+    answer = client.post("/api/act", content=b"{}", headers={"content-type": "text/plain"})
+    assert answer.status_code == 400
+
+
+@pytest.mark.parametrize("path", ["act", "job", "save"])
+@pytest.mark.parametrize("is_said", [True, False])
+def test_a_gigabyte_is_refused_early(client, port, path, is_said):
+    """With its length in the header, and in chunks without; the next request is answered."""
+    sent, body = 0, b" " * (1 << 16)
+    how = f"content-length: {1 << 30}" if is_said else "transfer-encoding: chunked"
+    head = (
+        f"POST /api/{path} HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n{how}\r\n"
+        f"x-rastercov-token: {ADDRESS.token}\r\ncontent-type: application/json\r\n\r\n"
+    )
+    piece = body if is_said else b"10000\r\n" + body + b"\r\n"
+    with socket.create_connection(("127.0.0.1", port), timeout=20) as line:
+        line.sendall(head.encode())
+        try:
+            while sent < 1 << 30:
+                line.sendall(piece)
+                sent += len(body)
+        except OSError:
+            pass
+    assert sent < 1 << 27
+    assert client.get("/api/ping").status_code == 200
+
+
+@pytest.mark.parametrize(
+    "path",
+    ["why?face=-1", "why?face=99999999", "why", "why?face=x", "image?station=0&side=100000",
+     "image?station=9", "image", "download?what=passwd", "download"],
+)  # fmt: skip
+def test_wrong_questions_are_answered_in_one_line(client, path):
+    answer = client.get(f"/api/{path}")
+    assert answer.status_code == 400
+    assert answer.json()["error"]
+
+
+def test_the_policy_names_the_import_map_by_its_hash():
+    import base64
+    import hashlib
+    import re
+
+    page = page_text()
+    inline = re.findall(r"<script(?![^>]*src=)[^>]*>(.*?)</script>", page, re.DOTALL)
+    digests = [base64.b64encode(hashlib.sha256(each.encode()).digest()).decode() for each in inline]
+    assert all(f"'sha256-{each}'" in policy(page) for each in digests)
+    assert "unsafe" not in policy(page)
+    assert "http" not in re.sub(r"http://www\.w3\.org/2000/svg", "", page)  # nothing from elsewhere
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.168.0.1", "example.org", ""])
+def test_another_address_wants_a_token_and_a_certificate(host):
+    with pytest.raises(ConfigError, match="reachable from elsewhere"):
+        Address.of(host)
+
+
+def test_a_token_is_long_enough(tmp_path):
+    (tmp_path / "token").write_text("secret")
+    with pytest.raises(ConfigError, match="22 or more"):
+        Address.of(token_file=tmp_path / "token")
+    (tmp_path / "token").write_text("s" * 40 + "\n")
+    assert Address.of(token_file=tmp_path / "token").token == "s" * 40
+    with pytest.raises(ConfigError, match="cannot be read"):
+        Address.of(token_file=tmp_path / "none")
+
+
+def test_tokens_differ():
+    assert Address.of().token != Address.of().token
+    assert len(Address.of().token) >= 40
+
+
+def test_a_port_that_is_taken_is_said(session):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        with pytest.raises(ConfigError, match="cannot be bound"):
+            serve(session, Address.of(port=port))
